@@ -1,0 +1,63 @@
+"""uvms-mj: a MuJoCo physics testbed for underwater vehicles that must touch things.
+
+    from uvms_mj import Gsta, Scenario, simulate
+
+    trace = simulate(Scenario.load("push_wall"), controller=Gsta(k_1=8.0))
+    print(trace.push[-1])
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .control import Controller, Fosm, Gsta, Impedance, gain
+    from .faults import InputError
+    from .native import Attachment, attach
+    from .scenario import Scenario
+    from .simulation import LawError, simulate
+    from .trace import Status, Trace
+
+_HOME = {
+    "Attachment": "native",
+    "Controller": "control",
+    "Fosm": "control",
+    "Gsta": "control",
+    "Impedance": "control",
+    "InputError": "faults",
+    "LawError": "simulation",
+    "Scenario": "scenario",
+    "Status": "trace",
+    "Trace": "trace",
+    "attach": "native",
+    "gain": "control",
+    "simulate": "simulation",
+}
+
+__all__ = [
+    "Attachment",
+    "Controller",
+    "Fosm",
+    "Gsta",
+    "Impedance",
+    "InputError",
+    "LawError",
+    "Scenario",
+    "Status",
+    "Trace",
+    "attach",
+    "gain",
+    "simulate",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import on first use, so that ``uvms-mj --help`` does not wait for numba."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f".{_HOME[name]}", __name__), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

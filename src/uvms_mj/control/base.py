@@ -1,0 +1,141 @@
+"""The contract of a control law: gains, states, one function.
+
+A law is a frozen dataclass of gains that derives from :class:`Controller`, with a static method ``law``::
+
+    @dataclass(frozen=True)
+    class Pid(Controller):
+        "PID about the reference."
+        k_i: float = gain(20.0, "N/(m s)", "integral gain")
+        states = {"xi": 6}
+
+        @staticmethod
+        def law(gains, state, signals, state_dot, tau_cmd):
+            for i in range(6):
+                state_dot.xi[i] = signals.eta_e[i]
+                tau_cmd[i] = signals.tau_nom[i] - gains.k_i * state.xi[i]
+
+``signals`` has the fields of :data:`uvms_mj.signals.GIVEN`. At a control instant tau_cmd is computed from the current states; then the
+states advance by explicit Euler over the control period with ``state_dot``, and tau_cmd is held until the next instant. The function
+is compiled; the same function runs as plain Python where it can't be.
+"""
+
+import dataclasses
+import sys
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, get_type_hints
+
+import numpy as np
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, TypeAdapter, ValidationError, with_config
+from typing_extensions import TypedDict
+
+from ..faults import InputError, faults_of
+from ..quantities import NonNegative, Positive, Real, Vector6
+
+
+def _six(value: Any) -> Any:
+    return (value,) * 6 if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+
+Diagonal = Annotated[Vector6, BeforeValidator(_six)]
+"""A diagonal matrix: one number for all six axes, or six numbers."""
+
+
+def _nonzero(value: tuple[float, ...]) -> tuple[float, ...]:
+    if 0.0 in value:
+        raise ValueError("must not have a zero: F_2 has to be invertible")
+    return value
+
+
+def _not_positive(value: tuple[float, ...]) -> tuple[float, ...]:
+    if max(value) > 0.0:
+        raise ValueError("must not have a positive entry: A is negative semi-definite (eq. 8)")
+    return value
+
+
+def gain(default: Any, unit: str, meaning: str) -> Any:
+    """A dataclass field for a gain, with its default, its unit and what it means."""
+    return dataclasses.field(default=default, metadata={"unit": unit, "meaning": meaning})
+
+
+def _shared(default: Any, unit: str, meaning: str) -> Any:
+    return dataclasses.field(default=default, kw_only=True, metadata={"unit": unit, "meaning": meaning})
+
+
+@dataclasses.dataclass(frozen=True)
+class Controller:
+    """Base of all laws: what every law has because every law records the sliding variable s, and how often it runs.
+
+    Raises:
+        InputError: a gain is not of its type or out of its range; all faults are named at once.
+    """
+
+    period: Positive | None = _shared(None, "s", "control period, a multiple of the time step; default: every step")
+    F_1: Diagonal = _shared(1.0, "1/s", "gain of the pose error in s, eq. (14)")
+    F_2: Annotated[Diagonal, AfterValidator(_nonzero)] = _shared(1.0, "1", "gain of zeta in s, eq. (14)")
+    A: Annotated[Diagonal, AfterValidator(_not_positive)] = _shared(-100.0, "1/s", "pole of zeta, eq. (15)")
+
+    name: ClassVar[str] = ""
+    states: ClassVar[Mapping[str, int]] = {}
+
+    def __post_init__(self) -> None:
+        given = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        try:
+            valid = _adapter(type(self)).validate_python(given)
+        except ValidationError as error:
+            raise InputError(faults_of(error, "controller"), f"the gains of {self.label()}") from None
+        for name, value in valid.items():
+            object.__setattr__(self, name, value)
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        """Set tau_cmd (6,) and state_dot from gains, state and signals."""
+        raise NotImplementedError
+
+    @classmethod
+    def label(cls) -> str:
+        """The name in logs and tables: ours for the laws that ship, the class's for a user's."""
+        return cls.name or cls.__name__
+
+    @classmethod
+    def source(cls) -> str:
+        """What finds this law again: the name of one that ships, or ``path/to/file.py:ClassName``."""
+        if cls.name:
+            return cls.name
+        return f"{getattr(sys.modules.get(cls.__module__), '__file__', None) or '<session>'}:{cls.__name__}"
+
+    @classmethod
+    def gain_fields(cls) -> tuple[dataclasses.Field, ...]:
+        """The law's own gains first, then those that every law has."""
+        shared = {f.name for f in dataclasses.fields(Controller)}
+        own = [f for f in dataclasses.fields(cls) if f.name not in shared]
+        return (*own, *(f for f in dataclasses.fields(cls) if f.name in shared))
+
+    def record(self) -> np.ndarray:
+        """The gains as a record array (1,): numbers as float64, flags as booleans, tuples as float64 vectors; None is left out."""
+        values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        kept = {name: np.asarray(value) for name, value in values.items() if value is not None and name != "period"}
+        kinds = [(name, "?" if a.dtype == bool else "f8", a.shape) for name, a in kept.items()]
+        record = np.zeros(1, np.dtype(kinds, align=True))
+        for name, array in kept.items():
+            record[name] = array
+        return record
+
+    @classmethod
+    def state_record(cls) -> np.ndarray:
+        """The states, all zero, as a record array (1,) of float64 vectors."""
+        return np.zeros(1, np.dtype([(name, "f8", (size,)) for name, size in cls.states.items()], align=True))
+
+
+def _adapter(cls: type[Controller]) -> TypeAdapter:
+    """A validator made once for each class; the gains are checked at construction and never in the loop."""
+    cached = cls.__dict__.get("_validator")
+    if cached is None:
+        hints = get_type_hints(cls, include_extras=True)
+        # a class made from a class: neither call can be typed statically
+        shape = TypedDict("shape", {f.name: hints[f.name] for f in dataclasses.fields(cls)})  # type: ignore
+        cached = TypeAdapter(with_config(ConfigDict(allow_inf_nan=False))(shape))
+        cls._validator = cached  # type: ignore
+    return cached
+
+
+__all__ = ["Controller", "Diagonal", "NonNegative", "Positive", "Real", "gain"]

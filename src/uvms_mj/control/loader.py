@@ -1,0 +1,117 @@
+"""Finding a law: one that ships by its name, or a user's class in a file."""
+
+import dataclasses
+import hashlib
+import importlib.util
+import sys
+import traceback
+from collections.abc import Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from ..faults import Fault, InputError, suggestion
+from .base import Controller
+from .fosm import Fosm
+from .gsta import Gsta
+from .impedance import Impedance
+
+BUILT_IN: dict[str, type[Controller]] = {cls.name: cls for cls in (Impedance, Fosm, Gsta)}
+
+
+def load_controller(table: Mapping[str, Any], known: type[Controller] | None = None) -> Controller:
+    """The law of a ``[controller]`` table: ``name`` and gains.
+
+    Args:
+        table: ``name`` is a built-in law or ``path/to/file.py:ClassName`` (default gsta); every other key is a gain.
+        known: a class to use without looking for it, where ``name`` is its source.
+
+    Raises:
+        InputError: no such law, no such gain, or a gain that is out of range, all of them at once.
+    """
+    gains = dict(table)
+    source = gains.pop("name", Gsta.name)
+    if known is not None and source == known.source():
+        cls = known
+    else:
+        cls = controller_class(source)
+    choices = [f.name for f in cls.gain_fields()]
+    faults = [
+        Fault(f"controller.{key}", f"{cls.label()} has no such gain; {suggestion(key, choices)}")
+        for key in gains
+        if key not in choices
+    ]
+    try:
+        controller = cls(**{key: value for key, value in gains.items() if key in choices})
+    except InputError as error:
+        raise InputError([*faults, *error.faults]) from None
+    if faults:
+        raise InputError(faults)
+    return controller
+
+
+def controller_class(source: Any) -> type[Controller]:
+    """The class of a law from its name or its ``path/to/file.py:ClassName``."""
+    if not isinstance(source, str):
+        raise InputError([Fault("controller.name", f"{source!r} is not the name of a law; {_known()}")])
+    if source in BUILT_IN:
+        return BUILT_IN[source]
+    file, colon, class_name = source.rpartition(":")
+    if not colon or not file.endswith(".py"):
+        hint = suggestion(source, BUILT_IN)
+        raise InputError(
+            [Fault("controller.name", f"no law {source!r}; {hint}; a law of your own is path/to/file.py:ClassName")]
+        )
+    path = Path(file)
+    if not path.is_file():
+        raise InputError([Fault("controller.name", f"no file {file!r} (looked in {Path.cwd()})")])
+    module = _load(path.absolute())
+    laws = {
+        name: value
+        for name, value in vars(module).items()
+        if isinstance(value, type) and issubclass(value, Controller) and value is not Controller
+    }
+    if class_name not in laws:
+        there = f"its laws are {', '.join(sorted(laws))}" if laws else "it has no class derived from Controller"
+        raise InputError([Fault("controller.name", f"no law {class_name!r} in {file}; {there}")])
+    cls = laws[class_name]
+    if "law" not in cls.__dict__ and all("law" not in base.__dict__ for base in cls.__mro__[1:-2]):
+        raise InputError([Fault("controller.name", f"{class_name} in {file} has no method 'law'")])
+    if "__dataclass_fields__" not in cls.__dict__:
+        raise InputError(
+            [Fault("controller.name", f"{class_name} in {file} must be decorated with @dataclass(frozen=True)")]
+        )
+    return cls
+
+
+def _known() -> str:
+    return f"known are {', '.join(BUILT_IN)}"
+
+
+def _load(path: Path) -> ModuleType:
+    """Import a user's file afresh, with its folder on the path for its own imports."""
+    name = f"uvms_mj_law_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None and spec.loader is not None  # the suffix is .py
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look their module up
+    if str(path.parent) not in sys.path:
+        sys.path.insert(0, str(path.parent))
+    # Python's own byte-code cache takes two edits within a second for one
+    before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        del sys.modules[name]
+        frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
+        line = frames[-1].lineno if frames else getattr(error, "lineno", None)
+        where = f"{path.name}, line {line}" if line else path.name
+        raise InputError([Fault("controller.name", f"{where}: {type(error).__name__}: {error}")]) from error
+    finally:
+        sys.dont_write_bytecode = before
+    return module
+
+
+def table_of(controller: Controller) -> dict[str, Any]:
+    """The ``[controller]`` table that :func:`load_controller` makes this controller of."""
+    return {"name": controller.source(), **{f.name: getattr(controller, f.name) for f in dataclasses.fields(controller)}}

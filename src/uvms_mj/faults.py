@@ -1,0 +1,97 @@
+"""Faults of the input: what is wrong, where, and what would be right, all at once."""
+
+import difflib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import ValidationError
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault: the key it stands at, and a sentence with the value and what would be right."""
+
+    key: str
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.key}: {self.message}" if self.key else self.message
+
+
+class InputError(ValueError):
+    """Something in the input is not right. ``faults`` has every fault that was found."""
+
+    def __init__(self, faults: Sequence[Fault] | str, place: str = "") -> None:
+        self.faults = (Fault("", faults),) if isinstance(faults, str) else tuple(faults)
+        lines = [str(fault) for fault in self.faults]
+        if place and len(lines) == 1:
+            text = f"{place}: {lines[0]}"
+        elif place:
+            text = f"{place}: {len(lines)} faults\n" + "\n".join(f"  {line}" for line in lines)
+        else:
+            text = "\n".join(lines)
+        super().__init__(text)
+
+
+def suggestion(word: str, choices: Iterable[str]) -> str:
+    """What somebody who wrote ``word`` may have meant."""
+    choices = sorted(choices)
+    close = difflib.get_close_matches(word, choices, n=1, cutoff=0.6)
+    return f"did you mean {close[0]!r}?" if close else f"known are {', '.join(choices)}"
+
+
+def faults_of(error: ValidationError, prefix: str = "", choices: dict[str, Iterable[str]] | None = None) -> list[Fault]:
+    """The faults that a validator found, in the words of this project.
+
+    Args:
+        error: what pydantic raised.
+        prefix: the key that all locations stand under.
+        choices: for each table, its known keys, to suggest from.
+    """
+    faults: dict[str, Fault] = {}
+    for item in error.errors(include_url=False):
+        key = prefix
+        for part in item["loc"]:
+            if isinstance(part, int):
+                key += f"[{part}]"
+            elif part.isidentifier():  # pydantic names the branch of a union in a location; that is no key of ours
+                key += f".{part}" if key else part
+        if item["type"] in ("unexpected_keyword_argument", "extra_forbidden"):
+            table, _, word = key.rpartition(".")
+            message = f"no such key; {suggestion(word, (choices or {}).get(table, ()))}"
+        else:
+            message = f"{_shown(item['input'])} {_sentence(item)}"
+        faults.setdefault(key, Fault(key, message))
+    return list(faults.values())
+
+
+def _shown(value: Any) -> str:
+    text = repr(list(value) if isinstance(value, tuple) else value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _sentence(item: Any) -> str:
+    """What would be right, from the validator's error type."""
+    kind, context = item["type"], item.get("ctx", {})
+    if kind in ("float_type", "float_parsing", "finite_number"):
+        return "is not a finite number"
+    if kind in ("tuple_type", "list_type"):
+        return "is not a list of numbers"
+    if kind == "dataclass_type":
+        return "is not a table"
+    if kind == "missing":
+        return "lacks this key"
+    if kind == "greater_than":
+        return f"must be greater than {context['gt']:g}"
+    if kind == "greater_than_equal":
+        return f"must be at least {context['ge']:g}"
+    if kind == "literal_error":
+        return f"must be {context['expected']}"
+    if kind in ("bool_type", "bool_parsing"):
+        return "is not true or false"
+    if kind == "string_type":
+        return "is not a text"
+    if kind == "value_error":
+        return str(context["error"])
+    return f"is not right: {item['msg']}"

@@ -1,0 +1,94 @@
+r"""Fossen's equations of motion, term by term, as pure compiled functions.
+
+.. math::
+
+    M \dot\nu_r + C(\nu_r)\nu_r + D(\nu_r)\nu_r + g(\eta) = \tau + \tau_c + \tau_{dist}        (paper eq. (10))
+
+with :math:`M = M_{RB} + M_A`, :math:`C = C_{RB} + C_A`, :math:`\nu_r = \nu - \nu_c`, everything in the body frame B at its origin:
+
+.. math::
+
+    M_{RB} &= \begin{bmatrix} m I & -m S(r_g) \\ m S(r_g) & I_b \end{bmatrix}                    && \text{Fossen (2021), eq. (3.49)}
+
+    C_{RB}(\nu) &= \begin{bmatrix} m S(\omega) & -m S(\omega) S(r_g) \\ m S(r_g) S(\omega) & -S(I_b \omega) \end{bmatrix}
+                                                                                                && \text{Fossen (2021), eq. (3.63)}
+
+    C_A(\nu) &= \begin{bmatrix} 0 & -S(a_1) \\ -S(a_1) & -S(a_2) \end{bmatrix}, \quad
+        \begin{bmatrix} a_1 \\ a_2 \end{bmatrix} = M_A \nu                                     && \text{Fossen (2021), eq. (6.44)}
+
+    D(\nu) &= \mathrm{diag}(d_i + q_i |\nu_i|)                                                  && \text{paper eq. (33)}
+
+    g(\eta) &= \begin{bmatrix} (W - B)\, k \\ (W r_g - B r_b) \times k \end{bmatrix}, \quad k = R_{WB}^\top e_{up}
+
+C_RB has no linear velocity in it, so that for a constant irrotational current M_RB nu_r_dot + C_RB(nu_r) nu_r equals the rigid body's
+own M_RB nu_dot + C_RB(nu) nu, which is what MuJoCo integrates.
+"""
+
+from .compilation import kernel
+
+
+@kernel
+def coriolis_rigid_body(M_RB, nu, out):
+    """out = C_RB(nu) nu (6,) [N, N m], Fossen (2021), eq. (3.63), written with the blocks of M_RB (6, 6) [kg, kg m, kg m^2]."""
+    m = M_RB[0, 0]
+    a_x = nu[4] * nu[2] - nu[5] * nu[1]  # omega x v
+    a_y = nu[5] * nu[0] - nu[3] * nu[2]
+    a_z = nu[3] * nu[1] - nu[4] * nu[0]
+    b_x = M_RB[0, 3] * nu[3] + M_RB[0, 4] * nu[4] + M_RB[0, 5] * nu[5]  # -m S(r_g) omega
+    b_y = M_RB[1, 3] * nu[3] + M_RB[1, 4] * nu[4] + M_RB[1, 5] * nu[5]
+    b_z = M_RB[2, 3] * nu[3] + M_RB[2, 4] * nu[4] + M_RB[2, 5] * nu[5]
+    h_x = M_RB[3, 3] * nu[3] + M_RB[3, 4] * nu[4] + M_RB[3, 5] * nu[5]  # I_b omega
+    h_y = M_RB[4, 3] * nu[3] + M_RB[4, 4] * nu[4] + M_RB[4, 5] * nu[5]
+    h_z = M_RB[5, 3] * nu[3] + M_RB[5, 4] * nu[4] + M_RB[5, 5] * nu[5]
+    out[0] = m * a_x + nu[4] * b_z - nu[5] * b_y
+    out[1] = m * a_y + nu[5] * b_x - nu[3] * b_z
+    out[2] = m * a_z + nu[3] * b_y - nu[4] * b_x
+    out[3] = M_RB[3, 0] * a_x + M_RB[3, 1] * a_y + M_RB[3, 2] * a_z + nu[4] * h_z - nu[5] * h_y
+    out[4] = M_RB[4, 0] * a_x + M_RB[4, 1] * a_y + M_RB[4, 2] * a_z + nu[5] * h_x - nu[3] * h_z
+    out[5] = M_RB[5, 0] * a_x + M_RB[5, 1] * a_y + M_RB[5, 2] * a_z + nu[3] * h_y - nu[4] * h_x
+
+
+@kernel
+def coriolis_added_mass(M_A, nu, out):
+    """out = C_A(nu) nu (6,) [N, N m], Fossen (2021), eq. (6.44), M_A (6, 6) symmetric [kg, kg m, kg m^2]."""
+    matvec(M_A, nu, out)
+    a_0, a_1, a_2, a_3, a_4, a_5 = out[0], out[1], out[2], out[3], out[4], out[5]
+    out[0] = nu[4] * a_2 - nu[5] * a_1
+    out[1] = nu[5] * a_0 - nu[3] * a_2
+    out[2] = nu[3] * a_1 - nu[4] * a_0
+    out[3] = nu[1] * a_2 - nu[2] * a_1 + nu[4] * a_5 - nu[5] * a_4  # the first two terms are the Munk moment
+    out[4] = nu[2] * a_0 - nu[0] * a_2 + nu[5] * a_3 - nu[3] * a_5
+    out[5] = nu[0] * a_1 - nu[1] * a_0 + nu[3] * a_4 - nu[4] * a_3
+
+
+@kernel
+def damping(D_linear, D_quadratic, nu, out):
+    """out = D(nu) nu (6,) [N, N m], paper eq. (33), with positive magnitudes D_linear (6,) and D_quadratic (6,)."""
+    for i in range(6):
+        out[i] = (D_linear[i] + D_quadratic[i] * abs(nu[i])) * nu[i]
+
+
+@kernel
+def restoring(weight, buoyancy, r_g, r_b, up_W, R_WB, out):
+    """out = g(eta) (6,) [N, N m] for weight and buoyancy [N] at r_g and r_b (3,) [m, B]; up_W (3,) is the unit vector against gravity."""
+    k_x = R_WB[0, 0] * up_W[0] + R_WB[1, 0] * up_W[1] + R_WB[2, 0] * up_W[2]
+    k_y = R_WB[0, 1] * up_W[0] + R_WB[1, 1] * up_W[1] + R_WB[2, 1] * up_W[2]
+    k_z = R_WB[0, 2] * up_W[0] + R_WB[1, 2] * up_W[1] + R_WB[2, 2] * up_W[2]
+    m_x = weight * r_g[0] - buoyancy * r_b[0]
+    m_y = weight * r_g[1] - buoyancy * r_b[1]
+    m_z = weight * r_g[2] - buoyancy * r_b[2]
+    out[0] = (weight - buoyancy) * k_x
+    out[1] = (weight - buoyancy) * k_y
+    out[2] = (weight - buoyancy) * k_z
+    out[3] = m_y * k_z - m_z * k_y
+    out[4] = m_z * k_x - m_x * k_z
+    out[5] = m_x * k_y - m_y * k_x
+
+
+@kernel
+def matvec(A, x, out):
+    """out = A x for A (6, 6); out must not be x."""
+    for i in range(6):
+        out[i] = (
+            A[i, 0] * x[0] + A[i, 1] * x[1] + A[i, 2] * x[2] + A[i, 3] * x[3] + A[i, 4] * x[4] + A[i, 5] * x[5]
+        )

@@ -1,0 +1,106 @@
+"""Frames and rotations: the only home of frame changes.
+
+World W: x towards the wall, y left, z up. Body B: x forward, y left, z up, origin at the vehicle's body frame. A rotation matrix
+``R_WB`` maps components in B to components in W; a quaternion is ``[w, x, y, z]``. Velocities ``nu = [v; omega]`` are in B, linear
+first. MuJoCo's free joint has ``qvel = [v in W; omega in B]``, so ``nu = T qvel`` with ``T = blockdiag(R_WB^T, I)``.
+"""
+
+import numpy as np
+
+from .compilation import kernel
+
+
+@kernel
+def cross(a, b, out):
+    """out = a x b, three components each."""
+    x = a[1] * b[2] - a[2] * b[1]
+    y = a[2] * b[0] - a[0] * b[2]
+    z = a[0] * b[1] - a[1] * b[0]
+    out[0], out[1], out[2] = x, y, z
+
+
+@kernel
+def to_world(R_WB, a_B, a_W):
+    """a_W = R_WB a_B for the first three components."""
+    x, y, z = a_B[0], a_B[1], a_B[2]
+    for i in range(3):
+        a_W[i] = R_WB[i, 0] * x + R_WB[i, 1] * y + R_WB[i, 2] * z
+
+
+@kernel
+def to_body(R_WB, a_W, a_B):
+    """a_B = R_WB^T a_W for the first three components."""
+    x, y, z = a_W[0], a_W[1], a_W[2]
+    for i in range(3):
+        a_B[i] = R_WB[0, i] * x + R_WB[1, i] * y + R_WB[2, i] * z
+
+
+@kernel
+def body_velocity(R_WB, qvel, nu):
+    """nu = T qvel: the free joint's velocity in B."""
+    to_body(R_WB, qvel, nu)
+    for i in range(3, 6):
+        nu[i] = qvel[i]
+
+
+@kernel
+def body_acceleration(R_WB, qacc, nu, nu_dot):
+    """nu_dot from the free joint's acceleration: v_dot = R_WB^T a_W - omega x v, as B rotates; omega_dot is in B already."""
+    to_body(R_WB, qacc, nu_dot)
+    nu_dot[0] -= nu[4] * nu[2] - nu[5] * nu[1]
+    nu_dot[1] -= nu[5] * nu[0] - nu[3] * nu[2]
+    nu_dot[2] -= nu[3] * nu[1] - nu[4] * nu[0]
+    for i in range(3, 6):
+        nu_dot[i] = qacc[i]
+
+
+@kernel
+def rotation(quat, R_WB):
+    """R_WB (3, 3) of a unit quaternion (4,)."""
+    w, x, y, z = quat[0], quat[1], quat[2], quat[3]
+    R_WB[0, 0], R_WB[0, 1], R_WB[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+    R_WB[1, 0], R_WB[1, 1], R_WB[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+    R_WB[2, 0], R_WB[2, 1], R_WB[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+
+
+@kernel
+def quat_error(quat_d, quat, out):
+    """out = conj(quat_d) * quat, with the sign that gives the shorter rotation (w >= 0).
+
+    Paper, below eq. (12): the error quaternion. q and -q are one attitude; the choice of sign keeps a vehicle that starts on the
+    far side of the double cover from turning a whole revolution.
+    """
+    w, x, y, z = quat_d[0], -quat_d[1], -quat_d[2], -quat_d[3]
+    out[0] = w * quat[0] - x * quat[1] - y * quat[2] - z * quat[3]
+    out[1] = w * quat[1] + x * quat[0] + y * quat[3] - z * quat[2]
+    out[2] = w * quat[2] - x * quat[3] + y * quat[0] + z * quat[1]
+    out[3] = w * quat[3] + x * quat[2] - y * quat[1] + z * quat[0]
+    if out[0] < 0.0:
+        for i in range(4):
+            out[i] = -out[i]
+
+
+def quat_from_euler_deg(roll: float, pitch: float, yaw: float) -> np.ndarray:
+    """Unit quaternion (4,) of the attitude R_WB = R_z(yaw) R_y(pitch) R_x(roll); angles in degrees, z up."""
+    half = np.deg2rad([roll, pitch, yaw]) / 2.0
+    (c_x, c_y, c_z), (s_x, s_y, s_z) = np.cos(half), np.sin(half)
+    return np.array(
+        [
+            c_x * c_y * c_z + s_x * s_y * s_z,
+            s_x * c_y * c_z - c_x * s_y * s_z,
+            c_x * s_y * c_z + s_x * c_y * s_z,
+            c_x * c_y * s_z - s_x * s_y * c_z,
+        ]
+    )
+
+
+def rotation_matrix(quat: np.ndarray) -> np.ndarray:
+    """R_WB (3, 3) of a unit quaternion (4,)."""
+    R_WB = np.empty((3, 3))
+    rotation(quat, R_WB)
+    return R_WB
+
+
+def skew(a: np.ndarray) -> np.ndarray:
+    """S(a) (3, 3), so that S(a) b = a x b."""
+    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])

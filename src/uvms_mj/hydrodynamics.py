@@ -1,0 +1,110 @@
+r"""What the water does to one vehicle: entries of the inertia matrix and a wrench, for one state.
+
+Added mass belongs in the inertia matrix: as a force -M_A nu_dot computed from an old acceleration it diverges as soon as it exceeds
+the rigid mass. With T = blockdiag(R_WB^T, I), nu = T qvel, the joint-space inertia grows by T^T M_A T. What remains is a force. From
+v_dot = R_WB^T a_W - omega x v and a current that is constant and irrotational in W (v_c_dot = -omega x v_c in B),
+
+.. math::
+
+    M_A \dot\nu_r = M_A T\, \ddot q - M_A \begin{bmatrix} \omega \times v_r \\ 0 \end{bmatrix},
+
+so that the wrench on the right-hand side of the paper's eq. (10) is
+
+.. math::
+
+    -C_A(\nu_r)\nu_r - D(\nu_r)\nu_r + M_A \begin{bmatrix} \omega \times v_r \\ 0 \end{bmatrix} + \text{buoyancy} + \tau_{dist}(t).
+
+Rigid-body Coriolis forces, weight and thrust are MuJoCo's own.
+"""
+
+import numpy as np
+
+from .compilation import kernel
+from .fossen import coriolis_added_mass, damping
+from .frames import to_body
+
+WATER = np.dtype(
+    [
+        ("M_A", "f8", (6, 6)),  # added mass [kg, kg m, kg m^2]
+        ("D_linear", "f8", (6,)),  # positive magnitudes [N s/m, N m s]
+        ("D_quadratic", "f8", (6,)),  # positive magnitudes [N s^2/m^2, N m s^2]
+        ("buoyancy_W", "f8", (3,)),  # buoyant force in W [N]
+        ("r_b", "f8", (3,)),  # centre of buoyancy in B [m]
+        ("v_c_W", "f8", (3,)),  # velocity of the current in W [m/s]
+        ("bias", "f8", (6,)),  # tau_dist = bias + amplitude sin(2 pi frequency t), in B [N, N m]
+        ("amplitude", "f8", (6,)),
+        ("frequency", "f8", (6,)),  # [Hz]
+    ],
+    align=True,
+)
+"""Everything that the water needs to know of one vehicle and its surroundings."""
+
+
+@kernel
+def added_inertia(M_A, R_WB, lower):
+    """lower (21,): the rows of the lower triangle of T^T M_A T, one after the other, as MuJoCo stores them for a free joint."""
+    n = 0
+    for i in range(3):
+        for j in range(i + 1):  # R_WB M_A[:3, :3] R_WB^T
+            total = 0.0
+            for k in range(3):
+                for l in range(3):  # noqa: E741 - an index beside i, j, k
+                    total += R_WB[i, k] * M_A[k, l] * R_WB[j, l]
+            lower[n] = total
+            n += 1
+    for i in range(3, 6):
+        for j in range(3):  # M_A[3:, :3] R_WB^T
+            lower[n] = M_A[i, 0] * R_WB[j, 0] + M_A[i, 1] * R_WB[j, 1] + M_A[i, 2] * R_WB[j, 2]
+            n += 1
+        for j in range(3, i + 1):
+            lower[n] = M_A[i, j]
+            n += 1
+
+
+@kernel
+def disturbance(water, t, tau_dist):
+    """tau_dist (6,) [N, N m] in B at time t [s]: a bias and a sinusoid for each axis."""
+    for i in range(6):
+        tau_dist[i] = water.bias[i]
+        if water.amplitude[i] != 0.0:
+            tau_dist[i] += water.amplitude[i] * np.sin(2.0 * np.pi * water.frequency[i] * t)
+
+
+@kernel
+def water_wrench(water, t, R_WB, nu, nu_r, work, out):
+    """The wrench of the water on the vehicle, without the part that is in the inertia matrix.
+
+    Args:
+        water: a WATER record.
+        t: time [s].
+        R_WB: (3, 3).
+        nu: (6,) velocity in B [m/s, rad/s].
+        nu_r: (6,) is set to the velocity relative to the current.
+        work: (6,) scratch.
+        out: (6,) is set to the wrench at B's origin, in B [N, N m].
+    """
+    to_body(R_WB, water.v_c_W, nu_r)
+    for i in range(3):
+        nu_r[i] = nu[i] - nu_r[i]
+        nu_r[i + 3] = nu[i + 3]
+    disturbance(water, t, out)
+    coriolis_added_mass(water.M_A, nu_r, work)
+    for i in range(6):
+        out[i] -= work[i]
+    damping(water.D_linear, water.D_quadratic, nu_r, work)
+    for i in range(6):
+        out[i] -= work[i]
+    a_x = nu_r[4] * nu_r[2] - nu_r[5] * nu_r[1]  # omega x v_r
+    a_y = nu_r[5] * nu_r[0] - nu_r[3] * nu_r[2]
+    a_z = nu_r[3] * nu_r[1] - nu_r[4] * nu_r[0]
+    for i in range(6):
+        out[i] += water.M_A[i, 0] * a_x + water.M_A[i, 1] * a_y + water.M_A[i, 2] * a_z
+    to_body(R_WB, water.buoyancy_W, work)
+    r_b = water.r_b
+    for i in range(3):
+        out[i] += work[i]
+    out[3] += r_b[1] * work[2] - r_b[2] * work[1]
+    out[4] += r_b[2] * work[0] - r_b[0] * work[2]
+    out[5] += r_b[0] * work[1] - r_b[1] * work[0]
+
+

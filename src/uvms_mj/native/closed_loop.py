@@ -1,0 +1,210 @@
+"""The closed loop of one vehicle, prepared in Python and run by the callback."""
+
+import mujoco
+import numpy as np
+
+from ..control.base import Controller
+from ..design import Design
+from ..scenario import Scenario
+from ..signals import RECORDED, Signal, thruster_signal
+from ..vehicle import Vehicle
+from .attachment import Attachment
+from .callback import finish_now, sense_now
+from .laws import NotCompiled, compile_law
+from .layouts import BELIEFS, FAULT_COMMAND, FAULT_LAW, FAULT_STATE, LOOP, ROW_SIZE
+
+SPEED_BOUND = (100.0,) * 3 + (200.0,) * 3
+"""A vehicle faster than this [m/s, rad/s] is no vehicle any more."""
+POSITION_BOUND = 1e4
+"""Nor one this far from where it began, along any axis [m]."""
+TAU_BOUND = 1e7
+"""Nor a command of this size [N, N m]."""
+DEFAULT_EPSILON = 1e-3
+"""Width of the boundary layer for laws that have none of their own: the paper's."""
+
+_AXES = "u v w p q r".split()
+
+
+class ClosedLoop:
+    """Everything that the callback needs for one run, and the rows that it writes."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        attachment: Attachment,
+        design: Design,
+        sensor: int,
+        scenario: Scenario,
+        row_steps: int,
+        chunk: int,
+    ) -> None:
+        self.controller = scenario.controller
+        self.timestep = scenario.simulation.timestep
+        vehicle, n = attachment.vehicle, len(attachment.vehicle.thrusters)
+        self.signals: tuple[Signal, ...] = (*RECORDED, thruster_signal(n), *law_signals(self.controller))
+        self._context = attachment.context
+        self._loop = np.zeros(1, LOOP)
+        self._gains = self.controller.record()
+        self._state, self._state_dot = (type(self.controller).state_record() for _ in range(2))
+        period = self.controller.period
+        period_steps = 1 if period is None else round(period / self.timestep)
+        width = ROW_SIZE + n + self._state.nbytes // 8
+        self._rows = np.zeros((chunk // row_steps + 2, width))
+        waypoints = scenario.reference.steps
+        settings = {
+            "timestep": self.timestep,
+            "period_steps": period_steps,
+            "row_steps": row_steps,
+            "bandwidth": scenario.reference.bandwidth,
+            "start": scenario.reference.start or scenario.initial.position,
+            "waypoints": len(waypoints),
+            "epsilon": getattr(self.controller, "epsilon", DEFAULT_EPSILON),
+            "speed_bound": SPEED_BOUND,
+            "position_bound": POSITION_BOUND,
+            "tau_bound": (TAU_BOUND,) * 6,
+            "controls": model.nu,
+            "thrusters": n,
+            "states": self._state.nbytes // 8,
+            "row_width": width,
+            "row_capacity": len(self._rows),
+        }
+        for name, value in settings.items():
+            self._loop[name] = value
+        self._loop["row"]["first_contact"] = np.nan
+        self._set_task(design)
+        self._set_beliefs(vehicle, scenario, model.opt.gravity)
+        signals = self._loop["signals"]
+        signals["period"] = period_steps * self.timestep
+        signals["M_hat"], signals["M_d"], signals["D_d"] = design.M_hat, design.M_d, design.D_d
+        signals["K_d"], signals["quat_d"] = np.diag(design.K_d), design.quat_d
+        joint = model.body_jntadr[attachment.body_id]
+        qpos, dof = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
+        self._loop["qpos_safe"] = data.qpos[qpos : qpos + 7]
+        # Everything whose address goes into the record is kept alive in _memory
+        memory = {
+            "times_at": np.array([w.time for w in waypoints], dtype=float),
+            "positions_at": np.array([w.position for w in waypoints], dtype=float),
+            "B_at": np.ascontiguousarray(vehicle.B),
+            "B_pinv_at": np.ascontiguousarray(np.linalg.pinv(vehicle.B)),
+            "u_min_at": vehicle.u_min,
+            "u_max_at": vehicle.u_max,
+            "ctrl_index_at": np.array(vehicle.actuator_ids, dtype=np.int64),
+            "u_at": np.zeros(n),
+            "gains_at": self._gains,
+            "state_at": self._state,
+            "state_dot_at": self._state_dot,
+            "rows_at": self._rows,
+            "qacc_at": data.qacc[dof:],
+            "ctrl_at": data.ctrl,
+            "contact_at": data.sensordata[sensor:],
+        }
+        self._memory = memory
+        for name, array in memory.items():
+            self._loop[name] = array.ctypes.data
+        base = self._loop.ctypes.data
+        for name in ("signals", "tau_cmd", "row"):
+            offset = LOOP.fields[name][1]  # type: ignore[index]
+            self._loop[f"{name}_at"] = base + offset
+        self._law, self.not_compiled = None, ""
+        try:
+            self._law = compile_law(self.controller)
+            self._loop["law_at"] = self._law.address
+        except NotCompiled as reason:
+            self.not_compiled = str(reason)
+        self._context["loop_at"] = base
+
+    def _set_task(self, design: Design) -> None:
+        task = self._loop["task"]
+        task["M_d_inv"] = np.linalg.inv(design.M_d)
+        task["F_1"], task["F_2"], task["A"] = self.controller.F_1, self.controller.F_2, self.controller.A
+
+    def _set_beliefs(self, vehicle: Vehicle, scenario: Scenario, gravity: np.ndarray) -> None:
+        factors, g = scenario.estimates, float(np.linalg.norm(gravity))
+        values = {
+            "M_RB": factors.coriolis * vehicle.M_RB,
+            "M_A": factors.coriolis * vehicle.M_A,
+            "D_linear": factors.damping * vehicle.D_linear,
+            "D_quadratic": factors.damping * vehicle.D_quadratic,
+            "weight": factors.restoring * vehicle.mass * g,
+            "buoyancy": factors.restoring * vehicle.displaced_mass * g,
+            "r_g": vehicle.r_g,
+            "r_b": vehicle.r_b,
+            "up_W": -gravity / g if g else (0.0, 0.0, 1.0),
+        }
+        assert set(values) == set(BELIEFS.names or ())
+        for name, value in values.items():
+            self._loop["beliefs"][name] = value
+
+    @property
+    def compiled(self) -> bool:
+        """Whether the law runs as machine code."""
+        return self._law is not None
+
+    @property
+    def width(self) -> int:
+        """Numbers in a row."""
+        return self._rows.shape[1]
+
+    @property
+    def step(self) -> int:
+        """Number of steps that are done."""
+        return int(self._loop["step"][0])
+
+    @property
+    def time(self) -> float:
+        """Time of the step in hand, or of the fault [s]."""
+        return self.step * self.timestep
+
+    @property
+    def evaluations(self) -> int:
+        """How often MuJoCo called back."""
+        return int(self._context["calls"][0])
+
+    def take_rows(self) -> np.ndarray:
+        """The rows (n, width) written since the last call, the last step's included."""
+        finish_now.ctypes(self._context.ctypes.data)
+        n = int(self._loop["rows"][0])
+        self._loop["rows"] = 0
+        return self._rows[:n].copy()
+
+    def prepare(self) -> bool:
+        """For a law that runs as plain Python: sense at t_k; True if a control instant is due."""
+        return bool(sense_now.ctypes(self._context.ctypes.data))
+
+    def call_law(self) -> None:
+        """Run the law as plain Python on the sensed signals; whatever it raises comes through."""
+        gains, state, state_dot, signals = (
+            record.view(np.recarray)[0]
+            for record in (self._gains, self._state, self._state_dot, self._loop["signals"])
+        )
+        type(self.controller).law(gains, state, signals, state_dot, self._loop["tau_cmd"][0])
+
+    @property
+    def law_raised(self) -> bool:
+        """Whether the run stopped because the compiled law raised."""
+        return bool(self._loop["fault"][0] == FAULT_LAW)
+
+    @property
+    def fault(self) -> str:
+        """What left its bound first, or an empty text."""
+        loop = self._loop[0]
+        i, value = int(loop["fault_index"]), float(loop["fault_value"])
+        if loop["fault"] == FAULT_STATE and i < 3:
+            return f"position {'xyz'[i]} = {value:.6g} m, more than {POSITION_BOUND:g} m from where it began"
+        if loop["fault"] == FAULT_STATE:
+            unit = "m/s" if i < 6 else "rad/s"
+            return f"velocity {_AXES[i - 3]} = {value:.6g} {unit}, beyond {SPEED_BOUND[i - 3]:g} {unit}"
+        if loop["fault"] == FAULT_COMMAND:
+            unit = "N" if i < 3 else "N m"
+            return f"tau_cmd[{i}] = {value:.6g} {unit}, beyond {TAU_BOUND:g} {unit}"
+        return ""
+
+
+def law_signals(controller: Controller) -> tuple[Signal, ...]:
+    """The law's own states as recorded signals."""
+    return tuple(
+        Signal(name, (size,), "law's own", "B", f"state {name} of {controller.label()}")
+        for name, size in type(controller).states.items()
+    )
+

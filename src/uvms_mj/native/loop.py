@@ -1,0 +1,275 @@
+"""One step of the closed loop: sense, law, thrusters, running signals, rows, health. Pure functions of records and arrays.
+
+Row k holds the state at t_k, what the law computed from it, and the contact force at t_k. That force is known only when the step is
+done, so that each row is finished at the next step (or when the loop is asked for its rows).
+"""
+
+import numpy as np
+from numba import carray
+
+from ..compilation import kernel
+from ..control.task import nominal_control, pose_errors, sliding_variable
+from ..estimates import estimate
+from ..frames import body_acceleration, body_velocity, rotation, to_body
+from ..hydrodynamics import disturbance
+from ..reference import filtered_steps
+from .layouts import FAULT_COMMAND, FAULT_LAW, FAULT_NONE, FAULT_STATE, ROW_SIZE
+from .symbols import call_law, pointer
+
+
+@kernel
+def floats(address, n):
+    """The n float64 numbers at an address."""
+    return carray(pointer(address), (n,), np.float64)
+
+
+@kernel
+def read_state(context, loop):
+    """Take t_k, p, quat, R_WB and nu from qpos and qvel, which are right before a step as well as within it."""
+    loop.t = loop.step * loop.timestep
+    qpos = floats(context.qpos_at, 7)
+    for i in range(3):
+        loop.p[i] = qpos[i]
+    norm = np.sqrt(qpos[3] * qpos[3] + qpos[4] * qpos[4] + qpos[5] * qpos[5] + qpos[6] * qpos[6])
+    for i in range(4):
+        loop.quat[i] = qpos[3 + i] / norm
+    rotation(loop.quat, loop.R_WB)
+    body_velocity(loop.R_WB, floats(context.qvel_at, 6), loop.nu)
+
+
+@kernel
+def sense(context, loop):
+    """Advance the law's states to t_k and set all signals that the law is given; done once for each control instant."""
+    if loop.sensed == loop.step + 1:
+        return
+    loop.sensed = loop.step + 1
+    read_state(context, loop)
+    signals = loop.signals
+    state, state_dot = floats(loop.state_at, loop.states), floats(loop.state_dot_at, loop.states)
+    for i in range(loop.states):
+        state[i] += signals.period * state_dot[i]
+    for i in range(6):
+        signals.zeta[i] += signals.period * loop.zeta_dot[i]
+        signals.nu[i] = loop.nu[i]
+    signals.t = loop.t
+    for i in range(4):
+        signals.quat_WB[i] = loop.quat[i]
+    for i in range(3):
+        signals.p_WB[i] = loop.p[i]
+        for j in range(3):
+            signals.R_WB[i, j] = loop.R_WB[i, j]
+    filtered_steps(
+        loop.t,
+        loop.start,
+        floats(loop.times_at, loop.waypoints),
+        carray(pointer(loop.positions_at), (loop.waypoints, 3), np.float64),
+        loop.bandwidth,
+        signals.p_d,
+        signals.p_d_dot,
+        signals.p_d_ddot,
+    )
+    measure_contact(loop, signals)
+    pose_errors(signals)
+    estimate(loop.beliefs, signals, loop.task.work)
+    sliding_variable(loop.task, signals, loop.zeta_dot)
+    nominal_control(loop.task, signals)
+
+
+@kernel
+def measure_contact(loop, signals):
+    """The contact sensor's reading, one step old, as a force in W and as a wrench at B's origin, in B."""
+    contact = floats(loop.contact_at, 7)
+    tau = signals.tau_contact_m_B
+    if contact[0] == 0.0:
+        for i in range(3):
+            signals.f_contact_m_W[i] = 0.0
+            tau[i] = 0.0
+            tau[i + 3] = 0.0
+        return
+    for i in range(3):
+        signals.f_contact_m_W[i] = contact[1 + i]
+    to_body(signals.R_WB, signals.f_contact_m_W, tau)
+    arm, work = loop.task.w, loop.task.work  # free until the sliding variable is computed
+    for i in range(3):
+        work[i] = contact[4 + i] - loop.p[i]
+    to_body(signals.R_WB, work, arm)
+    tau[3] = arm[1] * tau[2] - arm[2] * tau[1]
+    tau[4] = arm[2] * tau[0] - arm[0] * tau[2]
+    tau[5] = arm[0] * tau[1] - arm[1] * tau[0]
+
+
+@kernel
+def allocate(loop):
+    """u = B^+ tau_cmd (eq. 25) within the thrusters' limits, and tau = B u."""
+    n = loop.thrusters
+    u, u_min, u_max = floats(loop.u_at, n), floats(loop.u_min_at, n), floats(loop.u_max_at, n)
+    B, B_pinv = floats(loop.B_at, 6 * n), floats(loop.B_pinv_at, 6 * n)
+    for i in range(6):
+        loop.tau[i] = 0.0
+    for k in range(n):
+        total = 0.0
+        for i in range(6):
+            total += B_pinv[6 * k + i] * loop.tau_cmd[i]
+        u[k] = min(u_max[k], max(u_min[k], total))
+        for i in range(6):
+            loop.tau[i] += B[6 * k + i] * u[k]
+
+
+@kernel
+def thrust(loop):
+    """Hand u to MuJoCo, which applies it in this step."""
+    u = floats(loop.u_at, loop.thrusters)
+    index = carray(pointer(loop.ctrl_index_at), (loop.thrusters,), np.int64)
+    ctrl = floats(loop.ctrl_at, loop.controls)
+    for k in range(loop.thrusters):
+        ctrl[index[k]] = u[k]
+
+
+@kernel
+def fail(loop, kind, index, value):
+    """Note the first fault: what left its bound, where and when."""
+    if loop.fault == FAULT_NONE:
+        loop.fault = kind
+        loop.fault_index = index
+        loop.fault_value = value
+        loop.fault_step = loop.step
+
+
+@kernel
+def check_state(loop):
+    """Fault if the position or the velocity left its bound; a NaN fails every comparison."""
+    for i in range(3):
+        if not abs(loop.p[i] - loop.qpos_safe[i]) <= loop.position_bound:
+            fail(loop, FAULT_STATE, i, loop.p[i])
+    for i in range(6):
+        if not abs(loop.nu[i]) <= loop.speed_bound[i]:
+            fail(loop, FAULT_STATE, 3 + i, loop.nu[i])
+
+
+@kernel
+def control(loop):
+    """tau_cmd from the law, checked."""
+    if loop.law_at != 0:
+        raised = call_law(
+            loop.law_at, loop.gains_at, loop.state_at, loop.signals_at, loop.state_dot_at, loop.tau_cmd_at
+        )
+        if raised != 0:
+            fail(loop, FAULT_LAW, 0, 0.0)
+            return
+    for i in range(6):
+        if not abs(loop.tau_cmd[i]) <= loop.tau_bound[i]:
+            fail(loop, FAULT_COMMAND, i, loop.tau_cmd[i])
+            return
+    allocate(loop)
+
+
+@kernel
+def hold(context, loop):
+    """After a fault, keep MuJoCo at a harmless state for what is left of the chunk; nothing of it is recorded."""
+    qpos, qvel, ctrl = floats(context.qpos_at, 7), floats(context.qvel_at, 6), floats(loop.ctrl_at, loop.controls)
+    for i in range(7):
+        qpos[i] = loop.qpos_safe[i]
+    for i in range(6):
+        qvel[i] = 0.0
+    for k in range(loop.controls):
+        ctrl[k] = 0.0
+
+
+@kernel
+def begin_step(context, loop):
+    """Everything up to the thrust of step k; True if the step may go on."""
+    finish_step(context, loop)
+    if loop.fault != FAULT_NONE:
+        return False
+    if loop.step % loop.period_steps == 0:
+        sense(context, loop)
+        check_state(loop)
+        if loop.fault == FAULT_NONE:
+            control(loop)
+    else:
+        read_state(context, loop)
+        check_state(loop)
+    if loop.fault != FAULT_NONE:
+        return False
+    thrust(loop)
+    row = loop.row
+    row.t = loop.t
+    if loop.step > 0:
+        for i in range(6):
+            change = abs(loop.tau[i] - loop.tau_before[i])
+            row.tau_variation[i] += change
+            row.tau_step_max[i] = max(row.tau_step_max[i], change)
+    for i in range(6):
+        loop.tau_before[i] = loop.tau[i]
+    loop.pending = 1
+    return True
+
+
+@kernel
+def finish_step(context, loop):
+    """Complete step k, whose contact force and acceleration are known now: running signals, and a row where one is due."""
+    if loop.pending == 0:
+        return
+    loop.pending = 0
+    row, h = loop.row, loop.timestep
+    contact = floats(loop.contact_at, 7)
+    for i in range(3):
+        loop.f_contact_W[i] = contact[1 + i] if contact[0] != 0.0 else 0.0
+    push, push_before = -loop.f_contact_W[0], -loop.f_before_W[0]
+    if push > 0.0 and push_before <= 0.0:
+        row.touches += 1.0
+        if not row.first_contact >= 0.0:
+            row.first_contact = loop.t
+    row.force_peak = max(row.force_peak, push)
+    if loop.step > 0:  # both integrals by the trapezoidal rule, which a linear spring returns in full
+        row.impulse += 0.5 * h * (push + push_before)
+        for i in range(3):
+            row.wall_work -= 0.5 * (loop.f_contact_W[i] + loop.f_before_W[i]) * (loop.p[i] - loop.p_before[i])
+    if loop.step % loop.row_steps == 0 and loop.rows < loop.row_capacity:
+        body_acceleration(loop.R_WB, floats(loop.qacc_at, 6), loop.nu, loop.nu_dot)
+        write_row(context, loop)
+    for i in range(6):  # what the coming step adds
+        row.effort[i] += h * loop.tau[i] * loop.tau[i]
+        if abs(loop.signals.s[i]) < loop.epsilon:
+            row.boundary_layer_time[i] += h
+    for i in range(3):
+        loop.f_before_W[i] = loop.f_contact_W[i]
+        loop.p_before[i] = loop.p[i]
+    loop.step += 1
+
+
+@kernel
+def write_row(context, loop):
+    """Append row k: the recorded signals, then u, then the law's states."""
+    row, signals = loop.row, loop.signals
+    for i in range(4):
+        row.quat_WB[i] = loop.quat[i]
+    for i in range(3):
+        row.p_WB[i] = loop.p[i]
+        row.p_d[i] = signals.p_d[i]
+        row.p_d_dot[i] = signals.p_d_dot[i]
+        row.f_contact_W[i] = loop.f_contact_W[i]
+        row.f_contact_m_W[i] = signals.f_contact_m_W[i]
+    for i in range(6):
+        row.nu[i] = loop.nu[i]
+        row.nu_dot[i] = loop.nu_dot[i]
+        row.eta_e[i] = signals.eta_e[i]
+        row.nu_e[i] = signals.nu_e[i]
+        row.s[i] = signals.s[i]
+        row.zeta[i] = signals.zeta[i]
+        row.tau_nom[i] = signals.tau_nom[i]
+        row.tau_cmd[i] = loop.tau_cmd[i]
+        row.tau[i] = loop.tau[i]
+    disturbance(context.water, loop.t, row.tau_dist)
+    out = floats(loop.rows_at + 8 * loop.rows * loop.row_width, loop.row_width)
+    fixed = floats(loop.row_at, ROW_SIZE)
+    for i in range(ROW_SIZE):
+        out[i] = fixed[i]
+    u, state = floats(loop.u_at, loop.thrusters), floats(loop.state_at, loop.states)
+    for i in range(loop.thrusters):
+        out[ROW_SIZE + i] = u[i]
+    for i in range(loop.states):
+        out[ROW_SIZE + loop.thrusters + i] = state[i]
+    loop.rows += 1
+
+

@@ -1,0 +1,172 @@
+"""Vehicle, wall and contact sensor in one MuJoCo model.
+
+The wall is a spring and damper in N/m and N s/m (paper eq. (34)). MuJoCo's contacts are mass-normalised: with an elliptic cone, a
+sphere as probe, the impedance d of ``solimp`` constant at 1e-4 and ``solref = (-k_c w (1 - d), -b_c w (1 - d))``, w the compiled
+``body_invweight0`` of the vehicle's body, the contact is exactly that spring and damper, whatever the added mass. The probe is centred
+on B's origin, so that the wall gives no moment, and is as large as the vehicle reaches forward: contact begins when the origin is at
+x_c, and the picture shows the vehicle's front on the wall's face.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from .design import Design
+from .faults import InputError, suggestion
+from .frames import quat_from_euler_deg
+from .resources import names, resource
+from .scenario import Scenario
+from .vehicle import Vehicle, free_body_id
+
+IMPEDANCE = 1e-4
+"""d of solimp."""
+DEFAULT_REACH = 0.1
+"""Radius of the probe of a vehicle without geoms [m]."""
+_WALL_HALF_SIZE = (0.05, 0.6, 0.45)
+_INTEGRATORS = {"euler": "mjINT_EULER", "implicitfast": "mjINT_IMPLICITFAST"}
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """A compiled model and where things are in it."""
+
+    model: mujoco.MjModel
+    vehicle: Vehicle
+    design: Design
+    body_id: int
+    sensor: int
+    """Address of the contact sensor in sensordata: found, force (3) and position (3) in W."""
+    reach: float
+    """How far the vehicle reaches forward of B's origin: the probe's radius [m]."""
+
+    def initial_data(self, scenario: Scenario) -> mujoco.MjData:
+        """Data at the scenario's initial state."""
+        data = mujoco.MjData(self.model)
+        joint = self.model.body_jntadr[self.body_id]
+        qpos, dof = self.model.jnt_qposadr[joint], self.model.jnt_dofadr[joint]
+        quat = quat_from_euler_deg(*scenario.initial.attitude_deg)
+        data.qpos[qpos : qpos + 3] = scenario.initial.position
+        data.qpos[qpos + 3 : qpos + 7] = quat
+        v_W = np.zeros(3)
+        mujoco.mju_rotVecQuat(v_W, np.array(scenario.initial.velocity[:3]), quat)
+        data.qvel[dof : dof + 3] = v_W
+        data.qvel[dof + 3 : dof + 6] = scenario.initial.velocity[3:]
+        return data
+
+
+def build(scenario: Scenario, drawn: bool = False) -> Plant:
+    """The plant of a scenario.
+
+    Args:
+        scenario: what to build.
+        drawn: keep the geoms that only a picture needs; without them a step is faster and does the same.
+
+    Raises:
+        InputError: the vehicle's file can't be used, or is not physical.
+    """
+    path = _model_path(scenario.vehicle.model)
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        whole = spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise InputError(f"vehicle.model {path}: MuJoCo can't compile it: {' '.join(str(error).split())}") from None
+    vehicle = Vehicle.from_model(whole)
+    design = Design.of(scenario, vehicle)
+    reach = _forward_reach(whole, free_body_id(whole, vehicle.body))
+    _add_surroundings(spec, vehicle.body, scenario, reach, drawn)
+    model = spec.compile()
+    _calibrate(model, design, vehicle, scenario)
+    sensor = model.sensor("wall_contact").adr[0]
+    return Plant(model, vehicle, design, free_body_id(model, vehicle.body), int(sensor), reach)
+
+
+def _model_path(model: str) -> Path:
+    path = Path(model)
+    if path.is_file():
+        return path
+    shipped = resource("models", f"{model}.xml")
+    if shipped is not None:
+        return shipped
+    raise InputError(f"vehicle.model {model!r}: no such file, nor a model that ships; {suggestion(model, names('models', '.xml'))}")
+
+
+def _forward_reach(model: mujoco.MjModel, body_id: int) -> float:
+    """The greatest x in B of the body's geoms; boxes around them, but for meshes, whose vertices are known."""
+    reach = 0.0
+    for geom in range(model.ngeom):
+        if model.geom_bodyid[geom] != body_id:
+            continue
+        R = np.zeros(9)
+        mujoco.mju_quat2Mat(R, model.geom_quat[geom])
+        forward = R[:3]
+        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+            mesh = model.geom_dataid[geom]
+            start, n = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+            extent = float((model.mesh_vert[start : start + n] @ forward).max())
+        else:
+            centre, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+            extent = float(forward @ centre + np.abs(forward) @ half)
+        reach = max(reach, float(model.geom_pos[geom, 0]) + extent)
+    return reach or DEFAULT_REACH
+
+
+def _add_surroundings(spec, body_name: str, scenario: Scenario, reach: float, drawn: bool) -> None:
+    """Wall, probe, contact pair, contact sensor and options, added to a vehicle's own model."""
+    spec.option.timestep = scenario.simulation.timestep
+    spec.option.integrator = getattr(mujoco.mjtIntegrator, _INTEGRATORS[scenario.simulation.integrator])
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    body = spec.body(body_name)
+    body.simple = False
+    spec.compiler.discardvisual = not drawn
+    solid = {"contype": 0, "conaffinity": 0}
+    body.add_geom(name="probe", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[reach, 0, 0], rgba=[0] * 4, group=4, **solid)
+    face = scenario.wall.position + reach
+    spec.worldbody.add_geom(
+        name="wall",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        pos=[face, 0, 0],
+        quat=[np.sqrt(0.5), 0, -np.sqrt(0.5), 0],  # its normal is -x of W
+        size=[*_WALL_HALF_SIZE[1:], 0.1],
+        rgba=[0] * 4,
+        group=4,
+        **solid,
+    )
+    if drawn:
+        spec.worldbody.add_geom(
+            name="wall_slab",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=[face + _WALL_HALF_SIZE[0], 0, 0],
+            size=list(_WALL_HALF_SIZE),
+            rgba=[0.72, 0.70, 0.66, 1],
+            **solid,
+        )
+    spec.add_pair(
+        name="wall_contact",
+        geomname1="wall",
+        geomname2="probe",
+        condim=3 if scenario.wall.friction > 0 else 1,
+        friction=[scenario.wall.friction] * 2 + [0] * 3,
+        solimp=[IMPEDANCE, IMPEDANCE, 0.001, 0.5, 1],
+        margin=0,
+        gap=0,
+    )
+    sensor = spec.add_sensor(name="wall_contact", type=mujoco.mjtSensor.mjSENS_CONTACT)
+    sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_GEOM, "wall"
+    sensor.reftype, sensor.refname = mujoco.mjtObj.mjOBJ_GEOM, "probe"
+    data_bits = mujoco.mjtConDataField
+    wanted = (data_bits.mjCONDATA_FOUND, data_bits.mjCONDATA_FORCE, data_bits.mjCONDATA_POS)
+    sensor.intprm[:3] = [sum(1 << int(bit) for bit in wanted), 3, 1]
+
+
+def _calibrate(model: mujoco.MjModel, design: Design, vehicle: Vehicle, scenario: Scenario) -> None:
+    """Stiffness and damping of the compiled contact pair in N/m and N s/m."""
+    w = model.body_invweight0[free_body_id(model, vehicle.body), 0]
+    scale = w * (1.0 - IMPEDANCE)
+    model.pair_solref[0] = -scenario.wall.stiffness * scale, -scenario.wall.damping * scale
+    # Sticking friction: a damper along the wall as strong as the step allows, up to the Coulomb limit
+    lightest = 1.0 / np.linalg.eigvalsh(np.linalg.inv(design.M)[:3, :3])[-1]
+    model.pair_solreffriction[0] = 0.0, -0.5 * lightest / scenario.simulation.timestep * scale
+

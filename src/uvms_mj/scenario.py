@@ -1,0 +1,317 @@
+"""Everything that decides a run: frozen dataclasses, from and to TOML.
+
+Lengths in m, angles in degrees where a key ends in ``_deg``, everything else in SI. The defaults are the paper's scenario (sec. 5).
+"""
+
+import dataclasses
+import difflib
+import os
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tomli_w
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass
+
+from .control import Controller, Gsta
+from .control.loader import load_controller, table_of
+from .faults import Fault, InputError, faults_of, suggestion
+from .quantities import Matrix6, NonNegative, Positive, Real, Vector3, Vector6
+from .resources import names, resource
+
+_STRICT = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+Lowercase = BeforeValidator(lambda value: value.lower() if isinstance(value, str) else value)
+
+
+def doc(meaning: str, default: Any) -> Any:
+    """A field with its default and a line that says what it is; ``uvms-mj keys`` prints these."""
+    return dataclasses.field(default=default, metadata={"meaning": meaning})
+
+
+@dataclass(frozen=True, config=_STRICT)
+class VehicleChoice:
+    model: str = doc("MJCF file of the vehicle, or the name of one that ships", "bluerov1")
+
+
+@dataclass(frozen=True, config=_STRICT)
+class Simulation:
+    timestep: Positive = doc("time step [s]", 1e-4)
+    duration: Positive = doc("simulated time [s]", 20.0)
+    integrator: Annotated[Literal["euler", "implicitfast"], Lowercase] = doc("MuJoCo's integrator", "euler")
+
+
+@dataclass(frozen=True, config=_STRICT)
+class Initial:
+    position: Vector3 = doc("position of the body frame in W [m]", (0.0, 0.0, 0.0))
+    attitude_deg: Vector3 = doc("roll, pitch, yaw [deg]", (0.0, 0.0, 0.0))
+    velocity: Vector6 = doc("[v; omega] in B [m/s, rad/s]", (0.0,) * 6)
+
+
+@dataclass(frozen=True, config=_STRICT)
+class Current:
+    speed: NonNegative = doc("speed of the ocean current [m/s]", 0.5)
+    direction_deg: Real = doc("heading of the current in W, 0 towards the wall, 90 to the left [deg]", 120.0)
+
+
+@dataclass(frozen=True, config=_STRICT)
+class Disturbance:
+    bias: Vector6 = doc("constant part of tau_dist in B [N, N m]", (0.0,) * 6)
+    amplitude: Vector6 = doc("amplitude of the sinusoidal part [N, N m]", (0.0,) * 6)
+    frequency_hz: Vector6 = doc("frequency of the sinusoidal part [Hz]", (0.0,) * 6)
+
+
+@dataclass(frozen=True, config=_STRICT)
+class Wall:
+    position: Real = doc("x of the body frame in W at which contact begins, x_c [m]", 1.0)
+    stiffness: Positive = doc("k_c [N/m]", 1e5)
+    damping: NonNegative = doc("b_c [N s/m]", 0.0)
+    friction: NonNegative = doc("Coulomb coefficient [1]", 0.0)
+
+
+@dataclass(frozen=True, config=_STRICT)
+class Waypoint:
+    time: NonNegative
+    position: Vector3
+
+
+def _increasing(waypoints: tuple[Waypoint, ...]) -> tuple[Waypoint, ...]:
+    times = [w.time for w in waypoints]
+    if any(b <= a for a, b in zip(times, times[1:], strict=False)):
+        raise ValueError(f"times {times} must increase")
+    return waypoints
+
+
+@dataclass(frozen=True, config=_STRICT)
+class Reference:
+    target: Vector3 = doc("position that the step leads to, in W [m]", (1.01, 0.0, 0.0))
+    step_time: NonNegative = doc("time of the step [s]", 1.0)
+    bandwidth: Positive = doc("omega_n of the third-order filter [rad/s]", 2.0)
+    attitude_deg: Vector3 = doc("constant desired roll, pitch, yaw [deg]", (0.0, 0.0, 0.0))
+    start: Vector3 | None = doc("position before the first step; default: initial.position", None)
+    waypoints: Annotated[tuple[Waypoint, ...], AfterValidator(_increasing)] = doc(
+        "tables with time and position, which replace target and step_time", ()
+    )
+
+    @property
+    def steps(self) -> tuple[Waypoint, ...]:
+        """The position steps that the filter smooths."""
+        return self.waypoints or (Waypoint(time=self.step_time, position=self.target),)
+
+
+@dataclass(frozen=True, config=_STRICT)
+class Impedance:
+    K_d: Annotated[Vector6, AfterValidator(lambda v: _stiffness(v))] = doc(
+        "desired stiffness, a diagonal [N/m, N m]", (150.0, 1500.0, 1500.0, 50.0, 50.0, 50.0)
+    )
+    M_d: Vector6 | Matrix6 | None = doc("desired inertia, diagonal or 6x6; default: the vehicle's M", None)
+    D_d: Vector6 | Matrix6 | None = doc("desired damping, diagonal or 6x6; default: Ott's design", None)
+    damping_ratio: NonNegative = doc("of Ott's design, used where D_d is not given [1]", 1.0)
+
+
+def _stiffness(value: tuple[float, ...]) -> tuple[float, ...]:
+    if min(value) < 0.0:
+        raise ValueError("must not have a negative entry")
+    return value
+
+
+@dataclass(frozen=True, config=_STRICT)
+class Estimates:
+    inertia: Positive = doc("M_hat = f M", 1.0)
+    coriolis: Real = doc("C_hat(nu) nu = f C(nu) nu", 1.0)
+    damping: Real = doc("D_hat(nu) nu = f D(nu) nu", 1.0)
+    restoring: Real = doc("g_hat(eta) = f g(eta)", 1.0)
+
+
+@dataclass(frozen=True, config=_STRICT)
+class Scenario:
+    """Everything that decides a run. Frozen; :meth:`updated` makes another.
+
+    Raises:
+        InputError: from :meth:`load`, :meth:`from_dict` and :meth:`updated`, with every fault at once.
+    """
+
+    name: str = "push_wall"
+    description: str = ""
+    vehicle: VehicleChoice = VehicleChoice()
+    simulation: Simulation = Simulation()
+    initial: Initial = Initial()
+    current: Current = Current()
+    disturbance: Disturbance = Disturbance()
+    wall: Wall = Wall()
+    reference: Reference = Reference()
+    impedance: Impedance = Impedance()
+    estimates: Estimates = Estimates()
+    controller: Controller = Gsta()
+
+    @property
+    def steps(self) -> int:
+        """Number of time steps: the duration to the nearest step, at least one."""
+        return max(1, round(self.simulation.duration / self.simulation.timestep))
+
+    @classmethod
+    def load(
+        cls,
+        scenario: str | os.PathLike = "push_wall",
+        overrides: Mapping[str, Any] | None = None,
+        controller: str | None = None,
+    ) -> "Scenario":
+        """A scenario from a TOML file, or one that ships by its name.
+
+        Args:
+            scenario: path of a TOML file, or a name.
+            overrides: dotted keys and values that replace the file's, ``{"wall.stiffness": 1e4}``.
+            controller: name of a law, or ``path/to/my_law.py:MyLaw``; the file's gains are kept only if they are that law's.
+        """
+        path = _scenario_path(scenario)
+        try:
+            tables = tomllib.loads(path.read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            raise InputError(f"{path}: not a scenario in TOML: {error}") from None
+        tables.setdefault("name", path.stem)
+        return cls.from_dict(tables, overrides, controller, folder=path.parent, place=str(scenario))
+
+    @classmethod
+    def from_dict(
+        cls,
+        tables: Mapping[str, Any],
+        overrides: Mapping[str, Any] | None = None,
+        controller: str | None = None,
+        folder: Path | None = None,
+        place: str = "scenario",
+        known: type[Controller] | None = None,
+    ) -> "Scenario":
+        """A scenario from nested tables, as TOML has them.
+
+        Args:
+            tables: nested tables.
+            overrides: as in :meth:`load`.
+            controller: as in :meth:`load`.
+            folder: where paths in ``tables`` are relative to; those in ``overrides`` are relative to the working directory.
+            place: what to call the tables in an error.
+            known: the class of the law, where it is at hand.
+        """
+        tables = {k: dict(v) if isinstance(v, Mapping) else v for k, v in tables.items()}
+        faults: list[Fault] = []
+        _anchor(tables, folder)
+        law = tables.get("controller", {})
+        if not isinstance(law, Mapping):
+            faults.append(Fault("controller", f"{law!r} is not a table"))
+            law = {}
+        if controller is not None and _absolute(law.get("name", controller)) != _absolute(controller):
+            law = {}
+        tables["controller"] = law = {**law, **({"name": controller} if controller is not None else {})}
+        for key, value in (overrides or {}).items():
+            faults += _override(tables, key, value)
+        law = tables.pop("controller")
+        try:
+            tables["controller"] = load_controller(law, known)
+        except InputError as error:
+            faults += error.faults
+        try:
+            scenario = _VALIDATOR.validate_python(tables)
+        except ValidationError as error:
+            faults += faults_of(error, choices=_KEYS)
+        if faults:
+            raise InputError(faults, place)
+        return scenario
+
+    def updated(self, overrides: Mapping[str, Any], controller: str | None = None) -> "Scenario":
+        """Another scenario with dotted keys replaced, ``{"wall.stiffness": 1e4, "controller.k_1": 8.0}``."""
+        return Scenario.from_dict(self.to_dict(), overrides, controller, known=type(self.controller))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Nested tables with every default written out; what is None is left out, as TOML has no null."""
+        tables = _plain(dataclasses.asdict(dataclasses.replace(self, controller=Gsta())))
+        tables["controller"] = _plain(table_of(self.controller))
+        return tables
+
+    def to_toml(self) -> str:
+        """The same as TOML text."""
+        return tomli_w.dumps(self.to_dict())
+
+
+_VALIDATOR = TypeAdapter(Scenario)
+_TABLES = {f.name: type(f.default) for f in dataclasses.fields(Scenario) if dataclasses.is_dataclass(f.default)}
+_KEYS: dict[str, list[str]] = {"": [f.name for f in dataclasses.fields(Scenario)]} | {
+    name: [f.name for f in dataclasses.fields(table)] for name, table in _TABLES.items()
+}
+
+
+def _scenario_path(scenario: str | os.PathLike) -> Path:
+    path = Path(scenario)
+    if path.is_file():
+        return path
+    shipped = resource("scenarios", f"{scenario}.toml")
+    if shipped is not None:
+        return shipped
+    known = names("scenarios", ".toml")
+    if path.suffix == ".toml" or len(path.parts) > 1:
+        raise InputError(f"scenario {str(scenario)!r}: no such file; scenarios that ship: {', '.join(known)}")
+    raise InputError(f"scenario {str(scenario)!r}: neither a file nor a name; {suggestion(str(scenario), known)}")
+
+
+def _anchor(tables: dict[str, Any], folder: Path | None) -> None:
+    """Make paths that a file gives relative to its own folder independent of the working directory."""
+    if folder is None:
+        return
+    for table, key in (("vehicle", "model"), ("controller", "name")):
+        value = tables.get(table, {}).get(key) if isinstance(tables.get(table), dict) else None
+        if isinstance(value, str) and (folder / value.split(":")[0]).is_file():
+            tables[table][key] = str((folder / value).absolute())
+
+
+def _absolute(law: Any) -> Any:
+    """The same text for the same law, however its file is given."""
+    return str(Path(law).absolute()) if isinstance(law, str) and ".py:" in law else law
+
+
+def _override(tables: dict[str, Any], key: str, value: Any) -> list[Fault]:
+    table, _, word = key.partition(".")
+    if not word:
+        if table in ("name", "description"):
+            tables[table] = value
+            return []
+        meant = [f"{t}.{table}" for t, keys in _KEYS.items() if t and table in keys]
+        law_key = [f"controller.{table}"] if not meant and table not in _KEYS else []
+        close = difflib.get_close_matches(table, [f"{t}.{k}" for t, keys in _KEYS.items() if t for k in keys], 1)
+        hint = " or ".join(repr(m) for m in meant or close or law_key)
+        return [Fault(key, f"is not a dotted key{f'; did you mean {hint}?' if hint else ''}")]
+    if table not in _TABLES:
+        return [Fault(key, f"no table {table!r}; {suggestion(table, _TABLES)}")]
+    if not isinstance(tables.get(table, {}), dict):
+        return []  # the validator names it
+    tables.setdefault(table, {})[word] = value
+    return []
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {k: _plain(v) for k, v in value.items() if v is not None}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    return value
+
+
+def parse_setting(text: str) -> tuple[str, Any]:
+    """Key and value of ``key=value``; the value is TOML, or a bare word.
+
+    Raises:
+        InputError: there is no ``=``.
+    """
+    key, equals, value = text.partition("=")
+    if not equals or not key.strip():
+        raise InputError(f"--set {text!r}: must be key=value, for example --set wall.stiffness=2e4")
+    try:
+        return key.strip(), tomllib.loads(f"value = {value.strip()}")["value"]
+    except tomllib.TOMLDecodeError:
+        return key.strip(), value.strip()
+
+
+def keys() -> Iterable[tuple[str, Any, str]]:
+    """Every key of a scenario but the controller's, with its default and its meaning."""
+    for name, table in _TABLES.items():
+        if name != "controller":
+            for field in dataclasses.fields(table):
+                yield f"{name}.{field.name}", field.default, field.metadata.get("meaning", "")

@@ -1,0 +1,117 @@
+"""The signals that flow: what a law is given, what is recorded, and in which unit, frame and shape.
+
+Adding a signal is adding a line to a table here and a line where it is computed.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One named signal: its shape for one instant, unit, frame (W, B or - for none) and meaning."""
+
+    name: str
+    shape: tuple[int, ...]
+    unit: str
+    frame: str
+    meaning: str
+
+    @property
+    def size(self) -> int:
+        return int(np.prod(self.shape, dtype=int))
+
+
+_WRENCH = "N, N m"
+_TWIST = "m/s, rad/s"
+
+GIVEN = (
+    Signal("t", (), "s", "-", "time of the control instant"),
+    Signal("period", (), "s", "-", "control period"),
+    Signal("p_WB", (3,), "m", "W", "position of B's origin"),
+    Signal("quat_WB", (4,), "1", "W", "attitude, unit quaternion w x y z"),
+    Signal("R_WB", (3, 3), "1", "W", "attitude, rotation matrix: a_W = R_WB a_B"),
+    Signal("nu", (6,), _TWIST, "B", "velocity [v; omega]"),
+    Signal("p_d", (3,), "m", "W", "desired position"),
+    Signal("p_d_dot", (3,), "m/s", "W", "desired velocity"),
+    Signal("p_d_ddot", (3,), "m/s^2", "W", "desired acceleration"),
+    Signal("quat_d", (4,), "1", "W", "desired attitude, w x y z"),
+    Signal("quat_e", (4,), "1", "B", "error quaternion conj(quat_d) quat_WB with w >= 0"),
+    Signal("eta_e", (6,), "m, 1", "B", "pose error [R_WB^T (p_WB - p_d); vector part of quat_e]"),
+    Signal("nu_e", (6,), _TWIST, "B", "velocity error nu - nu_d"),
+    Signal("nu_d_dot", (6,), "m/s^2, rad/s^2", "B", "desired acceleration"),
+    Signal("f_contact_m_W", (3,), "N", "W", "measured force of the wall on the vehicle, one step old"),
+    Signal("tau_contact_m_B", (6,), _WRENCH, "B", "the same as a wrench at B's origin"),
+    Signal("M_hat", (6, 6), "kg, kg m, kg m^2", "B", "estimated inertia, added mass included"),
+    Signal("C_hat_nu", (6,), _WRENCH, "B", "estimated Coriolis and centripetal wrench C_hat(nu) nu"),
+    Signal("D_hat_nu", (6,), _WRENCH, "B", "estimated damping wrench D_hat(nu) nu"),
+    Signal("g_hat", (6,), _WRENCH, "B", "estimated restoring wrench"),
+    Signal("M_d", (6, 6), "kg, kg m, kg m^2", "B", "desired inertia"),
+    Signal("D_d", (6, 6), "N s/m, N m s", "B", "desired damping"),
+    Signal("K_d", (6,), "N/m, N m", "B", "desired stiffness, a diagonal"),
+    Signal("tau_nom", (6,), _WRENCH, "B", "nominal control, eq. (23)"),
+    Signal("s", (6,), _TWIST, "B", "sliding variable, eq. (14)"),
+    Signal("zeta", (6,), _TWIST, "B", "state of the dynamic compensator, eq. (15)"),
+)
+"""What a law is given, as fields of the record ``signals``: measurements, reference, estimates and task; never the truth."""
+
+STATE = (
+    Signal("t", (), "s", "-", "time"),
+    Signal("p_WB", (3,), "m", "W", "position of B's origin"),
+    Signal("quat_WB", (4,), "1", "W", "attitude, unit quaternion w x y z"),
+    Signal("nu", (6,), _TWIST, "B", "velocity [v; omega]"),
+    Signal("nu_dot", (6,), "m/s^2, rad/s^2", "B", "acceleration, time derivative of nu"),
+    Signal("p_d", (3,), "m", "W", "desired position"),
+    Signal("p_d_dot", (3,), "m/s", "W", "desired velocity"),
+    Signal("eta_e", (6,), "m, 1", "B", "pose error [R_WB^T (p_WB - p_d); vector part of quat_e]"),
+    Signal("nu_e", (6,), _TWIST, "B", "velocity error nu - nu_d"),
+    Signal("s", (6,), _TWIST, "B", "sliding variable, eq. (14)"),
+    Signal("zeta", (6,), _TWIST, "B", "state of the dynamic compensator, eq. (15)"),
+    Signal("tau_nom", (6,), _WRENCH, "B", "nominal control, eq. (23)"),
+    Signal("tau_cmd", (6,), _WRENCH, "B", "wrench that the law asks for"),
+    Signal("tau", (6,), _WRENCH, "B", "wrench that the thrusters give, B u"),
+    Signal("tau_dist", (6,), _WRENCH, "B", "disturbance wrench, eq. (10)"),
+    Signal("f_contact_W", (3,), "N", "W", "force of the wall on the vehicle"),
+    Signal("f_contact_m_W", (3,), "N", "W", "the contact force that the law was given, one step old"),
+)
+"""Recorded at t_k: the state, what the law computed from it, and the true contact force."""
+
+RUNNING = (
+    Signal("tau_variation", (6,), _WRENCH, "B", "total variation of tau: sum of |tau_j - tau_(j-1)| for j <= k"),
+    Signal("tau_step_max", (6,), _WRENCH, "B", "largest |tau_j - tau_(j-1)| for j <= k"),
+    Signal("effort", (6,), "N^2 s, N^2 m^2 s", "B", "control effort: integral of tau^2"),
+    Signal("force_peak", (), "N", "W", "largest pushing force so far"),
+    Signal("impulse", (), "N s", "W", "integral of the pushing force"),
+    Signal("wall_work", (), "J", "W", "work done on the wall by the motion of B's origin"),
+    Signal("touches", (), "1", "-", "number of times contact was made"),
+    Signal("first_contact", (), "s", "-", "time of the first contact, NaN before it"),
+    Signal("boundary_layer_time", (6,), "s", "B", "time with |s_i| < epsilon (1e-3 if the law has no epsilon)"),
+)
+"""Accumulated at every step whatever the log rate, and recorded as running signals."""
+
+RECORDED = STATE + RUNNING
+
+
+def thruster_signal(n: int) -> Signal:
+    """The thruster commands u = B^+ tau_cmd (n,), eq. (25)."""
+    return Signal("u", (n,), "N", "-", "thrust of each thruster")
+
+
+def record_dtype(signals: tuple[Signal, ...]) -> np.dtype:
+    """The structured dtype with one float64 field for each signal."""
+    return np.dtype([(s.name, "f8", s.shape) for s in signals], align=True)
+
+
+def split_rows(rows: np.ndarray, signals: tuple[Signal, ...]) -> Mapping[str, np.ndarray]:
+    """Read-only arrays (n, *shape) by name from rows (n, width) of the signals laid side by side."""
+    arrays: dict[str, np.ndarray] = {}
+    start = 0
+    for signal in signals:
+        block = np.ascontiguousarray(rows[:, start : start + signal.size]).reshape(len(rows), *signal.shape)
+        block.setflags(write=False)
+        arrays[signal.name] = block
+        start += signal.size
+    return MappingProxyType(arrays)

@@ -1,0 +1,236 @@
+"""A vehicle's coefficients, read from its own MJCF, and the checks that they are physical.
+
+The file holds them as ``<custom><numeric>`` entries in the SNAME convention, with the signs of the literature:
+
+=====================  ======================================================================================
+``X_udot`` .. ``N_rdot``  added mass, M_A = -diag(X_udot, Y_vdot, Z_wdot, K_pdot, M_qdot, N_rdot) [kg, kg m^2]
+``M_A``                instead of these: the full symmetric 6x6 matrix, 36 numbers row by row, positive
+``X_u`` .. ``N_r``      linear damping [N s/m, N m s]
+``X_uu`` .. ``N_rr``    quadratic damping [N s^2/m^2, N m s^2]
+``displaced_mass``     mass of the displaced water [kg]; buoyancy is displaced_mass times gravity
+``center_of_buoyancy``  in B [m]; default: the origin
+=====================  ======================================================================================
+
+The rigid body is MuJoCo's own ``<inertial>``; a vehicle's actuators are its thrusters.
+"""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from .faults import Fault, InputError, suggestion
+from .frames import rotation_matrix
+
+ADDED_MASS = ("X_udot", "Y_vdot", "Z_wdot", "K_pdot", "M_qdot", "N_rdot")
+LINEAR = ("X_u", "Y_v", "Z_w", "K_p", "M_q", "N_r")
+QUADRATIC = ("X_uu", "Y_vv", "Z_ww", "K_pp", "M_qq", "N_rr")
+
+
+@dataclass(frozen=True, eq=False)
+class Vehicle:
+    """Coefficients of one vehicle, in its body frame B, as read-only arrays."""
+
+    body: str
+    M_RB: np.ndarray
+    """(6, 6) rigid-body inertia [kg, kg m, kg m^2]."""
+    M_A: np.ndarray
+    """(6, 6) added mass [kg, kg m, kg m^2]."""
+    D_linear: np.ndarray
+    """(6,) positive magnitudes [N s/m, N m s]."""
+    D_quadratic: np.ndarray
+    """(6,) positive magnitudes [N s^2/m^2, N m s^2]."""
+    displaced_mass: float
+    """[kg]"""
+    r_b: np.ndarray
+    """(3,) centre of buoyancy [m]."""
+    thrusters: tuple[str, ...]
+    actuator_ids: tuple[int, ...]
+    """Where each thruster stands in mjData.ctrl."""
+    B: np.ndarray
+    """(6, n) thruster allocation: tau = B u, eq. (25)."""
+    u_min: np.ndarray
+    """(n,) least thrust [N]."""
+    u_max: np.ndarray
+    """(n,) greatest thrust [N]."""
+
+    @property
+    def M(self) -> np.ndarray:
+        """(6, 6) M = M_RB + M_A."""
+        return self.M_RB + self.M_A
+
+    @property
+    def mass(self) -> float:
+        """Rigid mass [kg]."""
+        return float(self.M_RB[0, 0])
+
+    @property
+    def r_g(self) -> np.ndarray:
+        """(3,) centre of gravity [m]: M_RB[3:, :3] = m S(r_g)."""
+        return np.array([self.M_RB[5, 1], self.M_RB[3, 2], self.M_RB[4, 0]]) / self.mass
+
+    @classmethod
+    def from_model(cls, model: mujoco.MjModel, body: str | None = None) -> "Vehicle":
+        """Read a vehicle from a compiled model.
+
+        Args:
+            model: any model with a body on a free joint.
+            body: its name; by default the only free body. A prefix that MuJoCo's attachment put before the name
+                (``"left/bluerov1"``) is looked for before the names of the numerics too.
+
+        Raises:
+            InputError: coefficients that are missing, malformed or unphysical, all of them at once.
+        """
+        body = body or _only_free_body(model)
+        body_id = free_body_id(model, body)
+        prefix = body[: body.rfind("/") + 1]
+        faults: list[Fault] = []
+        M_A = _added_mass(model, prefix, faults)
+        D_linear = -_derivatives(model, prefix, LINEAR, faults)
+        D_quadratic = -_derivatives(model, prefix, QUADRATIC, faults)
+        for names, values in ((LINEAR, D_linear), (QUADRATIC, D_quadratic)):
+            faults += [
+                Fault(n, f"{-v:g} would give the vehicle energy: must not be positive")
+                for n, v in zip(names, values, strict=True)
+                if v < 0
+            ]
+        displaced = _numeric(model, prefix, "displaced_mass", 1, faults)
+        if displaced is not None and displaced[0] < 0:
+            faults.append(Fault("displaced_mass", f"{displaced[0]:g} kg: must not be negative"))
+        r_b = _numeric(model, prefix, "center_of_buoyancy", 3, faults, default=np.zeros(3))
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        M_RB = _rigid_body_inertia(model, data, body_id)
+        thrusters, ids, B, u_min, u_max = _thrusters(model, data, body_id, faults)
+        if not faults and np.linalg.eigvalsh(M_RB + M_A)[0] <= 0.0:
+            faults.append(Fault("M_RB + M_A", "is not positive definite"))
+        if faults or displaced is None or r_b is None:
+            raise InputError(faults, f"vehicle {body!r}")
+        arrays = (M_RB, M_A, D_linear, D_quadratic, r_b, B, u_min, u_max)
+        for array in arrays:
+            array.setflags(write=False)
+        return cls(
+            body, M_RB, M_A, D_linear, D_quadratic, float(displaced[0]), r_b, thrusters, ids, B, u_min, u_max
+        )
+
+
+def free_body_id(model: mujoco.MjModel, body: str) -> int:
+    """The id of a body that moves on a free joint; an error says what the model has instead."""
+    body_id = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body)
+    if body_id < 0:
+        raise InputError(f"body {body!r}: not in the model; {suggestion(body, _names(model))}")
+    if not _is_free(model, body_id):
+        raise InputError(f"body {body!r}: has no free joint; free bodies are {', '.join(_free(model)) or 'none'}")
+    return body_id
+
+
+def _names(model: mujoco.MjModel) -> list[str]:
+    return [model.body(i).name for i in range(1, model.nbody)]
+
+
+def _is_free(model: mujoco.MjModel, body_id: int) -> bool:
+    joint = model.body_jntadr[body_id]
+    return joint >= 0 and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE
+
+
+def _free(model: mujoco.MjModel) -> list[str]:
+    return [model.body(i).name for i in range(1, model.nbody) if _is_free(model, i)]
+
+
+def _only_free_body(model: mujoco.MjModel) -> str:
+    free = _free(model)
+    if len(free) != 1:
+        raise InputError(f"which body is the vehicle? name one of the free bodies: {', '.join(free) or 'there is none'}")
+    return free[0]
+
+
+def _numeric(model, prefix, name, size, faults, default=None) -> np.ndarray | None:
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, prefix + name)
+    if index < 0:
+        if default is None:
+            faults.append(Fault(prefix + name, "no such <numeric> in the model"))
+        return default
+    start, n = model.numeric_adr[index], model.numeric_size[index]
+    values = np.array(model.numeric_data[start : start + n])
+    if n != size:
+        faults.append(Fault(prefix + name, f"has {n} values; {size} are needed"))
+        return default
+    if not np.isfinite(values).all():
+        faults.append(Fault(prefix + name, f"{values} is not finite"))
+    return values
+
+
+def _derivatives(model, prefix, names, faults) -> np.ndarray:
+    values = [_numeric(model, prefix, name, 1, faults) for name in names]
+    return np.array([0.0 if v is None else v[0] for v in values])
+
+
+def _added_mass(model, prefix, faults) -> np.ndarray:
+    def has(name):
+        return mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, prefix + name) >= 0
+
+    if has("M_A"):
+        both = [name for name in ADDED_MASS if has(name)]
+        if both:
+            faults.append(Fault("M_A", f"stands beside {', '.join(both)}: give the matrix or the six derivatives"))
+        values = _numeric(model, prefix, "M_A", 36, faults)
+        M_A = np.zeros((6, 6)) if values is None else values.reshape(6, 6)
+        if np.abs(M_A - M_A.T).max() > 1e-9 * np.abs(M_A).max():
+            faults.append(Fault("M_A", "is not symmetric"))
+        elif np.linalg.eigvalsh(M_A)[0] < -1e-9 * np.abs(M_A).max():
+            faults.append(Fault("M_A", "is not positive semi-definite"))
+        return (M_A + M_A.T) / 2.0
+    values = _derivatives(model, prefix, ADDED_MASS, faults)
+    faults += [
+        Fault(name, f"{value:g}: must not be positive, as added mass is its negative")
+        for name, value in zip(ADDED_MASS, values, strict=True)
+        if value > 0
+    ]
+    return np.diag(-values)
+
+
+def _rigid_body_inertia(model, data, body_id) -> np.ndarray:
+    """M_RB (6, 6) about B's origin of all that hangs on the free joint, in the model's reference pose."""
+    full = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, full)
+    dof = model.body_dofadr[body_id]
+    block = full[dof : dof + 6, dof : dof + 6]
+    T_inverse = np.eye(6)
+    T_inverse[:3, :3] = rotation_matrix(data.xquat[body_id])  # qvel = T^-1 nu
+    return T_inverse.T @ block @ T_inverse
+
+
+def _thrusters(model, data, body_id, faults):
+    """Names, indices, B = T^-T moment^T (6, n) and limits of the actuators that act on the body."""
+    moment = np.zeros((model.nu, model.nv))
+    mujoco.mju_sparse2dense(
+        moment, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+    )
+    dof = model.body_dofadr[body_id]
+    T_inverse = np.eye(6)
+    T_inverse[:3, :3] = rotation_matrix(data.xquat[body_id])
+    columns, used = [], []
+    for i in range(model.nu):
+        wrench = T_inverse.T @ moment[i, dof : dof + 6]
+        if not wrench.any():
+            continue
+        name = model.actuator(i).name or f"actuator {i}"
+        plain = (
+            model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_NONE
+            and model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED
+            and model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_NONE
+        )
+        if not plain:
+            faults.append(Fault(name, "is not a plain <motor>: thrust must be gain times ctrl"))
+        columns.append(wrench * model.actuator_gainprm[i, 0])
+        used.append(i)
+    B = np.array(columns).T if columns else np.zeros((6, 0))
+    low, high = np.full(len(used), -np.inf), np.full(len(used), np.inf)
+    for k, i in enumerate(used):
+        gain = model.actuator_gainprm[i, 0]
+        if model.actuator_ctrllimited[i]:
+            low[k], high[k] = model.actuator_ctrlrange[i]
+        if model.actuator_forcelimited[i] and gain:
+            force = np.sort(model.actuator_forcerange[i] / gain)
+            low[k], high[k] = max(low[k], force[0]), min(high[k], force[1])
+    return tuple(model.actuator(i).name for i in used), tuple(used), B, low, high
