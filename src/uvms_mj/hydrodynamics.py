@@ -44,13 +44,12 @@ WATER = np.dtype(
 def added_inertia(M_A, R_WB, lower):
     """lower (21,): the rows of the lower triangle of T^T M_A T, one after the other, as MuJoCo stores them for a free joint."""
     n = 0
-    for i in range(3):
-        for j in range(i + 1):  # R_WB M_A[:3, :3] R_WB^T
-            total = 0.0
-            for k in range(3):
-                for l in range(3):  # noqa: E741 - an index beside i, j, k
-                    total += R_WB[i, k] * M_A[k, l] * R_WB[j, l]
-            lower[n] = total
+    for i in range(3):  # R_WB M_A[:3, :3] R_WB^T
+        a = R_WB[i, 0] * M_A[0, 0] + R_WB[i, 1] * M_A[1, 0] + R_WB[i, 2] * M_A[2, 0]
+        b = R_WB[i, 0] * M_A[0, 1] + R_WB[i, 1] * M_A[1, 1] + R_WB[i, 2] * M_A[2, 1]
+        c = R_WB[i, 0] * M_A[0, 2] + R_WB[i, 1] * M_A[1, 2] + R_WB[i, 2] * M_A[2, 2]
+        for j in range(i + 1):
+            lower[n] = a * R_WB[j, 0] + b * R_WB[j, 1] + c * R_WB[j, 2]
             n += 1
     for i in range(3, 6):
         for j in range(3):  # M_A[3:, :3] R_WB^T

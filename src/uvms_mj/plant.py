@@ -117,7 +117,8 @@ def _add_surroundings(spec, body_name: str, scenario: Scenario, reach: float, dr
     spec.option.timestep = scenario.simulation.timestep
     spec.option.integrator = getattr(mujoco.mjtIntegrator, _INTEGRATORS[scenario.simulation.integrator])
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    # one vehicle and one wall: nothing to gain from splitting constraints into islands
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_ISLAND
     body = spec.body(body_name)
     body.simple = False
     spec.compiler.discardvisual = not drawn

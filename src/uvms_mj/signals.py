@@ -82,6 +82,7 @@ STATE = (
 RUNNING = (
     Signal("tau_variation", (6,), _WRENCH, "B", "total variation of tau: sum of |tau_j - tau_(j-1)| for j <= k"),
     Signal("tau_step_max", (6,), _WRENCH, "B", "largest |tau_j - tau_(j-1)| for j <= k"),
+    Signal("tau_max", (6,), _WRENCH, "B", "largest |tau_j| for j <= k"),
     Signal("effort", (6,), "N^2 s, N^2 m^2 s", "B", "control effort: integral of tau^2"),
     Signal("force_peak", (), "N", "W", "largest pushing force so far"),
     Signal("impulse", (), "N s", "W", "integral of the pushing force"),

@@ -139,14 +139,21 @@ class _Run:
                 else:
                     self._python_steps(loop, n)
             finally:
-                self.blocks.append(loop.take_rows())
+                self._take_rows(loop)
             done += n
             self._after(loop, done)
             if not loop.fault and done == steps:  # the state at the end, which no step begins from
                 self._forward(loop)
-                self.blocks.append(loop.take_rows())
+                self._take_rows(loop)
                 self._after(loop, done + 1)
             yield done
+
+    def _take_rows(self, loop: ClosedLoop) -> None:
+        """Keep the rows; an interrupt between two lines of this, and a second call, neither lose nor double any."""
+        rows = loop.rows()
+        if len(rows) and (not self.blocks or rows[0, 0] > self.blocks[-1][-1, 0]):
+            self.blocks.append(rows.copy())
+        loop.clear_rows()
 
     def _python_steps(self, loop: ClosedLoop, n: int) -> None:
         for _ in range(n):
@@ -180,6 +187,7 @@ class _Run:
             raise RuntimeError("mjcb_control was replaced during the run: the water was lost")
 
     def _trace(self, loop: ClosedLoop, status: Status, message: str) -> Trace:
+        self._take_rows(loop)
         rows = np.concatenate(self.blocks) if self.blocks else np.zeros((0, loop.width))
         return Trace(
             scenario=self.scenario,

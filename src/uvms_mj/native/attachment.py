@@ -117,7 +117,7 @@ def _register(attachment: Attachment) -> int:
     """Give an attachment a row of the registry, and install the callback with the first."""
     with _lock:
         for other in _attached.values():
-            if (other._address, other._body_id) == (attachment._address, attachment._body_id):
+            if (other._address, other.body_id) == (attachment._address, attachment.body_id):
                 raise InputError(f"body {attachment.vehicle.body!r}: is in the water already; detach it first")
         row = next((i for i in range(1, CAPACITY) if i not in _attached), None)
         if row is None:

@@ -161,12 +161,14 @@ class ClosedLoop:
         """How often MuJoCo called back."""
         return int(self._context["calls"][0])
 
-    def take_rows(self) -> np.ndarray:
-        """The rows (n, width) written since the last call, the last step's included."""
+    def rows(self) -> np.ndarray:
+        """The rows (n, width) written since :meth:`clear_rows`, the last step's included. A view."""
         finish_now.ctypes(self._context.ctypes.data)
-        n = int(self._loop["rows"][0])
+        return self._rows[: int(self._loop["rows"][0])]
+
+    def clear_rows(self) -> None:
+        """Make room for the next chunk's."""
         self._loop["rows"] = 0
-        return self._rows[:n].copy()
 
     def prepare(self) -> bool:
         """For a law that runs as plain Python: sense at t_k; True if a control instant is due."""

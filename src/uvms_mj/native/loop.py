@@ -200,6 +200,7 @@ def begin_step(context, loop):
             row.tau_variation[i] += change
             row.tau_step_max[i] = max(row.tau_step_max[i], change)
     for i in range(6):
+        row.tau_max[i] = max(row.tau_max[i], abs(loop.tau[i]))
         loop.tau_before[i] = loop.tau[i]
     loop.pending = 1
     return True

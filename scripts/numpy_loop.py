@@ -1,0 +1,94 @@
+"""The same closed loop as a researcher would write it: a plain NumPy ``mjcb_control``. Only the benchmark uses it."""
+
+import time
+
+import mujoco
+import numpy as np
+
+from uvms_mj import Gsta, Scenario
+from uvms_mj.plant import build
+
+
+def skew(a):
+    return np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
+
+
+class NumpyLoop:
+    """GSTA on the scenario's plant, one Python call a step."""
+
+    def __init__(self, scenario: Scenario, warm_up_steps: int) -> None:
+        plant = build(scenario)
+        self.plant, self.vehicle, self.design = plant, plant.vehicle, plant.design
+        self.model, self.data = plant.model, plant.initial_data(scenario)
+        self.h, self.gains = scenario.simulation.timestep, Gsta()
+        beta = np.deg2rad(scenario.current.direction_deg)
+        self.v_c_W = scenario.current.speed * np.array([np.cos(beta), np.sin(beta), 0.0])
+        self.M_d_inv, self.B_pinv = np.linalg.inv(self.design.M_d), np.linalg.pinv(self.vehicle.B)
+        self.start, self.omega_n = np.array(scenario.initial.position), scenario.reference.bandwidth
+        self.target = np.array(scenario.reference.target) - self.start
+        self.buoyancy_W = -self.vehicle.displaced_mass * self.model.opt.gravity
+        self.zeta, self.z, self.log = np.zeros(6), np.zeros(6), []
+        self.chunk(warm_up_steps)
+
+    def C(self, nu):
+        v = self.vehicle
+        a = v.M_A @ nu
+        C_A = np.block([[np.zeros((3, 3)), -skew(a[:3])], [-skew(a[:3]), -skew(a[3:])]])
+        omega, r = skew(nu[3:]), skew(v.r_g)
+        C_RB = np.block(
+            [[v.mass * omega, -v.mass * omega @ r], [v.mass * r @ omega, -skew(v.M_RB[3:, 3:] @ nu[3:])]]
+        )
+        return C_A, C_RB
+
+    def callback(self, model, data):
+        v, d, g = self.vehicle, self.design, self.gains
+        R = data.xmat[self.plant.body_id].reshape(3, 3)
+        T = np.eye(6)
+        T[:3, :3] = R.T
+        data.M[:21] += (T.T @ v.M_A @ T)[np.tril_indices(6)]
+        mujoco.mj_factorM(model, data)
+        nu = np.concatenate([R.T @ data.qvel[:3], data.qvel[3:6]])
+        x = self.omega_n * data.time
+        e = np.exp(-x)
+        p_d = self.start + self.target * (1 - e * (1 + x + x * x / 2))
+        v_d = R.T @ (self.target * self.omega_n * e * x * x / 2)
+        a_d = R.T @ (self.target * self.omega_n**2 * e * (x - x * x / 2)) - np.cross(nu[3:], v_d)
+        quat = data.qpos[3:7]
+        eta_e = np.concatenate([R.T @ (data.qpos[:3] - p_d), quat[1:]])
+        nu_e = nu - np.concatenate([v_d, np.zeros(3)])
+        tau_c = np.concatenate([R.T @ data.sensordata[1:4], np.zeros(3)])
+        w = self.M_d_inv @ (d.K_d @ eta_e + d.D_d @ nu_e - tau_c)
+        U = 0.5 * (quat[0] * np.eye(3) + skew(quat[1:]))
+        eta_e_dot = np.concatenate([nu_e[:3], U @ nu_e[3:]])
+        s = nu_e + eta_e + self.zeta
+        A = np.array(g.A)
+        zeta_dot = A * self.zeta + w + A * eta_e + A * nu_e - eta_e_dot
+        C_A, C_RB = self.C(nu)
+        g_eta = -np.concatenate([R.T @ (self.buoyancy_W + v.mass * model.opt.gravity), np.zeros(3)])
+        g_eta[3:] -= np.cross(v.r_g, R.T @ (v.mass * model.opt.gravity))
+        D_nu = (v.D_linear + v.D_quadratic * np.abs(nu)) * nu
+        tau_nom = d.M_hat @ (np.concatenate([a_d, np.zeros(3)]) - w) + (C_A + C_RB) @ nu + D_nu + g_eta - tau_c
+        root = np.sqrt(np.abs(s)) * np.sign(s)
+        tau_gsta = -g.k_1 * (root + g.beta * s) + self.z
+        tau_cmd = tau_nom + d.M_hat @ (tau_gsta - A * s)
+        self.zeta = self.zeta + self.h * zeta_dot
+        self.z = self.z - self.h * g.k_2 * (0.5 * np.sign(s) + 1.5 * g.beta * root + g.beta**2 * s)
+        data.ctrl[:] = self.B_pinv @ tau_cmd
+        nu_r = nu - np.concatenate([R.T @ self.v_c_W, np.zeros(3)])
+        C_A_r, _ = self.C(nu_r)
+        f = -C_A_r @ nu_r - (v.D_linear + v.D_quadratic * np.abs(nu_r)) * nu_r
+        f += v.M_A @ np.concatenate([np.cross(nu_r[3:], nu_r[:3]), np.zeros(3)])
+        f[:3] += R.T @ self.buoyancy_W
+        data.xfrc_applied[self.plant.body_id, :3] = R @ f[:3]
+        data.xfrc_applied[self.plant.body_id, 3:] = R @ (f[3:] - np.cross(v.r_g, f[:3]))
+        self.log.append((data.time, s, self.z, tau_cmd))
+
+    def chunk(self, steps: int) -> float:
+        """Seconds a step over some steps, with the callback installed for just as long."""
+        before = mujoco.get_mjcb_control()
+        mujoco.set_mjcb_control(self.callback)
+        start = time.perf_counter()
+        mujoco.mj_step(self.model, self.data, steps)
+        seconds = (time.perf_counter() - start) / steps
+        mujoco.set_mjcb_control(before)
+        return seconds

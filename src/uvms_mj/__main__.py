@@ -1,0 +1,5 @@
+"""``python -m uvms_mj`` is ``uvms-mj``."""
+
+from .cli import main
+
+main()

@@ -1,0 +1,348 @@
+"""The command line. What is heavy is imported where it is used, so that ``--help`` is quick."""
+
+import dataclasses
+import json
+import signal
+import sys
+from pathlib import Path
+from typing import Any, NoReturn
+
+import click
+
+EXIT_BAD_INPUT, EXIT_UNSTABLE, EXIT_INTERRUPTED = 2, 3, 130
+_CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+
+
+@click.group(context_settings=_CONTEXT)
+@click.version_option(package_name="uvms-mj")
+def main() -> None:
+    """A MuJoCo physics testbed for underwater vehicles that must touch things.
+
+    \b
+    uvms-mj run --controller gsta         the paper's scenario: push on a wall in an unknown current
+    uvms-mj controllers                   the laws, their gains, units and defaults
+    uvms-mj keys                          all keys of a scenario
+    """
+
+
+@main.command(epilog="Exit status: 0 completed, 2 bad input, 3 unstable, 130 interrupted.")
+@click.argument("arguments", nargs=-1, metavar="[SCENARIO] [KEY=VALUE]...")
+@click.option("-c", "--controller", metavar="LAW", help="gsta, fosm, impedance, or path/to/my_law.py:MyLaw.")
+@click.option(
+    "-s", "--set", "settings", multiple=True, metavar="KEY=VALUE", help="Replace a key of the scenario; may be repeated."
+)
+@click.option("-o", "--out", metavar="DIR", help="Where files go [default: runs/<time>-<scenario>-<controller>].")
+@click.option("--log-rate", metavar="HZ|full", help="Samples a second; must divide the step rate [default: 1 kHz].")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object on standard output and nothing else.")
+@click.option("-q", "--quiet", is_flag=True, help="No progress bar and no table.")
+def run(
+    arguments: tuple[str, ...],
+    controller: str | None,
+    settings: tuple[str, ...],
+    out: str | None,
+    log_rate: str | None,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Run a scenario: a TOML file, or the name of one that ships (default: push_wall, the paper's).
+
+    \b
+    uvms-mj run --controller gsta
+    uvms-mj run --controller fosm --set controller.epsilon=2e-3 --set wall.stiffness=2e4
+    uvms-mj run my_scenario.toml --controller my_law.py:MyLaw --log-rate full --out results
+    """
+    _stop_on_signals()
+    console = _Console(as_json, quiet)
+    scenario = None
+    try:
+        with _bad_input():
+            from .faults import InputError
+            from .scenario import Scenario, parse_setting
+
+            names = [a for a in arguments if "=" not in a]
+            if len(names) > 1:
+                raise InputError(f"one scenario at a time, please: {', '.join(names)}")
+            overrides = dict(parse_setting(s) for s in (*settings, *(a for a in arguments if "=" in a)))
+            scenario = Scenario.load(*names, overrides=overrides, controller=controller)
+            folder = _output_folder(out, scenario)
+            status = _simulate(scenario, folder, log_rate, console)
+    except KeyboardInterrupt:
+        if as_json:
+            click.echo(json.dumps(_nothing_ran(scenario, controller)))
+        _end("interrupted before the first step", EXIT_INTERRUPTED)
+    sys.exit(status)
+
+
+def _simulate(scenario: Any, folder: Path, log_rate: str | None, console: "_Console") -> int:
+    """Run, write, report; the exit status."""
+    import warnings
+
+    from .closed_forms import steady_state
+    from .metrics import summary
+    from .plant import build
+    from .simulation import LawError, simulate
+    from .trace import Status
+
+    error = None
+    plant = build(scenario)
+    analytic = steady_state(scenario, plant.vehicle, plant.design, plant.model.opt.gravity)
+    with warnings.catch_warnings(), console.progress(scenario) as progress:
+        warnings.showwarning = console.warn
+        try:
+            trace = simulate(scenario, log_rate=log_rate, progress=progress)
+        except LawError as raised:
+            trace, error = raised.trace, str(raised)
+    files = _write(trace, folder)
+    report = summary(trace, analytic, files)
+    console.report(trace, report)
+    if error is not None:
+        click.echo(f"error: {error}", err=True)
+        return EXIT_BAD_INPUT
+    if trace.status is not Status.completed:
+        click.echo(f"{trace.status.name}: {trace.message}", err=True)
+    return {Status.completed: 0, Status.unstable: EXIT_UNSTABLE, Status.interrupted: EXIT_INTERRUPTED}[trace.status]
+
+
+def _output_folder(out: str | None, scenario: Any) -> Path:
+    """The folder of a run, made and writable, before anything is computed."""
+    import datetime
+    import tempfile
+
+    from .faults import InputError
+
+    if out is not None:
+        folder = Path(out)
+    else:
+        now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
+        stem = Path("runs") / f"{now}-{scenario.name}-{scenario.controller.label()}".replace("/", "_")
+        folder, n = stem, 2
+        while folder.exists():
+            folder, n = stem.with_name(f"{stem.name}-{n}"), n + 1
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise InputError(f"--out {folder}: can't write there: {error.strerror}") from None
+    return folder
+
+
+def _write(trace: Any, folder: Path) -> dict[str, str]:
+    """Write trace and scenario; what an earlier run left there is moved aside, never overwritten."""
+    files = {"npz": folder / "trace.npz", "scenario": folder / "scenario.toml"}
+    earlier = [path for path in files.values() if path.exists()]
+    if earlier:
+        n = 1
+        while (aside := folder / f"earlier-{n}").exists():
+            n += 1
+        aside.mkdir()
+        for path in earlier:
+            path.rename(aside / path.name)
+        click.echo(f"note: the earlier run in {folder} was moved to {aside}", err=True)
+    trace.save(files["npz"])
+    files["scenario"].write_text(trace.scenario.to_toml(), encoding="utf-8")
+    return {kind: str(path) for kind, path in files.items()}
+
+
+class _Console:
+    """What the user sees: progress and warnings on standard error, the result on standard output."""
+
+    def __init__(self, as_json: bool, quiet: bool) -> None:
+        self.as_json, self.quiet = as_json, quiet
+
+    def warn(self, message: Any, category: Any, *_: Any, **__: Any) -> None:
+        click.echo(f"warning: {message}", err=True)
+
+    def progress(self, scenario: Any) -> Any:
+        """A context manager that gives a progress callback, or None where nobody would look."""
+        import contextlib
+
+        if self.quiet or not sys.stderr.isatty():
+            return contextlib.nullcontext()
+        return _bar(scenario)
+
+    def report(self, trace: Any, report: dict[str, Any]) -> None:
+        if self.as_json:
+            click.echo(json.dumps(report))
+        elif not self.quiet:
+            _print_table(trace, report)
+
+
+def _bar(scenario: Any) -> Any:
+    import contextlib
+
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    @contextlib.contextmanager
+    def bar() -> Any:
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.fields[simulated]:.1f} s simulated"),
+            TimeRemainingColumn(),
+        )
+        with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+            label = f"{scenario.name} · {scenario.controller.label()}"
+            task = progress.add_task(f"{label} · compiling", total=None, simulated=0.0)
+
+            def advance(done: int, total: int) -> None:
+                simulated = done * scenario.simulation.timestep
+                progress.update(task, description=label, completed=done, total=total, simulated=simulated)
+
+            yield advance
+
+    return bar()
+
+
+def _print_table(trace: Any, report: dict[str, Any]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    contact, final = report["contact"], report["final"]
+    table = Table(
+        title=f"{report['scenario']} · {report['controller']} · {report['status']}",
+        show_header=False,
+        title_justify="left",
+        min_width=60,
+    )
+    some = len(trace) > 0
+
+    def vector(values: Any, form: str) -> str:
+        return "  ".join(format(v, form) for v in values)
+
+    if contact["first_s"] is None:
+        table.add_row("contact", "none")
+    else:
+        table.add_row("first contact", f"{contact['first_s']:.4f} s ({contact['touches']} touches)")
+        table.add_row("peak force", f"{contact['peak_N']:.4f} N")
+    if contact["final_N"] is not None and contact["first_s"] is not None:
+        settled = "settled" if contact["settled"] else "not settled"
+        table.add_row("final force", f"{contact['final_N']:.6f} N ({settled})")
+    if contact["analytic_N"] is not None:
+        table.add_row("analytic force", f"{contact['analytic_N']:.6f} N")
+        table.add_row("relative error", f"{contact['relative_error']:.1e}" if contact["relative_error"] is not None else "-")
+    elif report["analytic"]["none_because"]:
+        table.add_row("analytic force", f"none: {report['analytic']['none_because']}")
+    if some:
+        table.add_row("final position", f"{vector(final['position_m'], '.5f')} m")
+    if report["analytic"]["position_m"]:
+        table.add_row("analytic position", f"{vector(report['analytic']['position_m'], '.5f')} m")
+    if some:
+        table.add_row("final sliding variable", vector(final["s"], ".1e"))
+        table.add_row("largest tau", f"{vector(trace.tau_max[-1], '.4g')} N, N m")
+    factor = report["real_time_factor"]
+    if factor:
+        step_us = trace.wall_time_s / max(1, trace.steps) * 1e6
+        table.add_row(
+            "real-time factor", f"{factor:.1f} ({report['duration_s']:g} s in {trace.wall_time_s:.2f} s, {step_us:.2f} us a step)"
+        )
+    table.add_row("files", "\n".join(report["files"].values()))
+    Console(soft_wrap=not sys.stdout.isatty()).print(table)
+
+
+@main.command()
+@click.argument("laws", nargs=-1, metavar="[LAW]...")
+def controllers(laws: tuple[str, ...]) -> None:
+    """List the laws with their gains, units and defaults; LAW may be path/to/my_law.py:MyLaw."""
+    with _bad_input():
+        from rich.console import Console
+        from rich.table import Table
+
+        from .control.loader import BUILT_IN, controller_class
+
+        for law in laws or BUILT_IN:
+            cls = controller_class(law)
+            summary_line = (cls.__doc__ or "").strip().splitlines()
+            table = Table(
+                title=f"{cls.label()}: {summary_line[0] if summary_line else ''}", title_justify="left", min_width=80
+            )
+            for column in ("gain", "default", "unit", "meaning"):
+                table.add_column(column)
+            for field in cls.gain_fields():
+                default = "required" if field.default is dataclasses.MISSING else _toml_value(field.default)
+                table.add_row(field.name, default, field.metadata.get("unit", ""), field.metadata.get("meaning", ""))
+            if cls.states:
+                states = ", ".join(f"{name} ({size})" for name, size in cls.states.items())
+                table.add_row("", "", "", f"states: {states}", style="dim")
+            Console(soft_wrap=not sys.stdout.isatty()).print(table)
+
+
+@main.command()
+def keys() -> None:
+    """List all keys of a scenario with defaults and units."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from .scenario import keys as scenario_keys
+
+    table = Table(title="Keys of a scenario; `uvms-mj controllers` lists controller.<gain>", title_justify="left")
+    for column in ("key", "default", "meaning"):
+        table.add_column(column)
+    for key, default, meaning in scenario_keys():
+        table.add_row(key, _toml_value(default), meaning)
+    Console(soft_wrap=not sys.stdout.isatty()).print(table)
+
+
+def _toml_value(value: Any) -> str:
+    if value is None:
+        return "-"
+    return json.dumps(list(value) if isinstance(value, tuple) else value)
+
+
+def _nothing_ran(scenario: Any, controller: str | None) -> dict[str, Any]:
+    """The report of a run that was interrupted before its first step."""
+    name = scenario.name if scenario is not None else None
+    law = scenario.controller.label() if scenario is not None else controller
+    contact = dict.fromkeys(("first_s", "peak_N", "final_N", "analytic_N", "relative_error"))
+    return {
+        "scenario": name,
+        "controller": law,
+        "status": "interrupted",
+        "message": "interrupted before the first step",
+        "warnings": [],
+        "steps": 0,
+        "timestep_s": scenario.simulation.timestep if scenario is not None else None,
+        "duration_s": 0.0,
+        "wall_time_s": 0.0,
+        "real_time_factor": None,
+        "contact": contact | {"touches": 0, "settled": False},
+        "final": dict.fromkeys(("position_m", "attitude_wxyz", "s", "z", "tau")),
+        "analytic": dict.fromkeys(("position_m", "none_because")),
+        "files": {},
+    }
+
+
+def _stop_on_signals() -> None:
+    """SIGTERM does what Ctrl-C does; after the first of them the run ends in its own way and further ones are ignored."""
+
+    def stop(number: int, frame: Any) -> NoReturn:
+        for each in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(each, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    for each in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(each, stop)
+
+
+def _bad_input() -> Any:
+    """A context manager that turns bad input into one message and exit status 2."""
+    import contextlib
+
+    @contextlib.contextmanager
+    def catch() -> Any:
+        try:
+            yield
+        except ValueError as error:
+            from .faults import InputError
+
+            if not isinstance(error, InputError):
+                raise
+            _end(f"error: {error}", EXIT_BAD_INPUT)
+
+    return catch()
+
+
+def _end(message: str, status: int) -> NoReturn:
+    click.echo(message, err=True)
+    sys.exit(status)

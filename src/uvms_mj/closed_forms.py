@@ -1,0 +1,198 @@
+r"""Steady states, from scenario and gains alone: where a vehicle comes to rest and how hard it pushes then.
+
+At rest (nu = 0) zeta is constant in eq. (15), so that s = -A^-1 M_d^-1 (K_d eta_e - tau_c), and the balance of eq. (10) reads for each law
+
+.. math::
+
+    G M_d^{-1} (K_d \tilde\eta - \tau_c) = \hat M^{-1} (d + \hat g(\eta) - g(\eta)), \qquad
+    G = \begin{cases} I & \text{impedance, eq. (23): the static balance of eq. (5)} \\
+                      I - A^{-1} K_s / \epsilon & \text{first-order law inside its boundary layer, eq. (31)} \\
+                      \infty & \text{GSTA, with and without nominal control: } z \text{ takes up any constant} \end{cases}
+
+with d = tau_dist - C_A(-nu_c)(-nu_c) - D(-nu_c)(-nu_c), the current's and the constant disturbance's wrench on a vehicle at rest, at the
+attitude that it rests at, and the frictionless wall's tau_c = -k_c (x - x_c) along its normal where x > x_c. For GSTA with the attitude
+reference along W this is the paper's F = K_x (x_d - x_c) / (1 + K_x / k_c). The six equations are solved by Newton's method.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .checks import boundary_layer_limit, control_period, force_feedback_limit
+from .control import Fosm, Gsta, Impedance
+from .design import Design
+from .fossen import coriolis_added_mass, damping, restoring
+from .frames import quat_error, rotation_matrix
+from .scenario import Scenario
+from .vehicle import Vehicle
+
+@dataclass(frozen=True, eq=False)
+class SteadyState:
+    """Where a vehicle rests.
+
+    Attributes:
+        position: (3,) position of B's origin in W [m].
+        quat: (4,) attitude.
+        force: pushing force on the wall [N], zero where it rests short of it.
+        s: (6,) sliding variable.
+        tau: (6,) wrench of the thrusters [N, N m].
+    """
+
+    position: np.ndarray
+    quat: np.ndarray
+    force: float
+    s: np.ndarray
+    tau: np.ndarray
+
+
+@dataclass(frozen=True)
+class NoClosedForm:
+    """Why there is none."""
+
+    reason: str
+
+
+def steady_state(
+    scenario: Scenario, vehicle: Vehicle, design: Design, gravity_W: np.ndarray
+) -> SteadyState | NoClosedForm:
+    """The steady state of a scenario, or why it has none in closed form; gravity_W (3,) [m/s^2]."""
+    controller, h = scenario.controller, control_period(scenario)
+    if not isinstance(controller, Impedance | Fosm | Gsta) or type(controller).name not in ("impedance", "fosm", "gsta"):
+        return NoClosedForm("a law of the user's own")
+    if any(a != 0.0 and f != 0.0 for a, f in zip(*_sinusoid(scenario), strict=True)):
+        return NoClosedForm("the disturbance never rests")
+    if 0.0 in controller.A:
+        return NoClosedForm("with a zero in A, zeta never rests")
+    if isinstance(controller, Fosm) and h >= boundary_layer_limit(controller, design):
+        return NoClosedForm("the sampled first-order law chatters at this step")
+    if np.linalg.matrix_rank(vehicle.B) < 6:
+        return NoClosedForm("the thrusters can't give every wrench")
+    state = _solve(scenario, vehicle, design, gravity_W)
+    if state is None:
+        return NoClosedForm("the static balance has no solution near the reference")
+    if isinstance(controller, Fosm) and np.abs(state.s).max() >= controller.epsilon:
+        return NoClosedForm("the first-order law is outside its boundary layer")
+    u = np.linalg.pinv(vehicle.B) @ state.tau
+    if (u < vehicle.u_min).any() or (u > vehicle.u_max).any():
+        return NoClosedForm("the thrusters are too weak for it")
+    if state.force > 0.0 and scenario.wall.friction > 0.0:
+        return NoClosedForm("with friction the rest position depends on the way there")
+    if state.force > 0.0 and h >= force_feedback_limit(scenario, design):
+        return NoClosedForm("the sampled law limit-cycles against this wall")
+    return state
+
+
+def _sinusoid(scenario: Scenario):
+    return scenario.disturbance.amplitude, scenario.disturbance.frequency_hz
+
+
+def _solve(scenario: Scenario, vehicle: Vehicle, design: Design, gravity: np.ndarray) -> SteadyState | None:
+    """Newton's method on the six equations, first without the wall, then against it where that leads into it."""
+    for in_contact in (False, True):
+        balance = _Balance(scenario, vehicle, design, gravity, in_contact)
+        x = np.zeros(6)
+        for _ in range(60):
+            residual = balance(x)
+            step = np.linalg.lstsq(_jacobian(balance, x), residual, rcond=None)[0]
+            x = x - step * min(1.0, 0.5 / max(np.abs(step).max(), 1e-300))
+            if np.abs(step).max() < 1e-14:
+                break
+        if not np.abs(balance(x)).max() < 1e-8:
+            return None
+        position, quat, R_WB = balance.pose(x)
+        depth = position[0] - scenario.wall.position
+        if in_contact or depth <= 0.0:
+            force = scenario.wall.stiffness * depth if in_contact else 0.0
+            return SteadyState(position, quat, float(force), balance.sliding(x), balance.thrust(x))
+    return None
+
+
+def _jacobian(function, x: np.ndarray) -> np.ndarray:
+    columns = []
+    for i in range(6):
+        e = np.zeros(6)
+        e[i] = 1e-6
+        columns.append((function(x + e) - function(x - e)) / 2e-6)
+    return np.array(columns).T
+
+
+class _Balance:
+    """The residual of the balance as a function of x: position minus the reference in W, rotation from the desired attitude."""
+
+    def __init__(self, scenario: Scenario, vehicle: Vehicle, design: Design, gravity, in_contact: bool) -> None:
+        self.scenario, self.vehicle, self.design, self.in_contact = scenario, vehicle, design, in_contact
+        beta = np.deg2rad(scenario.current.direction_deg)
+        self.v_c_W = scenario.current.speed * np.array([np.cos(beta), np.sin(beta), 0.0])
+        self.target = np.array(scenario.reference.steps[-1].position)
+        self.g = float(np.linalg.norm(gravity))
+        self.up_W = -gravity / self.g if self.g else np.array([0.0, 0.0, 1.0])
+        self.tau_dist = np.array(scenario.disturbance.bias)
+        self.A = np.array(scenario.controller.A)
+        self.M_d_inv = np.linalg.inv(design.M_d)
+        self.M_hat_inv = np.linalg.inv(design.M_hat)
+        controller = scenario.controller
+        if isinstance(controller, Gsta):
+            self.G_inverse = np.zeros(6)
+        elif isinstance(controller, Fosm):
+            self.G_inverse = 1.0 / (1.0 - controller.K_s / controller.epsilon / self.A)
+        else:
+            self.G_inverse = np.ones(6)
+
+    def pose(self, x: np.ndarray):
+        angle = float(np.linalg.norm(x[3:]))
+        axis = x[3:] / angle if angle > 0.0 else np.zeros(3)
+        turn = np.concatenate([[np.cos(angle / 2.0)], np.sin(angle / 2.0) * axis])
+        quat = _product(self.design.quat_d, turn)
+        return self.target + x[:3], quat, rotation_matrix(quat)
+
+    def contact(self, x: np.ndarray) -> np.ndarray:
+        """tau_c (6,) in B, eq. (34)."""
+        position, _, R_WB = self.pose(x)
+        tau_c = np.zeros(6)
+        if self.in_contact:
+            depth = position[0] - self.scenario.wall.position
+            tau_c[:3] = -self.scenario.wall.stiffness * depth * R_WB[0]
+        return tau_c
+
+    def asked(self, x: np.ndarray) -> np.ndarray:
+        """M_d^-1 (K_d eta_e - tau_c)."""
+        position, quat, R_WB = self.pose(x)
+        quat_e = np.empty(4)
+        quat_error(self.design.quat_d, quat, quat_e)
+        eta_e = np.concatenate([R_WB.T @ (position - self.target), quat_e[1:]])
+        return self.M_d_inv @ (self.design.K_d @ eta_e - self.contact(x))
+
+    def sliding(self, x: np.ndarray) -> np.ndarray:
+        """s at rest; zero for GSTA, whose integral term takes up what the others need s for."""
+        return -self.asked(x) / self.A
+
+    def thrust(self, x: np.ndarray) -> np.ndarray:
+        """tau (6,) that holds the vehicle there: the balance of eq. (10) at rest."""
+        d, g_eta = self.environment(x)
+        return g_eta - d - self.contact(x)
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        d, g_eta = self.environment(x)
+        unknown = d + (self.scenario.estimates.restoring - 1.0) * g_eta
+        return self.asked(x) - self.G_inverse * (self.M_hat_inv @ unknown)
+
+    def environment(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """d and g(eta), (6,) each, in B."""
+        vehicle = self.vehicle
+        _, _, R_WB = self.pose(x)
+        nu_r, term, g_eta = np.zeros(6), np.empty(6), np.empty(6)
+        nu_r[:3] = -R_WB.T @ self.v_c_W
+        d = self.tau_dist.copy()
+        coriolis_added_mass(vehicle.M_A, nu_r, term)
+        d -= term
+        damping(vehicle.D_linear, vehicle.D_quadratic, nu_r, term)
+        d -= term
+        weight, buoyancy = vehicle.mass * self.g, vehicle.displaced_mass * self.g
+        restoring(weight, buoyancy, vehicle.r_g, vehicle.r_b, self.up_W, R_WB, g_eta)
+        return d, g_eta
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Quaternion product a b."""
+    w, v = a[0] * b[0] - a[1:] @ b[1:], a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])
+    return np.concatenate([[w], v])
