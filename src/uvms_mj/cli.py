@@ -77,15 +77,11 @@ def _simulate(scenario: Any, folder: Path, log_rate: str | None, console: "_Cons
     """Run, write, report; the exit status."""
     import warnings
 
-    from .closed_forms import steady_state
     from .metrics import summary
-    from .plant import build
     from .simulation import LawError, simulate
     from .trace import Status
 
     error = None
-    plant = build(scenario)
-    analytic = steady_state(scenario, plant.vehicle, plant.design, plant.model.opt.gravity)
     with warnings.catch_warnings(), console.progress(scenario) as progress:
         warnings.showwarning = console.warn
         try:
@@ -93,7 +89,7 @@ def _simulate(scenario: Any, folder: Path, log_rate: str | None, console: "_Cons
         except LawError as raised:
             trace, error = raised.trace, str(raised)
     files = _write(trace, folder)
-    report = summary(trace, analytic, files)
+    report = summary(trace, files)
     console.report(trace, report)
     if error is not None:
         click.echo(f"error: {error}", err=True)
@@ -195,8 +191,14 @@ def _bar(scenario: Any) -> Any:
     return bar()
 
 
-def _print_table(trace: Any, report: dict[str, Any]) -> None:
+def _print(table: Any) -> None:
+    """A table as wide as the terminal, or 120 columns where there is none; brackets are units, not markup."""
     from rich.console import Console
+
+    Console(width=None if sys.stdout.isatty() else 120, markup=False, highlight=False).print(table)
+
+
+def _print_table(trace: Any, report: dict[str, Any]) -> None:
     from rich.table import Table
 
     contact, final = report["contact"], report["final"]
@@ -238,7 +240,7 @@ def _print_table(trace: Any, report: dict[str, Any]) -> None:
             "real-time factor", f"{factor:.1f} ({report['duration_s']:g} s in {trace.wall_time_s:.2f} s, {step_us:.2f} us a step)"
         )
     table.add_row("files", "\n".join(report["files"].values()))
-    Console(soft_wrap=not sys.stdout.isatty()).print(table)
+    _print(table)
 
 
 @main.command()
@@ -246,7 +248,6 @@ def _print_table(trace: Any, report: dict[str, Any]) -> None:
 def controllers(laws: tuple[str, ...]) -> None:
     """List the laws with their gains, units and defaults; LAW may be path/to/my_law.py:MyLaw."""
     with _bad_input():
-        from rich.console import Console
         from rich.table import Table
 
         from .control.loader import BUILT_IN, controller_class
@@ -265,13 +266,12 @@ def controllers(laws: tuple[str, ...]) -> None:
             if cls.states:
                 states = ", ".join(f"{name} ({size})" for name, size in cls.states.items())
                 table.add_row("", "", "", f"states: {states}", style="dim")
-            Console(soft_wrap=not sys.stdout.isatty()).print(table)
+            _print(table)
 
 
 @main.command()
 def keys() -> None:
     """List all keys of a scenario with defaults and units."""
-    from rich.console import Console
     from rich.table import Table
 
     from .scenario import keys as scenario_keys
@@ -281,7 +281,7 @@ def keys() -> None:
         table.add_column(column)
     for key, default, meaning in scenario_keys():
         table.add_row(key, _toml_value(default), meaning)
-    Console(soft_wrap=not sys.stdout.isatty()).print(table)
+    _print(table)
 
 
 def _toml_value(value: Any) -> str:

@@ -1,29 +1,33 @@
-"""Compiling with numba, and a disk cache that can't be stale.
+"""Compiling ahead of the run: pure Python functions to machine code, kept on disk.
 
-Numba's own cache looks at the file of the compiled function only: an edit to a file that it imports goes unseen. Here every cache
-folder is named by a fingerprint of all the sources that can reach the machine code, so that an edit simply leads to another folder.
+A function marked with :func:`kernel` stays a plain Python function; numba compiles it where an entry point that calls it is compiled.
+The machine code of an entry point is kept as an object file, so that a warm start loads it in milliseconds and imports no numba at
+all. Numba's own cache would cost its import and looks at the file of the compiled function only; here the object's name is a
+fingerprint of all the sources that can reach it, so that an edit to any of them simply leads to another object.
 """
 
 import ast
+import ctypes
 import functools
 import hashlib
+import importlib.metadata
+import json
 import os
-import shutil
 import sys
 import sysconfig
 import tempfile
 import threading
 import time
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
-import numba
+import llvmlite.binding as llvm
 import numpy as np
 import platformdirs
-from numba.core import config
 
 _PACKAGE = Path(__file__).parent
 _CORE = (
@@ -34,10 +38,11 @@ _CORE = (
     "frames.py",
     "hydrodynamics.py",
     "native/callback.py",
+    "native/intrinsics.py",
     "native/laws.py",
     "native/layouts.py",
     "native/loop.py",
-    "native/symbols.py",
+    "native/memory.py",
     "reference.py",
     "signals.py",
 )
@@ -45,70 +50,191 @@ _CORE = (
 _FOREIGN = tuple(
     Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib", "purelib", "platlib")
 )
-_KEPT_FOLDERS = 48
+_KEPT_OBJECTS = 200
 _MIN_AGE_S = 7 * 24 * 3600.0
 _lock = threading.RLock()
+_kernels: list[Callable] = []
+_engines: list[llvm.ExecutionEngine] = []  # machine code lives as long as its engine
 
 
-def fingerprint(parts: Iterable[bytes]) -> str:
-    """A short name for a sequence of byte strings."""
+def kernel(function: Callable) -> Callable:
+    """Mark a pure function of floats, arrays and records, which entry points may call. From Python it runs as plain Python.
+
+    Compiled, it is inlined where it is called: there the shapes are known, and a product with a 6x6 matrix takes a third of the time.
+    """
+    _kernels.append(function)
+    return function
+
+
+@dataclass(frozen=True)
+class NativeFunction:
+    """Machine code: its address, and the C function type to call it from Python."""
+
+    address: int
+    ctypes: Any
+
+
+class NotCompiled(Exception):
+    """Numba can't compile a function; the message is numba's own reason."""
+
+
+def native_function(
+    function: Callable,
+    arguments: int,
+    returns: bool,
+    *,
+    parts: Iterable[bytes] = (),
+    prepare: Callable[[], Callable] | None = None,
+    self_contained: bool = True,
+) -> NativeFunction:
+    """A C function of 64-bit integers from a Python function, loaded from disk or compiled.
+
+    Args:
+        function: what to compile.
+        arguments: the number of its arguments.
+        returns: whether it returns a 64-bit integer or nothing.
+        parts: what the machine code depends on besides the core's sources.
+        prepare: makes the function that is compiled in place of ``function``; called only if it has to be.
+        self_contained: it neither raises nor allocates, so that it runs without numba's runtime.
+
+    Raises:
+        NotCompiled: numba can't compile it.
+    """
+    name = _fingerprint([*_environment(), function.__qualname__.encode(), *parts])
+    with _lock:
+        loaded = _load(name, self_contained)
+        if loaded is None:
+            loaded = _compile(prepare() if prepare else function, arguments, returns, name)
+    result = ctypes.c_int64 if returns else None
+    return NativeFunction(loaded, ctypes.CFUNCTYPE(result, *[ctypes.c_int64] * arguments)(loaded))
+
+
+def _compile(function: Callable, arguments: int, returns: bool, name: str) -> int:
+    """Compile, keep the object on disk, return the address."""
+    import numba
+    from numba import types
+
+    from .native import intrinsics
+
+    intrinsics.register()
+    for each in _kernels:
+        if not hasattr(each, "_is_jitable"):
+            numba.extending.register_jitable(error_model="numpy", forceinline=True)(each)
+            each._is_jitable = True  # type: ignore[attr-defined]
+    signature = (types.int64 if returns else types.void)(*[types.int64] * arguments)
+    try:
+        compiled = numba.cfunc(signature, error_model="numpy")(function)
+        library = compiled._library
+        code = library.serialize_using_object_code()[2][0]
+    except Exception as error:  # numba raises more kinds than its own when it meets what it doesn't know
+        raise NotCompiled(_reason(error)) from error
+    _engines.append(compiled)
+    about = {"symbol": compiled.native_name, "sha256": hashlib.sha256(code).hexdigest()}
+    folder = _folder()
+    _prune(folder)
+    for suffix, content in ((".o", code), (".json", json.dumps(about).encode())):
+        with tempfile.NamedTemporaryFile(dir=folder, delete=False) as file:
+            file.write(content)
+        os.replace(file.name, folder / f"{name}{suffix}")
+    return compiled.address
+
+
+def _reason(error: Exception) -> str:
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return next((line for line in lines if not line.startswith("Failed in")), type(error).__name__)
+
+
+_WRAPPER = (
+    "NRT_MemInfo_call_dtor",
+    "NRT_Free",
+    "numba_do_raise",
+    "numba_gil_ensure",
+    "numba_gil_release",
+    "numba_runtime_build_excinfo_struct",
+    "numba_unpickle",
+)
+"""What the wrapper of every compiled function refers to and calls only for an exception that nobody caught."""
+
+
+def _load(name: str, self_contained: bool) -> int | None:
+    """The address of a function whose object is on disk and whole."""
+    folder = _folder()
+    try:
+        about = json.loads((folder / f"{name}.json").read_bytes())
+        code = (folder / f"{name}.o").read_bytes()
+    except (OSError, ValueError):
+        return None
+    if hashlib.sha256(code).hexdigest() != about["sha256"]:
+        return None
+    if not self_contained:
+        from numba.core.registry import cpu_target
+
+        cpu_target.target_context.refresh()  # makes numba's runtime known to LLVM
+    elif "numba" not in sys.modules:
+        _stand_in()
+    _initialize()
+    machine = llvm.Target.from_default_triple().create_target_machine(jit=True, codemodel="jitdefault")
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    _engines.append(engine)
+    return engine.get_function_address(about["symbol"])
+
+
+@functools.cache
+def _initialize() -> None:
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+
+
+@functools.cache
+def _stand_in() -> None:
+    """Resolve what the wrappers refer to and never call; should one be called after all, the process says so by aborting."""
+    abort = ctypes.cast(ctypes.CDLL(None).abort, ctypes.c_void_p).value
+    for name in _WRAPPER:
+        llvm.add_symbol(name, abort)
+
+
+def _fingerprint(parts: Iterable[bytes]) -> str:
     digest = hashlib.sha256()
     for part in parts:
         digest.update(len(part).to_bytes(8, "little"))
         digest.update(part)
-    return digest.hexdigest()[:24]
+    return digest.hexdigest()[:32]
 
 
 @functools.cache
-def _package_fingerprint() -> str:
-    sources = ((_PACKAGE / name).read_bytes() for name in _CORE)
-    return fingerprint([numba.__version__.encode(), np.__version__.encode(), sys.version.encode(), *sources])
+def _environment() -> tuple[bytes, ...]:
+    """All that machine code depends on besides the function: versions, processor, the core's sources."""
+    features = llvm.get_host_cpu_features()
+    return (
+        *(importlib.metadata.version(name).encode() for name in ("numba", "llvmlite", "numpy")),
+        sys.version.encode(),
+        llvm.get_host_cpu_name().encode(),
+        features.flatten().encode(),
+        *((_PACKAGE / name).read_bytes() for name in _CORE),
+    )
 
 
 @functools.cache
-def _root() -> Path:
-    """The cache's root: NUMBA_CACHE_DIR if set, else the user's cache folder, else (read-only home) a temporary one."""
-    wanted = os.environ.get("NUMBA_CACHE_DIR")
-    root = Path(wanted) / "uvms-mj" if wanted else Path(platformdirs.user_cache_dir("uvms-mj"))
+def _folder() -> Path:
+    """Where objects are kept: UVMS_MJ_CACHE_DIR if set, else the user's cache folder, else (read-only home) a temporary one."""
+    folder = Path(os.environ.get("UVMS_MJ_CACHE_DIR") or platformdirs.user_cache_dir("uvms-mj"))
     try:
-        root.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=root):
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError:
-        root = Path(tempfile.mkdtemp(prefix="uvms-mj-cache-"))
-    return root
+        folder = Path(tempfile.mkdtemp(prefix="uvms-mj-cache-"))
+    return folder
 
 
-def _prune(root: Path) -> None:
-    """Forget the folders of sources long gone; a folder in use by another process is young, or is simply made again."""
-    folders = sorted((f for f in root.iterdir() if f.is_dir()), key=lambda f: f.stat().st_mtime)
-    for folder in folders[:-_KEPT_FOLDERS]:
-        if time.time() - folder.stat().st_mtime > _MIN_AGE_S:
-            shutil.rmtree(folder, ignore_errors=True)
-
-
-@contextmanager
-def cache_folder(name: str) -> Iterator[None]:
-    """Functions decorated with ``cache=True`` inside are cached in the folder of that name (and of this package's sources)."""
-    with _lock:
-        folder = _root() / f"{_package_fingerprint()[:12]}-{name}"
-        if not folder.exists():
-            _prune(_root())
-            folder.mkdir(parents=True, exist_ok=True)
-        before, config.CACHE_DIR = config.CACHE_DIR, str(folder)
-        try:
-            yield
-        finally:
-            config.CACHE_DIR = before
-
-
-def kernel(function):
-    """Compile a pure function of floats, arrays and records; it runs inside the step and can be called from Python as well.
-
-    Inlined where it is called: there the shapes are known, and a product with a 6x6 matrix takes a third of the time.
-    """
-    with cache_folder("core"):
-        return numba.njit(cache=True, error_model="numpy", forceinline=True)(function)
+def _prune(folder: Path) -> None:
+    """Forget the oldest objects; whoever still wants one compiles it again."""
+    files = sorted((path.stat().st_mtime, path) for path in folder.iterdir())
+    for modified, path in files[: -2 * _KEPT_OBJECTS]:
+        if time.time() - modified > _MIN_AGE_S:
+            path.unlink(missing_ok=True)
 
 
 def source_files(module: ModuleType) -> list[Path]:

@@ -31,15 +31,15 @@ def final_force(trace: Trace) -> tuple[float | None, bool]:
     return max(0.0, mean), bool(window > 0.99 * FINAL_WINDOW_S and spread <= SETTLED * mean)
 
 
-def summary(trace: Trace, analytic: SteadyState | NoClosedForm, files: dict[str, str]) -> dict[str, Any]:
+def summary(trace: Trace, files: dict[str, str]) -> dict[str, Any]:
     """What ``uvms-mj run --json`` prints; what does not exist is None.
 
     Args:
         trace: the run.
-        analytic: its steady state, which comes from scenario and gains alone.
         files: paths of what was written, by kind.
     """
     final_N, settled = final_force(trace)
+    analytic = trace.analytic
     rests_on_wall = isinstance(analytic, SteadyState) and analytic.force > 0.0
     analytic_N = analytic.force if rests_on_wall and isinstance(analytic, SteadyState) else None
     error = None if analytic_N is None or final_N is None else (final_N - analytic_N) / analytic_N

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 
 from .checks import SamplingWarning, check, row_steps_of
+from .closed_forms import steady_state
 from .control import Controller
 from .native.attachment import attach
 from .native.closed_loop import ClosedLoop
@@ -79,6 +80,8 @@ class _Run:
         self.plant = build(scenario)
         self.notes = list(check(scenario, self.plant.vehicle, self.plant.design))
         self.data = self.plant.initial_data(scenario)
+        gravity = self.plant.model.opt.gravity
+        self.analytic = steady_state(scenario, self.plant.vehicle, self.plant.design, gravity)
         self.blocks: list[np.ndarray] = []
         self.wall_time_s = 0.0
 
@@ -197,6 +200,7 @@ class _Run:
             message=message,
             steps=min(loop.step, self.scenario.steps),
             wall_time_s=self.wall_time_s,
+            analytic=self.analytic,
             notes=tuple(self.notes),
         )
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .closed_forms import NoClosedForm, SteadyState
 from .scenario import Scenario
 from .signals import Signal
 
@@ -36,6 +37,8 @@ class Trace:
     """Number of time steps that were done."""
     wall_time_s: float
     """How long the stepping took [s]."""
+    analytic: SteadyState | NoClosedForm
+    """Where the run should come to rest, from scenario and gains alone, or why no closed form tells."""
     notes: tuple[str, ...] = ()
     """What the user was warned of."""
 

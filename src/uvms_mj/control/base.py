@@ -115,7 +115,7 @@ class Controller:
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         kept = {name: np.asarray(value) for name, value in values.items() if value is not None and name != "period"}
         kinds = [(name, "?" if a.dtype == bool else "f8", a.shape) for name, a in kept.items()]
-        record = np.zeros(1, np.dtype(kinds, align=True))
+        record = np.zeros(1, np.dtype(kinds, align=True))  # never empty: every law has F_1, F_2 and A
         for name, array in kept.items():
             record[name] = array
         return record
@@ -123,7 +123,8 @@ class Controller:
     @classmethod
     def state_record(cls) -> np.ndarray:
         """The states, all zero, as a record array (1,) of float64 vectors."""
-        return np.zeros(1, np.dtype([(name, "f8", (size,)) for name, size in cls.states.items()], align=True))
+        fields = [(name, "f8", (size,)) for name, size in cls.states.items()]
+        return np.zeros(1, np.dtype(fields or [("none", "f8", (0,))], align=True))
 
 
 def _adapter(cls: type[Controller]) -> TypeAdapter:

@@ -11,15 +11,13 @@ import numpy as np
 from ..faults import Fault, InputError
 from ..hydrodynamics import WATER
 from ..vehicle import Vehicle, free_body_id
-from .callback import control_callback
+from .callback import entry_points
 from .layouts import CONTEXT
-from .symbols import CAPACITY, registry
+from .memory import CAPACITY, registry
 
 _lock = threading.RLock()
 _attached: dict[int, "Attachment"] = {}
 """By the row of the registry. Keeps the contexts in memory for as long as the callback can reach them."""
-
-_installed = control_callback.ctypes
 _INTEGRATORS = {
     getattr(mujoco.mjtIntegrator, f"mjINT_{name}") for name in ("EULER", "RK4", "IMPLICIT", "IMPLICITFAST")
 }
@@ -125,7 +123,7 @@ def _register(attachment: Attachment) -> int:
         if not _attached:
             if mujoco.get_mjcb_control() is not None:
                 raise InputError("another mjcb_control is installed; mujoco.set_mjcb_control(None) removes it")
-            mujoco.set_mjcb_control(_installed)
+            mujoco.set_mjcb_control(entry_points().control.ctypes)
         _attached[row] = attachment
         registry[row, 1] = attachment.context.ctypes.data
         registry[row, 0] = attachment._address

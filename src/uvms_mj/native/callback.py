@@ -4,15 +4,14 @@ MuJoCo calls it in every forward evaluation of every model of the process, after
 before it uses it. The callback looks the mjData up among the attached ones and returns at once from a stranger's.
 """
 
-import numpy as np
-from numba import carray, cfunc, types
+import functools
+from typing import NamedTuple
 
-from ..compilation import cache_folder, kernel
+from ..compilation import NativeFunction, kernel, native_function
 from ..frames import body_velocity, to_world
 from ..hydrodynamics import added_inertia, water_wrench
-from .layouts import CONTEXT, LOOP
-from .loop import begin_step, finish_step, floats, hold, sense
-from .symbols import mj_factorM, pointer, registered
+from .loop import begin_step, finish_step, hold, sense
+from .memory import context_at, floats, loop_at, mj_factorM, registered, triples
 
 
 @kernel
@@ -67,11 +66,11 @@ def apply_wrench(context, R_WB):
 def evaluate(context, model, data):
     """One forward evaluation of one attached vehicle."""
     context.calls += 1
-    R_WB = carray(pointer(context.R_at), (3, 3), np.float64)
+    R_WB = triples(context.R_at, 3)
     add_inertia(context, R_WB, model, data)
     t = floats(context.time_at, 1)[0]
     if context.loop_at != 0:
-        loop = carray(pointer(context.loop_at), (1,), LOOP)[0]
+        loop = loop_at(context.loop_at)
         if not begin_step(context, loop):
             hold(context, loop)
             return
@@ -85,12 +84,12 @@ def _callback(model, data):
     table = registered()
     for i in range(1, table[0, 0] + 1):
         if table[i, 0] == data:
-            evaluate(carray(pointer(table[i, 1]), (1,), CONTEXT)[0], model, data)
+            evaluate(context_at(table[i, 1]), model, data)
 
 
-def _sense(context_at):
-    context = carray(pointer(context_at), (1,), CONTEXT)[0]
-    loop = carray(pointer(context.loop_at), (1,), LOOP)[0]
+def _sense(address):
+    context = context_at(address)
+    loop = loop_at(context.loop_at)
     finish_step(context, loop)
     if loop.step % loop.period_steps == 0:
         sense(context, loop)
@@ -98,12 +97,24 @@ def _sense(context_at):
     return 0
 
 
-def _finish(context_at):
-    context = carray(pointer(context_at), (1,), CONTEXT)[0]
-    finish_step(context, carray(pointer(context.loop_at), (1,), LOOP)[0])
+def _finish(address):
+    context = context_at(address)
+    finish_step(context, loop_at(context.loop_at))
 
 
-with cache_folder("core"):
-    control_callback = cfunc(types.void(types.intp, types.intp), cache=True, error_model="numpy")(_callback)
-    sense_now = cfunc(types.int64(types.intp), cache=True, error_model="numpy")(_sense)
-    finish_now = cfunc(types.void(types.intp), cache=True, error_model="numpy")(_finish)
+class EntryPoints(NamedTuple):
+    """The machine code that Python hands to MuJoCo or calls between chunks."""
+
+    control: NativeFunction
+    sense: NativeFunction
+    finish: NativeFunction
+
+
+@functools.cache
+def entry_points() -> EntryPoints:
+    """Loaded or compiled at the first use."""
+    return EntryPoints(
+        native_function(_callback, 2, False),
+        native_function(_sense, 1, True),
+        native_function(_finish, 1, False),
+    )

@@ -3,14 +3,15 @@
 import mujoco
 import numpy as np
 
+from ..compilation import NotCompiled
 from ..control.base import Controller
 from ..design import Design
 from ..scenario import Scenario
 from ..signals import RECORDED, Signal, thruster_signal
 from ..vehicle import Vehicle
 from .attachment import Attachment
-from .callback import finish_now, sense_now
-from .laws import NotCompiled, compile_law
+from .callback import entry_points
+from .laws import compile_law
 from .layouts import BELIEFS, FAULT_COMMAND, FAULT_LAW, FAULT_STATE, LOOP, ROW_SIZE
 
 SPEED_BOUND = (100.0,) * 3 + (200.0,) * 3
@@ -163,7 +164,7 @@ class ClosedLoop:
 
     def rows(self) -> np.ndarray:
         """The rows (n, width) written since :meth:`clear_rows`, the last step's included. A view."""
-        finish_now.ctypes(self._context.ctypes.data)
+        entry_points().finish.ctypes(self._context.ctypes.data)
         return self._rows[: int(self._loop["rows"][0])]
 
     def clear_rows(self) -> None:
@@ -172,7 +173,7 @@ class ClosedLoop:
 
     def prepare(self) -> bool:
         """For a law that runs as plain Python: sense at t_k; True if a control instant is due."""
-        return bool(sense_now.ctypes(self._context.ctypes.data))
+        return bool(entry_points().sense.ctypes(self._context.ctypes.data))
 
     def call_law(self) -> None:
         """Run the law as plain Python on the sensed signals; whatever it raises comes through."""

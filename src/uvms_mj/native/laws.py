@@ -1,40 +1,31 @@
 """Compiling a law: any class of :mod:`uvms_mj.control`, ours or a user's, to one function that the loop calls by its address."""
 
 import inspect
-import sys
-import types as python_types
+import types
 
-import numba
 import numpy as np
-from numba import carray, cfunc, types
 
-from ..compilation import cache_folder, fingerprint, global_values, source_files
+from ..compilation import NativeFunction, global_values, native_function, source_files
 from ..control.base import Controller
-from ..signals import GIVEN, record_dtype
-from .symbols import pointer
-
-_SIGNALS = record_dtype(GIVEN)
+from ..control.loader import BUILT_IN
+from .layouts import SIGNALS
 
 
-def _adapter(gains_at, state_at, signals_at, state_dot_at, tau_cmd_at):
-    gains = carray(pointer(gains_at), (1,), _GAINS)[0]  # noqa: F821 - the names in capitals are set for each law
-    state = carray(pointer(state_at), (1,), _STATE)[0]  # noqa: F821
-    state_dot = carray(pointer(state_dot_at), (1,), _STATE)[0]  # noqa: F821
-    signals = carray(pointer(signals_at), (1,), _SIGNALS)[0]
-    tau_cmd = carray(pointer(tau_cmd_at), (6,), np.float64)
+def _law(gains_at, state_at, signals_at, state_dot_at, tau_cmd_at):
+    gains = carray(pointer(gains_at), (1,), GAINS)[0]  # noqa: F821 - these names are set for each law, below
+    state = carray(pointer(state_at), (1,), STATE)[0]  # noqa: F821
+    state_dot = carray(pointer(state_dot_at), (1,), STATE)[0]  # noqa: F821
+    signals = carray(pointer(signals_at), (1,), SIGNALS)[0]  # noqa: F821
+    tau_cmd = carray(pointer(tau_cmd_at), (6,), np.float64)  # noqa: F821
     try:
-        _LAW(gains, state, signals, state_dot, tau_cmd)  # noqa: F821
+        law(gains, state, signals, state_dot, tau_cmd)  # noqa: F821
     except Exception:
         return 1
     return 0
 
 
-class NotCompiled(Exception):
-    """A law that numba can't compile; the message is numba's own reason."""
-
-
-def compile_law(controller: Controller):
-    """The law as a cfunc of five addresses (gains, state, signals, state_dot, tau_cmd) that returns 0, or 1 if the law raised.
+def compile_law(controller: Controller) -> NativeFunction:
+    """The law as a function of five addresses (gains, state, signals, state_dot, tau_cmd) that returns 0, or 1 if the law raised.
 
     Array bounds are checked and a division by zero raises, so that a mistake in a law is an exception and not a wild number.
 
@@ -42,37 +33,31 @@ def compile_law(controller: Controller):
         NotCompiled: numba can't compile it.
     """
     law = type(controller).law
-    gains, state = _padded(controller.record()), _padded(type(controller).state_record())
-    source = inspect.getmodule(law)
-    parts = [repr((law.__qualname__, gains.dtype, state.dtype)).encode(), law.__code__.co_code]
-    if source is not None and getattr(source, "__file__", None):
-        parts += [path.read_bytes() for path in source_files(source)] + [global_values(source)]
+    gains, state = controller.record().dtype, type(controller).state_record().dtype
+    parts = [repr((law.__qualname__, gains.descr, state.descr)).encode(), law.__code__.co_code]
+    module = inspect.getmodule(law)
+    if module is not None and getattr(module, "__file__", None):
+        parts += [path.read_bytes() for path in source_files(module)] + [global_values(module)]
     else:
         parts.append(repr((law.__code__.co_consts, law.__code__.co_names)).encode())
-    template = dict(vars(sys.modules[__name__]))
-    with cache_folder(f"law-{fingerprint(parts)[:12]}"):
-        try:
-            template |= {
-                "_GAINS": gains.dtype,
-                "_STATE": state.dtype,
-                "_LAW": numba.njit(boundscheck=True, error_model="python")(law),
-            }
-            adapter = python_types.FunctionType(_adapter.__code__, template, _adapter.__name__)
-            return cfunc(types.int32(*[types.intp] * 5), cache=True)(adapter)
-        except Exception as error:  # numba raises more kinds than its own when it meets what it doesn't know
-            lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-            reason = next((line for line in lines if not line.startswith("Failed in")), type(error).__name__)
-            raise NotCompiled(reason) from error
 
+    def prepare():
+        import numba
 
-def _padded(record: np.ndarray) -> np.ndarray:
-    """A record of no fields has no address; it gets a field that nobody reads."""
-    return record if record.dtype.itemsize else np.zeros(1, np.dtype([("none", "f8")]))
+        from .intrinsics import pointer
 
+        names = {
+            "carray": numba.carray,
+            "np": np,
+            "pointer": pointer,
+            "GAINS": gains,
+            "STATE": state,
+            "SIGNALS": SIGNALS,
+            "law": numba.njit(boundscheck=True, error_model="python")(law),
+            "__name__": __name__,
+        }
+        return types.FunctionType(_law.__code__, names, _law.__name__)
 
-def memory_of(controller: Controller) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Gains, state and state_dot as record arrays (1,) that a law works on."""
-    state = _padded(type(controller).state_record())
-    return _padded(controller.record()), state, state.copy()
-
-
+    # a law of ours neither raises nor allocates; a user's may do both
+    self_contained = type(controller) in BUILT_IN.values()
+    return native_function(_law, 5, True, parts=parts, prepare=prepare, self_contained=self_contained)

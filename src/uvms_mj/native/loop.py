@@ -4,8 +4,7 @@ Row k holds the state at t_k, what the law computed from it, and the contact for
 done, so that each row is finished at the next step (or when the loop is asked for its rows).
 """
 
-import numpy as np
-from numba import carray
+import math
 
 from ..compilation import kernel
 from ..control.task import nominal_control, pose_errors, sliding_variable
@@ -14,13 +13,7 @@ from ..frames import body_acceleration, body_velocity, rotation, to_body
 from ..hydrodynamics import disturbance
 from ..reference import filtered_steps
 from .layouts import FAULT_COMMAND, FAULT_LAW, FAULT_NONE, FAULT_STATE, ROW_SIZE
-from .symbols import call_law, pointer
-
-
-@kernel
-def floats(address, n):
-    """The n float64 numbers at an address."""
-    return carray(pointer(address), (n,), np.float64)
+from .memory import call_law, floats, integers, triples
 
 
 @kernel
@@ -30,7 +23,7 @@ def read_state(context, loop):
     qpos = floats(context.qpos_at, 7)
     for i in range(3):
         loop.p[i] = qpos[i]
-    norm = np.sqrt(qpos[3] * qpos[3] + qpos[4] * qpos[4] + qpos[5] * qpos[5] + qpos[6] * qpos[6])
+    norm = math.sqrt(qpos[3] * qpos[3] + qpos[4] * qpos[4] + qpos[5] * qpos[5] + qpos[6] * qpos[6])
     for i in range(4):
         loop.quat[i] = qpos[3 + i] / norm
     rotation(loop.quat, loop.R_WB)
@@ -62,7 +55,7 @@ def sense(context, loop):
         loop.t,
         loop.start,
         floats(loop.times_at, loop.waypoints),
-        carray(pointer(loop.positions_at), (loop.waypoints, 3), np.float64),
+        triples(loop.positions_at, loop.waypoints),
         loop.bandwidth,
         signals.p_d,
         signals.p_d_dot,
@@ -119,7 +112,7 @@ def allocate(loop):
 def thrust(loop):
     """Hand u to MuJoCo, which applies it in this step."""
     u = floats(loop.u_at, loop.thrusters)
-    index = carray(pointer(loop.ctrl_index_at), (loop.thrusters,), np.int64)
+    index = integers(loop.ctrl_index_at, loop.thrusters)
     ctrl = floats(loop.ctrl_at, loop.controls)
     for k in range(loop.thrusters):
         ctrl[index[k]] = u[k]

@@ -1,0 +1,84 @@
+"""What :mod:`.memory` means in machine code. Imported only where something has to be compiled."""
+
+import functools
+
+import numpy as np
+from llvmlite import ir
+from numba import carray, types
+from numba.extending import intrinsic, overload
+
+from . import memory
+from .layouts import CONTEXT, LOOP
+
+_mj_factorM = types.ExternalFunction("mj_factorM", types.void(types.intp, types.intp))
+_CAPACITY = memory.CAPACITY
+
+
+@intrinsic
+def _registry_address(typing_context):
+    def generate(context, builder, signature, arguments):
+        name = "uvms_mj_registry"
+        symbol = builder.module.globals.get(name) or ir.GlobalVariable(builder.module, ir.IntType(8), name)
+        return builder.ptrtoint(symbol, context.get_value_type(types.intp))
+
+    return types.intp(), generate
+
+
+@intrinsic
+def pointer(typing_context, address):
+    """An address as the pointer that numba.carray takes."""
+
+    def generate(context, builder, signature, arguments):
+        return builder.inttoptr(arguments[0], context.get_value_type(types.voidptr))
+
+    return types.voidptr(types.intp), generate
+
+
+@intrinsic
+def _call_law(typing_context, function, gains, state, signals, state_dot, tau_cmd):
+    def generate(context, builder, signature, arguments):
+        word = context.get_value_type(types.int64)
+        target = builder.inttoptr(arguments[0], ir.FunctionType(word, [word] * 5).as_pointer())
+        return builder.call(target, arguments[1:])
+
+    return types.int64(*[types.int64] * 6), generate
+
+
+@functools.cache
+def register() -> None:
+    """Tell numba, once, what to compile in place of the plain functions."""
+    inlined = overload
+
+    @inlined(memory.mj_factorM)
+    def _(model, data):
+        return lambda model, data: _mj_factorM(model, data)
+
+    @inlined(memory.floats)
+    def _(address, n):
+        return lambda address, n: carray(pointer(address), (n,), np.float64)
+
+    @inlined(memory.triples)
+    def _(address, n):
+        return lambda address, n: carray(pointer(address), (n, 3), np.float64)
+
+    @inlined(memory.integers)
+    def _(address, n):
+        return lambda address, n: carray(pointer(address), (n,), np.int64)
+
+    @inlined(memory.context_at)
+    def _(address):
+        return lambda address: carray(pointer(address), (1,), CONTEXT)[0]
+
+    @inlined(memory.loop_at)
+    def _(address):
+        return lambda address: carray(pointer(address), (1,), LOOP)[0]
+
+    @inlined(memory.registered)
+    def _():
+        return lambda: carray(pointer(_registry_address()), (_CAPACITY, 2), np.int64)
+
+    @inlined(memory.call_law)
+    def _(function, gains, state, signals, state_dot, tau_cmd):
+        return lambda function, gains, state, signals, state_dot, tau_cmd: _call_law(
+            function, gains, state, signals, state_dot, tau_cmd
+        )

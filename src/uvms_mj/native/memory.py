@@ -1,0 +1,81 @@
+"""Memory and functions outside Python, as the kernels see them: these run as plain Python, and :mod:`.intrinsics` compiles them."""
+
+import ctypes
+import sys
+from pathlib import Path
+from typing import Any
+
+import llvmlite.binding as llvm
+import mujoco
+import numpy as np
+
+from .layouts import CONTEXT, LOOP
+
+CAPACITY = 1024
+"""How many vehicles can be attached at once in one process, plus one."""
+
+registry = np.zeros((CAPACITY, 2), dtype=np.int64)
+"""Rows of (address of mjData, address of CONTEXT), zero where free; row 0 is (the last row ever used, 0).
+
+Read by every callback without a lock, written under one: a row stays where it is, and its first number is written last and
+cleared first, so that a callback in another thread never sees half a row.
+"""
+
+
+def _mujoco_library() -> ctypes.CDLL:
+    """The MuJoCo library that this process has loaded already."""
+    pattern = "libmujoco*.dylib" if sys.platform == "darwin" else "libmujoco.so.*"
+    return ctypes.CDLL(str(min(Path(mujoco.__file__).parent.glob(pattern))))
+
+
+_factorM = _mujoco_library().mj_factorM
+_factorM.argtypes, _factorM.restype = [ctypes.c_void_p] * 2, None
+
+llvm.add_symbol("uvms_mj_registry", registry.ctypes.data)
+llvm.add_symbol("mj_factorM", ctypes.cast(_factorM, ctypes.c_void_p).value)
+
+
+def mj_factorM(model: int, data: int) -> None:
+    """MuJoCo's own: factor mjData.M."""
+    _factorM(model, data)
+
+
+def floats(address: int, n: int) -> np.ndarray:
+    """The n float64 numbers at an address."""
+    return np.ctypeslib.as_array((ctypes.c_double * n).from_address(address))
+
+
+def triples(address: int, n: int) -> np.ndarray:
+    """The array (n, 3) of float64 numbers at an address."""
+    return floats(address, 3 * n).reshape(n, 3)
+
+
+def integers(address: int, n: int) -> np.ndarray:
+    """The n int64 numbers at an address."""
+    return np.ctypeslib.as_array((ctypes.c_int64 * n).from_address(address))
+
+
+def _record(address: int, dtype: np.dtype) -> Any:
+    memory = (ctypes.c_char * dtype.itemsize).from_address(address)
+    return np.frombuffer(memory, dtype).view(np.recarray)[0]
+
+
+def context_at(address: int) -> Any:
+    """The CONTEXT at an address."""
+    return _record(address, CONTEXT)
+
+
+def loop_at(address: int) -> Any:
+    """The LOOP at an address."""
+    return _record(address, LOOP)
+
+
+def registered() -> np.ndarray:
+    """The registry."""
+    return registry
+
+
+def call_law(function: int, gains: int, state: int, signals: int, state_dot: int, tau_cmd: int) -> int:
+    """Call a compiled law by its address with the addresses of its records; 0 if it returned, 1 if it raised."""
+    law = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 5)(function)
+    return law(gains, state, signals, state_dot, tau_cmd)
