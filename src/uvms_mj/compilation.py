@@ -129,7 +129,12 @@ def _compile(function: Callable, arguments: int, returns: bool, name: str) -> in
     except Exception as error:  # numba raises more kinds than its own when it meets what it doesn't know
         raise NotCompiled(_reason(error)) from error
     _engines.append(compiled)
-    about = {"symbol": compiled.native_name, "sha256": hashlib.sha256(code).hexdigest()}
+    declared = sorted(f.name for f in library._final_module.functions if f.is_declaration)
+    about = {
+        "symbol": compiled.native_name,
+        "sha256": hashlib.sha256(code).hexdigest(),
+        "externals": [external for external in declared if not external.startswith("llvm.")],
+    }
     folder = _folder()
     _prune(folder)
     for suffix, content in ((".o", code), (".json", json.dumps(about).encode())):
@@ -166,13 +171,16 @@ def _load(name: str, self_contained: bool) -> int | None:
         return None
     if hashlib.sha256(code).hexdigest() != about["sha256"]:
         return None
+    _initialize()
     if not self_contained:
         from numba.core.registry import cpu_target
 
         cpu_target.target_context.refresh()  # makes numba's runtime known to LLVM
-    elif "numba" not in sys.modules:
-        _stand_in()
-    _initialize()
+    for external in about["externals"]:  # LLVM leaves a call of an unknown symbol at address 0, without a word
+        if llvm.address_of_symbol(external) is None:
+            if not (self_contained and external in _WRAPPER):
+                return None
+            llvm.add_symbol(external, _abort())
     machine = llvm.Target.from_default_triple().create_target_machine(jit=True, codemodel="jitdefault")
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
@@ -188,11 +196,11 @@ def _initialize() -> None:
 
 
 @functools.cache
-def _stand_in() -> None:
-    """Resolve what the wrappers refer to and never call; should one be called after all, the process says so by aborting."""
-    abort = ctypes.cast(ctypes.CDLL(None).abort, ctypes.c_void_p).value
-    for name in _WRAPPER:
-        llvm.add_symbol(name, abort)
+def _abort() -> int:
+    """Stands in for what a wrapper refers to and never calls; should it be called after all, the process says so by aborting."""
+    address = ctypes.cast(ctypes.CDLL(None).abort, ctypes.c_void_p).value
+    assert address is not None
+    return address
 
 
 def _fingerprint(parts: Iterable[bytes]) -> str:
