@@ -31,7 +31,7 @@ FORCE_SCALE = 0.2
 """Length of the force's arrow [m/N]."""
 CURRENT_SCALE = 0.5
 """Length of the current's arrows [s]."""
-RED, BLUE = (0.93, 0.16, 0.13, 1.0), (0.62, 0.86, 1.0, 1.0)
+RED, BLUE = (0.93, 0.16, 0.13, 1.0), (0.35, 0.72, 1.0, 1.0)
 
 
 def noise(rng: np.random.Generator, n: int, octaves: int) -> np.ndarray:
@@ -57,7 +57,8 @@ def sand(n: int = 1024) -> np.ndarray:
     rng = np.random.default_rng(2)
     x, y = np.meshgrid(np.arange(n), np.arange(n))
     ripple = np.sin(2 * np.pi * 20 * (x + 0.2 * y) / n + 1.2 * noise(rng, n, 7))
-    light = 0.62 + 0.03 * ripple + 0.03 * noise(rng, n, 5)
+    caustics = np.exp(-np.abs(noise(rng, n, 9)) * 8)
+    light = 0.52 + 0.03 * ripple + 0.03 * noise(rng, n, 5) + 0.16 * caustics
     return np.uint8(255 * np.clip(light[..., None] * [0.86, 0.84, 0.70], 0, 1))
 
 
@@ -100,7 +101,7 @@ def picture(scenario: Scenario) -> mujoco.MjModel:
     spec.visual.quality.shadowsize = 8192
     spec.visual.quality.offsamples = 8
     spec.visual.rgba.fog = [0.10, 0.42, 0.55, 1.0]
-    spec.visual.map.fogstart, spec.visual.map.fogend = 1.2, 6.0
+    spec.visual.map.fogstart, spec.visual.map.fogend = 0.9, 4.0
     spec.visual.map.shadowclip = 3.0
     spec.stat.extent = 1.0
     spec.stat.center = [face, 0, 0]
@@ -114,7 +115,7 @@ def add_arrow(scene: mujoco.MjvScene, start, end, width: float, rgba) -> None:
     arrow = mujoco.mjtGeom.mjGEOM_ARROW
     mujoco.mjv_initGeom(geom, arrow, np.zeros(3), np.zeros(3), np.zeros(9), np.array(rgba, dtype=np.float32))
     mujoco.mjv_connector(geom, arrow, width, np.asarray(start, dtype=float), np.asarray(end, dtype=float))
-    geom.emission = 0.5
+    geom.emission = 0.3
     scene.ngeom += 1
 
 
@@ -125,7 +126,7 @@ def add_arrows(scene: mujoco.MjvScene, trace: Trace) -> None:
     drift = CURRENT_SCALE * current.speed * np.array([np.cos(beta), np.sin(beta), 0.0])
     tip = trace.p_WB[-1] + [build(trace.scenario).reach, 0.0, 0.0]
     add_arrow(scene, tip, tip + FORCE_SCALE * trace.f_contact_W[-1], 0.012, RED)
-    for start in ([0.3, -0.2, 0.0], [0.3, 0.35, 0.0]):
+    for start in ([0.66, 0.0, 0.0], [0.62, 0.3, 0.0], [0.9, 0.4, 0.0]):
         add_arrow(scene, start, start + drift, 0.005, BLUE)
 
 
@@ -137,8 +138,9 @@ def render(trace: Trace, width: int, height: int) -> np.ndarray:
     data.qpos[:] = *trace.p_WB[-1], *trace.quat_WB[-1]
     mujoco.mj_forward(model, data)
     camera = mujoco.MjvCamera()
-    camera.lookat, camera.distance = [0.98, 0.0, 0.0], 1.1
-    camera.azimuth, camera.elevation = 62.0, -24.0
+    camera.lookat, camera.distance = [1.0, 0.0, 0.12], 0.8
+    camera.azimuth, camera.elevation = 77.0, -27.0
+    model.vis.global_.fovy = 56
     with mujoco.Renderer(model, FINER * height, FINER * width) as renderer:
         renderer.update_scene(data, camera)
         scene = renderer.scene

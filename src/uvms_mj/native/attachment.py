@@ -70,7 +70,8 @@ def attach(
     """Put a vehicle of any model in the water: added mass, Coriolis, damping, buoyancy, current and disturbance.
 
     From then on every ``mj_step`` and ``mj_forward`` of this ``data``, in MuJoCo's viewer, in dm_control or in a loop of your own,
-    has the water in it, at native speed and from any thread. Copies of ``data`` do not.
+    has the water in it, at native speed and from any thread. Copies of ``data`` do not. dm_control resets with actuation disabled,
+    where MuJoCo calls nobody: after ``physics.reset()``, call ``mj_forward`` before the first step.
 
     Args:
         model: a compiled model. The vehicle's coefficients are in it (:mod:`uvms_mj.vehicle`).

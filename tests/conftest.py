@@ -1,0 +1,47 @@
+"""Shared fixtures. Runs of the paper's scenario are made once for all tests that look at them."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import settings
+
+from uvms_mj import Scenario, Trace, simulate
+
+settings.register_profile("here", deadline=None, max_examples=25, derandomize=True)
+settings.load_profile("here")
+
+
+@cache
+def _paper_run(controller: str, **gains: Any) -> Trace:
+    overrides = {f"controller.{name}": value for name, value in gains.items()}
+    return simulate(Scenario.load("push_wall", overrides, controller))
+
+
+@pytest.fixture(scope="session")
+def paper_run():
+    """A function of law and gains that gives the trace of the paper's scenario, 20 s."""
+    return _paper_run
+
+
+def smooth_vehicle_overrides(duration: float) -> dict[str, Any]:
+    """A short approach far from any wall, with everything in motion: a smooth problem for orders of convergence."""
+    return {
+        "simulation.duration": duration,
+        "wall.position": 50.0,
+        "reference.step_time": 0.0,
+        "reference.target": [0.4, 0.3, -0.2],
+        "initial.attitude_deg": [10.0, -8.0, 15.0],
+        "initial.velocity": [0.1, -0.1, 0.05, 0.1, 0.2, -0.1],
+    }
+
+
+@pytest.fixture
+def smooth_overrides():
+    return smooth_vehicle_overrides
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20261121)

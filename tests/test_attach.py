@@ -1,0 +1,304 @@
+"""A vehicle attached to any model moves as the paper's eq. (10) says; what would break that is refused."""
+
+import gc
+import threading
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+from twin import TwinParameters, matrix_acceleration, rotation
+from vehicles import load, place, random_parameters, state, vehicle_xml, water_of
+
+from uvms_mj import InputError, attach
+
+STILL = TwinParameters(v_c_W=(0.0, 0.0, 0.0))
+seeds = st.integers(0, 2**32 - 1)
+
+
+@given(seeds)
+def test_acceleration_is_the_matrix_equations(seed):
+    parameters = random_parameters(seed)
+    rng = np.random.default_rng(seed + 1)
+    model, data = load(parameters, crowded=True)
+    quat = rng.normal(size=4)
+    quat /= np.linalg.norm(quat)
+    nu, tau, t = rng.normal(size=6) * 2, rng.normal(size=6) * 20, float(rng.uniform(0, 10))
+    place(model, data, rng.normal(size=3), quat, nu)
+    data.time, data.ctrl[:] = t, tau
+    with attach(model, data, "rov", **water_of(parameters)):
+        mujoco.mj_forward(model, data)
+    a_W, omega_dot = data.qacc[6:9], data.qacc[9:12]
+    nu_dot = np.concatenate([rotation(quat).T @ a_W - np.cross(nu[3:], nu[:3]), omega_dot])
+    expected = matrix_acceleration(parameters, np.zeros(3), quat, nu, tau, t)
+    assert np.linalg.norm(nu_dot - expected) <= 1e-9 * np.linalg.norm(expected)
+
+
+@given(seeds)
+def test_inertia_is_symmetric_positive_definite_and_counts_added_mass_once(seed):
+    """Also where MuJoCo evaluates again without rebuilding the inertia: mj_forwardSkip and finite differences."""
+    parameters = random_parameters(seed)
+    model, data = load(parameters, crowded=True)
+    rng = np.random.default_rng(seed)
+    quat = rng.normal(size=4)
+    quat /= np.linalg.norm(quat)
+    place(model, data, nu=rng.normal(size=6), quat=quat)
+    full = np.zeros((model.nv, model.nv))
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, full)
+    T = np.eye(6)
+    T[:3, :3] = rotation(quat).T
+    expected = full[6:, 6:] + T.T @ parameters.M_A @ T
+    with attach(model, data, "rov", **water_of(parameters)):
+        for evaluate in (
+            lambda: mujoco.mj_forward(model, data),
+            lambda: mujoco.mj_forwardSkip(model, data, mujoco.mjtStage.mjSTAGE_POS, 1),
+            lambda: mujoco.mj_forwardSkip(model, data, mujoco.mjtStage.mjSTAGE_VEL, 1),
+        ):
+            evaluate()
+            mujoco.mj_fullM(model, data, full)
+            assert np.allclose(full[6:, 6:], expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
+            assert np.linalg.eigvalsh(full)[0] > 0.0
+
+
+def flow(parameters, tau, t_end, position, quat, nu):
+    """The exact motion under constant thrust, by a tight integration of the twin's matrix equation."""
+
+    def rhs(t, y):
+        q = y[3:7] / np.linalg.norm(y[3:7])
+        w, x, yy, z = q
+        omega = y[10:13]
+        E = np.array([[-x, -yy, -z], [w, -z, yy], [z, w, -x], [-yy, x, w]])
+        return np.concatenate(
+            [rotation(q) @ y[7:10], 0.5 * E @ omega, matrix_acceleration(parameters, y[:3], q, y[7:], tau, t)]
+        )
+
+    y = solve_ivp(rhs, (0, t_end), np.r_[position, quat, nu], method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+    return y[:3], y[3:7] / np.linalg.norm(y[3:7]), y[7:]
+
+
+@pytest.mark.parametrize(
+    ("integrator", "turning", "order"),
+    [("Euler", True, 1), ("implicitfast", True, 1), ("RK4", True, 2), ("RK4", False, 4)],
+)
+def test_order_of_convergence(integrator, turning, order):
+    """RK4 keeps order 4 in translation; with rotation MuJoCo 3 integrates quaternions to order 2."""
+    seed = 7
+    parameters = random_parameters(seed) if turning else replace(STILL, r_g=(0.0, 0.0, 0.0))
+    tau = np.array([8.0, -5.0, 6.0, 1.0, -2.0, 1.5]) if turning else np.array([0.0, 0.0, 6.0, 0.0, 0.0, 0.0])
+    start = (np.zeros(3), np.array([1.0, 0, 0, 0]), np.array([0.3, 0.2, -0.1, 0.2, -0.3, 0.4]) * (1 if turning else 0))
+    exact = flow(parameters, tau, 0.8, *start)
+    errors = []
+    for n in (20, 40, 80):
+        model, data = load(replace(parameters, timestep=0.8 / n), crowded=True, option=f'integrator="{integrator}"')
+        place(model, data, start[0], start[1], start[2])
+        data.ctrl[:] = tau
+        with attach(model, data, "rov", **water_of(parameters)):
+            mujoco.mj_step(model, data, n)
+        reached = state(model, data)
+        reached[1][:] *= np.sign(reached[1] @ exact[1])
+        errors.append(np.linalg.norm(np.concatenate(reached) - np.concatenate(exact)))
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert errors[-1] < errors[0]
+    assert orders.min() > order - 0.25, (errors, orders)
+
+
+def test_terminal_speed_under_constant_thrust():
+    """Z = d w + q w^2 has one positive root; in heave, where the Munk moment does not turn the vehicle over."""
+    model, data = load(replace(STILL, timestep=2e-3))
+    data.ctrl[2] = 12.0
+    with attach(model, data):
+        mujoco.mj_step(model, data, 20_000)
+    d, q = STILL.D_linear[2], STILL.D_quadratic[2]
+    assert np.isclose(state(model, data)[2][2], (-d + np.sqrt(d * d + 4 * q * 12.0)) / (2 * q), rtol=1e-9)
+
+
+def test_a_neutral_vehicle_drifts_with_the_current():
+    v_c = np.array([0.3, -0.2, 0.1])
+    model, data = load(replace(STILL, timestep=5e-3))
+    with attach(model, data, current_W=v_c):
+        mujoco.mj_step(model, data, 80_000)
+    _, quat, nu = state(model, data)
+    assert np.allclose(rotation(quat) @ nu[:3], v_c, atol=1e-6)
+    assert np.allclose(nu[3:], 0.0, atol=1e-6)
+
+
+def energy_gained(timestep: float) -> float:
+    """The largest rise of kinetic plus potential energy over any step of a free vehicle in still water, no thrust."""
+    parameters = replace(random_parameters(3), v_c_W=(0, 0, 0), timestep=timestep)
+    parameters = replace(parameters, disturbance_bias=(0,) * 6, disturbance_amplitude=(0,) * 6)
+    model, data = load(parameters)
+    place(model, data, nu=(0.5, -0.4, 0.3, 1.0, -1.5, 2.0))
+    full, total, before = np.zeros((6, 6)), 0.0, None
+    with attach(model, data):
+        for _ in range(round(2.0 / timestep)):
+            mujoco.mj_forward(model, data)
+            mujoco.mj_fullM(model, data, full)
+            R = rotation(data.qpos[3:7])
+            weight, buoyancy = parameters.mass * parameters.gravity, parameters.buoyancy
+            z = data.qpos[:3][2]
+            potential = weight * (z + (R @ parameters.r_g)[2]) - buoyancy * (z + (R @ parameters.r_b)[2])
+            energy = 0.5 * data.qvel @ full @ data.qvel + potential
+            if before is not None:
+                total = max(total, energy - before)
+            before = energy
+            mujoco.mj_step(model, data)
+    return total / timestep  # a rate
+
+
+def test_still_water_gives_no_energy_beyond_the_integration_error():
+    """The rate of any gain shrinks in proportion to the step."""
+    coarse, fine = energy_gained(4e-3), energy_gained(1e-3)
+    assert fine <= max(coarse / 3.0, 1e-9)
+
+
+def run_alone(seed: int, steps: int) -> np.ndarray:
+    parameters = random_parameters(seed, timestep=1e-3)
+    model, data = load(parameters, crowded=True)
+    with attach(model, data, "rov", **water_of(parameters)):
+        for _ in range(steps // 50):
+            mujoco.mj_step(model, data, 50)
+    return np.concatenate([data.qpos, data.qvel])
+
+
+def test_two_simulations_in_two_threads_are_each_as_alone():
+    """Each beside another free body, while vehicles come and go in the main thread."""
+    alone = [run_alone(seed, 20_000) for seed in (1, 2)]
+    together: dict[int, np.ndarray] = {}
+    threads = [threading.Thread(target=lambda s=s: together.update({s: run_alone(s, 20_000)})) for s in (1, 2)]
+    for thread in threads:
+        thread.start()
+    while any(thread.is_alive() for thread in threads):
+        run_alone(3, 50)
+    for thread in threads:
+        thread.join()
+    assert np.array_equal(together[1], alone[0])
+    assert np.array_equal(together[2], alone[1])
+
+
+def test_the_other_body_feels_no_water():
+    model, data = load(STILL, crowded=True)
+    with attach(model, data, "rov", current_W=(1.0, 0.0, 0.0)):
+        mujoco.mj_step(model, data, 100)
+    assert np.isclose(data.qvel[2], -9.81 * 100 * model.opt.timestep)
+    assert np.array_equal(data.qvel[:2], [0.0, 0.0])
+
+
+def test_detaching_leaves_nothing_behind():
+    model, data = load(STILL)
+    dry = mujoco.MjData(model)
+    attachment = attach(model, data, current_W=(0.5, 0.0, 0.0))
+    mujoco.mj_step(model, data, 10)
+    assert data.xfrc_applied.any()
+    attachment.detach()
+    attachment.detach()
+    assert not data.xfrc_applied.any()
+    assert mujoco.get_mjcb_control() is None
+    mujoco.mj_resetData(model, data)
+    for each in (data, dry):
+        mujoco.mj_step(model, each, 10)
+    assert np.array_equal(data.qpos, dry.qpos)
+
+
+def test_a_vehicle_whose_data_is_gone_is_detached():
+    model, data = load(STILL)
+    attach(model, data)
+    assert mujoco.get_mjcb_control() is not None
+    del data
+    gc.collect()
+    assert mujoco.get_mjcb_control() is None
+
+
+def test_somebody_elses_force_on_the_vehicle_is_kept():
+    """The mouse in the viewer writes xfrc_applied anew before each step; a user's loop writes it once."""
+    model, data = load(replace(STILL, r_g=(0.0, 0.0, 0.0)))
+    force = np.array([3.0, 0, 0, 0, 0, 0])
+    with attach(model, data) as attachment:
+        data.xfrc_applied[1] = force
+        mujoco.mj_step(model, data, 5)
+        assert np.allclose(data.xfrc_applied[1] - force, np.r_[attachment.wrench[:3], attachment.wrench[3:]])
+        data.xfrc_applied[1] = force
+        mujoco.mj_step(model, data, 5)
+        assert np.allclose(data.xfrc_applied[1] - force, attachment.wrench)
+        assert data.qvel[0] > 0.0
+    assert np.array_equal(data.xfrc_applied[1], force)
+
+
+def test_dm_control_can_step_the_vehicle():
+    mujoco_control = pytest.importorskip("dm_control.mujoco", reason="dm-control is not installed")
+    physics = mujoco_control.Physics.from_xml_string(vehicle_xml(STILL))
+    model, data = load(STILL)
+    current_W = (0.3, 0.1, 0.0)
+    with (
+        attach(physics.model.ptr, physics.data.ptr, current_W=current_W),
+        attach(model, data, current_W=current_W),
+    ):
+        physics.reset()
+        mujoco.mj_forward(physics.model.ptr, physics.data.ptr)  # dm_control resets with actuation disabled
+        for each in (physics.data, data):
+            each.ctrl[:] = [5.0, 1.0, -2.0, 0.1, 0.0, 0.2]
+        physics.step(500)
+        mujoco.mj_step(model, data, 500)
+    assert np.allclose(physics.data.qpos, data.qpos, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason"),
+    [
+        (lambda m: setattr(m.opt, "solver", mujoco.mjtSolver.mjSOL_PGS), "PGS"),
+        (lambda m: setattr(m.opt, "noslip_iterations", 3), "noslip"),
+        (lambda m: setattr(m.opt, "integrator", 4), "integrator"),
+        (lambda m: setattr(m.opt, "enableflags", int(mujoco.mjtEnableBit.mjENBL_SLEEP)), "sleep"),
+        (lambda m: setattr(m.opt, "enableflags", int(mujoco.mjtEnableBit.mjENBL_DIAGEXACT)), "diagexact"),
+        (lambda m: setattr(m.opt, "disableflags", int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)), "actuation"),
+        (lambda m: m.dof_damping.__setitem__(slice(0, 6), 0.1), "joint damping"),
+        (lambda m: setattr(m.opt, "density", 1000.0), "density"),
+    ],
+)
+def test_what_would_lose_the_water_is_refused(spoil, reason):
+    model, _ = load(STILL)
+    spoil(model)
+    with pytest.raises(InputError, match=reason):
+        attach(model, mujoco.MjData(model))
+    assert mujoco.get_mjcb_control() is None
+
+
+def test_a_body_without_room_for_the_added_mass_is_refused():
+    xml = vehicle_xml(replace(STILL, r_g=(0.0, 0.0, 0.0))).replace('simple="false"', "")
+    model = mujoco.MjModel.from_xml_string(xml)
+    with pytest.raises(InputError, match='simple="false"'):
+        attach(model, mujoco.MjData(model))
+
+
+def test_attaching_twice_or_over_somebody_elses_callback_is_refused():
+    model, data = load(STILL)
+    with attach(model, data), pytest.raises(InputError, match="already"):
+        attach(model, data)
+    mujoco.set_mjcb_control(lambda m, d: None)
+    try:
+        with pytest.raises(InputError, match="mjcb_control"):
+            attach(model, data)
+    finally:
+        mujoco.set_mjcb_control(None)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "reason"),
+    [
+        ('name="X_u"', 'name="X_uu_"', "X_u: no such <numeric>"),
+        ('name="X_uu" size="1" data="-18.18"', 'name="X_uu" size="1" data="18.18"', "X_uu: 18.18 would give the vehicle energy"),
+        ('size="36"', 'size="35"', "M_A"),
+        ('name="displaced_mass" size="1" data="', 'name="displaced_mass" size="1" data="-', "displaced_mass"),
+    ],
+)
+def test_unphysical_coefficients_are_named(before, after, reason):
+    xml = vehicle_xml(STILL)
+    assert before in xml
+    if before == 'size="36"':
+        xml = xml.replace('size="36" data="5.5 ', 'size="35" data="')
+    model = mujoco.MjModel.from_xml_string(xml.replace(before, after))
+    with pytest.raises(InputError, match=reason):
+        attach(model, mujoco.MjData(model))

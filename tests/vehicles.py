@@ -1,0 +1,97 @@
+"""Vehicles for tests: MJCF of any twin's parameters, alone or as the second body beside another free one."""
+
+import mujoco
+import numpy as np
+from twin import TwinParameters, skew
+
+_DERIVATIVES = (
+    ("D_linear", ("X_u", "Y_v", "Z_w", "K_p", "M_q", "N_r")),
+    ("D_quadratic", ("X_uu", "Y_vv", "Z_ww", "K_pp", "M_qq", "N_rr")),
+)
+_MOTORS = np.eye(6)
+
+
+def _numbers(values) -> str:
+    return " ".join(repr(float(v)) for v in np.ravel(values))
+
+
+def vehicle_xml(parameters: TwinParameters, crowded: bool = False, option: str = "", motors: bool = True) -> str:
+    """A vehicle with the twin's coefficients and one ideal motor for each axis; crowded puts a free ball before it."""
+    r_g, m = np.asarray(parameters.r_g), parameters.mass
+    I_g = np.asarray(parameters.inertia) + m * skew(r_g) @ skew(r_g)  # parallel axis theorem
+    full = (I_g[0, 0], I_g[1, 1], I_g[2, 2], I_g[0, 1], I_g[0, 2], I_g[1, 2])
+    buoyancy = m * parameters.gravity if parameters.buoyancy is None else parameters.buoyancy
+    numerics = {
+        "M_A": parameters.M_A,
+        "displaced_mass": buoyancy / parameters.gravity,
+        "center_of_buoyancy": parameters.r_b,
+    }
+    for field, names in _DERIVATIVES:
+        numerics |= {name: -v for name, v in zip(names, getattr(parameters, field), strict=True)}
+    custom = "".join(f'<numeric name="{k}" size="{np.size(v)}" data="{_numbers(v)}"/>' for k, v in numerics.items())
+    ball = '<body name="ball" pos="0 9 0"><freejoint/><geom size="0.1"/></body>' if crowded else ""
+    actuators = "".join(f'<motor name="m{i}" site="origin" gear="{_numbers(_MOTORS[i])}"/>' for i in range(6))
+    return f"""<mujoco><option gravity="0 0 {-parameters.gravity!r}" timestep="{parameters.timestep!r}" {option}/>
+    <custom>{custom}</custom>
+    <worldbody>{ball}<body name="rov" simple="false"><freejoint/><site name="origin"/>
+    <inertial pos="{_numbers(r_g)}" mass="{m!r}" fullinertia="{_numbers(full)}"/></body></worldbody>
+    <actuator>{actuators if motors else ""}</actuator></mujoco>"""
+
+
+def random_parameters(seed: int, **others) -> TwinParameters:
+    """A vehicle with a full M_A, a full inertia and its centre of gravity far off the origin, in a current, disturbed."""
+    rng = np.random.default_rng(seed)
+    points, masses = rng.normal(size=(8, 3)) * 0.3 + rng.normal(size=3) * 0.3, rng.uniform(0.5, 2.0, 8)
+    m = float(masses.sum())
+    a = rng.normal(size=(6, 6))
+    return TwinParameters(
+        mass=m,
+        inertia=sum(w * (p @ p * np.eye(3) - np.outer(p, p)) for w, p in zip(masses, points, strict=True)),
+        r_g=masses @ points / m,
+        r_b=rng.normal(size=3) * 0.1,
+        buoyancy=float(m * 9.81 * rng.uniform(0.8, 1.2)),
+        M_A=a @ a.T * 2.0,
+        D_linear=rng.uniform(0, 10, 6),
+        D_quadratic=rng.uniform(0, 30, 6),
+        v_c_W=rng.normal(size=3) * 0.5,
+        disturbance_bias=rng.normal(size=6),
+        disturbance_amplitude=rng.normal(size=6),
+        disturbance_frequency_hz=rng.uniform(0, 1, 6),
+        **others,
+    )
+
+
+def load(parameters: TwinParameters, **options) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    model = mujoco.MjModel.from_xml_string(vehicle_xml(parameters, **options))
+    return model, mujoco.MjData(model)
+
+
+def water_of(parameters: TwinParameters) -> dict:
+    """What attach() is told besides the model."""
+    return {
+        "current_W": parameters.v_c_W,
+        "bias": parameters.disturbance_bias,
+        "amplitude": parameters.disturbance_amplitude,
+        "frequency_hz": np.broadcast_to(parameters.disturbance_frequency_hz, 6),
+    }
+
+
+def place(model, data, position=(0, 0, 0), quat=(1, 0, 0, 0), nu=(0,) * 6) -> None:
+    """Put the vehicle somewhere, with a velocity in B."""
+    joint = model.body("rov").jntadr[0]
+    qpos, dof = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
+    data.qpos[qpos : qpos + 7] = [*position, *quat]
+    v_W = np.zeros(3)
+    mujoco.mju_rotVecQuat(v_W, np.array(nu[:3], float), np.array(quat, float))
+    data.qvel[dof : dof + 6] = [*v_W, *nu[3:]]
+
+
+def state(model, data) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """p_WB, quat_WB and nu of the vehicle."""
+    joint = model.body("rov").jntadr[0]
+    qpos, dof = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
+    quat = data.qpos[qpos + 3 : qpos + 7].copy()
+    inverse, v = np.zeros(4), np.zeros(3)
+    mujoco.mju_negQuat(inverse, quat)
+    mujoco.mju_rotVecQuat(v, data.qvel[dof : dof + 3], inverse)
+    return data.qpos[qpos : qpos + 3].copy(), quat, np.concatenate([v, data.qvel[dof + 3 : dof + 6]])
