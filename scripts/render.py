@@ -70,8 +70,8 @@ def picture(scenario: Scenario) -> mujoco.MjModel:
         name="water",
         type=cube,
         builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=[0.22, 0.62, 0.76],
-        rgb2=[0.01, 0.10, 0.20],
+        rgb1=[0.30, 0.80, 0.90],
+        rgb2=[0.0, 0.04, 0.12],
         width=512,
         height=3072,
     )
@@ -82,6 +82,7 @@ def picture(scenario: Scenario) -> mujoco.MjModel:
         material = spec.add_material(name=name, texuniform=True, specular=0.05)
         material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
         material.texrepeat = [1.0, 1.0]
+    spec.material("acrylic").rgba = [0.75, 0.93, 1.0, 0.36]
     face = scenario.wall.position + build(scenario).reach
     plane, box = mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_BOX
     solid = {"contype": 0, "conaffinity": 0}
@@ -126,8 +127,17 @@ def add_arrows(scene: mujoco.MjvScene, trace: Trace) -> None:
     drift = CURRENT_SCALE * current.speed * np.array([np.cos(beta), np.sin(beta), 0.0])
     tip = trace.p_WB[-1] + [build(trace.scenario).reach, 0.0, 0.0]
     add_arrow(scene, tip, tip + FORCE_SCALE * trace.f_contact_W[-1], 0.012, RED)
-    for start in ([0.66, 0.0, 0.0], [0.62, 0.3, 0.0], [0.9, 0.4, 0.0]):
+    for start in ([0.72, -0.2, 0.0], [0.64, 0.0, 0.0], [0.8, 0.22, 0.0]):
         add_arrow(scene, start, start + drift, 0.005, BLUE)
+
+
+def pixel(scene: mujoco.MjvScene, point_W, width: int, height: int) -> tuple[float, float]:
+    """Where a point appears in the picture, from its upper left corner."""
+    eyes = scene.camera
+    up, forward = np.array(eyes[0].up), np.array(eyes[0].forward)
+    ray = np.asarray(point_W) - (eyes[0].pos + eyes[1].pos) / 2
+    scale = height / 2 * eyes[0].frustum_near / eyes[0].frustum_top / (ray @ forward)
+    return width / 2 + scale * (ray @ np.cross(forward, up)), height / 2 - scale * (ray @ up)
 
 
 def render(trace: Trace, width: int, height: int) -> np.ndarray:
@@ -138,9 +148,8 @@ def render(trace: Trace, width: int, height: int) -> np.ndarray:
     data.qpos[:] = *trace.p_WB[-1], *trace.quat_WB[-1]
     mujoco.mj_forward(model, data)
     camera = mujoco.MjvCamera()
-    camera.lookat, camera.distance = [1.0, 0.0, 0.12], 0.8
-    camera.azimuth, camera.elevation = 77.0, -27.0
-    model.vis.global_.fovy = 56
+    camera.lookat, camera.distance = [1.03, 0.0, 0.1], 1.0
+    camera.azimuth, camera.elevation = 75.0, -31.0
     with mujoco.Renderer(model, FINER * height, FINER * width) as renderer:
         renderer.update_scene(data, camera)
         scene = renderer.scene
@@ -151,6 +160,7 @@ def render(trace: Trace, width: int, height: int) -> np.ndarray:
         add_arrows(scene, trace)
         scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = 0
         arrows = renderer.render().astype(float)
+        tip=np.array([1.241,0,0]); print([pixel(scene,tip+[-x,0,0],width,height) for x in (0,.15,.3)])
         renderer.enable_segmentation_rendering()
         drawn = renderer.render()[..., :1] >= 0
     fine = np.where(drawn, arrows, behind)

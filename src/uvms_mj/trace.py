@@ -69,7 +69,7 @@ class Trace:
     @property
     def push(self) -> np.ndarray:
         """(n,) force with which the vehicle pushes on the wall [N], zero or positive."""
-        return np.maximum(0.0, -self.arrays["f_contact_W"][:, 0])
+        return np.maximum(0.0, 0.0 - self.arrays["f_contact_W"][:, 0])
 
     def save(self, path: Path) -> None:
         """Write every signal under its name to a NumPy ``.npz`` file."""

@@ -86,7 +86,7 @@ class ClosedLoop:
         memory = {
             "times_at": np.array([w.time for w in waypoints], dtype=float),
             "positions_at": np.array([w.position for w in waypoints], dtype=float),
-            "B_at": np.ascontiguousarray(vehicle.B),
+            "B_at": np.ascontiguousarray(vehicle.B.T),  # thruster by thruster
             "B_pinv_at": np.ascontiguousarray(np.linalg.pinv(vehicle.B)),
             "u_min_at": vehicle.u_min,
             "u_max_at": vehicle.u_max,

@@ -63,7 +63,7 @@ LOOP = np.dtype(
         # thrusters
         ("controls", "i8"),  # entries of ctrl
         ("thrusters", "i8"),
-        ("B_at", "i8"),
+        ("B_at", "i8"),  # B^T and B^+: a row for each thruster
         ("B_pinv_at", "i8"),
         ("u_min_at", "i8"),
         ("u_max_at", "i8"),

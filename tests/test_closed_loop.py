@@ -1,0 +1,210 @@
+"""The whole closed loop against the independent twin, and against itself."""
+
+import numpy as np
+import pytest
+from twin import TwinParameters, simulate_fixed_step, simulate_smooth
+
+from uvms_mj import Scenario, Status, simulate
+from uvms_mj.frames import quat_from_euler_deg
+
+LAWS = {
+    "impedance": ({}, {}),
+    "fosm": ({}, {}),
+    "gsta": ({}, {}),
+    "gsta alone": ({"controller.nominal": False}, {"nominal": False}),
+    "gsta in another world": (
+        {
+            "current.speed": 0.3,
+            "current.direction_deg": -50.0,
+            "disturbance.bias": [1.0, -2.0, 0.5, 0.05, -0.1, 0.2],
+            "disturbance.amplitude": [2.0, 1.0, 1.0, 0.1, 0.1, 0.1],
+            "disturbance.frequency_hz": [0.2, 0.1, 0.3, 0.1, 0.2, 0.1],
+            "wall.position": 0.5,
+            "wall.stiffness": 3e4,
+            "wall.damping": 40.0,
+            "reference.target": [0.52, 0.2, -0.1],
+            "reference.step_time": 0.5,
+            "reference.bandwidth": 3.0,
+            "impedance.K_d": [300.0, 800.0, 900.0, 40.0, 30.0, 60.0],
+            "impedance.damping_ratio": 0.7,
+            "controller.k_1": 7.0,
+            "controller.k_2": 15.0,
+            "controller.beta": 3.0,
+            "controller.A": -80.0,
+            "controller.F_1": 2.0,
+            "controller.F_2": 0.5,
+            "controller.period": 2e-4,
+            "estimates.inertia": 0.9,
+            "estimates.coriolis": 0.5,
+            "estimates.damping": 0.7,
+            "estimates.restoring": 1.1,
+        },
+        {
+            "v_c_W": (0.3 * np.cos(np.deg2rad(-50)), 0.3 * np.sin(np.deg2rad(-50)), 0.0),
+            "disturbance_bias": (1.0, -2.0, 0.5, 0.05, -0.1, 0.2),
+            "disturbance_amplitude": (2.0, 1.0, 1.0, 0.1, 0.1, 0.1),
+            "disturbance_frequency_hz": (0.2, 0.1, 0.3, 0.1, 0.2, 0.1),
+            "x_c": 0.5,
+            "k_c": 3e4,
+            "b_c": 40.0,
+            "waypoints": ((0.5, (0.52, 0.2, -0.1)),),
+            "bandwidth": 3.0,
+            "K_d": (300.0, 800.0, 900.0, 40.0, 30.0, 60.0),
+            "damping_ratio": 0.7,
+            "k_1": 7.0,
+            "k_2": 15.0,
+            "beta": 3.0,
+            "A": -80.0,
+            "F_1": 2.0,
+            "F_2": 0.5,
+            "period": 2e-4,
+            "f_M": 0.9,
+            "f_C": 0.5,
+            "f_D": 0.7,
+            "f_g": 1.1,
+        },
+    ),
+}
+
+
+@pytest.mark.parametrize("case", LAWS)
+def test_the_loop_is_the_twins(case):
+    """Position within 1e-4 m at all times, the first peak of the force within 2 %, through impact and rest."""
+    law, duration = case.split()[0], 7.0
+    ours, theirs = LAWS[case]
+    trace = simulate(Scenario.load("push_wall", {"simulation.duration": duration, **ours}, law))
+    twin = simulate_fixed_step(TwinParameters(law=law, duration=duration, **theirs))
+    every = slice(None, None, 10)
+    assert np.allclose(trace.t, twin["t"][every], atol=1e-9)
+    assert np.abs(trace.p_WB - twin["p"][every]).max() < 1e-4
+    assert np.abs(trace.quat_WB - twin["quat"][every]).max() < 1e-3
+    peak = twin["force"].max()
+    assert abs(trace.force_peak[-1] - peak) <= 0.02 * peak
+    if case == "impedance":
+        assert peak == 0.0
+    else:
+        assert peak > 1.0
+    rest = trace.t > 0.3  # the first steps of a switching law are the step's own
+    assert np.sqrt(np.mean((trace.s - twin["s"][every])[rest] ** 2)) < 2e-3
+
+
+def test_the_difference_to_continuous_time_falls_in_proportion_to_the_step(smooth_overrides):
+    """The smooth impedance law, no contact, everything moving and turning: order one against a tight integration."""
+    overrides, errors = smooth_overrides(1.5), []
+    twin = simulate_smooth(
+        TwinParameters(
+            law="impedance",
+            x_c=50.0,
+            waypoints=((0.0, (0.4, 0.3, -0.2)),),
+            quat_0=tuple(quat_from_euler_deg(10.0, -8.0, 15.0)),
+            nu_0=(0.1, -0.1, 0.05, 0.1, 0.2, -0.1),
+            duration=1.5,
+        ),
+        np.array([0.5, 1.0, 1.5]),
+    )
+    for h in (2e-3, 1e-3, 5e-4, 2.5e-4):
+        scenario = Scenario.load("push_wall", {**overrides, "simulation.timestep": h, "wall.stiffness": 1e4}, "impedance")
+        trace = simulate(scenario, log_rate=2.0)
+        errors.append(np.abs(trace.p_WB[1:] - twin["p"]).max() + np.abs(trace.nu[1:] - twin["nu"]).max())
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert np.all(np.abs(orders - 1.0) < 0.1), (errors, orders)
+
+
+def test_implicitfast_converges_to_the_same_motion(smooth_overrides):
+    runs = [
+        simulate(Scenario.load("push_wall", {**smooth_overrides(1.0), "simulation.integrator": i}, "impedance"))
+        for i in ("euler", "implicitfast")
+    ]
+    assert np.abs(runs[0].p_WB - runs[1].p_WB).max() < 1e-6
+
+
+def test_every_rate_gives_the_same_samples():
+    """Rows at any rate, and rows of a run beside others, are bit for bit those of the full rate."""
+    scenario = Scenario.load("push_wall", {"simulation.duration": 0.3, "reference.step_time": 0.0, "wall.position": 0.001})
+    full = simulate(scenario, log_rate="full")
+    assert full.touches[-1] > 0
+    for rate, stride in ((1000.0, 10), (500, 20), (10, 1000)):
+        some = simulate(scenario, log_rate=rate)
+        for name in full:
+            assert np.array_equal(some[name], full[name][::stride], equal_nan=True), name
+
+
+def test_a_row_has_the_state_and_its_own_contact_force():
+    """f = -k_c (x - x_c) at the row's own x; the law was given the value one step older; nu_dot is the derivative of nu."""
+    overrides = {"simulation.duration": 0.5, "reference.step_time": 0.0, "wall.position": 0.001, "wall.stiffness": 2e4}
+    trace = simulate(Scenario.load("push_wall", overrides), log_rate="full")
+    depth = np.maximum(0.0, trace.p_WB[:, 0] - 0.001)
+    assert depth.max() > 1e-5
+    # MuJoCo's least contact impedance, 1e-4, bounds how well a moving contact can be the spring
+    assert np.allclose(trace.push, 2e4 * depth, rtol=3e-4, atol=1e-9)
+    assert np.array_equal(trace.f_contact_m_W[1:], trace.f_contact_W[:-1])
+    h = 1e-4
+    v_dot_W = np.diff(trace.nu[:, 3:], axis=0) / h
+    assert np.allclose(v_dot_W, trace.nu_dot[:-1, 3:], atol=1e-6)
+    assert np.array_equal(trace.t, np.arange(5001) * h)
+
+
+def test_running_signals_are_what_the_full_rate_adds_up_to():
+    overrides = {"simulation.duration": 0.6, "reference.step_time": 0.0, "wall.position": 0.001}
+    scenario = Scenario.load("push_wall", overrides, "fosm")
+    full, h = simulate(scenario, log_rate="full"), 1e-4
+    some = simulate(scenario, log_rate=100)
+    change = np.abs(np.diff(full.tau, axis=0))
+    assert np.allclose(some.tau_variation[-1], change.sum(axis=0))
+    assert np.allclose(some.tau_step_max[-1], change.max(axis=0))
+    assert np.allclose(some.tau_max[-1], np.abs(full.tau).max(axis=0))
+    assert np.allclose(some.effort[-1], h * (full.tau[:-1] ** 2).sum(axis=0))
+    assert np.isclose(some.force_peak[-1], full.push.max())
+    assert np.isclose(some.impulse[-1], np.trapezoid(full.push, dx=h))
+    touching = full.push > 0
+    assert some.touches[-1] == (touching[1:] & ~touching[:-1]).sum() + touching[0] > 0
+    assert some.first_contact[-1] == full.t[touching][0]
+    inside = (np.abs(full.s) < 1e-3)[:-1].sum(axis=0) * h
+    assert np.allclose(some.boundary_layer_time[-1], inside)
+    # an elastic wall gives back what it took: the work is the spring's energy
+    depth = max(0.0, full.p_WB[-1, 0] - 0.001)
+    assert np.isclose(full.wall_work[-1], 0.5 * 1e5 * depth**2, rtol=2e-4)
+
+
+def test_thrust_is_held_between_control_instants_and_states_advance_at_them():
+    overrides = {"simulation.duration": 0.05, "controller.period": 1e-3}
+    trace = simulate(Scenario.load("push_wall", overrides), log_rate="full")
+    tau = trace.tau_cmd[:500].reshape(50, 10, 6)
+    assert np.array_equal(tau, np.repeat(tau[:, :1], 10, axis=1))
+    assert np.all(np.any(np.diff(tau[:, 0], axis=0) != 0.0, axis=1))
+    s, z = trace.s[:500:10], trace.z[:500:10]
+    phi_2 = 0.5 * np.sign(s) + 7.5 * np.sqrt(np.abs(s)) * np.sign(s) + 25.0 * s
+    assert np.allclose(z[1:], z[:-1] - 1e-3 * 10.0 * phi_2[:-1], rtol=0, atol=1e-12)
+
+
+def test_tau_is_what_the_thrusters_give():
+    trace = simulate(Scenario.load("push_wall", {"simulation.duration": 0.2}))
+    assert trace.u.shape == (201, 6)
+    assert np.allclose(trace.tau, trace.tau_cmd, atol=1e-11)
+
+
+def test_sticking_friction_holds_the_vehicle_at_the_wall():
+    """Where a frictionless wall lets the impedance law's sway error grow back, friction keeps it within the Coulomb limit."""
+    overrides = {
+        "reference.target": [1.2, 0.0, 0.0],
+        "simulation.duration": 10.0,
+        "wall.friction": 0.5,
+    }
+    trace = simulate(Scenario.load("push_wall", overrides, "impedance"))
+    f = trace.f_contact_W
+    assert trace.push[-1] > 5.0
+    assert np.all(np.hypot(f[:, 1], f[:, 2]) <= 0.5 * trace.push + 1e-6)
+    assert np.hypot(*f[-1, 1:]) > 0.1
+
+
+def test_an_unstable_run_stops_at_the_step_and_keeps_what_it_has():
+    overrides = {"simulation.duration": 20.0, "controller.period": 0.1}
+    trace = simulate(Scenario.load("push_wall", overrides))
+    assert trace.status is Status.unstable
+    assert 0.0 < trace.duration_s < 20.0
+    assert "t = " in trace.message
+    assert "beyond" in trace.message
+    for name in trace:
+        if name != "first_contact":
+            assert np.isfinite(trace[name]).all(), name
+    assert len(trace) == trace.steps // 10 + (trace.steps % 10 > 0)
