@@ -135,8 +135,8 @@ def test_a_row_has_the_state_and_its_own_contact_force():
     trace = simulate(Scenario.load("push_wall", overrides), log_rate="full")
     depth = np.maximum(0.0, trace.p_WB[:, 0] - 0.001)
     assert depth.max() > 1e-5
-    # MuJoCo's least contact impedance, 1e-4, bounds how well a moving contact can be the spring
-    assert np.allclose(trace.push, 2e4 * depth, rtol=3e-4, atol=1e-9)
+    # MuJoCo's least contact impedance, 1e-4, adds that part of the inertial force to a contact that moves
+    assert np.allclose(trace.push, 2e4 * depth, rtol=0, atol=1e-4 * trace.push.max())
     assert np.array_equal(trace.f_contact_m_W[1:], trace.f_contact_W[:-1])
     h = 1e-4
     v_dot_W = np.diff(trace.nu[:, 3:], axis=0) / h

@@ -7,7 +7,8 @@ At rest (nu = 0) zeta is constant in eq. (15), so that s = -A^-1 M_d^-1 (K_d eta
     G M_d^{-1} (K_d \tilde\eta - \tau_c) = \hat M^{-1} (d + \hat g(\eta) - g(\eta)), \qquad
     G = \begin{cases} I & \text{impedance, eq. (23): the static balance of eq. (5)} \\
                       I - A^{-1} K_s / \epsilon & \text{first-order law inside its boundary layer, eq. (31)} \\
-                      \infty & \text{GSTA, with and without nominal control: } z \text{ takes up any constant} \end{cases}
+                      \infty & \text{GSTA, with and without nominal control: } z \text{ takes up what changes slower than } k_2/2
+        \end{cases}
 
 with d = tau_dist - C_A(-nu_c)(-nu_c) - D(-nu_c)(-nu_c), the current's and the constant disturbance's wrench on a vehicle at rest, at the
 attitude that it rests at, and the frictionless wall's tau_c = -k_c (x - x_c) along its normal where x > x_c. For GSTA with the attitude
@@ -59,7 +60,13 @@ def steady_state(
     controller, h = scenario.controller, control_period(scenario)
     if not isinstance(controller, Impedance | Fosm | Gsta) or type(controller).name not in ("impedance", "fosm", "gsta"):
         return NoClosedForm("a law of the user's own")
-    if any(a != 0.0 and f != 0.0 for a, f in zip(*_sinusoid(scenario), strict=True)):
+    rate = _disturbance_rate(scenario, design)
+    if isinstance(controller, Gsta):
+        if controller.k_1 == 0.0 or controller.k_2 == 0.0:
+            return NoClosedForm("GSTA does not converge without k_1 and k_2")
+        if rate.max() >= controller.k_2 / 2.0:
+            return NoClosedForm("the disturbance changes faster than k_2/2, which GSTA can follow")
+    elif rate.any():
         return NoClosedForm("the disturbance never rests")
     if 0.0 in controller.A:
         return NoClosedForm("with a zero in A, zeta never rests")
@@ -82,8 +89,11 @@ def steady_state(
     return state
 
 
-def _sinusoid(scenario: Scenario):
-    return scenario.disturbance.amplitude, scenario.disturbance.frequency_hz
+def _disturbance_rate(scenario: Scenario, design: Design) -> np.ndarray:
+    """The greatest rate (6,) of M_hat^-1 tau_dist, which eq. (28) has to follow."""
+    disturbance = scenario.disturbance
+    rate = 2.0 * np.pi * np.abs(np.array(disturbance.amplitude) * np.array(disturbance.frequency_hz))
+    return np.abs(np.linalg.inv(design.M_hat)) @ rate
 
 
 def _solve(scenario: Scenario, vehicle: Vehicle, design: Design, gravity: np.ndarray) -> SteadyState | None:
