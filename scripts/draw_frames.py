@@ -43,15 +43,14 @@ def frame(ax: Axes, name: str, origin, yaw_deg: float, length: float, colour: st
     for axis, angle in (("x", yaw_deg), ("y", yaw_deg + 90)):
         along = np.array([np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))])
         arrow(ax, origin, length * along, colour)
-        ax.text(
-            *(origin + (length + 0.035) * along), f"${axis}_{name}$", color=colour, ha="center", va="center"
-        )
+        x, y = origin + (length + 0.035) * along
+        ax.text(x, y, f"${axis}_{name}$", color=colour, ha="center", va="center")
     for radius, fill in ((0.02, "white"), (0.006, colour)):
         ax.add_patch(Circle(origin, radius, fc=fill, ec=colour, lw=1.2, zorder=6))
 
 
 def vehicle(ax: Axes, position, yaw_deg: float, reach: float, faint: bool = False) -> None:
-    """A BlueROV1 from above, in outline: side plates, thrusters, and a tube with a dome that ends at the reach."""
+    """A BlueROV1 from above, in outline; its dome ends at the reach."""
     bend = np.linspace(-np.pi / 2, np.pi / 2, 30)
     hull = np.column_stack([0.187 + (reach - 0.187) * np.cos(bend), 0.055 * np.sin(bend)])
     hull = np.vstack([[[-0.115, 0.055], [-0.115, -0.055]], hull])
@@ -95,20 +94,20 @@ def poses(ax: Axes, scenario: Scenario, reach: float) -> None:
     drop(ax, x_c, -0.5, 0.5, INK)
     ax.text(
         x_c - 0.03,
-        -0.36,
-        f"$x_c$ = {x_c:g} m:\nhere B's origin\nmakes contact",
+        -0.33,
+        f"$x_c$ = {x_c:g} m:\ncontact begins\nwhen B's origin\nis here",
         ha="right",
         va="center",
         size="small",
     )
     beta = scenario.current.direction_deg
-    base = np.array([0.36, -0.42])
+    x, y = 0.36, -0.42
     along = np.array([np.cos(np.deg2rad(beta)), np.sin(np.deg2rad(beta))])
-    ax.plot([base[0], base[0] + 0.17], [base[1]] * 2, color=WATER, lw=1.0, ls=(0, (4, 3)))
-    ax.add_patch(Arc(base, 0.18, 0.18, theta1=0, theta2=beta, color=WATER, lw=1.2))
-    arrow(ax, base, 0.27 * along, WATER, 2.2)
-    ax.text(*(base + [0.09, 0.08]), f"{beta:g}°", color=WATER)
-    ax.text(*(base + [-0.14, 0.05]), f"$v_c$, {scenario.current.speed:g} m/s", color=WATER, ha="right")
+    ax.plot([x, x + 0.17], [y, y], color=WATER, lw=1.0, ls=(0, (4, 3)))
+    ax.add_patch(Arc((x, y), 0.18, 0.18, theta1=0, theta2=beta, color=WATER, lw=1.2))
+    arrow(ax, (x, y), 0.27 * along, WATER, 2.2)
+    ax.text(x + 0.09, y + 0.08, f"{beta:g}°", color=WATER)
+    ax.text(x - 0.14, y + 0.05, f"$v_c$, {scenario.current.speed:g} m/s", color=WATER, ha="right")
 
 
 def contact(ax: Axes, scenario: Scenario, reach: float) -> None:
@@ -123,7 +122,7 @@ def contact(ax: Axes, scenario: Scenario, reach: float) -> None:
     ax.text(x_c, -0.38, f"$x_c$ = {x_c:g} m", color=BODY, ha="center", va="top")
     drop(ax, drawn_target, 0.0, 0.25, TARGET)
     ax.plot(drawn_target, 0, "x", color=TARGET, ms=7, mew=2, zorder=6)
-    ax.text(drawn_target, 0.27, f"target, {target:g} m", color=TARGET, ha="center")
+    ax.text(face - 0.03, 0.27, f"target {target:g} m", color=TARGET, ha="right")
     arrow(ax, (face, 0), (-0.15, 0), FORCE, 2.4)
     ax.text(face - 0.03, 0.4, "f_contact_W = (−F, 0, 0)", color=FORCE, ha="right")
     ax.annotate("", (face, -0.26), (x_c, -0.26), arrowprops={"arrowstyle": "<->", "shrinkA": 0, "shrinkB": 0})
@@ -151,12 +150,12 @@ def main(out: Path) -> None:
             "text.color": INK,
         }
     )
-    figure = Figure(figsize=(7.4, 3.15), facecolor="white")
+    figure = Figure(figsize=(7.4, 3.05), facecolor="white")
     left, right = figure.subplots(1, 2, width_ratios=(1.72, 0.80))
     poses(left, scenario, reach)
     contact(right, scenario, reach)
     left.set(xlim=(-0.36, 1.36), title="frames W and B, seen from above ($z$ up)")
-    right.set(xlim=(0.56, 1.36), title="in contact (target not to scale)")
+    right.set(xlim=(0.56, 1.36), title="in contact (not to scale)")
     for ax in (left, right):
         ax.set(ylim=(-0.5, 0.5), aspect="equal")
         ax.axis("off")

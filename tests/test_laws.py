@@ -1,0 +1,234 @@
+"""Laws of a user's own: compiled, plain, wrong, edited."""
+
+import ast
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uvms_mj import Controller, Gsta, InputError, LawError, Scenario, compilation, simulate
+from uvms_mj.control import BUILT_IN
+from uvms_mj.simulation import PlainPythonWarning
+
+ROOT = Path(__file__).parents[1]
+SHORT = {"simulation.duration": 0.2}
+
+HEADER = """
+from dataclasses import dataclass
+import numpy as np
+from uvms_mj import Controller, gain
+"""
+COPY_OF_GSTA = '''
+@dataclass(frozen=True)
+class MyGsta(Controller):
+    """GSTA in array notation."""
+    k_1: float = gain(5.0, "m^(1/2)/s^(3/2)", "gain of phi_1")
+    k_2: float = gain(10.0, "m/s^3", "gain of phi_2")
+    beta: float = gain(5.0, "(s/m)^(1/2)", "linear part")
+    states = {"z": 6}
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        s = signals.s
+        root = np.sqrt(np.abs(s)) * np.sign(s)
+        tau_gsta = -gains.k_1 * (root + gains.beta * s) + state.z
+        state_dot.z[:] = -gains.k_2 * (0.5 * np.sign(s) + 1.5 * gains.beta * root + gains.beta**2 * s)
+        tau_cmd[:] = signals.tau_nom + signals.M_hat @ (tau_gsta - gains.A * s)
+'''
+
+
+def law_file(tmp_path, body, name="my_law.py", header=HEADER):
+    path = tmp_path / name
+    path.write_text(header + body)
+    return path
+
+
+def one_liner(name, body):
+    lines = "\n".join(f"        {line}" for line in body.strip().splitlines())
+    return f"@dataclass(frozen=True)\nclass {name}(Controller):\n    @staticmethod\n    def law(gains, state, signals, state_dot, tau_cmd):\n{lines}\n"
+
+
+def test_a_users_law_is_compiled_and_does_what_ours_does(tmp_path):
+    """The same law written in arrays; sums in another order leave rounding, which a switching law may amplify a little."""
+    path = law_file(tmp_path, COPY_OF_GSTA)
+    theirs = simulate(Scenario.load("push_wall", {"simulation.duration": 3.0}, f"{path}:MyGsta"))
+    ours = simulate(Scenario.load("push_wall", {"simulation.duration": 3.0}))
+    assert theirs.notes == ()
+    assert np.abs(theirs.p_WB - ours.p_WB).max() < 1e-7
+    assert np.abs(theirs.z - ours.z)[:, :2].max() < 1e-3
+    assert theirs.z.shape == ours.z.shape
+
+
+def test_the_readmes_law_reaches_its_own_closed_form(tmp_path):
+    """Integral action makes K_d eta_e = tau_c exactly, as GSTA does: F = K_x (x_d - x_c)/(1 + K_x/k_c)."""
+    example = re.search(r"```python\n(# my_law\.py\n.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    assert example is not None
+    assert len([line for line in example[1].splitlines() if line.strip() and not line.startswith("#")]) <= 20
+    path = law_file(tmp_path, example[1], header="")
+    name = re.search(r"class (\w+)\(Controller\)", example[1])[1]
+    trace = simulate(Scenario.load("push_wall", {"simulation.duration": 40.0}, f"{path}:{name}"))
+    assert trace.notes == ()
+    expected = 150.0 * 0.01 / (1.0 + 150.0 / 1e5)
+    assert abs(trace.push[-1] - expected) <= 1e-4 * expected
+
+
+def test_gains_take_settings_and_states_are_recorded_under_their_names(tmp_path):
+    body = """
+@dataclass(frozen=True)
+class Leaky(Controller):
+    rate: float = gain(2.0, "1/s", "leak")
+    axes: tuple[float, float, float] = gain((1.0, 2.0, 3.0), "-", "weights")
+    states = {"memory": 3, "clock": 1}
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        state_dot.clock[0] = 1.0
+        for i in range(3):
+            state_dot.memory[i] = gains.axes[i] - gains.rate * state.memory[i]
+        tau_cmd[:] = signals.tau_nom
+"""
+    path = law_file(tmp_path, body)
+    scenario = Scenario.load("push_wall", {**SHORT, "controller.rate": 4.0}, f"{path}:Leaky")
+    trace = simulate(scenario)
+    t, h = trace.t, 1e-4
+    assert np.allclose(trace.clock[:, 0], t, atol=1e-9)
+    steps = np.round(t / h)
+    exact = np.array([1.0, 2.0, 3.0]) / 4.0 * (1.0 - (1.0 - 4.0 * h) ** steps[:, None])  # explicit Euler
+    assert np.allclose(trace.memory, exact, atol=1e-12)
+    with pytest.raises(InputError, match="did you mean 'rate'"):
+        Scenario.load("push_wall", {"controller.rat": 1.0}, f"{path}:Leaky")
+
+
+def test_a_law_as_plain_python_gives_bit_for_bit_what_it_gives_compiled(monkeypatch):
+    scenario = Scenario.load("push_wall", {"simulation.duration": 0.05, "wall.position": 1e-4, "reference.step_time": 0.0})
+    compiled = simulate(scenario)
+
+    def refuse(controller):
+        raise compilation.NotCompiled("for the test")
+
+    monkeypatch.setattr("uvms_mj.native.closed_loop.compile_law", refuse)
+    with pytest.warns(PlainPythonWarning, match="for the test"):
+        plain = simulate(scenario)
+    assert plain.touches[-1] > 0
+    for name in compiled:
+        assert np.allclose(plain[name], compiled[name], rtol=1e-9, atol=1e-12, equal_nan=True), name
+
+
+def test_a_law_that_numba_cannot_compile_runs_and_says_why(tmp_path):
+    body = one_liner("Odd", "tau_cmd[:] = eval('1.0') * signals.tau_nom")
+    path = law_file(tmp_path, body)
+    with pytest.warns(PlainPythonWarning, match="plain Python"):
+        trace = simulate(Scenario.load("push_wall", SHORT, f"{path}:Odd"))
+    ours = simulate(Scenario.load("push_wall", SHORT, "impedance"))
+    assert np.allclose(trace.p_WB, ours.p_WB, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("body", "what"),
+    [
+        ("if signals.t > 0.01:\n    tau_cmd[0] = signals.nu[7]", "IndexError"),
+        ("if signals.t > 0.01:\n    raise ValueError('too late')", "ValueError: too late"),
+        ("tau_cmd[0] = 0.0 if signals.t < 0.01 else 1.0 / signals.f_contact_m_W[0]", "divide by zero"),
+        ("if signals.t > 0.01:\n    raise KeyError(eval('1'))", "KeyError: 1"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::uvms_mj.simulation.PlainPythonWarning")
+def test_an_exception_in_a_law_names_the_users_line_and_keeps_the_trace(tmp_path, body, what):
+    path = law_file(tmp_path, one_liner("Wrong", body))
+    with pytest.raises(LawError) as caught:
+        simulate(Scenario.load("push_wall", SHORT, f"{path}:Wrong"))
+    line = len((HEADER + one_liner("Wrong", body)).rstrip().splitlines())
+    assert f"my_law.py, line {line}" in str(caught.value)
+    assert what in str(caught.value)
+    assert 10 <= len(caught.value.trace) <= 12
+
+
+@pytest.mark.parametrize(
+    ("source", "reason"),
+    [
+        ("nowhere.py:Law", "no file"),
+        ("{path}:Lew", "its laws are Law"),
+        ("{path}", "is path/to/file.py:ClassName"),
+        ("{broken}:Law", "line 3"),
+        ("{failing}:Law", "line 2: ZeroDivisionError"),
+        ("{undecorated}:Law", "@dataclass"),
+        ("{empty}:Law", "no method 'law'"),
+    ],
+)
+def test_a_law_that_cannot_be_loaded_is_explained(tmp_path, source, reason):
+    good = one_liner("Law", "tau_cmd[:] = 0.0")
+    files = {
+        "path": law_file(tmp_path, good),
+        "broken": law_file(tmp_path, "\n\ndef (:\n", "broken.py", ""),
+        "failing": law_file(tmp_path, "\n1 / 0\n", "failing.py", ""),
+        "undecorated": law_file(tmp_path, good.replace("@dataclass(frozen=True)", ""), "undecorated.py"),
+        "empty": law_file(tmp_path, "@dataclass(frozen=True)\nclass Law(Controller):\n    k: float = 1.0\n", "empty.py"),
+    }
+    with pytest.raises(InputError) as caught:
+        Scenario.load("push_wall", controller=source.format(**files))
+    assert reason in str(caught.value)
+
+
+def test_an_edit_to_any_file_that_a_law_uses_is_seen_at_the_next_run(tmp_path):
+    """A constant and a compiled function in a file that the law's own file imports, edited within the same second."""
+    body = "from helper import FACTOR, double\n" + one_liner(
+        "Scaled", "for i in range(6):\n    tau_cmd[i] = FACTOR * double(1.0)"
+    )
+    law_file(tmp_path, body)
+
+    def tau_with(factor, product):
+        (tmp_path / "helper.py").write_text(
+            f"import numba\nFACTOR = {factor}\n@numba.njit\ndef double(x):\n    return {product} * x\n"
+        )
+        command = [sys.executable, "-m", "uvms_mj", "run", "--controller", "my_law.py:Scaled", "--json"]
+        command += ["--set", "simulation.duration=0.001", "--out", f"out-{factor}-{product}"]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+        return json.loads(done.stdout)["final"]["tau"][0]
+
+    assert tau_with(1.0, 2.0) == pytest.approx(2.0)
+    assert tau_with(3.0, 2.0) == pytest.approx(6.0)
+    assert tau_with(3.0, 5.0) == pytest.approx(15.0)
+
+
+def test_the_fingerprint_covers_all_that_reaches_the_machine_code():
+    """Every kernel's file, and every file of the package that such a file imports."""
+    package, core = Path(compilation.__file__).parent, set(compilation._CORE)
+    for function in compilation._kernels:
+        assert str(Path(function.__code__.co_filename).relative_to(package)) in core, function
+    for name in core:
+        for node in ast.walk(ast.parse((package / name).read_text())):
+            if isinstance(node, ast.ImportFrom) and node.level:
+                folder = (package / name).parents[node.level - 1]
+                module = folder / (node.module or "").replace(".", "/")
+                file = module.with_suffix(".py")
+                targets = [file] if file.is_file() else [module / f"{a.name}.py" for a in node.names]
+                for target in targets:
+                    imported = str(target.relative_to(package))
+                    # the law's gains and states are in its own fingerprint
+                    assert imported in core or imported in ("control/base.py", "control/loader.py"), (name, imported)
+
+
+@pytest.mark.parametrize("law", BUILT_IN)
+def test_built_in_laws_have_documented_gains(law):
+    for field in BUILT_IN[law].gain_fields():
+        assert field.metadata["unit"], field.name
+        assert field.metadata["meaning"], field.name
+
+
+def test_updating_a_scenario_keeps_a_law_that_has_no_file():
+    import dataclasses
+
+    @dataclasses.dataclass(frozen=True)
+    class Local(Gsta):
+        pass
+
+    Local.name = ""
+    scenario = Scenario.load("push_wall").updated({"wall.position": 2.0})
+    assert scenario.controller == Gsta()
+    mine = dataclasses.replace(scenario, controller=Local(k_1=3.0)).updated({"controller.k_2": 4.0})
+    assert mine.controller == Local(k_1=3.0, k_2=4.0)
+    assert isinstance(mine.controller, Controller)

@@ -1,0 +1,161 @@
+"""Scenarios: TOML in and out, every fault at once, suggestions."""
+
+import dataclasses
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from uvms_mj import Fosm, Gsta, InputError, Scenario
+from uvms_mj.scenario import keys, parse_setting
+
+
+def write(tmp_path, text):
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    return path
+
+
+def test_the_shipped_scenario_is_the_default():
+    shipped = Scenario.load("push_wall")
+    assert dataclasses.replace(shipped, description="") == Scenario()
+
+
+def test_round_trip_through_toml(tmp_path):
+    scenario = Scenario.load(
+        "push_wall",
+        {
+            "wall.stiffness": 12345.678901234567,
+            "impedance.M_d": [[float(i == j) * (i + 1) for i in range(6)] for j in range(6)],
+            "reference.waypoints": [{"time": 1.0, "position": [0.1, 0.2, 0.3]}],
+            "controller.K_s": 3,
+            "controller.period": 2e-4,
+        },
+        "fosm",
+    )
+    assert Scenario.load(write(tmp_path, scenario.to_toml())) == scenario
+
+
+def test_every_fault_is_named_at_once_with_key_value_and_what_would_be_right(tmp_path):
+    path = write(
+        tmp_path,
+        """
+        [wall]
+        stifness = 1e5
+        damping = -2
+        [simulation]
+        timestep = "fast"
+        integrator = "rk4"
+        [initial]
+        position = [1, 2]
+        [refrence]
+        target = [1, 2, 3]
+        [disturbance]
+        bias = [0, 0, 0, 0, nan, 0]
+        [controller]
+        name = "gsta"
+        k1 = 3
+        k_2 = -1
+        """,
+    )
+    with pytest.raises(InputError) as caught:
+        Scenario.load(path)
+    text = str(caught.value)
+    for expected in (
+        "wall.stifness: no such key; did you mean 'stiffness'?",
+        "wall.damping: -2 must be at least 0",
+        "simulation.timestep: 'fast' is not a finite number",
+        "simulation.integrator: 'rk4' must be 'euler' or 'implicitfast'",
+        "initial.position: [1, 2] has 2 values; 3 are needed",
+        "refrence: no such key; did you mean 'reference'?",
+        "disturbance.bias[4]: nan is not a finite number",
+        "controller.k1: gsta has no such gain; did you mean 'k_1'?",
+        "controller.k_2: -1 must be at least 0",
+        "9 faults",
+    ):
+        assert expected in text, text
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("wall = 3", "wall: 3 is not a table"),
+        ("controller = 3", "controller: 3 is not a table"),
+        ("[controller]\nname = 3", "controller.name: 3 is not the name of a law"),
+        ("[wall]\nposition = true", "wall.position: True is not a finite number"),
+        ("[controller]\nname = 'gtsa'", "did you mean 'gsta'?"),
+        ("[controller]\nF_2 = 0.0", "controller.F_2"),
+        ("[controller]\nA = 1.0", "controller.A"),
+        ("[[reference.waypoints]]\ntime = 1.0", "reference.waypoints[0].position: "),
+        ("x = [", "not a scenario in TOML"),
+    ],
+)
+def test_faults_read_well(tmp_path, text, expected):
+    with pytest.raises(InputError) as caught:
+        Scenario.load(write(tmp_path, text))
+    assert expected in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "expected"),
+    [
+        ("stiffness", "did you mean 'wall.stiffness'?"),
+        ("k_1", "did you mean 'controller.k_1'?"),
+        ("wal.stiffness", "did you mean 'wall'?"),
+        ("wall.stifness", "did you mean 'stiffness'?"),
+    ],
+)
+def test_overrides_suggest(key, expected):
+    with pytest.raises(InputError) as caught:
+        Scenario.load("push_wall", {key: 1.0})
+    assert expected in str(caught.value)
+
+
+def test_a_scenario_that_does_not_exist_is_said_so():
+    with pytest.raises(InputError, match="did you mean 'push_wall'"):
+        Scenario.load("pushwall")
+    with pytest.raises(InputError, match="no such file"):
+        Scenario.load("nowhere/mine.toml")
+
+
+def test_the_files_gains_are_kept_only_if_they_are_that_laws(tmp_path):
+    path = write(tmp_path, "[controller]\nname = 'gsta'\nk_1 = 8.0\nA = -50.0")
+    assert Scenario.load(path).controller == Gsta(k_1=8.0, A=-50.0)
+    assert Scenario.load(path, controller="gsta").controller == Gsta(k_1=8.0, A=-50.0)
+    assert Scenario.load(path, controller="fosm").controller == Fosm()
+    assert Scenario.load(path, {"controller.K_s": 3.0}, "fosm").controller == Fosm(K_s=3.0)
+
+
+def test_paths_in_a_file_are_relative_to_it(tmp_path, monkeypatch):
+    (tmp_path / "mine.xml").write_text("<mujoco/>")
+    path = write(tmp_path, "[vehicle]\nmodel = 'mine.xml'")
+    monkeypatch.chdir("/")
+    assert Scenario.load(path).vehicle.model == str(tmp_path / "mine.xml")
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_settings_keep_numbers_to_the_last_bit(value):
+    assert parse_setting(f"wall.position={value!r}") == ("wall.position", value)
+
+
+def test_settings():
+    assert parse_setting("a.b=[1, 2.5]") == ("a.b", [1, 2.5])
+    assert parse_setting("vehicle.model=my model.xml") == ("vehicle.model", "my model.xml")
+    assert parse_setting("controller.nominal=false") == ("controller.nominal", False)
+    with pytest.raises(InputError, match="key=value"):
+        parse_setting("wall.stiffness")
+
+
+def test_every_key_has_a_meaning_and_a_default_that_is_valid():
+    for key, default, meaning in keys():
+        assert meaning, key
+        if default is not None:
+            Scenario.load("push_wall", {key: default})
+
+
+def test_gains_are_checked_at_construction():
+    with pytest.raises(InputError, match="k_1"):
+        Gsta(k_1=float("nan"))
+    with pytest.raises(InputError, match="A: has 2 values; 6 are needed|A: .* has 2 values; 6 are needed"):
+        Gsta(A=(-1.0, -2.0))
+    assert Gsta(A=-50.0).A == (-50.0,) * 6
