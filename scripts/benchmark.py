@@ -4,8 +4,9 @@
     python scripts/benchmark.py --json FILE     the same figures as JSON
     python scripts/benchmark.py --no-start      without the cold and warm start of the command
 
-Bare is ``mj_step`` of the same model in the same contact state: free in the water, or resting on the wall. The closed loops record at
-1 kHz. Shared machines drift, so each round times everything once, in turn, and ratios are medians of the rounds' own ratios.
+Bare is ``mj_step`` of the same model in the same contact state: free in the water, or resting on the wall. The closed
+loops record at 1 kHz. Shared machines drift, so each round times everything once, in turn, and ratios are medians of
+the rounds' own ratios.
 """
 
 import json
@@ -21,10 +22,10 @@ from pathlib import Path
 import click
 import mujoco
 import numpy as np
-from numpy_loop import NumpyLoop
 from rich.console import Console
 from rich.table import Table
 
+from numpy_loop import NumpyLoop
 from uvms_mj import Scenario
 from uvms_mj.control import BUILT_IN
 from uvms_mj.native.attachment import attach
@@ -117,7 +118,8 @@ def measure(rounds: int) -> list[dict]:
 
 
 def starts(rounds: int) -> list[dict]:
-    """Whole-process seconds of ``uvms-mj --help`` and of ``uvms-mj run --controller gsta``, with an empty cache and with a full one."""
+    """Whole-process seconds of ``uvms-mj --help`` and of ``uvms-mj run --controller gsta``, with an empty cache and
+    with a full one."""
     command = [sys.executable, "-m", "uvms_mj"]
     rows = []
     with tempfile.TemporaryDirectory() as folder:

@@ -67,9 +67,7 @@ def vehicle(ax: Axes, position, yaw_deg: float, reach: float, faint: bool = Fals
 
 
 def wall(ax: Axes, face: float, bottom: float, top: float) -> None:
-    ax.add_patch(
-        Rectangle((face, bottom), 0.12, top - bottom, fc="#dfe3e8", ec="#9aa5b1", hatch="////", lw=0)
-    )
+    ax.add_patch(Rectangle((face, bottom), 0.12, top - bottom, fc="#dfe3e8", ec="#9aa5b1", hatch="////", lw=0))
     ax.plot([face, face], [bottom, top], color=INK, lw=1.8)
     behind = {"fc": "#dfe3e8", "ec": "none", "pad": 2.5}
     ax.text(face + 0.06, bottom + 0.2, "wall", rotation=90, ha="center", va="center", bbox=behind)

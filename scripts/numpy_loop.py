@@ -27,7 +27,8 @@ class NumpyLoop:
         self.start, self.omega_n = np.array(scenario.initial.position), scenario.reference.bandwidth
         self.target = np.array(scenario.reference.target) - self.start
         self.buoyancy_W = -self.vehicle.displaced_mass * self.model.opt.gravity
-        self.zeta, self.z, self.log = np.zeros(6), np.zeros(6), []
+        self.zeta, self.z = np.zeros(6), np.zeros(6)
+        self.log: list[tuple] = []
         self.chunk(warm_up_steps)
 
     def C(self, nu):
@@ -35,9 +36,7 @@ class NumpyLoop:
         a = v.M_A @ nu
         C_A = np.block([[np.zeros((3, 3)), -skew(a[:3])], [-skew(a[:3]), -skew(a[3:])]])
         omega, r = skew(nu[3:]), skew(v.r_g)
-        C_RB = np.block(
-            [[v.mass * omega, -v.mass * omega @ r], [v.mass * r @ omega, -skew(v.M_RB[3:, 3:] @ nu[3:])]]
-        )
+        C_RB = np.block([[v.mass * omega, -v.mass * omega @ r], [v.mass * r @ omega, -skew(v.M_RB[3:, 3:] @ nu[3:])]])
         return C_A, C_RB
 
     def callback(self, model, data):

@@ -87,9 +87,7 @@ def picture(scenario: Scenario, reach: float) -> mujoco.MjModel:
         material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
     spec.material("acrylic").rgba = [0.75, 0.93, 1.0, 0.36]
     thin = 0.06
-    spec.worldbody.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_PLANE, size=[20, 20, 1], pos=[0, 0, FLOOR], material="sand"
-    )
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[20, 20, 1], pos=[0, 0, FLOOR], material="sand")
     spec.worldbody.add_geom(
         type=mujoco.mjtGeom.mjGEOM_BOX,
         size=[0.75, 0.75, thin],

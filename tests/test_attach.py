@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
-from twin import TwinParameters, matrix_acceleration, rotation
-from vehicles import load, place, random_parameters, state, vehicle_xml, water_of
 
+from twin import TwinParameters, matrix_acceleration, rotation
 from uvms_mj import InputError, attach
+from vehicles import load, place, random_parameters, state, vehicle_xml, water_of
 
 STILL = TwinParameters(v_c_W=(0.0, 0.0, 0.0))
 seeds = st.integers(0, 2**32 - 1)
@@ -289,7 +289,11 @@ def test_attaching_twice_or_over_somebody_elses_callback_is_refused():
     ("before", "after", "reason"),
     [
         ('name="X_u"', 'name="X_uu_"', "X_u: no such <numeric>"),
-        ('name="X_uu" size="1" data="-18.18"', 'name="X_uu" size="1" data="18.18"', "X_uu: 18.18 would give the vehicle energy"),
+        (
+            'name="X_uu" size="1" data="-18.18"',
+            'name="X_uu" size="1" data="18.18"',
+            "X_uu: 18.18 would give the vehicle energy",
+        ),
         ('size="36"', 'size="35"', "M_A"),
         ('name="displaced_mass" size="1" data="', 'name="displaced_mass" size="1" data="-', "displaced_mass"),
     ],

@@ -1,4 +1,5 @@
-"""Settled runs rest where the closed forms say, in the paper's scenario and in others; where none holds, none is given."""
+"""Settled runs rest where the closed forms say, in the paper's scenario and in others; where none holds, none is
+given."""
 
 import numpy as np
 import pytest

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from twin import TwinParameters, simulate_fixed_step, simulate_smooth
 
+from twin import TwinParameters, simulate_fixed_step, simulate_smooth
 from uvms_mj import Scenario, Status, simulate
 from uvms_mj.frames import quat_from_euler_deg
 
@@ -103,7 +103,9 @@ def test_the_difference_to_continuous_time_falls_in_proportion_to_the_step(smoot
         np.array([0.5, 1.0, 1.5]),
     )
     for h in (2e-3, 1e-3, 5e-4, 2.5e-4):
-        scenario = Scenario.load("push_wall", {**overrides, "simulation.timestep": h, "wall.stiffness": 1e4}, "impedance")
+        scenario = Scenario.load(
+            "push_wall", {**overrides, "simulation.timestep": h, "wall.stiffness": 1e4}, "impedance"
+        )
         trace = simulate(scenario, log_rate=2.0)
         errors.append(np.abs(trace.p_WB[1:] - twin["p"]).max() + np.abs(trace.nu[1:] - twin["nu"]).max())
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
@@ -120,7 +122,9 @@ def test_implicitfast_converges_to_the_same_motion(smooth_overrides):
 
 def test_every_rate_gives_the_same_samples():
     """Rows at any rate, and rows of a run beside others, are bit for bit those of the full rate."""
-    scenario = Scenario.load("push_wall", {"simulation.duration": 0.3, "reference.step_time": 0.0, "wall.position": 0.001})
+    scenario = Scenario.load(
+        "push_wall", {"simulation.duration": 0.3, "reference.step_time": 0.0, "wall.position": 0.001}
+    )
     full = simulate(scenario, log_rate="full")
     assert full.touches[-1] > 0
     for rate, stride in ((1000.0, 10), (500, 20), (10, 1000)):
@@ -130,7 +134,8 @@ def test_every_rate_gives_the_same_samples():
 
 
 def test_a_row_has_the_state_and_its_own_contact_force():
-    """f = -k_c (x - x_c) at the row's own x; the law was given the value one step older; nu_dot is the derivative of nu."""
+    """f = -k_c (x - x_c) at the row's own x; the law was given the value one step older; nu_dot is the derivative of
+    nu."""
     overrides = {"simulation.duration": 0.5, "reference.step_time": 0.0, "wall.position": 0.001, "wall.stiffness": 2e4}
     trace = simulate(Scenario.load("push_wall", overrides), log_rate="full")
     depth = np.maximum(0.0, trace.p_WB[:, 0] - 0.001)
@@ -184,7 +189,8 @@ def test_tau_is_what_the_thrusters_give():
 
 
 def test_sticking_friction_holds_the_vehicle_at_the_wall():
-    """Where a frictionless wall lets the impedance law's sway error grow back, friction keeps it within the Coulomb limit."""
+    """Where a frictionless wall lets the impedance law's sway error grow back, friction keeps it within the Coulomb
+    limit."""
     overrides = {
         "reference.target": [1.2, 0.0, 0.0],
         "simulation.duration": 10.0,

@@ -14,7 +14,9 @@ def test_all_modes_have_the_damping_ratio(seed, ratio):
     M, K = a @ a.T + np.eye(6), b @ b.T + np.eye(6)
     D = ott_damping(M, K, ratio)
     assert np.allclose(D, D.T)
-    poles = np.linalg.eigvals(np.block([[np.zeros((6, 6)), np.eye(6)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]]))
+    poles = np.linalg.eigvals(
+        np.block([[np.zeros((6, 6)), np.eye(6)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
+    )
     # two poles a mode: their product is omega^2, their sum -2 ratio omega
     omega_squared = np.linalg.eigvals(np.linalg.solve(M, K)).real
     expected = np.concatenate([np.roots([1.0, 2 * ratio * np.sqrt(w2), w2]) for w2 in omega_squared])

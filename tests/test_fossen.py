@@ -29,9 +29,7 @@ def C_RB(M_RB: np.ndarray, nu: np.ndarray) -> np.ndarray:
     """Fossen (2021), eq. (3.63), as a matrix."""
     m, omega, I_b = M_RB[0, 0], nu[3:], M_RB[3:, 3:]
     S_r = M_RB[3:, :3] / m
-    return np.block(
-        [[m * skew(omega), -m * skew(omega) @ S_r], [m * S_r @ skew(omega), -skew(I_b @ omega)]]
-    )
+    return np.block([[m * skew(omega), -m * skew(omega) @ S_r], [m * S_r @ skew(omega), -skew(I_b @ omega)]])
 
 
 def C_A(M_A: np.ndarray, nu: np.ndarray) -> np.ndarray:

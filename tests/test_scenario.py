@@ -156,6 +156,6 @@ def test_every_key_has_a_meaning_and_a_default_that_is_valid():
 def test_gains_are_checked_at_construction():
     with pytest.raises(InputError, match="k_1"):
         Gsta(k_1=float("nan"))
-    with pytest.raises(InputError, match="A: has 2 values; 6 are needed|A: .* has 2 values; 6 are needed"):
+    with pytest.raises(InputError, match="has 2 values; 6 are needed"):
         Gsta(A=(-1.0, -2.0))
     assert Gsta(A=-50.0).A == (-50.0,) * 6

@@ -2,6 +2,7 @@
 
 import mujoco
 import numpy as np
+
 from twin import TwinParameters, skew
 
 _DERIVATIVES = (
@@ -39,7 +40,8 @@ def vehicle_xml(parameters: TwinParameters, crowded: bool = False, option: str =
 
 
 def random_parameters(seed: int, **others) -> TwinParameters:
-    """A vehicle with a full M_A, a full inertia and its centre of gravity far off the origin, in a current, disturbed."""
+    """A vehicle with a full M_A, a full inertia and its centre of gravity far off the origin, in a current,
+    disturbed."""
     rng = np.random.default_rng(seed)
     points, masses = rng.normal(size=(8, 3)) * 0.3 + rng.normal(size=3) * 0.3, rng.uniform(0.5, 2.0, 8)
     m = float(masses.sum())

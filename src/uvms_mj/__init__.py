@@ -1,9 +1,9 @@
 """uvms-mj: a MuJoCo physics testbed for underwater vehicles that must touch things.
 
-    from uvms_mj import Gsta, Scenario, simulate
+from uvms_mj import Gsta, Scenario, simulate
 
-    trace = simulate(Scenario.load("push_wall"), controller=Gsta(k_1=8.0))
-    print(trace.push[-1])
+trace = simulate(Scenario.load("push_wall"), controller=Gsta(k_1=8.0))
+print(trace.push[-1])
 """
 
 from importlib import import_module

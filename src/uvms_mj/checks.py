@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from .control import Controller, Fosm, Gsta, Impedance
+from .control import Fosm, Gsta, Impedance
 from .design import Design
 from .faults import Fault, InputError
 from .scenario import Scenario
@@ -41,15 +41,17 @@ def check(scenario: Scenario, vehicle: Vehicle, design: Design) -> list[str]:
         faults.append(
             Fault(
                 "controller.period",
-                f"{period:g} s is not a multiple of the time step {h:g} s; next to it are {n * h:g} and {(n + 1) * h:g} s",
+                f"{period:g} s is not a multiple of the time step {h:g} s; "
+                f"next to it are {n * h:g} and {(n + 1) * h:g} s",
             )
         )
     if faults:
         raise InputError(faults, "scenario")
     notes = list(_sampling(scenario, design))
-    if np.linalg.matrix_rank(vehicle.B) < 6:
+    rank = np.linalg.matrix_rank(vehicle.B)
+    if rank < 6:
         notes.append(
-            f"the {len(vehicle.thrusters)} thrusters of {vehicle.body} span {np.linalg.matrix_rank(vehicle.B)} of 6 axes: "
+            f"the {len(vehicle.thrusters)} thrusters of {vehicle.body} span {rank} of 6 axes: "
             "tau is the nearest that they can give to tau_cmd"
         )
     return notes
@@ -58,8 +60,9 @@ def check(scenario: Scenario, vehicle: Vehicle, design: Design) -> list[str]:
 def force_feedback_limit(scenario: Scenario, design: Design) -> float:
     """The greatest control period at which feeding back a contact force one step old leaves the contact damped [s].
 
-    Against a spring k_c an old force is negative damping of about k_c h. The sliding mode laws impose M_d, D_d whatever the
-    vehicle, so that D_d/k_c is the limit along the normal; the impedance law feeds back only the part M_hat M_d^-1 - I.
+    Against a spring k_c an old force is negative damping of about k_c h. The sliding mode laws impose M_d, D_d
+    whatever the vehicle, so that D_d/k_c is the limit along the normal; the impedance law feeds back only the part
+    M_hat M_d^-1 - I.
     """
     n, k_c = design.normal, scenario.wall.stiffness
     D_d = float(n @ design.D_d @ n)
@@ -72,7 +75,8 @@ def force_feedback_limit(scenario: Scenario, design: Design) -> float:
 def boundary_layer_limit(controller: Fosm, design: Design) -> float:
     """The greatest control period at which the first-order law does not chatter inside its boundary layer [s].
 
-    There s_dot = -(M^-1 M_hat K_s/epsilon - A) s + ..., which explicit sampling keeps stable for h below 2 over its fastest rate.
+    There s_dot = -(M^-1 M_hat K_s/epsilon - A) s + ..., which explicit sampling keeps stable for h below 2 over its
+    fastest rate.
     """
     gain = np.linalg.solve(design.M, design.M_hat) * controller.K_s / controller.epsilon
     rate = float(np.abs(np.linalg.eigvals(gain - np.diag(controller.A))).max())
@@ -88,15 +92,15 @@ def _sampling(scenario: Scenario, design: Design) -> Iterator[str]:
     controller, h = scenario.controller, control_period(scenario)
     if isinstance(controller, Fosm) and h >= (limit := boundary_layer_limit(controller, design)):
         yield (
-            f"fosm chatters at a control period of {h:g} s: K_s = {controller.K_s:g} and epsilon = {controller.epsilon:g} "
-            f"need less than {limit:.4g} s"
+            f"fosm chatters at a control period of {h:g} s: K_s = {controller.K_s:g} and "
+            f"epsilon = {controller.epsilon:g} need less than {limit:.4g} s"
         )
     if isinstance(controller, Fosm | Gsta | Impedance):
         limit = force_feedback_limit(scenario, design)
         if h >= limit:
             yield (
-                f"{controller.label()} limit-cycles against the wall at a control period of {h:g} s: with a measured force "
-                f"one step old, D_d and {scenario.wall.stiffness:g} N/m need less than {limit:.4g} s"
+                f"{controller.label()} limit-cycles against the wall at a control period of {h:g} s: with a measured "
+                f"force one step old, D_d and {scenario.wall.stiffness:g} N/m need less than {limit:.4g} s"
             )
 
 

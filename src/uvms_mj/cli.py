@@ -29,7 +29,12 @@ def main() -> None:
 @click.argument("arguments", nargs=-1, metavar="[SCENARIO] [KEY=VALUE]...")
 @click.option("-c", "--controller", metavar="LAW", help="gsta, fosm, impedance, or path/to/my_law.py:MyLaw.")
 @click.option(
-    "-s", "--set", "settings", multiple=True, metavar="KEY=VALUE", help="Replace a key of the scenario; may be repeated."
+    "-s",
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Replace a key of the scenario; may be repeated.",
 )
 @click.option("-o", "--out", metavar="DIR", help="Where files go [default: runs/<time>-<scenario>-<controller>].")
 @click.option("--log-rate", metavar="HZ|full", help="Samples a second; must divide the step rate [default: 1 kHz].")
@@ -63,7 +68,7 @@ def run(
             if len(names) > 1:
                 raise InputError(f"one scenario at a time, please: {', '.join(names)}")
             overrides = dict(parse_setting(s) for s in (*settings, *(a for a in arguments if "=" in a)))
-            scenario = Scenario.load(*names, overrides=overrides, controller=controller)
+            scenario = Scenario.load(names[0] if names else "push_wall", overrides, controller)
             folder = _output_folder(out, scenario)
             status = _simulate(scenario, folder, log_rate, console)
     except KeyboardInterrupt:
@@ -223,7 +228,9 @@ def _print_table(trace: Any, report: dict[str, Any]) -> None:
         table.add_row("final force", f"{contact['final_N']:.6f} N ({settled})")
     if contact["analytic_N"] is not None:
         table.add_row("analytic force", f"{contact['analytic_N']:.6f} N")
-        table.add_row("relative error", f"{contact['relative_error']:.1e}" if contact["relative_error"] is not None else "-")
+        table.add_row(
+            "relative error", f"{contact['relative_error']:.1e}" if contact["relative_error"] is not None else "-"
+        )
     elif report["analytic"]["none_because"]:
         table.add_row("analytic force", f"none: {report['analytic']['none_because']}")
     if some:
@@ -237,7 +244,8 @@ def _print_table(trace: Any, report: dict[str, Any]) -> None:
     if factor:
         step_us = trace.wall_time_s / max(1, trace.steps) * 1e6
         table.add_row(
-            "real-time factor", f"{factor:.1f} ({report['duration_s']:g} s in {trace.wall_time_s:.2f} s, {step_us:.2f} us a step)"
+            "real-time factor",
+            f"{factor:.1f} ({report['duration_s']:g} s in {trace.wall_time_s:.2f} s, {step_us:.2f} us a step)",
         )
     table.add_row("files", "\n".join(report["files"].values()))
     _print(table)
@@ -314,7 +322,8 @@ def _nothing_ran(scenario: Any, controller: str | None) -> dict[str, Any]:
 
 
 def _stop_on_signals() -> None:
-    """SIGTERM does what Ctrl-C does; after the first of them the run ends in its own way and further ones are ignored."""
+    """SIGTERM does what Ctrl-C does; after the first of them the run ends in its own way and further ones are
+    ignored."""
 
     def stop(number: int, frame: Any) -> NoReturn:
         for each in (signal.SIGINT, signal.SIGTERM):

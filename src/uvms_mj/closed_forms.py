@@ -1,18 +1,21 @@
 r"""Steady states, from scenario and gains alone: where a vehicle comes to rest and how hard it pushes then.
 
-At rest (nu = 0) zeta is constant in eq. (15), so that s = -A^-1 M_d^-1 (K_d eta_e - tau_c), and the balance of eq. (10) reads for each law
+At rest (nu = 0) zeta is constant in eq. (15), so that s = -A^-1 M_d^-1 (K_d eta_e - tau_c), and the balance of eq.
+(10) reads for each law
 
 .. math::
 
     G M_d^{-1} (K_d \tilde\eta - \tau_c) = \hat M^{-1} (d + \hat g(\eta) - g(\eta)), \qquad
     G = \begin{cases} I & \text{impedance, eq. (23): the static balance of eq. (5)} \\
                       I - A^{-1} K_s / \epsilon & \text{first-order law inside its boundary layer, eq. (31)} \\
-                      \infty & \text{GSTA, with and without nominal control: } z \text{ takes up what changes slower than } k_2/2
+                      \infty & \text{GSTA, with and without nominal control: }
+                                z \text{ takes up what changes slower than } k_2/2
         \end{cases}
 
-with d = tau_dist - C_A(-nu_c)(-nu_c) - D(-nu_c)(-nu_c), the current's and the constant disturbance's wrench on a vehicle at rest, at the
-attitude that it rests at, and the frictionless wall's tau_c = -k_c (x - x_c) along its normal where x > x_c. For GSTA with the attitude
-reference along W this is the paper's F = K_x (x_d - x_c) / (1 + K_x / k_c). The six equations are solved by Newton's method.
+with d = tau_dist - C_A(-nu_c)(-nu_c) - D(-nu_c)(-nu_c), the current's and the constant disturbance's wrench on a
+vehicle at rest, at the attitude that it rests at, and the frictionless wall's tau_c = -k_c (x - x_c) along its normal
+where x > x_c. For GSTA with the attitude reference along W this is the paper's F = K_x (x_d - x_c) / (1 + K_x / k_c).
+The six equations are solved by Newton's method.
 """
 
 from dataclasses import dataclass
@@ -26,6 +29,7 @@ from .fossen import coriolis_added_mass, damping, restoring
 from .frames import quat_error, rotation_matrix
 from .scenario import Scenario
 from .vehicle import Vehicle
+
 
 @dataclass(frozen=True, eq=False)
 class SteadyState:
@@ -58,7 +62,11 @@ def steady_state(
 ) -> SteadyState | NoClosedForm:
     """The steady state of a scenario, or why it has none in closed form; gravity_W (3,) [m/s^2]."""
     controller, h = scenario.controller, control_period(scenario)
-    if not isinstance(controller, Impedance | Fosm | Gsta) or type(controller).name not in ("impedance", "fosm", "gsta"):
+    if not isinstance(controller, Impedance | Fosm | Gsta) or type(controller).name not in (
+        "impedance",
+        "fosm",
+        "gsta",
+    ):
         return NoClosedForm("a law of the user's own")
     rate = _disturbance_rate(scenario, design)
     if isinstance(controller, Gsta):
@@ -109,7 +117,7 @@ def _solve(scenario: Scenario, vehicle: Vehicle, design: Design, gravity: np.nda
                 break
         if not np.abs(balance(x)).max() < 1e-8:
             return None
-        position, quat, R_WB = balance.pose(x)
+        position, quat, _ = balance.pose(x)
         depth = position[0] - scenario.wall.position
         if in_contact or depth <= 0.0:
             force = scenario.wall.stiffness * depth if in_contact else 0.0
@@ -127,7 +135,8 @@ def _jacobian(function, x: np.ndarray) -> np.ndarray:
 
 
 class _Balance:
-    """The residual of the balance as a function of x: position minus the reference in W, rotation from the desired attitude."""
+    """The residual of the balance as a function of x: position minus the reference in W, rotation from the desired
+    attitude."""
 
     def __init__(self, scenario: Scenario, vehicle: Vehicle, design: Design, gravity, in_contact: bool) -> None:
         self.scenario, self.vehicle, self.design, self.in_contact = scenario, vehicle, design, in_contact

@@ -1,4 +1,5 @@
-"""From a scenario and a vehicle: the desired impedance, the estimates, the desired attitude. Shared by the loop and the closed forms."""
+"""From a scenario and a vehicle: the desired impedance, the estimates, the desired attitude. Shared by the loop and
+the closed forms."""
 
 from dataclasses import dataclass
 

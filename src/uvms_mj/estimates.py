@@ -1,13 +1,13 @@
 """What a law believes of the vehicle: estimates of M, C, D and g, never the current and never the disturbance.
 
-The estimates are the true coefficients times the scenario's factors, 1 by default. The error in each is one of the terms of the
-lumped disturbance of the paper's eq. (11).
+The estimates are the true coefficients times the scenario's factors, 1 by default. The error in each is one of the
+terms of the lumped disturbance of the paper's eq. (11).
 """
 
 import numpy as np
 
-from .compilation import kernel
 from .fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
+from .kernels import kernel
 
 BELIEFS = np.dtype(
     [
@@ -28,12 +28,11 @@ BELIEFS = np.dtype(
 
 @kernel
 def estimate(beliefs, signals, work):
-    """Set signals.C_hat_nu, signals.D_hat_nu and signals.g_hat from signals.nu and signals.R_WB; work is (6,) scratch."""
+    """Set signals.C_hat_nu, signals.D_hat_nu and signals.g_hat from signals.nu and signals.R_WB; work is (6,)
+    scratch."""
     coriolis_rigid_body(beliefs.M_RB, signals.nu, signals.C_hat_nu)
     coriolis_added_mass(beliefs.M_A, signals.nu, work)
     for i in range(6):
         signals.C_hat_nu[i] += work[i]
     damping(beliefs.D_linear, beliefs.D_quadratic, signals.nu, signals.D_hat_nu)
-    restoring(
-        beliefs.weight, beliefs.buoyancy, beliefs.r_g, beliefs.r_b, beliefs.up_W, signals.R_WB, signals.g_hat
-    )
+    restoring(beliefs.weight, beliefs.buoyancy, beliefs.r_g, beliefs.r_b, beliefs.up_W, signals.R_WB, signals.g_hat)

@@ -1,7 +1,7 @@
 """Faults of the input: what is wrong, where, and what would be right, all at once."""
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,7 +41,9 @@ def suggestion(word: str, choices: Iterable[str]) -> str:
     return f"did you mean {close[0]!r}?" if close else f"known are {', '.join(choices)}"
 
 
-def faults_of(error: ValidationError, prefix: str = "", choices: dict[str, Iterable[str]] | None = None) -> list[Fault]:
+def faults_of(
+    error: ValidationError, prefix: str = "", choices: Mapping[str, Iterable[str]] | None = None
+) -> list[Fault]:
     """The faults that a validator found, in the words of this project.
 
     Args:

@@ -2,34 +2,39 @@ r"""Fossen's equations of motion, term by term, as pure compiled functions.
 
 .. math::
 
-    M \dot\nu_r + C(\nu_r)\nu_r + D(\nu_r)\nu_r + g(\eta) = \tau + \tau_c + \tau_{dist}        (paper eq. (10))
+    M \dot\nu_r + C(\nu_r)\nu_r + D(\nu_r)\nu_r + g(\eta) = \tau + \tau_c + \tau_{dist} \qquad \text{paper eq. (10)}
 
-with :math:`M = M_{RB} + M_A`, :math:`C = C_{RB} + C_A`, :math:`\nu_r = \nu - \nu_c`, everything in the body frame B at its origin:
+with :math:`M = M_{RB} + M_A`, :math:`C = C_{RB} + C_A`, :math:`\nu_r = \nu - \nu_c`, everything in the body frame B at
+its origin:
 
 .. math::
 
-    M_{RB} &= \begin{bmatrix} m I & -m S(r_g) \\ m S(r_g) & I_b \end{bmatrix}                    && \text{Fossen (2021), eq. (3.49)}
+    M_{RB} &= \begin{bmatrix} m I & -m S(r_g) \\ m S(r_g) & I_b \end{bmatrix}
+        && \text{Fossen (2021), eq. (3.49)}
 
-    C_{RB}(\nu) &= \begin{bmatrix} m S(\omega) & -m S(\omega) S(r_g) \\ m S(r_g) S(\omega) & -S(I_b \omega) \end{bmatrix}
-                                                                                                && \text{Fossen (2021), eq. (3.63)}
+    C_{RB}(\nu) &= \begin{bmatrix} m S(\omega) & -m S(\omega) S(r_g) \\
+                                  m S(r_g) S(\omega) & -S(I_b \omega) \end{bmatrix}
+        && \text{Fossen (2021), eq. (3.63)}
 
     C_A(\nu) &= \begin{bmatrix} 0 & -S(a_1) \\ -S(a_1) & -S(a_2) \end{bmatrix}, \quad
-        \begin{bmatrix} a_1 \\ a_2 \end{bmatrix} = M_A \nu                                     && \text{Fossen (2021), eq. (6.44)}
+        \begin{bmatrix} a_1 \\ a_2 \end{bmatrix} = M_A \nu
+        && \text{Fossen (2021), eq. (6.44)}
 
-    D(\nu) &= \mathrm{diag}(d_i + q_i |\nu_i|)                                                  && \text{paper eq. (33)}
+    D(\nu) &= \mathrm{diag}(d_i + q_i |\nu_i|)
+        && \text{paper eq. (33)}
 
     g(\eta) &= \begin{bmatrix} (W - B)\, k \\ (W r_g - B r_b) \times k \end{bmatrix}, \quad k = R_{WB}^\top e_{up}
 
-C_RB has no linear velocity in it, so that for a constant irrotational current M_RB nu_r_dot + C_RB(nu_r) nu_r equals the rigid body's
-own M_RB nu_dot + C_RB(nu) nu, which is what MuJoCo integrates.
+C_RB has no linear velocity in it, so that for a constant irrotational current M_RB nu_r_dot + C_RB(nu_r) nu_r equals
+the rigid body's own M_RB nu_dot + C_RB(nu) nu, which is what MuJoCo integrates.
 """
 
-from .compilation import kernel
+from .kernels import kernel
 
 
 @kernel
 def coriolis_rigid_body(M_RB, nu, out):
-    """out = C_RB(nu) nu (6,) [N, N m], Fossen (2021), eq. (3.63), written with the blocks of M_RB (6, 6) [kg, kg m, kg m^2]."""
+    """out = C_RB(nu) nu (6,) [N, N m], Fossen (2021), eq. (3.63), with the blocks of M_RB (6, 6) [kg, kg m, kg m^2]."""
     m = M_RB[0, 0]
     a_x = nu[4] * nu[2] - nu[5] * nu[1]  # omega x v
     a_y = nu[5] * nu[0] - nu[3] * nu[2]
@@ -70,7 +75,8 @@ def damping(D_linear, D_quadratic, nu, out):
 
 @kernel
 def restoring(weight, buoyancy, r_g, r_b, up_W, R_WB, out):
-    """out = g(eta) (6,) [N, N m] for weight and buoyancy [N] at r_g and r_b (3,) [m, B]; up_W (3,) is the unit vector against gravity."""
+    """out = g(eta) (6,) [N, N m] for weight and buoyancy [N] at r_g and r_b (3,) [m, B]; up_W (3,) is the unit vector
+    against gravity."""
     k_x = R_WB[0, 0] * up_W[0] + R_WB[1, 0] * up_W[1] + R_WB[2, 0] * up_W[2]
     k_y = R_WB[0, 1] * up_W[0] + R_WB[1, 1] * up_W[1] + R_WB[2, 1] * up_W[2]
     k_z = R_WB[0, 2] * up_W[0] + R_WB[1, 2] * up_W[1] + R_WB[2, 2] * up_W[2]
@@ -89,6 +95,4 @@ def restoring(weight, buoyancy, r_g, r_b, up_W, R_WB, out):
 def matvec(A, x, out):
     """out = A x for A (6, 6); out must not be x."""
     for i in range(6):
-        out[i] = (
-            A[i, 0] * x[0] + A[i, 1] * x[1] + A[i, 2] * x[2] + A[i, 3] * x[3] + A[i, 4] * x[4] + A[i, 5] * x[5]
-        )
+        out[i] = A[i, 0] * x[0] + A[i, 1] * x[1] + A[i, 2] * x[2] + A[i, 3] * x[3] + A[i, 4] * x[4] + A[i, 5] * x[5]

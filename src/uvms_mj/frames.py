@@ -1,13 +1,14 @@
 """Frames and rotations: the only home of frame changes.
 
-World W: x towards the wall, y left, z up. Body B: x forward, y left, z up, origin at the vehicle's body frame. A rotation matrix
-``R_WB`` maps components in B to components in W; a quaternion is ``[w, x, y, z]``. Velocities ``nu = [v; omega]`` are in B, linear
-first. MuJoCo's free joint has ``qvel = [v in W; omega in B]``, so ``nu = T qvel`` with ``T = blockdiag(R_WB^T, I)``.
+World W: x towards the wall, y left, z up. Body B: x forward, y left, z up, origin at the vehicle's body frame. A
+rotation matrix ``R_WB`` maps components in B to components in W; a quaternion is ``[w, x, y, z]``. Velocities ``nu =
+[v; omega]`` are in B, linear first. MuJoCo's free joint has ``qvel = [v in W; omega in B]``, so ``nu = T qvel`` with
+``T = blockdiag(R_WB^T, I)``.
 """
 
 import numpy as np
 
-from .compilation import kernel
+from .kernels import kernel
 
 
 @kernel
@@ -45,7 +46,8 @@ def body_velocity(R_WB, qvel, nu):
 
 @kernel
 def body_acceleration(R_WB, qacc, nu, nu_dot):
-    """nu_dot from the free joint's acceleration: v_dot = R_WB^T a_W - omega x v, as B rotates; omega_dot is in B already."""
+    """nu_dot from the free joint's acceleration: v_dot = R_WB^T a_W - omega x v, as B rotates; omega_dot is in B
+    already."""
     to_body(R_WB, qacc, nu_dot)
     nu_dot[0] -= nu[4] * nu[2] - nu[5] * nu[1]
     nu_dot[1] -= nu[5] * nu[0] - nu[3] * nu[2]
@@ -67,8 +69,8 @@ def rotation(quat, R_WB):
 def quat_error(quat_d, quat, out):
     """out = conj(quat_d) * quat, with the sign that gives the shorter rotation (w >= 0).
 
-    Paper, below eq. (12): the error quaternion. q and -q are one attitude; the choice of sign keeps a vehicle that starts on the
-    far side of the double cover from turning a whole revolution.
+    Paper, below eq. (12): the error quaternion. q and -q are one attitude; the choice of sign keeps a vehicle that
+    starts on the far side of the double cover from turning a whole revolution.
     """
     w, x, y, z = quat_d[0], -quat_d[1], -quat_d[2], -quat_d[3]
     out[0] = w * quat[0] - x * quat[1] - y * quat[2] - z * quat[3]

@@ -1,8 +1,9 @@
 r"""What the water does to one vehicle: entries of the inertia matrix and a wrench, for one state.
 
-Added mass belongs in the inertia matrix: as a force -M_A nu_dot computed from an old acceleration it diverges as soon as it exceeds
-the rigid mass. With T = blockdiag(R_WB^T, I), nu = T qvel, the joint-space inertia grows by T^T M_A T. What remains is a force. From
-v_dot = R_WB^T a_W - omega x v and a current that is constant and irrotational in W (v_c_dot = -omega x v_c in B),
+Added mass belongs in the inertia matrix: as a force -M_A nu_dot computed from an old acceleration it diverges as soon
+as it exceeds the rigid mass. With T = blockdiag(R_WB^T, I), nu = T qvel, the joint-space inertia grows by T^T M_A T.
+What remains is a force. From v_dot = R_WB^T a_W - omega x v and a current that is constant and irrotational in W
+(v_c_dot = -omega x v_c in B),
 
 .. math::
 
@@ -12,16 +13,17 @@ so that the wrench on the right-hand side of the paper's eq. (10) is
 
 .. math::
 
-    -C_A(\nu_r)\nu_r - D(\nu_r)\nu_r + M_A \begin{bmatrix} \omega \times v_r \\ 0 \end{bmatrix} + \text{buoyancy} + \tau_{dist}(t).
+    -C_A(\nu_r)\nu_r - D(\nu_r)\nu_r + M_A \begin{bmatrix} \omega \times v_r \\ 0 \end{bmatrix}
+        + \text{buoyancy} + \tau_{dist}(t).
 
 Rigid-body Coriolis forces, weight and thrust are MuJoCo's own.
 """
 
 import numpy as np
 
-from .compilation import kernel
 from .fossen import coriolis_added_mass, damping
 from .frames import to_body
+from .kernels import kernel
 
 WATER = np.dtype(
     [
@@ -42,7 +44,8 @@ WATER = np.dtype(
 
 @kernel
 def added_inertia(M_A, R_WB, lower):
-    """lower (21,): the rows of the lower triangle of T^T M_A T, one after the other, as MuJoCo stores them for a free joint."""
+    """lower (21,): the rows of the lower triangle of T^T M_A T, one after the other, as MuJoCo stores them for a free
+    joint."""
     n = 0
     for i in range(3):  # R_WB M_A[:3, :3] R_WB^T
         a = R_WB[i, 0] * M_A[0, 0] + R_WB[i, 1] * M_A[1, 0] + R_WB[i, 2] * M_A[2, 0]
@@ -105,5 +108,3 @@ def water_wrench(water, t, R_WB, nu, nu_r, work, out):
     out[3] += r_b[1] * work[2] - r_b[2] * work[1]
     out[4] += r_b[2] * work[0] - r_b[0] * work[2]
     out[5] += r_b[0] * work[1] - r_b[1] * work[0]
-
-

@@ -1,10 +1,11 @@
 """Vehicle, wall and contact sensor in one MuJoCo model.
 
-The wall is a spring and damper in N/m and N s/m (paper eq. (34)). MuJoCo's contacts are mass-normalised: with an elliptic cone, a
-sphere as probe, the impedance d of ``solimp`` constant at 1e-4 and ``solref = (-k_c w (1 - d), -b_c w (1 - d))``, w the compiled
-``body_invweight0`` of the vehicle's body, the contact is exactly that spring and damper, whatever the added mass. The probe is centred
-on B's origin, so that the wall gives no moment, and is as large as the vehicle reaches forward: contact begins when the origin is at
-x_c, and the picture shows the vehicle's front on the wall's face.
+The wall is a spring and damper in N/m and N s/m (paper eq. (34)). MuJoCo's contacts are mass-normalised: with an
+elliptic cone, a sphere as probe, the impedance d of ``solimp`` constant at 1e-4 and ``solref = (-k_c w (1 - d), -b_c
+w (1 - d))``, w the compiled ``body_invweight0`` of the vehicle's body, the contact is exactly that spring and damper,
+whatever the added mass. The probe is centred on B's origin, so that the wall gives no moment, and is as large as the
+vehicle reaches forward: contact begins when the origin is at x_c, and the picture shows the vehicle's front on the
+wall's face.
 """
 
 from dataclasses import dataclass
@@ -24,7 +25,6 @@ IMPEDANCE = 1e-4
 """d of solimp."""
 DEFAULT_REACH = 0.1
 """Radius of the probe of a vehicle without geoms [m]."""
-_WALL_HALF_SIZE = (0.05, 0.6, 0.45)
 _INTEGRATORS = {"euler": "mjINT_EULER", "implicitfast": "mjINT_IMPLICITFAST"}
 
 
@@ -56,12 +56,8 @@ class Plant:
         return data
 
 
-def build(scenario: Scenario, drawn: bool = False) -> Plant:
-    """The plant of a scenario.
-
-    Args:
-        scenario: what to build.
-        drawn: keep the geoms that only a picture needs; without them a step is faster and does the same.
+def build(scenario: Scenario) -> Plant:
+    """The plant of a scenario, without the geoms that only a picture needs: a step is faster and does the same.
 
     Raises:
         InputError: the vehicle's file can't be used, or is not physical.
@@ -75,7 +71,7 @@ def build(scenario: Scenario, drawn: bool = False) -> Plant:
     vehicle = Vehicle.from_model(whole)
     design = Design.of(scenario, vehicle)
     reach = _forward_reach(whole, free_body_id(whole, vehicle.body))
-    _add_surroundings(spec, vehicle.body, scenario, reach, drawn)
+    _add_surroundings(spec, vehicle.body, scenario, reach)
     model = spec.compile()
     _calibrate(model, design, vehicle, scenario)
     sensor = model.sensor("wall_contact").adr[0]
@@ -89,7 +85,9 @@ def _model_path(model: str) -> Path:
     shipped = resource("models", f"{model}.xml")
     if shipped is not None:
         return shipped
-    raise InputError(f"vehicle.model {model!r}: no such file, nor a model that ships; {suggestion(model, names('models', '.xml'))}")
+    raise InputError(
+        f"vehicle.model {model!r}: no such file, nor a model that ships; {suggestion(model, names('models', '.xml'))}"
+    )
 
 
 def _forward_reach(model: mujoco.MjModel, body_id: int) -> float:
@@ -112,7 +110,7 @@ def _forward_reach(model: mujoco.MjModel, body_id: int) -> float:
     return reach or DEFAULT_REACH
 
 
-def _add_surroundings(spec, body_name: str, scenario: Scenario, reach: float, drawn: bool) -> None:
+def _add_surroundings(spec: mujoco.MjSpec, body_name: str, scenario: Scenario, reach: float) -> None:
     """Wall, probe, contact pair, contact sensor and options, added to a vehicle's own model."""
     spec.option.timestep = scenario.simulation.timestep
     spec.option.integrator = getattr(mujoco.mjtIntegrator, _INTEGRATORS[scenario.simulation.integrator])
@@ -121,7 +119,7 @@ def _add_surroundings(spec, body_name: str, scenario: Scenario, reach: float, dr
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_ISLAND
     body = spec.body(body_name)
     body.simple = False
-    spec.compiler.discardvisual = not drawn
+    spec.compiler.discardvisual = True
     solid = {"contype": 0, "conaffinity": 0}
     body.add_geom(name="probe", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[reach, 0, 0], rgba=[0] * 4, group=4, **solid)
     face = scenario.wall.position + reach
@@ -130,20 +128,11 @@ def _add_surroundings(spec, body_name: str, scenario: Scenario, reach: float, dr
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         pos=[face, 0, 0],
         quat=[np.sqrt(0.5), 0, -np.sqrt(0.5), 0],  # its normal is -x of W
-        size=[*_WALL_HALF_SIZE[1:], 0.1],
+        size=[1, 1, 0.1],  # for drawing only: the plane has no edge
         rgba=[0] * 4,
         group=4,
         **solid,
     )
-    if drawn:
-        spec.worldbody.add_geom(
-            name="wall_slab",
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=[face + _WALL_HALF_SIZE[0], 0, 0],
-            size=list(_WALL_HALF_SIZE),
-            rgba=[0.72, 0.70, 0.66, 1],
-            **solid,
-        )
     spec.add_pair(
         name="wall_contact",
         geomname1="wall",
@@ -170,4 +159,3 @@ def _calibrate(model: mujoco.MjModel, design: Design, vehicle: Vehicle, scenario
     # Sticking friction: a damper along the wall as strong as the step allows, up to the Coulomb limit
     lightest = 1.0 / np.linalg.eigvalsh(np.linalg.inv(design.M)[:3, :3])[-1]
     model.pair_solreffriction[0] = 0.0, -0.5 * lightest / scenario.simulation.timestep * scale
-

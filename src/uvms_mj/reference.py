@@ -1,6 +1,7 @@
 r"""Reference model: position steps smoothed by a third-order filter, at a constant attitude.
 
-Each step of height Delta at time t_i passes through (omega_n / (p + omega_n))^3 (paper sec. 5), whose step response is known:
+Each step of height Delta at time t_i passes through (omega_n / (p + omega_n))^3 (paper sec. 5), whose step response
+is known:
 
 .. math::
 
@@ -11,7 +12,7 @@ so that the reference has no state and no discretisation error.
 
 import math
 
-from .compilation import kernel
+from .kernels import kernel
 
 _SETTLED = 60.0  # exp(-60) x^2 is below the last bit of one
 

@@ -1,10 +1,12 @@
 """Everything that decides a run: frozen dataclasses, from and to TOML.
 
-Lengths in m, angles in degrees where a key ends in ``_deg``, everything else in SI. The defaults are the paper's scenario (sec. 5).
+Lengths in m, angles in degrees where a key ends in ``_deg``, everything else in SI. The defaults are the paper's
+scenario (sec. 5).
 """
 
 import dataclasses
 import difflib
+import itertools
 import os
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -78,7 +80,7 @@ class Waypoint:
 
 def _increasing(waypoints: tuple[Waypoint, ...]) -> tuple[Waypoint, ...]:
     times = [w.time for w in waypoints]
-    if any(b <= a for a, b in zip(times, times[1:], strict=False)):
+    if any(b <= a for a, b in itertools.pairwise(times)):
         raise ValueError(f"times {times} must increase")
     return waypoints
 
@@ -162,7 +164,8 @@ class Scenario:
         Args:
             scenario: path of a TOML file, or a name.
             overrides: dotted keys and values that replace the file's, ``{"wall.stiffness": 1e4}``.
-            controller: name of a law, or ``path/to/my_law.py:MyLaw``; the file's gains are kept only if they are that law's.
+            controller: name of a law, or ``path/to/my_law.py:MyLaw``; the file's gains are kept only if they are that
+                law's.
         """
         path = _scenario_path(scenario)
         try:
@@ -188,9 +191,9 @@ class Scenario:
             tables: nested tables.
             overrides: as in :meth:`load`.
             controller: as in :meth:`load`.
-            folder: where paths in ``tables`` are relative to; those in ``overrides`` are relative to the working directory.
-            place: what to call the tables in an error.
-            known: the class of the law, where it is at hand.
+            folder: where paths in ``tables`` are relative to; those in ``overrides`` are relative to the working
+                directory. place: what to call the tables in an error. known: the class of the law, where it is at
+                hand.
         """
         tables = {k: dict(v) if isinstance(v, Mapping) else v for k, v in tables.items()}
         faults: list[Fault] = []
@@ -233,7 +236,9 @@ class Scenario:
 
 
 _VALIDATOR = TypeAdapter(Scenario)
-_TABLES = {f.name: type(f.default) for f in dataclasses.fields(Scenario) if dataclasses.is_dataclass(f.default)}
+_TABLES: dict[str, Any] = {
+    f.name: type(f.default) for f in dataclasses.fields(Scenario) if dataclasses.is_dataclass(f.default)
+}
 _KEYS: dict[str, list[str]] = {"": [f.name for f in dataclasses.fields(Scenario)]} | {
     name: [f.name for f in dataclasses.fields(table)] for name, table in _TABLES.items()
 }

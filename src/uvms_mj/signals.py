@@ -56,7 +56,8 @@ GIVEN = (
     Signal("s", (6,), _TWIST, "B", "sliding variable, eq. (14)"),
     Signal("zeta", (6,), _TWIST, "B", "state of the dynamic compensator, eq. (15)"),
 )
-"""What a law is given, as fields of the record ``signals``: measurements, reference, estimates and task; never the truth."""
+"""What a law is given, as fields of the record ``signals``: measurements, reference, estimates and task; never the
+truth."""
 
 STATE = (
     Signal("t", (), "s", "-", "time"),

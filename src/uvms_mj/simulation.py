@@ -49,12 +49,14 @@ def simulate(
     Args:
         scenario: what to run; default: the paper's scenario.
         controller: a law with its gains, in place of the scenario's.
-        log_rate: samples a second [Hz], which must divide the step rate; ``"full"`` for every step; default 1 kHz, or the step rate
+        log_rate: samples a second [Hz], which must divide the step rate; ``"full"`` for every step; default 1 kHz, or
+            the step rate
             nearest to it that divides.
         progress: called now and then with the steps done and their number.
 
     Returns:
-        The trace. A run that became unstable or was interrupted (Ctrl-C) returns what it had recorded; ``trace.status`` tells.
+        The trace. A run that became unstable or was interrupted (Ctrl-C) returns what it had recorded;
+        ``trace.status`` tells.
 
     Raises:
         InputError: something in the input is unphysical; found before the first step.
@@ -73,9 +75,7 @@ def simulate(
 class _Run:
     """One run, from the initial state to the trace."""
 
-    def __init__(
-        self, scenario: Scenario, row_steps: int, progress: Callable[[int, int], None] | None
-    ) -> None:
+    def __init__(self, scenario: Scenario, row_steps: int, progress: Callable[[int, int], None] | None) -> None:
         self.scenario, self.row_steps, self.progress = scenario, row_steps, progress
         self.plant = build(scenario)
         self.notes = list(check(scenario, self.plant.vehicle, self.plant.design))
@@ -109,7 +109,8 @@ class _Run:
                 CHUNK_STEPS,
             )
             if not loop.compiled:
-                note = f"{self.scenario.controller.label()} runs as plain Python, numba can't compile it: {loop.not_compiled}"
+                law = self.scenario.controller.label()
+                note = f"{law} runs as plain Python, numba can't compile it: {loop.not_compiled}"
                 self.notes.append(note)
                 warnings.warn(note, PlainPythonWarning, stacklevel=4)
             status, message = Status.completed, ""

@@ -74,4 +74,4 @@ class Trace:
     def save(self, path: Path) -> None:
         """Write every signal under its name to a NumPy ``.npz`` file."""
         with open(path, "wb") as file:
-            np.savez(file, **self.arrays)
+            np.savez(file, allow_pickle=False, **self.arrays)

@@ -109,9 +109,7 @@ class Vehicle:
         arrays = (M_RB, M_A, D_linear, D_quadratic, r_b, B, u_min, u_max)
         for array in arrays:
             array.setflags(write=False)
-        return cls(
-            body, M_RB, M_A, D_linear, D_quadratic, float(displaced[0]), r_b, thrusters, ids, B, u_min, u_max
-        )
+        return cls(body, M_RB, M_A, D_linear, D_quadratic, float(displaced[0]), r_b, thrusters, ids, B, u_min, u_max)
 
 
 def free_body_id(model: mujoco.MjModel, body: str) -> int:
@@ -140,7 +138,9 @@ def _free(model: mujoco.MjModel) -> list[str]:
 def _only_free_body(model: mujoco.MjModel) -> str:
     free = _free(model)
     if len(free) != 1:
-        raise InputError(f"which body is the vehicle? name one of the free bodies: {', '.join(free) or 'there is none'}")
+        raise InputError(
+            f"which body is the vehicle? name one of the free bodies: {', '.join(free) or 'there is none'}"
+        )
     return free[0]
 
 
@@ -203,9 +203,7 @@ def _rigid_body_inertia(model, data, body_id) -> np.ndarray:
 def _thrusters(model, data, body_id, faults):
     """Names, indices, B = T^-T moment^T (6, n) and limits of the actuators that act on the body."""
     moment = np.zeros((model.nu, model.nv))
-    mujoco.mju_sparse2dense(
-        moment, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
-    )
+    mujoco.mju_sparse2dense(moment, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind)
     dof = model.body_dofadr[body_id]
     T_inverse = np.eye(6)
     T_inverse[:3, :3] = rotation_matrix(data.xquat[body_id])

@@ -14,9 +14,9 @@ A law is a frozen dataclass of gains that derives from :class:`Controller`, with
                 state_dot.xi[i] = signals.eta_e[i]
                 tau_cmd[i] = signals.tau_nom[i] - gains.k_i * state.xi[i]
 
-``signals`` has the fields of :data:`uvms_mj.signals.GIVEN`. At a control instant tau_cmd is computed from the current states; then the
-states advance by explicit Euler over the control period with ``state_dot``, and tau_cmd is held until the next instant. The function
-is compiled; the same function runs as plain Python where it can't be.
+``signals`` has the fields of :data:`uvms_mj.signals.GIVEN`. At a control instant tau_cmd is computed from the current
+states; then the states advance by explicit Euler over the control period with ``state_dot``, and tau_cmd is held
+until the next instant. The function is compiled; the same function runs as plain Python where it can't be.
 """
 
 import dataclasses
@@ -111,7 +111,8 @@ class Controller:
         return (*own, *(f for f in dataclasses.fields(cls) if f.name in shared))
 
     def record(self) -> np.ndarray:
-        """The gains as a record array (1,): numbers as float64, flags as booleans, tuples as float64 vectors; None is left out."""
+        """The gains as a record array (1,): numbers as float64, flags as booleans, tuples as float64 vectors; None is
+        left out."""
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         kept = {name: np.asarray(value) for name, value in values.items() if value is not None and name != "period"}
         kinds = [(name, "?" if a.dtype == bool else "f8", a.shape) for name, a in kept.items()]

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,7 +19,7 @@ class Gsta(Controller):
     nominal: bool = gain(True, "-", "false: only the GSTA term, without the nominal control (23) and F_2 A F_2^-1 s")
 
     name = "gsta"
-    states = {"z": 6}
+    states: ClassVar = {"z": 6}
 
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):

@@ -31,10 +31,7 @@ def load_controller(table: Mapping[str, Any], known: type[Controller] | None = N
     """
     gains = dict(table)
     source = gains.pop("name", Gsta.name)
-    if known is not None and source == known.source():
-        cls = known
-    else:
-        cls = controller_class(source)
+    cls = known if known is not None and source == known.source() else controller_class(source)
     choices = [f.name for f in cls.gain_fields()]
     faults = [
         Fault(f"controller.{key}", f"{cls.label()} has no such gain; {suggestion(key, choices)}")
@@ -92,7 +89,8 @@ def _load(path: Path) -> ModuleType:
     """Import a user's file afresh, with its folder on the path for its own imports."""
     name = f"uvms_mj_law_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
     spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None and spec.loader is not None  # the suffix is .py
+    assert spec is not None  # the suffix is .py
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # dataclasses look their module up
     if str(path.parent) not in sys.path:
@@ -114,4 +112,7 @@ def _load(path: Path) -> ModuleType:
 
 def table_of(controller: Controller) -> dict[str, Any]:
     """The ``[controller]`` table that :func:`load_controller` makes this controller of."""
-    return {"name": controller.source(), **{f.name: getattr(controller, f.name) for f in dataclasses.fields(controller)}}
+    return {
+        "name": controller.source(),
+        **{f.name: getattr(controller, f.name) for f in dataclasses.fields(controller)},
+    }

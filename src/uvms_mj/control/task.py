@@ -17,9 +17,9 @@ and the nominal control (23) becomes :math:`\hat M (\dot\nu_d - w) - \tau_c + \h
 
 import numpy as np
 
-from ..compilation import kernel
 from ..fossen import matvec
 from ..frames import quat_error, to_body
+from ..kernels import kernel
 
 TASK = np.dtype(
     [
@@ -37,7 +37,8 @@ TASK = np.dtype(
 
 @kernel
 def pose_errors(signals):
-    """Set quat_e, eta_e, nu_e and nu_d_dot of signals from its state and reference; errors are in B, actual minus desired."""
+    """Set quat_e, eta_e, nu_e and nu_d_dot of signals from its state and reference; errors are in B, actual minus
+    desired."""
     R_WB, nu, eta_e, nu_e = signals.R_WB, signals.nu, signals.eta_e, signals.nu_e
     x = signals.p_WB[0] - signals.p_d[0]
     y = signals.p_WB[1] - signals.p_d[1]
@@ -75,8 +76,7 @@ def sliding_variable(task, signals, zeta_dot):
     for i in range(6):
         signals.s[i] = nu_e[i] + F_1[i] * eta_e[i] + F_2[i] * signals.zeta[i]  # eq. (14)
         zeta_dot[i] = (
-            A[i] * signals.zeta[i]
-            + (w[i] + A[i] * F_1[i] * eta_e[i] + A[i] * nu_e[i] - F_1[i] * work[i]) / F_2[i]
+            A[i] * signals.zeta[i] + (w[i] + A[i] * F_1[i] * eta_e[i] + A[i] * nu_e[i] - F_1[i] * work[i]) / F_2[i]
         )
 
 
@@ -88,6 +88,4 @@ def nominal_control(task, signals):
         work[i] = signals.nu_d_dot[i] - task.w[i]
     matvec(signals.M_hat, work, signals.tau_nom)
     for i in range(6):
-        signals.tau_nom[i] += (
-            signals.C_hat_nu[i] + signals.D_hat_nu[i] + signals.g_hat[i] - signals.tau_contact_m_B[i]
-        )
+        signals.tau_nom[i] += signals.C_hat_nu[i] + signals.D_hat_nu[i] + signals.g_hat[i] - signals.tau_contact_m_B[i]

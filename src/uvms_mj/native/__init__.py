@@ -1,4 +1,5 @@
-"""The machine-code side: the only code that knows pointers, symbols and the registry. It calls the pure functions above it."""
+"""The machine-code side: the only code that knows pointers, symbols and the registry. It calls the pure functions
+above it."""
 
 from .attachment import Attachment, attach
 

@@ -18,9 +18,7 @@ from .memory import CAPACITY, registry
 _lock = threading.RLock()
 _attached: dict[int, "Attachment"] = {}
 """By the row of the registry. Keeps the contexts in memory for as long as the callback can reach them."""
-_INTEGRATORS = {
-    getattr(mujoco.mjtIntegrator, f"mjINT_{name}") for name in ("EULER", "RK4", "IMPLICIT", "IMPLICITFAST")
-}
+_INTEGRATORS = {getattr(mujoco.mjtIntegrator, f"mjINT_{name}") for name in ("EULER", "RK4", "IMPLICIT", "IMPLICITFAST")}
 
 
 class Attachment:
@@ -38,7 +36,8 @@ class Attachment:
 
     @property
     def wrench(self) -> np.ndarray:
-        """The water's wrench (6,) on the vehicle at B's origin in B [N, N m], of the last evaluation, without the added inertia."""
+        """The water's wrench (6,) on the vehicle at B's origin in B [N, N m], of the last evaluation, without the
+        added inertia."""
         return self.context["wrench"][0].copy()
 
     def detach(self) -> None:
@@ -69,22 +68,25 @@ def attach(
 ) -> Attachment:
     """Put a vehicle of any model in the water: added mass, Coriolis, damping, buoyancy, current and disturbance.
 
-    From then on every ``mj_step`` and ``mj_forward`` of this ``data``, in MuJoCo's viewer, in dm_control or in a loop of your own,
-    has the water in it, at native speed and from any thread. Copies of ``data`` do not. dm_control resets with actuation disabled,
-    where MuJoCo calls nobody: after ``physics.reset()``, call ``mj_forward`` before the first step.
+    From then on every ``mj_step`` and ``mj_forward`` of this ``data``, in MuJoCo's viewer, in dm_control or in a loop
+    of your own, has the water in it, at native speed and from any thread. Copies of ``data`` do not. dm_control
+    resets with actuation disabled, where MuJoCo calls nobody: after ``physics.reset()``, call ``mj_forward`` before
+    the first step.
 
     Args:
         model: a compiled model. The vehicle's coefficients are in it (:mod:`uvms_mj.vehicle`).
         data: its data.
         body: the vehicle's body, which has a free joint; by default the only one.
         current_W: (3,) velocity of the water in W [m/s], constant and irrotational.
-        bias, amplitude, frequency_hz: (6,) disturbance wrench bias + amplitude sin(2 pi f t) in B [N, N m, Hz], eq. (10).
+        bias, amplitude, frequency_hz: (6,) disturbance wrench bias + amplitude sin(2 pi f t) in B [N, N m, Hz], eq.
+            (10).
 
     Returns:
         The attachment; its ``detach()`` undoes this.
 
     Raises:
-        InputError: the model has what would use a stale or doubled inertia or lose the water, or coefficients that are not physical.
+        InputError: the model has what would use a stale or doubled inertia or lose the water, or coefficients that
+        are not physical.
     """
     vehicle = Vehicle.from_model(model, body)
     body_id = free_body_id(model, vehicle.body)
@@ -181,7 +183,8 @@ def _refuse_unsound(model: mujoco.MjModel, body_id: int) -> None:
     refuse(
         option.integrator not in _INTEGRATORS,
         "integrator",
-        f"{option.integrator} is not known to use the inertia with the added mass; use Euler, implicitfast, implicit or RK4",
+        f"{option.integrator} is not known to use the inertia with the added mass; "
+        "use Euler, implicitfast, implicit or RK4",
     )
     refuse(
         option.enableflags & enable.mjENBL_SLEEP,
@@ -213,7 +216,8 @@ def _refuse_unsound(model: mujoco.MjModel, body_id: int) -> None:
     refuse(
         option.density > 0 or option.viscosity > 0,
         "density, viscosity",
-        f"are {option.density:g} and {option.viscosity:g}; MuJoCo's own fluid would come on top of this one: set both to 0",
+        f"are {option.density:g} and {option.viscosity:g}; MuJoCo's own fluid would come on top of this one: "
+        "set both to 0",
     )
     full = model.M_rownnz[dof : dof + 6] == np.arange(1, 7)
     refuse(

@@ -1,15 +1,17 @@
 """MuJoCo's ``mjcb_control`` in machine code: the water, and around it the closed loop where there is one.
 
-MuJoCo calls it in every forward evaluation of every model of the process, after it has built and factored the joint-space inertia and
-before it uses it. The callback looks the mjData up among the attached ones and returns at once from a stranger's.
+MuJoCo calls it in every forward evaluation of every model of the process, after it has built and factored the
+joint-space inertia and before it uses it. The callback looks the mjData up among the attached ones and returns at
+once from a stranger's.
 """
 
 import functools
 from typing import NamedTuple
 
-from ..compilation import NativeFunction, kernel, native_function
 from ..frames import body_velocity, to_world
 from ..hydrodynamics import added_inertia, water_wrench
+from ..kernels import kernel
+from .compilation import NativeFunction, native_function
 from .loop import begin_step, finish_step, hold, sense
 from .memory import context_at, floats, loop_at, mj_factorM, registered, triples
 
@@ -18,7 +20,8 @@ from .memory import context_at, floats, loop_at, mj_factorM, registered, triples
 def add_inertia(context, R_WB, model, data):
     """Add T^T M_A T to mjData.M and factor it, unless this M has it already.
 
-    mj_forwardSkip and mjd_transitionFD evaluate again on an M that was not rebuilt; it is then what the callback left, bit for bit.
+    mj_forwardSkip and mjd_transitionFD evaluate again on an M that was not rebuilt; it is then what the callback
+    left, bit for bit.
     """
     M = floats(context.M_at, 21)
     left = context.M_left

@@ -3,7 +3,6 @@
 import mujoco
 import numpy as np
 
-from ..compilation import NotCompiled
 from ..control.base import Controller
 from ..design import Design
 from ..scenario import Scenario
@@ -11,6 +10,7 @@ from ..signals import RECORDED, Signal, thruster_signal
 from ..vehicle import Vehicle
 from .attachment import Attachment
 from .callback import entry_points
+from .compilation import NotCompiled
 from .laws import compile_law
 from .layouts import BELIEFS, FAULT_COMMAND, FAULT_LAW, FAULT_STATE, LOOP, ROW_SIZE
 
@@ -23,7 +23,7 @@ TAU_BOUND = 1e7
 DEFAULT_EPSILON = 1e-3
 """Width of the boundary layer for laws that have none of their own: the paper's."""
 
-_AXES = "u v w p q r".split()
+_AXES = ["u", "v", "w", "p", "q", "r"]
 
 
 class ClosedLoop:
@@ -178,8 +178,7 @@ class ClosedLoop:
     def call_law(self) -> None:
         """Run the law as plain Python on the sensed signals; whatever it raises comes through."""
         gains, state, state_dot, signals = (
-            record.view(np.recarray)[0]
-            for record in (self._gains, self._state, self._state_dot, self._loop["signals"])
+            record.view(np.recarray)[0] for record in (self._gains, self._state, self._state_dot, self._loop["signals"])
         )
         type(self.controller).law(gains, state, signals, state_dot, self._loop["tau_cmd"][0])
 
@@ -210,4 +209,3 @@ def law_signals(controller: Controller) -> tuple[Signal, ...]:
         Signal(name, (size,), "law's own", "B", f"state {name} of {controller.label()}")
         for name, size in type(controller).states.items()
     )
-

@@ -1,33 +1,44 @@
-"""Compiling a law: any class of :mod:`uvms_mj.control`, ours or a user's, to one function that the loop calls by its address."""
+"""Compiling a law: any class of :mod:`uvms_mj.control`, ours or a user's, to one function that the loop calls by its
+address."""
 
 import inspect
 import types
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..compilation import NativeFunction, global_values, native_function, source_files
 from ..control.base import Controller
 from ..control.loader import BUILT_IN
+from .compilation import NativeFunction, global_values, native_function, source_files
 from .layouts import SIGNALS
+
+if TYPE_CHECKING:  # names of the template below, set for each law
+    carray: Any = None
+    pointer: Any = None
+    GAINS: Any = None
+    STATE: Any = None
+    law: Any = None
 
 
 def _law(gains_at, state_at, signals_at, state_dot_at, tau_cmd_at):
-    gains = carray(pointer(gains_at), (1,), GAINS)[0]  # noqa: F821 - these names are set for each law, below
-    state = carray(pointer(state_at), (1,), STATE)[0]  # noqa: F821
-    state_dot = carray(pointer(state_dot_at), (1,), STATE)[0]  # noqa: F821
-    signals = carray(pointer(signals_at), (1,), SIGNALS)[0]  # noqa: F821
-    tau_cmd = carray(pointer(tau_cmd_at), (6,), np.float64)  # noqa: F821
+    gains = carray(pointer(gains_at), (1,), GAINS)[0]
+    state = carray(pointer(state_at), (1,), STATE)[0]
+    state_dot = carray(pointer(state_dot_at), (1,), STATE)[0]
+    signals = carray(pointer(signals_at), (1,), SIGNALS)[0]
+    tau_cmd = carray(pointer(tau_cmd_at), (6,), np.float64)
     try:
-        law(gains, state, signals, state_dot, tau_cmd)  # noqa: F821
+        law(gains, state, signals, state_dot, tau_cmd)
     except Exception:
         return 1
     return 0
 
 
 def compile_law(controller: Controller) -> NativeFunction:
-    """The law as a function of five addresses (gains, state, signals, state_dot, tau_cmd) that returns 0, or 1 if the law raised.
+    """The law as a function of five addresses (gains, state, signals, state_dot, tau_cmd) that returns 0, or 1 if the
+    law raised.
 
-    Array bounds are checked and a division by zero raises, so that a mistake in a law is an exception and not a wild number.
+    Array bounds are checked and a division by zero raises, so that a mistake in a law is an exception and not a wild
+    number.
 
     Raises:
         NotCompiled: numba can't compile it.

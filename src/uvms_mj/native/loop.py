@@ -1,16 +1,17 @@
-"""One step of the closed loop: sense, law, thrusters, running signals, rows, health. Pure functions of records and arrays.
+"""One step of the closed loop: sense, law, thrusters, running signals, rows, health. Pure functions of records and
+arrays.
 
-Row k holds the state at t_k, what the law computed from it, and the contact force at t_k. That force is known only when the step is
-done, so that each row is finished at the next step (or when the loop is asked for its rows).
+Row k holds the state at t_k, what the law computed from it, and the contact force at t_k. That force is known only
+when the step is done, so that each row is finished at the next step (or when the loop is asked for its rows).
 """
 
 import math
 
-from ..compilation import kernel
 from ..control.task import nominal_control, pose_errors, sliding_variable
 from ..estimates import estimate
 from ..frames import body_acceleration, body_velocity, rotation, to_body
 from ..hydrodynamics import disturbance
+from ..kernels import kernel
 from ..reference import filtered_steps
 from .layouts import FAULT_COMMAND, FAULT_LAW, FAULT_NONE, FAULT_STATE, ROW_SIZE
 from .memory import call_law, floats, integers, triples
@@ -201,7 +202,8 @@ def begin_step(context, loop):
 
 @kernel
 def finish_step(context, loop):
-    """Complete step k, whose contact force and acceleration are known now: running signals, and a row where one is due."""
+    """Complete step k, whose contact force and acceleration are known now: running signals, and a row where one is
+    due."""
     if loop.pending == 0:
         return
     loop.pending = 0
@@ -265,5 +267,3 @@ def write_row(context, loop):
     for i in range(loop.states):
         out[ROW_SIZE + loop.thrusters + i] = state[i]
     loop.rows += 1
-
-

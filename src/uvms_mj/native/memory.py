@@ -1,4 +1,5 @@
-"""Memory and functions outside Python, as the kernels see them: these run as plain Python, and :mod:`.intrinsics` compiles them."""
+"""Memory and functions outside Python, as the kernels see them: these run as plain Python, and :mod:`.intrinsics`
+compiles them."""
 
 import ctypes
 import sys
@@ -17,8 +18,8 @@ CAPACITY = 1024
 registry = np.zeros((CAPACITY, 2), dtype=np.int64)
 """Rows of (address of mjData, address of CONTEXT), zero where free; row 0 is (the last row ever used, 0).
 
-Read by every callback without a lock, written under one: a row stays where it is, and its first number is written last and
-cleared first, so that a callback in another thread never sees half a row.
+Read by every callback without a lock, written under one: a row stays where it is, and its first number is written
+last and cleared first, so that a callback in another thread never sees half a row.
 """
 
 
@@ -57,7 +58,7 @@ def integers(address: int, n: int) -> np.ndarray:
 
 def _record(address: int, dtype: np.dtype) -> Any:
     memory = (ctypes.c_char * dtype.itemsize).from_address(address)
-    return np.frombuffer(memory, dtype).view(np.recarray)[0]
+    return np.frombuffer(memoryview(memory), dtype).view(np.recarray)[0]
 
 
 def context_at(address: int) -> Any:

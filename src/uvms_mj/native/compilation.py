@@ -1,9 +1,10 @@
 """Compiling ahead of the run: pure Python functions to machine code, kept on disk.
 
-A function marked with :func:`kernel` stays a plain Python function; numba compiles it where an entry point that calls it is compiled.
-The machine code of an entry point is kept as an object file, so that a warm start loads it in milliseconds and imports no numba at
-all. Numba's own cache would cost its import and looks at the file of the compiled function only; here the object's name is a
-fingerprint of all the sources that can reach it, so that an edit to any of them simply leads to another object.
+A function marked as a kernel (:mod:`uvms_mj.kernels`) stays a plain Python function; numba compiles it where an entry point that calls
+it is compiled. The machine code of an entry point is kept as an object file, so that a warm start loads it in
+milliseconds and imports no numba at all. Numba's own cache would cost its import and looks at the file of the
+compiled function only; here the object's name is a fingerprint of all the sources that can reach it, so that an edit
+to any of them simply leads to another object.
 """
 
 import ast
@@ -29,15 +30,18 @@ import llvmlite.binding as llvm
 import numpy as np
 import platformdirs
 
-_PACKAGE = Path(__file__).parent
+from ..kernels import kernels
+
+_PACKAGE = Path(__file__).parents[1]
 _CORE = (
-    "compilation.py",
     "control/task.py",
     "estimates.py",
     "fossen.py",
     "frames.py",
     "hydrodynamics.py",
+    "kernels.py",
     "native/callback.py",
+    "native/compilation.py",
     "native/intrinsics.py",
     "native/laws.py",
     "native/layouts.py",
@@ -46,24 +50,13 @@ _CORE = (
     "reference.py",
     "signals.py",
 )
-"""All that can reach the machine code of the core; an import contract keeps these files from using others of the package."""
-_FOREIGN = tuple(
-    Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib", "purelib", "platlib")
-)
+"""All that can reach the machine code of the core; an import contract keeps these files from using others of the
+package."""
+_FOREIGN = tuple(Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib", "purelib", "platlib"))
 _KEPT_OBJECTS = 200
 _MIN_AGE_S = 7 * 24 * 3600.0
 _lock = threading.RLock()
-_kernels: list[Callable] = []
 _engines: list[llvm.ExecutionEngine] = []  # machine code lives as long as its engine
-
-
-def kernel(function: Callable) -> Callable:
-    """Mark a pure function of floats, arrays and records, which entry points may call. From Python it runs as plain Python.
-
-    Compiled, it is inlined where it is called: there the shapes are known, and a product with a 6x6 matrix takes a third of the time.
-    """
-    _kernels.append(function)
-    return function
 
 
 @dataclass(frozen=True)
@@ -114,16 +107,16 @@ def _compile(function: Callable, arguments: int, returns: bool, name: str) -> in
     import numba
     from numba import types
 
-    from .native import intrinsics
+    from . import intrinsics
 
     intrinsics.register()
-    for each in _kernels:
+    for each in kernels:
         if not hasattr(each, "_is_jitable"):
             numba.extending.register_jitable(error_model="numpy", forceinline=True)(each)
             each._is_jitable = True  # type: ignore[attr-defined]
     signature = (types.int64 if returns else types.void)(*[types.int64] * arguments)
     try:
-        compiled = numba.cfunc(signature, error_model="numpy")(function)
+        compiled: Any = numba.cfunc(signature, error_model="numpy")(function)
         library = compiled._library
         code = library.serialize_using_object_code()[2][0]
     except Exception as error:  # numba raises more kinds than its own when it meets what it doesn't know
@@ -141,7 +134,7 @@ def _compile(function: Callable, arguments: int, returns: bool, name: str) -> in
         with tempfile.NamedTemporaryFile(dir=folder, delete=False) as file:
             file.write(content)
         os.replace(file.name, folder / f"{name}{suffix}")
-    return compiled.address
+    return int(compiled.address)
 
 
 def _reason(error: Exception) -> str:
@@ -197,7 +190,8 @@ def _initialize() -> None:
 
 @functools.cache
 def _abort() -> int:
-    """Stands in for what a wrapper refers to and never calls; should it be called after all, the process says so by aborting."""
+    """Stands in for what a wrapper refers to and never calls; should it be called after all, the process says so by
+    aborting."""
     address = ctypes.cast(ctypes.CDLL(None).abort, ctypes.c_void_p).value
     assert address is not None
     return address
@@ -226,7 +220,8 @@ def _environment() -> tuple[bytes, ...]:
 
 @functools.cache
 def _folder() -> Path:
-    """Where objects are kept: UVMS_MJ_CACHE_DIR if set, else the user's cache folder, else (read-only home) a temporary one."""
+    """Where objects are kept: UVMS_MJ_CACHE_DIR if set, else the user's cache folder, else (read-only home) a
+    temporary one."""
     folder = Path(os.environ.get("UVMS_MJ_CACHE_DIR") or platformdirs.user_cache_dir("uvms-mj"))
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -246,7 +241,8 @@ def _prune(folder: Path) -> None:
 
 
 def source_files(module: ModuleType) -> list[Path]:
-    """The file of a module and those of all it imports, however deep, but for installed packages and the standard library.
+    """The file of a module and those of all it imports, however deep, but for installed packages and the standard
+    library.
 
     Imports are read from the source: a constant taken from another file leaves no trace in the module itself.
     """
