@@ -93,6 +93,9 @@ def _simulate(scenario: Any, folder: Path, log_rate: str | None, console: "_Cons
             trace = simulate(scenario, log_rate=log_rate, progress=progress)
         except LawError as raised:
             trace, error = raised.trace, str(raised)
+        except BaseException:
+            _remove_if_empty(folder)
+            raise
     files = _write(trace, folder)
     report = summary(trace, files)
     console.report(trace, report)
@@ -126,6 +129,14 @@ def _output_folder(out: str | None, scenario: Any) -> Path:
     except OSError as error:
         raise InputError(f"--out {folder}: can't write there: {error.strerror}") from None
     return folder
+
+
+def _remove_if_empty(folder: Path) -> None:
+    import contextlib
+
+    with contextlib.suppress(OSError):
+        folder.rmdir()
+        folder.parent.rmdir()
 
 
 def _write(trace: Any, folder: Path) -> dict[str, str]:

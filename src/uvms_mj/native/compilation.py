@@ -1,10 +1,10 @@
 """Compiling ahead of the run: pure Python functions to machine code, kept on disk.
 
-A function marked as a kernel (:mod:`uvms_mj.kernels`) stays a plain Python function; numba compiles it where an entry point that calls
-it is compiled. The machine code of an entry point is kept as an object file, so that a warm start loads it in
-milliseconds and imports no numba at all. Numba's own cache would cost its import and looks at the file of the
-compiled function only; here the object's name is a fingerprint of all the sources that can reach it, so that an edit
-to any of them simply leads to another object.
+A function marked as a kernel (:mod:`uvms_mj.kernels`) stays a plain Python function; numba compiles it where an entry
+point that calls it is compiled. The machine code of an entry point is kept as an object file, so that a warm start
+loads it in milliseconds and imports no numba at all. Numba's own cache would cost its import and looks at the file of
+the compiled function only; here the object's name is a fingerprint of all the sources that can reach it, so that an
+edit to any of them simply leads to another object.
 """
 
 import ast
@@ -169,8 +169,9 @@ def _load(name: str, self_contained: bool) -> int | None:
         from numba.core.registry import cpu_target
 
         cpu_target.target_context.refresh()  # makes numba's runtime known to LLVM
+    process = ctypes.CDLL(None)
     for external in about["externals"]:  # LLVM leaves a call of an unknown symbol at address 0, without a word
-        if llvm.address_of_symbol(external) is None:
+        if llvm.address_of_symbol(external) is None and not hasattr(process, external):
             if not (self_contained and external in _WRAPPER):
                 return None
             llvm.add_symbol(external, _abort())

@@ -1,0 +1,256 @@
+"""The command as users type it, well and badly."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from uvms_mj.cli import main
+
+ROOT = Path(__file__).parents[1]
+COMMAND = [sys.executable, "-m", "uvms_mj"]
+SHORT = ("--set", "simulation.duration=0.05")
+
+
+def run(*arguments, cwd, command=COMMAND, **options):
+    return subprocess.run([*command, *map(str, arguments)], cwd=cwd, capture_output=True, text=True, **options)
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """Run the command in this process: a function of its arguments that gives exit code, standard output and error."""
+    monkeypatch.chdir(tmp_path)
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield lambda *arguments: CliRunner().invoke(main, [str(a) for a in arguments])
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+
+
+def no_constants(name):
+    raise ValueError(f"{name} is not JSON")
+
+
+def test_a_run_writes_what_it_says_and_says_it_as_json(tmp_path):
+    done = run("run", "--controller", "gsta", "--json", "--out", "here", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout, parse_constant=no_constants)
+    assert (report["scenario"], report["controller"], report["status"]) == ("push_wall", "gsta", "completed")
+    assert report["steps"] == 200_000
+    assert report["duration_s"] == pytest.approx(20.0)
+    assert report["real_time_factor"] == pytest.approx(20.0 / report["wall_time_s"])
+    contact = report["contact"]
+    assert contact["settled"] is True
+    assert abs(contact["relative_error"]) < 1e-4
+    assert contact["final_N"] == pytest.approx(1.497753, abs=1e-6)
+    assert contact["first_s"] == pytest.approx(5.21, abs=0.01)
+    assert 17.8 < contact["peak_N"] < 18.1
+    sizes = {"position_m": 3, "attitude_wxyz": 4, "s": 6, "z": 6, "tau": 6}
+    assert {name: len(value) for name, value in report["final"].items()} == sizes
+    trace = np.load(tmp_path / report["files"]["npz"])
+    n = len(trace["t"])
+    shapes = {
+        "p_WB": 3,
+        "quat_WB": 4,
+        "nu": 6,
+        "nu_dot": 6,
+        "p_d": 3,
+        "tau_cmd": 6,
+        "tau": 6,
+        "s": 6,
+        "z": 6,
+        "zeta": 6,
+    }
+    for name, size in (shapes | {"u": 6, "f_contact_W": 3, "f_contact_m_W": 3}).items():
+        assert trace[name].shape == (n, size), name
+    assert np.allclose(np.diff(trace["t"]), 1e-3)
+    assert np.array_equal(trace["p_WB"][-1], report["final"]["position_m"])
+    written = tomllib.loads((tmp_path / "here" / "scenario.toml").read_text())
+    assert written["controller"]["k_1"] == 5.0
+    assert written["impedance"]["damping_ratio"] == 1.0
+    again = run("run", "here/scenario.toml", "--json", "--out", "again", cwd=tmp_path)
+    repeated = np.load(tmp_path / "again" / "trace.npz")
+    assert again.returncode == 0
+    for name in trace.files:
+        assert np.array_equal(trace[name], repeated[name], equal_nan=True), name
+
+
+def test_without_contact_what_does_not_exist_is_null(tmp_path):
+    report = json.loads(run("run", "-c", "impedance", "--json", *SHORT, cwd=tmp_path).stdout)
+    assert report["contact"]["first_s"] is None
+    assert report["contact"]["analytic_N"] is None
+    assert report["contact"]["relative_error"] is None
+    assert report["contact"]["touches"] == 0
+    assert report["final"]["z"] is None
+    folders = list((tmp_path / "runs").iterdir())
+    assert len(folders) == 1
+    assert folders[0].name.endswith("-push_wall-impedance")
+
+
+def test_the_table_has_what_a_user_looks_for(here):
+    done = here("run", *SHORT, "wall.position=1e-4", "reference.step_time=0")
+    for text in ("first contact", "peak force", "final force", "analytic force", "relative error", "sliding variable"):
+        assert text in done.stdout
+    for text in ("largest tau", "real-time factor", "trace.npz"):
+        assert text in done.stdout
+    assert here("run", *SHORT, "--quiet").stdout == ""
+
+
+def test_a_second_run_into_a_folder_keeps_the_first(tmp_path):
+    run("run", *SHORT, "-q", "--out", "here", cwd=tmp_path)
+    first = (tmp_path / "here" / "trace.npz").read_bytes()
+    done = run("run", "--set", "simulation.duration=0.02", "-q", "--out", "here", cwd=tmp_path)
+    assert "moved" in done.stderr
+    assert (tmp_path / "here" / "earlier-1" / "trace.npz").read_bytes() == first
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["run", "push_wal"], "did you mean 'push_wall'?"),
+        (["run", "nowhere.toml"], "no such file"),
+        (["run", "--controller", "gtsa"], "did you mean 'gsta'?"),
+        (["run", "--set", "wall.stifness=3"], "did you mean 'stiffness'?"),
+        (["run", "--set", "wall.stiffness"], "key=value"),
+        (["run", "--set", "wall.stiffness=soft"], "'soft' is not a finite number"),
+        (["run", "--set", "simulation.timestep=0"], "must be greater than 0"),
+        (["run", "--set", "simulation.timestep=0.1"], "stability limit"),
+        (["run", "--set", "impedance.M_d=[1,1,1,1,1,-1]"], "not positive definite"),
+        (["run", "--set", "controller.period=1.5e-4"], "next to it are 0.0001 and 0.0002 s"),
+        (["run", "--set", "vehicle.model=submarine"], "models that ship|bluerov1"),
+        (["run", "--log-rate", "3000"], "next to it are 2500 and 3333.33 Hz"),
+        (["run", "--log-rate", "often"], "must be a number"),
+        (["run", "--out", "/proc/nothing"], "can't write"),
+        (["run", "a", "b"], "one scenario at a time"),
+        (["run", "--controler", "gsta"], "No such option"),
+        (["controllers", "pid"], "no law 'pid'"),
+        (["fly"], "No such command"),
+    ],
+)
+def test_bad_input_gives_one_message_and_status_2(here, arguments, expected):
+    done = here(*arguments, *(["--json"] if arguments[0] == "run" else []))
+    assert done.exit_code == 2
+    assert any(each in done.stderr for each in expected.split("|")), done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stdout == ""
+    assert not list(Path().iterdir())
+
+
+@pytest.mark.parametrize(
+    ("numeric", "value", "expected"),
+    [("X_udot", "5.5", "must not be positive"), ("N_rr", "abc", "compile"), ("displaced_mass", "-1", "negative")],
+)
+def test_an_unphysical_vehicle_is_refused(here, tmp_path, numeric, value, expected):
+    lines = (ROOT / "models" / "bluerov1.xml").read_text().splitlines()
+    lines = [f'<numeric name="{numeric}" data="{value}"/>' if f'name="{numeric}"' in line else line for line in lines]
+    (tmp_path / "mine.xml").write_text("\n".join(lines))
+    done = here("run", "--set", "vehicle.model=mine.xml")
+    assert done.exit_code == 2
+    assert expected in done.stderr
+    assert numeric in done.stderr or expected == "compile"
+    assert "Traceback" not in done.stderr
+
+
+def test_a_negative_mass_is_refused(here, tmp_path):
+    text = (ROOT / "models" / "bluerov1.xml").read_text().replace('mass="7.31"', 'mass="-7.31"')
+    (tmp_path / "mine.xml").write_text(text)
+    done = here("run", "--set", "vehicle.model=mine.xml")
+    assert done.exit_code == 2
+    assert "mass" in done.stderr
+
+
+def test_an_unstable_run_says_when_and_what_and_keeps_the_trace(tmp_path):
+    done = run("run", "--set", "controller.period=0.1", "--json", "--out", "here", cwd=tmp_path)
+    assert done.returncode == 3
+    report = json.loads(done.stdout, parse_constant=no_constants)
+    assert report["status"] == "unstable"
+    assert "t = " in report["message"]
+    assert "limit-cycles" in done.stderr
+    assert len(np.load(tmp_path / "here" / "trace.npz")["t"]) > 10
+
+
+def test_a_law_that_chatters_is_warned_of(tmp_path):
+    done = run("run", "-c", "fosm", "--set", "controller.K_s=25", *SHORT, "--json", cwd=tmp_path)
+    assert done.returncode == 0
+    assert "chatters" in done.stderr
+    assert json.loads(done.stdout)["contact"]["analytic_N"] is None
+    assert len(json.loads(done.stdout)["warnings"]) == 1
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_ends_within_a_second_and_keeps_what_it_had(tmp_path, number):
+    process = subprocess.Popen(
+        [*COMMAND, "run", "--set", "simulation.duration=2000", "--json", "--out", "here"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    time.sleep(5.0)
+    assert process.poll() is None
+    process.send_signal(number)
+    start = time.monotonic()
+    out, _ = process.communicate(timeout=30)
+    assert time.monotonic() - start < 2.0  # one second on a machine of its own
+    assert process.returncode == 130
+    report = json.loads(out, parse_constant=no_constants)
+    assert report["status"] == "interrupted"
+    if report["steps"]:
+        t = np.load(tmp_path / "here" / "trace.npz")["t"]
+        assert np.allclose(np.diff(t), 1e-3)
+        assert abs(t[-1] - report["duration_s"]) < 2e-3
+
+
+def test_help_teaches_and_lists(here):
+    assert "uvms-mj run --controller gsta" in here("--help").stdout
+    text = here("run", "--help").stdout
+    for option in ("--controller", "--set", "--out", "--log-rate", "--json", "--quiet"):
+        assert option in text
+    text = here("controllers").stdout
+    for word in ("gsta", "fosm", "impedance", "k_1", "K_s", "epsilon", "period", "m/s^3", "nominal"):
+        assert word in text
+    assert "wall.stiffness" in here("keys").stdout
+
+
+def test_cold_and_warm_machine_code_give_the_same_bits(tmp_path):
+    """A run that compiles everything, and one that loads it, beside each other's files."""
+    environment = os.environ | {"UVMS_MJ_CACHE_DIR": str(tmp_path / "cache")}
+    for name in ("cold", "warm"):
+        done = run("run", "--set", "simulation.duration=0.5", "wall.position=0.001", "reference.step_time=0",
+                   "-q", "--log-rate", "full", "--out", name, cwd=tmp_path, env=environment)  # fmt: skip
+        assert done.returncode == 0, done.stderr
+    cold, warm = (np.load(tmp_path / name / "trace.npz") for name in ("cold", "warm"))
+    assert cold["touches"][-1] > 0
+    for name in cold.files:
+        assert np.array_equal(cold[name], warm[name], equal_nan=True), name
+    broken = next((tmp_path / "cache").glob("*.o"))
+    broken.write_bytes(broken.read_bytes()[:100])
+    assert run("run", *SHORT, "-q", cwd=tmp_path, env=environment).returncode == 0
+
+
+def test_the_wheel_has_everything_and_runs_from_anywhere(tmp_path):
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "-q"]
+    wheel = [*pip, "wheel", "--no-deps", "--no-build-isolation", "-w", str(tmp_path / "dist"), str(ROOT)]
+    subprocess.run(wheel, check=True, capture_output=True)
+    (file,) = (tmp_path / "dist").glob("*.whl")
+    with zipfile.ZipFile(file) as archive:
+        names = archive.namelist()
+    assert "uvms_mj/models/bluerov1.xml" in names
+    assert "uvms_mj/scenarios/push_wall.toml" in names
+    site = tmp_path / "site"
+    subprocess.run([*pip, "install", "--no-deps", "--target", str(site), str(file)], check=True, capture_output=True)
+    environment = os.environ | {"PYTHONPATH": str(site)}
+    python = [sys.executable, "-c"]
+    where = run("import uvms_mj; print(uvms_mj.__file__)", cwd=tmp_path, command=python, env=environment)
+    assert where.stdout.startswith(str(site))
+    done = run("run", *SHORT, "--json", cwd=tmp_path, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["status"] == "completed"
