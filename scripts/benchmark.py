@@ -123,7 +123,7 @@ def starts(rounds: int) -> list[dict]:
     command = [sys.executable, "-m", "uvms_mj"]
     rows = []
     with tempfile.TemporaryDirectory() as folder:
-        environment = os.environ | {"NUMBA_CACHE_DIR": str(Path(folder) / "cache")}
+        environment = os.environ | {"UVMS_MJ_CACHE_DIR": str(Path(folder) / "cache")}
 
         def seconds(*arguments: str) -> float:
             start = time.perf_counter()

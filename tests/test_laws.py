@@ -163,6 +163,7 @@ def test_an_exception_in_a_law_names_the_users_line_and_keeps_the_trace(tmp_path
         ("{failing}:Law", "line 2: ZeroDivisionError"),
         ("{undecorated}:Law", "@dataclass"),
         ("{empty}:Law", "no method 'law'"),
+        ("{sizeless}:Law", "states must be names with sizes"),
     ],
 )
 def test_a_law_that_cannot_be_loaded_is_explained(tmp_path, source, reason):
@@ -172,6 +173,7 @@ def test_a_law_that_cannot_be_loaded_is_explained(tmp_path, source, reason):
         "broken": law_file(tmp_path, "\n\ndef (:\n", "broken.py", ""),
         "failing": law_file(tmp_path, "\n1 / 0\n", "failing.py", ""),
         "undecorated": law_file(tmp_path, good.replace("@dataclass(frozen=True)", ""), "undecorated.py"),
+        "sizeless": law_file(tmp_path, f"{good}    states = {{'x': 0}}\n", "sizeless.py"),
         "empty": law_file(
             tmp_path, "@dataclass(frozen=True)\nclass Law(Controller):\n    k: float = 1.0\n", "empty.py"
         ),
@@ -218,6 +220,20 @@ def test_the_fingerprint_covers_all_that_reaches_the_machine_code():
                     imported = str(target.relative_to(package))
                     # the law's gains and states are in its own fingerprint
                     assert imported in core or imported in ("control/base.py", "control/loader.py"), (name, imported)
+
+
+def test_a_state_may_not_take_the_name_of_a_recorded_signal(tmp_path):
+    path = law_file(tmp_path, one_liner("Taken", "tau_cmd[:] = 0.0") + "    states = {'s': 6}\n")
+    with pytest.raises(InputError, match="name of a recorded signal"):
+        simulate(Scenario.load("push_wall", SHORT, f"{path}:Taken"))
+
+
+def test_a_law_that_gives_no_number_stops_the_run(tmp_path):
+    path = law_file(tmp_path, one_liner("Nan", "tau_cmd[:] = np.nan if signals.t > 0.01 else 0.0"))
+    trace = simulate(Scenario.load("push_wall", SHORT, f"{path}:Nan"))
+    assert trace.status.name == "unstable"
+    assert "tau_cmd[0] = nan N, not a finite number" in trace.message
+    assert np.isfinite(trace.tau).all()
 
 
 @pytest.mark.parametrize("law", BUILT_IN)

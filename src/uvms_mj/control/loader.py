@@ -19,6 +19,9 @@ from .impedance import Impedance
 BUILT_IN: dict[str, type[Controller]] = {cls.name: cls for cls in (Impedance, Fosm, Gsta)}
 
 
+_MOST_STATES = 10_000
+
+
 def load_controller(table: Mapping[str, Any], known: type[Controller] | None = None) -> Controller:
     """The law of a ``[controller]`` table: ``name`` and gains.
 
@@ -78,6 +81,12 @@ def controller_class(source: Any) -> type[Controller]:
         raise InputError(
             [Fault("controller.name", f"{class_name} in {file} must be decorated with @dataclass(frozen=True)")]
         )
+    for name, size in cls.states.items():
+        if not (str(name).isidentifier() and isinstance(size, int) and 0 < size <= _MOST_STATES):
+            message = (
+                f"{class_name} in {file}: states must be names with sizes from 1 to {_MOST_STATES}, as in {{'xi': 6}}"
+            )
+            raise InputError([Fault("controller.name", f"{message}; {name!r}: {size!r} is not")])
     return cls
 
 

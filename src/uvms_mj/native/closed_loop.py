@@ -5,6 +5,7 @@ import numpy as np
 
 from ..control.base import Controller
 from ..design import Design
+from ..faults import Fault, InputError
 from ..scenario import Scenario
 from ..signals import RECORDED, Signal, thruster_signal
 from ..vehicle import Vehicle
@@ -199,12 +200,25 @@ class ClosedLoop:
             return f"velocity {_AXES[i - 3]} = {value:.6g} {unit}, beyond {SPEED_BOUND[i - 3]:g} {unit}"
         if loop["fault"] == FAULT_COMMAND:
             unit = "N" if i < 3 else "N m"
-            return f"tau_cmd[{i}] = {value:.6g} {unit}, beyond {TAU_BOUND:g} {unit}"
+            what = f"beyond {TAU_BOUND:g} {unit}" if np.isfinite(value) else "not a finite number"
+            return f"tau_cmd[{i}] = {value:.6g} {unit}, {what}"
         return ""
 
 
 def law_signals(controller: Controller) -> tuple[Signal, ...]:
-    """The law's own states as recorded signals."""
+    """The law's own states as recorded signals.
+
+    Raises:
+        InputError: a state has the name of a signal that every run records.
+    """
+    taken = {signal.name for signal in (*RECORDED, thruster_signal(0))}
+    faults = [
+        Fault(f"states[{name!r}]", "is the name of a recorded signal; choose another")
+        for name in type(controller).states
+        if name in taken
+    ]
+    if faults:
+        raise InputError(faults, f"the law {controller.label()}")
     return tuple(
         Signal(name, (size,), "law's own", "B", f"state {name} of {controller.label()}")
         for name, size in type(controller).states.items()
