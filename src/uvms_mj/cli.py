@@ -9,6 +9,8 @@ from typing import Any, NoReturn
 
 import click
 
+from .console import Console, print_table
+
 EXIT_BAD_INPUT, EXIT_UNSTABLE, EXIT_INTERRUPTED = 2, 3, 130
 _CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
@@ -57,7 +59,7 @@ def run(
     uvms-mj run my_scenario.toml --controller my_law.py:MyLaw --log-rate full --out results
     """
     _stop_on_signals()
-    console = _Console(as_json, quiet)
+    console = Console(as_json, quiet)
     scenario = None
     try:
         with _bad_input():
@@ -78,7 +80,7 @@ def run(
     sys.exit(status)
 
 
-def _simulate(scenario: Any, folder: Path, log_rate: str | None, console: "_Console") -> int:
+def _simulate(scenario: Any, folder: Path, log_rate: str | None, console: Console) -> int:
     """Run, write, report; the exit status."""
     import warnings
 
@@ -156,112 +158,6 @@ def _write(trace: Any, folder: Path) -> dict[str, str]:
     return {kind: str(path) for kind, path in files.items()}
 
 
-class _Console:
-    """What the user sees: progress and warnings on standard error, the result on standard output."""
-
-    def __init__(self, as_json: bool, quiet: bool) -> None:
-        self.as_json, self.quiet = as_json, quiet
-
-    def warn(self, message: Any, category: Any, *_: Any, **__: Any) -> None:
-        click.echo(f"warning: {message}", err=True)
-
-    def progress(self, scenario: Any) -> Any:
-        """A context manager that gives a progress callback, or None where nobody would look."""
-        import contextlib
-
-        if self.quiet or not sys.stderr.isatty():
-            return contextlib.nullcontext()
-        return _bar(scenario)
-
-    def report(self, trace: Any, report: dict[str, Any]) -> None:
-        if self.as_json:
-            click.echo(json.dumps(report))
-        elif not self.quiet:
-            _print_table(trace, report)
-
-
-def _bar(scenario: Any) -> Any:
-    import contextlib
-
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    @contextlib.contextmanager
-    def bar() -> Any:
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.fields[simulated]:.1f} s simulated"),
-            TimeRemainingColumn(),
-        )
-        with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-            label = f"{scenario.name} · {scenario.controller.label()}"
-            task = progress.add_task(f"{label} · compiling", total=None, simulated=0.0)
-
-            def advance(done: int, total: int) -> None:
-                simulated = done * scenario.simulation.timestep
-                progress.update(task, description=label, completed=done, total=total, simulated=simulated)
-
-            yield advance
-
-    return bar()
-
-
-def _print(table: Any) -> None:
-    """A table as wide as the terminal, or 120 columns where there is none; brackets are units, not markup."""
-    from rich.console import Console
-
-    Console(width=None if sys.stdout.isatty() else 120, markup=False, highlight=False).print(table)
-
-
-def _print_table(trace: Any, report: dict[str, Any]) -> None:
-    from rich.table import Table
-
-    contact, final = report["contact"], report["final"]
-    table = Table(
-        title=f"{report['scenario']} · {report['controller']} · {report['status']}",
-        show_header=False,
-        title_justify="left",
-        min_width=60,
-    )
-    some = len(trace) > 0
-
-    def vector(values: Any, form: str) -> str:
-        return "  ".join(format(v, form) for v in values)
-
-    if contact["first_s"] is None:
-        table.add_row("contact", "none")
-    else:
-        table.add_row("first contact", f"{contact['first_s']:.4f} s ({contact['touches']} touches)")
-        table.add_row("peak force", f"{contact['peak_N']:.4f} N")
-    if contact["final_N"] is not None and contact["first_s"] is not None:
-        settled = "settled" if contact["settled"] else "not settled"
-        table.add_row("final force", f"{contact['final_N']:.6f} N ({settled})")
-    if contact["analytic_N"] is not None:
-        table.add_row("analytic force", f"{contact['analytic_N']:.6f} N")
-        table.add_row(
-            "relative error", f"{contact['relative_error']:.1e}" if contact["relative_error"] is not None else "-"
-        )
-    elif report["analytic"]["none_because"]:
-        table.add_row("analytic force", f"none: {report['analytic']['none_because']}")
-    if some:
-        table.add_row("final position", f"{vector(final['position_m'], '.5f')} m")
-    if report["analytic"]["position_m"]:
-        table.add_row("analytic position", f"{vector(report['analytic']['position_m'], '.5f')} m")
-    if some:
-        table.add_row("final sliding variable", vector(final["s"], ".1e"))
-        table.add_row("largest tau", f"{vector(trace.tau_max[-1], '.4g')} N, N m")
-    factor = report["real_time_factor"]
-    if factor:
-        step_us = trace.wall_time_s / max(1, trace.steps) * 1e6
-        table.add_row(
-            "real-time factor",
-            f"{factor:.1f} ({report['duration_s']:g} s in {trace.wall_time_s:.2f} s, {step_us:.2f} us a step)",
-        )
-    table.add_row("files", "\n".join(report["files"].values()))
-    _print(table)
-
-
 @main.command()
 @click.argument("laws", nargs=-1, metavar="[LAW]...")
 def controllers(laws: tuple[str, ...]) -> None:
@@ -285,7 +181,7 @@ def controllers(laws: tuple[str, ...]) -> None:
             if cls.states:
                 states = ", ".join(f"{name} ({size})" for name, size in cls.states.items())
                 table.add_row("", "", "", f"states: {states}", style="dim")
-            _print(table)
+            print_table(table)
 
 
 @main.command()
@@ -300,7 +196,7 @@ def keys() -> None:
         table.add_column(column)
     for key, default, meaning in scenario_keys():
         table.add_row(key, _toml_value(default), meaning)
-    _print(table)
+    print_table(table)
 
 
 def _toml_value(value: Any) -> str:

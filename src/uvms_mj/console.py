@@ -1,0 +1,110 @@
+"""What a user sees in a terminal: progress and warnings on standard error, results on standard output."""
+
+import contextlib
+import json
+import sys
+from typing import Any
+
+import click
+
+
+class Console:
+    """What the user sees: progress and warnings on standard error, the result on standard output."""
+
+    def __init__(self, as_json: bool, quiet: bool) -> None:
+        self.as_json, self.quiet = as_json, quiet
+
+    def warn(self, message: Any, category: Any, *_: Any, **__: Any) -> None:
+        click.echo(f"warning: {message}", err=True)
+
+    def progress(self, scenario: Any) -> Any:
+        """A context manager that gives a progress callback, or None where nobody would look."""
+        if self.quiet or not sys.stderr.isatty():
+            return contextlib.nullcontext()
+        return _bar(scenario)
+
+    def report(self, trace: Any, report: dict[str, Any]) -> None:
+        if self.as_json:
+            click.echo(json.dumps(report))
+        elif not self.quiet:
+            _run_table(trace, report)
+
+
+def _bar(scenario: Any) -> Any:
+    import rich.console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    @contextlib.contextmanager
+    def bar() -> Any:
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.fields[simulated]:.1f} s simulated"),
+            TimeRemainingColumn(),
+        )
+        with Progress(*columns, console=rich.console.Console(stderr=True), transient=True) as progress:
+            label = f"{scenario.name} · {scenario.controller.label()}"
+            task = progress.add_task(f"{label} · compiling", total=None, simulated=0.0)
+
+            def advance(done: int, total: int) -> None:
+                simulated = done * scenario.simulation.timestep
+                progress.update(task, description=label, completed=done, total=total, simulated=simulated)
+
+            yield advance
+
+    return bar()
+
+
+def print_table(table: Any) -> None:
+    """A table as wide as the terminal, or 120 columns where there is none; brackets are units, not markup."""
+    import rich.console
+
+    rich.console.Console(width=None if sys.stdout.isatty() else 120, markup=False, highlight=False).print(table)
+
+
+def _run_table(trace: Any, report: dict[str, Any]) -> None:
+    from rich.table import Table
+
+    contact, final = report["contact"], report["final"]
+    table = Table(
+        title=f"{report['scenario']} · {report['controller']} · {report['status']}",
+        show_header=False,
+        title_justify="left",
+        min_width=60,
+    )
+    some = len(trace) > 0
+
+    def vector(values: Any, form: str) -> str:
+        return "  ".join(format(v, form) for v in values)
+
+    if contact["first_s"] is None:
+        table.add_row("contact", "none")
+    else:
+        table.add_row("first contact", f"{contact['first_s']:.4f} s ({contact['touches']} touches)")
+        table.add_row("peak force", f"{contact['peak_N']:.4f} N")
+    if contact["final_N"] is not None and contact["first_s"] is not None:
+        settled = "settled" if contact["settled"] else "not settled"
+        table.add_row("final force", f"{contact['final_N']:.6f} N ({settled})")
+    if contact["analytic_N"] is not None:
+        table.add_row("analytic force", f"{contact['analytic_N']:.6f} N")
+        table.add_row(
+            "relative error", f"{contact['relative_error']:.1e}" if contact["relative_error"] is not None else "-"
+        )
+    elif report["analytic"]["none_because"]:
+        table.add_row("analytic force", f"none: {report['analytic']['none_because']}")
+    if some:
+        table.add_row("final position", f"{vector(final['position_m'], '.5f')} m")
+    if report["analytic"]["position_m"]:
+        table.add_row("analytic position", f"{vector(report['analytic']['position_m'], '.5f')} m")
+    if some:
+        table.add_row("final sliding variable", vector(final["s"], ".1e"))
+        table.add_row("largest tau", f"{vector(trace.tau_max[-1], '.4g')} N, N m")
+    factor = report["real_time_factor"]
+    if factor:
+        step_us = trace.wall_time_s / max(1, trace.steps) * 1e6
+        table.add_row(
+            "real-time factor",
+            f"{factor:.1f} ({report['duration_s']:g} s in {trace.wall_time_s:.2f} s, {step_us:.2f} us a step)",
+        )
+    table.add_row("files", "\n".join(report["files"].values()))
+    print_table(table)

@@ -1,0 +1,112 @@
+"""The tables of a scenario: frozen dataclasses with units, ranges and the paper's values (sec. 5) as defaults."""
+
+import dataclasses
+import itertools
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator, ConfigDict
+from pydantic.dataclasses import dataclass
+
+from .quantities import Matrix6, NonNegative, Positive, Real, Vector3, Vector6
+
+STRICT = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+Lowercase = BeforeValidator(lambda value: value.lower() if isinstance(value, str) else value)
+
+
+def doc(meaning: str, default: Any) -> Any:
+    """A field with its default and a line that says what it is; ``uvms-mj keys`` prints these."""
+    return dataclasses.field(default=default, metadata={"meaning": meaning})
+
+
+@dataclass(frozen=True, config=STRICT)
+class VehicleChoice:
+    model: str = doc("MJCF file of the vehicle, or the name of one that ships", "bluerov1")
+
+
+@dataclass(frozen=True, config=STRICT)
+class Simulation:
+    timestep: Positive = doc("time step [s]", 1e-4)
+    duration: Positive = doc("simulated time [s]", 20.0)
+    integrator: Annotated[Literal["euler", "implicitfast"], Lowercase] = doc("MuJoCo's integrator", "euler")
+
+
+@dataclass(frozen=True, config=STRICT)
+class Initial:
+    position: Vector3 = doc("position of the body frame in W [m]", (0.0, 0.0, 0.0))
+    attitude_deg: Vector3 = doc("roll, pitch, yaw [deg]", (0.0, 0.0, 0.0))
+    velocity: Vector6 = doc("[v; omega] in B [m/s, rad/s]", (0.0,) * 6)
+
+
+@dataclass(frozen=True, config=STRICT)
+class Current:
+    speed: NonNegative = doc("speed of the ocean current [m/s]", 0.5)
+    direction_deg: Real = doc("heading of the current in W, 0 towards the wall, 90 to the left [deg]", 120.0)
+
+
+@dataclass(frozen=True, config=STRICT)
+class Disturbance:
+    bias: Vector6 = doc("constant part of tau_dist in B [N, N m]", (0.0,) * 6)
+    amplitude: Vector6 = doc("amplitude of the sinusoidal part [N, N m]", (0.0,) * 6)
+    frequency_hz: Vector6 = doc("frequency of the sinusoidal part [Hz]", (0.0,) * 6)
+
+
+@dataclass(frozen=True, config=STRICT)
+class Wall:
+    position: Real = doc("x of the body frame in W at which contact begins, x_c [m]", 1.0)
+    stiffness: Positive = doc("k_c [N/m]", 1e5)
+    damping: NonNegative = doc("b_c [N s/m]", 0.0)
+    friction: NonNegative = doc("Coulomb coefficient [1]", 0.0)
+
+
+@dataclass(frozen=True, config=STRICT)
+class Waypoint:
+    time: NonNegative
+    position: Vector3
+
+
+def _increasing(waypoints: tuple[Waypoint, ...]) -> tuple[Waypoint, ...]:
+    times = [w.time for w in waypoints]
+    if any(b <= a for a, b in itertools.pairwise(times)):
+        raise ValueError(f"times {times} must increase")
+    return waypoints
+
+
+@dataclass(frozen=True, config=STRICT)
+class Reference:
+    target: Vector3 = doc("position that the step leads to, in W [m]", (1.01, 0.0, 0.0))
+    step_time: NonNegative = doc("time of the step [s]", 1.0)
+    bandwidth: Positive = doc("omega_n of the third-order filter [rad/s]", 2.0)
+    attitude_deg: Vector3 = doc("constant desired roll, pitch, yaw [deg]", (0.0, 0.0, 0.0))
+    start: Vector3 | None = doc("position before the first step; default: initial.position", None)
+    waypoints: Annotated[tuple[Waypoint, ...], AfterValidator(_increasing)] = doc(
+        "tables with time and position, which replace target and step_time", ()
+    )
+
+    @property
+    def steps(self) -> tuple[Waypoint, ...]:
+        """The position steps that the filter smooths."""
+        return self.waypoints or (Waypoint(time=self.step_time, position=self.target),)
+
+
+@dataclass(frozen=True, config=STRICT)
+class Impedance:
+    K_d: Annotated[Vector6, AfterValidator(lambda v: _stiffness(v))] = doc(
+        "desired stiffness, a diagonal [N/m, N m]", (150.0, 1500.0, 1500.0, 50.0, 50.0, 50.0)
+    )
+    M_d: Vector6 | Matrix6 | None = doc("desired inertia, diagonal or 6x6; default: the vehicle's M", None)
+    D_d: Vector6 | Matrix6 | None = doc("desired damping, diagonal or 6x6; default: Ott's design", None)
+    damping_ratio: NonNegative = doc("of Ott's design, used where D_d is not given [1]", 1.0)
+
+
+def _stiffness(value: tuple[float, ...]) -> tuple[float, ...]:
+    if min(value) < 0.0:
+        raise ValueError("must not have a negative entry")
+    return value
+
+
+@dataclass(frozen=True, config=STRICT)
+class Estimates:
+    inertia: Positive = doc("M_hat = f M", 1.0)
+    coriolis: Real = doc("C_hat(nu) nu = f C(nu) nu", 1.0)
+    damping: Real = doc("D_hat(nu) nu = f D(nu) nu", 1.0)
+    restoring: Real = doc("g_hat(eta) = f g(eta)", 1.0)
