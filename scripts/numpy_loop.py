@@ -13,6 +13,10 @@ def skew(a):
     return np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
 
 
+def cross(a, b):
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
 class NumpyLoop:
     """GSTA on the scenario's plant, one Python call a step."""
 
@@ -33,10 +37,12 @@ class NumpyLoop:
 
     def C(self, nu):
         v = self.vehicle
-        a = v.M_A @ nu
-        C_A = np.block([[np.zeros((3, 3)), -skew(a[:3])], [-skew(a[:3]), -skew(a[3:])]])
-        omega, r = skew(nu[3:]), skew(v.r_g)
-        C_RB = np.block([[v.mass * omega, -v.mass * omega @ r], [v.mass * r @ omega, -skew(v.M_RB[3:, 3:] @ nu[3:])]])
+        a, omega, r = v.M_A @ nu, skew(nu[3:]), skew(v.r_g)
+        C_A, C_RB = np.zeros((6, 6)), np.empty((6, 6))
+        C_A[:3, 3:] = C_A[3:, :3] = -skew(a[:3])
+        C_A[3:, 3:] = -skew(a[3:])
+        C_RB[:3, :3], C_RB[:3, 3:] = v.mass * omega, -v.mass * omega @ r
+        C_RB[3:, :3], C_RB[3:, 3:] = v.mass * r @ omega, -skew(v.M_RB[3:, 3:] @ nu[3:])
         return C_A, C_RB
 
     def callback(self, model, data):
@@ -51,7 +57,7 @@ class NumpyLoop:
         e = np.exp(-x)
         p_d = self.start + self.target * (1 - e * (1 + x + x * x / 2))
         v_d = R.T @ (self.target * self.omega_n * e * x * x / 2)
-        a_d = R.T @ (self.target * self.omega_n**2 * e * (x - x * x / 2)) - np.cross(nu[3:], v_d)
+        a_d = R.T @ (self.target * self.omega_n**2 * e * (x - x * x / 2)) - cross(nu[3:], v_d)
         quat = data.qpos[3:7]
         eta_e = np.concatenate([R.T @ (data.qpos[:3] - p_d), quat[1:]])
         nu_e = nu - np.concatenate([v_d, np.zeros(3)])
@@ -64,7 +70,7 @@ class NumpyLoop:
         zeta_dot = A * self.zeta + w + A * eta_e + A * nu_e - eta_e_dot
         C_A, C_RB = self.C(nu)
         g_eta = -np.concatenate([R.T @ (self.buoyancy_W + v.mass * model.opt.gravity), np.zeros(3)])
-        g_eta[3:] -= np.cross(v.r_g, R.T @ (v.mass * model.opt.gravity))
+        g_eta[3:] -= cross(v.r_g, R.T @ (v.mass * model.opt.gravity))
         D_nu = (v.D_linear + v.D_quadratic * np.abs(nu)) * nu
         tau_nom = d.M_hat @ (np.concatenate([a_d, np.zeros(3)]) - w) + (C_A + C_RB) @ nu + D_nu + g_eta - tau_c
         root = np.sqrt(np.abs(s)) * np.sign(s)
@@ -76,10 +82,10 @@ class NumpyLoop:
         nu_r = nu - np.concatenate([R.T @ self.v_c_W, np.zeros(3)])
         C_A_r, _ = self.C(nu_r)
         f = -C_A_r @ nu_r - (v.D_linear + v.D_quadratic * np.abs(nu_r)) * nu_r
-        f += v.M_A @ np.concatenate([np.cross(nu_r[3:], nu_r[:3]), np.zeros(3)])
+        f += v.M_A @ np.concatenate([cross(nu_r[3:], nu_r[:3]), np.zeros(3)])
         f[:3] += R.T @ self.buoyancy_W
         data.xfrc_applied[self.plant.body_id, :3] = R @ f[:3]
-        data.xfrc_applied[self.plant.body_id, 3:] = R @ (f[3:] - np.cross(v.r_g, f[:3]))
+        data.xfrc_applied[self.plant.body_id, 3:] = R @ (f[3:] - cross(v.r_g, f[:3]))
         self.log.append((data.time, s, self.z, tau_cmd))
 
     def chunk(self, steps: int) -> float:

@@ -1,5 +1,7 @@
 """The whole closed loop against the independent twin, and against itself."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 
@@ -214,3 +216,18 @@ def test_an_unstable_run_stops_at_the_step_and_keeps_what_it_has():
         if name != "first_contact":
             assert np.isfinite(trace[name]).all(), name
     assert len(trace) == trace.steps // 10 + (trace.steps % 10 > 0)
+
+
+def test_runs_beside_each_other_are_each_as_alone():
+    """Two scenarios with different laws in two threads of one process, bit for bit."""
+    scenarios = [
+        Scenario.load("push_wall", {"simulation.duration": 2.0, "reference.step_time": 0.0, "wall.position": 0.05}, law)
+        for law in ("gsta", "fosm")
+    ]
+    alone = [simulate(scenario) for scenario in scenarios]
+    with ThreadPoolExecutor(2) as pool:
+        beside = list(pool.map(simulate, scenarios))
+    for one, other in zip(alone, beside, strict=True):
+        assert one.touches[-1] > 0
+        for name in one:
+            assert np.array_equal(one[name], other[name], equal_nan=True), name

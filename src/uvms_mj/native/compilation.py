@@ -55,6 +55,7 @@ package."""
 _FOREIGN = tuple(Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib", "purelib", "platlib"))
 _KEPT_OBJECTS = 200
 _MIN_AGE_S = 7 * 24 * 3600.0
+_INLINED = {"error_model": "numpy", "forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 _lock = threading.RLock()
 _engines: list[llvm.ExecutionEngine] = []  # machine code lives as long as its engine
 
@@ -112,7 +113,7 @@ def _compile(function: Callable, arguments: int, returns: bool, name: str) -> in
     intrinsics.register()
     for each in kernels:
         if not hasattr(each, "_is_jitable"):
-            numba.extending.register_jitable(error_model="numpy", forceinline=True)(each)
+            numba.extending.register_jitable(**_INLINED)(each)
             each._is_jitable = True  # type: ignore[attr-defined]
     signature = (types.int64 if returns else types.void)(*[types.int64] * arguments)
     try:
