@@ -123,12 +123,12 @@ def row_steps_of(timestep: float, log_rate: float | str | None) -> int:
         rate = float(log_rate)
     except ValueError:
         rate = -1.0
-    if not 0.0 < rate < np.inf:
+    if not 1e-9 < rate < np.inf:
         raise InputError(f"log rate {log_rate!r}: must be a number of samples a second, or 'full'")
     row_steps = max(1, round(step_rate / rate))
     if abs(row_steps * rate - step_rate) > 1e-6 * step_rate:
         above = max(1, int(step_rate / rate))
-        neighbours = f"{step_rate / (above + 1):.6g} and {step_rate / above:.6g} Hz"
+        neighbours = f"{step_rate / (above + 1):.12g} and {step_rate / above:.12g} Hz"
         if rate > step_rate:
             neighbours = f"{step_rate:.6g} Hz, or 'full'"
         raise InputError(

@@ -2,6 +2,8 @@
 
 import dataclasses
 import json
+import os
+import re
 import signal
 import sys
 from pathlib import Path
@@ -58,7 +60,8 @@ def run(
     uvms-mj run --controller fosm --set controller.epsilon=2e-3 --set wall.stiffness=2e4
     uvms-mj run my_scenario.toml --controller my_law.py:MyLaw --log-rate full --out results
     """
-    _stop_on_signals()
+    stop = _Stop()
+    os.environ.setdefault("MUJOCO_GL", "disable")  # nothing is drawn here, and looking for a display takes time
     console = Console(as_json, quiet)
     scenario = None
     try:
@@ -72,7 +75,7 @@ def run(
             overrides = dict(parse_setting(s) for s in (*settings, *(a for a in arguments if "=" in a)))
             scenario = Scenario.load(names[0] if names else "push_wall", overrides, controller)
             folder = _output_folder(out, scenario)
-            status = _simulate(scenario, folder, log_rate, console)
+            status = _simulate(scenario, folder, log_rate, console, stop)
     except KeyboardInterrupt:
         if as_json:
             click.echo(json.dumps(_nothing_ran(scenario, controller)))
@@ -80,7 +83,7 @@ def run(
     sys.exit(status)
 
 
-def _simulate(scenario: Any, folder: Path, log_rate: str | None, console: Console) -> int:
+def _simulate(scenario: Any, folder: Path, log_rate: str | None, console: Console, stop: "_Stop") -> int:
     """Run, write, report; the exit status."""
     import warnings
 
@@ -89,8 +92,13 @@ def _simulate(scenario: Any, folder: Path, log_rate: str | None, console: Consol
     from .trace import Status
 
     error = None
-    with warnings.catch_warnings(), console.progress(scenario) as progress:
+    with warnings.catch_warnings(), console.progress(scenario) as bar:
         warnings.showwarning = console.warn
+
+        def progress(done: int, total: int) -> None:
+            stop.check()
+            bar(done, total)
+
         try:
             trace = simulate(scenario, log_rate=log_rate, progress=progress)
         except LawError as raised:
@@ -98,7 +106,11 @@ def _simulate(scenario: Any, folder: Path, log_rate: str | None, console: Consol
         except BaseException:
             _remove_if_empty(folder)
             raise
-    files = _write(trace, folder)
+    stop.ignore()
+    try:
+        files = _write(trace, folder)
+    except OSError as failure:
+        files, error = {}, f"--out {folder}: can't write the trace: {failure.strerror}"
     report = summary(trace, files)
     console.report(trace, report)
     if error is not None:
@@ -116,11 +128,14 @@ def _output_folder(out: str | None, scenario: Any) -> Path:
 
     from .faults import InputError
 
+    if out == "":
+        raise InputError("--out '': must name a folder")
     if out is not None:
         folder = Path(out)
     else:
         now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
-        stem = Path("runs") / f"{now}-{scenario.name}-{scenario.controller.label()}".replace("/", "_")
+        words = re.sub(r"[^\w.-]+", "_", f"{scenario.name}-{scenario.controller.label()}")[:100]
+        stem = Path("runs") / f"{now}-{words}"
         folder, n = stem, 2
         while folder.exists():
             folder, n = stem.with_name(f"{stem.name}-{n}"), n + 1
@@ -228,17 +243,30 @@ def _nothing_ran(scenario: Any, controller: str | None) -> dict[str, Any]:
     }
 
 
-def _stop_on_signals() -> None:
-    """SIGTERM does what Ctrl-C does; after the first of them the run ends in its own way and further ones are
-    ignored."""
+class _Stop:
+    """Ctrl-C and SIGTERM: the first is raised where the program is, and at the next chunk should it get lost.
 
-    def stop(number: int, frame: Any) -> NoReturn:
+    Python code that C calls back can't pass an exception on, as when LLVM reports a finished object.
+    """
+
+    def __init__(self) -> None:
+        self.requested = False
+        for each in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(each, self._on_signal)
+
+    def _on_signal(self, number: int, frame: Any) -> None:
+        if not self.requested:
+            self.requested = True
+            raise KeyboardInterrupt
+
+    def check(self) -> None:
+        if self.requested:
+            raise KeyboardInterrupt
+
+    def ignore(self) -> None:
+        """What was computed is being written; that takes less than the patience of whoever sent a signal."""
         for each in (signal.SIGINT, signal.SIGTERM):
             signal.signal(each, signal.SIG_IGN)
-        raise KeyboardInterrupt
-
-    for each in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(each, stop)
 
 
 def _bad_input() -> Any:

@@ -62,12 +62,10 @@ def steady_state(
 ) -> SteadyState | NoClosedForm:
     """The steady state of a scenario, or why it has none in closed form; gravity_W (3,) [m/s^2]."""
     controller, h = scenario.controller, control_period(scenario)
-    if not isinstance(controller, Impedance | Fosm | Gsta) or type(controller).name not in (
-        "impedance",
-        "fosm",
-        "gsta",
-    ):
+    if type(controller) not in (Impedance, Fosm, Gsta):
         return NoClosedForm("a law of the user's own")
+    if not vehicle.rigid:
+        return NoClosedForm("the vehicle has moving parts")
     rate = _disturbance_rate(scenario, design)
     if isinstance(controller, Gsta):
         if controller.k_1 == 0.0 or controller.k_2 == 0.0:

@@ -18,14 +18,14 @@ class Console:
         click.echo(f"warning: {message}", err=True)
 
     def progress(self, scenario: Any) -> Any:
-        """A context manager that gives a progress callback, or None where nobody would look."""
+        """A context manager that gives a function of steps done and their number; it draws where somebody looks."""
         if self.quiet or not sys.stderr.isatty():
-            return contextlib.nullcontext()
+            return contextlib.nullcontext(lambda done, total: None)
         return _bar(scenario)
 
     def report(self, trace: Any, report: dict[str, Any]) -> None:
         if self.as_json:
-            click.echo(json.dumps(report))
+            click.echo(json.dumps(report, allow_nan=False))
         elif not self.quiet:
             _run_table(trace, report)
 
@@ -75,7 +75,7 @@ def _run_table(trace: Any, report: dict[str, Any]) -> None:
     some = len(trace) > 0
 
     def vector(values: Any, form: str) -> str:
-        return "  ".join(format(v, form) for v in values)
+        return "  ".join(format(v, form) for v in values).replace("-0.00000", "0.00000")
 
     if contact["first_s"] is None:
         table.add_row("contact", "none")

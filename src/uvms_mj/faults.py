@@ -57,11 +57,13 @@ def faults_of(
         for part in item["loc"]:
             if isinstance(part, int):
                 key += f"[{part}]"
-            elif part.isidentifier():  # pydantic names the branch of a union in a location; that is no key of ours
+            elif not (
+                "[" in part or part in ("float", "bool", "int", "str")
+            ):  # the branch of a union is no key of ours
                 key += f".{part}" if key else part
         if item["type"] in ("unexpected_keyword_argument", "extra_forbidden"):
             table, _, word = key.rpartition(".")
-            message = f"no such key; {suggestion(word, (choices or {}).get(table, ()))}"
+            message = f"no such key; {suggestion(word, (choices or {}).get(table.partition('[')[0], ()))}"
         else:
             message = f"{_shown(item['input'])} {_sentence(item)}"
         faults.setdefault(key, Fault(key, message))

@@ -6,29 +6,32 @@ from typing import Any
 import numpy as np
 
 from .closed_forms import NoClosedForm, SteadyState
-from .trace import Trace
+from .signals import FINAL_WINDOW_S
+from .trace import Status, Trace
 
-FINAL_WINDOW_S = 0.5
-"""How much of the end of a run its final values are taken from [s]."""
 SETTLED = 1e-3
-"""A force that changes by less than this part of itself over the window has settled."""
+"""A force that changes by less than this part of itself over the final window has settled."""
+AT_REST = 1e-4
+"""Without contact, a vehicle slower than this has settled [m/s, rad/s]."""
 
 
 def final_force(trace: Trace) -> tuple[float | None, bool]:
     """Mean pushing force over the last 0.5 s [N], and whether it has settled there.
 
-    The mean is the impulse's increase over the window, so that it counts every step, whatever the log rate.
+    Both come from every step, whatever the log rate. A run that stopped early has the mean over its own last 0.5 s of
+    rows, and has not settled.
     """
     if len(trace) == 0:
         return None, False
-    t, push = trace.t, trace.push
+    t, impulse = trace.t, trace.impulse
+    if trace.status is Status.completed and trace.duration_s >= FINAL_WINDOW_S:
+        mean = float(trace.final_impulse[-1]) / FINAL_WINDOW_S
+        spread = float(trace.final_high[-1] - trace.final_low[-1])
+        still = mean > 0.0 or bool(np.abs(trace.nu[-1]).max() < AT_REST)
+        return mean, bool(still and spread <= SETTLED * mean)
     start = max(0, int(np.searchsorted(t, t[-1] - FINAL_WINDOW_S + 1e-9, side="right")) - 1)
-    window = t[-1] - t[start]
-    if window <= 0.0:
-        return float(push[-1]), False
-    mean = float(trace.impulse[-1] - trace.impulse[start]) / float(window)
-    spread = float(np.ptp(push[start:]))
-    return max(0.0, mean), bool(window > 0.99 * FINAL_WINDOW_S and spread <= SETTLED * mean)
+    window = float(t[-1] - t[start])
+    return float(impulse[-1] - impulse[start]) / window if window > 0.0 else float(trace.push[-1]), False
 
 
 def summary(trace: Trace, files: dict[str, str]) -> dict[str, Any]:
@@ -48,7 +51,7 @@ def summary(trace: Trace, files: dict[str, str]) -> dict[str, Any]:
     def last(name: str) -> Any:
         return _plain(trace[name][-1]) if some and name in trace.arrays else None
 
-    return {
+    report = {
         "scenario": trace.scenario.name,
         "controller": trace.scenario.controller.label(),
         "status": trace.status.name,
@@ -81,10 +84,19 @@ def summary(trace: Trace, files: dict[str, str]) -> dict[str, Any]:
         },
         "files": files,
     }
+    return _finite(report)
+
+
+def _finite(value: Any) -> Any:
+    """The same with None for numbers that JSON does not have."""
+    if isinstance(value, dict):
+        return {key: _finite(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray) and value.ndim:
         return [_plain(v) for v in value]
-    number = float(value)
-    return number if math.isfinite(number) else None
+    return float(value)

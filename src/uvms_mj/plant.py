@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from .design import Design
-from .faults import InputError, suggestion
+from .faults import Fault, InputError, suggestion
 from .frames import quat_from_euler_deg
 from .resources import names, resource
 from .scenario import Scenario
@@ -23,6 +23,7 @@ from .vehicle import Vehicle, free_body_id
 
 IMPEDANCE = 1e-4
 """d of solimp."""
+_OURS = "uvms_mj/"  # no vehicle's own names collide with these
 DEFAULT_REACH = 0.1
 """Radius of the probe of a vehicle without geoms [m]."""
 _INTEGRATORS = {"euler": "mjINT_EULER", "implicitfast": "mjINT_IMPLICITFAST"}
@@ -68,14 +69,41 @@ def build(scenario: Scenario) -> Plant:
         whole = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(f"vehicle.model {path}: MuJoCo can't compile it: {' '.join(str(error).split())}") from None
+    _refuse_settings(whole)
     vehicle = Vehicle.from_model(whole)
     design = Design.of(scenario, vehicle)
     reach = _forward_reach(whole, free_body_id(whole, vehicle.body))
     _add_surroundings(spec, vehicle.body, scenario, reach)
     model = spec.compile()
     _calibrate(model, design, vehicle, scenario)
-    sensor = model.sensor("wall_contact").adr[0]
+    sensor = model.sensor(f"{_OURS}contact").adr[0]
     return Plant(model, vehicle, design, free_body_id(model, vehicle.body), int(sensor), reach)
+
+
+def _refuse_settings(model: mujoco.MjModel) -> None:
+    """Refuse settings of a vehicle's file under which wall, sensor or thrusters would not be what they are."""
+    disable, option = mujoco.mjtDisableBit, model.opt
+    faults: list[Fault] = []
+    faults += [
+        Fault(f"disable {name}", "leaves a part of the plant out; enable it")
+        for name in ("contact", "constraint", "sensor", "clampctrl", "gravity")
+        if option.disableflags & getattr(disable, f"mjDSBL_{name.upper()}")
+    ]
+    if option.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE:
+        faults.append(Fault("enable override", "replaces the wall's stiffness; disable it"))
+    if option.iterations < 10 or option.ls_iterations < 10:
+        faults.append(
+            Fault("iterations, ls_iterations", "are too few for the contact solver; leave them at MuJoCo's defaults")
+        )
+    if option.disableactuator:
+        faults.append(Fault("actuatorgroupdisable", "switches thrusters off; leave it out"))
+    free = model.jnt_type == mujoco.mjtJoint.mjJNT_FREE
+    if model.jnt_stiffness[free].any():
+        faults.append(Fault("joint stiffness", "of the free joint would hold the vehicle in place; set it to 0"))
+    if any(model.dof_frictionloss[adr : adr + 6].any() for adr in model.jnt_dofadr[free]):
+        faults.append(Fault("joint frictionloss", "of the free joint is no property of water; set it to 0"))
+    if faults:
+        raise InputError(faults, "vehicle.model")
 
 
 def _model_path(model: str) -> Path:
@@ -121,10 +149,12 @@ def _add_surroundings(spec: mujoco.MjSpec, body_name: str, scenario: Scenario, r
     body.simple = False
     spec.compiler.discardvisual = True
     solid = {"contype": 0, "conaffinity": 0}
-    body.add_geom(name="probe", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[reach, 0, 0], rgba=[0] * 4, group=4, **solid)
+    body.add_geom(
+        name=f"{_OURS}probe", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[reach, 0, 0], rgba=[0] * 4, group=4, **solid
+    )
     face = scenario.wall.position + reach
     spec.worldbody.add_geom(
-        name="wall",
+        name=f"{_OURS}wall",
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         pos=[face, 0, 0],
         quat=[np.sqrt(0.5), 0, -np.sqrt(0.5), 0],  # its normal is -x of W
@@ -134,18 +164,18 @@ def _add_surroundings(spec: mujoco.MjSpec, body_name: str, scenario: Scenario, r
         **solid,
     )
     spec.add_pair(
-        name="wall_contact",
-        geomname1="wall",
-        geomname2="probe",
+        name=f"{_OURS}contact",
+        geomname1=f"{_OURS}wall",
+        geomname2=f"{_OURS}probe",
         condim=3 if scenario.wall.friction > 0 else 1,
         friction=[scenario.wall.friction] * 2 + [0] * 3,
         solimp=[IMPEDANCE, IMPEDANCE, 0.001, 0.5, 1],
         margin=0,
         gap=0,
     )
-    sensor = spec.add_sensor(name="wall_contact", type=mujoco.mjtSensor.mjSENS_CONTACT)
-    sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_GEOM, "wall"
-    sensor.reftype, sensor.refname = mujoco.mjtObj.mjOBJ_GEOM, "probe"
+    sensor = spec.add_sensor(name=f"{_OURS}contact", type=mujoco.mjtSensor.mjSENS_CONTACT)
+    sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_GEOM, f"{_OURS}wall"
+    sensor.reftype, sensor.refname = mujoco.mjtObj.mjOBJ_GEOM, f"{_OURS}probe"
     data_bits = mujoco.mjtConDataField
     wanted = (data_bits.mjCONDATA_FOUND, data_bits.mjCONDATA_FORCE, data_bits.mjCONDATA_POS)
     sensor.intprm[:3] = [sum(1 << int(bit) for bit in wanted), 3, 1]
@@ -155,7 +185,8 @@ def _calibrate(model: mujoco.MjModel, design: Design, vehicle: Vehicle, scenario
     """Stiffness and damping of the compiled contact pair in N/m and N s/m."""
     w = model.body_invweight0[free_body_id(model, vehicle.body), 0]
     scale = w * (1.0 - IMPEDANCE)
-    model.pair_solref[0] = -scenario.wall.stiffness * scale, -scenario.wall.damping * scale
+    pair = model.pair(f"{_OURS}contact").id
+    model.pair_solref[pair] = -scenario.wall.stiffness * scale, -scenario.wall.damping * scale
     # Sticking friction: a damper along the wall as strong as the step allows, up to the Coulomb limit
     lightest = 1.0 / np.linalg.eigvalsh(np.linalg.inv(design.M)[:3, :3])[-1]
-    model.pair_solreffriction[0] = 0.0, -0.5 * lightest / scenario.simulation.timestep * scale
+    model.pair_solreffriction[pair] = 0.0, -0.5 * lightest / scenario.simulation.timestep * scale

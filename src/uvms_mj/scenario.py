@@ -17,7 +17,7 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from .control import Controller, Gsta
-from .control.loader import load_controller, table_of
+from .control.loader import controller_class, load_controller, table_of
 from .faults import Fault, InputError, faults_of, suggestion
 from .resources import names, resource
 from .sections import (
@@ -110,7 +110,7 @@ class Scenario:
         if not isinstance(law, Mapping):
             faults.append(Fault("controller", f"{law!r} is not a table"))
             law = {}
-        if controller is not None and _absolute(law.get("name", controller)) != _absolute(controller):
+        if controller is not None and not _is_that_laws(law, controller):
             law = {}
         tables["controller"] = law = {**law, **({"name": controller} if controller is not None else {})}
         for key, value in (overrides or {}).items():
@@ -147,15 +147,19 @@ _VALIDATOR = TypeAdapter(Scenario)
 _TABLES: dict[str, Any] = {
     f.name: type(f.default) for f in dataclasses.fields(Scenario) if dataclasses.is_dataclass(f.default)
 }
-_KEYS: dict[str, list[str]] = {"": [f.name for f in dataclasses.fields(Scenario)]} | {
-    name: [f.name for f in dataclasses.fields(table)] for name, table in _TABLES.items()
-}
+_KEYS: dict[str, list[str]] = (
+    {"": [f.name for f in dataclasses.fields(Scenario)]}
+    | {name: [f.name for f in dataclasses.fields(table)] for name, table in _TABLES.items()}
+    | {"reference.waypoints": ["time", "position"]}
+)
 
 
 def _scenario_path(scenario: str | os.PathLike) -> Path:
     path = Path(scenario)
     if path.is_file():
         return path
+    if path.is_dir():
+        raise InputError(f"scenario {str(scenario)!r}: is a folder; name a TOML file in it")
     shipped = resource("scenarios", f"{scenario}.toml")
     if shipped is not None:
         return shipped
@@ -175,6 +179,14 @@ def _anchor(tables: dict[str, Any], folder: Path | None) -> None:
             tables[table][key] = str((folder / value).absolute())
 
 
+def _is_that_laws(table: Mapping[str, Any], controller: str) -> bool:
+    """Whether a [controller] table is that law's: by its name, or without one by its gains."""
+    if "name" in table:
+        return _absolute(table["name"]) == _absolute(controller)
+    gains = {field.name for field in controller_class(controller).gain_fields()}
+    return set(table) <= gains
+
+
 def _absolute(law: Any) -> Any:
     """The same text for the same law, however its file is given."""
     return str(Path(law).absolute()) if isinstance(law, str) and ".py:" in law else law
@@ -186,6 +198,12 @@ def _override(tables: dict[str, Any], key: str, value: Any) -> list[Fault]:
         if table in ("name", "description"):
             tables[table] = value
             return []
+        if table in _TABLES:
+            return [
+                Fault(
+                    key, f"is a table; its keys are {', '.join(f'{table}.{k}' for k in ['name', *_KEYS[table]] if k)}"
+                )
+            ]
         meant = [f"{t}.{table}" for t, keys in _KEYS.items() if t and table in keys]
         law_key = [f"controller.{table}"] if not meant and table not in _KEYS else []
         close = difflib.get_close_matches(table, [f"{t}.{k}" for t, keys in _KEYS.items() if t for k in keys], 1)

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, ConfigDict
 from pydantic.dataclasses import dataclass
 
-from .quantities import Matrix6, NonNegative, Positive, Real, Vector3, Vector6
+from .quantities import Duration, Matrix6, NonNegative, Positive, Real, Step, Vector3, Vector6
 
 STRICT = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
 Lowercase = BeforeValidator(lambda value: value.lower() if isinstance(value, str) else value)
@@ -25,8 +25,8 @@ class VehicleChoice:
 
 @dataclass(frozen=True, config=STRICT)
 class Simulation:
-    timestep: Positive = doc("time step [s]", 1e-4)
-    duration: Positive = doc("simulated time [s]", 20.0)
+    timestep: Step = doc("time step [s]", 1e-4)
+    duration: Duration = doc("simulated time [s]", 20.0)
     integrator: Annotated[Literal["euler", "implicitfast"], Lowercase] = doc("MuJoCo's integrator", "euler")
 
 
@@ -93,8 +93,8 @@ class Impedance:
     K_d: Annotated[Vector6, AfterValidator(lambda v: _stiffness(v))] = doc(
         "desired stiffness, a diagonal [N/m, N m]", (150.0, 1500.0, 1500.0, 50.0, 50.0, 50.0)
     )
-    M_d: Vector6 | Matrix6 | None = doc("desired inertia, diagonal or 6x6; default: the vehicle's M", None)
-    D_d: Vector6 | Matrix6 | None = doc("desired damping, diagonal or 6x6; default: Ott's design", None)
+    M_d: Matrix6 = doc("desired inertia, diagonal or 6x6; default: the vehicle's M", None)
+    D_d: Matrix6 = doc("desired damping, diagonal or 6x6; default: Ott's design", None)
     damping_ratio: NonNegative = doc("of Ott's design, used where D_d is not given [1]", 1.0)
 
 

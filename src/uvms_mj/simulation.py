@@ -170,7 +170,7 @@ class _Run:
         if loop.prepare():
             try:
                 loop.call_law()
-            except Exception as error:
+            except (Exception, SystemExit) as error:
                 raise _LawRaised(error) from error
 
     def _forward(self, loop: ClosedLoop) -> None:
@@ -184,7 +184,7 @@ class _Run:
             try:
                 with np.errstate(divide="raise", invalid="raise"):
                     loop.call_law()  # again on the same signals, as plain Python: its exception names the line
-            except Exception as error:
+            except (Exception, SystemExit) as error:
                 raise _LawRaised(error) from error
             raise _LawRaised(RuntimeError("raised when compiled, but not as plain Python on the same signals"))
         if not loop.fault and loop.evaluations != evaluations:
@@ -207,14 +207,14 @@ class _Run:
 
 
 class _LawRaised(Exception):
-    def __init__(self, cause: Exception) -> None:
+    def __init__(self, cause: BaseException) -> None:
         self.cause = cause
 
 
 _HINT = "Try a smaller simulation.timestep, smaller gains, or a softer wall."
 
 
-def _users_line(error: Exception, controller: Controller) -> str:
+def _users_line(error: BaseException, controller: Controller) -> str:
     """Where in the law's own file an exception came from."""
     file = inspect.getfile(type(controller).law)
     frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == file]

@@ -1,6 +1,7 @@
 """What a run leaves: named read-only arrays, how it ended, and what it was."""
 
 import enum
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -72,6 +73,8 @@ class Trace:
         return np.maximum(0.0, 0.0 - self.arrays["f_contact_W"][:, 0])
 
     def save(self, path: Path) -> None:
-        """Write every signal under its name to a NumPy ``.npz`` file."""
-        with open(path, "wb") as file:
+        """Write every signal under its name to a NumPy ``.npz`` file, which is there only once it is whole."""
+        part = path.with_name(f"{path.name}.part")
+        with open(part, "wb") as file:
             np.savez(file, allow_pickle=False, **self.arrays)
+        os.replace(part, path)

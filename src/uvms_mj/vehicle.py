@@ -53,6 +53,8 @@ class Vehicle:
     """(n,) least thrust [N]."""
     u_max: np.ndarray
     """(n,) greatest thrust [N]."""
+    rigid: bool
+    """Whether nothing moves on the vehicle itself."""
 
     @property
     def M(self) -> np.ndarray:
@@ -81,7 +83,7 @@ class Vehicle:
         Raises:
             InputError: coefficients that are missing, malformed or unphysical, all of them at once.
         """
-        body = body or _only_free_body(model)
+        body = _only_free_body(model) if body is None else body
         body_id = free_body_id(model, body)
         prefix = body[: body.rfind("/") + 1]
         faults: list[Fault] = []
@@ -102,18 +104,24 @@ class Vehicle:
         mujoco.mj_forward(model, data)
         M_RB = _rigid_body_inertia(model, data, body_id)
         thrusters, ids, B, u_min, u_max = _thrusters(model, data, body_id, faults)
+        faults += _turning_thrusters(model, data, body_id, thrusters, B)
         if not faults and np.linalg.eigvalsh(M_RB + M_A)[0] <= 0.0:
             faults.append(Fault("M_RB + M_A", "is not positive definite"))
         if faults or displaced is None or r_b is None:
             raise InputError(faults, f"vehicle {body!r}")
+        rigid = int(model.body_dofnum[model.body_rootid == body_id].sum()) == 6
         arrays = (M_RB, M_A, D_linear, D_quadratic, r_b, B, u_min, u_max)
         for array in arrays:
             array.setflags(write=False)
-        return cls(body, M_RB, M_A, D_linear, D_quadratic, float(displaced[0]), r_b, thrusters, ids, B, u_min, u_max)
+        return cls(
+            body, M_RB, M_A, D_linear, D_quadratic, float(displaced[0]), r_b, thrusters, ids, B, u_min, u_max, rigid
+        )
 
 
 def free_body_id(model: mujoco.MjModel, body: str) -> int:
     """The id of a body that moves on a free joint; an error says what the model has instead."""
+    if not body:
+        raise InputError("the vehicle's body has no name: give it one in its MJCF")
     body_id = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body)
     if body_id < 0:
         raise InputError(f"body {body!r}: not in the model; {suggestion(body, _names(model))}")
@@ -175,6 +183,8 @@ def _added_mass(model, prefix, faults) -> np.ndarray:
             faults.append(Fault("M_A", f"stands beside {', '.join(both)}: give the matrix or the six derivatives"))
         values = _numeric(model, prefix, "M_A", 36, faults)
         M_A = np.zeros((6, 6)) if values is None else values.reshape(6, 6)
+        if not np.isfinite(M_A).all():
+            return np.zeros((6, 6))  # the fault is noted
         if np.abs(M_A - M_A.T).max() > 1e-9 * np.abs(M_A).max():
             faults.append(Fault("M_A", "is not symmetric"))
         elif np.linalg.eigvalsh(M_A)[0] < -1e-9 * np.abs(M_A).max():
@@ -198,6 +208,22 @@ def _rigid_body_inertia(model, data, body_id) -> np.ndarray:
     T_inverse = np.eye(6)
     T_inverse[:3, :3] = rotation_matrix(data.xquat[body_id])  # qvel = T^-1 nu
     return T_inverse.T @ block @ T_inverse
+
+
+def _turning_thrusters(model, data, body_id, thrusters, B) -> list[Fault]:
+    """Faults of thrusters whose wrench in B changes with the pose, such as a motor on the free joint itself."""
+    elsewhere = mujoco.MjData(model)
+    elsewhere.qpos[:] = data.qpos
+    mujoco.mj_integratePos(model, elsewhere.qpos, np.linspace(0.3, 0.9, model.nv), 1.0)
+    mujoco.mj_forward(model, elsewhere)
+    _, _, there, _, _ = _thrusters(model, elsewhere, body_id, [])
+    if there.shape != B.shape:
+        return [Fault("thrusters", "their number depends on the pose")]
+    return [
+        Fault(name, "its wrench in B depends on the pose; put the motor on a site of the vehicle's body")
+        for name, here, other in zip(thrusters, B.T, there.T, strict=True)
+        if np.abs(here - other).max() > 1e-9 * max(1.0, np.abs(here).max())
+    ]
 
 
 def _thrusters(model, data, body_id, faults):

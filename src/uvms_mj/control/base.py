@@ -25,11 +25,19 @@ from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, get_type_hints
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, TypeAdapter, ValidationError, with_config
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    PydanticSchemaGenerationError,
+    TypeAdapter,
+    ValidationError,
+    with_config,
+)
 from typing_extensions import TypedDict
 
-from ..faults import InputError, faults_of
-from ..quantities import NonNegative, Positive, Real, Vector6
+from ..faults import Fault, InputError, faults_of
+from ..quantities import NonNegative, Positive, Real, Step, Vector6
 
 
 def _six(value: Any) -> Any:
@@ -69,7 +77,7 @@ class Controller:
         InputError: a gain is not of its type or out of its range; all faults are named at once.
     """
 
-    period: Positive | None = _shared(None, "s", "control period, a multiple of the time step; default: every step")
+    period: Step | None = _shared(None, "s", "control period, a multiple of the time step; default: every step")
     F_1: Diagonal = _shared(1.0, "1/s", "gain of the pose error in s, eq. (14)")
     F_2: Annotated[Diagonal, AfterValidator(_nonzero)] = _shared(1.0, "1", "gain of zeta in s, eq. (14)")
     A: Annotated[Diagonal, AfterValidator(_not_positive)] = _shared(-100.0, "1/s", "pole of zeta, eq. (15)")
@@ -79,10 +87,20 @@ class Controller:
 
     def __post_init__(self) -> None:
         given = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        place = f"the gains of {self.label()}"
         try:
             valid = _adapter(type(self)).validate_python(given)
         except ValidationError as error:
-            raise InputError(faults_of(error, "controller"), f"the gains of {self.label()}") from None
+            raise InputError(faults_of(error, "controller"), place) from None
+        except (NameError, TypeError, PydanticSchemaGenerationError) as error:
+            raise InputError(f"an annotation is no type of a gain: {str(error).splitlines()[0]}", place) from None
+        faults = [
+            Fault(f"controller.{name}", f"{value!r}: a gain is a number, true or false, or a tuple of numbers")
+            for name, value in valid.items()
+            if not _is_gain(value)
+        ]
+        if faults:
+            raise InputError(faults, place)
         for name, value in valid.items():
             object.__setattr__(self, name, value)
 
@@ -94,12 +112,12 @@ class Controller:
     @classmethod
     def label(cls) -> str:
         """The name in logs and tables: ours for the laws that ship, the class's for a user's."""
-        return cls.name or cls.__name__
+        return cls.__dict__.get("name") or cls.__name__
 
     @classmethod
     def source(cls) -> str:
         """What finds this law again: the name of one that ships, or ``path/to/file.py:ClassName``."""
-        if cls.name:
+        if cls.__dict__.get("name"):
             return cls.name
         return f"{getattr(sys.modules.get(cls.__module__), '__file__', None) or '<session>'}:{cls.__name__}"
 
@@ -126,6 +144,12 @@ class Controller:
         """The states, all zero, as a record array (1,) of float64 vectors."""
         fields = [(name, "f8", (size,)) for name, size in cls.states.items()]
         return np.zeros(1, np.dtype(fields or [("none", "f8", (0,))], align=True))
+
+
+def _is_gain(value: Any) -> bool:
+    if isinstance(value, tuple):
+        return bool(value) and all(isinstance(each, int | float) for each in value)
+    return value is None or isinstance(value, bool | int | float)
 
 
 def _adapter(cls: type[Controller]) -> TypeAdapter:

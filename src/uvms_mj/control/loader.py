@@ -3,6 +3,7 @@
 import dataclasses
 import hashlib
 import importlib.util
+import inspect
 import sys
 import traceback
 from collections.abc import Mapping
@@ -41,10 +42,19 @@ def load_controller(table: Mapping[str, Any], known: type[Controller] | None = N
         for key in gains
         if key not in choices
     ]
+    missing = [
+        f.name
+        for f in cls.gain_fields()
+        if f.name not in gains and f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
+    ]
+    if missing:
+        raise InputError([*faults, *(Fault(f"controller.{key}", f"{cls.label()} needs this gain") for key in missing)])
     try:
         controller = cls(**{key: value for key, value in gains.items() if key in choices})
     except InputError as error:
         raise InputError([*faults, *error.faults]) from None
+    except Exception as error:
+        raise InputError([*faults, Fault("controller", f"{cls.label()}: {type(error).__name__}: {error}")]) from error
     if faults:
         raise InputError(faults)
     return controller
@@ -81,12 +91,14 @@ def controller_class(source: Any) -> type[Controller]:
         raise InputError(
             [Fault("controller.name", f"{class_name} in {file} must be decorated with @dataclass(frozen=True)")]
         )
+    wanted = f"{class_name} in {file}: states must be names with sizes from 1 to {_MOST_STATES}, as in {{'xi': 6}}"
+    if not isinstance(cls.states, Mapping):
+        raise InputError([Fault("controller.name", f"{wanted}; {cls.states!r} is not")])
     for name, size in cls.states.items():
-        if not (str(name).isidentifier() and isinstance(size, int) and 0 < size <= _MOST_STATES):
-            message = (
-                f"{class_name} in {file}: states must be names with sizes from 1 to {_MOST_STATES}, as in {{'xi': 6}}"
-            )
-            raise InputError([Fault("controller.name", f"{message}; {name!r}: {size!r} is not")])
+        if not (str(name).isidentifier() and type(size) is int and 0 < size <= _MOST_STATES):
+            raise InputError([Fault("controller.name", f"{wanted}; {name!r}: {size!r} is not")])
+    if not isinstance(inspect.getattr_static(cls, "law"), staticmethod):
+        raise InputError([Fault("controller.name", f"{class_name}.law in {file} must be a @staticmethod")])
     return cls
 
 
@@ -108,7 +120,7 @@ def _load(path: Path) -> ModuleType:
     before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         del sys.modules[name]
         frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
         line = frames[-1].lineno if frames else getattr(error, "lineno", None)

@@ -7,7 +7,7 @@ from ..control.base import Controller
 from ..design import Design
 from ..faults import Fault, InputError
 from ..scenario import Scenario
-from ..signals import RECORDED, Signal, thruster_signal
+from ..signals import FINAL_WINDOW_S, RECORDED, Signal, thruster_signal
 from ..vehicle import Vehicle
 from .attachment import Attachment
 from .callback import entry_points
@@ -58,10 +58,12 @@ class ClosedLoop:
             "timestep": self.timestep,
             "period_steps": period_steps,
             "row_steps": row_steps,
+            "steps": scenario.steps,
+            "window_step": max(0, scenario.steps - round(FINAL_WINDOW_S / self.timestep)),
             "bandwidth": scenario.reference.bandwidth,
             "start": scenario.reference.start or scenario.initial.position,
             "waypoints": len(waypoints),
-            "epsilon": getattr(self.controller, "epsilon", DEFAULT_EPSILON),
+            "epsilon": getattr(self.controller, "epsilon", DEFAULT_EPSILON),  # of each axis
             "speed_bound": SPEED_BOUND,
             "position_bound": POSITION_BOUND,
             "tau_bound": (TAU_BOUND,) * 6,
@@ -73,7 +75,8 @@ class ClosedLoop:
         }
         for name, value in settings.items():
             self._loop[name] = value
-        self._loop["row"]["first_contact"] = np.nan
+        for name in ("first_contact", "final_low", "final_high"):
+            self._loop["row"][name] = np.nan
         self._set_task(design)
         self._set_beliefs(vehicle, scenario, model.opt.gravity)
         signals = self._loop["signals"]
@@ -212,8 +215,10 @@ def law_signals(controller: Controller) -> tuple[Signal, ...]:
         InputError: a state has the name of a signal that every run records.
     """
     taken = {signal.name for signal in (*RECORDED, thruster_signal(0))}
+    taken |= {*dir(np.recarray), "arrays", "duration_s", "file", "message", "notes", "push", "save", "scenario"}
+    taken |= {"signals", "status", "steps", "wall_time_s", "analytic", "allow_pickle"}
     faults = [
-        Fault(f"states[{name!r}]", "is the name of a recorded signal; choose another")
+        Fault(f"states[{name!r}]", "is the name of a recorded signal or of an attribute; choose another")
         for name in type(controller).states
         if name in taken
     ]

@@ -44,13 +44,15 @@ LOOP = np.dtype(
         ("timestep", "f8"),
         ("period_steps", "i8"),
         ("row_steps", "i8"),  # time steps from row to row
+        ("steps", "i8"),  # of the whole run
+        ("window_step", "i8"),  # where the final window begins
         ("law_at", "i8"),  # the compiled law, or 0: tau_cmd is set from outside before the step
         ("bandwidth", "f8"),
         ("start", "f8", (3,)),
         ("times_at", "i8"),
         ("positions_at", "i8"),
         ("waypoints", "i8"),
-        ("epsilon", "f8"),
+        ("epsilon", "f8", (6,)),
         ("speed_bound", "f8", (6,)),
         ("position_bound", "f8"),
         ("tau_bound", "f8", (6,)),

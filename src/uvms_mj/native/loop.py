@@ -221,12 +221,18 @@ def finish_step(context, loop):
         row.impulse += 0.5 * h * (push + push_before)
         for i in range(3):
             row.wall_work -= 0.5 * (loop.f_contact_W[i] + loop.f_before_W[i]) * (loop.p[i] - loop.p_before[i])
-    if loop.step % loop.row_steps == 0 and loop.rows < loop.row_capacity:
+        if loop.step > loop.window_step:
+            row.final_impulse += 0.5 * h * (push + push_before)
+    if loop.step == loop.window_step:
+        row.final_low, row.final_high = push, push
+    elif loop.step > loop.window_step:
+        row.final_low, row.final_high = min(row.final_low, push), max(row.final_high, push)
+    if (loop.step % loop.row_steps == 0 or loop.step == loop.steps) and loop.rows < loop.row_capacity:
         body_acceleration(loop.R_WB, floats(loop.qacc_at, 6), loop.nu, loop.nu_dot)
         write_row(context, loop)
     for i in range(6):  # what the coming step adds
         row.effort[i] += h * loop.tau[i] * loop.tau[i]
-        if abs(loop.signals.s[i]) < loop.epsilon:
+        if abs(loop.signals.s[i]) < loop.epsilon[i]:
             row.boundary_layer_time[i] += h
     for i in range(3):
         loop.f_before_W[i] = loop.f_contact_W[i]
