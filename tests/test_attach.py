@@ -306,3 +306,12 @@ def test_unphysical_coefficients_are_named(before, after, reason):
     model = mujoco.MjModel.from_xml_string(xml.replace(before, after))
     with pytest.raises(InputError, match=reason):
         attach(model, mujoco.MjData(model))
+
+
+def test_a_thruster_that_does_not_turn_with_the_vehicle_is_refused():
+    """A motor on the free joint pushes along W: at the reference attitude it looks right."""
+    xml = vehicle_xml(STILL).replace('<motor name="m0" site="origin"', '<motor name="m0" joint="free"')
+    xml = xml.replace('simple="false"><freejoint/>', 'simple="false"><freejoint name="free"/>')
+    model = mujoco.MjModel.from_xml_string(xml)
+    with pytest.raises(InputError, match="m0: its wrench in B depends on the pose"):
+        attach(model, mujoco.MjData(model))

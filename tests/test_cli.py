@@ -126,7 +126,7 @@ def test_a_second_run_into_a_folder_keeps_the_first(tmp_path):
         (["run", "--set", "impedance.M_d=[1,1,1,1,1,-1]"], "not positive definite"),
         (["run", "--set", "controller.period=1.5e-4"], "next to it are 0.0001 and 0.0002 s"),
         (["run", "--set", "vehicle.model=submarine"], "models that ship|bluerov1"),
-        (["run", "--log-rate", "3000"], "next to it are 2500 and 3333.33 Hz"),
+        (["run", "--log-rate", "3000"], "next to it are 2500 and 3333.33333333 Hz"),
         (["run", "--log-rate", "often"], "must be a number"),
         (["run", "--out", "/proc/nothing"], "can't write"),
         (["run", "a", "b"], "one scenario at a time"),
@@ -157,6 +157,32 @@ def test_an_unphysical_vehicle_is_refused(here, tmp_path, numeric, value, expect
     assert expected in done.stderr
     assert numeric in done.stderr or expected == "compile"
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("option", "reason"),
+    [
+        ('solver="PGS"', "PGS"),
+        ('noslip_iterations="5"', "noslip"),
+        ('iterations="0"', "contact solver"),
+        ('><flag contact="disable"/></option><option', "disable contact"),
+        ('><flag override="enable"/></option><option', "override"),
+    ],
+)
+def test_a_vehicle_file_whose_settings_break_the_plant_is_refused(here, tmp_path, option, reason):
+    text = (ROOT / "models" / "bluerov1.xml").read_text().replace("<option", f"<option {option}", 1)
+    (tmp_path / "mine.xml").write_text(text)
+    done = here("run", *SHORT, "--set", "vehicle.model=mine.xml")
+    assert done.exit_code == 2
+    assert reason in done.stderr
+
+
+def test_a_full_disk_is_said_and_the_report_still_given(tmp_path):
+    limited = f"ulimit -f 20; {sys.executable} -m uvms_mj run --set simulation.duration=1 --json --out here"
+    done = subprocess.run(["bash", "-c", limited], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "can't write the trace" in done.stderr
+    assert json.loads(done.stdout)["files"] == {}
 
 
 def test_a_negative_mass_is_refused(here, tmp_path):

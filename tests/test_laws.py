@@ -228,6 +228,18 @@ def test_a_state_may_not_take_the_name_of_a_recorded_signal(tmp_path):
         simulate(Scenario.load("push_wall", SHORT, f"{path}:Taken"))
 
 
+def test_a_law_derived_from_one_of_ours_is_a_users_law(tmp_path):
+    body = "from uvms_mj import Gsta\n" + one_liner("Mine", "tau_cmd[:] = signals.tau_nom").replace(
+        "Controller", "Gsta"
+    )
+    path = law_file(tmp_path, body)
+    scenario = Scenario.load("push_wall", SHORT, f"{path}:Mine")
+    assert scenario.controller.label() == "Mine"
+    assert simulate(scenario).analytic.reason == "a law of the user's own"
+    (tmp_path / "again.toml").write_text(scenario.to_toml())
+    assert Scenario.load(tmp_path / "again.toml").controller.label() == "Mine"
+
+
 def test_a_law_that_gives_no_number_stops_the_run(tmp_path):
     path = law_file(tmp_path, one_liner("Nan", "tau_cmd[:] = np.nan if signals.t > 0.01 else 0.0"))
     trace = simulate(Scenario.load("push_wall", SHORT, f"{path}:Nan"))

@@ -63,7 +63,7 @@ def summary(trace: Trace, files: dict[str, str]) -> dict[str, Any]:
         "wall_time_s": trace.wall_time_s,
         "real_time_factor": trace.duration_s / trace.wall_time_s if trace.wall_time_s > 0 else None,
         "contact": {
-            "first_s": last("first_contact"),
+            "first_s": last("first_contact") if some and trace.touches[-1] > 0 else None,
             "touches": int(trace.touches[-1]) if some else 0,
             "peak_N": last("force_peak"),
             "final_N": final_N,

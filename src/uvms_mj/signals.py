@@ -89,10 +89,10 @@ RUNNING = (
     Signal("impulse", (), "N s", "W", "integral of the pushing force"),
     Signal("wall_work", (), "J", "W", "work done on the wall by the motion of B's origin"),
     Signal("touches", (), "1", "-", "number of times contact was made"),
-    Signal("first_contact", (), "s", "-", "time of the first contact, NaN before it"),
+    Signal("first_contact", (), "s", "-", "time of the first contact, -1 before it"),
     Signal("final_impulse", (), "N s", "W", "integral of the pushing force over the last 0.5 s of the run's duration"),
-    Signal("final_low", (), "N", "W", "least pushing force in that window, NaN before it"),
-    Signal("final_high", (), "N", "W", "greatest pushing force in that window, NaN before it"),
+    Signal("final_low", (), "N", "W", "least pushing force in that window"),
+    Signal("final_high", (), "N", "W", "greatest pushing force in that window"),
     Signal("boundary_layer_time", (6,), "s", "B", "time with |s_i| < epsilon (1e-3 if the law has no epsilon)"),
 )
 """Accumulated at every step whatever the log rate, and recorded as running signals."""

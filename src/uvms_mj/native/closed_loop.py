@@ -75,8 +75,7 @@ class ClosedLoop:
         }
         for name, value in settings.items():
             self._loop[name] = value
-        for name in ("first_contact", "final_low", "final_high"):
-            self._loop["row"][name] = np.nan
+        self._loop["row"]["first_contact"] = -1.0
         self._set_task(design)
         self._set_beliefs(vehicle, scenario, model.opt.gravity)
         signals = self._loop["signals"]

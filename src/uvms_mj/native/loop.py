@@ -214,7 +214,7 @@ def finish_step(context, loop):
     push, push_before = -loop.f_contact_W[0], -loop.f_before_W[0]
     if push > 0.0 and push_before <= 0.0:
         row.touches += 1.0
-        if not row.first_contact >= 0.0:
+        if row.first_contact < 0.0:
             row.first_contact = loop.t
     row.force_peak = max(row.force_peak, push)
     if loop.step > 0:  # both integrals by the trapezoidal rule, which a linear spring returns in full
