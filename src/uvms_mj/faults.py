@@ -37,6 +37,8 @@ class InputError(ValueError):
 def suggestion(word: str, choices: Iterable[str]) -> str:
     """What somebody who wrote ``word`` may have meant."""
     choices = sorted(choices)
+    if not choices:
+        return "there is nothing below it"
     close = difflib.get_close_matches(word, choices, n=1, cutoff=0.6)
     return f"did you mean {close[0]!r}?" if close else f"known are {', '.join(choices)}"
 
@@ -90,6 +92,8 @@ def _sentence(item: Any) -> str:
         return f"must be greater than {context['gt']:g}"
     if kind == "greater_than_equal":
         return f"must be at least {context['ge']:g}"
+    if kind == "less_than_equal":
+        return f"must be at most {context['le']:g}"
     if kind == "literal_error":
         return f"must be {context['expected']}"
     if kind in ("bool_type", "bool_parsing"):

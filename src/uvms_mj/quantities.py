@@ -24,7 +24,9 @@ def _of_length(n: int) -> AfterValidator:
     return AfterValidator(check)
 
 
-Vector3 = Annotated[tuple[Real, ...], _of_length(3)]
+Moderate = Annotated[Real, Ge(-1e6), Le(1e6)]
+"""A position [m] or an angle [deg] that a double still resolves to better than a nanometre."""
+Vector3 = Annotated[tuple[Moderate, ...], _of_length(3)]
 Vector6 = Annotated[tuple[Real, ...], _of_length(6)]
 
 
