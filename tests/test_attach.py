@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 
 from twin import TwinParameters, matrix_acceleration, rotation
 from uvms_mj import InputError, attach
+from uvms_mj.hydrodynamics import factor
 from vehicles import load, place, random_parameters, state, vehicle_xml, water_of
 
 STILL = TwinParameters(v_c_W=(0.0, 0.0, 0.0))
@@ -315,3 +316,29 @@ def test_a_thruster_that_does_not_turn_with_the_vehicle_is_refused():
     model = mujoco.MjModel.from_xml_string(xml)
     with pytest.raises(InputError, match="m0: its wrench in B depends on the pose"):
         attach(model, mujoco.MjData(model))
+
+
+def test_the_factor_is_mujocos(rng):
+    """L^T D L of a random matrix, multiplied out; and a vehicle with a moving part takes MuJoCo's own way to it."""
+    a = rng.normal(size=(6, 6))
+    M, L, D_inverse = a @ a.T + np.eye(6), np.zeros(21), np.zeros(6)
+    factor(M[np.tril_indices(6)], L, D_inverse)
+    unit = np.zeros((6, 6))
+    unit[np.tril_indices(6)] = L
+    D = np.diag(np.diag(unit))
+    np.fill_diagonal(unit, 1.0)
+    assert np.allclose(unit.T @ D @ unit, M)
+    assert np.allclose(D_inverse, 1.0 / np.diag(D))
+    xml = vehicle_xml(STILL).replace(
+        'name="origin"/>',
+        'name="origin"/><body><joint name="hinge" type="hinge"/><geom size="0.01" mass="1e-6"/></body>',
+    )
+    accelerations = []
+    for text in (xml, vehicle_xml(STILL)):
+        model = mujoco.MjModel.from_xml_string(text)
+        data = mujoco.MjData(model)
+        data.qvel[:6], data.ctrl[:] = 0.3, 4.0
+        with attach(model, data, "rov"):
+            mujoco.mj_forward(model, data)
+        accelerations.append(data.qacc[:6].copy())
+    assert np.allclose(*accelerations, rtol=1e-4)

@@ -93,6 +93,7 @@ def restoring(weight, buoyancy, r_g, r_b, up_W, R_WB, out):
 
 @kernel
 def matvec(A, x, out):
-    """out = A x for A (6, 6); out must not be x."""
+    """out = A x for A (6, 6); out must not be x. Summed in pairs, which a processor does side by side."""
+    x_0, x_1, x_2, x_3, x_4, x_5 = x[0], x[1], x[2], x[3], x[4], x[5]
     for i in range(6):
-        out[i] = A[i, 0] * x[0] + A[i, 1] * x[1] + A[i, 2] * x[2] + A[i, 3] * x[3] + A[i, 4] * x[4] + A[i, 5] * x[5]
+        out[i] = (A[i, 0] * x_0 + A[i, 1] * x_1) + (A[i, 2] * x_2 + A[i, 3] * x_3) + (A[i, 4] * x_4 + A[i, 5] * x_5)

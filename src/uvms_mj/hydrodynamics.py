@@ -64,6 +64,28 @@ def added_inertia(M_A, R_WB, lower):
 
 
 @kernel
+def factor(lower, L, D_inverse):
+    """L^T D L factorisation of a symmetric 6x6 matrix, in the order of MuJoCo's own: from the last row up.
+
+    Args:
+        lower: (21,) the matrix, rows of its lower triangle one after the other.
+        L: (21,) is set to L below the diagonal and D on it.
+        D_inverse: (6,) is set to the inverse of D.
+    """
+    for n in range(21):
+        L[n] = lower[n]
+    for k in range(5, -1, -1):
+        row = k * (k + 1) // 2
+        D_inverse[k] = 1.0 / L[row + k]
+        for i in range(k - 1, -1, -1):
+            scale = L[row + i] * D_inverse[k]
+            above = i * (i + 1) // 2
+            for j in range(i + 1):
+                L[above + j] -= scale * L[row + j]
+            L[row + i] = scale
+
+
+@kernel
 def disturbance(water, t, tau_dist):
     """tau_dist (6,) [N, N m] in B at time t [s]: a bias and a sinusoid for each axis."""
     for i in range(6):

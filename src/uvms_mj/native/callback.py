@@ -9,7 +9,7 @@ import functools
 from typing import NamedTuple
 
 from ..frames import body_velocity, to_world
-from ..hydrodynamics import added_inertia, water_wrench
+from ..hydrodynamics import added_inertia, factor, water_wrench
 from ..kernels import kernel
 from .compilation import NativeFunction, native_function
 from .loop import begin_step, finish_step, hold, sense
@@ -35,7 +35,10 @@ def add_inertia(context, R_WB, model, data):
     for i in range(21):
         M[i] += context.added[i]
         left[i] = M[i]
-    mj_factorM(model, data)
+    if context.qLD_at != 0:
+        factor(M, floats(context.qLD_at, 21), floats(context.qLDiagInv_at, 6))
+    else:
+        mj_factorM(model, data)
 
 
 @kernel

@@ -18,6 +18,8 @@ CONTEXT = np.dtype(
         ("qpos_at", "i8"),  # of the free joint
         ("qvel_at", "i8"),
         ("M_at", "i8"),  # the joint's 21 entries of mjData.M
+        ("qLD_at", "i8"),  # the same entries of mjData.qLD, or 0 where mj_factorM has to factor the whole
+        ("qLDiagInv_at", "i8"),
         ("xfrc_at", "i8"),  # of the body
         ("loop_at", "i8"),  # LOOP, or 0 where nobody controls the vehicle
         ("calls", "i8"),

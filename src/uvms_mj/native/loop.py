@@ -98,15 +98,23 @@ def allocate(loop):
     n = loop.thrusters
     u, u_min, u_max = floats(loop.u_at, n), floats(loop.u_min_at, n), floats(loop.u_max_at, n)
     B, B_pinv = floats(loop.B_at, 6 * n), floats(loop.B_pinv_at, 6 * n)
-    for i in range(6):
-        loop.tau[i] = 0.0
+    a, b, c = loop.tau_cmd[0], loop.tau_cmd[1], loop.tau_cmd[2]
+    d, e, f = loop.tau_cmd[3], loop.tau_cmd[4], loop.tau_cmd[5]
+    x_0, x_1, x_2, x_3, x_4, x_5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(n):
-        total = 0.0
-        for i in range(6):
-            total += B_pinv[6 * k + i] * loop.tau_cmd[i]
-        u[k] = min(u_max[k], max(u_min[k], total))
-        for i in range(6):
-            loop.tau[i] += B[6 * k + i] * u[k]
+        row = 6 * k
+        total = (B_pinv[row] * a + B_pinv[row + 1] * b) + (B_pinv[row + 2] * c + B_pinv[row + 3] * d)
+        total += B_pinv[row + 4] * e + B_pinv[row + 5] * f
+        thrust = min(u_max[k], max(u_min[k], total))
+        u[k] = thrust
+        x_0 += B[row] * thrust
+        x_1 += B[row + 1] * thrust
+        x_2 += B[row + 2] * thrust
+        x_3 += B[row + 3] * thrust
+        x_4 += B[row + 4] * thrust
+        x_5 += B[row + 5] * thrust
+    loop.tau[0], loop.tau[1], loop.tau[2] = x_0, x_1, x_2
+    loop.tau[3], loop.tau[4], loop.tau[5] = x_3, x_4, x_5
 
 
 @kernel
