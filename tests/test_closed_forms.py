@@ -68,7 +68,7 @@ def test_a_settled_run_rests_where_the_closed_form_says(case):
 
 @pytest.mark.parametrize("stiffness", [1e3, 1e5, 1e6])
 @pytest.mark.parametrize("target", [1.01, 1.3])
-def test_for_gsta_it_is_the_papers_formula(paper_run, stiffness, target):
+def test_for_gsta_it_is_the_papers_formula(stiffness, target):
     """F = K_x (x_d - x_c) / (1 + K_x / k_c)."""
     overrides = {
         "wall.stiffness": stiffness,

@@ -20,6 +20,7 @@ until the next instant. The function is compiled; the same function runs as plai
 """
 
 import dataclasses
+import functools
 import sys
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, get_type_hints
@@ -89,7 +90,8 @@ class Controller:
         given = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         place = f"the gains of {self.label()}"
         try:
-            valid = _adapter(type(self)).validate_python(given)
+            kind: Any = type(self)  # a dataclass's class is hashable, which its type does not say
+            valid = _adapter(kind).validate_python(given)
         except ValidationError as error:
             raise InputError(faults_of(error, "controller"), place) from None
         except (NameError, TypeError, PydanticSchemaGenerationError) as error:
@@ -152,16 +154,14 @@ def _is_gain(value: Any) -> bool:
     return value is None or isinstance(value, bool | int | float)
 
 
+@functools.cache
 def _adapter(cls: type[Controller]) -> TypeAdapter:
     """A validator made once for each class; the gains are checked at construction and never in the loop."""
-    cached = cls.__dict__.get("_validator")
-    if cached is None:
-        hints = get_type_hints(cls, include_extras=True)
-        # a class made from a class: neither call can be typed statically
-        shape = TypedDict("shape", {f.name: hints[f.name] for f in dataclasses.fields(cls)})  # type: ignore
-        cached = TypeAdapter(with_config(ConfigDict(allow_inf_nan=False))(shape))
-        cls._validator = cached  # type: ignore
-    return cached
+    hints = get_type_hints(cls, include_extras=True)
+    # Any, as the fields of this type are known only when it is made
+    make: Any = TypedDict
+    shape = make("shape", {f.name: hints[f.name] for f in dataclasses.fields(cls)})
+    return TypeAdapter(with_config(ConfigDict(allow_inf_nan=False))(shape))
 
 
 __all__ = ["Controller", "Diagonal", "NonNegative", "Positive", "Real", "gain"]

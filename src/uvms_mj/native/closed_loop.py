@@ -108,8 +108,7 @@ class ClosedLoop:
             self._loop[name] = array.ctypes.data
         base = self._loop.ctypes.data
         for name in ("signals", "tau_cmd", "row"):
-            offset = LOOP.fields[name][1]  # type: ignore[index]
-            self._loop[f"{name}_at"] = base + offset
+            self._loop[f"{name}_at"] = self._loop[name].ctypes.data
         self._law, self.not_compiled = None, ""
         try:
             self._law = compile_law(self.controller)

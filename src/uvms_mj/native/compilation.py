@@ -112,9 +112,7 @@ def _compile(function: Callable, arguments: int, returns: bool, name: str) -> in
 
     intrinsics.register()
     for each in kernels:
-        if not hasattr(each, "_is_jitable"):
-            numba.extending.register_jitable(**_INLINED)(each)
-            each._is_jitable = True  # type: ignore[attr-defined]
+        _make_compilable(each)
     signature = (types.int64 if returns else types.void)(*[types.int64] * arguments)
     try:
         compiled: Any = numba.cfunc(signature, error_model="numpy")(function)
@@ -136,6 +134,14 @@ def _compile(function: Callable, arguments: int, returns: bool, name: str) -> in
             file.write(content)
         os.replace(file.name, folder / f"{name}{suffix}")
     return int(compiled.address)
+
+
+@functools.cache
+def _make_compilable(function: Callable) -> None:
+    """Tell numba, once, that compiled code may call a kernel."""
+    from numba.extending import register_jitable
+
+    register_jitable(**_INLINED)(function)
 
 
 def _reason(error: Exception) -> str:

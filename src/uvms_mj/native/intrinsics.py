@@ -47,37 +47,36 @@ def _call_law(typing_context, function, gains, state, signals, state_dot, tau_cm
 @functools.cache
 def register() -> None:
     """Tell numba, once, what to compile in place of the plain functions."""
-    inlined = overload
 
-    @inlined(memory.mj_factorM)
+    @overload(memory.mj_factorM)
     def _(model, data):
         return lambda model, data: _mj_factorM(model, data)
 
-    @inlined(memory.floats)
+    @overload(memory.floats)
     def _(address, n):
         return lambda address, n: carray(pointer(address), (n,), np.float64)
 
-    @inlined(memory.triples)
+    @overload(memory.triples)
     def _(address, n):
         return lambda address, n: carray(pointer(address), (n, 3), np.float64)
 
-    @inlined(memory.integers)
+    @overload(memory.integers)
     def _(address, n):
         return lambda address, n: carray(pointer(address), (n,), np.int64)
 
-    @inlined(memory.context_at)
+    @overload(memory.context_at)
     def _(address):
         return lambda address: carray(pointer(address), (1,), CONTEXT)[0]
 
-    @inlined(memory.loop_at)
+    @overload(memory.loop_at)
     def _(address):
         return lambda address: carray(pointer(address), (1,), LOOP)[0]
 
-    @inlined(memory.registered)
+    @overload(memory.registered)
     def _():
         return lambda: carray(pointer(_registry_address()), (_CAPACITY, 2), np.int64)
 
-    @inlined(memory.call_law)
+    @overload(memory.call_law)
     def _(function, gains, state, signals, state_dot, tau_cmd):
         return lambda function, gains, state, signals, state_dot, tau_cmd: _call_law(
             function, gains, state, signals, state_dot, tau_cmd

@@ -28,7 +28,7 @@ def _law(gains_at, state_at, signals_at, state_dot_at, tau_cmd_at):
     tau_cmd = carray(pointer(tau_cmd_at), (6,), np.float64)
     try:
         law(gains, state, signals, state_dot, tau_cmd)
-    except Exception:
+    except Exception:  # the one kind that numba can catch; the law is then run again as plain Python for the details
         return 1
     return 0
 
