@@ -138,7 +138,7 @@ def contact(ax: Axes, scenario: Scenario, reach: float) -> None:
 def main(out: Path) -> None:
     """Draw the frames: world W and body B, the wall, the current and the contact force."""
     scenario = Scenario.load("push_wall")
-    reach = build(scenario).reach
+    reach = build(scenario).geometry.reach
     matplotlib.rcParams.update(
         {
             "font.size": 10.5,

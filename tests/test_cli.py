@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from uvms_mj import Status, Trace
 from uvms_mj.cli import main
 
 ROOT = Path(__file__).parents[1]
@@ -55,8 +56,8 @@ def test_a_run_writes_what_it_says_and_says_it_as_json(tmp_path):
     assert 17.8 < contact["peak_N"] < 18.1
     sizes = {"position_m": 3, "attitude_wxyz": 4, "s": 6, "z": 6, "tau": 6}
     assert {name: len(value) for name, value in report["final"].items()} == sizes
-    trace = np.load(tmp_path / report["files"]["npz"])
-    n = len(trace["t"])
+    trace = Trace.load(tmp_path / report["files"]["mcap"])
+    n = len(trace)
     shapes = {
         "p_WB": 3,
         "quat_WB": 4,
@@ -77,10 +78,10 @@ def test_a_run_writes_what_it_says_and_says_it_as_json(tmp_path):
     assert written["controller"]["k_1"] == 5.0
     assert written["impedance"]["damping_ratio"] == 1.0
     again = run("run", "here/scenario.toml", "--json", "--out", "again", cwd=tmp_path)
-    repeated = np.load(tmp_path / "again" / "trace.npz")
+    repeated = Trace.load(tmp_path / "again" / "run.mcap")
     assert again.returncode == 0
-    for name in trace.files:
-        assert np.array_equal(trace[name], repeated[name], equal_nan=True), name
+    for name in trace:
+        assert np.array_equal(trace[name], repeated[name]), name
 
 
 def test_without_contact_what_does_not_exist_is_null(tmp_path):
@@ -99,17 +100,17 @@ def test_the_table_has_what_a_user_looks_for(here):
     done = here("run", *SHORT, "wall.position=1e-4", "reference.step_time=0")
     for text in ("first contact", "peak force", "final force", "analytic force", "relative error", "sliding variable"):
         assert text in done.stdout
-    for text in ("largest tau", "real-time factor", "trace.npz"):
+    for text in ("largest tau", "real-time factor", "run.mcap"):
         assert text in done.stdout
     assert here("run", *SHORT, "--quiet").stdout == ""
 
 
 def test_a_second_run_into_a_folder_keeps_the_first(tmp_path):
     run("run", *SHORT, "-q", "--out", "here", cwd=tmp_path)
-    first = (tmp_path / "here" / "trace.npz").read_bytes()
+    first = (tmp_path / "here" / "run.mcap").read_bytes()
     done = run("run", "--set", "simulation.duration=0.02", "-q", "--out", "here", cwd=tmp_path)
     assert "moved" in done.stderr
-    assert (tmp_path / "here" / "earlier-1" / "trace.npz").read_bytes() == first
+    assert (tmp_path / "here" / "earlier-1" / "run.mcap").read_bytes() == first
 
 
 @pytest.mark.parametrize(
@@ -177,12 +178,18 @@ def test_a_vehicle_file_whose_settings_break_the_plant_is_refused(here, tmp_path
     assert reason in done.stderr
 
 
-def test_a_full_disk_is_said_and_the_report_still_given(tmp_path):
-    limited = f"ulimit -f 20; {sys.executable} -m uvms_mj run --set simulation.duration=1 --json --out here"
+def test_a_full_disk_stops_the_run_and_keeps_what_was_written(tmp_path):
+    limited = f"ulimit -f 3000; {sys.executable} -m uvms_mj run --json --out here"
     done = subprocess.run(["bash", "-c", limited], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 2
-    assert "can't write the trace" in done.stderr
-    assert json.loads(done.stdout)["files"] == {}
+    assert "can't write" in done.stderr
+    assert "Traceback" not in done.stderr
+    report = json.loads(done.stdout)
+    assert report["status"] == "interrupted"
+    assert report["steps"] < 200_000
+    trace = Trace.load(tmp_path / report["files"]["mcap"])
+    assert trace.status is Status.truncated
+    assert 100 < len(trace) <= report["steps"] // 10 + 1
 
 
 def test_a_negative_mass_is_refused(here, tmp_path):
@@ -200,7 +207,9 @@ def test_an_unstable_run_says_when_and_what_and_keeps_the_trace(tmp_path):
     assert report["status"] == "unstable"
     assert "t = " in report["message"]
     assert "limit-cycles" in done.stderr
-    assert len(np.load(tmp_path / "here" / "trace.npz")["t"]) > 10
+    trace = Trace.load(tmp_path / "here" / "run.mcap")
+    assert len(trace) > 10
+    assert (trace.status, trace.message) == (Status.unstable, report["message"])
 
 
 def test_a_law_that_chatters_is_warned_of(tmp_path):
@@ -230,7 +239,7 @@ def test_an_interrupted_run_ends_within_a_second_and_keeps_what_it_had(tmp_path,
     report = json.loads(out, parse_constant=no_constants)
     assert report["status"] == "interrupted"
     if report["steps"]:
-        t = np.load(tmp_path / "here" / "trace.npz")["t"]
+        t = Trace.load(tmp_path / "here" / "run.mcap").t
         assert np.allclose(np.diff(t), 1e-3)
         assert abs(t[-1] - report["duration_s"]) < 2e-3
 
@@ -253,10 +262,10 @@ def test_cold_and_warm_machine_code_give_the_same_bits(tmp_path):
         done = run("run", "--set", "simulation.duration=0.5", "wall.position=0.001", "reference.step_time=0",
                    "-q", "--log-rate", "full", "--out", name, cwd=tmp_path, env=environment)  # fmt: skip
         assert done.returncode == 0, done.stderr
-    cold, warm = (np.load(tmp_path / name / "trace.npz") for name in ("cold", "warm"))
+    cold, warm = (Trace.load(tmp_path / name / "run.mcap") for name in ("cold", "warm"))
     assert cold["touches"][-1] > 0
-    for name in cold.files:
-        assert np.array_equal(cold[name], warm[name], equal_nan=True), name
+    for name in cold:
+        assert np.array_equal(cold[name], warm[name]), name
     broken = next((tmp_path / "cache").glob("*.o"))
     broken.write_bytes(broken.read_bytes()[:100])
     assert run("run", *SHORT, "-q", cwd=tmp_path, env=environment).returncode == 0

@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .control import Controller, Fosm, Gsta, Impedance, gain
     from .faults import InputError
+    from .mcap_log import McapLog
     from .native import Attachment, attach
+    from .recording import Status
     from .scenario import Scenario
-    from .simulation import LawError, simulate
-    from .trace import Status, Trace
+    from .simulation import LawError, SinkError, simulate
+    from .trace import Trace
 
 _HOME = {
     "Attachment": "native",
@@ -25,8 +27,10 @@ _HOME = {
     "Impedance": "control",
     "InputError": "faults",
     "LawError": "simulation",
+    "McapLog": "mcap_log",
     "Scenario": "scenario",
-    "Status": "trace",
+    "SinkError": "simulation",
+    "Status": "recording",
     "Trace": "trace",
     "attach": "native",
     "gain": "control",
@@ -41,7 +45,9 @@ __all__ = [
     "Impedance",
     "InputError",
     "LawError",
+    "McapLog",
     "Scenario",
+    "SinkError",
     "Status",
     "Trace",
     "attach",

@@ -55,6 +55,29 @@ def _bar(scenario: Any) -> Any:
     return bar()
 
 
+def log_tables(path: Any, trace: Any, files: dict[str, bytes]) -> None:
+    """What a log holds: its samples, its files, and what made it."""
+    from rich.table import Table
+
+    from .mcap_format import Format
+
+    header = trace.header
+    table = Table(title="what the log holds", show_header=False, title_justify="left", min_width=60)
+    table.add_row("file", f"{path}, {path.stat().st_size / 1e6:.1f} MB")
+    rate = 1.0 / (header.row_steps * header.scenario.simulation.timestep)
+    table.add_row("rows", f"{len(trace)} at {rate:g} Hz, {trace.t[0]:g} to {trace.t[-1]:g} s" if len(trace) else "0")
+    digest = f", sha256 {header.law.sha256}" if header.law.sha256 else ""
+    table.add_row("law", f"{header.law.source}{digest}")
+    table.add_row("vehicle", header.mjcf.name)
+    table.add_row("attachments", "\n".join(f"{name}, {len(data) / 1e3:.1f} kB" for name, data in files.items()))
+    table.add_row("versions", ", ".join(f"{name} {version}" for name, version in header.versions.items()))
+    print_table(table)
+    table = Table("topic", "type", "frame", "unit", "meaning", title="topics", title_justify="left", min_width=60)
+    for topic in Format(header).topics:
+        table.add_row(topic.name, topic.type, topic.frame, topic.unit, topic.meaning)
+    print_table(table)
+
+
 def print_table(table: Any) -> None:
     """A table as wide as the terminal, or 120 columns where there is none; brackets are units, not markup."""
     import rich.console

@@ -6,11 +6,14 @@ from typing import Any
 import numpy as np
 
 from .closed_forms import NoClosedForm, SteadyState
+from .recording import Status
 from .signals import FINAL_WINDOW_S
-from .trace import Status, Trace
+from .trace import Trace
 
 SETTLED = 1e-3
 """A force that changes by less than this part of itself over the final window has settled."""
+AROUND_THE_END_S = 2.0 * FINAL_WINDOW_S
+"""How much of a run's end :func:`summary` needs [s]; the rest is in the running signals."""
 AT_REST = 1e-4
 """Without contact, a vehicle slower than this has settled [m/s, rad/s]."""
 

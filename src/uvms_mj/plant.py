@@ -9,23 +9,21 @@ wall's face.
 """
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import mujoco
 import numpy as np
 
 from .design import Design
-from .faults import Fault, InputError, suggestion
+from .faults import Fault, InputError
 from .frames import quat_from_euler_deg
-from .resources import names, resource
+from .geometry import Geometry
+from .mjcf import Mjcf
 from .scenario import Scenario
 from .vehicle import Vehicle, free_body_id
 
 IMPEDANCE = 1e-4
 """d of solimp."""
 _OURS = "uvms_mj/"  # no vehicle's own names collide with these
-DEFAULT_REACH = 0.1
-"""Radius of the probe of a vehicle without geoms [m]."""
 _INTEGRATORS = {"euler": "mjINT_EULER", "implicitfast": "mjINT_IMPLICITFAST"}
 
 
@@ -39,8 +37,10 @@ class Plant:
     body_id: int
     sensor: int
     """Address of the contact sensor in sensordata: found, force (3) and position (3) in W."""
-    reach: float
-    """How far the vehicle reaches forward of B's origin: the probe's radius [m]."""
+    mjcf: Mjcf
+    """The vehicle's own model."""
+    geometry: Geometry
+    """What it looks like; the probe's radius is its reach."""
 
     def initial_data(self, scenario: Scenario) -> mujoco.MjData:
         """Data at the scenario's initial state."""
@@ -57,27 +57,28 @@ class Plant:
         return data
 
 
-def build(scenario: Scenario) -> Plant:
+def build(scenario: Scenario, mjcf: Mjcf | None = None) -> Plant:
     """The plant of a scenario, without the geoms that only a picture needs: a step is faster and does the same.
+
+    Args:
+        scenario: what to build.
+        mjcf: the vehicle's model, where it is not to be looked up by ``scenario.vehicle.model``.
 
     Raises:
         InputError: the vehicle's file can't be used, or is not physical.
     """
-    path = _model_path(scenario.vehicle.model)
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        whole = spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
-        raise InputError(f"vehicle.model {path}: MuJoCo can't compile it: {' '.join(str(error).split())}") from None
+    mjcf = mjcf if mjcf is not None else Mjcf.find(scenario.vehicle.model)
+    spec = mjcf.spec()
+    whole = mjcf.compiled(spec)
     _refuse_settings(whole)
     vehicle = Vehicle.from_model(whole)
     design = Design.of(scenario, vehicle)
-    reach = _forward_reach(whole, free_body_id(whole, vehicle.body))
-    _add_surroundings(spec, vehicle.body, scenario, reach)
-    model = spec.compile()
+    geometry = Geometry.of(whole, free_body_id(whole, vehicle.body))
+    _add_surroundings(spec, vehicle.body, scenario, geometry.reach)
+    model = mjcf.compiled(spec)
     _calibrate(model, design, vehicle, scenario)
     sensor = model.sensor(f"{_OURS}contact").adr[0]
-    return Plant(model, vehicle, design, free_body_id(model, vehicle.body), int(sensor), reach)
+    return Plant(model, vehicle, design, free_body_id(model, vehicle.body), int(sensor), mjcf, geometry)
 
 
 def _refuse_settings(model: mujoco.MjModel) -> None:
@@ -104,38 +105,6 @@ def _refuse_settings(model: mujoco.MjModel) -> None:
         faults.append(Fault("joint frictionloss", "of the free joint is no property of water; set it to 0"))
     if faults:
         raise InputError(faults, "vehicle.model")
-
-
-def _model_path(model: str) -> Path:
-    path = Path(model)
-    if path.is_file():
-        return path
-    shipped = resource("models", f"{model}.xml")
-    if shipped is not None:
-        return shipped
-    raise InputError(
-        f"vehicle.model {model!r}: no such file, nor a model that ships; {suggestion(model, names('models', '.xml'))}"
-    )
-
-
-def _forward_reach(model: mujoco.MjModel, body_id: int) -> float:
-    """The greatest x in B of the body's geoms; boxes around them, but for meshes, whose vertices are known."""
-    reach = 0.0
-    for geom in range(model.ngeom):
-        if model.geom_bodyid[geom] != body_id:
-            continue
-        R = np.zeros(9)
-        mujoco.mju_quat2Mat(R, model.geom_quat[geom])
-        forward = R[:3]
-        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
-            mesh = model.geom_dataid[geom]
-            start, n = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-            extent = float((model.mesh_vert[start : start + n] @ forward).max())
-        else:
-            centre, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
-            extent = float(forward @ centre + np.abs(forward) @ half)
-        reach = max(reach, float(model.geom_pos[geom, 0]) + extent)
-    return reach or DEFAULT_REACH
 
 
 def _add_surroundings(spec: mujoco.MjSpec, body_name: str, scenario: Scenario, reach: float) -> None:

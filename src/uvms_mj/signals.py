@@ -24,7 +24,29 @@ class Signal:
     def size(self) -> int:
         return int(np.prod(self.shape, dtype=int))
 
+    @property
+    def components(self) -> tuple[str, ...]:
+        """What to call each of its numbers: x y z, w x y z, x y z roll pitch yaw, or 1 2 3 ...; nothing for one
+        number."""
+        if self.name == "u" or self.size not in _COMPONENTS:
+            return tuple(str(i + 1) for i in range(self.size))
+        return _COMPONENTS[self.size]
 
+    @property
+    def units(self) -> tuple[str, ...]:
+        """The unit of each of its numbers; of two units, the first is that of the linear and the second that of the
+        angular half."""
+        linear, _, angular = self.unit.partition(", ")
+        half = self.size // 2
+        return (linear,) * half + (angular,) * (self.size - half) if angular else (self.unit,) * self.size
+
+
+_COMPONENTS = {
+    1: ("",),
+    3: ("x", "y", "z"),
+    4: ("w", "x", "y", "z"),
+    6: ("x", "y", "z", "roll", "pitch", "yaw"),
+}
 _WRENCH = "N, N m"
 _TWIST = "m/s, rad/s"
 

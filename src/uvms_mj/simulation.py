@@ -5,7 +5,8 @@ import inspect
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import mujoco
@@ -14,19 +15,33 @@ import numpy as np
 from .checks import SamplingWarning, check, row_steps_of
 from .closed_forms import steady_state
 from .control import Controller
+from .control.recorded import RecordedLaw
+from .faults import InputError
+from .mjcf import Mjcf
 from .native.attachment import attach
 from .native.closed_loop import ClosedLoop
 from .plant import build
+from .recording import Header, Law, Outcome, Sink, Status, versions
 from .scenario import Scenario
-from .signals import split_rows
-from .trace import Status, Trace
+from .trace import Trace
+from .writing import Writing
 
 CHUNK_STEPS = 1000
-"""Steps from one turn of Python to the next: a few milliseconds."""
+"""Most steps from one turn of Python to the next: a few milliseconds."""
+CHUNK_S = 0.25
+"""Most wall time from one turn to the next, for laws that take long [s]."""
 
 
 class LawError(RuntimeError):
     """A law raised. The message names the user's line; ``trace`` is what was recorded until then."""
+
+    def __init__(self, message: str, trace: Trace) -> None:
+        super().__init__(message)
+        self.trace = trace
+
+
+class SinkError(RuntimeError):
+    """A sink raised: the run was stopped. ``trace`` is what was kept in memory; ``__cause__`` is what was raised."""
 
     def __init__(self, message: str, trace: Trace) -> None:
         super().__init__(message)
@@ -43,6 +58,9 @@ def simulate(
     *,
     log_rate: float | str | None = None,
     progress: Callable[[int, int], None] | None = None,
+    sinks: Sequence[Sink] = (),
+    keep_s: float | None = None,
+    mjcf: Mjcf | None = None,
 ) -> Trace:
     """Run a scenario.
 
@@ -50,9 +68,12 @@ def simulate(
         scenario: what to run; default: the paper's scenario.
         controller: a law with its gains, in place of the scenario's.
         log_rate: samples a second [Hz], which must divide the step rate; ``"full"`` for every step; default 1 kHz, or
-            the step rate
-            nearest to it that divides.
+            the step rate nearest to it that divides.
         progress: called now and then with the steps done and their number.
+        sinks: where the samples go while the run goes on, as ``McapLog("run.mcap")``; they work on a thread of their
+            own.
+        keep_s: how much of the run's end the trace keeps in memory [s]; default: all of it.
+        mjcf: the vehicle's model, in place of what ``scenario.vehicle.model`` names, as ``trace.header.mjcf``.
 
     Returns:
         The trace. A run that became unstable or was interrupted (Ctrl-C) returns what it had recorded;
@@ -61,12 +82,13 @@ def simulate(
     Raises:
         InputError: something in the input is unphysical; found before the first step.
         LawError: the law raised.
+        SinkError: a sink raised, as when a disk is full; what it had written is kept.
     """
     scenario = scenario if scenario is not None else Scenario()
     if controller is not None:
         scenario = dataclasses.replace(scenario, controller=controller)
     row_steps = row_steps_of(scenario.simulation.timestep, log_rate)
-    run = _Run(scenario, row_steps, progress)
+    run = _Run(scenario, row_steps, progress, sinks, keep_s, mjcf)
     for note in run.notes:
         warnings.warn(note, SamplingWarning, stacklevel=2)
     return run.go()
@@ -75,14 +97,28 @@ def simulate(
 class _Run:
     """One run, from the initial state to the trace."""
 
-    def __init__(self, scenario: Scenario, row_steps: int, progress: Callable[[int, int], None] | None) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        row_steps: int,
+        progress: Callable[[int, int], None] | None,
+        sinks: Sequence[Sink],
+        keep_s: float | None,
+        mjcf: Mjcf | None,
+    ) -> None:
+        if isinstance(scenario.controller, RecordedLaw):
+            source = scenario.controller.source()
+            raise InputError(
+                f"the law {source} stands in the log as text, which is never run: give the law itself, from its file"
+            )
         self.scenario, self.row_steps, self.progress = scenario, row_steps, progress
-        self.plant = build(scenario)
+        self.sinks, self.keep_s = sinks, np.inf if keep_s is None else keep_s
+        self.plant = build(scenario, mjcf)
         self.notes = list(check(scenario, self.plant.vehicle, self.plant.design))
         self.data = self.plant.initial_data(scenario)
         gravity = self.plant.model.opt.gravity
         self.analytic = steady_state(scenario, self.plant.vehicle, self.plant.design, gravity)
-        self.blocks: list[np.ndarray] = []
+        self.blocks: deque[np.ndarray] = deque()
         self.wall_time_s = 0.0
 
     def go(self) -> Trace:
@@ -113,30 +149,64 @@ class _Run:
                 note = f"{law} runs as plain Python, numba can't compile it: {loop.not_compiled}"
                 self.notes.append(note)
                 warnings.warn(note, PlainPythonWarning, stacklevel=4)
-            status, message = Status.completed, ""
-            start = time.perf_counter()
-            try:
-                for done in self._chunks(loop):
-                    self.wall_time_s = time.perf_counter() - start
-                    if self.progress is not None:
-                        self.progress(done, self.scenario.steps)
-                    if loop.fault:
-                        status, message = Status.unstable, f"t = {loop.time:.6g} s: {loop.fault}. {_HINT}"
-                        break
-            except KeyboardInterrupt:
-                status, message = Status.interrupted, f"t = {loop.time:.6g} s: stopped from outside"
-            except _LawRaised as error:
-                message = f"t = {loop.time:.6g} s: {_users_line(error.cause, self.scenario.controller)}"
-                raise LawError(message, self._trace(loop, Status.interrupted, message)) from error.cause
-            self.wall_time_s = time.perf_counter() - start
-            return self._trace(loop, status, message)
+            self.header = Header(
+                scenario=self.scenario,
+                signals=loop.signals,
+                row_steps=self.row_steps,
+                analytic=self.analytic,
+                notes=tuple(self.notes),
+                mjcf=plant.mjcf,
+                geometry=plant.geometry,
+                law=Law.of(self.scenario.controller),
+                versions=versions(),
+            )
+            with Writing(self.sinks, self.header) as self.writing:
+                outcome, raised = self._outcome(loop)
+                self._take_rows(loop)
+                self.writing.end(outcome)
+            kept = np.concatenate(self.blocks) if self.blocks else np.zeros((0, loop.width))
+            trace = Trace.of(self.header, kept, outcome)
+            if isinstance(raised, _LawRaised):
+                raise LawError(outcome.message, trace) from raised.cause
+            if raised is not None:
+                raise raised
+            if self.writing.error is not None:
+                raise SinkError(self.writing.message, trace) from self.writing.error
+            return trace
+
+    def _outcome(self, loop: ClosedLoop) -> tuple[Outcome, Exception | None]:
+        """Run; how it ended, and what the law or anything else raised."""
+        status, message = Status.completed, ""
+        raised: Exception | None = None
+        start = time.perf_counter()
+        try:
+            for done in self._chunks(loop):
+                self.wall_time_s = time.perf_counter() - start
+                if self.progress is not None:
+                    self.progress(done, self.scenario.steps)
+                if loop.fault:
+                    status, message = Status.unstable, f"t = {loop.time:.6g} s: {loop.fault}. {_HINT}"
+                    break
+                if self.writing.error is not None:
+                    status, message = Status.interrupted, f"t = {loop.time:.6g} s: {self.writing.message}"
+                    break
+        except KeyboardInterrupt:
+            status, message = Status.interrupted, f"t = {loop.time:.6g} s: stopped from outside"
+        except _LawRaised as error:
+            status, raised = Status.interrupted, error
+            message = f"t = {loop.time:.6g} s: {_users_line(error.cause, self.scenario.controller)}"
+        except Exception as error:
+            status, raised, message = Status.interrupted, error, f"t = {loop.time:.6g} s: {error}"
+        self.wall_time_s = time.perf_counter() - start
+        return Outcome(status, message, min(loop.step, self.scenario.steps), self.wall_time_s), raised
 
     def _chunks(self, loop: ClosedLoop) -> Iterator[int]:
         """Step through the run; after each chunk its rows are taken, whatever happens next."""
         model, data, steps = self.plant.model, self.data, self.scenario.steps
-        done = 0
+        done, n = 0, 1
         while done < steps:
-            n = min(CHUNK_STEPS, steps - done)
+            n = min(n, steps - done)
+            start = time.perf_counter()
             try:
                 if loop.compiled:
                     mujoco.mj_step(model, data, n)
@@ -151,12 +221,19 @@ class _Run:
                 self._take_rows(loop)
                 self._after(loop, done + 1)
             yield done
+            a_step = (time.perf_counter() - start) / n
+            n = max(1, min(CHUNK_STEPS - done % CHUNK_STEPS, int(CHUNK_S / a_step)))
 
     def _take_rows(self, loop: ClosedLoop) -> None:
-        """Keep the rows; an interrupt between two lines of this, and a second call, neither lose nor double any."""
+        """Hand the rows on; an interrupt between two lines of this, and a second call, neither lose nor double any."""
         rows = loop.rows()
         if len(rows) and (not self.blocks or rows[0, 0] > self.blocks[-1][-1, 0]):
-            self.blocks.append(rows.copy())
+            block = rows.copy()
+            first_step = round(block[0, 0] / self.scenario.simulation.timestep)
+            self.writing.put(-(-first_step // self.row_steps), block)
+            self.blocks.append(block)
+        while len(self.blocks) > 1 and self.blocks[-1][-1, 0] - self.blocks[1][0, 0] >= self.keep_s:
+            self.blocks.popleft()
         loop.clear_rows()
 
     def _python_steps(self, loop: ClosedLoop, n: int) -> None:
@@ -189,21 +266,6 @@ class _Run:
             raise _LawRaised(RuntimeError("raised when compiled, but not as plain Python on the same signals"))
         if not loop.fault and loop.evaluations != evaluations:
             raise RuntimeError("mjcb_control was replaced during the run: the water was lost")
-
-    def _trace(self, loop: ClosedLoop, status: Status, message: str) -> Trace:
-        self._take_rows(loop)
-        rows = np.concatenate(self.blocks) if self.blocks else np.zeros((0, loop.width))
-        return Trace(
-            scenario=self.scenario,
-            signals=loop.signals,
-            arrays=split_rows(rows, loop.signals),
-            status=status,
-            message=message,
-            steps=min(loop.step, self.scenario.steps),
-            wall_time_s=self.wall_time_s,
-            analytic=self.analytic,
-            notes=tuple(self.notes),
-        )
 
 
 class _LawRaised(Exception):

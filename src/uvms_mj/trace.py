@@ -1,47 +1,82 @@
 """What a run leaves: named read-only arrays, how it ended, and what it was."""
 
-import enum
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .closed_forms import NoClosedForm, SteadyState
+from .mcap_log import McapLog
+from .mcap_read import read
+from .recording import Header, Outcome, Status
 from .scenario import Scenario
-from .signals import Signal
+from .signals import Signal, split_rows
 
-
-class Status(enum.Enum):
-    """How a run ended."""
-
-    completed = "the run went on to its end"
-    unstable = "a variable left its bound and the run was stopped"
-    interrupted = "the run was stopped from outside"
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, eq=False)
 class Trace:
     """The samples of a run: ``trace.s``, ``trace["f_contact_W"]``, each an array (n, ...) that can't be written to.
 
-    Row k of every signal belongs to the same instant ``trace.t[k]``. :mod:`uvms_mj.signals` says what each is.
+    Row k of every signal belongs to the same instant ``trace.t[k]``. ``trace.signals`` says what each is, with shape,
+    unit and frame. A trace from memory and one from a log are the same.
+
+    Attributes:
+        header: what was known before the first step, among it scenario, signals, model, geometry and versions.
+        arrays: the samples by name.
+        outcome: how the run ended.
     """
 
-    scenario: Scenario
-    signals: tuple[Signal, ...]
+    header: Header = field(repr=False)
     arrays: Mapping[str, np.ndarray] = field(repr=False)
-    status: Status
-    message: str
-    """Why a run that did not complete stopped."""
-    steps: int
-    """Number of time steps that were done."""
-    wall_time_s: float
-    """How long the stepping took [s]."""
-    analytic: SteadyState | NoClosedForm
-    """Where the run should come to rest, from scenario and gains alone, or why no closed form tells."""
-    notes: tuple[str, ...] = ()
-    """What the user was warned of."""
+    outcome: Outcome
+
+    @classmethod
+    def of(cls, header: Header, rows: np.ndarray, outcome: Outcome) -> "Trace":
+        """A trace of rows (n, width)."""
+        return cls(header, split_rows(rows, header.signals), outcome)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike) -> "Trace":
+        """The trace of a log, ``run.mcap``.
+
+        A log that was cut off gives what is there: its status is ``truncated`` and its message says what is missing.
+
+        Raises:
+            InputError: the file can't be read, is no log of this project, or is damaged.
+        """
+        recording = read(path)
+        return cls.of(recording.header, recording.rows, recording.outcome)
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write the trace as a log. Raises FileExistsError if the file exists."""
+        log = McapLog(Path(path))
+        log.begin(self.header)
+        log.write(np.concatenate([self[s.name].reshape(len(self), s.size) for s in self.signals], axis=1))
+        log.end(self.outcome)
+
+    def to_dataframe(self) -> "pd.DataFrame":
+        """The samples as a pandas DataFrame: one row for each instant, one column for each number.
+
+        The column of a component is ``name.component``, as in ``p_WB.x``; ``attrs["units"]`` and ``attrs["frames"]``
+        have unit and frame of each column.
+        """
+        import pandas as pd
+
+        columns, units, frames = {}, {}, {}
+        for signal in self.signals:
+            values = self[signal.name].reshape(len(self), signal.size)
+            for i, (component, unit) in enumerate(zip(signal.components, signal.units, strict=True)):
+                name = f"{signal.name}.{component}" if signal.shape else signal.name
+                columns[name], units[name], frames[name] = values[:, i], unit, signal.frame
+        frame = pd.DataFrame(columns)
+        frame.attrs = {"units": units, "frames": frames, "scenario": self.scenario.name}
+        return frame
 
     def __getattr__(self, name: str) -> np.ndarray:
         try:
@@ -63,6 +98,46 @@ class Trace:
         return [*super().__dir__(), *self.arrays]
 
     @property
+    def scenario(self) -> Scenario:
+        """What was run, with every default written out."""
+        return self.header.scenario
+
+    @property
+    def signals(self) -> tuple[Signal, ...]:
+        """What each array is."""
+        return self.header.signals
+
+    @property
+    def analytic(self) -> SteadyState | NoClosedForm:
+        """Where the run should come to rest, from scenario and gains alone, or why no closed form tells."""
+        return self.header.analytic
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user was warned of."""
+        return self.header.notes
+
+    @property
+    def status(self) -> Status:
+        """How the run ended."""
+        return self.outcome.status
+
+    @property
+    def message(self) -> str:
+        """Why a run that did not complete stopped."""
+        return self.outcome.message
+
+    @property
+    def steps(self) -> int:
+        """Number of time steps that were done."""
+        return self.outcome.steps
+
+    @property
+    def wall_time_s(self) -> float:
+        """How long the stepping took [s]."""
+        return self.outcome.wall_time_s
+
+    @property
     def duration_s(self) -> float:
         """Simulated time [s]."""
         return self.steps * self.scenario.simulation.timestep
@@ -71,10 +146,3 @@ class Trace:
     def push(self) -> np.ndarray:
         """(n,) force with which the vehicle pushes on the wall [N], zero or positive."""
         return np.maximum(0.0, 0.0 - self.arrays["f_contact_W"][:, 0])
-
-    def save(self, path: Path) -> None:
-        """Write every signal under its name to a NumPy ``.npz`` file, which is there only once it is whole."""
-        part = path.with_name(f"{path.name}.part")
-        with open(part, "wb") as file:
-            np.savez(file, allow_pickle=False, **self.arrays)
-        os.replace(part, path)

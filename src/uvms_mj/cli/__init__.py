@@ -1,0 +1,28 @@
+"""The command line. What is heavy is imported where it is used, so that ``--help`` is quick."""
+
+import click
+
+from .listing import controllers, keys
+from .logs import export, info, replay
+from .run import run
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(package_name="uvms-mj")
+def main() -> None:
+    """A MuJoCo physics testbed for underwater vehicles that must touch things.
+
+    \b
+    uvms-mj run --controller gsta         the paper's scenario: push on a wall in an unknown current
+    uvms-mj replay runs/.../run.mcap      look at a run in Rerun; several logs are compared
+    uvms-mj info runs/.../run.mcap        what a log holds
+    uvms-mj export runs/.../run.mcap      the samples as CSV, Parquet, NPZ or MAT
+    uvms-mj controllers                   the laws, their gains, units and defaults
+    uvms-mj keys                          all keys of a scenario
+    """
+
+
+for command in (run, replay, info, export, controllers, keys):
+    main.add_command(command)
+
+__all__ = ["main"]

@@ -1,0 +1,62 @@
+"""What all commands share: exit status, one message for bad input, signals."""
+
+import contextlib
+import json
+import signal
+import sys
+from collections.abc import Iterator
+from typing import Any, NoReturn
+
+import click
+
+EXIT_BAD_INPUT, EXIT_UNSTABLE, EXIT_INTERRUPTED = 2, 3, 130
+
+
+class Stop:
+    """Ctrl-C and SIGTERM: the first is raised where the program is, and at the next chunk should it get lost.
+
+    Python code that C calls back can't pass an exception on, as when LLVM reports a finished object.
+    """
+
+    def __init__(self) -> None:
+        self.requested = False
+        for each in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(each, self._on_signal)
+
+    def _on_signal(self, number: int, frame: Any) -> None:
+        if not self.requested:
+            self.requested = True
+            raise KeyboardInterrupt
+
+    def check(self) -> None:
+        if self.requested:
+            raise KeyboardInterrupt
+
+    def ignore(self) -> None:
+        """What was computed is being written; that takes less than the patience of whoever sent a signal."""
+        for each in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(each, signal.SIG_IGN)
+
+
+@contextlib.contextmanager
+def bad_input() -> Iterator[None]:
+    """Turn bad input into one message and exit status 2."""
+    try:
+        yield
+    except ValueError as error:
+        from ..faults import InputError
+
+        if not isinstance(error, InputError):
+            raise
+        end(f"error: {error}", EXIT_BAD_INPUT)
+
+
+def end(message: str, status: int) -> NoReturn:
+    click.echo(message, err=True)
+    sys.exit(status)
+
+
+def toml_value(value: Any) -> str:
+    if value is None:
+        return "-"
+    return json.dumps(list(value) if isinstance(value, tuple) else value)

@@ -1,0 +1,49 @@
+"""``uvms-mj controllers`` and ``uvms-mj keys``: what there is to choose from."""
+
+import dataclasses
+
+import click
+
+from ..console import print_table
+from .common import bad_input, toml_value
+
+
+@click.command()
+@click.argument("laws", nargs=-1, metavar="[LAW]...")
+def controllers(laws: tuple[str, ...]) -> None:
+    """List the laws with their gains, units and defaults; LAW may be path/to/my_law.py:MyLaw."""
+    with bad_input():
+        from rich.table import Table
+
+        from ..control.loader import BUILT_IN, controller_class
+
+        for law in laws or BUILT_IN:
+            cls = controller_class(law)
+            summary_line = (cls.__doc__ or "").strip().splitlines()
+            table = Table(
+                title=f"{cls.label()}: {summary_line[0] if summary_line else ''}", title_justify="left", min_width=80
+            )
+            for column in ("gain", "default", "unit", "meaning"):
+                table.add_column(column)
+            for field in cls.gain_fields():
+                default = "required" if field.default is dataclasses.MISSING else toml_value(field.default)
+                table.add_row(field.name, default, field.metadata.get("unit", ""), field.metadata.get("meaning", ""))
+            if cls.states:
+                states = ", ".join(f"{name} ({size})" for name, size in cls.states.items())
+                table.add_row("", "", "", f"states: {states}", style="dim")
+            print_table(table)
+
+
+@click.command()
+def keys() -> None:
+    """List all keys of a scenario with defaults and units."""
+    from rich.table import Table
+
+    from ..scenario import keys as scenario_keys
+
+    table = Table(title="Keys of a scenario; `uvms-mj controllers` lists controller.<gain>", title_justify="left")
+    for column in ("key", "default", "meaning"):
+        table.add_column(column)
+    for key, default, meaning in scenario_keys():
+        table.add_row(key, toml_value(default), meaning)
+    print_table(table)

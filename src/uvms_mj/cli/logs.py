@@ -1,0 +1,136 @@
+"""``uvms-mj info``, ``uvms-mj export`` and ``uvms-mj replay``: what to do with a log."""
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ..console import Console, log_tables
+from .common import EXIT_INTERRUPTED, bad_input, end
+
+if TYPE_CHECKING:
+    from ..trace import Trace
+
+FORMATS = ("csv", "parquet", "npz", "mat")
+
+
+@click.command()
+@click.argument("log", metavar="LOG")
+@click.option("--show", metavar="NAME", help="Print one of the files that the log carries, as scenario.toml.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object on standard output and nothing else.")
+def info(log: str, show: str | None, as_json: bool) -> None:
+    """Say what a log holds: the run's table, signals, topics, versions, files.
+
+    \b
+    uvms-mj info results/run.mcap
+    uvms-mj info results/run.mcap --show scenario.toml
+    """
+    with bad_input():
+        from ..faults import InputError, suggestion
+        from ..mcap_read import read_files
+        from ..metrics import summary
+        from ..trace import Trace
+
+        header, files = read_files(log)
+        if show is not None:
+            if show not in files:
+                raise InputError(f"--show {show}: the log has no such file; {suggestion(show, files)}")
+            sys.stdout.buffer.write(files[show])
+            return
+        trace = Trace.load(log)
+        report = summary(trace, {"mcap": log})
+        if as_json:
+            law = {"source": header.law.source, "sha256": header.law.sha256}
+            about = {"versions": dict(header.versions), "law": law}
+            signals = {s.name: {"shape": list(s.shape), "unit": s.unit, "frame": s.frame} for s in trace.signals}
+            attached = {name: len(data) for name, data in files.items()}
+            click.echo(json.dumps(report | about | {"rows": len(trace), "signals": signals, "attachments": attached}))
+            return
+        Console(as_json=False, quiet=False).report(trace, report)
+        log_tables(Path(log), trace, files)
+
+
+@click.command()
+@click.argument("log", metavar="LOG")
+@click.option("--to", "kind", type=click.Choice(FORMATS), help="Format [default: from the name of --out].")
+@click.option("-o", "--out", metavar="FILE", help="A file that does not exist yet [default: beside the log].")
+def export(log: str, kind: str | None, out: str | None) -> None:
+    """Write a log's samples in another format, with their units.
+
+    \b
+    uvms-mj export results/run.mcap --to csv
+    uvms-mj export results/run.mcap --out force.parquet
+    """
+    with bad_input():
+        from ..export import export as write
+        from ..faults import InputError
+        from ..trace import Trace
+
+        suffix = Path(out or "").suffix.lower().removeprefix(".")
+        if kind is None and suffix not in FORMATS:
+            raise InputError(f"--to: name a format, one of {', '.join(FORMATS)}")
+        kind = kind or suffix
+        path = Path(out) if out is not None else Path(log).with_suffix(f".{kind}")
+        trace = Trace.load(log)
+        _say_if_truncated(log, trace)
+        write(trace, kind, path)
+        click.echo(str(path))
+
+
+@click.command()
+@click.argument("logs", nargs=-1, required=True, metavar="LOG...")
+@click.option("--save", metavar="FILE.rrd", help="Write a Rerun recording with its layout instead.")
+@click.option("--web", is_flag=True, help="Serve the web viewer on 127.0.0.1 instead, until Ctrl-C.")
+def replay(logs: tuple[str, ...], save: str | None, web: bool) -> None:
+    """Look at a log in the Rerun viewer; several logs are shown together, each in its colour.
+
+    \b
+    uvms-mj replay results/run.mcap
+    uvms-mj replay gsta/run.mcap fosm/run.mcap --web
+    uvms-mj replay results/run.mcap --save run.rrd
+    """
+    with bad_input():
+        from ..faults import InputError
+        from ..trace import Trace
+
+        if save is not None and web:
+            raise InputError("--save and --web: one at a time, please")
+        if save is not None and Path(save).exists():
+            raise InputError(f"--save {save}: exists; choose another name")
+        traces = {}
+        loaded = [Trace.load(log) for log in logs]
+        for log, label, trace in zip(logs, labels(logs, loaded), loaded, strict=True):
+            _say_if_truncated(log, trace)
+            traces[label] = trace
+        from .. import rerun_view
+
+        try:
+            if save is not None:
+                rerun_view.save(traces, Path(save))
+                click.echo(save)
+            elif web:
+                rerun_view.serve(traces)
+            else:
+                rerun_view.show(traces)
+        except KeyboardInterrupt:
+            end("stopped", EXIT_INTERRUPTED)
+
+
+def labels(logs: "tuple[str, ...]", traces: "list[Trace]") -> list[str]:
+    """What to call each log: by its law where laws differ, by its folder where they don't."""
+    laws = [trace.scenario.controller.label() for trace in traces]
+    folders = [Path(log).absolute().parent.name for log in logs]
+    stems = [Path(log).stem for log in logs]
+    for names in (laws, folders, stems, [f"{law} {folder}" for law, folder in zip(laws, folders, strict=True)]):
+        if len(set(names)) == len(names):
+            return names
+    return [f"{law} {i + 1}" for i, law in enumerate(laws)]
+
+
+def _say_if_truncated(log: str, trace: "Trace") -> None:
+    from ..recording import Status
+
+    if trace.status is Status.truncated:
+        click.echo(f"warning: {log}: {trace.message}", err=True)

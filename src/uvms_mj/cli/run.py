@@ -1,0 +1,260 @@
+"""``uvms-mj run``."""
+
+import json
+import os
+import re
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..console import Console
+from .common import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_UNSTABLE, Stop, bad_input, end
+
+if TYPE_CHECKING:
+    from ..mjcf import Mjcf
+    from ..recording import Header, Sink
+    from ..scenario import Scenario
+
+
+@click.command(epilog="Exit status: 0 completed, 2 bad input, 3 unstable, 130 interrupted.")
+@click.argument("arguments", nargs=-1, metavar="[SCENARIO] [KEY=VALUE]...")
+@click.option("-c", "--controller", metavar="LAW", help="gsta, fosm, impedance, or path/to/my_law.py:MyLaw.")
+@click.option(
+    "-s",
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Replace a key of the scenario; may be repeated.",
+)
+@click.option("--from", "log", metavar="LOG", help="Repeat the run of a log, run.mcap, with its scenario and vehicle.")
+@click.option("-o", "--out", metavar="DIR", help="Where files go [default: runs/<time>-<scenario>-<controller>].")
+@click.option("--log-rate", metavar="HZ|full", help="Samples a second; must divide the step rate [default: 1 kHz].")
+@click.option("--viewer", is_flag=True, help="Open the Rerun viewer and stream to it while the run goes on.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object on standard output and nothing else.")
+@click.option("-q", "--quiet", is_flag=True, help="No progress bar and no table.")
+def run(
+    arguments: tuple[str, ...],
+    controller: str | None,
+    settings: tuple[str, ...],
+    log: str | None,
+    out: str | None,
+    log_rate: str | None,
+    viewer: bool,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Run a scenario: a TOML file, or the name of one that ships (default: push_wall, the paper's).
+
+    The samples go to DIR/run.mcap while the run goes on; whatever happens, what was written can be read.
+
+    \b
+    uvms-mj run --controller gsta
+    uvms-mj run --controller fosm --set controller.epsilon=2e-3 --set wall.stiffness=2e4
+    uvms-mj run my_scenario.toml --controller my_law.py:MyLaw --log-rate full --out results
+    uvms-mj run --from results/run.mcap --set current.speed=0.3
+    """
+    stop = Stop()
+    os.environ.setdefault("MUJOCO_GL", "disable")  # nothing is drawn here, and looking for a display takes time
+    console = Console(as_json, quiet)
+    scenario = None
+    try:
+        with bad_input():
+            from ..faults import InputError
+            from ..scenario import Scenario, parse_setting
+
+            names = [a for a in arguments if "=" not in a]
+            if len(names) > 1 or (names and log is not None):
+                raise InputError(f"one scenario at a time, please: {', '.join([*names, *filter(None, [log])])}")
+            overrides = dict(parse_setting(s) for s in (*settings, *(a for a in arguments if "=" in a)))
+            mjcf: Mjcf | None = None
+            if log is not None:
+                scenario, mjcf, log_rate = _from_log(log, overrides, controller, log_rate)
+            else:
+                scenario = Scenario.load(names[0] if names else "push_wall", overrides, controller)
+            folder = _output_folder(out, scenario)
+            status = _simulate(scenario, mjcf, folder, log_rate, viewer, console, stop)
+    except KeyboardInterrupt:
+        if as_json:
+            click.echo(json.dumps(_nothing_ran(scenario, controller)))
+        end("interrupted before the first step", EXIT_INTERRUPTED)
+    sys.exit(status)
+
+
+def _from_log(
+    log: str, overrides: dict[str, Any], controller: str | None, log_rate: str | None
+) -> "tuple[Scenario, Mjcf | None, str | None]":
+    """Scenario, vehicle and log rate of a log, and warnings where a repetition can't be the same."""
+    from ..control.recorded import RecordedLaw
+    from ..faults import InputError
+    from ..mcap_read import read_files
+    from ..recording import Law, versions
+    from ..scenario import Scenario
+
+    header, _ = read_files(log)
+    recorded = header.law.source
+    tables = header.scenario.to_dict()
+    if isinstance(header.scenario.controller, RecordedLaw):
+        if controller is None:
+            raise InputError(
+                f"{log} was made by the law {recorded}. A log's code is never run: name the law's file with "
+                f"--controller path/to/{recorded} (`uvms-mj info {log} --show law/{recorded.partition(':')[0]}` prints "
+                "the code as it was)"
+            )
+        if controller.rpartition(":")[2] == recorded.rpartition(":")[2]:
+            tables["controller"]["name"] = controller  # the same class: its recorded gains hold
+    scenario = Scenario.from_dict(tables, overrides, controller, place=log)
+    law = Law.of(scenario.controller)
+    if header.law.sha256 and law.sha256 and law.sha256 != header.law.sha256:
+        click.echo(
+            f"warning: {law.source} is not the code that was recorded: sha256 {header.law.sha256[:12]}... then, "
+            f"{law.sha256[:12]}... now",
+            err=True,
+        )
+    now = versions()
+    changed = [f"{k} {then} then, {now[k]} now" for k, then in header.versions.items() if now.get(k, then) != then]
+    if changed:
+        click.echo(f"warning: the repetition may differ in its last bits: {'; '.join(changed)}", err=True)
+    if log_rate is None and "simulation.timestep" not in overrides:
+        log_rate = repr(1.0 / (header.row_steps * scenario.simulation.timestep))
+    return scenario, None if "vehicle.model" in overrides else header.mjcf, log_rate
+
+
+def _simulate(
+    scenario: "Scenario",
+    mjcf: "Mjcf | None",
+    folder: Path,
+    log_rate: str | None,
+    viewer: bool,
+    console: Console,
+    stop: Stop,
+) -> int:
+    """Run, write, report; the exit status."""
+    import warnings
+
+    from ..mcap_log import McapLog
+    from ..metrics import AROUND_THE_END_S, summary
+    from ..recording import Status
+    from ..simulation import LawError, SinkError, simulate
+
+    files = {"mcap": folder / "run.mcap", "scenario": folder / "scenario.toml"}
+    sinks: list[Sink] = [_Folder(folder, files), McapLog(files["mcap"])]
+    if viewer:
+        from ..rerun_view import LiveView
+
+        sinks.append(LiveView())
+    error = None
+    with warnings.catch_warnings(), console.progress(scenario) as bar:
+        warnings.showwarning = console.warn
+
+        def progress(done: int, total: int) -> None:
+            stop.check()
+            bar(done, total)
+
+        try:
+            trace = simulate(
+                scenario, log_rate=log_rate, progress=progress, sinks=sinks, keep_s=AROUND_THE_END_S, mjcf=mjcf
+            )
+        except (LawError, SinkError) as raised:
+            trace, error = raised.trace, str(raised)
+        except OSError as raised:
+            from ..faults import InputError
+
+            raise InputError(f"--out {folder}: can't write there: {raised.strerror}") from None
+        finally:
+            _remove_if_empty(folder)
+    stop.ignore()
+    report = summary(trace, {kind: str(path) for kind, path in files.items() if path.exists()})
+    console.report(trace, report)
+    if error is not None:
+        click.echo(f"error: {error}", err=True)
+        return EXIT_BAD_INPUT
+    if trace.status is not Status.completed:
+        click.echo(f"{trace.status.name}: {trace.message}", err=True)
+    return {Status.unstable: EXIT_UNSTABLE, Status.interrupted: EXIT_INTERRUPTED}.get(trace.status, 0)
+
+
+class _Folder:
+    """The first sink: makes room in the folder and writes scenario.toml. What an earlier run left there is moved aside,
+    never overwritten."""
+
+    def __init__(self, folder: Path, files: dict[str, Path]) -> None:
+        self.folder, self.files = folder, files
+
+    def begin(self, header: "Header") -> None:
+        earlier = [path for path in self.files.values() if path.exists()]
+        if earlier:
+            n = 1
+            while (aside := self.folder / f"earlier-{n}").exists():
+                n += 1
+            aside.mkdir()
+            for path in earlier:
+                path.rename(aside / path.name)
+            click.echo(f"note: the earlier run in {self.folder} was moved to {aside}", err=True)
+        self.files["scenario"].write_text(header.scenario.to_toml(), encoding="utf-8")
+
+    def write(self, rows: Any) -> None:
+        pass
+
+    def end(self, outcome: Any) -> None:
+        pass
+
+
+def _output_folder(out: str | None, scenario: "Scenario") -> Path:
+    """The folder of a run, made and writable, before anything is computed."""
+    import datetime
+    import tempfile
+
+    from ..faults import InputError
+
+    if out == "":
+        raise InputError("--out '': must name a folder")
+    if out is not None:
+        folder = Path(out)
+    else:
+        now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
+        words = re.sub(r"[^\w.-]+", "_", f"{scenario.name}-{scenario.controller.label()}")[:100]
+        stem = Path("runs") / f"{now}-{words}"
+        folder, n = stem, 2
+        while folder.exists():
+            folder, n = stem.with_name(f"{stem.name}-{n}"), n + 1
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise InputError(f"--out {folder}: can't write there: {error.strerror}") from None
+    return folder
+
+
+def _remove_if_empty(folder: Path) -> None:
+    import contextlib
+
+    with contextlib.suppress(OSError):
+        folder.rmdir()
+        folder.parent.rmdir()
+
+
+def _nothing_ran(scenario: "Scenario | None", controller: str | None) -> dict[str, Any]:
+    """The report of a run that was interrupted before its first step."""
+    name = scenario.name if scenario is not None else None
+    law = scenario.controller.label() if scenario is not None else controller
+    contact = dict.fromkeys(("first_s", "peak_N", "final_N", "analytic_N", "relative_error"))
+    return {
+        "scenario": name,
+        "controller": law,
+        "status": "interrupted",
+        "message": "interrupted before the first step",
+        "warnings": [],
+        "steps": 0,
+        "timestep_s": scenario.simulation.timestep if scenario is not None else None,
+        "duration_s": 0.0,
+        "wall_time_s": 0.0,
+        "real_time_factor": None,
+        "contact": contact | {"touches": 0, "settled": False},
+        "final": dict.fromkeys(("position_m", "attitude_wxyz", "s", "z", "tau")),
+        "analytic": dict.fromkeys(("position_m", "none_because")),
+        "files": {},
+    }

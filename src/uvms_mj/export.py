@@ -1,0 +1,90 @@
+"""A trace in other formats, each with its units."""
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from .faults import InputError
+from .trace import Trace
+
+
+def _csv(trace: Trace, path: Path) -> None:
+    frame = trace.to_dataframe()
+    units = frame.attrs["units"]
+    frame.to_csv(path, index=False, header=[f"{name} [{units[name]}]" for name in frame.columns])
+
+
+def _parquet(trace: Trace, path: Path) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet
+
+    frame = trace.to_dataframe()
+    units, frames = frame.attrs["units"], frame.attrs["frames"]
+    meanings = {signal.name: signal.meaning for signal in trace.signals}
+    table = pa.Table.from_pandas(frame, preserve_index=False)
+    for i, field in enumerate(table.schema):
+        about = {"unit": units[field.name], "frame": frames[field.name]}
+        about["meaning"] = meanings[field.name.partition(".")[0]]
+        table = table.set_column(i, field.with_metadata(about), table.column(i))
+    pyarrow.parquet.write_table(table, path)
+
+
+def _npz(trace: Trace, path: Path) -> None:
+    with open(path, "wb") as file:
+        np.savez_compressed(
+            file,
+            allow_pickle=False,
+            **trace.arrays,
+            signals=np.array(json.dumps(_about(trace))),
+            scenario=np.array(trace.scenario.to_toml()),
+        )
+
+
+def _mat(trace: Trace, path: Path) -> None:
+    from scipy.io import savemat
+
+    # MATLAB's names don't begin with an underscore; scipy would leave such a variable out
+    names = {name: f"state{name}" if name.startswith("_") else name for name in trace}
+    variables = {names[name]: np.asarray(trace[name]) for name in trace}
+    about = {names[name]: facts for name, facts in _about(trace).items()}
+    extra = {"signals": about, "scenario": trace.scenario.to_toml()}
+    with open(path, "wb") as file:
+        savemat(file, variables | extra, long_field_names=True, do_compression=True, oned_as="column")
+
+
+def _about(trace: Trace) -> dict[str, dict[str, str]]:
+    """Unit, frame, meaning and components of each signal."""
+    return {
+        s.name: {"unit": s.unit, "frame": s.frame, "meaning": s.meaning, "components": " ".join(s.components)}
+        for s in trace.signals
+    }
+
+
+WRITERS: dict[str, Callable[[Trace, Path], None]] = {"csv": _csv, "parquet": _parquet, "npz": _npz, "mat": _mat}
+"""By format. CSV: units stand in the column's names. Parquet: unit, frame and meaning in each field's metadata. NPZ and
+MAT: one array for each signal, ``signals`` with its unit, frame and meaning (JSON; a struct), ``scenario`` in TOML."""
+
+
+def export(trace: Trace, kind: str, path: Path) -> None:
+    """Write a trace to a new file, which is there only once it is whole.
+
+    Args:
+        trace: what to write.
+        kind: a key of :data:`WRITERS`.
+        path: of a file that must not exist.
+
+    Raises:
+        InputError: the file exists, or can't be written.
+    """
+    if path.exists():
+        raise InputError(f"{path}: exists; choose another name")
+    part = path.with_name(f"{path.name}.part")
+    try:
+        WRITERS[kind](trace, part)
+        os.replace(part, path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise InputError(f"{path}: can't write it: {error.strerror}") from None

@@ -1,0 +1,170 @@
+"""What a vehicle looks like, as plain data for whoever draws it."""
+
+import base64
+from typing import Annotated, Any, Literal
+
+import mujoco
+import numpy as np
+from pydantic import ConfigDict, Field, PlainSerializer, PlainValidator, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass
+
+from .faults import InputError, faults_of
+from .quantities import NonNegative, Positive, Real, Vector3
+
+_PLAIN = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+_KINDS = ("sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh")
+LAST_VISIBLE_GROUP = 2
+"""Geoms of higher groups are for collisions by MuJoCo's convention, and its viewer hides them."""
+PROBE_REACH = 0.1
+"""How far a vehicle without geoms reaches [m]."""
+
+
+def _rows_of(kind: str) -> PlainValidator:
+    """Rows of three numbers, from an array or from base64 of little-endian numbers."""
+
+    def read(value: Any) -> np.ndarray:
+        array = value if isinstance(value, np.ndarray) else np.frombuffer(base64.b64decode(value, validate=True), kind)
+        array = np.array(array, kind).reshape(-1, 3)
+        array.setflags(write=False)
+        return array
+
+    return PlainValidator(read)
+
+
+_BASE64 = PlainSerializer(lambda array: base64.b64encode(array.tobytes()).decode(), when_used="json")
+
+
+@dataclass(frozen=True, eq=False, config=_PLAIN)
+class Mesh:
+    """Triangles.
+
+    Attributes:
+        vertices: (n, 3) [m].
+        triangles: (m, 3) indices of vertices, counter-clockwise seen from outside.
+    """
+
+    vertices: Annotated[np.ndarray, _rows_of("<f4"), _BASE64]
+    triangles: Annotated[np.ndarray, _rows_of("<u4"), _BASE64]
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.vertices).all() or self.triangles.max(initial=0) >= max(1, len(self.vertices)):
+            raise ValueError("vertices must be finite and triangles must name vertices that exist")
+
+
+@dataclass(frozen=True, config=_PLAIN)
+class Shape:
+    """One geom, in the body frame B.
+
+    Attributes:
+        kind: what it is.
+        size: as in MJCF [m]: radius (sphere); radius, half length along z (capsule, cylinder); half axes (ellipsoid);
+            half edges (box).
+        position: of its centre in B [m].
+        quat: attitude in B, w x y z.
+        rgba: colour and opacity, 0 to 1.
+        mesh: name of its mesh, for a mesh.
+    """
+
+    kind: Literal["sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh"]
+    size: tuple[NonNegative, NonNegative, NonNegative]
+    position: Vector3
+    quat: tuple[Real, Real, Real, Real]
+    rgba: tuple[NonNegative, NonNegative, NonNegative, NonNegative]
+    mesh: str | None = None
+
+
+@dataclass(frozen=True, eq=False, config=_PLAIN)
+class Geometry:
+    """A vehicle's shapes: those of its body and of what is fixed to it.
+
+    Attributes:
+        shapes: in MJCF's order.
+        meshes: by name.
+        reach: how far the vehicle reaches forward of B's origin [m]; the wall's face is that far behind x_c.
+    """
+
+    shapes: tuple[Shape, ...]
+    meshes: dict[str, Mesh]
+    reach: Positive = Field(default=PROBE_REACH)
+
+    def __post_init__(self) -> None:
+        lost = {shape.mesh for shape in self.shapes if shape.kind == "mesh"} - set(self.meshes)
+        if lost:
+            raise ValueError(f"no mesh {', '.join(map(repr, lost))}")
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, body_id: int) -> "Geometry":
+        """The geometry of a compiled model's body, as MuJoCo's viewer shows it; every geom counts for the reach."""
+        shapes, meshes, seen = [], {}, []
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        origin, attitude = data.xpos[body_id], data.xquat[body_id]
+        to_B = np.zeros(4)
+        mujoco.mju_negQuat(to_B, attitude)
+        for geom in range(model.ngeom):
+            kind = mujoco.mjtGeom(model.geom_type[geom]).name.removeprefix("mjGEOM_").lower()
+            rgba = _rgba(model, geom)
+            if model.body_weldid[model.geom_bodyid[geom]] != body_id or kind not in _KINDS or rgba[3] == 0.0:
+                continue
+            # in the body's own frame, as compiled, where that is B; from the kinematics where it is a body fixed to it
+            position, quat = model.geom_pos[geom].copy(), model.geom_quat[geom].copy()
+            if model.geom_bodyid[geom] != body_id:
+                mujoco.mju_rotVecQuat(position, data.geom_xpos[geom] - origin, to_B)
+                mujoco.mju_mat2Quat(quat, data.geom_xmat[geom])
+                mujoco.mju_mulQuat(quat, to_B, quat.copy())
+            name = None
+            if kind == "mesh":
+                name = model.mesh(model.geom_dataid[geom]).name
+                meshes[name] = _mesh(model, model.geom_dataid[geom])
+            a, b, c = (0.0,) * 3 if kind == "mesh" else map(float, model.geom_size[geom])
+            w, x, y, z = map(float, quat)
+            shapes.append(Shape(kind, (a, b, c), tuple(map(float, position)), (w, x, y, z), rgba, name))
+            seen.append(model.geom_group[geom] <= LAST_VISIBLE_GROUP)
+        visible = [shape for shape, shown in zip(shapes, seen, strict=True) if shown] or shapes
+        return cls(tuple(visible), meshes, _forward_reach(shapes, meshes))
+
+    def to_json(self) -> bytes:
+        return _ADAPTER.dump_json(self)
+
+    @classmethod
+    def from_json(cls, data: bytes) -> "Geometry":
+        """Raises InputError if data is no geometry."""
+        try:
+            return _ADAPTER.validate_json(data)
+        except ValidationError as error:
+            raise InputError(faults_of(error), "geometry") from None
+
+
+def _rgba(model: mujoco.MjModel, geom: int) -> tuple[float, float, float, float]:
+    material = model.geom_matid[geom]
+    r, g, b, a = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
+    return round(float(r), 6), round(float(g), 6), round(float(b), 6), round(float(a), 6)
+
+
+def _mesh(model: mujoco.MjModel, mesh: int) -> Mesh:
+    vertex, n_vertices = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    face, n_faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+    return Mesh(model.mesh_vert[vertex : vertex + n_vertices], model.mesh_face[face : face + n_faces])
+
+
+def _forward_reach(shapes: list[Shape], meshes: dict[str, Mesh]) -> float:
+    """The greatest x in B of any shape."""
+    reach = 0.0
+    for shape in shapes:
+        R = np.zeros(9)
+        mujoco.mju_quat2Mat(R, np.array(shape.quat))
+        x, y, z = R[:3]  # the shape's axes, seen along x of B
+        a, b, c = shape.size
+        extent = {
+            "sphere": a,
+            "capsule": a + b * abs(z),
+            "cylinder": a * float(np.hypot(x, y)) + b * abs(z),
+            "ellipsoid": float(np.sqrt((a * x) ** 2 + (b * y) ** 2 + (c * z) ** 2)),
+            "box": a * abs(x) + b * abs(y) + c * abs(z),
+            "mesh": float((meshes[shape.mesh].vertices @ R[:3]).max(initial=0.0)) if shape.mesh else 0.0,
+        }[shape.kind]
+        reach = max(reach, shape.position[0] + extent)
+    return reach or PROBE_REACH
+
+
+_ADAPTER = TypeAdapter(Geometry)

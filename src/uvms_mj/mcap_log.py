@@ -1,0 +1,232 @@
+"""A run as an MCAP file, written while the run goes on.
+
+Records are those of the MCAP specification, version 0, as ``mcap`` writes them; only the messages are laid out by
+NumPy, since a run has millions. Every chunk goes to the file at once and whole: what is there can be read after
+``kill -9``.
+"""
+
+import os
+import zlib
+from io import FileIO
+from pathlib import Path
+
+import numpy as np
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    McapRecord,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+from mcap.records import Header as FileHeader
+
+from . import ros2
+from .mcap_format import CHUNK_BYTES, Format, Records, message_indexes
+from .recording import Header, Outcome, header_files, outcome_file
+
+MAGIC = b"\x89MCAP0\r\n"
+METADATA = "uvms_mj"
+_LEVEL = 1
+_MEDIA = {".json": "application/json", ".toml": "application/toml", ".xml": "application/xml", ".py": "text/x-python"}
+
+
+class McapLog:
+    """A sink that writes a log.
+
+    Args:
+        path: of the file; it must not exist.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._file: FileIO | None = None
+
+    def begin(self, header: Header) -> None:
+        """Write everything but samples. Raises FileExistsError, or what opening a file raises."""
+        self.format = Format(header)
+        self._file = FileIO(self.path, "xb")
+        self._rows = 0
+        self._size = self._crc = 0
+        self._chunks = self._messages = 0
+        self._end_ns = 0
+        self._counts = dict.fromkeys(range(1, len(self.format.topics) + 1), 0)
+        self._chunk_indexes = bytearray()
+        self._indexes: list[McapRecord] = []
+        self._compressor = zstandard.ZstdCompressor(level=_LEVEL)
+        self._append(MAGIC + record_bytes(FileHeader("ros2", f"uvms-mj {header.versions.get('uvms-mj', '')}")))
+        for name, data in header_files(header).items():
+            self._attach(name, data)
+        self._note(METADATA, metadata(header))
+        self._append(b"".join(map(record_bytes, channel_records(self.format))))
+        records = self.format.once_records
+        zero = np.zeros(1, np.int64)
+        self._chunk([(records, 1, self.format.once_bytes()[None], zero)])
+
+    def write(self, rows: np.ndarray) -> None:
+        """Append rows (n, width) as one chunk, or more if they are many; whole, or not at all."""
+        most = max(1, CHUNK_BYTES // self.format.row_records.size)
+        for start in range(0, len(rows), most):
+            part = rows[start : start + most]
+            self._chunk(self.format.row_bytes(part, self._rows), len(part))
+
+    def end(self, outcome: Outcome) -> None:
+        """Write how the run ended, and what makes a file quick to search."""
+        self._attach("outcome.json", outcome_file(outcome))
+        self._append(record_bytes(DataEnd(self._crc)))
+        start = self._size
+        groups = [
+            (Opcode.SCHEMA, b"".join(record_bytes(r) for r in channel_records(self.format) if isinstance(r, Schema))),
+            (Opcode.CHANNEL, b"".join(record_bytes(r) for r in channel_records(self.format) if isinstance(r, Channel))),
+            (Opcode.STATISTICS, record_bytes(self._statistics())),
+            (Opcode.CHUNK_INDEX, bytes(self._chunk_indexes)),
+            (Opcode.ATTACHMENT_INDEX, self._index_bytes(AttachmentIndex)),
+            (Opcode.METADATA_INDEX, self._index_bytes(MetadataIndex)),
+        ]
+        summary, offsets = b"", b""
+        for opcode, data in groups:
+            offsets += record_bytes(SummaryOffset(opcode, start + len(summary), len(data)))
+            summary += data
+        offset_start = start + len(summary)
+        summary += offsets
+        footer = record_bytes(Footer(start, offset_start, 0))[:-4]  # the checksum covers all of the footer before it
+        crc = zlib.crc32(footer, zlib.crc32(summary))
+        self._append(summary + footer + crc.to_bytes(4, "little") + MAGIC)
+        assert self._file is not None
+        self._file.close()
+
+    def _statistics(self) -> Statistics:
+        attachments = sum(isinstance(each, AttachmentIndex) for each in self._indexes)
+        return Statistics(
+            attachment_count=attachments,
+            channel_count=len(self.format.topics),
+            channel_message_counts={channel: n for channel, n in self._counts.items() if n},
+            chunk_count=self._chunks,
+            message_count=sum(self._counts.values()),
+            message_end_time=self._end_ns,
+            message_start_time=0,
+            metadata_count=len(self._indexes) - attachments,
+            schema_count=len({topic.type for topic in self.format.topics}),
+        )
+
+    def _index_bytes(self, kind: type[McapRecord]) -> bytes:
+        return b"".join(record_bytes(each) for each in self._indexes if isinstance(each, kind))
+
+    def _append(self, data: bytes) -> None:
+        """Write all of data, in place of what an interrupted or failed write may have left behind the file's end."""
+        assert self._file is not None
+        if self._file.tell() != self._size:
+            self._file.seek(self._size)
+            self._file.truncate()
+        view = memoryview(data)
+        while len(view):
+            view = view[self._file.write(view) or 0 :]
+        self._size, self._crc = self._size + len(data), zlib.crc32(data, self._crc)
+
+    def _attach(self, name: str, data: bytes) -> None:
+        media = _MEDIA.get(os.path.splitext(name)[1], "application/octet-stream")
+        record = record_bytes(Attachment(create_time=0, log_time=self._end_ns, name=name, media_type=media, data=data))
+        index = AttachmentIndex(self._size, len(record), self._end_ns, 0, len(data), name, media)
+        self._append(record)
+        self._indexes.append(index)
+
+    def _note(self, name: str, values: dict[str, str]) -> None:
+        record = record_bytes(Metadata(name, values))
+        index = MetadataIndex(self._size, len(record), name)
+        self._append(record)
+        self._indexes.append(index)
+
+    def _chunk(self, pieces: list[tuple[Records, int, np.ndarray, np.ndarray]], rows: int = 0) -> None:
+        """One chunk and the indexes of its messages, in a single write."""
+        data = b"".join(piece[2].data for piece in pieces)
+        start_ns, end_ns = int(pieces[0][3][0]), int(pieces[-1][3][-1])
+        compressed = self._compressor.compress(data)
+        chunk = record_bytes(
+            Chunk(
+                compression="zstd",
+                data=compressed,
+                message_start_time=start_ns,
+                message_end_time=end_ns,
+                uncompressed_crc=zlib.crc32(data),
+                uncompressed_size=len(data),
+            )
+        )
+        indexes = message_indexes(pieces)
+        offsets, offset = {}, self._size + len(chunk)
+        for channel, record in indexes.items():
+            offsets[channel] = offset
+            offset += len(record)
+        index = ChunkIndex(
+            chunk_length=len(chunk),
+            chunk_start_offset=self._size,
+            compression="zstd",
+            compressed_size=len(compressed),
+            message_end_time=end_ns,
+            message_index_length=offset - self._size - len(chunk),
+            message_index_offsets=offsets,
+            message_start_time=start_ns,
+            uncompressed_size=len(data),
+        )
+        self._append(b"".join((chunk, *indexes.values())))
+        self._rows += rows
+        self._chunks += 1
+        self._end_ns = end_ns
+        self._chunk_indexes += record_bytes(index)
+        for records, n, _, _ in pieces:
+            for channel in records.channels:
+                self._counts[channel] += n
+
+
+def channel_records(format: Format) -> list[McapRecord]:
+    """Schemas and channels of a log."""
+    kinds = list(dict.fromkeys(topic.type for topic in format.topics))
+    schemas = [
+        Schema(id=i + 1, data=ros2.schema_text(kind).encode(), encoding="ros2msg", name=kind.replace("/", "/msg/"))
+        for i, kind in enumerate(kinds)
+    ]
+    channels = [
+        Channel(
+            id=format.number[topic.name],
+            topic=topic.name,
+            message_encoding="cdr",
+            schema_id=kinds.index(topic.type) + 1,
+            metadata={
+                "unit": topic.unit,
+                "frame": topic.frame,
+                "meaning": topic.meaning,
+                "offered_qos_profiles": ros2.LATCHED_QOS if topic.latched else "",
+            },
+        )
+        for topic in format.topics
+    ]
+    return [*schemas, *channels]
+
+
+def metadata(header: Header) -> dict[str, str]:
+    """What other tools show of a run; what is read back stands in the attachments."""
+    return {
+        "scenario": header.scenario.name,
+        "controller": header.scenario.controller.label(),
+        "law": header.law.source,
+        "law_sha256": header.law.sha256 or "",
+        "vehicle": header.mjcf.name,
+        "frames": "map is W (x to the wall, y left, z up), base_link is B (forward, left, up)",
+        "units": "SI; radians; wrenches and twists linear first",
+    } | {f"version {name}": version for name, version in header.versions.items()}
+
+
+def record_bytes(record: McapRecord) -> bytes:
+    """A record as it stands in a file."""
+    builder = RecordBuilder()
+    record.write(builder)
+    return builder.end()

@@ -1,0 +1,246 @@
+"""Reading a log back: every number as it was, or one clear error; from a log that was cut off, what is there.
+
+Nothing of a log is executed, unpickled or written anywhere. A complete file has a checksum over all of it. One that
+was cut off has none, but each chunk and each attachment has its own, and each row must follow the one before.
+"""
+
+import contextlib
+import dataclasses
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import EndOfFile, McapError
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Chunk, DataEnd, Footer, Metadata
+from mcap.records import Header as FileHeader
+
+from .faults import InputError
+from .mcap_format import CHUNK_BYTES, Format
+from .mcap_log import MAGIC, METADATA, channel_records, metadata, record_bytes
+from .recording import Header, Outcome, Status, header_of, outcome_of
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What a log holds: rows (n, width) of the header's signals, and how the run ended."""
+
+    header: Header
+    rows: np.ndarray = field(repr=False)
+    outcome: Outcome
+
+
+class _CutOff(Exception):
+    """The file ends in the middle of a record, or before its end mark."""
+
+
+def read(path: str | os.PathLike) -> Recording:
+    """A log as it was written.
+
+    A log that was cut off gives what is there, with the status ``truncated`` and a message that says what is missing.
+
+    Raises:
+        InputError: it can't be read, is no log of this project, or is damaged.
+    """
+    with _opened(path) as reader:
+        return reader.read()
+
+
+def read_files(path: str | os.PathLike) -> tuple[Header, dict[str, bytes]]:
+    """A log's header and the files that it was made of, without the samples; raises as :func:`read` does."""
+    with _opened(path) as reader:
+        return reader.read_header(), reader.files
+
+
+@contextlib.contextmanager
+def _opened(path: str | os.PathLike) -> Iterator["_Reader"]:
+    path = Path(path)
+    try:
+        with open(path, "rb") as file:
+            yield _Reader(file)
+    except OSError as error:
+        raise InputError(f"{path}: can't read it: {error.strerror}") from None
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    except (EndOfFile, McapError, struct.error, UnicodeDecodeError, KeyError, OverflowError) as error:
+        raise InputError(f"{path}: is damaged: {type(error).__name__} {error}") from None
+
+
+class _Reader:
+    def __init__(self, file: BinaryIO) -> None:
+        self.file = file
+        self.size = os.fstat(file.fileno()).st_size
+        magic = file.read(len(MAGIC))
+        if magic != MAGIC:
+            raise InputError("is empty" if not self.size else "is not an MCAP file")
+        file.seek(max(len(MAGIC), self.size - len(MAGIC)))
+        self.whole = file.read() == MAGIC  # then nothing may be missing
+        file.seek(len(MAGIC))
+        self.crc = zlib.crc32(MAGIC)
+        self.files: dict[str, bytes] = {}
+        self.header: Header | None = None
+        self.blocks: list[np.ndarray] = []
+        self.rows = 0
+
+    def read(self) -> Recording:
+        missing = ""
+        try:
+            self._data_section()
+            self._summary()
+        except _CutOff as cut:
+            if self.whole:
+                raise InputError(f"is damaged: {cut}") from None
+            if self.header is None:
+                raise InputError(f"was cut off before its first sample: {cut}") from None
+            missing = str(cut)
+        assert self.header is not None
+        outcome = outcome_of(self.files["outcome.json"]) if "outcome.json" in self.files else None
+        rows = np.concatenate(self.blocks) if self.blocks else np.zeros((0, self.header.width))
+        return Recording(self.header, rows, self._outcome(outcome, missing))
+
+    def read_header(self) -> Header:
+        """What stands before the samples; each attachment has a checksum of its own."""
+        try:
+            self._data_section(header_only=True)
+        except _CutOff as cut:
+            raise InputError(f"was cut off before its first sample: {cut}") from None
+        assert self.header is not None
+        return self.header
+
+    def _outcome(self, outcome: Outcome | None, missing: str) -> Outcome:
+        header = self.header
+        assert header is not None
+        h, steps = header.scenario.simulation.timestep, header.scenario.steps
+        if outcome is not None:
+            expected = 1 + outcome.steps // header.row_steps
+            if outcome.steps > steps or not 0 <= self.rows <= expected + 1:
+                raise InputError(f"is damaged: {self.rows} rows do not fit {outcome.steps} steps")
+            if not missing:
+                return outcome
+            note = f"every sample is there, but the end of the file is missing: {missing}"
+            return dataclasses.replace(outcome, message=f"{outcome.message} ({note})".strip())
+        last = header.step_of_row(self.rows - 1) if self.rows else 0
+        there = f"{self.rows} rows up to t = {last * h:g} s of {steps * h:g} s are there" if self.rows else "no row"
+        return Outcome(Status.truncated, f"the log was cut off ({missing}); {there}", last, 0.0)
+
+    def _records(self) -> Iterator[tuple[int, bytes]]:
+        """Top-level records of the data section, DataEnd included."""
+        while True:
+            at = self.file.tell()
+            head = self.file.read(9)
+            if len(head) < 9:
+                raise _CutOff(f"it ends at byte {self.size}, without an end mark")
+            opcode, length = struct.unpack("<BQ", head)
+            if length > self.size - at - 9:
+                raise _CutOff(f"the record at byte {at} is not whole")
+            content = self.file.read(length)
+            if opcode != Opcode.DATA_END:
+                self.crc = zlib.crc32(content, zlib.crc32(head, self.crc))
+            yield opcode, content
+            if opcode == Opcode.DATA_END:
+                return
+
+    def _data_section(self, header_only: bool = False) -> None:
+        """Everything up to DataEnd, whose checksum covers all before it; or no more than the channels."""
+        expected: list[bytes] = []
+        format: Format | None = None
+        notes: dict[str, str] | None = None
+        for number, (opcode, content) in enumerate(self._records()):
+            stream = ReadDataStream(BytesIO(content))
+            if number == 0:
+                self._first(opcode, stream)
+            elif opcode == Opcode.ATTACHMENT:
+                self._attachment(stream, content)
+            elif opcode == Opcode.METADATA:
+                note = Metadata.read(stream)
+                notes = note.metadata if note.name == METADATA else notes
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                if format is None:
+                    self.header = header_of(self.files)
+                    format = Format(self.header)
+                    expected = [record_bytes(record)[9:] for record in channel_records(format)]
+                    if notes != metadata(self.header):
+                        raise InputError("is damaged: its metadata are not those of its attachments")
+                if not expected or content != expected.pop(0):
+                    raise InputError("is damaged: its channels are not those of its scenario")
+                if header_only and not expected:
+                    return
+            elif opcode == Opcode.CHUNK:
+                if format is None or expected:
+                    raise InputError("is not a log of this project: its channels are unknown")
+                self._chunk(format, Chunk.read(stream))
+            elif opcode == Opcode.DATA_END:
+                if DataEnd.read(stream).data_section_crc != self.crc:
+                    raise InputError("is damaged: its checksum does not fit")
+            elif opcode != Opcode.MESSAGE_INDEX:
+                raise InputError(f"is damaged: an unknown record, {opcode}")
+        if "outcome.json" not in self.files or format is None:
+            raise InputError("is damaged: it does not say how the run ended")
+
+    def _first(self, opcode: int, stream: ReadDataStream) -> None:
+        header = FileHeader.read(stream) if opcode == Opcode.HEADER else None
+        if header is None or not header.library.startswith("uvms-mj"):
+            raise InputError("is an MCAP file, but not a log that uvms-mj wrote")
+
+    def _attachment(self, stream: ReadDataStream, content: bytes) -> None:
+        attachment = Attachment.read(stream)
+        if zlib.crc32(content[:-4]) != int.from_bytes(content[-4:], "little"):
+            raise InputError(f"is damaged: the attachment {attachment.name!r}")
+        if attachment.name in self.files:
+            raise InputError(f"is damaged: two attachments {attachment.name!r}")
+        self.files[attachment.name] = attachment.data
+
+    def _chunk(self, format: Format, chunk: Chunk) -> None:
+        """Rows of a chunk, which must follow those before it."""
+        row = format.row_records
+        limit = 2 * max(CHUNK_BYTES, row.size, format.once_records.size)
+        try:
+            fits = chunk.compression == "zstd" and zstandard.frame_content_size(chunk.data) == chunk.uncompressed_size
+            if not fits or chunk.uncompressed_size > limit:
+                raise InputError("is damaged: a chunk of an impossible size")
+            data = zstandard.ZstdDecompressor().decompress(chunk.data)
+        except zstandard.ZstdError as error:
+            raise InputError(f"is damaged: {error}") from None
+        if zlib.crc32(data) != chunk.uncompressed_crc:
+            raise InputError("is damaged: a chunk's checksum does not fit")
+        raw = np.frombuffer(data, np.uint8)
+        if not self.blocks and not self.rows and np.array_equal(raw, format.once_bytes()):
+            return
+        misplaced = f"is damaged: the chunk after row {self.rows} is not laid out as it should be"
+        arrows, pos = format.arrow_records, 0
+        while pos < len(raw):
+            into = self.rows % format.arrow_every
+            if into == 0:
+                if format.arrow_records.rows(raw[pos : pos + arrows.size].reshape(-1, arrows.size)) is None:
+                    raise InputError(misplaced)
+                pos += arrows.size
+            n = min(format.arrow_every - into, (len(raw) - pos) // row.size)
+            if n < 1:
+                raise InputError(misplaced)
+            records = row.rows(raw[pos : pos + n * row.size].reshape(n, row.size))
+            t, log_ns = format.times(self.rows, n)
+            if records is None or not format.belong(records, self.rows, log_ns):
+                raise InputError(misplaced)
+            self.blocks.append(format.columns_of(records, t))
+            self.rows += n
+            pos += n * row.size
+
+    def _summary(self) -> None:
+        """What stands behind the data; nothing of it is used, but damage is damage."""
+        start = self.file.tell()
+        rest = self.file.read()
+        footer_size = 9 + 20
+        if len(rest) < footer_size + len(MAGIC) or not self.whole:
+            raise _CutOff("its index is incomplete")
+        summary, end = rest[: -footer_size - len(MAGIC)], rest[-footer_size - len(MAGIC) : -len(MAGIC)]
+        footer = Footer.read(ReadDataStream(BytesIO(end[9:])))
+        if footer.summary_start != start or footer.summary_crc != zlib.crc32(end[:-4], zlib.crc32(summary)):
+            raise InputError("is damaged: the checksum of its index does not fit")

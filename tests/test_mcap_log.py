@@ -1,0 +1,598 @@
+"""The log: read back by others' code and by ours, cut off, damaged, killed."""
+
+import hashlib
+import io
+import json
+import os
+import random
+import re
+import signal
+import struct
+import subprocess
+import sys
+import time
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import NonSeekingReader, make_reader
+from mcap.records import Statistics
+from mcap.stream_reader import StreamReader
+from mcap_ros2.decoder import DecoderFactory
+
+from uvms_mj import InputError, McapLog, Scenario, Status, Trace, simulate
+from uvms_mj.mcap_format import Format
+
+ROOT = Path(__file__).parents[1]
+COMMAND = [sys.executable, "-m", "uvms_mj"]
+TOUCHING = {
+    "simulation.duration": 0.4,
+    "wall.position": 0.002,
+    "wall.friction": 0.3,
+    "reference.step_time": 0.0,
+    "disturbance.amplitude": [1.0, 0.5, 0.2, 0.1, 0.1, 0.1],
+    "disturbance.frequency_hz": [1.0, 2.0, 3.0, 1.0, 2.0, 3.0],
+    "initial.attitude_deg": [5.0, -4.0, 8.0],
+    "reference.bandwidth": 20.0,
+}
+LAW = '''
+from dataclasses import dataclass
+from uvms_mj import Controller, gain
+
+@dataclass(frozen=True)
+class Mine(Controller):
+    """Integral action, and a state that is not of six."""
+    k: float = gain(2.0, "1/s", "integral gain")
+    weights: tuple[float, ...] = gain((1.0, 2.0, 3.0), "1", "weights")
+    flag: bool = gain(True, "1", "a flag")
+    states = {"xi": 6, "odom": 2}
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        state_dot.xi[:] = signals.eta_e
+        state_dot.odom[0] = 1.0
+        tau_cmd[:] = signals.tau_nom - gains.k * state.xi
+'''
+
+
+@pytest.fixture(scope="module")
+def logged(tmp_path_factory):
+    """A short run with contact, friction, rotation and a disturbance: its trace from memory, and its log."""
+    path = tmp_path_factory.mktemp("log") / "run.mcap"
+    trace = simulate(Scenario.load("push_wall", TOUCHING), sinks=[McapLog(path)])
+    assert trace.touches[-1] > 0
+    return trace, path
+
+
+def same(a, b):
+    assert list(a) == list(b)
+    for name in a:
+        assert np.array_equal(a[name], b[name]), name
+
+
+def decoded(path):
+    """Every message of a log by topic, decoded by mcap-ros2-support: (log time, message) in file order."""
+    messages = defaultdict(list)
+    with open(path, "rb") as file:
+        for _, channel, message, ros in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+            messages[channel.topic].append((message.log_time, ros))
+    return messages
+
+
+def xyz(v):
+    return [v.x, v.y, v.z]
+
+
+def test_an_independent_decoder_reads_the_same_numbers(logged):
+    trace, path = logged
+    topics = decoded(path)
+    n = len(trace)
+    once = {"/tf_static", "/current", "/markers/vehicle", "/markers/surroundings"}
+    assert {name for name, each in topics.items() if len(each) == 1} == once
+    times = np.rint(trace.t * 1e9).astype(int)
+    for name, each in topics.items():
+        if name not in once and name != "/markers/forces":
+            assert [t for t, _ in each] == times.tolist(), name
+
+    def values(topic, of):
+        return np.array([of(message) for _, message in topics[topic]])
+
+    def wrench(m):
+        return xyz(m.wrench.force) + xyz(m.wrench.torque)
+
+    def twist(m):
+        return xyz(m.twist.linear) + xyz(m.twist.angular)
+
+    def array(m):
+        assert len(m.layout.dim) == 1
+        assert m.layout.dim[0].size == len(m.data)
+        return list(m.data)
+
+    def pose(m):
+        return [*xyz(m.position), m.orientation.w, *xyz(m.orientation)]
+
+    zeros = np.zeros((n, 3))
+    assert np.array_equal(values("/odom", lambda m: pose(m.pose.pose)), np.hstack([trace.p_WB, trace.quat_WB]))
+    assert np.array_equal(values("/odom", lambda m: twist(m.twist)), trace.nu)
+    tf = values("/tf", lambda m: [*xyz(m.transforms[0].transform.translation), m.transforms[0].transform.rotation.w])
+    assert np.array_equal(tf, np.hstack([trace.p_WB, trace.quat_WB[:, :1]]))
+    assert np.array_equal(values("/tf", lambda m: xyz(m.transforms[1].transform.translation)), trace.p_d)
+    assert [t.child_frame_id for t in topics["/tf"][0][1].transforms] == ["base_link", "reference"]
+    assert np.array_equal(values("/reference/pose", lambda m: pose(m.pose))[:, :3], trace.p_d)
+    assert np.array_equal(values("/reference/twist", twist), np.hstack([trace.p_d_dot, zeros]))
+    assert np.array_equal(values("/error/twist", twist), trace.nu_e)
+    assert np.array_equal(values("/accel", lambda m: xyz(m.accel.linear) + xyz(m.accel.angular)), trace.nu_dot)
+    for topic in ("tau_nom", "tau_cmd", "tau", "tau_dist"):
+        assert np.array_equal(values(f"/{topic}", wrench), trace[topic]), topic
+    assert np.array_equal(values("/contact/map", wrench), np.hstack([trace.f_contact_W, zeros]))
+    assert np.array_equal(values("/contact/measured", wrench), np.hstack([trace.f_contact_m_W, zeros]))
+    for topic, name in (("/error/pose", "eta_e"), ("/s", "s"), ("/zeta", "zeta"), ("/law/z", "z"), ("/thrusters", "u")):
+        assert np.array_equal(values(topic, array), trace[name]), topic
+    running = [name for name in topics if name.startswith("/running/")]
+    assert len(running) == 13
+    for topic in running:
+        signal = trace[topic.removeprefix("/running/")]
+        assert np.array_equal(values(topic, array if signal.ndim > 1 else lambda m: m.data), signal), topic
+    stamps = values("/tau", lambda m: [m.header.stamp.sec, m.header.stamp.nanosec])
+    assert np.array_equal(stamps[:, 0] * 10**9 + stamps[:, 1], times)
+    assert {m.header.frame_id for _, m in topics["/tau"]} == {"base_link"}
+    assert {m.header.frame_id for _, m in topics["/contact/map"]} == {"map"}
+
+
+def test_the_contact_wrench_in_base_link_is_the_force_at_the_vehicles_front(logged):
+    """By rotation with SciPy, and the moment of a force whose arm is the vehicle's reach."""
+    from scipy.spatial.transform import Rotation
+
+    trace, path = logged
+    R = Rotation.from_quat(trace.quat_WB, scalar_first=True)
+    ros = np.array([xyz(m.wrench.force) + xyz(m.wrench.torque) for _, m in decoded(path)["/contact/base_link"]])
+    assert np.abs(ros[:, :3] - R.inv().apply(trace.f_contact_W.copy())).max() < 1e-12
+    arm = np.zeros((len(trace), 3))
+    arm[:, 0] = trace.header.geometry.reach
+    moment = R.inv().apply(np.cross(arm, trace.f_contact_W))
+    assert np.abs(moment).max() > 0.01  # friction
+    depth = np.maximum(0, trace.p_WB[:, 0] - trace.scenario.wall.position).max()
+    assert np.abs(ros[:, 3:] - moment).max() <= depth * np.abs(trace.f_contact_W).max()
+
+
+def test_the_files_structure_is_what_rosbag2_and_others_need(logged):
+    trace, path = logged
+    with open(path, "rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        header, summary = reader.get_header(), reader.get_summary()
+        messages = list(reader.iter_messages())
+        attachments = {a.name: a.data for a in reader.iter_attachments()}
+        (metadata,) = reader.iter_metadata()
+    assert header.profile == "ros2"
+    statistics: Statistics = summary.statistics
+    assert statistics.message_count == len(messages) == sum(statistics.channel_message_counts.values())
+    assert statistics.chunk_count == len(summary.chunk_indexes)
+    assert statistics.attachment_count == len(attachments)
+    assert {c.message_encoding for c in summary.channels.values()} == {"cdr"}
+    assert {s.encoding for s in summary.schemas.values()} == {"ros2msg"}
+    assert all("/msg/" in s.name for s in summary.schemas.values())
+    assert {c.schema_id for c in summary.channels.values()} == set(summary.schemas)
+    assert all(c.metadata["unit"] for c in summary.channels.values())
+    assert (statistics.message_start_time, statistics.message_end_time) == (0, round(trace.t[-1] * 1e9))
+    assert set(attachments) == {"run.json", "scenario.toml", "geometry.json", "model/bluerov1.xml", "outcome.json"}
+    assert attachments["model/bluerov1.xml"] == (ROOT / "models" / "bluerov1.xml").read_bytes()
+    assert metadata.metadata["controller"] == "gsta"
+    assert metadata.metadata["version mujoco"]
+    # in time order without sorting, and what is constant stands there once
+    with open(path, "rb") as file:
+        times = [m.log_time for _, _, m in NonSeekingReader(file).iter_messages(log_time_order=False)]
+    assert times == sorted(times)
+    done = subprocess.run(
+        [Path(sys.executable).with_name("rerun"), "mcap", "check", "--full", path],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"DO_NOT_TRACK": "1", "HOME": str(path.parent)},
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    rows = [line for line in done.stdout.splitlines() if " /" in line]
+    assert len(rows) == len(summary.channels)
+    assert all(line.startswith("ok") for line in rows), done.stdout
+
+
+def test_markers_draw_every_geom_and_arrows_point_where_the_force_does(logged):
+    trace, path = logged
+    topics = decoded(path)
+    vehicle = topics["/markers/vehicle"][0][1].markers
+    assert len(vehicle) == len(trace.header.geometry.shapes) == 107
+    assert {m.header.frame_id for m in vehicle} == {"base_link"}
+    assert all(m.frame_locked and m.color.a > 0 and m.scale.x > 0 for m in vehicle)
+    triangles = [m for m in vehicle if m.type == 11]
+    assert all(len(m.points) % 3 == 0 and len(m.points) > 0 for m in triangles)
+    wall = topics["/markers/surroundings"][0][1].markers[0]
+    face = trace.scenario.wall.position + trace.header.geometry.reach
+    assert wall.pose.position.x - wall.scale.x / 2 == pytest.approx(face)
+    arrows = topics["/markers/forces"]
+    assert [t for t, _ in arrows] == [round(k * 0.05e9) for k in range(9)]
+    for t, message in arrows:
+        k = int(np.argmin(np.abs(trace.t * 1e9 - t)))
+        tail, tip = (np.array(xyz(p)) for p in message.markers[0].points)
+        assert np.allclose(tip - tail, 0.05 * trace.f_contact_W[k], atol=1e-12)
+
+
+def test_a_log_gives_the_trace_back_exactly(logged, tmp_path):
+    trace, path = logged
+    loaded = Trace.load(path)
+    same(trace, loaded)
+    assert loaded.scenario == trace.scenario
+    assert loaded.signals == trace.signals
+    assert loaded.outcome == trace.outcome
+    assert loaded.header.geometry.shapes == trace.header.geometry.shapes
+    assert type(loaded.analytic) is type(trace.analytic)
+    with pytest.raises(ValueError, match="read-only"):
+        loaded.s[0, 0] = 1.0
+    loaded.save(tmp_path / "again.mcap")
+    same(trace, Trace.load(tmp_path / "again.mcap"))
+    with pytest.raises(FileExistsError):
+        loaded.save(tmp_path / "again.mcap")
+    frame = loaded.to_dataframe()
+    assert len(frame) == len(trace)
+    assert np.array_equal(frame[["p_WB.x", "p_WB.y", "p_WB.z"]], trace.p_WB)
+    assert (frame.attrs["units"]["tau.x"], frame.attrs["units"]["tau.yaw"]) == ("N", "N m")
+    assert frame.attrs["frames"]["f_contact_W.x"] == "W"
+
+
+@pytest.mark.parametrize("rate", ["full", "1000", "250", "2"])
+@pytest.mark.parametrize("duration", [0.2, 0.12345])
+def test_any_rate_and_duration_round_trips(tmp_path, rate, duration):
+    """Rows that chunks cut anywhere, and a last row off the grid."""
+    scenario = Scenario.load("push_wall", {"simulation.duration": duration})
+    trace = simulate(scenario, log_rate=rate, sinks=[McapLog(tmp_path / "run.mcap")])
+    loaded = Trace.load(tmp_path / "run.mcap")
+    same(trace, loaded)
+    assert loaded.status is Status.completed
+    assert loaded.t[-1] == round(duration / 1e-4) * 1e-4
+
+
+def test_a_long_run_keeps_its_end_alone_in_memory(tmp_path):
+    scenario = Scenario.load("push_wall", {"simulation.duration": 3.0})
+    kept = simulate(scenario, sinks=[McapLog(tmp_path / "run.mcap")], keep_s=0.5)
+    whole = Trace.load(tmp_path / "run.mcap")
+    assert len(whole) == 3001
+    assert 500 <= len(kept) < 900
+    for name in kept:
+        assert np.array_equal(kept[name], whole[name][-len(kept) :]), name
+
+
+def run(*arguments, cwd, **options):
+    return subprocess.run([*COMMAND, *map(str, arguments)], cwd=cwd, capture_output=True, text=True, **options)
+
+
+def test_a_run_repeats_from_its_log_bit_for_bit(tmp_path):
+    """Also without the vehicle's file, with what it refers to, and with other gains on the command line."""
+    folder = tmp_path / "vehicle"
+    (folder / "parts").mkdir(parents=True)
+    cube = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+    (folder / "parts" / "nose.obj").write_text(cube)
+    (folder / "more.xml").write_text('<mujoco><asset><mesh name="nose" file="parts/nose.obj"/></asset></mujoco>')
+    text = (ROOT / "models" / "bluerov1.xml").read_text().replace("</asset>", '</asset><include file="more.xml"/>')
+    text = text.replace("<freejoint", '<geom type="mesh" mesh="nose" pos=".2 0 0" mass="0"/><freejoint', 1)
+    (folder / "mine.xml").write_text(text)
+    settings = ["simulation.duration=0.3", "wall.position=0.002", "reference.step_time=0"]
+    first = run(
+        "run", *settings, f"vehicle.model={folder / 'mine.xml'}", "-q", "-o", "a", "--log-rate", "500", cwd=tmp_path
+    )
+    assert first.returncode == 0, first.stderr
+    original = Trace.load(tmp_path / "a" / "run.mcap")
+    assert set(original.header.mjcf.files) == {"mine.xml", "more.xml", "nose.obj"}
+    assert original.header.geometry.reach == pytest.approx(0.3, abs=0.01)
+    for file in sorted(folder.rglob("*"), reverse=True):
+        file.unlink() if file.is_file() else file.rmdir()
+    again = run("run", "--from", "a/run.mcap", "-q", "-o", "b", cwd=tmp_path)
+    assert (again.returncode, again.stderr) == (0, "")
+    same(original, Trace.load(tmp_path / "b" / "run.mcap"))
+    other = run("run", "--from", "b/run.mcap", "controller.k_1=6", "-q", "-o", "c", cwd=tmp_path)
+    assert other.returncode == 0, other.stderr
+    changed = Trace.load(tmp_path / "c" / "run.mcap")
+    assert changed.scenario.controller.k_1 == 6.0
+    assert not np.array_equal(changed.tau, original.tau)
+
+
+def test_a_users_law_is_recorded_and_never_run_from_a_log(tmp_path):
+    path = tmp_path / "secret_place" / "my_law.py"
+    path.parent.mkdir()
+    path.write_text(LAW + "\nprint('ran', __file__)\n")
+    done = run("run", "-c", f"{path}:Mine", "controller.k=3", "simulation.duration=0.2", "-q", "-o", "a", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    log = tmp_path / "a" / "run.mcap"
+    raw = log.read_bytes()
+    assert b"secret_place" not in raw
+    assert os.uname().nodename.encode() not in raw
+    trace = Trace.load(log)
+    assert trace.xi.shape[1:] == (6,)
+    assert np.allclose(trace.odom[:, 0], trace.t)
+    assert trace.scenario.controller.k == 3.0
+    assert trace.scenario.controller.weights == (1.0, 2.0, 3.0)
+    assert trace.scenario.controller.flag is True
+    assert trace.header.law.source == "my_law.py:Mine"
+    assert trace.header.law.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert trace.header.law.code == path.read_text()
+    with pytest.raises(InputError, match="never run"):
+        simulate(trace.scenario, mjcf=trace.header.mjcf)
+    assert decoded(log)["/law/xi"]
+    refused = run("run", "--from", log, "-q", "-o", "b", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "--controller" in refused.stderr
+    assert "ran" not in refused.stdout
+    shown = run("info", log, "--show", "law/my_law.py", cwd=tmp_path)
+    assert shown.stdout == path.read_text()
+    again = run("run", "--from", log, "-c", f"{path}:Mine", "-q", "-o", "c", cwd=tmp_path)
+    assert again.returncode == 0, again.stderr
+    assert "sha256" not in again.stderr
+    same(trace, Trace.load(tmp_path / "c" / "run.mcap"))
+    path.write_text(LAW.replace("- gains.k", "- 2.0 * gains.k"))
+    edited = run("run", "--from", log, "-c", f"{path}:Mine", "-q", "-o", "d", cwd=tmp_path)
+    assert edited.returncode == 0
+    assert "is not the code that was recorded" in edited.stderr
+
+
+def test_no_path_of_a_users_is_in_a_warning(tmp_path):
+    path = tmp_path / "secret_place" / "slow.py"
+    path.parent.mkdir()
+    path.write_text(LAW.replace("state_dot.odom[0] = 1.0", "open(__file__).close(); state_dot.odom[0] = 1.0"))
+    done = run("run", "-c", f"{path}:Mine", "simulation.duration=0.02", "-q", "-o", "a", cwd=tmp_path)
+    assert "plain Python" in done.stderr
+    assert b"secret_place" not in (tmp_path / "a" / "run.mcap").read_bytes()
+    assert Trace.load(tmp_path / "a" / "run.mcap").notes
+
+
+def test_a_slow_law_still_reaches_the_disk_every_second(tmp_path):
+    """A law of 20 ms in plain Python: rows are in the file long before 1000 steps are done."""
+    (tmp_path / "slow.py").write_text(
+        LAW.replace("state_dot.odom[0] = 1.0", "import time; time.sleep(0.02); state_dot.odom[0] = 1.0")
+    )
+    command = [*COMMAND, "run", "-c", "slow.py:Mine", "--log-rate", "full", "-q", "-o", "a"]
+    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL)
+    log = tmp_path / "a" / "run.mcap"
+    try:
+        deadline = time.monotonic() + 60
+        while not (log.exists() and log.stat().st_size) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        time.sleep(3.0)
+    finally:
+        process.kill()
+        process.wait()
+    rows = len(Trace.load(log))
+    assert 20 < rows < 200
+
+
+# Cut off
+
+
+def tried(path):
+    """A log's trace, or None and what was said."""
+    try:
+        return Trace.load(path), ""
+    except InputError as error:
+        return None, str(error)
+
+
+def test_every_truncation_gives_a_beginning_or_one_clear_error(logged, tmp_path):
+    trace, path = logged
+    data = path.read_bytes()
+    places = sorted({*range(0, 64), *random.Random(1).sample(range(len(data)), 120), *range(len(data) - 40, len(data))})
+    cut = tmp_path / "cut.mcap"
+    lengths = []
+    for place in places:
+        cut.write_bytes(data[:place])
+        part, said = tried(cut)
+        if part is None:
+            assert "cut off before its first sample" in said or "not an MCAP" in said or not place
+            continue
+        assert part.status in (Status.truncated, trace.status)
+        assert part.message
+        lengths.append(len(part))
+        for name in part:
+            assert np.array_equal(part[name], trace[name][: len(part)]), (place, name)
+        if part.status is not Status.truncated:
+            assert len(part) == len(trace)
+    assert lengths == sorted(lengths)
+    assert lengths[-1] == len(trace)
+    assert len(set(lengths)) > 3
+
+
+def test_kill_9_at_twenty_random_moments_loses_no_chunk(tmp_path):
+    """What can be read is a run's beginning, in order, without duplicates, and up to the file's last whole chunk."""
+    whole = simulate(Scenario.load("push_wall", {"simulation.duration": 6.0}), log_rate="full")
+    dice = random.Random(3)
+    lengths = []
+    for i in range(20):
+        command = [*COMMAND, "run", "simulation.duration=2000", "--log-rate", "full", "-q", "-o", f"{i}"]
+        process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL)
+        log = tmp_path / f"{i}" / "run.mcap"
+        while not (log.exists() and log.stat().st_size > 500_000):
+            assert process.poll() is None
+            time.sleep(0.002)
+        time.sleep(dice.uniform(0.0, 0.4))
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        trace = Trace.load(log)
+        assert trace.status is Status.truncated
+        n = min(len(trace), len(whole) - 1)
+        assert np.array_equal(trace.t[:n], whole.t[:n])
+        assert np.array_equal(trace.tau[:n], whole.tau[:n])
+        assert np.all(np.diff(trace.t) > 0)
+        others = 0  # as another reader finds it
+        try:
+            with open(log, "rb") as file:
+                for _, channel, _ in NonSeekingReader(file).iter_messages(log_time_order=False):
+                    others += channel.topic == "/tau"
+        except Exception:  # whatever that reader says of a file without an end
+            pass
+        assert others == len(trace)
+        lengths.append(len(trace))
+        log.unlink()
+    assert len(set(lengths)) > 5
+
+
+# Damaged
+
+
+def test_500_damaged_logs_never_pass_for_what_they_are_not(tmp_path):
+    """Bit flips and truncations anywhere, metadata and attachments included."""
+    log = tmp_path / "run.mcap"
+    scenario = {
+        "simulation.duration": 0.1,
+        "wall.position": 0.002,
+        "reference.step_time": 0.0,
+        "description": "x" * 200,
+    }
+    trace = simulate(Scenario.load("push_wall", scenario), sinks=[McapLog(log)])
+    data = log.read_bytes()
+    dice = random.Random(20261121)
+    ends = [m.start() for m in re.finditer(rb"uvms_mj|run\.json|scenario\.toml|outcome\.json|geometry\.json", data)]
+    damaged = tmp_path / "damaged.mcap"
+    told = 0
+    for i in range(500):
+        copy = bytearray(data)
+        anywhere, elsewhere = dice.randrange(len(data)), dice.choice(ends) + dice.randrange(-40, 400)
+        place = min(len(data) - 1, elsewhere) if i % 2 else anywhere  # near what is no sample, the smaller part
+        copy[place] ^= 1 << dice.randrange(8)
+        if i % 5 == 0:
+            copy = copy[: dice.randrange(len(copy))]
+        damaged.write_bytes(copy)
+        intact = bytes(copy) == data[: len(copy)]
+        start = time.monotonic()
+        part, said = tried(damaged)
+        if part is None:
+            assert said.startswith(str(damaged))
+            assert len(said) < 600
+            told += 1
+        else:
+            assert intact or i % 5 == 0, place
+            assert part.status is Status.truncated or len(part) == len(trace)
+            for name in part:
+                assert np.array_equal(part[name], trace[name][: len(part)]), (place, name)
+            assert part.scenario == trace.scenario
+            assert part.header.mjcf == trace.header.mjcf
+            assert part.header.law == trace.header.law
+            assert part.header.geometry.shapes == trace.header.geometry.shapes
+        assert time.monotonic() - start < 5.0
+    assert told > 390
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "is empty"),
+        (b"not a log at all", "not an MCAP file"),
+        (b"\x89MCAP0\r\n", "cut off"),
+        (b"\x89MCAP0\r\n" + b"\xff" * 100, "cut off|damaged"),
+        (b"\x89MCAP0\r\n\x0f" + struct.pack("<Q", 1 << 62) + b"x" * 50, "cut off|damaged"),
+    ],
+)
+def test_what_is_no_log_gets_one_clear_error(tmp_path, content, message):
+    (tmp_path / "x.mcap").write_bytes(content)
+    with pytest.raises(InputError, match=message):
+        Trace.load(tmp_path / "x.mcap")
+    for command in ("info", "replay"):
+        done = run(command, "x.mcap", cwd=tmp_path)
+        assert done.returncode == 2
+        assert "Traceback" not in done.stderr
+        assert done.stderr.startswith("error: x.mcap")
+
+
+def test_an_mcap_file_of_somebody_elses_is_named_as_such(tmp_path):
+    from mcap.writer import Writer
+
+    buffer = io.BytesIO()
+    writer = Writer(buffer)
+    writer.start("ros2")
+    writer.finish()
+    (tmp_path / "x.mcap").write_bytes(buffer.getvalue())
+    with pytest.raises(InputError, match="not a log that uvms-mj wrote"):
+        Trace.load(tmp_path / "x.mcap")
+    with pytest.raises(InputError, match="No such file"):
+        Trace.load(tmp_path / "nowhere.mcap")
+    with pytest.raises(InputError, match="directory"):
+        Trace.load(tmp_path)
+
+
+def rewritten(path, change):
+    """A log whose attachments were changed by somebody who knows the format: all checksums are right."""
+    from mcap.opcode import Opcode
+    from mcap.records import Attachment, DataEnd
+
+    from uvms_mj.mcap_log import record_bytes
+
+    out = bytearray(path.read_bytes()[:8])
+    with open(path, "rb") as file:
+        for record in StreamReader(file, emit_chunks=True).records:
+            if isinstance(record, DataEnd):
+                break
+            if isinstance(record, Attachment):
+                record.name, record.data = change(record.name, record.data)
+            out += record_bytes(record)
+    assert out[8] == Opcode.HEADER
+    return bytes(out)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda name, data: (f"../../{name}", data),
+        lambda name, data: (name, data.replace(b"format", b"fromat")),
+        lambda name, data: (name, data.replace(b"stiffness = 100000.0", b"stiffness = -1.0")),
+        lambda name, data: (name, data.replace(b'"row_steps": 10', b'"row_steps": 20')),
+        lambda name, data: (name, data.replace(b'"gsta"', b'"/bin/sh.py:Law"')),
+        lambda name, data: (name, data.replace(b'name = "gsta"', b'name = "os.py:Law"')),
+        lambda name, data: (name, b"[" * 100_000 if name == "run.json" else data),
+        lambda name, data: (name, b'{"a":' * 50_000 if name == "geometry.json" else data),
+    ],
+)
+def test_a_forged_log_is_refused_and_writes_nothing(logged, tmp_path, change):
+    forged = tmp_path / "in" / "deep" / "forged.mcap"
+    forged.parent.mkdir(parents=True)
+    forged.write_bytes(rewritten(logged[1], change))
+    with pytest.raises(InputError):
+        Trace.load(forged)
+    assert list(tmp_path.rglob("*")) == [tmp_path / "in", forged.parent, forged]
+
+
+def test_a_model_in_a_log_reaches_no_file_of_the_readers(logged, tmp_path):
+    (tmp_path / "secret.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n")
+    mesh = f'<mesh name="m" file="{tmp_path}/secret.obj"/></asset>'.encode()
+    forged = tmp_path / "forged.mcap"
+    forged.write_bytes(
+        rewritten(logged[1], lambda n, d: (n, d.replace(b"</asset>", mesh) if n.startswith("model/") else d))
+    )
+    done = run("run", "--from", forged, "-q", "-o", "x", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "refers to what is not there" in done.stderr
+    assert not (tmp_path / "x").exists()
+
+
+# What ships with it
+
+
+def test_the_docs_list_every_topic_with_its_type_unit_and_frame(logged):
+    trace, _ = logged
+    text = (ROOT / "docs" / "log.md").read_text()
+    cells = [
+        [c.strip().strip("`") for c in line.strip("|").split("|")] for line in text.splitlines() if line[:2] == "| "
+    ]
+    listed = {row[0]: row[1:4] for row in cells if row[0].startswith("/")}
+    expected = {t.name: [t.type, t.frame, t.unit] for t in Format(trace.header).topics}
+    gsta = simulate(Scenario.load("push_wall", {"simulation.duration": 0.01}))
+    expected |= {t.name: [t.type, t.frame, t.unit] for t in Format(gsta.header).topics}
+    expected = {name.replace("/law/z", "/law/<state>"): facts for name, facts in expected.items()}
+    assert listed == expected
+
+
+def test_the_foxglove_layout_shows_topics_that_exist(logged):
+    trace, _ = logged
+    layout = json.loads((ROOT / "docs" / "foxglove_layout.json").read_text())
+    text = json.dumps(layout)
+    named = set(re.findall(r'"(/[a-z_/]+)[".]', text))
+    assert named
+    assert named <= {t.name for t in Format(trace.header).topics} | {
+        "/law/z",
+        "/analytic/contact",
+        "/analytic/position",
+    }
+    assert {panel.partition("!")[0] for panel in layout["configById"]} >= {"3D", "Plot"}
