@@ -3,10 +3,11 @@
     python scripts/benchmark.py                 a table
     python scripts/benchmark.py --json FILE     the same figures as JSON
     python scripts/benchmark.py --no-start      without the cold and warm start of the command
+    python scripts/benchmark.py --hour          a simulated hour for the memory of a long run, not ten minutes
 
 Bare is ``mj_step`` of the same model in the same contact state: free in the water, or resting on the wall. The closed
 loops record at 1 kHz. Shared machines drift, so each round times everything once, in turn, and ratios are medians of
-the rounds' own ratios.
+the rounds' own ratios. What a log costs is the difference of two whole runs of the paper's scenario, one without a log.
 """
 
 import json
@@ -26,8 +27,9 @@ from rich.console import Console
 from rich.table import Table
 
 from numpy_loop import NumpyLoop
-from uvms_mj import Scenario
+from uvms_mj import McapLog, Scenario, Trace, simulate
 from uvms_mj.control import BUILT_IN
+from uvms_mj.metrics import AROUND_THE_END_S
 from uvms_mj.native.attachment import attach
 from uvms_mj.native.closed_loop import ClosedLoop
 from uvms_mj.plant import build
@@ -117,6 +119,64 @@ def measure(rounds: int) -> list[dict]:
     return rows
 
 
+def logs(rounds: int) -> list[dict]:
+    """What a log of the paper's run costs: seconds beside a run that records at 1 kHz and logs nothing, seconds to load
+    it, and its size."""
+    scenario = Scenario.load("push_wall")
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "run.mcap"
+
+        def seconds(rate: str | None, sinks: list[McapLog]) -> float:
+            log.unlink(missing_ok=True)
+            start = time.perf_counter()
+            simulate(scenario, log_rate=rate, sinks=sinks, keep_s=AROUND_THE_END_S)
+            return time.perf_counter() - start
+
+        times: dict[str, list[float]] = {"no log": [], "1 kHz": [], "full": []}
+        loads: dict[str, list[float]] = {"1 kHz": [], "full": []}
+        sizes = {}
+        seconds(None, [])
+        for _ in range(rounds):
+            times["no log"].append(seconds(None, []))
+            for name, rate in (("1 kHz", None), ("full", "full")):
+                times[name].append(seconds(rate, [McapLog(log)]))
+                sizes[name] = log.stat().st_size
+                start = time.perf_counter()
+                n = len(Trace.load(log))
+                loads[name].append(time.perf_counter() - start)
+        for name, loading in loads.items():
+            added = [a - b for a, b in zip(times[name], times["no log"], strict=True)]
+            rows.append(
+                {
+                    "what": name,
+                    "run_s": statistics.median(times[name]),
+                    "added_s": statistics.median(added),
+                    "load_s": statistics.median(loading),
+                    "MB": sizes[name] / 1e6,
+                }
+            )
+    assert n == scenario.steps + 1
+    return rows
+
+
+def long_run(seconds: float) -> dict:
+    """Peak memory of ``uvms-mj run`` at 100 Hz over the paper's 20 s, and over many more."""
+
+    def peak_MB(duration: float) -> float:
+        with tempfile.TemporaryDirectory() as folder:
+            settings = [f"simulation.duration={duration:g}", "--log-rate", "100", "--quiet", "--out", folder]
+            code = (
+                "import resource, subprocess, sys; subprocess.run(sys.argv[1:], check=True);"
+                "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
+            )
+            command = [sys.executable, "-c", code, sys.executable, "-m", "uvms_mj", "run", *settings]
+            done = subprocess.run(command, check=True, capture_output=True, text=True)
+        return int(done.stdout) / (1e6 if sys.platform == "darwin" else 1e3)
+
+    return {"simulated_s": seconds, "peak_MB": peak_MB(seconds), "peak_MB_of_20_s": peak_MB(20.0)}
+
+
 def starts(rounds: int) -> list[dict]:
     """Whole-process seconds of ``uvms-mj --help`` and of ``uvms-mj run --controller gsta``, with an empty cache and
     with a full one."""
@@ -145,7 +205,8 @@ def starts(rounds: int) -> list[dict]:
 @click.option("--rounds", default=40, show_default=True, help="Chunks of each kind.")
 @click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write the figures to a file.")
 @click.option("--start/--no-start", default=True, help="Time cold and warm start of the command as well.")
-def main(rounds: int, json_file: Path | None, start: bool) -> None:
+@click.option("--hour", is_flag=True, help="Run a simulated hour for the memory of a long run.")
+def main(rounds: int, json_file: Path | None, start: bool, hour: bool) -> None:
     steps = measure(rounds)
     table = Table("what", "state", "us a step", "x bare", "x gsta", "real-time factor")
     for row in steps:
@@ -158,6 +219,16 @@ def main(rounds: int, json_file: Path | None, start: bool) -> None:
             f"{row['real_time_factor']:.1f}",
         )
     Console().print(table)
+    logging = logs(max(1, rounds // 5))
+    table = Table("log", "run s", "added s", "load s", "MB")
+    for row in logging:
+        table.add_row(row["what"], *(f"{row[key]:.2f}" for key in ("run_s", "added_s", "load_s")), f"{row['MB']:.1f}")
+    Console().print(table)
+    memory = long_run(3600.0 if hour else 600.0)
+    Console().print(
+        f"{memory['simulated_s']:g} s at 100 Hz: peak {memory['peak_MB']:.0f} MB; "
+        f"20 s: {memory['peak_MB_of_20_s']:.0f} MB"
+    )
     processes = starts(5) if start else []
     if processes:
         table = Table("command", "seconds")
@@ -165,7 +236,9 @@ def main(rounds: int, json_file: Path | None, start: bool) -> None:
             table.add_row(row["what"], f"{row['seconds']:.2f}")
         Console().print(table)
     if json_file:
-        json_file.write_text(json.dumps({"steps": steps, "starts": processes}, indent=2) + "\n")
+        json_file.write_text(
+            json.dumps({"steps": steps, "logs": logging, "long_run": memory, "starts": processes}, indent=2) + "\n"
+        )
 
 
 if __name__ == "__main__":

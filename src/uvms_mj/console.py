@@ -72,7 +72,9 @@ def log_tables(path: Any, trace: Any, files: dict[str, bytes]) -> None:
     table.add_row("attachments", "\n".join(f"{name}, {len(data) / 1e3:.1f} kB" for name, data in files.items()))
     table.add_row("versions", ", ".join(f"{name} {version}" for name, version in header.versions.items()))
     print_table(table)
-    table = Table("topic", "type", "frame", "unit", "meaning", title="topics", title_justify="left", min_width=60)
+    table = Table(title="topics", title_justify="left", min_width=60)
+    for column in ("topic", "type", "frame", "unit", "meaning"):
+        table.add_column(column, no_wrap=column in ("topic", "type"))
     for topic in Format(header).topics:
         table.add_row(topic.name, topic.type, topic.frame, topic.unit, topic.meaning)
     print_table(table)

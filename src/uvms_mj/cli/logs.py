@@ -40,6 +40,7 @@ def info(log: str, show: str | None, as_json: bool) -> None:
             sys.stdout.buffer.write(files[show])
             return
         trace = Trace.load(log)
+        _say_if_truncated(log, trace)
         report = summary(trace, {"mcap": log})
         if as_json:
             law = {"source": header.law.source, "sha256": header.law.sha256}

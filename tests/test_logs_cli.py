@@ -1,0 +1,136 @@
+"""info, export and replay: what a user does with a log."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+from scipy.io import loadmat
+
+from uvms_mj import McapLog, Scenario, Trace, simulate
+from uvms_mj.cli import main
+from uvms_mj.cli.logs import labels
+
+SHORT = {"simulation.duration": 0.3, "wall.position": 0.002, "reference.step_time": 0.0}
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    path = tmp_path_factory.mktemp("logs") / "run.mcap"
+    simulate(Scenario.load("push_wall", SHORT), sinks=[McapLog(path)])
+    return path
+
+
+@pytest.fixture
+def command(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return lambda *arguments: CliRunner().invoke(main, [str(a) for a in arguments])
+
+
+def test_info_prints_the_runs_table_again_and_what_the_log_holds(command, log):
+    done = command("info", log)
+    assert done.exit_code == 0, done.output
+    for text in ("first contact", "peak force", "completed", "/contact/map", "geometry_msgs/WrenchStamped", "mujoco"):
+        assert text in done.stdout
+    assert "301 at 1000 Hz, 0 to 0.3 s" in done.stdout
+    report = json.loads(command("info", log, "--json").stdout)
+    trace = Trace.load(log)
+    assert report["contact"]["peak_N"] == trace.force_peak[-1]
+    assert report["rows"] == 301
+    assert report["signals"]["tau"] == {"shape": [6], "unit": "N, N m", "frame": "B"}
+    assert "run.json" in report["attachments"]
+    assert command("info", log, "--show", "scenario.toml").stdout == trace.scenario.to_toml()
+    assert "did you mean 'scenario.toml'" in command("info", log, "--show", "scenaro.toml").stderr
+
+
+def test_csv_has_every_number_and_its_unit(command, log, tmp_path):
+    assert command("export", log, "--to", "csv", "--out", "x.csv").exit_code == 0
+    trace, frame = Trace.load(log), pd.read_csv(tmp_path / "x.csv")
+    assert frame.shape == (301, sum(signal.size for signal in trace.signals))
+    assert np.array_equal(frame["t [s]"], trace.t)
+    assert np.array_equal(frame[["tau.x [N]", "tau.yaw [N m]"]], trace.tau[:, [0, 5]])
+    assert np.array_equal(frame["quat_WB.w [1]"], trace.quat_WB[:, 0])
+
+
+def test_parquet_has_every_number_and_its_unit(command, log, tmp_path):
+    assert command("export", log, "--out", "x.parquet").exit_code == 0
+    trace, table = Trace.load(log), pq.read_table(tmp_path / "x.parquet")
+    frame = trace.to_dataframe()
+    assert table.column_names == list(frame.columns)
+    for i, name in enumerate(table.column_names):
+        assert np.array_equal(table.column(i).to_numpy(), frame[name]), name
+    about = table.schema.field("tau.yaw").metadata
+    assert (about[b"unit"], about[b"frame"]) == (b"N m", b"B")
+    assert about[b"meaning"]
+
+
+def test_npz_and_mat_have_every_signal_with_unit_and_frame(command, log, tmp_path):
+    trace = Trace.load(log)
+    assert command("export", log, "--to", "npz", "--out", "x.npz").exit_code == 0
+    arrays = np.load(tmp_path / "x.npz")
+    assert command("export", log, "--to", "mat", "--out", "x.mat").exit_code == 0
+    matlab = loadmat(tmp_path / "x.mat")
+    about = json.loads(str(arrays["signals"]))
+    for signal in trace.signals:
+        assert np.array_equal(arrays[signal.name], trace[signal.name]), signal.name
+        assert np.array_equal(matlab[signal.name].reshape(trace[signal.name].shape), trace[signal.name]), signal.name
+        assert about[signal.name]["unit"] == signal.unit
+        assert matlab["signals"][signal.name][0, 0]["frame"][0, 0][0] == signal.frame
+    assert str(arrays["scenario"]) == trace.scenario.to_toml()
+
+
+def test_export_never_writes_over_a_file(command, log, tmp_path):
+    (tmp_path / "mine.csv").write_text("mine")
+    done = command("export", log, "--out", "mine.csv")
+    assert done.exit_code == 2
+    assert "exists" in done.stderr
+    assert (tmp_path / "mine.csv").read_text() == "mine"
+    assert command("export", log, "--to", "csv", "--out", log).exit_code == 2
+    assert len(Trace.load(log)) == 301
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["export", "LOG"], "--to: name a format"),
+        (["export", "LOG", "--out", "x.xls"], "--to: name a format"),
+        (["export", "LOG", "--to", "xls"], "'xls' is not one of"),
+        (["export", "LOG", "--to", "csv", "--out", "nowhere/x.csv"], "can't write"),
+        (["export", "nowhere.mcap", "--to", "csv"], "No such file"),
+        (["info", "nowhere.mcap"], "No such file"),
+        (["replay"], "Missing argument"),
+        (["replay", "LOG", "--save", "x.rrd", "--web"], "one at a time"),
+        (["run", "push_wall", "--from", "LOG"], "one scenario at a time"),
+        (["run", "--from", "nowhere.mcap"], "No such file"),
+        (["run", "--from", "LOG", "controller.k_9=1"], "no such gain"),
+    ],
+)
+def test_bad_input_gives_one_message_and_status_2(command, log, tmp_path, arguments, expected):
+    done = command(*(log if a == "LOG" else a for a in arguments))
+    assert done.exit_code == 2
+    assert expected in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_log_that_was_cut_off_is_shown_with_a_warning(command, log, tmp_path):
+    data = log.read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[: len(data) * 3 // 4])
+    done = command("info", "cut.mcap")
+    assert done.exit_code == 0
+    assert "truncated" in done.stdout
+    assert "cut off" in done.stderr
+    done = command("export", "cut.mcap", "--to", "npz")
+    assert done.exit_code == 0
+    assert "warning: cut.mcap" in done.stderr
+
+
+def test_logs_are_told_apart_by_what_differs(log):
+    gsta = Trace.load(log)
+    fosm = simulate(Scenario.load("push_wall", {"simulation.duration": 0.01}, "fosm"))
+    assert labels(("a/run.mcap", "b/run.mcap"), [gsta, fosm]) == ["gsta", "fosm"]
+    assert labels(("a/run.mcap", "b/run.mcap"), [gsta, gsta]) == ["a", "b"]
+    assert labels(("a/one.mcap", "a/two.mcap"), [gsta, gsta]) == ["one", "two"]
+    assert len(set(labels(("a/run.mcap", "a/run.mcap"), [gsta, gsta]))) == 2
