@@ -5,6 +5,7 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -269,3 +270,48 @@ def test_updating_a_scenario_keeps_a_law_that_has_no_file():
     mine = dataclasses.replace(scenario, controller=Local(k_1=3.0)).updated({"controller.k_2": 4.0})
     assert mine.controller == Local(k_1=3.0, k_2=4.0)
     assert isinstance(mine.controller, Controller)
+
+
+def test_the_truth_is_given_to_the_yardstick_alone(tmp_path):
+    peek = one_liner("Peek", "tau_cmd[:] = signals.tau_nom + 0.0 * signals.tau_dist")
+    path = law_file(tmp_path, peek)
+    with pytest.warns(PlainPythonWarning), pytest.raises(LawError, match="tau_dist"):
+        simulate(Scenario.load("push_wall", SHORT, f"{path}:Peek"))
+    greedy = peek.replace("    @staticmethod", "    uses_truth = True\n    @staticmethod")
+    path = law_file(tmp_path, greedy, name="greedy.py")
+    with pytest.raises(InputError, match="yardstick"):
+        Scenario.load("push_wall", SHORT, f"{path}:Peek")
+
+    @dataclass(frozen=True)
+    class Greedy(Gsta):
+        uses_truth = True
+
+    with pytest.raises(InputError, match="yardstick"):
+        simulate(Scenario.load("push_wall", SHORT), controller=Greedy())
+
+
+def test_the_yardstick_says_that_it_uses_the_truth(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "uvms_mj", "run", "-c", "ideal", "simulation.duration=0.1", "-o", "x"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0
+    assert "the truth" in done.stdout
+    assert b"the truth" in (tmp_path / "x" / "run.mcap").read_bytes()
+
+
+def test_standard_super_twisting_is_gsta_without_linear_terms():
+    trace = {}
+    for law, gains in (("sta", {}), ("gsta", {"controller.beta": 0.0})):
+        trace[law] = simulate(Scenario.load("push_wall", {"simulation.duration": 2.0, **gains}, law))
+    assert np.abs(trace["sta"].p_WB - trace["gsta"].p_WB).max() < 1e-9
+
+
+@pytest.mark.parametrize("A", [0.0, [0.0] * 6])
+def test_the_integral_sliding_variable_has_no_pole(A):
+    assert Gsta(integral=True, A=A).A == (0.0,) * 6
+    assert Gsta(integral=True) == Gsta(integral=True, A=A)
+    with pytest.raises(InputError, match="where integral is true"):
+        Gsta(integral=True, A=-50.0)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from .control import Fosm, Gsta, Impedance
+from .control import Fosm, Gsta, Ideal, Impedance, Sta
 from .design import Design
 from .faults import Fault, InputError
 from .scenario import Scenario
@@ -25,6 +25,8 @@ def check(scenario: Scenario, vehicle: Vehicle, design: Design) -> list[str]:
     """
     h, wall = scenario.simulation.timestep, scenario.wall
     faults = []
+    if scenario.controller.uses_truth and not isinstance(scenario.controller, Ideal):
+        faults.append(Fault("controller.uses_truth", "is for the yardstick, ideal, alone"))
     m = design.along_normal(design.M)
     limit = (np.sqrt(wall.damping**2 + 4.0 * wall.stiffness * m) - wall.damping) / wall.stiffness
     if h >= limit:  # h^2 k/m + 2 h b/m < 4
@@ -60,16 +62,18 @@ def check(scenario: Scenario, vehicle: Vehicle, design: Design) -> list[str]:
 def force_feedback_limit(scenario: Scenario, design: Design) -> float:
     """The greatest control period at which feeding back a contact force one step old leaves the contact damped [s].
 
-    Against a spring k_c an old force is negative damping of about k_c h. The sliding mode laws impose M_d, D_d
-    whatever the vehicle, so that D_d/k_c is the limit along the normal; the impedance law feeds back only the part
-    M_hat M_d^-1 - I.
+    Against a spring k_c an old force is negative damping of about k_c h for each newton that is fed back. The sliding
+    mode laws impose M_d, D_d whatever the vehicle, so that D_d/(K_f k_c) is the limit along the normal. The impedance
+    law and the ideal one feed back only the part M M_d^-1 K_f - I, which is inertia shaping, eq. (4): where M_d < M it
+    costs (M/M_d - 1) k_c h, and they have M/M_d D_d to pay with.
     """
     n, k_c = design.normal, scenario.wall.stiffness
-    D_d = float(n @ design.D_d @ n)
-    if isinstance(scenario.controller, Impedance):
-        ratio = float(n @ design.M_hat @ np.linalg.solve(design.M_d, n))
-        return ratio * D_d / ((ratio - 1.0) * k_c) if ratio > 1.0 + 1e-9 else np.inf
-    return D_d / k_c
+    D_d, K_f = float(n @ design.D_d @ n), float(n @ np.diag(scenario.impedance.K_f) @ n)
+    if isinstance(scenario.controller, Impedance | Ideal):
+        inertia = design.M if isinstance(scenario.controller, Ideal) else design.M_hat
+        ratio = float(n @ inertia @ np.linalg.solve(design.M_d, n))
+        return ratio * D_d / ((ratio * K_f - 1.0) * k_c) if ratio * K_f > 1.0 + 1e-9 else np.inf
+    return D_d / (K_f * k_c) if K_f > 0.0 else np.inf
 
 
 def boundary_layer_limit(controller: Fosm, design: Design) -> float:
@@ -95,7 +99,7 @@ def _sampling(scenario: Scenario, design: Design) -> Iterator[str]:
             f"fosm chatters at a control period of {h:g} s: K_s = {controller.K_s:g} and "
             f"epsilon = {controller.epsilon:g} need less than {limit:.4g} s"
         )
-    if isinstance(controller, Fosm | Gsta | Impedance):
+    if isinstance(controller, Fosm | Gsta | Ideal | Impedance | Sta):
         limit = force_feedback_limit(scenario, design)
         if h >= limit:
             yield (

@@ -1,15 +1,16 @@
 r"""Steady states, from scenario and gains alone: where a vehicle comes to rest and how hard it pushes then.
 
-At rest (nu = 0) zeta is constant in eq. (15), so that s = -A^-1 M_d^-1 (K_d eta_e - tau_c), and the balance of eq.
-(10) reads for each law
+At rest (nu = 0) zeta is constant in eq. (15), so that A s = -M_d^-1 (K_d eta_e - K_f (tau_c - F_d)), and the balance
+of eq. (10) reads for each law
 
 .. math::
 
-    G M_d^{-1} (K_d \tilde\eta - \tau_c) = \hat M^{-1} (d + \hat g(\eta) - g(\eta)), \qquad
+    G M_d^{-1} (K_d \tilde\eta - K_f (\tau_c - F_d)) = \hat M^{-1} (d + \hat g(\eta) - g(\eta)), \qquad
     G = \begin{cases} I & \text{impedance, eq. (23): the static balance of eq. (5)} \\
                       I - A^{-1} K_s / \epsilon & \text{first-order law inside its boundary layer, eq. (31)} \\
-                      \infty & \text{GSTA, with and without nominal control: }
-                                z \text{ takes up what changes slower than } k_2/2
+                      \infty & \text{super-twisting, with and without nominal control: }
+                                z \text{ takes up what changes slower than } k_2/2; \\
+                             & \text{the first-order law with } A = 0, \text{ eq. (6); the ideal law, eq. (13)}
         \end{cases}
 
 with d = tau_dist - C_A(-nu_c)(-nu_c) - D(-nu_c)(-nu_c), the current's and the constant disturbance's wrench on a
@@ -23,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .checks import boundary_layer_limit, control_period, force_feedback_limit
-from .control import Fosm, Gsta, Impedance
+from .control import Fosm, Gsta, Ideal, Impedance, Sta
 from .design import Design
 from .fossen import coriolis_added_mass, damping, restoring
 from .frames import quat_error, rotation_matrix
@@ -62,20 +63,22 @@ def steady_state(
 ) -> SteadyState | NoClosedForm:
     """The steady state of a scenario, or why it has none in closed form; gravity_W (3,) [m/s^2]."""
     controller, h = scenario.controller, control_period(scenario)
-    if type(controller) not in (Impedance, Fosm, Gsta):
+    if type(controller) not in (Impedance, Fosm, Gsta, Sta, Ideal):
         return NoClosedForm("a law of the user's own")
     if not vehicle.rigid:
         return NoClosedForm("the vehicle has moving parts")
     rate = _disturbance_rate(scenario, design)
-    if isinstance(controller, Gsta):
+    if isinstance(controller, Gsta | Sta):
         if controller.k_1 == 0.0 or controller.k_2 == 0.0:
-            return NoClosedForm("GSTA does not converge without k_1 and k_2")
+            return NoClosedForm("super-twisting does not converge without k_1 and k_2")
         if rate.max() >= controller.k_2 / 2.0:
-            return NoClosedForm("the disturbance changes faster than k_2/2, which GSTA can follow")
-    elif rate.any():
+            return NoClosedForm("the disturbance changes faster than k_2/2, which super-twisting can follow")
+    elif rate.any() and not isinstance(controller, Ideal):
         return NoClosedForm("the disturbance never rests")
-    if 0.0 in controller.A:
-        return NoClosedForm("with a zero in A, zeta never rests")
+    if 0.0 in controller.A and isinstance(controller, Impedance):
+        return NoClosedForm("with a zero in A, zeta never rests: s goes on to integrate what the law leaves over")
+    if isinstance(controller, Fosm) and controller.K_s == 0.0 and 0.0 in controller.A:
+        return NoClosedForm("without K_s, a zero in A leaves s adrift")
     if isinstance(controller, Fosm) and h >= boundary_layer_limit(controller, design):
         return NoClosedForm("the sampled first-order law chatters at this step")
     if np.linalg.matrix_rank(vehicle.B) < 6:
@@ -113,11 +116,10 @@ def _solve(scenario: Scenario, vehicle: Vehicle, design: Design, gravity: np.nda
             x = x - step * min(1.0, 0.5 / max(np.abs(step).max(), 1e-300))
             if np.abs(step).max() < 1e-14:
                 break
-        if not np.abs(balance(x)).max() < 1e-8:
-            return None
+        at_rest = bool(np.abs(balance(x)).max() < 1e-8)
         position, quat, _ = balance.pose(x)
         depth = position[0] - scenario.wall.position
-        if in_contact or depth <= 0.0:
+        if at_rest and (depth >= 0.0 if in_contact else depth <= 0.0):
             force = scenario.wall.stiffness * depth if in_contact else 0.0
             return SteadyState(position, quat, float(force), balance.sliding(x), balance.thrust(x))
     return None
@@ -147,13 +149,12 @@ class _Balance:
         self.A = np.array(scenario.controller.A)
         self.M_d_inv = np.linalg.inv(design.M_d)
         self.M_hat_inv = np.linalg.inv(design.M_hat)
+        self.K_f, self.F_d = np.array(scenario.impedance.K_f), np.array(scenario.impedance.F_d)
         controller = scenario.controller
-        if isinstance(controller, Gsta):
-            self.G_inverse = np.zeros(6)
-        elif isinstance(controller, Fosm):
-            self.G_inverse = 1.0 / (1.0 - controller.K_s / controller.epsilon / self.A)
+        if isinstance(controller, Fosm):
+            self.G_inverse = self.A / (self.A - controller.K_s / controller.epsilon)
         else:
-            self.G_inverse = np.ones(6)
+            self.G_inverse = np.full(6, 1.0 if isinstance(controller, Impedance) else 0.0)
 
     def pose(self, x: np.ndarray):
         angle = float(np.linalg.norm(x[3:]))
@@ -172,26 +173,32 @@ class _Balance:
         return tau_c
 
     def asked(self, x: np.ndarray) -> np.ndarray:
-        """M_d^-1 (K_d eta_e - tau_c)."""
+        """M_d^-1 (K_d eta_e - K_f (tau_c - F_d))."""
         position, quat, R_WB = self.pose(x)
         quat_e = np.empty(4)
         quat_error(self.design.quat_d, quat, quat_e)
         eta_e = np.concatenate([R_WB.T @ (position - self.target), quat_e[1:]])
-        return self.M_d_inv @ (self.design.K_d @ eta_e - self.contact(x))
+        return self.M_d_inv @ (self.design.K_d @ eta_e - self.K_f * (self.contact(x) - self.F_d))
 
     def sliding(self, x: np.ndarray) -> np.ndarray:
-        """s at rest; zero for GSTA, whose integral term takes up what the others need s for."""
-        return -self.asked(x) / self.A
+        """s at rest; zero where an integral term takes up what the first-order law needs s for."""
+        controller = self.scenario.controller
+        if isinstance(controller, Fosm):
+            return self.unknown(x) / (controller.K_s / controller.epsilon - self.A)
+        return -self.asked(x) / self.A if isinstance(controller, Impedance) else np.zeros(6)
 
     def thrust(self, x: np.ndarray) -> np.ndarray:
         """tau (6,) that holds the vehicle there: the balance of eq. (10) at rest."""
         d, g_eta = self.environment(x)
         return g_eta - d - self.contact(x)
 
-    def __call__(self, x: np.ndarray) -> np.ndarray:
+    def unknown(self, x: np.ndarray) -> np.ndarray:
+        """The acceleration (6,) that a law without integral term has to find s for."""
         d, g_eta = self.environment(x)
-        unknown = d + (self.scenario.estimates.restoring - 1.0) * g_eta
-        return self.asked(x) - self.G_inverse * (self.M_hat_inv @ unknown)
+        return self.M_hat_inv @ (d + (self.scenario.estimates.restoring - 1.0) * g_eta)
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        return self.asked(x) - self.G_inverse * self.unknown(x)
 
     def environment(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """d and g(eta), (6,) each, in B."""

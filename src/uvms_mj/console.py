@@ -102,6 +102,8 @@ def _run_table(trace: Any, report: dict[str, Any]) -> None:
     def vector(values: Any, form: str) -> str:
         return "  ".join(format(v, form) for v in values).replace("-0.00000", "0.00000")
 
+    if trace.scenario.controller.uses_truth:
+        table.add_row("the law is given", "the truth, current and disturbance included: a yardstick, no vehicle's law")
     if contact["first_s"] is None:
         table.add_row("contact", "none")
     else:

@@ -219,6 +219,7 @@ def metadata(header: Header) -> dict[str, str]:
         "controller": header.scenario.controller.label(),
         "law": header.law.source,
         "law_sha256": header.law.sha256 or "",
+        "law_is_given": "the truth" if header.scenario.controller.uses_truth else "measurements and estimates",
         "vehicle": header.mjcf.name,
         "frames": "map is W (x to the wall, y left, z up), base_link is B (forward, left, up)",
         "units": "SI; radians; wrenches and twists linear first",

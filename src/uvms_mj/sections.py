@@ -95,6 +95,10 @@ class Impedance:
     )
     M_d: Matrix6 = doc("desired inertia, diagonal or 6x6; default: the vehicle's M", None)
     D_d: Matrix6 = doc("desired damping, diagonal or 6x6; default: Ott's design", None)
+    K_f: Annotated[Vector6, AfterValidator(lambda v: _stiffness(v))] = doc(
+        "force gain, a diagonal, eq. (7) [1]", (1.0,) * 6
+    )
+    F_d: Vector6 = doc("wrench that the wall should exert on the vehicle, in B, eq. (7) [N, N m]", (0.0,) * 6)
     damping_ratio: NonNegative = doc("of Ott's design, used where D_d is not given [1]", 1.0)
 
 

@@ -74,12 +74,26 @@ GIVEN = (
     Signal("M_d", (6, 6), "kg, kg m, kg m^2", "B", "desired inertia"),
     Signal("D_d", (6, 6), "N s/m, N m s", "B", "desired damping"),
     Signal("K_d", (6,), "N/m, N m", "B", "desired stiffness, a diagonal"),
+    Signal("K_f", (6,), "1", "B", "desired force gain, a diagonal, eq. (7)"),
+    Signal("F_d", (6,), _WRENCH, "B", "desired wrench of the wall on the vehicle, eq. (7)"),
+    Signal("w", (6,), "m/s^2, rad/s^2", "B", "M_d^-1 (K_d eta_e + D_d nu_e - K_f (tau_c - F_d)), eq. (7)"),
     Signal("tau_nom", (6,), _WRENCH, "B", "nominal control, eq. (23)"),
     Signal("s", (6,), _TWIST, "B", "sliding variable, eq. (14)"),
     Signal("zeta", (6,), _TWIST, "B", "state of the dynamic compensator, eq. (15)"),
 )
 """What a law is given, as fields of the record ``signals``: measurements, reference, estimates and task; never the
 truth."""
+
+TRUTH = (
+    Signal("M", (6, 6), "kg, kg m, kg m^2", "B", "inertia, added mass included"),
+    Signal("nu_r", (6,), _TWIST, "B", "velocity relative to the water"),
+    Signal("nu_c_dot", (6,), "m/s^2, rad/s^2", "B", "acceleration of the water in B, which turns"),
+    Signal("C_nu_r", (6,), _WRENCH, "B", "Coriolis and centripetal wrench C(nu_r) nu_r"),
+    Signal("D_nu_r", (6,), _WRENCH, "B", "damping wrench D(nu_r) nu_r"),
+    Signal("g_eta", (6,), _WRENCH, "B", "restoring wrench"),
+    Signal("tau_dist", (6,), _WRENCH, "B", "disturbance wrench, eq. (10)"),
+)
+"""What no law is given but the yardstick, eq. (13)."""
 
 STATE = (
     Signal("t", (), "s", "-", "time"),

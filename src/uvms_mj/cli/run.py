@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 
 @click.command(epilog="Exit status: 0 completed, 2 bad input, 3 unstable, 130 interrupted.")
 @click.argument("arguments", nargs=-1, metavar="[SCENARIO] [KEY=VALUE]...")
-@click.option("-c", "--controller", metavar="LAW", help="gsta, fosm, impedance, or path/to/my_law.py:MyLaw.")
+@click.option(
+    "-c", "--controller", metavar="LAW", help="gsta, sta, fosm, impedance, ideal, or path/to/my_law.py:MyLaw."
+)
 @click.option(
     "-s",
     "--set",

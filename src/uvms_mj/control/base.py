@@ -83,8 +83,12 @@ class Controller:
     F_2: Annotated[Diagonal, AfterValidator(_nonzero)] = _shared(1.0, "1", "gain of zeta in s, eq. (14)")
     A: Annotated[Diagonal, AfterValidator(_not_positive)] = _shared(-100.0, "1/s", "pole of zeta, eq. (15)")
 
+    integral: bool = _shared(False, "-", "true: s is M_d^-1 times the integral of eq. (6): A is 0, and s(0) is 0")
+
     name: ClassVar[str] = ""
     states: ClassVar[Mapping[str, int]] = {}
+    uses_truth: ClassVar[bool] = False
+    """Whether signals has :data:`uvms_mj.signals.TRUTH` as well; the yardstick's alone."""
 
     def __post_init__(self) -> None:
         given = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
@@ -105,6 +109,11 @@ class Controller:
             raise InputError(faults, place)
         for name, value in valid.items():
             object.__setattr__(self, name, value)
+        if self.integral:  # with A = 0, eq. (20) integrates the impedance's residual
+            if any(self.A) and _six(type(self).A) != self.A:
+                fault = Fault("controller.A", f"{list(self.A)!r} must be 0, or left out, where integral is true")
+                raise InputError([fault], place)
+            object.__setattr__(self, "A", (0.0,) * 6)
 
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):

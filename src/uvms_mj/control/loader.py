@@ -15,9 +15,11 @@ from ..faults import Fault, InputError, suggestion
 from .base import Controller
 from .fosm import Fosm
 from .gsta import Gsta
+from .ideal import Ideal
 from .impedance import Impedance
+from .sta import Sta
 
-BUILT_IN: dict[str, type[Controller]] = {cls.name: cls for cls in (Impedance, Fosm, Gsta)}
+BUILT_IN: dict[str, type[Controller]] = {cls.name: cls for cls in (Impedance, Fosm, Gsta, Sta, Ideal)}
 
 
 _MOST_STATES = 10_000
@@ -91,6 +93,9 @@ def controller_class(source: Any) -> type[Controller]:
         raise InputError(
             [Fault("controller.name", f"{class_name} in {file} must be decorated with @dataclass(frozen=True)")]
         )
+    if cls.uses_truth:
+        fault = Fault("controller.name", f"{class_name} in {file}: uses_truth is for the yardstick, ideal, alone")
+        raise InputError([fault])
     wanted = f"{class_name} in {file}: states must be names with sizes from 1 to {_MOST_STATES}, as in {{'xi': 6}}"
     if not isinstance(cls.states, Mapping):
         raise InputError([Fault("controller.name", f"{wanted}; {cls.states!r} is not")])

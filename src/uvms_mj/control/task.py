@@ -4,9 +4,11 @@ The paper's eqs. (14), (15), (21) and (23) need one common term, the acceleratio
 
 .. math::
 
-    w = M_d^{-1} (K_d \tilde\eta + D_d \tilde\nu - \tau_c),
+    w = M_d^{-1} (K_d \tilde\eta + D_d \tilde\nu - K_f (\tau_c - F_d)),
 
-with which eq. (15) and the gains of eq. (21) read, with :math:`A' = F_2 A F_2^{-1} = A` for diagonal matrices,
+where K_f and F_d are those of generalised impedance, eq. (7): I and zero for the impedance of eq. (12). F_d is the
+wrench that the wall should exert on the vehicle: to push on a wall in front, F_d along x is negative. With w, eq. (15)
+and the gains of eq. (21) read, with :math:`A' = F_2 A F_2^{-1} = A` for diagonal matrices,
 
 .. math::
 
@@ -27,7 +29,6 @@ TASK = np.dtype(
         ("F_1", "f8", (6,)),
         ("F_2", "f8", (6,)),
         ("A", "f8", (6,)),
-        ("w", "f8", (6,)),  # the acceleration above
         ("work", "f8", (6,)),
     ],
     align=True,
@@ -60,12 +61,12 @@ def pose_errors(signals):
 
 @kernel
 def sliding_variable(task, signals, zeta_dot):
-    """Set signals.s, eq. (14), task.w and zeta_dot, eq. (15) with the gains of eq. (21)."""
-    eta_e, nu_e, w, work = signals.eta_e, signals.nu_e, task.w, task.work
+    """Set signals.s, eq. (14), signals.w and zeta_dot, eq. (15) with the gains of eq. (21)."""
+    eta_e, nu_e, w, work = signals.eta_e, signals.nu_e, signals.w, task.work
     F_1, F_2, A = task.F_1, task.F_2, task.A
     matvec(signals.D_d, nu_e, work)
     for i in range(6):
-        work[i] += signals.K_d[i] * eta_e[i] - signals.tau_contact_m_B[i]
+        work[i] += signals.K_d[i] * eta_e[i] - signals.K_f[i] * (signals.tau_contact_m_B[i] - signals.F_d[i])
     matvec(task.M_d_inv, work, w)
     q_w, q_x, q_y, q_z = signals.quat_e[0], signals.quat_e[1], signals.quat_e[2], signals.quat_e[3]
     for i in range(3):
@@ -85,7 +86,7 @@ def nominal_control(task, signals):
     """Set signals.tau_nom, eq. (23), from the estimates; call after sliding_variable."""
     work = task.work
     for i in range(6):
-        work[i] = signals.nu_d_dot[i] - task.w[i]
+        work[i] = signals.nu_d_dot[i] - signals.w[i]
     matvec(signals.M_hat, work, signals.tau_nom)
     for i in range(6):
         signals.tau_nom[i] += signals.C_hat_nu[i] + signals.D_hat_nu[i] + signals.g_hat[i] - signals.tau_contact_m_B[i]

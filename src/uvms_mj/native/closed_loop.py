@@ -7,13 +7,14 @@ from ..control.base import Controller
 from ..design import Design
 from ..faults import Fault, InputError
 from ..scenario import Scenario
+from ..sections import Estimates
 from ..signals import FINAL_WINDOW_S, RECORDED, Signal, thruster_signal
 from ..vehicle import Vehicle
 from .attachment import Attachment
 from .callback import entry_points
 from .compilation import NotCompiled
 from .laws import compile_law
-from .layouts import BELIEFS, FAULT_COMMAND, FAULT_LAW, FAULT_STATE, LOOP, ROW_SIZE
+from .layouts import BELIEFS, FAULT_COMMAND, FAULT_LAW, FAULT_STATE, LOOP, ROW_SIZE, SIGNALS, SIGNALS_AND_TRUTH
 
 SPEED_BOUND = (100.0,) * 3 + (200.0,) * 3
 """A vehicle faster than this [m/s, rad/s] is no vehicle any more."""
@@ -67,6 +68,8 @@ class ClosedLoop:
             "speed_bound": SPEED_BOUND,
             "position_bound": POSITION_BOUND,
             "tau_bound": (TAU_BOUND,) * 6,
+            "reveals": self.controller.uses_truth,
+            "integral": self.controller.integral,
             "controls": model.nu,
             "thrusters": n,
             "states": self._state.nbytes // 8,
@@ -77,11 +80,14 @@ class ClosedLoop:
             self._loop[name] = value
         self._loop["row"]["first_contact"] = -1.0
         self._set_task(design)
-        self._set_beliefs(vehicle, scenario, model.opt.gravity)
+        self._set_beliefs("beliefs", vehicle, scenario.estimates, model.opt.gravity)
+        self._set_beliefs("coefficients", vehicle, Estimates(), model.opt.gravity)
         signals = self._loop["signals"]
         signals["period"] = period_steps * self.timestep
         signals["M_hat"], signals["M_d"], signals["D_d"] = design.M_hat, design.M_d, design.D_d
         signals["K_d"], signals["quat_d"] = np.diag(design.K_d), design.quat_d
+        signals["K_f"], signals["F_d"] = scenario.impedance.K_f, scenario.impedance.F_d
+        self._loop["truth"]["M"] = design.M
         joint = model.body_jntadr[attachment.body_id]
         qpos, dof = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
         self._loop["qpos_safe"] = data.qpos[qpos : qpos + 7]
@@ -122,8 +128,8 @@ class ClosedLoop:
         task["M_d_inv"] = np.linalg.inv(design.M_d)
         task["F_1"], task["F_2"], task["A"] = self.controller.F_1, self.controller.F_2, self.controller.A
 
-    def _set_beliefs(self, vehicle: Vehicle, scenario: Scenario, gravity: np.ndarray) -> None:
-        factors, g = scenario.estimates, float(np.linalg.norm(gravity))
+    def _set_beliefs(self, record: str, vehicle: Vehicle, factors: Estimates, gravity: np.ndarray) -> None:
+        g = float(np.linalg.norm(gravity))
         values = {
             "M_RB": factors.coriolis * vehicle.M_RB,
             "M_A": factors.coriolis * vehicle.M_A,
@@ -137,7 +143,7 @@ class ClosedLoop:
         }
         assert set(values) == set(BELIEFS.names or ())
         for name, value in values.items():
-            self._loop["beliefs"][name] = value
+            self._loop[record][name] = value
 
     @property
     def compiled(self) -> bool:
@@ -179,8 +185,12 @@ class ClosedLoop:
 
     def call_law(self) -> None:
         """Run the law as plain Python on the sensed signals; whatever it raises comes through."""
+        given = SIGNALS_AND_TRUTH if self.controller.uses_truth else SIGNALS
+        assert LOOP.fields is not None
+        start = LOOP.fields["signals"][1]
+        view = self._loop.view(np.uint8)[start : start + given.itemsize].view(given)
         gains, state, state_dot, signals = (
-            record.view(np.recarray)[0] for record in (self._gains, self._state, self._state_dot, self._loop["signals"])
+            record.view(np.recarray)[0] for record in (self._gains, self._state, self._state_dot, view)
         )
         type(self.controller).law(gains, state, signals, state_dot, self._loop["tau_cmd"][0])
 

@@ -49,6 +49,7 @@ _CORE = (
     "native/memory.py",
     "reference.py",
     "signals.py",
+    "truth.py",
 )
 """All that can reach the machine code of the core; an import contract keeps these files from using others of the
 package."""

@@ -10,7 +10,7 @@ import numpy as np
 from ..control.base import Controller
 from ..control.loader import BUILT_IN
 from .compilation import NativeFunction, global_values, native_function, source_files
-from .layouts import SIGNALS
+from .layouts import SIGNALS, SIGNALS_AND_TRUTH
 
 if TYPE_CHECKING:  # names of the template below, set for each law
     carray: Any = None
@@ -63,7 +63,7 @@ def compile_law(controller: Controller) -> NativeFunction:
             "pointer": pointer,
             "GAINS": gains,
             "STATE": state,
-            "SIGNALS": SIGNALS,
+            "SIGNALS": SIGNALS_AND_TRUTH if controller.uses_truth else SIGNALS,
             "law": numba.njit(boundscheck=True, error_model="python")(law),
             "__name__": __name__,
         }

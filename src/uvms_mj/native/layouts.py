@@ -5,9 +5,12 @@ import numpy as np
 from ..control.task import TASK
 from ..estimates import BELIEFS
 from ..hydrodynamics import WATER
-from ..signals import GIVEN, RUNNING, STATE, record_dtype
+from ..signals import GIVEN, RUNNING, STATE, TRUTH, record_dtype
 
 SIGNALS = record_dtype(GIVEN)
+TRUE_SIGNALS = record_dtype(TRUTH)
+SIGNALS_AND_TRUTH = record_dtype(GIVEN + TRUTH)
+"""What the yardstick is given: both records as they stand in LOOP, one after the other."""
 ROW = record_dtype(STATE + RUNNING)
 ROW_SIZE = ROW.itemsize // 8
 
@@ -81,6 +84,10 @@ LOOP = np.dtype(
         ("signals_at", "i8"),
         ("tau_cmd_at", "i8"),
         ("signals", SIGNALS),
+        ("truth", TRUE_SIGNALS),  # right behind signals
+        ("coefficients", BELIEFS),  # the true ones
+        ("reveals", "i8"),  # whether the law is given the truth
+        ("integral", "i8"),  # whether s begins at zero, as an integral does
         ("zeta_dot", "f8", (6,)),
         ("tau_cmd", "f8", (6,)),
         ("tau", "f8", (6,)),

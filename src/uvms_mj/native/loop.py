@@ -13,6 +13,7 @@ from ..frames import body_acceleration, body_velocity, rotation, to_body
 from ..hydrodynamics import disturbance
 from ..kernels import kernel
 from ..reference import filtered_steps
+from ..truth import reveal
 from .layouts import FAULT_COMMAND, FAULT_LAW, FAULT_NONE, FAULT_STATE, ROW_SIZE
 from .memory import call_law, floats, integers, triples
 
@@ -65,8 +66,13 @@ def sense(context, loop):
     measure_contact(loop, signals)
     pose_errors(signals)
     estimate(loop.beliefs, signals, loop.task.work)
+    if loop.integral != 0 and loop.step == 0:
+        for i in range(6):  # s = 0 in eq. (14)
+            signals.zeta[i] = -(signals.nu_e[i] + loop.task.F_1[i] * signals.eta_e[i]) / loop.task.F_2[i]
     sliding_variable(loop.task, signals, loop.zeta_dot)
     nominal_control(loop.task, signals)
+    if loop.reveals != 0:
+        reveal(loop.coefficients, context.water, signals, loop.truth, loop.task.work)
 
 
 @kernel
@@ -83,7 +89,7 @@ def measure_contact(loop, signals):
     for i in range(3):
         signals.f_contact_m_W[i] = contact[1 + i]
     to_body(signals.R_WB, signals.f_contact_m_W, tau)
-    arm, work = loop.task.w, loop.task.work  # free until the sliding variable is computed
+    arm, work = signals.w, loop.task.work  # free until the sliding variable is computed
     for i in range(3):
         work[i] = contact[4 + i] - loop.p[i]
     to_body(signals.R_WB, work, arm)
