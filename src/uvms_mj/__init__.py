@@ -10,7 +10,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .control import Controller, Fosm, Gsta, Impedance, gain
+    from .control import Controller, Fosm, Gsta, Ideal, Impedance, Sta, gain
     from .faults import InputError
     from .mcap_log import McapLog
     from .native import Attachment, attach
@@ -24,12 +24,14 @@ _HOME = {
     "Controller": "control",
     "Fosm": "control",
     "Gsta": "control",
+    "Ideal": "control",
     "Impedance": "control",
     "InputError": "faults",
     "LawError": "simulation",
     "McapLog": "mcap_log",
     "Scenario": "scenario",
     "SinkError": "simulation",
+    "Sta": "control",
     "Status": "recording",
     "Trace": "trace",
     "attach": "native",
@@ -42,12 +44,14 @@ __all__ = [
     "Controller",
     "Fosm",
     "Gsta",
+    "Ideal",
     "Impedance",
     "InputError",
     "LawError",
     "McapLog",
     "Scenario",
     "SinkError",
+    "Sta",
     "Status",
     "Trace",
     "attach",
