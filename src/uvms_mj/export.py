@@ -24,11 +24,15 @@ def _parquet(trace: Trace, path: Path) -> None:
     frame = trace.to_dataframe()
     units, frames = frame.attrs["units"], frame.attrs["frames"]
     meanings = {signal.name: signal.meaning for signal in trace.signals}
-    table = pa.Table.from_pandas(frame, preserve_index=False)
-    for i, field in enumerate(table.schema):
-        about = {"unit": units[field.name], "frame": frames[field.name]}
-        about["meaning"] = meanings[field.name.partition(".")[0]]
-        table = table.set_column(i, field.with_metadata(about), table.column(i))
+    fields = [
+        pa.field(
+            name,
+            pa.float64(),
+            metadata={"unit": units[name], "frame": frames[name], "meaning": meanings[name.partition(".")[0]]},
+        )
+        for name in frame.columns
+    ]
+    table = pa.Table.from_arrays([pa.array(frame[name]) for name in frame.columns], schema=pa.schema(fields))
     pyarrow.parquet.write_table(table, path)
 
 

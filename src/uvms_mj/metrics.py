@@ -1,14 +1,18 @@
 """Numbers from a trace: pure functions, and the summary that a run ends in."""
 
+import functools
 import math
 from typing import Any
 
 import numpy as np
 
 from .closed_forms import NoClosedForm, SteadyState
-from .recording import Status
+from .design import Design
+from .frames import rotation_matrix
+from .recording import Header, Status
 from .signals import FINAL_WINDOW_S
 from .trace import Trace
+from .vehicle import Vehicle
 
 SETTLED = 1e-3
 """A force that changes by less than this part of itself over the final window has settled."""
@@ -16,6 +20,8 @@ AROUND_THE_END_S = 2.0 * FINAL_WINDOW_S
 """How much of a run's end :func:`summary` needs [s]; the rest is in the running signals."""
 AT_REST = 1e-4
 """Without contact, a vehicle slower than this has settled [m/s, rad/s]."""
+FAST_S = 0.01
+"""What is over within this time is chattering, not control [s]."""
 
 
 def final_force(trace: Trace) -> tuple[float | None, bool]:
@@ -103,3 +109,213 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray) and value.ndim:
         return [_plain(v) for v in value]
     return float(value)
+
+
+# Numbers of a whole run or a part of it. Times [s] are those of rows: the first at or after `start`, the last at or
+# before `end`; vectors (6,) are [N, N m] unless another unit is given. What is accumulated at every step is taken as
+# the difference of a running signal between two rows, so that it does not depend on the log rate.
+
+
+def settling_time(t: np.ndarray, y: np.ndarray, final: float, tolerance: float) -> float | None:
+    r"""The instant after which |y - final| <= tolerance until the end of t [s]; None if the last sample is outside.
+
+    .. math:: t_s = \min \{ t_k : |y_j - y_\infty| \le \delta \;\forall j \ge k \}
+    """
+    outside = np.flatnonzero(~(np.abs(y - final) <= tolerance))
+    if not len(outside):
+        return float(t[0])
+    return float(t[outside[-1] + 1]) if outside[-1] + 1 < len(t) else None
+
+
+def position_settling_time(trace: Trace, band: float = 0.02) -> float | None:
+    """When x of W came to within ``band`` times its whole change of its final mean, for good [s]."""
+    x = trace.p_WB[:, 0]
+    final = _final_mean(trace, x)
+    return settling_time(trace.t, x, final, band * abs(final - x[0]))
+
+
+def force_settling_time(trace: Trace, band: float = 0.02) -> float | None:
+    """When the pushing force came to within ``band`` of :func:`final_force`, for good [s]; None without contact.
+
+    Of rows: it is as fine as the log.
+    """
+    final, _ = final_force(trace)
+    return settling_time(trace.t, trace.push, final, band * final) if final else None
+
+
+def overshoot(trace: Trace) -> float:
+    r"""How far x of W went beyond its final mean, as a part of its whole change [1].
+
+    .. math:: \max(0, \max_k \sigma (x_k - x_\infty)) / |x_\infty - x_0|, \qquad \sigma = \mathrm{sgn}(x_\infty - x_0)
+    """
+    x = trace.p_WB[:, 0]
+    change = _final_mean(trace, x) - x[0]
+    return max(0.0, float((np.sign(change) * (x - x[0])).max() / abs(change)) - 1.0) if change else 0.0
+
+
+def impact_impulse(trace: Trace) -> float | None:
+    """Impulse of the first touch, from first contact until the wall was free again [N s]; None without contact.
+
+    The integral is that of every step; the end of the touch is seen in rows. The peak is ``force_peak``.
+    """
+    begun = np.flatnonzero(trace.impulse > 0.0)
+    if not len(begun):
+        return None
+    free = np.flatnonzero(trace.push[begun[0] :] == 0.0)
+    return float(trace.impulse[begun[0] + free[0]] if len(free) else trace.impulse[-1])
+
+
+def demanded_force(trace: Trace) -> float:
+    r"""The pushing force at rest that eq. (12) demands, whatever the disturbance [N].
+
+    With eta_e = K_d^-1 tau_c and the wall's spring (34) along its normal n,
+
+    .. math:: F = \max\left(0, \frac{x_d - x_c}{n^\top K_d^{-1} n + 1/k_c}\right)
+    """
+    scenario, design = trace.scenario, design_of(trace)
+    stiffness = np.diag(design.K_d)
+    pushed = np.abs(design.normal) > 1e-12
+    if (stiffness[pushed] <= 0.0).any():
+        return 0.0
+    give = float((design.normal[pushed] ** 2 / stiffness[pushed]).sum()) + 1.0 / scenario.wall.stiffness
+    return max(0.0, (scenario.reference.steps[-1].position[0] - scenario.wall.position) / give)
+
+
+def steady_force_error(trace: Trace) -> float | None:
+    """:func:`final_force` minus :func:`demanded_force` [N]."""
+    final, _ = final_force(trace)
+    return None if final is None else final - demanded_force(trace)
+
+
+def impedance_error(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndarray:
+    r"""Rms of the residual of eq. (12), averaged over 10 ms each (6,).
+
+    .. math:: r_j = \frac{1}{T} \int_{t_j}^{t_j + T} (M_d \dot{\tilde\nu} + D_d \tilde\nu + K_d \tilde\eta - \tau_c)
+              \, dt, \qquad \sqrt{\tfrac{1}{n} \sum_j r_j^2}
+
+    No acceleration is sampled: its integral is the difference of nu_e, that of the normal force the running impulse;
+    both are exact. nu_e, eta_e and what friction gives are integrated by the trapezoidal rule over rows.
+    """
+    design, h = design_of(trace), trace.scenario.simulation.timestep
+    rows = _grid(trace, start, end)
+    first, last = rows[:-1], rows[1:]
+    T = (trace.t[last] - trace.t[first])[:, None]
+    # a force acts from t_k on for one step: a sum from the left, which the running impulse, a trapezoid, is not
+    f = np.array(trace.f_contact_W)
+    integral = _cumulative(trace.t, f)
+    integral[:, 0] = -trace.impulse
+    force_W = (integral[last] - integral[first] + 0.5 * h * (f[first] - f[last])) / T
+    arm_W = np.array([trace.header.geometry.reach, 0.0, 0.0])
+    R_BW = np.array(
+        [
+            0.5 * (rotation_matrix(trace.quat_WB[a]) + rotation_matrix(trace.quat_WB[b])).T
+            for a, b in zip(first, last, strict=True)
+        ]
+    ).reshape(-1, 3, 3)
+    tau_c = np.hstack([np.einsum("nij,nj->ni", R_BW, force_W), np.einsum("nij,nj->ni", R_BW, np.cross(arm_W, force_W))])
+    means = {name: np.diff(_cumulative(trace.t, trace[name])[rows], axis=0) / T for name in ("nu_e", "eta_e")}
+    nu_e_dot = (trace.nu_e[last] - trace.nu_e[first]) / T
+    residual = nu_e_dot @ design.M_d.T + means["nu_e"] @ design.D_d.T + means["eta_e"] @ design.K_d.T - tau_c
+    return np.sqrt((residual**2).mean(axis=0)) if len(residual) else np.full(6, np.nan)
+
+
+def control_effort(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndarray:
+    r"""Integral of tau_i^2 (6,) [N^2 s, N^2 m^2 s], at every step."""
+    return _gain(trace, "effort", start, end)[0]
+
+
+def total_variation(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndarray:
+    r"""Sum of |tau_k - tau_(k-1)| over every step (6,)."""
+    return _gain(trace, "tau_variation", start, end)[0]
+
+
+def chattering(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndarray:
+    r"""Chattering index: variation a second that leads nowhere within 10 ms (6,) [N/s, N m/s].
+
+    .. math:: \frac{1}{t_b - t_a} \left( \sum_k |\tau_k - \tau_{k-1}| - \sum_j |\tau(t_j + T) - \tau(t_j)| \right)
+
+    with the first sum over every step and the second over intervals of T = 10 ms. A smooth input has about none, for it
+    turns at few instants only; an input that switches at every step has all its total variation.
+    """
+    rows = _grid(trace, start, end)
+    variation = trace.tau_variation[rows[-1]] - trace.tau_variation[rows[0]]
+    slow = np.abs(np.diff(trace.tau[rows], axis=0)).sum(axis=0)
+    return np.maximum(0.0, variation - slow) / max(trace.t[rows[-1]] - trace.t[rows[0]], 1e-300)
+
+
+def mean_change(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndarray:
+    """Mean step-to-step change of tau (6,): total variation over the number of steps."""
+    variation, duration = _gain(trace, "tau_variation", start, end)
+    return variation * trace.scenario.simulation.timestep / max(duration, 1e-300)
+
+
+def largest_change(trace: Trace, end: float = np.inf) -> np.ndarray:
+    """Largest step-to-step change of tau until ``end`` (6,), over every step."""
+    return trace.tau_step_max[_window(trace, 0.0, end)[1]]
+
+
+def reversals(trace: Trace, threshold: float, start: float = 0.0, end: float = np.inf) -> np.ndarray:
+    """How often tau turned back: changes of more than ``threshold`` from row to row, one after the other in opposite
+    directions (6,) [1]. Of rows: meant for logs of every step."""
+    first, last = _window(trace, start, end)
+    change = np.diff(trace.tau[first : last + 1], axis=0)
+    change[np.abs(change) <= threshold] = 0.0
+    return (change[1:] * change[:-1] < 0.0).sum(axis=0)
+
+
+def least_wall_work(trace: Trace) -> float:
+    r"""The least that the work done on the wall ever was [J], of rows.
+
+    .. math:: \min_t \int_0^t -f_W^\top \dot p_{WB} \, dt
+
+    Negative where the vehicle would have drawn energy from a passive wall; ``wall_work`` at the end is the net.
+    """
+    return float(trace.wall_work.min())
+
+
+def boundary_layer_share(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndarray:
+    """Part of the time with |s_i| < epsilon (6,) [1], at every step; epsilon = 1e-3 for a law that has none."""
+    inside, duration = _gain(trace, "boundary_layer_time", start, end)
+    return inside / max(duration, 1e-300)
+
+
+def _window(trace: Trace, start: float, end: float) -> tuple[int, int]:
+    """First and last row of a part of a run."""
+    first = int(np.searchsorted(trace.t, start - 1e-9))
+    last = int(np.searchsorted(trace.t, end + 1e-9, side="right")) - 1
+    first = min(first, len(trace) - 1)
+    return first, max(first, last)
+
+
+def _gain(trace: Trace, name: str, start: float, end: float) -> tuple[np.ndarray, float]:
+    """What a running signal gained in a part of a run, and how long that is [s]."""
+    first, last = _window(trace, start, end)
+    return trace[name][last] - trace[name][first], float(trace.t[last] - trace.t[first])
+
+
+def _grid(trace: Trace, start: float, end: float) -> np.ndarray:
+    """Rows 10 ms apart, or all where the log is slower than that."""
+    first, last = _window(trace, start, end)
+    instants = np.arange(trace.t[first], trace.t[last] + 1e-9, FAST_S)
+    rows = np.searchsorted(trace.t, instants - 1e-9)
+    return np.unique(np.minimum(rows, last))
+
+
+def _cumulative(t: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Running integral (n, m) of y (n, m) over t by the trapezoidal rule."""
+    steps = 0.5 * np.diff(t)[:, None] * (y[1:] + y[:-1])
+    return np.concatenate([np.zeros((1, y.shape[1])), np.cumsum(steps, axis=0)])
+
+
+def _final_mean(trace: Trace, y: np.ndarray) -> float:
+    return float(y[trace.t >= trace.t[-1] - FINAL_WINDOW_S].mean())
+
+
+def design_of(trace: Trace) -> Design:
+    """What the law was to impose, from what the log carries."""
+    return _design(trace.header)
+
+
+@functools.lru_cache(maxsize=32)
+def _design(header: Header) -> Design:
+    return Design.of(header.scenario, Vehicle.from_model(header.mjcf.compiled(header.mjcf.spec())))

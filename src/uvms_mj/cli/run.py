@@ -146,7 +146,7 @@ def _simulate(
     if viewer:
         from ..rerun_view import LiveView
 
-        sinks.append(LiveView())
+        sinks.insert(0, LiveView())  # where there is no display, nothing has been written yet
     error = None
     with warnings.catch_warnings(), console.progress(scenario) as bar:
         warnings.showwarning = console.warn
