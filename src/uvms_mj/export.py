@@ -12,27 +12,20 @@ from .trace import Trace
 
 
 def _csv(trace: Trace, path: Path) -> None:
-    frame = trace.to_dataframe()
-    units = frame.attrs["units"]
-    frame.to_csv(path, index=False, header=[f"{name} [{units[name]}]" for name in frame.columns])
+    header = [f"{column.name} [{column.unit}]" for column in trace.columns()]
+    trace.to_dataframe().to_csv(path, index=False, header=header)
 
 
 def _parquet(trace: Trace, path: Path) -> None:
     import pyarrow as pa
     import pyarrow.parquet
 
-    frame = trace.to_dataframe()
-    units, frames = frame.attrs["units"], frame.attrs["frames"]
-    meanings = {signal.name: signal.meaning for signal in trace.signals}
+    columns = list(trace.columns())
     fields = [
-        pa.field(
-            name,
-            pa.float64(),
-            metadata={"unit": units[name], "frame": frames[name], "meaning": meanings[name.partition(".")[0]]},
-        )
-        for name in frame.columns
+        pa.field(c.name, pa.float64(), metadata={"unit": c.unit, "frame": c.signal.frame, "meaning": c.signal.meaning})
+        for c in columns
     ]
-    table = pa.Table.from_arrays([pa.array(frame[name]) for name in frame.columns], schema=pa.schema(fields))
+    table = pa.Table.from_arrays([pa.array(column.values) for column in columns], schema=pa.schema(fields))
     pyarrow.parquet.write_table(table, path)
 
 

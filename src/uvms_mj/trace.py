@@ -20,6 +20,16 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
+class Column:
+    """One number of a signal at all instants: its name, its unit, what it is a part of, and values (n,)."""
+
+    name: str
+    unit: str
+    signal: Signal
+    values: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class Trace:
     """The samples of a run: ``trace.s``, ``trace["f_contact_W"]``, each an array (n, ...) that can't be written to.
 
@@ -68,15 +78,20 @@ class Trace:
         """
         import pandas as pd
 
-        columns, units, frames = {}, {}, {}
+        columns = list(self.columns())
+        frame = pd.DataFrame({column.name: column.values for column in columns})
+        units = {column.name: column.unit for column in columns}
+        frames = {column.name: column.signal.frame for column in columns}
+        frame.attrs = {"units": units, "frames": frames, "scenario": self.scenario.name}
+        return frame
+
+    def columns(self) -> Iterator["Column"]:
+        """The samples number by number: ``t``, ``p_WB.x``, ``p_WB.y``, ..."""
         for signal in self.signals:
             values = self[signal.name].reshape(len(self), signal.size)
             for i, (component, unit) in enumerate(zip(signal.components, signal.units, strict=True)):
                 name = f"{signal.name}.{component}" if signal.shape else signal.name
-                columns[name], units[name], frames[name] = values[:, i], unit, signal.frame
-        frame = pd.DataFrame(columns)
-        frame.attrs = {"units": units, "frames": frames, "scenario": self.scenario.name}
-        return frame
+                yield Column(name, unit, signal, values[:, i])
 
     def __getattr__(self, name: str) -> np.ndarray:
         try:

@@ -224,7 +224,7 @@ def law_signals(controller: Controller) -> tuple[Signal, ...]:
     """
     taken = {signal.name for signal in (*RECORDED, thruster_signal(0))}
     taken |= {*dir(np.recarray), "arrays", "duration_s", "file", "message", "notes", "push", "save", "scenario"}
-    taken |= {"load", "of", "header", "outcome", "to_dataframe"}
+    taken |= {"columns", "load", "of", "header", "outcome", "to_dataframe"}
     taken |= {"signals", "status", "steps", "wall_time_s", "analytic", "allow_pickle"}
     faults = [
         Fault(f"states[{name!r}]", "is the name of a recorded signal or of an attribute; choose another")
