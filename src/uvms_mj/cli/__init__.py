@@ -2,6 +2,7 @@
 
 import click
 
+from .certify import certify
 from .listing import controllers, keys
 from .logs import export, info, replay
 from .run import run
@@ -17,12 +18,13 @@ def main() -> None:
     uvms-mj replay runs/.../run.mcap      look at a run in Rerun; several logs are compared
     uvms-mj info runs/.../run.mcap        what a log holds
     uvms-mj export runs/.../run.mcap      the samples as CSV, Parquet, NPZ or MAT
+    uvms-mj certify                       how fast a disturbance may change, and how fast it did
     uvms-mj controllers                   the laws, their gains, units and defaults
     uvms-mj keys                          all keys of a scenario
     """
 
 
-for command in (run, replay, info, export, controllers, keys):
+for command in (run, replay, info, export, certify, controllers, keys):
     main.add_command(command)
 
 __all__ = ["main"]

@@ -1,0 +1,320 @@
+r"""How fast a disturbance may change for GSTA to converge for certain, and how fast a run's own disturbance did.
+
+The error system, for each axis by itself (paper, eqs. (28)-(30)), with w = z + varphi and
+:math:`\varphi = \hat M^{-1} \bar\tau_{dist}` of eq. (11):
+
+.. math::
+
+    \dot s = -k_1 \phi_1(s) + w + G_1(t) \phi_1(s), \qquad \dot w = -k_2 \phi_2(s) + \dot\varphi, \qquad
+    |\dot\varphi| \le \delta_2 |\phi_2(s)|
+
+As :math:`|\phi_2| = 1/2 + \tfrac32 \beta |s|^{1/2} + \beta^2 |s|`, the last condition is met for every s by
+
+.. math::
+
+    |\dot\varphi| \le L + L_s |s| \iff L \le \delta_2 / 2 \text{ and } L_s \le \beta^2 \delta_2:
+
+the two parts don't compete, and a rate that depends on time alone needs :math:`L \le \delta_2 / 2`.
+
+**Reduction** (Moreno 2009; Moreno and Osorio 2012). With :math:`\xi = (\phi_1(s), w)`, :math:`\phi_2 = \phi_1' \phi_1`
+and :math:`\dot\varphi = G_2(t) \phi_2`, :math:`|G_2| \le \delta_2`,
+
+.. math::
+
+    \dot\xi = \phi_1'(s) \begin{bmatrix} -a & 1 \\ -b & 0 \end{bmatrix} \xi, \qquad a = k_1 - G_1(t),\ b = k_2 - G_2(t).
+
+Let :math:`V = \xi^\top P \xi` with :math:`P = \begin{bmatrix} D + p^2 & -p \\ -p & 1 \end{bmatrix}`, D > 0, which is
+every positive definite P up to a factor. Then
+
+.. math::
+
+    \dot V / \phi_1' = -2 (a (D + p^2) - p b) \xi_1^2 + 2 (D + p^2 + p a - b) \xi_1 \xi_2 - 2 p \xi_2^2
+
+is negative definite iff p > 0 and :math:`4 b D > (p a - p^2 - b - D)^2`, that is, iff
+
+.. math::
+
+    |\sqrt b - \sqrt D| < \sqrt{p (a - p)} < \sqrt b + \sqrt D: \quad
+    \text{the three roots are the sides of a triangle.}
+
+**Theorem.** Let a range over [a_min, a_max] and b over :math:`[k_2 - \delta_2, k_2 + \delta_2]`, both positive, and
+:math:`\Delta = \sqrt{k_2 + \delta_2} - \sqrt{k_2 - \delta_2}`. One P does for all of them iff
+
+.. math::
+
+    \Delta < a_{min} \quad\text{and}\quad
+    \tfrac12 (a_{max} - a_{min}) \left(a_{min} - \sqrt{a_{min}^2 - \Delta^2}\right)
+    < 2 \left(k_2 - \delta_2 + \sqrt{k_2^2 - \delta_2^2}\right).
+
+*Proof.* With m the middle root, sqrt(D) must be above :math:`\max(\sqrt{b_{max}} - m_{min}, m_{max} - \sqrt{b_{min}})`
+and below :math:`\sqrt{b_{min}} + m_{min}`. Such a D exists iff :math:`\Delta < 2 m_{min}` and :math:`m_{max} - m_{min}
+< 2 \sqrt{b_{min}}`. Over p the first is widest at p = a_min / 2, where m_min = a_min / 2; the left side of the second
+grows with p, so that it is asked at the least p that the first allows, :math:`2 p = a_{min} - \sqrt{a_{min}^2 -
+\Delta^2}`. There :math:`m_{min} = \Delta / 2` and :math:`m_{max}^2 = \Delta^2 / 4 + p (a_{max} - a_{min})`. ∎
+
+Without a vanishing part (G_1 = 0) the second condition always holds and the first reads
+
+.. math::
+
+    L < \frac{\delta_2}{2} = \begin{cases} k_2 / 2 & k_1^2 \ge 2 k_2 \\
+                                         \tfrac12 k_1 \sqrt{k_2 - k_1^2 / 4} & \text{otherwise,} \end{cases}
+
+which is the circle criterion, :math:`\delta_2 |G(j\omega)| < 1` with :math:`G(p) = 1 / (p^2 + k_1 p + k_2)` (Khalil,
+Nonlinear Systems, 3rd ed., Theorem 7.1). It does not depend on beta. With G_1 and G_2 within their bounds along a
+solution, :math:`\dot V \le -\phi_1' \epsilon |\xi|^2` for some :math:`\epsilon > 0`, and as :math:`\phi_1' = \tfrac12
+|s|^{-1/2} + \beta` and :math:`|s|^{1/2} \le |\xi|`,
+
+.. math::
+
+    \dot V \le -\frac{\epsilon}{2 \sqrt{\lambda_{max}(P)}} \sqrt V - \frac{\beta \epsilon}{\lambda_{max}(P)} V:
+
+(s, w) is zero after a finite time. (V is absolutely continuous along solutions, which is all that this needs: Moreno
+and Osorio 2012. Diagonal G_i are the setting of López-Caamal and Moreno 2019, Theorem 1, that the paper cites.)
+
+**How sharp.** Beyond L = k_2 / 2 nothing helps: z_dot can't follow a constant rate at s = 0, and s stays where
+:math:`k_2 |\phi_2(s)| = L`. For k_1^2 >= 2 k_2 the certificate reaches that limit. Below, a common quadratic V asks for
+too much: against the worst rate, L sgn(s_dot), k_1 = 2, k_2 = 10 hold out until 1.46 times the certified bound.
+
+**Sampled** with step h by explicit Euler, s and w end in a band. With beta = 0 the sampled system is the same for every
+h in the coordinates s / h^2, w / h, and so is the set of admissible disturbances, whose increments are at most L h: the
+band of s is proportional to h^2 and that of w to h (Levant 2005, Homogeneity approach to high-order sliding mode
+design). With beta > 0 the same coordinates have beta h for beta, so that this is the limit for small h.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+
+from .control import Gsta, Sta
+from .faults import InputError
+from .fossen import restoring
+from .frames import rotation, to_body
+from .plant import Plant, build
+from .trace import Trace
+
+MARGIN = 0.25
+"""What :func:`gains_for` adds to the rate that it is asked for."""
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """For which disturbances GSTA converges in finite time: |varphi_dot| <= L + L_s |s| for any L < rate, L_s < state.
+
+    Attributes:
+        rate: L [m/s^3, rad/s^3].
+        state: L_s [1/s^2]; zero for beta = 0.
+        limit: k_2/2, the rate that no gains k_1 and beta get beyond [m/s^3, rad/s^3].
+        beta: [(s/m)^(1/2)].
+    """
+
+    rate: float
+    state: float
+    limit: float
+    beta: float
+
+    @classmethod
+    def of(cls, controller: Gsta | Sta) -> "Certificate":
+        """The certificate of a law's gains, for the worst of its axes; standard super-twisting has beta = 0.
+
+        Without nominal control, s_dot keeps the A s that eq. (22) would have cancelled: a vanishing part with G_1 in
+        [A / beta, 0].
+        """
+        if isinstance(controller, Sta):
+            rate = rate_bound(controller.k_1, controller.k_2)
+            return cls(rate, 0.0, controller.k_2 / 2.0, 0.0)
+        least_A, beta = min(controller.A), controller.beta
+        least = 0.0
+        if not controller.nominal and least_A < 0.0:
+            least = least_A / beta if beta > 0.0 else -math.inf
+        rate = rate_bound(controller.k_1, controller.k_2, (least, 0.0))
+        return cls(rate, 2.0 * beta**2 * rate, controller.k_2 / 2.0, beta)
+
+    def allowed(self, s: np.ndarray) -> np.ndarray:
+        """The greatest |varphi_dot| at s under which V still falls, delta_2 |phi_2(s)|."""
+        size = np.abs(s)
+        return 2.0 * self.rate * (0.5 + 1.5 * self.beta * np.sqrt(size) + self.beta**2 * size)
+
+
+def rate_bound(k_1: float, k_2: float, G_1: tuple[float, float] = (0.0, 0.0)) -> float:
+    """The least upper bound of the rates L that are certified: delta_2 / 2 of the theorem [m/s^3].
+
+    Args:
+        k_1: [m^(1/2)/s^(3/2)].
+        k_2: [m/s^3].
+        G_1: range of the vanishing part, rho_1 = G_1 phi_1(s), in k_1's unit; where it has a width, the bound is less.
+    """
+    a_min, spread = k_1 - G_1[1], G_1[1] - G_1[0]
+    if a_min <= 0.0 or k_2 <= 0.0 or not math.isfinite(spread):
+        return 0.0
+    delta = k_2 if a_min**2 >= 2.0 * k_2 else a_min * math.sqrt(k_2 - a_min**2 / 4.0)
+    if spread > 0.0 and _second_condition(delta, a_min, spread, k_2) < 0.0:
+        delta = brentq(_second_condition, 0.0, delta, (a_min, spread, k_2), xtol=1e-14 * k_2)
+    return delta / 2.0
+
+
+def _second_condition(delta: float, a_min: float, spread: float, k_2: float) -> float:
+    """Right side minus left side, which falls with delta."""
+    root = math.sqrt(k_2**2 - delta**2)
+    two_p = a_min - math.sqrt(max(0.0, a_min**2 - 2.0 * (k_2 - root)))  # Delta^2 = 2 k_2 - 2 root
+    return 2.0 * (k_2 - delta + root) - 0.5 * spread * two_p
+
+
+def lyapunov_matrix(k_1: float, k_2: float, rate: float, G_1: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
+    """P (2, 2) of V = xi^T P xi, which falls for every disturbance up to the rate; the middle of those that do.
+
+    Raises:
+        ValueError: the rate is not below :func:`rate_bound`.
+    """
+    if not 0.0 <= rate < rate_bound(k_1, k_2, G_1):
+        raise ValueError(f"rate {rate:g} is not below the certified {rate_bound(k_1, k_2, G_1):g}")
+    a_min, a_max = k_1 - G_1[1], k_1 - G_1[0]
+    low, high = math.sqrt(k_2 - 2.0 * rate), math.sqrt(k_2 + 2.0 * rate)
+
+    def excess(p: float) -> float:
+        """How much more room the second condition of the proof leaves than the first."""
+        return low + high - math.sqrt(p * (a_min - p)) - math.sqrt(p * (a_max - p))
+
+    p = a_min / 2.0
+    if excess(p) < 0.0:
+        p = brentq(excess, 0.0, p)
+    D = (0.5 * (low + high)) ** 2  # halfway between sqrt(b_max) - m_min, the greater one here, and sqrt(b_min) + m_min
+    return np.array([[D + p**2, -p], [-p, 1.0]])
+
+
+def gains_for(rate: float, state: float = 0.0, beta: float = 0.0, margin: float = MARGIN) -> tuple[float, float]:
+    """Gains (k_1, k_2) under which |varphi_dot| <= (1 + margin) (rate + state |s|) is the certified bound.
+
+    k_2 is the least that there is, as none below twice the rate can follow; it is also the size of the jumps of z_dot
+    about s = 0. k_1 = (2 k_2)^(1/2) is the least with which the certificate reaches k_2 / 2.
+
+    Args:
+        rate: L [m/s^3, rad/s^3].
+        state: L_s [1/s^2].
+        beta: [(s/m)^(1/2)].
+        margin: as a part of the bound.
+
+    Raises:
+        InputError: a bound is not a finite, positive number, or there is none to be had.
+    """
+    for name, value in (("rate", rate), ("state", state), ("beta", beta), ("margin", margin)):
+        if not 0.0 <= value < math.inf:
+            raise InputError(f"{name} {value:g}: must be a finite number, not negative")
+    if rate == 0.0 == state:
+        raise InputError("rate 0: a disturbance that never changes needs no least gains; give a positive rate")
+    if state > 0.0 and beta == 0.0:
+        raise InputError(f"state {state:g}: a rate that grows with s can be followed with beta > 0 only")
+    delta = 2.0 * rate if state == 0.0 else max(2.0 * rate, state / beta**2)
+    k_2 = (1.0 + margin) * delta
+    return math.sqrt(2.0 * k_2), k_2
+
+
+@dataclass(frozen=True, eq=False)
+class Experienced:
+    """The disturbance varphi of eq. (28) during a run.
+
+    Attributes:
+        t: (n,) [s].
+        varphi: (n, 6) [m/s^2, rad/s^2].
+        rate: (n - 1, 6) difference quotients from one row to the next [m/s^3, rad/s^3]: means over the rows' distance,
+            so that what changes within it shows in a log with more rows only. varphi itself is continuous at an
+            impact, for it depends on nu and not on the contact force; its rate is largest there, as nu_dot is.
+        contact_lag: (6,) largest M_hat^-1 (tau_c - tau_c_measured) [m/s^2, rad/s^2]. The law knows a force one step
+            old. That is a disturbance too, but one that jumps at each touch and has no rate: proportional to the step
+            as it is, it widens the band. It is not in varphi.
+    """
+
+    t: np.ndarray
+    varphi: np.ndarray
+    rate: np.ndarray
+    contact_lag: np.ndarray
+
+    def largest_rate(self, start: float = -math.inf, end: float = math.inf) -> np.ndarray:
+        """(6,) of the rows from start to end [s]; zero if there are none."""
+        inside = (self.t[:-1] >= start) & (self.t[1:] <= end)
+        return np.abs(self.rate[inside]).max(axis=0, initial=0.0)
+
+    def time_beyond(self, certificate: Certificate, s: np.ndarray) -> np.ndarray:
+        """(6,) time for which the rate was not below what is certified at s (n, 6), and V may have grown [s]."""
+        crossed = s[:-1] * s[1:] <= 0.0
+        nearest = np.where(crossed, 0.0, np.minimum(np.abs(s[:-1]), np.abs(s[1:])))
+        return np.diff(self.t) @ (np.abs(self.rate) >= certificate.allowed(nearest))
+
+
+@dataclass(frozen=True)
+class NotGiven:
+    """Why a run's disturbance isn't."""
+
+    reason: str
+
+
+def experienced(trace: Trace) -> Experienced | NotGiven:
+    """The disturbance that the sliding mode of a run had to reject, from its samples and the true coefficients.
+
+    Besides tau_bar_dist of eq. (11) that is what eq. (10) leaves out, the wrench that saturated thrusters did not give;
+    what eq. (18) leaves out, F_1 (omega x p_e), for p_e is in B; and, where GSTA works alone, the nominal control (23)
+    that it has to make up for.
+    """
+    controller = trace.scenario.controller
+    if trace.scenario.estimates.inertia != 1.0:
+        return NotGiven("M_hat is not M: varphi then has (M_hat - M) nu_dot in it, and nu_dot the law's own switching")
+    if len(trace) < 2:
+        return NotGiven("fewer than two samples")
+    plant = build(trace.scenario, trace.header.mjcf)
+    if not plant.vehicle.rigid:
+        return NotGiven("the vehicle has moving parts, which eq. (11) does not know")
+    wrench = lumped_disturbance(trace, plant) + trace.tau - trace.tau_cmd
+    if isinstance(controller, Gsta) and not controller.nominal:
+        wrench -= trace.tau_nom
+    M_hat_inv = np.linalg.inv(plant.design.M_hat)
+    varphi = wrench @ M_hat_inv.T
+    varphi[:, :3] -= np.array(controller.F_1[:3]) * np.cross(trace.nu[:, 3:], trace.eta_e[:, :3])
+    late = _in_body(_rotations(trace), (trace.f_contact_W - trace.f_contact_m_W).T)
+    rate = np.diff(varphi, axis=0) / np.diff(trace.t)[:, None]
+    return Experienced(trace.t, varphi, rate, np.abs(late @ M_hat_inv.T).max(axis=0))
+
+
+def lumped_disturbance(trace: Trace, plant: Plant) -> np.ndarray:
+    """tau_bar_dist (n, 6) of the paper's eq. (11) [N, N m], estimates minus truth as there."""
+    scenario, vehicle, gravity = trace.scenario, plant.vehicle, plant.model.opt.gravity
+    factors = scenario.estimates
+    R_WB, nu = _rotations(trace), trace.nu
+    heading = np.deg2rad(scenario.current.direction_deg)
+    nu_c = _in_body(R_WB, scenario.current.speed * np.array([np.cos(heading), np.sin(heading), 0.0]))
+    nu_c_dot = np.zeros_like(nu_c)
+    nu_c_dot[:, :3] = -np.cross(nu[:, 3:], nu_c[:, :3])  # constant in W
+
+    def coriolis(nu: np.ndarray) -> np.ndarray:
+        a = nu @ vehicle.M.T  # Fossen (2021), eq. (6.44); C_RB of eq. (3.63) gives the same product
+        v, omega = nu[:, :3], nu[:, 3:]
+        return np.hstack([np.cross(omega, a[:, :3]), np.cross(v, a[:, :3]) + np.cross(omega, a[:, 3:])])
+
+    def damping(nu: np.ndarray) -> np.ndarray:
+        return (vehicle.D_linear + vehicle.D_quadratic * np.abs(nu)) * nu  # eq. (33)
+
+    g = float(np.linalg.norm(gravity))
+    up_W, g_eta = -gravity / g if g else np.zeros(3), np.empty((6, len(trace)))
+    restoring(vehicle.mass * g, vehicle.displaced_mass * g, vehicle.r_g, vehicle.r_b, up_W, R_WB, g_eta)
+    return (
+        trace.tau_dist
+        + nu_c_dot @ vehicle.M.T
+        + (factors.coriolis * coriolis(nu) - coriolis(nu - nu_c))
+        + (factors.damping * damping(nu) - damping(nu - nu_c))
+        + (factors.inertia - 1.0) * (trace.nu_dot @ vehicle.M.T)
+        + (factors.restoring - 1.0) * g_eta.T
+    )
+
+
+def _rotations(trace: Trace) -> np.ndarray:
+    """R_WB (3, 3, n)."""
+    R_WB = np.empty((3, 3, len(trace)))
+    rotation(trace.quat_WB.T, R_WB)
+    return R_WB
+
+
+def _in_body(R_WB: np.ndarray, a_W: np.ndarray) -> np.ndarray:
+    """(n, 6): a_W (3,) or (3, n) in B, and three zeros."""
+    a_B = np.zeros((6, R_WB.shape[2]))
+    to_body(R_WB, a_W, a_B)
+    return a_B.T

@@ -1,0 +1,245 @@
+"""``uvms-mj certify``."""
+
+import json
+import os
+import sys
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..console import Console, print_table
+from .common import EXIT_INTERRUPTED, EXIT_UNSTABLE, Stop, bad_input, end
+
+if TYPE_CHECKING:
+    from ..control import Gsta, Sta
+    from ..scenario import Scenario
+    from ..trace import Trace
+
+_AXES = ("x", "y", "z", "roll", "pitch", "yaw")
+
+
+@click.command(epilog="Exit status: 0 whatever the verdict, 2 bad input, 3 the run was unstable, 130 interrupted.")
+@click.argument("arguments", nargs=-1, metavar="[SCENARIO] [KEY=VALUE]...")
+@click.option("-c", "--controller", metavar="LAW", help="gsta or sta, the laws that there is a certificate for.")
+@click.option(
+    "-s",
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Replace a key of the scenario; may be repeated.",
+)
+@click.option("--from", "log", metavar="LOG", help="Take the samples and gains of a log, run.mcap, instead of running.")
+@click.option("--rate", type=float, metavar="L", help="Print gains for a disturbance's rate [m/s^3]; nothing is run.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object on standard output and nothing else.")
+@click.option("-q", "--quiet", is_flag=True, help="No progress bar and no table.")
+def certify(
+    arguments: tuple[str, ...],
+    controller: str | None,
+    settings: tuple[str, ...],
+    log: str | None,
+    rate: float | None,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Say how fast a disturbance may change for GSTA to converge for certain, and how fast the scenario's did.
+
+    The bound on the rate comes from a Lyapunov function, written out in uvms_mj.certificate, and depends on the gains
+    alone. The scenario, the paper's by default, is run for its own disturbance.
+
+    \b
+    uvms-mj certify
+    uvms-mj certify --set controller.k_2=40 --set controller.k_1=9
+    uvms-mj certify --from results/run.mcap
+    uvms-mj certify --rate 15
+    """
+    stop = Stop()
+    os.environ.setdefault("MUJOCO_GL", "disable")  # nothing is drawn here, and looking for a display takes time
+    console = Console(as_json, quiet)
+    try:
+        with bad_input():
+            from ..recording import Status
+
+            scenario, trace = _load(arguments, controller, settings, log)
+            law = _super_twisting(scenario, log)
+            if rate is not None:
+                _report_gains(law, rate, console)
+                return
+            trace = trace if trace is not None else _run(scenario, console, stop)
+            _report(law, trace, console)
+    except KeyboardInterrupt:
+        end("interrupted before the first step", EXIT_INTERRUPTED)
+    if trace.status is not Status.completed:
+        click.echo(f"{trace.status.name}: {trace.message}", err=True)
+    sys.exit({Status.unstable: EXIT_UNSTABLE, Status.interrupted: EXIT_INTERRUPTED}.get(trace.status, 0))
+
+
+def _load(
+    arguments: tuple[str, ...], controller: str | None, settings: tuple[str, ...], log: str | None
+) -> "tuple[Scenario, Trace | None]":
+    """The scenario, and the trace where a log has it."""
+    from ..faults import InputError
+    from ..scenario import Scenario, parse_setting
+
+    if log is not None:
+        if arguments or settings or controller is not None:
+            raise InputError("--from takes a log as it is: leave scenario, law and settings out")
+        from ..trace import Trace
+
+        trace = Trace.load(log)
+        return trace.scenario, trace
+    names = [a for a in arguments if "=" not in a]
+    if len(names) > 1:
+        raise InputError(f"one scenario at a time, please: {', '.join(names)}")
+    overrides = dict(parse_setting(s) for s in (*settings, *(a for a in arguments if "=" in a)))
+    return Scenario.load(names[0] if names else "push_wall", overrides, controller), None
+
+
+def _super_twisting(scenario: "Scenario", log: str | None) -> "Gsta | Sta":
+    from ..control import Gsta, Sta
+    from ..faults import InputError
+
+    law = scenario.controller
+    if not isinstance(law, Gsta | Sta):
+        choose = "" if log is not None else "; choose it with --controller gsta"
+        raise InputError(f"{law.label()}: the certificate is for the gains of gsta and sta{choose}")
+    return law
+
+
+def _run(scenario: "Scenario", console: Console, stop: Stop) -> "Trace":
+    import warnings
+
+    from ..simulation import simulate
+
+    with warnings.catch_warnings(), console.progress(scenario) as bar:
+        warnings.showwarning = console.warn
+
+        def progress(done: int, total: int) -> None:
+            stop.check()
+            bar(done, total)
+
+        return simulate(scenario, progress=progress)
+
+
+def _report_gains(law: "Gsta | Sta", rate: float, console: Console) -> None:
+    from rich.table import Table
+
+    from ..certificate import MARGIN, gains_for, rate_bound
+    from ..faults import InputError
+
+    if not _nominal(law):
+        raise InputError("--rate: gains are given for the law with nominal control; leave controller.nominal out")
+    k_1, k_2 = gains_for(rate)
+    bound = rate_bound(k_1, k_2)
+    if console.as_json:
+        gains = {"k_1": k_1, "k_2": k_2}
+        click.echo(json.dumps({"rate": rate, "margin": MARGIN, "gains": gains, "certified_rate": bound}))
+    elif not console.quiet:
+        table = Table(title="gains for a disturbance's rate", show_header=False, title_justify="left", min_width=60)
+        table.add_row("rate", f"{rate:g} m/s^3, rad/s^3")
+        table.add_row("k_1", f"{k_1:.6g} m^(1/2)/s^(3/2), the least with which all of k_2/2 is certified")
+        table.add_row("k_2", f"{k_2:.6g} m/s^3, the least for this rate and {MARGIN:.0%} more")
+        table.add_row("beta", "any: the bound on a rate that depends on time alone does not depend on it")
+        table.add_row("certified rate", f"{bound:.6g} m/s^3, rad/s^3")
+        print_table(table)
+
+
+def _report(law: "Gsta | Sta", trace: "Trace", console: Console) -> None:
+    from ..certificate import Certificate, NotGiven, experienced
+
+    certificate, found = Certificate.of(law), experienced(trace)
+    report: dict[str, Any] = {
+        "scenario": trace.scenario.name,
+        "status": trace.status.name,
+        "controller": law.label(),
+        "gains": {"k_1": law.k_1, "k_2": law.k_2, "beta": certificate.beta, "nominal": _nominal(law)},
+        "certified": {"rate": certificate.rate, "state": certificate.state, "limit": certificate.limit},
+        "experienced": None,
+    }
+    if isinstance(found, NotGiven):
+        report |= {"is_certified": None, "verdict": f"no verdict on this scenario: {found.reason}"}
+    else:
+        import numpy as np
+
+        from ..signals import FINAL_WINDOW_S
+
+        first = float(trace.first_contact[-1])
+        free = found.largest_rate(end=first) if first >= 0.0 else found.largest_rate()
+        largest, beyond = found.largest_rate(), found.time_beyond(certificate, trace.s)
+        columns = {
+            "varphi": np.abs(found.varphi).max(axis=0),
+            "rate": largest,
+            "rate_before_contact": free,
+            "rate_at_end": found.largest_rate(start=float(found.t[-1]) - FINAL_WINDOW_S - 1e-9),
+            "margin": certificate.rate - largest,
+            "margin_to_limit": certificate.limit - largest,
+            "time_beyond_s": beyond,
+            "contact_lag": found.contact_lag,
+        }
+        report["experienced"] = {"axes": list(_AXES)} | {name: values.tolist() for name, values in columns.items()}
+        report["is_certified"] = bool(certificate.rate > 0.0 and not beyond.any())
+        report["verdict"] = _verdict(law, certificate.rate, largest, beyond)
+    if console.as_json:
+        click.echo(json.dumps(report, allow_nan=False))
+    elif not console.quiet:
+        _tables(report)
+
+
+def _nominal(law: "Gsta | Sta") -> bool:
+    """Whether the nominal control (23) is part of the law; of sta, it always is."""
+    return getattr(law, "nominal", True)
+
+
+def _verdict(law: "Gsta | Sta", bound: float, largest: Any, beyond: Any) -> str:
+    from ..certificate import MARGIN, gains_for
+
+    if bound == 0.0:
+        return "not certified: with these gains no disturbance is"
+    if not beyond.any():
+        by_state = "" if largest.max() < bound else ", as the state-dependent part allows"
+        return (
+            f"certified: the disturbance of each axis changed slowly enough{by_state}; "
+            "s converges in finite time to a band that shrinks with the step"
+        )
+    axes = ", ".join(axis for axis, time in zip(_AXES, beyond, strict=True) if time > 0.0)
+    sentence = (
+        f"not certified: in {axes} the disturbance changed faster than the bound, for up to {beyond.max():.3g} s "
+        "in all, and s may have left zero there"
+    )
+    if not _nominal(law):
+        return sentence
+    k_1, k_2 = gains_for(float(largest.max()))
+    return f"{sentence}; k_1 = {k_1:.3g} and k_2 = {k_2:.3g} are certified for this rate and {MARGIN:.0%} more"
+
+
+def _tables(report: dict[str, Any]) -> None:
+    from rich.table import Table
+
+    gains, certified, found = report["gains"], report["certified"], report["experienced"]
+    table = Table(
+        title=f"{report['scenario']} · {report['controller']}", show_header=False, title_justify="left", min_width=60
+    )
+    alone = "" if gains["nominal"] else ", without nominal control"
+    table.add_row("gains", f"k_1 = {gains['k_1']:g}, k_2 = {gains['k_2']:g}, beta = {gains['beta']:g}{alone}")
+    table.add_row("certified rate", f"|varphi_dot| < {certified['rate']:.6g} + {certified['state']:.6g} |s|")
+    table.add_row("no gain gets beyond", f"k_2/2 = {certified['limit']:.6g}")
+    table.add_row("verdict", report["verdict"])
+    print_table(table)
+    if found is None:
+        return
+    table = Table(title="the scenario's own disturbance, in m and rad", title_justify="left")
+    heads = {
+        "varphi": "|varphi| [1/s^2]",
+        "rate": "rate [1/s^3]",
+        "rate_before_contact": "before contact",
+        "rate_at_end": "last 0.5 s",
+        "margin": "margin",
+        "margin_to_limit": "to k_2/2",
+        "time_beyond_s": "beyond [s]",
+    }
+    table.add_column("axis")
+    for head in heads.values():
+        table.add_column(head, justify="right")
+    for i, axis in enumerate(_AXES):
+        table.add_row(axis, *(f"{found[name][i]:.3g}" for name in heads))
+    print_table(table)
