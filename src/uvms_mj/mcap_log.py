@@ -36,7 +36,7 @@ from .mcap_format import CHUNK_BYTES, Format, Records, message_indexes
 from .recording import Header, Outcome, header_files, outcome_file
 
 MAGIC = b"\x89MCAP0\r\n"
-METADATA = "uvms_mj"
+METADATA, SEAL = "uvms_mj", "crc32"
 _LEVEL = 1
 _MEDIA = {".json": "application/json", ".toml": "application/toml", ".xml": "application/xml", ".py": "text/x-python"}
 
@@ -67,8 +67,9 @@ class McapLog:
         self._append(MAGIC + record_bytes(FileHeader("ros2", f"uvms-mj {header.versions.get('uvms-mj', '')}")))
         for name, data in header_files(header).items():
             self._attach(name, data)
-        self._note(METADATA, metadata(header))
-        self._append(b"".join(map(record_bytes, channel_records(self.format))))
+        channels = b"".join(map(record_bytes, channel_records(self.format)))
+        self._note(METADATA, sealed(metadata(header) | {"crc32 of channels": f"{zlib.crc32(channels):08x}"}))
+        self._append(channels)
         records = self.format.once_records
         zero = np.zeros(1, np.int64)
         self._chunk([(records, 1, self.format.once_bytes()[None], zero)])
@@ -224,6 +225,12 @@ def metadata(header: Header) -> dict[str, str]:
         "frames": "map is W (x to the wall, y left, z up), base_link is B (forward, left, up)",
         "units": "SI; radians; wrenches and twists linear first",
     } | {f"version {name}": version for name, version in header.versions.items()}
+
+
+def sealed(values: dict[str, str]) -> dict[str, str]:
+    """The same with a checksum, which MCAP gives to chunks and attachments alone."""
+    open_ = {name: value for name, value in values.items() if name != SEAL}
+    return open_ | {SEAL: f"{zlib.crc32(repr(sorted(open_.items())).encode()):08x}"}
 
 
 def record_bytes(record: McapRecord) -> bytes:

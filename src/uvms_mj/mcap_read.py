@@ -20,12 +20,12 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Chunk, DataEnd, Footer, Metadata
+from mcap.records import Attachment, Channel, Chunk, DataEnd, Footer, Metadata, Schema
 from mcap.records import Header as FileHeader
 
 from .faults import InputError
 from .mcap_format import CHUNK_BYTES, Format
-from .mcap_log import MAGIC, METADATA, channel_records, metadata, record_bytes
+from .mcap_log import MAGIC, sealed
 from .recording import Header, Outcome, Status, header_of, outcome_of
 
 
@@ -150,9 +150,9 @@ class _Reader:
 
     def _data_section(self, header_only: bool = False) -> None:
         """Everything up to DataEnd, whose checksum covers all before it; or no more than the channels."""
-        expected: list[bytes] = []
         format: Format | None = None
-        notes: dict[str, str] | None = None
+        notes: dict[str, str] = {}
+        channels: list[tuple[int, bytes]] = []
         for number, (opcode, content) in enumerate(self._records()):
             stream = ReadDataStream(BytesIO(content))
             if number == 0:
@@ -160,22 +160,15 @@ class _Reader:
             elif opcode == Opcode.ATTACHMENT:
                 self._attachment(stream, content)
             elif opcode == Opcode.METADATA:
-                note = Metadata.read(stream)
-                notes = note.metadata if note.name == METADATA else notes
+                notes |= Metadata.read(stream).metadata
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                channels.append((opcode, content))
+            elif opcode == Opcode.CHUNK:
                 if format is None:
                     self.header = header_of(self.files)
-                    format = Format(self.header)
-                    expected = [record_bytes(record)[9:] for record in channel_records(format)]
-                    if notes != metadata(self.header):
-                        raise InputError("is damaged: its metadata are not those of its attachments")
-                if not expected or content != expected.pop(0):
-                    raise InputError("is damaged: its channels are not those of its scenario")
-                if header_only and not expected:
+                    format = _format(self.header, channels, notes)
+                if header_only:
                     return
-            elif opcode == Opcode.CHUNK:
-                if format is None or expected:
-                    raise InputError("is not a log of this project: its channels are unknown")
                 self._chunk(format, Chunk.read(stream))
             elif opcode == Opcode.DATA_END:
                 if DataEnd.read(stream).data_section_crc != self.crc:
@@ -244,3 +237,23 @@ class _Reader:
         footer = Footer.read(ReadDataStream(BytesIO(end[9:])))
         if footer.summary_start != start or footer.summary_crc != zlib.crc32(end[:-4], zlib.crc32(summary)):
             raise InputError("is damaged: the checksum of its index does not fit")
+
+
+def _format(header: Header, records: list[tuple[int, bytes]], notes: dict[str, str]) -> Format:
+    """The layout of a log's rows, where its topics are those that a log of this header has."""
+    raw = b"".join(struct.pack("<BQ", opcode, len(content)) + content for opcode, content in records)
+    if notes != sealed(notes) or notes.get("crc32 of channels") != f"{zlib.crc32(raw):08x}":
+        raise InputError("is damaged: its metadata or its channels")
+    format, kinds, found = Format(header), {}, []
+    for opcode, content in records:
+        stream = ReadDataStream(BytesIO(content))
+        if opcode == Opcode.SCHEMA:
+            schema = Schema.read(stream)
+            kinds[schema.id] = schema.name
+        else:
+            channel = Channel.read(stream)
+            found.append((channel.id, channel.topic, kinds.get(channel.schema_id)))
+    if found != [(format.number[t.name], t.name, t.type.replace("/", "/msg/")) for t in format.topics]:
+        version = header.versions.get("uvms-mj", "of another version")
+        raise InputError(f"has other topics than a log of this version: uvms-mj {version} wrote it")
+    return format

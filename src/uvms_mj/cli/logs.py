@@ -40,7 +40,7 @@ def info(log: str, show: str | None, as_json: bool) -> None:
             sys.stdout.buffer.write(files[show])
             return
         trace = Trace.load(log)
-        _say_if_truncated(log, trace)
+        say_if_truncated(log, trace)
         report = summary(trace, {"mcap": log})
         if as_json:
             law = {"source": header.law.source, "sha256": header.law.sha256}
@@ -75,7 +75,7 @@ def export(log: str, kind: str | None, out: str | None) -> None:
         kind = kind or suffix
         path = Path(out) if out is not None else Path(log).with_suffix(f".{kind}")
         trace = Trace.load(log)
-        _say_if_truncated(log, trace)
+        say_if_truncated(log, trace)
         write(trace, kind, path)
         click.echo(str(path))
 
@@ -103,7 +103,7 @@ def replay(logs: tuple[str, ...], save: str | None, web: bool) -> None:
         traces = {}
         loaded = [Trace.load(log) for log in logs]
         for log, label, trace in zip(logs, labels(logs, loaded), loaded, strict=True):
-            _say_if_truncated(log, trace)
+            say_if_truncated(log, trace)
             traces[label] = trace
         from .. import rerun_view
 
@@ -130,7 +130,8 @@ def labels(logs: "tuple[str, ...]", traces: "list[Trace]") -> list[str]:
     return [f"{law} {i + 1}" for i, law in enumerate(laws)]
 
 
-def _say_if_truncated(log: str, trace: "Trace") -> None:
+def say_if_truncated(log: str, trace: "Trace") -> None:
+    """Warn of a log that was cut off."""
     from ..recording import Status
 
     if trace.status is Status.truncated:

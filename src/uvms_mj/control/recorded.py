@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from ..faults import InputError
@@ -24,7 +25,7 @@ def recorded_law(source: str, table: Mapping[str, Any], states: Mapping[str, int
         InputError: a gain is none of these, or has no name that Python allows.
     """
     file, _, label = source.rpartition(":")
-    if not (file and label.isidentifier()) or not isinstance(table, Mapping):
+    if not file or Path(file).name != file or not label.isidentifier() or not isinstance(table, Mapping):
         raise InputError(f"the law {source!r} is no file.py:ClassName")
     shared = {f.name for f in dataclasses.fields(Controller)} | {"name"}
     fields = []

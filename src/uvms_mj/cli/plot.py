@@ -1,0 +1,45 @@
+"""``uvms-mj plot``: pictures of logs."""
+
+from pathlib import Path
+
+import click
+
+from .common import bad_input
+
+WHATS = ("position", "force", "sliding", "tau", "integral", "summary")
+"""Those of :mod:`uvms_mj.figures`, which takes longer to import than ``--help`` may."""
+FORMATS = ("png", "svg", "pdf")
+
+
+@click.command()
+@click.argument("logs", nargs=-1, required=True, metavar="LOG...")
+@click.option("--what", type=click.Choice(WHATS), default="summary", show_default=True, help="What to draw.")
+@click.option(
+    "-o", "--out", metavar="FILE", help="A .png, .svg or .pdf that does not exist yet [default: WHAT.png beside LOG]."
+)
+def plot(logs: tuple[str, ...], what: str, out: str | None) -> None:
+    """Draw a log; of several logs each has its panels, with the same colours and ranges.
+
+    \b
+    uvms-mj plot results/run.mcap
+    uvms-mj plot results/run.mcap --what force --out force.svg
+    uvms-mj plot gsta/run.mcap fosm/run.mcap --what tau
+    """
+    with bad_input():
+        from .. import figures
+        from ..faults import InputError
+        from ..trace import Trace
+        from .logs import say_if_truncated, labels
+
+        path = Path(out) if out is not None else Path(logs[0]).parent / f"{what}.png"
+        kind = path.suffix.removeprefix(".")
+        if kind not in FORMATS:
+            raise InputError(f"--out {path}: end its name in one of .{', .'.join(FORMATS)}")
+        if path.exists():
+            raise InputError(f"{path}: exists; choose another name")
+        loaded = [Trace.load(log) for log in logs]
+        for log, trace in zip(logs, loaded, strict=True):
+            say_if_truncated(log, trace)
+        figure = figures.plot(dict(zip(labels(logs, loaded), loaded, strict=True)), what)
+        (written,) = figures.save(figure, path.with_suffix(""), (kind,))
+        click.echo(str(written))

@@ -1,0 +1,11 @@
+"""Pictures of traces: the paper's figures 1-12, and the same quantities of any log.
+
+One style file, ``uvms_mj.mplstyle``, has fonts, widths and colours. A signal has the same colour in every figure; what
+was asked for or is expected is black.
+"""
+
+from .compose import RUNS, WHATS, paper, plot
+from .panels import TRANSIENT_S
+from .style import FORMATS, save
+
+__all__ = ["FORMATS", "RUNS", "TRANSIENT_S", "WHATS", "paper", "plot", "save"]

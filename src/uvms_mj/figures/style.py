@@ -1,0 +1,70 @@
+"""What is common to all figures: the style file, colours, sizes, and files that are the same for the same data."""
+
+import contextlib
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+from ..faults import InputError
+
+STYLE = Path(__file__).with_name("uvms_mj.mplstyle")
+"""The one place for fonts, widths and colours."""
+COLUMN_IN, PAGE_IN = 3.4, 7.1
+"""Width of a column and of a page [in]."""
+SMALL = 6.0
+"""Size of the text in an inset [pt]."""
+BLACK, GREY = "#000000", "#777777"
+"""Of what is expected or asked for, and of the wall."""
+
+_CYCLE = mpl.rc_params_from_file(STYLE, use_default_template=False)["axes.prop_cycle"].by_key()["color"]
+COLOURS = dict(zip(("x", "y", "z", "force", "roll", "pitch", "yaw"), _CYCLE, strict=True))
+"""By component, the same in every figure, and that of the contact force."""
+WIDTHS = {"x": 0.9, "y": 1.5, "z": 2.1}
+"""Of lines [pt]: of components that lie on each other, each shows at both sides of the next."""
+
+FORMATS = ("png", "svg", "pdf")
+_METADATA: dict[str, dict[str, None]] = {
+    "png": {"Software": None},
+    "svg": {"Date": None},
+    "pdf": {"CreationDate": None},
+}
+
+
+@contextlib.contextmanager
+def styled() -> Iterator[None]:
+    """The style file's settings and matplotlib's defaults, whatever the user's own settings are."""
+    with mpl.rc_context(fname=STYLE):
+        yield
+
+
+def save(figure: Figure, path: str | os.PathLike, formats: Sequence[str] = ("png", "svg")) -> list[Path]:
+    """Write a figure; the same figure gives the same bytes. What stands there is replaced, each file at once.
+
+    Args:
+        figure: what to write.
+        path: without suffix.
+        formats: of :data:`FORMATS`.
+
+    Returns:
+        The files, in the order of ``formats``.
+
+    Raises:
+        InputError: a file can't be written.
+    """
+    stem = Path(path)
+    return [_write(figure, stem.with_name(f"{stem.name}.{kind}"), kind) for kind in formats]
+
+
+def _write(figure: Figure, path: Path, kind: str) -> Path:
+    part = path.with_name(f"{path.name}.part")
+    try:
+        with styled():
+            figure.savefig(part, format=kind, metadata=_METADATA[kind])
+        os.replace(part, path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise InputError(f"{path}: can't write it: {error.strerror or error}") from None
+    return path

@@ -1,0 +1,447 @@
+"""Figures: what is drawn is what was recorded, every time in the same colour, and nothing lies on anything else."""
+
+import dataclasses
+import itertools
+import subprocess
+import sys
+from types import MappingProxyType
+from unittest.mock import patch
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_hex
+from matplotlib.lines import Line2D
+from matplotlib.text import Text
+
+from uvms_mj import Controller, InputError, McapLog, Scenario, figures, simulate
+from uvms_mj.cli.plot import FORMATS, WHATS, plot
+from uvms_mj.figures.lines import thin
+from uvms_mj.figures.style import COLOURS
+
+PAPER = [*(f"fig{i:02d}" for i in range(1, 13)), "overview"]
+LAWS = {"impedance": {}, "fosm": {}, "gsta": {}, "gsta_alone": {"nominal": False}}
+
+
+@pytest.fixture(scope="module")
+def traces(paper_run):
+    return {name: paper_run(name.removesuffix("_alone"), **gains) for name, gains in LAWS.items()}
+
+
+@pytest.fixture(scope="module")
+def fine():
+    def start(name, gains):
+        overrides = {"simulation.duration": 0.02} | {f"controller.{key}": value for key, value in gains.items()}
+        return simulate(Scenario.load("push_wall", overrides, name.removesuffix("_alone")), log_rate="full")
+
+    return {name: start(name, gains) for name, gains in LAWS.items()}
+
+
+@pytest.fixture(scope="module")
+def drawn(traces, fine):
+    """The paper's figures, and plots of one, of several and of odd logs, by name."""
+    plots = {f"{what} of one": figures.plot({"gsta": traces["gsta"]}, what) for what in figures.WHATS}
+    for what in ("force", "sliding", "tau", "summary"):
+        plots[f"{what} of four"] = figures.plot(traces, what)
+    plots["summary at every step"] = figures.plot({"a $name_ that is too long " * 5: fine["fosm"]}, "summary")
+    plots["states of a user's law"] = figures.plot({"Odd": odd_run()}, "integral")
+    return figures.paper(traces, fine) | plots
+
+
+class Odd(Controller):
+    """States of all sizes."""
+
+    states = {"xi": 6, "w_": 1, "four": 4, "many": 40}  # noqa: RUF012
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        for i in range(40):
+            state_dot.many[i] = i
+        for i in range(6):
+            state_dot.xi[i] = signals.eta_e[i]
+            tau_cmd[i] = signals.tau_nom[i]
+
+
+def odd_run():
+    return simulate(Scenario.load("push_wall", {"simulation.duration": 0.2}), controller=Odd())
+
+
+def lines_of(figure, ax=None):
+    """Signal name and line of all that has data, or of those in one axes."""
+    found = (ax or figure).findobj(lambda artist: isinstance(artist, Line2D) and bool(artist.get_gid()))
+    return [(each.get_gid().rpartition("-")[0], each) for each in found]
+
+
+def inset_of(figure):
+    (ax,) = figure.axes
+    (inset,) = ax.child_axes
+    return inset
+
+
+def values_of(trace, name):
+    """(n,) samples that the line ``name`` is drawn from."""
+    if name == "push":
+        return trace.push
+    signal, _, component = name.partition(".")
+    return trace[signal][:, "xyz".index(component)]
+
+
+# What a reader sees
+
+
+@pytest.mark.parametrize("name", [*PAPER, "plots"])
+def test_no_text_lies_on_another_or_leaves_the_picture(drawn, name):
+    for which in [name] if name in drawn else [each for each in drawn if each not in PAPER]:
+        figure, boxes, draw = drawn[which], [], Text.draw
+
+        def record(text, renderer, draw=draw, boxes=boxes):
+            draw(text, renderer)
+            if text.get_visible() and text.get_text().strip():
+                boxes.append((text.get_text(), text.get_window_extent(renderer).padded(-0.5)))
+
+        with patch.object(Text, "draw", record):
+            FigureCanvasAgg(figure).draw()
+        assert len(boxes) > 10
+        for text, box in boxes:
+            inside = box.x0 >= 0 and box.y0 >= 0 and box.x1 <= figure.bbox.x1 and box.y1 <= figure.bbox.y1
+            assert inside, f"{which}: {text!r} leaves the picture"
+        for (a, box_a), (b, box_b) in itertools.combinations(boxes, 2):
+            assert not box_a.overlaps(box_b), f"{which}: {a!r} lies on {b!r}"
+
+
+def test_neither_insets_nor_legends_lie_on_lines(drawn):
+    insets = 0
+    for name, figure in drawn.items():
+        FigureCanvasAgg(figure).draw()
+        (legend,) = figure.legends
+        for ax in figure.axes:
+            assert not legend.get_window_extent().overlaps(ax.get_window_extent()), name
+            for inset in ax.child_axes:
+                insets += 1
+                box = inset.get_tightbbox()
+                for signal, line in lines_of(figure, ax):
+                    if line.axes is ax:
+                        path = line.get_path().transformed(ax.transData)
+                        assert not path.intersects_bbox(box, filled=False), f"{name}: an inset hides {signal}"
+                for text in inset.findobj(Text):
+                    assert text.get_fontsize() >= 6.0
+    assert insets > 20
+
+
+def test_a_signal_has_the_same_colour_everywhere(drawn):
+    okabe_ito = {"#0072b2", "#009e73", "#e69f00", "#d55e00", "#cc79a7", "#56b4e9", "#999999"}
+    assert {colour.lower() for colour in COLOURS.values()} == okabe_ito
+    seen = set()
+    for name, figure in drawn.items():
+        for signal, line in lines_of(figure):
+            quantity, _, component = signal.partition(".")
+            if quantity in ("p_WB", "s", "tau", "z", "xi"):
+                assert to_hex(line.get_color()) == COLOURS[component].lower(), (name, signal)
+            elif quantity == "push":
+                assert to_hex(line.get_color()) == COLOURS["force"].lower(), name
+            elif quantity in ("p_d", "expected", "analytic"):
+                assert to_hex(line.get_color()) == "#000000", (name, signal)
+                assert line.is_dashed(), (name, signal)
+            seen.add(quantity)
+    assert seen >= {"p_WB", "p_d", "wall", "push", "expected", "analytic", "s", "tau", "z", "xi", "many"}
+
+
+def test_axes_have_labels_with_units_and_nothing_is_wider_than_its_column(drawn):
+    for name in PAPER:
+        figure = drawn[name]
+        assert figure.get_figwidth() == (7.1 if name == "overview" else 3.4)
+        for ax in figure.axes:
+            assert ax.get_ylabel().endswith("]"), name
+        assert figure.axes[-1].get_xlabel() == "time [s]"
+
+
+def test_small_numbers_are_read_in_small_units_and_the_data_stay_in_si(drawn, traces):
+    ax = drawn["fig06"].axes[0]
+    assert "µm/s" in ax.get_ylabel()
+    texts = ax.yaxis.get_major_formatter().format_ticks(ax.get_yticks())
+    assert [float(text.replace("\N{MINUS SIGN}", "-")) for text in texts] == pytest.approx(1e6 * ax.get_yticks())
+    assert ax.dataLim.y0 == traces["fosm"].s[:, :3].min()
+
+
+# What is drawn is what was recorded
+
+
+FIGURES = {
+    1: ("impedance", ("p_WB", "p_d")),
+    2: ("impedance", ("s",)),
+    3: ("impedance", ("tau",)),
+    4: ("fosm", ("p_WB", "p_d")),
+    5: ("fosm", ("push",)),
+    6: ("fosm", ("s",)),
+    7: ("fosm", ("tau",)),
+    8: ("gsta", ("p_WB", "p_d")),
+    9: ("gsta", ("push",)),
+    10: ("gsta", ("s",)),
+    11: ("gsta", ("tau",)),
+    12: ("gsta", ("z",)),
+}
+
+
+@pytest.mark.parametrize("number", FIGURES)
+def test_each_of_the_papers_figures_has_its_run_and_its_quantity(drawn, traces, number):
+    run, quantities = FIGURES[number]
+    ax = drawn[f"fig{number:02d}"].axes[0]
+    expected = {q if q == "push" else f"{q}.{axis}" for q in quantities for axis in "xyz"}
+    main = [(name, line) for name, line in lines_of(drawn[f"fig{number:02d}"], ax) if line.axes is ax]
+    assert expected == {name for name, _ in main} - {"wall", "expected", "analytic"}
+    for name, line in main:
+        if name in expected:
+            alone = number in (11, 12) and line.is_dashed()
+            check_samples(line, traces["gsta_alone" if alone else run], name)
+
+
+def check_samples(line, trace, name):
+    """The line's points are samples, and among them the extremes of every stretch of 40."""
+    t, y = line.get_data()
+    values = values_of(trace, name)
+    rows = np.searchsorted(trace.t, t)
+    assert np.array_equal(trace.t[rows], t)
+    assert np.array_equal(values[rows], y)
+    assert (t[0], t[-1]) == (trace.t[0], trace.t[-1])
+    for start in range(0, len(values) - 80, 40):
+        near = y[(rows >= start - 40) & (rows < start + 80)]
+        assert near.min() <= values[start : start + 40].min()
+        assert near.max() >= values[start : start + 40].max()
+
+
+def test_with_nominal_control_is_solid_and_without_is_dashed(drawn, traces):
+    for name, signal in (("fig11", "tau"), ("fig12", "z")):
+        ax = drawn[name].axes[0]
+        for axis in "xyz":
+            pair = [line for each, line in lines_of(drawn[name], ax) if each == f"{signal}.{axis}" and line.axes is ax]
+            assert [line.get_linestyle() for line in pair] == ["-", "--"]
+            largest = [np.abs(line.get_ydata()).max() for line in pair]
+            runs = [traces[run] for run in ("gsta", "gsta_alone")]
+            assert largest == [np.abs(values_of(run, f"{signal}.{axis}")).max() for run in runs]
+    texts = [text.get_text() for text in drawn["fig11"].legends[0].get_texts()]
+    assert texts == ["x", "y", "z", "with nominal control", "without"]
+
+
+def turns(values):
+    """How often a signal turns round."""
+    steps = np.diff(values)
+    return int((steps[1:] * steps[:-1] < 0).sum())
+
+
+def test_the_insets_of_tau_show_every_step_of_the_first_orders_chatter(drawn, fine, traces):
+    until = round(figures.TRANSIENT_S / 1e-4) + 1
+    for name, run in (("fig07", "fosm"), ("fig11", "gsta")):
+        shown = dict(reversed(lines_of(drawn[name], inset_of(drawn[name]))))
+        for axis in "xyz":
+            values = fine[run].tau[:until, "xyz".index(axis)]
+            assert np.array_equal(shown[f"tau.{axis}"].get_ydata(), values)
+            assert turns(shown[f"tau.{axis}"].get_ydata()) == turns(values)
+    assert turns(fine["fosm"].tau[:until, 0]) > 80  # a period of two steps
+    assert turns(fine["gsta"].tau[:until, 0]) < 5
+    coarse = traces["fosm"].t <= figures.TRANSIENT_S
+    assert turns(traces["fosm"].tau[coarse, 0]) < 9
+
+
+def test_peak_and_rest_of_the_contact_force_can_both_be_read(drawn, traces):
+    for name, run, rest in (("fig05", "fosm", 1.48655), ("fig09", "gsta", 1.497753)):
+        figure, trace = drawn[name], traces[run]
+        ax, inset = figure.axes[0], inset_of(figure)
+        low, high = inset.get_ylim()
+        assert ax.get_ylim()[0] < 0.0 < 17.5 < trace.push.max() < ax.get_ylim()[1]
+        assert low < rest < 1.5 < high < 1.6
+        levels = {signal: line.get_ydata()[0] for signal, line in lines_of(figure, inset)}
+        assert levels["expected"] == pytest.approx(1.5)
+        assert levels["analytic"] == pytest.approx(rest, rel=1e-5)
+
+
+def test_positions_show_the_reference_and_how_far_from_the_wall_the_vehicle_rests(drawn):
+    for name in ("fig01", "fig04", "fig08"):
+        figure = drawn[name]
+        shown = dict(lines_of(figure, inset_of(figure)))
+        low, high = inset_of(figure).get_ylim()
+        assert set(shown) == {"p_WB.x", "p_d.x", "wall"}
+        assert list(shown["wall"].get_ydata()) == [1.0, 1.0]
+        assert low < shown["p_WB.x"].get_ydata()[-1] < shown["p_d.x"].get_ydata()[-1] < high
+    assert dict(lines_of(drawn["fig01"]))["p_WB.x"].get_ydata()[-1] == pytest.approx(0.9967, abs=1e-4)
+
+
+@given(st.integers(1, 5000), st.integers(1, 700), st.integers(0, 2**32 - 1))
+def test_thinning_keeps_the_extremes_of_every_column(n, columns, seed):
+    values = np.random.default_rng(seed).normal(size=n)
+    values[seed % n] = np.nan
+    t = np.arange(n) * 1e-3
+    few_t, few = thin(t, values, columns)
+    assert len(few) <= 2 * columns + 2
+    assert (np.diff(few_t) > 0).all()
+    rows = np.searchsorted(t, few_t)
+    assert np.array_equal(values[rows], few, equal_nan=True)
+    assert {0, n - 1} <= set(rows)
+    if len(few) == n:
+        return
+    width = -(-n // columns)
+    for start in range(0, n, width):
+        block = values[start : start + width]
+        if np.isfinite(block).any():
+            kept = values[rows[(rows >= start) & (rows < start + width)]]
+            assert (np.nanmin(kept), np.nanmax(kept)) == (np.nanmin(block), np.nanmax(block))
+
+
+# Any log
+
+
+def test_a_users_states_are_drawn_whatever_their_sizes(drawn):
+    trace = odd_run()
+    figure = drawn["states of a user's law"]
+    assert [ax.get_ylabel() for ax in figure.axes] == ["state xi", "state w_", "state four", "state many"]
+    xi, w, four, many = ([line for _, line in lines_of(figure, ax)] for ax in figure.axes)
+    assert (len(xi), len(w), len(four), len(many)) == (6, 1, 4, 2)
+    assert len({line.get_color() for line in xi}) == 6
+    for i, line in enumerate(xi):
+        assert np.array_equal(line.get_ydata(), trace.xi[:, i])
+    assert np.array_equal(many[1].get_ydata(), trace.many.max(axis=1))
+    assert "range of the 40 numbers of many" in [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_panels_of_the_same_quantity_have_the_same_range(drawn):
+    axes = drawn["force of four"].axes
+    assert len({ax.get_ylim() for ax in axes}) == 1
+    assert [ax.get_title(loc="left") for ax in axes] == list(LAWS)
+    ranges = {}
+    for ax in drawn["summary of four"].axes:
+        ranges.setdefault(ax.get_ylabel(), set()).add(ax.get_ylim())
+    assert all(len(each) == 1 for each in ranges.values())
+
+
+def test_a_long_log_of_noise_draws_quickly_and_small(traces, tmp_path, rng):
+    n = 200_000
+    noise = rng.normal(size=(n, 6))
+    arrays = MappingProxyType({"t": np.arange(n) * 1e-4, "tau": noise})
+    figure = figures.plot({"noise": dataclasses.replace(traces["gsta"], arrays=arrays)}, "tau")
+    for i, axis in enumerate("xyz"):
+        drawn = dict(lines_of(figure))[f"tau.{axis}"].get_ydata()
+        assert (drawn.min(), drawn.max()) == (noise[:, i].min(), noise[:, i].max())
+        assert len(drawn) < 3000
+    (svg,) = figures.save(figure, tmp_path / "noise", ("svg",))
+    assert svg.stat().st_size < 500_000
+
+
+def test_what_is_wrong_is_said(traces, fine):
+    with pytest.raises(InputError, match="did you mean 'sliding'"):
+        figures.plot(traces, "slidng")
+    with pytest.raises(InputError, match="fosm: its law has no integral term"):
+        figures.plot({"gsta": traces["gsta"], "fosm": traces["fosm"]}, "integral")
+    nothing = dataclasses.replace(traces["gsta"], arrays={"t": np.empty(0)})
+    with pytest.raises(InputError, match="gsta: has not two samples"):
+        figures.plot({"gsta": nothing}, "tau")
+    with pytest.raises(InputError, match="traces: fosm is missing"):
+        figures.paper({name: trace for name, trace in traces.items() if name != "fosm"}, fine)
+    with pytest.raises(InputError, match="gsta is not at every step"):
+        figures.paper(traces, fine | {"gsta": traces["gsta"]})
+    shorter = simulate(Scenario.load("push_wall", {"simulation.duration": 0.005}), log_rate="full")
+    with pytest.raises(InputError, match=r"gsta ends at 0.005 s; it takes 0.01 s"):
+        figures.paper(traces, fine | {"gsta": shorter})
+    with pytest.raises(InputError, match="no log"):
+        figures.plot({}, "tau")
+    with pytest.raises(InputError, match="panels are too many"):
+        figures.plot({str(i): traces["gsta"] for i in range(100)}, "tau")
+
+
+def test_an_inset_without_a_place_is_left_out_and_the_panel_stays_as_it_was(traces, rng):
+    n = 20_000
+    everywhere = rng.uniform(-1.0, 1.0, size=(n, 6))
+    arrays = MappingProxyType({"t": np.arange(n) * 1e-4, "tau": everywhere})
+    header = dataclasses.replace(traces["gsta"].header, row_steps=1)
+    full = dataclasses.replace(traces["gsta"], header=header, arrays=arrays)
+    (ax,) = figures.plot({"full": full}, "tau").axes
+    (inset,) = ax.child_axes
+    assert ax.get_ylim()[1] > 1.5  # more room above
+    assert inset.get_xlim() == (0.0, figures.TRANSIENT_S)
+    with patch("uvms_mj.figures.lines._corner", lambda ax, inset: None):
+        (ax,) = figures.plot({"full": full}, "tau").axes
+    assert not ax.child_axes
+    assert ax.get_ylim()[1] < 1.2
+
+
+# Files
+
+
+def test_the_same_figure_gives_the_same_files_whatever_the_users_settings(traces, tmp_path):
+    def files(name):
+        (tmp_path / name).mkdir()
+        figure = figures.plot({"gsta": traces["gsta"]}, "force")
+        return [path.read_bytes() for path in figures.save(figure, tmp_path / name / "v1.force", FORMATS)]
+
+    ours = files("a")
+    with mpl.rc_context({"font.size": 20, "lines.linewidth": 9, "svg.fonttype": "path", "svg.hashsalt": None}):
+        assert files("b") == ours
+    assert sorted(path.name for path in (tmp_path / "b").iterdir()) == ["v1.force.pdf", "v1.force.png", "v1.force.svg"]
+    svg = ours[FORMATS.index("svg")].decode()
+    assert ">time [s]</text>" in svg
+    assert "date" not in svg
+    ids = [part.split('"')[0] for part in svg.split(' id="')[1:]]
+    assert len(ids) == len(set(ids))
+
+
+def test_figures_need_no_display_and_no_global_state():
+    code = "import sys, uvms_mj.figures; sys.exit('matplotlib.pyplot' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    path = tmp_path_factory.mktemp("logs") / "run.mcap"
+    simulate(Scenario.load("push_wall", {"simulation.duration": 1.0}), sinks=[McapLog(path)])
+    return path
+
+
+def command(*arguments):
+    return CliRunner().invoke(plot, [str(each) for each in arguments])
+
+
+def test_the_command_draws_beside_the_log_and_never_over_a_file(log, tmp_path):
+    assert WHATS == figures.WHATS
+    assert FORMATS == figures.FORMATS
+    done = command(log)
+    assert done.exit_code == 0, done.output
+    assert done.stdout == f"{log.parent / 'summary.png'}\n"
+    picture = (log.parent / "summary.png").read_bytes()
+    assert picture.startswith(b"\x89PNG")
+    done = command(log)
+    assert done.exit_code == 2
+    assert "exists; choose another name" in done.stderr
+    assert (log.parent / "summary.png").read_bytes() == picture
+    done = command(log, log, "--what", "tau", "--out", tmp_path / "x.svg")
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "x.svg").read_text().count("actuation force") == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["LOG", "--out", "x.gif"], "end its name in one of .png, .svg, .pdf"),
+        (["LOG", "--out", "nowhere/x.png"], "can't write it"),
+        (["nowhere.mcap"], "No such file"),
+        (["LOG", "--what", "colour"], "'colour' is not one of"),
+        ([], "Missing argument"),
+    ],
+)
+def test_bad_input_gives_one_message_and_status_2(log, tmp_path, monkeypatch, arguments, expected):
+    monkeypatch.chdir(tmp_path)
+    done = command(*(log if each == "LOG" else each for each in arguments))
+    assert done.exit_code == 2
+    assert expected in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_log_that_was_cut_off_is_drawn_with_a_warning(log, tmp_path):
+    data = log.read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[: len(data) * 9 // 10])
+    done = command(tmp_path / "cut.mcap", "--what", "force", "--out", tmp_path / "cut.svg")
+    assert done.exit_code == 0, done.output
+    assert "cut off" in done.stderr
+    assert "(truncated)" in (tmp_path / "cut.svg").read_text()
