@@ -1,20 +1,27 @@
 # make run    the paper's scenario
 # make test   lint, types, import contracts, tests
+# make system-packages   (Debian, as root) a browser and a software renderer, for tests that look at the viewer;
+#                        they skip without
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test setup clean
+.PHONY: run test setup system-packages clean
 
 run: setup
 	$(BIN)/uvms-mj run --controller gsta
 
-test: setup
+test: setup $(if $(CI),system-packages)
 	$(BIN)/ruff check src tests scripts
 	$(BIN)/ruff format --check src tests scripts
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/pytest -n 2
+
+system-packages:
+	-@if command -v apt-get >/dev/null && [ "$$(id -u)" = 0 ]; then apt-get update -qq && \
+	  DEBIAN_FRONTEND=noninteractive apt-get install -y -qq chromium mesa-vulkan-drivers libvulkan1 >/dev/null; \
+	  else echo "no apt-get, or not root: tests that look at the viewer may skip"; fi
 
 setup: $(VENV)/.installed
 
