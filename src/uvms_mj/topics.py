@@ -212,12 +212,12 @@ def arrow_columns(header: Header, row: np.ndarray) -> dict[str, np.ndarray]:
 
 def _contact_wrench(f_W: np.ndarray, quat: np.ndarray, arm: np.ndarray) -> np.ndarray:
     """(n, 6) contact wrench at B's origin, in B; the force acts ``arm`` in front of it, along x of W."""
-    R = _rotations(quat)
+    R = rotations(quat)
     moment_W = np.stack([np.zeros(len(f_W)), -arm * f_W[:, 2], arm * f_W[:, 1]], axis=1)
     return np.concatenate([np.einsum("nij,ni->nj", R, f_W), np.einsum("nij,ni->nj", R, moment_W)], axis=1)
 
 
-def _rotations(quat: np.ndarray) -> np.ndarray:
+def rotations(quat: np.ndarray) -> np.ndarray:
     """Rotation matrices (n, 3, 3) of unit quaternions (n, 4), w x y z."""
     w, x, y, z = quat.T
     rows = (
@@ -246,7 +246,7 @@ def _vehicle(geometry: Geometry) -> Message:
         else:
             markers.append((shape, ros2.CYLINDER, (2 * a, 2 * a, 2 * b), none, centre))
             if shape.kind == "capsule":
-                along = b * _rotations(np.array([shape.quat]))[0, :, 2]
+                along = b * rotations(np.array([shape.quat]))[0, :, 2]
                 for sign in (-1, 1):
                     end = tuple(map(float, np.array(centre) + sign * along))
                     markers.append((shape, ros2.SPHERE, (2 * a,) * 3, none, end))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..console import Console, log_tables
-from .common import EXIT_INTERRUPTED, bad_input, end
+from .common import EXIT_INTERRUPTED, Stop, bad_input, end
 
 if TYPE_CHECKING:
     from ..trace import Trace
@@ -92,6 +92,7 @@ def replay(logs: tuple[str, ...], save: str | None, web: bool) -> None:
     uvms-mj replay gsta/run.mcap fosm/run.mcap --web
     uvms-mj replay results/run.mcap --save run.rrd
     """
+    Stop()
     with bad_input():
         from ..faults import InputError
         from ..trace import Trace
@@ -112,9 +113,11 @@ def replay(logs: tuple[str, ...], save: str | None, web: bool) -> None:
                 rerun_view.save(traces, Path(save))
                 click.echo(save)
             elif web:
-                rerun_view.serve(traces)
+                rerun_view.serve(traces)  # says where, and ends with Ctrl-C
             else:
                 rerun_view.show(traces)
+        except OSError as error:
+            raise InputError(f"--save {save}: can't write it: {error.strerror}") from None
         except KeyboardInterrupt:
             end("stopped", EXIT_INTERRUPTED)
 

@@ -29,7 +29,7 @@ def plot(logs: tuple[str, ...], what: str, out: str | None) -> None:
         from .. import figures
         from ..faults import InputError
         from ..trace import Trace
-        from .logs import say_if_truncated, labels
+        from .logs import labels, say_if_truncated
 
         path = Path(out) if out is not None else Path(logs[0]).parent / f"{what}.png"
         kind = path.suffix.removeprefix(".")

@@ -87,6 +87,8 @@ class Controller:
 
     name: ClassVar[str] = ""
     states: ClassVar[Mapping[str, int]] = {}
+    units: ClassVar[Mapping[str, str]] = {}
+    """Units of states, linear first where there are two; for logs and plots."""
     uses_truth: ClassVar[bool] = False
     """Whether signals has :data:`uvms_mj.signals.TRUTH` as well; the yardstick's alone."""
 

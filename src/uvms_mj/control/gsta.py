@@ -20,6 +20,7 @@ class Gsta(Controller):
 
     name = "gsta"
     states: ClassVar = {"z": 6}
+    units: ClassVar = {"z": "m/s^2, rad/s^2"}
 
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):

@@ -18,6 +18,7 @@ class Sta(Controller):
 
     name = "sta"
     states: ClassVar = {"z": 6}
+    units: ClassVar = {"z": "m/s^2, rad/s^2"}
 
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):

@@ -234,6 +234,8 @@ def law_signals(controller: Controller) -> tuple[Signal, ...]:
     if faults:
         raise InputError(faults, f"the law {controller.label()}")
     return tuple(
-        Signal(name, (size,), "law's own", "B", f"state {name} of {controller.label()}")
+        Signal(
+            name, (size,), type(controller).units.get(name, "law's own"), "B", f"state {name} of {controller.label()}"
+        )
         for name, size in type(controller).states.items()
     )

@@ -1,0 +1,260 @@
+"""A run in Rerun's terms: what it looks like, and its samples as columns of entities.
+
+Below its root a run has ``world/...``, what the 3-D view shows, in W; ``signals/<name>``, every recorded signal with
+all its numbers, or ``signals/<name>/<component>`` where a plot shows one alone; and ``push``, the force on the wall,
+with ``push/analytic``. Scalars keep all their bits; poses are float32, as Rerun has them.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+
+import numpy as np
+import rerun as rr
+
+from .closed_forms import SteadyState
+from .frames import quat_from_euler_deg
+from .recording import Header
+from .rerun_solids import solids
+from .signals import Signal
+from .topics import WALL_RGBA, WALL_THICKNESS, rotations
+
+TIMELINE = "sim_time"
+"""Simulated time [s]."""
+POSE_HZ = 50.0
+"""Most poses and arrows a simulated second."""
+TRAJECTORY_PIECES = 1000
+"""About how many straight pieces the way travelled has, however long the run."""
+WALL_SIZE = 0.9
+"""How much of the wall is shown [m]."""
+ARROW_SCALE = 0.07
+"""Length of a force's arrow [m/N]."""
+CURRENT_SCALE = 0.6
+"""Length of the current's arrow [s]."""
+
+_ABOVE = np.array([0.0, 0.0, 0.25])
+"""Where the contact force's text stands, seen from the tip [m]."""
+
+Colour = tuple[int, int, int]
+ORANGE, SKY, GREEN = (230, 159, 0), (86, 180, 233), (0, 158, 115)
+YELLOW, BLUE, VERMILLION, PURPLE = (240, 228, 66), (0, 114, 178), (213, 94, 0), (204, 121, 167)
+"""The colours of Okabe and Ito, which the colour-blind can tell apart."""
+LIGHT, GREY = (235, 235, 235), (160, 160, 160)
+COMPONENTS = (ORANGE, SKY, GREEN, YELLOW, BLUE, PURPLE)
+"""Of x, y, z, roll, pitch and yaw of whatever signal."""
+CONTACT, THRUST, CURRENT, REFERENCE = VERMILLION, ORANGE, SKY, GREY
+
+
+def pale(colour: Colour, share: float = 0.45) -> Colour:
+    """A colour mixed with white."""
+    r, g, b = (round(c + share * (255 - c)) for c in colour)
+    return r, g, b
+
+
+class Run:
+    """One run on its way to Rerun.
+
+    Args:
+        header: of the run.
+        label: what stands before its paths and names, among several; empty for a single run.
+        colour: what tells it from the others; None for a single run.
+        row_steps: rows from one sample that is sent to the next.
+    """
+
+    def __init__(
+        self,
+        header: Header,
+        label: str = "",
+        colour: Colour | None = None,
+        row_steps: int = 1,
+    ) -> None:
+        self.header, self.label, self.colour = header, label, colour
+        row_s = header.row_steps * header.scenario.simulation.timestep
+        duration = header.scenario.steps * header.scenario.simulation.timestep
+        self.row_steps = row_steps
+        self.pose_steps = max(1, round(1.0 / (POSE_HZ * row_s)))
+        self.piece_steps = self.pose_steps * max(1, round(duration / TRAJECTORY_PIECES / (self.pose_steps * row_s)))
+        self.plotted = ("p_WB", "p_d", "tau", "s", *header.law.states)
+        """What the layout has plots of."""
+        self._rows = 0
+        self._last_p: np.ndarray | None = None
+
+    def path(self, *parts: str) -> str:
+        """Where something of this run stands."""
+        return rr.new_entity_path([self.label, *parts] if self.label else list(parts))
+
+    def has(self, name: str) -> bool:
+        return any(signal.name == name for signal in self.header.signals)
+
+    def signal(self, name: str) -> Signal:
+        return next(signal for signal in self.header.signals if signal.name == name)
+
+    def line(self, name: str, component: int) -> str:
+        """Where a number of a signal stands that a plot shows."""
+        signal = self.signal(name)
+        return self.path("signals", name, *([signal.components[component]] if signal.size > 1 else []))
+
+    def named(self, what: str) -> str:
+        return f"{self.label}: {what}" if self.label else what
+
+    def columns(self) -> Iterator[tuple[tuple[str, ...], Signal, slice]]:
+        """Where the numbers of each signal go: parts of a path, the signal, and which of its numbers."""
+        for signal in self.header.signals:
+            if signal.name in self.plotted and signal.size > 1:
+                for i, component in enumerate(signal.components):
+                    yield ("signals", signal.name, component), signal, slice(i, i + 1)
+            elif signal.name != "t":
+                yield ("signals", signal.name), signal, slice(None)
+
+    def begin(self, stream: rr.RecordingStream) -> None:
+        """Say where to, and send what does not change."""
+        self.stream = stream
+        self._things()
+        self._series()
+
+    def write(self, values: Mapping[str, np.ndarray]) -> None:
+        """Send the next rows: t (n,) and each signal (n, size)."""
+        t, first = values["t"].reshape(-1), self._rows
+        self._rows += len(t)
+
+        def every(steps: int) -> slice:
+            return slice(-first % steps, None, steps)
+
+        rows = every(self.row_steps)
+        if len(t[rows]):
+            for parts, signal, place in self.columns():
+                self._scalars(parts, t[rows], values[signal.name][rows, place])
+            push = np.maximum(0.0, 0.0 - values["f_contact_W"][rows, :1])
+            self._scalars(("push",), t[rows], push)
+            if isinstance(self.header.analytic, SteadyState):
+                ends = t[rows][[0, -1]]
+                self._scalars(("push", "analytic"), ends, np.full((2, 1), self.header.analytic.force))
+        self._poses({name: value[every(self.pose_steps)] for name, value in values.items()})
+        self._trajectory(t[every(self.piece_steps)], values["p_WB"][every(self.piece_steps)])
+
+    def _send(self, parts: tuple[str, ...], t: np.ndarray, columns: Iterable[rr.ComponentColumn]) -> None:
+        ns = np.rint(t * 1e9).astype("timedelta64[ns]")
+        rr.send_columns(
+            self.path(*parts), [rr.TimeColumn(TIMELINE, duration=ns)], columns, recording=self.stream, strict=True
+        )
+
+    def _log(self, parts: tuple[str, ...], what: rr.AsComponents) -> None:
+        rr.log(self.path(*parts), what, static=True, recording=self.stream, strict=True)
+
+    def _scalars(self, parts: tuple[str, ...], t: np.ndarray, values: np.ndarray) -> None:
+        n, size = values.shape
+        flat = np.ascontiguousarray(values).reshape(-1)
+        self._send(parts, t, rr.Scalars.columns(scalars=flat).partition(np.full(n, size)))
+
+    def _poses(self, values: Mapping[str, np.ndarray]) -> None:
+        t = values["t"].reshape(-1)
+        if not len(t):
+            return
+        p, quat, p_d = values["p_WB"], values["quat_WB"], values["p_d"]
+        xyzw = quat[:, [1, 2, 3, 0]]
+        self._send(("world", "vehicle"), t, rr.Transform3D.columns(translation=p, quaternion=xyzw))
+        quat_d = quat_from_euler_deg(*self.header.scenario.reference.attitude_deg)[[1, 2, 3, 0]]
+        reference = rr.Transform3D.columns(translation=p_d, quaternion=np.broadcast_to(quat_d, (len(t), 4)))
+        self._send(("world", "reference"), t, reference)
+        f_W = values["f_contact_W"]
+        tip = p + np.array([self.header.geometry.reach, 0.0, 0.0])
+        # with its head where the force acts: its tail would lie in the vehicle
+        self._arrow("contact force", t, tip - ARROW_SCALE * f_W, f_W, tip + _ABOVE)
+        thrust_W = np.einsum("nij,nj->ni", rotations(quat), values["tau"][:, :3])
+        self._arrow("thrust", t, p, thrust_W, p + ARROW_SCALE * thrust_W - 0.4 * _ABOVE)
+
+    def _arrow(self, name: str, t: np.ndarray, start: np.ndarray, force: np.ndarray, text_at: np.ndarray) -> None:
+        """A force's arrow with its magnitude; there is none where there is no force. All (n, 3), in W."""
+        newtons = np.linalg.norm(force, axis=1)
+        some = newtons > 0.0
+        arrows = rr.Arrows3D.columns(origins=start[some], vectors=ARROW_SCALE * force[some])
+        self._send(("world", name), t, arrows.partition(some.astype(int)))
+        if not self.label:
+            labels = [f"{name} {n:.2f} N" for n in newtons[some]]
+            text = rr.Points3D.columns(positions=text_at[some], labels=labels)
+            self._send(("world", name, "text"), t, text.partition(some.astype(int)))
+
+    def _trajectory(self, t: np.ndarray, p: np.ndarray) -> None:
+        """The way travelled, a straight piece at a time: the layout shows all up to the cursor."""
+        if not len(t):
+            return
+        way = np.concatenate([p[:1] if self._last_p is None else self._last_p[None], p])
+        self._last_p = p[-1].copy()
+        pieces = np.stack([way[:-1], way[1:]], axis=1)
+        self._send(("world", "trajectory"), t, rr.LineStrips3D.columns(strips=list(pieces)))
+
+    def _things(self) -> None:
+        scenario, geometry = self.header.scenario, self.header.geometry
+        for i, solid in enumerate(solids(geometry)):
+            mesh = rr.Mesh3D(
+                vertex_positions=solid.vertices,
+                vertex_normals=solid.normals,
+                triangle_indices=solid.triangles,
+                albedo_factor=self._tinted(solid.rgba),
+            )
+            self._log(("world", "vehicle", f"part {i + 1}"), mesh)
+        face = scenario.wall.position + geometry.reach
+        half = np.array([WALL_THICKNESS, WALL_SIZE, WALL_SIZE]) / 2
+        centre = (face + half[0], 0.0, 0.0)
+        wall = rr.Boxes3D(
+            centers=[centre], half_sizes=[half], colors=[_rgba8((*WALL_RGBA[:3], 0.35))], fill_mode="solid"
+        )
+        self._log(("world", "wall"), wall)
+        self._arrow_style("contact force", self.colour or CONTACT)
+        self._arrow_style("thrust", self.colour or THRUST)
+        beta = np.deg2rad(scenario.current.direction_deg)
+        v_c_W = scenario.current.speed * np.array([np.cos(beta), np.sin(beta), 0.0])
+        if v_c_W.any():
+            start = np.array([0.4 * face, 0.0, 0.5])
+            arrow = rr.Arrows3D(
+                origins=[start],
+                vectors=[CURRENT_SCALE * v_c_W],
+                colors=[CURRENT],
+                radii=[0.014],
+                labels=[f"current {scenario.current.speed:g} m/s"],
+            )
+            self._log(("world", "current"), arrow)
+        self._log(("world", "trajectory"), rr.LineStrips3D.from_fields(colors=[self.colour or PURPLE], radii=[0.007]))
+        corners = np.concatenate([solid.vertices for solid in solids(geometry)])
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        box = rr.Boxes3D(
+            centers=[(low + high) / 2],
+            half_sizes=[(high - low) / 2],
+            colors=[LIGHT],
+            radii=[0.003],
+            fill_mode="majorwireframe",
+        )
+        self._log(("world", "reference"), box)
+        label = rr.Points3D([(low[0], 0.0, high[2])], radii=[0.0], colors=[LIGHT], labels=["reference"])
+        self._log(("world", "reference", "label"), label)
+
+    def _arrow_style(self, name: str, colour: Colour) -> None:
+        self._log(("world", name), rr.Arrows3D.from_fields(colors=[colour], radii=[0.018]))
+        self._log(("world", name, "text"), rr.Points3D.from_fields(colors=[pale(colour, 0.25)], radii=[0.0]))
+
+    def _tinted(self, rgba: tuple[float, float, float, float]) -> tuple[int, int, int, int]:
+        r, g, b, a = _rgba8(rgba)
+        if self.colour is not None:
+            r, g, b = (round(0.4 * own + 0.6 * tint) for own, tint in zip((r, g, b), self.colour, strict=True))
+        return r, g, b, a
+
+    def _series(self) -> None:
+        for parts, signal, place in self.columns():
+            names, colours = zip(*(self.series(signal, i) for i in range(signal.size)[place]), strict=True)
+            self._log(parts, rr.SeriesLines(names=list(names), colors=list(colours)))
+        force = rr.SeriesLines(names=[self.named("push [N]")], colors=[self.colour or CONTACT])
+        self._log(("push",), force)
+        if isinstance(self.header.analytic, SteadyState):
+            name = self.named("analytic [N]")
+            line = rr.SeriesLines(names=[name], colors=[pale(self.colour) if self.colour else REFERENCE])
+            self._log(("push", "analytic"), line)
+
+    def series(self, signal: Signal, component: int) -> tuple[str, Colour]:
+        """Name and colour of one number of a signal."""
+        part, unit = signal.components[component], signal.units[component]
+        name = f"{signal.name}.{part}" if part else signal.name
+        colour = self.colour or COMPONENTS[component % len(COMPONENTS)]
+        return self.named(f"{name} [{unit}]"), REFERENCE if signal.name == "p_d" else colour
+
+
+def _rgba8(rgba: tuple[float, ...]) -> tuple[int, int, int, int]:
+    r, g, b, a = (min(255, round(255 * c)) for c in rgba)
+    return r, g, b, a

@@ -1,0 +1,171 @@
+"""Runs in the Rerun viewer: while they go on, from their logs, as a file, or in a web browser on this machine."""
+
+import contextlib
+import errno
+import os
+import sys
+import tempfile
+import threading
+import time
+import webbrowser
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+
+from .faults import InputError
+from .recording import Header, Outcome
+from .rerun_layout import application, layout
+from .rerun_process import LOOPBACK, free_port, start
+from .rerun_run import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, Run
+from .rerun_web import web_viewer
+from .trace import Trace
+
+_RUNS = (SKY, ORANGE, GREEN, PURPLE, YELLOW, VERMILLION, BLUE)
+"""Colours of runs that are compared."""
+_ROWS = 65_536
+"""Rows that go to Rerun at once."""
+_LIVE_HZ = 1000.0
+"""Most samples a simulated second that a run streams."""
+_LIVE_SAMPLES = 50_000
+"""Most samples that a run streams in all, however long it is: the log has every one."""
+_EVERY_S = 0.1
+"""How often a run is streamed, in real time [s]."""
+_PATIENCE_S = 10.0
+"""How long a run waits at its end for the viewer to take what it was sent."""
+
+
+class LiveView:
+    """A sink that opens the viewer and streams a run to it while it goes on, thinned so that its cost is bounded."""
+
+    def begin(self, header: Header) -> None:
+        """Open the viewer. Raises InputError if it does not start."""
+        row_s = header.row_steps * header.scenario.simulation.timestep
+        rows = header.scenario.steps / header.row_steps
+        thinned = max(1, round(1.0 / (_LIVE_HZ * row_s)), int(np.ceil(rows / _LIVE_SAMPLES)))
+        self._places = header.places
+        self._run = Run(header, row_steps=thinned)
+        self._stream = _viewer([self._run])
+        self._waiting: list[np.ndarray] = []
+        self._sent_at = 0.0
+        _begin(self._stream, [self._run])
+
+    def write(self, rows: np.ndarray) -> None:
+        """Send what has come since the last time, now and then: each column has its price, however short."""
+        self._waiting.append(rows)
+        if time.monotonic() - self._sent_at > _EVERY_S:
+            self._send()
+
+    def end(self, outcome: Outcome) -> None:
+        """Wait for the viewer to take the rest; a viewer that was closed meanwhile needs nothing more."""
+        self._send()
+        with contextlib.suppress(RuntimeError):
+            self._stream.flush(timeout_sec=_PATIENCE_S)
+        self._stream.disconnect()
+
+    def _send(self) -> None:
+        if self._waiting:
+            rows = np.concatenate(self._waiting)
+            self._run.write({name: rows[:, place] for name, place in self._places.items()})
+        self._waiting = []
+        self._sent_at = time.monotonic()
+
+
+def show(traces: Mapping[str, Trace]) -> None:
+    """Open the viewer on traces by label; it stays when this returns.
+
+    Raises:
+        InputError: it does not start, or was closed before it had everything.
+    """
+    runs = _runs(traces)
+    stream = _viewer(runs)
+    _send(stream, runs, traces)
+    try:
+        stream.flush()
+    except RuntimeError as error:
+        raise InputError(f"the viewer did not take the runs: {error}") from None
+    stream.disconnect()
+
+
+def save(traces: Mapping[str, Trace], path: Path) -> None:
+    """Write traces by label as a recording with its layout, whole or not at all.
+
+    Raises:
+        OSError: it can't be written.
+    """
+    runs = _runs(traces)
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        stream = rr.RecordingStream(application(runs))
+        stream.save(unfinished)
+        _send(stream, runs, traces)
+        stream.flush()
+        stream.disconnect()
+        os.replace(unfinished, path)
+    except RuntimeError as error:  # how Rerun says that a disk is full
+        raise OSError(errno.EIO, str(error), str(path)) from None
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def serve(traces: Mapping[str, Trace], *, port: int = 0, open_browser: bool = False) -> None:
+    """Serve the web viewer with traces by label, to this machine alone, until Ctrl-C; prints its address.
+
+    Args:
+        traces: by label.
+        port: to listen on; 0 for any that is free.
+        open_browser: whether to open the address in the user's browser.
+
+    Raises:
+        InputError: the port is taken, or Rerun's page can't be had.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        recording = Path(folder) / "run.rrd"
+        save(traces, recording)
+        with web_viewer(recording, port) as address:
+            print(address, flush=True)
+            if open_browser:
+                webbrowser.open(address)
+            try:
+                threading.Event().wait()
+            except KeyboardInterrupt:
+                return
+
+
+def _viewer(runs: list[Run]) -> rr.RecordingStream:
+    """Open the viewer, and a way to it for runs."""
+    hint = "use `uvms-mj replay run.mcap --web` or `--save run.rrd` instead"
+    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise InputError(f"there is no display to open the viewer on; {hint}")
+    port = free_port()
+    try:
+        start(["--port", str(port), "--hide-welcome-screen", "--expect-data-soon"], port, lives_s=1.5)
+    except InputError as error:
+        raise InputError(f"{error}; {hint}") from None
+    stream = rr.RecordingStream(application(runs))
+    stream.connect_grpc(f"rerun+http://{LOOPBACK}:{port}/proxy")
+    return stream
+
+
+def _begin(stream: rr.RecordingStream, runs: list[Run]) -> None:
+    """Send the layout and what does not change."""
+    stream.send_blueprint(layout(runs))
+    stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    for run in runs:
+        run.begin(stream)
+
+
+def _runs(traces: Mapping[str, Trace]) -> list[Run]:
+    """Traces as runs, each with its label and colour where there are several."""
+    if len(traces) == 1:
+        return [Run(trace.header) for trace in traces.values()]
+    return [Run(trace.header, label, _RUNS[i % len(_RUNS)]) for i, (label, trace) in enumerate(traces.items())]
+
+
+def _send(stream: rr.RecordingStream, runs: list[Run], traces: Mapping[str, Trace]) -> None:
+    """Send all of the traces, with their layout."""
+    _begin(stream, runs)
+    for run, trace in zip(runs, traces.values(), strict=True):
+        for first in range(0, len(trace), _ROWS):
+            run.write({s.name: trace[s.name][first : first + _ROWS].reshape(-1, s.size) for s in trace.signals})
