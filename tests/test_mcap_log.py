@@ -48,6 +48,7 @@ class Mine(Controller):
     weights: tuple[float, ...] = gain((1.0, 2.0, 3.0), "1", "weights")
     flag: bool = gain(True, "1", "a flag")
     states = {"xi": 6, "odom": 2}
+    name = "mine"
 
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):

@@ -166,19 +166,22 @@ def impact_impulse(trace: Trace) -> float | None:
 
 
 def demanded_force(trace: Trace) -> float:
-    r"""The pushing force at rest that eq. (12) demands, whatever the disturbance [N].
+    r"""The pushing force at rest that the desired impedance demands, whatever the disturbance [N].
 
-    With eta_e = K_d^-1 tau_c and the wall's spring (34) along its normal n,
+    With eq. (7) at rest, K_d eta_e = K_f (tau_c - F_d), and the wall's spring (34) along its normal n,
 
-    .. math:: F = \max\left(0, \frac{x_d - x_c}{n^\top K_d^{-1} n + 1/k_c}\right)
+    .. math:: F = \max\left(0, \frac{x_d - x_c - n^\top K_d^{-1} K_f F_d}{n^\top K_d^{-1} K_f n + 1/k_c}\right)
+
+    which for the paper's K_f = I, F_d = 0 is K_x (x_d - x_c) / (1 + K_x / k_c). F_d without moments.
     """
-    scenario, design = trace.scenario, design_of(trace)
-    stiffness = np.diag(design.K_d)
-    pushed = np.abs(design.normal) > 1e-12
-    if (stiffness[pushed] <= 0.0).any():
+    scenario, normal = trace.scenario, design_of(trace).normal
+    K_f, K_d, F_d = (np.array(getattr(scenario.impedance, name)) for name in ("K_f", "K_d", "F_d"))
+    pushed = np.abs(normal) > 1e-12
+    if (K_d[pushed] <= 0.0).any():
         return 0.0
-    give = float((design.normal[pushed] ** 2 / stiffness[pushed]).sum()) + 1.0 / scenario.wall.stiffness
-    return max(0.0, (scenario.reference.steps[-1].position[0] - scenario.wall.position) / give)
+    n, give = normal[pushed], K_f[pushed] / K_d[pushed]
+    distance = scenario.reference.steps[-1].position[0] - scenario.wall.position - float(n @ (give * F_d[pushed]))
+    return max(0.0, distance / (float(n @ (give * n)) + 1.0 / scenario.wall.stiffness))
 
 
 def steady_force_error(trace: Trace) -> float | None:
@@ -188,13 +191,14 @@ def steady_force_error(trace: Trace) -> float | None:
 
 
 def impedance_error(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndarray:
-    r"""Rms of the residual of eq. (12), averaged over 10 ms each (6,).
+    r"""Rms of the residual of eq. (12), or (7) where K_f and F_d are given, averaged over 10 ms each (6,).
 
-    .. math:: r_j = \frac{1}{T} \int_{t_j}^{t_j + T} (M_d \dot{\tilde\nu} + D_d \tilde\nu + K_d \tilde\eta - \tau_c)
-              \, dt, \qquad \sqrt{\tfrac{1}{n} \sum_j r_j^2}
+    .. math:: r_j = \frac{1}{T} \int_{t_j}^{t_j + T} (M_d \dot{\tilde\nu} + D_d \tilde\nu + K_d \tilde\eta
+              - K_f (\tau_c - F_d)) \, dt, \qquad \sqrt{\tfrac{1}{n} \sum_j r_j^2}
 
     No acceleration is sampled: its integral is the difference of nu_e, that of the normal force the running impulse;
-    both are exact. nu_e, eta_e and what friction gives are integrated by the trapezoidal rule over rows.
+    both are exact. nu_e, eta_e and what friction gives are integrated by the trapezoidal rule over rows: at rest any
+    log rate will do, for an impact 1 kHz or more.
     """
     design, h = design_of(trace), trace.scenario.simulation.timestep
     rows = _grid(trace, start, end)
@@ -215,7 +219,9 @@ def impedance_error(trace: Trace, start: float = 0.0, end: float = np.inf) -> np
     tau_c = np.hstack([np.einsum("nij,nj->ni", R_BW, force_W), np.einsum("nij,nj->ni", R_BW, np.cross(arm_W, force_W))])
     means = {name: np.diff(_cumulative(trace.t, trace[name])[rows], axis=0) / T for name in ("nu_e", "eta_e")}
     nu_e_dot = (trace.nu_e[last] - trace.nu_e[first]) / T
-    residual = nu_e_dot @ design.M_d.T + means["nu_e"] @ design.D_d.T + means["eta_e"] @ design.K_d.T - tau_c
+    wanted = nu_e_dot @ design.M_d.T + means["nu_e"] @ design.D_d.T + means["eta_e"] @ design.K_d.T
+    impedance = trace.scenario.impedance
+    residual = wanted - np.array(impedance.K_f) * (tau_c - np.array(impedance.F_d))
     return np.sqrt((residual**2).mean(axis=0)) if len(residual) else np.full(6, np.nan)
 
 

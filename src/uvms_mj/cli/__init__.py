@@ -3,8 +3,10 @@
 import click
 
 from .certify import certify
+from .compare import compare
 from .listing import controllers, keys
 from .logs import export, info, replay
+from .paper import paper
 from .plot import plot
 from .run import run
 
@@ -16,8 +18,10 @@ def main() -> None:
 
     \b
     uvms-mj run --controller gsta         the paper's scenario: push on a wall in an unknown current
+    uvms-mj paper --out results           the paper's section 5: figures, claims, report
     uvms-mj replay runs/.../run.mcap      look at a run in Rerun; several logs are compared
     uvms-mj plot runs/.../run.mcap        pictures of one or several logs
+    uvms-mj compare a.mcap b.mcap         a page about any logs
     uvms-mj info runs/.../run.mcap        what a log holds
     uvms-mj export runs/.../run.mcap      the samples as CSV, Parquet, NPZ or MAT
     uvms-mj certify                       how fast a disturbance may change, and how fast it did
@@ -26,7 +30,7 @@ def main() -> None:
     """
 
 
-for command in (run, replay, plot, info, export, certify, controllers, keys):
+for command in (run, paper, replay, plot, compare, info, export, certify, controllers, keys):
     main.add_command(command)
 
 __all__ = ["main"]

@@ -130,7 +130,7 @@ class Controller:
     @classmethod
     def source(cls) -> str:
         """What finds this law again: the name of one that ships, or ``path/to/file.py:ClassName``."""
-        if cls.__dict__.get("name"):
+        if cls.__dict__.get("name") and cls.__module__.startswith(f"{__package__}."):
             return cls.name
         return f"{getattr(sys.modules.get(cls.__module__), '__file__', None) or '<session>'}:{cls.__name__}"
 

@@ -1,0 +1,56 @@
+"""``uvms-mj compare``: a page about any logs."""
+
+from pathlib import Path
+
+import click
+
+from .common import bad_input
+from .logs import labels
+
+
+@click.command()
+@click.argument("logs", nargs=-1, required=True, metavar="LOG...")
+@click.option(
+    "-o",
+    "--out",
+    default="compare.html",
+    show_default=True,
+    metavar="FILE.html",
+    help="A file that does not exist yet.",
+)
+def compare(logs: tuple[str, ...], out: str) -> None:
+    """Write one HTML page about one or several logs: numbers, figures, what differs, versions.
+
+    \b
+    uvms-mj compare gsta/run.mcap fosm/run.mcap
+    uvms-mj compare runs/*/run.mcap --out monday.html
+    """
+    with bad_input():
+        from ..faults import InputError
+
+        if Path(out).exists():
+            raise InputError(f"--out {out}: exists; choose another name")
+        from .. import figures, report
+        from ..trace import Trace
+
+        loaded = [Trace.load(log) for log in logs]
+        traces = dict(zip(labels(logs, loaded), loaded, strict=True))
+        pictures = [
+            report.Picture(what, f"{caption}: {', '.join(traces)}.", figures.plot(traces, what))
+            for what, caption in _CAPTIONS.items()
+        ]
+        stateful = {name: trace for name, trace in traces.items() if trace.header.law.states}
+        if stateful:
+            caption = f"The law's own states: {', '.join(stateful)}."
+            pictures.append(report.Picture("integral", caption, figures.plot(stateful, "integral")))
+        names = ", ".join(dict.fromkeys(trace.scenario.name for trace in loaded))
+        report.write(Path(out), report.page(f"{names}: {', '.join(traces)}", traces, pictures))
+        click.echo(out)
+
+
+_CAPTIONS = {
+    "position": "Position in W and its reference",
+    "force": "Contact force",
+    "sliding": "Sliding variable",
+    "tau": "Thrust",
+}

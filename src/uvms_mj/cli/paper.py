@@ -1,0 +1,193 @@
+"""``uvms-mj paper``: all that the paper's section 5 reports, run, drawn and judged."""
+
+import contextlib
+import csv
+import io
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ..console import print_table
+from .common import EXIT_INTERRUPTED, Stop, bad_input, end
+
+if TYPE_CHECKING:
+    from ..claims import Row, Runs
+
+EXIT_CLAIM_FAILS = 1
+_DERIVED = ("claims.csv", "claims.json", "report.html")
+
+
+@click.command(
+    epilog="Exit status: 0 every claim holds, or departs for a stated reason; 1 a claim fails; 2 bad input; "
+    "130 interrupted."
+)
+@click.argument("arguments", nargs=-1, metavar="[SCENARIO] [KEY=VALUE]...")
+@click.option("-o", "--out", metavar="DIR", help="Where everything goes; needed unless --from is given.")
+@click.option("--from", "source", metavar="DIR", help="Redraw from DIR/logs without running, into DIR or --out.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object on standard output and nothing else.")
+def paper(arguments: tuple[str, ...], out: str | None, source: str | None, as_json: bool) -> None:
+    """Run all that the paper's section 5 reports, and check its claims.
+
+    Writes DIR/report.html, a page to read and to print; DIR/fig01 to fig12 and overview as PNG and SVG; DIR/claims.csv
+    and claims.json; and the logs that all of it comes from, in DIR/logs. What an earlier call left in DIR is moved
+    aside.
+
+    \b
+    uvms-mj paper --out results
+    uvms-mj paper --out soft wall.stiffness=2e4
+    uvms-mj paper --from results
+    """
+    stop = Stop()
+    os.environ.setdefault("MUJOCO_GL", "disable")
+    running = True
+    try:
+        with bad_input():
+            from .. import study
+            from ..faults import InputError
+            from ..scenario import Scenario
+
+            if source is not None:
+                if arguments:
+                    raise InputError(f"--from redraws what was run; {' '.join(arguments)} would be another run")
+                logs = Path(source) / "logs"
+                runs = study.load(logs, study.plan(Scenario()))
+                running = False
+                folder = _folder(out if out is not None else source)
+            else:
+                if out is None:
+                    raise InputError("--out DIR is missing: where shall the logs and the report go?")
+                jobs = study.plan(_scenario(arguments))
+                folder = _folder(out)
+                logs = folder / "logs"
+                _move_aside(folder)
+                logs.mkdir()
+                with _bar("running", as_json, stop) as bar:
+                    study.run(jobs, logs, bar)
+                running = False
+                runs = study.load(logs, jobs)
+            with _bar("drawing", as_json, stop) as bar:
+                rows = _write(folder, runs, bar)
+    except KeyboardInterrupt:
+        end("interrupted" if running else "interrupted; the logs are there: redraw with --from", EXIT_INTERRUPTED)
+    failed = [row.claim.id for row in rows if row.verdict.name == "fails"]
+    if as_json:
+        files = {"report": folder / "report.html", "claims": folder / "claims.json", "logs": logs}
+        report = {"claims": [row.as_dict() for row in rows], "failed": failed}
+        click.echo(json.dumps(report | {"files": {kind: str(path) for kind, path in files.items()}}, allow_nan=False))
+    else:
+        _table(rows)
+        click.echo(str(folder / "report.html"))
+    sys.exit(EXIT_CLAIM_FAILS if failed else 0)
+
+
+def _scenario(arguments: Sequence[str]):
+    from ..faults import InputError
+    from ..scenario import Scenario, parse_setting
+
+    names = [a for a in arguments if "=" not in a]
+    if len(names) > 1:
+        raise InputError(f"one scenario at a time, please: {', '.join(names)}")
+    return Scenario.load(names[0] if names else "push_wall", dict(parse_setting(a) for a in arguments if "=" in a))
+
+
+def _write(folder: Path, runs: "Runs", progress: Callable[[int, int], None]) -> "list[Row]":
+    """Figures, claims and the page, from logs alone."""
+    from .. import claims, figures, report
+
+    rows = claims.judge(runs)
+    drawn = figures.paper(runs.traces, runs.fine)
+    for i, (name, figure) in enumerate(drawn.items()):
+        progress(i, len(drawn))
+        figures.save(figure, folder / name)
+    dicts = [row.as_dict() for row in rows]
+    report.write(folder / "claims.json", json.dumps(dicts, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    table = io.StringIO()
+    writer = csv.DictWriter(table, dicts[0], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(dicts)
+    report.write(folder / "claims.csv", table.getvalue())
+    traces = {claims.LABELS[name]: trace for name, trace in runs.traces.items()}
+    pictures = [report.Picture(name, report.CAPTIONS[name], drawn[name]) for name in report.CAPTIONS]
+    title = "Super-twisting impedance control: the paper’s section 5, run again"
+    report.write(folder / "report.html", report.page(title, traces, pictures, rows))
+    return rows
+
+
+def _folder(name: str) -> Path:
+    """A folder, made, before anything is computed."""
+    from ..faults import InputError
+
+    folder = Path(name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{name}: can't write there: {error.strerror}") from None
+    if not os.access(folder, os.W_OK):
+        raise InputError(f"{name}: can't write there")
+    return folder
+
+
+def _move_aside(folder: Path) -> None:
+    """Nothing that was recorded is overwritten, and nothing that was drawn from it is left beside other logs."""
+    names = [folder / name for name in ("logs", *_DERIVED)]
+    names += [path for pattern in ("fig??.*", "overview.*") for path in folder.glob(pattern)]
+    earlier = [path for path in names if path.exists()]
+    if earlier:
+        n = 1
+        while (aside := folder / f"earlier-{n}").exists():
+            n += 1
+        aside.mkdir()
+        for path in earlier:
+            path.rename(aside / path.name)
+        click.echo(f"note: what an earlier call left in {folder} was moved to {aside}", err=True)
+
+
+@contextlib.contextmanager
+def _bar(what: str, as_json: bool, stop: Stop) -> Iterator[Callable[[int, int], None]]:
+    """A bar for all runs, or all figures, where somebody looks; a function of what is done and of all there is."""
+    if as_json or not sys.stderr.isatty():
+        yield lambda done, total: stop.check()
+        return
+    import rich.console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=rich.console.Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(what, total=None)
+
+        def advance(done: int, total: int) -> None:
+            stop.check()
+            progress.update(task, completed=done, total=total)
+
+        yield advance
+
+
+def _table(rows: "list[Row]") -> None:
+    from rich.table import Table
+
+    from ..claims import number
+
+    colours = {"holds": "green", "departs": "yellow", "fails": "bold red"}
+    table = Table(title="claims of section 5 and the conclusion", title_justify="left", show_lines=True)
+    for column in ("claim", "quantity", "paper", "ours", "threshold", "verdict"):
+        table.add_column(column, no_wrap=column == "verdict")
+    for row in rows:
+        claim, verdict = row.claim, row.verdict.name
+        unit = "" if claim.unit == "1" else f" {claim.unit}"
+        cells = (claim.text, claim.quantity, claim.paper, f"{number(row.measured.value)}{unit}", claim.predicate)
+        table.add_row(*cells, _coloured(verdict, colours[verdict]))
+    print_table(table)
+    for row in rows:
+        if row.verdict.name == "departs":
+            click.echo(f"{row.claim.id} departs: {row.claim.departure}")
+
+
+def _coloured(text: str, style: str):
+    from rich.text import Text
+
+    return Text(text, style=style)

@@ -1,0 +1,216 @@
+"""A page about some runs: one HTML file that needs nothing else, for a screen of any width and for paper."""
+
+import base64
+import io
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from . import metrics
+from .claims import REST_S, TRANSIENT_S, Row, Verdict, number
+from .faults import InputError
+from .recording import Status, portable
+from .trace import Trace
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+CAPTIONS: Mapping[str, str] = {
+    "overview": "All runs: position, sliding variable, thrust; below, GSTA's integral term and the contact forces.",
+    "fig01": "Position with impedance control alone, which the current holds short of the wall.",
+    "fig02": "Sliding variable with impedance control alone: it is free to leave zero, and does.",
+    "fig03": "Thrust with impedance control alone.",
+    "fig04": "Position with the first-order law.",
+    "fig05": "Contact force with the first-order law, a little below the expected value.",
+    "fig06": "Sliding variable with the first-order law, inside the boundary layer and not zero.",
+    "fig07": "Thrust with the first-order law; the inset shows its first switching, at every step.",
+    "fig08": "Position with GSTA.",
+    "fig09": "Contact force with GSTA, which settles at the expected value.",
+    "fig10": "Sliding variable with GSTA.",
+    "fig11": "Thrust with GSTA, with and without the nominal control; the inset is at every step.",
+    "fig12": "Force part of GSTA's integral term, with and without the nominal control.",
+}
+"""What the paper's figures show, by name."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure to embed.
+
+    Attributes:
+        name: its anchor, and its number where it has one: fig01.
+        caption: what it shows.
+        figure: drawn as SVG, with its letters as outlines: no font is needed to read it.
+    """
+
+    name: str
+    caption: str
+    figure: "Figure"
+
+    @property
+    def number(self) -> str:
+        """As the paper counts, or nothing."""
+        digits = self.name.removeprefix("fig")
+        return str(int(digits)) if digits.isdigit() else ""
+
+    @property
+    def wide(self) -> bool:
+        """Whether it takes a page's width."""
+        return bool(self.figure.get_figwidth() > 5.0)
+
+    @property
+    def src(self) -> str:
+        """A data URI."""
+        import matplotlib as mpl
+
+        file = io.BytesIO()
+        with mpl.rc_context({"svg.fonttype": "path", "svg.hashsalt": self.name}):
+            self.figure.savefig(file, format="svg", metadata={"Date": None})
+        return f"data:image/svg+xml;base64,{base64.b64encode(file.getvalue()).decode()}"
+
+
+def _rest(trace: Trace) -> float:
+    return float(trace.t[-1]) - REST_S
+
+
+def _force(values: np.ndarray) -> float:
+    return float(values[:3].sum())
+
+
+MEASURES: tuple[tuple[str, str, Callable[[Trace], Any]], ...] = (
+    ("contact force at rest", "N", lambda trace: metrics.final_force(trace)[0]),
+    ("force that the desired impedance demands", "N", metrics.demanded_force),
+    ("steady force error", "N", metrics.steady_force_error),
+    ("first contact", "s", lambda trace: trace.first_contact[-1] if trace.touches[-1] else None),
+    ("touches", "1", lambda trace: int(trace.touches[-1])),
+    ("impact peak", "N", lambda trace: trace.force_peak[-1]),
+    ("impulse of the first touch", "N s", metrics.impact_impulse),
+    ("position settled to 2 %", "s", metrics.position_settling_time),
+    ("force settled to 2 %", "s", metrics.force_settling_time),
+    ("overshoot of position", "%", lambda trace: 100.0 * metrics.overshoot(trace)),
+    ("impedance error, rms, whole run", "N", lambda trace: np.linalg.norm(metrics.impedance_error(trace)[:3])),
+    (
+        f"impedance error, rms, last {REST_S:g} s",
+        "N",
+        lambda trace: np.linalg.norm(metrics.impedance_error(trace, _rest(trace))[:3]),
+    ),
+    ("control effort", "N² s", lambda trace: _force(metrics.control_effort(trace))),
+    ("total variation of thrust", "N", lambda trace: _force(metrics.total_variation(trace))),
+    (
+        f"chattering index until {TRANSIENT_S:g} s",
+        "N/s",
+        lambda trace: _force(metrics.chattering(trace, 0.0, TRANSIENT_S)),
+    ),
+    (f"chattering index, last {REST_S:g} s", "N/s", lambda trace: _force(metrics.chattering(trace, _rest(trace)))),
+    ("largest step-to-step change of thrust", "N", lambda trace: metrics.largest_change(trace)[:3].max()),
+    ("time in the boundary layer, least axis", "%", lambda trace: 100.0 * metrics.boundary_layer_share(trace).min()),
+    ("work done on the wall", "J", lambda trace: trace.wall_work[-1]),
+    ("least work done on the wall", "J", metrics.least_wall_work),
+)
+"""What is compared: name, unit, and how it is measured. Sums and norms are those of the three force components."""
+
+
+def page(
+    title: str,
+    traces: Mapping[str, Trace],
+    pictures: Sequence[Picture],
+    rows: Sequence[Row] = (),
+) -> str:
+    """The page as HTML.
+
+    Args:
+        title: of the page.
+        traces: the runs by the names that the tables give them; at least one.
+        pictures: in order.
+        rows: claims with their verdicts.
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("uvms_mj"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters["number"] = number
+    common, differing = _settings(traces)
+    versions = {name: trace.header.versions for name, trace in traces.items()}
+    first = next(iter(traces.values()))
+    return environment.get_template("report.html").render(
+        title=title,
+        scenario=first.scenario.name,
+        description=first.scenario.description,
+        runs=list(traces),
+        rows=rows,
+        counts={verdict: sum(row.verdict is verdict for row in rows) for verdict in Verdict},
+        pictures=pictures,
+        measures=measured(traces),
+        common=common,
+        differing=differing,
+        notes=[(name, note) for name, trace in traces.items() for note in _notes(trace)],
+        versions=[(key, sorted({v[key] for v in versions.values() if key in v})) for key in first.header.versions],
+    )
+
+
+def write(path: Path, text: str) -> None:
+    """Write a file at once: who reads it sees the old one or the new one. Raises InputError where that can't be."""
+    part = path.with_name(f"{path.name}.part")
+    try:
+        part.write_text(text, encoding="utf-8")
+        os.replace(part, path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise InputError(f"{path}: can't write it: {error.strerror or error}") from None
+
+
+def measured(traces: Mapping[str, Trace]) -> list[tuple[str, str, list[float | None]]]:
+    """Name, unit and a value for each run, None where there is nothing to measure, of all :data:`MEASURES`."""
+    return [
+        (name, unit, [_finite(measure(trace)) if len(trace) else None for trace in traces.values()])
+        for name, unit, measure in MEASURES
+    ]
+
+
+def _finite(value: Any) -> float | None:
+    return None if value is None or not np.isfinite(value) else value if isinstance(value, int) else float(value)
+
+
+def _settings(traces: Mapping[str, Trace]) -> tuple[list[tuple[str, str]], list[tuple[str, list[str]]]]:
+    """Keys of the scenarios: those that all runs share with their value, and the others with one for each run."""
+    tables = [_flat(portable(trace.header)) for trace in traces.values()]
+    keys = list(dict.fromkeys(key for table in tables for key in table))
+    common, differing = [], []
+    for key in keys:
+        values = [table.get(key, "–") for table in tables]
+        if len(set(values)) == 1:
+            common.append((key, values[0]))
+        else:
+            differing.append((key, values))
+    return common, differing
+
+
+def _flat(tables: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
+    flat: dict[str, str] = {}
+    for key, value in tables.items():
+        if isinstance(value, Mapping):
+            flat |= _flat(value, f"{prefix}{key}.")
+        else:
+            flat[f"{prefix}{key}"] = _text(value)
+    return flat
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_text(each) for each in value)}]"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _notes(trace: Trace) -> list[str]:
+    ending = [] if trace.status is Status.completed else [f"{trace.status.name}: {trace.message}"]
+    return [*ending, *trace.notes]

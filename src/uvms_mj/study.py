@@ -1,0 +1,142 @@
+"""The paper's section 5 as a set of runs: what to run, running it on all cores, and reading its logs."""
+
+import os
+import threading
+import warnings
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from pathlib import Path
+
+from .checks import SamplingWarning
+from .claims import Runs
+from .faults import InputError
+from .mcap_log import McapLog
+from .recording import Status
+from .scenario import Scenario
+from .simulation import SinkError, simulate
+from .trace import Trace
+
+FINE_S = 0.2
+"""How much of each run's beginning is recorded at every step [s]."""
+SHORT_S = 1.0
+"""Long enough to see whether a law chatters; the reference has not moved then [s]."""
+LAWS: Mapping[str, tuple[str, Mapping[str, object]]] = {
+    "impedance": ("impedance", {}),
+    "fosm": ("fosm", {}),
+    "gsta": ("gsta", {"controller.nominal": True}),
+    "gsta_alone": ("gsta", {"controller.nominal": False}),
+}
+"""The runs of the paper: law and gains by name."""
+FINE, SWEEP = "_fine", "sweep_"
+"""Suffix and prefix of the names of the other logs."""
+
+
+def plan(scenario: Scenario) -> dict[str, Scenario]:
+    """Every run of the study, by the name of its log; the longest first.
+
+    Args:
+        scenario: what the runs have in common. Gains that it gives are kept in the runs of that law.
+    """
+    tables = scenario.to_dict()
+    base = {name: Scenario.from_dict(tables, gains, law) for name, (law, gains) in LAWS.items()}
+    impedance, fosm, gsta = base["impedance"], base["fosm"], base["gsta"]
+    h, wall = scenario.simulation.timestep, scenario.wall.position
+    K_x, *K_rest = scenario.impedance.K_d
+    short = {"simulation.duration": min(SHORT_S, scenario.simulation.duration)}
+    fine = {"simulation.duration": min(FINE_S, scenario.simulation.duration)}
+    sweep = {
+        "impedance_still": impedance.updated({"current.speed": 0.0}),
+        "impedance_nearer": impedance.updated({"wall.position": wall - 0.02}),
+        "impedance_stiffer": impedance.updated({"impedance.K_d": [10.0 * K_x, *K_rest]}),
+        "fosm_half_epsilon": fosm.updated(short | {"controller.epsilon": 0.5 * _gain(fosm, "epsilon")}),
+        "fosm_double_K_s": fosm.updated(short | {"controller.K_s": 2.0 * _gain(fosm, "K_s")}),
+        "gsta_quarter_step": gsta.updated(fine | {"simulation.timestep": 0.25 * h}),
+    }
+    return (
+        base
+        | {f"{SWEEP}{name}": varied for name, varied in sweep.items()}
+        | {f"{name}{FINE}": each.updated(fine) for name, each in base.items()}
+    )
+
+
+def _gain(scenario: Scenario, name: str) -> float:
+    return float(getattr(scenario.controller, name))
+
+
+def run(
+    jobs: Mapping[str, Scenario],
+    folder: Path,
+    progress: Callable[[int, int], None],
+    workers: int | None = None,
+) -> None:
+    """Run every job and write ``folder/<name>.mcap``. In threads: a run is native code, and as alone.
+
+    Args:
+        jobs: scenarios by name.
+        folder: of the logs, which must not exist yet.
+        progress: called on this thread ten times a second with the steps done in all runs, and their number; what it
+            raises stops all runs.
+        workers: runs at a time; default: one for each core.
+
+    Raises:
+        InputError: a job can't run; the others are stopped.
+    """
+    done = dict.fromkeys(jobs, 0)
+    total = sum(scenario.steps for scenario in jobs.values())
+    stop = threading.Event()
+
+    def one(name: str, scenario: Scenario) -> None:
+        def advance(steps: int, _: int) -> None:
+            done[name] = steps
+            if stop.is_set():
+                raise KeyboardInterrupt  # the run ends its log
+
+        if stop.is_set():
+            return
+        log_rate = "full" if name.endswith(FINE) else None
+        try:
+            simulate(
+                scenario, sinks=[McapLog(folder / f"{name}.mcap")], log_rate=log_rate, progress=advance, keep_s=0.0
+            )
+        except InputError as error:
+            raise InputError(error.faults, name) from None
+        except (OSError, SinkError) as error:
+            raise InputError(f"{name}: {error}") from None
+
+    with warnings.catch_warnings(), ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
+        warnings.simplefilter("ignore", SamplingWarning)  # part of the sweep is meant to chatter; logs carry the notes
+        pending = {pool.submit(one, name, scenario) for name, scenario in jobs.items()}
+        try:
+            while pending:
+                finished, pending = wait(pending, timeout=0.1, return_when=FIRST_EXCEPTION)
+                for future in finished:
+                    future.result()
+                progress(sum(done.values()), total)
+        except BaseException:
+            stop.set()
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def load(folder: Path, names: Iterable[str]) -> Runs:
+    """The runs of a folder of logs.
+
+    Raises:
+        InputError: a log is missing, damaged, or of a run that was not let go on to its end.
+    """
+    names = list(names)
+    missing = [name for name in names if not (folder / f"{name}.mcap").is_file()]
+    if missing:
+        raise InputError(f"{folder}: missing logs: {', '.join(f'{name}.mcap' for name in missing)}")
+    with ThreadPoolExecutor() as pool:
+        loaded = dict(zip(names, pool.map(lambda name: Trace.load(folder / f"{name}.mcap"), names), strict=True))
+    cut = [
+        name for name, each in loaded.items() if each.status in (Status.interrupted, Status.truncated) or not len(each)
+    ]
+    if cut:
+        raise InputError(f"{folder}: {', '.join(f'{name}.mcap' for name in cut)} ends before its run did")
+    return Runs(
+        traces={name: loaded[name] for name in LAWS},
+        fine={name: loaded[f"{name}{FINE}"] for name in LAWS},
+        sweep={name.removeprefix(SWEEP): loaded[name] for name in names if name.startswith(SWEEP)},
+    )

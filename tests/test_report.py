@@ -1,0 +1,265 @@
+"""The page about the paper and about any logs: complete by itself, safe, and made from logs alone."""
+
+import csv
+import dataclasses
+import json
+import re
+import signal
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from matplotlib.figure import Figure
+
+from uvms_mj import McapLog, Scenario, report, simulate
+from uvms_mj.claims import CLAIMS, Measured, Row, Verdict
+from uvms_mj.cli.compare import compare
+from uvms_mj.cli.paper import paper
+from uvms_mj.metrics import final_force
+
+SHORT = ("simulation.duration=0.25", "wall.position=0.002", "reference.step_time=0")
+LAW = """
+from dataclasses import dataclass
+
+from uvms_mj import Fosm
+
+
+@dataclass(frozen=True)
+class Mine(Fosm):
+    pass
+"""
+HOSTILE = "<script>alert('x')</script>"
+
+
+class Page(HTMLParser):
+    """Tags with attributes, ids, and text; complains of tags that don't match."""
+
+    VOID = ("meta", "img", "br", "link", "input", "hr")
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.text: list[str] = []
+        self.open: list[str] = []
+        self.feed(text)
+        self.close()
+        assert not self.open
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] != "style":
+            self.text.append(data)
+
+    def of(self, *names):
+        return [attributes for tag, attributes in self.tags if tag in names]
+
+
+def complete_by_itself(text: str) -> Page:
+    """A page without a script, a form, or anything that stands elsewhere."""
+    page = Page(text)
+    assert not page.of("script", "link", "iframe", "object", "embed", "base", "form")
+    for tag, attributes in page.tags:
+        assert not any(name.startswith("on") for name in attributes), (tag, attributes)
+    assert all(image["src"].startswith("data:image/svg+xml;base64,") and image["alt"] for image in page.of("img"))
+    assert all(link["href"].startswith("#") for link in page.of("a"))
+    assert not re.search(r"https?:|url\(|@import|//[a-z]", re.sub(r"base64,[A-Za-z0-9+/=]+", "", text))
+    ids = [attributes["id"] for _, attributes in page.tags if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    assert {link["href"][1:] for link in page.of("a")} <= set(ids)
+    return page
+
+
+@pytest.fixture
+def command(tmp_path, monkeypatch):
+    """A function of a command and its arguments that runs it in this process, in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield lambda which, *arguments: CliRunner().invoke(which, [str(a) for a in arguments])
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+
+
+@pytest.fixture(scope="module")
+def trace():
+    overrides = dict(setting.split("=") for setting in SHORT)
+    return simulate(Scenario.load("push_wall", {key: float(value) for key, value in overrides.items()}))
+
+
+@pytest.fixture
+def picture():
+    figure = Figure(figsize=(3, 2))
+    figure.subplots().plot([0, 1], [1, 0])
+    return report.Picture("fig03", "A line.", figure)
+
+
+def test_a_page_is_complete_by_itself_and_says_everything(trace, picture):
+    rows = [Row(CLAIMS[0], Measured(1.5, "so"), Verdict.holds), Row(CLAIMS[1], Measured(None), Verdict.fails)]
+    page = complete_by_itself(report.page("A title", {"one": trace, "two": trace}, [picture], rows))
+    text = " ".join(" ".join(page.text).split())
+    assert "A title" in text
+    for row in rows:
+        assert row.claim.text in text
+        assert row.claim.where in text
+    assert "Figure 3." in text
+    force, _ = final_force(trace)
+    assert report.number(force) in text
+    for name, version in trace.header.versions.items():
+        assert f"{name} {version}" in text
+    assert "wall.stiffness 100000" in text
+    assert "What differs" not in text
+
+
+def test_a_departure_is_explained_on_the_page(trace, picture):
+    claim = next(claim for claim in CLAIMS if claim.departure)
+    row = Row(claim, Measured(57.0), Verdict.departs)
+    assert claim.departure in " ".join(Page(report.page("t", {"one": trace}, [picture], [row])).text)
+
+
+@pytest.mark.parametrize("place", ["title", "run", "name", "description", "caption", "claim", "detail", "note"])
+def test_names_are_text_wherever_they_stand(trace, picture, place):
+    def hostile(name, otherwise):
+        return HOSTILE if place == name else otherwise
+
+    scenario = dataclasses.replace(trace.scenario, name=hostile("name", "n"), description=hostile("description", "d"))
+    notes = (hostile("note", "a note"),)
+    odd = dataclasses.replace(trace, header=dataclasses.replace(trace.header, scenario=scenario, notes=notes))
+    drawn = dataclasses.replace(picture, caption=hostile("caption", "c"))
+    claim = dataclasses.replace(CLAIMS[0], text=hostile("claim", "t"))
+    row = Row(claim, Measured(1.5, hostile("detail", "d")), Verdict.holds)
+    text = report.page(hostile("title", "t"), {hostile("run", "r"): odd}, [drawn], [row])
+    assert "<script" not in text
+    assert HOSTILE in "".join(complete_by_itself(text).text)
+
+
+def test_what_differs_is_told_from_what_is_shared(trace, picture):
+    other = dataclasses.replace(trace.header, scenario=trace.scenario.updated({"wall.stiffness": 2e4}))
+    text = report.page("t", {"a": trace, "b": dataclasses.replace(trace, header=other)}, [picture])
+    flat = " ".join(" ".join(Page(text).text).split())
+    differing, shared = flat.split("What differs between the runs")[1].split("What all runs share")
+    assert "wall.stiffness 100000 20000" in differing
+    assert "wall.stiffness" not in shared
+    assert "wall.position 0.002" in shared
+
+
+def test_no_folder_of_the_user_stands_on_the_page(tmp_path, picture):
+    model = tmp_path / "secret" / "mine.xml"
+    model.parent.mkdir()
+    model.write_bytes((Path(__file__).parents[1] / "models" / "bluerov1.xml").read_bytes())
+    settings = {"vehicle.model": str(model), "simulation.duration": 0.01}
+    text = report.page("t", {"a": simulate(Scenario.load("push_wall", settings))}, [picture])
+    assert "mine.xml" in text
+    assert "secret" not in text
+
+
+def test_a_run_that_is_empty_or_broke_off_has_a_page(trace, picture):
+    empty = dataclasses.replace(trace, arrays={name: trace[name][:0] for name in trace})
+    one = dataclasses.replace(trace, arrays={name: trace[name][:1] for name in trace})
+    page = complete_by_itself(report.page("t", {"empty": empty, "one row": one}, [picture]))
+    assert "–" in page.text
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """``uvms-mj paper`` of a run that is over before anything of the paper's has happened."""
+    folder = tmp_path_factory.mktemp("paper") / "results"
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    done = CliRunner().invoke(paper, ["--out", str(folder), *SHORT])
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+    return folder, done
+
+
+def test_paper_writes_what_it_says(results):
+    folder, done = results
+    assert done.exit_code == 1, done.output  # no claim about rest can hold after a quarter of a second
+    assert done.stdout.splitlines()[-1] == str(folder / "report.html")
+    assert "fails" in done.stdout
+    drawn = [*(f"fig{n:02d}" for n in range(1, 13)), "overview"]
+    names = {f"{name}.{kind}" for name in drawn for kind in ("png", "svg")}
+    assert names | {"claims.csv", "claims.json", "report.html", "logs"} == {path.name for path in folder.iterdir()}
+    runs = ("impedance", "fosm", "gsta", "gsta_alone")
+    assert {f"{run}{suffix}.mcap" for run in runs for suffix in ("", "_fine")} <= {
+        p.name for p in folder.glob("logs/*")
+    }
+    rows = json.loads((folder / "claims.json").read_text())
+    assert [row["id"] for row in rows] == [claim.id for claim in CLAIMS]
+    with (folder / "claims.csv").open(newline="") as file:
+        assert [row["verdict"] for row in csv.DictReader(file)] == [row["verdict"] for row in rows]
+    page = complete_by_itself((folder / "report.html").read_text(encoding="utf-8"))
+    text = " ".join(page.text)
+    assert all(claim.text in text for claim in CLAIMS)
+    assert len(page.of("img")) == 13
+    assert str(folder) not in (folder / "report.html").read_text(encoding="utf-8")
+
+
+def test_paper_redraws_the_same_from_logs(results, command, tmp_path):
+    folder, _ = results
+    done = command(paper, "--from", folder, "--out", "again", "--json")
+    assert done.exit_code == 1, done.output
+    answer = json.loads(done.stdout)
+    assert answer["failed"] == [row["id"] for row in answer["claims"] if row["verdict"] == "fails"]
+    assert Path(answer["files"]["report"]).is_file()
+    assert not (tmp_path / "again" / "logs").exists()
+    for name in ("report.html", "claims.json", "claims.csv", "fig07.png", "fig07.svg"):
+        assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes(), name
+
+
+def test_paper_moves_aside_what_is_there(command, tmp_path):
+    (tmp_path / "r" / "logs").mkdir(parents=True)
+    (tmp_path / "r" / "logs" / "gsta.mcap").write_text("old")
+    (tmp_path / "r" / "report.html").write_text("old")
+    (tmp_path / "r" / "notes.txt").write_text("mine")
+    done = command(paper, "--out", "r", "simulation.duration=0.02")
+    assert done.exit_code == 1, done.output
+    assert "was moved to r/earlier-1" in done.stderr
+    assert (tmp_path / "r" / "earlier-1" / "logs" / "gsta.mcap").read_text() == "old"
+    assert (tmp_path / "r" / "earlier-1" / "report.html").read_text() == "old"
+    assert (tmp_path / "r" / "notes.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        ((), "--out DIR is missing"),
+        (("--from", "nowhere"), "impedance.mcap"),
+        (("--from", "nowhere", "wall.stiffness=1e4"), "would be another run"),
+        (("--out", "r", "a", "b"), "one scenario at a time"),
+        (("--out", "r", "wall.stifness=1e4"), "did you mean 'stiffness'"),
+        (("--out", "file/r"), "can't write there"),
+    ],
+)
+def test_paper_refuses_in_one_sentence(command, tmp_path, arguments, complaint):
+    (tmp_path / "file").write_text("")
+    done = command(paper, *arguments)
+    assert done.exit_code == 2
+    assert complaint in done.stderr
+    assert not (tmp_path / "r").exists()
+    assert not (tmp_path / "nowhere").exists()
+
+
+def test_compare_makes_a_page_of_any_logs(command, tmp_path):
+    (tmp_path / "<script>.py").write_text(LAW)
+    settings = {"simulation.duration": 0.05, "controller.epsilon": 2e-3}
+    for i, controller in enumerate(("gsta", "<script>.py:Mine")):
+        overrides = {key: value for key, value in settings.items() if i or not key.startswith("controller")}
+        scenario = Scenario.load("push_wall", overrides, controller)
+        simulate(dataclasses.replace(scenario, name=HOSTILE), sinks=[McapLog(tmp_path / f"{i}.mcap")])
+    done = command(compare, "0.mcap", "1.mcap", "--out", "page.html")
+    assert done.exit_code == 0, done.output
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    page = complete_by_itself(text)
+    assert "<script" not in text
+    assert {"gsta", "Mine", "<script>.py:Mine"} <= {data.strip() for data in page.text}
+    assert len(page.of("img")) == 5  # the last of the one law with a state
+    assert str(tmp_path) not in text
+    again = command(compare, "0.mcap", "--out", "page.html")
+    assert again.exit_code == 2
+    assert "exists; choose another name" in again.stderr
