@@ -1,0 +1,19 @@
+"""The paper's claims, measured in runs and judged."""
+
+from .base import Claim, Measured, Row, Runs, Verdict, number
+from .measures import LABELS, REST_S, TRANSIENT_S
+from .paper import CLAIMS, judge
+
+__all__ = [
+    "CLAIMS",
+    "LABELS",
+    "REST_S",
+    "TRANSIENT_S",
+    "Claim",
+    "Measured",
+    "Row",
+    "Runs",
+    "Verdict",
+    "judge",
+    "number",
+]

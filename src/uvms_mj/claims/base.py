@@ -1,0 +1,138 @@
+"""What a claim is: a sentence, what is measured for it, a threshold, and a verdict."""
+
+import enum
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..trace import Trace
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """The runs of the study, by name.
+
+    Attributes:
+        traces: impedance, fosm, gsta, gsta_alone.
+        fine: the beginning of the same runs at every step.
+        sweep: variations, as :func:`uvms_mj.study.plan` names them.
+    """
+
+    traces: Mapping[str, Trace]
+    fine: Mapping[str, Trace]
+    sweep: Mapping[str, Trace]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A number, or None where there is nothing to measure, and what it was made of.
+
+    Attributes:
+        value: the number.
+        detail: what it was made of, in words.
+        explained: whether the reason for a known departure was itself found in the runs.
+    """
+
+    value: float | None
+    detail: str = ""
+    explained: bool = False
+
+
+class Verdict(enum.Enum):
+    """What became of a claim."""
+
+    holds = "the runs bear it out"
+    departs = "the runs do not bear it out, for a reason that is stated and was measured"
+    fails = "the runs do not bear it out"
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A sentence that can be checked.
+
+    Attributes:
+        id: short name.
+        text: the sentence, in this project's words.
+        where: equation, figure or section of the paper.
+        quantity: what is measured.
+        unit: its unit.
+        measure: measures it.
+        at_least, at_most: the predicate; at least one of them.
+        paper: the paper's value, where it gives one.
+        departure: why it is known not to hold in these runs, where the measurement finds the reason; empty for most.
+    """
+
+    id: str
+    text: str
+    where: str
+    quantity: str
+    unit: str
+    measure: Callable[[Runs], Measured] = field(repr=False)
+    at_least: float | None = None
+    at_most: float | None = None
+    paper: str = ""
+    departure: str = ""
+
+    def __post_init__(self) -> None:
+        if self.at_least is None and self.at_most is None:
+            raise ValueError(f"claim {self.id} has no threshold")
+
+    @property
+    def predicate(self) -> str:
+        """The threshold in words."""
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        if self.at_least is None:
+            return f"at most {self.at_most:g}{unit}"
+        if self.at_most is None:
+            return f"at least {self.at_least:g}{unit}"
+        return f"{self.at_least:g} to {self.at_most:g}{unit}"
+
+    def holds(self, value: float | None) -> bool:
+        """Whether the predicate is true of a value; of None or NaN it is not."""
+        if value is None:
+            return False
+        low, high = (-np.inf if self.at_least is None else self.at_least), self.at_most
+        return bool(low <= value <= (np.inf if high is None else high))
+
+
+@dataclass(frozen=True)
+class Row:
+    """A claim with what was measured."""
+
+    claim: Claim
+    measured: Measured
+    verdict: Verdict
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON and CSV; a number that JSON does not have is None."""
+        value = self.measured.value
+        claim = self.claim
+        return {
+            "id": claim.id,
+            "claim": claim.text,
+            "where": claim.where,
+            "quantity": claim.quantity,
+            "unit": claim.unit,
+            "paper": claim.paper or None,
+            "ours": value if value is not None and np.isfinite(value) else None,
+            "detail": self.measured.detail,
+            "predicate": claim.predicate,
+            "verdict": self.verdict.name,
+            "reason": claim.departure if self.verdict is Verdict.departs else "",
+        }
+
+
+def number(value: float | None) -> str:
+    """A number as a reader wants it: four digits, a true minus, powers of ten, a dash for none."""
+    if value is None:
+        return "–"
+    if value == round(value) and abs(value) < 1e4:
+        return f"{value:.0f}".replace("-", "−")
+    mantissa, e, exponent = f"{value:.4g}".partition("e")
+    raised = str(int(exponent)).translate(_RAISED) if e else ""
+    return (f"{mantissa}·10{raised}" if e else mantissa).replace("-", "−")
+
+
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

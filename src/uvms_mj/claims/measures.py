@@ -1,0 +1,221 @@
+"""What is measured for the claims of the paper."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from .. import metrics
+from ..trace import Trace
+from .base import Measured, Runs, number
+
+TRANSIENT_S = 0.1
+"""The "first fraction of a second": with the paper's gains the first-order law switches for its first 15 ms."""
+REST_S = 1.0
+"""How much of a run's end is taken as rest."""
+REVERSAL_N = 0.1
+"""A change of thrust larger than this shows in a figure: the ordinates of figs. 7 and 11 span tens of newtons."""
+
+
+def over(a: float, b: float) -> float | None:
+    """One number over another, if it is there."""
+    return float(a / b) if b else None
+
+
+def gain(trace: Trace, name: str) -> float:
+    """A gain of the law that was run."""
+    return float(getattr(trace.scenario.controller, name))
+
+
+def force(run: str) -> Callable[[Runs], Measured]:
+    """The mean pushing force over the last 0.5 s, of every step."""
+
+    def measure(runs: Runs) -> Measured:
+        trace = runs.traces[run]
+        force, settled = metrics.final_force(trace)
+        demanded = metrics.demanded_force(trace)
+        return Measured(force, f"{'settled' if settled else 'not settled'}; eq. (12) demands {demanded:.4f} N")
+
+    return measure
+
+
+def at_rest(trace: Trace) -> float:
+    """Error of the desired impedance at rest: norm of the force part of eq. (12)'s residual [N]."""
+    return float(np.linalg.norm(metrics.impedance_error(trace, trace.t[-1] - REST_S)[:3]))
+
+
+def impedance_error(run: str) -> Callable[[Runs], Measured]:
+    return lambda runs: Measured(at_rest(runs.traces[run]))
+
+
+def thrust(values: np.ndarray) -> float:
+    """Sum over the three components of the force."""
+    return float(values[:3].sum())
+
+
+def ratio(measure: Callable[[Trace], float], of: str, to: str, unit: str) -> Callable[[Runs], Measured]:
+    """The same quantity of two runs, one over the other."""
+
+    def ratio(runs: Runs) -> Measured:
+        a, b = measure(runs.traces[of]), measure(runs.traces[to])
+        return Measured(over(a, b), f"{LABELS[of]} {number(a)}, {LABELS[to]} {number(b)} {unit}")
+
+    return ratio
+
+
+LABELS = {"impedance": "impedance", "fosm": "first-order", "gsta": "GSTA", "gsta_alone": "GSTA alone"}
+
+
+def demanded(runs: Runs) -> Measured:
+    trace = runs.traces["gsta"]
+    x_d, wall = trace.scenario.reference.steps[-1].position[0], trace.scenario.wall
+    rigid = trace.scenario.impedance.K_d[0] * (x_d - wall.position)
+    return Measured(metrics.demanded_force(trace), f"{number(rigid)} N if the wall did not give")
+
+
+def reference_jump(runs: Runs) -> Measured:
+    """Largest change of the desired acceleration from row to row, to its largest value."""
+    trace = runs.traces["gsta"]
+    acceleration = np.diff(trace.p_d_dot[:, 0]) / np.diff(trace.t)
+    jump = np.abs(np.diff(acceleration, prepend=0.0)).max() if len(acceleration) else 0.0
+    return Measured(over(100.0 * jump, np.abs(acceleration).max() if len(acceleration) else 0.0), "in rows of the log")
+
+
+def spring(runs: Runs) -> Measured:
+    """Deviation of the wall's force from eq. (34), to its peak."""
+    trace = runs.traces["gsta"]
+    wall = trace.scenario.wall
+    spring = np.zeros_like(trace.f_contact_W)
+    spring[:, 0] = -wall.stiffness * np.maximum(0.0, trace.p_WB[:, 0] - wall.position)
+    return Measured(over(100.0 * np.abs(trace.f_contact_W - spring).max(), float(trace.force_peak[-1])), "at every row")
+
+
+def gap(runs: Runs) -> Measured:
+    trace = runs.traces["impedance"]
+    x = trace.p_WB[:, 0]
+    return Measured(
+        1e3 * (trace.scenario.wall.position - float(x.max())),
+        f"x ends at {x[-1]:.4f} m, yaw at {yaw(trace):.2f} deg",
+    )
+
+
+def yaw(trace: Trace) -> float:
+    w, x, y, z = trace.quat_WB[-1]
+    return float(np.degrees(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))))
+
+
+def retuned(runs: Runs) -> Measured:
+    forces = {
+        name: metrics.final_force(runs.sweep[name])[0] or 0.0 for name in ("impedance_nearer", "impedance_stiffer")
+    }
+    nearer, stiffer = forces.values()
+    return Measured(min(nearer, stiffer), f"{nearer:.3f} N with the wall 20 mm nearer, {stiffer:.3f} N with 10 K_x")
+
+
+def inside(runs: Runs) -> Measured:
+    share = metrics.boundary_layer_share(runs.traces["fosm"], TRANSIENT_S)
+    whole = metrics.boundary_layer_share(runs.traces["fosm"])
+    return Measured(float(share.min()), f"least of six axes; {number(float(whole.min()))} with the transient")
+
+
+def well_inside(runs: Runs) -> Measured:
+    trace = runs.traces["fosm"]
+    share = np.abs(trace.s[trace.t >= TRANSIENT_S]).max(axis=0) / gain(trace, "epsilon")
+    return Measured(float(share.max()), f"in surge {share[0]:.2g}, in sway {share[1]:.2g}, in yaw {share[5]:.2g}")
+
+
+def quiet(runs: Runs) -> Measured:
+    trace = runs.traces["fosm"]
+    before, after = (thrust(metrics.chattering(trace, *part)) for part in ((0.0, TRANSIENT_S), (TRANSIENT_S, np.inf)))
+    return Measured(over(after, before), f"{number(before)} N/s until {TRANSIENT_S:g} s, {number(after)} N/s later")
+
+
+def reversals(run: str) -> Callable[[Runs], Measured]:
+    def measure(runs: Runs) -> Measured:
+        count = metrics.reversals(runs.fine[run], REVERSAL_N, 0.0, TRANSIENT_S)
+        return Measured(float(count[:3].sum()), f"surge {count[0]}, sway {count[1]}, heave {count[2]}")
+
+    return measure
+
+
+def severe(variation: str) -> Callable[[Runs], Measured]:
+    def measure(runs: Runs) -> Measured:
+        as_printed, varied = (
+            thrust(metrics.mean_change(trace, 0.5, 1.0)) for trace in (runs.traces["fosm"], runs.sweep[variation])
+        )
+        return Measured(varied, f"between 0.5 and 1 s; {number(as_printed)} N with the paper's gains")
+
+    return measure
+
+
+def ripple(runs: Runs) -> Measured:
+    """Mean step-to-step change at rest, of the axis where it is largest, to the rms of the thrust."""
+    trace = runs.traces["gsta"]
+    change = metrics.mean_change(trace, trace.t[-1] - REST_S)[:3]
+    rms = np.sqrt(thrust(metrics.control_effort(trace)) / trace.t[-1])
+    return Measured(over(100.0 * change.max(), rms), f"{change.max():.3g} N of {rms:.3g} N")
+
+
+def whole_variation(runs: Runs) -> Measured:
+    """Explained where the variation at rest is that of the sampled algorithm's own cycle, within 5 %.
+
+    At rest s alternates between +-sigma, with 2 sigma = h k_1 sqrt(sigma) - h^2 k_2/4 from eqs. (24) and (27), and tau
+    changes by M_hat 4 sigma/h from step to step.
+    """
+    measured = ratio(lambda trace: thrust(metrics.total_variation(trace)), "gsta", "fosm", "N")(runs)
+    trace = runs.traces["gsta"]
+    k_1, k_2 = gain(trace, "k_1"), gain(trace, "k_2")
+    if k_1**2 < 2.0 * k_2:
+        return measured
+    cycle = 0.25 * (k_1 + np.sqrt(k_1**2 - 2.0 * k_2)) ** 2 * thrust(np.diag(metrics.design_of(trace).M_hat))
+    start = max(0.0, trace.t[-1] - REST_S)
+    rest = thrust(metrics.total_variation(trace, start)) / (trace.t[-1] - start) if len(trace) > 1 else 0.0
+    detail = f"{measured.detail}; at rest {rest:.1f} N/s, by the cycle of sgn(s) {cycle:.1f} N/s"
+    return Measured(measured.value, detail, explained=abs(rest - cycle) < 0.05 * cycle)
+
+
+def continuity(runs: Runs) -> Measured:
+    coarse, fine = (
+        metrics.largest_change(trace, TRANSIENT_S)[:3]
+        for trace in (runs.traces["gsta"], runs.sweep["gsta_quarter_step"])
+    )
+    worst = int(np.argmax(coarse))
+    return Measured(over(fine[worst], coarse[worst]), f"{coarse[worst]:.3g} N, then {fine[worst]:.3g} N")
+
+
+def actuation(runs: Runs) -> Measured:
+    """Rms of the difference of two runs' thrust, at the rows that both have."""
+    a, b = runs.traces["gsta"].tau[:, :3], runs.traces["gsta_alone"].tau[:, :3]
+    n = min(len(a), len(b))
+    difference, rms = (float(np.sqrt((x**2).sum(axis=1).mean())) for x in (a[:n] - b[:n], a[:n]))
+    return Measured(over(100.0 * difference, rms), f"rms {difference:.3g} N of {rms:.3g} N")
+
+
+def integral(runs: Runs) -> Measured:
+    a, b = (float(np.abs(runs.traces[name].z[:, :3]).max()) for name in ("gsta", "gsta_alone"))
+    return Measured(over(b, a), f"largest |z| {b:.3g} m/s² alone, {a:.3g} m/s² with the nominal control")
+
+
+def apparent_stiffness(runs: Runs) -> Measured:
+    trace = runs.traces["gsta"]
+    force, _ = metrics.final_force(trace)
+    into = trace.scenario.reference.steps[-1].position[0] - float(trace.p_WB[-1, 0])
+    return Measured(
+        over(force or 0.0, into * trace.scenario.impedance.K_d[0]),
+        "force over distance to the reference, over K_x",
+    )
+
+
+def passive(runs: Runs) -> Measured:
+    trace = runs.traces["gsta"]
+    stored = float(trace.force_peak[-1]) ** 2 / (2.0 * trace.scenario.wall.stiffness)
+    least = metrics.least_wall_work(trace)
+    return Measured(over(least, stored), f"least {number(least)} J, stored at the peak {number(stored)} J")
+
+
+def effort(runs: Runs, other: str) -> Measured:
+    """Of the thrust, with each axis in the detail."""
+    a, b = (metrics.control_effort(runs.traces[name])[:3] for name in ("gsta", other))
+    axes = ", ".join(
+        f"{axis} {number(x)} and {number(y)}" for axis, x, y in zip(("surge", "sway"), a[:2], b[:2], strict=True)
+    )
+    return Measured(over(thrust(a), thrust(b)), f"{axes} N² s")
