@@ -29,10 +29,10 @@ from rich.table import Table
 from numpy_loop import NumpyLoop
 from uvms_mj import McapLog, Scenario, Trace, simulate
 from uvms_mj.control import BUILT_IN
-from uvms_mj.metrics import AROUND_THE_END_S
 from uvms_mj.native.attachment import attach
 from uvms_mj.native.closed_loop import ClosedLoop
 from uvms_mj.plant import build
+from uvms_mj.summary import AROUND_THE_END_S
 
 CHUNK = 1000
 NUMPY_CHUNK = 100

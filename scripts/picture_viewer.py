@@ -17,8 +17,8 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 
 from uvms_mj import Scenario, Trace, rerun_view, simulate
-from uvms_mj.rerun_process import free_port, start, stop
-from uvms_mj.rerun_run import TIMELINE
+from uvms_mj.rerun_view.process import free_port, start, stop
+from uvms_mj.rerun_view.run import TIMELINE
 
 OUT = Path(__file__).parents[1] / "docs" / "replay.png"
 SETTLES_S = 8.0

@@ -22,7 +22,7 @@ from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 
 from uvms_mj import InputError, McapLog, Scenario, Status, Trace, simulate
-from uvms_mj.mcap_format import Format
+from uvms_mj.mcap_log.layout import Format
 
 ROOT = Path(__file__).parents[1]
 COMMAND = [sys.executable, "-m", "uvms_mj"]
@@ -520,7 +520,7 @@ def rewritten(path, change):
     from mcap.opcode import Opcode
     from mcap.records import Attachment, DataEnd
 
-    from uvms_mj.mcap_log import record_bytes
+    from uvms_mj.mcap_log.sink import record_bytes
 
     out = bytearray(path.read_bytes()[:8])
     with open(path, "rb") as file:

@@ -26,11 +26,12 @@ rr = pytest.importorskip("rerun", reason="rerun-sdk is not installed")
 from rerun.chunk import RrdReader  # noqa: E402
 from rerun.experimental import ViewerClient  # noqa: E402
 
-from uvms_mj import InputError, Scenario, Status, Trace, rerun_process, rerun_view, simulate  # noqa: E402
+from uvms_mj import InputError, Scenario, Status, Trace, rerun_view, simulate  # noqa: E402
 from uvms_mj.frames import quat_from_euler_deg  # noqa: E402
-from uvms_mj.rerun_process import environment, free_port, start, stop  # noqa: E402
-from uvms_mj.rerun_run import CONTACT, GREEN, ORANGE, POSE_HZ, SKY, Run  # noqa: E402
-from uvms_mj.rerun_solids import solids  # noqa: E402
+from uvms_mj.rerun_view import process, viewer  # noqa: E402
+from uvms_mj.rerun_view.process import environment, free_port, start, stop  # noqa: E402
+from uvms_mj.rerun_view.run import CONTACT, GREEN, ORANGE, POSE_HZ, SKY, Run  # noqa: E402
+from uvms_mj.rerun_view.solids import solids  # noqa: E402
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 VULKAN = any(Path("/usr/share/vulkan/icd.d").glob("*.json"))
@@ -278,7 +279,7 @@ def test_a_run_streams_to_the_viewer_and_outlives_it(closed, monkeypatch):
 
     ports: list[int] = []
     monkeypatch.setenv("DISPLAY", ":0")
-    monkeypatch.setattr(rerun_view, "start", headless)
+    monkeypatch.setattr(viewer, "start", headless)
     sink = rerun_view.LiveView()
 
     def progress(done: int, steps: int) -> None:
@@ -358,7 +359,7 @@ def test_only_this_machine_is_served(server):
 
 
 def test_a_taken_port_is_named(server, recording):
-    from uvms_mj.rerun_web import web_viewer
+    from uvms_mj.rerun_view.web import web_viewer
 
     with pytest.raises(InputError, match=f"port {server.port}"), web_viewer(recording, server.port):
         pass
@@ -456,7 +457,7 @@ def test_analytics_are_off_and_a_users_settings_untouched(tmp_path, monkeypatch)
         port, home = free_port(), Path(environment["HOME"])
         home.mkdir()
         options = ["--serve-grpc", "--port", str(port)]
-        monkeypatch.setattr(rerun_process, "environment", lambda: environment)
+        monkeypatch.setattr(process, "environment", lambda: environment)
         stop(start(options, port, lives_s=1.0))
         return {str(path.relative_to(home)) for path in home.rglob("*") if path.is_file()}
 

@@ -59,7 +59,7 @@ def log_tables(path: Any, trace: Any, files: dict[str, bytes]) -> None:
     """What a log holds: its samples, its files, and what made it."""
     from rich.table import Table
 
-    from .mcap_format import Format
+    from .mcap_log.layout import Format
 
     header = trace.header
     table = Table(title="what the log holds", show_header=False, title_justify="left", min_width=60)

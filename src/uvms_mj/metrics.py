@@ -1,12 +1,9 @@
-"""Numbers from a trace: pure functions, and the summary that a run ends in."""
+"""Numbers from a trace: pure functions."""
 
 import functools
-import math
-from typing import Any
 
 import numpy as np
 
-from .closed_forms import NoClosedForm, SteadyState
 from .design import Design
 from .frames import rotation_matrix
 from .recording import Header, Status
@@ -16,8 +13,6 @@ from .vehicle import Vehicle
 
 SETTLED = 1e-3
 """A force that changes by less than this part of itself over the final window has settled."""
-AROUND_THE_END_S = 2.0 * FINAL_WINDOW_S
-"""How much of a run's end :func:`summary` needs [s]; the rest is in the running signals."""
 AT_REST = 1e-4
 """Without contact, a vehicle slower than this has settled [m/s, rad/s]."""
 FAST_S = 0.01
@@ -41,74 +36,6 @@ def final_force(trace: Trace) -> tuple[float | None, bool]:
     start = max(0, int(np.searchsorted(t, t[-1] - FINAL_WINDOW_S + 1e-9, side="right")) - 1)
     window = float(t[-1] - t[start])
     return float(impulse[-1] - impulse[start]) / window if window > 0.0 else float(trace.push[-1]), False
-
-
-def summary(trace: Trace, files: dict[str, str]) -> dict[str, Any]:
-    """What ``uvms-mj run --json`` prints; what does not exist is None.
-
-    Args:
-        trace: the run.
-        files: paths of what was written, by kind.
-    """
-    final_N, settled = final_force(trace)
-    analytic = trace.analytic
-    rests_on_wall = isinstance(analytic, SteadyState) and analytic.force > 0.0
-    analytic_N = analytic.force if rests_on_wall and isinstance(analytic, SteadyState) else None
-    error = None if analytic_N is None or final_N is None else (final_N - analytic_N) / analytic_N
-    some = len(trace) > 0
-
-    def last(name: str) -> Any:
-        return _plain(trace[name][-1]) if some and name in trace.arrays else None
-
-    report = {
-        "scenario": trace.scenario.name,
-        "controller": trace.scenario.controller.label(),
-        "status": trace.status.name,
-        "message": trace.message or None,
-        "warnings": list(trace.notes),
-        "steps": trace.steps,
-        "timestep_s": trace.scenario.simulation.timestep,
-        "duration_s": trace.duration_s,
-        "wall_time_s": trace.wall_time_s,
-        "real_time_factor": trace.duration_s / trace.wall_time_s if trace.wall_time_s > 0 else None,
-        "contact": {
-            "first_s": last("first_contact") if some and trace.touches[-1] > 0 else None,
-            "touches": int(trace.touches[-1]) if some else 0,
-            "peak_N": last("force_peak"),
-            "final_N": final_N,
-            "settled": settled,
-            "analytic_N": analytic_N,
-            "relative_error": error,
-        },
-        "final": {
-            "position_m": last("p_WB"),
-            "attitude_wxyz": last("quat_WB"),
-            "s": last("s"),
-            "z": last("z"),
-            "tau": last("tau"),
-        },
-        "analytic": {
-            "position_m": _plain(analytic.position) if isinstance(analytic, SteadyState) else None,
-            "none_because": analytic.reason if isinstance(analytic, NoClosedForm) else None,
-        },
-        "files": files,
-    }
-    return _finite(report)
-
-
-def _finite(value: Any) -> Any:
-    """The same with None for numbers that JSON does not have."""
-    if isinstance(value, dict):
-        return {key: _finite(each) for key, each in value.items()}
-    if isinstance(value, list):
-        return [_finite(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray) and value.ndim:
-        return [_plain(v) for v in value]
-    return float(value)
 
 
 # Numbers of a whole run or a part of it. Times [s] are those of rows: the first at or after `start`, the last at or

@@ -1,9 +1,5 @@
-"""What is recorded of a run besides its samples: what was known before the first step, and how it ended.
+"""What is recorded of a run besides its samples: what was known before the first step, and how it ended."""
 
-A run's header travels as files, so that a log is complete by itself. Nothing in those files is ever executed.
-"""
-
-import dataclasses
 import enum
 import functools
 import hashlib
@@ -11,32 +7,21 @@ import importlib.metadata
 import inspect
 import itertools
 import platform
-import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
-import tomli_w
-from pydantic import Field, TypeAdapter, ValidationError
-from pydantic.dataclasses import dataclass as checked
 
 from .closed_forms import NoClosedForm, SteadyState
 from .control import Controller
 from .control.loader import BUILT_IN
-from .control.recorded import recorded_law
-from .faults import InputError, faults_of
 from .geometry import Geometry
 from .mjcf import Mjcf
-from .quantities import NonNegative, Real
 from .scenario import Scenario
-from .sections import STRICT
 from .signals import Signal
 
-FORMAT = 1
-"""Version of what stands in a log."""
 _PACKAGES = ("uvms-mj", "mujoco", "numpy", "numba", "llvmlite", "mcap")
 
 
@@ -119,6 +104,14 @@ class Header:
         """Numbers in a row."""
         return sum(signal.size for signal in self.signals)
 
+    def portable_scenario(self) -> dict[str, Any]:
+        """The scenario's tables without a user's folders: the files' names alone, for the files are in the log."""
+        tables = self.scenario.to_dict()
+        if Path(tables["vehicle"]["model"]).name != tables["vehicle"]["model"]:
+            tables["vehicle"]["model"] = self.mjcf.name
+        tables["controller"]["name"] = self.law.source
+        return tables
+
     def step_of_row(self, row: int) -> int:
         """The time step that a row belongs to; the last row of a run is the state at its end."""
         return min(row * self.row_steps, self.scenario.steps)
@@ -158,164 +151,3 @@ def versions() -> dict[str, str]:
     """Versions of what decides a run's bits, and the machine's architecture."""
     found = {name: importlib.metadata.version(name) for name in _PACKAGES}
     return found | {"python": platform.python_version(), "machine": f"{platform.system()} {platform.machine()}"}
-
-
-# What a header becomes, and what it is made of again
-
-
-@checked(frozen=True, config=STRICT)
-class _SignalEntry:
-    name: str
-    shape: tuple[Annotated[int, Field(ge=1, le=100_000)], ...]
-    unit: str
-    frame: str
-    meaning: str
-
-
-@checked(frozen=True, config=STRICT)
-class _Rest:
-    position: Annotated[tuple[Real, ...], Field(min_length=3, max_length=3)]
-    quat: Annotated[tuple[Real, ...], Field(min_length=4, max_length=4)]
-    force: NonNegative
-    s: Annotated[tuple[Real, ...], Field(min_length=6, max_length=6)]
-    tau: Annotated[tuple[Real, ...], Field(min_length=6, max_length=6)]
-
-
-@checked(frozen=True, config=STRICT)
-class _LawEntry:
-    source: str
-    sha256: str | None
-    states: dict[str, Annotated[int, Field(ge=1, le=100_000)]]
-
-
-@checked(frozen=True, config=STRICT)
-class _Run:
-    format: int
-    vehicle: str
-    row_steps: Annotated[int, Field(ge=1)]
-    signals: tuple[_SignalEntry, ...]
-    law: _LawEntry
-    analytic: _Rest | None
-    no_analytic_because: str
-    notes: tuple[str, ...]
-    versions: dict[str, str]
-
-
-@checked(frozen=True, config=STRICT)
-class _End:
-    status: Status
-    message: str
-    steps: Annotated[int, Field(ge=0)]
-    wall_time_s: NonNegative
-
-
-_RUN, _END = TypeAdapter(_Run), TypeAdapter(_End)
-"""JSON of run.json and outcome.json."""
-
-
-def header_files(header: Header) -> dict[str, bytes]:
-    """A header as files by name: run.json, scenario.toml, geometry.json, model/..., law/..."""
-    rest = header.analytic
-    run = _Run(
-        format=FORMAT,
-        vehicle=header.mjcf.name,
-        row_steps=header.row_steps,
-        signals=tuple(_SignalEntry(**dataclasses.asdict(signal)) for signal in header.signals),
-        law=_LawEntry(header.law.source, header.law.sha256, dict(header.law.states)),
-        analytic=None
-        if isinstance(rest, NoClosedForm)
-        else _Rest(
-            tuple(rest.position.tolist()),
-            tuple(rest.quat.tolist()),
-            rest.force,
-            tuple(rest.s.tolist()),
-            tuple(rest.tau.tolist()),
-        ),
-        no_analytic_because=rest.reason if isinstance(rest, NoClosedForm) else "",
-        notes=tuple(without_paths(note) for note in header.notes),
-        versions=dict(header.versions),
-    )
-    files = {
-        "run.json": _RUN.dump_json(run, indent=1),
-        "scenario.toml": tomli_w.dumps(portable(header)).encode(),
-        "geometry.json": header.geometry.to_json(),
-    }
-    files |= {f"model/{name}": data for name, data in header.mjcf.files.items()}
-    if header.law.code:
-        files[f"law/{header.law.source.rpartition(':')[0]}"] = header.law.code.encode()
-    return files
-
-
-def portable(header: Header) -> dict[str, Any]:
-    """The scenario's tables without a user's folders: the files' names alone, for the files are in the log."""
-    tables = header.scenario.to_dict()
-    if Path(tables["vehicle"]["model"]).name != tables["vehicle"]["model"]:
-        tables["vehicle"]["model"] = header.mjcf.name
-    tables["controller"]["name"] = header.law.source
-    return tables
-
-
-def header_of(files: Mapping[str, bytes]) -> Header:
-    """The header that files were made of.
-
-    Raises:
-        InputError: they are not what :func:`header_files` makes.
-    """
-    missing = [name for name in ("run.json", "scenario.toml", "geometry.json") if name not in files]
-    if missing:
-        raise InputError(f"{', '.join(missing)} is missing")
-    try:
-        run = _RUN.validate_json(files["run.json"])
-    except ValidationError as error:
-        raise InputError(faults_of(error), "run.json") from None
-    if run.format != FORMAT:
-        raise InputError(f"written in format {run.format}, by another version of uvms-mj; this one reads {FORMAT}")
-    try:
-        tables = tomllib.loads(files["scenario.toml"].decode())
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"scenario.toml: {error}") from None
-    code = files.get(f"law/{run.law.source.rpartition(':')[0]}", b"").decode(errors="replace")
-    law = Law(run.law.source, run.law.sha256, code, run.law.states)
-    known = None if law.source in BUILT_IN else recorded_law(law.source, tables.get("controller", {}), law.states)
-    scenario = Scenario.from_dict(tables, place="scenario.toml", known=known)
-    if scenario.controller.source() != law.source:
-        raise InputError("scenario.toml and run.json name different laws")
-    models = {name.removeprefix("model/"): data for name, data in files.items() if name.startswith("model/")}
-    if run.vehicle not in models:
-        raise InputError(f"model/{run.vehicle} is missing")
-    rest = run.analytic
-    return Header(
-        scenario=scenario,
-        signals=tuple(Signal(s.name, s.shape, s.unit, s.frame, s.meaning) for s in run.signals),
-        row_steps=run.row_steps,
-        analytic=NoClosedForm(run.no_analytic_because)
-        if rest is None
-        else SteadyState(
-            np.array(rest.position), np.array(rest.quat), rest.force, np.array(rest.s), np.array(rest.tau)
-        ),
-        notes=run.notes,
-        mjcf=Mjcf(run.vehicle, models),
-        geometry=Geometry.from_json(files["geometry.json"]),
-        law=law,
-        versions=run.versions,
-    )
-
-
-def outcome_file(outcome: Outcome) -> bytes:
-    """outcome.json."""
-    message = without_paths(outcome.message)
-    return _END.dump_json(_End(outcome.status, message, outcome.steps, outcome.wall_time_s))
-
-
-def outcome_of(data: bytes) -> Outcome:
-    """Raises InputError if data is no outcome.json."""
-    try:
-        end = _END.validate_json(data)
-    except ValidationError as error:
-        raise InputError(faults_of(error), "outcome.json") from None
-    return Outcome(end.status, end.message, end.steps, end.wall_time_s)
-
-
-def without_paths(text: str) -> str:
-    """Text in which files have lost their folders."""
-    return re.sub(r"(?<![\w.:/])(?:[A-Za-z]:)?[/\\](?:[^\s'\"/\\:]+[/\\])+", "", text)

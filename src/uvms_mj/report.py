@@ -13,7 +13,7 @@ import numpy as np
 from . import metrics
 from .claims import REST_S, TRANSIENT_S, Row, Verdict, number
 from .faults import InputError
-from .recording import Status, portable
+from .recording import Status
 from .trace import Trace
 
 if TYPE_CHECKING:
@@ -183,7 +183,7 @@ def _finite(value: Any) -> float | None:
 
 def _settings(traces: Mapping[str, Trace]) -> tuple[list[tuple[str, str]], list[tuple[str, list[str]]]]:
     """Keys of the scenarios: those that all runs share with their value, and the others with one for each run."""
-    tables = [_flat(portable(trace.header)) for trace in traces.values()]
+    tables = [_flat(trace.header.portable_scenario()) for trace in traces.values()]
     keys = list(dict.fromkeys(key for table in tables for key in table))
     common, differing = [], []
     for key in keys:

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .closed_forms import NoClosedForm, SteadyState
-from .mcap_log import McapLog
-from .mcap_read import read
+from .mcap_log import McapLog, read
 from .recording import Header, Outcome, Status
 from .scenario import Scenario
 from .signals import Signal, split_rows

@@ -29,8 +29,8 @@ def info(log: str, show: str | None, as_json: bool) -> None:
     """
     with bad_input():
         from ..faults import InputError, suggestion
-        from ..mcap_read import read_files
-        from ..metrics import summary
+        from ..mcap_log import read_files
+        from ..summary import summary
         from ..trace import Trace
 
         header, files = read_files(log)

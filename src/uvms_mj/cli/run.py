@@ -91,7 +91,7 @@ def _from_log(
     """Scenario, vehicle and log rate of a log, and warnings where a repetition can't be the same."""
     from ..control.recorded import RecordedLaw
     from ..faults import InputError
-    from ..mcap_read import read_files
+    from ..mcap_log import read_files
     from ..recording import Law, versions
     from ..scenario import Scenario
 
@@ -137,9 +137,9 @@ def _simulate(
     import warnings
 
     from ..mcap_log import McapLog
-    from ..metrics import AROUND_THE_END_S, summary
     from ..recording import Status
     from ..simulation import LawError, SinkError, simulate
+    from ..summary import AROUND_THE_END_S, summary
 
     files = {"mcap": folder / "run.mcap", "scenario": folder / "scenario.toml"}
     sinks: list[Sink] = [_Folder(folder, files), McapLog(files["mcap"])]

@@ -23,10 +23,11 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, DataEnd, Footer, Metadata, Schema
 from mcap.records import Header as FileHeader
 
-from .faults import InputError
-from .mcap_format import CHUNK_BYTES, Format
-from .mcap_log import MAGIC, sealed
-from .recording import Header, Outcome, Status, header_of, outcome_of
+from ..faults import InputError
+from ..recording import Header, Outcome, Status
+from .attachments import header_of, outcome_of
+from .layout import CHUNK_BYTES, Format
+from .sink import MAGIC, sealed
 
 
 @dataclass(frozen=True, eq=False)

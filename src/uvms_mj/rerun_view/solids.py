@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .frames import rotation_matrix
-from .geometry import Geometry, Mesh, Shape
+from ..frames import rotation_matrix
+from ..geometry import Geometry, Mesh, Shape
 
 _AROUND, _ALONG = 28, 12
 """Faces around and along what is round."""

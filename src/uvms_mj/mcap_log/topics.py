@@ -9,13 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..closed_forms import SteadyState
+from ..frames import quat_from_euler_deg, rotation_matrix
+from ..geometry import Geometry, Shape
+from ..recording import Header
+from ..signals import RUNNING, STATE, Signal
 from . import ros2
 from .cdr import Message
-from .closed_forms import SteadyState
-from .frames import quat_from_euler_deg, rotation_matrix
-from .geometry import Geometry, Shape
-from .recording import Header
-from .signals import RUNNING, STATE, Signal
 
 ARROWS_HZ = 20.0
 """Force arrows in simulated time, as far as the log rate allows."""

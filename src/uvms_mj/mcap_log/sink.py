@@ -31,9 +31,10 @@ from mcap.records import (
 )
 from mcap.records import Header as FileHeader
 
+from ..recording import Header, Outcome
 from . import ros2
-from .mcap_format import CHUNK_BYTES, Format, Records, message_indexes
-from .recording import Header, Outcome, header_files, outcome_file
+from .attachments import header_files, outcome_file
+from .layout import CHUNK_BYTES, Format, Records, message_indexes
 
 MAGIC = b"\x89MCAP0\r\n"
 METADATA, SEAL = "uvms_mj", "crc32"

@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from .faults import InputError
-from .recording import Header, Outcome
-from .rerun_layout import application, layout
-from .rerun_process import LOOPBACK, free_port, start
-from .rerun_run import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, Run
-from .rerun_web import web_viewer
-from .trace import Trace
+from ..faults import InputError
+from ..recording import Header, Outcome
+from ..trace import Trace
+from .layout import application, layout
+from .process import LOOPBACK, free_port, start
+from .run import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, Run
+from .web import web_viewer
 
 _RUNS = (SKY, ORANGE, GREEN, PURPLE, YELLOW, VERMILLION, BLUE)
 """Colours of runs that are compared."""

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from mcap.opcode import Opcode
 
+from ..recording import Header
 from . import topics
-from .recording import Header
 from .topics import Topic
 
 _HEAD = np.dtype([("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("when", "u1", (20,))])

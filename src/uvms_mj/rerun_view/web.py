@@ -15,8 +15,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from urllib.parse import quote, urlsplit
 
-from .faults import InputError
-from .rerun_process import LOOPBACK, free_port, start, stop
+from ..faults import InputError
+from .process import LOOPBACK, free_port, start, stop
 
 _FILES = ("index.html", "re_viewer.js", "re_viewer_bg.wasm", "favicon.ico")
 _RECORDING = "/run.rrd"

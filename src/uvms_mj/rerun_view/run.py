@@ -10,12 +10,12 @@ from collections.abc import Iterable, Iterator, Mapping
 import numpy as np
 import rerun as rr
 
-from .closed_forms import SteadyState
-from .frames import quat_from_euler_deg
-from .recording import Header
-from .rerun_solids import solids
-from .signals import Signal
-from .topics import WALL_RGBA, WALL_THICKNESS, rotations
+from ..closed_forms import SteadyState
+from ..frames import quat_from_euler_deg
+from ..mcap_log.topics import WALL_RGBA, WALL_THICKNESS, rotations
+from ..recording import Header
+from ..signals import Signal
+from .solids import solids
 
 TIMELINE = "sim_time"
 """Simulated time [s]."""

@@ -15,7 +15,7 @@ import tempfile
 import time
 from collections.abc import Sequence
 
-from .faults import InputError
+from ..faults import InputError
 
 LOOPBACK = "127.0.0.1"
 _NOWHERE = f"http://{LOOPBACK}:9"

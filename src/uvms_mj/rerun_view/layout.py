@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import rerun as rr
 import rerun.blueprint as rrb
 
-from .closed_forms import SteadyState
-from .rerun_run import TIMELINE, Run
+from ..closed_forms import SteadyState
+from .run import TIMELINE, Run
 
 _ENDS_ALONE, _ENDS_COMPARED = 1.3, 1.5
 """Where the plots' time axis ends, in durations, so that the legend hides no line; it is wider with runs' names."""
