@@ -89,6 +89,37 @@ def test_export_never_writes_over_a_file(command, log, tmp_path):
     assert (tmp_path / "mine.csv").read_text() == "mine"
     assert command("export", log, "--to", "csv", "--out", log).exit_code == 2
     assert len(Trace.load(log)) == 301
+    (tmp_path / "link.csv").symlink_to("nowhere")
+    (tmp_path / "new.csv.part").write_text("mine")
+    assert command("export", log, "--out", "link.csv").exit_code == 2
+    assert command("export", log, "--out", "new.csv").exit_code == 0
+    assert (tmp_path / "new.csv.part").read_text() == "mine"
+    assert {path.name for path in tmp_path.iterdir()} == {"mine.csv", "link.csv", "new.csv", "new.csv.part"}
+    for kind in ("csv", "parquet", "npz", "mat"):
+        done = command("export", log, "--out", f"nowhere/x.{kind}")
+        assert done.exit_code == 2
+        assert done.stderr == f"error: nowhere/x.{kind}: can't write it: No such file or directory\n"
+
+
+@pytest.mark.parametrize("state", ["é", "x" * 70])
+def test_a_state_that_matlab_can_not_name_is_refused_and_leaves_nothing(command, tmp_path, state):
+    (tmp_path / "odd.py").write_text(
+        "from dataclasses import dataclass\nfrom uvms_mj import Controller\n\n"
+        f"@dataclass(frozen=True)\nclass Odd(Controller):\n    states = {{{state!r}: 2}}\n"
+        "    @staticmethod\n    def law(gains, state, signals, state_dot, tau_cmd):\n        tau_cmd[:] = 0.0\n"
+    )
+    command("run", "-c", "odd.py:Odd", "simulation.duration=0.01", "-q", "-o", "r")
+    done = command("export", "r/run.mcap", "--out", "x.mat")
+    assert done.exit_code == 2
+    assert state in done.stderr
+    assert not list(tmp_path.glob("*x.mat*"))
+    assert command("export", "r/run.mcap", "--out", "x.npz").exit_code == 0
+
+
+def test_control_characters_in_a_name_do_not_reach_the_terminal(command, tmp_path):
+    done = command("info", "\x1b[31m\x07x.mcap")
+    assert done.exit_code == 2
+    assert done.stderr.startswith("error: \\x1b[31m\\x07x.mcap: ")
 
 
 @pytest.mark.parametrize(
@@ -113,6 +144,14 @@ def test_bad_input_gives_one_message_and_status_2(command, log, tmp_path, argume
     assert expected in done.stderr
     assert "Traceback" not in done.stderr
     assert not list(tmp_path.iterdir())
+
+
+def test_info_shows_every_file_in_a_log(command, log):
+    done = command("info", log, "--json")
+    names = json.loads(done.stdout)["attachments"]
+    assert {"run.json", "scenario.toml", "geometry.json", "outcome.json", "model/bluerov1.xml"} <= set(names)
+    for name, size in names.items():
+        assert len(command("info", log, "--show", name).stdout_bytes) == size
 
 
 def test_a_log_that_was_cut_off_is_shown_with_a_warning(command, log, tmp_path):

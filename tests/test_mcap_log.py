@@ -1,9 +1,13 @@
 """The log: read back by others' code and by ours, cut off, damaged, killed."""
 
+import contextlib
+import copy
+import dataclasses
 import hashlib
 import io
 import json
 import os
+import pickle
 import random
 import re
 import signal
@@ -21,7 +25,8 @@ from mcap.records import Statistics
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 
-from uvms_mj import InputError, McapLog, Scenario, Status, Trace, simulate
+from uvms_mj import InputError, McapLog, Scenario, SinkError, Status, Trace, simulate
+from uvms_mj.mcap_log.attachments import without_paths
 from uvms_mj.mcap_log.layout import Format
 
 ROOT = Path(__file__).parents[1]
@@ -333,6 +338,41 @@ def test_a_users_law_is_recorded_and_never_run_from_a_log(tmp_path):
     assert "is not the code that was recorded" in edited.stderr
 
 
+@pytest.mark.parametrize(
+    "text", ["<mujoco", "\ufeff<mujoco", "<!-- hull -- and skids --><!-- <mesh file='/a/b.stl'/> --><mujoco"]
+)
+def test_no_path_of_a_users_is_in_a_model_and_the_log_is_enough_to_repeat(tmp_path, text):
+    folder = tmp_path / "secret_place"
+    folder.mkdir()
+    (folder / "hull.obj").write_text("v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n")
+    model = (ROOT / "models" / "bluerov1.xml").read_text().replace("<mujoco", text, 1)
+    model = re.sub(r"<compiler ", f"<compiler meshdir='{folder}' ", model, count=1)
+    with_mesh = model.replace("</asset>", '<mesh name="hull" file="hull.obj"/></asset>', 1)
+    for name, text in (("plain", model), ("mesh", with_mesh)):
+        (folder / f"{name}.xml").write_text(text, encoding="utf-8")
+    for name in ("plain", "mesh"):
+        scenario = Scenario.load(
+            "push_wall", {"vehicle.model": str(folder / f"{name}.xml"), "simulation.duration": 0.1}
+        )
+        trace = simulate(scenario, sinks=[McapLog(tmp_path / f"{name}.mcap")])
+        assert b"secret_place" not in (tmp_path / f"{name}.mcap").read_bytes()
+    for file in folder.iterdir():
+        file.unlink()
+    for name in ("plain", "mesh"):
+        loaded = Trace.load(tmp_path / f"{name}.mcap")
+        same(trace, simulate(loaded.scenario, mjcf=loaded.header.mjcf))
+
+
+@pytest.mark.parametrize(
+    "said", ["open('/home/jo/my dir/a b.txt')", "file:///home/jo/x", "/home/jo/x: no", r"C:\\jo\\x", "~/jo/x"]
+)
+def test_what_a_law_raises_is_logged_without_folders(tmp_path, said):
+    message = without_paths(f"RuntimeError: {said} in N/m and 'm/s', http://a.b/c")
+    assert "jo" not in message
+    assert "my dir" not in message
+    assert message.endswith("in N/m and 'm/s', http://a.b/c")
+
+
 def test_no_path_of_a_users_is_in_a_warning(tmp_path):
     path = tmp_path / "secret_place" / "slow.py"
     path.parent.mkdir()
@@ -341,6 +381,83 @@ def test_no_path_of_a_users_is_in_a_warning(tmp_path):
     assert "plain Python" in done.stderr
     assert b"secret_place" not in (tmp_path / "a" / "run.mcap").read_bytes()
     assert Trace.load(tmp_path / "a" / "run.mcap").notes
+
+
+def test_a_law_that_becomes_slow_reaches_the_disk_every_second_too(tmp_path):
+    """How long a step takes is known only when it is done."""
+
+    class Log(McapLog):
+        def write(self, rows):
+            instants.append(time.monotonic())
+            super().write(rows)
+
+    (tmp_path / "slow.py").write_text(
+        "import time\nfrom dataclasses import dataclass\nfrom uvms_mj import Controller\n\n"
+        "@dataclass(frozen=True)\nclass Slow(Controller):\n"
+        "    @staticmethod\n    def law(gains, state, signals, state_dot, tau_cmd):\n"
+        "        if signals.t > 0.25:\n            time.sleep(0.01)\n"
+    )
+    instants = []
+    scenario = Scenario.load("push_wall", {"simulation.duration": 0.27}, f"{tmp_path}/slow.py:Slow")
+    with pytest.warns(UserWarning, match="plain Python"):
+        simulate(scenario, log_rate="full", sinks=[Log(tmp_path / "run.mcap")])
+    assert len(instants) > 5
+    assert np.diff(instants).max() < 1.0
+
+
+@pytest.mark.parametrize(
+    "states", [{"tau_contact_B": 6}, {"stamp": 2, "stampede": 2}, {"when": 20}, {"tip": 3, "p": 2}]
+)
+def test_a_state_of_any_name_is_logged_as_it_is(tmp_path, states):
+    filled = "\n".join(f"        state_dot.{name}[:] = {i + 1}.0" for i, name in enumerate(states))
+    (tmp_path / "odd.py").write_text(
+        "from dataclasses import dataclass\nfrom uvms_mj import Controller\n\n"
+        f"@dataclass(frozen=True)\nclass Odd(Controller):\n    states = {states}\n"
+        f"    @staticmethod\n    def law(gains, state, signals, state_dot, tau_cmd):\n{filled}\n"
+    )
+    scenario = Scenario.load("push_wall", {"simulation.duration": 0.05}, f"{tmp_path}/odd.py:Odd")
+    trace = simulate(scenario, sinks=[McapLog(tmp_path / "run.mcap")])
+    loaded = Trace.load(tmp_path / "run.mcap")
+    same(trace, loaded)
+    for i, name in enumerate(states):
+        np.testing.assert_allclose(loaded[name][-1], 0.05 * (i + 1))
+
+
+def test_sinks_and_trace_share_rows_that_nobody_can_change(tmp_path):
+    class Vandal(McapLog):
+        def write(self, rows):
+            rows[:] = 0.0
+
+    with pytest.raises(SinkError, match="read-only"):
+        simulate(Scenario.load("push_wall", {"simulation.duration": 0.1}), sinks=[Vandal(tmp_path / "x.mcap")])
+
+
+def test_a_trace_can_be_copied_and_sent_to_another_process():
+    trace = simulate(Scenario.load("push_wall", {"simulation.duration": 0.1}))
+    for copied in (copy.deepcopy(trace), pickle.loads(pickle.dumps(trace))):
+        same(trace, copied)
+        assert copied.scenario == trace.scenario
+        assert copied.outcome == trace.outcome
+
+
+def test_a_trace_without_its_beginning_is_not_saved_as_if_it_had_it(tmp_path):
+    trace = simulate(Scenario.load("push_wall", {"simulation.duration": 0.5}), keep_s=0.1)
+    assert trace.t[0] > 0.0
+    with pytest.raises(InputError, match="begins at"):
+        trace.save(tmp_path / "x.mcap")
+    assert not (tmp_path / "x.mcap").exists()
+
+
+def test_rows_that_do_not_fit_the_steps_are_no_complete_log(logged, tmp_path):
+    trace, _ = logged
+    for outcome in (
+        dataclasses.replace(trace.outcome, steps=trace.steps - trace.header.row_steps),
+        dataclasses.replace(trace.outcome, steps=trace.steps + trace.header.row_steps),
+    ):
+        path = tmp_path / f"{outcome.steps}.mcap"
+        dataclasses.replace(trace, outcome=outcome).save(path)
+        with pytest.raises(InputError, match="do not fit"):
+            Trace.load(path)
 
 
 def test_a_slow_law_still_reaches_the_disk_every_second(tmp_path):
@@ -545,15 +662,68 @@ def rewritten(path, change):
         lambda name, data: (name, data.replace(b'name = "gsta"', b'name = "os.py:Law"')),
         lambda name, data: (name, b"[" * 100_000 if name == "run.json" else data),
         lambda name, data: (name, b'{"a":' * 50_000 if name == "geometry.json" else data),
+        lambda name, data: (name, b"a = " + b"[" * 50_000 if name == "scenario.toml" else data),
+        lambda name, data: (name, b"a" + b".a" * 50_000 + b" = 1" if name == "scenario.toml" else data),
+        lambda name, data: (name, data.replace(b'model = "bluerov1"', b'model = "/etc/passwd"')),
+        lambda name, data: (name, data.replace(b'"name": "t"', b'"name": "T"')),
+        lambda name, data: (name, data.replace(b'"name": "nu"', b'"name": "s"')),
+        lambda name, data: (name, data.replace(b'"unit": "m"', b'"unit": "mm"')),
+        lambda name, data: (name, data.replace(b'"z": 6', b'"z": 7')),
+        lambda name, data: (name, re.sub(rb'("name": "p_WB",\s*"shape": \[\s*)3', rb"\g<1>4", data)),
+        lambda name, data: (
+            name,
+            re.sub(rb'("name": "p_WB",\s*"shape": \[\s*)3', rb"\g<1>" + b"9, " * 50 + b"9", data),
+        ),
     ],
 )
 def test_a_forged_log_is_refused_and_writes_nothing(logged, tmp_path, change):
     forged = tmp_path / "in" / "deep" / "forged.mcap"
     forged.parent.mkdir(parents=True)
     forged.write_bytes(rewritten(logged[1], change))
+    start = time.monotonic()
     with pytest.raises(InputError):
         Trace.load(forged)
+    assert time.monotonic() - start < 5.0
     assert list(tmp_path.rglob("*")) == [tmp_path / "in", forged.parent, forged]
+
+
+def test_opening_a_forged_log_imports_no_file_that_it_names(logged, tmp_path, monkeypatch):
+    (tmp_path / "evil.py").write_text("from pathlib import Path\nPath('ran').touch()\n")
+    monkeypatch.chdir(tmp_path)
+    for law in ("evil.py:X", f"{tmp_path}/evil.py:X"):
+        for names in ("scenario.toml", "run.json", "run.json scenario.toml"):
+
+            def change(name, data, names=names, law=law):
+                return name, data.replace(b'"gsta"', f'"{law}"'.encode()) if name in names else data
+
+            Path("forged.mcap").write_bytes(rewritten(logged[1], change))
+            with contextlib.suppress(InputError):  # a user's law that both files name is shown
+                assert Trace.load("forged.mcap").scenario.controller.source() == law
+            assert "Traceback" not in run("info", "forged.mcap", cwd=tmp_path).stderr
+            assert run("run", "--from", "forged.mcap", "-q", cwd=tmp_path).returncode == 2
+    assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize(
+    "tolerated",
+    [b"\xef\xbb\xbf<mujoco", b"<!-- a -- b --><mujoco", b"<mujoco a:b='c'", b"<mujoco a='1' a='2'"],
+)
+def test_a_model_that_only_mujoco_takes_for_xml_reaches_no_file_either(logged, tmp_path, tolerated):
+    """MuJoCo's parser takes more than what is well-formed."""
+    secret = tmp_path / "secret.xml"
+    secret.write_text("<mujoco><worldbody/></mujoco>")
+    for reference in (f"{secret}", f"{secret}".replace("/", "&#47;"), f"{secret}".replace("s", "&#x73;")):
+
+        def change(name, data, reference=reference):
+            if name.startswith("model/"):
+                data = data.replace(b"<mujoco", tolerated, 1)
+                data = data.replace(b"</mujoco>", f"<include  file = '{reference}'/></mujoco>".encode())
+            return name, data
+
+        (tmp_path / "forged.mcap").write_bytes(rewritten(logged[1], change))
+        done = run("run", "--from", "forged.mcap", "-q", "-o", "x", cwd=tmp_path)
+        assert done.returncode == 2
+        assert "refers to what is not there" in done.stderr
 
 
 def test_a_model_in_a_log_reaches_no_file_of_the_readers(logged, tmp_path):

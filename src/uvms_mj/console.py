@@ -3,9 +3,15 @@
 import contextlib
 import json
 import sys
+from collections.abc import Mapping
 from typing import Any
 
 import click
+
+
+def printable(text: str) -> str:
+    """Text in which control characters are spelt out: names in logs, and of files, write to the terminal."""
+    return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
 
 
 class Console:
@@ -15,7 +21,7 @@ class Console:
         self.as_json, self.quiet = as_json, quiet
 
     def warn(self, message: Any, category: Any, *_: Any, **__: Any) -> None:
-        click.echo(f"warning: {message}", err=True)
+        click.echo(f"warning: {printable(str(message))}", err=True)
 
     def progress(self, scenario: Any) -> Any:
         """A context manager that gives a function of steps done and their number; it draws where somebody looks."""
@@ -55,7 +61,7 @@ def _bar(scenario: Any) -> Any:
     return bar()
 
 
-def log_tables(path: Any, trace: Any, files: dict[str, bytes]) -> None:
+def log_tables(path: Any, trace: Any, files: Mapping[str, bytes]) -> None:
     """What a log holds: its samples, its files, and what made it."""
     from rich.table import Table
 
@@ -63,14 +69,16 @@ def log_tables(path: Any, trace: Any, files: dict[str, bytes]) -> None:
 
     header = trace.header
     table = Table(title="what the log holds", show_header=False, title_justify="left", min_width=60)
-    table.add_row("file", f"{path}, {path.stat().st_size / 1e6:.1f} MB")
+    table.add_row("file", f"{printable(str(path))}, {path.stat().st_size / 1e6:.1f} MB")
     rate = 1.0 / (header.row_steps * header.scenario.simulation.timestep)
     table.add_row("rows", f"{len(trace)} at {rate:g} Hz, {trace.t[0]:g} to {trace.t[-1]:g} s" if len(trace) else "0")
     digest = f", sha256 {header.law.sha256}" if header.law.sha256 else ""
-    table.add_row("law", f"{header.law.source}{digest}")
-    table.add_row("vehicle", header.mjcf.name)
-    table.add_row("attachments", "\n".join(f"{name}, {len(data) / 1e3:.1f} kB" for name, data in files.items()))
-    table.add_row("versions", ", ".join(f"{name} {version}" for name, version in header.versions.items()))
+    table.add_row("law", printable(f"{header.law.source}{digest}"))
+    table.add_row("vehicle", printable(header.mjcf.name))
+    attachments = "\n".join(f"{printable(name)}, {len(data) / 1e3:.1f} kB" for name, data in files.items())
+    table.add_row("attachments", attachments)
+    versions = ", ".join(f"{name} {version}" for name, version in header.versions.items())
+    table.add_row("versions", printable(versions))
     print_table(table)
     table = Table(title="topics", title_justify="left", min_width=60)
     for column in ("topic", "type", "frame", "unit", "meaning"):
@@ -92,7 +100,7 @@ def _run_table(trace: Any, report: dict[str, Any]) -> None:
 
     contact, final = report["contact"], report["final"]
     table = Table(
-        title=f"{report['scenario']} · {report['controller']} · {report['status']}",
+        title=printable(f"{report['scenario']} · {report['controller']} · {report['status']}"),
         show_header=False,
         title_justify="left",
         min_width=60,
@@ -133,5 +141,5 @@ def _run_table(trace: Any, report: dict[str, Any]) -> None:
             "real-time factor",
             f"{factor:.1f} ({report['duration_s']:g} s in {trace.wall_time_s:.2f} s, {step_us:.2f} us a step)",
         )
-    table.add_row("files", "\n".join(report["files"].values()))
+    table.add_row("files", printable("\n".join(report["files"].values())))
     print_table(table)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,6 +10,8 @@ import numpy as np
 
 from .faults import InputError
 from .trace import Trace
+
+_MATLAB_LENGTH = 63
 
 
 def _csv(trace: Trace, path: Path) -> None:
@@ -45,6 +48,12 @@ def _mat(trace: Trace, path: Path) -> None:
 
     # MATLAB's names don't begin with an underscore; scipy would leave such a variable out
     names = {name: f"state{name}" if name.startswith("_") else name for name in trace}
+    for name in trace:
+        if not name.isascii() or len(names[name]) > _MATLAB_LENGTH:
+            raise InputError(
+                f"the state {name!r} is no name in MATLAB, which has up to {_MATLAB_LENGTH} ASCII letters; "
+                "csv, parquet and npz take it"
+            )
     variables = {names[name]: np.asarray(trace[name]) for name in trace}
     about = {names[name]: facts for name, facts in _about(trace).items()}
     extra = {"signals": about, "scenario": trace.scenario.to_toml()}
@@ -74,14 +83,14 @@ def export(trace: Trace, kind: str, path: Path) -> None:
         path: of a file that must not exist.
 
     Raises:
-        InputError: the file exists, or can't be written.
+        InputError: the file exists, or can't be written, or the format has no such name.
     """
-    if path.exists():
+    if os.path.lexists(path):
         raise InputError(f"{path}: exists; choose another name")
-    part = path.with_name(f"{path.name}.part")
     try:
-        WRITERS[kind](trace, part)
-        os.replace(part, path)
+        with tempfile.TemporaryDirectory(prefix=".uvms-mj-", dir=path.parent) as folder:
+            part = Path(folder, "part")
+            WRITERS[kind](trace, part)
+            os.replace(part, path)
     except OSError as error:
-        part.unlink(missing_ok=True)
-        raise InputError(f"{path}: can't write it: {error.strerror}") from None
+        raise InputError(f"{path}: can't write it: {error.strerror or error}") from None

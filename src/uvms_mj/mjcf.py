@@ -1,19 +1,19 @@
 """A vehicle's MJCF with every file that it refers to, in memory: what a run is built from and what its log carries."""
 
+import html
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
-from xml.etree import ElementTree
 
 import mujoco
 
 from .faults import InputError, suggestion
 from .resources import names, resource
 
-_FILE = re.compile(r"file(right|left|up|down|front|back)?")
-"""Attributes of MJCF that name a file."""
-_FOLDERS = ("meshdir", "texturedir", "assetdir")
+_REFERENCE = re.compile(rb"""(\bfile(?:name|right|left|up|down|front|back)?\s*=\s*)("[^"]*"|'[^']*')""")
+"""Attributes that name a file. In the text as it is: MuJoCo reads more than what is well-formed XML."""
+_FOLDER = re.compile(rb"""\b(?:meshdir|texturedir|assetdir)\s*=\s*(?:"[^"]*"|'[^']*')""")
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,6 @@ class Mjcf:
             contents = {file: file.read_bytes() for file in sorted(needed)}
         except (OSError, ValueError, mujoco.FatalError) as error:
             raise InputError(f"vehicle.model {model}: can't read it: {' '.join(str(error).split())}") from None
-        if len(contents) == 1:
-            return cls(path.name, {path.name: contents[path]})
         return cls(path.name, _flattened(contents))
 
     def spec(self) -> mujoco.MjSpec:
@@ -79,16 +77,19 @@ def _line(error: Exception) -> str:
     return " ".join(str(error).split())
 
 
+def _is_text(data: bytes) -> bool:
+    """Whether MuJoCo could read a file as XML, rather than as a mesh or a picture."""
+    return b"<" in data and b"\0" not in data
+
+
 def _references(data: bytes) -> Iterator[str]:
-    """The files that an XML file names; none if it is no XML."""
-    if data.lstrip()[:1] != b"<":
-        return
-    try:
-        root = ElementTree.fromstring(data)
-    except ElementTree.ParseError:
-        return  # MuJoCo says what is wrong with it
-    for element in root.iter():
-        yield from (value for key, value in element.attrib.items() if _FILE.fullmatch(key))
+    """The files that an XML file names, in its comments too; none if it is no XML."""
+    if _is_text(data):
+        yield from filter(None, (_name(match[2]) for match in _REFERENCE.finditer(data)))
+
+
+def _name(quoted: bytes) -> str:
+    return html.unescape(quoted[1:-1].decode(errors="replace"))
 
 
 def _flattened(contents: Mapping[Path, bytes]) -> dict[str, bytes]:
@@ -100,23 +101,18 @@ def _flattened(contents: Mapping[Path, bytes]) -> dict[str, bytes]:
             name, n = f"{path.stem}-{n}{path.suffix}", n + 1
         flat[path] = name
 
-    def short(reference: str) -> str:
+    def short(match: re.Match[bytes]) -> bytes:
+        reference = _name(match[2])
         parts = [part for part in PurePath(reference.replace("\\", "/")).parts if part not in (".", "..", "/")]
         fits = [path for path in contents if path.parts[-len(parts) :] == tuple(parts)]
-        if len(fits) != 1:
+        if len(fits) > 1:
             raise InputError(f"vehicle.model: {reference!r} could be {len(fits)} files; give them different names")
-        return flat[fits[0]]
+        name = html.escape(flat[fits[0]]) if fits else ""  # what MuJoCo does not depend on stands in a comment
+        return match[1] + f'"{name}"'.encode()
 
     files = {}
     for path, data in contents.items():
-        if any(_references(data)):
-            root = ElementTree.fromstring(data)
-            for element in root.iter():
-                for key, value in element.attrib.items():
-                    if _FILE.fullmatch(key):
-                        element.attrib[key] = short(value)
-                for folder in _FOLDERS:
-                    element.attrib.pop(folder, None)
-            data = ElementTree.tostring(root)
+        if _is_text(data):
+            data = _FOLDER.sub(b"", _REFERENCE.sub(short, data))
         files[flat[path]] = data
     return files

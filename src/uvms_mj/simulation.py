@@ -29,7 +29,9 @@ from .writing import Writing
 CHUNK_STEPS = 1000
 """Most steps from one turn of Python to the next: a few milliseconds."""
 CHUNK_S = 0.25
-"""Most wall time from one turn to the next, for laws that take long [s]."""
+"""Wall time after which the turn is Python's, for laws that take long [s]."""
+SLICE_STEPS = 50
+"""Most steps from one look at the clock to the next: a law may become slow at any step."""
 
 
 class LawError(RuntimeError):
@@ -205,30 +207,32 @@ class _Run:
         model, data, steps = self.plant.model, self.data, self.scenario.steps
         done, n = 0, 1
         while done < steps:
-            n = min(n, steps - done)
-            start = time.perf_counter()
+            end = min(done + CHUNK_STEPS - done % CHUNK_STEPS, steps)
+            start = now = time.perf_counter()
             try:
-                if loop.compiled:
-                    mujoco.mj_step(model, data, n)
-                else:
-                    self._python_steps(loop, n)
+                while done < end and now - start < CHUNK_S and not loop.fault:
+                    n, begun = min(n, end - done), now
+                    if loop.compiled:
+                        mujoco.mj_step(model, data, n)
+                    else:
+                        self._python_step(loop)
+                    done, now = done + n, time.perf_counter()
+                    n = max(1, min(SLICE_STEPS, int(CHUNK_S * n / (now - begun)))) if loop.compiled else 1
             finally:
                 self._take_rows(loop)
-            done += n
             self._after(loop, done)
             if not loop.fault and done == steps:  # the state at the end, which no step begins from
                 self._forward(loop)
                 self._take_rows(loop)
                 self._after(loop, done + 1)
             yield done
-            a_step = (time.perf_counter() - start) / n
-            n = max(1, min(CHUNK_STEPS - done % CHUNK_STEPS, int(CHUNK_S / a_step)))
 
     def _take_rows(self, loop: ClosedLoop) -> None:
         """Hand the rows on; an interrupt between two lines of this, and a second call, neither lose nor double any."""
         rows = loop.rows()
         if len(rows) and (not self.blocks or rows[0, 0] > self.blocks[-1][-1, 0]):
             block = rows.copy()
+            block.setflags(write=False)  # sinks and trace share it
             first_step = round(block[0, 0] / self.scenario.simulation.timestep)
             self.writing.put(-(-first_step // self.row_steps), block)
             self.blocks.append(block)
@@ -236,12 +240,9 @@ class _Run:
             self.blocks.popleft()
         loop.clear_rows()
 
-    def _python_steps(self, loop: ClosedLoop, n: int) -> None:
-        for _ in range(n):
-            self._python_law(loop)
-            mujoco.mj_step(self.plant.model, self.data)
-            if loop.fault:
-                return
+    def _python_step(self, loop: ClosedLoop) -> None:
+        self._python_law(loop)
+        mujoco.mj_step(self.plant.model, self.data)
 
     def _python_law(self, loop: ClosedLoop) -> None:
         if loop.prepare():

@@ -3,12 +3,12 @@
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .closed_forms import NoClosedForm, SteadyState
+from .faults import InputError
 from .mcap_log import McapLog, read
 from .recording import Header, Outcome, Status
 from .scenario import Scenario
@@ -63,10 +63,20 @@ class Trace:
         return cls.of(recording.header, recording.rows, recording.outcome)
 
     def save(self, path: str | os.PathLike) -> None:
-        """Write the trace as a log. Raises FileExistsError if the file exists."""
-        log = McapLog(Path(path))
+        """Write the trace as a log.
+
+        Raises:
+            FileExistsError: the file exists.
+            InputError: the trace lacks the beginning of its run, which a log can't.
+        """
+        if len(self) and self.t[0] > 0.0:
+            raise InputError(
+                f"{os.fspath(path)}: the trace begins at {self.t[0]:g} s, as keep_s asked for, and a log at 0 s; "
+                "give simulate sinks=[McapLog(...)], which writes all of a run"
+            )
+        log = McapLog(path)
         log.begin(self.header)
-        log.write(np.concatenate([self[s.name].reshape(len(self), s.size) for s in self.signals], axis=1))
+        log.write(self.rows())
         log.end(self.outcome)
 
     def to_dataframe(self) -> "pd.DataFrame":
@@ -91,6 +101,14 @@ class Trace:
             for i, (component, unit) in enumerate(zip(signal.components, signal.units, strict=True)):
                 name = f"{signal.name}.{component}" if signal.shape else signal.name
                 yield Column(name, unit, signal, values[:, i])
+
+    def rows(self) -> np.ndarray:
+        """The samples side by side (n, width), as :meth:`of` takes them."""
+        return np.concatenate([self[s.name].reshape(len(self), s.size) for s in self.signals], axis=1)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """What a copy is made of, here or in another process."""
+        return Trace.of, (self.header, self.rows(), self.outcome)
 
     def __getattr__(self, name: str) -> np.ndarray:
         try:

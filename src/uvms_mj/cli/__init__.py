@@ -1,5 +1,8 @@
 """The command line. What is heavy is imported where it is used, so that ``--help`` is quick."""
 
+import io
+import sys
+
 import click
 
 from .certify import certify
@@ -28,6 +31,9 @@ def main() -> None:
     uvms-mj controllers                   the laws, their gains, units and defaults
     uvms-mj keys                          all keys of a scenario
     """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a terminal that lacks a sign gets its number
+            stream.reconfigure(errors="backslashreplace")
 
 
 for command in (run, paper, replay, plot, compare, info, export, certify, controllers, keys):

@@ -9,6 +9,8 @@ from typing import Any, NoReturn
 
 import click
 
+from ..console import printable
+
 EXIT_BAD_INPUT, EXIT_UNSTABLE, EXIT_INTERRUPTED = 2, 3, 130
 
 
@@ -52,7 +54,7 @@ def bad_input() -> Iterator[None]:
 
 
 def end(message: str, status: int) -> NoReturn:
-    click.echo(message, err=True)
+    click.echo(printable(message), err=True)
     sys.exit(status)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..console import Console, log_tables
+from ..console import Console, log_tables, printable
 from .common import EXIT_INTERRUPTED, Stop, bad_input, end
 
 if TYPE_CHECKING:
@@ -29,17 +29,18 @@ def info(log: str, show: str | None, as_json: bool) -> None:
     """
     with bad_input():
         from ..faults import InputError, suggestion
-        from ..mcap_log import read_files
+        from ..mcap_log import read
         from ..summary import summary
         from ..trace import Trace
 
-        header, files = read_files(log)
+        recording = read(log)
+        header, files = recording.header, recording.files
         if show is not None:
             if show not in files:
                 raise InputError(f"--show {show}: the log has no such file; {suggestion(show, files)}")
             sys.stdout.buffer.write(files[show])
             return
-        trace = Trace.load(log)
+        trace = Trace.of(header, recording.rows, recording.outcome)
         say_if_truncated(log, trace)
         report = summary(trace, {"mcap": log})
         if as_json:
@@ -138,4 +139,4 @@ def say_if_truncated(log: str, trace: "Trace") -> None:
     from ..recording import Status
 
     if trace.status is Status.truncated:
-        click.echo(f"warning: {log}: {trace.message}", err=True)
+        click.echo(printable(f"warning: {log}: {trace.message}"), err=True)

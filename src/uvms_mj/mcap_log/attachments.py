@@ -7,6 +7,7 @@ import dataclasses
 import re
 import tomllib
 from collections.abc import Mapping
+from pathlib import PurePath
 from typing import Annotated
 
 import numpy as np
@@ -24,7 +25,7 @@ from ..quantities import NonNegative, Real
 from ..recording import Header, Law, Outcome, Status
 from ..scenario import Scenario
 from ..sections import STRICT
-from ..signals import Signal
+from ..signals import RECORDED, Signal
 
 FORMAT = 1
 """Version of what stands in a log."""
@@ -75,6 +76,9 @@ class _End:
     steps: Annotated[int, Field(ge=0)]
     wall_time_s: NonNegative
 
+
+_LONG_KEY = re.compile(rb"^[^\n=\"]{1000}", re.MULTILINE)
+"""What no scenario has; tomllib takes the square of a dotted key's length, minutes for 100 kB of it."""
 
 _RUN, _END = TypeAdapter(_Run), TypeAdapter(_End)
 """JSON of run.json and outcome.json."""
@@ -129,22 +133,31 @@ def header_of(files: Mapping[str, bytes]) -> Header:
     if run.format != FORMAT:
         raise InputError(f"written in format {run.format}, by another version of uvms-mj; this one reads {FORMAT}")
     try:
+        if _LONG_KEY.search(files["scenario.toml"]):
+            raise InputError("scenario.toml: a key of more than 1000 characters")
         tables = tomllib.loads(files["scenario.toml"].decode())
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError(f"scenario.toml: {error}") from None
+    table = tables.get("controller")
+    if not isinstance(table, dict) or table.get("name") != run.law.source:  # before anything goes by that name
+        raise InputError("scenario.toml and run.json name different laws")
     code = files.get(f"law/{run.law.source.rpartition(':')[0]}", b"").decode(errors="replace")
     law = Law(run.law.source, run.law.sha256, code, run.law.states)
-    known = None if law.source in BUILT_IN else recorded_law(law.source, tables.get("controller", {}), law.states)
+    known = None if law.source in BUILT_IN else recorded_law(law.source, table, law.states)
     scenario = Scenario.from_dict(tables, place="scenario.toml", known=known)
-    if scenario.controller.source() != law.source:
-        raise InputError("scenario.toml and run.json name different laws")
+    if scenario.vehicle.model != PurePath(scenario.vehicle.model).name:
+        raise InputError(f"scenario.toml: vehicle.model {scenario.vehicle.model!r} is not in the log")
+    signals = tuple(Signal(s.name, s.shape, s.unit, s.frame, s.meaning) for s in run.signals)
+    if dict(scenario.controller.states) != dict(law.states) or not _are_recorded(signals, law.states):
+        version = run.versions.get("uvms-mj", "of another version")
+        raise InputError(f"run.json: has other signals than a log of this version: uvms-mj {version} wrote it")
     models = {name.removeprefix("model/"): data for name, data in files.items() if name.startswith("model/")}
     if run.vehicle not in models:
         raise InputError(f"model/{run.vehicle} is missing")
     rest = run.analytic
     return Header(
         scenario=scenario,
-        signals=tuple(Signal(s.name, s.shape, s.unit, s.frame, s.meaning) for s in run.signals),
+        signals=signals,
         row_steps=run.row_steps,
         analytic=NoClosedForm(run.no_analytic_because)
         if rest is None
@@ -156,6 +169,16 @@ def header_of(files: Mapping[str, bytes]) -> Header:
         geometry=Geometry.from_json(files["geometry.json"]),
         law=law,
         versions=run.versions,
+    )
+
+
+def _are_recorded(signals: tuple[Signal, ...], states: Mapping[str, int]) -> bool:
+    """Whether signals are what a run records: those of every run, the thrusters', the law's states, in that order."""
+    fixed, rest = signals[: len(RECORDED)], signals[len(RECORDED) :]
+    known = tuple((s.name, s.shape, s.unit, s.frame) for s in RECORDED)
+    own = [("u", (rest[0].size,)) if rest else None, *((name, (size,)) for name, size in states.items())]
+    return (
+        tuple((s.name, s.shape, s.unit, s.frame) for s in fixed) == known and [(s.name, s.shape) for s in rest] == own
     )
 
 
@@ -174,6 +197,10 @@ def outcome_of(data: bytes) -> Outcome:
     return Outcome(end.status, end.message, end.steps, end.wall_time_s)
 
 
+_QUOTED = re.compile(r"""(['"])(?:file://)?(?:[A-Za-z]:[/\\]|[/\\]|~)[^'"\n]*[/\\]([^'"/\\\n]*\1)""")
+_BARE = re.compile(r"(?<![\w.:/])(?:file://)?(?:[A-Za-z]:)?~?[/\\](?:[^\s'\"/\\:]+[/\\])+")
+
+
 def without_paths(text: str) -> str:
-    """Text in which files have lost their folders."""
-    return re.sub(r"(?<![\w.:/])(?:[A-Za-z]:)?[/\\](?:[^\s'\"/\\:]+[/\\])+", "", text)
+    """Text in which files have lost their folders: between quotes with spaces and all, elsewhere up to a space."""
+    return _BARE.sub("", _QUOTED.sub(r"\1\2", text))

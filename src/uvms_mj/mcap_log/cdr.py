@@ -12,6 +12,8 @@ from typing import Self
 import numpy as np
 
 HEADER = b"\x00\x01\x00\x00"
+STAMP = "stamp."
+"""What the name of a stamp's hole begins with. A law's state is an identifier: a hole with a point is no state."""
 
 
 @dataclass(frozen=True)
@@ -66,4 +68,4 @@ class Message:
 
     def stamp(self) -> Self:
         """Room for a builtin_interfaces/Time, seconds and nanoseconds; all of a message's get the same."""
-        return self.hole(f"stamp {len(self.holes)}", "u4", 2)
+        return self.hole(f"{STAMP}{len(self.holes)}", "u4", 2)

@@ -11,6 +11,7 @@ from mcap.opcode import Opcode
 
 from ..recording import Header
 from . import topics
+from .cdr import STAMP
 from .topics import Topic
 
 _HEAD = np.dtype([("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("when", "u1", (20,))])
@@ -37,10 +38,10 @@ class Records:
             head["length"] = _HEAD.itemsize - 9 + len(topic.message.data)
             template += head.tobytes() + topic.message.data
             fields[f"{channel}.when"] = (("u1", (20,)), body - 20)
-            self._from.append((f"{channel}.when", "when"))
+            self._from.append((f"{channel}.when", ".when"))
             for name, hole in topic.message.holes.items():
                 fields[f"{channel}/{name}"] = ((hole.kind, (hole.count,)), body + hole.offset)
-                self._from.append((f"{channel}/{name}", "stamp" if name.startswith("stamp") else name))
+                self._from.append((f"{channel}/{name}", STAMP if name.startswith(STAMP) else name))
         self.starts = np.array(starts)
         self.size = len(template)
         self.template = np.frombuffer(bytes(template), np.uint8)
@@ -69,8 +70,8 @@ class Records:
         when = np.empty(len(log_ns), _WHEN)
         when["sequence"], when["log"], when["publish"] = sequence & 0xFFFFFFFF, log_ns, log_ns
         given = dict(values)
-        given["when"] = when.view(np.uint8).reshape(-1, 20)
-        given["stamp"] = np.stack(np.divmod(log_ns, 1_000_000_000), axis=1)
+        given[".when"] = when.view(np.uint8).reshape(-1, 20)
+        given[STAMP] = np.stack(np.divmod(log_ns, 1_000_000_000), axis=1)
         rows = raw.reshape(-1).view(self.dtype)
         for field, name in self._from:
             rows[field] = given[name]

@@ -9,7 +9,7 @@ import dataclasses
 import os
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -32,11 +32,12 @@ from .sink import MAGIC, sealed
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What a log holds: rows (n, width) of the header's signals, and how the run ended."""
+    """What a log holds: rows (n, width) of the header's signals, how the run ended, and all its attachments by name."""
 
     header: Header
     rows: np.ndarray = field(repr=False)
     outcome: Outcome
+    files: Mapping[str, bytes] = field(repr=False)
 
 
 class _CutOff(Exception):
@@ -56,13 +57,18 @@ def read(path: str | os.PathLike) -> Recording:
 
 
 def read_files(path: str | os.PathLike) -> tuple[Header, dict[str, bytes]]:
-    """A log's header and the files that it was made of, without the samples; raises as :func:`read` does."""
+    """A log's header and the files that it is made of; raises as :func:`read` does.
+
+    The samples are not read: each of these files has a checksum of its own.
+    """
     with _opened(path) as reader:
         return reader.read_header(), reader.files
 
 
 @contextlib.contextmanager
 def _opened(path: str | os.PathLike) -> Iterator["_Reader"]:
+    if not os.fspath(path):
+        raise InputError("the name of a log is empty")
     path = Path(path)
     try:
         with open(path, "rb") as file:
@@ -105,7 +111,7 @@ class _Reader:
         assert self.header is not None
         outcome = outcome_of(self.files["outcome.json"]) if "outcome.json" in self.files else None
         rows = np.concatenate(self.blocks) if self.blocks else np.zeros((0, self.header.width))
-        return Recording(self.header, rows, self._outcome(outcome, missing))
+        return Recording(self.header, rows, self._outcome(outcome, missing), self.files)
 
     def read_header(self) -> Header:
         """What stands before the samples; each attachment has a checksum of its own."""
@@ -121,8 +127,9 @@ class _Reader:
         assert header is not None
         h, steps = header.scenario.simulation.timestep, header.scenario.steps
         if outcome is not None:
-            expected = 1 + outcome.steps // header.row_steps
-            if outcome.steps > steps or not 0 <= self.rows <= expected + 1:
+            fewest = -(-outcome.steps // header.row_steps)  # and one more, where the state after the last is there
+            whole = outcome.status is Status.completed
+            if outcome.steps > steps or (whole and outcome.steps < steps) or not whole <= self.rows - fewest <= 1:
                 raise InputError(f"is damaged: {self.rows} rows do not fit {outcome.steps} steps")
             if not missing:
                 return outcome
@@ -200,7 +207,7 @@ class _Reader:
             fits = chunk.compression == "zstd" and zstandard.frame_content_size(chunk.data) == chunk.uncompressed_size
             if not fits or chunk.uncompressed_size > limit:
                 raise InputError("is damaged: a chunk of an impossible size")
-            data = zstandard.ZstdDecompressor().decompress(chunk.data)
+            data = zstandard.ZstdDecompressor().decompress(chunk.data, allow_extra_data=False)
         except zstandard.ZstdError as error:
             raise InputError(f"is damaged: {error}") from None
         if zlib.crc32(data) != chunk.uncompressed_crc:

@@ -49,8 +49,8 @@ class McapLog:
         path: of the file; it must not exist.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: str | os.PathLike) -> None:
+        self.path = Path(path)
         self._file: FileIO | None = None
 
     def begin(self, header: Header) -> None:

@@ -118,7 +118,7 @@ def sampled(header: Header) -> tuple[Topic, ...]:
             "base_link",
             "N, N m",
             "the same as a wrench at B's origin",
-            ros2.wrench("base_link", "tau_contact_B"),
+            ros2.wrench("base_link", "f_contact.wrench"),
         ),
         force("/contact/measured", "f_contact_m_W"),
         *map(running, RUNNING),
@@ -198,7 +198,7 @@ def columns(header: Header, rows: np.ndarray) -> dict[str, np.ndarray]:
     values["p_WB.odom"], values["p_d.pose"] = p, values["p_d"]
     values["quat_d.xyzw"] = values["quat_d.pose"] = np.broadcast_to(quat_d[[1, 2, 3, 0]], (len(rows), 4))
     depth = np.maximum(0.0, p[:, 0] - header.scenario.wall.position)
-    values["tau_contact_B"] = _contact_wrench(values["f_contact_W"], quat, header.geometry.reach - 0.5 * depth)
+    values["f_contact.wrench"] = _contact_wrench(values["f_contact_W"], quat, header.geometry.reach - 0.5 * depth)
     return values
 
 

@@ -224,13 +224,12 @@ def law_signals(controller: Controller) -> tuple[Signal, ...]:
     """
     taken = {signal.name for signal in (*RECORDED, thruster_signal(0))}
     taken |= {*dir(np.recarray), "arrays", "duration_s", "file", "message", "notes", "push", "save", "scenario"}
-    taken |= {"columns", "load", "of", "header", "outcome", "to_dataframe"}
+    taken |= {"columns", "load", "of", "header", "outcome", "rows", "to_dataframe"}
     taken |= {"signals", "status", "steps", "wall_time_s", "analytic", "allow_pickle"}
-    faults = [
-        Fault(f"states[{name!r}]", "is the name of a recorded signal or of an attribute; choose another")
-        for name in type(controller).states
-        if name in taken
-    ]
+    names = type(controller).states
+    wrong = "is the name of a recorded signal or of an attribute; choose another"
+    faults = [Fault(f"states[{name!r}]", wrong) for name in names if name in taken]
+    faults += [Fault(f"states[{name!r}]", "is not an identifier") for name in names if not name.isidentifier()]
     if faults:
         raise InputError(faults, f"the law {controller.label()}")
     return tuple(
