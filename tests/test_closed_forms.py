@@ -3,10 +3,13 @@ given."""
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from uvms_mj import Scenario, simulate
+from uvms_mj.checks import force_feedback_limit
 from uvms_mj.closed_forms import NoClosedForm, SteadyState
 from uvms_mj.metrics import final_force
+from uvms_mj.plant import build
 
 OTHER_WORLD = {
     "current.speed": 0.7,
@@ -254,6 +257,53 @@ def test_where_no_closed_form_holds_none_is_given(law, overrides, reason):
     analytic = simulate(Scenario.load("push_wall", {**overrides, "simulation.duration": 0.01}, law)).analytic
     assert isinstance(analytic, NoClosedForm)
     assert reason in analytic.reason
+
+
+INERTIA = [12.81, 20.01, 21.88, 0.28, 0.28, 0.28]
+
+
+@pytest.mark.filterwarnings("ignore::uvms_mj.checks.SamplingWarning")
+@pytest.mark.parametrize(
+    ("overrides", "bounces"),
+    [
+        ({"estimates.inertia": 0.5}, True),
+        ({"controller.nominal": False, "impedance.M_d": [0.4 * m for m in INERTIA]}, True),
+        ({"estimates.inertia": 0.95}, False),
+        ({"estimates.inertia": 1.5}, False),
+        ({"controller.nominal": False}, False),
+        ({"controller.nominal": False, "impedance.M_d": [2.0 * m for m in INERTIA]}, False),
+        ({"controller.k_1": 20.0, "controller.k_2": 200.0, "estimates.inertia": 0.9}, False),
+    ],
+)
+def test_super_twisting_that_would_bounce_on_the_wall_is_warned_of(overrides, bounces):
+    """The linear prediction and the run agree; where there is no warning, the closed form is reached."""
+    trace = simulate(Scenario.load("push_wall", {**overrides, "simulation.duration": 30.0}, "gsta"), log_rate=100)
+    assert any("bounce" in note for note in trace.notes) == bounces
+    force, settled = final_force(trace)
+    assert settled != bounces
+    if not bounces:
+        assert force == pytest.approx(trace.analytic.force, rel=1e-4)
+
+
+@pytest.mark.filterwarnings("ignore::uvms_mj.checks.SamplingWarning")
+@pytest.mark.parametrize("periods", [2, 5])
+def test_the_age_of_the_force_decides_whether_a_held_command_keeps_the_contact_damped(periods):
+    """Inertia shaping with a limit 5 % above the mean age of the force, then 5 % below."""
+
+    def shaped(share):
+        overrides = {"controller.period": periods * 1e-4, "impedance.M_d": [share * m for m in INERTIA]}
+        return Scenario.load("push_wall", overrides | {"current.speed": 0.0, "simulation.duration": 50.0}, "impedance")
+
+    def limit(share):
+        return force_feedback_limit(shaped(share), build(shaped(share)).design)
+
+    age, settled = 0.5e-4 * (1 + periods), []
+    for factor in (1.05, 0.95):
+        scenario = shaped(brentq(lambda share, wanted=factor * age: limit(share) - wanted, 1e-3, 0.5))
+        trace = simulate(scenario, log_rate=100)
+        settled.append(final_force(trace)[1])
+        assert any("limit-cycles" in note for note in trace.notes) != settled[-1]
+    assert settled == [True, False]
 
 
 @pytest.mark.filterwarnings("ignore::uvms_mj.checks.SamplingWarning")

@@ -14,7 +14,7 @@ DEFAULT_LOG_RATE = 1000.0
 
 
 class SamplingWarning(UserWarning):
-    """The law chatters or limit-cycles at this step, whatever its gains do in continuous time."""
+    """The law chatters or limit-cycles, at this step or with these gains."""
 
 
 def check(scenario: Scenario, vehicle: Vehicle, design: Design) -> list[str]:
@@ -49,7 +49,7 @@ def check(scenario: Scenario, vehicle: Vehicle, design: Design) -> list[str]:
         )
     if faults:
         raise InputError(faults, "scenario")
-    notes = list(_sampling(scenario, design))
+    notes = list(_sampling(scenario, vehicle, design))
     rank = np.linalg.matrix_rank(vehicle.B)
     if rank < 6:
         notes.append(
@@ -60,12 +60,12 @@ def check(scenario: Scenario, vehicle: Vehicle, design: Design) -> list[str]:
 
 
 def force_feedback_limit(scenario: Scenario, design: Design) -> float:
-    """The greatest control period at which feeding back a contact force one step old leaves the contact damped [s].
+    """The greatest mean age of the fed back contact force at which the contact stays damped [s]; see :func:`force_age`.
 
-    Against a spring k_c an old force is negative damping of about k_c h for each newton that is fed back. The sliding
+    Against a spring k_c a force of age T is negative damping of k_c T for each newton that is fed back. The sliding
     mode laws impose M_d, D_d whatever the vehicle, so that D_d/(K_f k_c) is the limit along the normal. The impedance
     law and the ideal one feed back only the part M M_d^-1 K_f - I, which is inertia shaping, eq. (4): where M_d < M it
-    costs (M/M_d - 1) k_c h, and they have M/M_d D_d to pay with.
+    costs (M/M_d - 1) k_c T, and they have M/M_d D_d to pay with.
     """
     n, k_c = design.normal, scenario.wall.stiffness
     D_d, K_f = float(n @ design.D_d @ n), float(n @ np.diag(scenario.impedance.K_f) @ n)
@@ -74,6 +74,54 @@ def force_feedback_limit(scenario: Scenario, design: Design) -> float:
         ratio = float(n @ inertia @ np.linalg.solve(design.M_d, n))
         return ratio * D_d / ((ratio * K_f - 1.0) * k_c) if ratio * K_f > 1.0 + 1e-9 else np.inf
     return D_d / (K_f * k_c) if K_f > 0.0 else np.inf
+
+
+def force_age(scenario: Scenario) -> float:
+    """The mean age of the contact force in tau [s]: the force is measured one step late, and tau is held for a period.
+
+    With symplectic Euler the contact force itself acts half a step ahead: h + T/2 - h/2.
+    """
+    return 0.5 * (scenario.simulation.timestep + control_period(scenario))
+
+
+def bouncing_growth(scenario: Scenario, vehicle: Vehicle, design: Design) -> float:
+    """How fast super-twisting would feed a vibration against the wall [1/s], at the amplitude of s where it does most.
+
+    The nominal control makes the vehicle answer to a contact force with g = M_hat/M of what M_d asks for; without it,
+    with M_d/M. Where that is too little, super-twisting has to bring in the rest at the contact's frequency. For an
+    amplitude S, phi_1 and phi_2 have the slopes a = k_1 (S^(-1/2) + beta) and b = k_2 (1/(2 S) + 3/2 beta S^(-1/2)
+    + beta^2), and along the normal, without the reference,
+
+        v_des_dot = -((K_f k_c + K_d) x + D_d v) / M_d,    s_dot = A s + v_dot - v_des_dot,    z_dot = -b s,
+        v_dot = g (v_des_dot - A s - a s + z), or without nominal control  -(k_c x + D v)/M + g (z - a s).
+
+    Positive, it says that a vibration grows which begins large enough; a small one dies out always.
+    """
+    law, n, impedance = scenario.controller, design.normal, scenario.impedance
+    if not isinstance(law, Gsta | Sta):
+        return -np.inf
+
+    def along(matrix: np.ndarray) -> float:
+        return float(n @ matrix @ n)
+
+    m, m_d, k_c = design.along_normal(design.M), design.along_normal(design.M_d), scenario.wall.stiffness
+    g, beta, A = scenario.estimates.inertia, getattr(law, "beta", 0.0), along(np.diag(law.A))
+    desired = np.array(
+        [-(along(np.diag(impedance.K_f)) * k_c + along(design.K_d)) / m_d, -along(design.D_d) / m_d, 0, 0]
+    )
+    free = np.array([-k_c / m, -along(np.diag(vehicle.D_linear)) / m, 0.0, 0.0])
+    growth = []
+    for S in _AMPLITUDES:
+        a, b = law.k_1 * (S**-0.5 + beta), law.k_2 * (0.5 / S + 1.5 * beta * S**-0.5 + beta**2)
+        u = g * np.array([0.0, 0.0, -a, 1.0])
+        v_dot = g * (desired - [0.0, 0.0, A, 0.0]) + u if getattr(law, "nominal", True) else free + u
+        rows = [[0.0, 1.0, 0.0, 0.0], v_dot, v_dot - desired + [0.0, 0.0, A, 0.0], [0.0, 0.0, -b, 0.0]]
+        growth.append(np.linalg.eigvals(np.array(rows)).real.max())
+    return float(max(growth))
+
+
+_AMPLITUDES = np.geomspace(1e-5, 5e-3, 28)
+"""Of s [m/s], up to what an impact at some decimetres a second brings about."""
 
 
 def boundary_layer_limit(controller: Fosm, design: Design) -> float:
@@ -92,7 +140,7 @@ def control_period(scenario: Scenario) -> float:
     return scenario.controller.period or scenario.simulation.timestep
 
 
-def _sampling(scenario: Scenario, design: Design) -> Iterator[str]:
+def _sampling(scenario: Scenario, vehicle: Vehicle, design: Design) -> Iterator[str]:
     controller, h = scenario.controller, control_period(scenario)
     if isinstance(controller, Fosm) and h >= (limit := boundary_layer_limit(controller, design)):
         yield (
@@ -101,11 +149,20 @@ def _sampling(scenario: Scenario, design: Design) -> Iterator[str]:
         )
     if isinstance(controller, Fosm | Gsta | Ideal | Impedance | Sta):
         limit = force_feedback_limit(scenario, design)
-        if h >= limit:
+        if force_age(scenario) >= limit:
+            period = 2.0 * limit - scenario.simulation.timestep
+            need = f"less than {period:.4g} s" if period >= scenario.simulation.timestep else "a smaller time step"
             yield (
                 f"{controller.label()} limit-cycles against the wall at a control period of {h:g} s: with a measured "
-                f"force one step old, D_d and {scenario.wall.stiffness:g} N/m need less than {limit:.4g} s"
+                f"force one step old, D_d and {scenario.wall.stiffness:g} N/m need {need}"
             )
+    if bouncing_growth(scenario, vehicle, design) > 0.0:
+        nominal = getattr(controller, "nominal", True)
+        cause = f"M_hat = {scenario.estimates.inertia:g} M" if nominal else "M_d < M without nominal control"
+        yield (
+            f"{controller.label()} may bounce on the wall without end: with {cause} it answers to the contact force "
+            "with less than M_d asks for, and these gains may bring in the rest too late"
+        )
 
 
 def row_steps_of(timestep: float, log_rate: float | str | None) -> int:

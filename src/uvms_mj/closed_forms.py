@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .checks import boundary_layer_limit, control_period, force_feedback_limit
+from .checks import boundary_layer_limit, control_period, force_age, force_feedback_limit
 from .control import Fosm, Gsta, Ideal, Impedance, Sta
 from .design import Design
 from .fossen import coriolis_added_mass, damping, restoring
@@ -93,7 +93,7 @@ def steady_state(
         return NoClosedForm("the thrusters are too weak for it")
     if state.force > 0.0 and scenario.wall.friction > 0.0:
         return NoClosedForm("with friction the rest position depends on the way there")
-    if state.force > 0.0 and h >= force_feedback_limit(scenario, design):
+    if state.force > 0.0 and force_age(scenario) >= force_feedback_limit(scenario, design):
         return NoClosedForm("the sampled law limit-cycles against this wall")
     return state
 
