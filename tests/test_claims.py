@@ -73,7 +73,7 @@ def fine_of(run, other):
 
 def obeying(runs):
     """The first-order run with the motion and the force of GSTA's."""
-    names = ("eta_e", "nu_e", "f_contact_W", "impulse", "quat_WB")
+    names = ("p_WB", "eta_e", "nu_e", "f_contact_W", "impulse", "quat_WB")
     return with_trace("fosm", **{n: lambda values, t, n=n: runs.traces["gsta"][n] for n in names})(runs)
 
 
@@ -91,8 +91,9 @@ WRONG = {
     "weak in still water": (with_sweep("impedance_still", final_impulse=times(0.9)), {"impedance-current"}),
     "current to the right": (with_trace("impedance", p_WB=times(np.array([1, -1, 1]))), {"impedance-left"}),
     "never in contact": (with_sweep("impedance_stiffer", final_impulse=times(0.0)), {"impedance-retuned"}),
-    "first order is exact": (with_trace("fosm", final_impulse=times(1.0075)), {"fosm-force"}),
-    "first order is weak": (with_trace("fosm", final_impulse=times(0.9)), {"fosm-force"}),
+    "first order is exact": (with_trace("fosm", final_impulse=times(1.0075)), {"fosm-force", "fosm-boundary-layer"}),
+    "first order is weak": (with_trace("fosm", final_impulse=times(0.9)), {"fosm-force", "fosm-boundary-layer"}),
+    "first order is weaker than its layer": (with_trace("fosm", final_impulse=times(0.999)), {"fosm-boundary-layer"}),
     "first order obeys": (obeying, {"fosm-not-exact", "gsta-robust"}),
     "first order leaves": (with_trace("fosm", boundary_layer_time=times(0.999)), {"fosm-inside"}),
     "first order near its edge": (with_trace("fosm", s=times(2.0)), {"fosm-well-inside"}),
@@ -100,10 +101,10 @@ WRONG = {
         with_trace("fosm", tau_variation=plus(lambda t: 30.0 * np.maximum(t - 0.1, 0.0), 0)),
         {"fosm-quiet"},
     ),
-    "first order starts smoothly": (fine_of("fosm", "gsta"), {"fosm-transient"}),
+    "first order starts smoothly": (fine_of("fosm", "gsta"), {"fosm-transient", "fosm-well-inside"}),
     "a thin layer is smooth": (with_sweep("fosm_half_epsilon", tau_variation=times(1e-6)), {"fosm-epsilon"}),
     "a large gain is smooth": (with_sweep("fosm_double_K_s", tau_variation=times(1e-6)), {"fosm-gain"}),
-    "GSTA is weak": (with_trace("gsta", final_impulse=times(0.99)), {"gsta-force", "gsta-stiffness"}),
+    "GSTA is weak": (with_trace("gsta", final_impulse=times(0.99)), {"gsta-force"}),
     "GSTA is off": (with_trace("gsta", eta_e=plus(1e-5, 0)), {"gsta-impedance"}),
     "GSTA is far off": (with_trace("gsta", eta_e=plus(1e-4, 0)), {"gsta-impedance", "gsta-robust"}),
     "GSTA does not slide": (with_trace("gsta", s=plus(1e-4)), {"gsta-sliding"}),
@@ -133,8 +134,12 @@ WRONG = {
     ),
     "GSTA switches": (fine_of("gsta", "fosm"), {"gsta-start-smooth"}),
     "GSTA is discontinuous": (with_sweep("gsta_quarter_step", tau_step_max=times(1.9)), {"gsta-continuous"}),
-    "GSTA is soft": (with_trace("gsta", p_WB=plus(-1e-3, 0)), {"gsta-stiffness", "wall-spring"}),
-    "GSTA draws energy": (with_trace("gsta", wall_work=plus(-1e-5)), {"gsta-passive"}),
+    "GSTA is soft": (with_trace("gsta", p_WB=plus(-1e-3, 0)), {"wall-spring"}),
+    "GSTA does not give way": (
+        with_trace("gsta", impulse=times(1.2)),
+        {"gsta-compliant", "gsta-impedance", "gsta-robust"},
+    ),
+    "GSTA goes on bouncing": (with_trace("gsta", final_high=times(1.1)), {"gsta-stable"}),
     "alone it is weak": (with_trace("gsta_alone", final_impulse=times(0.99)), {"alone-force"}),
     "alone it is off": (with_trace("gsta_alone", eta_e=plus(1e-5, 0)), {"alone-impedance"}),
     "alone it pushes otherwise": (with_trace("gsta_alone", tau=plus(0.5, 0)), {"alone-actuation"}),
@@ -256,6 +261,32 @@ def test_a_study_needs_its_logs_whole(tmp_path):
     simulate(Scenario.load("push_wall", {"simulation.duration": 0.1}), sinks=[log], progress=stop)
     with pytest.raises(ValueError, match="ends before its run did"):
         study.load(tmp_path, ["impedance"])
+
+
+def test_a_log_of_another_run_than_its_name_says_is_refused(tmp_path):
+    jobs = study.plan(Scenario.load("push_wall", {"simulation.duration": 0.02, "controller.k_1": 8.0}))
+    (tmp_path / "logs").mkdir()
+    study.run(jobs, tmp_path / "logs", lambda done, total: None)
+    assert study.load(tmp_path / "logs", jobs).traces["gsta_alone"].scenario == jobs["gsta_alone"]
+    longer = Scenario.load("push_wall", {"simulation.duration": 0.03, "controller.k_1": 8.0}, "gsta")
+    simulate(longer, sinks=[McapLog(tmp_path / "longer.mcap")])
+    exchanged = [(a, tmp_path / "logs" / f"{b}.mcap") for a in study.LAWS for b in study.LAWS if a != b]
+    variation = tmp_path / "logs" / "sweep_impedance_still.mcap"
+    for i, (name, other) in enumerate([*exchanged, ("gsta", tmp_path / "longer.mcap"), ("impedance", variation)]):
+        folder = tmp_path / f"{i}"
+        folder.mkdir()
+        for log in (tmp_path / "logs").iterdir():
+            (folder / log.name).symlink_to(other if log.stem == name else log)
+        with pytest.raises(ValueError, match=rf"{name}\.mcap: is a run of"):
+            study.load(folder, jobs)
+
+
+def test_claims_of_runs_that_they_are_not_about_fail(runs):
+    """Whatever is given in their place, by a caller in Python."""
+    for name, other in (("gsta", "impedance"), ("fosm", "gsta"), ("gsta_alone", "fosm")):
+        wrong = dataclasses.replace(runs, traces={**runs.traces, name: runs.traces[other]})
+        failed = {row.claim.id for row in judge(wrong) if row.verdict is Verdict.fails}
+        assert {"gsta": "gsta-force", "fosm": "fosm-well-inside", "gsta_alone": "alone-integral"}[name] in failed
 
 
 def test_gains_of_a_scenario_stay_with_their_law():

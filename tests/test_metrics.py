@@ -157,6 +157,7 @@ def test_impedance_error_of_a_motion_that_obeys_eq_12_up_to_a_known_force(synthe
 
     trace = synthetic(
         4.0,
+        p_WB=lambda t: axis(a * np.sin(w * t), 0, 3),
         eta_e=lambda t: axis(a * np.sin(w * t), 0),
         nu_e=lambda t: axis(a * w * np.cos(w * t), 0),
         f_contact_W=lambda t: axis(f_x(t), 0, 3),
@@ -167,6 +168,37 @@ def test_impedance_error_of_a_motion_that_obeys_eq_12_up_to_a_known_force(synthe
     assert metrics.impedance_error(decimated(trace, 10))[0] == pytest.approx(
         metrics.impedance_error(trace)[0], abs=2e-3
     )
+
+
+def test_impedance_error_does_not_take_a_switching_velocity_for_a_motion(synthetic):
+    """The vehicle goes back and forth by a step; in every tenth row it is at one place with one velocity."""
+    trace = synthetic(
+        0.5,
+        p_WB=lambda t: axis(np.arange(len(t)) % 2 * H * 1e-3, 0, 3),
+        nu_e=lambda t: axis(np.where(np.arange(len(t)) % 2, 1e-3, -1e-3), 0),
+    )
+    D = metrics.design_of(trace).D_d[0, 0]
+    assert D * 1e-3 > 0.05
+    for each in (trace, decimated(trace, 2), decimated(trace, 10)):
+        assert metrics.impedance_error(each)[0] < 1e-9
+
+
+def test_impedance_error_of_a_steady_turn_is_what_damps_it(synthetic):
+    rate = 0.7
+    trace = synthetic(
+        1.0,
+        quat_WB=lambda t: np.stack([np.cos(rate * t / 2), 0 * t, 0 * t, np.sin(rate * t / 2)], axis=1),
+        nu_e=lambda t: axis(np.full(len(t), rate), 5),
+    )
+    D_d = metrics.design_of(trace).D_d
+    for each in (trace, decimated(trace, 100)):
+        assert metrics.impedance_error(each) == pytest.approx(np.abs(D_d[:, 5]) * rate, rel=1e-9, abs=1e-12)
+
+
+def test_at_rest_super_twisting_leaves_nothing_of_eq_12_over_at_any_log_rate(paper_run):
+    trace = paper_run("gsta")
+    for each in (trace, decimated(trace, 10), decimated(trace, 100)):
+        assert metrics.impedance_error(each, 19.0).max() < 1e-7
 
 
 def test_impedance_error_is_exact_where_eq_12_is_stepped_as_the_plant_steps(synthetic):

@@ -1,7 +1,9 @@
 """Numbers from a trace: pure functions."""
 
 import functools
+import math
 
+import mujoco
 import numpy as np
 
 from .design import Design
@@ -64,7 +66,7 @@ def position_settling_time(trace: Trace, band: float = 0.02) -> float | None:
 def force_settling_time(trace: Trace, band: float = 0.02) -> float | None:
     """When the pushing force came to within ``band`` of :func:`final_force`, for good [s]; None without contact.
 
-    Of rows: it is as fine as the log.
+    Of rows: between two of them the force may leave the band unseen, so that it takes some rows for each rebound.
     """
     final, _ = final_force(trace)
     return settling_time(trace.t, trace.push, final, band * final) if final else None
@@ -77,7 +79,8 @@ def overshoot(trace: Trace) -> float:
     """
     x = trace.p_WB[:, 0]
     change = _final_mean(trace, x) - x[0]
-    return max(0.0, float((np.sign(change) * (x - x[0])).max() / abs(change)) - 1.0) if change else 0.0
+    beyond = float((np.sign(change) * (x - x[0])).max() / abs(change)) - 1.0 if change else 0.0
+    return beyond if beyond > 0.0 or math.isnan(beyond) else 0.0
 
 
 def impact_impulse(trace: Trace) -> float | None:
@@ -123,9 +126,11 @@ def impedance_error(trace: Trace, start: float = 0.0, end: float = np.inf) -> np
     .. math:: r_j = \frac{1}{T} \int_{t_j}^{t_j + T} (M_d \dot{\tilde\nu} + D_d \tilde\nu + K_d \tilde\eta
               - K_f (\tau_c - F_d)) \, dt, \qquad \sqrt{\tfrac{1}{n} \sum_j r_j^2}
 
-    No acceleration is sampled: its integral is the difference of nu_e, that of the normal force the running impulse;
-    both are exact. nu_e, eta_e and what friction gives are integrated by the trapezoidal rule over rows: at rest any
-    log rate will do, for an impact 1 kHz or more.
+    No acceleration, and no step between two rows, is sampled, but their sums are: that of nu_dot is the difference of
+    nu_e, that of the normal force the running impulse, that of nu_e the way from row to row (nu of a step moves the
+    vehicle to the next one, so that a sum from the left lacks the last and has the first). All three are exact, also
+    where s changes its sign with every step. eta_e, friction and the turn of B are of rows, by the trapezoidal rule:
+    at rest any log rate will do, for an impact 1 kHz or more.
     """
     design, h = design_of(trace), trace.scenario.simulation.timestep
     rows = _grid(trace, start, end)
@@ -143,13 +148,29 @@ def impedance_error(trace: Trace, start: float = 0.0, end: float = np.inf) -> np
             for a, b in zip(first, last, strict=True)
         ]
     ).reshape(-1, 3, 3)
-    tau_c = np.hstack([np.einsum("nij,nj->ni", R_BW, force_W), np.einsum("nij,nj->ni", R_BW, np.cross(arm_W, force_W))])
-    means = {name: np.diff(_cumulative(trace.t, trace[name])[rows], axis=0) / T for name in ("nu_e", "eta_e")}
-    nu_e_dot = (trace.nu_e[last] - trace.nu_e[first]) / T
-    wanted = nu_e_dot @ design.M_d.T + means["nu_e"] @ design.D_d.T + means["eta_e"] @ design.K_d.T
+    tau_c = np.hstack([_turned(R_BW, force_W), _turned(R_BW, np.cross(arm_W, force_W))])
+    way = trace.p_WB - trace.p_d
+    turn = np.array([_turn(trace.quat_WB[a], trace.quat_WB[b]) for a, b in zip(first, last, strict=True)])
+    change = trace.nu_e[last] - trace.nu_e[first]
+    nu_e = (np.hstack([_turned(R_BW, way[last] - way[first]), turn.reshape(-1, 3)]) - h * change) / T
+    eta_e = np.diff(_cumulative(trace.t, trace.eta_e)[rows], axis=0) / T
+    wanted = change / T @ design.M_d.T + nu_e @ design.D_d.T + eta_e @ design.K_d.T
     impedance = trace.scenario.impedance
     residual = wanted - np.array(impedance.K_f) * (tau_c - np.array(impedance.F_d))
     return np.sqrt((residual**2).mean(axis=0)) if len(residual) else np.full(6, np.nan)
+
+
+def _turned(R: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """(n, 3) vectors in another frame, by matrices (n, 3, 3)."""
+    return np.einsum("nij,nj->ni", R, a)
+
+
+def _turn(first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """(3,) rotation in B from one attitude to the next, both unit quaternions [rad]."""
+    turn, inverse, difference = np.zeros(3), first * [1.0, -1.0, -1.0, -1.0], np.zeros(4)
+    mujoco.mju_mulQuat(difference, inverse, last)
+    mujoco.mju_quat2Vel(turn, difference, 1.0)
+    return turn
 
 
 def control_effort(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndarray:

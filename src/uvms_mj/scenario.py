@@ -229,15 +229,19 @@ def parse_setting(text: str) -> tuple[str, Any]:
     """Key and value of ``key=value``; the value is TOML, or a bare word.
 
     Raises:
-        InputError: there is no ``=``.
+        InputError: there is no ``=``, or the value begins like a list or a text and isn't.
     """
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
         raise InputError(f"--set {text!r}: must be key=value, for example --set wall.stiffness=2e4")
+    key, value = key.strip(), value.strip()
     try:
-        return key.strip(), tomllib.loads(f"value = {value.strip()}")["value"]
-    except tomllib.TOMLDecodeError:
-        return key.strip(), value.strip()
+        return key, tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError as error:
+        if value[:1] in ("[", "{", '"', "'"):
+            hint = "in TOML, numbers begin with a digit, 0.28, and words stand between quotes"
+            raise InputError(f"--set {text!r}: {error}; {hint}") from None
+        return key, value
 
 
 def keys() -> Iterable[tuple[str, Any, str]]:

@@ -1,5 +1,6 @@
 """The paper's section 5 as a set of runs: what to run, running it on all cores, and reading its logs."""
 
+import dataclasses
 import os
 import threading
 import warnings
@@ -9,6 +10,7 @@ from pathlib import Path
 
 from .checks import SamplingWarning
 from .claims import Runs
+from .control import Gsta
 from .faults import InputError
 from .mcap_log import McapLog
 from .recording import Status
@@ -50,7 +52,7 @@ def plan(scenario: Scenario) -> dict[str, Scenario]:
         "impedance_stiffer": impedance.updated({"impedance.K_d": [10.0 * K_x, *K_rest]}),
         "fosm_half_epsilon": fosm.updated(short | {"controller.epsilon": 0.5 * _gain(fosm, "epsilon")}),
         "fosm_double_K_s": fosm.updated(short | {"controller.K_s": 2.0 * _gain(fosm, "K_s")}),
-        "gsta_quarter_step": gsta.updated(fine | {"simulation.timestep": 0.25 * h}),
+        "gsta_quarter_step": gsta.updated({"simulation.timestep": 0.25 * h}),
     }
     return (
         base
@@ -122,7 +124,7 @@ def load(folder: Path, names: Iterable[str]) -> Runs:
     """The runs of a folder of logs.
 
     Raises:
-        InputError: a log is missing, damaged, or of a run that was not let go on to its end.
+        InputError: a log is missing, damaged, of another run than its name says, or of one that was cut short.
     """
     names = list(names)
     missing = [name for name in names if not (folder / f"{name}.mcap").is_file()]
@@ -135,8 +137,22 @@ def load(folder: Path, names: Iterable[str]) -> Runs:
     ]
     if cut:
         raise InputError(f"{folder}: {', '.join(f'{name}.mcap' for name in cut)} ends before its run did")
+    _check_names(folder, {name: each.scenario for name, each in loaded.items()})
     return Runs(
         traces={name: loaded[name] for name in LAWS},
         fine={name: loaded[f"{name}{FINE}"] for name in LAWS},
         sweep={name.removeprefix(SWEEP): loaded[name] for name in names if name.startswith(SWEEP)},
     )
+
+
+def _check_names(folder: Path, found: Mapping[str, Scenario]) -> None:
+    """Raise InputError where a log is not of the run that its name says: the laws' runs differ in nothing but the law,
+    and every other run is a variation of one of them."""
+    plans = [plan(found[name]) for name in LAWS]
+    worlds = {name: dataclasses.replace(found[name], controller=Gsta()) for name in LAWS}
+    most = max(worlds.values(), key=list(worlds.values()).count)
+    for name, scenario in found.items():
+        alike = worlds.get(name, most) == most
+        if not alike or all(each[name] != scenario for each in plans):
+            what = f"{scenario.controller.label()} for {scenario.simulation.duration:g} s"
+            raise InputError(f"{folder / name}.mcap: is a run of {what}, and not the one that its name says")

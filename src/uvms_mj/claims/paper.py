@@ -110,13 +110,22 @@ CLAIMS: tuple[Claim, ...] = (
         "impedance error at rest, rms",
         "N",
         measures.impedance_error("fosm"),
-        at_least=1e-3,  # a thousand times what GSTA leaves, and what a force sensor still resolves
+        at_least=1e-3,  # what a force sensor still resolves
+    ),
+    Claim(
+        "fosm-boundary-layer",
+        "It is the boundary layer that keeps the first-order law from the expected force.",
+        "eqs. (31), (32), sec. 6",
+        "part of the missing force that the static balance inside the layer does not explain",
+        "%",
+        measures.unexplained,
+        at_most=1.0,
     ),
     Claim(
         "fosm-inside",
         "The first-order law's sliding variable is inside the boundary layer at all times.",
         "eq. (32), fig. 6",
-        "part of the time after 0.1 s",
+        "part of the time, of every step",
         "1",
         measures.inside,
         at_least=1.0 - 1e-9,  # every step; sums of 2e5 steps round
@@ -125,7 +134,7 @@ CLAIMS: tuple[Claim, ...] = (
         "fosm-well-inside",
         "Its sliding variable is well inside, not just at the edge.",
         "fig. 6",
-        "largest |s_i| / epsilon after 0.1 s",
+        "largest |s_i| / epsilon",
         "1",
         measures.well_inside,
         at_most=0.5,
@@ -289,29 +298,28 @@ CLAIMS: tuple[Claim, ...] = (
         "gsta-continuous",
         "GSTA's control input is continuous.",
         "eq. (24), sec. 6",
-        "largest step-to-step change until 0.1 s with a quarter of the time step, over that with the whole",
+        "largest step-to-step change of thrust with a quarter of the time step, over that with the whole",
         "1",
         measures.continuity,
         at_most=0.6,  # eq. (24a) is of order sqrt(h) where s leaves zero: 0.5; a discontinuous input has 1
     ),
     Claim(
-        "gsta-stiffness",
-        "GSTA stays compliant to the contact force: it pushes as the desired spring does.",
+        "gsta-compliant",
+        "GSTA remains compliant to the contact force: also while it rebounds it gives way as desired.",
         "eq. (12), sec. 6",
-        "apparent stiffness at rest, over K_x",
-        "1",
-        measures.apparent_stiffness,
-        at_least=0.995,  # as expected-force
-        at_most=1.005,
+        "impedance error along x from the first contact on, over the contact force, both rms",
+        "%",
+        measures.compliance,
+        at_most=5.0,  # a vehicle that does not give way leaves all of the contact force over: 100
     ),
     Claim(
-        "gsta-passive",
-        "Interaction is stable: the vehicle never draws energy from the wall.",
-        "sec. 6",
-        "least work done on the wall, over the most that it stored",
-        "1",
-        measures.passive,
-        at_least=-1e-3,  # the trapezoid's error at a touch that begins and ends between two steps
+        "gsta-stable",
+        "With GSTA the contact force comes to rest.",
+        "fig. 9",
+        "range of the force in the last 0.5 s, over its mean",
+        "%",
+        measures.unrest,
+        at_most=1.0,  # narrower than a line in a figure
     ),
     Claim(
         "alone-force",
@@ -354,8 +362,15 @@ CLAIMS: tuple[Claim, ...] = (
 
 
 def judge(runs: Runs, claims: Sequence[Claim] = CLAIMS) -> list[Row]:
-    """Every claim measured and judged."""
-    return [_row(claim, claim.measure(runs)) for claim in claims]
+    """Every claim measured and judged; what can't be measured in a run fails."""
+    return [_row(claim, _measured(claim, runs)) for claim in claims]
+
+
+def _measured(claim: Claim, runs: Runs) -> Measured:
+    try:
+        return claim.measure(runs)
+    except (ArithmeticError, AttributeError, LookupError, ValueError) as error:  # a run too short, or of another law
+        return Measured(None, f"can't be measured: {error}")
 
 
 def _row(claim: Claim, measured: Measured) -> Row:

@@ -2,6 +2,8 @@
 
 import contextlib
 import json
+import logging
+import os
 import signal
 import sys
 from collections.abc import Iterator
@@ -38,6 +40,13 @@ class Stop:
         """What was computed is being written; that takes less than the patience of whoever sent a signal."""
         for each in (signal.SIGINT, signal.SIGTERM):
             signal.signal(each, signal.SIG_IGN)
+
+
+def draw_to_files() -> None:
+    """Before matplotlib is imported: whatever window system a user has set is not for these pictures, and that a cache
+    can't be kept is nothing that they show."""
+    os.environ["MPLBACKEND"] = "agg"
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 
 @contextlib.contextmanager

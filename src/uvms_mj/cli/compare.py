@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from .common import bad_input
-from .logs import labels
+from .common import bad_input, draw_to_files
+from .logs import labels, say_if_truncated
 
 
 @click.command()
@@ -25,15 +25,20 @@ def compare(logs: tuple[str, ...], out: str) -> None:
     uvms-mj compare gsta/run.mcap fosm/run.mcap
     uvms-mj compare runs/*/run.mcap --out monday.html
     """
+    draw_to_files()
     with bad_input():
         from ..faults import InputError
 
+        if Path(out).suffix.lower() not in (".html", ".htm"):
+            raise InputError(f"--out {out!r}: end its name in .html")
         if Path(out).exists():
             raise InputError(f"--out {out}: exists; choose another name")
         from .. import figures, report
         from ..trace import Trace
 
         loaded = [Trace.load(log) for log in logs]
+        for log, trace in zip(logs, loaded, strict=True):
+            say_if_truncated(log, trace)
         traces = dict(zip(labels(logs, loaded), loaded, strict=True))
         pictures = [
             report.Picture(what, f"{caption}: {', '.join(traces)}.", figures.plot(traces, what))

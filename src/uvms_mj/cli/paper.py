@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..console import print_table
-from .common import EXIT_INTERRUPTED, Stop, bad_input, end
+from .common import EXIT_INTERRUPTED, Stop, bad_input, draw_to_files, end
 
 if TYPE_CHECKING:
     from ..claims import Row, Runs
@@ -44,6 +44,7 @@ def paper(arguments: tuple[str, ...], out: str | None, source: str | None, as_js
     """
     stop = Stop()
     os.environ.setdefault("MUJOCO_GL", "disable")
+    draw_to_files()
     running = True
     try:
         with bad_input():
@@ -175,7 +176,7 @@ def _table(rows: "list[Row]") -> None:
     colours = {"holds": "green", "departs": "yellow", "fails": "bold red"}
     table = Table(title="claims of section 5 and the conclusion", title_justify="left", show_lines=True)
     for column in ("claim", "quantity", "paper", "ours", "threshold", "verdict"):
-        table.add_column(column, no_wrap=column == "verdict")
+        table.add_column(column, no_wrap=column == "verdict", overflow="fold")
     for row in rows:
         claim, verdict = row.claim, row.verdict.name
         unit = "" if claim.unit == "1" else f" {claim.unit}"

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from .common import bad_input
+from .common import bad_input, draw_to_files
 
 WHATS = ("position", "force", "sliding", "tau", "integral", "summary")
 """Those of :mod:`uvms_mj.figures`, which takes longer to import than ``--help`` may."""
@@ -25,6 +25,7 @@ def plot(logs: tuple[str, ...], what: str, out: str | None) -> None:
     uvms-mj plot results/run.mcap --what force --out force.svg
     uvms-mj plot gsta/run.mcap fosm/run.mcap --what tau
     """
+    draw_to_files()
     with bad_input():
         from .. import figures
         from ..faults import InputError

@@ -13,7 +13,7 @@ from ..recording import Status
 from ..trace import Trace
 from . import panels
 from .lines import place, size_in, ticks
-from .panels import Panel, number, prefix_of
+from .panels import Panel, largest, number, prefix_of
 from .style import COLUMN_IN, PAGE_IN, styled
 
 WHATS = ("position", "force", "sliding", "tau", "integral", "summary")
@@ -206,21 +206,22 @@ def _entitle(ax: Axes, text: str) -> None:
 def _by_quantity(cells: Iterable[tuple[Axes, Panel]]) -> list[list[tuple[Axes, Panel]]]:
     groups = defaultdict(list)
     for ax, panel in cells:
-        groups[panel.label].append((ax, panel))
+        groups[panel.quantity, panel.unit].append((ax, panel))
     return list(groups.values())
 
 
 def _fill(groups: Iterable[Sequence[tuple[Axes, Panel]]]) -> None:
-    """Draw panels; those of a group, which have the same quantity and unit, get the same range."""
+    """Draw panels; those of a group, which have the same quantity, get the same range and prefix."""
     for group in groups:
+        power, prefix = prefix_of(max(panel.largest for _, panel in group))
         for ax, panel in group:
             ticks(ax, 6)
             panel.draw(ax)
-            number(ax.yaxis, panel.power)
-            power, prefix = prefix_of(ax.get_xlim())
-            number(ax.xaxis, power)
-            ax.set(xlabel=f"time [{prefix}s]", ylabel=panel.label)
-        place((ax, panel.inset) for ax, panel in group)
+            number(ax.yaxis, power)
+            time_power, time_prefix = prefix_of(largest(ax.get_xlim()))
+            number(ax.xaxis, time_power)
+            ax.set(xlabel=f"time [{time_prefix}s]", ylabel=panel.label(prefix))
+        place(((ax, panel.inset) for ax, panel in group), power)
 
 
 def _only_below(stacks: Iterable[Sequence[Axes]]) -> None:

@@ -65,19 +65,19 @@ class Inset:
     """A part of a panel, larger.
 
     Attributes:
-        draw: draws it, limits included, into the axes that it is given.
+        draw: draws it, limits included, into the axes that it is given, numbered in multiples of a power.
         title: what it shows.
         height: as part of the panel's.
     """
 
-    draw: Callable[[Axes], None]
+    draw: Callable[[Axes, float], None]
     title: str
     height: float = 0.34
 
 
-def place(panels: Iterable[tuple[Axes, Inset | None]]) -> None:
-    """Draw the insets of panels that share one range of y, each where its panel is empty; if there is no such place in
-    one of them, all get more room above."""
+def place(panels: Iterable[tuple[Axes, Inset | None]], power: float) -> None:
+    """Draw the insets of panels that share one range of y and its power, each where its panel is empty; if there is no
+    such place in one of them, all get more room above."""
     panels = list(panels)
     axes = [ax for ax, _ in panels]
     low, high = min(ax.get_ylim()[0] for ax in axes), max(ax.get_ylim()[1] for ax in axes)
@@ -93,12 +93,12 @@ def place(panels: Iterable[tuple[Axes, Inset | None]]) -> None:
         corners = [_corner(ax, inset) if inset else None for ax, inset in panels]
     for (ax, inset), corner in zip(panels, corners, strict=True):
         if inset is not None and corner is not None:
-            _draw(ax, inset, corner)
+            _draw(ax, inset, corner, power)
 
 
-def _draw(ax: Axes, inset: Inset, corner: tuple[float, float]) -> None:
+def _draw(ax: Axes, inset: Inset, corner: tuple[float, float], power: float) -> None:
     inner = ax.inset_axes((*corner, *_size(ax, inset)))
-    inset.draw(inner)
+    inset.draw(inner, power)
     inner.set_title(inset.title, fontsize=SMALL, pad=2, loc="left")
     inner.tick_params(labelsize=SMALL, length=1.5, width=0.4, pad=1.5)
     ticks(inner, 4)

@@ -25,6 +25,7 @@ REACHING_S = 0.1
 MOST_LINES = 6
 """A state of more numbers than this is drawn as the range that they are in."""
 _REFERENCE: dict[str, Any] = {"color": BLACK, "linestyle": "dashed", "linewidth": 0.8, "zorder": 4}
+_EXPECTED: dict[str, Any] = _REFERENCE | {"linestyle": (0, (9, 3))}
 _ANALYTIC: dict[str, Any] = {"color": BLACK, "linestyle": "dotted", "linewidth": 1.1, "zorder": 5}
 _WALL: dict[str, Any] = {"color": GREY, "linestyle": "dashdot", "linewidth": 0.9, "zorder": 1.5}
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
@@ -32,19 +33,25 @@ _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 
 @dataclass(frozen=True)
 class Panel:
-    """One panel, before there are axes for it; panels with the same label get the same range of y.
+    """One panel, before there are axes for it; panels of the same quantity get the same range of y and prefix.
 
     Attributes:
-        label: of y, with unit.
-        draw: draws the lines.
-        power: y is numbered in multiples of it; the data are in SI.
+        quantity: what y is.
+        unit: of y; empty where there is none to name.
+        draw: draws the lines, in SI.
+        largest: value that y is to be numbered for; 1, no prefix, where not given.
         inset: a part of it, larger.
     """
 
-    label: str
+    quantity: str
+    unit: str
     draw: Callable[[Axes], None]
-    power: float = 1.0
+    largest: float = 1.0
     inset: Inset | None = None
+
+    def label(self, prefix: str) -> str:
+        """Of y."""
+        return f"{self.quantity} [{prefix}{self.unit}]" if self.unit else self.quantity
 
 
 # Position
@@ -53,7 +60,6 @@ class Panel:
 def position(trace: Trace) -> Panel:
     """Position in W, reference and wall; near the wall in an inset, where the run ends there."""
     reach = np.concatenate([trace.p_WB, trace.p_d])
-    power, prefix = prefix_of(reach)
 
     def draw(ax: Axes) -> None:
         for i, axis in enumerate(AXES):
@@ -64,10 +70,10 @@ def position(trace: Trace) -> Panel:
         if reach.min() - 0.1 * span <= x_c <= reach.max() + 0.1 * span:
             _level(ax, trace, x_c, "wall", _WALL)
 
-    return Panel(f"position [{prefix}m]", draw, power, _near_wall(trace, power))
+    return Panel("position", "m", draw, largest(reach), _near_wall(trace))
 
 
-def _near_wall(trace: Trace, power: float) -> Inset | None:
+def _near_wall(trace: Trace) -> Inset | None:
     """Where a run ends close to the wall: position and reference there, from the first sample within the limits."""
     x_c, x, x_d = trace.scenario.wall.position, trace.p_WB[:, 0], trace.p_d[:, 0]
     depth = max(abs(float(x_d[-1]) - x_c), 2e-3)
@@ -76,7 +82,7 @@ def _near_wall(trace: Trace, power: float) -> Inset | None:
         return None
     first = int(np.argmax(x > low))
 
-    def draw(ax: Axes) -> None:
+    def draw(ax: Axes, power: float) -> None:
         rest = slice(first, None)
         line(ax, trace.t[rest], x[rest], "p_WB.x", **_solid("x"))
         line(ax, trace.t[rest], x_d[rest], "p_d.x", **_REFERENCE)
@@ -98,7 +104,7 @@ def force(trace: Trace) -> Panel:
         _expectations(ax, trace)
         ax.set_ylim(bottom=min(0.0, -0.03 * ax.get_ylim()[1]))
 
-    return Panel("contact force [N]", draw, inset=_at_rest(trace))
+    return Panel("contact force", "N", draw, inset=_at_rest(trace))
 
 
 def expected_force(trace: Trace) -> float | None:
@@ -115,7 +121,7 @@ def _expectations(ax: Axes, trace: Trace) -> list[float]:
     levels = []
     expected = expected_force(trace)
     if expected is not None:
-        _level(ax, trace, expected, "expected", _REFERENCE)
+        _level(ax, trace, expected, "expected", _EXPECTED)
         levels.append(expected)
     if isinstance(trace.analytic, SteadyState) and trace.analytic.force > 0.0:
         _level(ax, trace, trace.analytic.force, "analytic", _ANALYTIC)
@@ -134,7 +140,7 @@ def _at_rest(trace: Trace) -> Inset | None:
     if len(rest) < 2 or not 0.0 < 2.0 * rest.max() < push.max():
         return None
 
-    def draw(ax: Axes) -> None:
+    def draw(ax: Axes, _: float) -> None:
         line(ax, trace.t[start:], rest, "push", color=COLOURS["force"], linewidth=2.0)
         seen = [float(rest.min()), float(rest.max()), *_expectations(ax, trace)]
         margin = max(0.25 * (max(seen) - min(seen)), 0.005 * max(seen))
@@ -149,13 +155,12 @@ def _at_rest(trace: Trace) -> Inset | None:
 def sliding(trace: Trace) -> Panel:
     """Linear part of the sliding variable; its beginning in an inset, where what follows is much smaller."""
     size = np.abs(trace.s[:, :3]).max(axis=1)
-    power, prefix = prefix_of(size)
     late = int(np.searchsorted(trace.t, REACHING_S))
 
     def draw(ax: Axes) -> None:
         components(ax, trace, "s")
 
-    def beginning(ax: Axes) -> None:
+    def beginning(ax: Axes, power: float) -> None:
         components(ax, trace, "s", REACHING_S)
         ax.margins(y=0.08)
         ax.set_xlim(0.0, REACHING_S)
@@ -164,14 +169,13 @@ def sliding(trace: Trace) -> Panel:
 
     reaches = 2 < late < len(size) / 4 and size[:late].max() > 5.0 * size[late:].max()
     inset = Inset(beginning, "first 100 ms", height=0.38) if reaches else None
-    return Panel(f"sliding variable s [{prefix}m/s]", draw, power, inset)
+    return Panel("sliding variable s", "m/s", draw, largest(size), inset)
 
 
 def tau(trace: Trace, fine: Trace | None, other: Trace | None = None, other_fine: Trace | None = None) -> Panel:
     """Force part of tau, with its beginning at every step in an inset where ``fine`` has it; ``other`` dashed."""
-    power, prefix = prefix_of(trace.tau[:, :3])
-    inset = Inset(lambda ax: _transient(ax, fine, other_fine, power), "first 10 ms", 0.38) if fine else None
-    return Panel(f"actuation force τ [{prefix}N]", lambda ax: pair(ax, trace, other, "tau"), power, inset)
+    inset = Inset(lambda ax, power: _transient(ax, fine, other_fine, power), "first 10 ms", 0.38) if fine else None
+    return Panel("actuation force τ", "N", lambda ax: pair(ax, trace, other, "tau"), largest(trace.tau[:, :3]), inset)
 
 
 def _transient(ax: Axes, fine: Trace, other: Trace | None, power: float) -> None:
@@ -184,8 +188,7 @@ def _transient(ax: Axes, fine: Trace, other: Trace | None, power: float) -> None
 
 def integral(trace: Trace, other: Trace | None = None) -> Panel:
     """Force part of GSTA's integral term; ``other`` dashed."""
-    power, prefix = prefix_of(trace.z[:, :3])
-    return Panel(f"integral term z [{prefix}m/s²]", lambda ax: pair(ax, trace, other, "z"), power)
+    return Panel("integral term z", "m/s²", lambda ax: pair(ax, trace, other, "z"), largest(trace.z[:, :3]))
 
 
 def state(trace: Trace, signal: Signal) -> Panel:
@@ -204,7 +207,7 @@ def state(trace: Trace, signal: Signal) -> Panel:
             look = {"color": colours[i], "linewidth": 0.9 + 0.4 * i, "zorder": 2.6 - 0.1 * i}
             line(ax, trace.t, values[:, i], name, label=component or signal.name, **look)
 
-    return Panel(f"state {signal.name}", draw)
+    return Panel(f"state {signal.name}", "", draw)
 
 
 def components(
@@ -246,9 +249,13 @@ def _level(ax: Axes, trace: Trace, level: float, label: str, look: dict[str, Any
     ax.plot(trace.t[[0, -1]], [level, level], label=label, gid=label, **look)
 
 
-def prefix_of(values: ArrayLike) -> tuple[float, str]:
-    """The SI prefix that a signal's largest value is best read in."""
-    largest = float(np.abs(values).max(initial=0.0))
+def largest(values: ArrayLike) -> float:
+    """The largest size of numbers."""
+    return float(np.abs(values).max(initial=0.0))
+
+
+def prefix_of(largest: float) -> tuple[float, str]:
+    """The SI prefix that a signal is best read in whose largest size is this."""
     return next(((power, prefix) for power, prefix in _PREFIXES if largest >= 0.05 * power), _PREFIXES[0])
 
 
