@@ -144,10 +144,20 @@ def test_gains_for_a_bound_have_it_certified_with_the_margin_and_no_k_2_to_spare
 
 
 @pytest.mark.parametrize(
-    "bad", [{"rate": -1.0}, {"rate": math.nan}, {"rate": math.inf}, {"rate": 0.0}, {"rate": 1.0, "state": 1.0}]
+    "bad",
+    [
+        {"rate": -1.0},
+        {"rate": math.nan},
+        {"rate": math.inf},
+        {"rate": 1e308},
+        {"rate": 0.0},
+        {"rate": 1.0, "state": 1.0},
+        {"rate": 1.0, "state": 1.0, "beta": 1e-200},
+        {"rate": 1.0, "state": 1.0, "beta": 1e200},
+    ],
 )
 def test_impossible_bounds_are_refused(bad):
-    with pytest.raises(InputError, match=r"rate|state"):
+    with pytest.raises(InputError, match=r"rate|state|beta"):
         gains_for(**bad)
 
 
@@ -394,7 +404,7 @@ def test_the_time_beyond_counts_with_s_where_it_is_least():
     s[:, 0], s[:, 1] = [1.0, 1.0, 0.0, 0.0], [1.0, -1.0, -1.0, 2.0]
     rate = np.full((3, 6), 6.0)  # allowed are 5 at s = 0 and 330 at s = 1
     rate[:, 2] = [5.01, 4.99, -5.01]
-    found = Experienced(np.array([0.0, 0.1, 0.3, 0.7]), np.zeros((4, 6)), rate, np.zeros(6))
+    found = Experienced(np.array([0.0, 0.1, 0.3, 0.7]), np.zeros((4, 6)), rate, np.ones(6), np.zeros(6))
     assert found.time_beyond(certificate, s) == pytest.approx([0.6, 0.5, 0.5, 0.7, 0.7, 0.7])
     assert found.largest_rate(0.1)[2] == 5.01
     assert found.largest_rate(0.05, 0.3)[2] == 4.99
@@ -503,6 +513,49 @@ def test_a_logs_own_disturbance(command, tmp_path):
     refused = command("--from", "run.mcap", "controller.k_1=3")
     assert refused.exit_code == 2
     assert "as it is" in refused.output
+
+
+@pytest.mark.parametrize(
+    "gains", [{"k_1": 1e160}, {"beta": 1e200}, {"k_2": 1e160, "k_1": 1e90, "nominal": False}, {"beta": 1e-200}]
+)
+def test_gains_that_no_computer_squares_are_refused(command, gains):
+    with pytest.raises(InputError, match="must be"):
+        Certificate.of(Gsta(**gains))
+    with pytest.raises(InputError, match="k_1 nan"):
+        rate_bound(math.nan, 1.0)
+
+
+def test_a_log_that_may_have_missed_the_fastest_change_gives_no_verdict(command, tmp_path):
+    """The largest rate of a coarse log is too small: what is said of it would be too good."""
+    touching = {"simulation.duration": 1.2, "wall.position": 0.02, "reference.step_time": 0.0}
+    rates = {}
+    for log_rate in ("full", 1000, 100, 2):
+        trace = simulate(Scenario.load("push_wall", touching), log_rate=log_rate)
+        found = experienced(trace)
+        if isinstance(found, NotGiven):
+            assert "--log-rate" in found.reason
+        else:
+            rates[log_rate] = found.largest_rate()[5]
+    assert set(rates) == {"full", 1000}
+    assert rates[1000] == pytest.approx(rates["full"], rel=0.01)
+    stiff = touching | {"wall.stiffness": 3e7, "simulation.timestep": 2e-5}
+    with pytest.warns(UserWarning, match="limit-cycles"):
+        every, some = (experienced(simulate(Scenario.load("push_wall", stiff), log_rate=r)) for r in ("full", 1000))
+    assert every.doubt == pytest.approx(np.ones(6))
+    assert some.largest_rate()[5] < 0.9 * every.largest_rate()[5] < some.largest_rate()[5] * some.doubt[5]
+    trace = simulate(Scenario.load("push_wall", touching), log_rate=10, sinks=[McapLog(tmp_path / "coarse.mcap")])
+    report = json.loads(command("--from", "coarse.mcap", "--json").stdout)
+    assert report["is_certified"] is None
+    assert report["verdict"].startswith("no verdict")
+
+
+def test_gains_for_a_rate_with_a_part_that_grows_with_s(command):
+    report = json.loads(command("--rate", "4", "--state", "3000", "controller.beta=5", "--json").stdout)
+    assert (report["gains"]["k_1"], report["gains"]["k_2"]) == gains_for(4.0, 3000.0, 5.0)
+    assert report["certified_state"] == pytest.approx(1.25 * 3000.0)
+    assert report["certified_rate"] > 4.0
+    assert command("--state", "30", "-c", "sta").exit_code == 2
+    assert "3750" in command("--rate", "4", "--state", "3000").stdout
 
 
 def test_gains_for_a_rate(command):

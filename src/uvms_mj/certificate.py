@@ -96,6 +96,9 @@ from .trace import Trace
 
 MARGIN = 0.25
 """What :func:`gains_for` adds to the rate that it is asked for."""
+ROWS_S = 1.5e-3
+"""Rows further apart than this, unless they are of every step, may miss how fast a disturbance was [s]."""
+_MOST = 1e50
 
 
 @dataclass(frozen=True)
@@ -120,7 +123,11 @@ class Certificate:
 
         Without nominal control, s_dot keeps the A s that eq. (22) would have cancelled: a vanishing part with G_1 in
         [A / beta, 0].
+
+        Raises:
+            InputError: a gain is too large or too small to compute with.
         """
+        _in_range(k_1=controller.k_1, k_2=controller.k_2, beta=getattr(controller, "beta", 0.0))
         if isinstance(controller, Sta):
             rate = rate_bound(controller.k_1, controller.k_2)
             return cls(rate, 0.0, controller.k_2 / 2.0, 0.0)
@@ -144,7 +151,11 @@ def rate_bound(k_1: float, k_2: float, G_1: tuple[float, float] = (0.0, 0.0)) ->
         k_1: [m^(1/2)/s^(3/2)].
         k_2: [m/s^3].
         G_1: range of the vanishing part, rho_1 = G_1 phi_1(s), in k_1's unit; where it has a width, the bound is less.
+
+    Raises:
+        InputError: a gain is too large or too small to compute with.
     """
+    _in_range(k_1=k_1, k_2=k_2)
     a_min, spread = k_1 - G_1[1], G_1[1] - G_1[0]
     if a_min <= 0.0 or k_2 <= 0.0 or not math.isfinite(spread):
         return 0.0
@@ -152,6 +163,15 @@ def rate_bound(k_1: float, k_2: float, G_1: tuple[float, float] = (0.0, 0.0)) ->
     if spread > 0.0 and _second_condition(delta, a_min, spread, k_2) < 0.0:
         delta = brentq(_second_condition, 0.0, delta, (a_min, spread, k_2), xtol=1e-14 * k_2)
     return delta / 2.0
+
+
+def _in_range(**values: float) -> None:
+    """Raise InputError for what is no size, and for what overflows when it is squared or divided by."""
+    for name, value in values.items():
+        if not 0.0 <= value <= _MOST:
+            raise InputError(f"{name} {value:g}: must be from 0 to {_MOST:g}")
+        if name == "beta" and 0.0 < value < 1.0 / _MOST:
+            raise InputError(f"beta {value:g}: must be 0, or at least {1.0 / _MOST:g}")
 
 
 def _second_condition(delta: float, a_min: float, spread: float, k_2: float) -> float:
@@ -196,11 +216,9 @@ def gains_for(rate: float, state: float = 0.0, beta: float = 0.0, margin: float 
         margin: as a part of the bound.
 
     Raises:
-        InputError: a bound is not a finite, positive number, or there is none to be had.
+        InputError: a bound is negative, too large or too small to compute with, or there are no such gains.
     """
-    for name, value in (("rate", rate), ("state", state), ("beta", beta), ("margin", margin)):
-        if not 0.0 <= value < math.inf:
-            raise InputError(f"{name} {value:g}: must be a finite number, not negative")
+    _in_range(rate=rate, state=state, beta=beta, margin=margin)
     if rate == 0.0 == state:
         raise InputError("rate 0: a disturbance that never changes needs no least gains; give a positive rate")
     if state > 0.0 and beta == 0.0:
@@ -220,6 +238,8 @@ class Experienced:
         rate: (n - 1, 6) difference quotients from one row to the next [m/s^3, rad/s^3]: means over the rows' distance,
             so that what changes within it shows in a log with more rows only. varphi itself is continuous at an
             impact, for it depends on nu and not on the contact force; its rate is largest there, as nu_dot is.
+        doubt: (6,) the largest rate of all rows over that of every second one, at least 1, and 1 for a log of every
+            step: by about as much again may the true one be larger. Verdicts take the rate times this.
         contact_lag: (6,) largest M_hat^-1 (tau_c - tau_c_measured) [m/s^2, rad/s^2]. The law knows a force one step
             old. That is a disturbance too, but one that jumps at each touch and has no rate: proportional to the step
             as it is, it widens the band. It is not in varphi.
@@ -228,6 +248,7 @@ class Experienced:
     t: np.ndarray
     varphi: np.ndarray
     rate: np.ndarray
+    doubt: np.ndarray
     contact_lag: np.ndarray
 
     def largest_rate(self, start: float = -math.inf, end: float = math.inf) -> np.ndarray:
@@ -239,7 +260,7 @@ class Experienced:
         """(6,) time for which the rate was not below what is certified at s (n, 6), and V may have grown [s]."""
         crossed = s[:-1] * s[1:] <= 0.0
         nearest = np.where(crossed, 0.0, np.minimum(np.abs(s[:-1]), np.abs(s[1:])))
-        return np.diff(self.t) @ (np.abs(self.rate) >= certificate.allowed(nearest))
+        return np.diff(self.t) @ (np.abs(self.rate) * self.doubt >= certificate.allowed(nearest))
 
 
 @dataclass(frozen=True)
@@ -261,6 +282,9 @@ def experienced(trace: Trace) -> Experienced | NotGiven:
         return NotGiven("M_hat is not M: varphi then has (M_hat - M) nu_dot in it, and nu_dot the law's own switching")
     if len(trace) < 2:
         return NotGiven("fewer than two samples")
+    apart = float(np.diff(trace.t).max())
+    if trace.header.row_steps > 1 and apart > ROWS_S:
+        return NotGiven(f"rows {apart:g} s apart may miss the fastest change: run with --log-rate 1000, or full")
     plant = build(trace.scenario, trace.header.mjcf)
     if not plant.vehicle.rigid:
         return NotGiven("the vehicle has moving parts, which eq. (11) does not know")
@@ -271,8 +295,14 @@ def experienced(trace: Trace) -> Experienced | NotGiven:
     varphi = wrench @ M_hat_inv.T
     varphi[:, :3] -= np.array(controller.F_1[:3]) * np.cross(trace.nu[:, 3:], trace.eta_e[:, :3])
     late = _in_body(_rotations(trace), (trace.f_contact_W - trace.f_contact_m_W).T)
-    rate = np.diff(varphi, axis=0) / np.diff(trace.t)[:, None]
-    return Experienced(trace.t, varphi, rate, np.abs(late @ M_hat_inv.T).max(axis=0))
+    rate, coarser = _rate(trace.t, varphi), _rate(trace.t[::2], varphi[::2])
+    largest, seen = (np.abs(each).max(axis=0, initial=1e-300) for each in (rate, coarser))
+    doubt = np.maximum(1.0, largest / seen) if trace.header.row_steps > 1 else np.ones(6)
+    return Experienced(trace.t, varphi, rate, doubt, np.abs(late @ M_hat_inv.T).max(axis=0))
+
+
+def _rate(t: np.ndarray, values: np.ndarray) -> np.ndarray:
+    return np.diff(values, axis=0) / np.diff(t)[:, None]
 
 
 def lumped_disturbance(trace: Trace, plant: Plant) -> np.ndarray:
