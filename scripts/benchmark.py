@@ -32,6 +32,7 @@ from uvms_mj.control import BUILT_IN
 from uvms_mj.native.attachment import attach
 from uvms_mj.native.closed_loop import ClosedLoop
 from uvms_mj.plant import build
+from uvms_mj.simulation import SLICE_STEPS
 from uvms_mj.summary import AROUND_THE_END_S
 
 CHUNK = 1000
@@ -56,7 +57,8 @@ class Native:
 
     def chunk(self) -> float:
         start = time.perf_counter()
-        mujoco.mj_step(self.model, self.data, CHUNK)
+        for _ in range(CHUNK // SLICE_STEPS):
+            mujoco.mj_step(self.model, self.data, SLICE_STEPS)
         self.loop.rows().copy()
         self.loop.clear_rows()
         return (time.perf_counter() - start) / CHUNK
