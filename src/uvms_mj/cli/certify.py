@@ -8,7 +8,18 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..console import Console, print_table
-from .common import EXIT_INTERRUPTED, EXIT_UNSTABLE, Stop, bad_input, end
+from .common import (
+    EXIT_INTERRUPTED,
+    EXIT_UNSTABLE,
+    Stop,
+    asked_for,
+    bad_input,
+    end,
+    json_option,
+    quiet_option,
+    scenario_argument,
+    set_option,
+)
 
 if TYPE_CHECKING:
     from ..control import Gsta, Sta
@@ -19,21 +30,14 @@ _AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 @click.command(epilog="Exit status: 0 whatever the verdict, 2 bad input, 3 the run was unstable, 130 interrupted.")
-@click.argument("arguments", nargs=-1, metavar="[SCENARIO] [KEY=VALUE]...")
+@scenario_argument
 @click.option("-c", "--controller", metavar="LAW", help="gsta or sta, the laws that there is a certificate for.")
-@click.option(
-    "-s",
-    "--set",
-    "settings",
-    multiple=True,
-    metavar="KEY=VALUE",
-    help="Replace a key of the scenario; may be repeated.",
-)
+@set_option
 @click.option("--from", "log", metavar="LOG", help="Take the samples and gains of a log, run.mcap, instead of running.")
 @click.option("--rate", type=float, metavar="L", help="Print gains for a disturbance's rate [m/s^3]; nothing is run.")
 @click.option("--state", type=float, metavar="L_S", help="... and for the part that grows with |s| [1/s^2], with beta.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object on standard output and nothing else.")
-@click.option("-q", "--quiet", is_flag=True, help="No progress bar and no table.")
+@json_option
+@quiet_option
 def certify(
     arguments: tuple[str, ...],
     controller: str | None,
@@ -82,7 +86,7 @@ def _load(
 ) -> "tuple[Scenario, Trace | None]":
     """The scenario, and the trace where a log has it."""
     from ..faults import InputError
-    from ..scenario import Scenario, parse_setting
+    from ..scenario import Scenario
 
     if log is not None:
         if arguments or settings or controller is not None:
@@ -91,11 +95,8 @@ def _load(
 
         trace = Trace.load(log)
         return trace.scenario, trace
-    names = [a for a in arguments if "=" not in a]
-    if len(names) > 1:
-        raise InputError(f"one scenario at a time, please: {', '.join(names)}")
-    overrides = dict(parse_setting(s) for s in (*settings, *(a for a in arguments if "=" in a)))
-    return Scenario.load(names[0] if names else "push_wall", overrides, controller), None
+    name, overrides = asked_for(arguments, settings)
+    return Scenario.load(name or "push_wall", overrides, controller), None
 
 
 def _super_twisting(scenario: "Scenario", log: str | None) -> "Gsta | Sta":

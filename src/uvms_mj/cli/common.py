@@ -6,7 +6,7 @@ import logging
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NoReturn
 
 import click
@@ -14,6 +14,36 @@ import click
 from ..console import printable
 
 EXIT_BAD_INPUT, EXIT_UNSTABLE, EXIT_INTERRUPTED = 2, 3, 130
+
+scenario_argument = click.argument("arguments", nargs=-1, metavar="[SCENARIO] [KEY=VALUE]...")
+set_option = click.option(
+    "-s",
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Replace a key of the scenario; may be repeated.",
+)
+json_option = click.option(
+    "--json", "as_json", is_flag=True, help="Print one JSON object on standard output and nothing else."
+)
+quiet_option = click.option("-q", "--quiet", is_flag=True, help="No progress bar and no table.")
+
+
+def asked_for(arguments: Sequence[str], settings: Sequence[str]) -> tuple[str | None, dict[str, Any]]:
+    """The scenario that is named, if any, and what replaces its keys.
+
+    Raises:
+        InputError: several are named, or a setting is none.
+    """
+    from ..faults import InputError
+    from ..scenario import parse_setting
+
+    names = [a for a in arguments if "=" not in a]
+    if len(names) > 1:
+        raise InputError(f"one scenario at a time, please: {', '.join(names)}")
+    overrides = dict(parse_setting(s) for s in (*settings, *(a for a in arguments if "=" in a)))
+    return (names[0] if names else None), overrides
 
 
 class Stop:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..console import Console, log_tables, printable
-from .common import EXIT_INTERRUPTED, Stop, bad_input, end
+from .common import EXIT_INTERRUPTED, Stop, bad_input, end, json_option
 
 if TYPE_CHECKING:
     from ..trace import Trace
@@ -19,7 +19,7 @@ FORMATS = ("csv", "parquet", "npz", "mat")
 @click.command()
 @click.argument("log", metavar="LOG")
 @click.option("--show", metavar="NAME", help="Print one of the files that the log carries, as scenario.toml.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object on standard output and nothing else.")
+@json_option
 def info(log: str, show: str | None, as_json: bool) -> None:
     """Say what a log holds: the run's table, signals, topics, versions, files.
 

@@ -6,14 +6,24 @@ import io
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from ..console import print_table
-from .common import EXIT_INTERRUPTED, Stop, bad_input, draw_to_files, end
+from .common import (
+    EXIT_INTERRUPTED,
+    Stop,
+    asked_for,
+    bad_input,
+    draw_to_files,
+    end,
+    json_option,
+    scenario_argument,
+    set_option,
+)
 
 if TYPE_CHECKING:
     from ..claims import Row, Runs
@@ -26,11 +36,14 @@ _DERIVED = ("claims.csv", "claims.json", "report.html")
     epilog="Exit status: 0 every claim holds, or departs for a stated reason; 1 a claim fails; 2 bad input; "
     "130 interrupted."
 )
-@click.argument("arguments", nargs=-1, metavar="[SCENARIO] [KEY=VALUE]...")
+@scenario_argument
+@set_option
 @click.option("-o", "--out", metavar="DIR", help="Where everything goes; needed unless --from is given.")
 @click.option("--from", "source", metavar="DIR", help="Redraw from DIR/logs without running, into DIR or --out.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object on standard output and nothing else.")
-def paper(arguments: tuple[str, ...], out: str | None, source: str | None, as_json: bool) -> None:
+@json_option
+def paper(
+    arguments: tuple[str, ...], settings: tuple[str, ...], out: str | None, source: str | None, as_json: bool
+) -> None:
     """Run all that the paper's section 5 reports, and check its claims.
 
     Writes DIR/report.html, a page to read and to print; DIR/fig01 to fig12 and overview as PNG and SVG; DIR/claims.csv
@@ -53,8 +66,9 @@ def paper(arguments: tuple[str, ...], out: str | None, source: str | None, as_js
             from ..scenario import Scenario
 
             if source is not None:
-                if arguments:
-                    raise InputError(f"--from redraws what was run; {' '.join(arguments)} would be another run")
+                if arguments or settings:
+                    other = " ".join((*arguments, *settings))
+                    raise InputError(f"--from redraws what was run; {other} would be another run")
                 logs = Path(source) / "logs"
                 runs = study.load(logs, study.plan(Scenario()))
                 running = False
@@ -62,7 +76,8 @@ def paper(arguments: tuple[str, ...], out: str | None, source: str | None, as_js
             else:
                 if out is None:
                     raise InputError("--out DIR is missing: where shall the logs and the report go?")
-                jobs = study.plan(_scenario(arguments))
+                name, overrides = asked_for(arguments, settings)
+                jobs = study.plan(Scenario.load(name or "push_wall", overrides))
                 folder = _folder(out)
                 logs = folder / "logs"
                 _move_aside(folder)
@@ -84,16 +99,6 @@ def paper(arguments: tuple[str, ...], out: str | None, source: str | None, as_js
         _table(rows)
         click.echo(str(folder / "report.html"))
     sys.exit(EXIT_CLAIM_FAILS if failed else 0)
-
-
-def _scenario(arguments: Sequence[str]):
-    from ..faults import InputError
-    from ..scenario import Scenario, parse_setting
-
-    names = [a for a in arguments if "=" not in a]
-    if len(names) > 1:
-        raise InputError(f"one scenario at a time, please: {', '.join(names)}")
-    return Scenario.load(names[0] if names else "push_wall", dict(parse_setting(a) for a in arguments if "=" in a))
 
 
 def _write(folder: Path, runs: "Runs", progress: Callable[[int, int], None]) -> "list[Row]":

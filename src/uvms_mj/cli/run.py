@@ -10,7 +10,19 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..console import Console
-from .common import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_UNSTABLE, Stop, bad_input, end
+from .common import (
+    EXIT_BAD_INPUT,
+    EXIT_INTERRUPTED,
+    EXIT_UNSTABLE,
+    Stop,
+    asked_for,
+    bad_input,
+    end,
+    json_option,
+    quiet_option,
+    scenario_argument,
+    set_option,
+)
 
 if TYPE_CHECKING:
     from ..mjcf import Mjcf
@@ -19,24 +31,17 @@ if TYPE_CHECKING:
 
 
 @click.command(epilog="Exit status: 0 completed, 2 bad input, 3 unstable, 130 interrupted.")
-@click.argument("arguments", nargs=-1, metavar="[SCENARIO] [KEY=VALUE]...")
+@scenario_argument
 @click.option(
     "-c", "--controller", metavar="LAW", help="gsta, sta, fosm, impedance, ideal, or path/to/my_law.py:MyLaw."
 )
-@click.option(
-    "-s",
-    "--set",
-    "settings",
-    multiple=True,
-    metavar="KEY=VALUE",
-    help="Replace a key of the scenario; may be repeated.",
-)
+@set_option
 @click.option("--from", "log", metavar="LOG", help="Repeat the run of a log, run.mcap, with its scenario and vehicle.")
 @click.option("-o", "--out", metavar="DIR", help="Where files go [default: runs/<time>-<scenario>-<controller>].")
 @click.option("--log-rate", metavar="HZ|full", help="Samples a second; must divide the step rate [default: 1 kHz].")
 @click.option("--viewer", is_flag=True, help="Open the Rerun viewer and stream to it while the run goes on.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object on standard output and nothing else.")
-@click.option("-q", "--quiet", is_flag=True, help="No progress bar and no table.")
+@json_option
+@quiet_option
 def run(
     arguments: tuple[str, ...],
     controller: str | None,
@@ -65,17 +70,16 @@ def run(
     try:
         with bad_input():
             from ..faults import InputError
-            from ..scenario import Scenario, parse_setting
+            from ..scenario import Scenario
 
-            names = [a for a in arguments if "=" not in a]
-            if len(names) > 1 or (names and log is not None):
-                raise InputError(f"one scenario at a time, please: {', '.join([*names, *filter(None, [log])])}")
-            overrides = dict(parse_setting(s) for s in (*settings, *(a for a in arguments if "=" in a)))
+            name, overrides = asked_for(arguments, settings)
+            if name is not None and log is not None:
+                raise InputError(f"one scenario at a time, please: {name}, {log}")
             mjcf: Mjcf | None = None
             if log is not None:
                 scenario, mjcf, log_rate = _from_log(log, overrides, controller, log_rate)
             else:
-                scenario = Scenario.load(names[0] if names else "push_wall", overrides, controller)
+                scenario = Scenario.load(name or "push_wall", overrides, controller)
             folder = _output_folder(out, scenario)
             status = _simulate(scenario, mjcf, folder, log_rate, viewer, console, stop)
     except KeyboardInterrupt:
