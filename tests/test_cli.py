@@ -200,6 +200,23 @@ def test_a_negative_mass_is_refused(here, tmp_path):
     assert "mass" in done.stderr
 
 
+@pytest.mark.parametrize("compiled", [True, False])
+def test_a_law_that_prints_leaves_json_alone(tmp_path, compiled):
+    text = (
+        "from dataclasses import dataclass\nfrom uvms_mj import Controller\nprint('loading')\n\n"
+        "@dataclass(frozen=True)\nclass Loud(Controller):\n"
+        "    @staticmethod\n    def law(gains, state, signals, state_dot, tau_cmd):\n"
+        "        print('stepping')\n" + ("" if compiled else "        {}.clear()\n        open(__file__).close()\n")
+    )
+    (tmp_path / "loud.py").write_text(text)
+    done = run("run", "-c", "loud.py:Loud", "simulation.duration=0.0003", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["steps"] == 3
+    assert "loading" in done.stderr
+    assert "stepping" in done.stderr
+    assert ("plain Python" in done.stderr) != compiled
+
+
 def test_an_unstable_run_says_when_and_what_and_keeps_the_trace(tmp_path):
     done = run("run", "--set", "controller.period=0.1", "--json", "--out", "here", cwd=tmp_path)
     assert done.returncode == 3

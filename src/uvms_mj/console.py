@@ -19,6 +19,11 @@ class Console:
 
     def __init__(self, as_json: bool, quiet: bool) -> None:
         self.as_json, self.quiet = as_json, quiet
+        self._out = sys.stdout
+
+    def alone(self) -> contextlib.AbstractContextManager[Any]:
+        """Where standard output is for one JSON object, what a law prints goes to standard error."""
+        return contextlib.redirect_stdout(sys.stderr) if self.as_json else contextlib.nullcontext()
 
     def warn(self, message: Any, category: Any, *_: Any, **__: Any) -> None:
         click.echo(f"warning: {printable(str(message))}", err=True)
@@ -31,7 +36,7 @@ class Console:
 
     def report(self, trace: Any, report: dict[str, Any]) -> None:
         if self.as_json:
-            click.echo(json.dumps(report, allow_nan=False))
+            click.echo(json.dumps(report, allow_nan=False), file=self._out)
         elif not self.quiet:
             _run_table(trace, report)
 

@@ -68,7 +68,7 @@ def run(
     console = Console(as_json, quiet)
     scenario = None
     try:
-        with bad_input():
+        with bad_input(), console.alone():
             from ..faults import InputError
             from ..scenario import Scenario
 
