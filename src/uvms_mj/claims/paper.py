@@ -105,7 +105,7 @@ CLAIMS: tuple[Claim, ...] = (
     ),
     Claim(
         "fosm-not-exact",
-        "The first-order law does not quite achieve the desired impedance, because of its boundary layer.",
+        "The first-order law does not quite achieve the desired impedance.",
         "eq. (12), fig. 6",
         "impedance error at rest, rms",
         "N",
