@@ -18,6 +18,7 @@ import time
 from collections import defaultdict
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from mcap.reader import NonSeekingReader, make_reader
@@ -28,6 +29,7 @@ from mcap_ros2.decoder import DecoderFactory
 from uvms_mj import InputError, McapLog, Scenario, SinkError, Status, Trace, simulate
 from uvms_mj.mcap_log.attachments import without_paths
 from uvms_mj.mcap_log.layout import Format
+from uvms_mj.mjcf import Mjcf
 
 ROOT = Path(__file__).parents[1]
 COMMAND = [sys.executable, "-m", "uvms_mj"]
@@ -704,26 +706,88 @@ def test_opening_a_forged_log_imports_no_file_that_it_names(logged, tmp_path, mo
     assert not (tmp_path / "ran").exists()
 
 
+MESH = "<asset><mesh name='canary' file='{}'/></asset>"
+
+
+def _appended(model, text):
+    return model.replace("</mujoco>", f"{text}</mujoco>")
+
+
+EVASIONS = {
+    "byte order mark": lambda model, name: "\ufeff" + _appended(model, MESH.format(name)),
+    "dashes in a comment": lambda model, name: "<!-- a -- b -->" + _appended(model, MESH.format(name)),
+    "an attribute twice": lambda model, name: _appended(model, "<size a='1' a='2'/>" + MESH.format(name)),
+    "a final nul": lambda model, name: _appended(model, MESH.format(name)) + "\0",
+    "a quote in a comment": lambda model, name: _appended(
+        model, "<!-- file=' -->" + MESH.format(name).replace("'", '"') + "<!-- ' -->"
+    ),
+    "no semicolon": lambda model, name: _appended(model, MESH.format(name.replace("/", "&#47"))),
+    "characters by number": lambda model, name: _appended(model, MESH.format(name.replace("/", "&#x2F;"))),
+    "an entity": lambda model, name: f"<!DOCTYPE m [<!ENTITY e '{name}'>]>" + _appended(model, MESH.format("&e;")),
+    "character data": lambda model, name: _appended(model, f"<![CDATA[ <x a=' ]]>{MESH.format(name)}"),
+    "an include": lambda model, name: _appended(model, f"<include\tfile\n=\n'{name}'/>"),
+    "another robot": lambda model, name: f"<robot><link><visual><mesh filename='{name}'/></visual></link></robot>",
+    "a folder": lambda model, name: _appended(
+        model.replace("<compiler ", f"<compiler meshdir='{Path(name).parent}' "), MESH.format(Path(name).name)
+    ),
+}
+"""Each makes MuJoCo see a file's name that somebody who looks for names in the text may not."""
+
+
+@pytest.mark.parametrize("evasion", EVASIONS)
+def test_a_model_in_a_log_reaches_no_file_however_it_is_written(logged, tmp_path, evasion):
+    """What MuJoCo reads was written anew from what was checked."""
+    secret = tmp_path / "secret.obj"
+    secret.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n")
+
+    def change(name, data):
+        return name, EVASIONS[evasion](data.decode(), f"{secret}").encode() if name.startswith("model/") else data
+
+    (tmp_path / "forged.mcap").write_bytes(rewritten(logged[1], change))
+    done = run("run", "--from", "forged.mcap", "-q", "-o", "x", cwd=tmp_path)
+    assert done.returncode == 2
+    assert re.search("refers to what is not there|not well-formed|is no MJCF", done.stderr)
+    assert "Traceback" not in done.stderr
+    header = Trace.load(tmp_path / "forged.mcap").header
+    with pytest.raises(InputError):
+        header.mjcf.compiled(header.mjcf.spec())
+
+
+CUBE = "v 0 0 0\nv {0} 0 0\nv 0 {0} 0\nv 0 0 {0}\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+
+
 @pytest.mark.parametrize(
-    "tolerated",
-    [b"\xef\xbb\xbf<mujoco", b"<!-- a -- b --><mujoco", b"<mujoco a:b='c'", b"<mujoco a='1' a='2'"],
+    ("files", "assets"),
+    [
+        ({"a.obj": 0.1, "two/a.obj": 0.2}, '<mesh name="p" file="a.obj"/><mesh name="q" file="two/a.obj"/>'),
+        ({"a.obj": 0.1, "m/a.obj": 0.2}, '<mesh name="p" file="m/../a.obj"/><mesh name="q" file="m/a.obj"/>'),
+        ({"m/a.obj": 0.1, "m/A.obj": 0.2}, '<mesh name="p" file="m/a.obj"/><mesh name="q" file="m/A.obj"/>'),
+        ({"z/p.obj": 0.1, "n/p.obj": 0.2}, '<mesh file="z/p.obj"/><mesh name="q" file="n/p.obj"/>'),
+        ({"a & 'b' ü.obj": 0.1, "q.obj": 0.2}, '<mesh name="p" file="a &amp; \'b\' ü.obj"/><mesh file="q.obj"/>'),
+        ({"p.obj": 0.1, "q.obj": 0.2}, "<!-- file=' -- --><mesh file='p.obj'/><!-- don't --><mesh file='q.obj'/>"),
+        ({"p.obj": 0.1, "q.obj": 0.2}, '<mesh file="p.obj"/><mesh file="q.obj"/><!-- <mesh file="/gone.obj"/> -->'),
+    ],
 )
-def test_a_model_that_only_mujoco_takes_for_xml_reaches_no_file_either(logged, tmp_path, tolerated):
-    """MuJoCo's parser takes more than what is well-formed."""
-    secret = tmp_path / "secret.xml"
-    secret.write_text("<mujoco><worldbody/></mujoco>")
-    for reference in (f"{secret}", f"{secret}".replace("/", "&#47;"), f"{secret}".replace("s", "&#x73;")):
-
-        def change(name, data, reference=reference):
-            if name.startswith("model/"):
-                data = data.replace(b"<mujoco", tolerated, 1)
-                data = data.replace(b"</mujoco>", f"<include  file = '{reference}'/></mujoco>".encode())
-            return name, data
-
-        (tmp_path / "forged.mcap").write_bytes(rewritten(logged[1], change))
-        done = run("run", "--from", "forged.mcap", "-q", "-o", "x", cwd=tmp_path)
-        assert done.returncode == 2
-        assert "refers to what is not there" in done.stderr
+def test_a_vehicle_of_many_files_is_the_one_that_mujoco_reads(tmp_path, files, assets):
+    """Folders, names that occur twice, comments: the model in memory has the meshes of the model on disk."""
+    geoms = "<geom type='mesh' mesh='p' mass='0'/><geom type='mesh' mesh='q' mass='0'/><freejoint"
+    model = (ROOT / "models" / "bluerov1.xml").read_text().replace("</asset>", f"{assets}</asset>", 1)
+    model = model.replace("<freejoint", geoms, 1)
+    for name, size in files.items():
+        (tmp_path / "sub" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "sub" / name).write_text(CUBE.format(size))
+    (tmp_path / "sub" / "rov.xml").write_text(model)
+    (tmp_path / "rov.xml").write_text('<mujoco><option gravity="0 0 -1.6"/><include file="sub/rov.xml"/></mujoco>')
+    for path in (tmp_path / "sub" / "rov.xml", tmp_path / "rov.xml"):
+        if path.parent == tmp_path:  # MuJoCo looks for an included file's meshes beside the main one
+            model = re.sub(r"<compiler ", "<compiler meshdir='sub' ", model, count=1)
+            (tmp_path / "sub" / "rov.xml").write_text(model)
+        plain, mjcf = mujoco.MjModel.from_xml_path(str(path)), Mjcf.find(str(path))
+        ours = mjcf.compiled(mjcf.spec())
+        assert ours.opt.gravity[2] == plain.opt.gravity[2]
+        assert ours.nu == plain.nu
+        assert np.array_equal(ours.mesh_vert, plain.mesh_vert)
+        assert not any("sub" in name for name in mjcf.files)
 
 
 def test_a_model_in_a_log_reaches_no_file_of_the_readers(logged, tmp_path):
