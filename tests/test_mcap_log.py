@@ -27,6 +27,7 @@ from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 
 from uvms_mj import InputError, McapLog, Scenario, SinkError, Status, Trace, simulate
+from uvms_mj.control.recorded import recorded_law
 from uvms_mj.mcap_log.attachments import without_paths
 from uvms_mj.mcap_log.layout import Format
 from uvms_mj.mjcf import Mjcf
@@ -667,6 +668,7 @@ def rewritten(path, change):
         lambda name, data: (name, b"a = " + b"[" * 50_000 if name == "scenario.toml" else data),
         lambda name, data: (name, b"a" + b".a" * 50_000 + b" = 1" if name == "scenario.toml" else data),
         lambda name, data: (name, data.replace(b'model = "bluerov1"', b'model = "/etc/passwd"')),
+        lambda name, data: (name, data.replace(b"duration = 0.4", b"duration = " + b"9" * 5000)),
         lambda name, data: (name, data.replace(b'"name": "t"', b'"name": "T"')),
         lambda name, data: (name, data.replace(b'"name": "nu"', b'"name": "s"')),
         lambda name, data: (name, data.replace(b'"unit": "m"', b'"unit": "mm"')),
@@ -687,6 +689,12 @@ def test_a_forged_log_is_refused_and_writes_nothing(logged, tmp_path, change):
         Trace.load(forged)
     assert time.monotonic() - start < 5.0
     assert list(tmp_path.rglob("*")) == [tmp_path / "in", forged.parent, forged]
+
+
+def test_a_recorded_law_has_gains_with_names_that_python_can_tell_apart():
+    for table in ({"ℯ": 1.0, "e": 1.0}, {"class": 1.0}, {"__init__": 1.0}, {"x": "text"}, {"1": 1.0}):
+        with pytest.raises(InputError, match=r"a\.py:B"):
+            recorded_law("a.py:B", table, {})
 
 
 def test_opening_a_forged_log_imports_no_file_that_it_names(logged, tmp_path, monkeypatch):

@@ -195,6 +195,22 @@ def test_impedance_error_of_a_steady_turn_is_what_damps_it(synthetic):
         assert metrics.impedance_error(each) == pytest.approx(np.abs(D_d[:, 5]) * rate, rel=1e-9, abs=1e-12)
 
 
+def test_impedance_error_is_not_given_where_friction_between_rows_is_unknown():
+    """It may change its sign with every step: rows would take it for a force that does not change."""
+    rough = {
+        "wall.friction": 0.5,
+        "wall.position": 0.02,
+        "reference.target": [0.05, 0.02, 0.0],
+        "reference.step_time": 0.0,
+        "simulation.duration": 3.0,
+    }
+    every, some = (simulate(Scenario.load("push_wall", rough), log_rate=rate) for rate in ("full", 1000))
+    assert np.isfinite(metrics.impedance_error(every)).all()
+    assert np.array_equal(np.isfinite(metrics.impedance_error(some)), [True] + [False] * 5)
+    assert metrics.impedance_error(some)[0] == pytest.approx(metrics.impedance_error(every)[0], rel=0.2)
+    assert np.isfinite(metrics.impedance_error(some, 0.0, 0.5 * float(some.first_contact[-1]))).all()
+
+
 def test_at_rest_super_twisting_leaves_nothing_of_eq_12_over_at_any_log_rate(paper_run):
     trace = paper_run("gsta")
     for each in (trace, decimated(trace, 10), decimated(trace, 100)):

@@ -92,6 +92,7 @@ from .faults import InputError
 from .fossen import restoring
 from .frames import rotation, to_body
 from .plant import Plant, build
+from .recording import Status
 from .trace import Trace
 
 MARGIN = 0.25
@@ -280,8 +281,10 @@ def experienced(trace: Trace) -> Experienced | NotGiven:
     controller = trace.scenario.controller
     if trace.scenario.estimates.inertia != 1.0:
         return NotGiven("M_hat is not M: varphi then has (M_hat - M) nu_dot in it, and nu_dot the law's own switching")
-    if len(trace) < 2:
-        return NotGiven("fewer than two samples")
+    if trace.status is Status.unstable:
+        return NotGiven("the run became unstable")
+    if len(trace) < 4:
+        return NotGiven("fewer than four samples")
     apart = float(np.diff(trace.t).max())
     if trace.header.row_steps > 1 and apart > ROWS_S:
         return NotGiven(f"rows {apart:g} s apart may miss the fastest change: run with --log-rate 1000, or full")

@@ -129,8 +129,9 @@ def impedance_error(trace: Trace, start: float = 0.0, end: float = np.inf) -> np
     No acceleration, and no step between two rows, is sampled, but their sums are: that of nu_dot is the difference of
     nu_e, that of the normal force the running impulse, that of nu_e the way from row to row (nu of a step moves the
     vehicle to the next one, so that a sum from the left lacks the last and has the first). All three are exact, also
-    where s changes its sign with every step. eta_e, friction and the turn of B are of rows, by the trapezoidal rule:
-    at rest any log rate will do, for an impact 1 kHz or more.
+    where s changes its sign with every step. eta_e and the turn of B are of rows, by the trapezoidal rule: at rest any
+    log rate will do, for an impact 1 kHz or more. So is friction, which may change its sign with every step: against a
+    wall that has it, a log that lacks steps gives nan where friction enters.
     """
     design, h = design_of(trace), trace.scenario.simulation.timestep
     rows = _grid(trace, start, end)
@@ -157,7 +158,13 @@ def impedance_error(trace: Trace, start: float = 0.0, end: float = np.inf) -> np
     wanted = change / T @ design.M_d.T + nu_e @ design.D_d.T + eta_e @ design.K_d.T
     impedance = trace.scenario.impedance
     residual = wanted - np.array(impedance.K_f) * (tau_c - np.array(impedance.F_d))
-    return np.sqrt((residual**2).mean(axis=0)) if len(residual) else np.full(6, np.nan)
+    if not len(residual):
+        return np.full(6, np.nan)
+    error = np.sqrt((residual**2).mean(axis=0))
+    rubbed = trace.scenario.wall.friction > 0.0 and bool(trace.touches[last[-1]] > 0.0)
+    if rubbed and trace.header.row_steps > 1:
+        error[np.abs(design.normal) < 1.0 - 1e-9] = np.nan
+    return error
 
 
 def _turned(R: np.ndarray, a: np.ndarray) -> np.ndarray:

@@ -208,9 +208,10 @@ def integral(runs: Runs) -> Measured:
 
 def compliance(runs: Runs) -> Measured:
     trace = runs.traces["gsta"]
-    start = float(trace.first_contact[-1]) if trace.touches[-1] else np.inf
-    push = trace.push[trace.t >= start]
-    force = float(np.sqrt((push**2).mean())) if len(push) else 0.0
+    if not trace.touches[-1]:
+        return Measured(None, "no contact")
+    start = float(trace.first_contact[-1])
+    force = float(np.sqrt((trace.push[trace.t >= start] ** 2).mean()))
     error = float(metrics.impedance_error(trace, start)[0])
     return Measured(over(100.0 * error, force), f"{number(error)} N of {number(force)} N")
 

@@ -243,9 +243,9 @@ def _tables(report: dict[str, Any]) -> None:
         "margin_to_limit": "to k_2/2",
         "time_beyond_s": "beyond [s]",
     }
-    table.add_column("axis")
+    table.add_column("axis", no_wrap=True)
     for head in heads.values():
-        table.add_column(head, justify="right")
+        table.add_column(head, justify="right", overflow="fold")
     for i, axis in enumerate(_AXES):
         table.add_row(axis, *(f"{found[name][i]:.3g}" for name in heads))
     print_table(table)

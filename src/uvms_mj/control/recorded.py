@@ -40,5 +40,5 @@ def recorded_law(source: str, table: Mapping[str, Any], states: Mapping[str, int
     namespace = {"states": dict(states), "source": classmethod(lambda cls: source), "__doc__": f"{source}, recorded."}
     try:
         return dataclasses.make_dataclass(label, fields, bases=(RecordedLaw,), namespace=namespace, frozen=True)
-    except TypeError as error:
+    except (TypeError, SyntaxError) as error:
         raise InputError(f"the gains of {source}: {error}") from None
