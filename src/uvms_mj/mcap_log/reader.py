@@ -74,7 +74,9 @@ def _opened(path: str | os.PathLike) -> Iterator["_Reader"]:
         with open(path, "rb") as file:
             yield _Reader(file)
     except OSError as error:
-        raise InputError(f"{path}: can't read it: {error.strerror}") from None
+        inside = path / "run.mcap"
+        hint = f"; did you mean {inside}?" if inside.is_file() else ""
+        raise InputError(f"{path}: can't read it: {error.strerror}{hint}") from None
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     except (EndOfFile, McapError, struct.error, UnicodeDecodeError, KeyError, OverflowError) as error:
