@@ -631,7 +631,7 @@ def test_an_mcap_file_of_somebody_elses_is_named_as_such(tmp_path):
         Trace.load(tmp_path / "x.mcap")
     with pytest.raises(InputError, match="No such file"):
         Trace.load(tmp_path / "nowhere.mcap")
-    with pytest.raises(InputError, match="directory$"):
+    with pytest.raises(InputError, match=r"directory$"):
         Trace.load(tmp_path)
     (tmp_path / "x.mcap").rename(tmp_path / "run.mcap")
     with pytest.raises(InputError, match=r"directory; did you mean .*run\.mcap\?"):

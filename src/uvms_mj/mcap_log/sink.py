@@ -87,23 +87,22 @@ class McapLog:
         self._attach("outcome.json", outcome_file(outcome))
         self._append(record_bytes(DataEnd(self._crc)))
         start = self._size
-        groups = [
+        groups: list[tuple[int, bytes | bytearray]] = [
             (Opcode.SCHEMA, b"".join(record_bytes(r) for r in channel_records(self.format) if isinstance(r, Schema))),
             (Opcode.CHANNEL, b"".join(record_bytes(r) for r in channel_records(self.format) if isinstance(r, Channel))),
             (Opcode.STATISTICS, record_bytes(self._statistics())),
-            (Opcode.CHUNK_INDEX, bytes(self._chunk_indexes)),
+            (Opcode.CHUNK_INDEX, self._chunk_indexes),
             (Opcode.ATTACHMENT_INDEX, self._index_bytes(AttachmentIndex)),
             (Opcode.METADATA_INDEX, self._index_bytes(MetadataIndex)),
         ]
-        summary, offsets = b"", b""
-        for opcode, data in groups:
-            offsets += record_bytes(SummaryOffset(opcode, start + len(summary), len(data)))
-            summary += data
-        offset_start = start + len(summary)
-        summary += offsets
-        footer = record_bytes(Footer(start, offset_start, 0))[:-4]  # the checksum covers all of the footer before it
-        crc = zlib.crc32(footer, zlib.crc32(summary))
-        self._append(summary + footer + crc.to_bytes(4, "little") + MAGIC)
+        crc, offsets = 0, b""
+        for opcode, data in groups:  # one by one: the index of a long run is large
+            offsets += record_bytes(SummaryOffset(opcode, self._size, len(data)))
+            self._append(data)
+            crc = zlib.crc32(data, crc)
+        footer = record_bytes(Footer(start, self._size, 0))[:-4]  # the checksum covers all of the footer before it
+        crc = zlib.crc32(footer, zlib.crc32(offsets, crc))
+        self._append(offsets + footer + crc.to_bytes(4, "little") + MAGIC)
         assert self._file is not None
         self._file.close()
 
@@ -124,7 +123,7 @@ class McapLog:
     def _index_bytes(self, kind: type[McapRecord]) -> bytes:
         return b"".join(record_bytes(each) for each in self._indexes if isinstance(each, kind))
 
-    def _append(self, data: bytes) -> None:
+    def _append(self, data: bytes | bytearray) -> None:
         """Write all of data, in place of what an interrupted or failed write may have left behind the file's end."""
         assert self._file is not None
         if self._file.tell() != self._size:
