@@ -152,6 +152,9 @@ def header_of(files: Mapping[str, bytes]) -> Header:
         version = run.versions.get("uvms-mj", "of another version")
         raise InputError(f"run.json: has other signals than a log of this version: uvms-mj {version} wrote it")
     models = {name.removeprefix("model/"): data for name, data in files.items() if name.startswith("model/")}
+    for name in models:
+        if not name.strip(".") or not name.isprintable() or "/" in name or "\\" in name:
+            raise InputError(f"model/{name}: is no name of a file without folders")
     if run.vehicle not in models:
         raise InputError(f"model/{run.vehicle} is missing")
     rest = run.analytic

@@ -1,0 +1,194 @@
+"""The files of an MJCF model: those that an XML file names, and a user's folders of them as one flat set.
+
+MuJoCo looks for a file below the folder of its model: that of the main file, or of one that ``<model file=...>`` brings
+in. In between stand ``meshdir`` and ``texturedir``, of which the last counts; included files belong to the model that
+includes them (MuJoCo, XML reference, compiler and include).
+"""
+
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path, PurePath
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+from .faults import InputError
+
+XML = ("include", "model")
+"""Elements whose file is XML again."""
+DEEPEST = 100
+"""How deep elements stand in each other, and files include each other; MuJoCo's own reading ends with its stack."""
+_FILE = re.compile(r"file(name|right|left|up|down|front|back)?")
+_NAMED = ("hfield", "mesh", "skin", "texture")
+"""Elements that without a name have that of their file."""
+_COMMENT = re.compile(
+    r"""(?P<comment><!--.*?-->)|<!\[CDATA\[.*?\]\]>|<[^!<>"'](?:[^<>"']|"[^"]*"|'[^']*')*>|<|[^<]+""", re.DOTALL
+)
+
+
+def parsed(name: str, data: bytes, comments: bool = False) -> Element:
+    """An XML file's root. Raises InputError where it is not well-formed, or too deep."""
+    try:
+        builder = ElementTree.TreeBuilder(insert_comments=comments)
+        tree = ElementTree.fromstring(data, ElementTree.XMLParser(target=builder))
+    except (ElementTree.ParseError, ValueError, LookupError) as error:  # the last two for an encoding
+        raise InputError(f"vehicle.model {name}: is not well-formed XML: {error}") from None
+    level = [tree]
+    for _ in range(DEEPEST):
+        level = [child for element in level for child in element]
+        if not level:
+            return tree
+    raise InputError(f"vehicle.model {name}: has more than {DEEPEST} elements in each other")
+
+
+def references(tree: Element) -> Iterator[tuple[Element, str, str]]:
+    """Each file that a tree names: the element, its attribute, and the file."""
+    for element in tree.iter():
+        yield from ((element, key, value) for key, value in element.attrib.items() if _FILE.fullmatch(key) and value)
+
+
+def flattened(main: Path) -> dict[str, bytes]:
+    """A model and every file that it refers to, by names without folders: no path of a user's stands in a log.
+
+    Args:
+        main: the model's file. It is the first of the result and keeps its name.
+
+    Raises:
+        InputError: a file is not there, or is not XML where it has to be.
+    """
+    return _Folders(main).flat()
+
+
+class _Folders:
+    """What a model's files refer to, as MuJoCo would find it."""
+
+    def __init__(self, main: Path) -> None:
+        self.contents: dict[Path, bytes] = {}
+        self.trees: dict[Path, Element] = {}
+        self.found: list[tuple[Path, Element, str, Path]] = []
+        """File, element and attribute of each reference, and the file that it means."""
+        self.models = [main]
+        for model in self.models:  # which grows
+            self._model(model)
+
+    def flat(self) -> dict[str, bytes]:
+        names: dict[Path, str] = {}
+        for path in self.contents:
+            taken, name, n = {each.lower() for each in names.values()}, path.name, 2  # MuJoCo knows no capitals
+            while name.lower() in taken:
+                name, n = f"{path.stem}-{n}{path.suffix}", n + 1
+            names[path] = name
+        before = {path: ElementTree.tostring(tree) for path, tree in self.trees.items()}
+        for _, element, key, target in self.found:
+            element.attrib[key] = names[target]
+            if key == "file" and element.tag in _NAMED and Path(names[target]).stem != target.stem:
+                element.attrib["name"] = element.attrib.get("name") or target.stem
+        files = {names[path]: data for path, data in self.contents.items()}
+        for path, tree in self.trees.items():
+            for compiler in tree.iter("compiler"):
+                for key in ("meshdir", "texturedir", "assetdir", "strippath"):
+                    compiler.attrib.pop(key, None)
+            text = ElementTree.tostring(tree)
+            if text != before[path] or not _is_well_formed(self.contents[path]):
+                files[names[path]] = text
+        return files
+
+    def _model(self, path: Path) -> None:
+        """One model: its file and those that it includes, with the folders that its compiler elements name."""
+        folder, settings = path.parent, dict[str, str]()
+        assets: list[tuple[Path, Element, str, str]] = []
+        for file, element, key, reference in self._included(path, folder, settings, 0):
+            if element.tag == "model":
+                target = self._read(self._place(reference, (folder, file.parent)))
+                self.found.append((file, element, key, target))
+                if target not in self.models:
+                    self.models.append(target)
+            else:
+                assets.append((file, element, key, reference))
+        for file, element, key, reference in assets:
+            within = settings.get("texturedir" if element.tag == "texture" else "meshdir", "")
+            if settings.get("strippath") == "true":
+                reference = PurePath(reference.replace("\\", "/")).name
+            target = self._place(reference, (folder / within, file.parent / within, folder, file.parent))
+            self.found.append((file, element, key, self._read(target)))
+
+    def _included(
+        self, path: Path, folder: Path, settings: dict[str, str], depth: int
+    ) -> Iterator[tuple[Path, Element, str, str]]:
+        """The references of a file and of what it includes, in MuJoCo's order; settings take what the last one said."""
+        if depth > DEEPEST:
+            raise InputError(f"vehicle.model {path}: includes itself, or goes deeper than {DEEPEST} files")
+        self._read(path)
+        if path not in self.trees:
+            self.trees[path] = _users_tree(path.name, self.contents[path])
+        for element in self.trees[path].iter():
+            if element.tag == "compiler":
+                if "assetdir" in element.attrib:
+                    settings["meshdir"] = settings["texturedir"] = element.attrib["assetdir"]
+                settings |= {k: v for k, v in element.attrib.items() if k in ("meshdir", "texturedir", "strippath")}
+            for key, reference in [(k, v) for k, v in element.attrib.items() if _FILE.fullmatch(k) and v]:
+                if element.tag == "include":
+                    target = self._place(reference, (folder, path.parent))
+                    self.found.append((path, element, key, target))
+                    yield from self._included(target, folder, settings, depth + 1)
+                else:
+                    yield path, element, key, reference
+
+    def _read(self, path: Path) -> Path:
+        if path not in self.contents:
+            try:
+                self.contents[path] = path.read_bytes()
+            except OSError as error:
+                raise InputError(f"vehicle.model: can't read {path}: {error.strerror}") from None
+        return path
+
+    @staticmethod
+    def _place(reference: str, folders: Iterable[Path]) -> Path:
+        """The first file of that name in some folders; in the first one, if there is none."""
+        places = [Path(os.path.abspath(folder / reference.replace("\\", "/"))) for folder in folders]
+        return next((place for place in places if place.is_file()), places[0])
+
+
+def trees(files: Mapping[str, bytes], main: str) -> dict[str, Element]:
+    """A flat model and the XML files that it includes, by name, parsed and checked.
+
+    Raises:
+        InputError: one is not well-formed, includes itself, or refers to what is not among the files; or the model is
+            no MJCF.
+    """
+    found: dict[str, Element] = {}
+    rest = files.keys() - {main}
+
+    def visit(name: str, above: tuple[str, ...]) -> None:
+        if name in above or len(above) > DEEPEST:
+            raise InputError(f"vehicle.model {main}: {name} includes itself, or goes deeper than {DEEPEST} files")
+        if name not in found:
+            found[name] = parsed(name, files[name])
+        named = [(element.tag in XML, reference) for element, _, reference in references(found[name])]
+        missing = sorted({reference for _, reference in named} - rest)
+        if missing:
+            raise InputError(f"vehicle.model {main}: refers to what is not there: {', '.join(missing)}")
+        for reference in dict.fromkeys(reference for is_xml, reference in named if is_xml):
+            visit(reference, (*above, name))
+
+    visit(main, ())
+    if found[main].tag != "mujoco":
+        raise InputError(f"vehicle.model {main}: is no MJCF: its root is <{found[main].tag}>, not <mujoco>")
+    return found
+
+
+def _users_tree(name: str, data: bytes) -> Element:
+    """A user's own file; without its comments, where it is not quite XML for their sake."""
+    if _is_well_formed(data):
+        return parsed(name, data, comments=True)
+    text = data.decode("utf-8-sig", errors="surrogateescape")
+    rest = _COMMENT.sub(lambda match: "" if match["comment"] else match[0], text).lstrip("\ufeff \t\r\n")
+    return parsed(name, rest.encode("utf-8", errors="surrogateescape"))
+
+
+def _is_well_formed(data: bytes) -> bool:
+    try:
+        parsed("", data)
+    except InputError:
+        return False
+    return True
