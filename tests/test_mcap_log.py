@@ -764,6 +764,73 @@ def test_a_model_in_a_log_reaches_no_file_however_it_is_written(logged, tmp_path
         header.mjcf.compiled(header.mjcf.spec())
 
 
+SUB = b"<mujoco><asset><model name='m' file='%s'/></asset></mujoco>"
+
+
+@pytest.mark.parametrize(
+    ("files", "text"),
+    [
+        ({}, "<include file='bluerov1.xml'/>"),
+        ({"a.xml": b"<mujoco><include file='bluerov1.xml'/></mujoco>"}, "<include file='a.xml'/>"),
+        ({"a.xml": SUB % b"a.xml"}, "<asset><model file='a.xml'/></asset>"),
+        ({"a.xml": SUB % b"b.xml", "b.xml": SUB % b"a.xml"}, "<asset><model file='a.xml'/></asset>"),
+        ({f"{i}.xml": SUB % b"%d.xml" % (i + 1) for i in range(300)}, "<asset><model file='0.xml'/></asset>"),
+        ({}, f"<default>{'<default>' * 3000}{'</default>' * 3000}</default>"),
+    ],
+)
+def test_a_model_that_includes_itself_or_has_no_bottom_is_refused(files, text):
+    """MuJoCo would look for it on the disk, or overflow its stack."""
+    model = (ROOT / "models" / "bluerov1.xml").read_text().replace("</mujoco>", f"{text}</mujoco>")
+    with pytest.raises(InputError, match=r"includes itself|not there|elements in each other"):
+        Mjcf("bluerov1.xml", {"bluerov1.xml": model.encode()} | files).spec()
+
+
+@pytest.mark.parametrize("name", ["/etc/passwd", "../x.obj", "a/b.obj", "a\\b.obj", "", "..", "x\0.obj", "x\n.obj"])
+def test_a_log_whose_model_has_folders_is_refused(logged, tmp_path, name):
+    def change(each, data):
+        if each == "run.json":
+            data = data.replace(b'"bluerov1.xml"', json.dumps(name).encode())
+        return (f"model/{name}" if each.startswith("model/") else each), data
+
+    (tmp_path / "forged.mcap").write_bytes(rewritten(logged[1], change))
+    with pytest.raises(InputError, match="without folders"):
+        Trace.load(tmp_path / "forged.mcap")
+
+
+@pytest.mark.parametrize(
+    ("main", "sub"),
+    [
+        ('<compiler meshdir="m"/><asset><mesh file="a.obj"/><model file="sub/s.xml"/></asset>', '<mesh file="a.obj"/>'),
+        ('<asset><mesh file="m/a.obj"/><model file="sub/s.xml"/></asset>', '<mesh file="a.obj"/>'),
+        ('<compiler meshdir="n"/><compiler meshdir="m"/><asset><mesh file="a.obj"/></asset>', ""),
+        ('<compiler meshdir="n"/><compiler assetdir="m"/><asset><mesh file="a.obj"/></asset>', ""),
+        ('<compiler strippath="true"/><asset><mesh file="m/a.obj"/></asset>', ""),
+        ('<compiler texturedir="n"/><asset><mesh file="a.obj"/></asset>', ""),
+        ('<compiler meshdir="m"/><asset><hfield file="h.bin" size="1 1 1 1"/><mesh file="a.obj"/></asset>', ""),
+    ],
+)
+def test_a_name_means_the_file_that_mujoco_takes(tmp_path, main, sub):
+    """Several files have it; the last folder that a model names counts, and a sub-model has its own."""
+    for i, folder in enumerate((".", "m", "n", "sub", "sub/m")):
+        (tmp_path / folder).mkdir(exist_ok=True)
+        (tmp_path / folder / "a.obj").write_text(CUBE.format(0.1 + 0.1 * i))
+    (tmp_path / "m" / "h.bin").write_bytes(struct.pack("<2i4f", 2, 2, 0.0, 0.1, 0.2, 0.3))
+    attach = '<frame><attach model="s" body="b" prefix="s_"/></frame>' if sub else ""
+    geom = '<geom type="mesh" mesh="a"/>'
+    body = f'<worldbody><body name="b">{geom if sub else ""}</body></worldbody>'
+    (tmp_path / "sub" / "s.xml").write_text(f'<mujoco model="s"><asset>{sub}</asset>{body}</mujoco>')
+    (tmp_path / "v.xml").write_text(
+        f"<mujoco>{main}<worldbody><body><freejoint/>{geom}</body>{attach}</worldbody></mujoco>"
+    )
+    plain, mjcf = mujoco.MjModel.from_xml_path(str(tmp_path / "v.xml")), Mjcf.find(str(tmp_path / "v.xml"))
+    for file in sorted(tmp_path.rglob("*.*")):
+        file.unlink()
+    ours = mjcf.compiled(mjcf.spec())
+    assert np.array_equal(ours.mesh_vert, plain.mesh_vert)
+    assert np.array_equal(ours.hfield_data, plain.hfield_data)
+    assert ours.names == plain.names
+
+
 CUBE = "v 0 0 0\nv {0} 0 0\nv 0 {0} 0\nv 0 0 {0}\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 
 

@@ -13,6 +13,8 @@ from .faults import InputError, suggestion
 from .mjcf_files import flattened, trees
 from .resources import names, resource
 
+_COMPARED = ("mesh_vert", "mesh_face", "hfield_data", "tex_data", "skin_vert", "geom_size", "body_mass", "names")
+
 
 @dataclass(frozen=True)
 class Mjcf:
@@ -54,20 +56,11 @@ class Mjcf:
         except (ValueError, RuntimeError, mujoco.FatalError) as error:
             raise InputError(f"vehicle.model {path}: MuJoCo can't compile it: {_line(error)}") from None
         ours = self.compiled(self.spec())
-        for name in (
-            "mesh_vert",
-            "mesh_face",
-            "hfield_data",
-            "tex_data",
-            "skin_vert",
-            "geom_size",
-            "body_mass",
-            "names",
-        ):
+        for name in _COMPARED:
             if not np.array_equal(getattr(ours, name), getattr(theirs, name)):
                 raise InputError(
-                    f"vehicle.model {path}: MuJoCo takes other files than those found here ({name} differs); "
-                    "give each file a name of its own"
+                    f"vehicle.model {path}: without its folders it would be another model ({name} differs); "
+                    "give each file a plain name of its own"
                 )
 
     def spec(self) -> mujoco.MjSpec:
