@@ -11,17 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from uvms_mj import Gsta, InputError, McapLog, Scenario, simulate
-from uvms_mj.certificate import (
-    Certificate,
-    Experienced,
-    NotGiven,
-    experienced,
-    gains_for,
-    lumped_disturbance,
-    lyapunov_matrix,
-    rate_bound,
-)
+from uvms_mj.certificate import Certificate, gains_for, lyapunov_matrix, rate_bound
 from uvms_mj.cli.certify import certify
+from uvms_mj.disturbance import Experienced, NotGiven, experienced, lumped_disturbance
 from uvms_mj.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from uvms_mj.frames import rotation_matrix
 from uvms_mj.mjcf import Mjcf

@@ -151,7 +151,8 @@ def _report_gains(law: "Gsta | Sta", rate: float, state: float, console: Console
 
 
 def _report(law: "Gsta | Sta", trace: "Trace", console: Console) -> None:
-    from ..certificate import Certificate, NotGiven, experienced
+    from ..certificate import Certificate
+    from ..disturbance import NotGiven, experienced
 
     certificate, found = Certificate.of(law), experienced(trace)
     report: dict[str, Any] = {

@@ -1,0 +1,141 @@
+"""The disturbance that the sliding mode of a run had to reject, eqs. (11) and (28), and how fast it changed."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .certificate import Certificate
+from .control import Gsta
+from .fossen import restoring
+from .frames import rotation, to_body
+from .plant import Plant, build
+from .recording import Status
+from .trace import Trace
+
+ROWS_S = 1.5e-3
+"""Rows further apart than this, unless they are of every step, may miss how fast a disturbance was [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Experienced:
+    """The disturbance varphi of eq. (28) during a run.
+
+    Attributes:
+        t: (n,) [s].
+        varphi: (n, 6) [m/s^2, rad/s^2].
+        rate: (n - 1, 6) difference quotients from one row to the next [m/s^3, rad/s^3]: means over the rows' distance,
+            so that what changes within it shows in a log with more rows only. varphi itself is continuous at an
+            impact, for it depends on nu and not on the contact force; its rate is largest there, as nu_dot is.
+        doubt: (6,) the largest rate of all rows over that of every second one, at least 1, and 1 for a log of every
+            step: by about as much again may the true one be larger. Verdicts take the rate times this.
+        contact_lag: (6,) largest M_hat^-1 (tau_c - tau_c_measured) [m/s^2, rad/s^2]. The law knows a force one step
+            old. That is a disturbance too, but one that jumps at each touch and has no rate: proportional to the step
+            as it is, it widens the band. It is not in varphi.
+    """
+
+    t: np.ndarray
+    varphi: np.ndarray
+    rate: np.ndarray
+    doubt: np.ndarray
+    contact_lag: np.ndarray
+
+    def largest_rate(self, start: float = -math.inf, end: float = math.inf) -> np.ndarray:
+        """(6,) of the rows from start to end [s]; zero if there are none."""
+        inside = (self.t[:-1] >= start) & (self.t[1:] <= end)
+        return np.abs(self.rate[inside]).max(axis=0, initial=0.0)
+
+    def time_beyond(self, certificate: Certificate, s: np.ndarray) -> np.ndarray:
+        """(6,) time for which the rate was not below what is certified at s (n, 6), and V may have grown [s]."""
+        crossed = s[:-1] * s[1:] <= 0.0
+        nearest = np.where(crossed, 0.0, np.minimum(np.abs(s[:-1]), np.abs(s[1:])))
+        return np.diff(self.t) @ (np.abs(self.rate) * self.doubt >= certificate.allowed(nearest))
+
+
+@dataclass(frozen=True)
+class NotGiven:
+    """Why a run's disturbance isn't."""
+
+    reason: str
+
+
+def experienced(trace: Trace) -> Experienced | NotGiven:
+    """The disturbance that the sliding mode of a run had to reject, from its samples and the true coefficients.
+
+    Besides tau_bar_dist of eq. (11) that is what eq. (10) leaves out, the wrench that saturated thrusters did not give;
+    what eq. (18) leaves out, F_1 (omega x p_e), for p_e is in B; and, where GSTA works alone, the nominal control (23)
+    that it has to make up for.
+    """
+    controller = trace.scenario.controller
+    if trace.scenario.estimates.inertia != 1.0:
+        return NotGiven("M_hat is not M: varphi then has (M_hat - M) nu_dot in it, and nu_dot the law's own switching")
+    if trace.status is Status.unstable:
+        return NotGiven("the run became unstable")
+    if len(trace) < 4:
+        return NotGiven("fewer than four samples")
+    apart = float(np.diff(trace.t).max())
+    if trace.header.row_steps > 1 and apart > ROWS_S:
+        return NotGiven(f"rows {apart:g} s apart may miss the fastest change: run with --log-rate 1000, or full")
+    plant = build(trace.scenario, trace.header.mjcf)
+    if not plant.vehicle.rigid:
+        return NotGiven("the vehicle has moving parts, which eq. (11) does not know")
+    wrench = lumped_disturbance(trace, plant) + trace.tau - trace.tau_cmd
+    if isinstance(controller, Gsta) and not controller.nominal:
+        wrench -= trace.tau_nom
+    M_hat_inv = np.linalg.inv(plant.design.M_hat)
+    varphi = wrench @ M_hat_inv.T
+    varphi[:, :3] -= np.array(controller.F_1[:3]) * np.cross(trace.nu[:, 3:], trace.eta_e[:, :3])
+    late = _in_body(_rotations(trace), (trace.f_contact_W - trace.f_contact_m_W).T)
+    rate, coarser = _rate(trace.t, varphi), _rate(trace.t[::2], varphi[::2])
+    largest, seen = (np.abs(each).max(axis=0, initial=1e-300) for each in (rate, coarser))
+    doubt = np.maximum(1.0, largest / seen) if trace.header.row_steps > 1 else np.ones(6)
+    return Experienced(trace.t, varphi, rate, doubt, np.abs(late @ M_hat_inv.T).max(axis=0))
+
+
+def _rate(t: np.ndarray, values: np.ndarray) -> np.ndarray:
+    return np.diff(values, axis=0) / np.diff(t)[:, None]
+
+
+def lumped_disturbance(trace: Trace, plant: Plant) -> np.ndarray:
+    """tau_bar_dist (n, 6) of the paper's eq. (11) [N, N m], estimates minus truth as there."""
+    scenario, vehicle, gravity = trace.scenario, plant.vehicle, plant.model.opt.gravity
+    factors = scenario.estimates
+    R_WB, nu = _rotations(trace), trace.nu
+    heading = np.deg2rad(scenario.current.direction_deg)
+    nu_c = _in_body(R_WB, scenario.current.speed * np.array([np.cos(heading), np.sin(heading), 0.0]))
+    nu_c_dot = np.zeros_like(nu_c)
+    nu_c_dot[:, :3] = -np.cross(nu[:, 3:], nu_c[:, :3])  # constant in W
+
+    def coriolis(nu: np.ndarray) -> np.ndarray:
+        a = nu @ vehicle.M.T  # Fossen (2021), eq. (6.44); C_RB of eq. (3.63) gives the same product
+        v, omega = nu[:, :3], nu[:, 3:]
+        return np.hstack([np.cross(omega, a[:, :3]), np.cross(v, a[:, :3]) + np.cross(omega, a[:, 3:])])
+
+    def damping(nu: np.ndarray) -> np.ndarray:
+        return (vehicle.D_linear + vehicle.D_quadratic * np.abs(nu)) * nu  # eq. (33)
+
+    g = float(np.linalg.norm(gravity))
+    up_W, g_eta = -gravity / g if g else np.zeros(3), np.empty((6, len(trace)))
+    restoring(vehicle.mass * g, vehicle.displaced_mass * g, vehicle.r_g, vehicle.r_b, up_W, R_WB, g_eta)
+    return (
+        trace.tau_dist
+        + nu_c_dot @ vehicle.M.T
+        + (factors.coriolis * coriolis(nu) - coriolis(nu - nu_c))
+        + (factors.damping * damping(nu) - damping(nu - nu_c))
+        + (factors.inertia - 1.0) * (trace.nu_dot @ vehicle.M.T)
+        + (factors.restoring - 1.0) * g_eta.T
+    )
+
+
+def _rotations(trace: Trace) -> np.ndarray:
+    """R_WB (3, 3, n)."""
+    R_WB = np.empty((3, 3, len(trace)))
+    rotation(trace.quat_WB.T, R_WB)
+    return R_WB
+
+
+def _in_body(R_WB: np.ndarray, a_W: np.ndarray) -> np.ndarray:
+    """(n, 6): a_W (3,) or (3, n) in B, and three zeros."""
+    a_B = np.zeros((6, R_WB.shape[2]))
+    to_body(R_WB, a_W, a_B)
+    return a_B.T
