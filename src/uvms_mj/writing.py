@@ -10,8 +10,8 @@ import numpy as np
 
 from .recording import Header, Outcome, Sink
 
-_WAITING = 4
-"""Blocks that may wait: after these the run waits for its sinks, so that memory stays bounded."""
+_WAITING = 1
+"""Blocks that may wait: then the run waits for its sinks. More are not quicker, and kill -9 loses what waits."""
 
 
 class Writing:
