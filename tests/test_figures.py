@@ -5,6 +5,7 @@ import itertools
 import subprocess
 import sys
 from types import MappingProxyType
+from typing import ClassVar
 from unittest.mock import patch
 
 import matplotlib as mpl
@@ -55,7 +56,7 @@ def drawn(traces, fine):
 class Odd(Controller):
     """States of all sizes."""
 
-    states = {"xi": 6, "w_": 1, "four": 4, "many": 40}  # noqa: RUF012
+    states: ClassVar = {"xi": 6, "w_": 1, "four": 4, "many": 40}
 
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):

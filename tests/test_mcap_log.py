@@ -21,6 +21,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Statistics
 from mcap.stream_reader import StreamReader
@@ -540,12 +541,9 @@ def test_kill_9_at_twenty_random_moments_loses_no_chunk(tmp_path):
         assert np.array_equal(trace.tau[:n], whole.tau[:n])
         assert np.all(np.diff(trace.t) > 0)
         others = 0  # as another reader finds it
-        try:
-            with open(log, "rb") as file:
-                for _, channel, _ in NonSeekingReader(file).iter_messages(log_time_order=False):
-                    others += channel.topic == "/tau"
-        except Exception:  # whatever that reader says of a file without an end
-            pass
+        with open(log, "rb") as file, contextlib.suppress(EndOfFile):
+            for _, channel, _ in NonSeekingReader(file).iter_messages(log_time_order=False):
+                others += channel.topic == "/tau"
         assert others == len(trace)
         lengths.append(len(trace))
         log.unlink()

@@ -19,19 +19,17 @@ from urllib.parse import urlsplit
 import numpy as np
 import psutil
 import pytest
+import rerun as rr
 from PIL import Image
+from rerun.chunk import RrdReader
+from rerun.experimental import ViewerClient
 
-rr = pytest.importorskip("rerun", reason="rerun-sdk is not installed")
-
-from rerun.chunk import RrdReader  # noqa: E402
-from rerun.experimental import ViewerClient  # noqa: E402
-
-from uvms_mj import InputError, Scenario, Status, Trace, rerun_view, simulate  # noqa: E402
-from uvms_mj.frames import quat_from_euler_deg  # noqa: E402
-from uvms_mj.rerun_view import process, viewer  # noqa: E402
-from uvms_mj.rerun_view.process import environment, free_port, start, stop  # noqa: E402
-from uvms_mj.rerun_view.run import CONTACT, GREEN, ORANGE, POSE_HZ, SKY, Run  # noqa: E402
-from uvms_mj.rerun_view.solids import solids  # noqa: E402
+from uvms_mj import InputError, Scenario, Status, Trace, rerun_view, simulate
+from uvms_mj.frames import quat_from_euler_deg
+from uvms_mj.rerun_view import process, viewer
+from uvms_mj.rerun_view.process import environment, free_port, start, stop
+from uvms_mj.rerun_view.run import CONTACT, GREEN, ORANGE, POSE_HZ, SKY, Run
+from uvms_mj.rerun_view.solids import solids
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 VULKAN = any(Path("/usr/share/vulkan/icd.d").glob("*.json"))

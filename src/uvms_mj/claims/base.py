@@ -105,6 +105,17 @@ class Row:
     measured: Measured
     verdict: Verdict
 
+    @classmethod
+    def of(cls, claim: Claim, runs: Runs) -> "Row":
+        """A claim measured and judged; what can't be measured, in a run too short or of another law, fails."""
+        try:
+            measured = claim.measure(runs)
+        except (ArithmeticError, AttributeError, LookupError, ValueError) as error:
+            measured = Measured(None, f"can't be measured: {error}")
+        if claim.holds(measured.value):
+            return cls(claim, measured, Verdict.holds)
+        return cls(claim, measured, Verdict.departs if claim.departure and measured.explained else Verdict.fails)
+
     def as_dict(self) -> dict[str, Any]:
         """For JSON and CSV; a number that JSON does not have is None."""
         value = self.measured.value

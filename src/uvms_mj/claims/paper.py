@@ -4,13 +4,11 @@ A claim's thresholds are data, from which both its predicate's text and its verd
 threshold is where it is.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from .. import metrics
 from . import measures
-from .base import Claim, Measured, Row, Runs, Verdict
+from .base import Claim, Measured, Row, Runs
 
 # What the paper says. Where it says "almost", "similar", "severe", the number is this project's.
 
@@ -361,19 +359,6 @@ CLAIMS: tuple[Claim, ...] = (
 )
 
 
-def judge(runs: Runs, claims: Sequence[Claim] = CLAIMS) -> list[Row]:
-    """Every claim measured and judged; what can't be measured in a run fails."""
-    return [_row(claim, _measured(claim, runs)) for claim in claims]
-
-
-def _measured(claim: Claim, runs: Runs) -> Measured:
-    try:
-        return claim.measure(runs)
-    except (ArithmeticError, AttributeError, LookupError, ValueError) as error:  # a run too short, or of another law
-        return Measured(None, f"can't be measured: {error}")
-
-
-def _row(claim: Claim, measured: Measured) -> Row:
-    if claim.holds(measured.value):
-        return Row(claim, measured, Verdict.holds)
-    return Row(claim, measured, Verdict.departs if claim.departure and measured.explained else Verdict.fails)
+def judge(runs: Runs) -> list[Row]:
+    """Every claim measured and judged."""
+    return [Row.of(claim, runs) for claim in CLAIMS]
