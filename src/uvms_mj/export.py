@@ -2,13 +2,13 @@
 
 import json
 import os
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from .faults import InputError
+from .outputs import whole
 from .trace import Trace
 
 _MATLAB_LENGTH = 63
@@ -87,10 +87,5 @@ def export(trace: Trace, kind: str, path: Path) -> None:
     """
     if os.path.lexists(path):
         raise InputError(f"{path}: exists; choose another name")
-    try:
-        with tempfile.TemporaryDirectory(prefix=".uvms-mj-", dir=path.parent) as folder:
-            part = Path(folder, "part")
-            WRITERS[kind](trace, part)
-            os.replace(part, path)
-    except OSError as error:
-        raise InputError(f"{path}: can't write it: {error.strerror or error}") from None
+    with whole(path) as part:
+        WRITERS[kind](trace, part)

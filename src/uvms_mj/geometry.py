@@ -1,7 +1,7 @@
 """What a vehicle looks like, as plain data for whoever draws it."""
 
 import base64
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import mujoco
 import numpy as np
@@ -12,7 +12,7 @@ from .faults import InputError, faults_of
 from .quantities import NonNegative, Positive, Real, Vector3
 
 _PLAIN = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
-_KINDS = ("sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh")
+Kind = Literal["sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh"]
 LAST_VISIBLE_GROUP = 2
 """Geoms of higher groups are for collisions by MuJoCo's convention, and its viewer hides them."""
 PROBE_REACH = 0.1
@@ -65,7 +65,7 @@ class Shape:
         mesh: name of its mesh, for a mesh.
     """
 
-    kind: Literal["sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh"]
+    kind: Kind
     size: tuple[NonNegative, NonNegative, NonNegative]
     position: Vector3
     quat: tuple[Real, Real, Real, Real]
@@ -104,7 +104,7 @@ class Geometry:
         for geom in range(model.ngeom):
             kind = mujoco.mjtGeom(model.geom_type[geom]).name.removeprefix("mjGEOM_").lower()
             rgba = _rgba(model, geom)
-            if model.body_weldid[model.geom_bodyid[geom]] != body_id or kind not in _KINDS or rgba[3] == 0.0:
+            if model.body_weldid[model.geom_bodyid[geom]] != body_id or kind not in get_args(Kind) or rgba[3] == 0.0:
                 continue
             # in the body's own frame, as compiled, where that is B; from the kinematics where it is a body fixed to it
             position, quat = model.geom_pos[geom].copy(), model.geom_quat[geom].copy()

@@ -2,7 +2,6 @@
 
 import base64
 import io
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 
 from . import metrics
 from .claims import REST_S, TRANSIENT_S, Row, Verdict, number
-from .faults import InputError
+from .outputs import whole
 from .recording import Status
 from .trace import Trace
 
@@ -160,13 +159,8 @@ def page(
 
 def write(path: Path, text: str) -> None:
     """Write a file at once: who reads it sees the old one or the new one. Raises InputError where that can't be."""
-    part = path.with_name(f"{path.name}.part")
-    try:
+    with whole(path) as part:
         part.write_text(text, encoding="utf-8")
-        os.replace(part, path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise InputError(f"{path}: can't write it: {error.strerror or error}") from None
 
 
 def measured(traces: Mapping[str, Trace]) -> list[tuple[str, str, list[float | None]]]:

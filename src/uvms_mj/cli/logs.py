@@ -117,8 +117,6 @@ def replay(logs: tuple[str, ...], save: str | None, web: bool) -> None:
                 rerun_view.serve(traces)  # says where, and ends with Ctrl-C
             else:
                 rerun_view.show(traces)
-        except OSError as error:
-            raise InputError(f"--save {save}: can't write it: {error.strerror}") from None
         except KeyboardInterrupt:
             end("stopped", EXIT_INTERRUPTED)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from ..faults import InputError
+from ..outputs import whole
 
 STYLE = Path(__file__).with_name("uvms_mj.mplstyle")
 """The one place for fonts, widths and colours."""
@@ -59,12 +59,6 @@ def save(figure: Figure, path: str | os.PathLike, formats: Sequence[str] = ("png
 
 
 def _write(figure: Figure, path: Path, kind: str) -> Path:
-    part = path.with_name(f"{path.name}.part")
-    try:
-        with styled():
-            figure.savefig(part, format=kind, metadata=_METADATA[kind])
-        os.replace(part, path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise InputError(f"{path}: can't write it: {error.strerror or error}") from None
+    with whole(path) as part, styled():
+        figure.savefig(part, format=kind, metadata=_METADATA[kind])
     return path

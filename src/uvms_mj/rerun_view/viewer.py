@@ -7,7 +7,6 @@ import sys
 import tempfile
 import threading
 import time
-import webbrowser
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import numpy as np
 import rerun as rr
 
 from ..faults import InputError
+from ..outputs import whole
 from ..recording import Header, Outcome
 from ..trace import Trace
 from .layout import application, layout
@@ -92,41 +92,31 @@ def save(traces: Mapping[str, Trace], path: Path) -> None:
     """Write traces by label as a recording with its layout, whole or not at all.
 
     Raises:
-        OSError: it can't be written.
+        InputError: it can't be written.
     """
     runs = _runs(traces)
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        stream = rr.RecordingStream(application(runs))
-        stream.save(unfinished)
-        _send(stream, runs, traces)
-        stream.flush()
-        stream.disconnect()
-        os.replace(unfinished, path)
-    except RuntimeError as error:  # how Rerun says that a disk is full
-        raise OSError(errno.EIO, str(error), str(path)) from None
-    finally:
-        unfinished.unlink(missing_ok=True)
+    with whole(path) as part:
+        try:
+            stream = rr.RecordingStream(application(runs))
+            stream.save(part)
+            _send(stream, runs, traces)
+            stream.flush()
+            stream.disconnect()
+        except RuntimeError as error:  # how Rerun says that a disk is full
+            raise OSError(errno.EIO, str(error), str(path)) from None
 
 
-def serve(traces: Mapping[str, Trace], *, port: int = 0, open_browser: bool = False) -> None:
+def serve(traces: Mapping[str, Trace]) -> None:
     """Serve the web viewer with traces by label, to this machine alone, until Ctrl-C; prints its address.
 
-    Args:
-        traces: by label.
-        port: to listen on; 0 for any that is free.
-        open_browser: whether to open the address in the user's browser.
-
     Raises:
-        InputError: the port is taken, or Rerun's page can't be had.
+        InputError: Rerun's page can't be had.
     """
     with tempfile.TemporaryDirectory() as folder:
         recording = Path(folder) / "run.rrd"
         save(traces, recording)
-        with web_viewer(recording, port) as address:
+        with web_viewer(recording) as address:
             print(address, flush=True)
-            if open_browser:
-                webbrowser.open(address)
             try:
                 threading.Event().wait()
             except KeyboardInterrupt:
