@@ -23,7 +23,9 @@ SHORT = ("--set", "simulation.duration=0.05")
 
 
 def run(*arguments, cwd, command=COMMAND, **options):
-    return subprocess.run([*command, *map(str, arguments)], cwd=cwd, capture_output=True, text=True, **options)
+    return subprocess.run(
+        [*command, *map(str, arguments)], cwd=cwd, capture_output=True, text=True, timeout=240.0, **options
+    )
 
 
 @pytest.fixture

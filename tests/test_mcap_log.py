@@ -34,7 +34,7 @@ from uvms_mj.mcap_log.layout import Format
 from uvms_mj.mjcf import Mjcf
 
 ROOT = Path(__file__).parents[1]
-COMMAND = [sys.executable, "-m", "uvms_mj"]
+COMMAND = [sys.executable, "-X", "faulthandler", "-m", "uvms_mj"]
 TOUCHING = {
     "simulation.duration": 0.4,
     "wall.position": 0.002,
@@ -271,7 +271,9 @@ def test_a_long_run_keeps_its_end_alone_in_memory(tmp_path):
 
 
 def run(*arguments, cwd, **options):
-    return subprocess.run([*COMMAND, *map(str, arguments)], cwd=cwd, capture_output=True, text=True, **options)
+    return subprocess.run(
+        [*COMMAND, *map(str, arguments)], cwd=cwd, capture_output=True, text=True, timeout=240.0, **options
+    )
 
 
 def test_a_run_repeats_from_its_log_bit_for_bit(tmp_path):
@@ -479,7 +481,7 @@ def test_a_slow_law_still_reaches_the_disk_every_second(tmp_path):
         time.sleep(3.0)
     finally:
         process.kill()
-        process.wait()
+        process.wait(60.0)
     rows = len(Trace.load(log))
     assert 20 < rows < 200
 
@@ -528,12 +530,15 @@ def test_kill_9_at_twenty_random_moments_loses_no_chunk(tmp_path):
         command = [*COMMAND, "run", "simulation.duration=2000", "-q", "-o", f"{i}"]
         process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL)
         log = tmp_path / f"{i}" / "run.mcap"
+        deadline = time.monotonic() + 60.0
         while not (log.exists() and log.stat().st_size > 1_200_000):
             assert process.poll() is None
+            if time.monotonic() > deadline:
+                process.send_signal(signal.SIGABRT)  # it says where it hangs
             time.sleep(0.002)
         time.sleep(dice.uniform(0.0, 0.3))
         process.send_signal(signal.SIGKILL)
-        process.wait()
+        process.wait(60.0)
         trace = Trace.load(log)
         assert trace.status is Status.truncated
         n = min(len(trace), len(whole) - 1)

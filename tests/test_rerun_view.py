@@ -1,6 +1,7 @@
 """Replay in Rerun: the numbers, the layout in real viewers, and that nothing leaves this machine."""
 
 import base64
+import contextlib
 import fcntl
 import http.client
 import io
@@ -8,6 +9,7 @@ import itertools
 import json
 import os
 import re
+import select
 import shutil
 import signal as signals
 import subprocess
@@ -87,10 +89,14 @@ def plots_in(png: bytes) -> bool:
     return all(n > ENOUGH for n in shown(png).values())
 
 
+def family(process: psutil.Process) -> list[psutil.Process]:
+    """A process and its children."""
+    return [process, *process.children(recursive=True)]
+
+
 def listening(process: psutil.Process) -> list[tuple[str, int]]:
     """Where a process and its children listen."""
-    family = [process, *process.children(recursive=True)]
-    found = [connection for one in family for connection in one.net_connections("inet")]
+    found = [connection for one in family(process) for connection in one.net_connections("inet")]
     return [(c.laddr.ip, c.laddr.port) for c in found if c.status == psutil.CONN_LISTEN]
 
 
@@ -265,41 +271,100 @@ def test_the_viewer_shows_the_plots_and_every_view_is_in_order(trace, other, rec
     assert (left.max(axis=2) < 45).sum() > 1000, "the vehicle's black parts"
 
 
-@needs_vulkan
-@pytest.mark.parametrize("closed", [False, True])
-def test_a_run_streams_to_the_viewer_and_outlives_it(closed, monkeypatch):
-    processes: list[subprocess.Popen] = []
+@pytest.fixture
+def headless(monkeypatch):
+    """Viewers that are opened get no window; gives the process and the port of each."""
+    opened: list[tuple[subprocess.Popen, int]] = []
 
-    def headless(options, port, lives_s):
-        processes.append(start(["--headless", *options], port, lives_s))
-        ports.append(port)
-        return processes[-1]
+    def started(options, port, lives_s):
+        opened.append((start(["--headless", *options], port, lives_s), port))
+        return opened[-1][0]
 
-    ports: list[int] = []
     monkeypatch.setenv("DISPLAY", ":0")
-    monkeypatch.setattr(viewer, "start", headless)
-    sink = rerun_view.LiveView()
+    monkeypatch.setattr(viewer, "start", started)
+    yield opened
+    for one, _ in opened:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(one.pid, signals.SIGKILL)  # one that was stopped hears nothing else
+        one.wait(10.0)
+
+
+def views_at(port: int, least_ns: int) -> tuple[set[str], int]:
+    """Names of a viewer's views and the end of its timeline, once that is so far."""
+    client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+    deadline, end_ns = time.monotonic() + 60.0, -1
+    while end_ns < least_ns and time.monotonic() < deadline:
+        state = client.get_state()
+        end_ns = max((timeline.end for one in state.recordings for timeline in one.timelines), default=-1)
+        time.sleep(0.2)
+    return {view.name for view in state.views}, end_ns
+
+
+@needs_vulkan
+def test_a_run_streams_to_the_viewer(headless, monkeypatch):
+    monkeypatch.setattr(viewer, "_EVERY_S", 0.0)
+    halfway: list[int] = []
 
     def progress(done: int, steps: int) -> None:
-        if closed and done > steps / 2:
-            stop(processes[0])
+        if done >= steps / 2 and not halfway:
+            halfway.append(views_at(headless[0][1], 900_000_000)[1])
 
-    try:
-        run = simulate(Scenario.load("push_wall", {"simulation.duration": 2.0}), sinks=[sink], progress=progress)
-        assert run.status is Status.completed
-        if not closed:
-            where = listening(psutil.Process(processes[0].pid))
-            assert where == [("127.0.0.1", ports[0])]
-            client = ViewerClient.connect(f"rerun+http://127.0.0.1:{ports[0]}/proxy")
-            deadline, ends = time.monotonic() + 30.0, []
-            while ends != [2_000_000_000] and time.monotonic() < deadline:
-                state = client.get_state()
-                ends = [timeline.end for one in state.recordings for timeline in one.timelines]
-                time.sleep(0.2)
-            assert ends == [2_000_000_000]
-            assert {view.name for view in state.views} >= {"Vehicle and wall", "Contact force [N]"}
-    finally:
-        stop(processes[0])
+    scenario = Scenario.load("push_wall", {"simulation.duration": 2.0})
+    run = simulate(scenario, sinks=[rerun_view.LiveView()], progress=progress)
+    assert run.status is Status.completed
+    assert 900_000_000 <= halfway[0] <= 1_100_000_000
+    process, port = headless[0]
+    assert listening(psutil.Process(process.pid)) == [("127.0.0.1", port)]
+    names, end_ns = views_at(port, 2_000_000_000)
+    assert end_ns == 2_000_000_000
+    assert names >= {"Vehicle and wall", "Contact force [N]"}
+
+
+@needs_vulkan
+@pytest.mark.parametrize("end", [signals.SIGKILL, signals.SIGSTOP], ids=["closed", "hung"])
+@pytest.mark.parametrize("when", [0.0, 0.5])
+def test_a_run_outlives_its_viewer(headless, monkeypatch, end, when):
+    """Rerun's client would wait without end for a viewer that takes nothing."""
+    monkeypatch.setattr(viewer, "_PATIENCE_S", 2.0)
+    monkeypatch.setattr(viewer, "_LIVE_HZ", 1e4)
+
+    def hit() -> None:
+        if (process := headless[0][0]).poll() is None:
+            os.killpg(process.pid, end)
+
+    class Live(rerun_view.LiveView):
+        def begin(self, header):
+            super().begin(header)
+            if when == 0.0:
+                hit()
+
+    scenario = Scenario.load("push_wall", {"simulation.duration": 4.0})
+    start = time.monotonic()
+    run = simulate(
+        scenario, log_rate="full", sinks=[Live()], progress=lambda done, steps: when and done >= when * steps and hit()
+    )
+    assert run.status is Status.completed
+    assert len(run) == scenario.steps + 1
+    assert time.monotonic() - start < 40.0
+    here = [each for each in psutil.Process().children(recursive=True) if each.status() != psutil.STATUS_ZOMBIE]
+    ours = family(psutil.Process(headless[0][0].pid)) if end == signals.SIGSTOP else []
+    assert {each.pid for each in here if "rerun" in " ".join(each.cmdline())} <= {each.pid for each in ours}
+
+
+@needs_vulkan
+def test_replay_says_that_the_viewer_was_closed(headless, trace, monkeypatch):
+    monkeypatch.setattr(viewer, "_PATIENCE_S", 2.0)
+    opened = viewer.start
+    for end, message in ((signals.SIGKILL, "it was closed"), (signals.SIGSTOP, "took nothing for 2 s")):
+
+        def ended(options, port, lives_s, end=end):
+            process = opened(options, port, lives_s)
+            os.killpg(process.pid, end)
+            return process
+
+        monkeypatch.setattr(viewer, "start", ended)
+        with pytest.raises(InputError, match=f"did not take the runs: .*{message}.*--web"):
+            rerun_view.show({"run": trace})
 
 
 def test_without_a_display_the_error_says_what_to_do_instead(trace, monkeypatch):
@@ -324,7 +389,7 @@ class Server:
         )
         assert self.process.stdout is not None
         self.address = self.process.stdout.readline().strip()
-        assert self.address, f"serve ended with {self.process.wait()}"
+        assert self.address, f"serve ended with {self.process.wait(10.0)}"
         self.port = urlsplit(self.address).port
 
     def get(self, path: str, host: str = "") -> tuple[int, dict[str, str], bytes]:
@@ -396,6 +461,7 @@ class Chromium:
         os.write(self.to, json.dumps(message).encode() + b"\0")
         while True:
             while b"\0" not in self._buffer:
+                assert select.select([self.back], [], [], 120.0)[0], f"no answer to {method}"
                 data = os.read(self.back, 2**20)
                 assert data, "chromium ended"
                 self._buffer += data
@@ -411,7 +477,7 @@ class Chromium:
             self.process.wait(10.0)
         except subprocess.TimeoutExpired:
             self.process.kill()
-            self.process.wait()
+            self.process.wait(10.0)
         os.close(self.back)
 
 

@@ -6,7 +6,9 @@ asks the web for newer versions of itself, and no setting stops that; but it obe
 given nobody is at home.
 """
 
+import contextlib
 import os
+import select
 import signal
 import socket
 import subprocess
@@ -14,12 +16,14 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from typing import IO, NoReturn
 
 from ..faults import InputError
 
 LOOPBACK = "127.0.0.1"
 _NOWHERE = f"http://{LOOPBACK}:9"
 _STARTS_WITHIN_S, _ENDS_WITHIN_S = 60.0, 5.0
+_LOOKS_EVERY_S = 0.2
 
 
 def environment() -> dict[str, str]:
@@ -49,16 +53,8 @@ def start(options: Sequence[str], port: int, lives_s: float = 0.0) -> subprocess
     Raises:
         InputError: it ended instead, or did not begin to listen.
     """
-    command = [sys.executable, "-m", "rerun_cli", "--bind", LOOPBACK, *options]
     with tempfile.TemporaryFile() as errors:
-        process = subprocess.Popen(
-            command,
-            env=environment(),
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=errors,
-            start_new_session=True,
-        )
+        process = _rerun(options, stdin=subprocess.DEVNULL, stderr=errors)
         deadline = time.monotonic() + _STARTS_WITHIN_S
         while process.poll() is None and time.monotonic() < deadline:
             with socket.socket() as probe:
@@ -86,3 +82,71 @@ def stop(process: subprocess.Popen) -> None:
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
+
+
+class ViewerClosed(Exception):
+    """The viewer was closed, or does not take what it is sent."""
+
+
+class Sender:
+    """Sends a recording to a viewer, and never waits for one that ended or hangs.
+
+    Rerun's own client would: once its buffers are full it waits without end (rerun-io/rerun#12620). So it runs in a
+    process of its own, ``rerun -``, which takes a recording's bytes from a pipe and passes them on as they come.
+
+    Args:
+        viewer: that :func:`start` started.
+        port: that it listens on.
+        patience_s: how long the viewer may take nothing before it is given up [s].
+    """
+
+    def __init__(self, viewer: subprocess.Popen, port: int, patience_s: float) -> None:
+        self._viewer, self._patience_s = viewer, patience_s
+        self._process = _rerun(["--port", str(port), "-"], stdin=subprocess.PIPE, stderr=subprocess.DEVNULL)
+        assert self._process.stdin is not None
+        self._pipe = self._process.stdin.fileno()
+        os.set_blocking(self._pipe, False)
+
+    def send(self, data: bytes) -> None:
+        """Send what follows in the recording. Raises ViewerClosed; nothing more can be sent then."""
+        rest = memoryview(data)
+        heard = time.monotonic()
+        while rest:
+            self._look(heard)
+            if select.select([], [self._pipe], [], _LOOKS_EVERY_S)[1]:
+                try:
+                    rest = rest[os.write(self._pipe, rest) :]
+                except BrokenPipeError:
+                    self._give_up("it was closed")
+                heard = time.monotonic()
+
+    def end(self) -> None:
+        """Wait until the viewer has everything. Raises ViewerClosed."""
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        heard = time.monotonic()
+        while self._process.poll() is None:
+            self._look(heard)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(_LOOKS_EVERY_S)
+        if self._process.returncode:
+            self._give_up("it was closed")
+
+    def _look(self, heard: float) -> None:
+        if self._viewer.poll() is not None:
+            self._give_up("it was closed")
+        if time.monotonic() - heard > self._patience_s:
+            self._give_up(f"it took nothing for {self._patience_s:g} s")
+
+    def _give_up(self, why: str) -> NoReturn:
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        stop(self._process)
+        raise ViewerClosed(why)
+
+
+def _rerun(options: Sequence[str], stdin: int, stderr: int | IO[bytes]) -> subprocess.Popen:
+    command = [sys.executable, "-m", "rerun_cli", "--bind", LOOPBACK, *options]
+    return subprocess.Popen(
+        command, env=environment(), stdin=stdin, stdout=subprocess.DEVNULL, stderr=stderr, start_new_session=True
+    )

@@ -1,13 +1,12 @@
 """Runs in the Rerun viewer: while they go on, from their logs, as a file, or in a web browser on this machine."""
 
-import contextlib
 import errno
 import os
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,7 @@ from ..outputs import whole
 from ..recording import Header, Outcome
 from ..trace import Trace
 from .layout import application, layout
-from .process import LOOPBACK, free_port, start
+from .process import Sender, ViewerClosed, free_port, start
 from .run import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, Run
 from .web import web_viewer
 
@@ -30,14 +29,18 @@ _LIVE_HZ = 1000.0
 """Most samples a simulated second that a run streams."""
 _LIVE_SAMPLES = 50_000
 """Most samples that a run streams in all, however long it is: the log has every one."""
+_HINT = "use `uvms-mj replay run.mcap --web` or `--save run.rrd` instead"
 _EVERY_S = 0.1
 """How often a run is streamed, in real time [s]."""
-_PATIENCE_S = 10.0
-"""How long a run waits at its end for the viewer to take what it was sent."""
+_PATIENCE_S = 20.0
+"""How long a run, or a replay, waits for a viewer that takes nothing of what it is sent [s]."""
 
 
 class LiveView:
-    """A sink that opens the viewer and streams a run to it while it goes on, thinned so that its cost is bounded."""
+    """A sink that opens the viewer and streams a run to it while it goes on, thinned so that its cost is bounded.
+
+    A viewer that is closed, or hangs, costs the run no sample: it goes on without.
+    """
 
     def begin(self, header: Header) -> None:
         """Open the viewer. Raises InputError if it does not start."""
@@ -46,10 +49,9 @@ class LiveView:
         thinned = max(1, round(1.0 / (_LIVE_HZ * row_s)), int(np.ceil(rows / _LIVE_SAMPLES)))
         self._places = header.places
         self._run = Run(header, row_steps=thinned)
-        self._stream = _viewer([self._run])
+        self._viewer: _Viewer | None = _Viewer([self._run])
         self._waiting: list[np.ndarray] = []
-        self._sent_at = 0.0
-        _begin(self._stream, [self._run])
+        self._send()
 
     def write(self, rows: np.ndarray) -> None:
         """Send what has come since the last time, now and then: each column has its price, however short."""
@@ -58,17 +60,21 @@ class LiveView:
             self._send()
 
     def end(self, outcome: Outcome) -> None:
-        """Wait for the viewer to take the rest; a viewer that was closed meanwhile needs nothing more."""
-        self._send()
-        with contextlib.suppress(RuntimeError):
-            self._stream.flush(timeout_sec=_PATIENCE_S)
-        self._stream.disconnect()
+        """Wait for the viewer to take the rest."""
+        self._send(last=True)
 
-    def _send(self) -> None:
+    def _send(self, last: bool = False) -> None:
+        if self._viewer is None:
+            self._waiting = []
+            return
         if self._waiting:
             rows = np.concatenate(self._waiting)
             self._run.write({name: rows[:, place] for name, place in self._places.items()})
         self._waiting = []
+        try:
+            self._viewer.send(last)
+        except ViewerClosed:  # what was closed needs nothing more
+            self._viewer = None
         self._sent_at = time.monotonic()
 
 
@@ -79,13 +85,13 @@ def show(traces: Mapping[str, Trace]) -> None:
         InputError: it does not start, or was closed before it had everything.
     """
     runs = _runs(traces)
-    stream = _viewer(runs)
-    _send(stream, runs, traces)
+    viewer = _Viewer(runs)
     try:
-        stream.flush()
-    except RuntimeError as error:
-        raise InputError(f"the viewer did not take the runs: {error}") from None
-    stream.disconnect()
+        for _ in _blocks(runs, traces):
+            viewer.send()
+        viewer.send(last=True)
+    except ViewerClosed as error:
+        raise InputError(f"the viewer did not take the runs: {error}; {_HINT}") from None
 
 
 def save(traces: Mapping[str, Trace], path: Path) -> None:
@@ -99,7 +105,9 @@ def save(traces: Mapping[str, Trace], path: Path) -> None:
         try:
             stream = rr.RecordingStream(application(runs))
             stream.save(part)
-            _send(stream, runs, traces)
+            _begin(stream, runs)
+            for _ in _blocks(runs, traces):
+                pass
             stream.flush()
             stream.disconnect()
         except RuntimeError as error:  # how Rerun says that a disk is full
@@ -123,19 +131,28 @@ def serve(traces: Mapping[str, Trace]) -> None:
                 return
 
 
-def _viewer(runs: list[Run]) -> rr.RecordingStream:
-    """Open the viewer, and a way to it for runs."""
-    hint = "use `uvms-mj replay run.mcap --web` or `--save run.rrd` instead"
-    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise InputError(f"there is no display to open the viewer on; {hint}")
-    port = free_port()
-    try:
-        start(["--port", str(port), "--hide-welcome-screen", "--expect-data-soon"], port, lives_s=1.5)
-    except InputError as error:
-        raise InputError(f"{error}; {hint}") from None
-    stream = rr.RecordingStream(application(runs))
-    stream.connect_grpc(f"rerun+http://{LOOPBACK}:{port}/proxy")
-    return stream
+class _Viewer:
+    """A viewer's window, and the way to it of runs that are written."""
+
+    def __init__(self, runs: list[Run]) -> None:
+        """Open it. Raises InputError if it does not start."""
+        if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+            raise InputError(f"there is no display to open the viewer on; {_HINT}")
+        port = free_port()
+        try:
+            process = start(["--port", str(port), "--hide-welcome-screen", "--expect-data-soon"], port, lives_s=1.5)
+        except InputError as error:
+            raise InputError(f"{error}; {_HINT}") from None
+        stream = rr.RecordingStream(application(runs))
+        self._recording = rr.binary_stream(stream)
+        self._sender = Sender(process, port, _PATIENCE_S)
+        _begin(stream, runs)
+
+    def send(self, last: bool = False) -> None:
+        """Send what runs have written since the last time. Raises ViewerClosed."""
+        self._sender.send(self._recording.read() or b"")
+        if last:
+            self._sender.end()
 
 
 def _begin(stream: rr.RecordingStream, runs: list[Run]) -> None:
@@ -153,9 +170,9 @@ def _runs(traces: Mapping[str, Trace]) -> list[Run]:
     return [Run(trace.header, label, _RUNS[i % len(_RUNS)]) for i, (label, trace) in enumerate(traces.items())]
 
 
-def _send(stream: rr.RecordingStream, runs: list[Run], traces: Mapping[str, Trace]) -> None:
-    """Send all of the traces, with their layout."""
-    _begin(stream, runs)
+def _blocks(runs: list[Run], traces: Mapping[str, Trace]) -> Iterator[None]:
+    """Write all of the traces, a block at a time."""
     for run, trace in zip(runs, traces.values(), strict=True):
         for first in range(0, len(trace), _ROWS):
             run.write({s.name: trace[s.name][first : first + _ROWS].reshape(-1, s.size) for s in trace.signals})
+            yield
