@@ -7,23 +7,26 @@ given nobody is at home.
 """
 
 import contextlib
+import math
 import os
-import select
+import queue
 import signal
 import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Sequence
-from typing import IO, NoReturn
+from typing import IO
 
 from ..faults import InputError
 
 LOOPBACK = "127.0.0.1"
 _NOWHERE = f"http://{LOOPBACK}:9"
 _STARTS_WITHIN_S, _ENDS_WITHIN_S = 60.0, 5.0
-_LOOKS_EVERY_S = 0.2
+_LOOKS_EVERY_S = 0.05
+_PIECE_BYTES = 65_536
 
 
 def environment() -> dict[str, str]:
@@ -89,7 +92,7 @@ class ViewerClosed(Exception):
 
 
 class Sender:
-    """Sends a recording to a viewer, and never waits for one that ended or hangs.
+    """Sends a recording to a viewer, and never waits long for one that ended or hangs.
 
     Rerun's own client would: once its buffers are full it waits without end (rerun-io/rerun#12620). So it runs in a
     process of its own, ``rerun -``, which takes a recording's bytes from a pipe and passes them on as they come.
@@ -103,46 +106,53 @@ class Sender:
     def __init__(self, viewer: subprocess.Popen, port: int, patience_s: float) -> None:
         self._viewer, self._patience_s = viewer, patience_s
         self._process = _rerun(["--port", str(port), "-"], stdin=subprocess.PIPE, stderr=subprocess.DEVNULL)
-        assert self._process.stdin is not None
-        self._pipe = self._process.stdin.fileno()
-        os.set_blocking(self._pipe, False)
+        self._queue: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        self._taken_at = time.monotonic()
+        threading.Thread(target=self._pass_on, name="uvms-mj viewer", daemon=True).start()
 
     def send(self, data: bytes) -> None:
-        """Send what follows in the recording. Raises ViewerClosed; nothing more can be sent then."""
-        rest = memoryview(data)
-        heard = time.monotonic()
-        while rest:
-            self._look(heard)
-            if select.select([], [self._pipe], [], _LOOKS_EVERY_S)[1]:
-                try:
-                    rest = rest[os.write(self._pipe, rest) :]
-                except BrokenPipeError:
-                    self._give_up("it was closed")
-                heard = time.monotonic()
+        """Send what follows in the recording, soon. Raises ViewerClosed; nothing more can be sent then."""
+        self._look()
+        self._queue.put(data)
+
+    def wait(self) -> None:
+        """Wait until what was sent is under way. Raises ViewerClosed."""
+        self._taken_at = time.monotonic()
+        while not self._queue.empty():
+            self._look(self._patience_s)
+            time.sleep(_LOOKS_EVERY_S)
 
     def end(self) -> None:
         """Wait until the viewer has everything. Raises ViewerClosed."""
-        assert self._process.stdin is not None
-        self._process.stdin.close()
-        heard = time.monotonic()
+        self._queue.put(None)
+        self._taken_at = time.monotonic()
         while self._process.poll() is None:
-            self._look(heard)
+            self._look(self._patience_s)
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self._process.wait(_LOOKS_EVERY_S)
         if self._process.returncode:
-            self._give_up("it was closed")
+            raise ViewerClosed("it was closed")
 
-    def _look(self, heard: float) -> None:
-        if self._viewer.poll() is not None:
-            self._give_up("it was closed")
-        if time.monotonic() - heard > self._patience_s:
-            self._give_up(f"it took nothing for {self._patience_s:g} s")
+    def _pass_on(self) -> None:
+        pipe = self._process.stdin
+        assert pipe is not None
+        with contextlib.suppress(BrokenPipeError), pipe:
+            while (data := self._queue.get()) is not None:
+                for first in range(0, len(data), _PIECE_BYTES):
+                    pipe.write(data[first : first + _PIECE_BYTES])
+                    pipe.flush()
+                    self._taken_at = time.monotonic()
 
-    def _give_up(self, why: str) -> NoReturn:
-        assert self._process.stdin is not None
-        self._process.stdin.close()
-        stop(self._process)
-        raise ViewerClosed(why)
+    def _look(self, patience_s: float = math.inf) -> None:
+        why = ""
+        if self._viewer.poll() is not None or self._process.poll():
+            why = "it was closed"
+        elif time.monotonic() - self._taken_at > patience_s:
+            why = f"it took nothing for {patience_s:g} s"
+        if why:
+            self._queue.put(None)
+            stop(self._process)
+            raise ViewerClosed(why)
 
 
 def _rerun(options: Sequence[str], stdin: int, stderr: int | IO[bytes]) -> subprocess.Popen:

@@ -1,5 +1,6 @@
 """Runs in the Rerun viewer: while they go on, from their logs, as a file, or in a web browser on this machine."""
 
+import contextlib
 import errno
 import os
 import sys
@@ -33,13 +34,13 @@ _HINT = "use `uvms-mj replay run.mcap --web` or `--save run.rrd` instead"
 _EVERY_S = 0.1
 """How often a run is streamed, in real time [s]."""
 _PATIENCE_S = 20.0
-"""How long a run, or a replay, waits for a viewer that takes nothing of what it is sent [s]."""
+"""How long a run at its end, or a replay, waits for a viewer that takes nothing of what it is sent [s]."""
 
 
 class LiveView:
     """A sink that opens the viewer and streams a run to it while it goes on, thinned so that its cost is bounded.
 
-    A viewer that is closed, or hangs, costs the run no sample: it goes on without.
+    The run never waits for it before its end; a viewer that is closed, or hangs, then gets nothing more.
     """
 
     def begin(self, header: Header) -> None:
@@ -61,20 +62,21 @@ class LiveView:
 
     def end(self, outcome: Outcome) -> None:
         """Wait for the viewer to take the rest."""
-        self._send(last=True)
+        self._send()
+        if self._viewer is not None:
+            with contextlib.suppress(ViewerClosed):
+                self._viewer.sender.end()
 
-    def _send(self, last: bool = False) -> None:
-        if self._viewer is None:
-            self._waiting = []
-            return
-        if self._waiting:
+    def _send(self) -> None:
+        if self._waiting and self._viewer is not None:
             rows = np.concatenate(self._waiting)
             self._run.write({name: rows[:, place] for name, place in self._places.items()})
         self._waiting = []
-        try:
-            self._viewer.send(last)
-        except ViewerClosed:  # what was closed needs nothing more
-            self._viewer = None
+        if self._viewer is not None:
+            try:
+                self._viewer.send()
+            except ViewerClosed:  # what was closed needs nothing more
+                self._viewer = None
         self._sent_at = time.monotonic()
 
 
@@ -89,7 +91,9 @@ def show(traces: Mapping[str, Trace]) -> None:
     try:
         for _ in _blocks(runs, traces):
             viewer.send()
-        viewer.send(last=True)
+            viewer.sender.wait()
+        viewer.send()
+        viewer.sender.end()
     except ViewerClosed as error:
         raise InputError(f"the viewer did not take the runs: {error}; {_HINT}") from None
 
@@ -145,14 +149,12 @@ class _Viewer:
             raise InputError(f"{error}; {_HINT}") from None
         stream = rr.RecordingStream(application(runs))
         self._recording = rr.binary_stream(stream)
-        self._sender = Sender(process, port, _PATIENCE_S)
+        self.sender = Sender(process, port, _PATIENCE_S)
         _begin(stream, runs)
 
-    def send(self, last: bool = False) -> None:
+    def send(self) -> None:
         """Send what runs have written since the last time. Raises ViewerClosed."""
-        self._sender.send(self._recording.read() or b"")
-        if last:
-            self._sender.end()
+        self.sender.send(self._recording.read() or b"")
 
 
 def _begin(stream: rr.RecordingStream, runs: list[Run]) -> None:
