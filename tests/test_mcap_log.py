@@ -486,6 +486,18 @@ def test_a_slow_law_still_reaches_the_disk_every_second(tmp_path):
     assert 20 < rows < 200
 
 
+def test_a_file_that_takes_nothing_ends_the_run(tmp_path, monkeypatch):
+    class Full(io.FileIO):
+        def write(self, data):
+            return super().write(data) if self.tell() < 1_000_000 else 0
+
+    monkeypatch.setattr("uvms_mj.mcap_log.sink.FileIO", Full)
+    with pytest.raises(SinkError, match=r"can't write .*run\.mcap: Input/output error") as caught:
+        simulate(Scenario.load("push_wall", {"simulation.duration": 2.0}), sinks=[McapLog(tmp_path / "run.mcap")])
+    assert caught.value.trace.status is Status.interrupted
+    assert 0 < len(Trace.load(tmp_path / "run.mcap")) < 1000
+
+
 # Cut off
 
 

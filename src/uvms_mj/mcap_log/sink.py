@@ -5,6 +5,7 @@ NumPy, since a run has millions. Every chunk goes to the file at once and whole:
 ``kill -9``.
 """
 
+import errno
 import os
 import zlib
 from io import FileIO
@@ -131,7 +132,10 @@ class McapLog:
             self._file.truncate()
         view = memoryview(data)
         while len(view):
-            view = view[self._file.write(view) or 0 :]
+            written = self._file.write(view)
+            if not written:
+                raise OSError(errno.EIO, os.strerror(errno.EIO), str(self.path))
+            view = view[written:]
         self._size, self._crc = self._size + len(data), zlib.crc32(data, self._crc)
 
     def _attach(self, name: str, data: bytes) -> None:
