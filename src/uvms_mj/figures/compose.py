@@ -195,7 +195,7 @@ def _entitle(ax: Axes, text: str) -> None:
     assert figure is not None
     room = size_in(ax)[0] * figure.dpi
     title = ax.set_title(text, parse_math=False)
-    while title.get_window_extent().width > room:
+    while text and title.get_window_extent().width > room:
         text = text[1 + len(text) // 20 :]
         title.set_text(f"...{text}")
 
