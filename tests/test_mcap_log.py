@@ -547,6 +547,7 @@ def test_kill_9_at_twenty_random_moments_loses_no_chunk(tmp_path):
             assert process.poll() is None
             if time.monotonic() > deadline:
                 process.send_signal(signal.SIGABRT)  # it says where it hangs
+                process.wait(10.0)
             time.sleep(0.002)
         time.sleep(dice.uniform(0.0, 0.3))
         process.send_signal(signal.SIGKILL)

@@ -217,7 +217,7 @@ class _Run:
                     else:
                         self._python_step(loop)
                     done, now = done + n, time.perf_counter()
-                    n = max(1, min(SLICE_STEPS, int(CHUNK_S * n / (now - begun)))) if loop.compiled else 1
+                    n = max(1, min(SLICE_STEPS, int(CHUNK_S * n / max(now - begun, 1e-9)))) if loop.compiled else 1
             finally:
                 self._take_rows(loop)
             self._after(loop, done)

@@ -3,9 +3,10 @@
 import dataclasses
 import os
 import threading
+import time
 import warnings
 from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from .checks import SamplingWarning
@@ -105,14 +106,26 @@ def run(
         except (OSError, SinkError) as error:
             raise InputError(f"{name}: {error}") from None
 
+    ended: list[BaseException | None] = []
+
+    def guarded(name: str, scenario: Scenario) -> None:
+        try:
+            one(name, scenario)
+            ended.append(None)
+        except BaseException as error:
+            ended.append(error)
+
     with warnings.catch_warnings(), ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
         warnings.simplefilter("ignore", SamplingWarning)  # part of the sweep is meant to chatter; logs carry the notes
-        pending = {pool.submit(one, name, scenario) for name, scenario in jobs.items()}
+        for name, scenario in jobs.items():
+            pool.submit(guarded, name, scenario)
         try:
-            while pending:
-                finished, pending = wait(pending, timeout=0.1, return_when=FIRST_EXCEPTION)
-                for future in finished:
-                    future.result()
+            seen: list[BaseException | None] = []
+            while len(seen) < len(jobs):  # not with wait(): an interrupt in its locks would stop the workers for ever
+                time.sleep(0.1)
+                seen = list(ended)
+                for error in filter(None, seen):
+                    raise error
                 progress(sum(done.values()), total)
         except BaseException:
             stop.set()

@@ -1,8 +1,14 @@
 """Sinks at work on a thread of their own: a run does not wait for a disk or a viewer, and an interrupt, which Python
-raises on the main thread, can't tear what they write."""
+raises on the main thread, can't tear what they write.
+
+Nor may it tear the way to them: Python raises it between any two lines, in those of ``queue.Queue`` and its locks too,
+and then one thread waits for the other for ever. So the main thread hands over in one call of C, and looks and sleeps
+where it must wait.
+"""
 
 import queue
 import threading
+import time
 from collections.abc import Sequence
 from typing import Self
 
@@ -12,6 +18,7 @@ from .recording import Header, Outcome, Sink
 
 _WAITING = 1
 """Blocks that may wait: then the run waits for its sinks. More are not quicker, and kill -9 loses what waits."""
+_LOOKS_EVERY_S = 0.0005
 
 
 class Writing:
@@ -28,7 +35,8 @@ class Writing:
         self._sinks = sinks
         for sink in sinks:
             sink.begin(header)
-        self._queue: queue.Queue[tuple[int, np.ndarray] | Outcome] = queue.Queue(_WAITING)
+        self._queue: queue.SimpleQueue[tuple[int, np.ndarray] | Outcome] = queue.SimpleQueue()
+        self._ended = False
         self._thread = threading.Thread(target=self._work, name="uvms-mj sinks", daemon=True)
         if sinks:
             self._thread.start()
@@ -44,12 +52,12 @@ class Writing:
     def put(self, first: int, rows: np.ndarray) -> None:
         """Hand on rows (n, width), numbered from first. To say the same twice does no harm."""
         if self._sinks and self.error is None:
-            self._queue.put((first, rows))
+            self._hand_over((first, rows))
 
     def end(self, outcome: Outcome) -> None:
         """Nothing more will come."""
         if self._sinks:
-            self._queue.put(outcome)
+            self._hand_over(outcome)
 
     def __enter__(self) -> Self:
         return self
@@ -57,22 +65,26 @@ class Writing:
     def __exit__(self, kind: object, error: object, traceback: object) -> None:
         if self._sinks and kind is None:
             self._thread.join()
+            if not self._ended and self.error is None:
+                self.error = RuntimeError("its thread ended before the run did")
+
+    def _hand_over(self, item: tuple[int, np.ndarray] | Outcome) -> None:
+        while self._queue.qsize() >= _WAITING and self._thread.is_alive():
+            time.sleep(_LOOKS_EVERY_S)
+        self._queue.put(item)
 
     def _work(self) -> None:
         following = 0
-        while True:
-            item = self._queue.get()
+        while not self._ended:
             try:
+                item = self._queue.get()
+                self._ended = isinstance(item, Outcome)
                 if isinstance(item, Outcome):
                     for sink in self._sinks if self.error is None else ():
                         sink.end(item)
-                    return
-                first, rows = item
-                if self.error is None and first == following:
+                elif self.error is None and item[0] == following:
                     for sink in self._sinks:
-                        sink.write(rows)
-                    following += len(rows)
+                        sink.write(item[1])
+                    following += len(item[1])
             except BaseException as error:  # the run's own thread tells the user
                 self.error = error
-                if isinstance(item, Outcome):
-                    return

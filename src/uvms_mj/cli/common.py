@@ -6,6 +6,7 @@ import logging
 import os
 import signal
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from typing import Any, NoReturn
 
@@ -47,20 +48,27 @@ def asked_for(arguments: Sequence[str], settings: Sequence[str]) -> tuple[str | 
 
 
 class Stop:
-    """Ctrl-C and SIGTERM: the first is raised where the program is, and at the next chunk should it get lost.
+    """Ctrl-C and SIGTERM: the first is raised where the program is, and at the next chunk should it get lost; one that
+    comes when the end has taken too long, as on a disk that hangs, ends the program at once.
 
     Python code that C calls back can't pass an exception on, as when LLVM reports a finished object.
     """
 
+    _PATIENCE_S = 5.0
+
     def __init__(self) -> None:
         self.requested = False
+        self._requested_at = 0.0
         for each in (signal.SIGINT, signal.SIGTERM):
             signal.signal(each, self._on_signal)
 
     def _on_signal(self, number: int, frame: Any) -> None:
         if not self.requested:
-            self.requested = True
+            self.requested, self._requested_at = True, time.monotonic()
             raise KeyboardInterrupt
+        if time.monotonic() - self._requested_at > self._PATIENCE_S:
+            signal.signal(number, signal.SIG_DFL)
+            signal.raise_signal(number)
 
     def check(self) -> None:
         if self.requested:

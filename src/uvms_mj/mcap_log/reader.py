@@ -70,6 +70,8 @@ def _opened(path: str | os.PathLike) -> Iterator["_Reader"]:
     if not os.fspath(path):
         raise InputError("the name of a log is empty")
     path = Path(path)
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise InputError(f"{path}: is no file, but a pipe or a device")
     try:
         with open(path, "rb") as file:
             yield _Reader(file)

@@ -8,6 +8,7 @@ edit to any of them simply leads to another object.
 """
 
 import ast
+import contextlib
 import ctypes
 import functools
 import hashlib
@@ -123,11 +124,9 @@ def _compile(function: Callable, arguments: int, returns: bool, name: str) -> in
         raise NotCompiled(_reason(error)) from error
     _engines.append(compiled)
     declared = sorted(f.name for f in library._final_module.functions if f.is_declaration)
-    about = {
-        "symbol": compiled.native_name,
-        "sha256": hashlib.sha256(code).hexdigest(),
-        "externals": [external for external in declared if not external.startswith("llvm.")],
-    }
+    externals = [external for external in declared if not external.startswith("llvm.")]
+    about = {"symbol": compiled.native_name, "externals": externals}
+    about["sha256"] = _digest(code, about)
     folder = _folder()
     _prune(folder)
     for suffix, content in ((".o", code), (".json", json.dumps(about).encode())):
@@ -168,9 +167,9 @@ def _load(name: str, self_contained: bool) -> int | None:
     try:
         about = json.loads((folder / f"{name}.json").read_bytes())
         code = (folder / f"{name}.o").read_bytes()
-    except (OSError, ValueError):
-        return None
-    if hashlib.sha256(code).hexdigest() != about["sha256"]:
+        if about["sha256"] != _digest(code, about):
+            return None
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
     _initialize()
     if not self_contained:
@@ -204,6 +203,11 @@ def _abort() -> int:
     address = ctypes.cast(ctypes.CDLL(None).abort, ctypes.c_void_p).value
     assert address is not None
     return address
+
+
+def _digest(code: bytes, about: dict[str, Any]) -> str:
+    """What an object and the facts about it must have: a file that is torn or forged could crash the process."""
+    return _fingerprint([code, json.dumps([about["symbol"], about["externals"]]).encode()])
 
 
 def _fingerprint(parts: Iterable[bytes]) -> str:
@@ -243,8 +247,11 @@ def _folder() -> Path:
 
 def _prune(folder: Path) -> None:
     """Forget the oldest objects; whoever still wants one compiles it again."""
-    files = sorted((path.stat().st_mtime, path) for path in folder.iterdir())
-    for modified, path in files[: -2 * _KEPT_OBJECTS]:
+    files = []
+    for path in folder.iterdir():
+        with contextlib.suppress(FileNotFoundError):  # another process has just put it in its place
+            files.append((path.stat().st_mtime, path))
+    for modified, path in sorted(files)[: -2 * _KEPT_OBJECTS]:
         if time.time() - modified > _MIN_AGE_S:
             path.unlink(missing_ok=True)
 

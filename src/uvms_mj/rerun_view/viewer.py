@@ -1,7 +1,6 @@
 """Runs in the Rerun viewer: while they go on, from their logs, as a file, or in a web browser on this machine."""
 
 import contextlib
-import errno
 import os
 import sys
 import tempfile
@@ -50,7 +49,8 @@ class LiveView:
         thinned = max(1, round(1.0 / (_LIVE_HZ * row_s)), int(np.ceil(rows / _LIVE_SAMPLES)))
         self._places = header.places
         self._run = Run(header, row_steps=thinned)
-        self._viewer: _Viewer | None = _Viewer([self._run])
+        self._sender: Sender | None = _viewer()
+        self._recording = _Recording([self._run])
         self._waiting: list[np.ndarray] = []
         self._send()
 
@@ -63,20 +63,20 @@ class LiveView:
     def end(self, outcome: Outcome) -> None:
         """Wait for the viewer to take the rest."""
         self._send()
-        if self._viewer is not None:
+        if self._sender is not None:
             with contextlib.suppress(ViewerClosed):
-                self._viewer.sender.end()
+                self._sender.end()
 
     def _send(self) -> None:
-        if self._waiting and self._viewer is not None:
+        if self._waiting and self._sender is not None:
             rows = np.concatenate(self._waiting)
             self._run.write({name: rows[:, place] for name, place in self._places.items()})
         self._waiting = []
-        if self._viewer is not None:
+        if self._sender is not None:
             try:
-                self._viewer.send()
+                self._sender.send(self._recording.read())
             except ViewerClosed:  # what was closed needs nothing more
-                self._viewer = None
+                self._sender = None
         self._sent_at = time.monotonic()
 
 
@@ -86,14 +86,13 @@ def show(traces: Mapping[str, Trace]) -> None:
     Raises:
         InputError: it does not start, or was closed before it had everything.
     """
-    runs = _runs(traces)
-    viewer = _Viewer(runs)
+    sender = _viewer()
+    recording = _Recording(_runs(traces))
     try:
-        for _ in _blocks(runs, traces):
-            viewer.send()
-            viewer.sender.wait()
-        viewer.send()
-        viewer.sender.end()
+        for _ in recording.blocks(traces):
+            sender.send(recording.read())
+            sender.wait()
+        sender.end()
     except ViewerClosed as error:
         raise InputError(f"the viewer did not take the runs: {error}; {_HINT}") from None
 
@@ -104,18 +103,11 @@ def save(traces: Mapping[str, Trace], path: Path) -> None:
     Raises:
         InputError: it can't be written.
     """
-    runs = _runs(traces)
     with whole(path) as part:
-        try:
-            stream = rr.RecordingStream(application(runs))
-            stream.save(part)
-            _begin(stream, runs)
-            for _ in _blocks(runs, traces):
-                pass
-            stream.flush()
-            stream.disconnect()
-        except RuntimeError as error:  # how Rerun says that a disk is full
-            raise OSError(errno.EIO, str(error), str(path)) from None
+        recording = _Recording(_runs(traces))
+        for _ in recording.blocks(traces):
+            pass
+        part.write_bytes(recording.read())  # Rerun's own file may wait without end where a disk is full
 
 
 def serve(traces: Mapping[str, Trace]) -> None:
@@ -135,34 +127,40 @@ def serve(traces: Mapping[str, Trace]) -> None:
                 return
 
 
-class _Viewer:
-    """A viewer's window, and the way to it of runs that are written."""
+class _Recording:
+    """A recording in memory of runs that are written, taken from it piece by piece."""
 
     def __init__(self, runs: list[Run]) -> None:
-        """Open it. Raises InputError if it does not start."""
-        if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-            raise InputError(f"there is no display to open the viewer on; {_HINT}")
-        port = free_port()
-        try:
-            process = start(["--port", str(port), "--hide-welcome-screen", "--expect-data-soon"], port, lives_s=1.5)
-        except InputError as error:
-            raise InputError(f"{error}; {_HINT}") from None
         stream = rr.RecordingStream(application(runs))
-        self._recording = rr.binary_stream(stream)
-        self.sender = Sender(process, port, _PATIENCE_S)
-        _begin(stream, runs)
+        self._bytes = rr.binary_stream(stream)
+        self._runs = runs
+        stream.send_blueprint(layout(runs))
+        stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        for run in runs:
+            run.begin(stream)
 
-    def send(self) -> None:
-        """Send what runs have written since the last time. Raises ViewerClosed."""
-        self.sender.send(self._recording.read() or b"")
+    def read(self) -> bytes:
+        """What has come since the last time: a file's content only if it is all there is."""
+        return self._bytes.read() or b""
+
+    def blocks(self, traces: Mapping[str, Trace]) -> Iterator[None]:
+        """Write all of the runs' traces, a block at a time."""
+        for run, trace in zip(self._runs, traces.values(), strict=True):
+            for first in range(0, max(1, len(trace)), _ROWS):
+                run.write({s.name: trace[s.name][first : first + _ROWS].reshape(-1, s.size) for s in trace.signals})
+                yield
 
 
-def _begin(stream: rr.RecordingStream, runs: list[Run]) -> None:
-    """Send the layout and what does not change."""
-    stream.send_blueprint(layout(runs))
-    stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    for run in runs:
-        run.begin(stream)
+def _viewer() -> Sender:
+    """Open the viewer; gives the way to it. Raises InputError if it does not start."""
+    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise InputError(f"there is no display to open the viewer on; {_HINT}")
+    port = free_port()
+    try:
+        process = start(["--port", str(port), "--hide-welcome-screen", "--expect-data-soon"], port, lives_s=1.5)
+    except InputError as error:
+        raise InputError(f"{error}; {_HINT}") from None
+    return Sender(process, port, _PATIENCE_S)
 
 
 def _runs(traces: Mapping[str, Trace]) -> list[Run]:
@@ -170,11 +168,3 @@ def _runs(traces: Mapping[str, Trace]) -> list[Run]:
     if len(traces) == 1:
         return [Run(trace.header) for trace in traces.values()]
     return [Run(trace.header, label, _RUNS[i % len(_RUNS)]) for i, (label, trace) in enumerate(traces.items())]
-
-
-def _blocks(runs: list[Run], traces: Mapping[str, Trace]) -> Iterator[None]:
-    """Write all of the traces, a block at a time."""
-    for run, trace in zip(runs, traces.values(), strict=True):
-        for first in range(0, len(trace), _ROWS):
-            run.write({s.name: trace[s.name][first : first + _ROWS].reshape(-1, s.size) for s in trace.signals})
-            yield
