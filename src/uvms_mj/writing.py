@@ -36,7 +36,6 @@ class Writing:
         for sink in sinks:
             sink.begin(header)
         self._queue: queue.SimpleQueue[tuple[int, np.ndarray] | Outcome] = queue.SimpleQueue()
-        self._ended = False
         self._thread = threading.Thread(target=self._work, name="uvms-mj sinks", daemon=True)
         if sinks:
             self._thread.start()
@@ -65,20 +64,18 @@ class Writing:
     def __exit__(self, kind: object, error: object, traceback: object) -> None:
         if self._sinks and kind is None:
             self._thread.join()
-            if not self._ended and self.error is None:
-                self.error = RuntimeError("its thread ended before the run did")
 
     def _hand_over(self, item: tuple[int, np.ndarray] | Outcome) -> None:
-        while self._queue.qsize() >= _WAITING and self._thread.is_alive():
+        while self._queue.qsize() >= _WAITING:
             time.sleep(_LOOKS_EVERY_S)
         self._queue.put(item)
 
     def _work(self) -> None:
         following = 0
-        while not self._ended:
+        item: tuple[int, np.ndarray] | Outcome | None = None
+        while not isinstance(item, Outcome):
             try:
                 item = self._queue.get()
-                self._ended = isinstance(item, Outcome)
                 if isinstance(item, Outcome):
                     for sink in self._sinks if self.error is None else ():
                         sink.end(item)
