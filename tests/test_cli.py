@@ -263,6 +263,27 @@ def test_an_interrupted_run_ends_within_a_second_and_keeps_what_it_had(tmp_path,
         assert abs(t[-1] - report["duration_s"]) < 2e-3
 
 
+def test_what_hangs_at_its_end_can_be_stopped(tmp_path):
+    """A second signal is ignored, since a run is soon written; one that comes much later is not."""
+    code = """if True:
+        import signal, time
+        from uvms_mj.cli.common import Stop
+        Stop._PATIENCE_S = 0.5
+        stop = Stop()
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            signal.raise_signal(signal.SIGTERM)
+            time.sleep(1.0)
+            print("still here", flush=True)
+            signal.raise_signal(signal.SIGINT)
+            print("not here")
+    """
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == -signal.SIGINT
+    assert done.stdout == "still here\n"
+
+
 def test_help_teaches_and_lists(here):
     assert "uvms-mj run --controller gsta" in here("--help").stdout
     text = here("run", "--help").stdout

@@ -206,6 +206,31 @@ def test_an_edit_to_any_file_that_a_law_uses_is_seen_at_the_next_run(tmp_path):
     assert tau_with(3.0, 5.0) == pytest.approx(15.0)
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda facts: {},
+        lambda facts: None,
+        lambda facts: facts | {"symbol": ""},
+        lambda facts: facts | {"externals": []},
+        lambda facts: facts | {"sha256": 1},
+        lambda facts: {name: value for name, value in facts.items() if name != "symbol"},
+    ],
+)
+def test_torn_facts_about_machine_code_are_compiled_again(tmp_path, monkeypatch, change):
+    simulate(Scenario.load("push_wall", SHORT))
+    for file in compilation._folder().glob("*.json"):
+        code, facts = file.with_suffix(".o").read_bytes(), json.loads(file.read_bytes())
+        if facts["externals"] and facts["sha256"] == compilation._digest(code, facts):
+            break
+    monkeypatch.setattr(compilation, "_folder", lambda: tmp_path)
+    (tmp_path / f"{file.stem}.o").write_bytes(code)
+    (tmp_path / file.name).write_text(json.dumps(facts))
+    assert compilation._load(file.stem, True)
+    (tmp_path / file.name).write_text(json.dumps(change(facts)))
+    assert compilation._load(file.stem, True) is None
+
+
 def test_the_fingerprint_covers_all_that_reaches_the_machine_code():
     """Every kernel's file, and every file of the package that such a file imports."""
     package, core = Path(compilation.__file__).parents[1], set(compilation._CORE)

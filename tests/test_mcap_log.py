@@ -635,6 +635,12 @@ def test_what_is_no_log_gets_one_clear_error(tmp_path, content, message):
         assert done.stderr.startswith("error: x.mcap")
 
 
+def test_a_pipe_is_no_log_and_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "run.mcap")
+    with pytest.raises(InputError, match=r"run\.mcap: is no file, but a pipe"):
+        Trace.load(tmp_path / "run.mcap")
+
+
 def test_an_mcap_file_of_somebody_elses_is_named_as_such(tmp_path):
     from mcap.writer import Writer
 
