@@ -263,6 +263,14 @@ def test_an_interrupted_run_ends_within_a_second_and_keeps_what_it_had(tmp_path,
         assert abs(t[-1] - report["duration_s"]) < 2e-3
 
 
+def test_a_run_that_can_not_start_leaves_every_folder_as_it_was(here, tmp_path):
+    (tmp_path / "mine").mkdir()
+    for out in ("mine/new/run", "mine"):
+        done = here("run", "simulation.timestep=0.1", "--set", "wall.stiffness=1e9", "-o", out)
+        assert done.exit_code == 2
+        assert list(tmp_path.rglob("*")) == [tmp_path / "mine"]
+
+
 def test_what_hangs_at_its_end_can_be_stopped(tmp_path):
     """A second signal is ignored, since a run is soon written; one that comes much later is not."""
     code = """if True:

@@ -80,8 +80,11 @@ def run(
                 scenario, mjcf, log_rate = _from_log(log, overrides, controller, log_rate)
             else:
                 scenario = Scenario.load(name or "push_wall", overrides, controller)
-            folder = _output_folder(out, scenario)
-            status = _simulate(scenario, mjcf, folder, log_rate, viewer, console, stop)
+            folder, made = _output_folder(out, scenario)
+            try:
+                status = _simulate(scenario, mjcf, folder, log_rate, viewer, console, stop)
+            finally:
+                _remove_if_empty(made)
     except KeyboardInterrupt:
         if as_json:
             click.echo(json.dumps(_nothing_ran(scenario, controller)))
@@ -169,8 +172,6 @@ def _simulate(
             from ..faults import InputError
 
             raise InputError(f"--out {folder}: can't write there: {raised.strerror}") from None
-        finally:
-            _remove_if_empty(folder)
     stop.ignore()
     report = summary(trace, {kind: str(path) for kind, path in files.items() if path.exists()})
     console.report(trace, report)
@@ -208,8 +209,8 @@ class _Folder:
         pass
 
 
-def _output_folder(out: str | None, scenario: "Scenario") -> Path:
-    """The folder of a run, made and writable, before anything is computed."""
+def _output_folder(out: str | None, scenario: "Scenario") -> tuple[Path, list[Path]]:
+    """The folder of a run, made and writable, before anything is computed; and what was made for it, inner first."""
     import datetime
     import tempfile
 
@@ -226,21 +227,22 @@ def _output_folder(out: str | None, scenario: "Scenario") -> Path:
         folder, n = stem, 2
         while folder.exists():
             folder, n = stem.with_name(f"{stem.name}-{n}"), n + 1
+    made = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
         raise InputError(f"--out {folder}: can't write there: {error.strerror}") from None
-    return folder
+    return folder, made
 
 
-def _remove_if_empty(folder: Path) -> None:
+def _remove_if_empty(folders: list[Path]) -> None:
     import contextlib
 
     with contextlib.suppress(OSError):
-        folder.rmdir()
-        folder.parent.rmdir()
+        for folder in folders:
+            folder.rmdir()
 
 
 def _nothing_ran(scenario: "Scenario | None", controller: str | None) -> dict[str, Any]:
