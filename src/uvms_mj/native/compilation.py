@@ -123,9 +123,8 @@ def _compile(function: Callable, arguments: int, returns: bool, name: str) -> in
     except Exception as error:  # numba raises more kinds than its own when it meets what it doesn't know
         raise NotCompiled(_reason(error)) from error
     _engines.append(compiled)
-    declared = sorted(f.name for f in library._final_module.functions if f.is_declaration)
-    externals = [external for external in declared if not external.startswith("llvm.")]
-    about = {"symbol": compiled.native_name, "externals": externals}
+    declared = {f.name for f in library._final_module.functions if f.is_declaration and f.name[:5] != "llvm."}
+    about = {"symbol": compiled.native_name, "externals": sorted(declared)}
     about["sha256"] = _digest(code, about)
     folder = _folder()
     _prune(folder)
@@ -249,7 +248,7 @@ def _prune(folder: Path) -> None:
     """Forget the oldest objects; whoever still wants one compiles it again."""
     files = []
     for path in folder.iterdir():
-        with contextlib.suppress(FileNotFoundError):  # another process has just put it in its place
+        with contextlib.suppress(FileNotFoundError):  # another process has put it in its place
             files.append((path.stat().st_mtime, path))
     for modified, path in sorted(files)[: -2 * _KEPT_OBJECTS]:
         if time.time() - modified > _MIN_AGE_S:
