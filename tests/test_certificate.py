@@ -437,18 +437,24 @@ def test_the_plant_rejects_a_sinusoid_just_below_the_bound_and_not_one_above():
 
 
 def test_the_papers_gains_are_not_certified_in_yaw_and_gains_for_its_rate_are(paper_run):
-    """The Munk moment of the current changes with the speed, fastest at the first impact."""
+    """In yaw varphi is the current's Munk moment (Y_vdot - X_udot) u_r v_r over I_z: it changes with the speed, fastest
+    when the first impact turns the vehicle back."""
     trace = paper_run("gsta")
     found = experienced(trace)
+    plant = build(trace.scenario, trace.header.mjcf)
+    M_A, I_z = np.diag(plant.vehicle.M_A), plant.design.M[5, 5]
+    yaw = 2.0 * np.arctan2(trace.quat_WB[:, 3], trace.quat_WB[:, 0])
+    heading = np.deg2rad(trace.scenario.current.direction_deg) - yaw
+    u, v = trace.nu[:, 0], trace.nu[:, 1]
+    u_r, v_r = u - trace.scenario.current.speed * np.cos(heading), v - trace.scenario.current.speed * np.sin(heading)
+    munk = (M_A[1] - M_A[0]) * (u * v - u_r * v_r) / I_z
+    assert np.allclose(found.rate[:, 5], np.diff(munk) / np.diff(trace.t), rtol=0, atol=1e-6)
     rate = found.largest_rate()
-    assert np.unravel_index(np.abs(found.rate).argmax(), found.rate.shape)[1] == 5
-    assert rate[5] == pytest.approx(14.74, abs=0.02)
     assert found.t[np.abs(found.rate[:, 5]).argmax()] == pytest.approx(trace.first_contact[-1], abs=0.03)
-    assert found.largest_rate(end=trace.first_contact[-1])[5] == pytest.approx(10.37, abs=0.02)
     assert (rate[:5] < 1.0).all()
     beyond = found.time_beyond(Certificate.of(Gsta()), trace.s)
     assert not beyond[:5].any()
-    assert beyond[5] == pytest.approx(0.35, abs=0.01)
+    assert beyond[5] > 0.1
     k_1, k_2 = gains_for(rate.max())
     again = paper_run("gsta", k_1=k_1, k_2=k_2)
     law = again.scenario.controller
@@ -482,6 +488,34 @@ def test_the_command_says_what_is_certified_and_what_was_there(command):
     for text in ("k_1 = 5, k_2 = 10, beta = 5", "5 + 250 |s|", "verdict", "certified: the disturbance", "yaw"):
         assert text in table.stdout
     assert command(*SHORT, "--quiet").stdout == ""
+
+
+LAWS = """
+from dataclasses import dataclass
+
+from uvms_mj import Gsta
+
+
+@dataclass(frozen=True)
+class Same(Gsta):
+    k_1: float = 6.0
+
+
+@dataclass(frozen=True)
+class Other(Gsta):
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        tau_cmd[:] = signals.tau_nom
+"""
+
+
+def test_the_certificate_is_for_gstas_law_and_not_for_any_with_its_gains(command, tmp_path):
+    (tmp_path / "laws.py").write_text(LAWS)
+    same = command("-c", "laws.py:Same", *SHORT, "--json")
+    assert json.loads(same.stdout)["gains"]["k_1"] == 6.0
+    other = command("-c", "laws.py:Other", *SHORT)
+    assert other.exit_code == 2
+    assert "Other: the certificate is for the laws gsta and sta" in other.stderr
 
 
 def test_not_certified_is_said_plainly_with_gains_that_would_be_and_is_no_failure(command):
@@ -560,7 +594,7 @@ def test_gains_for_a_rate(command):
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (("-c", "fosm"), "fosm: the certificate is for the gains of gsta and sta"),
+        (("-c", "fosm"), "fosm: the certificate is for the laws gsta and sta"),
         (("-c", "impedance"), "choose it with --controller gsta"),
         (("--rate", "-1"), "rate -1"),
         (("--rate", "nan"), "rate nan"),

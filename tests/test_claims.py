@@ -1,12 +1,13 @@
 """Claims: all hold in the paper's runs or depart for a reason; a run that is wrong fails its own row and no other."""
 
 import dataclasses
+import html
 import json
 
 import numpy as np
 import pytest
 
-from uvms_mj import Gsta, Scenario, Trace, simulate, study
+from uvms_mj import Gsta, Scenario, Trace, report, simulate, study
 from uvms_mj.claims import CLAIMS, Claim, Measured, Runs, Verdict, judge, number
 from uvms_mj.mcap_log import McapLog
 
@@ -190,12 +191,20 @@ def test_a_law_without_its_integral_is_found_out(runs):
     assert not any(name.startswith(("impedance-", "fosm-")) for name in failed)
 
 
-@pytest.mark.parametrize("settings", [{"current.speed": 0.0}, {"impedance.K_d": [0.0] * 6}, {"current.speed": 3.0}])
+FRICTION = {"wall.friction": 0.3, "wall.position": 0.002, "reference.step_time": 0.0}
+"""Between two rows friction is unknown: eq. (12) can't be judged."""
+
+
+@pytest.mark.parametrize(
+    "settings", [{"current.speed": 0.0}, {"impedance.K_d": [0.0] * 6}, {"current.speed": 3.0}, FRICTION]
+)
 def test_what_cannot_be_measured_fails_and_does_no_more(tmp_path, settings):
     plan = study.plan(Scenario.load("push_wall", settings | {"simulation.duration": 0.3}))
     study.run(plan, tmp_path, lambda done, total: None)
-    rows = judge(study.load(tmp_path, plan))
+    runs = study.load(tmp_path, plan)
+    rows = judge(runs)
     assert "gsta-force" in {row.claim.id for row in rows if row.verdict is Verdict.fails}
+    assert all(row.claim.text in html.unescape(report.page("t", runs.traces, [], rows)) for row in rows)
     json.dumps([row.as_dict() for row in rows], allow_nan=False)
 
 
@@ -232,8 +241,8 @@ def test_a_claim_needs_a_threshold():
 
 
 def test_numbers_are_readable():
-    values = (None, 0.0, -3.0, 1.4977534, 14020.3, -2.4e-8, 12)
-    assert [number(value) for value in values] == ["–", "0", "−3", "1.498", "1.402·10⁴", "−2.4·10⁻⁸", "12"]
+    values = (None, np.nan, -np.inf, 0.0, -3.0, 1.4977534, 14020.3, -2.4e-8, 12)
+    assert [number(value) for value in values] == ["–", "–", "–", "0", "−3", "1.498", "1.402·10⁴", "−2.4·10⁻⁸", "12"]
 
 
 def test_a_study_that_is_stopped_ends_its_logs(tmp_path):

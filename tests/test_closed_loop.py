@@ -1,14 +1,16 @@
 """The whole closed loop against the independent twin, and against itself."""
 
+import re
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
 from twin import TwinParameters, simulate_fixed_step, simulate_smooth
-from uvms_mj import Scenario, Status, simulate
+from uvms_mj import InputError, Scenario, Status, simulate
 from uvms_mj.frames import quat_from_euler_deg
 from uvms_mj.metrics import final_force
+from vehicles import random_parameters, vehicle_xml
 
 LAWS = {
     "impedance": ({}, {}),
@@ -147,8 +149,11 @@ def test_a_row_has_the_state_and_its_own_contact_force():
     assert np.allclose(trace.push, 2e4 * depth, rtol=0, atol=1e-4 * trace.push.max())
     assert np.array_equal(trace.f_contact_m_W[1:], trace.f_contact_W[:-1])
     h = 1e-4
-    v_dot_W = np.diff(trace.nu[:, 3:], axis=0) / h
-    assert np.allclose(v_dot_W, trace.nu_dot[:-1, 3:], atol=1e-6)
+    nu_dot = np.diff(trace.nu, axis=0) / h
+    # qacc is what semi-implicit Euler adds to qvel: exact for omega, in W for v; in B by h omega x v_dot
+    assert np.allclose(nu_dot[:, 3:], trace.nu_dot[:-1, 3:], atol=1e-6)
+    turned = np.abs(np.cross(trace.nu[:-1, 3:], trace.nu_dot[:-1, :3])).max()
+    assert np.abs(nu_dot[:, :3] - trace.nu_dot[:-1, :3]).max() < 2.0 * h * turned + 1e-6
     assert np.array_equal(trace.t, np.arange(5001) * h)
 
 
@@ -213,6 +218,35 @@ def test_tau_is_what_the_thrusters_give():
     trace = simulate(Scenario.load("push_wall", {"simulation.duration": 0.2}))
     assert trace.u.shape == (201, 6)
     assert np.allclose(trace.tau, trace.tau_cmd, atol=1e-11)
+
+
+def test_u_is_thrust_in_newtons_whatever_gear_gain_and_ctrl_are(tmp_path):
+    """A motor driven by 8 newtons for each unit of ctrl, in part by its gear and in part by its gain, is one of gear 1
+    with limits eight times as far apart; the figures are powers of two, so to the last bit."""
+    xml = vehicle_xml(random_parameters(3))
+    traces = {}
+    for name, motor in {
+        "newtons": '<motor ctrlrange="-8 8" ctrllimited="true" ',
+        "ctrl": '<general gainprm="4" biastype="none" ctrlrange="-1 1" ctrllimited="true" ',
+    }.items():
+        text = xml.replace("<motor ", motor)
+        if name == "ctrl":
+            text = re.sub(r'gear="([^"]*)"', lambda m: f'gear="{m[1].replace("1.0", "2.0")}"', text)
+        (tmp_path / f"{name}.xml").write_text(text)
+        overrides = {"vehicle.model": str(tmp_path / f"{name}.xml"), "simulation.duration": 0.1}
+        traces[name] = simulate(Scenario.load("push_wall", overrides))
+    u = traces["newtons"].u
+    assert np.abs(u).max() == 8.0
+    assert (np.abs(u) < 8.0).any()
+    for name in traces["newtons"]:
+        assert np.array_equal(traces["ctrl"][name], traces["newtons"][name]), name
+
+
+def test_a_motor_whose_gain_gives_no_thrust_is_refused(tmp_path):
+    text = vehicle_xml(random_parameters(3)).replace("<motor ", '<general gainprm="-1" biastype="none" ')
+    (tmp_path / "odd.xml").write_text(text)
+    with pytest.raises(InputError, match="m0: its gain is -1: must be positive"):
+        simulate(Scenario.load("push_wall", {"vehicle.model": str(tmp_path / "odd.xml")}))
 
 
 def test_sticking_friction_holds_the_vehicle_at_the_wall():

@@ -259,6 +259,17 @@ def test_peak_and_rest_of_the_contact_force_can_both_be_read(drawn, traces):
         assert levels["analytic"] == pytest.approx(rest, rel=1e-5)
 
 
+def test_the_force_that_is_expected_knows_a_force_reference():
+    """Eq. (7) against a wall that is as good as rigid: where GSTA rests, which knows nothing of the figure's formula."""
+    impedance = {"impedance.K_f": [0.5, 1.0, 1.0, 1.0, 1.0, 1.0], "impedance.F_d": [-4.0, 0.0, 0.0, 0.0, 0.0, 0.0]}
+    trace = simulate(Scenario.load("push_wall", impedance | {"simulation.duration": 1e-3}))
+    levels = {name: line.get_ydata()[0] for name, line in lines_of(figures.plot(trace, "force"))}
+    give = 0.5 / 150.0
+    rigid = trace.analytic.force * (give + 1e-5) / give  # two springs in a row: the wall's own gives 1e-5 m/N
+    assert levels["expected"] == pytest.approx(rigid, rel=1e-9)
+    assert levels["expected"] == pytest.approx((0.01 + 4.0 * give) / give)
+
+
 def test_positions_show_the_reference_and_how_far_from_the_wall_the_vehicle_rests(drawn):
     for name in ("fig01", "fig04", "fig08"):
         figure = drawn[name]

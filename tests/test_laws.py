@@ -5,6 +5,7 @@ import json
 import re
 import subprocess
 import sys
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from uvms_mj import Controller, Gsta, InputError, LawError, Scenario, simulate
 from uvms_mj.control import BUILT_IN
 from uvms_mj.kernels import kernels
 from uvms_mj.native import compilation
-from uvms_mj.simulation import PlainPythonWarning
+from uvms_mj.simulation import PlainPythonWarning, SamplingWarning
 
 ROOT = Path(__file__).parents[1]
 SHORT = {"simulation.duration": 0.2}
@@ -263,6 +264,12 @@ def test_a_law_derived_from_one_of_ours_is_a_users_law(tmp_path):
     scenario = Scenario.load("push_wall", SHORT, f"{path}:Mine")
     assert scenario.controller.label() == "Mine"
     assert simulate(scenario).analytic.reason == "a law of the user's own"
+    late = scenario.updated({"wall.stiffness": 1e6, "controller.period": 1e-3})  # of gsta, "limit-cycles"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        simulate(late)
+    with pytest.warns(SamplingWarning, match="gsta limit-cycles"):
+        simulate(late.updated({}, "gsta").updated({"controller.period": 1e-3}))
     (tmp_path / "again.toml").write_text(scenario.to_toml())
     assert Scenario.load(tmp_path / "again.toml").controller.label() == "Mine"
 

@@ -103,6 +103,8 @@ def test_faults_read_well(tmp_path, text, expected):
         ("k_1", "did you mean 'controller.k_1'?"),
         ("wal.stiffness", "did you mean 'wall'?"),
         ("wall.stifness", "did you mean 'stiffness'?"),
+        ("wall", "wall: is a table; its keys are wall.position, wall.stiffness"),
+        ("controller", "controller: is a table; its keys are controller.name"),
     ],
 )
 def test_overrides_suggest(key, expected):

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from .control import Fosm, Gsta, Ideal, Impedance, Sta
+from .control.loader import has_built_in_law
 from .design import Design
 from .faults import Fault, InputError
 from .scenario import Scenario
@@ -146,20 +147,21 @@ def control_period(scenario: Scenario) -> float:
 
 def _sampling(scenario: Scenario, vehicle: Vehicle, design: Design) -> Iterator[str]:
     controller, h = scenario.controller, control_period(scenario)
+    if not has_built_in_law(controller):
+        return
     if isinstance(controller, Fosm) and h >= (limit := boundary_layer_limit(controller, design)):
         yield (
-            f"fosm chatters at a control period of {h:g} s: K_s = {controller.K_s:g} and "
+            f"{controller.label()} chatters at a control period of {h:g} s: K_s = {controller.K_s:g} and "
             f"epsilon = {controller.epsilon:g} need less than {limit:.4g} s"
         )
-    if isinstance(controller, Fosm | Gsta | Ideal | Impedance | Sta):
-        limit = force_feedback_limit(scenario, design)
-        if force_age(scenario) >= limit:
-            period = 2.0 * limit - scenario.simulation.timestep
-            need = f"less than {period:.4g} s" if period >= scenario.simulation.timestep else "a smaller time step"
-            yield (
-                f"{controller.label()} limit-cycles against the wall at a control period of {h:g} s: with a measured "
-                f"force one step old, D_d and {scenario.wall.stiffness:g} N/m need {need}"
-            )
+    limit = force_feedback_limit(scenario, design)
+    if force_age(scenario) >= limit:
+        period = 2.0 * limit - scenario.simulation.timestep
+        need = f"less than {period:.4g} s" if period >= scenario.simulation.timestep else "a smaller time step"
+        yield (
+            f"{controller.label()} limit-cycles against the wall at a control period of {h:g} s: with a measured "
+            f"force one step old, D_d and {scenario.wall.stiffness:g} N/m need {need}"
+        )
     if bouncing_growth(scenario, vehicle, design) > _GROWS:
         yield (
             f"{controller.label()} may bounce or swing against the wall without end: with these gains and estimates, "

@@ -25,9 +25,10 @@ import numpy as np
 
 from .checks import boundary_layer_limit, control_period, force_age, force_feedback_limit
 from .control import Fosm, Gsta, Ideal, Impedance, Sta
-from .design import Design
+from .control.loader import has_built_in_law
+from .design import Design, wall_normal
 from .fossen import coriolis_added_mass, damping, restoring
-from .frames import quat_error, rotation_matrix
+from .frames import quat_error, quat_from_euler_deg, rotation_matrix
 from .scenario import Scenario
 from .vehicle import Vehicle
 
@@ -63,7 +64,7 @@ def steady_state(
 ) -> SteadyState | NoClosedForm:
     """The steady state of a scenario, or why it has none in closed form; gravity_W (3,) [m/s^2]."""
     controller, h = scenario.controller, control_period(scenario)
-    if type(controller) not in (Impedance, Fosm, Gsta, Sta, Ideal):
+    if not has_built_in_law(controller):
         return NoClosedForm("a law of the user's own")
     if not vehicle.rigid:
         return NoClosedForm("the vehicle has moving parts")
@@ -96,6 +97,32 @@ def steady_state(
     if state.force > 0.0 and force_age(scenario) >= force_feedback_limit(scenario, design):
         return NoClosedForm("the sampled law limit-cycles against this wall")
     return state
+
+
+def demanded_force(scenario: Scenario, k_c: float) -> float:
+    r"""The pushing force at rest that the desired impedance demands of a wall, whatever the disturbance [N].
+
+    With eq. (7) at rest, K_d eta_e = K_f (tau_c - F_d), and the wall's spring (34) along its normal n in B,
+
+    .. math:: F = \max\left(0, \frac{x_d - x_c - n^\top K_d^{-1} K_f F_d}{n^\top K_d^{-1} K_f n + 1/k_c}\right)
+
+    which for the paper's K_f = I, F_d = 0 is K_x (x_d - x_c) / (1 + K_x / k_c), and without the fraction for a rigid
+    wall. F_d without moments.
+
+    Args:
+        scenario: with reference, wall and impedance.
+        k_c: stiffness of the wall [N/m]; infinite for a rigid one.
+    """
+    impedance, reference = scenario.impedance, scenario.reference
+    normal = wall_normal(quat_from_euler_deg(*reference.attitude_deg))
+    K_f, K_d, F_d = (np.array(values) for values in (impedance.K_f, impedance.K_d, impedance.F_d))
+    pushed = np.abs(normal) > 1e-12
+    if (K_d[pushed] <= 0.0).any():
+        return 0.0
+    n, give = normal[pushed], K_f[pushed] / K_d[pushed]
+    distance = reference.steps[-1].position[0] - scenario.wall.position - float(n @ (give * F_d[pushed]))
+    yielding = float(n @ (give * n)) + 1.0 / k_c
+    return max(0.0, distance / yielding) if yielding > 0.0 else 0.0
 
 
 def _disturbance_rate(scenario: Scenario, design: Design) -> np.ndarray:

@@ -48,13 +48,18 @@ class Design:
         if faults:
             raise InputError(faults)
         quat_d = quat_from_euler_deg(*scenario.reference.attitude_deg)
-        normal = np.zeros(6)
-        normal[:3] = rotation_matrix(quat_d)[0]
-        return cls(M, scenario.estimates.inertia * M, M_d, D_d, K_d, quat_d, normal)
+        return cls(M, scenario.estimates.inertia * M, M_d, D_d, K_d, quat_d, wall_normal(quat_d))
 
     def along_normal(self, inertia: np.ndarray) -> float:
         """What an inertia (6, 6) weighs along the wall's normal when everything else is free to move [kg]."""
         return 1.0 / float(self.normal @ np.linalg.solve(inertia, self.normal))
+
+
+def wall_normal(quat_d: np.ndarray) -> np.ndarray:
+    """(6,) the wall's normal W x in B at an attitude (4,), as a wrench."""
+    normal = np.zeros(6)
+    normal[:3] = rotation_matrix(quat_d)[0]
+    return normal
 
 
 def _square(value) -> np.ndarray:

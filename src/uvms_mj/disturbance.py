@@ -7,6 +7,7 @@ import numpy as np
 
 from .certificate import Certificate
 from .control import Gsta
+from .control.loader import has_built_in_law
 from .fossen import restoring
 from .frames import rotation, to_body
 from .plant import Plant, build
@@ -80,7 +81,7 @@ def experienced(trace: Trace) -> Experienced | NotGiven:
     if not plant.vehicle.rigid:
         return NotGiven("the vehicle has moving parts, which eq. (11) does not know")
     wrench = lumped_disturbance(trace, plant) + trace.tau - trace.tau_cmd
-    if isinstance(controller, Gsta) and not controller.nominal:
+    if isinstance(controller, Gsta) and has_built_in_law(controller) and not controller.nominal:
         wrench -= trace.tau_nom
     M_hat_inv = np.linalg.inv(plant.design.M_hat)
     varphi = wrench @ M_hat_inv.T

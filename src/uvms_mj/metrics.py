@@ -6,6 +6,7 @@ import math
 import mujoco
 import numpy as np
 
+from . import closed_forms
 from .design import Design
 from .frames import rotation_matrix
 from .recording import Header, Status
@@ -96,22 +97,8 @@ def impact_impulse(trace: Trace) -> float | None:
 
 
 def demanded_force(trace: Trace) -> float:
-    r"""The pushing force at rest that the desired impedance demands, whatever the disturbance [N].
-
-    With eq. (7) at rest, K_d eta_e = K_f (tau_c - F_d), and the wall's spring (34) along its normal n,
-
-    .. math:: F = \max\left(0, \frac{x_d - x_c - n^\top K_d^{-1} K_f F_d}{n^\top K_d^{-1} K_f n + 1/k_c}\right)
-
-    which for the paper's K_f = I, F_d = 0 is K_x (x_d - x_c) / (1 + K_x / k_c). F_d without moments.
-    """
-    scenario, normal = trace.scenario, design_of(trace).normal
-    K_f, K_d, F_d = (np.array(getattr(scenario.impedance, name)) for name in ("K_f", "K_d", "F_d"))
-    pushed = np.abs(normal) > 1e-12
-    if (K_d[pushed] <= 0.0).any():
-        return 0.0
-    n, give = normal[pushed], K_f[pushed] / K_d[pushed]
-    distance = scenario.reference.steps[-1].position[0] - scenario.wall.position - float(n @ (give * F_d[pushed]))
-    return max(0.0, distance / (float(n @ (give * n)) + 1.0 / scenario.wall.stiffness))
+    """The pushing force at rest that the desired impedance demands, :func:`uvms_mj.closed_forms.demanded_force` [N]."""
+    return closed_forms.demanded_force(trace.scenario, trace.scenario.wall.stiffness)
 
 
 def steady_force_error(trace: Trace) -> float | None:

@@ -199,11 +199,8 @@ def _override(tables: dict[str, Any], key: str, value: Any) -> list[Fault]:
             tables[table] = value
             return []
         if table in _TABLES:
-            return [
-                Fault(
-                    key, f"is a table; its keys are {', '.join(f'{table}.{k}' for k in ['name', *_KEYS[table]] if k)}"
-                )
-            ]
+            known = ["name", *_KEYS[table]] if table == "controller" else _KEYS[table]
+            return [Fault(key, f"is a table; its keys are {', '.join(f'{table}.{k}' for k in known)}")]
         meant = [f"{t}.{table}" for t, keys in _KEYS.items() if t and table in keys]
         law_key = [f"controller.{table}"] if not meant and table not in _KEYS else []
         close = difflib.get_close_matches(table, [f"{t}.{k}" for t, keys in _KEYS.items() if t for k in keys], 1)

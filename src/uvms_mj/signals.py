@@ -140,7 +140,7 @@ RECORDED = STATE + RUNNING
 
 
 def thruster_signal(n: int) -> Signal:
-    """The thruster commands u = B^+ tau_cmd (n,), eq. (25)."""
+    """The thrust u = B^+ tau_cmd (n,) within its limits, eq. (25)."""
     return Signal("u", (n,), "N", "-", "thrust of each thruster")
 
 

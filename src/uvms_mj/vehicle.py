@@ -47,8 +47,10 @@ class Vehicle:
     thrusters: tuple[str, ...]
     actuator_ids: tuple[int, ...]
     """Where each thruster stands in mjData.ctrl."""
+    thrust_of_ctrl: np.ndarray
+    """(n,) thrust for one unit of mjData.ctrl: the motor's gain times the length of its gear [N]."""
     B: np.ndarray
-    """(6, n) thruster allocation: tau = B u, eq. (25)."""
+    """(6, n) thruster allocation: tau = B u with the thrust u of each [N], eq. (25)."""
     u_min: np.ndarray
     """(n,) least thrust [N]."""
     u_max: np.ndarray
@@ -103,18 +105,31 @@ class Vehicle:
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         M_RB = _rigid_body_inertia(model, data, body_id)
-        thrusters, ids, B, u_min, u_max = _thrusters(model, data, body_id, faults)
+        thrusters, ids, thrust_of_ctrl, B, u_min, u_max = _thrusters(model, data, body_id, faults)
         faults += _turning_thrusters(model, data, body_id, thrusters, B)
         if not faults and np.linalg.eigvalsh(M_RB + M_A)[0] <= 0.0:
             faults.append(Fault("M_RB + M_A", "is not positive definite"))
         if faults or displaced is None or r_b is None:
             raise InputError(faults, f"vehicle {body!r}")
         rigid = int(model.body_dofnum[model.body_rootid == body_id].sum()) == 6
-        arrays = (M_RB, M_A, D_linear, D_quadratic, r_b, B, u_min, u_max)
+        arrays = (M_RB, M_A, D_linear, D_quadratic, r_b, thrust_of_ctrl, B, u_min, u_max)
         for array in arrays:
             array.setflags(write=False)
         return cls(
-            body, M_RB, M_A, D_linear, D_quadratic, float(displaced[0]), r_b, thrusters, ids, B, u_min, u_max, rigid
+            body=body,
+            M_RB=M_RB,
+            M_A=M_A,
+            D_linear=D_linear,
+            D_quadratic=D_quadratic,
+            displaced_mass=float(displaced[0]),
+            r_b=r_b,
+            thrusters=thrusters,
+            actuator_ids=ids,
+            thrust_of_ctrl=thrust_of_ctrl,
+            B=B,
+            u_min=u_min,
+            u_max=u_max,
+            rigid=rigid,
         )
 
 
@@ -216,7 +231,7 @@ def _turning_thrusters(model, data, body_id, thrusters, B) -> list[Fault]:
     elsewhere.qpos[:] = data.qpos
     mujoco.mj_integratePos(model, elsewhere.qpos, np.linspace(0.3, 0.9, model.nv), 1.0)
     mujoco.mj_forward(model, elsewhere)
-    _, _, there, _, _ = _thrusters(model, elsewhere, body_id, [])
+    _, _, _, there, _, _ = _thrusters(model, elsewhere, body_id, [])
     if there.shape != B.shape:
         return [Fault("thrusters", "their number depends on the pose")]
     return [
@@ -227,18 +242,19 @@ def _turning_thrusters(model, data, body_id, thrusters, B) -> list[Fault]:
 
 
 def _thrusters(model, data, body_id, faults):
-    """Names, indices, B = T^-T moment^T (6, n) and limits of the actuators that act on the body."""
+    """Names, indices, thrust of ctrl, B = T^-T moment^T (6, n) for each newton, and limits [N] of the actuators that
+    act on the body."""
     moment = np.zeros((model.nu, model.nv))
     mujoco.mju_sparse2dense(moment, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind)
     dof = model.body_dofadr[body_id]
     T_inverse = np.eye(6)
     T_inverse[:3, :3] = rotation_matrix(data.xquat[body_id])
-    columns, used = [], []
+    names, ids, thrusts, columns, limits = [], [], [], [], []
     for i in range(model.nu):
-        wrench = T_inverse.T @ moment[i, dof : dof + 6]
+        wrench = T_inverse.T @ moment[i, dof : dof + 6]  # of one unit of actuator force, gain times ctrl
         if not wrench.any():
             continue
-        name = model.actuator(i).name or f"actuator {i}"
+        name, gain = model.actuator(i).name or f"actuator {i}", model.actuator_gainprm[i, 0]
         plain = (
             model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_NONE
             and model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED
@@ -246,15 +262,21 @@ def _thrusters(model, data, body_id, faults):
         )
         if not plain:
             faults.append(Fault(name, "is not a plain <motor>: thrust must be gain times ctrl"))
-        columns.append(wrench * model.actuator_gainprm[i, 0])
-        used.append(i)
-    B = np.array(columns).T if columns else np.zeros((6, 0))
-    low, high = np.full(len(used), -np.inf), np.full(len(used), np.inf)
-    for k, i in enumerate(used):
-        gain = model.actuator_gainprm[i, 0]
+        if gain <= 0.0:
+            faults.append(Fault(name, f"its gain is {gain:g}: must be positive; turn gear round for the other way"))
+            gain = 1.0
+        linear, angular = (float(np.linalg.norm(half)) for half in np.split(model.actuator_gear[i], 2))
+        gear = linear or angular  # of a motor that gives a moment alone, "thrust" is that moment [N m]
+        low, high = -np.inf, np.inf
         if model.actuator_ctrllimited[i]:
-            low[k], high[k] = model.actuator_ctrlrange[i]
-        if model.actuator_forcelimited[i] and gain:
-            force = np.sort(model.actuator_forcerange[i] / gain)
-            low[k], high[k] = max(low[k], force[0]), min(high[k], force[1])
-    return tuple(model.actuator(i).name for i in used), tuple(used), B, low, high
+            low, high = gain * model.actuator_ctrlrange[i]
+        if model.actuator_forcelimited[i]:
+            low, high = max(low, model.actuator_forcerange[i, 0]), min(high, model.actuator_forcerange[i, 1])
+        names.append(model.actuator(i).name)
+        ids.append(i)
+        thrusts.append(gain * gear)
+        columns.append(wrench / gear)
+        limits.append((gear * low, gear * high))
+    u_min, u_max = np.array(limits).reshape(-1, 2).T.copy()
+    B = np.array(columns).reshape(-1, 6).T.copy()
+    return tuple(names), tuple(ids), np.array(thrusts), B, u_min, u_max

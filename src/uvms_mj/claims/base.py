@@ -136,8 +136,8 @@ class Row:
 
 
 def number(value: float | None) -> str:
-    """A number as a reader wants it: four digits, a true minus, powers of ten, a dash for none."""
-    if value is None:
+    """A number as a reader wants it: four digits, a true minus, powers of ten, a dash for none or no finite one."""
+    if value is None or not np.isfinite(value):
         return "–"
     if value == round(value) and abs(value) < 1e4:
         return f"{value:.0f}".replace("-", "−")

@@ -101,12 +101,13 @@ def _load(
 
 def _super_twisting(scenario: "Scenario", log: str | None) -> "Gsta | Sta":
     from ..control import Gsta, Sta
+    from ..control.loader import has_built_in_law
     from ..faults import InputError
 
     law = scenario.controller
-    if not isinstance(law, Gsta | Sta):
+    if not (isinstance(law, Gsta | Sta) and has_built_in_law(law)):
         choose = "" if log is not None else "; choose it with --controller gsta"
-        raise InputError(f"{law.label()}: the certificate is for the gains of gsta and sta{choose}")
+        raise InputError(f"{law.label()}: the certificate is for the laws gsta and sta{choose}")
     return law
 
 

@@ -1,5 +1,6 @@
 """What stands in one panel: position, contact force, sliding variable, actuation force, a law's own states."""
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import ScalarFormatter
 from numpy.typing import ArrayLike
 
-from ..closed_forms import SteadyState
+from ..closed_forms import SteadyState, demanded_force
 from ..signals import Signal
 from ..trace import Trace
 from .lines import Inset, line
@@ -107,20 +108,10 @@ def force(trace: Trace) -> Panel:
     return Panel("contact force", "N", draw, inset=_at_rest(trace))
 
 
-def expected_force(trace: Trace) -> float | None:
-    """What the desired impedance asks for at rest: K_x (x_d - x_c) [N], for an attitude reference along W; None where
-    the reference ends short of the wall or the attitude is another one."""
-    scenario = trace.scenario
-    x_d = scenario.reference.steps[-1].position[0]
-    if any(scenario.reference.attitude_deg) or x_d <= scenario.wall.position:
-        return None
-    return scenario.impedance.K_d[0] * (x_d - scenario.wall.position)
-
-
 def _expectations(ax: Axes, trace: Trace) -> list[float]:
     levels = []
-    expected = expected_force(trace)
-    if expected is not None:
+    expected = demanded_force(trace.scenario, math.inf)  # what the paper expects: of a wall that does not give
+    if expected > 0.0:
         _level(ax, trace, expected, "expected", _EXPECTED)
         levels.append(expected)
     if isinstance(trace.analytic, SteadyState) and trace.analytic.force > 0.0:

@@ -99,6 +99,7 @@ class ClosedLoop:
             "B_pinv_at": np.ascontiguousarray(np.linalg.pinv(vehicle.B)),
             "u_min_at": vehicle.u_min,
             "u_max_at": vehicle.u_max,
+            "thrust_of_ctrl_at": vehicle.thrust_of_ctrl,
             "ctrl_index_at": np.array(vehicle.actuator_ids, dtype=np.int64),
             "u_at": np.zeros(n),
             "gains_at": self._gains,

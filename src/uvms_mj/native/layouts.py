@@ -75,6 +75,7 @@ LOOP = np.dtype(
         ("u_min_at", "i8"),
         ("u_max_at", "i8"),
         ("ctrl_index_at", "i8"),
+        ("thrust_of_ctrl_at", "i8"),
         ("u_at", "i8"),
         # the law
         ("gains_at", "i8"),

@@ -125,12 +125,12 @@ def allocate(loop):
 
 @kernel
 def thrust(loop):
-    """Hand u to MuJoCo, which applies it in this step."""
-    u = floats(loop.u_at, loop.thrusters)
+    """Hand u to MuJoCo, which applies it in this step, as ctrl."""
+    u, thrust_of_ctrl = floats(loop.u_at, loop.thrusters), floats(loop.thrust_of_ctrl_at, loop.thrusters)
     index = integers(loop.ctrl_index_at, loop.thrusters)
     ctrl = floats(loop.ctrl_at, loop.controls)
     for k in range(loop.thrusters):
-        ctrl[index[k]] = u[k]
+        ctrl[index[k]] = u[k] / thrust_of_ctrl[k]
 
 
 @kernel
