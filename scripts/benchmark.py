@@ -22,7 +22,6 @@ from pathlib import Path
 
 import click
 import mujoco
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 
@@ -46,9 +45,7 @@ class Native:
         scenario = scenario.updated({}, controller=law)
         plant = build(scenario)
         self.model, self.data = plant.model, plant.initial_data(scenario)
-        beta = np.deg2rad(scenario.current.direction_deg)
-        current_W = scenario.current.speed * np.array([np.cos(beta), np.sin(beta), 0.0])
-        self.attachment = attach(self.model, self.data, current_W=tuple(current_W))
+        self.attachment = attach(self.model, self.data, current_W=scenario.current.velocity_W)
         self.loop = ClosedLoop(
             self.model, self.data, self.attachment, plant.design, plant.sensor, scenario, row_steps=10, chunk=CHUNK
         )

@@ -25,14 +25,12 @@ class NumpyLoop:
         self.plant, self.vehicle, self.design = plant, plant.vehicle, plant.design
         self.model, self.data = plant.model, plant.initial_data(scenario)
         self.h, self.gains = scenario.simulation.timestep, Gsta()
-        beta = np.deg2rad(scenario.current.direction_deg)
-        self.v_c_W = scenario.current.speed * np.array([np.cos(beta), np.sin(beta), 0.0])
+        self.v_c_W = np.array(scenario.current.velocity_W)
         self.M_d_inv, self.B_pinv = np.linalg.inv(self.design.M_d), np.linalg.pinv(self.vehicle.B)
         self.start, self.omega_n = np.array(scenario.initial.position), scenario.reference.bandwidth
         self.target = np.array(scenario.reference.target) - self.start
         self.buoyancy_W = -self.vehicle.displaced_mass * self.model.opt.gravity
         self.zeta, self.z = np.zeros(6), np.zeros(6)
-        self.log: list[tuple] = []
         self.chunk(warm_up_steps)
 
     def C(self, nu):
@@ -86,7 +84,6 @@ class NumpyLoop:
         f[:3] += R.T @ self.buoyancy_W
         data.xfrc_applied[self.plant.body_id, :3] = R @ f[:3]
         data.xfrc_applied[self.plant.body_id, 3:] = R @ (f[3:] - cross(v.r_g, f[:3]))
-        self.log.append((data.time, s, self.z, tau_cmd))
 
     def chunk(self, steps: int) -> float:
         """Seconds a step over some steps, with the callback installed for just as long."""

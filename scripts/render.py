@@ -126,8 +126,7 @@ def pixel(scene: mujoco.MjvScene, point_W: np.ndarray, width: int, height: int) 
 def render(trace: Trace, width: int, height: int) -> Image.Image:
     """The picture of a trace's last instant, with labels."""
     scenario, f_contact_W = trace.scenario, trace.f_contact_W[-1]
-    reach, beta = build(scenario).geometry.reach, np.deg2rad(scenario.current.direction_deg)
-    v_c_W = scenario.current.speed * np.array([np.cos(beta), np.sin(beta), 0.0])
+    reach, v_c_W = build(scenario).geometry.reach, np.array(scenario.current.velocity_W)
     tip_W = trace.p_WB[-1] + [reach, 0.0, 0.0]
     streams_W = np.array([[0.74, -0.16, 0.0], [0.66, 0.03, 0.0], [0.82, 0.24, 0.0]])
 

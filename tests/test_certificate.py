@@ -320,7 +320,7 @@ def residual_of_eq_10(trace):
     """tau_bar_dist from the other side: what of M_hat nu_dot the estimates, tau and tau_c leave unexplained."""
     plant = build(trace.scenario, trace.header.mjcf)
     vehicle, factors = plant.vehicle, trace.scenario.estimates
-    g, term = float(np.linalg.norm(plant.model.opt.gravity)), np.empty(6)
+    gravity_W, term = plant.model.opt.gravity, np.empty(6)
     out = trace.nu_dot @ plant.design.M_hat.T - trace.tau
     for k, (nu, quat, f_W) in enumerate(zip(trace.nu, trace.quat_WB, trace.f_contact_W, strict=True)):
         R_WB = rotation_matrix(quat)
@@ -331,8 +331,7 @@ def residual_of_eq_10(trace):
         out[k] += factors.coriolis * term
         damping(vehicle.D_linear, vehicle.D_quadratic, nu, term)
         out[k] += factors.damping * term
-        weight, buoyancy = vehicle.mass * g, vehicle.displaced_mass * g
-        restoring(weight, buoyancy, vehicle.r_g, vehicle.r_b, np.array([0.0, 0.0, 1.0]), R_WB, term)
+        restoring(vehicle.mass, vehicle.displaced_mass, vehicle.r_g, vehicle.r_b, gravity_W, R_WB, term)
         out[k] += factors.restoring * term
     return out
 

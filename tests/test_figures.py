@@ -260,7 +260,7 @@ def test_peak_and_rest_of_the_contact_force_can_both_be_read(drawn, traces):
 
 
 def test_the_force_that_is_expected_knows_a_force_reference():
-    """Eq. (7) against a wall that is as good as rigid: where GSTA rests, which knows nothing of the figure's formula."""
+    """Eq. (7) against a rigid wall, from where GSTA rests against one that gives."""
     impedance = {"impedance.K_f": [0.5, 1.0, 1.0, 1.0, 1.0, 1.0], "impedance.F_d": [-4.0, 0.0, 0.0, 0.0, 0.0, 0.0]}
     trace = simulate(Scenario.load("push_wall", impedance | {"simulation.duration": 1e-3}))
     levels = {name: line.get_ydata()[0] for name, line in lines_of(figures.plot(trace, "force"))}

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from twin import skew
 from uvms_mj.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
-from uvms_mj.frames import skew
 
 vectors = arrays(float, 6, elements=st.floats(-5, 5))
 seeds = st.integers(0, 2**32 - 1)
@@ -77,20 +77,20 @@ def test_damping_dissipates(nu, coefficients):
 def test_restoring_wrench_is_the_gradient_of_the_potential(seed):
     """-g(eta) does the work that weight and buoyancy do: power = -dU/dt by central differences."""
     rng = np.random.default_rng(seed)
-    weight, buoyancy = rng.uniform(10, 100, 2)
+    mass, displaced_mass = rng.uniform(1, 10, 2)
     r_g, r_b, p, nu = rng.normal(size=3), rng.normal(size=3), rng.normal(size=3), rng.normal(size=6)
     R, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     R *= np.linalg.det(R)
-    up = np.array([0.0, 0.0, 1.0])
+    gravity_W = rng.normal(size=3) * 9.81
 
     def potential(h: float) -> float:
         angle = np.linalg.norm(nu[3:]) * h
         axis = skew(nu[3:] / np.linalg.norm(nu[3:]))
         R_h = R @ (np.eye(3) + np.sin(angle) * axis + (1 - np.cos(angle)) * axis @ axis)
         p_h = p + h * R @ nu[:3]
-        return float(weight * up @ (p_h + R_h @ r_g) - buoyancy * up @ (p_h + R_h @ r_b))
+        return float(displaced_mass * gravity_W @ (p_h + R_h @ r_b) - mass * gravity_W @ (p_h + R_h @ r_g))
 
     g_eta = np.empty(6)
-    restoring(weight, buoyancy, r_g, r_b, up, R, g_eta)
+    restoring(mass, displaced_mass, r_g, r_b, gravity_W, R, g_eta)
     h = 1e-5
     assert np.isclose(nu @ g_eta, (potential(h) - potential(-h)) / (2 * h), rtol=1e-6, atol=1e-5)

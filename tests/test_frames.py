@@ -28,6 +28,8 @@ def test_matrices_and_quaternions_are_mujocos(rpy, a):
     quat, R, turned = frames.quat_from_euler_deg(*rpy), np.zeros(9), np.zeros(3)
     mujoco.mju_quat2Mat(R, quat)
     assert np.allclose(frames.rotation_matrix(quat), R.reshape(3, 3), atol=1e-15)
+    many = np.array([[1.0, 0.0, 0.0, 0.0], quat])
+    assert np.allclose(frames.rotation_matrices(many), [np.eye(3), R.reshape(3, 3)], atol=1e-15)
     frames.to_world(R.reshape(3, 3), a, turned)
     assert np.allclose(turned, R.reshape(3, 3) @ a)
     frames.to_body(R.reshape(3, 3), turned, turned)

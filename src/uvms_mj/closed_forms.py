@@ -167,11 +167,9 @@ class _Balance:
 
     def __init__(self, scenario: Scenario, vehicle: Vehicle, design: Design, gravity, in_contact: bool) -> None:
         self.scenario, self.vehicle, self.design, self.in_contact = scenario, vehicle, design, in_contact
-        beta = np.deg2rad(scenario.current.direction_deg)
-        self.v_c_W = scenario.current.speed * np.array([np.cos(beta), np.sin(beta), 0.0])
+        self.v_c_W = np.array(scenario.current.velocity_W)
         self.target = np.array(scenario.reference.steps[-1].position)
-        self.g = float(np.linalg.norm(gravity))
-        self.up_W = -gravity / self.g if self.g else np.array([0.0, 0.0, 1.0])
+        self.gravity_W = gravity
         self.tau_dist = np.array(scenario.disturbance.bias)
         self.A = np.array(scenario.controller.A)
         self.M_d_inv = np.linalg.inv(design.M_d)
@@ -238,8 +236,7 @@ class _Balance:
         d -= term
         damping(vehicle.D_linear, vehicle.D_quadratic, nu_r, term)
         d -= term
-        weight, buoyancy = vehicle.mass * self.g, vehicle.displaced_mass * self.g
-        restoring(weight, buoyancy, vehicle.r_g, vehicle.r_b, self.up_W, R_WB, g_eta)
+        restoring(vehicle.mass, vehicle.displaced_mass, vehicle.r_g, vehicle.r_b, self.gravity_W, R_WB, g_eta)
         return d, g_eta
 
 

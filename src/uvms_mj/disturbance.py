@@ -8,8 +8,7 @@ import numpy as np
 from .certificate import Certificate
 from .control import Gsta
 from .control.loader import has_built_in_law
-from .fossen import restoring
-from .frames import rotation, to_body
+from .frames import rotation_matrices
 from .plant import Plant, build
 from .recording import Status
 from .trace import Trace
@@ -86,7 +85,7 @@ def experienced(trace: Trace) -> Experienced | NotGiven:
     M_hat_inv = np.linalg.inv(plant.design.M_hat)
     varphi = wrench @ M_hat_inv.T
     varphi[:, :3] -= np.array(controller.F_1[:3]) * np.cross(trace.nu[:, 3:], trace.eta_e[:, :3])
-    late = _in_body(_rotations(trace), (trace.f_contact_W - trace.f_contact_m_W).T)
+    late = _in_body(trace, trace.f_contact_W - trace.f_contact_m_W)
     rate, coarser = _rate(trace.t, varphi), _rate(trace.t[::2], varphi[::2])
     largest, seen = (np.abs(each).max(axis=0, initial=1e-300) for each in (rate, coarser))
     doubt = np.maximum(1.0, largest / seen) if trace.header.row_steps > 1 else np.ones(6)
@@ -101,9 +100,7 @@ def lumped_disturbance(trace: Trace, plant: Plant) -> np.ndarray:
     """tau_bar_dist (n, 6) of the paper's eq. (11) [N, N m], estimates minus truth as there."""
     scenario, vehicle, gravity = trace.scenario, plant.vehicle, plant.model.opt.gravity
     factors = scenario.estimates
-    R_WB, nu = _rotations(trace), trace.nu
-    heading = np.deg2rad(scenario.current.direction_deg)
-    nu_c = _in_body(R_WB, scenario.current.speed * np.array([np.cos(heading), np.sin(heading), 0.0]))
+    nu, nu_c = trace.nu, _in_body(trace, np.array(scenario.current.velocity_W))
     nu_c_dot = np.zeros_like(nu_c)
     nu_c_dot[:, :3] = -np.cross(nu[:, 3:], nu_c[:, :3])  # constant in W
 
@@ -115,28 +112,21 @@ def lumped_disturbance(trace: Trace, plant: Plant) -> np.ndarray:
     def damping(nu: np.ndarray) -> np.ndarray:
         return (vehicle.D_linear + vehicle.D_quadratic * np.abs(nu)) * nu  # eq. (33)
 
-    g = float(np.linalg.norm(gravity))
-    up_W, g_eta = -gravity / g if g else np.zeros(3), np.empty((6, len(trace)))
-    restoring(vehicle.mass * g, vehicle.displaced_mass * g, vehicle.r_g, vehicle.r_b, up_W, R_WB, g_eta)
+    g_B = _in_body(trace, gravity)[:, :3]
+    moment = np.cross(vehicle.mass * vehicle.r_g - vehicle.displaced_mass * vehicle.r_b, g_B)
+    g_eta = -np.hstack([(vehicle.mass - vehicle.displaced_mass) * g_B, moment])
     return (
         trace.tau_dist
         + nu_c_dot @ vehicle.M.T
         + (factors.coriolis * coriolis(nu) - coriolis(nu - nu_c))
         + (factors.damping * damping(nu) - damping(nu - nu_c))
         + (factors.inertia - 1.0) * (trace.nu_dot @ vehicle.M.T)
-        + (factors.restoring - 1.0) * g_eta.T
+        + (factors.restoring - 1.0) * g_eta
     )
 
 
-def _rotations(trace: Trace) -> np.ndarray:
-    """R_WB (3, 3, n)."""
-    R_WB = np.empty((3, 3, len(trace)))
-    rotation(trace.quat_WB.T, R_WB)
-    return R_WB
-
-
-def _in_body(R_WB: np.ndarray, a_W: np.ndarray) -> np.ndarray:
-    """(n, 6): a_W (3,) or (3, n) in B, and three zeros."""
-    a_B = np.zeros((6, R_WB.shape[2]))
-    to_body(R_WB, a_W, a_B)
-    return a_B.T
+def _in_body(trace: Trace, a_W: np.ndarray) -> np.ndarray:
+    """(n, 6): a_W, (3,) or (n, 3), in B, and three zeros."""
+    a_B = np.zeros((len(trace), 6))
+    a_B[:, :3] = np.einsum("nij,ni->nj", rotation_matrices(trace.quat_WB), np.broadcast_to(a_W, (len(trace), 3)))
+    return a_B

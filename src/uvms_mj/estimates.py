@@ -9,30 +9,31 @@ import numpy as np
 from .fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from .kernels import kernel
 
-BELIEFS = np.dtype(
+COEFFICIENTS = np.dtype(
     [
-        ("M_RB", "f8", (6, 6)),  # with M_A, the inertia that C_hat is made of
+        ("M_RB", "f8", (6, 6)),
         ("M_A", "f8", (6, 6)),
         ("D_linear", "f8", (6,)),
         ("D_quadratic", "f8", (6,)),
-        ("weight", "f8"),
-        ("buoyancy", "f8"),
+        ("mass", "f8"),
+        ("displaced_mass", "f8"),
         ("r_g", "f8", (3,)),
         ("r_b", "f8", (3,)),
-        ("up_W", "f8", (3,)),
+        ("gravity_W", "f8", (3,)),
     ],
     align=True,
 )
-"""Coefficients, already scaled, from which the estimated wrenches follow."""
+"""What C, D and g of a vehicle are made of, in the units of :class:`uvms_mj.vehicle.Vehicle`; of estimates, already
+scaled."""
 
 
 @kernel
-def estimate(beliefs, signals, work):
-    """Set signals.C_hat_nu, signals.D_hat_nu and signals.g_hat from signals.nu and signals.R_WB; work is (6,)
-    scratch."""
-    coriolis_rigid_body(beliefs.M_RB, signals.nu, signals.C_hat_nu)
-    coriolis_added_mass(beliefs.M_A, signals.nu, work)
+def model_wrenches(coefficients, nu, R_WB, C_nu, D_nu, g_eta, work):
+    """Set C(nu) nu, D(nu) nu and g(eta), (6,) each [N, N m, B], from nu (6,) and R_WB (3, 3); work is (6,) scratch."""
+    coriolis_rigid_body(coefficients.M_RB, nu, C_nu)
+    coriolis_added_mass(coefficients.M_A, nu, work)
     for i in range(6):
-        signals.C_hat_nu[i] += work[i]
-    damping(beliefs.D_linear, beliefs.D_quadratic, signals.nu, signals.D_hat_nu)
-    restoring(beliefs.weight, beliefs.buoyancy, beliefs.r_g, beliefs.r_b, beliefs.up_W, signals.R_WB, signals.g_hat)
+        C_nu[i] += work[i]
+    damping(coefficients.D_linear, coefficients.D_quadratic, nu, D_nu)
+    mass, displaced_mass = coefficients.mass, coefficients.displaced_mass
+    restoring(mass, displaced_mass, coefficients.r_g, coefficients.r_b, coefficients.gravity_W, R_WB, g_eta)

@@ -74,18 +74,18 @@ def damping(D_linear, D_quadratic, nu, out):
 
 
 @kernel
-def restoring(weight, buoyancy, r_g, r_b, up_W, R_WB, out):
-    """out = g(eta) (6,) [N, N m] for weight and buoyancy [N] at r_g and r_b (3,) [m, B]; up_W (3,) is the unit vector
-    against gravity."""
-    k_x = R_WB[0, 0] * up_W[0] + R_WB[1, 0] * up_W[1] + R_WB[2, 0] * up_W[2]
-    k_y = R_WB[0, 1] * up_W[0] + R_WB[1, 1] * up_W[1] + R_WB[2, 1] * up_W[2]
-    k_z = R_WB[0, 2] * up_W[0] + R_WB[1, 2] * up_W[1] + R_WB[2, 2] * up_W[2]
-    m_x = weight * r_g[0] - buoyancy * r_b[0]
-    m_y = weight * r_g[1] - buoyancy * r_b[1]
-    m_z = weight * r_g[2] - buoyancy * r_b[2]
-    out[0] = (weight - buoyancy) * k_x
-    out[1] = (weight - buoyancy) * k_y
-    out[2] = (weight - buoyancy) * k_z
+def restoring(mass, displaced_mass, r_g, r_b, gravity_W, R_WB, out):
+    """out = g(eta) (6,) [N, N m] for the rigid and the displaced mass [kg] at r_g and r_b (3,) [m, B]; gravity_W (3,)
+    [m/s^2]."""
+    k_x = -(R_WB[0, 0] * gravity_W[0] + R_WB[1, 0] * gravity_W[1] + R_WB[2, 0] * gravity_W[2])  # g k in B
+    k_y = -(R_WB[0, 1] * gravity_W[0] + R_WB[1, 1] * gravity_W[1] + R_WB[2, 1] * gravity_W[2])
+    k_z = -(R_WB[0, 2] * gravity_W[0] + R_WB[1, 2] * gravity_W[1] + R_WB[2, 2] * gravity_W[2])
+    m_x = mass * r_g[0] - displaced_mass * r_b[0]
+    m_y = mass * r_g[1] - displaced_mass * r_b[1]
+    m_z = mass * r_g[2] - displaced_mass * r_b[2]
+    out[0] = (mass - displaced_mass) * k_x
+    out[1] = (mass - displaced_mass) * k_y
+    out[2] = (mass - displaced_mass) * k_z
     out[3] = m_y * k_z - m_z * k_y
     out[4] = m_z * k_x - m_x * k_z
     out[5] = m_x * k_y - m_y * k_x

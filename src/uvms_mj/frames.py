@@ -12,15 +12,6 @@ from .kernels import kernel
 
 
 @kernel
-def cross(a, b, out):
-    """out = a x b, three components each."""
-    x = a[1] * b[2] - a[2] * b[1]
-    y = a[2] * b[0] - a[0] * b[2]
-    z = a[0] * b[1] - a[1] * b[0]
-    out[0], out[1], out[2] = x, y, z
-
-
-@kernel
 def to_world(R_WB, a_B, a_W):
     """a_W = R_WB a_B for the first three components."""
     x, y, z = a_B[0], a_B[1], a_B[2]
@@ -103,6 +94,8 @@ def rotation_matrix(quat: np.ndarray) -> np.ndarray:
     return R_WB
 
 
-def skew(a: np.ndarray) -> np.ndarray:
-    """S(a) (3, 3), so that S(a) b = a x b."""
-    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+def rotation_matrices(quat: np.ndarray) -> np.ndarray:
+    """R_WB (n, 3, 3) of unit quaternions (n, 4)."""
+    R_WB = np.empty((3, 3, len(quat)))
+    rotation(quat.T, R_WB)
+    return np.moveaxis(R_WB, 2, 0)

@@ -8,7 +8,7 @@ import numpy as np
 
 from . import closed_forms
 from .design import Design
-from .frames import rotation_matrix
+from .frames import rotation_matrices
 from .recording import Header, Status
 from .signals import FINAL_WINDOW_S
 from .trace import Trace
@@ -130,12 +130,8 @@ def impedance_error(trace: Trace, start: float = 0.0, end: float = np.inf) -> np
     integral[:, 0] = -trace.impulse
     force_W = (integral[last] - integral[first] + 0.5 * h * (f[first] - f[last])) / T
     arm_W = np.array([trace.header.geometry.reach, 0.0, 0.0])
-    R_BW = np.array(
-        [
-            0.5 * (rotation_matrix(trace.quat_WB[a]) + rotation_matrix(trace.quat_WB[b])).T
-            for a, b in zip(first, last, strict=True)
-        ]
-    ).reshape(-1, 3, 3)
+    R_BW = np.swapaxes(rotation_matrices(trace.quat_WB[rows]), 1, 2)
+    R_BW = 0.5 * (R_BW[:-1] + R_BW[1:])
     tau_c = np.hstack([_turned(R_BW, force_W), _turned(R_BW, np.cross(arm_W, force_W))])
     way = trace.p_WB - trace.p_d
     turn = np.array([_turn(trace.quat_WB[a], trace.quat_WB[b]) for a, b in zip(first, last, strict=True)])

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, ConfigDict
@@ -41,6 +42,12 @@ class Initial:
 class Current:
     speed: NonNegative = doc("speed of the ocean current [m/s]", 0.5)
     direction_deg: Real = doc("heading of the current in W, 0 towards the wall, 90 to the left [deg]", 120.0)
+
+    @property
+    def velocity_W(self) -> tuple[float, float, float]:
+        """(3,) velocity of the water in W [m/s]."""
+        heading = math.radians(self.direction_deg)
+        return self.speed * math.cos(heading), self.speed * math.sin(heading), 0.0
 
 
 @dataclass(frozen=True, config=STRICT)

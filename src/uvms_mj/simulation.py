@@ -121,17 +121,15 @@ class _Run:
         gravity = self.plant.model.opt.gravity
         self.analytic = steady_state(scenario, self.plant.vehicle, self.plant.design, gravity)
         self.blocks: deque[np.ndarray] = deque()
-        self.wall_time_s = 0.0
 
     def go(self) -> Trace:
         """Attach the vehicle, step to the end or to whatever stops the run, and make the trace."""
-        plant, current, disturbance = self.plant, self.scenario.current, self.scenario.disturbance
-        beta = np.deg2rad(current.direction_deg)
+        plant, disturbance = self.plant, self.scenario.disturbance
         with attach(
             plant.model,
             self.data,
             plant.vehicle.body,
-            current_W=(current.speed * np.cos(beta), current.speed * np.sin(beta), 0.0),
+            current_W=self.scenario.current.velocity_W,
             bias=disturbance.bias,
             amplitude=disturbance.amplitude,
             frequency_hz=disturbance.frequency_hz,
@@ -183,7 +181,6 @@ class _Run:
         start = time.perf_counter()
         try:
             for done in self._chunks(loop):
-                self.wall_time_s = time.perf_counter() - start
                 if self.progress is not None:
                     self.progress(done, self.scenario.steps)
                 if loop.fault:
@@ -199,8 +196,8 @@ class _Run:
             message = f"t = {loop.time:.6g} s: {_users_line(error.cause, self.scenario.controller)}"
         except Exception as error:
             status, raised, message = Status.interrupted, error, f"t = {loop.time:.6g} s: {error}"
-        self.wall_time_s = time.perf_counter() - start
-        return Outcome(status, message, min(loop.step, self.scenario.steps), self.wall_time_s), raised
+        wall_time_s = time.perf_counter() - start
+        return Outcome(status, message, min(loop.step, self.scenario.steps), wall_time_s), raised
 
     def _chunks(self, loop: ClosedLoop) -> Iterator[int]:
         """Step through the run; after each chunk its rows are taken, whatever happens next."""

@@ -91,7 +91,7 @@ def stamped(frame: str, name: str, count: int) -> Message:
 
 
 def wrench(frame: str, name: str) -> Message:
-    """A WrenchStamped: a signal of six numbers, or a force of three without a torque."""
+    """A WrenchStamped of a signal of six numbers."""
     return stamped(frame, name, 6)
 
 

@@ -60,7 +60,7 @@ class McapLog:
         self._file = FileIO(self.path, "xb")
         self._rows = 0
         self._size = self._crc = 0
-        self._chunks = self._messages = 0
+        self._chunks = 0
         self._end_ns = 0
         self._counts = dict.fromkeys(range(1, len(self.format.topics) + 1), 0)
         self._chunk_indexes = bytearray()

@@ -1,8 +1,7 @@
 """What stands in a log: for each topic its ROS 2 type, its frame and the signals that it carries.
 
 Frames are those of REP 105: ``map`` is W and ``base_link`` is B; ``reference`` is the desired pose and ``wall`` the
-face of the wall, x out of it. A log that ``--log-rate`` gives a row every 1 ms has a message of each topic of
-:func:`sampled` every 1 ms.
+face of the wall, x out of it. Each row of a run is one message of each topic of :func:`sampled`.
 """
 
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..closed_forms import SteadyState
-from ..frames import quat_from_euler_deg, rotation_matrix
+from ..frames import quat_from_euler_deg, rotation_matrices, rotation_matrix
 from ..geometry import Geometry, Shape
 from ..recording import Header
 from ..signals import RUNNING, STATE, Signal
@@ -26,7 +25,6 @@ CURRENT_SCALE = 0.5
 CONTACT_RGBA, THRUST_RGBA, CURRENT_RGBA = (0.85, 0.22, 0.18, 1.0), (0.95, 0.62, 0.10, 1.0), (0.25, 0.55, 0.95, 1.0)
 WALL_RGBA = (0.62, 0.64, 0.66, 1.0)
 WALL_SIZE, WALL_THICKNESS = 1.5, 0.05
-_NO_UNIT = "1"
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +65,7 @@ def sampled(header: Header) -> tuple[Topic, ...]:
         frame = "map" if signal.frame == "W" else "-"
         return topic(f"/running/{signal.name}", "std_msgs/Float64", frame, signal.name, Message().hole(signal.name))
 
-    pose = "m, " + _NO_UNIT
+    pose = "m, 1"
     return (
         Topic(
             "/tf",
@@ -140,8 +138,7 @@ def once(header: Header) -> tuple[tuple[Topic, ...], dict[str, np.ndarray]]:
     """The topics of what is constant, with one message at the start, and what fills their holes."""
     scenario, analytic = header.scenario, header.analytic
     face = scenario.wall.position + header.geometry.reach
-    beta = np.deg2rad(scenario.current.direction_deg)
-    v_c_W = scenario.current.speed * np.array([np.cos(beta), np.sin(beta), 0.0])
+    v_c_W = np.array(scenario.current.velocity_W)
     topics = [
         Topic(
             "/tf_static",
@@ -212,20 +209,9 @@ def arrow_columns(header: Header, row: np.ndarray) -> dict[str, np.ndarray]:
 
 def _contact_wrench(f_W: np.ndarray, quat: np.ndarray, arm: np.ndarray) -> np.ndarray:
     """(n, 6) contact wrench at B's origin, in B; the force acts ``arm`` in front of it, along x of W."""
-    R = rotations(quat)
+    R = rotation_matrices(quat)
     moment_W = np.stack([np.zeros(len(f_W)), -arm * f_W[:, 2], arm * f_W[:, 1]], axis=1)
     return np.concatenate([np.einsum("nij,ni->nj", R, f_W), np.einsum("nij,ni->nj", R, moment_W)], axis=1)
-
-
-def rotations(quat: np.ndarray) -> np.ndarray:
-    """Rotation matrices (n, 3, 3) of unit quaternions (n, 4), w x y z."""
-    w, x, y, z = quat.T
-    rows = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    )
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
 
 
 def _vehicle(geometry: Geometry) -> Message:
@@ -246,7 +232,7 @@ def _vehicle(geometry: Geometry) -> Message:
         else:
             markers.append((shape, ros2.CYLINDER, (2 * a, 2 * a, 2 * b), none, centre))
             if shape.kind == "capsule":
-                along = b * rotations(np.array([shape.quat]))[0, :, 2]
+                along = b * rotation_matrix(np.array(shape.quat))[:, 2]
                 for sign in (-1, 1):
                     end = tuple(map(float, np.array(centre) + sign * along))
                     markers.append((shape, ros2.SPHERE, (2 * a,) * 3, none, end))

@@ -5,6 +5,7 @@ import numpy as np
 
 from ..control.base import Controller
 from ..design import Design
+from ..estimates import COEFFICIENTS
 from ..faults import Fault, InputError
 from ..scenario import Scenario
 from ..sections import Estimates
@@ -14,7 +15,7 @@ from .attachment import Attachment
 from .callback import entry_points
 from .compilation import NotCompiled
 from .laws import compile_law
-from .layouts import BELIEFS, FAULT_COMMAND, FAULT_LAW, FAULT_STATE, LOOP, ROW_SIZE, SIGNALS, SIGNALS_AND_TRUTH
+from .layouts import FAULT_COMMAND, FAULT_LAW, FAULT_STATE, LOOP, ROW_SIZE, SIGNALS, SIGNALS_AND_TRUTH
 
 SPEED_BOUND = (100.0,) * 3 + (200.0,) * 3
 """A vehicle faster than this [m/s, rad/s] is no vehicle any more."""
@@ -67,7 +68,7 @@ class ClosedLoop:
             "epsilon": getattr(self.controller, "epsilon", DEFAULT_EPSILON),  # of each axis
             "speed_bound": SPEED_BOUND,
             "position_bound": POSITION_BOUND,
-            "tau_bound": (TAU_BOUND,) * 6,
+            "tau_bound": TAU_BOUND,
             "reveals": self.controller.uses_truth,
             "integral": self.controller.integral,
             "controls": model.nu,
@@ -80,8 +81,8 @@ class ClosedLoop:
             self._loop[name] = value
         self._loop["row"]["first_contact"] = -1.0
         self._set_task(design)
-        self._set_beliefs("beliefs", vehicle, scenario.estimates, model.opt.gravity)
-        self._set_beliefs("coefficients", vehicle, Estimates(), model.opt.gravity)
+        self._set_coefficients("estimates", vehicle, scenario.estimates, model.opt.gravity)
+        self._set_coefficients("truths", vehicle, Estimates(), model.opt.gravity)
         signals = self._loop["signals"]
         signals["period"] = period_steps * self.timestep
         signals["M_hat"], signals["M_d"], signals["D_d"] = design.M_hat, design.M_d, design.D_d
@@ -129,20 +130,19 @@ class ClosedLoop:
         task["M_d_inv"] = np.linalg.inv(design.M_d)
         task["F_1"], task["F_2"], task["A"] = self.controller.F_1, self.controller.F_2, self.controller.A
 
-    def _set_beliefs(self, record: str, vehicle: Vehicle, factors: Estimates, gravity: np.ndarray) -> None:
-        g = float(np.linalg.norm(gravity))
+    def _set_coefficients(self, record: str, vehicle: Vehicle, factors: Estimates, gravity: np.ndarray) -> None:
         values = {
             "M_RB": factors.coriolis * vehicle.M_RB,
             "M_A": factors.coriolis * vehicle.M_A,
             "D_linear": factors.damping * vehicle.D_linear,
             "D_quadratic": factors.damping * vehicle.D_quadratic,
-            "weight": factors.restoring * vehicle.mass * g,
-            "buoyancy": factors.restoring * vehicle.displaced_mass * g,
+            "mass": factors.restoring * vehicle.mass,
+            "displaced_mass": factors.restoring * vehicle.displaced_mass,
             "r_g": vehicle.r_g,
             "r_b": vehicle.r_b,
-            "up_W": -gravity / g if g else (0.0, 0.0, 1.0),
+            "gravity_W": gravity,
         }
-        assert set(values) == set(BELIEFS.names or ())
+        assert set(values) == set(COEFFICIENTS.names or ())
         for name, value in values.items():
             self._loop[record][name] = value
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..control.task import TASK
-from ..estimates import BELIEFS
+from ..estimates import COEFFICIENTS
 from ..hydrodynamics import WATER
 from ..signals import GIVEN, RUNNING, STATE, TRUTH, record_dtype
 
@@ -60,9 +60,9 @@ LOOP = np.dtype(
         ("epsilon", "f8", (6,)),
         ("speed_bound", "f8", (6,)),
         ("position_bound", "f8"),
-        ("tau_bound", "f8", (6,)),
+        ("tau_bound", "f8"),
         ("task", TASK),
-        ("beliefs", BELIEFS),
+        ("estimates", COEFFICIENTS),
         # MuJoCo's memory
         ("qacc_at", "i8"),
         ("ctrl_at", "i8"),
@@ -86,7 +86,7 @@ LOOP = np.dtype(
         ("tau_cmd_at", "i8"),
         ("signals", SIGNALS),
         ("truth", TRUE_SIGNALS),  # right behind signals
-        ("coefficients", BELIEFS),  # the true ones
+        ("truths", COEFFICIENTS),
         ("reveals", "i8"),  # whether the law is given the truth
         ("integral", "i8"),  # whether s begins at zero, as an integral does
         ("zeta_dot", "f8", (6,)),
@@ -116,7 +116,6 @@ LOOP = np.dtype(
         ("row", ROW),
         # health
         ("fault", "i8"),
-        ("fault_step", "i8"),
         ("fault_index", "i8"),
         ("fault_value", "f8"),
     ],

@@ -8,7 +8,7 @@ when the step is done, so that each row is finished at the next step (or when th
 import math
 
 from ..control.task import nominal_control, pose_errors, sliding_variable
-from ..estimates import estimate
+from ..estimates import model_wrenches
 from ..frames import body_acceleration, body_velocity, rotation, to_body
 from ..hydrodynamics import disturbance
 from ..kernels import kernel
@@ -65,14 +65,22 @@ def sense(context, loop):
     )
     measure_contact(loop, signals)
     pose_errors(signals)
-    estimate(loop.beliefs, signals, loop.task.work)
+    model_wrenches(
+        loop.estimates,
+        signals.nu,
+        signals.R_WB,
+        signals.C_hat_nu,
+        signals.D_hat_nu,
+        signals.g_hat,
+        loop.task.work,
+    )
     if loop.integral != 0 and loop.step == 0:
         for i in range(6):  # s = 0 in eq. (14)
             signals.zeta[i] = -(signals.nu_e[i] + loop.task.F_1[i] * signals.eta_e[i]) / loop.task.F_2[i]
     sliding_variable(loop.task, signals, loop.zeta_dot)
     nominal_control(loop.task, signals)
     if loop.reveals != 0:
-        reveal(loop.coefficients, context.water, signals, loop.truth, loop.task.work)
+        reveal(loop.truths, context.water, signals, loop.truth, loop.task.work)
 
 
 @kernel
@@ -140,7 +148,6 @@ def fail(loop, kind, index, value):
         loop.fault = kind
         loop.fault_index = index
         loop.fault_value = value
-        loop.fault_step = loop.step
 
 
 @kernel
@@ -165,7 +172,7 @@ def control(loop):
             fail(loop, FAULT_LAW, 0, 0.0)
             return
     for i in range(6):
-        if not abs(loop.tau_cmd[i]) <= loop.tau_bound[i]:
+        if not abs(loop.tau_cmd[i]) <= loop.tau_bound:
             fail(loop, FAULT_COMMAND, i, loop.tau_cmd[i])
             return
     allocate(loop)

@@ -11,8 +11,8 @@ import numpy as np
 import rerun as rr
 
 from ..closed_forms import SteadyState
-from ..frames import quat_from_euler_deg
-from ..mcap_log.topics import WALL_RGBA, WALL_THICKNESS, rotations
+from ..frames import quat_from_euler_deg, rotation_matrices
+from ..mcap_log.topics import WALL_RGBA, WALL_THICKNESS
 from ..recording import Header
 from ..signals import Signal
 from .solids import solids
@@ -158,7 +158,7 @@ class Run:
         tip = p + np.array([self.header.geometry.reach, 0.0, 0.0])
         # with its head where the force acts: its tail would lie in the vehicle
         self._arrow("contact force", t, tip - ARROW_SCALE * f_W, f_W, tip + _ABOVE)
-        thrust_W = np.einsum("nij,nj->ni", rotations(quat), values["tau"][:, :3])
+        thrust_W = np.einsum("nij,nj->ni", rotation_matrices(quat), values["tau"][:, :3])
         self._arrow("thrust", t, p, thrust_W, p + ARROW_SCALE * thrust_W - 0.4 * _ABOVE)
 
     def _arrow(self, name: str, t: np.ndarray, start: np.ndarray, force: np.ndarray, text_at: np.ndarray) -> None:
@@ -200,8 +200,7 @@ class Run:
         self._log(("world", "wall"), wall)
         self._arrow_style("contact force", self.colour or CONTACT)
         self._arrow_style("thrust", self.colour or THRUST)
-        beta = np.deg2rad(scenario.current.direction_deg)
-        v_c_W = scenario.current.speed * np.array([np.cos(beta), np.sin(beta), 0.0])
+        v_c_W = np.array(scenario.current.velocity_W)
         if v_c_W.any():
             start = np.array([0.4 * face, 0.0, 0.5])
             arrow = rr.Arrows3D(
