@@ -1,5 +1,6 @@
 """Shared fixtures. Runs of the paper's scenario are made once for all tests that look at them."""
 
+import signal
 from functools import cache
 from typing import Any
 
@@ -11,6 +12,18 @@ from uvms_mj import Scenario, Trace, simulate
 
 settings.register_profile("here", deadline=None, max_examples=25, derandomize=True)
 settings.load_profile("here")
+
+
+_HANDLERS = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+
+@pytest.fixture(autouse=True)
+def _signals():
+    """A command that runs in this process takes its signals."""
+    yield
+    for number, handler in _HANDLERS.items():
+        signal.signal(number, handler)
+    signal.set_wakeup_fd(-1)
 
 
 @cache

@@ -467,7 +467,6 @@ def test_the_papers_gains_are_not_certified_in_yaw_and_gains_for_its_rate_are(pa
 @pytest.fixture
 def command(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("signal.signal", lambda *_: None)
     return lambda *arguments: CliRunner().invoke(certify, [str(a) for a in arguments])
 
 

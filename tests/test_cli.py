@@ -32,10 +32,7 @@ def run(*arguments, cwd, command=COMMAND, **options):
 def here(tmp_path, monkeypatch):
     """Run the command in this process: a function of its arguments that gives exit code, standard output and error."""
     monkeypatch.chdir(tmp_path)
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield lambda *arguments: CliRunner().invoke(main, [str(a) for a in arguments])
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
+    return lambda *arguments: CliRunner().invoke(main, [str(a) for a in arguments])
 
 
 def no_constants(name):
@@ -285,11 +282,108 @@ def test_what_hangs_at_its_end_can_be_stopped(tmp_path):
             time.sleep(1.0)
             print("still here", flush=True)
             signal.raise_signal(signal.SIGINT)
+            time.sleep(30.0)
             print("not here")
     """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert done.returncode == -signal.SIGINT
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 128 + signal.SIGINT
     assert done.stdout == "still here\n"
+
+
+ENDLESS = """
+from dataclasses import dataclass
+
+from uvms_mj import Controller
+
+
+@dataclass(frozen=True)
+class Endless(Controller):
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        tau_cmd[:] = 0.0
+        while signals.t > 0.02:
+            tau_cmd[0] += 1.0
+"""
+
+
+def test_a_law_that_loops_for_ever_can_be_stopped(tmp_path):
+    """Machine code that never comes back to Python: the second signal is another thread's."""
+    (tmp_path / "law.py").write_text(ENDLESS)
+    code = """if True:
+        import os, signal, sys, threading, time
+        from uvms_mj.cli import main
+        from uvms_mj.cli.common import Stop
+        Stop._PATIENCE_S = 0.5
+
+        def send():
+            while not os.path.exists("here/run.mcap"):
+                time.sleep(0.1)
+            for _ in range(2):
+                time.sleep(2.0)
+                os.kill(os.getpid(), signal.SIGTERM)
+
+        threading.Thread(target=send, daemon=True).start()
+        main(["run", "-c", "law.py:Endless", "-o", "here"])
+    """
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, timeout=120)
+    assert done.returncode == 128 + signal.SIGTERM, done.stderr
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("run", "-o", "LONG"),
+        ("run", "--from", "LONG"),
+        ("run", "LONG.toml"),
+        ("run", "-c", "LONG.py:Law"),
+        ("run", "vehicle.model=LONG.xml"),
+        ("info", "LONG"),
+        ("plot", "LONG", "--out", "LONG.png"),
+        ("compare", "LONG", "--out", "LONG.html"),
+        ("export", "LONG", "--to", "csv"),
+        ("replay", "LONG", "--save", "LONG.rrd"),
+        ("certify", "--from", "LONG"),
+        ("paper", "--from", "LONG"),
+        ("paper", "-o", "LONG"),
+    ],
+)
+def test_a_place_that_cannot_be_looked_at_is_named_in_one_line(here, arguments):
+    """As a folder of somebody else's, but root may look everywhere: a name that no file system takes."""
+    done = here(*(argument.replace("LONG", 300 * "a") for argument in arguments))
+    assert done.exit_code == 2, done.output
+    assert "File name too long" in done.stderr
+    assert "aaa" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "arguments", [("run", "-o", ""), ("paper", "-o", ""), ("export", "x", "--out", ""), ("replay", "x", "--save", "")]
+)
+def test_an_empty_name_is_no_place(here, tmp_path, arguments):
+    done = here(*arguments)
+    assert done.exit_code == 2
+    assert "must not be empty" in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")
+def test_an_output_that_takes_nothing_is_said_in_one_line(tmp_path):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([*COMMAND, "keys"], stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert done.returncode == 2
+    assert done.stderr == "error: No space left on device\n"
+
+
+@pytest.mark.parametrize("command", ["info", "export", "plot", "compare", "replay"])
+def test_an_interrupt_of_any_command_is_no_failure(here, monkeypatch, command):
+    def interrupted(path):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("uvms_mj.mcap_log.read", interrupted)
+    monkeypatch.setattr(Trace, "load", interrupted)
+    done = here(command, "run.mcap", *(("--to", "csv") if command == "export" else ()))
+    assert done.exit_code == 130
+    assert done.stderr.strip() in ("interrupted", "stopped")
 
 
 def test_help_teaches_and_lists(here):

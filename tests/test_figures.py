@@ -263,7 +263,7 @@ def test_the_force_that_is_expected_knows_a_force_reference():
     """Eq. (7) against a rigid wall, from where GSTA rests against one that gives."""
     impedance = {"impedance.K_f": [0.5, 1.0, 1.0, 1.0, 1.0, 1.0], "impedance.F_d": [-4.0, 0.0, 0.0, 0.0, 0.0, 0.0]}
     trace = simulate(Scenario.load("push_wall", impedance | {"simulation.duration": 1e-3}))
-    levels = {name: line.get_ydata()[0] for name, line in lines_of(figures.plot(trace, "force"))}
+    levels = {name: line.get_ydata()[0] for name, line in lines_of(figures.plot({"gsta": trace}, "force"))}
     give = 0.5 / 150.0
     rigid = trace.analytic.force * (give + 1e-5) / give  # two springs in a row: the wall's own gives 1e-5 m/N
     assert levels["expected"] == pytest.approx(rigid, rel=1e-9)
@@ -362,20 +362,28 @@ def test_what_is_wrong_is_said(traces, fine):
         figures.plot({str(i): traces["gsta"] for i in range(100)}, "tau")
 
 
-def test_an_inset_without_a_place_is_left_out_and_the_panel_stays_as_it_was(traces, rng):
+def test_an_inset_gets_some_room_and_is_left_out_where_that_is_not_enough(traces, rng):
     n = 20_000
-    everywhere = rng.uniform(-1.0, 1.0, size=(n, 6))
-    arrays = MappingProxyType({"t": np.arange(n) * 1e-4, "tau": everywhere})
     header = dataclasses.replace(traces["gsta"].header, row_steps=1)
-    full = dataclasses.replace(traces["gsta"], header=header, arrays=arrays)
-    (ax,) = figures.plot({"full": full}, "tau").axes
-    (inset,) = ax.child_axes
-    assert ax.get_ylim()[1] > 1.5  # more room above
-    assert inset.get_xlim() == (0.0, figures.TRANSIENT_S)
-    with patch("uvms_mj.figures.lines._corner", lambda ax, inset: None):
+
+    def drawn(highest):
+        """A panel that is full up to 1 for a while, and then up to ``highest``."""
+        tau = rng.uniform(-1.0, 1.0, size=(n, 6))
+        tau[n // 4 :] = rng.uniform(-1.0, highest, size=(n - n // 4, 6))
+        arrays = MappingProxyType({"t": np.arange(n) * 1e-4, "tau": tau})
+        full = dataclasses.replace(traces["gsta"], header=header, arrays=arrays)
         (ax,) = figures.plot({"full": full}, "tau").axes
-    assert not ax.child_axes
-    assert ax.get_ylim()[1] < 1.2
+        return ax
+
+    for highest, top in ((-0.5, 1.2), (0.1, 2.2)):
+        ax = drawn(highest)
+        (inset,) = ax.child_axes
+        assert inset.get_xlim() == (0.0, figures.TRANSIENT_S)
+        assert 1.0 < ax.get_ylim()[1] < top
+    assert drawn(0.1).get_ylim()[1] > 1.2
+    full = drawn(1.0)
+    assert not full.child_axes
+    assert full.get_ylim()[1] < 1.2
 
 
 # Files

@@ -211,6 +211,22 @@ def test_impedance_error_is_not_given_where_friction_between_rows_is_unknown():
     assert np.isfinite(metrics.impedance_error(some, 0.0, 0.5 * float(some.first_contact[-1]))).all()
 
 
+@pytest.mark.parametrize("start", [1.23, 1.6, 2.9])
+def test_impedance_error_is_the_mean_of_eq_12_at_every_step_also_while_the_reference_moves(start):
+    scenario = Scenario.load("push_wall", {"simulation.duration": 3.0, "reference.bandwidth": 3.0})
+    trace = simulate(scenario, Gsta(), log_rate="full")
+    h = scenario.simulation.timestep
+    design, first = metrics.design_of(trace), round(start / h)
+    window = slice(first, first + 100)
+    nu_e_dot = np.diff(trace.nu_e, axis=0)[window] / h
+    residual = nu_e_dot @ design.M_d.T + trace.nu_e[window] @ design.D_d.T + trace.eta_e[window] @ design.K_d.T
+    expected = np.abs(residual.mean(axis=0))
+    assert np.abs(residual).max() > 1e-3
+    for each in (trace, decimated(trace, 10)):
+        error = metrics.impedance_error(each, trace.t[first], trace.t[first + 100])
+        assert error[:3] == pytest.approx(expected[:3], abs=2e-5)
+
+
 def test_at_rest_super_twisting_leaves_nothing_of_eq_12_over_at_any_log_rate(paper_run):
     trace = paper_run("gsta")
     for each in (trace, decimated(trace, 10), decimated(trace, 100)):

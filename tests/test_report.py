@@ -4,7 +4,6 @@ import csv
 import dataclasses
 import json
 import re
-import signal
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -81,10 +80,7 @@ def complete_by_itself(text: str) -> Page:
 def command(tmp_path, monkeypatch):
     """A function of a command and its arguments that runs it in this process, in a folder of its own."""
     monkeypatch.chdir(tmp_path)
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield lambda which, *arguments: CliRunner().invoke(which, [str(a) for a in arguments])
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
+    return lambda which, *arguments: CliRunner().invoke(which, [str(a) for a in arguments])
 
 
 @pytest.fixture(scope="module")
@@ -170,11 +166,7 @@ def test_a_run_that_is_empty_or_broke_off_has_a_page(trace, picture):
 def results(tmp_path_factory):
     """``uvms-mj paper`` of a run that is over before anything of the paper's has happened."""
     folder = tmp_path_factory.mktemp("paper") / "results"
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    done = CliRunner().invoke(paper, ["--out", str(folder), *SHORT])
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
-    return folder, done
+    return folder, CliRunner().invoke(paper, ["--out", str(folder), *SHORT])
 
 
 def test_paper_writes_what_it_says(results):

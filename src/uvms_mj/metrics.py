@@ -113,12 +113,13 @@ def impedance_error(trace: Trace, start: float = 0.0, end: float = np.inf) -> np
     .. math:: r_j = \frac{1}{T} \int_{t_j}^{t_j + T} (M_d \dot{\tilde\nu} + D_d \tilde\nu + K_d \tilde\eta
               - K_f (\tau_c - F_d)) \, dt, \qquad \sqrt{\tfrac{1}{n} \sum_j r_j^2}
 
-    No acceleration, and no step between two rows, is sampled, but their sums are: that of nu_dot is the difference of
-    nu_e, that of the normal force the running impulse, that of nu_e the way from row to row (nu of a step moves the
-    vehicle to the next one, so that a sum from the left lacks the last and has the first). All three are exact, also
-    where s changes its sign with every step. eta_e and the turn of B are of rows, by the trapezoidal rule: at rest any
-    log rate will do, for an impact 1 kHz or more. So is friction, which may change its sign with every step: against a
-    wall that has it, a log that lacks steps gives nan where friction enters.
+    No acceleration, and no step between two rows, is sampled, but their sums are: that of nu_dot is the difference
+    of nu_e, that of the normal force the running impulse, that of nu_e the way from row to row. All three are
+    exact, also where s changes its sign with every step: a sum over steps has nu at their beginning, while the
+    vehicle moves by nu at their end (h nu is what its way has more), and the reference by the mean of both (h/2
+    nu_d). eta_e and the turn of B are of rows, by the trapezoidal rule: at rest any log rate will do, for an impact
+    1 kHz or more. So is friction, which may change its sign with every step: against a wall that has it, a log that
+    lacks steps gives nan where friction enters.
     """
     design, h = design_of(trace), trace.scenario.simulation.timestep
     rows = _grid(trace, start, end)
@@ -130,14 +131,17 @@ def impedance_error(trace: Trace, start: float = 0.0, end: float = np.inf) -> np
     integral[:, 0] = -trace.impulse
     force_W = (integral[last] - integral[first] + 0.5 * h * (f[first] - f[last])) / T
     arm_W = np.array([trace.header.geometry.reach, 0.0, 0.0])
-    R_BW = np.swapaxes(rotation_matrices(trace.quat_WB[rows]), 1, 2)
-    R_BW = 0.5 * (R_BW[:-1] + R_BW[1:])
+    R_WB = rotation_matrices(trace.quat_WB[rows])
+    R_BW = 0.5 * np.swapaxes(R_WB[:-1] + R_WB[1:], 1, 2)
     tau_c = np.hstack([_turned(R_BW, force_W), _turned(R_BW, np.cross(arm_W, force_W))])
-    way = trace.p_WB - trace.p_d
+    v_W = _turned(R_WB, trace.nu[rows, :3])
+    ahead_W = h * np.diff(v_W, axis=0) - 0.5 * h * np.diff(trace.p_d_dot[rows], axis=0)
+    way_W = np.diff((trace.p_WB - trace.p_d)[rows], axis=0) - ahead_W
+    change = np.diff(trace.nu_e[rows], axis=0)
     turn = np.array([_turn(trace.quat_WB[a], trace.quat_WB[b]) for a, b in zip(first, last, strict=True)])
-    change = trace.nu_e[last] - trace.nu_e[first]
-    nu_e = (np.hstack([_turned(R_BW, way[last] - way[first]), turn.reshape(-1, 3)]) - h * change) / T
-    eta_e = np.diff(_cumulative(trace.t, trace.eta_e)[rows], axis=0) / T
+    nu_e = np.hstack([_turned(R_BW, way_W), turn.reshape(-1, 3) - h * change[:, 3:]]) / T
+    sums = np.diff(_cumulative(trace.t, trace.eta_e)[rows], axis=0) - 0.5 * h * np.diff(trace.eta_e[rows], axis=0)
+    eta_e = sums / T
     wanted = change / T @ design.M_d.T + nu_e @ design.D_d.T + eta_e @ design.K_d.T
     impedance = trace.scenario.impedance
     residual = wanted - np.array(impedance.K_f) * (tau_c - np.array(impedance.F_d))

@@ -9,6 +9,9 @@ from types import MappingProxyType
 
 import numpy as np
 
+OWN_UNIT = "law's own"
+"""Of a law's state whose unit the law does not declare."""
+
 
 @dataclass(frozen=True)
 class Signal:

@@ -1,11 +1,16 @@
 """The command line. What is heavy is imported where it is used, so that ``--help`` is quick."""
 
+import contextlib
+import errno
 import io
+import os
 import sys
+from typing import Any
 
 import click
 
 from .certify import certify
+from .common import EXIT_BAD_INPUT, EXIT_INTERRUPTED, end
 from .compare import compare
 from .listing import controllers, keys
 from .logs import export, info, replay
@@ -14,7 +19,23 @@ from .plot import plot
 from .run import run
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+class _Commands(click.Group):
+    def invoke(self, ctx: click.Context) -> Any:
+        """What no command has dealt with itself: an interrupt, and files that can't be looked at or written."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            end("interrupted", EXIT_INTERRUPTED)
+        except OSError as error:
+            if error.errno == errno.EPIPE:  # whoever read the output has enough
+                raise
+            place = f"{error.filename}: " if error.filename is not None else ""
+            with contextlib.suppress(OSError, ValueError):  # what is left for standard output has nowhere to go
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            end(f"error: {place}{error.strerror or error}", EXIT_BAD_INPUT)
+
+
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(package_name="uvms-mj")
 def main() -> None:
     """A MuJoCo physics testbed for underwater vehicles that must touch things.

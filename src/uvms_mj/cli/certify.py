@@ -16,6 +16,7 @@ from .common import (
     bad_input,
     end,
     json_option,
+    path_option,
     quiet_option,
     scenario_argument,
     set_option,
@@ -33,7 +34,7 @@ _AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 @scenario_argument
 @click.option("-c", "--controller", metavar="LAW", help="gsta or sta, the laws that there is a certificate for.")
 @set_option
-@click.option("--from", "log", metavar="LOG", help="Take the samples and gains of a log, run.mcap, instead of running.")
+@path_option("--from", "log", metavar="LOG", help="Take the samples and gains of a log, run.mcap, instead of running.")
 @click.option("--rate", type=float, metavar="L", help="Print gains for a disturbance's rate [m/s^3]; nothing is run.")
 @click.option("--state", type=float, metavar="L_S", help="... and for the part that grows with |s| [1/s^2], with beta.")
 @json_option

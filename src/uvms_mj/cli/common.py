@@ -6,8 +6,11 @@ import logging
 import os
 import signal
 import sys
+import tempfile
+import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
 from typing import Any, NoReturn
 
 import click
@@ -31,6 +34,17 @@ json_option = click.option(
 quiet_option = click.option("-q", "--quiet", is_flag=True, help="No progress bar and no table.")
 
 
+def _named(context: click.Context, option: click.Parameter, value: str | None) -> str | None:
+    if value == "":
+        raise click.BadParameter("must not be empty")
+    return value
+
+
+def path_option(*names: str, **attributes: Any) -> Any:
+    """An option that names a file or a folder."""
+    return click.option(*names, callback=_named, **attributes)
+
+
 def asked_for(arguments: Sequence[str], settings: Sequence[str]) -> tuple[str | None, dict[str, Any]]:
     """The scenario that is named, if any, and what replaces its keys.
 
@@ -51,24 +65,36 @@ class Stop:
     """Ctrl-C and SIGTERM: the first is raised where the program is, and at the next chunk should it get lost; one that
     comes when the end has taken too long, as on a disk that hangs, ends the program at once.
 
-    Python code that C calls back can't pass an exception on, as when LLVM reports a finished object.
+    Lost it gets in Python code that C calls back, which can't pass an exception on, as when LLVM reports a finished
+    object. And the main thread may never come back from machine code, as that of a law that loops for ever: so it is
+    another thread that ends the program.
     """
 
     _PATIENCE_S = 5.0
 
     def __init__(self) -> None:
         self.requested = False
-        self._requested_at = 0.0
+        read_end, write_end = os.pipe()
+        os.set_blocking(write_end, False)
+        signal.set_wakeup_fd(write_end, warn_on_full_buffer=False)
+        threading.Thread(target=self._watch, args=(read_end,), name="uvms-mj signals", daemon=True).start()
         for each in (signal.SIGINT, signal.SIGTERM):
             signal.signal(each, self._on_signal)
 
     def _on_signal(self, number: int, frame: Any) -> None:
         if not self.requested:
-            self.requested, self._requested_at = True, time.monotonic()
+            self.requested = True
             raise KeyboardInterrupt
-        if time.monotonic() - self._requested_at > self._PATIENCE_S:
-            signal.signal(number, signal.SIG_DFL)
-            signal.raise_signal(number)
+
+    def _watch(self, read_end: int) -> None:
+        """C tells of a signal here at once, whatever the main thread is doing."""
+        first = None
+        while number := os.read(read_end, 1):
+            if number[0] in (signal.SIGINT, signal.SIGTERM):
+                now = time.monotonic()
+                first = now if first is None else first
+                if now - first > self._PATIENCE_S:
+                    os._exit(128 + number[0])
 
     def check(self) -> None:
         if self.requested:
@@ -78,6 +104,37 @@ class Stop:
         """What was computed is being written; that takes less than the patience of whoever sent a signal."""
         for each in (signal.SIGINT, signal.SIGTERM):
             signal.signal(each, signal.SIG_IGN)
+
+
+def folder_for(name: str) -> Path:
+    """A folder, made and writable, before anything is computed.
+
+    Raises:
+        InputError: it can't be.
+    """
+    from ..faults import InputError
+
+    folder = Path(name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise InputError(f"--out {name}: can't write there: {error.strerror}") from None
+    return folder
+
+
+def move_aside(folder: Path, paths: Iterable[Path], what: str) -> None:
+    """Nothing that was recorded is overwritten, and nothing that was drawn from it is left beside other logs."""
+    earlier = [path for path in paths if path.exists()]
+    if earlier:
+        n = 1
+        while (aside := folder / f"earlier-{n}").exists():
+            n += 1
+        aside.mkdir()
+        for path in earlier:
+            path.rename(aside / path.name)
+        click.echo(f"note: {what} in {folder} was moved to {aside}", err=True)
 
 
 def draw_to_files() -> None:

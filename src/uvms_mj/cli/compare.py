@@ -4,13 +4,13 @@ from pathlib import Path
 
 import click
 
-from .common import bad_input, draw_to_files
+from .common import bad_input, draw_to_files, path_option
 from .logs import labels, say_if_truncated
 
 
 @click.command()
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...")
-@click.option(
+@path_option(
     "-o",
     "--out",
     default="compare.html",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..console import Console, log_tables, printable
-from .common import EXIT_INTERRUPTED, Stop, bad_input, end, json_option
+from .common import EXIT_INTERRUPTED, Stop, bad_input, end, json_option, path_option
 
 if TYPE_CHECKING:
     from ..trace import Trace
@@ -57,7 +57,7 @@ def info(log: str, show: str | None, as_json: bool) -> None:
 @click.command()
 @click.argument("log", metavar="LOG")
 @click.option("--to", "kind", type=click.Choice(FORMATS), help="Format [default: from the name of --out].")
-@click.option("-o", "--out", metavar="FILE", help="A file that does not exist yet [default: beside the log].")
+@path_option("-o", "--out", metavar="FILE", help="A file that does not exist yet [default: beside the log].")
 def export(log: str, kind: str | None, out: str | None) -> None:
     """Write a log's samples in another format, with their units.
 
@@ -73,6 +73,8 @@ def export(log: str, kind: str | None, out: str | None) -> None:
         suffix = Path(out or "").suffix.lower().removeprefix(".")
         if kind is None and suffix not in FORMATS:
             raise InputError(f"--to: name a format, one of {', '.join(FORMATS)}")
+        if suffix in FORMATS and kind not in (None, suffix):
+            raise InputError(f"--out {out}: is no name for --to {kind}; end it in .{kind}")
         kind = kind or suffix
         path = Path(out) if out is not None else Path(log).with_suffix(f".{kind}")
         trace = Trace.load(log)
@@ -83,7 +85,7 @@ def export(log: str, kind: str | None, out: str | None) -> None:
 
 @click.command()
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...")
-@click.option("--save", metavar="FILE.rrd", help="Write a Rerun recording with its layout instead.")
+@path_option("--save", metavar="FILE.rrd", help="Write a Rerun recording with its layout instead.")
 @click.option("--web", is_flag=True, help="Serve the web viewer on 127.0.0.1 instead, until Ctrl-C.")
 def replay(logs: tuple[str, ...], save: str | None, web: bool) -> None:
     """Look at a log in the Rerun viewer; several logs are shown together, each in its colour.

@@ -20,7 +20,10 @@ from .common import (
     bad_input,
     draw_to_files,
     end,
+    folder_for,
     json_option,
+    move_aside,
+    path_option,
     scenario_argument,
     set_option,
 )
@@ -38,8 +41,8 @@ _DERIVED = ("claims.csv", "claims.json", "report.html")
 )
 @scenario_argument
 @set_option
-@click.option("-o", "--out", metavar="DIR", help="Where everything goes; needed unless --from is given.")
-@click.option("--from", "source", metavar="DIR", help="Redraw from DIR/logs without running, into DIR or --out.")
+@path_option("-o", "--out", metavar="DIR", help="Where everything goes; needed unless --from is given.")
+@path_option("--from", "source", metavar="DIR", help="Redraw from DIR/logs without running, into DIR or --out.")
 @json_option
 def paper(
     arguments: tuple[str, ...], settings: tuple[str, ...], out: str | None, source: str | None, as_json: bool
@@ -72,13 +75,13 @@ def paper(
                 logs = Path(source) / "logs"
                 runs = study.load(logs, study.plan(Scenario()))
                 running = False
-                folder = _folder(out if out is not None else source)
+                folder = folder_for(out if out is not None else source)
             else:
                 if out is None:
                     raise InputError("--out DIR is missing: where shall the logs and the report go?")
                 name, overrides = asked_for(arguments, settings)
                 jobs = study.plan(Scenario.load(name or "push_wall", overrides))
-                folder = _folder(out)
+                folder = folder_for(out)
                 logs = folder / "logs"
                 _move_aside(folder)
                 logs.mkdir()
@@ -124,33 +127,10 @@ def _write(folder: Path, runs: "Runs", progress: Callable[[int, int], None]) -> 
     return rows
 
 
-def _folder(name: str) -> Path:
-    """A folder, made, before anything is computed."""
-    from ..faults import InputError
-
-    folder = Path(name)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{name}: can't write there: {error.strerror}") from None
-    if not os.access(folder, os.W_OK):
-        raise InputError(f"{name}: can't write there")
-    return folder
-
-
 def _move_aside(folder: Path) -> None:
-    """Nothing that was recorded is overwritten, and nothing that was drawn from it is left beside other logs."""
     names = [folder / name for name in ("logs", *_DERIVED)]
     names += [path for pattern in ("fig??.*", "overview.*") for path in folder.glob(pattern)]
-    earlier = [path for path in names if path.exists()]
-    if earlier:
-        n = 1
-        while (aside := folder / f"earlier-{n}").exists():
-            n += 1
-        aside.mkdir()
-        for path in earlier:
-            path.rename(aside / path.name)
-        click.echo(f"note: what an earlier call left in {folder} was moved to {aside}", err=True)
+    move_aside(folder, names, "what an earlier call left")
 
 
 @contextlib.contextmanager

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from .common import bad_input, draw_to_files
+from .common import bad_input, draw_to_files, path_option
 
 WHATS = ("position", "force", "sliding", "tau", "integral", "summary")
 """Those of :mod:`uvms_mj.figures`, which takes longer to import than ``--help`` may."""
@@ -14,7 +14,7 @@ FORMATS = ("png", "svg", "pdf")
 @click.command()
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...")
 @click.option("--what", type=click.Choice(WHATS), default="summary", show_default=True, help="What to draw.")
-@click.option(
+@path_option(
     "-o", "--out", metavar="FILE", help="A .png, .svg or .pdf that does not exist yet [default: WHAT.png beside LOG]."
 )
 def plot(logs: tuple[str, ...], what: str, out: str | None) -> None:

@@ -18,7 +18,10 @@ from .common import (
     asked_for,
     bad_input,
     end,
+    folder_for,
     json_option,
+    move_aside,
+    path_option,
     quiet_option,
     scenario_argument,
     set_option,
@@ -36,8 +39,8 @@ if TYPE_CHECKING:
     "-c", "--controller", metavar="LAW", help="gsta, sta, fosm, impedance, ideal, or path/to/my_law.py:MyLaw."
 )
 @set_option
-@click.option("--from", "log", metavar="LOG", help="Repeat the run of a log, run.mcap, with its scenario and vehicle.")
-@click.option("-o", "--out", metavar="DIR", help="Where files go [default: runs/<time>-<scenario>-<controller>].")
+@path_option("--from", "log", metavar="LOG", help="Repeat the run of a log, run.mcap, with its scenario and vehicle.")
+@path_option("-o", "--out", metavar="DIR", help="Where files go [default: runs/<time>-<scenario>-<controller>].")
 @click.option("--log-rate", metavar="HZ|full", help="Samples a second; must divide the step rate [default: 1 kHz].")
 @click.option("--viewer", is_flag=True, help="Open the Rerun viewer and stream to it while the run goes on.")
 @json_option
@@ -171,7 +174,7 @@ def _simulate(
         except OSError as raised:
             from ..faults import InputError
 
-            raise InputError(f"--out {folder}: can't write there: {raised.strerror}") from None
+            raise InputError(f"{raised.filename or f'--out {folder}'}: {raised.strerror}") from None
     stop.ignore()
     report = summary(trace, {kind: str(path) for kind, path in files.items() if path.exists()})
     console.report(trace, report)
@@ -191,15 +194,7 @@ class _Folder:
         self.folder, self.files = folder, files
 
     def begin(self, header: "Header") -> None:
-        earlier = [path for path in self.files.values() if path.exists()]
-        if earlier:
-            n = 1
-            while (aside := self.folder / f"earlier-{n}").exists():
-                n += 1
-            aside.mkdir()
-            for path in earlier:
-                path.rename(aside / path.name)
-            click.echo(f"note: the earlier run in {self.folder} was moved to {aside}", err=True)
+        move_aside(self.folder, self.files.values(), "the earlier run")
         self.files["scenario"].write_text(header.scenario.to_toml(), encoding="utf-8")
 
     def write(self, rows: Any) -> None:
@@ -212,12 +207,7 @@ class _Folder:
 def _output_folder(out: str | None, scenario: "Scenario") -> tuple[Path, list[Path]]:
     """The folder of a run, made and writable, before anything is computed; and what was made for it, inner first."""
     import datetime
-    import tempfile
 
-    from ..faults import InputError
-
-    if out == "":
-        raise InputError("--out '': must name a folder")
     if out is not None:
         folder = Path(out)
     else:
@@ -227,14 +217,8 @@ def _output_folder(out: str | None, scenario: "Scenario") -> tuple[Path, list[Pa
         folder, n = stem, 2
         while folder.exists():
             folder, n = stem.with_name(f"{stem.name}-{n}"), n + 1
-    made = [path for path in (folder, *folder.parents) if not path.exists()]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise InputError(f"--out {folder}: can't write there: {error.strerror}") from None
-    return folder, made
+    made = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
+    return folder_for(str(folder)), made
 
 
 def _remove_if_empty(folders: list[Path]) -> None:

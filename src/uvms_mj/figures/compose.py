@@ -117,9 +117,9 @@ def _overview(numbered: Mapping[int, tuple[str, Panel]]) -> Figure:
     figure = Figure(figsize=(PAGE_IN, 7.6))
     axes = list(figure.subplots(4, 3).flat)
     for ax, i in zip(axes, order, strict=True):
-        title, panel = numbered[i]
+        title, _ = numbered[i]
         ax.set_title(f"{i}  {title}")
-        _fill([[(ax, panel)]])
+    _fill([[(ax, numbered[i][1])] for ax, i in zip(axes, order, strict=True)])
     _only_below(axes[column::3] for column in range(3))
     _finish(figure, axes, panels.pair_handles()[3:])
     return figure
@@ -211,17 +211,22 @@ def _by_quantity(cells: Iterable[tuple[Axes, Panel]]) -> list[list[tuple[Axes, P
 
 
 def _fill(groups: Iterable[Sequence[tuple[Axes, Panel]]]) -> None:
-    """Draw panels; those of a group, which have the same quantity, get the same range and prefix."""
+    """Draw panels; those of a group, which have the same quantity, get the same range and prefix, and time has one in
+    all of a figure."""
+    groups = list(groups)
     for group in groups:
         power, prefix = prefix_of(max(panel.largest for _, panel in group))
         for ax, panel in group:
             ticks(ax, 6)
             panel.draw(ax)
             number(ax.yaxis, power)
-            time_power, time_prefix = prefix_of(largest(ax.get_xlim()))
-            number(ax.xaxis, time_power)
-            ax.set(xlabel=f"time [{time_prefix}s]", ylabel=panel.label(prefix))
+            ax.set_ylabel(panel.label(prefix))
         place(((ax, panel.inset) for ax, panel in group), power)
+    axes = [ax for group in groups for ax, _ in group]
+    power, prefix = prefix_of(max(largest(ax.get_xlim()) for ax in axes))
+    for ax in axes:
+        number(ax.xaxis, power)
+        ax.set_xlabel(f"time [{prefix}s]")
 
 
 def _only_below(stacks: Iterable[Sequence[Axes]]) -> None:

@@ -77,17 +77,17 @@ class Inset:
 
 def place(panels: Iterable[tuple[Axes, Inset | None]], power: float) -> None:
     """Draw the insets of panels that share one range of y and its power, each where its panel is empty; if there is no
-    such place in one of them, all get more room above."""
+    such place in one of them, all get more room above, up to half as much again."""
     panels = list(panels)
     axes = [ax for ax, _ in panels]
     low, high = min(ax.get_ylim()[0] for ax in axes), max(ax.get_ylim()[1] for ax in axes)
-    for growth in np.arange(0.0, 1.6, 0.1):
+    for growth in np.arange(0.0, 0.55, 0.1):
         for ax in axes:
             ax.set_ylim(low, high + growth * (high - low))
         corners = [_corner(ax, inset) if inset else (0.0, 0.0) for ax, inset in panels]
         if None not in corners:
             break
-    else:  # no room even so
+    else:  # insets where there is room as it is
         for ax in axes:
             ax.set_ylim(low, high)
         corners = [_corner(ax, inset) if inset else None for ax, inset in panels]

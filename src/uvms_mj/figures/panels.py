@@ -13,7 +13,7 @@ from matplotlib.ticker import ScalarFormatter
 from numpy.typing import ArrayLike
 
 from ..closed_forms import SteadyState, demanded_force
-from ..signals import Signal
+from ..signals import OWN_UNIT, Signal
 from ..trace import Trace
 from .lines import Inset, line
 from .style import BLACK, COLOURS, GREY, WIDTHS
@@ -178,7 +178,7 @@ def _transient(ax: Axes, fine: Trace, other: Trace | None, power: float) -> None
 
 
 def integral(trace: Trace, other: Trace | None = None) -> Panel:
-    """Force part of GSTA's integral term; ``other`` dashed."""
+    """Force part of the integral term of a super-twisting law; ``other`` dashed."""
     return Panel("integral term z", "m/s²", lambda ax: pair(ax, trace, other, "z"), largest(trace.z[:, :3]))
 
 
@@ -198,7 +198,8 @@ def state(trace: Trace, signal: Signal) -> Panel:
             look = {"color": colours[i], "linewidth": 0.9 + 0.4 * i, "zorder": 2.6 - 0.1 * i}
             line(ax, trace.t, values[:, i], name, label=component or signal.name, **look)
 
-    return Panel(f"state {signal.name}", "", draw)
+    unit = "" if signal.unit == OWN_UNIT else signal.unit.replace("^2", "²").replace("^3", "³")
+    return Panel(f"state {signal.name}", unit, draw)
 
 
 def components(
@@ -271,7 +272,7 @@ class _Multiples(ScalarFormatter):
 
 def states_of(trace: Trace) -> Sequence[Panel]:
     """Panels of the law's states; none for a law that has none."""
-    if trace.header.law.source == "gsta":
+    if trace.header.law.source in ("gsta", "sta"):
         return [integral(trace)]
     names = trace.header.law.states
     return [state(trace, signal) for signal in trace.signals if signal.name in names]

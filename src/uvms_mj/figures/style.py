@@ -1,6 +1,7 @@
 """What is common to all figures: the style file, colours, sizes, and files that are the same for the same data."""
 
 import contextlib
+import io
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -59,6 +60,9 @@ def save(figure: Figure, path: str | os.PathLike, formats: Sequence[str] = ("png
 
 
 def _write(figure: Figure, path: Path, kind: str) -> Path:
-    with whole(path) as part, styled():
-        figure.savefig(part, format=kind, metadata=_METADATA[kind])
+    drawn = io.BytesIO()  # on a full disk matplotlib's PDF writer fails twice, the second time in closing
+    with styled():
+        figure.savefig(drawn, format=kind, metadata=_METADATA[kind])
+    with whole(path) as part:
+        part.write_bytes(drawn.getvalue())
     return path

@@ -9,7 +9,7 @@ from ..estimates import COEFFICIENTS
 from ..faults import Fault, InputError
 from ..scenario import Scenario
 from ..sections import Estimates
-from ..signals import FINAL_WINDOW_S, RECORDED, Signal, thruster_signal
+from ..signals import FINAL_WINDOW_S, OWN_UNIT, RECORDED, Signal, thruster_signal
 from ..vehicle import Vehicle
 from .attachment import Attachment
 from .callback import entry_points
@@ -234,8 +234,6 @@ def law_signals(controller: Controller) -> tuple[Signal, ...]:
     if faults:
         raise InputError(faults, f"the law {controller.label()}")
     return tuple(
-        Signal(
-            name, (size,), type(controller).units.get(name, "law's own"), "B", f"state {name} of {controller.label()}"
-        )
+        Signal(name, (size,), type(controller).units.get(name, OWN_UNIT), "B", f"state {name} of {controller.label()}")
         for name, size in type(controller).states.items()
     )
