@@ -91,6 +91,7 @@ WRONG = {
     "impedance touches": (with_trace("impedance", touches=plus(1.0)), {"impedance-no-contact"}),
     "weak in still water": (with_sweep("impedance_still", final_impulse=times(0.9)), {"impedance-current"}),
     "current to the right": (with_trace("impedance", p_WB=times(np.array([1, -1, 1]))), {"impedance-left"}),
+    "well tuned": (with_sweep("impedance_stiffer", final_impulse=times(1.15)), {"impedance-tuning"}),
     "never in contact": (with_sweep("impedance_stiffer", final_impulse=times(0.0)), {"impedance-retuned"}),
     "first order is exact": (with_trace("fosm", final_impulse=times(1.0075)), {"fosm-force", "fosm-boundary-layer"}),
     "first order is weak": (with_trace("fosm", final_impulse=times(0.9)), {"fosm-force", "fosm-boundary-layer"}),
@@ -121,7 +122,7 @@ WRONG = {
         {"gsta-whole-variation"},
     ),
     "the reference jumps": (
-        with_trace("gsta", p_d_dot=plus(lambda t: np.maximum(t - 3.0, 0.0), 0)),
+        with_trace("gsta", p_d_dot=plus(lambda t: np.clip(t - 3.0, 0.0, 0.5), 0)),
         {"reference-smooth"},
     ),
     "the wall pulls sideways": (

@@ -167,6 +167,8 @@ def test_an_exception_in_a_law_names_the_users_line_and_keeps_the_trace(tmp_path
         ("{undecorated}:Law", "@dataclass"),
         ("{empty}:Law", "no method 'law'"),
         ("{sizeless}:Law", "states must be names with sizes"),
+        ("{named}:Law", "'label' is an attribute of every law"),
+        ("{short}:Law", "must take (gains, state, signals, state_dot, tau_cmd)"),
     ],
 )
 def test_a_law_that_cannot_be_loaded_is_explained(tmp_path, source, reason):
@@ -176,6 +178,8 @@ def test_a_law_that_cannot_be_loaded_is_explained(tmp_path, source, reason):
         "broken": law_file(tmp_path, "\n\ndef (:\n", "broken.py", ""),
         "failing": law_file(tmp_path, "\n1 / 0\n", "failing.py", ""),
         "undecorated": law_file(tmp_path, good.replace("@dataclass(frozen=True)", ""), "undecorated.py"),
+        "named": law_file(tmp_path, good.replace("    @static", "    label: float = 1.0\n\n    @static"), "named.py"),
+        "short": law_file(tmp_path, good.replace("state_dot, ", ""), "short.py"),
         "sizeless": law_file(tmp_path, f"{good}    states = {{'x': 0}}\n", "sizeless.py"),
         "empty": law_file(
             tmp_path, "@dataclass(frozen=True)\nclass Law(Controller):\n    k: float = 1.0\n", "empty.py"
@@ -232,6 +236,12 @@ def test_torn_facts_about_machine_code_are_compiled_again(tmp_path, monkeypatch,
     assert compilation._load(file.stem, True) is None
 
 
+def test_a_cache_that_takes_nothing_stops_no_run(monkeypatch):
+    """As on a full disk: a directory that is not there takes no file either."""
+    monkeypatch.setattr(compilation, "_folder", lambda: Path("/nowhere/at/all"))
+    assert simulate(Scenario.load("push_wall", SHORT)).status.name == "completed"
+
+
 def test_the_fingerprint_covers_all_that_reaches_the_machine_code():
     """Every kernel's file, and every file of the package that such a file imports."""
     package, core = Path(compilation.__file__).parents[1], set(compilation._CORE)
@@ -272,6 +282,27 @@ def test_a_law_derived_from_one_of_ours_is_a_users_law(tmp_path):
         simulate(late.updated({}, "gsta").updated({"controller.period": 1e-3}))
     (tmp_path / "again.toml").write_text(scenario.to_toml())
     assert Scenario.load(tmp_path / "again.toml").controller.label() == "Mine"
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_what_a_law_writes_on_its_signals_is_not_recorded_nor_kept(tmp_path, monkeypatch, compiled):
+    """As ``tau = signals.tau_nom; tau -= ...`` does. The plant's own s, zeta and estimates are as without."""
+    careful = one_liner("Careful", "tau_cmd[:] = signals.tau_nom - 3.0 * signals.s")
+    slip = (
+        "tau = signals.tau_nom\ntau -= 3.0 * signals.s\ntau_cmd[:] = tau\nsignals.zeta[:] = 9.0\nsignals.M_hat[:] = 0.0"
+    )
+    path = law_file(tmp_path, careful + "\n\n" + one_liner("Careless", slip))
+    if not compiled:
+
+        def refuse(controller):
+            raise compilation.NotCompiled("for the test")
+
+        monkeypatch.setattr("uvms_mj.native.closed_loop.compile_law", refuse)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PlainPythonWarning)
+        ours, theirs = (simulate(Scenario.load("push_wall", SHORT, f"{path}:{n}")) for n in ("Careful", "Careless"))
+    for name in ours:
+        assert np.array_equal(ours[name], theirs[name]), name
 
 
 def test_a_law_that_gives_no_number_stops_the_run(tmp_path):

@@ -125,6 +125,10 @@ _AMPLITUDES = np.geomspace(1e-5, 2e-2, 30)
 """Of s [m/s], up to what an impact at some decimetres a second brings about."""
 
 
+_FASTEST = 0.5
+"""A reference filter with more than this of a radian in a control period is not seen as a motion."""
+
+
 _GROWS = 1e-3
 """Growth that is more than rounding [1/s]."""
 
@@ -147,6 +151,11 @@ def control_period(scenario: Scenario) -> float:
 
 def _sampling(scenario: Scenario, vehicle: Vehicle, design: Design) -> Iterator[str]:
     controller, h = scenario.controller, control_period(scenario)
+    if scenario.reference.bandwidth * h > _FASTEST:
+        yield (
+            f"the reference is a jump for the law: with reference.bandwidth = {scenario.reference.bandwidth:g} rad/s "
+            f"it is over within a few control periods of {h:g} s; less than {_FASTEST / h:g} rad/s shows"
+        )
     if not has_built_in_law(controller):
         return
     if isinstance(controller, Fosm) and h >= (limit := boundary_layer_limit(controller, design)):

@@ -103,6 +103,8 @@ def print_table(table: Any) -> None:
 def _run_table(trace: Any, report: dict[str, Any]) -> None:
     from rich.table import Table
 
+    from .control.ideal import TOLD_THE_TRUTH
+
     contact, final = report["contact"], report["final"]
     table = Table(
         title=printable(f"{report['scenario']} · {report['controller']} · {report['status']}"),
@@ -116,7 +118,7 @@ def _run_table(trace: Any, report: dict[str, Any]) -> None:
         return "  ".join(format(v, form) for v in values).replace("-0.00000", "0.00000")
 
     if trace.scenario.controller.uses_truth:
-        table.add_row("the law is given", "the truth, current and disturbance included: a yardstick, no vehicle's law")
+        table.add_row("the law is given", TOLD_THE_TRUTH)
     if contact["first_s"] is None:
         table.add_row("contact", "none")
     else:

@@ -47,8 +47,11 @@ def _mat(trace: Trace, path: Path) -> None:
     from scipy.io import savemat
 
     # MATLAB's names don't begin with an underscore; scipy would leave such a variable out
-    names = {name: f"state{name}" if name.startswith("_") else name for name in trace}
+    names: dict[str, str] = {}
     for name in trace:
+        names[name] = f"state{name}" if name.startswith("_") else name
+        while list(names.values()).count(names[name]) > 1 or (names[name] != name and names[name] in trace):
+            names[name] += "_"
         if not name.isascii() or len(names[name]) > _MATLAB_LENGTH:
             raise InputError(
                 f"the state {name!r} is no name in MATLAB, which has up to {_MATLAB_LENGTH} ASCII letters; "

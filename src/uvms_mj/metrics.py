@@ -73,12 +73,14 @@ def force_settling_time(trace: Trace, band: float = 0.02) -> float | None:
     return settling_time(trace.t, trace.push, final, band * final) if final else None
 
 
-def overshoot(trace: Trace) -> float:
-    r"""How far x of W went beyond its final mean, as a part of its whole change [1].
+def overshoot(trace: Trace) -> float | None:
+    r"""How far x of W went beyond its final mean, as a part of its whole change [1]; None if it has not settled.
 
     .. math:: \max(0, \max_k \sigma (x_k - x_\infty)) / |x_\infty - x_0|, \qquad \sigma = \mathrm{sgn}(x_\infty - x_0)
     """
-    x = trace.p_WB[:, 0]
+    x, settled = trace.p_WB[:, 0], position_settling_time(trace)
+    if settled is None or settled > trace.t[-1] - FINAL_WINDOW_S:
+        return None
     change = _final_mean(trace, x) - x[0]
     beyond = float((np.sign(change) * (x - x[0])).max() / abs(change)) - 1.0 if change else 0.0
     return beyond if beyond > 0.0 or math.isnan(beyond) else 0.0

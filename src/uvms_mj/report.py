@@ -11,6 +11,7 @@ import numpy as np
 
 from . import metrics
 from .claims import REST_S, TRANSIENT_S, Row, Verdict, number
+from .control.ideal import TOLD_THE_TRUTH
 from .outputs import whole
 from .recording import Status
 from .trace import Trace
@@ -76,6 +77,10 @@ def _rest(trace: Trace) -> float:
     return float(trace.t[-1]) - REST_S
 
 
+def _percent(part: float | None) -> float | None:
+    return None if part is None else 100.0 * part
+
+
 def _force(values: np.ndarray) -> float:
     return float(values[:3].sum())
 
@@ -90,7 +95,7 @@ MEASURES: tuple[tuple[str, str, Callable[[Trace], Any]], ...] = (
     ("impulse of the first touch", "N s", metrics.impact_impulse),
     ("position settled to 2 %", "s", metrics.position_settling_time),
     ("force settled to 2 %", "s", metrics.force_settling_time),
-    ("overshoot of position", "%", lambda trace: 100.0 * metrics.overshoot(trace)),
+    ("overshoot of position", "%", lambda trace: _percent(metrics.overshoot(trace))),
     ("impedance error, rms, whole run", "N", lambda trace: np.linalg.norm(metrics.impedance_error(trace)[:3])),
     (
         f"impedance error, rms, last {REST_S:g} s",
@@ -207,4 +212,5 @@ def _text(value: Any) -> str:
 
 def _notes(trace: Trace) -> list[str]:
     ending = [] if trace.status is Status.completed else [f"{trace.status.name}: {trace.message}"]
-    return [*ending, *trace.notes]
+    told = [f"the law is given {TOLD_THE_TRUTH}"] if trace.scenario.controller.uses_truth else []
+    return [*told, *ending, *trace.notes]

@@ -77,7 +77,7 @@ class Scenario:
         """
         path = _scenario_path(scenario)
         try:
-            tables = tomllib.loads(path.read_text(encoding="utf-8"))
+            tables = tomllib.loads(path.read_text(encoding="utf-8-sig"))
         except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
             raise InputError(f"{path}: not a scenario in TOML: {error}") from None
         tables.setdefault("name", path.stem)

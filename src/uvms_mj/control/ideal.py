@@ -5,6 +5,9 @@ from typing import ClassVar
 
 from .base import Controller
 
+TOLD_THE_TRUTH = "the truth, current and disturbance included: a yardstick, no vehicle's law"
+"""What any output says of it."""
+
 
 @dataclass(frozen=True)
 class Ideal(Controller):

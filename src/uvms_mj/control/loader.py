@@ -23,6 +23,7 @@ BUILT_IN: dict[str, type[Controller]] = {cls.name: cls for cls in (Impedance, Fo
 
 
 _MOST_STATES = 10_000
+_ARGUMENTS = ("gains", "state", "signals", "state_dot", "tau_cmd")
 
 
 def load_controller(table: Mapping[str, Any], known: type[Controller] | None = None) -> Controller:
@@ -89,6 +90,11 @@ def controller_class(source: Any) -> type[Controller]:
     cls = laws[class_name]
     if "law" not in cls.__dict__ and all("law" not in base.__dict__ for base in cls.__mro__[1:-2]):
         raise InputError([Fault("controller.name", f"{class_name} in {file} has no method 'law'")])
+    shared = {f.name for f in dataclasses.fields(Controller)}
+    taken = [f.name for f in dataclasses.fields(cls) if hasattr(Controller, f.name) and f.name not in shared]
+    if taken:
+        wrong = f"{class_name} in {file}: {taken[0]!r} is an attribute of every law; give the gain another name"
+        raise InputError([Fault("controller.name", wrong)])
     if "__dataclass_fields__" not in cls.__dict__:
         raise InputError(
             [Fault("controller.name", f"{class_name} in {file} must be decorated with @dataclass(frozen=True)")]
@@ -104,6 +110,11 @@ def controller_class(source: Any) -> type[Controller]:
             raise InputError([Fault("controller.name", f"{wanted}; {name!r}: {size!r} is not")])
     if not isinstance(inspect.getattr_static(cls, "law"), staticmethod):
         raise InputError([Fault("controller.name", f"{class_name}.law in {file} must be a @staticmethod")])
+    try:
+        inspect.signature(cls.law).bind(*_ARGUMENTS)
+    except TypeError:
+        wrong = f"{class_name}.law in {file} must take ({', '.join(_ARGUMENTS)})"
+        raise InputError([Fault("controller.name", wrong)]) from None
     return cls
 
 

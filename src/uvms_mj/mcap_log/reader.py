@@ -40,6 +40,10 @@ class Recording:
     files: Mapping[str, bytes] = field(repr=False)
 
 
+_BLOCK = 512
+"""The least that a disk writes [B]."""
+
+
 class _CutOff(Exception):
     """The file ends in the middle of a record, or before its end mark."""
 
@@ -94,6 +98,8 @@ class _Reader:
             raise InputError("is empty" if not self.size else "is not an MCAP file")
         file.seek(max(len(MAGIC), self.size - len(MAGIC)))
         self.whole = file.read() == MAGIC  # then nothing may be missing
+        if not self.whole:
+            self.size = _written(file, self.size)
         file.seek(len(MAGIC))
         self.crc = zlib.crc32(MAGIC)
         self.files: dict[str, bytes] = {}
@@ -147,10 +153,12 @@ class _Reader:
         """Top-level records of the data section, DataEnd included."""
         while True:
             at = self.file.tell()
-            head = self.file.read(9)
-            if len(head) < 9:
+            if at + 9 > self.size:
                 raise _CutOff(f"it ends at byte {self.size}, without an end mark")
+            head = self.file.read(9)
             opcode, length = struct.unpack("<BQ", head)
+            if not (self.whole or opcode or self.file.read(self.size - at - 9).strip(b"\0")):
+                raise _CutOff(f"there are only zeros from byte {at} on")
             if length > self.size - at - 9:
                 raise _CutOff(f"the record at byte {at} is not whole")
             content = self.file.read(length)
@@ -249,6 +257,17 @@ class _Reader:
         footer = Footer.read(ReadDataStream(BytesIO(end[9:])))
         if footer.summary_start != start or footer.summary_crc != zlib.crc32(end[:-4], zlib.crc32(summary)):
             raise InputError("is damaged: the checksum of its index does not fit")
+
+
+def _written(file: BinaryIO, size: int) -> int:
+    """How much of a file was written: after a power cut, blocks that were not are full of zeros."""
+    while size > _BLOCK:
+        start = (size - 1) // _BLOCK * _BLOCK
+        file.seek(start)
+        if file.read(size - start).strip(b"\0"):
+            break
+        size = start
+    return size
 
 
 def _format(header: Header, records: list[tuple[int, bytes]], notes: dict[str, str]) -> Format:

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 
 from ..control.base import Controller
+from ..control.loader import has_built_in_law
 from ..design import Design
 from ..estimates import COEFFICIENTS
 from ..faults import Fault, InputError
@@ -114,6 +115,12 @@ class ClosedLoop:
         self._memory = memory
         for name, array in memory.items():
             self._loop[name] = array.ctypes.data
+        # a law of the user's may write on what it is given; s, zeta and the estimates are the loop's own
+        self._given = np.zeros(1, SIGNALS_AND_TRUTH if self.controller.uses_truth else SIGNALS)
+        if has_built_in_law(self.controller):
+            self._loop["given_at"] = self._loop["signals"].ctypes.data
+        else:
+            self._loop["given_at"], self._loop["copied"] = self._given.ctypes.data, self._given.itemsize // 8
         base = self._loop.ctypes.data
         for name in ("signals", "tau_cmd", "row"):
             self._loop[f"{name}_at"] = self._loop[name].ctypes.data
@@ -186,12 +193,11 @@ class ClosedLoop:
 
     def call_law(self) -> None:
         """Run the law as plain Python on the sensed signals; whatever it raises comes through."""
-        given = SIGNALS_AND_TRUTH if self.controller.uses_truth else SIGNALS
         assert LOOP.fields is not None
-        start = LOOP.fields["signals"][1]
-        view = self._loop.view(np.uint8)[start : start + given.itemsize].view(given)
+        start, given = LOOP.fields["signals"][1], self._given.view(np.uint8)
+        given[:] = self._loop.view(np.uint8)[start : start + len(given)]
         gains, state, state_dot, signals = (
-            record.view(np.recarray)[0] for record in (self._gains, self._state, self._state_dot, view)
+            record.view(np.recarray)[0] for record in (self._gains, self._state, self._state_dot, self._given)
         )
         type(self.controller).law(gains, state, signals, state_dot, self._loop["tau_cmd"][0])
 

@@ -52,8 +52,7 @@ _CORE = (
     "signals.py",
     "truth.py",
 )
-"""All that can reach the machine code of the core; an import contract keeps these files from using others of the
-package."""
+"""All that can reach the machine code of the core; a test keeps these files from using others of the package."""
 _FOREIGN = tuple(Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib", "purelib", "platlib"))
 _KEPT_OBJECTS = 200
 _MIN_AGE_S = 7 * 24 * 3600.0
@@ -126,13 +125,19 @@ def _compile(function: Callable, arguments: int, returns: bool, name: str) -> in
     declared = {f.name for f in library._final_module.functions if f.is_declaration and f.name[:5] != "llvm."}
     about = {"symbol": compiled.native_name, "externals": sorted(declared)}
     about["sha256"] = _digest(code, about)
+    with contextlib.suppress(OSError):  # as on a full disk: the code is in memory, and compiled again the next time
+        _keep(name, code, about)
+    return int(compiled.address)
+
+
+def _keep(name: str, code: bytes, about: dict[str, Any]) -> None:
     folder = _folder()
     _prune(folder)
-    for suffix, content in ((".o", code), (".json", json.dumps(about).encode())):
-        with tempfile.NamedTemporaryFile(dir=folder, delete=False) as file:
-            file.write(content)
-        os.replace(file.name, folder / f"{name}{suffix}")
-    return int(compiled.address)
+    with tempfile.TemporaryDirectory(prefix="new-", dir=folder) as new:
+        for suffix, content in ((".o", code), (".json", json.dumps(about).encode())):
+            part = Path(new, f"{name}{suffix}")
+            part.write_bytes(content)
+            os.replace(part, folder / part.name)
 
 
 @functools.cache

@@ -83,6 +83,8 @@ LOOP = np.dtype(
         ("state_dot_at", "i8"),
         ("states", "i8"),
         ("signals_at", "i8"),
+        ("given_at", "i8"),  # what the law gets: signals themselves, or a copy that it may write on
+        ("copied", "i8"),  # numbers to copy
         ("tau_cmd_at", "i8"),
         ("signals", SIGNALS),
         ("truth", TRUE_SIGNALS),  # right behind signals

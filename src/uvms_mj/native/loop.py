@@ -165,9 +165,10 @@ def check_state(loop):
 def control(loop):
     """tau_cmd from the law, checked."""
     if loop.law_at != 0:
-        raised = call_law(
-            loop.law_at, loop.gains_at, loop.state_at, loop.signals_at, loop.state_dot_at, loop.tau_cmd_at
-        )
+        signals, given = floats(loop.signals_at, loop.copied), floats(loop.given_at, loop.copied)
+        for i in range(loop.copied):
+            given[i] = signals[i]
+        raised = call_law(loop.law_at, loop.gains_at, loop.state_at, loop.given_at, loop.state_dot_at, loop.tau_cmd_at)
         if raised != 0:
             fail(loop, FAULT_LAW, 0, 0.0)
             return
