@@ -293,7 +293,7 @@ def test_attaching_twice_or_over_somebody_elses_callback_is_refused():
         (
             'name="X_uu" size="1" data="-18.18"',
             'name="X_uu" size="1" data="18.18"',
-            "X_uu: 18.18 would give the vehicle energy",
+            "X_uu: 18.18 is not dissipative",
         ),
         ('size="36"', 'size="35"', "M_A"),
         ('name="displaced_mass" size="1" data="', 'name="displaced_mass" size="1" data="-', "displaced_mass"),

@@ -198,7 +198,7 @@ def test_inertia_shaping_is_stable_up_to_the_step_that_is_said():
 
 @pytest.mark.parametrize("stiffness", [1e3, 1e5, 1e6])
 @pytest.mark.parametrize("target", [1.01, 1.3])
-def test_for_gsta_it_is_the_papers_formula(stiffness, target):
+def test_for_gsta_it_is_two_springs_in_a_row(stiffness, target):
     """F = K_x (x_d - x_c) / (1 + K_x / k_c)."""
     overrides = {
         "wall.stiffness": stiffness,
@@ -211,7 +211,7 @@ def test_for_gsta_it_is_the_papers_formula(stiffness, target):
     assert np.allclose(analytic.s, 0.0)
 
 
-def test_for_the_first_order_law_it_is_the_papers_balance():
+def test_for_the_first_order_law_it_is_the_scalar_balance():
     """s = phi/(K_s/epsilon - a), F = (K_x (x_d - x_c) - a M_x s)/(1 + K_x/k_c), phi the current's force over M_x."""
     a, K, M_x = -100.0, 19.0 / 1e-3, 7.31 + 5.5
     u = 0.5 * np.cos(np.deg2rad(120.0))

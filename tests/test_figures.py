@@ -234,7 +234,7 @@ def turns(values):
 
 
 def test_the_insets_of_tau_show_every_step_of_the_first_orders_chatter(drawn, fine, traces):
-    until = round(figures.TRANSIENT_S / 1e-4) + 1
+    until = round(figures.SWITCHING_S / 1e-4) + 1
     for name, run in (("fig07", "fosm"), ("fig11", "gsta")):
         shown = dict(reversed(lines_of(drawn[name], inset_of(drawn[name]))))
         for axis in "xyz":
@@ -243,7 +243,7 @@ def test_the_insets_of_tau_show_every_step_of_the_first_orders_chatter(drawn, fi
             assert turns(shown[f"tau.{axis}"].get_ydata()) == turns(values)
     assert turns(fine["fosm"].tau[:until, 0]) > 80  # a period of two steps
     assert turns(fine["gsta"].tau[:until, 0]) < 5
-    coarse = traces["fosm"].t <= figures.TRANSIENT_S
+    coarse = traces["fosm"].t <= figures.SWITCHING_S
     assert turns(traces["fosm"].tau[coarse, 0]) < 9
 
 
@@ -378,7 +378,7 @@ def test_an_inset_gets_some_room_and_is_left_out_where_that_is_not_enough(traces
     for highest, top in ((-0.5, 1.2), (0.1, 2.2)):
         ax = drawn(highest)
         (inset,) = ax.child_axes
-        assert inset.get_xlim() == (0.0, figures.TRANSIENT_S)
+        assert inset.get_xlim() == (0.0, figures.SWITCHING_S)
         assert 1.0 < ax.get_ylim()[1] < top
     assert drawn(0.1).get_ylim()[1] > 1.2
     full = drawn(1.0)

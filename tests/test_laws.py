@@ -12,10 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uvms_mj import Controller, Gsta, InputError, LawError, Scenario, simulate
+from uvms_mj import Controller, Gsta, InputError, LawError, Scenario, Trace, simulate
 from uvms_mj.control import BUILT_IN
 from uvms_mj.kernels import kernels
 from uvms_mj.native import compilation
+from uvms_mj.native.closed_loop import law_signals
 from uvms_mj.simulation import PlainPythonWarning, SamplingWarning
 
 ROOT = Path(__file__).parents[1]
@@ -110,7 +111,7 @@ class Leaky(Controller):
         Scenario.load("push_wall", {"controller.rat": 1.0}, f"{path}:Leaky")
 
 
-def test_a_law_as_plain_python_gives_bit_for_bit_what_it_gives_compiled(monkeypatch):
+def test_a_law_as_plain_python_gives_what_it_gives_compiled(monkeypatch):
     scenario = Scenario.load(
         "push_wall", {"simulation.duration": 0.05, "wall.position": 1e-4, "reference.step_time": 0.0}
     )
@@ -264,6 +265,12 @@ def test_a_state_may_not_take_the_name_of_a_recorded_signal(tmp_path):
     path = law_file(tmp_path, one_liner("Taken", "tau_cmd[:] = 0.0") + "    states = {'s': 6}\n")
     with pytest.raises(InputError, match="name of a recorded signal"):
         simulate(Scenario.load("push_wall", SHORT, f"{path}:Taken"))
+
+
+@pytest.mark.parametrize("name", sorted({name for name in dir(Trace) if name[0] != "_"}))
+def test_a_state_may_not_hide_what_a_trace_has(name):
+    with pytest.raises(InputError, match=f"'{name}'.*is the name of"):
+        law_signals(type("Hiding", (Controller,), {"states": {name: 1}})())
 
 
 def test_a_law_derived_from_one_of_ours_is_a_users_law(tmp_path):

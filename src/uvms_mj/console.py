@@ -10,7 +10,7 @@ import click
 
 
 def printable(text: str) -> str:
-    """Text in which control characters are spelt out: names in logs, and of files, write to the terminal."""
+    """Text in which control characters are spelt out: a name in a log, or of a file, must not steer the terminal."""
     return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
 
 

@@ -42,7 +42,7 @@ class Design:
         if impedance.D_d is not None:
             D_d = _square(impedance.D_d)
             if np.linalg.eigvalsh(D_d + D_d.T)[0] < 0.0:
-                faults.append(Fault("impedance.D_d", "would give the vehicle energy: is not positive semi-definite"))
+                faults.append(Fault("impedance.D_d", "is not dissipative: not positive semi-definite"))
         elif not faults:
             D_d = ott_damping(M_d, K_d, impedance.damping_ratio)
         if faults:

@@ -117,9 +117,9 @@ def _add_surroundings(spec: mujoco.MjSpec, body_name: str, scenario: Scenario, r
     body = spec.body(body_name)
     body.simple = False
     spec.compiler.discardvisual = True
-    solid = {"contype": 0, "conaffinity": 0}
+    pair_only = {"contype": 0, "conaffinity": 0}
     body.add_geom(
-        name=f"{_OURS}probe", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[reach, 0, 0], rgba=[0] * 4, group=4, **solid
+        name=f"{_OURS}probe", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[reach, 0, 0], rgba=[0] * 4, group=4, **pair_only
     )
     face = scenario.wall.position + reach
     spec.worldbody.add_geom(
@@ -130,7 +130,7 @@ def _add_surroundings(spec: mujoco.MjSpec, body_name: str, scenario: Scenario, r
         size=[1, 1, 0.1],  # for drawing only: the plane has no edge
         rgba=[0] * 4,
         group=4,
-        **solid,
+        **pair_only,
     )
     spec.add_pair(
         name=f"{_OURS}contact",

@@ -28,6 +28,7 @@ Moderate = Annotated[Real, Ge(-1e6), Le(1e6)]
 """A position [m] or an angle [deg] that a double still resolves to better than a nanometre."""
 Vector3 = Annotated[tuple[Moderate, ...], _of_length(3)]
 Vector6 = Annotated[tuple[Real, ...], _of_length(6)]
+NonNegative6 = Annotated[tuple[NonNegative, ...], _of_length(6)]
 
 
 def _diagonal_or_square(value: Any) -> Any:

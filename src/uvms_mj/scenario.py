@@ -100,8 +100,9 @@ class Scenario:
             overrides: as in :meth:`load`.
             controller: as in :meth:`load`.
             folder: where paths in ``tables`` are relative to; those in ``overrides`` are relative to the working
-                directory. place: what to call the tables in an error. known: the class of the law, where it is at
-                hand.
+                directory.
+            place: what to call the tables in an error.
+            known: the class of the law, where it is at hand.
         """
         tables = {k: dict(v) if isinstance(v, Mapping) else v for k, v in tables.items()}
         faults: list[Fault] = []

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, ConfigDict
 from pydantic.dataclasses import dataclass
 
-from .quantities import Duration, Matrix6, NonNegative, Positive, Real, Step, Vector3, Vector6
+from .quantities import Duration, Matrix6, NonNegative, NonNegative6, Positive, Real, Step, Vector3, Vector6
 
 STRICT = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
 Lowercase = BeforeValidator(lambda value: value.lower() if isinstance(value, str) else value)
@@ -82,7 +82,7 @@ def _increasing(waypoints: tuple[Waypoint, ...]) -> tuple[Waypoint, ...]:
 class Reference:
     target: Vector3 = doc("position that the step leads to, in W [m]", (1.01, 0.0, 0.0))
     step_time: NonNegative = doc("time of the step [s]", 1.0)
-    bandwidth: Positive = doc("omega_n of the third-order filter [rad/s]", 2.0)
+    bandwidth: Positive = doc("omega_n of the third-order filter (omega_n / (p + omega_n))^3 [rad/s]", 2.0)
     attitude_deg: Vector3 = doc("constant desired roll, pitch, yaw [deg]", (0.0, 0.0, 0.0))
     start: Vector3 | None = doc("position before the first step; default: initial.position", None)
     waypoints: Annotated[tuple[Waypoint, ...], AfterValidator(_increasing)] = doc(
@@ -97,27 +97,17 @@ class Reference:
 
 @dataclass(frozen=True, config=STRICT)
 class Impedance:
-    K_d: Annotated[Vector6, AfterValidator(lambda v: _stiffness(v))] = doc(
-        "desired stiffness, a diagonal [N/m, N m]", (150.0, 1500.0, 1500.0, 50.0, 50.0, 50.0)
-    )
+    K_d: NonNegative6 = doc("desired stiffness, a diagonal [N/m, N m]", (150.0, 1500.0, 1500.0, 50.0, 50.0, 50.0))
     M_d: Matrix6 = doc("desired inertia, diagonal or 6x6; default: the vehicle's M", None)
     D_d: Matrix6 = doc("desired damping, diagonal or 6x6; default: Ott's design", None)
-    K_f: Annotated[Vector6, AfterValidator(lambda v: _stiffness(v))] = doc(
-        "force gain, a diagonal, eq. (7) [1]", (1.0,) * 6
-    )
+    K_f: NonNegative6 = doc("force gain, a diagonal, eq. (7) [1]", (1.0,) * 6)
     F_d: Vector6 = doc("wrench that the wall should exert on the vehicle, in B, eq. (7) [N, N m]", (0.0,) * 6)
     damping_ratio: NonNegative = doc("of Ott's design, used where D_d is not given [1]", 1.0)
 
 
-def _stiffness(value: tuple[float, ...]) -> tuple[float, ...]:
-    if min(value) < 0.0:
-        raise ValueError("must not have a negative entry")
-    return value
-
-
 @dataclass(frozen=True, config=STRICT)
 class Estimates:
-    inertia: Positive = doc("M_hat = f M", 1.0)
-    coriolis: Real = doc("C_hat(nu) nu = f C(nu) nu", 1.0)
-    damping: Real = doc("D_hat(nu) nu = f D(nu) nu", 1.0)
-    restoring: Real = doc("g_hat(eta) = f g(eta)", 1.0)
+    inertia: Positive = doc("M_hat = f M; f is this key [1]", 1.0)
+    coriolis: Real = doc("C_hat(nu) nu = f C(nu) nu; f is this key [1]", 1.0)
+    damping: Real = doc("D_hat(nu) nu = f D(nu) nu; f is this key [1]", 1.0)
+    restoring: Real = doc("g_hat(eta) = f g(eta); f is this key [1]", 1.0)

@@ -75,7 +75,7 @@ GIVEN = (
     Signal("D_hat_nu", (6,), _WRENCH, "B", "estimated damping wrench D_hat(nu) nu"),
     Signal("g_hat", (6,), _WRENCH, "B", "estimated restoring wrench"),
     Signal("M_d", (6, 6), "kg, kg m, kg m^2", "B", "desired inertia"),
-    Signal("D_d", (6, 6), "N s/m, N m s", "B", "desired damping"),
+    Signal("D_d", (6, 6), "N s/m, N s, N m s", "B", "desired damping"),
     Signal("K_d", (6,), "N/m, N m", "B", "desired stiffness, a diagonal"),
     Signal("K_f", (6,), "1", "B", "desired force gain, a diagonal, eq. (7)"),
     Signal("F_d", (6,), _WRENCH, "B", "desired wrench of the wall on the vehicle, eq. (7)"),

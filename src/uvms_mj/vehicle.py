@@ -2,14 +2,15 @@
 
 The file holds them as ``<custom><numeric>`` entries in the SNAME convention, with the signs of the literature:
 
-=====================  ======================================================================================
+========================  ======================================================================================
 ``X_udot`` .. ``N_rdot``  added mass, M_A = -diag(X_udot, Y_vdot, Z_wdot, K_pdot, M_qdot, N_rdot) [kg, kg m^2]
-``M_A``                instead of these: the full symmetric 6x6 matrix, 36 numbers row by row, positive
-``X_u`` .. ``N_r``      linear damping [N s/m, N m s]
-``X_uu`` .. ``N_rr``    quadratic damping [N s^2/m^2, N m s^2]
-``displaced_mass``     mass of the displaced water [kg]; buoyancy is displaced_mass times gravity
-``center_of_buoyancy``  in B [m]; default: the origin
-=====================  ======================================================================================
+``M_A``                   instead of these: the full symmetric 6x6 matrix, 36 numbers row by row [kg, kg m, kg m^2],
+                          positive semi-definite
+``X_u`` .. ``N_r``        linear damping [N s/m, N m s]
+``X_uu`` .. ``N_rr``      quadratic damping [N s^2/m^2, N m s^2]
+``displaced_mass``        mass of the displaced water [kg]; buoyancy is displaced_mass times gravity
+``center_of_buoyancy``    in B [m]; default: the origin
+========================  ======================================================================================
 
 The rigid body is MuJoCo's own ``<inertial>``; a vehicle's actuators are its thrusters.
 """
@@ -94,7 +95,7 @@ class Vehicle:
         D_quadratic = -_derivatives(model, prefix, QUADRATIC, faults)
         for names, values in ((LINEAR, D_linear), (QUADRATIC, D_quadratic)):
             faults += [
-                Fault(n, f"{-v:g} would give the vehicle energy: must not be positive")
+                Fault(n, f"{-v:g} is not dissipative: must not be positive")
                 for n, v in zip(names, values, strict=True)
                 if v < 0
             ]

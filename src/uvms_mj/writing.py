@@ -1,9 +1,9 @@
 """Sinks at work on a thread of their own: a run does not wait for a disk or a viewer, and an interrupt, which Python
 raises on the main thread, can't tear what they write.
 
-Nor may it tear the way to them: Python raises it between any two lines, in those of ``queue.Queue`` and its locks too,
-and then one thread waits for the other for ever. So the main thread hands over in one call of C, and looks and sleeps
-where it must wait.
+KeyboardInterrupt can come between any two bytecodes of the main thread, also while it holds a lock of ``queue.Queue``,
+and then both threads would wait for ever. So blocks go through ``SimpleQueue.put``, one call of C, and where the main
+thread has to wait it polls.
 """
 
 import queue

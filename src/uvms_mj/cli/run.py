@@ -70,6 +70,7 @@ def run(
     os.environ.setdefault("MUJOCO_GL", "disable")  # nothing is drawn here, and looking for a display takes time
     console = Console(as_json, quiet)
     scenario = None
+    files: dict[str, Path] = {}
     try:
         with bad_input(), console.alone():
             from ..faults import InputError
@@ -85,12 +86,12 @@ def run(
                 scenario = Scenario.load(name or "push_wall", overrides, controller)
             folder, made = _output_folder(out, scenario)
             try:
-                status = _simulate(scenario, mjcf, folder, log_rate, viewer, console, stop)
+                status = _simulate(scenario, mjcf, folder, files, log_rate, viewer, console, stop)
             finally:
                 _remove_if_empty(made)
     except KeyboardInterrupt:
         if as_json:
-            click.echo(json.dumps(_nothing_ran(scenario, controller)))
+            click.echo(json.dumps(_nothing_ran(scenario, controller) | {"files": _existing(files)}))
         end("interrupted before the first step", EXIT_INTERRUPTED)
     sys.exit(status)
 
@@ -138,12 +139,13 @@ def _simulate(
     scenario: "Scenario",
     mjcf: "Mjcf | None",
     folder: Path,
+    files: dict[str, Path],
     log_rate: str | None,
     viewer: bool,
     console: Console,
     stop: Stop,
 ) -> int:
-    """Run, write, report; the exit status."""
+    """Run, write, report; the exit status. ``files`` gets what the run begins to write."""
     import warnings
 
     from ..mcap_log import McapLog
@@ -151,8 +153,7 @@ def _simulate(
     from ..simulation import LawError, SinkError, simulate
     from ..summary import AROUND_THE_END_S, summary
 
-    files = {"mcap": folder / "run.mcap", "scenario": folder / "scenario.toml"}
-    sinks: list[Sink] = [_Folder(folder, files), McapLog(files["mcap"])]
+    sinks: list[Sink] = [_Folder(folder, files), McapLog(folder / _LOG)]
     if viewer:
         from ..rerun_view import LiveView
 
@@ -176,7 +177,7 @@ def _simulate(
 
             raise InputError(f"{raised.filename or f'--out {folder}'}: {raised.strerror}") from None
     stop.ignore()
-    report = summary(trace, {kind: str(path) for kind, path in files.items() if path.exists()})
+    report = summary(trace, _existing(files))
     console.report(trace, report)
     if error is not None:
         click.echo(f"error: {error}", err=True)
@@ -184,6 +185,13 @@ def _simulate(
     if trace.status is not Status.completed:
         click.echo(f"{trace.status.name}: {trace.message}", err=True)
     return {Status.unstable: EXIT_UNSTABLE, Status.interrupted: EXIT_INTERRUPTED}.get(trace.status, 0)
+
+
+_LOG, _SCENARIO = "run.mcap", "scenario.toml"
+
+
+def _existing(files: dict[str, Path]) -> dict[str, str]:
+    return {kind: str(path) for kind, path in files.items() if path.exists()}
 
 
 class _Folder:
@@ -194,8 +202,10 @@ class _Folder:
         self.folder, self.files = folder, files
 
     def begin(self, header: "Header") -> None:
-        move_aside(self.folder, self.files.values(), "the earlier run")
-        self.files["scenario"].write_text(header.scenario.to_toml(), encoding="utf-8")
+        paths = {"mcap": self.folder / _LOG, "scenario": self.folder / _SCENARIO}
+        move_aside(self.folder, paths.values(), "the earlier run")
+        self.files |= paths
+        paths["scenario"].write_text(header.scenario.to_toml(), encoding="utf-8")
 
     def write(self, rows: Any) -> None:
         pass
@@ -248,5 +258,4 @@ def _nothing_ran(scenario: "Scenario | None", controller: str | None) -> dict[st
         "contact": contact | {"touches": 0, "settled": False},
         "final": dict.fromkeys(("position_m", "attitude_wxyz", "s", "z", "tau")),
         "analytic": dict.fromkeys(("position_m", "none_because")),
-        "files": {},
     }

@@ -4,7 +4,7 @@ import numpy as np
 
 
 def ott_damping(M_d: np.ndarray, K_d: np.ndarray, damping_ratio: float) -> np.ndarray:
-    """Desired damping D_d (6, 6) from the generalised eigenvalue problem of K_d and M_d.
+    """Desired damping D_d (6, 6) [N s/m, N s, N m s] from the generalised eigenvalue problem of K_d and M_d.
 
     With M_d = Q^T Q and K_d = Q^T diag(k) Q, D_d = Q^T diag(2 zeta sqrt(k)) Q gives every mode of M_d x'' + D_d x' +
     K_d x = 0 the damping ratio zeta. Source: Ott (2008), sec. 3.3.

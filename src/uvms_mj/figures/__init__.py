@@ -5,7 +5,7 @@ was asked for or is expected is black.
 """
 
 from .compose import RUNS, WHATS, paper, plot
-from .panels import TRANSIENT_S
+from .panels import SWITCHING_S
 from .style import FORMATS, save
 
-__all__ = ["FORMATS", "RUNS", "TRANSIENT_S", "WHATS", "paper", "plot", "save"]
+__all__ = ["FORMATS", "RUNS", "SWITCHING_S", "WHATS", "paper", "plot", "save"]

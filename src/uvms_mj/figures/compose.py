@@ -30,7 +30,7 @@ def paper(traces: Mapping[str, Trace], fine: Mapping[str, Trace]) -> dict[str, F
 
     Args:
         traces: the paper's runs by the names in :data:`RUNS`.
-        fine: the first :data:`TRANSIENT_S` or more of the same runs at every step, for the insets of tau; that of the
+        fine: the first :data:`SWITCHING_S` or more of the same runs at every step, for the insets of tau; that of the
             impedance law is not needed.
 
     Raises:
@@ -80,8 +80,8 @@ def _check(traces: Mapping[str, Trace], fine: Mapping[str, Trace]) -> None:
     for name, trace in fine.items():
         if trace.header.row_steps != 1:
             raise InputError(f"fine: {name} is not at every step; run it with log_rate 'full'")
-        if trace.t[-1] < panels.TRANSIENT_S - 1e-9:
-            raise InputError(f"fine: {name} ends at {trace.t[-1]:g} s; it takes {panels.TRANSIENT_S:g} s")
+        if trace.t[-1] < panels.SWITCHING_S - 1e-9:
+            raise InputError(f"fine: {name} ends at {trace.t[-1]:g} s; it takes {panels.SWITCHING_S:g} s")
 
 
 def _drawable(traces: Mapping[str, Trace]) -> None:
@@ -129,7 +129,7 @@ def _overview(numbered: Mapping[int, tuple[str, Panel]]) -> Figure:
 
 
 def _panels(label: str, trace: Trace, what: str) -> Sequence[Panel]:
-    fine = trace if trace.header.row_steps == 1 and trace.t[-1] > 10.0 * panels.TRANSIENT_S else None
+    fine = trace if trace.header.row_steps == 1 and trace.t[-1] > 10.0 * panels.SWITCHING_S else None
     one: dict[str, Callable[[], Panel]] = {
         "position": lambda: panels.position(trace),
         "force": lambda: panels.force(trace),

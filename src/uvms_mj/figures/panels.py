@@ -19,7 +19,7 @@ from .lines import Inset, line
 from .style import BLACK, COLOURS, GREY, WIDTHS
 
 AXES = ("x", "y", "z")
-TRANSIENT_S = 0.01
+SWITCHING_S = 0.01
 """How much of a run's beginning the insets of tau show [s]: the first-order law's chatter dies out in it."""
 REACHING_S = 0.1
 """How much of a run's beginning the insets of s show [s]: the super-twisting law brings s to zero in it."""
@@ -170,9 +170,9 @@ def tau(trace: Trace, fine: Trace | None, other: Trace | None = None, other_fine
 
 
 def _transient(ax: Axes, fine: Trace, other: Trace | None, power: float) -> None:
-    pair(ax, fine, other, "tau", TRANSIENT_S)
+    pair(ax, fine, other, "tau", SWITCHING_S)
     ax.margins(y=0.08)
-    ax.set_xlim(0.0, TRANSIENT_S)
+    ax.set_xlim(0.0, SWITCHING_S)
     number(ax.yaxis, power)
     number(ax.xaxis, 1e-3)
 

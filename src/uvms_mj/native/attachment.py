@@ -86,7 +86,8 @@ def attach(
 
     Raises:
         InputError: the model has what would use a stale or doubled inertia or lose the water, or coefficients that
-        are not physical.
+            are not physical; the body is in the water already, or too many are; somebody else has mjcb_control.
+        RuntimeError: this MuJoCo lays mjData out in a way that is not known.
     """
     vehicle = Vehicle.from_model(model, body)
     body_id = free_body_id(model, vehicle.body)
@@ -98,15 +99,19 @@ def attach(
     water["buoyancy_W"] = -vehicle.displaced_mass * model.opt.gravity
     water["r_b"] = vehicle.r_b
     faults: list[Fault] = []
-    for field, value in (
-        ("v_c_W", current_W),
-        ("bias", bias),
-        ("amplitude", amplitude),
-        ("frequency", frequency_hz),
+    for name, field, value in (
+        ("current_W", "v_c_W", current_W),
+        ("bias", "bias", bias),
+        ("amplitude", "amplitude", amplitude),
+        ("frequency_hz", "frequency", frequency_hz),
     ):
-        array, shape = np.asarray(value, dtype=float), WATER[field].shape
+        shape = WATER[field].shape
+        try:
+            array = np.asarray(value, dtype=float)
+        except (TypeError, ValueError):
+            array = np.array(np.nan)
         if array.shape != shape or not np.isfinite(array).all():
-            faults.append(Fault(field, f"{value!r}: must be {shape[0]} finite numbers"))
+            faults.append(Fault(name, f"{value!r}: must be {shape[0]} finite numbers"))
         else:
             water[field] = array
     if faults:

@@ -31,7 +31,17 @@ _AXES = ["u", "v", "w", "p", "q", "r"]
 
 
 class ClosedLoop:
-    """Everything that the callback needs for one run, and the rows that it writes."""
+    """Everything that the callback needs for one run, and the rows that it writes.
+
+    Args:
+        model, data: of the plant, with the initial state.
+        attachment: of the vehicle in its water.
+        design: what the law is to impose, and its estimates.
+        sensor: where the contact sensor stands in mjData.sensordata.
+        scenario: everything else that decides the run.
+        row_steps: time steps from row to row.
+        chunk: the most steps from one :meth:`clear_rows` to the next.
+    """
 
     def __init__(
         self,

@@ -239,7 +239,7 @@ def finish_step(context, loop):
         if row.first_contact < 0.0:
             row.first_contact = loop.t
     row.force_peak = max(row.force_peak, push)
-    if loop.step > 0:  # both integrals by the trapezoidal rule, which a linear spring returns in full
+    if loop.step > 0:  # both integrals by the trapezoidal rule: over a rebound a linear spring's work is zero
         row.impulse += 0.5 * h * (push + push_before)
         for i in range(3):
             row.wall_work -= 0.5 * (loop.f_contact_W[i] + loop.f_before_W[i]) * (loop.p[i] - loop.p_before[i])
