@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from uvms_mj import Gsta, Scenario, Trace, report, simulate, study
+from uvms_mj import Gsta, InputError, Scenario, Trace, report, simulate, study
 from uvms_mj.claims import CLAIMS, Claim, Measured, Runs, Verdict, judge, number
 from uvms_mj.mcap_log import McapLog
 
@@ -297,6 +297,17 @@ def test_claims_of_runs_that_they_are_not_about_fail(runs):
         wrong = dataclasses.replace(runs, traces={**runs.traces, name: runs.traces[other]})
         failed = {row.claim.id for row in judge(wrong) if row.verdict is Verdict.fails}
         assert {"gsta": "gsta-force", "fosm": "fosm-well-inside", "gsta_alone": "alone-integral"}[name] in failed
+
+
+def test_gains_of_one_law_are_for_its_runs_alone():
+    plan = study.plan(Scenario(), {"fosm": {"controller.K_s": 24.0}, "gsta": {"controller.k_1": 8.0}})
+    for name, scenario in plan.items():
+        law = scenario.controller
+        assert getattr(law, "K_s", 24.0) == (48.0 if name == "sweep_fosm_double_K_s" else 24.0), name
+        assert getattr(law, "k_1", 8.0) == 8.0, name
+    assert [plan[name].controller.nominal for name in ("gsta", "gsta_alone")] == [True, False]
+    with pytest.raises(InputError, match="fosm has no such gain"):
+        study.plan(Scenario(), {"fosm": {"controller.k_1": 1.0}})
 
 
 def test_gains_of_a_scenario_stay_with_their_law():

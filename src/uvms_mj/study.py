@@ -8,6 +8,8 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 from .checks import SamplingWarning
 from .claims import Runs
@@ -34,14 +36,15 @@ FINE, SWEEP = "_fine", "sweep_"
 """Suffix and prefix of the names of the other logs."""
 
 
-def plan(scenario: Scenario) -> dict[str, Scenario]:
+def plan(scenario: Scenario, gains: Mapping[str, Mapping[str, Any]] = MappingProxyType({})) -> dict[str, Scenario]:
     """Every run of the study, by the name of its log; the longest first.
 
     Args:
         scenario: what the runs have in common. Gains that it gives are kept in the runs of that law.
+        gains: dotted keys and values for the runs of a law, by its name: ``{"fosm": {"controller.K_s": 24.0}}``.
     """
     tables = scenario.to_dict()
-    base = {name: Scenario.from_dict(tables, gains, law) for name, (law, gains) in LAWS.items()}
+    base = {name: Scenario.from_dict(tables, {**gains.get(law, {}), **own}, law) for name, (law, own) in LAWS.items()}
     impedance, fosm, gsta = base["impedance"], base["fosm"], base["gsta"]
     h, wall = scenario.simulation.timestep, scenario.wall.position
     K_x, *K_rest = scenario.impedance.K_d

@@ -8,7 +8,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -56,6 +56,7 @@ def paper(
     \b
     uvms-mj paper --out results
     uvms-mj paper --out soft wall.stiffness=2e4
+    uvms-mj paper --out gains fosm.K_s=24 gsta.k_1=8
     uvms-mj paper --from results
     """
     stop = Stop()
@@ -80,7 +81,8 @@ def paper(
                 if out is None:
                     raise InputError("--out DIR is missing: where shall the logs and the report go?")
                 name, overrides = asked_for(arguments, settings)
-                jobs = study.plan(Scenario.load(name or "push_wall", overrides))
+                gains = _gains(overrides)
+                jobs = study.plan(Scenario.load(name or "push_wall", overrides), gains)
                 folder = folder_for(out)
                 logs = folder / "logs"
                 _move_aside(folder)
@@ -102,6 +104,16 @@ def paper(
         _table(rows)
         click.echo(str(folder / "report.html"))
     sys.exit(EXIT_CLAIM_FAILS if failed else 0)
+
+
+def _gains(overrides: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """Take the gains of single laws, ``fosm.K_s``, out of what is asked for."""
+    gains: dict[str, dict[str, Any]] = {law: {} for law in ("fosm", "gsta")}
+    for key in list(overrides):
+        law, _, gain = key.partition(".")
+        if law in gains:
+            gains[law][f"controller.{gain}"] = overrides.pop(key)
+    return gains
 
 
 def _write(folder: Path, runs: "Runs", progress: Callable[[int, int], None]) -> "list[Row]":
