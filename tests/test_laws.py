@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from uvms_mj import Controller, Gsta, InputError, LawError, Scenario, Trace, simulate
-from uvms_mj.control import BUILT_IN
+from uvms_mj.control import BUILT_IN, Ideal
 from uvms_mj.kernels import kernels
 from uvms_mj.native import compilation
 from uvms_mj.native.closed_loop import law_signals
@@ -350,11 +350,11 @@ def test_the_truth_is_given_to_the_yardstick_alone(tmp_path):
     greedy = peek.replace("    @staticmethod", "    uses_truth = True\n    @staticmethod")
     path = law_file(tmp_path, greedy, name="greedy.py")
     with pytest.raises(InputError, match="yardstick"):
-        Scenario.load("push_wall", SHORT, f"{path}:Peek")
+        simulate(Scenario.load("push_wall", SHORT, f"{path}:Peek"))
 
     @dataclass(frozen=True)
-    class Greedy(Gsta):
-        uses_truth = True
+    class Greedy(Ideal):
+        law = staticmethod(Gsta.law)
 
     with pytest.raises(InputError, match="yardstick"):
         simulate(Scenario.load("push_wall", SHORT), controller=Greedy())

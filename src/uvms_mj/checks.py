@@ -26,7 +26,7 @@ def check(scenario: Scenario, vehicle: Vehicle, design: Design) -> list[str]:
     """
     h, wall = scenario.simulation.timestep, scenario.wall
     faults = []
-    if scenario.controller.uses_truth and not isinstance(scenario.controller, Ideal):
+    if scenario.controller.uses_truth and not has_built_in_law(scenario.controller):
         faults.append(Fault("controller.uses_truth", "is for the yardstick, ideal, alone"))
     m = design.along_normal(design.M)
     limit = (np.sqrt(wall.damping**2 + 4.0 * wall.stiffness * m) - wall.damping) / wall.stiffness

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import metrics
-from .claims import REST_S, TRANSIENT_S, Row, Verdict, number
+from .claims import REST_S, TRANSIENT_S, Row, Verdict, linear_sum, number
 from .control.ideal import TOLD_THE_TRUTH
 from .outputs import whole
 from .recording import Status
@@ -81,10 +81,6 @@ def _percent(part: float | None) -> float | None:
     return None if part is None else 100.0 * part
 
 
-def _force(values: np.ndarray) -> float:
-    return float(values[:3].sum())
-
-
 MEASURES: tuple[tuple[str, str, Callable[[Trace], Any]], ...] = (
     ("contact force at rest", "N", lambda trace: metrics.final_force(trace)[0]),
     ("force that the desired impedance demands", "N", metrics.demanded_force),
@@ -102,14 +98,14 @@ MEASURES: tuple[tuple[str, str, Callable[[Trace], Any]], ...] = (
         "N",
         lambda trace: np.linalg.norm(metrics.impedance_error(trace, _rest(trace))[:3]),
     ),
-    ("control effort", "N² s", lambda trace: _force(metrics.control_effort(trace))),
-    ("total variation of thrust", "N", lambda trace: _force(metrics.total_variation(trace))),
+    ("control effort", "N² s", lambda trace: linear_sum(metrics.control_effort(trace))),
+    ("total variation of thrust", "N", lambda trace: linear_sum(metrics.total_variation(trace))),
     (
         f"chattering index until {TRANSIENT_S:g} s",
         "N/s",
-        lambda trace: _force(metrics.chattering(trace, 0.0, TRANSIENT_S)),
+        lambda trace: linear_sum(metrics.chattering(trace, 0.0, TRANSIENT_S)),
     ),
-    (f"chattering index, last {REST_S:g} s", "N/s", lambda trace: _force(metrics.chattering(trace, _rest(trace)))),
+    (f"chattering index, last {REST_S:g} s", "N/s", lambda trace: linear_sum(metrics.chattering(trace, _rest(trace)))),
     ("largest step-to-step change of thrust", "N", lambda trace: metrics.largest_change(trace)[:3].max()),
     ("time in the boundary layer, least axis", "%", lambda trace: 100.0 * metrics.boundary_layer_share(trace).min()),
     ("work done on the wall", "J", lambda trace: trace.wall_work[-1]),

@@ -1,7 +1,7 @@
 """The paper's claims, measured in runs and judged."""
 
 from .base import Claim, Measured, Row, Runs, Verdict, number
-from .measures import LABELS, REST_S, TRANSIENT_S
+from .measures import LABELS, REST_S, TRANSIENT_S, linear_sum
 from .paper import CLAIMS, judge
 
 __all__ = [
@@ -15,5 +15,6 @@ __all__ = [
     "Runs",
     "Verdict",
     "judge",
+    "linear_sum",
     "number",
 ]

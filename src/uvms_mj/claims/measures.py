@@ -49,8 +49,8 @@ def impedance_error(run: str) -> Callable[[Runs], Measured]:
     return lambda runs: Measured(at_rest(runs.traces[run]))
 
 
-def thrust(values: np.ndarray) -> float:
-    """Sum over the three components of the force."""
+def linear_sum(values: np.ndarray) -> float:
+    """Sum over the three linear axes of (6,)."""
     return float(values[:3].sum())
 
 
@@ -147,7 +147,9 @@ def unexplained(runs: Runs) -> Measured:
 
 def quiet(runs: Runs) -> Measured:
     trace = runs.traces["fosm"]
-    before, after = (thrust(metrics.chattering(trace, *part)) for part in ((0.0, TRANSIENT_S), (TRANSIENT_S, np.inf)))
+    before, after = (
+        linear_sum(metrics.chattering(trace, *part)) for part in ((0.0, TRANSIENT_S), (TRANSIENT_S, np.inf))
+    )
     return Measured(over(after, before), f"{number(before)} N/s until {TRANSIENT_S:g} s, {number(after)} N/s later")
 
 
@@ -162,7 +164,7 @@ def reversals(run: str) -> Callable[[Runs], Measured]:
 def severe(variation: str) -> Callable[[Runs], Measured]:
     def measure(runs: Runs) -> Measured:
         as_printed, varied = (
-            thrust(metrics.mean_change(trace, 0.5, 1.0)) for trace in (runs.traces["fosm"], runs.sweep[variation])
+            linear_sum(metrics.mean_change(trace, 0.5, 1.0)) for trace in (runs.traces["fosm"], runs.sweep[variation])
         )
         return Measured(varied, f"between 0.5 and 1 s; {number(as_printed)} N with the paper's gains")
 
@@ -173,7 +175,7 @@ def ripple(runs: Runs) -> Measured:
     """Mean step-to-step change at rest, of the axis where it is largest, to the rms of the thrust."""
     trace = runs.traces["gsta"]
     change = metrics.mean_change(trace, trace.t[-1] - REST_S)[:3]
-    rms = np.sqrt(thrust(metrics.control_effort(trace)) / trace.t[-1])
+    rms = np.sqrt(linear_sum(metrics.control_effort(trace)) / trace.t[-1])
     return Measured(over(100.0 * change.max(), rms), f"{change.max():.3g} N of {rms:.3g} N")
 
 
@@ -183,14 +185,14 @@ def whole_variation(runs: Runs) -> Measured:
     At rest s alternates between +-sigma, with 2 sigma = h k_1 sqrt(sigma) - h^2 k_2/4 from eqs. (24) and (27), and tau
     changes by M_hat 4 sigma/h from step to step.
     """
-    measured = ratio(lambda trace: thrust(metrics.total_variation(trace)), "gsta", "fosm", "N")(runs)
+    measured = ratio(lambda trace: linear_sum(metrics.total_variation(trace)), "gsta", "fosm", "N")(runs)
     trace = runs.traces["gsta"]
     k_1, k_2 = gain(trace, "k_1"), gain(trace, "k_2")
     if k_1**2 < 2.0 * k_2:
         return measured
-    cycle = 0.25 * (k_1 + np.sqrt(k_1**2 - 2.0 * k_2)) ** 2 * thrust(np.diag(metrics.design_of(trace).M_hat))
+    cycle = 0.25 * (k_1 + np.sqrt(k_1**2 - 2.0 * k_2)) ** 2 * linear_sum(np.diag(metrics.design_of(trace).M_hat))
     start = max(0.0, trace.t[-1] - REST_S)
-    rest = thrust(metrics.total_variation(trace, start)) / (trace.t[-1] - start) if len(trace) > 1 else 0.0
+    rest = linear_sum(metrics.total_variation(trace, start)) / (trace.t[-1] - start) if len(trace) > 1 else 0.0
     detail = f"{measured.detail}; at rest {rest:.1f} N/s, by the cycle of sgn(s) {cycle:.1f} N/s"
     return Measured(measured.value, detail, explained=abs(rest - cycle) < 0.05 * cycle)
 
@@ -240,4 +242,4 @@ def effort(runs: Runs, other: str) -> Measured:
     axes = ", ".join(
         f"{axis} {number(x)} and {number(y)}" for axis, x, y in zip(("surge", "sway"), a[:2], b[:2], strict=True)
     )
-    return Measured(over(thrust(a), thrust(b)), f"{axes} N² s")
+    return Measured(over(linear_sum(a), linear_sum(b)), f"{axes} N² s")

@@ -269,7 +269,7 @@ CLAIMS: tuple[Claim, ...] = (
         "total variation of thrust until 0.1 s, over the first-order law's",
         "1",
         measures.ratio(
-            lambda trace: measures.thrust(metrics.total_variation(trace, 0.0, measures.TRANSIENT_S)),
+            lambda trace: measures.linear_sum(metrics.total_variation(trace, 0.0, measures.TRANSIENT_S)),
             "gsta",
             "fosm",
             "N",

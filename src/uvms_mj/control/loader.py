@@ -99,9 +99,6 @@ def controller_class(source: Any) -> type[Controller]:
         raise InputError(
             [Fault("controller.name", f"{class_name} in {file} must be decorated with @dataclass(frozen=True)")]
         )
-    if cls.uses_truth:
-        fault = Fault("controller.name", f"{class_name} in {file}: uses_truth is for the yardstick, ideal, alone")
-        raise InputError([fault])
     wanted = f"{class_name} in {file}: states must be names with sizes from 1 to {_MOST_STATES}, as in {{'xi': 6}}"
     if not isinstance(cls.states, Mapping):
         raise InputError([Fault("controller.name", f"{wanted}; {cls.states!r} is not")])

@@ -7,7 +7,6 @@ the compiled function only; here the object's name is a fingerprint of all the s
 edit to any of them simply leads to another object.
 """
 
-import ast
 import contextlib
 import ctypes
 import functools
@@ -16,19 +15,15 @@ import importlib.metadata
 import json
 import os
 import sys
-import sysconfig
 import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import llvmlite.binding as llvm
-import numpy as np
 import platformdirs
 
 from ..kernels import kernels
@@ -48,12 +43,12 @@ _CORE = (
     "native/layouts.py",
     "native/loop.py",
     "native/memory.py",
+    "native/sources.py",
     "reference.py",
     "signals.py",
     "truth.py",
 )
 """All that can reach the machine code of the core; a test keeps these files from using others of the package."""
-_FOREIGN = tuple(Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib", "purelib", "platlib"))
 _KEPT_OBJECTS = 200
 _MIN_AGE_S = 7 * 24 * 3600.0
 _INLINED = {"error_model": "numpy", "forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
@@ -258,50 +253,3 @@ def _prune(folder: Path) -> None:
     for modified, path in sorted(files)[: -2 * _KEPT_OBJECTS]:
         if time.time() - modified > _MIN_AGE_S:
             path.unlink(missing_ok=True)
-
-
-def source_files(module: ModuleType) -> list[Path]:
-    """The file of a module and those of all it imports, however deep, but for installed packages and the standard
-    library.
-
-    Imports are read from the source: a constant taken from another file leaves no trace in the module itself.
-    """
-    found: dict[Path, None] = {}
-    todo = [Path(str(module.__file__)).resolve()]
-    while todo:
-        path = todo.pop()
-        if path in found or not path.is_file() or path.suffix != ".py":
-            continue
-        if found and any(path.is_relative_to(folder) for folder in (*_FOREIGN, _PACKAGE)):
-            continue
-        found[path] = None
-        for node in ast.walk(ast.parse(path.read_bytes())):
-            names: list[str] = []
-            if isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
-                names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-            todo += [origin for name in names if (origin := _origin(name)) is not None]
-    return sorted(found)
-
-
-def _origin(name: str) -> Path | None:
-    loaded = sys.modules.get(name)
-    if loaded is not None:
-        file = getattr(loaded, "__file__", None)
-        return Path(file).resolve() if file else None
-    try:
-        spec = find_spec(name)
-    except (ImportError, ValueError, AttributeError):
-        return None
-    return Path(spec.origin).resolve() if spec is not None and spec.origin and spec.has_location else None
-
-
-def global_values(module: ModuleType) -> bytes:
-    """The plain values among a module's globals, which numba freezes into the machine code."""
-    kinds = (bool, int, float, complex, str, tuple, np.ndarray, np.generic)
-    values = {name: value for name, value in vars(module).items() if isinstance(value, kinds) and name[:2] != "__"}
-    return b"".join(
-        name.encode() + (value.tobytes() if isinstance(value, np.ndarray) else repr(value).encode())
-        for name, value in sorted(values.items())
-    )

@@ -9,8 +9,9 @@ import numpy as np
 
 from ..control.base import Controller
 from ..control.loader import BUILT_IN
-from .compilation import NativeFunction, global_values, native_function, source_files
+from .compilation import NativeFunction, native_function
 from .layouts import SIGNALS, SIGNALS_AND_TRUTH
+from .sources import global_values, source_files
 
 if TYPE_CHECKING:  # names of the template below, set for each law
     carray: Any = None
