@@ -52,13 +52,16 @@ STORM = """if True:
             trace = simulate(scenario, sinks=[sink], log_rate="full")
         except KeyboardInterrupt:  # before or after the steps
             continue
-        met += 1
         assert trace.status is Status.interrupted
         assert sink.outcome == trace.outcome
+        if not sink.blocks:  # before the first row
+            assert not len(trace)
+            continue
+        met += 1
         rows = np.concatenate(sink.blocks)
         assert np.array_equal(rows[:, 0], trace.t)
         assert np.array_equal(np.rint(np.diff(rows[:, 0]) / 1e-4), np.ones(len(rows) - 1)), "a row is missing, or twice"
-    assert met > 100, met
+    assert met > 50, met
 """
 
 
