@@ -273,13 +273,13 @@ def test_what_hangs_at_its_end_can_be_stopped(tmp_path):
     code = """if True:
         import signal, time
         from uvms_mj.cli.common import Stop
-        Stop._PATIENCE_S = 0.5
+        Stop._PATIENCE_S = 1.5
         stop = Stop()
         try:
             signal.raise_signal(signal.SIGINT)
         except KeyboardInterrupt:
             signal.raise_signal(signal.SIGTERM)
-            time.sleep(1.0)
+            time.sleep(2.5)
             print("still here", flush=True)
             signal.raise_signal(signal.SIGINT)
             time.sleep(30.0)
