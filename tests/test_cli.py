@@ -205,7 +205,8 @@ def test_a_law_that_prints_leaves_json_alone(tmp_path, compiled):
         "from dataclasses import dataclass\nfrom uvms_mj import Controller\nprint('loading')\n\n"
         "@dataclass(frozen=True)\nclass Loud(Controller):\n"
         "    @staticmethod\n    def law(gains, state, signals, state_dot, tau_cmd):\n"
-        "        print('stepping')\n" + ("" if compiled else "        {}.clear()\n        open(__file__).close()\n")
+        "        tau_cmd[:] = 0.0\n        print('stepping')\n"
+        + ("" if compiled else "        {}.clear()\n        open(__file__).close()\n")
     )
     (tmp_path / "loud.py").write_text(text)
     done = run("run", "-c", "loud.py:Loud", "simulation.duration=0.0003", "--json", cwd=tmp_path)
@@ -403,6 +404,22 @@ def test_an_interrupt_of_any_command_is_no_failure(here, monkeypatch, command):
     done = here(command, "run.mcap", *(("--to", "csv") if command == "export" else ()))
     assert done.exit_code == 130
     assert done.stderr.strip() in ("interrupted", "stopped")
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ("fosm.K=2", "fosm.K: fosm has no such gain; known are A, F_1, F_2, K_s"),
+        ("gsta.name=sta", "gsta.name: gsta has no such gain"),
+        ("fosm=3", "fosm: fosm has no such gain"),
+        ("gsta.nominal=false", "gsta.nominal: both are run"),
+    ],
+)
+def test_paper_names_the_gain_that_was_typed(here, setting, said):
+    done = here("paper", "-o", "x", setting)
+    assert done.exit_code == 2
+    assert said in done.stderr
+    assert not Path("x").exists()
 
 
 def test_help_teaches_and_lists(here):

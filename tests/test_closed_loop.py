@@ -226,8 +226,8 @@ def test_u_is_thrust_in_newtons_whatever_gear_gain_and_ctrl_are(tmp_path):
     xml = vehicle_xml(random_parameters(3))
     traces = {}
     for name, motor in {
-        "newtons": '<motor ctrlrange="-8 8" ctrllimited="true" ',
-        "ctrl": '<general gainprm="4" biastype="none" ctrlrange="-1 1" ctrllimited="true" ',
+        "newtons": '<motor ctrlrange="-15.5 15.5" ctrllimited="true" ',
+        "ctrl": '<general gainprm="4" biastype="none" ctrlrange="-1.9375 1.9375" ctrllimited="true" ',
     }.items():
         text = xml.replace("<motor ", motor)
         if name == "ctrl":
@@ -235,9 +235,12 @@ def test_u_is_thrust_in_newtons_whatever_gear_gain_and_ctrl_are(tmp_path):
         (tmp_path / f"{name}.xml").write_text(text)
         overrides = {"vehicle.model": str(tmp_path / f"{name}.xml"), "simulation.duration": 0.1}
         traces[name] = simulate(Scenario.load("push_wall", overrides))
-    u = traces["newtons"].u
-    assert np.abs(u).max() == 8.0
-    assert (np.abs(u) < 8.0).any()
+    u, t = traces["newtons"].u, traces["newtons"].t
+    at_limit = (np.abs(u) == 15.5).any(axis=1)
+    assert at_limit.any()
+    assert not at_limit.all()
+    assert traces["newtons"].saturation_time[-1] == pytest.approx(1e-3 * at_limit.sum(), abs=2e-3)
+    assert traces["newtons"].saturation_time[-1] < t[-1]
     for name in traces["newtons"]:
         assert np.array_equal(traces["ctrl"][name], traces["newtons"][name]), name
 

@@ -2,6 +2,7 @@
 
 import ast
 import json
+import os
 import re
 import subprocess
 import sys
@@ -148,6 +149,7 @@ def test_a_law_that_numba_cannot_compile_runs_and_says_why(tmp_path):
 )
 @pytest.mark.filterwarnings("ignore::uvms_mj.simulation.PlainPythonWarning")
 def test_an_exception_in_a_law_names_the_users_line_and_keeps_the_trace(tmp_path, body, what):
+    body = f"tau_cmd[:] = 0.0\n{body}"
     path = law_file(tmp_path, one_liner("Wrong", body))
     with pytest.raises(LawError) as caught:
         simulate(Scenario.load("push_wall", SHORT, f"{path}:Wrong"))
@@ -237,6 +239,39 @@ def test_torn_facts_about_machine_code_are_compiled_again(tmp_path, monkeypatch,
     assert compilation._load(file.stem, True) is None
 
 
+SPEAKS = "tau_cmd[:] = 0.0\nif signals.t < 0.00015:\n    print(signals.t, signals.s)"
+RAISES = "tau_cmd[:] = signals.tau_nom[: 5 if signals.t > 0.01 else 6]"
+INSTANT = ("run", "-q", "simulation.duration=0.05")
+
+
+@pytest.mark.parametrize(("body", "status", "said"), [(SPEAKS, 0, "0.0001"), (RAISES, 2, "could not broadcast")])
+def test_a_law_that_prints_or_raises_does_so_from_disk_too(tmp_path, body, status, said):
+    """In a process that loads its machine code as in the one that made it: numba keeps what is printed in Python."""
+    path = law_file(tmp_path, one_liner("Speaks", body))
+    for n in range(3):
+        done = subprocess.run(
+            [sys.executable, "-m", "uvms_mj", *INSTANT, "-c", f"{path}:Speaks", "-o", str(n)],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=100.0,
+        )
+        assert done.returncode == status, done.stderr
+        assert said in done.stdout + done.stderr
+
+
+def test_what_a_killed_process_left_in_the_cache_is_forgotten_in_time(tmp_path, monkeypatch):
+    monkeypatch.setattr(compilation, "_folder", lambda: tmp_path)
+    monkeypatch.setattr(compilation, "_KEPT_OBJECTS", 1)
+    left = tmp_path / "new-left"
+    for name in ("new-left", "new-now", "new-then"):
+        (tmp_path / name).mkdir()
+    (left / "torn.o").write_bytes(b"x")
+    os.utime(left, (0.0, 0.0))
+    compilation._keep("name", b"code", {})
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["name.json", "name.o", "new-now", "new-then"]
+
+
 def test_a_cache_that_takes_nothing_stops_no_run(monkeypatch):
     """As on a full disk: a directory that is not there takes no file either."""
     monkeypatch.setattr(compilation, "_folder", lambda: Path("/nowhere/at/all"))
@@ -312,6 +347,14 @@ def test_what_a_law_writes_on_its_signals_is_not_recorded_nor_kept(tmp_path, mon
         assert np.array_equal(ours[name], theirs[name]), name
 
 
+@pytest.mark.parametrize("body", ["tau = -200.0 * signals.eta_e", "return -200.0 * signals.eta_e", "tau_cmd[:3] = 1.0"])
+def test_a_law_that_leaves_tau_cmd_as_it_was_is_told_so(tmp_path, body):
+    path = law_file(tmp_path, one_liner("Forgets", body))
+    trace = simulate(Scenario.load("push_wall", SHORT, f"{path}:Forgets"))
+    assert trace.status.name == "unstable"
+    assert "a law sets all six numbers of tau_cmd" in trace.message
+
+
 def test_a_law_that_gives_no_number_stops_the_run(tmp_path):
     path = law_file(tmp_path, one_liner("Nan", "tau_cmd[:] = np.nan if signals.t > 0.01 else 0.0"))
     trace = simulate(Scenario.load("push_wall", SHORT, f"{path}:Nan"))
@@ -356,8 +399,23 @@ def test_the_truth_is_given_to_the_yardstick_alone(tmp_path):
     class Greedy(Ideal):
         law = staticmethod(Gsta.law)
 
-    with pytest.raises(InputError, match="yardstick"):
-        simulate(Scenario.load("push_wall", SHORT), controller=Greedy())
+    @dataclass(frozen=True)
+    class Peek(Gsta):
+        uses_truth = True
+
+    for law in (Greedy(), Peek()):
+        with pytest.raises(InputError, match="yardstick"):
+            simulate(Scenario.load("push_wall", SHORT), controller=law)
+
+
+def test_ideal_without_the_truth_is_no_law_of_ours():
+    @dataclass(frozen=True)
+    class Blind(Ideal):
+        uses_truth = False
+
+    simulate(Scenario.load("push_wall", SHORT, "ideal"))
+    with pytest.warns(PlainPythonWarning), pytest.raises(LawError, match="C_nu_r"):
+        simulate(Scenario.load("push_wall", SHORT), controller=Blind())
 
 
 def test_the_yardstick_says_that_it_uses_the_truth(tmp_path):

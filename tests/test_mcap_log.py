@@ -32,6 +32,7 @@ from uvms_mj.control.recorded import recorded_law
 from uvms_mj.mcap_log.attachments import without_paths
 from uvms_mj.mcap_log.layout import Format
 from uvms_mj.mjcf import Mjcf
+from uvms_mj.signals import RUNNING
 
 ROOT = Path(__file__).parents[1]
 COMMAND = [sys.executable, "-X", "faulthandler", "-m", "uvms_mj"]
@@ -141,7 +142,7 @@ def test_an_independent_decoder_reads_the_same_numbers(logged):
     for topic, name in (("/error/pose", "eta_e"), ("/s", "s"), ("/zeta", "zeta"), ("/law/z", "z"), ("/thrusters", "u")):
         assert np.array_equal(values(topic, array), trace[name]), topic
     running = [name for name in topics if name.startswith("/running/")]
-    assert len(running) == 13
+    assert len(running) == len(RUNNING)
     for topic in running:
         signal = trace[topic.removeprefix("/running/")]
         assert np.array_equal(values(topic, array if signal.ndim > 1 else lambda m: m.data), signal), topic
@@ -401,7 +402,7 @@ def test_a_law_that_becomes_slow_reaches_the_disk_every_second_too(tmp_path):
         "import time\nfrom dataclasses import dataclass\nfrom uvms_mj import Controller\n\n"
         "@dataclass(frozen=True)\nclass Slow(Controller):\n"
         "    @staticmethod\n    def law(gains, state, signals, state_dot, tau_cmd):\n"
-        "        if signals.t > 0.25:\n            time.sleep(0.01)\n"
+        "        tau_cmd[:] = 0.0\n        if signals.t > 0.25:\n            time.sleep(0.01)\n"
     )
     instants = []
     scenario = Scenario.load("push_wall", {"simulation.duration": 0.27}, f"{tmp_path}/slow.py:Slow")
@@ -419,7 +420,7 @@ def test_a_state_of_any_name_is_logged_as_it_is(tmp_path, states):
     (tmp_path / "odd.py").write_text(
         "from dataclasses import dataclass\nfrom uvms_mj import Controller\n\n"
         f"@dataclass(frozen=True)\nclass Odd(Controller):\n    states = {states}\n"
-        f"    @staticmethod\n    def law(gains, state, signals, state_dot, tau_cmd):\n{filled}\n"
+        f"    @staticmethod\n    def law(gains, state, signals, state_dot, tau_cmd):\n{filled}\n        tau_cmd[:] = 0.0\n"
     )
     scenario = Scenario.load("push_wall", {"simulation.duration": 0.05}, f"{tmp_path}/odd.py:Odd")
     trace = simulate(scenario, sinks=[McapLog(tmp_path / "run.mcap")])
@@ -625,7 +626,7 @@ def ends_of_chunks(data: bytes) -> list[int]:
 
 @pytest.mark.parametrize("block", [512, 4096])
 def test_a_tail_of_zeros_is_what_a_power_cut_left_unwritten(logged, tmp_path, block):
-    _, path = logged
+    trace, path = logged
     data, cut = path.read_bytes(), tmp_path / "cut.mcap"
     _, first, *_, last = ends_of_chunks(data)
     for part in (0.1, 0.5, 0.9):
@@ -638,6 +639,11 @@ def test_a_tail_of_zeros_is_what_a_power_cut_left_unwritten(logged, tmp_path, bl
             assert found.status is Status.truncated
             assert len(found) == len(expected) > 0
             assert all(np.array_equal(found[name], expected[name]) for name in found)
+    for byte in range(60):  # also where a block was written in part
+        cut.write_bytes(data[: last - byte] + bytes(5000))
+        found = Trace.load(cut)
+        assert found.status is Status.truncated
+        assert all(np.array_equal(found[name], trace[name][: len(found)]) for name in found)
     cut.write_bytes(data[:first] + bytes(100) + data[first + 100 :])  # a hole is no cut
     with pytest.raises(InputError, match="damaged"):
         Trace.load(cut)

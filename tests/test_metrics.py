@@ -285,6 +285,14 @@ def test_generalised_impedance_is_what_is_demanded_and_judged():
     assert metrics.impedance_error(trace, 9.0).max() < 1e-4
 
 
+def test_without_stiffness_the_force_reference_alone_is_demanded():
+    stiffness = {"impedance.K_d": [0.0, 1500.0, 1500.0, 50.0, 50.0, 50.0], "impedance.D_d": [90.0] * 3 + [5.0] * 3}
+    settings = stiffness | {"impedance.F_d": [-2.0, 0.0, 0.0, 0.0, 0.0, 0.0], "wall.stiffness": 1e4}
+    trace = simulate(Scenario.load("push_wall", settings | {"simulation.duration": 1e-3}), Gsta())
+    assert trace.analytic.force == pytest.approx(2.0)
+    assert metrics.demanded_force(trace) == pytest.approx(2.0)
+
+
 def test_no_force_is_demanded_of_a_reference_in_the_water_or_without_stiffness(synthetic):
     for settings in ({"reference.target": [0.9, 0.0, 0.0]}, {"impedance.K_d": [0.0, 1.0, 1.0, 1.0, 1.0, 1.0]}):
         trace = synthetic(0.01)

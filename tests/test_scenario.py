@@ -140,6 +140,11 @@ def test_settings_keep_numbers_to_the_last_bit(value):
     assert parse_setting(f"wall.position={value!r}") == ("wall.position", value)
 
 
+def test_a_point_may_stand_at_either_end_of_a_number():
+    assert [parse_setting(f"x={text}")[1] for text in (".2", "5.", "-.5e-3", "+1.")] == [0.2, 5.0, -0.5e-3, 1.0]
+    assert parse_setting("x=.")[1] == "."
+
+
 def test_settings():
     assert parse_setting("a.b=[1, 2.5]") == ("a.b", [1, 2.5])
     assert parse_setting("vehicle.model=my model.xml") == ("vehicle.model", "my model.xml")

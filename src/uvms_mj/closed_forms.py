@@ -20,6 +20,7 @@ F = K_x (x_d - x_c) / (1 + K_x / k_c); the paper's 1.5 N leaves the wall's give 
 equations are solved by Newton's method.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -108,7 +109,8 @@ def demanded_force(scenario: Scenario, k_c: float) -> float:
     .. math:: F = \max\left(0, \frac{x_d - x_c - n^\top K_d^{-1} K_f F_d}{n^\top K_d^{-1} K_f n + 1/k_c}\right)
 
     which for the paper's K_f = I, F_d = 0 is K_x (x_d - x_c) / (1 + K_x / k_c), and without the fraction for a rigid
-    wall. F_d without moments.
+    wall; where K_d is zero along n it is the force that F_d asks for. F_d without moments. Infinite for a rigid wall
+    and K_f = 0.
 
     Args:
         scenario: with reference, wall and impedance.
@@ -118,12 +120,15 @@ def demanded_force(scenario: Scenario, k_c: float) -> float:
     normal = wall_normal(quat_from_euler_deg(*reference.attitude_deg))
     K_f, K_d, F_d = (np.array(values) for values in (impedance.K_f, impedance.K_d, impedance.F_d))
     pushed = np.abs(normal) > 1e-12
-    if (K_d[pushed] <= 0.0).any():
-        return 0.0
-    n, give = normal[pushed], K_f[pushed] / K_d[pushed]
-    distance = reference.steps[-1].position[0] - scenario.wall.position - float(n @ (give * F_d[pushed]))
+    n, K_d, K_f, F_d = normal[pushed], K_d[pushed], K_f[pushed], F_d[pushed]
+    limp = K_d == 0.0
+    if limp.any():  # without a spring the force alone counts: K_f (F n + F_d) = 0
+        forces = -F_d[limp] / n[limp]
+        return max(0.0, float(forces[0])) if K_f[limp].all() and np.ptp(forces) < 1e-9 else 0.0
+    give = K_f / K_d
+    distance = reference.steps[-1].position[0] - scenario.wall.position - float(n @ (give * F_d))
     yielding = float(n @ (give * n)) + 1.0 / k_c
-    return max(0.0, distance / yielding) if yielding > 0.0 else 0.0
+    return max(0.0, distance / yielding) if yielding > 0.0 else math.inf if distance > 0.0 else 0.0
 
 
 def _disturbance_rate(scenario: Scenario, design: Design) -> np.ndarray:

@@ -141,6 +141,9 @@ def _run_table(trace: Any, report: dict[str, Any]) -> None:
     if some:
         table.add_row("final sliding variable", vector(final["s"], ".1e"))
         table.add_row("largest tau", f"{vector(trace.tau_max[-1], '.4g')} N, N m")
+        if report["saturated_s"]:
+            share = report["saturated_s"] / max(report["duration_s"], 1e-300)
+            table.add_row("thrusters at their limits", f"{report['saturated_s']:.4g} s, {share:.2%} of the time")
     factor = report["real_time_factor"]
     if factor:
         step_us = trace.wall_time_s / max(1, trace.steps) * 1e6

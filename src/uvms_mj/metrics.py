@@ -1,7 +1,6 @@
 """Numbers from a trace: pure functions."""
 
 import functools
-import math
 
 import mujoco
 import numpy as np
@@ -83,7 +82,7 @@ def overshoot(trace: Trace) -> float | None:
         return None
     change = _final_mean(trace, x) - x[0]
     beyond = float((np.sign(change) * (x - x[0])).max() / abs(change)) - 1.0 if change else 0.0
-    return beyond if beyond > 0.0 or math.isnan(beyond) else 0.0
+    return max(0.0, beyond)
 
 
 def impact_impulse(trace: Trace) -> float | None:

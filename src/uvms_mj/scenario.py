@@ -7,6 +7,7 @@ scenario (sec. 5).
 import dataclasses
 import difflib
 import os
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -223,6 +224,10 @@ def _plain(value: Any) -> Any:
     return value
 
 
+_BARE_POINT = re.compile(r"[+-]?(\d+\.|\.\d+)([eE][+-]?\d+)?")
+"""A number that every language but TOML takes: 5. and .2"""
+
+
 def parse_setting(text: str) -> tuple[str, Any]:
     """Key and value of ``key=value``; the value is TOML, or a bare word.
 
@@ -236,6 +241,8 @@ def parse_setting(text: str) -> tuple[str, Any]:
     try:
         return key, tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError as error:
+        if _BARE_POINT.fullmatch(value):
+            return key, float(value)
         if value[:1] in ("[", "{", '"', "'"):
             hint = "in TOML, numbers begin with a digit, 0.28, and words stand between quotes"
             raise InputError(f"--set {text!r}: {error}; {hint}") from None

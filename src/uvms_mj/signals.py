@@ -132,6 +132,7 @@ RUNNING = (
     Signal("final_impulse", (), "N s", "W", "integral of the pushing force over the last 0.5 s of the run's duration"),
     Signal("final_low", (), "N", "W", "least pushing force in that window"),
     Signal("final_high", (), "N", "W", "greatest pushing force in that window"),
+    Signal("saturation_time", (), "s", "-", "time with a thruster at its limit: tau is not what the law asks for"),
     Signal("boundary_layer_time", (6,), "s", "B", "time with |s_i| < epsilon (1e-3 if the law has no epsilon)"),
 )
 """Accumulated at every step whatever the log rate, and recorded as running signals."""

@@ -87,6 +87,10 @@ def simulate(
         SinkError: a sink raised, as when a disk is full; what it had written is kept.
     """
     scenario = scenario if scenario is not None else Scenario()
+    if not isinstance(scenario, Scenario):
+        raise InputError(f"scenario: {scenario!r} is none; Scenario.load makes one of a name or a file")
+    if controller is not None and not isinstance(controller, Controller):
+        raise InputError(f"controller: {controller!r} is no law with its gains, as Gsta(k_1=8.0) is")
     if controller is not None:
         scenario = dataclasses.replace(scenario, controller=controller)
     row_steps = row_steps_of(scenario.simulation.timestep, log_rate)

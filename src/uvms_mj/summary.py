@@ -51,6 +51,7 @@ def summary(trace: Trace, files: dict[str, str]) -> dict[str, Any]:
             "analytic_N": analytic_N,
             "relative_error": error,
         },
+        "saturated_s": last("saturation_time"),
         "final": {
             "position_m": last("p_WB"),
             "attitude_wxyz": last("quat_WB"),

@@ -263,9 +263,9 @@ def _thrusters(model, data, body_id, faults):
         )
         if not plain:
             faults.append(Fault(name, "is not a plain <motor>: thrust must be gain times ctrl"))
-        if gain <= 0.0:
+        elif gain <= 0.0:
             faults.append(Fault(name, f"its gain is {gain:g}: must be positive; turn gear round for the other way"))
-            gain = 1.0
+        gain = gain if gain > 0.0 else 1.0  # the fault is noted
         linear, angular = (float(np.linalg.norm(half)) for half in np.split(model.actuator_gear[i], 2))
         gear = linear or angular  # of a motor that gives a moment alone, "thrust" is that moment [N m]
         low, high = -np.inf, np.inf

@@ -114,13 +114,12 @@ def retuned(runs: Runs) -> Measured:
 
 
 def still_missing(runs: Runs) -> Measured:
-    missing, details = [], []
-    for name, what in _RETUNED.items():
-        trace = runs.sweep[name]
-        asked, force = metrics.demanded_force(trace), metrics.final_force(trace)[0] or 0.0
-        missing.append(100.0 * (asked - force) / asked)
-        details.append(f"{force:.3f} of {asked:.3f} N {what}")
-    return Measured(min(missing), ", ".join(details))
+    asked = {name: metrics.demanded_force(runs.sweep[name]) for name in _RETUNED}
+    forces = {name: metrics.final_force(runs.sweep[name])[0] or 0.0 for name in _RETUNED}
+    detail = ", ".join(f"{forces[name]:.3f} of {asked[name]:.3f} N {what}" for name, what in _RETUNED.items())
+    if not all(asked.values()):
+        return Measured(None, detail)
+    return Measured(min(100.0 * (1.0 - forces[name] / asked[name]) for name in _RETUNED), detail)
 
 
 def inside(runs: Runs) -> Measured:

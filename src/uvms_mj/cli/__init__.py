@@ -1,6 +1,5 @@
 """The command line. What is heavy is imported where it is used, so that ``--help`` is quick."""
 
-import contextlib
 import errno
 import io
 import os
@@ -10,7 +9,7 @@ from typing import Any
 import click
 
 from .certify import certify
-from .common import EXIT_BAD_INPUT, EXIT_INTERRUPTED, end
+from .common import EXIT_BAD_INPUT, EXIT_INTERRUPTED, Stop, end
 from .compare import compare
 from .listing import controllers, keys
 from .logs import export, info, replay
@@ -22,6 +21,7 @@ from .run import run
 class _Commands(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         """What no command has dealt with itself: an interrupt, and files that can't be looked at or written."""
+        Stop()
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
@@ -30,8 +30,12 @@ class _Commands(click.Group):
             if error.errno == errno.EPIPE:  # whoever read the output has enough
                 raise
             place = f"{error.filename}: " if error.filename is not None else ""
-            with contextlib.suppress(OSError, ValueError):  # what is left for standard output has nowhere to go
-                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            try:
+                sys.stdout.flush()
+            except OSError:  # what is left has nowhere to go, also when Python ends
+                nowhere = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(nowhere, sys.stdout.fileno())
+                os.close(nowhere)
             end(f"error: {place}{error.strerror or error}", EXIT_BAD_INPUT)
 
 

@@ -103,11 +103,14 @@ def _load(
 def _super_twisting(scenario: "Scenario", log: str | None) -> "Gsta | Sta":
     from ..control import Gsta, Sta
     from ..control.loader import has_built_in_law
+    from ..control.recorded import RecordedLaw
     from ..faults import InputError
 
     law = scenario.controller
     if not (isinstance(law, Gsta | Sta) and has_built_in_law(law)):
-        choose = "" if log is not None else "; choose it with --controller gsta"
+        choose = "; choose one with --controller gsta"
+        if isinstance(law, RecordedLaw):
+            choose = ", and a log's code is never run: name the law's file with --controller, and the scenario"
         raise InputError(f"{law.label()}: the certificate is for the laws gsta and sta{choose}")
     return law
 
@@ -164,6 +167,7 @@ def _report(law: "Gsta | Sta", trace: "Trace", console: Console) -> None:
         "gains": {"k_1": law.k_1, "k_2": law.k_2, "beta": certificate.beta, "nominal": _nominal(law)},
         "certified": {"rate": certificate.rate, "state": certificate.state, "limit": certificate.limit},
         "experienced": None,
+        "saturated_s": None,
     }
     if isinstance(found, NotGiven):
         report |= {"is_certified": None, "verdict": f"no verdict on this scenario: {found.reason}"}
@@ -186,8 +190,9 @@ def _report(law: "Gsta | Sta", trace: "Trace", console: Console) -> None:
             "contact_lag": found.contact_lag,
         }
         report["experienced"] = {"axes": list(_AXES)} | {name: values.tolist() for name, values in columns.items()}
+        saturated = report["saturated_s"] = float(trace.saturation_time[-1])
         report["is_certified"] = bool(certificate.rate > 0.0 and not beyond.any())
-        report["verdict"] = _verdict(law, certificate.rate, largest * found.doubt, beyond)
+        report["verdict"] = _verdict(law, certificate.rate, largest * found.doubt, beyond, saturated)
     if console.as_json:
         click.echo(json.dumps(report, allow_nan=False))
     elif not console.quiet:
@@ -199,7 +204,7 @@ def _nominal(law: "Gsta | Sta") -> bool:
     return getattr(law, "nominal", True)
 
 
-def _verdict(law: "Gsta | Sta", bound: float, largest: Any, beyond: Any) -> str:
+def _verdict(law: "Gsta | Sta", bound: float, largest: Any, beyond: Any, saturated: float) -> str:
     from ..certificate import MARGIN, gains_for
 
     if bound == 0.0:
@@ -215,6 +220,11 @@ def _verdict(law: "Gsta | Sta", bound: float, largest: Any, beyond: Any) -> str:
         f"not certified: in {axes} the disturbance changed faster than the bound, for up to {beyond.max():.3g} s "
         "in all, and s may have left zero there"
     )
+    if saturated > 0.0:
+        return (
+            f"{sentence}; thrusters were at their limits for {saturated:.3g} s, and what they can't give, which counts "
+            "as disturbance here, no gain brings back"
+        )
     if not _nominal(law):
         return sentence
     k_1, k_2 = gains_for(float(largest.max()))

@@ -1,6 +1,7 @@
 """What all commands share: exit status, one message for bad input, signals."""
 
 import contextlib
+import functools
 import json
 import logging
 import os
@@ -62,22 +63,22 @@ def asked_for(arguments: Sequence[str], settings: Sequence[str]) -> tuple[str | 
 
 
 class Stop:
-    """Ctrl-C and SIGTERM: the first is raised where the program is, and at the next chunk should it get lost; one that
-    comes when the end has taken too long, as on a disk that hangs, ends the program at once.
+    """Ctrl-C and SIGTERM: the first raises KeyboardInterrupt where the program is; one that comes when the end takes
+    too long, as on a disk that hangs, ends the program at once.
 
-    Lost it gets in Python code that C calls back, which can't pass an exception on, as when LLVM reports a finished
-    object. And the main thread may never come back from machine code, as that of a law that loops for ever: so it is
-    another thread that ends the program.
+    The exception gets lost in Python code that C calls back, as when LLVM reports a finished object: :meth:`check`
+    raises it again. And the main thread may never come back from machine code, as from a law that loops for ever: so
+    another thread, which C wakes, ends the program.
     """
 
     _PATIENCE_S = 5.0
+    _first: float | None = None
+    """When the first signal came since the last Stop was made."""
 
     def __init__(self) -> None:
         self.requested = False
-        read_end, write_end = os.pipe()
-        os.set_blocking(write_end, False)
-        signal.set_wakeup_fd(write_end, warn_on_full_buffer=False)
-        threading.Thread(target=self._watch, args=(read_end,), name="uvms-mj signals", daemon=True).start()
+        Stop._first = None
+        signal.set_wakeup_fd(_watched(), warn_on_full_buffer=False)
         for each in (signal.SIGINT, signal.SIGTERM):
             signal.signal(each, self._on_signal)
 
@@ -86,14 +87,15 @@ class Stop:
             self.requested = True
             raise KeyboardInterrupt
 
-    def _watch(self, read_end: int) -> None:
-        """C tells of a signal here at once, whatever the main thread is doing."""
-        first = None
+    @classmethod
+    def watch(cls, read_end: int) -> None:
+        """End the program at a signal that comes late; C tells of signals whatever the main thread is doing."""
         while number := os.read(read_end, 1):
             if number[0] in (signal.SIGINT, signal.SIGTERM):
                 now = time.monotonic()
-                first = now if first is None else first
-                if now - first > self._PATIENCE_S:
+                if cls._first is None:
+                    cls._first = now
+                elif now - cls._first > cls._PATIENCE_S:
                     os._exit(128 + number[0])
 
     def check(self) -> None:
@@ -104,6 +106,15 @@ class Stop:
         """What was computed is being written; that takes less than the patience of whoever sent a signal."""
         for each in (signal.SIGINT, signal.SIGTERM):
             signal.signal(each, signal.SIG_IGN)
+
+
+@functools.cache
+def _watched() -> int:
+    """Where C tells another thread of signals."""
+    read_end, write_end = os.pipe()
+    os.set_blocking(write_end, False)
+    threading.Thread(target=Stop.watch, args=(read_end,), name="uvms-mj signals", daemon=True).start()
+    return write_end
 
 
 def folder_for(name: str) -> Path:

@@ -19,7 +19,8 @@ def controllers(laws: tuple[str, ...]) -> None:
 
         for law in laws or BUILT_IN:
             cls = controller_class(law)
-            summary_line = (cls.__doc__ or "").strip().splitlines()
+            written = "" if (cls.__doc__ or "").startswith(f"{cls.__name__}(") else cls.__doc__  # not dataclass's own
+            summary_line = (written or "").strip().splitlines()
             table = Table(
                 title=f"{cls.label()}: {summary_line[0] if summary_line else ''}", title_justify="left", min_width=80
             )

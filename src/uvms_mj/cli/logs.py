@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..console import Console, log_tables, printable
-from .common import EXIT_INTERRUPTED, Stop, bad_input, end, json_option, path_option
+from .common import EXIT_INTERRUPTED, bad_input, end, json_option, path_option
 
 if TYPE_CHECKING:
     from ..trace import Trace
@@ -95,7 +95,6 @@ def replay(logs: tuple[str, ...], save: str | None, web: bool) -> None:
     uvms-mj replay gsta/run.mcap fosm/run.mcap --web
     uvms-mj replay results/run.mcap --save run.rrd
     """
-    Stop()
     with bad_input():
         from ..faults import InputError
         from ..trace import Trace

@@ -108,10 +108,18 @@ def paper(
 
 def _gains(overrides: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """Take the gains of single laws, ``fosm.K_s``, out of what is asked for."""
+    from ..control import BUILT_IN
+    from ..faults import Fault, InputError, suggestion
+
     gains: dict[str, dict[str, Any]] = {law: {} for law in ("fosm", "gsta")}
     for key in list(overrides):
         law, _, gain = key.partition(".")
         if law in gains:
+            choices = [field.name for field in BUILT_IN[law].gain_fields() if field.name != "nominal"]
+            if gain == "nominal":
+                raise InputError([Fault(key, "both are run, with and without")])
+            if gain not in choices:
+                raise InputError([Fault(key, f"{law} has no such gain; {suggestion(gain, choices)}")])
             gains[law][f"controller.{gain}"] = overrides.pop(key)
     return gains
 

@@ -256,6 +256,7 @@ def _nothing_ran(scenario: "Scenario | None", controller: str | None) -> dict[st
         "wall_time_s": 0.0,
         "real_time_factor": None,
         "contact": contact | {"touches": 0, "settled": False},
+        "saturated_s": None,
         "final": dict.fromkeys(("position_m", "attitude_wxyz", "s", "z", "tau")),
         "analytic": dict.fromkeys(("position_m", "none_because")),
     }

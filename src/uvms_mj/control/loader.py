@@ -117,7 +117,13 @@ def controller_class(source: Any) -> type[Controller]:
 
 def has_built_in_law(controller: Controller) -> bool:
     """Whether a controller's law is one that ships; a class derived from one with another law of its own has not."""
-    return any(isinstance(controller, cls) and type(controller).law is cls.law for cls in BUILT_IN.values())
+    return any(
+        isinstance(controller, cls)
+        and type(controller).law is cls.law
+        and controller.uses_truth == cls.uses_truth
+        and controller.states == cls.states
+        for cls in BUILT_IN.values()
+    )
 
 
 def _known() -> str:

@@ -111,7 +111,7 @@ def force(trace: Trace) -> Panel:
 def _expectations(ax: Axes, trace: Trace) -> list[float]:
     levels = []
     expected = demanded_force(trace.scenario, math.inf)  # what the paper expects: of a wall that does not give
-    if expected > 0.0:
+    if 0.0 < expected < math.inf:
         _level(ax, trace, expected, "expected", _EXPECTED)
         levels.append(expected)
     if isinstance(trace.analytic, SteadyState) and trace.analytic.force > 0.0:

@@ -40,8 +40,12 @@ class Recording:
     files: Mapping[str, bytes] = field(repr=False)
 
 
-_BLOCK = 512
-"""The least that a disk writes [B]."""
+_BLOCK, _STRIDE = 512, 1 << 20
+"""The least that a disk writes, and how much is read at a time where only zeros are expected [B]."""
+
+
+_TORN = (EndOfFile, McapError, struct.error)
+"""What the mcap package raises for a record that is no whole one."""
 
 
 class _CutOff(Exception):
@@ -85,7 +89,7 @@ def _opened(path: str | os.PathLike) -> Iterator["_Reader"]:
         raise InputError(f"{path}: can't read it: {error.strerror}{hint}") from None
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    except (EndOfFile, McapError, struct.error, UnicodeDecodeError, KeyError, OverflowError) as error:
+    except (*_TORN, UnicodeDecodeError, KeyError, OverflowError) as error:
         raise InputError(f"{path}: is damaged: {type(error).__name__} {error}") from None
 
 
@@ -98,8 +102,8 @@ class _Reader:
             raise InputError("is empty" if not self.size else "is not an MCAP file")
         file.seek(max(len(MAGIC), self.size - len(MAGIC)))
         self.whole = file.read() == MAGIC  # then nothing may be missing
-        if not self.whole:
-            self.size = _written(file, self.size)
+        self.written = self.size if self.whole else _written(file, self.size)
+        self.size = min(self.size, -(-self.written // _BLOCK) * _BLOCK)
         file.seek(len(MAGIC))
         self.crc = zlib.crc32(MAGIC)
         self.files: dict[str, bytes] = {}
@@ -189,7 +193,12 @@ class _Reader:
                     format = _format(self.header, channels, notes)
                 if header_only:
                     return
-                self._chunk(format, Chunk.read(stream))
+                try:
+                    self._chunk(format, Chunk.read(stream))
+                except (InputError, *_TORN):
+                    if self.file.tell() <= self.written:
+                        raise
+                    raise _CutOff("the last chunk ends in zeros that nobody wrote") from None
             elif opcode == Opcode.DATA_END:
                 if DataEnd.read(stream).data_section_crc != self.crc:
                     raise InputError("is damaged: its checksum does not fit")
@@ -260,14 +269,14 @@ class _Reader:
 
 
 def _written(file: BinaryIO, size: int) -> int:
-    """How much of a file was written: after a power cut, blocks that were not are full of zeros."""
-    while size > _BLOCK:
-        start = (size - 1) // _BLOCK * _BLOCK
+    """Where the zeros begin that a file ends with: after a power cut, blocks that were not written are full of them."""
+    while size:
+        start = (size - 1) // _STRIDE * _STRIDE
         file.seek(start)
-        if file.read(size - start).strip(b"\0"):
-            break
+        if rest := file.read(size - start).rstrip(b"\0"):
+            return start + len(rest)
         size = start
-    return size
+    return 0
 
 
 def _format(header: Header, records: list[tuple[int, bytes]], notes: dict[str, str]) -> Format:

@@ -131,6 +131,7 @@ class ClosedLoop:
             self._loop["given_at"] = self._loop["signals"].ctypes.data
         else:
             self._loop["given_at"], self._loop["copied"] = self._given.ctypes.data, self._given.itemsize // 8
+            self._loop["tau_cmd"] = np.nan  # what a law leaves out shows
         base = self._loop.ctypes.data
         for name in ("signals", "tau_cmd", "row"):
             self._loop[f"{name}_at"] = self._loop[name].ctypes.data
@@ -229,6 +230,8 @@ class ClosedLoop:
         if loop["fault"] == FAULT_COMMAND:
             unit = "N" if i < 3 else "N m"
             what = f"beyond {TAU_BOUND:g} {unit}" if np.isfinite(value) else "not a finite number"
+            if not np.isfinite(value) and loop["step"] == 0:
+                what += "; a law sets all six numbers of tau_cmd, and what it returns is not looked at"
             return f"tau_cmd[{i}] = {value:.6g} {unit}, {what}"
         return ""
 

@@ -14,6 +14,8 @@ import hashlib
 import importlib.metadata
 import json
 import os
+import re
+import shutil
 import sys
 import tempfile
 import threading
@@ -120,9 +122,19 @@ def _compile(function: Callable, arguments: int, returns: bool, name: str) -> in
     declared = {f.name for f in library._final_module.functions if f.is_declaration and f.name[:5] != "llvm."}
     about = {"symbol": compiled.native_name, "externals": sorted(declared)}
     about["sha256"] = _digest(code, about)
-    with contextlib.suppress(OSError):  # as on a full disk: the code is in memory, and compiled again the next time
-        _keep(name, code, about)
+    if _stands_alone(str(library._final_module)):
+        with contextlib.suppress(OSError):  # as on a full disk: the code is in memory, and compiled again the next time
+            _keep(name, code, about)
     return int(compiled.address)
+
+
+def _stands_alone(code: str) -> bool:
+    """Whether LLVM's text of machine code takes no Python objects of the compiling process, as those to print with.
+
+    Numba keeps them in an environment for each function. Its own functions, of which the names begin with its length
+    and its own, look there for the texts of exceptions alone.
+    """
+    return all(owner.startswith("5numba") for owner in re.findall(r"load [^@\n]*@\"?_ZN08NumbaEnv(\w+)", code))
 
 
 def _keep(name: str, code: bytes, about: dict[str, Any]) -> None:
@@ -246,10 +258,13 @@ def _folder() -> Path:
 
 def _prune(folder: Path) -> None:
     """Forget the oldest objects; whoever still wants one compiles it again."""
-    files = []
+    entries = []
     for path in folder.iterdir():
         with contextlib.suppress(FileNotFoundError):  # another process has put it in its place
-            files.append((path.stat().st_mtime, path))
-    for modified, path in sorted(files)[: -2 * _KEPT_OBJECTS]:
+            entries.append((path.stat().st_mtime, path))
+    for modified, path in sorted(entries)[: -2 * _KEPT_OBJECTS]:
         if time.time() - modified > _MIN_AGE_S:
-            path.unlink(missing_ok=True)
+            if path.is_dir():  # of a process that was killed in _keep
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                path.unlink(missing_ok=True)

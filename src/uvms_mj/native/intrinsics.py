@@ -5,6 +5,7 @@ import functools
 import numpy as np
 from llvmlite import ir
 from numba import carray, types
+from numba.core.cgutils import get_or_insert_function
 from numba.extending import intrinsic, overload
 
 from . import memory
@@ -12,6 +13,8 @@ from .layouts import CONTEXT, LOOP
 
 _mj_factorM = types.ExternalFunction("mj_factorM", types.void(types.intp, types.intp))
 _CAPACITY = memory.CAPACITY
+_UNLOCKED = 1
+"""PyGILState_UNLOCKED."""
 
 
 @intrinsic
@@ -37,9 +40,22 @@ def pointer(typing_context, address):
 @intrinsic
 def _call_law(typing_context, function, gains, state, signals, state_dot, tau_cmd):
     def generate(context, builder, signature, arguments):
-        word = context.get_value_type(types.int64)
+        word, flag = context.get_value_type(types.int64), ir.IntType(32)
         target = builder.inttoptr(arguments[0], ir.FunctionType(word, [word] * 5).as_pointer())
-        return builder.call(target, arguments[1:])
+        raised = builder.call(target, arguments[1:])
+
+        def python(name, returns, *given):
+            kind = ir.FunctionType(returns, [value.type for value in given])
+            return builder.call(get_or_insert_function(builder.module, kind, name), given)
+
+        # An exception of numba's own whose text is made when it is raised keeps Python's lock where its environment is
+        # missing, as it is in code from disk: the run would wait for itself. The loop is called without that lock.
+        with builder.if_then(builder.icmp_signed("!=", raised, word(0)), likely=False):
+            holds = builder.icmp_signed("!=", python("PyGILState_Check", flag), flag(0))
+            with builder.if_then(holds, likely=False):
+                python("PyErr_Clear", ir.VoidType())
+                python("PyGILState_Release", ir.VoidType(), flag(_UNLOCKED))
+        return raised
 
     return types.int64(*[types.int64] * 6), generate
 

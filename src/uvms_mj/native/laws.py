@@ -46,7 +46,9 @@ def compile_law(controller: Controller) -> NativeFunction:
     """
     law = type(controller).law
     gains, state = controller.record().dtype, type(controller).state_record().dtype
-    parts = [repr((law.__qualname__, gains.descr, state.descr)).encode(), law.__code__.co_code]
+    signals = SIGNALS_AND_TRUTH if controller.uses_truth else SIGNALS
+    layout = (law.__qualname__, gains.descr, state.descr, signals.descr)
+    parts = [repr(layout).encode(), law.__code__.co_code]
     module = inspect.getmodule(law)
     if module is not None and getattr(module, "__file__", None):
         parts += [path.read_bytes() for path in source_files(module)] + [global_values(module)]
@@ -64,7 +66,7 @@ def compile_law(controller: Controller) -> NativeFunction:
             "pointer": pointer,
             "GAINS": gains,
             "STATE": state,
-            "SIGNALS": SIGNALS_AND_TRUTH if controller.uses_truth else SIGNALS,
+            "SIGNALS": signals,
             "law": numba.njit(boundscheck=True, error_model="python")(law),
             "__name__": __name__,
         }

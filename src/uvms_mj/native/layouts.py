@@ -77,6 +77,7 @@ LOOP = np.dtype(
         ("ctrl_index_at", "i8"),
         ("thrust_of_ctrl_at", "i8"),
         ("u_at", "i8"),
+        ("saturated", "i8"),  # whether a thruster is at its limit
         # the law
         ("gains_at", "i8"),
         ("state_at", "i8"),

@@ -115,12 +115,15 @@ def allocate(loop):
     a, b, c = loop.tau_cmd[0], loop.tau_cmd[1], loop.tau_cmd[2]
     d, e, f = loop.tau_cmd[3], loop.tau_cmd[4], loop.tau_cmd[5]
     x_0, x_1, x_2, x_3, x_4, x_5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    loop.saturated = 0
     for k in range(n):
         row = 6 * k
         total = (B_pinv[row] * a + B_pinv[row + 1] * b) + (B_pinv[row + 2] * c + B_pinv[row + 3] * d)
         total += B_pinv[row + 4] * e + B_pinv[row + 5] * f
         thrust = min(u_max[k], max(u_min[k], total))
         u[k] = thrust
+        if thrust != total:
+            loop.saturated = 1
         x_0 += B[row] * thrust
         x_1 += B[row + 1] * thrust
         x_2 += B[row + 2] * thrust
@@ -252,7 +255,9 @@ def finish_step(context, loop):
     if (loop.step % loop.row_steps == 0 or loop.step == loop.steps) and loop.rows < loop.row_capacity:
         body_acceleration(loop.R_WB, floats(loop.qacc_at, 6), loop.nu, loop.nu_dot)
         write_row(context, loop)
-    for i in range(6):  # what the coming step adds
+    if loop.saturated != 0:  # what the coming step adds
+        row.saturation_time += h
+    for i in range(6):
         row.effort[i] += h * loop.tau[i] * loop.tau[i]
         if abs(loop.signals.s[i]) < loop.epsilon[i]:
             row.boundary_layer_time[i] += h
