@@ -593,7 +593,7 @@ def test_gains_for_a_rate(command):
     ("arguments", "text"),
     [
         (("-c", "fosm"), "fosm: the certificate is for the laws gsta and sta"),
-        (("-c", "impedance"), "choose it with --controller gsta"),
+        (("-c", "impedance"), "choose one with --controller gsta"),
         (("--rate", "-1"), "rate -1"),
         (("--rate", "nan"), "rate nan"),
         (("--rate", "1", "controller.nominal=false"), "with nominal control"),

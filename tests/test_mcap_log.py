@@ -420,7 +420,8 @@ def test_a_state_of_any_name_is_logged_as_it_is(tmp_path, states):
     (tmp_path / "odd.py").write_text(
         "from dataclasses import dataclass\nfrom uvms_mj import Controller\n\n"
         f"@dataclass(frozen=True)\nclass Odd(Controller):\n    states = {states}\n"
-        f"    @staticmethod\n    def law(gains, state, signals, state_dot, tau_cmd):\n{filled}\n        tau_cmd[:] = 0.0\n"
+        f"    @staticmethod\n    def law(gains, state, signals, state_dot, tau_cmd):\n{filled}\n"
+        "        tau_cmd[:] = 0.0\n"
     )
     scenario = Scenario.load("push_wall", {"simulation.duration": 0.05}, f"{tmp_path}/odd.py:Odd")
     trace = simulate(scenario, sinks=[McapLog(tmp_path / "run.mcap")])
