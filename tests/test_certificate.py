@@ -516,6 +516,16 @@ def test_the_certificate_is_for_gstas_law_and_not_for_any_with_its_gains(command
     assert "Other: the certificate is for the laws gsta and sta" in other.stderr
 
 
+def test_what_saturated_thrusters_leave_over_is_no_gains_fault(command, tmp_path):
+    weak = vehicle_xml(random_parameters(3)).replace("<motor", '<motor ctrllimited="true" ctrlrange="-1 1" ')
+    (tmp_path / "weak.xml").write_text(weak)
+    report = json.loads(command(*SHORT, "vehicle.model=weak.xml", "--json").stdout)
+    assert report["saturated_s"] == pytest.approx(0.2, abs=0.01)
+    assert not report["is_certified"]
+    assert "at their limits for 0.2 s" in report["verdict"]
+    assert "k_1" not in report["verdict"]
+
+
 def test_not_certified_is_said_plainly_with_gains_that_would_be_and_is_no_failure(command):
     done = command(*SHORT, "controller.k_2=1e-3", "--json")
     report = json.loads(done.stdout)
