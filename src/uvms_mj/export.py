@@ -15,8 +15,13 @@ _MATLAB_LENGTH = 63
 
 
 def _csv(trace: Trace, path: Path) -> None:
-    header = [f"{column.name} [{column.unit}]" for column in trace.columns()]
-    trace.to_dataframe().to_csv(path, index=False, header=header)
+    import pyarrow as pa
+    import pyarrow.csv
+
+    columns = list(trace.columns())
+    names = [f"{column.name} [{column.unit}]" for column in columns]
+    table = pa.Table.from_arrays([pa.array(column.values) for column in columns], names=names)
+    pyarrow.csv.write_csv(table, path, pyarrow.csv.WriteOptions(quoting_style="needed"))
 
 
 def _parquet(trace: Trace, path: Path) -> None:
