@@ -65,22 +65,15 @@ def sense(context, loop):
     )
     measure_contact(loop, signals)
     pose_errors(signals)
-    model_wrenches(
-        loop.estimates,
-        signals.nu,
-        signals.R_WB,
-        signals.C_hat_nu,
-        signals.D_hat_nu,
-        signals.g_hat,
-        loop.task.work,
-    )
+    work = loop.task.work
+    model_wrenches(loop.estimates, signals.nu, signals.R_WB, signals.C_hat_nu, signals.D_hat_nu, signals.g_hat, work)
     if loop.integral != 0 and loop.step == 0:
         for i in range(6):  # s = 0 in eq. (14)
             signals.zeta[i] = -(signals.nu_e[i] + loop.task.F_1[i] * signals.eta_e[i]) / loop.task.F_2[i]
     sliding_variable(loop.task, signals, loop.zeta_dot)
     nominal_control(loop.task, signals)
     if loop.reveals != 0:
-        reveal(loop.truths, context.water, signals, loop.truth, loop.task.work)
+        reveal(loop.truths, context.water, signals, loop.truth, work)
 
 
 @kernel
