@@ -16,8 +16,8 @@ of eq. (10) reads for each law
 with d = tau_dist - C_A(-nu_c)(-nu_c) - D(-nu_c)(-nu_c), the current's and the constant disturbance's wrench on a
 vehicle at rest, at the attitude that it rests at, and the frictionless wall's tau_c = -k_c (x - x_c) along its normal
 where x > x_c. For GSTA with the attitude reference along W this is eq. (12) at rest against the spring of eq. (34),
-F = K_x (x_d - x_c) / (1 + K_x / k_c); the paper's 1.5 N leaves the wall's give out. The six
-equations are solved by Newton's method.
+F = K_x (x_d - x_c) / (1 + K_x / k_c); the paper's 1.5 N leaves the wall's give out.
+The six equations are solved by Newton's method.
 """
 
 import math

@@ -1,7 +1,7 @@
 """What a law believes of the vehicle: estimates of M, C, D and g, never the current and never the disturbance.
 
-The estimates are the true coefficients times the scenario's factors, 1 by default. The error in each is one of the
-terms of the lumped disturbance of the paper's eq. (11).
+The estimates are made as the truth is, of the true coefficients times the scenario's factors, 1 by default. The error
+in each is one of the terms of the lumped disturbance of the paper's eq. (11).
 """
 
 import numpy as np

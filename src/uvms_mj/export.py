@@ -52,11 +52,13 @@ def _mat(trace: Trace, path: Path) -> None:
     from scipy.io import savemat
 
     # MATLAB's names don't begin with an underscore; scipy would leave such a variable out
-    names: dict[str, str] = {}
+    names = {name: name for name in trace}
     for name in trace:
-        names[name] = f"state{name}" if name.startswith("_") else name
-        while list(names.values()).count(names[name]) > 1 or (names[name] != name and names[name] in trace):
-            names[name] += "_"
+        if name.startswith("_"):
+            other = f"state{name}"
+            while other in names.values():
+                other += "_"
+            names[name] = other
         if not name.isascii() or len(names[name]) > _MATLAB_LENGTH:
             raise InputError(
                 f"the state {name!r} is no name in MATLAB, which has up to {_MATLAB_LENGTH} ASCII letters; "

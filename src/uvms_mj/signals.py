@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 OWN_UNIT = "law's own"
-"""Of a law's state whose unit the law does not declare."""
+"""Of a law's state or gain whose unit is not declared."""
 
 
 @dataclass(frozen=True)

@@ -108,10 +108,12 @@ def _super_twisting(scenario: "Scenario", log: str | None) -> "Gsta | Sta":
 
     law = scenario.controller
     if not (isinstance(law, Gsta | Sta) and has_built_in_law(law)):
-        choose = "; choose one with --controller gsta"
+        hint = "" if log is not None else "; choose one with --controller gsta"
         if isinstance(law, RecordedLaw):
-            choose = ", and a log's code is never run: name the law's file with --controller, and the scenario"
-        raise InputError(f"{law.label()}: the certificate is for the laws gsta and sta{choose}")
+            hint = (
+                ", and a log's code is never run: leave --from out, and name scenario and law, --controller FILE.py:LAW"
+            )
+        raise InputError(f"{law.label()}: the certificate is for the laws gsta and sta{hint}")
     return law
 
 
@@ -167,7 +169,7 @@ def _report(law: "Gsta | Sta", trace: "Trace", console: Console) -> None:
         "gains": {"k_1": law.k_1, "k_2": law.k_2, "beta": certificate.beta, "nominal": _nominal(law)},
         "certified": {"rate": certificate.rate, "state": certificate.state, "limit": certificate.limit},
         "experienced": None,
-        "saturated_s": None,
+        "saturated_s": float(trace.saturation_time[-1]) if len(trace) else None,
     }
     if isinstance(found, NotGiven):
         report |= {"is_certified": None, "verdict": f"no verdict on this scenario: {found.reason}"}
@@ -190,9 +192,8 @@ def _report(law: "Gsta | Sta", trace: "Trace", console: Console) -> None:
             "contact_lag": found.contact_lag,
         }
         report["experienced"] = {"axes": list(_AXES)} | {name: values.tolist() for name, values in columns.items()}
-        saturated = report["saturated_s"] = float(trace.saturation_time[-1])
         report["is_certified"] = bool(certificate.rate > 0.0 and not beyond.any())
-        report["verdict"] = _verdict(law, certificate.rate, largest * found.doubt, beyond, saturated)
+        report["verdict"] = _verdict(law, certificate.rate, largest * found.doubt, beyond, report["saturated_s"])
     if console.as_json:
         click.echo(json.dumps(report, allow_nan=False))
     elif not console.quiet:

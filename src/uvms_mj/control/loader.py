@@ -116,7 +116,8 @@ def controller_class(source: Any) -> type[Controller]:
 
 
 def has_built_in_law(controller: Controller) -> bool:
-    """Whether a controller's law is one that ships; a class derived from one with another law of its own has not."""
+    """Whether a controller's law is one that ships, with its states and what it is given; a class derived from one may
+    have other gains, and another law is a law of its own."""
     return any(
         isinstance(controller, cls)
         and type(controller).law is cls.law

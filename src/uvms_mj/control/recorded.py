@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ..faults import InputError
+from ..signals import OWN_UNIT
 from .base import Controller, gain
 
 
@@ -36,7 +37,7 @@ def recorded_law(source: str, table: Mapping[str, Any], states: Mapping[str, int
         if not name.isidentifier() or hasattr(Controller, name) or kind not in (bool, int, float, tuple[float, ...]):
             raise InputError(f"the gain controller.{name} = {value!r} of {source} is no number, flag or list")
         default = tuple(value) if isinstance(value, list | tuple) else value
-        fields.append((name, kind, gain(default, "law's own", f"gain of {label}")))
+        fields.append((name, kind, gain(default, OWN_UNIT, f"gain of {label}")))
     namespace = {"states": dict(states), "source": classmethod(lambda cls: source), "__doc__": f"{source}, recorded."}
     try:
         return dataclasses.make_dataclass(label, fields, bases=(RecordedLaw,), namespace=namespace, frozen=True)
