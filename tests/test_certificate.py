@@ -511,6 +511,13 @@ def test_the_certificate_is_for_gstas_law_and_not_for_any_with_its_gains(command
     (tmp_path / "laws.py").write_text(LAWS)
     same = command("-c", "laws.py:Same", *SHORT, "--json")
     assert json.loads(same.stdout)["gains"]["k_1"] == 6.0
+    for law in ("fosm", "laws.py:Same"):
+        scenario = Scenario.load("push_wall", {"simulation.duration": 1e-3}, law)
+        simulate(scenario, sinks=[McapLog(tmp_path / f"{scenario.controller.label()}.mcap")])
+    fosm, recorded = (command("--from", f"{name}.mcap") for name in ("fosm", "Same"))
+    assert fosm.exit_code == recorded.exit_code == 2
+    assert fosm.stderr.endswith("the laws gsta and sta\n")
+    assert "without --from, name scenario and law" in recorded.stderr
     other = command("-c", "laws.py:Other", *SHORT)
     assert other.exit_code == 2
     assert "Other: the certificate is for the laws gsta and sta" in other.stderr

@@ -110,9 +110,7 @@ def _super_twisting(scenario: "Scenario", log: str | None) -> "Gsta | Sta":
     if not (isinstance(law, Gsta | Sta) and has_built_in_law(law)):
         hint = "" if log is not None else "; choose one with --controller gsta"
         if isinstance(law, RecordedLaw):
-            hint = (
-                ", and a log's code is never run: leave --from out, and name scenario and law, --controller FILE.py:LAW"
-            )
+            hint = ", and a log's code is never run: without --from, name scenario and law, --controller FILE.py:LAW"
         raise InputError(f"{law.label()}: the certificate is for the laws gsta and sta{hint}")
     return law
 
