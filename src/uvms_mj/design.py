@@ -1,6 +1,7 @@
 """From a scenario and a vehicle: the desired impedance, the estimates, the desired attitude. Shared by the loop and
 the closed forms."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ from .control.damping_design import ott_damping
 from .faults import Fault, InputError
 from .frames import quat_from_euler_deg, rotation_matrix
 from .scenario import Scenario
+from .sections import Wall
 from .vehicle import Vehicle
 
 
@@ -54,12 +56,41 @@ class Design:
         """What an inertia (6, 6) weighs along the wall's normal when everything else is free to move [kg]."""
         return 1.0 / float(self.normal @ np.linalg.solve(inertia, self.normal))
 
+    def lightest_along_face(self, reach: float) -> float:
+        """The least that the inertia weighs at the contact point along the wall's face, everything else free [kg].
+
+        Args:
+            reach: distance of the contact point from B's origin along the wall's normal [m].
+        """
+        n = self.normal[:3]
+        along = np.linalg.svd(n.reshape(1, 3))[2][1:]  # (2, 3) two directions along the face
+        J = np.hstack([along, np.cross(reach * n, along)])
+        return 1.0 / float(np.linalg.eigvalsh(J @ np.linalg.solve(self.M, J.T))[-1])
+
 
 def wall_normal(quat_d: np.ndarray) -> np.ndarray:
     """(6,) the wall's normal W x in B at an attitude (4,), as a wrench."""
     normal = np.zeros(6)
     normal[:3] = rotation_matrix(quat_d)[0]
     return normal
+
+
+def contact_settings(wall: Wall, design: Design, reach: float) -> dict[str, float]:
+    """The wall's settings in a :data:`uvms_mj.contact.CONTACT` record, with the defaults of sticking friction.
+
+    The default damping is critical for the lightest motion along the face, so that a contact that sticks comes to rest.
+    """
+    k_t = wall.stiffness if wall.tangential_stiffness is None else wall.tangential_stiffness
+    b_t = wall.tangential_damping
+    if b_t is None:
+        b_t = 2.0 * math.sqrt(k_t * design.lightest_along_face(reach))
+    return {
+        "stiffness": wall.stiffness,
+        "damping": wall.damping,
+        "friction": wall.friction,
+        "tangential_stiffness": k_t,
+        "tangential_damping": b_t,
+    }
 
 
 def _square(value) -> np.ndarray:

@@ -3,11 +3,14 @@
 The wall is a spring and damper in N/m and N s/m (paper eq. (34)). MuJoCo's contacts are mass-normalised: with an
 elliptic cone, a sphere as probe, the impedance d of ``solimp`` constant at 1e-4 and ``solref = (-k_c w (1 - d), -b_c
 w (1 - d))``, w the compiled ``body_invweight0`` of the vehicle's body, the contact is exactly that spring and damper,
-whatever the added mass. The probe is centred on B's origin, so that the wall gives no moment, and is as large as the
+whatever the added mass. The contact pair is frictionless (condim 1): MuJoCo's friction cone couples the slip into the
+normal force of so soft a contact. Friction is :mod:`uvms_mj.contact`'s, which reads distance and nearest points from
+two sensors of the position stage, so that it and the law see the contact of the same instant. The probe is centred on B's origin, so that the wall gives no moment, and is as large as the
 vehicle reaches forward: contact begins when the origin is at x_c, and the picture shows the vehicle's front on the
 wall's face.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import mujoco
@@ -24,6 +27,14 @@ from .vehicle import Vehicle, free_body_id
 IMPEDANCE = 1e-4
 """d of solimp."""
 _OURS = "uvms_mj/"  # no vehicle's own names collide with these
+_SENSORS = {
+    "contact": mujoco.mjtSensor.mjSENS_CONTACT,
+    "distance": mujoco.mjtSensor.mjSENS_GEOMDIST,
+    "fromto": mujoco.mjtSensor.mjSENS_GEOMFROMTO,
+}
+"""The solved contact force, known after the step; distance and nearest points, known before it."""
+_SENSOR_RANGE = 0.1
+"""The distance sensors need a positive range [m] to report a penetration; farther away nothing is reported."""
 _INTEGRATORS = {"euler": "mjINT_EULER", "implicitfast": "mjINT_IMPLICITFAST"}
 
 
@@ -35,8 +46,8 @@ class Plant:
     vehicle: Vehicle
     design: Design
     body_id: int
-    sensor: int
-    """Address of the contact sensor in sensordata: found, force (3) and position (3) in W."""
+    sensors: Mapping[str, int]
+    """Addresses in sensordata: of contact (found, force (3) in W), distance and fromto (nearest points (6) in W)."""
     mjcf: Mjcf
     """The vehicle's own model."""
     geometry: Geometry
@@ -76,9 +87,9 @@ def build(scenario: Scenario, mjcf: Mjcf | None = None) -> Plant:
     geometry = Geometry.of(whole, free_body_id(whole, vehicle.body))
     _add_surroundings(spec, vehicle.body, scenario, geometry.reach)
     model = mjcf.compiled(spec)
-    _calibrate(model, design, vehicle, scenario)
-    sensor = model.sensor(f"{_OURS}contact").adr[0]
-    return Plant(model, vehicle, design, free_body_id(model, vehicle.body), int(sensor), mjcf, geometry)
+    _calibrate(model, vehicle, scenario)
+    sensors = {name: int(model.sensor(f"{_OURS}{name}").adr[0]) for name in _SENSORS}
+    return Plant(model, vehicle, design, free_body_id(model, vehicle.body), sensors, mjcf, geometry)
 
 
 def _refuse_settings(model: mujoco.MjModel) -> None:
@@ -136,26 +147,26 @@ def _add_surroundings(spec: mujoco.MjSpec, body_name: str, scenario: Scenario, r
         name=f"{_OURS}contact",
         geomname1=f"{_OURS}wall",
         geomname2=f"{_OURS}probe",
-        condim=3 if scenario.wall.friction > 0 else 1,
-        friction=[scenario.wall.friction] * 2 + [0] * 3,
+        condim=1,
         solimp=[IMPEDANCE, IMPEDANCE, 0.001, 0.5, 1],
         margin=0,
         gap=0,
     )
-    sensor = spec.add_sensor(name=f"{_OURS}contact", type=mujoco.mjtSensor.mjSENS_CONTACT)
-    sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_GEOM, f"{_OURS}wall"
-    sensor.reftype, sensor.refname = mujoco.mjtObj.mjOBJ_GEOM, f"{_OURS}probe"
-    data_bits = mujoco.mjtConDataField
-    wanted = (data_bits.mjCONDATA_FOUND, data_bits.mjCONDATA_FORCE, data_bits.mjCONDATA_POS)
-    sensor.intprm[:3] = [sum(1 << int(bit) for bit in wanted), 3, 1]
+    for name, kind in _SENSORS.items():
+        sensor = spec.add_sensor(name=f"{_OURS}{name}", type=kind)
+        sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_GEOM, f"{_OURS}wall"
+        sensor.reftype, sensor.refname = mujoco.mjtObj.mjOBJ_GEOM, f"{_OURS}probe"
+        if name == "contact":
+            data_bits = mujoco.mjtConDataField
+            wanted = (data_bits.mjCONDATA_FOUND, data_bits.mjCONDATA_FORCE)
+            sensor.intprm[:3] = [sum(1 << int(bit) for bit in wanted), 3, 1]
+        else:
+            sensor.cutoff = _SENSOR_RANGE
 
 
-def _calibrate(model: mujoco.MjModel, design: Design, vehicle: Vehicle, scenario: Scenario) -> None:
+def _calibrate(model: mujoco.MjModel, vehicle: Vehicle, scenario: Scenario) -> None:
     """Stiffness and damping of the compiled contact pair in N/m and N s/m."""
     w = model.body_invweight0[free_body_id(model, vehicle.body), 0]
     scale = w * (1.0 - IMPEDANCE)
     pair = model.pair(f"{_OURS}contact").id
     model.pair_solref[pair] = -scenario.wall.stiffness * scale, -scenario.wall.damping * scale
-    # Sticking friction: a damper along the wall as strong as the step allows, up to the Coulomb limit
-    lightest = 1.0 / np.linalg.eigvalsh(np.linalg.inv(design.M)[:3, :3])[-1]
-    model.pair_solreffriction[pair] = 0.0, -0.5 * lightest / scenario.simulation.timestep * scale

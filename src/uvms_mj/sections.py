@@ -62,7 +62,11 @@ class Wall:
     position: Real = doc("x of the body frame in W at which contact begins, x_c [m]", 1.0)
     stiffness: Positive = doc("k_c [N/m]", 1e5)
     damping: NonNegative = doc("b_c [N s/m]", 0.0)
-    friction: NonNegative = doc("Coulomb coefficient [1]", 0.0)
+    friction: NonNegative = doc("Coulomb coefficient mu [1]", 0.0)
+    tangential_stiffness: Positive | None = doc("k_t of sticking friction [N/m]; default: wall.stiffness", None)
+    tangential_damping: NonNegative | None = doc(
+        "b_t of sticking friction [N s/m]; default: critical for the lightest motion along the face", None
+    )
 
 
 @dataclass(frozen=True, config=STRICT)

@@ -68,7 +68,7 @@ GIVEN = (
     Signal("eta_e", (6,), "m, 1", "B", "pose error [R_WB^T (p_WB - p_d); vector part of quat_e]"),
     Signal("nu_e", (6,), _TWIST, "B", "velocity error nu - nu_d"),
     Signal("nu_d_dot", (6,), "m/s^2, rad/s^2", "B", "desired acceleration"),
-    Signal("f_contact_m_W", (3,), "N", "W", "measured force of the wall on the vehicle, one step old"),
+    Signal("f_contact_m_W", (3,), "N", "W", "force of the wall on the vehicle, of the same instant: k_c depth + b_c v"),
     Signal("tau_contact_m_B", (6,), _WRENCH, "B", "the same as a wrench at B's origin"),
     Signal("M_hat", (6, 6), "kg, kg m, kg m^2", "B", "estimated inertia, added mass included"),
     Signal("C_hat_nu", (6,), _WRENCH, "B", "estimated Coriolis and centripetal wrench C_hat(nu) nu"),
@@ -115,7 +115,8 @@ STATE = (
     Signal("tau", (6,), _WRENCH, "B", "wrench that the thrusters give, B u"),
     Signal("tau_dist", (6,), _WRENCH, "B", "disturbance wrench, eq. (10)"),
     Signal("f_contact_W", (3,), "N", "W", "force of the wall on the vehicle"),
-    Signal("f_contact_m_W", (3,), "N", "W", "the contact force that the law was given, one step old"),
+    Signal("f_contact_m_W", (3,), "N", "W", "the contact force that the law was given"),
+    Signal("stretch_W", (3,), "m", "W", "stretch of the wall's tangential spring"),
 )
 """Recorded at t_k: the state, what the law computed from it, and the true contact force."""
 
@@ -126,7 +127,7 @@ RUNNING = (
     Signal("effort", (6,), "N^2 s, N^2 m^2 s", "B", "control effort: integral of tau^2"),
     Signal("force_peak", (), "N", "W", "largest pushing force so far"),
     Signal("impulse", (), "N s", "W", "integral of the pushing force"),
-    Signal("wall_work", (), "J", "W", "work done on the wall by the motion of B's origin"),
+    Signal("wall_work", (), "J", "W", "work done on the wall"),
     Signal("touches", (), "1", "-", "number of times contact was made"),
     Signal("first_contact", (), "s", "-", "time of the first contact, -1 before it"),
     Signal("final_impulse", (), "N s", "W", "integral of the pushing force over the last 0.5 s of the run's duration"),

@@ -41,13 +41,8 @@ class Attachment:
         return self.context["wrench"][0].copy()
 
     def detach(self) -> None:
-        """Take the water away, with what it left in ``xfrc_applied``. Doing it twice does no harm."""
-        if not self._finalizer.alive:
-            return
+        """Take the water away; the next forward evaluation is dry. Doing it twice does no harm."""
         self._finalizer()
-        data = self._data()
-        if data is not None:
-            data.xfrc_applied[self.body_id] = self.context["xfrc_other"][0]
 
     def __enter__(self) -> "Attachment":
         return self
@@ -165,8 +160,7 @@ def _fill(context: np.void, model: mujoco.MjModel, data: mujoco.MjData, body_id:
     if _factors_alone(model, data, body_id):
         context["qLD_at"] = data.qLD[model.M_rowadr[dof] :].ctypes.data
         context["qLDiagInv_at"] = data.qLDiagInv[dof:].ctypes.data
-    context["xfrc_at"] = data.xfrc_applied[body_id].ctypes.data
-    context["r_com"] = model.body_ipos[body_id]
+    context["passive_at"] = data.qfrc_passive[dof:].ctypes.data
 
 
 def _factors_alone(model: mujoco.MjModel, data: mujoco.MjData, body_id: int) -> bool:

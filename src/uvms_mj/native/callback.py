@@ -8,6 +8,7 @@ once from a stranger's.
 import functools
 from typing import NamedTuple
 
+from ..contact import wrench_at_origin
 from ..frames import body_velocity, to_world
 from ..hydrodynamics import added_inertia, factor, water_wrench
 from ..kernels import kernel
@@ -42,30 +43,30 @@ def add_inertia(context, R_WB, model, data):
 
 
 @kernel
-def apply_wrench(context, R_WB):
-    """Put the wrench (6,) in B at B's origin into xfrc_applied, which acts in W at the centre of mass.
+def apply_wrench(context, R_WB, contact):
+    """Add the water's wrench, and the friction of a contact, to the free joint's entries of mjData.qfrc_passive.
 
-    What somebody else wrote there since the last call (the mouse in MuJoCo's viewer, a user's loop) is kept beside it.
+    MuJoCo has just set them anew. Where mj_forwardSkip left that stage out they are still what the callback left.
     """
-    xfrc, left, other, wrench = floats(context.xfrc_at, 6), context.xfrc_left, context.xfrc_other, context.wrench
+    passive, before, left = floats(context.passive_at, 6), context.passive_before, context.passive_left
     same = True
     for i in range(6):
-        if xfrc[i] != left[i]:
+        if passive[i] != left[i]:
             same = False
     if not same:
         for i in range(6):
-            other[i] = xfrc[i]
-    r, work = context.r_com, context.work
-    work[0] = wrench[3] - (r[1] * wrench[2] - r[2] * wrench[1])
-    work[1] = wrench[4] - (r[2] * wrench[0] - r[0] * wrench[2])
-    work[2] = wrench[5] - (r[0] * wrench[1] - r[1] * wrench[0])
-    to_world(R_WB, wrench, left)
-    to_world(R_WB, work, work)
+            before[i] = passive[i]
+    to_world(R_WB, context.wrench, left)  # T^T: a free joint's force is in W, its moment in B
     for i in range(3):
-        left[i + 3] = work[i]
+        left[i] += before[i]
+        left[i + 3] = before[i + 3] + context.wrench[i + 3]
+    if contact.touching != 0 and contact.friction > 0.0:
+        wrench_at_origin(R_WB, contact.arm_W, contact.f_tangential_W, contact.work, context.work)
+        for i in range(3):
+            left[i] += contact.f_tangential_W[i]
+            left[i + 3] += context.work[i + 3]
     for i in range(6):
-        left[i] += other[i]
-        xfrc[i] = left[i]
+        passive[i] = left[i]
 
 
 @kernel
@@ -75,15 +76,17 @@ def evaluate(context, model, data):
     R_WB = triples(context.R_at, 3)
     add_inertia(context, R_WB, model, data)
     t = floats(context.time_at, 1)[0]
+    contact = context.no_contact
     if context.loop_at != 0:
         loop = loop_at(context.loop_at)
         if not begin_step(context, loop):
             hold(context, loop)
             return
         t = loop.t
+        contact = loop.contact
     body_velocity(R_WB, floats(context.qvel_at, 6), context.nu)
     water_wrench(context.water, t, R_WB, context.nu, context.nu_r, context.work, context.wrench)
-    apply_wrench(context, R_WB)
+    apply_wrench(context, R_WB, contact)
 
 
 def _callback(model, data):

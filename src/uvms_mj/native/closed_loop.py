@@ -1,11 +1,13 @@
 """The closed loop of one vehicle, prepared in Python and run by the callback."""
 
+from collections.abc import Mapping
+
 import mujoco
 import numpy as np
 
 from ..control.base import Controller
 from ..control.loader import has_built_in_law
-from ..design import Design
+from ..design import Design, contact_settings
 from ..estimates import COEFFICIENTS
 from ..faults import Fault, InputError
 from ..scenario import Scenario
@@ -37,7 +39,8 @@ class ClosedLoop:
         model, data: of the plant, with the initial state.
         attachment: of the vehicle in its water.
         design: what the law is to impose, and its estimates.
-        sensor: where the contact sensor stands in mjData.sensordata.
+        sensors: addresses of the contact's sensors in mjData.sensordata, of :class:`uvms_mj.plant.Plant`.
+        reach: distance of the contact point from B's origin [m].
         scenario: everything else that decides the run.
         row_steps: time steps from row to row.
         chunk: the most steps from one :meth:`clear_rows` to the next.
@@ -49,11 +52,13 @@ class ClosedLoop:
         data: mujoco.MjData,
         attachment: Attachment,
         design: Design,
-        sensor: int,
+        sensors: Mapping[str, int],
+        reach: float,
         scenario: Scenario,
         row_steps: int,
         chunk: int,
     ) -> None:
+        self._model, self._data = model, data
         self.controller = scenario.controller
         self.timestep = scenario.simulation.timestep
         vehicle, n = attachment.vehicle, len(attachment.vehicle.thrusters)
@@ -91,6 +96,8 @@ class ClosedLoop:
         for name, value in settings.items():
             self._loop[name] = value
         self._loop["row"]["first_contact"] = -1.0
+        for name, value in contact_settings(scenario.wall, design, reach).items():
+            self._loop["contact"][name] = value
         self._set_task(design)
         self._set_coefficients("estimates", vehicle, scenario.estimates, model.opt.gravity)
         self._set_coefficients("truths", vehicle, Estimates(), model.opt.gravity)
@@ -120,7 +127,9 @@ class ClosedLoop:
             "rows_at": self._rows,
             "qacc_at": data.qacc[dof:],
             "ctrl_at": data.ctrl,
-            "contact_at": data.sensordata[sensor:],
+            "contact_at": data.sensordata[sensors["contact"] :],
+            "distance_at": data.sensordata[sensors["distance"] :],
+            "fromto_at": data.sensordata[sensors["fromto"] :],
         }
         self._memory = memory
         for name, array in memory.items():
@@ -200,6 +209,8 @@ class ClosedLoop:
 
     def prepare(self) -> bool:
         """For a law that runs as plain Python: sense at t_k; True if a control instant is due."""
+        mujoco.mj_kinematics(self._model, self._data)  # the sensors of the wall, as the coming step will find them
+        mujoco.mj_sensorPos(self._model, self._data)
         return bool(entry_points().sense.ctypes(self._context.ctypes.data))
 
     def call_law(self) -> None:

@@ -32,6 +32,7 @@ from ..kernels import kernels
 
 _PACKAGE = Path(__file__).parents[1]
 _CORE = (
+    "contact.py",
     "control/task.py",
     "estimates.py",
     "fossen.py",

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..contact import CONTACT
 from ..control.task import TASK
 from ..estimates import COEFFICIENTS
 from ..hydrodynamics import WATER
@@ -23,10 +24,9 @@ CONTEXT = np.dtype(
         ("M_at", "i8"),  # the joint's 21 entries of mjData.M
         ("qLD_at", "i8"),  # the same entries of mjData.qLD, or 0 where mj_factorM has to factor the whole
         ("qLDiagInv_at", "i8"),
-        ("xfrc_at", "i8"),  # of the body
+        ("passive_at", "i8"),  # the joint's entries of mjData.qfrc_passive
         ("loop_at", "i8"),  # LOOP, or 0 where nobody controls the vehicle
         ("calls", "i8"),
-        ("r_com", "f8", (3,)),  # where xfrc_applied acts, in B [m]
         ("water", WATER),
         ("nu", "f8", (6,)),
         ("nu_r", "f8", (6,)),
@@ -34,8 +34,9 @@ CONTEXT = np.dtype(
         ("wrench", "f8", (6,)),
         ("added", "f8", (21,)),
         ("M_left", "f8", (21,)),  # mjData.M as the callback left it
-        ("xfrc_left", "f8", (6,)),  # xfrc_applied as the callback left it
-        ("xfrc_other", "f8", (6,)),  # somebody else's part of it
+        ("passive_before", "f8", (6,)),  # qfrc_passive as the callback found it
+        ("passive_left", "f8", (6,)),  # and as it left it
+        ("no_contact", CONTACT),  # where there is no loop, and so no wall
     ],
     align=True,
 )
@@ -66,7 +67,10 @@ LOOP = np.dtype(
         # MuJoCo's memory
         ("qacc_at", "i8"),
         ("ctrl_at", "i8"),
-        ("contact_at", "i8"),  # the contact sensor: found, force (3), position (3), in W
+        ("contact_at", "i8"),  # the contact sensor: found, force (3) in W, of MuJoCo's solver
+        ("distance_at", "i8"),  # the distance sensor, of the same instant as qpos
+        ("fromto_at", "i8"),  # the sensor of the nearest points (6) in W
+        ("contact", CONTACT),
         # thrusters
         ("controls", "i8"),  # entries of ctrl
         ("thrusters", "i8"),
@@ -98,6 +102,7 @@ LOOP = np.dtype(
         ("tau_before", "f8", (6,)),
         # the step in hand
         ("step", "i8"),  # number of steps begun
+        ("observed", "i8"),  # the step that state and contact were taken for, plus one
         ("sensed", "i8"),  # the step that signals were sensed for, plus one
         ("pending", "i8"),  # whether the last step waits for its contact force and acceleration
         ("t", "f8"),
@@ -109,6 +114,8 @@ LOOP = np.dtype(
         ("R_WB", "f8", (3, 3)),
         ("f_contact_W", "f8", (3,)),
         ("f_before_W", "f8", (3,)),
+        ("moment_B", "f8", (3,)),  # of the contact force about B's origin, at t_k and at t_(k-1)
+        ("moment_before_B", "f8", (3,)),
         ("qpos_safe", "f8", (7,)),  # where the run began
         # rows
         ("rows_at", "i8"),

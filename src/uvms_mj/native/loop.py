@@ -7,6 +7,7 @@ when the step is done, so that each row is finished at the next step (or when th
 
 import math
 
+from ..contact import contact_force
 from ..control.task import nominal_control, pose_errors, sliding_variable
 from ..estimates import model_wrenches
 from ..frames import body_acceleration, body_velocity, rotation, to_body
@@ -33,12 +34,24 @@ def read_state(context, loop):
 
 
 @kernel
+def observe(context, loop):
+    """Take the state and the contact force of t_k, once for each step."""
+    if loop.observed == loop.step + 1:
+        return
+    loop.observed = loop.step + 1
+    read_state(context, loop)
+    distance = floats(loop.distance_at, 1)[0]
+    fromto = floats(loop.fromto_at, 6)
+    contact_force(loop.contact, distance, fromto, loop.p, loop.R_WB, loop.nu, loop.timestep)
+
+
+@kernel
 def sense(context, loop):
     """Advance the law's states to t_k and set all signals that the law is given; done once for each control instant."""
     if loop.sensed == loop.step + 1:
         return
     loop.sensed = loop.step + 1
-    read_state(context, loop)
+    observe(context, loop)
     signals = loop.signals
     state, state_dot = floats(loop.state_at, loop.states), floats(loop.state_dot_at, loop.states)
     for i in range(loop.states):
@@ -63,7 +76,10 @@ def sense(context, loop):
         signals.p_d_dot,
         signals.p_d_ddot,
     )
-    measure_contact(loop, signals)
+    for i in range(3):
+        signals.f_contact_m_W[i] = loop.contact.f_W[i]
+        signals.tau_contact_m_B[i] = loop.contact.tau_B[i]
+        signals.tau_contact_m_B[i + 3] = loop.contact.tau_B[i + 3]
     pose_errors(signals)
     work = loop.task.work
     model_wrenches(loop.estimates, signals.nu, signals.R_WB, signals.C_hat_nu, signals.D_hat_nu, signals.g_hat, work)
@@ -74,29 +90,6 @@ def sense(context, loop):
     nominal_control(loop.task, signals)
     if loop.reveals != 0:
         reveal(loop.truths, context.water, signals, loop.truth, work)
-
-
-@kernel
-def measure_contact(loop, signals):
-    """The contact sensor's reading, one step old, as a force in W and as a wrench at B's origin, in B."""
-    contact = floats(loop.contact_at, 7)
-    tau = signals.tau_contact_m_B
-    if contact[0] == 0.0:
-        for i in range(3):
-            signals.f_contact_m_W[i] = 0.0
-            tau[i] = 0.0
-            tau[i + 3] = 0.0
-        return
-    for i in range(3):
-        signals.f_contact_m_W[i] = contact[1 + i]
-    to_body(signals.R_WB, signals.f_contact_m_W, tau)
-    arm, work = signals.w, loop.task.work  # free until the sliding variable is computed
-    for i in range(3):
-        work[i] = contact[4 + i] - loop.p[i]
-    to_body(signals.R_WB, work, arm)
-    tau[3] = arm[1] * tau[2] - arm[2] * tau[1]
-    tau[4] = arm[2] * tau[0] - arm[0] * tau[2]
-    tau[5] = arm[0] * tau[1] - arm[1] * tau[0]
 
 
 @kernel
@@ -199,7 +192,7 @@ def begin_step(context, loop):
         if loop.fault == FAULT_NONE:
             control(loop)
     else:
-        read_state(context, loop)
+        observe(context, loop)
         check_state(loop)
     if loop.fault != FAULT_NONE:
         return False
@@ -226,9 +219,10 @@ def finish_step(context, loop):
         return
     loop.pending = 0
     row, h = loop.row, loop.timestep
-    contact = floats(loop.contact_at, 7)
+    solved, contact = floats(loop.contact_at, 4), loop.contact
     for i in range(3):
-        loop.f_contact_W[i] = contact[1 + i] if contact[0] != 0.0 else 0.0
+        loop.f_contact_W[i] = contact.f_tangential_W[i] + (solved[1 + i] if solved[0] != 0.0 else 0.0)
+        loop.moment_B[i] = contact.tau_B[i + 3]
     push, push_before = -loop.f_contact_W[0], -loop.f_before_W[0]
     if push > 0.0 and push_before <= 0.0:
         row.touches += 1.0
@@ -239,6 +233,7 @@ def finish_step(context, loop):
         row.impulse += 0.5 * h * (push + push_before)
         for i in range(3):
             row.wall_work -= 0.5 * (loop.f_contact_W[i] + loop.f_before_W[i]) * (loop.p[i] - loop.p_before[i])
+            row.wall_work -= 0.5 * (loop.moment_B[i] + loop.moment_before_B[i]) * h * loop.nu[i + 3]
         if loop.step > loop.window_step:
             row.final_impulse += 0.5 * h * (push + push_before)
     if loop.step == loop.window_step:
@@ -256,6 +251,7 @@ def finish_step(context, loop):
             row.boundary_layer_time[i] += h
     for i in range(3):
         loop.f_before_W[i] = loop.f_contact_W[i]
+        loop.moment_before_B[i] = loop.moment_B[i]
         loop.p_before[i] = loop.p[i]
     loop.step += 1
 
@@ -272,6 +268,7 @@ def write_row(context, loop):
         row.p_d_dot[i] = signals.p_d_dot[i]
         row.f_contact_W[i] = loop.f_contact_W[i]
         row.f_contact_m_W[i] = signals.f_contact_m_W[i]
+        row.stretch_W[i] = loop.contact.stretch_W[i]
     for i in range(6):
         row.nu[i] = loop.nu[i]
         row.nu_dot[i] = loop.nu_dot[i]

@@ -1,0 +1,131 @@
+r"""The force between a wall and one point of a vehicle, from the state of the same instant.
+
+Along the normal n, which points out of the wall, it is the spring and damper of the paper's eq. (34),
+
+.. math::
+
+    F_n = \max(0, k_c \delta - b_c\, n^\top v)
+
+with the depth :math:`\delta` and the velocity v of the contact point. MuJoCo's contact solver applies that force. Along
+the face acts Coulomb friction with a tangential spring and damper (Cundall and Strack, 1979, *Geotechnique* 29, 47-65),
+which this module computes. The stretch :math:`\xi` follows the contact point's motion along the face. The spring can
+hold no more than the Coulomb limit, so the stretch is cut back while the contact slips:
+
+.. math::
+
+    \xi \leftarrow \xi \min\left(1, \frac{\mu F_n}{k_t |\xi|}\right), \qquad
+    F_t = -(k_t \xi + b_t v_t) \min\left(1, \frac{\mu F_n}{|k_t \xi + b_t v_t|}\right)
+
+While it slips, F_t is mu F_n against the slip. While it sticks, the contact gives way by F_t/k_t and does not creep.
+Spring, damper and slider take up at least as much energy as the spring gives back, at any cut.
+"""
+
+import math
+
+import numpy as np
+
+from .frames import to_body, to_world
+from .kernels import kernel
+
+CONTACT = np.dtype(
+    [
+        ("stiffness", "f8"),  # k_c [N/m]
+        ("damping", "f8"),  # b_c [N s/m]
+        ("friction", "f8"),  # mu [1]
+        ("tangential_stiffness", "f8"),  # k_t [N/m]
+        ("tangential_damping", "f8"),  # b_t [N s/m]
+        ("touching", "i8"),  # whether the point is in the wall
+        ("normal_W", "f8", (3,)),  # out of the wall
+        ("arm_W", "f8", (3,)),  # from B's origin to the contact point [m]
+        ("stretch_W", "f8", (3,)),  # of the tangential spring [m]
+        ("f_tangential_W", "f8", (3,)),  # friction on the vehicle [N]
+        ("f_W", "f8", (3,)),  # the wall's whole force on the vehicle [N]
+        ("tau_B", "f8", (6,)),  # the same as a wrench at B's origin, in B [N, N m]
+        ("work", "f8", (3,)),
+    ],
+    align=True,
+)
+"""One contact point: the wall's settings, the spring's stretch, and the force of the latest instant."""
+
+
+@kernel
+def contact_force(contact, distance, fromto, p_WB, R_WB, nu, timestep):
+    """Set the force of a contact point on the vehicle at this instant, and advance the stretch of its spring.
+
+    Call it once for each time step. Symplectic Euler moves the vehicle by timestep times the velocity at the end of
+    the step, and so moves the stretch.
+
+    Args:
+        contact: a CONTACT record.
+        distance: from the wall's surface to the vehicle's [m], negative in the wall.
+        fromto: (6,) nearest points of the wall and of the vehicle in W [m].
+        p_WB: (3,) position of B's origin [m].
+        R_WB: (3, 3) attitude.
+        nu: (6,) velocity in B [m/s, rad/s].
+        timestep: [s].
+    """
+    if distance >= 0.0:
+        if contact.touching != 0:
+            contact.touching = 0
+            for i in range(3):
+                contact.stretch_W[i] = 0.0
+                contact.f_tangential_W[i] = 0.0
+                contact.f_W[i] = 0.0
+                contact.tau_B[i] = 0.0
+                contact.tau_B[i + 3] = 0.0
+        return
+    n, arm, v = contact.normal_W, contact.arm_W, contact.work
+    for i in range(3):
+        n[i] = (fromto[3 + i] - fromto[i]) / distance
+        arm[i] = 0.5 * (fromto[i] + fromto[3 + i]) - p_WB[i]  # MuJoCo's contact point is halfway, too
+    to_body(R_WB, arm, v)
+    a_x = nu[0] + nu[4] * v[2] - nu[5] * v[1]  # v + omega x arm, in B
+    a_y = nu[1] + nu[5] * v[0] - nu[3] * v[2]
+    a_z = nu[2] + nu[3] * v[1] - nu[4] * v[0]
+    v[0], v[1], v[2] = a_x, a_y, a_z
+    to_world(R_WB, v, v)
+    v_n = n[0] * v[0] + n[1] * v[1] + n[2] * v[2]
+    f_n = max(0.0, -contact.stiffness * distance - contact.damping * v_n)
+    for i in range(3):
+        v[i] -= v_n * n[i]
+        contact.f_W[i] = f_n * n[i]
+    if contact.friction > 0.0:
+        friction(contact, f_n, v, timestep)
+        for i in range(3):
+            contact.f_W[i] += contact.f_tangential_W[i]
+    contact.touching = 1
+    wrench_at_origin(R_WB, arm, contact.f_W, v, contact.tau_B)
+
+
+@kernel
+def friction(contact, f_n, v_t, timestep):
+    """Set stretch_W and f_tangential_W from the normal force [N] and the slip velocity (3,) in W [m/s]."""
+    xi, f, n = contact.stretch_W, contact.f_tangential_W, contact.normal_W
+    limit = contact.friction * f_n
+    if contact.touching != 0:
+        out = 0.0
+        for i in range(3):
+            xi[i] += timestep * v_t[i]
+            out += n[i] * xi[i]
+        for i in range(3):  # the face may have turned
+            xi[i] -= out * n[i]
+    held = contact.tangential_stiffness * math.sqrt(xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2])
+    if held > limit:
+        for i in range(3):
+            xi[i] *= limit / held
+    for i in range(3):
+        f[i] = -contact.tangential_stiffness * xi[i] - contact.tangential_damping * v_t[i]
+    size = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
+    if size > limit:
+        for i in range(3):
+            f[i] *= limit / size
+
+
+@kernel
+def wrench_at_origin(R_WB, arm_W, f_W, work, tau):
+    """tau (6,) at B's origin in B [N, N m] of a force f_W (3,) that acts at arm_W (3,) from it; work is (3,) scratch."""
+    to_body(R_WB, f_W, tau)
+    to_body(R_WB, arm_W, work)
+    tau[3] = work[1] * tau[2] - work[2] * tau[1]
+    tau[4] = work[2] * tau[0] - work[0] * tau[2]
+    tau[5] = work[0] * tau[1] - work[1] * tau[0]
