@@ -47,7 +47,15 @@ class Native:
         self.model, self.data = plant.model, plant.initial_data(scenario)
         self.attachment = attach(self.model, self.data, current_W=scenario.current.velocity_W)
         self.loop = ClosedLoop(
-            self.model, self.data, self.attachment, plant.design, plant.sensors, plant.geometry.reach, scenario, row_steps=10, chunk=CHUNK
+            self.model,
+            self.data,
+            self.attachment,
+            plant.design,
+            plant.sensors,
+            plant.geometry.reach,
+            scenario,
+            row_steps=10,
+            chunk=CHUNK,
         )
         for _ in range(round(warm_up_s / scenario.simulation.timestep / CHUNK)):
             self.chunk()

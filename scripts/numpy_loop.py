@@ -27,6 +27,7 @@ class NumpyLoop:
         self.h, self.gains = scenario.simulation.timestep, Gsta()
         self.v_c_W = np.array(scenario.current.velocity_W)
         self.M_d_inv, self.B_pinv = np.linalg.inv(self.design.M_d), np.linalg.pinv(self.vehicle.B)
+        self.k_c = scenario.wall.stiffness
         self.start, self.omega_n = np.array(scenario.initial.position), scenario.reference.bandwidth
         self.target = np.array(scenario.reference.target) - self.start
         self.buoyancy_W = -self.vehicle.displaced_mass * self.model.opt.gravity
@@ -59,7 +60,8 @@ class NumpyLoop:
         quat = data.qpos[3:7]
         eta_e = np.concatenate([R.T @ (data.qpos[:3] - p_d), quat[1:]])
         nu_e = nu - np.concatenate([v_d, np.zeros(3)])
-        tau_c = np.concatenate([R.T @ data.sensordata[1:4], np.zeros(3)])
+        depth = max(0.0, -data.sensordata[self.plant.sensors["distance"]])
+        tau_c = np.concatenate([R.T @ [-self.k_c * depth, 0.0, 0.0], np.zeros(3)])
         w = self.M_d_inv @ (d.K_d @ eta_e + d.D_d @ nu_e - tau_c)
         U = 0.5 * (quat[0] * np.eye(3) + skew(quat[1:]))
         eta_e_dot = np.concatenate([nu_e[:3], U @ nu_e[3:]])
@@ -82,8 +84,8 @@ class NumpyLoop:
         f = -C_A_r @ nu_r - (v.D_linear + v.D_quadratic * np.abs(nu_r)) * nu_r
         f += v.M_A @ np.concatenate([cross(nu_r[3:], nu_r[:3]), np.zeros(3)])
         f[:3] += R.T @ self.buoyancy_W
-        data.xfrc_applied[self.plant.body_id, :3] = R @ f[:3]
-        data.xfrc_applied[self.plant.body_id, 3:] = R @ (f[3:] - cross(v.r_g, f[:3]))
+        data.qfrc_passive[:3] += R @ f[:3]
+        data.qfrc_passive[3:6] += f[3:]
 
     def chunk(self, steps: int) -> float:
         """Seconds a step over some steps, with the callback installed for just as long."""

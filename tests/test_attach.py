@@ -193,7 +193,7 @@ def test_detaching_leaves_nothing_behind():
     dry = mujoco.MjData(model)
     attachment = attach(model, data, current_W=(0.5, 0.0, 0.0))
     mujoco.mj_step(model, data, 10)
-    assert data.xfrc_applied.any()
+    assert data.qfrc_passive.any()
     attachment.detach()
     attachment.detach()
     assert not data.xfrc_applied.any()
@@ -213,19 +213,150 @@ def test_a_vehicle_whose_data_is_gone_is_detached():
     assert mujoco.get_mjcb_control() is None
 
 
-def test_somebody_elses_force_on_the_vehicle_is_kept():
-    """The mouse in the viewer writes xfrc_applied anew before each step; a user's loop writes it once."""
-    model, data = load(replace(STILL, r_g=(0.0, 0.0, 0.0)))
-    force = np.array([3.0, 0, 0, 0, 0, 0])
+def wet(seed: int, timestep: float = 1e-3):
+    """A vehicle in motion with everything offset, and the water to attach it to."""
+    parameters = random_parameters(seed, timestep=timestep)
+    model, data = load(parameters, crowded=True)
+    place(model, data, nu=(0.5, -0.4, 0.3, 0.2, -0.3, 0.4))
+    return model, data, water_of(parameters)
+
+
+def motion(data) -> np.ndarray:
+    return np.concatenate([data.qpos, data.qvel])
+
+
+def undisturbed(seed: int, steps: int) -> np.ndarray:
+    model, data, water = wet(seed)
+    with attach(model, data, "rov", **water):
+        mujoco.mj_step(model, data, steps)
+        return motion(data)
+
+
+@pytest.mark.parametrize("state", ["mjSTATE_FULLPHYSICS", "mjSTATE_INTEGRATION", "mjSTATE_USER"])
+def test_a_state_that_was_saved_and_restored_has_the_water_once(state):
+    """The same motion, bit for bit, whatever part of the state was put back."""
+    model, data, water = wet(5)
+    whole, part = mujoco.mjtState.mjSTATE_INTEGRATION, getattr(mujoco.mjtState, state)
+    with attach(model, data, "rov", **water):
+        mujoco.mj_step(model, data, 100)
+        saved = np.empty(mujoco.mj_stateSize(model, whole))
+        mujoco.mj_getState(model, data, saved, whole)
+        values = np.empty(mujoco.mj_stateSize(model, part))
+        mujoco.mj_getState(model, data, values, part)
+        mujoco.mj_step(model, data, 57)
+        mujoco.mj_setState(model, data, saved, whole)
+        mujoco.mj_setState(model, data, values, part)
+        mujoco.mj_step(model, data, 100)
+        assert np.array_equal(motion(data), undisturbed(5, 200))
+
+
+def test_copies_of_attached_data_have_the_water_once():
+    """Into attached data, back out of it, and between two attached ones."""
+    expected = undisturbed(6, 300)
+    model, data, water = wet(6)
+    store, other = mujoco.MjData(model), mujoco.MjData(model)
+    with attach(model, data, "rov", **water), attach(model, other, "rov", **water):
+        mujoco.mj_step(model, data, 100)
+        mujoco.mj_copyData(store, model, data)
+        mujoco.mj_step(model, data, 31)
+        mujoco.mj_copyData(data, model, store)
+        mujoco.mj_step(model, data, 100)
+        mujoco.mj_copyData(other, model, data)
+        mujoco.mj_step(model, data, 100)
+        mujoco.mj_step(model, other, 100)
+    assert np.array_equal(motion(data), expected)
+    assert np.array_equal(motion(other), expected)
+
+
+def test_rollouts_in_threads_have_the_water():
+    """mujoco.rollout over attached data, against a loop of steps."""
+    rollout = pytest.importorskip("mujoco.rollout")
+    model, data, water = wet(7)
+    state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
+    mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    several = [mujoco.MjData(model) for _ in range(2)]
+    attached = [attach(model, each, "rov", **water) for each in several]
+    states, _ = rollout.rollout(model, several, np.tile(state, (8, 1)), nstep=150)
+    for each in attached:
+        each.detach()
+    expected = undisturbed(7, 150)
+    for run in states:
+        assert np.array_equal(run[-1, 1 : 1 + len(expected)], expected)
+
+
+@pytest.mark.parametrize("component", range(6))
+def test_a_users_own_force_acts_once_component_by_component(component):
+    """One component of xfrc_applied, written once or before every step, is the same force through qfrc_applied."""
+    results = []
+    for way in ("once", "each step", "qfrc_applied"):
+        model, data, water = wet(8)
+        body, dof = model.body("rov").id, model.body("rov").dofadr[0]
+        with attach(model, data, "rov", **water):
+            force = np.zeros(6)
+            force[component] = 2.0
+            data.xfrc_applied[body, component] = 2.0
+            for _ in range(200):
+                if way == "each step":
+                    data.xfrc_applied[body, component] = 2.0
+                if way == "qfrc_applied":
+                    data.xfrc_applied[body] = 0.0
+                    mujoco.mj_kinematics(model, data)
+                    R, r_com = data.xmat[body].reshape(3, 3), data.xipos[body] - data.xpos[body]
+                    data.qfrc_applied[dof : dof + 3] = force[:3]
+                    data.qfrc_applied[dof + 3 : dof + 6] = R.T @ (force[3:] + np.cross(r_com, force[:3]))
+                mujoco.mj_step(model, data)
+            results.append(motion(data))
+            if way != "qfrc_applied":
+                assert data.xfrc_applied[body, component] == 2.0
+                assert np.count_nonzero(data.xfrc_applied) == 1
+    assert np.array_equal(results[0], results[1])
+    assert np.allclose(results[0], results[2], rtol=0, atol=1e-10)
+    assert not np.allclose(results[0], undisturbed(8, 200), atol=1e-3)
+
+
+def test_the_water_acts_where_passive_forces_are_disabled_and_where_a_stage_is_skipped():
+    """qfrc_passive counts the water once whether MuJoCo has set it anew or not."""
+    model, data, water = wet(9)
+    with attach(model, data, "rov", **water):
+        mujoco.mj_forward(model, data)
+        expected = data.qacc.copy()
+        mujoco.mj_forwardSkip(model, data, mujoco.mjtStage.mjSTAGE_VEL, 1)
+        assert np.array_equal(data.qacc, expected)
+        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SPRING) | int(mujoco.mjtDisableBit.mjDSBL_DAMPER)
+        mujoco.mj_forward(model, data)
+        assert np.array_equal(data.qacc, expected)
+
+
+def test_the_current_can_be_changed_and_nothing_else_is_accepted():
+    model, data = load(STILL)
     with attach(model, data) as attachment:
-        data.xfrc_applied[1] = force
-        mujoco.mj_step(model, data, 5)
-        assert np.allclose(data.xfrc_applied[1] - force, np.r_[attachment.wrench[:3], attachment.wrench[3:]])
-        data.xfrc_applied[1] = force
-        mujoco.mj_step(model, data, 5)
-        assert np.allclose(data.xfrc_applied[1] - force, attachment.wrench)
-        assert data.qvel[0] > 0.0
-    assert np.array_equal(data.xfrc_applied[1], force)
+        attachment.current_W = (0.3, -0.2, 0.1)
+        other, other_data = load(STILL)
+        with attach(other, other_data, current_W=(0.3, -0.2, 0.1)):
+            for each_model, each in ((model, data), (other, other_data)):
+                mujoco.mj_step(each_model, each, 100)
+        assert np.array_equal(data.qpos, other_data.qpos)
+        with pytest.raises(InputError, match="current_W"):
+            attachment.current_W = (0.3, np.nan, 0.1)
+        with pytest.raises(AttributeError):
+            attachment.current = (0.3, -0.2, 0.1)
+        with pytest.raises(AttributeError):
+            attachment.wrench = np.zeros(6)
+
+
+def test_somebody_elses_callback_is_noticed():
+    model, data = load(STILL)
+    attachment = attach(model, data)
+    mujoco.set_mjcb_control(None)
+    try:
+        with pytest.raises(RuntimeError, match="moves dry"):
+            _ = attachment.wrench
+        mujoco.set_mjcb_control(lambda m, d: None)
+        with pytest.warns(RuntimeWarning, match="moves dry"):
+            attachment.detach()
+        assert mujoco.get_mjcb_control() is not None
+    finally:
+        mujoco.set_mjcb_control(None)
 
 
 def test_dm_control_can_step_the_vehicle():

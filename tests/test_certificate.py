@@ -370,7 +370,7 @@ CASES = {
 
 @pytest.mark.parametrize("case", CASES)
 def test_what_is_experienced_is_what_moves_s(case):
-    """s_dot = -k_1 phi_1 + z + varphi of eq. (28), with A s where GSTA is alone, and the contact force's lag."""
+    """s_dot = -k_1 phi_1 + z + varphi of eq. (28), with A s where GSTA is alone, to what the wall's own inertia leaves."""
     mjcf, overrides = CASES[case]
     world = OTHER_WORLD | {"simulation.duration": 1.0, "simulation.timestep": 2e-5, "controller.F_1": 1.5}
     trace = simulate(Scenario.load("push_wall", world | overrides), log_rate="full", mjcf=mjcf)
@@ -385,7 +385,7 @@ def test_what_is_experienced_is_what_moves_s(case):
     assert free.all() == (mjcf is LIMITED)
     assert apart[free].max() < 1e-3 < 0.005 * np.abs(found.varphi).max(axis=0).min()
     assert (apart.max(axis=0) < found.contact_lag + 1e-3).all()
-    assert apart[:, 0].max() > 0.9 * found.contact_lag[0]
+    assert found.contact_lag.max() < 1e-3  # the law runs at every step
 
 
 def test_the_time_beyond_counts_with_s_where_it_is_least():
@@ -579,7 +579,7 @@ def test_a_log_that_may_have_missed_the_fastest_change_gives_no_verdict(command,
             rates[log_rate] = found.largest_rate()[5]
     assert set(rates) == {"full", 1000}
     assert rates[1000] == pytest.approx(rates["full"], rel=0.01)
-    stiff = touching | {"wall.stiffness": 3e7, "simulation.timestep": 2e-5}
+    stiff = touching | {"wall.stiffness": 3e7, "simulation.timestep": 2e-5, "controller.period": 1e-4}
     with pytest.warns(UserWarning, match="limit-cycles"):
         every, some = (experienced(simulate(Scenario.load("push_wall", stiff), log_rate=r)) for r in ("full", 1000))
     assert every.doubt == pytest.approx(np.ones(6))

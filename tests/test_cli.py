@@ -122,7 +122,7 @@ def test_a_second_run_into_a_folder_keeps_the_first(tmp_path):
         (["run", "--set", "wall.stiffness"], "key=value"),
         (["run", "--set", "wall.stiffness=soft"], "'soft' is not a finite number"),
         (["run", "--set", "simulation.timestep=0"], "must be at least 1e-07"),
-        (["run", "--set", "simulation.timestep=0.1"], "stability limit"),
+        (["run", "--set", "simulation.timestep=0.1"], "or a time step below 0.02264 s"),
         (["run", "--set", "impedance.M_d=[1,1,1,1,1,-1]"], "not positive definite"),
         (["run", "--set", "controller.period=1.5e-4"], "next to it are 0.0001 and 0.0002 s"),
         (["run", "--set", "vehicle.model=submarine"], "models that ship|bluerov1"),

@@ -173,10 +173,10 @@ def test_the_ideal_law_has_the_desired_impedance_at_every_instant():
 
 @pytest.mark.filterwarnings("ignore::uvms_mj.checks.SamplingWarning")
 def test_inertia_shaping_is_stable_up_to_the_step_that_is_said():
-    """Eq. (4) with M_d = M/3: a force one step old is negative damping of (M/M_d - 1) k_c h."""
+    """Eq. (4) with M_d = M/3: a force held for 2 h is negative damping of (M/M_d - 1) k_c h/2."""
     M = np.array([7.31 + 5.5, 7.31 + 12.7, 7.31 + 14.57, 0.28, 0.28, 0.28])
     D_d = 30.0
-    limit = 3.0 * D_d / (2.0 * 1e5)
+    limit = 2.0 * 3.0 * D_d / (2.0 * 1e5)
     swing = []
     for factor in (0.7, 1.4):
         overrides = {
@@ -187,6 +187,7 @@ def test_inertia_shaping_is_stable_up_to_the_step_that_is_said():
             "impedance.M_d": (M / 3.0).tolist(),
             "impedance.D_d": [D_d, 280.0, 280.0, 10.0, 8.0, 8.0],
             "simulation.timestep": factor * limit,
+            "controller.period": 2.0 * factor * limit,
             "simulation.duration": 8.0,
         }
         trace = simulate(Scenario.load("push_wall", overrides, "impedance"))
@@ -246,7 +247,7 @@ def test_without_nominal_control_the_thrust_is_nearly_the_same(paper_run):
         ("fosm", {"disturbance.bias": [300.0, 0, 0, 0, 0, 0]}, "outside its boundary layer"),
         ("fosm", {"disturbance.amplitude": [1.0] * 6, "disturbance.frequency_hz": [0.1] * 6}, "never rests"),
         ("gsta", {"disturbance.amplitude": [12.0, 0, 0, 0, 0, 0], "disturbance.frequency_hz": [1.0] * 6}, "faster"),
-        ("gsta", {"wall.stiffness": 1e6}, "limit-cycles"),
+        ("gsta", {"wall.stiffness": 1e6, "controller.period": 1e-3}, "limit-cycles"),
         ("gsta", {"wall.friction": 0.3}, "friction"),
         ("gsta", {"controller.k_2": 0.0}, "k_2"),
         ("impedance", {"controller.A": 0.0}, "zeta"),
@@ -299,7 +300,7 @@ def test_the_age_of_the_force_decides_whether_a_held_command_keeps_the_contact_d
     def limit(share):
         return force_feedback_limit(shaped(share), build(shaped(share)).design)
 
-    age, settled = 0.5e-4 * (1 + periods), []
+    age, settled = 0.5e-4 * (periods - 1), []
     for factor in (1.05, 0.95):
         scenario = shaped(brentq(lambda share, wanted=factor * age: limit(share) - wanted, 1e-3, 0.5))
         trace = simulate(scenario, log_rate=100)

@@ -299,7 +299,7 @@ class _Law:
     def sample(
         self, t: float, p: Vector, quat: Vector, R: Vector, nu: list[float], tau_c: list[float], period: float
     ) -> list[float]:
-        """tau, (6,), from the measured contact wrench tau_c, (6,); then zeta and z step over one period."""
+        """tau, (6,), from the contact wrench tau_c, (6,), of this instant; then zeta and z step over one period."""
         law, zeta, z = self.parameters, self.zeta, self.z
         with_nominal = law.nominal or law.law != "gsta"
         eta_e, eta_e_dot, nu_e, nu_d_dot = self.errors(t, p, quat, R, nu)
@@ -348,7 +348,6 @@ def simulate_fixed_step(parameters: TwinParameters, timestep: float | None = Non
     plant = _Plant(parameters)
     law = _Law(parameters, plant)
     p, quat, nu = _floats(parameters.p_0), _unit(parameters.quat_0), _floats(parameters.nu_0)
-    tau_c_m = [0.0] * 6  # measured one step late
     for k in range(len(table)):
         t, R = k * h, _rows(*quat)
         force, tau_c = 0.0, [0.0] * 6
@@ -357,8 +356,7 @@ def simulate_fixed_step(parameters: TwinParameters, timestep: float | None = Non
             tau_c = [*_to_B(R, (-force, 0.0, 0.0)), 0.0, 0.0, 0.0]
         if k % ratio == 0:
             z, zeta = law.z.copy(), law.zeta.copy()
-            tau = law.sample(t, p, quat, R, nu, tau_c_m, ratio * h)
-        tau_c_m = tau_c
+            tau = law.sample(t, p, quat, R, nu, tau_c, ratio * h)
         table[k] = (t, force, *p, *quat, *nu, *law.s, *z, *zeta, *tau)
 
         disturbance = bias if calm else tau_dist(parameters, t).tolist()

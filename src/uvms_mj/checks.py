@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from .contact_checks import wall_faults, wall_notes
 from .control import Fosm, Gsta, Ideal, Impedance, Sta
 from .control.loader import has_built_in_law
 from .design import Design
@@ -18,26 +19,22 @@ class SamplingWarning(UserWarning):
     """The law chatters or limit-cycles, at this step or with these gains."""
 
 
-def check(scenario: Scenario, vehicle: Vehicle, design: Design) -> list[str]:
+def check(scenario: Scenario, vehicle: Vehicle, design: Design, reach: float) -> list[str]:
     """Refuse what can't run; return warnings for what runs badly.
 
+    Args:
+        scenario: of the run.
+        vehicle: of the run.
+        design: of the two.
+        reach: distance of the contact point from B's origin [m].
+
     Raises:
-        InputError: the step is beyond the wall's stability limit, or the control period is no multiple of it.
+        InputError: the wall is too stiff for the step, or the control period is not a multiple of it.
     """
-    h, wall = scenario.simulation.timestep, scenario.wall
-    faults = []
+    h = scenario.simulation.timestep
+    faults = list(wall_faults(scenario, design, reach))
     if scenario.controller.uses_truth and not has_built_in_law(scenario.controller):
         faults.append(Fault("controller.uses_truth", "is for the yardstick, ideal, alone"))
-    m = design.along_normal(design.M)
-    limit = (np.sqrt(wall.damping**2 + 4.0 * wall.stiffness * m) - wall.damping) / wall.stiffness
-    if h >= limit:  # h^2 k/m + 2 h b/m < 4
-        faults.append(
-            Fault(
-                "simulation.timestep",
-                f"{h:g} s is beyond the wall's stability limit, {limit:.4g} s for {wall.stiffness:g} N/m, "
-                f"{wall.damping:g} N s/m and {m:.4g} kg: take a smaller step or a softer wall",
-            )
-        )
     period = scenario.controller.period
     if period is not None and (round(period / h) < 1 or abs(period / h - round(period / h)) > 1e-6):
         n = max(1, int(period / h))
@@ -50,7 +47,7 @@ def check(scenario: Scenario, vehicle: Vehicle, design: Design) -> list[str]:
         )
     if faults:
         raise InputError(faults, "scenario")
-    notes = list(_sampling(scenario, vehicle, design))
+    notes = [*wall_notes(scenario, design, reach), *_sampling(scenario, vehicle, design)]
     rank = np.linalg.matrix_rank(vehicle.B)
     if rank < 6:
         notes.append(
@@ -81,11 +78,12 @@ def force_feedback_limit(scenario: Scenario, design: Design) -> float:
 
 
 def force_age(scenario: Scenario) -> float:
-    """The mean age of the contact force in tau [s]: the force is measured one step late, and tau is held for a period.
+    """The mean age of the contact force in tau against that in the contact itself [s].
 
-    With symplectic Euler the contact force itself acts half a step ahead: h + T/2 - h/2.
+    The law gets the force of the same instant, and tau is held for a control period T: T/2. The contact force itself is
+    held for a time step h: h/2. A law that runs at every step feeds back what acts.
     """
-    return 0.5 * (scenario.simulation.timestep + control_period(scenario))
+    return 0.5 * (control_period(scenario) - scenario.simulation.timestep)
 
 
 def bouncing_growth(scenario: Scenario, vehicle: Vehicle, design: Design) -> float:
@@ -123,6 +121,10 @@ def bouncing_growth(scenario: Scenario, vehicle: Vehicle, design: Design) -> flo
 
 _AMPLITUDES = np.geomspace(1e-5, 2e-2, 30)
 """Of s [m/s], up to what an impact at some decimetres a second brings about."""
+
+
+SLOWLY_DAMPED = 0.75
+"""Where more than this part of the damping against the wall is lost, a vibration lasts for many seconds."""
 
 
 _FASTEST = 0.5
@@ -163,13 +165,14 @@ def _sampling(scenario: Scenario, vehicle: Vehicle, design: Design) -> Iterator[
             f"{controller.label()} chatters at a control period of {h:g} s: K_s = {controller.K_s:g} and "
             f"epsilon = {controller.epsilon:g} need less than {limit:.4g} s"
         )
-    limit = force_feedback_limit(scenario, design)
-    if force_age(scenario) >= limit:
-        period = 2.0 * limit - scenario.simulation.timestep
-        need = f"less than {period:.4g} s" if period >= scenario.simulation.timestep else "a smaller time step"
+    limit, age = force_feedback_limit(scenario, design), force_age(scenario)
+    if age > SLOWLY_DAMPED * limit or (age == limit == 0.0):
+        longest = 2.0 * limit + scenario.simulation.timestep
+        what = "limit-cycles against the wall" if age >= limit else "hardly damps the vibration against the wall"
         yield (
-            f"{controller.label()} limit-cycles against the wall at a control period of {h:g} s: with a measured "
-            f"force one step old, D_d and {scenario.wall.stiffness:g} N/m need {need}"
+            f"{controller.label()} {what} at a control period of {h:g} s: it holds the contact force for so long that "
+            f"{min(1.0, age / limit) if limit else 1.0:.0%} of the damping D_d is lost at wall.stiffness "
+            f"{scenario.wall.stiffness:g} N/m; all is lost at a period of {longest:.4g} s"
         )
     if bouncing_growth(scenario, vehicle, design) > _GROWS:
         yield (

@@ -123,7 +123,7 @@ def friction(contact, f_n, v_t, timestep):
 
 @kernel
 def wrench_at_origin(R_WB, arm_W, f_W, work, tau):
-    """tau (6,) at B's origin in B [N, N m] of a force f_W (3,) that acts at arm_W (3,) from it; work is (3,) scratch."""
+    """Set tau (6,) at B's origin in B [N, N m] of a force f_W (3,) at arm_W (3,) from it; work is (3,) scratch."""
     to_body(R_WB, f_W, tau)
     to_body(R_WB, arm_W, work)
     tau[3] = work[1] * tau[2] - work[2] * tau[1]

@@ -29,9 +29,9 @@ class Experienced:
             impact, for it depends on nu and not on the contact force; its rate is largest there, as nu_dot is.
         doubt: (6,) the largest rate of all rows over that of every second one, at least 1, and 1 for a log of every
             step: by about as much again may the true one be larger. Verdicts take the rate times this.
-        contact_lag: (6,) largest M_hat^-1 (tau_c - tau_c_measured) [m/s^2, rad/s^2]. The law knows a force one step
-            old. That is a disturbance too, but one that jumps at each touch and has no rate: proportional to the step
-            as it is, it widens the band. It is not in varphi.
+        contact_lag: (6,) largest M_hat^-1 (tau_c - tau_c_given) [m/s^2, rad/s^2]. A law that holds its command for
+            longer than a time step holds the contact force with it. That is a disturbance too, but it jumps at each
+            touch and has no rate. It widens the band in proportion to the period, and is not in varphi.
     """
 
     t: np.ndarray

@@ -1,13 +1,15 @@
-"""Vehicle, wall and contact sensor in one MuJoCo model.
+"""Vehicle, wall and the wall's sensors in one MuJoCo model.
 
-The wall is a spring and damper in N/m and N s/m (paper eq. (34)). MuJoCo's contacts are mass-normalised: with an
-elliptic cone, a sphere as probe, the impedance d of ``solimp`` constant at 1e-4 and ``solref = (-k_c w (1 - d), -b_c
-w (1 - d))``, w the compiled ``body_invweight0`` of the vehicle's body, the contact is exactly that spring and damper,
-whatever the added mass. The contact pair is frictionless (condim 1): MuJoCo's friction cone couples the slip into the
-normal force of so soft a contact. Friction is :mod:`uvms_mj.contact`'s, which reads distance and nearest points from
-two sensors of the position stage, so that it and the law see the contact of the same instant. The probe is centred on B's origin, so that the wall gives no moment, and is as large as the
-vehicle reaches forward: contact begins when the origin is at x_c, and the picture shows the vehicle's front on the
-wall's face.
+The wall is a spring and damper in N/m and N s/m (paper eq. (34)). MuJoCo's contacts are mass-normalised: with a sphere
+as probe, the impedance d of ``solimp`` constant at 1e-4 and ``solref = (-k_c w (1 - d), -b_c w (1 - d))``, w the
+compiled ``body_invweight0`` of the vehicle's body, the contact is that spring and damper, whatever the added mass. What
+remains of MuJoCo's softness is an inerter of d times the rigid mass. The contact pair is frictionless (condim 1):
+MuJoCo's friction cone couples the slip into the normal force of so soft a contact. Friction comes from
+:mod:`uvms_mj.contact`, which reads distance and nearest points from two sensors of the position stage, so that it and
+the law see the contact of the same instant.
+
+The probe is centred on B's origin, so that the wall's normal force gives no moment. Its radius is the vehicle's reach
+forward: contact begins when the origin is at x_c, and a picture shows the vehicle's front on the wall's face.
 """
 
 from collections.abc import Mapping

@@ -120,7 +120,7 @@ class _Run:
         self.scenario, self.row_steps, self.progress = scenario, row_steps, progress
         self.sinks, self.keep_s = sinks, np.inf if keep_s is None else keep_s
         self.plant = build(scenario, mjcf)
-        self.notes = list(check(scenario, self.plant.vehicle, self.plant.design))
+        self.notes = list(check(scenario, self.plant.vehicle, self.plant.design, self.plant.geometry.reach))
         self.data = self.plant.initial_data(scenario)
         gravity = self.plant.model.opt.gravity
         self.analytic = steady_state(scenario, self.plant.vehicle, self.plant.design, gravity)

@@ -119,6 +119,13 @@ def sampled(header: Header) -> tuple[Topic, ...]:
             ros2.wrench("base_link", "f_contact.wrench"),
         ),
         force("/contact/measured", "f_contact_m_W"),
+        topic(
+            "/contact/stretch",
+            "geometry_msgs/Vector3Stamped",
+            "map",
+            "stretch_W",
+            ros2.stamped("map", "stretch_W", 3),
+        ),
         *map(running, RUNNING),
     )
 

@@ -2,8 +2,10 @@
 
 import ctypes
 import threading
+import warnings
 import weakref
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -21,14 +23,28 @@ _attached: dict[int, "Attachment"] = {}
 _INTEGRATORS = {getattr(mujoco.mjtIntegrator, f"mjINT_{name}") for name in ("EULER", "RK4", "IMPLICIT", "IMPLICITFAST")}
 
 
+class WaterLost(RuntimeError):
+    """Somebody replaced mjcb_control: MuJoCo no longer calls the water."""
+
+
+_LOST = (
+    "mjcb_control was replaced while a vehicle was attached: since then it moves dry. Leave mjcb_control alone between "
+    "attach and detach"
+)
+
+
 class Attachment:
-    """A vehicle in the water: from :func:`attach` until :meth:`detach`. Also a context manager."""
+    """A vehicle in the water: from :func:`attach` until :meth:`detach`. Also a context manager.
+
+    ``current_W`` may be set at any time, and acts from the next step on.
+    """
+
+    __slots__ = ("__weakref__", "_address", "_finalizer", "_row", "body_id", "context", "vehicle")
 
     def __init__(self, vehicle: Vehicle, context: np.ndarray, data: mujoco.MjData, body_id: int) -> None:
         self.vehicle = vehicle
         self.context = context
         self._address = data._address
-        self._data = weakref.ref(data)
         self.body_id = body_id
         self._row = _register(self)
         # an address that is free again must not find an old context
@@ -37,18 +53,42 @@ class Attachment:
     @property
     def wrench(self) -> np.ndarray:
         """The water's wrench (6,) on the vehicle at B's origin in B [N, N m], of the last evaluation, without the
-        added inertia."""
+        added inertia.
+
+        Raises:
+            WaterLost: somebody replaced mjcb_control.
+        """
+        if self._finalizer.alive and not _installed():
+            raise WaterLost(_LOST)
         return self.context["wrench"][0].copy()
 
+    @property
+    def current_W(self) -> np.ndarray:
+        """(3,) velocity of the water in W [m/s]. A copy: to change it, set it as a whole."""
+        return self.context["water"]["v_c_W"][0].copy()
+
+    @current_W.setter
+    def current_W(self, value: Sequence[float]) -> None:
+        """Raises InputError unless the value is three finite numbers."""
+        self.context["water"]["v_c_W"] = _finite_numbers({"current_W": value}, {"current_W": 3})["current_W"]
+
     def detach(self) -> None:
-        """Take the water away; the next forward evaluation is dry. Doing it twice does no harm."""
+        """Take the water away; the next forward evaluation is dry. Doing it twice does no harm.
+
+        Warns (RuntimeWarning) if somebody replaced mjcb_control in the meantime.
+        """
+        if self._finalizer.alive and not _installed():
+            warnings.warn(_LOST, RuntimeWarning, stacklevel=2)
         self._finalizer()
 
     def __enter__(self) -> "Attachment":
         return self
 
-    def __exit__(self, *exception: object) -> None:
-        self.detach()
+    def __exit__(self, kind: object, *exception: object) -> None:
+        if kind is None:
+            self.detach()
+        else:  # what was raised matters more than a warning
+            self._finalizer()
 
 
 def attach(
@@ -63,10 +103,15 @@ def attach(
 ) -> Attachment:
     """Put a vehicle of any model in the water: added mass, Coriolis, damping, buoyancy, current and disturbance.
 
-    From then on every ``mj_step`` and ``mj_forward`` of this ``data``, in MuJoCo's viewer, in dm_control or in a loop
-    of your own, has the water in it, at native speed and from any thread. Copies of ``data`` do not. dm_control
-    resets with actuation disabled, where MuJoCo calls nobody: after ``physics.reset()``, call ``mj_forward`` before
-    the first step.
+    From then on every ``mj_step`` and ``mj_forward`` of this ``data``, in MuJoCo's viewer, in dm_control, in
+    ``mujoco.rollout`` or in a loop of your own, has the water in it, at native speed and from any thread. Copies of
+    ``data`` do not: attach each. The water's wrench is in ``qfrc_passive``, which MuJoCo computes anew in each
+    evaluation. ``xfrc_applied`` is yours, and a state that was saved and restored has the water in it once.
+
+    Three things do not know the water, for MuJoCo does not call mjcb_control there. ``mj_inverse`` and MuJoCo's energy
+    are those of a dry vehicle. dm_control resets with actuation disabled: after ``physics.reset()``, call
+    ``mj_forward`` before the first step. A ``mujoco.set_mjcb_control`` of your own takes the water away: ``wrench``
+    then raises :class:`WaterLost`, and ``detach`` warns.
 
     Args:
         model: a compiled model. The vehicle's coefficients are in it (:mod:`uvms_mj.vehicle`).
@@ -93,25 +138,29 @@ def attach(
     water["M_A"], water["D_linear"], water["D_quadratic"] = vehicle.M_A, vehicle.D_linear, vehicle.D_quadratic
     water["buoyancy_W"] = -vehicle.displaced_mass * model.opt.gravity
     water["r_b"] = vehicle.r_b
-    faults: list[Fault] = []
-    for name, field, value in (
-        ("current_W", "v_c_W", current_W),
-        ("bias", "bias", bias),
-        ("amplitude", "amplitude", amplitude),
-        ("frequency_hz", "frequency", frequency_hz),
-    ):
-        shape = WATER[field].shape
+    given = {"current_W": current_W, "bias": bias, "amplitude": amplitude, "frequency_hz": frequency_hz}
+    numbers = _finite_numbers(given, {name: WATER[field].shape[0] for name, field in _WATER_FIELDS.items()})
+    for name, field in _WATER_FIELDS.items():
+        water[field] = numbers[name]
+    return Attachment(vehicle, context, data, body_id)
+
+
+_WATER_FIELDS = {"current_W": "v_c_W", "bias": "bias", "amplitude": "amplitude", "frequency_hz": "frequency"}
+
+
+def _finite_numbers(given: Mapping[str, Any], sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
+    """Vectors of finite numbers by name; an InputError names every one that is not."""
+    numbers, faults = {}, []
+    for name, value in given.items():
         try:
-            array = np.asarray(value, dtype=float)
+            numbers[name] = np.asarray(value, dtype=float)
         except (TypeError, ValueError):
-            array = np.array(np.nan)
-        if array.shape != shape or not np.isfinite(array).all():
-            faults.append(Fault(name, f"{value!r}: must be {shape[0]} finite numbers"))
-        else:
-            water[field] = array
+            numbers[name] = np.array(np.nan)
+        if numbers[name].shape != (sizes[name],) or not np.isfinite(numbers[name]).all():
+            faults.append(Fault(name, f"{value!r}: must be {sizes[name]} finite numbers"))
     if faults:
         raise InputError(faults, "attach")
-    return Attachment(vehicle, context, data, body_id)
+    return numbers
 
 
 def _register(attachment: Attachment) -> int:
@@ -123,10 +172,10 @@ def _register(attachment: Attachment) -> int:
         row = next((i for i in range(1, CAPACITY) if i not in _attached), None)
         if row is None:
             raise InputError(f"{CAPACITY - 1} vehicles are in the water: one process can't have more")
-        if not _attached:
-            if mujoco.get_mjcb_control() is not None:
-                raise InputError("another mjcb_control is installed; mujoco.set_mjcb_control(None) removes it")
+        if mujoco.get_mjcb_control() is None:
             mujoco.set_mjcb_control(entry_points().control.ctypes)
+        elif not _installed():
+            raise InputError("another mjcb_control is installed; mujoco.set_mjcb_control(None) removes it")
         _attached[row] = attachment
         registry[row, 1] = attachment.context.ctypes.data
         registry[row, 0] = attachment._address
@@ -138,8 +187,13 @@ def _unregister(row: int) -> None:
     with _lock:
         registry[row, 0] = 0
         del _attached[row]
-        if not _attached:
+        if not _attached and _installed():
             mujoco.set_mjcb_control(None)
+
+
+def _installed() -> bool:
+    """Whether MuJoCo's mjcb_control is the water's."""
+    return mujoco.get_mjcb_control() is entry_points().control.ctypes
 
 
 def _fill(context: np.void, model: mujoco.MjModel, data: mujoco.MjData, body_id: int) -> None:

@@ -10,7 +10,7 @@ import math
 from ..contact import contact_force
 from ..control.task import nominal_control, pose_errors, sliding_variable
 from ..estimates import model_wrenches
-from ..frames import body_acceleration, body_velocity, rotation, to_body
+from ..frames import body_acceleration, body_velocity, rotation
 from ..hydrodynamics import disturbance
 from ..kernels import kernel
 from ..reference import filtered_steps

@@ -1,0 +1,72 @@
+"""Checks of a wall before the first step: whether the time step can carry it, and how well it resolves an impact.
+
+Symplectic Euler with a step h carries a mass m on a spring k and a damper b while h^2 k/m + 2 h b/m < 4. Well inside
+that limit the forces are right. With w = sqrt(k/m), the peak force and the rebound err by about (h w)^2/10.
+"""
+
+import math
+from collections.abc import Iterator
+
+from .design import Design, contact_settings
+from .faults import Fault
+from .scenario import Scenario
+
+RESOLVED = 0.3
+"""h w beyond which an impact is off by about 1 %."""
+
+
+def wall_faults(scenario: Scenario, design: Design, reach: float) -> Iterator[Fault]:
+    """Springs and dampers of the wall that the time step can't carry, along its normal and along its face."""
+    h, wall = scenario.simulation.timestep, scenario.wall
+    for prefix, k, b, m in _directions(scenario, design, reach):
+        given = prefix == "" or getattr(wall, f"{prefix}stiffness") is not None
+        if h * h * k / m >= 4.0:
+            stiffest = 4.0 * m / (h * h)
+            source = "" if given else ", which is wall.stiffness where it is not given,"
+            yield Fault(
+                f"wall.{prefix}stiffness",
+                f"{k:g} N/m{source} is too stiff for a time step of {h:g} s and {m:.4g} kg at the contact: choose less "
+                f"than {stiffest:.4g} N/m, or a time step below {math.sqrt(4.0 * m / k):.4g} s",
+            )
+        elif h * h * k / m + 2.0 * h * b / m >= 4.0:
+            most = 2.0 * m / h - 0.5 * h * k
+            shortest = (math.sqrt(b * b + 4.0 * k * m) - b) / k
+            yield Fault(
+                f"wall.{prefix}damping",
+                f"{b:g} N s/m is too much for a time step of {h:g} s and {m:.4g} kg at the contact: choose less than "
+                f"{most:.4g} N s/m, or a time step below {shortest:.4g} s",
+            )
+
+
+def wall_notes(scenario: Scenario, design: Design, reach: float) -> Iterator[str]:
+    """Walls that the time step resolves badly, and a start inside the wall."""
+    h, wall = scenario.simulation.timestep, scenario.wall
+    for prefix, k, _, m in _directions(scenario, design, reach):
+        w = math.sqrt(k / m)
+        if h * w > RESOLVED:
+            what = "sticking friction" if prefix else "an impact"
+            yield (
+                f"{what} is badly resolved: at wall.{prefix}stiffness = {k:g} N/m and {m:.4g} kg the contact vibrates "
+                f"at {w / (2.0 * math.pi):.3g} Hz, {2.0 * math.pi / (h * w):.1f} time steps a period; with a "
+                f"simulation.timestep below {RESOLVED / w:.2g} s its forces are right to about 1 %"
+            )
+    depth = scenario.initial.position[0] - wall.position
+    if depth > 0.0 and wall.stiffness * depth > START_FORCE:
+        yield (
+            f"the vehicle starts {depth:.4g} m inside the wall, which pushes it out with "
+            f"{wall.stiffness * depth:.4g} N at once: initial.position[0] is {scenario.initial.position[0]:g} m, "
+            f"wall.position {wall.position:g} m"
+        )
+
+
+START_FORCE = 100.0
+"""A start in the wall with less than this [N] is a start in contact."""
+
+
+def _directions(scenario: Scenario, design: Design, reach: float) -> Iterator[tuple[str, float, float, float]]:
+    """Prefix of the keys, spring [N/m], damper [N s/m] and mass at the contact [kg] of each direction in use."""
+    settings = contact_settings(scenario.wall, design, reach)
+    yield "", settings["stiffness"], settings["damping"], design.along_normal(design.M)
+    if settings["friction"] > 0.0:
+        k_t, b_t = settings["tangential_stiffness"], settings["tangential_damping"]
+        yield "tangential_", k_t, b_t, design.lightest_along_face(reach)
