@@ -287,7 +287,7 @@ def test_super_twisting_that_would_bounce_on_the_wall_is_warned_of(overrides, bo
 
 
 @pytest.mark.filterwarnings("ignore::uvms_mj.checks.SamplingWarning")
-@pytest.mark.parametrize(("periods", "yaw_deg"), [(2, 0.0), (5, 0.0), (2, 40.0)])
+@pytest.mark.parametrize(("periods", "yaw_deg"), [(4, 0.0), (7, 0.0), (4, 40.0)])
 def test_the_age_of_the_force_decides_whether_a_held_command_keeps_the_contact_damped(periods, yaw_deg):
     """Inertia shaping with a limit 5 % above the mean age of the force, then 5 % below."""
 
