@@ -16,6 +16,7 @@ import importlib.util
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -69,7 +70,7 @@ def main(gnc_py: str) -> None:
     spec.loader.exec_module(gnc)
     rng = np.random.default_rng(SEED)
     vehicles = [random_inputs(rng) for _ in range(VEHICLES)]
-    columns = {name: np.array([each[name] for each in vehicles]) for name in vehicles[0]}
+    columns: dict[str, Any] = {name: np.array([each[name] for each in vehicles]) for name in vehicles[0]}
     nu_dot = np.array([acceleration(gnc, each) for each in vehicles])
     out = Path(__file__).parents[1] / "tests" / "data" / "python_vehicle_simulator.npz"
     np.savez_compressed(out, gravity=GRAVITY, nu_dot=nu_dot, **columns)
