@@ -10,10 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twin import TwinParameters
-from uvms_mj import InputError, Scenario, attach
-from uvms_mj.checks import check
+from uvms_mj import InputError, Scenario, attach, simulate
 from uvms_mj.coefficients import KNOWN_NUMERICS
-from uvms_mj.design import Design
 from uvms_mj.dissipation import damping_notes, linear_gain, quadratic_gain
 from uvms_mj.vehicle import Vehicle
 from vehicles import dissipative, random_parameters, vehicle_xml
@@ -175,23 +173,25 @@ def noted_power(D_linear: np.ndarray, D_quadratic: np.ndarray, note: str) -> tup
 
 
 @pytest.mark.parametrize("name", ["D_linear", "D_quadratic"])
-def test_damping_that_feeds_energy_in_is_noted_for_a_run_and_warned_of_by_attach(name):
-    """With the velocity at which linear and quadratic damping together give the stated power."""
+def test_damping_that_feeds_energy_in_is_noted_for_a_run_and_warned_of_by_attach(name, tmp_path):
+    """Once, with the velocity at which linear and quadratic damping together give the stated power."""
     good = TwinParameters(D_linear=np.diag([4.0, 6, 5, 1, 1, 1]), D_quadratic=np.diag([18.0, 21, 36, 2, 2, 2]))
     D = getattr(good, name).copy()
     D[1, 5], D[5, 1] = 30.0, 20.0
-    bad = replace(good, **{name: D})
-    scenario = Scenario()
-    for parameters, expected in ((good, 0), (bad, 1)):
+    for parameters, expected in ((good, 0), (replace(good, **{name: D}), 1)):
+        (tmp_path / "rov.xml").write_text(vehicle_xml(parameters))
+        overrides = {"vehicle.model": str(tmp_path / "rov.xml"), "simulation.duration": 1e-3}
+        with warnings.catch_warnings(record=True) as of_the_run:
+            warnings.simplefilter("always")
+            notes = [note for note in simulate(Scenario.load("push_wall", overrides)).notes if "energy" in note]
         model = mujoco.MjModel.from_xml_string(vehicle_xml(parameters))
-        read = Vehicle.from_model(model)
-        notes = [note for note in check(scenario, read, Design.of(scenario, read)) if "energy" in note]
-        assert len(notes) == expected
-        with warnings.catch_warnings(record=True) as caught:
+        with warnings.catch_warnings(record=True) as of_attach:
             warnings.simplefilter("always")
             attach(model, mujoco.MjData(model)).detach()
-        assert [str(w.message) for w in caught] == notes
-        assert all(w.filename == __file__ for w in caught)
+        assert len(notes) == expected
+        for caught in (of_the_run, of_attach):
+            assert [str(w.message) for w in caught if "energy" in str(w.message)] == notes
+            assert all(w.filename == __file__ for w in caught)
         for note in notes:
             assert f"cross terms of {name}" in note
             power, stated = noted_power(parameters.D_linear, parameters.D_quadratic, note)
