@@ -91,7 +91,8 @@ def changed(name: str, *entries: tuple[int, int, float]) -> dict[str, np.ndarray
         (GOOD | {"N_v": -1.0, "Y_r": 1.0}, ["D_linear: is given together with Y_r, N_v", "not both"]),
         (GOOD | {"D_quadratic": np.ones(35)}, ["D_quadratic: has 35 values; 36 are needed"]),
         (GOOD | {"D_linear": np.ones(6)}, ["D_linear: has 6 values; 36 are needed"]),
-        (GOOD | {"D_linear": np.full(36, np.nan)}, ["D_linear: ", "not finite"]),
+        (GOOD | {"D_linear": np.full(36, np.nan)}, ["D_linear: nan: must be finite"]),
+        (GOOD | {"D_linear": np.full(36, 1e300)}, ["D_linear: 1e+300: must be finite, and at most 1e+15"]),
         (changed("D_linear", (2, 2, -5.0)), ["D_linear, row 3, column 3: -5 is not dissipative", "negative"]),
         (
             changed("M_A", (0, 4, 0.3)),

@@ -39,6 +39,8 @@ KNOWN_NUMERICS = frozenset(
 )
 """Every ``<numeric>`` of a vehicle that is read."""
 
+LARGEST = 1e15
+"""Of any number, in SI units: products of greater ones could overflow."""
 _ROUNDING = 1e-9
 """Relative; a file's numbers may be rounded."""
 
@@ -50,7 +52,7 @@ def has_numeric(model: mujoco.MjModel, name: str) -> bool:
 def numeric(
     model: mujoco.MjModel, name: str, size: int, faults: list[Fault], default: np.ndarray | None = None
 ) -> np.ndarray:
-    """The (size,) finite numbers of a ``<numeric>``, or the default; without one, a numeric that is absent is a fault.
+    """The (size,) numbers of a ``<numeric>``, or the default; without one, a numeric that is absent is a fault.
 
     Where there is a fault, the numbers are the default or zero.
     """
@@ -65,8 +67,9 @@ def numeric(
     if n != size:
         faults.append(Fault(name, f"has {n} values; {size} are needed"))
         return instead
-    if not np.isfinite(values).all():
-        faults.append(Fault(name, f"{values} is not finite"))
+    wrong = values[~(np.abs(values) <= LARGEST)]
+    if wrong.size:
+        faults.append(Fault(name, f"{wrong[0]:g}: must be finite, and at most {LARGEST:g}"))
         return instead
     return values
 

@@ -23,6 +23,8 @@ import numpy as np
 
 _ROUNDING = 1e-9
 """Of the power, relative to the largest coefficient in scaled units."""
+_ZERO = 1e-12
+"""Of a coefficient, relative to the largest."""
 _ITERATIONS = 300
 
 
@@ -39,10 +41,10 @@ def damping_notes(body: str, D_linear: np.ndarray, D_quadratic: np.ndarray) -> l
             nu = nu * (-first / second * 2.0 / 3.0)  # the speed of the largest gain
         elif second < 0.0 < first:
             nu = nu * (first / -second * 2.0)  # twice the speed at which the gain begins
-        nu[np.abs(nu) < _ROUNDING * np.abs(nu).max()] = 0.0
+        shown = np.where(np.abs(nu) < _ROUNDING * np.abs(nu).max(), 0.0, nu)
         power = -(nu @ D_linear @ nu + nu @ D_quadratic @ (np.abs(nu) * nu))
         notes.append(
-            f"the damping of {body} can feed energy in: at nu = [{' '.join(f'{x:.4g}' for x in nu)}] m/s, rad/s "
+            f"the damping of {body} can feed energy in: at nu = [{' '.join(f'{x:.4g}' for x in shown)}] m/s, rad/s "
             f"relative to the water it adds {power:.3g} W; check the signs of the cross terms of {name}"
         )
     return notes
@@ -76,6 +78,6 @@ def quadratic_gain(D: np.ndarray) -> np.ndarray | None:
 
 
 def _units(D: np.ndarray, degree: int) -> np.ndarray:
-    """(6,) scales that make the diagonal of a form of this degree one, where it isn't zero."""
+    """(6,) scales that make the diagonal of a form of this degree one, where it isn't zero but for rounding."""
     diagonal = np.diag(D)
-    return np.where(diagonal > 0.0, diagonal, 1.0) ** (1.0 / degree)
+    return np.where(diagonal > _ZERO * np.abs(D).max(), diagonal, 1.0) ** (1.0 / degree)
