@@ -71,7 +71,7 @@ class NumpyLoop:
         C_A, C_RB = self.C(nu)
         g_eta = -np.concatenate([R.T @ (self.buoyancy_W + v.mass * model.opt.gravity), np.zeros(3)])
         g_eta[3:] -= cross(v.r_g, R.T @ (v.mass * model.opt.gravity))
-        D_nu = (v.D_linear + v.D_quadratic * np.abs(nu)) * nu
+        D_nu = v.D_linear @ nu + v.D_quadratic @ (np.abs(nu) * nu)
         tau_nom = d.M_hat @ (np.concatenate([a_d, np.zeros(3)]) - w) + (C_A + C_RB) @ nu + D_nu + g_eta - tau_c
         root = np.sqrt(np.abs(s)) * np.sign(s)
         tau_gsta = -g.k_1 * (root + g.beta * s) + self.z
@@ -81,7 +81,7 @@ class NumpyLoop:
         data.ctrl[:] = self.B_pinv @ tau_cmd
         nu_r = nu - np.concatenate([R.T @ self.v_c_W, np.zeros(3)])
         C_A_r, _ = self.C(nu_r)
-        f = -C_A_r @ nu_r - (v.D_linear + v.D_quadratic * np.abs(nu_r)) * nu_r
+        f = -C_A_r @ nu_r - v.D_linear @ nu_r - v.D_quadratic @ (np.abs(nu_r) * nu_r)
         f += v.M_A @ np.concatenate([cross(nu_r[3:], nu_r[:3]), np.zeros(3)])
         f[:3] += R.T @ self.buoyancy_W
         data.qfrc_passive[:3] += R @ f[:3]

@@ -113,7 +113,7 @@ def test_terminal_speed_under_constant_thrust():
     data.ctrl[2] = 12.0
     with attach(model, data):
         mujoco.mj_step(model, data, 20_000)
-    d, q = STILL.D_linear[2], STILL.D_quadratic[2]
+    d, q = STILL.D_linear[2, 2], STILL.D_quadratic[2, 2]
     assert np.isclose(state(model, data)[2][2], (-d + np.sqrt(d * d + 4 * q * 12.0)) / (2 * q), rtol=1e-9)
 
 

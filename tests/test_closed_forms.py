@@ -5,11 +5,13 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from twin import TwinParameters
 from uvms_mj import Scenario, simulate
 from uvms_mj.checks import force_feedback_limit
 from uvms_mj.closed_forms import NoClosedForm, SteadyState
 from uvms_mj.metrics import final_force
 from uvms_mj.plant import build
+from vehicles import vehicle_xml
 
 OTHER_WORLD = {
     "current.speed": 0.7,
@@ -85,6 +87,22 @@ def test_a_settled_run_rests_where_the_closed_form_says(case):
     assert abs(force - analytic.force) <= 1e-4 * max(1.0, analytic.force)
     assert np.abs(trace.p_WB[-1] - analytic.position).max() < 1e-5
     assert np.abs(trace.s[-1] - analytic.s).max() < 1e-5
+
+
+@pytest.mark.parametrize("law", ["fosm", "impedance"])
+def test_cross_damping_is_in_the_balance_at_rest(law, tmp_path):
+    """The current from the side and from below turns a vehicle with N_v, N_vv and M_w."""
+    vehicle = TwinParameters()
+    vehicle.D_linear[5, 1], vehicle.D_linear[4, 2], vehicle.D_quadratic[5, 1] = -0.8, 0.8, -1.5
+    (tmp_path / "cross.xml").write_text(vehicle_xml(vehicle))
+    overrides = {"vehicle.model": str(tmp_path / "cross.xml"), "reference.attitude_deg": [20.0, 0.0, 0.0]}
+    trace = simulate(Scenario.load("push_wall", overrides, law))
+    without = simulate(Scenario.load("push_wall", overrides | {"vehicle.model": "bluerov1"}, law)).analytic
+    assert np.abs(trace.quat_WB[-1] - trace.analytic.quat).max() < 1e-6
+    assert np.abs(trace.s[-1] - trace.analytic.s).max() < 1e-6
+    assert np.abs(trace.p_WB[-1] - trace.analytic.position).max() < 1e-6
+    assert np.abs(trace.tau[-1] - trace.analytic.tau).max() < 1e-3
+    assert np.abs(trace.analytic.tau - without.tau)[4:].min() > 0.1
 
 
 @pytest.mark.parametrize("law", ["gsta", "sta", "fosm", "impedance", "ideal"])

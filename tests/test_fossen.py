@@ -7,6 +7,7 @@ from hypothesis.extra.numpy import arrays
 
 from twin import skew
 from uvms_mj.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
+from vehicles import dissipative
 
 vectors = arrays(float, 6, elements=st.floats(-5, 5))
 seeds = st.integers(0, 2**32 - 1)
@@ -65,12 +66,29 @@ def test_a_constant_current_leaves_the_rigid_body_terms_as_they_are(seed, nu, v_
     assert np.allclose(-M @ nu_c_dot + moving, still, rtol=0, atol=1e-11 * (1 + np.linalg.norm(M)))
 
 
-@given(vectors, arrays(float, 12, elements=st.floats(0, 50)))
-def test_damping_dissipates(nu, coefficients):
-    out = np.empty(6)
-    damping(coefficients[:6], coefficients[6:], nu, out)
+matrices = arrays(float, (6, 6), elements=st.floats(-50, 50))
+
+
+@given(matrices, matrices, vectors)
+def test_damping_is_the_sum_over_its_coefficients(D_linear, D_quadratic, nu):
+    """sum_ij (D_linear[i, j] + D_quadratic[i, j] |nu_j|) nu_j e_i, a diagonal among them."""
+    out, expected = np.empty(6), np.zeros(6)
+    damping(D_linear, D_quadratic, nu, out)
+    for i, j in np.ndindex(6, 6):
+        expected[i] += D_linear[i, j] * nu[j] + D_quadratic[i, j] * abs(nu[j]) * nu[j]
+    assert np.abs(out - expected).max() <= 1e-11
+
+
+@given(seeds, vectors)
+def test_damping_dissipates(seed, nu):
+    """For matrices with an outweighing diagonal; without cross terms for any that are not negative."""
+    rng, out = np.random.default_rng(seed), np.empty(6)
+    damping(dissipative(rng, 10.0), dissipative(rng, 30.0), nu, out)
     assert nu @ out >= 0.0
-    assert np.allclose(out, np.diag(coefficients[:6] + coefficients[6:] * np.abs(nu)) @ nu)
+    diagonal = np.diag(rng.uniform(0, 50, 6)), np.diag(rng.uniform(0, 50, 6))
+    damping(*diagonal, nu, out)
+    assert nu @ out >= 0.0
+    assert np.allclose(out, (diagonal[0] + diagonal[1] * np.abs(nu)) @ nu)
 
 
 @given(seeds)

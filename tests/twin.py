@@ -37,8 +37,9 @@ class TwinParameters:
     buoyancy: float | None = None  # N; None: neutrally buoyant, m g
     # water
     M_A: Array = field(default_factory=lambda: np.diag([5.5, 12.7, 14.57, 0.12, 0.12, 0.12]))  # (6, 6)
-    D_linear: Vector = (4.03, 6.22, 5.18, 0.07, 0.07, 0.07)  # (6,), positive
-    D_quadratic: Vector = (18.18, 21.66, 36.99, 1.55, 1.55, 1.55)  # (6,), positive
+    D_linear: Array = field(default_factory=lambda: np.diag([4.03, 6.22, 5.18, 0.07, 0.07, 0.07]))  # (6, 6)
+    # (6, 6), of abs(nu_j) nu_j
+    D_quadratic: Array = field(default_factory=lambda: np.diag([18.18, 21.66, 36.99, 1.55, 1.55, 1.55]))
     v_c_W: Vector = (0.5 * math.cos(math.pi / 1.5), 0.5 * math.sin(math.pi / 1.5), 0.0)  # (3,), m/s
     # tau_dist(t) = bias + amplitude sin(2 pi frequency t), in B
     disturbance_bias: Vector = ZEROS_6  # (6,), N and N m
@@ -114,9 +115,8 @@ def C_A(parameters: TwinParameters, nu: Vector) -> Array:
 
 
 def D(parameters: TwinParameters, nu: Vector) -> Array:
-    """Damping matrix, (6, 6), diagonal, linear and quadratic."""
-    quadratic = np.asarray(parameters.D_quadratic) * np.abs(nu)
-    return np.diag(np.asarray(parameters.D_linear) + quadratic)  # paper eq. (33)
+    """Damping matrix, (6, 6), linear and quadratic."""
+    return np.asarray(parameters.D_linear) + np.asarray(parameters.D_quadratic) * np.abs(nu)  # eq. (33)
 
 
 def g_eta(parameters: TwinParameters, quat: Vector) -> Array:
@@ -232,7 +232,7 @@ class _Plant:
         W, B = parameters.mass * parameters.gravity, _buoyancy(parameters)
         self.M = M_RB(parameters) + np.asarray(parameters.M_A, float)
         self.M_inv = np.linalg.inv(self.M)
-        self.D = _floats(parameters.D_linear), _floats(parameters.D_quadratic)
+        self.D = np.asarray(parameters.D_linear, float), np.asarray(parameters.D_quadratic, float)
         self.surplus = W - B
         self.lever = _floats(W * np.asarray(parameters.r_g) - B * np.asarray(parameters.r_b))
         self.v_c_W = _floats(parameters.v_c_W)
@@ -245,8 +245,8 @@ class _Plant:
         a, b, c = _cross(omega, h_1), _cross(v, h_1), _cross(omega, h_2)  # Fossen (2021), eq. (3.63)
         coriolis = (*a, b[0] + c[0], b[1] + c[1], b[2] + c[2])
         restoring = (*[self.surplus * x for x in up_B], *_cross(self.lever, up_B))
-        D = [a + b * abs(x) for a, b, x in zip(*self.D, nu, strict=True)]  # paper eq. (33)
-        return [f_C * coriolis[i] + f_D * D[i] * nu[i] + f_g * restoring[i] for i in range(6)]
+        damping = (self.D[0].dot(nu) + self.D[1].dot([abs(x) * x for x in nu])).tolist()  # paper eq. (33)
+        return [f_C * coriolis[i] + f_D * damping[i] + f_g * restoring[i] for i in range(6)]
 
     def acceleration(self, R: Vector, nu: list[float], load: list[float]) -> list[float]:
         """nu_dot, (6,), under the sum of all applied wrenches, (6,)."""

@@ -5,10 +5,6 @@ import numpy as np
 
 from twin import TwinParameters, skew
 
-_DERIVATIVES = (
-    ("D_linear", ("X_u", "Y_v", "Z_w", "K_p", "M_q", "N_r")),
-    ("D_quadratic", ("X_uu", "Y_vv", "Z_ww", "K_pp", "M_qq", "N_rr")),
-)
 _MOTORS = np.eye(6)
 
 
@@ -27,8 +23,10 @@ def vehicle_xml(parameters: TwinParameters, crowded: bool = False, option: str =
         "displaced_mass": buoyancy / parameters.gravity,
         "center_of_buoyancy": parameters.r_b,
     }
-    for field, names in _DERIVATIVES:
-        numerics |= {name: -v for name, v in zip(names, getattr(parameters, field), strict=True)}
+    for D, times in ((parameters.D_linear, 1), (parameters.D_quadratic, 2)):
+        numerics |= {
+            f"{'XYZKMN'[i]}_{'uvwpqr'[j] * times}": -value for (i, j), value in np.ndenumerate(D) if value or i == j
+        }
     custom = "".join(f'<numeric name="{k}" size="{np.size(v)}" data="{_numbers(v)}"/>' for k, v in numerics.items())
     ball = '<body name="ball" pos="0 9 0"><freejoint/><geom size="0.1"/></body>' if crowded else ""
     actuators = "".join(f'<motor name="m{i}" site="origin" gear="{_numbers(_MOTORS[i])}"/>' for i in range(6))
@@ -39,8 +37,14 @@ def vehicle_xml(parameters: TwinParameters, crowded: bool = False, option: str =
     <actuator>{actuators if motors else ""}</actuator></mujoco>"""
 
 
+def dissipative(rng: np.random.Generator, scale: float) -> np.ndarray:
+    """A full D (6, 6), as good for linear as for quadratic damping: its diagonal outweighs rows and columns."""
+    D = rng.uniform(-1, 1, (6, 6)) * scale / 12
+    return D + np.diag(rng.uniform(1, 2, 6) * scale / 2 + 1e-3)
+
+
 def random_parameters(seed: int, **others) -> TwinParameters:
-    """A vehicle with a full M_A, a full inertia and its centre of gravity far off the origin, in a current,
+    """A vehicle with full M_A and D, a full inertia and its centre of gravity far off the origin, in a current,
     disturbed."""
     rng = np.random.default_rng(seed)
     points, masses = rng.normal(size=(8, 3)) * 0.3 + rng.normal(size=3) * 0.3, rng.uniform(0.5, 2.0, 8)
@@ -53,8 +57,8 @@ def random_parameters(seed: int, **others) -> TwinParameters:
         r_b=rng.normal(size=3) * 0.1,
         buoyancy=float(m * 9.81 * rng.uniform(0.8, 1.2)),
         M_A=a @ a.T * 2.0,
-        D_linear=rng.uniform(0, 10, 6),
-        D_quadratic=rng.uniform(0, 30, 6),
+        D_linear=dissipative(rng, 10.0),
+        D_quadratic=dissipative(rng, 30.0),
         v_c_W=rng.normal(size=3) * 0.5,
         disturbance_bias=rng.normal(size=6),
         disturbance_amplitude=rng.normal(size=6),

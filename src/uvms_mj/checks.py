@@ -8,6 +8,7 @@ from .contact_checks import wall_faults, wall_notes
 from .control import Fosm, Gsta, Ideal, Impedance, Sta
 from .control.loader import has_built_in_law
 from .design import Design
+from .dissipation import damping_notes
 from .faults import Fault, InputError
 from .scenario import Scenario
 from .vehicle import Vehicle
@@ -54,7 +55,7 @@ def check(scenario: Scenario, vehicle: Vehicle, design: Design, reach: float) ->
             f"the {len(vehicle.thrusters)} thrusters of {vehicle.body} span {rank} of 6 axes: "
             "tau is the nearest that they can give to tau_cmd"
         )
-    return notes
+    return notes + damping_notes(vehicle.body, vehicle.D_linear, vehicle.D_quadratic)
 
 
 def force_feedback_limit(scenario: Scenario, design: Design) -> float:
@@ -107,7 +108,7 @@ def bouncing_growth(scenario: Scenario, vehicle: Vehicle, design: Design) -> flo
     K_c, K_f, A = scenario.wall.stiffness * np.outer(n, n), np.diag(scenario.impedance.K_f[:3]), np.diag(law.A[:3])
     zero, one = np.zeros((3, 3)), np.eye(3)
     desired = np.hstack([-np.linalg.solve(M_d, np.hstack([K_f @ K_c + K_d, D_d])), zero, zero])
-    free = np.hstack([-np.linalg.solve(M, np.hstack([K_c, np.diag(vehicle.D_linear[:3])])), zero, zero])
+    free = np.hstack([-np.linalg.solve(M, np.hstack([K_c, vehicle.D_linear[:3, :3]])), zero, zero])
     growing = np.hstack([zero, zero, A, zero])  # A s
     growth = []
     for S in _AMPLITUDES:

@@ -110,7 +110,7 @@ def lumped_disturbance(trace: Trace, plant: Plant) -> np.ndarray:
         return np.hstack([np.cross(omega, a[:, :3]), np.cross(v, a[:, :3]) + np.cross(omega, a[:, 3:])])
 
     def damping(nu: np.ndarray) -> np.ndarray:
-        return (vehicle.D_linear + vehicle.D_quadratic * np.abs(nu)) * nu  # eq. (33)
+        return nu @ vehicle.D_linear.T + (np.abs(nu) * nu) @ vehicle.D_quadratic.T  # eq. (33)
 
     g_B = _in_body(trace, gravity)[:, :3]
     moment = np.cross(vehicle.mass * vehicle.r_g - vehicle.displaced_mass * vehicle.r_b, g_B)

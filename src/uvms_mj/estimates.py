@@ -13,8 +13,8 @@ COEFFICIENTS = np.dtype(
     [
         ("M_RB", "f8", (6, 6)),
         ("M_A", "f8", (6, 6)),
-        ("D_linear", "f8", (6,)),
-        ("D_quadratic", "f8", (6,)),
+        ("D_linear", "f8", (6, 6)),
+        ("D_quadratic", "f8", (6, 6)),
         ("mass", "f8"),
         ("displaced_mass", "f8"),
         ("r_g", "f8", (3,)),

@@ -20,8 +20,8 @@ its origin:
         \begin{bmatrix} a_1 \\ a_2 \end{bmatrix} = M_A \nu
         && \text{Fossen (2021), eq. (6.44)}
 
-    D(\nu) &= \mathrm{diag}(d_i + q_i |\nu_i|)
-        && \text{paper eq. (33)}
+    D(\nu)\nu &= D_{linear}\, \nu + D_{quadratic} \left( |\nu| \odot \nu \right)
+        && \text{paper eq. (33), there with diagonal matrices}
 
     g(\eta) &= \begin{bmatrix} (W - B)\, k \\ (W r_g - B r_b) \times k \end{bmatrix}, \quad k = R_{WB}^\top e_{up}
 
@@ -68,9 +68,16 @@ def coriolis_added_mass(M_A, nu, out):
 
 @kernel
 def damping(D_linear, D_quadratic, nu, out):
-    """out = D(nu) nu (6,) [N, N m], paper eq. (33), with positive magnitudes D_linear (6,) and D_quadratic (6,)."""
+    """out = D(nu) nu (6,) [N, N m] = D_linear nu + D_quadratic (abs(nu) nu), both (6, 6); paper eq. (33), there with
+    diagonal matrices. Both products in one go, in pairs as in :func:`matvec`."""
+    x_0, x_1, x_2, x_3, x_4, x_5 = nu[0], nu[1], nu[2], nu[3], nu[4], nu[5]
+    y_0, y_1, y_2 = abs(x_0) * x_0, abs(x_1) * x_1, abs(x_2) * x_2
+    y_3, y_4, y_5 = abs(x_3) * x_3, abs(x_4) * x_4, abs(x_5) * x_5
+    D, Q = D_linear, D_quadratic
     for i in range(6):
-        out[i] = (D_linear[i] + D_quadratic[i] * abs(nu[i])) * nu[i]
+        linear = (D[i, 0] * x_0 + D[i, 1] * x_1) + (D[i, 2] * x_2 + D[i, 3] * x_3) + (D[i, 4] * x_4 + D[i, 5] * x_5)
+        square = (Q[i, 0] * y_0 + Q[i, 1] * y_1) + (Q[i, 2] * y_2 + Q[i, 3] * y_3) + (Q[i, 4] * y_4 + Q[i, 5] * y_5)
+        out[i] = linear + square
 
 
 @kernel

@@ -28,8 +28,8 @@ from .kernels import kernel
 WATER = np.dtype(
     [
         ("M_A", "f8", (6, 6)),  # added mass [kg, kg m, kg m^2]
-        ("D_linear", "f8", (6,)),  # positive magnitudes [N s/m, N m s]
-        ("D_quadratic", "f8", (6,)),  # positive magnitudes [N s^2/m^2, N m s^2]
+        ("D_linear", "f8", (6, 6)),  # D(nu) nu = D_linear nu + D_quadratic (abs(nu) nu) [N s/m, N s, N m s]
+        ("D_quadratic", "f8", (6, 6)),  # [N s^2/m^2, N s^2/m, N s^2, N m s^2]
         ("buoyancy_W", "f8", (3,)),  # buoyant force in W [N]
         ("r_b", "f8", (3,)),  # centre of buoyancy in B [m]
         ("v_c_W", "f8", (3,)),  # velocity of the current in W [m/s]

@@ -18,7 +18,7 @@ from .control import Controller
 from .control.recorded import RecordedLaw
 from .faults import InputError
 from .mjcf import Mjcf
-from .native.attachment import attach
+from .native.attachment import immerse
 from .native.closed_loop import ClosedLoop
 from .plant import build
 from .recording import Header, Law, Outcome, Sink, Status, versions
@@ -129,10 +129,10 @@ class _Run:
     def go(self) -> Trace:
         """Attach the vehicle, step to the end or to whatever stops the run, and make the trace."""
         plant, disturbance = self.plant, self.scenario.disturbance
-        with attach(
+        with immerse(
             plant.model,
             self.data,
-            plant.vehicle.body,
+            plant.vehicle,
             current_W=self.scenario.current.velocity_W,
             bias=disturbance.bias,
             amplitude=disturbance.amplitude,

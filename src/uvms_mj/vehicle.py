@@ -1,16 +1,12 @@
 """A vehicle's coefficients, read from its own MJCF, and the checks that they are physical.
 
-The file holds them as ``<custom><numeric>`` entries in the SNAME convention, with the signs of the literature:
+The file holds them as ``<custom><numeric>`` entries: M_A, D_linear and D_quadratic as :mod:`uvms_mj.coefficients` says,
+and
 
-========================  ======================================================================================
-``X_udot`` .. ``N_rdot``  added mass, M_A = -diag(X_udot, Y_vdot, Z_wdot, K_pdot, M_qdot, N_rdot) [kg, kg m^2]
-``M_A``                   instead of these: the full symmetric 6x6 matrix, 36 numbers row by row [kg, kg m, kg m^2],
-                          positive semi-definite
-``X_u`` .. ``N_r``        linear damping [N s/m, N m s]
-``X_uu`` .. ``N_rr``      quadratic damping [N s^2/m^2, N m s^2]
-``displaced_mass``        mass of the displaced water [kg]; buoyancy is displaced_mass times gravity
-``center_of_buoyancy``    in B [m]; default: the origin
-========================  ======================================================================================
+======================  ======================================================================================
+``displaced_mass``      mass of the displaced water [kg]; buoyancy is displaced_mass times gravity
+``center_of_buoyancy``  in B [m]; default: the origin
+======================  ======================================================================================
 
 The rigid body is MuJoCo's own ``<inertial>``; a vehicle's actuators are its thrusters.
 """
@@ -20,12 +16,9 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from .coefficients import added_mass, damping_matrix, numeric
 from .faults import Fault, InputError, suggestion
 from .frames import rotation_matrix
-
-ADDED_MASS = ("X_udot", "Y_vdot", "Z_wdot", "K_pdot", "M_qdot", "N_rdot")
-LINEAR = ("X_u", "Y_v", "Z_w", "K_p", "M_q", "N_r")
-QUADRATIC = ("X_uu", "Y_vv", "Z_ww", "K_pp", "M_qq", "N_rr")
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,9 +31,9 @@ class Vehicle:
     M_A: np.ndarray
     """(6, 6) added mass [kg, kg m, kg m^2]."""
     D_linear: np.ndarray
-    """(6,) positive magnitudes [N s/m, N m s]."""
+    """(6, 6) linear damping; D(nu) nu = D_linear nu + D_quadratic (abs(nu) nu) [N s/m, N s, N m s]."""
     D_quadratic: np.ndarray
-    """(6,) positive magnitudes [N s^2/m^2, N m s^2]."""
+    """(6, 6) quadratic damping: D_quadratic[i, j] multiplies abs(nu_j) nu_j [N s^2/m^2, N s^2/m, N s^2, N m s^2]."""
     displaced_mass: float
     """[kg]"""
     r_b: np.ndarray
@@ -90,19 +83,13 @@ class Vehicle:
         body_id = free_body_id(model, body)
         prefix = body[: body.rfind("/") + 1]
         faults: list[Fault] = []
-        M_A = _added_mass(model, prefix, faults)
-        D_linear = -_derivatives(model, prefix, LINEAR, faults)
-        D_quadratic = -_derivatives(model, prefix, QUADRATIC, faults)
-        for names, values in ((LINEAR, D_linear), (QUADRATIC, D_quadratic)):
-            faults += [
-                Fault(n, f"{-v:g} is not dissipative: must not be positive")
-                for n, v in zip(names, values, strict=True)
-                if v < 0
-            ]
-        displaced = _numeric(model, prefix, "displaced_mass", 1, faults)
-        if displaced is not None and displaced[0] < 0:
-            faults.append(Fault("displaced_mass", f"{displaced[0]:g} kg: must not be negative"))
-        r_b = _numeric(model, prefix, "center_of_buoyancy", 3, faults, default=np.zeros(3))
+        M_A = added_mass(model, prefix, faults)
+        D_linear = damping_matrix(model, prefix, "D_linear", faults)
+        D_quadratic = damping_matrix(model, prefix, "D_quadratic", faults)
+        displaced_mass = float(numeric(model, prefix + "displaced_mass", 1, faults)[0])
+        if displaced_mass < 0:
+            faults.append(Fault("displaced_mass", f"{displaced_mass:g} kg: must not be negative"))
+        r_b = numeric(model, prefix + "center_of_buoyancy", 3, faults, default=np.zeros(3))
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         M_RB = _rigid_body_inertia(model, data, body_id)
@@ -110,7 +97,7 @@ class Vehicle:
         faults += _turning_thrusters(model, data, body_id, thrusters, B)
         if not faults and np.linalg.eigvalsh(M_RB + M_A)[0] <= 0.0:
             faults.append(Fault("M_RB + M_A", "is not positive definite"))
-        if faults or displaced is None or r_b is None:
+        if faults:
             raise InputError(faults, f"vehicle {body!r}")
         rigid = int(model.body_dofnum[model.body_rootid == body_id].sum()) == 6
         arrays = (M_RB, M_A, D_linear, D_quadratic, r_b, thrust_of_ctrl, B, u_min, u_max)
@@ -122,7 +109,7 @@ class Vehicle:
             M_A=M_A,
             D_linear=D_linear,
             D_quadratic=D_quadratic,
-            displaced_mass=float(displaced[0]),
+            displaced_mass=displaced_mass,
             r_b=r_b,
             thrusters=thrusters,
             actuator_ids=ids,
@@ -166,53 +153,6 @@ def _only_free_body(model: mujoco.MjModel) -> str:
             f"which body is the vehicle? name one of the free bodies: {', '.join(free) or 'there is none'}"
         )
     return free[0]
-
-
-def _numeric(model, prefix, name, size, faults, default=None) -> np.ndarray | None:
-    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, prefix + name)
-    if index < 0:
-        if default is None:
-            faults.append(Fault(prefix + name, "no such <numeric> in the model"))
-        return default
-    start, n = model.numeric_adr[index], model.numeric_size[index]
-    values = np.array(model.numeric_data[start : start + n])
-    if n != size:
-        faults.append(Fault(prefix + name, f"has {n} values; {size} are needed"))
-        return default
-    if not np.isfinite(values).all():
-        faults.append(Fault(prefix + name, f"{values} is not finite"))
-    return values
-
-
-def _derivatives(model, prefix, names, faults) -> np.ndarray:
-    values = [_numeric(model, prefix, name, 1, faults) for name in names]
-    return np.array([0.0 if v is None else v[0] for v in values])
-
-
-def _added_mass(model, prefix, faults) -> np.ndarray:
-    def has(name):
-        return mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, prefix + name) >= 0
-
-    if has("M_A"):
-        both = [name for name in ADDED_MASS if has(name)]
-        if both:
-            faults.append(Fault("M_A", f"stands beside {', '.join(both)}: give the matrix or the six derivatives"))
-        values = _numeric(model, prefix, "M_A", 36, faults)
-        M_A = np.zeros((6, 6)) if values is None else values.reshape(6, 6)
-        if not np.isfinite(M_A).all():
-            return np.zeros((6, 6))  # the fault is noted
-        if np.abs(M_A - M_A.T).max() > 1e-9 * np.abs(M_A).max():
-            faults.append(Fault("M_A", "is not symmetric"))
-        elif np.linalg.eigvalsh(M_A)[0] < -1e-9 * np.abs(M_A).max():
-            faults.append(Fault("M_A", "is not positive semi-definite"))
-        return (M_A + M_A.T) / 2.0
-    values = _derivatives(model, prefix, ADDED_MASS, faults)
-    faults += [
-        Fault(name, f"{value:g}: must not be positive, as added mass is its negative")
-        for name, value in zip(ADDED_MASS, values, strict=True)
-        if value > 0
-    ]
-    return np.diag(-values)
 
 
 def _rigid_body_inertia(model, data, body_id) -> np.ndarray:

@@ -10,6 +10,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ..dissipation import damping_notes
 from ..faults import Fault, InputError
 from ..hydrodynamics import WATER, factor
 from ..vehicle import Vehicle, free_body_id
@@ -128,8 +129,27 @@ def attach(
         InputError: the model has what would use a stale or doubled inertia or lose the water, or coefficients that
             are not physical; the body is in the water already, or too many are; somebody else has mjcb_control.
         RuntimeError: this MuJoCo lays mjData out in a way that is not known.
+
+    Warns:
+        UserWarning: the vehicle's damping can feed energy in.
     """
     vehicle = Vehicle.from_model(model, body)
+    for note in damping_notes(vehicle.body, vehicle.D_linear, vehicle.D_quadratic):
+        warnings.warn(note, stacklevel=2)
+    return immerse(model, data, vehicle, current_W=current_W, bias=bias, amplitude=amplitude, frequency_hz=frequency_hz)
+
+
+def immerse(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    vehicle: Vehicle,
+    *,
+    current_W: Sequence[float],
+    bias: Sequence[float],
+    amplitude: Sequence[float],
+    frequency_hz: Sequence[float],
+) -> Attachment:
+    """:func:`attach` for a vehicle of the model that was read and checked already."""
     body_id = free_body_id(model, vehicle.body)
     _refuse_unsound(model, body_id)
     context = np.zeros(1, CONTEXT)
