@@ -36,8 +36,7 @@ _DERIVED = ("claims.csv", "claims.json", "report.html")
 
 
 @click.command(
-    epilog="Exit status: 0 every claim holds, or departs for a stated reason; 1 a claim fails; 2 bad input; "
-    "130 interrupted."
+    epilog="Exit status: 0 every claim holds or is explained; 1 a claim fails; 2 bad input; 130 interrupted."
 )
 @scenario_argument
 @set_option
@@ -178,7 +177,7 @@ def _table(rows: "list[Row]") -> None:
 
     from ..claims import number
 
-    colours = {"holds": "green", "departs": "yellow", "fails": "bold red"}
+    colours = {"holds": "green", "explained": "yellow", "fails": "bold red"}
     table = Table(title="claims of section 5 and the conclusion", title_justify="left", show_lines=True)
     for column in ("claim", "quantity", "paper", "ours", "threshold", "verdict"):
         table.add_column(column, no_wrap=column == "verdict", overflow="fold")
@@ -188,9 +187,11 @@ def _table(rows: "list[Row]") -> None:
         cells = (claim.text, claim.quantity, claim.paper, f"{number(row.measured.value)}{unit}", claim.predicate)
         table.add_row(*cells, _coloured(verdict, colours[verdict]))
     print_table(table)
+    for verdict in dict.fromkeys(row.verdict for row in rows):
+        click.echo(f"{verdict.name}: {verdict.value}")
     for row in rows:
-        if row.verdict.name == "departs":
-            click.echo(f"{row.claim.id} departs: {row.claim.departure}")
+        if row.verdict.name == "explained":
+            click.echo(f"\n{row.claim.text}\nWhy this does not hold here: {row.claim.explanation}")
 
 
 def _coloured(text: str, style: str):
