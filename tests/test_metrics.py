@@ -143,8 +143,9 @@ def test_time_inside_is_a_part_of_the_window(synthetic):
     assert metrics.boundary_layer_share(trace, 1.0) == pytest.approx(np.ones(6))
 
 
-def test_least_work_is_what_would_be_drawn_from_a_wall(synthetic):
-    assert metrics.least_wall_work(synthetic(2.0, wall_work=lambda t: np.sin(np.pi * t))) == pytest.approx(-1.0)
+def test_energy_drawn_from_a_wall_is_what_its_work_fell_below_zero(synthetic):
+    assert metrics.energy_from_wall(synthetic(2.0, wall_work=lambda t: np.sin(np.pi * t))) == pytest.approx(1.0)
+    assert metrics.energy_from_wall(synthetic(2.0, wall_work=lambda t: t * (2.0 - t))) == 0.0
 
 
 def test_impedance_error_of_a_motion_that_obeys_eq_12_up_to_a_known_force(synthetic, header):

@@ -250,14 +250,14 @@ def reversals(trace: Trace, threshold: float, start: float = 0.0, end: float = n
     return (change[1:] * change[:-1] < 0.0).sum(axis=0)
 
 
-def least_wall_work(trace: Trace) -> float:
-    r"""The least that the work done on the wall ever was [J], of rows.
+def energy_from_wall(trace: Trace) -> float:
+    r"""The most energy that the vehicle had drawn from the wall at any time [J], of rows; a passive wall gives none.
 
-    .. math:: \min_t \int_0^t -f_W^\top \dot p_{WB} \, dt
+    .. math:: \max\left(0, -\min_t \int_0^t -f_W^\top \dot p_{WB} \, dt\right)
 
-    Negative where the vehicle would have drawn energy from a passive wall; ``wall_work`` at the end is the net.
+    The signal ``wall_work`` is the integral; at the end of a run it is the net energy that the wall has taken.
     """
-    return float(trace.wall_work.min())
+    return max(0.0, -float(trace.wall_work.min()))
 
 
 def boundary_layer_share(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndarray:

@@ -137,9 +137,14 @@ class Row:
 
 
 def number(value: float | None) -> str:
-    """A number as a reader wants it: four digits, a true minus, powers of ten, a dash for none or no finite one."""
+    """A number as a reader wants it: four digits, a true minus, powers of ten; a dash for None, nan and infinity.
+
+    Below 1e-9, in SI units, it is rounding of sums over 1e5 steps, and is shown as 0.
+    """
     if value is None or not np.isfinite(value):
         return "–"
+    if abs(value) < 1e-9:
+        return "0"
     if value == round(value) and abs(value) < 1e4:
         return f"{value:.0f}".replace("-", "−")
     mantissa, e, exponent = f"{value:.4g}".partition("e")

@@ -187,8 +187,8 @@ def _table(rows: "list[Row]") -> None:
         cells = (claim.text, claim.quantity, claim.paper, f"{number(row.measured.value)}{unit}", claim.predicate)
         table.add_row(*cells, _coloured(verdict, colours[verdict]))
     print_table(table)
-    for verdict in dict.fromkeys(row.verdict for row in rows):
-        click.echo(f"{verdict.name}: {verdict.value}")
+    for name, meaning in {row.verdict.name: row.verdict.value for row in rows}.items():
+        click.echo(f"{name}: {meaning}")
     for row in rows:
         if row.verdict.name == "explained":
             click.echo(f"\n{row.claim.text}\nWhy this does not hold here: {row.claim.explanation}")

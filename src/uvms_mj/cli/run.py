@@ -243,7 +243,7 @@ def _nothing_ran(scenario: "Scenario | None", controller: str | None) -> dict[st
     """The report of a run that was interrupted before its first step."""
     name = scenario.name if scenario is not None else None
     law = scenario.controller.label() if scenario is not None else controller
-    contact = dict.fromkeys(("first_s", "peak_N", "final_N", "analytic_N", "relative_error"))
+    contact = dict.fromkeys(("first_s", "peak_N", "impulse_Ns", "final_N", "analytic_N", "relative_error"))
     return {
         "scenario": name,
         "controller": law,
@@ -256,6 +256,7 @@ def _nothing_ran(scenario: "Scenario | None", controller: str | None) -> dict[st
         "wall_time_s": 0.0,
         "real_time_factor": None,
         "contact": contact | {"touches": 0, "settled": False},
+        "effort_N2s": None,
         "saturated_s": None,
         "final": dict.fromkeys(("position_m", "attitude_wxyz", "s", "z", "tau")),
         "analytic": dict.fromkeys(("position_m", "none_because")),
