@@ -1,6 +1,7 @@
 """Numbers from a trace: pure functions."""
 
 import functools
+import itertools
 
 import mujoco
 import numpy as np
@@ -85,19 +86,18 @@ def force_settling_time(trace: Trace, band: float = 0.02) -> float | None:
 
 
 def drifts(t: np.ndarray, y: np.ndarray, since: float, tolerance: float) -> bool:
-    r"""Whether y (n,) moves so fast in its final window that it only passes through the band of ``tolerance``.
+    r"""Whether y (n,) only passes through its band of ``tolerance``, which it entered at ``since``.
 
-    .. math:: |\dot y_\infty| (t_n - t_s) > \delta / 2
+    .. math:: |\bar y_4 - \bar y_3| > \delta / 8
 
-    with the slope of the line through the last 0.5 s of rows. A steady ramp has :math:`\delta` or more on the left
-    side; an exponential that entered the band N time constants ago has :math:`\delta N e^{-N} \le 0.37 \delta`.
+    with the means over the third and the last quarter of the time in the band. A steady ramp has :math:`\delta / 4` on
+    the left side; an exponential never has more than 0.12 :math:`\delta`, and a steady swing has nearly none.
     """
-    window = t >= t[-1] - FINAL_WINDOW_S
-    if window.sum() < 2:
-        return True
-    s = t[window] - t[window].mean()
-    slope = float(s @ (y[window] - y[window].mean())) / float(s @ s)
-    return not abs(slope) * (t[-1] - since) <= 0.5 * tolerance
+    third, last = (y[(t >= a) & (t <= b)] for a, b in itertools.pairwise(since + (t[-1] - since) * _QUARTERS))
+    return not (len(third) and len(last) and abs(last.mean() - third.mean()) <= tolerance / 8.0)
+
+
+_QUARTERS = np.array([0.5, 0.75, 1.0])
 
 
 def overshoot(trace: Trace) -> float | None:
