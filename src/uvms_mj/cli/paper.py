@@ -1,12 +1,11 @@
 """``uvms-mj paper``: all that the paper's section 5 reports, run, drawn and judged."""
 
-import contextlib
 import csv
 import io
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +23,7 @@ from .common import (
     json_option,
     move_aside,
     path_option,
+    progress_bar,
     scenario_argument,
     set_option,
 )
@@ -86,11 +86,11 @@ def paper(
                 logs = folder / "logs"
                 _move_aside(folder)
                 logs.mkdir()
-                with _bar("running", as_json, stop) as bar:
+                with progress_bar("running", as_json, stop) as bar:
                     study.run(jobs, logs, bar)
                 running = False
                 runs = study.load(logs, jobs)
-            with _bar("drawing", as_json, stop) as bar:
+            with progress_bar("drawing", as_json, stop) as bar:
                 rows = _write(folder, runs, bar)
     except KeyboardInterrupt:
         end("interrupted" if running else "interrupted; the logs are there: redraw with --from", EXIT_INTERRUPTED)
@@ -150,26 +150,6 @@ def _move_aside(folder: Path) -> None:
     names = [folder / name for name in ("logs", *_DERIVED)]
     names += [path for pattern in ("fig??.*", "overview.*") for path in folder.glob(pattern)]
     move_aside(folder, names, "what an earlier call left")
-
-
-@contextlib.contextmanager
-def _bar(what: str, as_json: bool, stop: Stop) -> Iterator[Callable[[int, int], None]]:
-    """A bar for all runs, or all figures, where somebody looks; a function of what is done and of all there is."""
-    if as_json or not sys.stderr.isatty():
-        yield lambda done, total: stop.check()
-        return
-    import rich.console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=rich.console.Console(stderr=True), transient=True) as progress:
-        task = progress.add_task(what, total=None)
-
-        def advance(done: int, total: int) -> None:
-            stop.check()
-            progress.update(task, completed=done, total=total)
-
-        yield advance
 
 
 def _table(rows: "list[Row]") -> None:

@@ -81,7 +81,7 @@ def run(
                 raise InputError(f"one scenario at a time, please: {name}, {log}")
             mjcf: Mjcf | None = None
             if log is not None:
-                scenario, mjcf, log_rate = _from_log(log, overrides, controller, log_rate)
+                scenario, mjcf, log_rate = from_log(log, overrides, controller, log_rate)
             else:
                 scenario = Scenario.load(name or "push_wall", overrides, controller)
             folder, made = _output_folder(out, scenario)
@@ -96,7 +96,7 @@ def run(
     sys.exit(status)
 
 
-def _from_log(
+def from_log(
     log: str, overrides: dict[str, Any], controller: str | None, log_rate: str | None
 ) -> "tuple[Scenario, Mjcf | None, str | None]":
     """Scenario, vehicle and log rate of a log, and warnings where a repetition can't be the same."""
