@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 ROUNDING = 1e-9
-"""A relative error smaller than this is of rounding, and no property of a law."""
+"""A number smaller than this, relative or in SI units, is rounding, and is shown as zero."""
 
 
 def printable(text: str) -> str:
