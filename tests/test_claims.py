@@ -269,7 +269,7 @@ def test_what_cannot_be_measured_fails_and_does_no_more(tmp_path, settings):
 
 def test_ids_are_unique_and_words_are_there():
     assert len({claim.id for claim in CLAIMS}) == len(CLAIMS)
-    assert all(claim.text.endswith(".") and claim.where and claim.quantity for claim in CLAIMS)
+    assert all(claim.text.endswith(".") and claim.where and claim.quantity and claim.because for claim in CLAIMS)
 
 
 def test_rows_are_data(runs):

@@ -106,6 +106,7 @@ def test_a_page_is_complete_by_itself_and_says_everything(trace, picture):
     for row in rows:
         assert row.claim.text in text
         assert row.claim.where in text
+        assert row.claim.because in text
     assert "Figure 3." in text
     force, _ = final_force(trace)
     assert report.number(force) in text

@@ -60,6 +60,7 @@ class Claim:
         unit: its unit.
         measure: measures it.
         at_least, at_most: the predicate; at least one of them.
+        because: why the threshold is where it is.
         paper: the paper's value, where it gives one.
         explanation: why it is known not to hold in the paper's scenario; empty for most. It counts only where the
             measurement finds it in the runs.
@@ -73,6 +74,7 @@ class Claim:
     measure: Callable[[Runs], Measured] = field(repr=False)
     at_least: float | None = None
     at_most: float | None = None
+    because: str = ""
     paper: str = ""
     explanation: str = ""
 
@@ -131,6 +133,7 @@ class Row:
             "ours": value if value is not None and np.isfinite(value) else None,
             "detail": self.measured.detail,
             "predicate": claim.predicate,
+            "because": claim.because,
             "verdict": self.verdict.name,
             "reason": claim.explanation if self.verdict is Verdict.explained else "",
         }

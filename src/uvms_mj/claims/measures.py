@@ -76,7 +76,7 @@ def ratio(
         a, b = (float(reduce(each[:3])) for each in vectors)
         moments = over(*(float(reduce(each[3:])) for each in vectors))
         return Measured(
-            over(a, b), f"{LABELS[of]} {number(a)}, {LABELS[to]} {number(b)} {unit}; moments {number(moments)}"
+            over(a, b), f"{LABELS[of]} {number(a)}, {LABELS[to]} {number(b)} {unit}; of the moments {number(moments)}"
         )
 
     return ratio

@@ -1,15 +1,13 @@
-"""What the paper's section 5 and conclusion say of its runs, each sentence as a row.
+"""What the paper says of its runs in abstract, proposition 1, section 5 and conclusion, each sentence as a row.
 
-A claim's thresholds are data, from which both its predicate's text and its verdict are made. A comment says why a
-threshold is where it is.
+The thresholds of a claim are data, from which both the text of its predicate and its verdict are made. Where the paper
+says "almost", "similar", "severe", the number is this project's, with its reason.
 """
 
 from .. import metrics
 from . import measures
 from .base import Claim, Measured, Row, Runs
 from .gsta import GSTA
-
-# What the paper says. Where it says "almost", "similar", "severe", the number is this project's.
 
 WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
     Claim(
@@ -19,8 +17,9 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
         "force at rest that eq. (12) demands",
         "N",
         measures.demanded,
-        at_least=1.4925,  # 0.5 %: the paper gives two digits, and neglects the wall's compliance
+        at_least=1.4925,
         at_most=1.5075,
+        because="0.5 %: the paper gives two digits and neglects the give of the wall",
         paper="1.5",
     ),
     Claim(
@@ -30,7 +29,8 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
         "largest change of the desired acceleration in 1 ms, over its largest value",
         "%",
         measures.reference_jump,
-        at_most=5.0,  # a jump would be 100
+        at_most=5.0,
+        because="a jump would be 100 %",
     ),
     Claim(
         "wall-spring",
@@ -40,6 +40,7 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
         "%",
         measures.spring,
         at_most=0.1,
+        because="a line in a figure; what remains is the inertia of the contact, 6e-5 of the peak",
     ),
     Claim(
         "impedance-short",
@@ -48,8 +49,9 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
         "least distance to the wall",
         "mm",
         measures.gap,
-        at_least=0.1,  # not in contact, by more than the wall gives under 10 N
-        at_most=20.0,  # "not quite": 2 % of the way
+        at_least=0.1,
+        at_most=20.0,
+        because='not in contact, by more than the wall gives under 10 N; "not quite" is 2 % of the way',
     ),
     Claim(
         "impedance-no-contact",
@@ -59,6 +61,7 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
         "1",
         lambda runs: Measured(float(runs.traces["impedance"].touches[-1]), "of every step"),
         at_most=0.0,
+        because='"not established"',
     ),
     Claim(
         "impedance-current",
@@ -67,8 +70,9 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
         "force at rest, no current",
         "N",
         lambda runs: Measured(metrics.final_force(runs.sweep["impedance_still"])[0]),
-        at_least=1.4925,  # as expected-force
+        at_least=1.4925,
         at_most=1.5075,
+        because="0.5 %, as for the expected force",
         paper="1.5",
     ),
     Claim(
@@ -78,7 +82,8 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
         "y at rest, impedance control",
         "mm",
         lambda runs: Measured(1e3 * float(runs.traces["impedance"].p_WB[-1, 1])),
-        at_least=1.0,  # y is to the left; less could be rounding of a figure
+        at_least=1.0,
+        because="y is to the left; less could be rounding of a figure",
     ),
     Claim(
         "impedance-retuned",
@@ -88,6 +93,7 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
         "N",
         measures.retuned,
         at_least=0.1,
+        because="more than one millionth of a metre into the wall",
     ),
     Claim(
         "impedance-tuning",
@@ -96,7 +102,8 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
         "force at rest missing to that of eq. (12), least of the two",
         "%",
         measures.still_missing,
-        at_least=5.0,  # ten times what "expected" allows
+        at_least=5.0,
+        because='ten times what "expected" allows',
     ),
     Claim(
         "fosm-force",
@@ -105,8 +112,9 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
         "force at rest",
         "N",
         measures.force("fosm"),
-        at_least=1.455,  # "almost": short of it by no more than 3 %
-        at_most=1.496,  # and by more than the wall's give, which is 2 mN
+        at_least=1.455,
+        at_most=1.496,
+        because='"almost": short of it by no more than 3 %, and by more than the 2 mN of the give of the wall',
         paper="almost 1.5",
     ),
     Claim(
@@ -116,7 +124,8 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
         "impedance error at rest, rms",
         "N",
         measures.impedance_error("fosm"),
-        at_least=1e-3,  # what a force sensor still resolves
+        at_least=1e-3,
+        because="what a force sensor still resolves",
     ),
     Claim(
         "fosm-boundary-layer",
@@ -126,6 +135,7 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
         "%",
         measures.unexplained,
         at_most=1.0,
+        because='"as expected": a hundredth of what is missing',
     ),
     Claim(
         "fosm-inside",
@@ -134,7 +144,8 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
         "part of the time, of every step",
         "1",
         measures.inside,
-        at_least=1.0 - 1e-9,  # every step; sums of 2e5 steps round
+        at_least=1.0 - 1e-9,
+        because="every step; sums of 2e5 steps round",
     ),
     Claim(
         "fosm-well-inside",
@@ -143,7 +154,8 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
         "largest |s_i| / epsilon",
         "1",
         measures.well_inside,
-        at_most=0.5,  # sat(s/epsilon) then uses at most half of K_s: the law keeps as much in reserve as it uses
+        at_most=0.5,
+        because="sat(s/epsilon) uses at most half of K_s: the law keeps as much in reserve as it uses",
     ),
     Claim(
         "fosm-quiet",
@@ -153,6 +165,7 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
         "1",
         measures.quiet,
         at_most=0.01,
+        because="two orders of magnitude less than in the transient",
     ),
     Claim(
         "fosm-transient",
@@ -161,7 +174,8 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
         "reversals of thrust above 0.1 N",
         "1",
         measures.reversals("fosm"),
-        at_least=20.0,  # in 0.1 s: hundreds of hertz, which no thruster follows
+        at_least=20.0,
+        because="in 0.1 s: hundreds of hertz, which no thruster follows",
     ),
     Claim(
         "fosm-epsilon",
@@ -170,7 +184,8 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
         "mean change of thrust in a control period, sum of its three components",
         "N",
         measures.severe("fosm_half_epsilon"),
-        at_least=10.0,  # at every step more than the largest thrust that the task needs at rest, 7 N
+        at_least=10.0,
+        because="at every step more than the largest thrust that the task needs at rest, 7 N",
     ),
     Claim(
         "fosm-gain",
@@ -180,6 +195,7 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
         "N",
         measures.severe("fosm_double_K_s"),
         at_least=10.0,
+        because="at every step more than the largest thrust that the task needs at rest, 7 N",
     ),
 )
 

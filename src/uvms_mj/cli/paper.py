@@ -158,7 +158,7 @@ def _table(rows: "list[Row]") -> None:
     from ..claims import number
 
     colours = {"holds": "green", "explained": "yellow", "fails": "bold red"}
-    table = Table(title="claims of section 5 and the conclusion", title_justify="left", show_lines=True)
+    table = Table(title="what the paper claims", title_justify="left", show_lines=True)
     for column in ("claim", "quantity", "paper", "ours", "threshold", "verdict"):
         table.add_column(column, no_wrap=column == "verdict", overflow="fold")
     for row in rows:
