@@ -302,6 +302,7 @@ def test_a_claim_needs_a_threshold():
 def test_numbers_are_readable():
     values = (None, np.nan, -np.inf, 0.0, -3.0, 1.4977534, 14020.3, -2.4e-8, 12)
     assert [number(value) for value in values] == ["–", "–", "–", "0", "−3", "1.498", "1.402·10⁴", "−2.4·10⁻⁸", "12"]
+    assert [number(value) for value in (-5.05e-11, 9.9e-10, 1.1e-9)] == ["0", "0", "1.1·10⁻⁹"]  # rounding is 0
 
 
 def test_a_study_that_is_stopped_ends_its_logs(tmp_path):

@@ -52,6 +52,12 @@ def test_an_order_that_the_scheme_can_not_have_is_none(p):
     assert f"order {p:.2f}" in found.remark
 
 
+def test_differences_that_grow_are_called_so():
+    found = extrapolated("f", (1.0, 1.1, 1.3))
+    assert found.order is None
+    assert found.remark.startswith("differences don't shrink")
+
+
 def test_numbers_that_go_back_and_forth_have_a_band_of_their_spread():
     found = extrapolated("f", (1.0, 1.2, 1.1))
     assert (found.order, found.value) == (None, 1.1)
@@ -197,6 +203,9 @@ def test_warnings_of_each_run_are_notes_with_its_step():
         found = converge(scenario)
     chatters = [note for note in found.notes if "chatters" in note]
     assert [note.partition(":")[0] for note in chatters] == ["at 0.0002 s"]
+    held = Scenario.load("push_wall", {"controller.period": 1e-2, "simulation.duration": 0.02}, "fosm")
+    notes = converge(held).notes  # at each of the three steps, and said once
+    assert len([note for note in notes if "chatters" in note]) == 1
 
 
 SHORT = ("--set", "simulation.duration=0.02", "--set", "wall.position=1e-4", "--set", "reference.step_time=0")

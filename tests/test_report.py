@@ -116,6 +116,14 @@ def test_a_page_is_complete_by_itself_and_says_everything(trace, picture):
     assert "What differs" not in text
 
 
+def test_a_verdict_that_no_claim_has_is_not_coloured(trace, picture):
+    for verdict in Verdict:
+        row = Row(CLAIMS[0], Measured(1.5), verdict)
+        page = Page(report.page("t", {"one": trace}, [picture], [row]))
+        assert [each["class"] for each in page.of("li") if "class" in each] == [verdict.name]
+        assert all(each.value in " ".join(page.text) for each in Verdict)
+
+
 def test_what_does_not_hold_is_explained_on_the_page(trace, picture):
     claim = next(claim for claim in CLAIMS if claim.explanation)
     row = Row(claim, Measured(57.0), Verdict.explained)
