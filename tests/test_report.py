@@ -305,6 +305,17 @@ def test_the_table_prints_the_digits_that_a_run_supports(paper_run, capsys):
     assert table_of(early, capsys)["final force"].split()[0] == "1.498"
 
 
+def test_a_vehicle_that_touched_and_left_rests_with_zero_force(capsys):
+    settings = {"initial.velocity": [0.2, 0, 0, 0, 0, 0], "wall.position": 0.01, "reference.target": [-0.05, 0.0, 0.0]}
+    settings |= {"current.speed": 0.0, "simulation.duration": 8.0, "reference.step_time": 0.0}
+    trace = simulate(Scenario.load("push_wall", settings, "impedance"))
+    assert trace.touches[-1] > 0
+    assert final_force(trace) == (0.0, True)
+    table = table_of(trace, capsys)
+    assert table["final force"].strip() == "0 N (settled)"
+    assert "relative error" not in table
+
+
 def test_vectors_of_the_table_stand_under_each_other(paper_run, capsys):
     table = table_of(paper_run("gsta"), capsys)
     points = [[i for i, c in enumerate(table[name]) if c == "."] for name in ("final position", "analytic position")]

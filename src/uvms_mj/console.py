@@ -105,8 +105,8 @@ def print_table(table: Any) -> None:
 
 
 def _run_table(trace: Any, report: dict[str, Any]) -> None:
-    """A run in a few lines, with the digits that it supports: four at most of what depends on the time step, as peaks
-    and instants do. A force at rest does not depend on it, and has as many as have come to rest, seven at most."""
+    """A run in a few lines. Peaks and instants depend on the time step, and are printed with four digits at most. A
+    force at rest does not; it is printed with the digits that stayed the same in the final window, seven at most."""
     from rich.table import Table
 
     table = Table(
@@ -134,8 +134,8 @@ def _contact_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str
         yield "first contact", f"{contact['first_s']:.4g} s ({touches})"
         yield "peak force", f"{contact['peak_N']:.4g} N"
         if contact["settled"]:
-            moves = float(trace.final_high[-1] - trace.final_low[-1])
-            digits = 1 + math.floor(math.log10(contact["final_N"] / max(moves, 1e-6 * contact["final_N"])))
+            still = (trace.final_high[-1] - trace.final_low[-1]) / (contact["final_N"] or 1.0)
+            digits = 1 + math.floor(-math.log10(max(still, 1e-6)))
             yield "final force", f"{contact['final_N']:.{max(4, digits)}g} N (settled)"
         elif contact["final_N"] is not None:
             yield "final force", f"{contact['final_N']:.4g} N (not settled)"

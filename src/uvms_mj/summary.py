@@ -17,8 +17,7 @@ AROUND_THE_END_S = 2.0 * FINAL_WINDOW_S
 def summary(trace: Trace, files: dict[str, str]) -> dict[str, Any]:
     """The numbers that ``uvms-mj run --json`` prints; a number that does not exist is None.
 
-    The relative error to the closed form is that of a force which has settled: before, the run is not where the closed
-    form is about.
+    A force that has not settled is not yet at the rest that the closed form describes: it has no relative error.
 
     Args:
         trace: the run.
