@@ -143,8 +143,9 @@ def test_time_inside_is_a_part_of_the_window(synthetic):
     assert metrics.boundary_layer_share(trace, 1.0) == pytest.approx(np.ones(6))
 
 
-def test_least_work_is_what_would_be_drawn_from_a_wall(synthetic):
-    assert metrics.least_wall_work(synthetic(2.0, wall_work=lambda t: np.sin(np.pi * t))) == pytest.approx(-1.0)
+def test_energy_drawn_from_a_wall_is_what_its_work_fell_below_zero(synthetic):
+    assert metrics.energy_from_wall(synthetic(2.0, wall_work=lambda t: np.sin(np.pi * t))) == pytest.approx(1.0)
+    assert metrics.energy_from_wall(synthetic(2.0, wall_work=lambda t: t * (2.0 - t))) == 0.0
 
 
 def test_impedance_error_of_a_motion_that_obeys_eq_12_up_to_a_known_force(synthetic, header):
@@ -329,3 +330,102 @@ def test_what_a_window_has_is_the_difference_of_two_runs_ends():
     short = simulate(scenario.updated({"simulation.duration": 0.2}))
     for metric in (metrics.control_effort, metrics.total_variation, metrics.largest_change):
         assert np.array_equal(metric(long, end=0.2), metric(short))
+
+
+def held(steps: int, values) -> np.ndarray:
+    """(n,) every value held for so many steps."""
+    return np.repeat(values, steps)
+
+
+@pytest.mark.parametrize("period", [1e-3, 2e-3, 1e-2, 5e-2])
+def test_chattering_of_a_held_command_counts_control_periods(synthetic, period):
+    """A command that alternates by 3 N from one control instant to the next, on a slow sine: 3 N/T_c."""
+    n, duration = round(period / H), 10.0
+    instants = round(duration / period) + 1
+
+    def commanded(t):
+        at = t[::n][:instants]
+        slow = held(n, 10.0 * np.sin(2.0 * np.pi * 0.1 * at))[: len(t)]
+        return axis(held(n, np.where(np.arange(instants) % 2, 1.5, -1.5))[: len(t)], 0) + axis(slow, 1)
+
+    trace = synthetic(
+        duration,
+        tau=commanded,
+        tau_variation=lambda t: running(np.abs(np.diff(commanded(t), axis=0))),
+    )
+    scenario = trace.scenario.updated({"controller.period": period})
+    trace = dataclasses.replace(trace, header=dataclasses.replace(trace.header, scenario=scenario))
+    assert metrics.chattering(trace)[0] == pytest.approx(3.0 / period, rel=1e-6)
+    assert metrics.chattering(trace)[1] < 0.1 * metrics.total_variation(trace)[1] / duration
+    assert metrics.mean_change(trace)[0] == pytest.approx(3.0, rel=1e-6)
+    assert metrics.reversals(trace, 2.9)[0] == instants - 2
+    assert metrics.reversals(trace, 3.1)[0] == 0
+
+
+@pytest.mark.filterwarnings("ignore::uvms_mj.checks.SamplingWarning")
+@pytest.mark.parametrize("period", [1e-3, 1e-2, 5e-2])
+def test_the_first_order_law_chatters_at_every_control_period_that_is_too_long(period):
+    """s changes its sign, and tau all of its K_s M, with every control instant: the variation leads nowhere."""
+    settings = {"controller.period": period, "simulation.duration": 3.0}
+    trace = simulate(Scenario.load("push_wall", settings, "fosm"))
+    variation = metrics.total_variation(trace) / trace.duration_s
+    assert variation[0] > 1e4
+    assert (metrics.chattering(trace)[:3] > 0.9 * variation[:3]).all()
+
+
+@pytest.mark.filterwarnings("ignore::uvms_mj.checks.SamplingWarning")
+def test_chattering_of_less_than_ten_control_periods_is_not_a_number():
+    settings = {"controller.period": 0.01, "simulation.duration": 0.3}
+    trace = simulate(Scenario.load("push_wall", settings))
+    assert np.isnan(metrics.chattering(trace, 0.0, 0.09)).all()
+    assert np.isfinite(metrics.chattering(trace, 0.0, 0.11)).all()
+
+
+@pytest.mark.parametrize("rate", [0.3, 0.003, 0.0015])
+def test_a_force_that_ramps_has_not_settled(synthetic, rate):
+    """However slowly: 0.15 % a second passes for still in the last 0.5 s, and 2 % take it 13 s."""
+
+    def ramp(t):
+        return 1.5 * (1.0 + rate * t)
+
+    def trace_of(force):
+        mean = force(np.array([20.0 - 0.25]))[0]
+        spread = force(np.array([20.0]))[0] - force(np.array([19.5]))[0]
+        return synthetic(
+            20.0,
+            f_contact_W=lambda t: axis(-force(t), 0, 3),
+            final_impulse=lambda t: np.full_like(t, 0.5 * mean),
+            final_high=lambda t: np.full_like(t, spread),
+        )
+
+    trace = trace_of(ramp)
+    final, settled = metrics.final_force(trace)
+    assert settled == (rate < 2e-3)
+    assert metrics.settling_time(trace.t, trace.push, final, 0.02 * final) is not None
+    assert metrics.force_settling_time(trace) is None
+    assert metrics.force_settling_time(trace_of(lambda t: 1.5 * (1.0 + rate * np.exp(-t)))) is not None
+
+
+def test_a_position_that_drifts_has_not_settled(synthetic):
+    drifting = synthetic(20.0, p_WB=lambda t: axis(0.1 * t, 0, 3))
+    assert metrics.position_settling_time(drifting) is None
+    assert metrics.overshoot(drifting) is None
+    swinging = synthetic(20.0, p_WB=lambda t: axis(np.minimum(t, 1.0) + 0.005 * np.sin(2.0 * np.pi * 4.0 * t), 0, 3))
+    assert metrics.position_settling_time(swinging) == pytest.approx(0.98, abs=0.02)  # to a swing within the band
+
+
+def test_a_run_that_is_pushed_ever_harder_has_not_settled():
+    """A reference that goes on into the wall: the force grows until the end."""
+    settings = {
+        "wall.position": 0.01,
+        "reference.step_time": 0.0,
+        "reference.target": [1.0, 0.0, 0.0],
+        "reference.bandwidth": 0.5,
+        "simulation.duration": 12.0,
+    }
+    trace = simulate(Scenario.load("push_wall", settings))
+    force, settled = metrics.final_force(trace)
+    assert force > 1.0
+    assert not settled
+    assert metrics.settling_time(trace.t, trace.push, force, 0.02 * force) is not None
+    assert metrics.force_settling_time(trace) is None

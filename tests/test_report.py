@@ -11,11 +11,13 @@ import pytest
 from click.testing import CliRunner
 from matplotlib.figure import Figure
 
-from uvms_mj import McapLog, Scenario, report, simulate
+from uvms_mj import McapLog, Scenario, Trace, report, simulate
 from uvms_mj.claims import CLAIMS, Measured, Row, Verdict
 from uvms_mj.cli.compare import compare
 from uvms_mj.cli.paper import paper
+from uvms_mj.console import Console
 from uvms_mj.metrics import final_force
+from uvms_mj.summary import summary
 
 SHORT = ("simulation.duration=0.25", "wall.position=0.002", "reference.step_time=0")
 LAW = """
@@ -104,6 +106,7 @@ def test_a_page_is_complete_by_itself_and_says_everything(trace, picture):
     for row in rows:
         assert row.claim.text in text
         assert row.claim.where in text
+        assert row.claim.because in text
     assert "Figure 3." in text
     force, _ = final_force(trace)
     assert report.number(force) in text
@@ -113,10 +116,18 @@ def test_a_page_is_complete_by_itself_and_says_everything(trace, picture):
     assert "What differs" not in text
 
 
-def test_a_departure_is_explained_on_the_page(trace, picture):
-    claim = next(claim for claim in CLAIMS if claim.departure)
-    row = Row(claim, Measured(57.0), Verdict.departs)
-    assert claim.departure in " ".join(Page(report.page("t", {"one": trace}, [picture], [row])).text)
+def test_a_verdict_that_no_claim_has_is_not_coloured(trace, picture):
+    for verdict in Verdict:
+        row = Row(CLAIMS[0], Measured(1.5), verdict)
+        page = Page(report.page("t", {"one": trace}, [picture], [row]))
+        assert [each["class"] for each in page.of("li") if "class" in each] == [verdict.name]
+        assert all(each.value in " ".join(page.text) for each in Verdict)
+
+
+def test_what_does_not_hold_is_explained_on_the_page(trace, picture):
+    claim = next(claim for claim in CLAIMS if claim.explanation)
+    row = Row(claim, Measured(57.0), Verdict.explained)
+    assert claim.explanation in " ".join(Page(report.page("t", {"one": trace}, [picture], [row])).text)
 
 
 @pytest.mark.parametrize("place", ["title", "run", "name", "description", "caption", "claim", "detail", "note"])
@@ -255,3 +266,60 @@ def test_compare_makes_a_page_of_any_logs(command, tmp_path):
     again = command(compare, "0.mcap", "--out", "page.html")
     assert again.exit_code == 2
     assert "exists; choose another name" in again.stderr
+
+
+def table_of(trace, capsys) -> dict[str, str]:
+    """The table that ``uvms-mj run`` prints, by the name of each line."""
+    Console(as_json=False, quiet=False).report(trace, summary(trace, {"mcap": "run.mcap"}))
+    lines = [line.split("│") for line in capsys.readouterr().out.splitlines() if line.startswith("│")]
+    return {name.strip(): value.rstrip() for _, name, value, _ in lines}
+
+
+def test_a_run_too_short_for_the_wall_has_no_relative_error(capsys):
+    trace = simulate(Scenario.load("push_wall", {"simulation.duration": 0.6}))
+    assert trace.analytic.force > 0.0
+    assert summary(trace, {})["contact"]["relative_error"] is None
+    table = table_of(trace, capsys)
+    assert "relative error" not in table
+    assert table["contact"].strip() == "none"
+
+
+def test_a_run_in_contact_that_has_not_settled_has_no_relative_error(trace, capsys):
+    assert trace.touches[-1] > 0
+    assert not final_force(trace)[1]
+    assert "relative error" not in table_of(trace, capsys)
+
+
+def test_the_table_prints_the_digits_that_a_run_supports(paper_run, capsys):
+    trace = paper_run("gsta")
+    table = table_of(trace, capsys)
+    peak, first = table["peak force"].split()[0], table["first contact"].split()[0]
+    assert peak == f"{trace.force_peak[-1]:.4g}"
+    assert first == f"{trace.first_contact[-1]:.4g}"
+    assert table["final force"].split()[0] == table["analytic force"].split()[0] == "1.497753"
+    assert table["relative error"].strip() == "below 1e-9"  # and not -3.7e-11
+    assert "converge" in table["error bars"]
+    early = Trace.of(trace.header, trace.rows(), trace.outcome)
+    early.arrays["final_high"].setflags(write=True)
+    early.arrays["final_high"][-1] = early.final_low[-1] + 2e-4
+    assert table_of(early, capsys)["final force"].split()[0] == "1.498"
+
+
+def test_a_vehicle_that_touched_and_left_rests_with_zero_force(capsys):
+    settings = {"initial.velocity": [0.2, 0, 0, 0, 0, 0], "wall.position": 0.01, "reference.target": [-0.05, 0.0, 0.0]}
+    settings |= {"current.speed": 0.0, "simulation.duration": 8.0, "reference.step_time": 0.0}
+    trace = simulate(Scenario.load("push_wall", settings, "impedance"))
+    assert trace.touches[-1] > 0
+    assert final_force(trace) == (0.0, True)
+    table = table_of(trace, capsys)
+    assert table["final force"].strip() == "0 N (settled)"
+    assert "relative error" not in table
+
+
+def test_vectors_of_the_table_stand_under_each_other(paper_run, capsys):
+    table = table_of(paper_run("gsta"), capsys)
+    points = [[i for i, c in enumerate(table[name]) if c == "."] for name in ("final position", "analytic position")]
+    assert points[0] == points[1]
+    for name in ("final position", "largest tau"):
+        assert len({len(number.partition(".")[2]) for number in re.findall(r"\d+\.\d+", table[name])}) == 1
+    assert "-0.00000" not in table["final position"]

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .control import Controller, Fosm, Gsta, Ideal, Impedance, Sta, gain
+    from .convergence import converge
     from .faults import InputError
     from .mcap_log import McapLog
     from .native import Attachment, attach
@@ -35,6 +36,7 @@ _HOME = {
     "Status": "recording",
     "Trace": "trace",
     "attach": "native",
+    "converge": "convergence",
     "gain": "control",
     "simulate": "simulation",
 }
@@ -55,6 +57,7 @@ __all__ = [
     "Status",
     "Trace",
     "attach",
+    "converge",
     "gain",
     "simulate",
 ]

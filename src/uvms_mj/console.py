@@ -2,11 +2,15 @@
 
 import contextlib
 import json
+import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import click
+
+ROUNDING = 1e-9
+"""A number smaller than this, relative or in SI units, is rounding, and is shown as zero."""
 
 
 def printable(text: str) -> str:
@@ -101,55 +105,74 @@ def print_table(table: Any) -> None:
 
 
 def _run_table(trace: Any, report: dict[str, Any]) -> None:
+    """A run in a few lines. Peaks and instants depend on the time step, and are printed with four digits at most. A
+    force at rest does not; it is printed with the digits that stayed the same in the final window, seven at most."""
     from rich.table import Table
 
-    from .control.ideal import TOLD_THE_TRUTH
-
-    contact, final = report["contact"], report["final"]
     table = Table(
         title=printable(f"{report['scenario']} · {report['controller']} · {report['status']}"),
         show_header=False,
         title_justify="left",
         min_width=60,
     )
-    some = len(trace) > 0
+    for name, value in (*_contact_rows(trace, report), *_motion_rows(trace, report), *_run_rows(trace, report)):
+        table.add_row(name, value)
+    table.add_row("error bars", "uvms-mj converge, with the same scenario and settings", style="dim")
+    print_table(table)
 
-    def vector(values: Any, form: str) -> str:
-        return "  ".join(format(v, form) for v in values).replace("-0.00000", "0.00000")
 
+def _contact_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    from .control.ideal import TOLD_THE_TRUTH
+
+    contact = report["contact"]
     if trace.scenario.controller.uses_truth:
-        table.add_row("the law is given", TOLD_THE_TRUTH)
+        yield "the law is given", TOLD_THE_TRUTH
     if contact["first_s"] is None:
-        table.add_row("contact", "none")
+        yield "contact", "none"
     else:
-        table.add_row("first contact", f"{contact['first_s']:.4f} s ({contact['touches']} touches)")
-        table.add_row("peak force", f"{contact['peak_N']:.4f} N")
-    if contact["final_N"] is not None and contact["first_s"] is not None:
-        settled = "settled" if contact["settled"] else "not settled"
-        table.add_row("final force", f"{contact['final_N']:.6f} N ({settled})")
+        touches = f"{contact['touches']} touch{'es' if contact['touches'] > 1 else ''}"
+        yield "first contact", f"{contact['first_s']:.4g} s ({touches})"
+        yield "peak force", f"{contact['peak_N']:.4g} N"
+        if contact["settled"]:
+            still = (trace.final_high[-1] - trace.final_low[-1]) / (contact["final_N"] or 1.0)
+            digits = 1 + math.floor(-math.log10(max(still, 1e-6)))
+            yield "final force", f"{contact['final_N']:.{max(4, digits)}g} N (settled)"
+        elif contact["final_N"] is not None:
+            yield "final force", f"{contact['final_N']:.4g} N (not settled)"
     if contact["analytic_N"] is not None:
-        table.add_row("analytic force", f"{contact['analytic_N']:.6f} N")
-        table.add_row(
-            "relative error", f"{contact['relative_error']:.1e}" if contact["relative_error"] is not None else "-"
-        )
+        yield "analytic force", f"{contact['analytic_N']:.7g} N"
     elif report["analytic"]["none_because"]:
-        table.add_row("analytic force", f"none: {report['analytic']['none_because']}")
-    if some:
-        table.add_row("final position", f"{vector(final['position_m'], '.5f')} m")
-    if report["analytic"]["position_m"]:
-        table.add_row("analytic position", f"{vector(report['analytic']['position_m'], '.5f')} m")
-    if some:
-        table.add_row("final sliding variable", vector(final["s"], ".1e"))
-        table.add_row("largest tau", f"{vector(trace.tau_max[-1], '.4g')} N, N m")
-        if report["saturated_s"]:
-            share = report["saturated_s"] / max(report["duration_s"], 1e-300)
-            table.add_row("thrusters at their limits", f"{report['saturated_s']:.4g} s, {share:.2%} of the time")
+        yield "analytic force", f"none: {report['analytic']['none_because']}"
+    error = contact["relative_error"]
+    if error is not None:
+        yield "relative error", f"{error:.1e}" if abs(error) >= ROUNDING else "below 1e-9"
+
+
+def _motion_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    final, analytic_m = report["final"], report["analytic"]["position_m"]
+    if len(trace):
+        yield "final position", f"{_vector(final['position_m'], 5)} m"
+    if analytic_m:
+        yield "analytic position", f"{_vector(analytic_m, 5)} m"
+    if len(trace):
+        yield "final sliding variable", " ".join(f"{value: .1e}" for value in final["s"])
+        largest = float(trace.tau_max[-1].max())
+        decimals = max(0, 3 - math.floor(math.log10(largest))) if 0.0 < largest < math.inf else 0
+        yield "largest tau", f"{_vector(trace.tau_max[-1], decimals)} N, N m"
+
+
+def _run_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    if report["saturated_s"]:
+        share = report["saturated_s"] / max(report["duration_s"], 1e-300)
+        yield "thrusters at their limits", f"{report['saturated_s']:.4g} s, {share:.2%} of the time"
     factor = report["real_time_factor"]
     if factor:
         step_us = trace.wall_time_s / max(1, trace.steps) * 1e6
-        table.add_row(
-            "real-time factor",
-            f"{factor:.1f} ({report['duration_s']:g} s in {trace.wall_time_s:.2f} s, {step_us:.2f} us a step)",
-        )
-    table.add_row("files", printable("\n".join(report["files"].values())))
-    print_table(table)
+        wall_time = f"{report['duration_s']:g} s in {trace.wall_time_s:.2f} s, {step_us:.2f} us a step"
+        yield "real-time factor", f"{factor:.1f} ({wall_time})"
+    yield "files", printable("\n".join(report["files"].values()))
+
+
+def _vector(values: Any, decimals: int) -> str:
+    """Numbers of one width, so that those of two lines stand under each other; zero has no sign."""
+    return " ".join(f"{round(float(value), decimals) + 0.0: .{decimals}f}" for value in values)

@@ -54,7 +54,7 @@ class Experienced:
 
 @dataclass(frozen=True)
 class NotGiven:
-    """Why a run's disturbance isn't."""
+    """Why the disturbance of a run is not given."""
 
     reason: str
 
@@ -68,7 +68,7 @@ def experienced(trace: Trace) -> Experienced | NotGiven:
     """
     controller = trace.scenario.controller
     if trace.scenario.estimates.inertia != 1.0:
-        return NotGiven("M_hat is not M: varphi then has (M_hat - M) nu_dot in it, and nu_dot the law's own switching")
+        return NotGiven("M_hat is not M: varphi then contains (M_hat - M) nu_dot, and with it the law's own switching")
     if trace.status is Status.unstable:
         return NotGiven("the run became unstable")
     if len(trace) < 4:
@@ -78,7 +78,7 @@ def experienced(trace: Trace) -> Experienced | NotGiven:
         return NotGiven(f"rows {apart:g} s apart may miss the fastest change: run with --log-rate 1000, or full")
     plant = build(trace.scenario, trace.header.mjcf)
     if not plant.vehicle.rigid:
-        return NotGiven("the vehicle has moving parts, which eq. (11) does not know")
+        return NotGiven("the vehicle has moving parts, and eq. (11) is for a rigid body")
     wrench = lumped_disturbance(trace, plant) + trace.tau - trace.tau_cmd
     if isinstance(controller, Gsta) and has_built_in_law(controller) and not controller.nominal:
         wrench -= trace.tau_nom

@@ -1,11 +1,13 @@
 """Numbers from a trace: pure functions."""
 
 import functools
+import itertools
 
 import mujoco
 import numpy as np
 
 from . import closed_forms
+from .checks import control_period
 from .design import Design
 from .frames import rotation_matrices
 from .recording import Header, Status
@@ -18,7 +20,9 @@ SETTLED = 1e-3
 AT_REST = 1e-4
 """Without contact, a vehicle slower than this has settled [m/s, rad/s]."""
 FAST_S = 0.01
-"""What is over within this time is chattering, not control [s]."""
+"""Variation of tau that cancels within this time is chattering, not control [s]."""
+FAST_PERIODS = 10
+"""... or within this many control periods, where these take longer: a held command has no variation inside a period."""
 
 
 def final_force(trace: Trace) -> tuple[float | None, bool]:
@@ -57,19 +61,43 @@ def settling_time(t: np.ndarray, y: np.ndarray, final: float, tolerance: float) 
 
 
 def position_settling_time(trace: Trace, band: float = 0.02) -> float | None:
-    """When x of W came to within ``band`` times its whole change of its final mean, for good [s]."""
+    """When x of W came to within ``band`` times its whole change of its final mean, for good [s].
+
+    None where x :func:`drifts` at the end of the run: its final mean is then not where it settles.
+    """
     x = trace.p_WB[:, 0]
     final = _final_mean(trace, x)
-    return settling_time(trace.t, x, final, band * abs(final - x[0]))
+    since = settling_time(trace.t, x, final, band * abs(final - x[0]))
+    return None if since is None or drifts(trace.t, x, since, band * abs(final - x[0])) else since
 
 
 def force_settling_time(trace: Trace, band: float = 0.02) -> float | None:
     """When the pushing force came to within ``band`` of :func:`final_force`, for good [s]; None without contact.
 
-    Of rows: between two of them the force may leave the band unseen, so that it takes some rows for each rebound.
+    None also where :func:`final_force` says that the force has not settled, and where it :func:`drifts` at the end of
+    the run. Of rows: between two of them the force may leave the band unseen, so that it takes some rows for each
+    rebound.
     """
-    final, _ = final_force(trace)
-    return settling_time(trace.t, trace.push, final, band * final) if final else None
+    final, settled = final_force(trace)
+    if not final or not settled:
+        return None
+    since = settling_time(trace.t, trace.push, final, band * final)
+    return None if since is None or drifts(trace.t, trace.push, since, band * final) else since
+
+
+def drifts(t: np.ndarray, y: np.ndarray, since: float, tolerance: float) -> bool:
+    r"""Whether y (n,) only passes through its band of ``tolerance``, which it entered at ``since``.
+
+    .. math:: |\bar y_4 - \bar y_3| > \delta / 8
+
+    with the means over the third and the last quarter of the time in the band. A steady ramp has :math:`\delta / 4` on
+    the left side; an exponential never has more than 0.12 :math:`\delta`, and a steady swing has nearly none.
+    """
+    third, last = (y[(t >= a) & (t <= b)] for a, b in itertools.pairwise(since + (t[-1] - since) * _QUARTERS))
+    return not (len(third) and len(last) and abs(last.mean() - third.mean()) <= tolerance / 8.0)
+
+
+_QUARTERS = np.array([0.5, 0.75, 1.0])
 
 
 def overshoot(trace: Trace) -> float | None:
@@ -123,7 +151,7 @@ def impedance_error(trace: Trace, start: float = 0.0, end: float = np.inf) -> np
     lacks steps gives nan where friction enters.
     """
     design, h = design_of(trace), trace.scenario.simulation.timestep
-    rows = _grid(trace, start, end)
+    rows = _grid(trace, start, end, FAST_S)
     first, last = rows[:-1], rows[1:]
     T = (trace.t[last] - trace.t[first])[:, None]
     # a force acts from t_k on for one step: a sum from the left, which the running impulse, a trapezoid, is not
@@ -179,47 +207,57 @@ def total_variation(trace: Trace, start: float = 0.0, end: float = np.inf) -> np
 
 
 def chattering(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndarray:
-    r"""Chattering index: variation a second that leads nowhere within 10 ms (6,) [N/s, N m/s].
+    r"""Chattering index: variation of tau a second that cancels within T (6,) [N/s, N m/s].
 
-    .. math:: \frac{1}{t_b - t_a} \left( \sum_k |\tau_k - \tau_{k-1}| - \sum_j |\tau(t_j + T) - \tau(t_j)| \right)
+    .. math:: \frac{1}{t_b - t_a} \left( \sum_k |\tau_k - \tau_{k-1}| - \sum_j |\tau(t_j + T) - \tau(t_j)| \right),
+              \qquad T = \max(10 \text{ ms}, 10 \, T_c)
 
-    with the first sum over every step and the second over intervals of T = 10 ms. A smooth input has about none, for it
-    turns at few instants only; an input that switches at every step has all its total variation.
+    with the first sum over every step, the second over intervals of T, and T_c the control period. A smooth input has
+    hardly any, for it turns at few instants only; an input that alternates from one control instant to the next has all
+    its total variation. nan where the part of the run is shorter than T.
     """
-    rows = _grid(trace, start, end)
+    rows = _grid(trace, start, end, max(FAST_S, FAST_PERIODS * control_period(trace.scenario)))
+    if len(rows) < 2:
+        return np.full(6, np.nan)
     variation = trace.tau_variation[rows[-1]] - trace.tau_variation[rows[0]]
     slow = np.abs(np.diff(trace.tau[rows], axis=0)).sum(axis=0)
-    return np.maximum(0.0, variation - slow) / max(trace.t[rows[-1]] - trace.t[rows[0]], 1e-300)
+    return np.maximum(0.0, variation - slow) / (trace.t[rows[-1]] - trace.t[rows[0]])
 
 
 def mean_change(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndarray:
-    """Mean step-to-step change of tau (6,): total variation over the number of steps."""
+    r"""Mean change of tau from one control instant to the next (6,), of every step.
+
+    .. math:: \frac{T_c}{t_b - t_a} \sum_k |\tau_k - \tau_{k-1}|
+    """
     variation, duration = _gain(trace, "tau_variation", start, end)
-    return variation * trace.scenario.simulation.timestep / max(duration, 1e-300)
+    return variation * control_period(trace.scenario) / max(duration, 1e-300)
 
 
 def largest_change(trace: Trace, end: float = np.inf) -> np.ndarray:
-    """Largest step-to-step change of tau until ``end`` (6,), over every step."""
+    """Largest change of tau from one control instant to the next until ``end`` (6,), of every step."""
     return trace.tau_step_max[_window(trace, 0.0, end)[1]]
 
 
 def reversals(trace: Trace, threshold: float, start: float = 0.0, end: float = np.inf) -> np.ndarray:
-    """How often tau turned back: changes of more than ``threshold`` from row to row, one after the other in opposite
-    directions (6,) [1]. Of rows: meant for logs of every step."""
+    """How often tau turned back (6,) [1]: changes of more than ``threshold`` from one control instant to the next that
+    follow each other in opposite directions. Of rows: meant for logs of every step."""
     first, last = _window(trace, start, end)
-    change = np.diff(trace.tau[first : last + 1], axis=0)
+    steps = np.rint(trace.t[first : last + 1] / trace.scenario.simulation.timestep)
+    period_steps = round(control_period(trace.scenario) / trace.scenario.simulation.timestep)
+    at_control = steps % period_steps == 0
+    change = np.diff(trace.tau[first : last + 1][at_control], axis=0)
     change[np.abs(change) <= threshold] = 0.0
     return (change[1:] * change[:-1] < 0.0).sum(axis=0)
 
 
-def least_wall_work(trace: Trace) -> float:
-    r"""The least that the work done on the wall ever was [J], of rows.
+def energy_from_wall(trace: Trace) -> float:
+    r"""The most energy that the vehicle had drawn from the wall at any time [J], of rows; a passive wall gives none.
 
-    .. math:: \min_t \int_0^t -f_W^\top \dot p_{WB} \, dt
+    .. math:: \max\left(0, -\min_t \int_0^t -f_W^\top \dot p_{WB} \, dt\right)
 
-    Negative where the vehicle would have drawn energy from a passive wall; ``wall_work`` at the end is the net.
+    The signal ``wall_work`` is the integral; at the end of a run it is the net energy that the wall has taken.
     """
-    return float(trace.wall_work.min())
+    return max(0.0, -float(trace.wall_work.min()))
 
 
 def boundary_layer_share(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndarray:
@@ -242,10 +280,10 @@ def _gain(trace: Trace, name: str, start: float, end: float) -> tuple[np.ndarray
     return trace[name][last] - trace[name][first], float(trace.t[last] - trace.t[first])
 
 
-def _grid(trace: Trace, start: float, end: float) -> np.ndarray:
-    """Rows 10 ms apart, or all where the log is slower than that."""
+def _grid(trace: Trace, start: float, end: float, apart: float) -> np.ndarray:
+    """Rows ``apart`` from each other [s], or all where the log is slower than that."""
     first, last = _window(trace, start, end)
-    instants = np.arange(trace.t[first], trace.t[last] + 1e-9, FAST_S)
+    instants = np.arange(trace.t[first], trace.t[last] + 1e-9, apart)
     rows = np.searchsorted(trace.t, instants - 1e-9)
     return np.unique(np.minimum(rows, last))
 

@@ -57,12 +57,22 @@ def plan(scenario: Scenario, gains: Mapping[str, Mapping[str, Any]] = MappingPro
         "fosm_half_epsilon": fosm.updated(short | {"controller.epsilon": 0.5 * _gain(fosm, "epsilon")}),
         "fosm_double_K_s": fosm.updated(short | {"controller.K_s": 2.0 * _gain(fosm, "K_s")}),
         "gsta_quarter_step": gsta.updated({"simulation.timestep": 0.25 * h}),
+        "gsta_overestimated": gsta.updated(_estimates(inertia=1.5, others=1.5)),
+        "gsta_underestimated": gsta.updated(_estimates(inertia=0.8, others=0.5)),
+        "gsta_half_inertia": gsta.updated(_estimates(inertia=0.5, others=1.0)),
     }
     return (
         base
         | {f"{SWEEP}{name}": varied for name, varied in sweep.items()}
         | {f"{name}{FINE}": each.updated(fine) for name, each in base.items()}
     )
+
+
+def _estimates(inertia: float, others: float) -> dict[str, float]:
+    """What the law believes of M, and of C, D and g, as a part of the truth."""
+    return {"estimates.inertia": inertia} | {
+        f"estimates.{name}": others for name in ("coriolis", "damping", "restoring")
+    }
 
 
 def _gain(scenario: Scenario, name: str) -> float:

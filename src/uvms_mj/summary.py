@@ -15,7 +15,9 @@ AROUND_THE_END_S = 2.0 * FINAL_WINDOW_S
 
 
 def summary(trace: Trace, files: dict[str, str]) -> dict[str, Any]:
-    """What ``uvms-mj run --json`` prints; what does not exist is None.
+    """The numbers that ``uvms-mj run --json`` prints; a number that does not exist is None.
+
+    A force that has not settled is not yet at the rest that the closed form describes: it has no relative error.
 
     Args:
         trace: the run.
@@ -25,7 +27,7 @@ def summary(trace: Trace, files: dict[str, str]) -> dict[str, Any]:
     analytic = trace.analytic
     rests_on_wall = isinstance(analytic, SteadyState) and analytic.force > 0.0
     analytic_N = analytic.force if rests_on_wall and isinstance(analytic, SteadyState) else None
-    error = None if analytic_N is None or final_N is None else (final_N - analytic_N) / analytic_N
+    error = (final_N - analytic_N) / analytic_N if settled and final_N and analytic_N else None
     some = len(trace) > 0
 
     def last(name: str) -> Any:
@@ -46,11 +48,13 @@ def summary(trace: Trace, files: dict[str, str]) -> dict[str, Any]:
             "first_s": last("first_contact") if some and trace.touches[-1] > 0 else None,
             "touches": int(trace.touches[-1]) if some else 0,
             "peak_N": last("force_peak"),
+            "impulse_Ns": last("impulse"),
             "final_N": final_N,
             "settled": settled,
             "analytic_N": analytic_N,
             "relative_error": error,
         },
+        "effort_N2s": float(trace.effort[-1][:3].sum()) if some else None,
         "saturated_s": last("saturation_time"),
         "final": {
             "position_m": last("p_WB"),

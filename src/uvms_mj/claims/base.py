@@ -32,7 +32,7 @@ class Measured:
     Attributes:
         value: the number.
         detail: what it was made of, in words.
-        explained: whether the reason for a known departure was itself found in the runs.
+        explained: whether the claim's explanation was itself found in the runs.
     """
 
     value: float | None
@@ -44,7 +44,7 @@ class Verdict(enum.Enum):
     """What became of a claim."""
 
     holds = "the runs bear it out"
-    departs = "the runs do not bear it out, for a reason that is stated and was measured"
+    explained = "the runs do not bear it out, for a reason that is given and was itself measured"
     fails = "the runs do not bear it out"
 
 
@@ -60,8 +60,10 @@ class Claim:
         unit: its unit.
         measure: measures it.
         at_least, at_most: the predicate; at least one of them.
+        because: why the threshold is where it is.
         paper: the paper's value, where it gives one.
-        departure: why it is known not to hold in these runs, where the measurement finds the reason; empty for most.
+        explanation: why it is known not to hold in the paper's scenario; empty for most. It counts only where the
+            measurement finds it in the runs.
     """
 
     id: str
@@ -72,8 +74,9 @@ class Claim:
     measure: Callable[[Runs], Measured] = field(repr=False)
     at_least: float | None = None
     at_most: float | None = None
+    because: str = ""
     paper: str = ""
-    departure: str = ""
+    explanation: str = ""
 
     def __post_init__(self) -> None:
         if self.at_least is None and self.at_most is None:
@@ -107,14 +110,14 @@ class Row:
 
     @classmethod
     def of(cls, claim: Claim, runs: Runs) -> "Row":
-        """A claim measured and judged; what can't be measured, in a run too short or of another law, fails."""
+        """A claim measured and judged. One that can't be measured fails, as in a run too short or of another law."""
         try:
             measured = claim.measure(runs)
         except (ArithmeticError, AttributeError, LookupError, ValueError) as error:
             measured = Measured(None, f"can't be measured: {error}")
         if claim.holds(measured.value):
             return cls(claim, measured, Verdict.holds)
-        return cls(claim, measured, Verdict.departs if claim.departure and measured.explained else Verdict.fails)
+        return cls(claim, measured, Verdict.explained if claim.explanation and measured.explained else Verdict.fails)
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON and CSV; a number that JSON does not have is None."""
@@ -130,15 +133,21 @@ class Row:
             "ours": value if value is not None and np.isfinite(value) else None,
             "detail": self.measured.detail,
             "predicate": claim.predicate,
+            "because": claim.because,
             "verdict": self.verdict.name,
-            "reason": claim.departure if self.verdict is Verdict.departs else "",
+            "reason": claim.explanation if self.verdict is Verdict.explained else "",
         }
 
 
 def number(value: float | None) -> str:
-    """A number as a reader wants it: four digits, a true minus, powers of ten, a dash for none or no finite one."""
+    """A number as a reader wants it: four digits, a true minus, powers of ten; a dash for None, nan and infinity.
+
+    Below 1e-9, in SI units, it is rounding of sums over 1e5 steps, and is shown as 0.
+    """
     if value is None or not np.isfinite(value):
         return "–"
+    if abs(value) < 1e-9:
+        return "0"
     if value == round(value) and abs(value) < 1e4:
         return f"{value:.0f}".replace("-", "−")
     mantissa, e, exponent = f"{value:.4g}".partition("e")

@@ -40,13 +40,18 @@ def force(run: str) -> Callable[[Runs], Measured]:
     return measure
 
 
-def at_rest(trace: Trace) -> float:
-    """Error of the desired impedance at rest: norm of the force part of eq. (12)'s residual [N]."""
-    return float(np.linalg.norm(metrics.impedance_error(trace, trace.t[-1] - REST_S)[:3]))
+def at_rest(trace: Trace) -> np.ndarray:
+    """Error of the desired impedance at rest: residual of eq. (12), rms (6,) [N, N m]."""
+    return metrics.impedance_error(trace, trace.t[-1] - REST_S)
+
+
+def norm(values: np.ndarray) -> float:
+    return float(np.linalg.norm(values))
 
 
 def impedance_error(run: str) -> Callable[[Runs], Measured]:
-    return lambda runs: Measured(at_rest(runs.traces[run]))
+    """Norm of the residual's force part."""
+    return lambda runs: Measured(norm(at_rest(runs.traces[run])[:3]))
 
 
 def linear_sum(values: np.ndarray) -> float:
@@ -54,17 +59,39 @@ def linear_sum(values: np.ndarray) -> float:
     return float(values[:3].sum())
 
 
-def ratio(measure: Callable[[Trace], float], of: str, to: str, unit: str) -> Callable[[Runs], Measured]:
-    """The same quantity of two runs, one over the other."""
+def ratio(
+    measure: Callable[[Trace], np.ndarray], reduce: Callable[[np.ndarray], float], of: str, to: str, unit: str
+) -> Callable[[Runs], Measured]:
+    """The same quantity of two runs, one over the other. The forces decide; the moments are in the detail.
+
+    Args:
+        measure: a vector (6,) of a run, forces first.
+        reduce: makes one number of three.
+        of, to: names of the runs.
+        unit: of the forces' number.
+    """
 
     def ratio(runs: Runs) -> Measured:
-        a, b = measure(runs.traces[of]), measure(runs.traces[to])
-        return Measured(over(a, b), f"{LABELS[of]} {number(a)}, {LABELS[to]} {number(b)} {unit}")
+        vectors = [measure(runs.traces[name]) for name in (of, to)]
+        a, b = (float(reduce(each[:3])) for each in vectors)
+        moments = over(*(float(reduce(each[3:])) for each in vectors))
+        return Measured(
+            over(a, b), f"{LABELS[of]} {number(a)}, {LABELS[to]} {number(b)} {unit}; of the moments {number(moments)}"
+        )
 
     return ratio
 
 
 LABELS = {"impedance": "impedance", "fosm": "first-order", "gsta": "GSTA", "gsta_alone": "GSTA alone"}
+
+
+def largest_s(runs: Runs) -> Measured:
+    """Of all six axes at rest, GSTA's over the first-order law's."""
+    a, b = (
+        float(np.abs(trace.s[trace.t >= trace.t[-1] - REST_S]).max())
+        for trace in (runs.traces["gsta"], runs.traces["fosm"])
+    )
+    return Measured(over(a, b), f"{LABELS['gsta']} {number(a)}, {LABELS['fosm']} {number(b)} m/s, rad/s")
 
 
 def demanded(runs: Runs) -> Measured:
@@ -184,7 +211,7 @@ def whole_variation(runs: Runs) -> Measured:
     At rest s alternates between +-sigma, with 2 sigma = h k_1 sqrt(sigma) - h^2 k_2/4 from eqs. (24) and (27), and tau
     changes by M_hat 4 sigma/h from step to step.
     """
-    measured = ratio(lambda trace: linear_sum(metrics.total_variation(trace)), "gsta", "fosm", "N")(runs)
+    measured = ratio(metrics.total_variation, np.sum, "gsta", "fosm", "N")(runs)
     trace = runs.traces["gsta"]
     k_1, k_2 = gain(trace, "k_1"), gain(trace, "k_2")
     if k_1**2 < 2.0 * k_2:
@@ -236,9 +263,8 @@ def unrest(runs: Runs) -> Measured:
 
 
 def effort(runs: Runs, other: str) -> Measured:
-    """Of the thrust, with each axis in the detail."""
-    a, b = (metrics.control_effort(runs.traces[name])[:3] for name in ("gsta", other))
-    axes = ", ".join(
-        f"{axis} {number(x)} and {number(y)}" for axis, x, y in zip(("surge", "sway"), a[:2], b[:2], strict=True)
-    )
-    return Measured(over(linear_sum(a), linear_sum(b)), f"{axes} N² s")
+    """Of the thrust, with the axes that work in the detail."""
+    a, b = (metrics.control_effort(runs.traces[name]) for name in ("gsta", other))
+    units = {"surge": (0, "N² s"), "sway": (1, "N² s"), "yaw": (5, "N² m² s")}
+    axes = ", ".join(f"{axis} {number(a[i])} and {number(b[i])} {unit}" for axis, (i, unit) in units.items())
+    return Measured(over(linear_sum(a), linear_sum(b)), axes)

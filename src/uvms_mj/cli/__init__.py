@@ -11,6 +11,7 @@ import click
 from .certify import certify
 from .common import EXIT_BAD_INPUT, EXIT_INTERRUPTED, Stop, end
 from .compare import compare
+from .converge import converge
 from .listing import controllers, keys
 from .logs import export, info, replay
 from .paper import paper
@@ -52,6 +53,7 @@ def main() -> None:
     uvms-mj compare a.mcap b.mcap         a page about any logs
     uvms-mj info runs/.../run.mcap        what a log holds
     uvms-mj export runs/.../run.mcap      the samples as CSV, Parquet, NPZ or MAT
+    uvms-mj converge                      error bars: the run at h, h/2 and h/4
     uvms-mj certify                       how fast a disturbance may change, and how fast it did
     uvms-mj controllers                   the laws, their gains, units and defaults
     uvms-mj keys                          all keys of a scenario
@@ -61,7 +63,7 @@ def main() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-for command in (run, paper, replay, plot, compare, info, export, certify, controllers, keys):
+for command in (run, paper, replay, plot, compare, info, export, converge, certify, controllers, keys):
     main.add_command(command)
 
 __all__ = ["main"]

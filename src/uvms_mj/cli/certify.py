@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..console import Console, print_table
+from ..console import ROUNDING, Console, print_table
 from .common import (
     EXIT_INTERRUPTED,
     EXIT_UNSTABLE,
@@ -216,8 +216,8 @@ def _verdict(law: "Gsta | Sta", bound: float, largest: Any, beyond: Any, saturat
         )
     axes = ", ".join(axis for axis, time in zip(_AXES, beyond, strict=True) if time > 0.0)
     sentence = (
-        f"not certified: in {axes} the disturbance changed faster than the bound, for up to {beyond.max():.3g} s "
-        "in all, and s may have left zero there"
+        f"not certified: in {axes} the disturbance changed faster than the bound, for up to {beyond.max():.3g} s in "
+        "total, and s may have left zero then"
     )
     if saturated > 0.0:
         return (
@@ -240,24 +240,26 @@ def _tables(report: dict[str, Any]) -> None:
     alone = "" if gains["nominal"] else ", without nominal control"
     table.add_row("gains", f"k_1 = {gains['k_1']:g}, k_2 = {gains['k_2']:g}, beta = {gains['beta']:g}{alone}")
     table.add_row("certified rate", f"|varphi_dot| < {certified['rate']:.6g} + {certified['state']:.6g} |s|")
-    table.add_row("no gain gets beyond", f"k_2/2 = {certified['limit']:.6g}")
+    table.add_row("limit", f"k_2/2 = {certified['limit']:.6g}, whatever k_1 and beta")
     table.add_row("verdict", report["verdict"])
     print_table(table)
     if found is None:
         return
-    table = Table(title="the scenario's own disturbance, in m and rad", title_justify="left")
+    title = "the disturbance varphi of the scenario, eq. (28), and its rate varphi_dot; in m and rad"
+    table = Table(title=title, title_justify="left")
     heads = {
         "varphi": "|varphi| [1/s^2]",
-        "rate": "rate [1/s^3]",
+        "rate": "largest rate [1/s^3]",
         "rate_before_contact": "before contact",
         "rate_at_end": "last 0.5 s",
-        "margin": "margin",
-        "margin_to_limit": "to k_2/2",
-        "time_beyond_s": "beyond [s]",
+        "margin": "bound - rate",
+        "margin_to_limit": "k_2/2 - rate",
+        "time_beyond_s": "above bound [s]",
     }
     table.add_column("axis", no_wrap=True)
     for head in heads.values():
         table.add_column(head, justify="right", overflow="fold")
     for i, axis in enumerate(_AXES):
-        table.add_row(axis, *(f"{found[name][i]:.3g}" for name in heads))
+        values = (found[name][i] for name in heads)
+        table.add_row(axis, *(f"{value:.3g}" if abs(value) >= ROUNDING else "0" for value in values))
     print_table(table)

@@ -10,7 +10,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -153,6 +153,26 @@ def draw_to_files() -> None:
     can't be kept is nothing that they show."""
     os.environ["MPLBACKEND"] = "agg"
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
+
+
+@contextlib.contextmanager
+def progress_bar(what: str, hidden: bool, stop: Stop) -> Iterator[Callable[[int, int], None]]:
+    """A bar where somebody looks; a function of what is done and of all there is to do, which also heeds signals."""
+    if hidden or not sys.stderr.isatty():
+        yield lambda done, total: stop.check()
+        return
+    import rich.console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=rich.console.Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(what, total=None)
+
+        def advance(done: int, total: int) -> None:
+            stop.check()
+            progress.update(task, completed=done, total=total)
+
+        yield advance
 
 
 @contextlib.contextmanager

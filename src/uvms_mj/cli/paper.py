@@ -1,12 +1,11 @@
 """``uvms-mj paper``: all that the paper's section 5 reports, run, drawn and judged."""
 
-import contextlib
 import csv
 import io
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +23,7 @@ from .common import (
     json_option,
     move_aside,
     path_option,
+    progress_bar,
     scenario_argument,
     set_option,
 )
@@ -36,8 +36,7 @@ _DERIVED = ("claims.csv", "claims.json", "report.html")
 
 
 @click.command(
-    epilog="Exit status: 0 every claim holds, or departs for a stated reason; 1 a claim fails; 2 bad input; "
-    "130 interrupted."
+    epilog="Exit status: 0 every claim holds or is explained; 1 a claim fails; 2 bad input; 130 interrupted."
 )
 @scenario_argument
 @set_option
@@ -87,11 +86,11 @@ def paper(
                 logs = folder / "logs"
                 _move_aside(folder)
                 logs.mkdir()
-                with _bar("running", as_json, stop) as bar:
+                with progress_bar("running", as_json, stop) as bar:
                     study.run(jobs, logs, bar)
                 running = False
                 runs = study.load(logs, jobs)
-            with _bar("drawing", as_json, stop) as bar:
+            with progress_bar("drawing", as_json, stop) as bar:
                 rows = _write(folder, runs, bar)
     except KeyboardInterrupt:
         end("interrupted" if running else "interrupted; the logs are there: redraw with --from", EXIT_INTERRUPTED)
@@ -153,33 +152,13 @@ def _move_aside(folder: Path) -> None:
     move_aside(folder, names, "what an earlier call left")
 
 
-@contextlib.contextmanager
-def _bar(what: str, as_json: bool, stop: Stop) -> Iterator[Callable[[int, int], None]]:
-    """A bar for all runs, or all figures, where somebody looks; a function of what is done and of all there is."""
-    if as_json or not sys.stderr.isatty():
-        yield lambda done, total: stop.check()
-        return
-    import rich.console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=rich.console.Console(stderr=True), transient=True) as progress:
-        task = progress.add_task(what, total=None)
-
-        def advance(done: int, total: int) -> None:
-            stop.check()
-            progress.update(task, completed=done, total=total)
-
-        yield advance
-
-
 def _table(rows: "list[Row]") -> None:
     from rich.table import Table
 
     from ..claims import number
 
-    colours = {"holds": "green", "departs": "yellow", "fails": "bold red"}
-    table = Table(title="claims of section 5 and the conclusion", title_justify="left", show_lines=True)
+    colours = {"holds": "green", "explained": "yellow", "fails": "bold red"}
+    table = Table(title="what the paper claims", title_justify="left", show_lines=True)
     for column in ("claim", "quantity", "paper", "ours", "threshold", "verdict"):
         table.add_column(column, no_wrap=column == "verdict", overflow="fold")
     for row in rows:
@@ -188,9 +167,11 @@ def _table(rows: "list[Row]") -> None:
         cells = (claim.text, claim.quantity, claim.paper, f"{number(row.measured.value)}{unit}", claim.predicate)
         table.add_row(*cells, _coloured(verdict, colours[verdict]))
     print_table(table)
+    for name, meaning in {row.verdict.name: row.verdict.value for row in rows}.items():
+        click.echo(f"{name}: {meaning}")
     for row in rows:
-        if row.verdict.name == "departs":
-            click.echo(f"{row.claim.id} departs: {row.claim.departure}")
+        if row.verdict.name == "explained":
+            click.echo(f"\n{row.claim.text}\nWhy this does not hold here: {row.claim.explanation}")
 
 
 def _coloured(text: str, style: str):

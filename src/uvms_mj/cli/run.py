@@ -81,7 +81,7 @@ def run(
                 raise InputError(f"one scenario at a time, please: {name}, {log}")
             mjcf: Mjcf | None = None
             if log is not None:
-                scenario, mjcf, log_rate = _from_log(log, overrides, controller, log_rate)
+                scenario, mjcf, log_rate = from_log(log, overrides, controller, log_rate)
             else:
                 scenario = Scenario.load(name or "push_wall", overrides, controller)
             folder, made = _output_folder(out, scenario)
@@ -96,7 +96,7 @@ def run(
     sys.exit(status)
 
 
-def _from_log(
+def from_log(
     log: str, overrides: dict[str, Any], controller: str | None, log_rate: str | None
 ) -> "tuple[Scenario, Mjcf | None, str | None]":
     """Scenario, vehicle and log rate of a log, and warnings where a repetition can't be the same."""
@@ -243,7 +243,7 @@ def _nothing_ran(scenario: "Scenario | None", controller: str | None) -> dict[st
     """The report of a run that was interrupted before its first step."""
     name = scenario.name if scenario is not None else None
     law = scenario.controller.label() if scenario is not None else controller
-    contact = dict.fromkeys(("first_s", "peak_N", "final_N", "analytic_N", "relative_error"))
+    contact = dict.fromkeys(("first_s", "peak_N", "impulse_Ns", "final_N", "analytic_N", "relative_error"))
     return {
         "scenario": name,
         "controller": law,
@@ -256,6 +256,7 @@ def _nothing_ran(scenario: "Scenario | None", controller: str | None) -> dict[st
         "wall_time_s": 0.0,
         "real_time_factor": None,
         "contact": contact | {"touches": 0, "settled": False},
+        "effort_N2s": None,
         "saturated_s": None,
         "final": dict.fromkeys(("position_m", "attitude_wxyz", "s", "z", "tau")),
         "analytic": dict.fromkeys(("position_m", "none_because")),

@@ -1,0 +1,154 @@
+"""``uvms-mj converge``."""
+
+import json
+import math
+import os
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+import click
+
+from ..console import Console, print_table
+from .common import (
+    EXIT_BAD_INPUT,
+    EXIT_INTERRUPTED,
+    EXIT_UNSTABLE,
+    Stop,
+    asked_for,
+    bad_input,
+    end,
+    json_option,
+    path_option,
+    progress_bar,
+    quiet_option,
+    scenario_argument,
+    set_option,
+)
+from .run import from_log
+
+if TYPE_CHECKING:
+    from ..convergence import Convergence, Estimate
+
+
+@click.command(epilog="Exit status: 0 completed, 2 bad input, 3 a run was unstable, 130 interrupted.")
+@scenario_argument
+@click.option(
+    "-c", "--controller", metavar="LAW", help="gsta, sta, fosm, impedance, ideal, or path/to/my_law.py:MyLaw."
+)
+@set_option
+@path_option("--from", "log", metavar="LOG", help="Take scenario and vehicle of a log, run.mcap.")
+@click.option(
+    "-m",
+    "--metric",
+    "metrics",
+    multiple=True,
+    metavar="NAME",
+    help="A number by its place in the JSON of uvms-mj run, as contact.peak_N or final.s; may be repeated; "
+    "`list` prints all.",
+)
+@json_option
+@quiet_option
+def converge(
+    arguments: tuple[str, ...],
+    controller: str | None,
+    settings: tuple[str, ...],
+    log: str | None,
+    metrics: tuple[str, ...],
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Give error bars to a run's numbers: repeat it at h, h/2 and h/4, and extrapolate.
+
+    h is the scenario's time step. The three runs take seven times as long as the first, and write no files.
+
+    \b
+    uvms-mj converge
+    uvms-mj converge --controller fosm --set wall.stiffness=2e4
+    uvms-mj converge --metric contact.peak_N --metric final.s
+    uvms-mj converge my_scenario.toml --set simulation.timestep=5e-5
+    """
+    stop = Stop()
+    os.environ.setdefault("MUJOCO_GL", "disable")  # nothing is drawn here, and looking for a display takes time
+    console = Console(as_json, quiet)
+    try:
+        with bad_input():
+            from ..convergence import DEFAULT, METRICS, NotCompletedError
+            from ..convergence import converge as runs_of
+            from ..faults import InputError
+            from ..scenario import Scenario
+            from ..simulation import LawError
+
+            if "list" in metrics:
+                click.echo("\n".join(METRICS))
+                return
+            name, overrides = asked_for(arguments, settings)
+            if name is not None and log is not None:
+                raise InputError(f"one scenario at a time, please: {name}, {log}")
+            mjcf = None
+            if log is not None:
+                scenario, mjcf, _ = from_log(log, overrides, controller, None)
+            else:
+                scenario = Scenario.load(name or "push_wall", overrides, controller)
+            try:
+                with console.alone(), progress_bar("running", as_json or quiet, stop) as bar:
+                    found = runs_of(scenario, metrics or DEFAULT, mjcf=mjcf, progress=bar)
+            except NotCompletedError as error:
+                end(str(error), EXIT_UNSTABLE)
+            except LawError as error:
+                end(f"error: {error}", EXIT_BAD_INPUT)
+    except KeyboardInterrupt:
+        end("interrupted", EXIT_INTERRUPTED)
+    for note in found.notes:
+        console.warn(note, UserWarning)
+    if as_json:
+        click.echo(json.dumps(_report(found), allow_nan=False))
+    elif not quiet:
+        _table(found)
+
+
+def _report(found: "Convergence") -> dict[str, object]:
+    """What ``--json`` prints."""
+    return {
+        "scenario": found.scenario.name,
+        "controller": found.scenario.controller.label(),
+        "timesteps_s": found.timesteps,
+        "warnings": found.notes,
+        "metrics": [asdict(estimate) for estimate in found.estimates],
+    }
+
+
+def _table(found: "Convergence") -> None:
+    from rich.table import Table
+
+    scenario, period = found.scenario, found.scenario.controller.period
+    sampled = "the law at every step" if period is None else f"the law every {period:g} s"
+    title = f"{scenario.name} · {scenario.controller.label()} · {scenario.simulation.duration:g} s, {sampled}"
+    table = Table(title=title, title_justify="left", min_width=60)
+    table.add_column("metric", no_wrap=True)
+    for h in found.timesteps:
+        table.add_column(f"h = {h:g} s", justify="right")
+    table.add_column("order", justify="right")
+    table.add_column("tends to", no_wrap=True)
+    table.add_column("remark")
+    for each in found.estimates:
+        values = ("-" if value is None else f"{value:.7g}" for value in each.values)
+        order = "-" if each.order is None else f"{each.order:.2f}"
+        table.add_row(each.name, *values, order, with_error(each), each.remark)
+    print_table(table)
+
+
+def with_error(estimate: "Estimate") -> str:
+    """``17.872 ± 0.013``: a number to the second digit of its uncertainty; without one where that is rounding."""
+    from ..convergence import RESOLUTION, ROUNDING
+
+    value, uncertainty = estimate.value, estimate.uncertainty
+    if value is None or uncertainty is None:
+        return "-"
+    if uncertainty <= max(RESOLUTION, ROUNDING * abs(value)):
+        return f"{value:.9g}" if abs(value) > RESOLUTION else "0"
+    last = math.floor(math.log10(uncertainty)) - 1
+    if abs(value) < 10.0**last:
+        return f"0 ± {uncertainty:#.2g}"
+    digits = math.floor(math.log10(abs(value))) - last + 1
+    both = f"{value:#.{max(1, digits)}g} ± {uncertainty:#.2g} "
+    return both.replace(". ", " ").replace(".e", "e").strip()
