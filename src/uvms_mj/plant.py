@@ -27,7 +27,7 @@ from .scenario import Scenario
 from .vehicle import Vehicle, free_body_id
 
 IMPEDANCE = 1e-4
-"""d of solimp."""
+"""Impedance d of the contact pair, constant in solimp."""
 _OURS = "uvms_mj/"  # prefix of all added names, to keep them apart from those of a vehicle
 _SENSORS = {
     "contact": mujoco.mjtSensor.mjSENS_CONTACT,
