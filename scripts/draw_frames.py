@@ -3,7 +3,7 @@
     python scripts/draw_frames.py                   docs/frames.svg
     python scripts/draw_frames.py --out FILE.png    any format that matplotlib writes
 
-Every number comes from the shipped scenario and its vehicle.
+All numbers are those of the shipped scenario and its vehicle.
 """
 
 from pathlib import Path
@@ -25,7 +25,7 @@ WATER, FORCE, TARGET = "#0f7f91", "#d02a1e", "#2f7d32"
 
 
 def arrow(ax: Axes, start, vector, colour: str, width: float = 1.6) -> None:
-    """A vector from a point."""
+    """Draw a vector from a point."""
     end = np.add(start, vector)
     style = {
         "arrowstyle": "-|>",
@@ -39,7 +39,7 @@ def arrow(ax: Axes, start, vector, colour: str, width: float = 1.6) -> None:
 
 
 def frame(ax: Axes, name: str, origin, yaw_deg: float, length: float, colour: str) -> None:
-    """Axes x and y of a frame seen from above, z towards the reader."""
+    """Draw axes x and y of a frame seen from above, z towards the reader."""
     for axis, angle in (("x", yaw_deg), ("y", yaw_deg + 90)):
         along = np.array([np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))])
         arrow(ax, origin, length * along, colour)
@@ -50,7 +50,7 @@ def frame(ax: Axes, name: str, origin, yaw_deg: float, length: float, colour: st
 
 
 def vehicle(ax: Axes, position, yaw_deg: float, reach: float, faint: bool = False) -> None:
-    """A BlueROV1 from above, in outline; its dome ends at the reach."""
+    """Draw the outline of a BlueROV1 from above. The front of its dome is at x = reach in B."""
     bend = np.linspace(-np.pi / 2, np.pi / 2, 30)
     hull = np.column_stack([0.187 + (reach - 0.187) * np.cos(bend), 0.055 * np.sin(bend)])
     hull = np.vstack([[[-0.115, 0.055], [-0.115, -0.055]], hull])
@@ -78,7 +78,7 @@ def drop(ax: Axes, x: float, low: float, high: float, colour: str) -> None:
 
 
 def poses(ax: Axes, scenario: Scenario, reach: float) -> None:
-    """The frames and the current, to scale."""
+    """Draw the frames and the current to scale."""
     x_c, face = scenario.wall.position, scenario.wall.position + reach
     p_WB, yaw = np.array([0.63, 0.17]), 18.0
     wall(ax, face, -0.5, 0.5)
@@ -109,7 +109,7 @@ def poses(ax: Axes, scenario: Scenario, reach: float) -> None:
 
 
 def contact(ax: Axes, scenario: Scenario, reach: float) -> None:
-    """In contact; what is a hundredth of a metre is drawn wider."""
+    """Draw the vehicle in contact. The depth of the target, a centimetre, is drawn larger than to scale."""
     x_c, face, target = scenario.wall.position, scenario.wall.position + reach, scenario.reference.target[0]
     drawn_target = x_c + 0.05
     wall(ax, face, -0.5, 0.5)

@@ -1,4 +1,4 @@
-"""A vehicle attached to any model moves as the paper's eq. (10) says; what would break that is refused."""
+"""A vehicle attached to any model obeys the paper's eq. (10); settings that would break it are refused."""
 
 import gc
 import threading
@@ -40,7 +40,7 @@ def test_acceleration_is_the_matrix_equations(seed):
 
 @given(seeds)
 def test_inertia_is_symmetric_positive_definite_and_counts_added_mass_once(seed):
-    """Also where MuJoCo evaluates again without rebuilding the inertia: mj_forwardSkip and finite differences."""
+    """This includes mj_forwardSkip, with which MuJoCo evaluates again without rebuilding the inertia."""
     parameters = random_parameters(seed)
     model, data = load(parameters, crowded=True)
     rng = np.random.default_rng(seed)
@@ -66,7 +66,7 @@ def test_inertia_is_symmetric_positive_definite_and_counts_added_mass_once(seed)
 
 
 def flow(parameters, tau, t_end, position, quat, nu):
-    """The exact motion under constant thrust, by a tight integration of the twin's matrix equation."""
+    """Exact motion under constant thrust, from a tight integration of the twin's matrix equation."""
 
     def rhs(t, y):
         q = y[3:7] / np.linalg.norm(y[3:7])
@@ -108,7 +108,7 @@ def test_order_of_convergence(integrator, turning, order):
 
 
 def test_terminal_speed_under_constant_thrust():
-    """Z = d w + q w^2 has one positive root; in heave, where the Munk moment does not turn the vehicle over."""
+    """Z = d w + q w^2 has one positive root w. In heave, the Munk moment does not turn the vehicle over."""
     model, data = load(replace(STILL, timestep=2e-3))
     data.ctrl[2] = 12.0
     with attach(model, data):
@@ -128,7 +128,7 @@ def test_a_neutral_vehicle_drifts_with_the_current():
 
 
 def energy_gained(timestep: float) -> float:
-    """The largest rise of kinetic plus potential energy over any step of a free vehicle in still water, no thrust."""
+    """Largest rate of rise of the energy (kinetic and potential) of a vehicle in still water without thrust [W]."""
     parameters = replace(random_parameters(3), v_c_W=(0, 0, 0), timestep=timestep)
     parameters = replace(parameters, disturbance_bias=(0,) * 6, disturbance_amplitude=(0,) * 6)
     model, data = load(parameters)
@@ -147,11 +147,11 @@ def energy_gained(timestep: float) -> float:
                 total = max(total, energy - before)
             before = energy
             mujoco.mj_step(model, data)
-    return total / timestep  # a rate
+    return total / timestep
 
 
 def test_still_water_gives_no_energy_beyond_the_integration_error():
-    """The rate of any gain shrinks in proportion to the step."""
+    """The rate of any gain is proportional to the step."""
     coarse, fine = energy_gained(4e-3), energy_gained(1e-3)
     assert fine <= max(coarse / 3.0, 1e-9)
 
@@ -166,7 +166,7 @@ def run_alone(seed: int, steps: int) -> np.ndarray:
 
 
 def test_two_simulations_in_two_threads_are_each_as_alone():
-    """Each beside another free body, while vehicles come and go in the main thread."""
+    """Each has a second free body, while the main thread attaches and detaches other vehicles."""
     alone = [run_alone(seed, 20_000) for seed in (1, 2)]
     together: dict[int, np.ndarray] = {}
     threads = [threading.Thread(target=lambda s=s: together.update({s: run_alone(s, 20_000)})) for s in (1, 2)]
@@ -214,7 +214,7 @@ def test_a_vehicle_whose_data_is_gone_is_detached():
 
 
 def wet(seed: int, timestep: float = 1e-3):
-    """A vehicle in motion with everything offset, and the water to attach it to."""
+    """Model and data of a moving vehicle with full matrices and offset centres, and arguments of attach."""
     parameters = random_parameters(seed, timestep=timestep)
     model, data = load(parameters, crowded=True)
     place(model, data, nu=(0.5, -0.4, 0.3, 0.2, -0.3, 0.4))
@@ -234,7 +234,7 @@ def undisturbed(seed: int, steps: int) -> np.ndarray:
 
 @pytest.mark.parametrize("state", ["mjSTATE_FULLPHYSICS", "mjSTATE_INTEGRATION", "mjSTATE_USER"])
 def test_a_state_that_was_saved_and_restored_has_the_water_once(state):
-    """The same motion, bit for bit, whatever part of the state was put back."""
+    """The motion is the same, bit for bit, whichever part of the state is restored."""
     model, data, water = wet(5)
     whole, part = mujoco.mjtState.mjSTATE_INTEGRATION, getattr(mujoco.mjtState, state)
     with attach(model, data, "rov", **water):
@@ -251,7 +251,7 @@ def test_a_state_that_was_saved_and_restored_has_the_water_once(state):
 
 
 def test_copies_of_attached_data_have_the_water_once():
-    """Into attached data, back out of it, and between two attached ones."""
+    """Data is copied from attached to plain data, back, and between two attached ones."""
     expected = undisturbed(6, 300)
     model, data, water = wet(6)
     store, other = mujoco.MjData(model), mujoco.MjData(model)
@@ -269,7 +269,7 @@ def test_copies_of_attached_data_have_the_water_once():
 
 
 def test_rollouts_in_threads_have_the_water():
-    """mujoco.rollout over attached data, against a loop of steps."""
+    """mujoco.rollout on attached data agrees with a loop of steps."""
     rollout = pytest.importorskip("mujoco.rollout")
     model, data, water = wet(7)
     state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
@@ -286,7 +286,7 @@ def test_rollouts_in_threads_have_the_water():
 
 @pytest.mark.parametrize("component", range(6))
 def test_a_users_own_force_acts_once_component_by_component(component):
-    """One component of xfrc_applied, written once or before every step, is the same force through qfrc_applied."""
+    """A component of xfrc_applied, written once or before every step, acts as the same force in qfrc_applied."""
     results = []
     for way in ("once", "each step", "qfrc_applied"):
         model, data, water = wet(8)
@@ -315,7 +315,7 @@ def test_a_users_own_force_acts_once_component_by_component(component):
 
 
 def test_the_water_acts_where_passive_forces_are_disabled_and_where_a_stage_is_skipped():
-    """qfrc_passive counts the water once whether MuJoCo has set it anew or not."""
+    """qfrc_passive has the hydrodynamic wrench once, whether MuJoCo has reset it or not."""
     model, data, water = wet(9)
     with attach(model, data, "rov", **water):
         mujoco.mj_forward(model, data)
@@ -349,10 +349,10 @@ def test_somebody_elses_callback_is_noticed():
     attachment = attach(model, data)
     mujoco.set_mjcb_control(None)
     try:
-        with pytest.raises(RuntimeError, match="moves dry"):
+        with pytest.raises(RuntimeError, match="no longer applied"):
             _ = attachment.wrench
         mujoco.set_mjcb_control(lambda m, d: None)
-        with pytest.warns(RuntimeWarning, match="moves dry"):
+        with pytest.warns(RuntimeWarning, match="no longer applied"):
             attachment.detach()
         assert mujoco.get_mjcb_control() is not None
     finally:
@@ -441,7 +441,7 @@ def test_unphysical_coefficients_are_named(before, after, reason):
 
 
 def test_a_thruster_that_does_not_turn_with_the_vehicle_is_refused():
-    """A motor on the free joint pushes along W: at the reference attitude it looks right."""
+    """A motor on the free joint pushes along W, which is right at the reference attitude only."""
     xml = vehicle_xml(STILL).replace('<motor name="m0" site="origin"', '<motor name="m0" joint="free"')
     xml = xml.replace('simple="false"><freejoint/>', 'simple="false"><freejoint name="free"/>')
     model = mujoco.MjModel.from_xml_string(xml)
@@ -450,7 +450,7 @@ def test_a_thruster_that_does_not_turn_with_the_vehicle_is_refused():
 
 
 def test_the_factor_is_mujocos(rng):
-    """L^T D L of a random matrix, multiplied out; and a vehicle with a moving part takes MuJoCo's own way to it."""
+    """L^T D L gives the matrix; a vehicle with a moving part, factored by MuJoCo, has the same acceleration."""
     a = rng.normal(size=(6, 6))
     M, L, D_inverse = a @ a.T + np.eye(6), np.zeros(21), np.zeros(6)
     factor(M[np.tril_indices(6)], L, D_inverse)

@@ -1,5 +1,4 @@
-"""Settled runs rest where the closed forms say, in the paper's scenario and in others; where none holds, none is
-given."""
+"""Settled runs rest at the closed forms, in the paper's scenario and others; invalid closed forms are not given."""
 
 import numpy as np
 import pytest
@@ -108,8 +107,10 @@ def test_cross_damping_is_in_the_balance_at_rest(law, tmp_path):
 @pytest.mark.parametrize("law", ["gsta", "sta", "fosm", "impedance", "ideal"])
 @pytest.mark.parametrize("K_f", [1.0, 0.5])
 def test_generalised_impedance_tracks_a_force_where_the_position_error_is_zero(law, K_f):
-    """Eq. (7) at rest: K_x (x - x_d) = K_f (F_c - F_d), so that F_c = F_d where x = x_d. For the law without integral
-    term the current is part of the balance: in still water it holds for each."""
+    """Eq. (7) at rest is K_x (x - x_d) = K_f (F_c - F_d), so F_c = F_d at x = x_d.
+
+    Laws without an integral term balance the current as well, so they run in still water.
+    """
     F_d, k_c = 5.0, 1e5
     overrides = {
         "current.speed": 0.0 if law in ("impedance", "fosm") else 0.4,
@@ -142,8 +143,10 @@ def test_without_stiffness_the_force_is_the_desired_one_wherever_the_reference_i
     "overrides", [{}, {"wall.stiffness": 2e4}, {"current.speed": 0.3, "reference.target": [1.05, 0, 0]}]
 )
 def test_the_integral_sliding_variable_leaves_no_force_error(law, overrides):
-    """Eq. (6): its integral rests only where the impedance is met, so that also the first-order law reaches F =
-    K_x (x_d - x_c)/(1 + K_x/k_c)."""
+    """The integral of eq. (6) rests only if the desired impedance holds.
+
+    Even the first-order law then reaches F = K_x (x_d - x_c)/(1 + K_x/k_c).
+    """
     trace = simulate(Scenario.load("push_wall", {**overrides, "controller.integral": True}, law))
     k_c, target = trace.scenario.wall.stiffness, trace.scenario.reference.target[0]
     expected = 150.0 * (target - 1.0) / (1.0 + 150.0 / k_c)
@@ -153,7 +156,7 @@ def test_the_integral_sliding_variable_leaves_no_force_error(law, overrides):
 
 
 def test_the_integral_sliding_variable_is_the_integral_of_the_impedances_residual():
-    """s = M_d^-1 sigma of eq. (6), summed here from recorded signals; under a law that leaves a residual."""
+    """s = M_d^-1 sigma of eq. (6) is summed here from recorded signals, under a law that leaves a residual."""
     D, M = 88.0, 7.31 + 5.5
     overrides = {
         "controller.integral": True,
@@ -168,8 +171,10 @@ def test_the_integral_sliding_variable_is_the_integral_of_the_impedances_residua
 
 
 def test_the_ideal_law_has_the_desired_impedance_at_every_instant():
-    """Eq. (13) makes eq. (12) hold whatever current and disturbance do, and whatever the estimates are; what is left is
-    sampling, in proportion to the step."""
+    """Eq. (13) makes eq. (12) hold under any current, disturbance and estimates.
+
+    The remaining residual comes from sampling and is proportional to the step.
+    """
     residuals = {}
     for law, h in (("ideal", 1e-4), ("ideal", 5e-5), ("impedance", 1e-4)):
         overrides = {
@@ -182,7 +187,7 @@ def test_the_ideal_law_has_the_desired_impedance_at_every_instant():
         trace = simulate(Scenario.load("push_wall", overrides, law))
         a = np.gradient(trace.nu_e[:, 0], trace.t)
         D = 2.0 * np.sqrt(150.0 * (7.31 + 5.5))
-        # the axes are coupled by the attitude alone, which stays within a degree
+        # only the attitude couples the axes, and it stays within a degree
         residual = (7.31 + 5.5) * a + D * trace.nu_e[:, 0] + 150.0 * trace.eta_e[:, 0]
         residuals[law, h] = np.sqrt(np.mean(residual[100:] ** 2))
     assert residuals["ideal", 1e-4] < 1e-3 * residuals["impedance", 1e-4]
@@ -191,7 +196,7 @@ def test_the_ideal_law_has_the_desired_impedance_at_every_instant():
 
 @pytest.mark.filterwarnings("ignore::uvms_mj.checks.SamplingWarning")
 def test_inertia_shaping_is_stable_up_to_the_step_that_is_said():
-    """Eq. (4) with M_d = M/3: a force held for 2 h is negative damping of (M/M_d - 1) k_c h/2."""
+    """Under eq. (4) with M_d = M/3, a force held for 2 h acts as negative damping of (M/M_d - 1) k_c h/2."""
     M = np.array([7.31 + 5.5, 7.31 + 12.7, 7.31 + 14.57, 0.28, 0.28, 0.28])
     D_d = 30.0
     limit = 2.0 * 3.0 * D_d / (2.0 * 1e5)
@@ -218,7 +223,7 @@ def test_inertia_shaping_is_stable_up_to_the_step_that_is_said():
 @pytest.mark.parametrize("stiffness", [1e3, 1e5, 1e6])
 @pytest.mark.parametrize("target", [1.01, 1.3])
 def test_for_gsta_it_is_two_springs_in_a_row(stiffness, target):
-    """F = K_x (x_d - x_c) / (1 + K_x / k_c)."""
+    """The closed form is F = K_x (x_d - x_c) / (1 + K_x / k_c)."""
     overrides = {
         "wall.stiffness": stiffness,
         "reference.target": [target, 0.0, 0.0],
@@ -231,7 +236,7 @@ def test_for_gsta_it_is_two_springs_in_a_row(stiffness, target):
 
 
 def test_for_the_first_order_law_it_is_the_scalar_balance():
-    """s = phi/(K_s/epsilon - a), F = (K_x (x_d - x_c) - a M_x s)/(1 + K_x/k_c), phi the current's force over M_x."""
+    """s = phi/(K_s/epsilon - a) and F = (K_x (x_d - x_c) - a M_x s)/(1 + K_x/k_c); M_x phi is the current's force."""
     a, K, M_x = -100.0, 19.0 / 1e-3, 7.31 + 5.5
     u = 0.5 * np.cos(np.deg2rad(120.0))
     phi = (4.03 + 18.18 * abs(u)) * u / M_x
@@ -239,7 +244,7 @@ def test_for_the_first_order_law_it_is_the_scalar_balance():
     F = (1.5 - a * M_x * s) / (1.0 + 150.0 / 1e5)
     analytic = simulate(Scenario.load("push_wall", {"simulation.duration": 0.01}, "fosm")).analytic
     assert np.isclose(analytic.s[0], s, rtol=1e-6)
-    assert np.isclose(analytic.force, F, rtol=1e-5)  # the scalar balance leaves the small yaw out
+    assert np.isclose(analytic.force, F, rtol=1e-5)  # the scalar balance neglects the small yaw
     assert np.isclose(F, 1.48655, atol=1e-5)
 
 
@@ -251,7 +256,7 @@ def test_the_impedance_law_rests_short_of_the_papers_wall(paper_run):
 
 
 def test_without_nominal_control_the_thrust_is_nearly_the_same(paper_run):
-    """Sec. 5.2: virtually identical actuation, a larger integral term."""
+    """The paper, sec. 5.2, states virtually identical actuation and a larger integral term."""
     full, alone = paper_run("gsta"), paper_run("gsta", nominal=False)
     assert np.sqrt(np.mean((full.tau[:, 0] - alone.tau[:, 0]) ** 2)) < 0.05
     assert np.abs(alone.z[:, 0]).max() > 2.0 * np.abs(full.z[:, 0]).max()
@@ -295,7 +300,7 @@ INERTIA = [12.81, 20.01, 21.88, 0.28, 0.28, 0.28]
     ],
 )
 def test_super_twisting_that_would_bounce_on_the_wall_is_warned_of(overrides, bounces):
-    """The linear prediction and the run agree; where there is no warning, the closed form is reached."""
+    """The linear prediction agrees with the run. A run without a warning reaches the closed form."""
     trace = simulate(Scenario.load("push_wall", {**overrides, "simulation.duration": 30.0}, "gsta"), log_rate=100)
     assert any("bounce" in note for note in trace.notes) == bounces
     force, settled = final_force(trace)
@@ -307,7 +312,7 @@ def test_super_twisting_that_would_bounce_on_the_wall_is_warned_of(overrides, bo
 @pytest.mark.filterwarnings("ignore::uvms_mj.checks.SamplingWarning")
 @pytest.mark.parametrize(("periods", "yaw_deg"), [(4, 0.0), (7, 0.0), (4, 40.0)])
 def test_the_age_of_the_force_decides_whether_a_held_command_keeps_the_contact_damped(periods, yaw_deg):
-    """Inertia shaping with a limit 5 % above the mean age of the force, then 5 % below."""
+    """The limit of inertia shaping is 5 % above the mean age of the force, then 5 % below."""
 
     def shaped(share):
         overrides = {"controller.period": periods * 1e-4, "impedance.M_d": [share * m for m in INERTIA]}
@@ -329,7 +334,7 @@ def test_the_age_of_the_force_decides_whether_a_held_command_keeps_the_contact_d
 
 @pytest.mark.filterwarnings("ignore::uvms_mj.checks.SamplingWarning")
 def test_the_limits_of_the_sampled_loop_are_where_they_are_said_to_be():
-    """The first-order law at 2 % on either side of its limit: quiet inside, chattering outside."""
+    """The first-order law is quiet 2 % below its limit and chatters 2 % above it."""
     limit = 2.0 / (19.0 / 1e-3 + 100.0)
     variation = []
     for factor in (0.98, 1.02):

@@ -1,4 +1,4 @@
-"""The whole closed loop against the independent twin, and against itself."""
+"""The closed loop agrees with the independent twin, and with itself at other rates, steps and threads."""
 
 import re
 from concurrent.futures import ThreadPoolExecutor
@@ -75,7 +75,7 @@ LAWS = {
 
 @pytest.mark.parametrize("case", LAWS)
 def test_the_loop_is_the_twins(case):
-    """Position within 1e-4 m at all times, the first peak of the force within 2 %, through impact and rest."""
+    """Position agrees within 1e-4 m at all times, the peak force within 2 %, from free motion to rest at the wall."""
     law, duration = case.split()[0], 7.0
     ours, theirs = LAWS[case]
     trace = simulate(Scenario.load("push_wall", {"simulation.duration": duration, **ours}, law))
@@ -90,7 +90,7 @@ def test_the_loop_is_the_twins(case):
         assert peak == 0.0
     else:
         assert peak > 1.0
-    rest = trace.t > 0.3  # the first steps of a switching law are the step's own
+    rest = trace.t > 0.3  # the first steps of a switching law depend on the time step
     assert np.sqrt(np.mean((trace.s - twin["s"][every])[rest] ** 2)) < 2e-3
 
 
@@ -120,7 +120,7 @@ def test_the_loop_is_the_twins_with_cross_damping(tmp_path):
 
 
 def test_the_difference_to_continuous_time_falls_in_proportion_to_the_step(smooth_overrides):
-    """The smooth impedance law, no contact, everything moving and turning: order one against a tight integration."""
+    """The smooth impedance law without contact, moving on all axes, converges to a tight integration with order 1."""
     overrides, errors = smooth_overrides(1.5), []
     twin = simulate_smooth(
         TwinParameters(
@@ -152,7 +152,7 @@ def test_implicitfast_converges_to_the_same_motion(smooth_overrides):
 
 
 def test_every_rate_gives_the_same_samples():
-    """Rows at any rate, and rows of a run beside others, are bit for bit those of the full rate."""
+    """Rows at any rate are bit for bit those of the full rate."""
     scenario = Scenario.load(
         "push_wall", {"simulation.duration": 0.3, "reference.step_time": 0.0, "wall.position": 0.001}
     )
@@ -165,18 +165,18 @@ def test_every_rate_gives_the_same_samples():
 
 
 def test_a_row_has_the_state_and_its_own_contact_force():
-    """f = -k_c (x - x_c) at the row's own x, exactly so for the law; nu_dot is the derivative of nu."""
+    """f = -k_c (x - x_c) holds at the x of the same row, exactly for the law; nu_dot is the derivative of nu."""
     overrides = {"simulation.duration": 0.5, "reference.step_time": 0.0, "wall.position": 0.001, "wall.stiffness": 2e4}
     trace = simulate(Scenario.load("push_wall", overrides), log_rate="full")
     depth = np.maximum(0.0, trace.p_WB[:, 0] - 0.001)
     assert depth.max() > 1e-5
-    # MuJoCo's least contact impedance, 1e-4, adds that part of the inertial force to a contact that moves
+    # MuJoCo's smallest contact impedance, 1e-4, adds this share of the inertial force during motion
     assert np.allclose(trace.push, 2e4 * depth, rtol=0, atol=1e-4 * trace.push.max())
     assert np.allclose(-trace.f_contact_m_W[:, 0], 2e4 * depth, rtol=0, atol=1e-11)  # rounding of x times 2e4
     assert np.abs(trace.f_contact_m_W[:, 1:]).max() < 1e-7
     h = 1e-4
     nu_dot = np.diff(trace.nu, axis=0) / h
-    # qacc is what semi-implicit Euler adds to qvel: exact for omega, in W for v; in B by h omega x v_dot
+    # semi-implicit Euler adds h qacc to qvel: exact for omega, in W for v; in B it differs by h omega x v_dot
     assert np.allclose(nu_dot[:, 3:], trace.nu_dot[:-1, 3:], atol=1e-6)
     turned = np.abs(np.cross(trace.nu[:-1, 3:], trace.nu_dot[:-1, :3])).max()
     assert np.abs(nu_dot[:, :3] - trace.nu_dot[:-1, :3]).max() < 2.0 * h * turned + 1e-6
@@ -200,13 +200,13 @@ def test_running_signals_are_what_the_full_rate_adds_up_to():
     assert some.first_contact[-1] == full.t[touching][0]
     inside = (np.abs(full.s) < 1e-3)[:-1].sum(axis=0) * h
     assert np.allclose(some.boundary_layer_time[-1], inside)
-    # an elastic wall gives back what it took: the work is the spring's energy
+    # an elastic wall returns all energy: the work is the energy stored in the spring
     depth = max(0.0, full.p_WB[-1, 0] - 0.001)
     assert np.isclose(full.wall_work[-1], 0.5 * 1e5 * depth**2, rtol=2e-4)
 
 
 def test_final_values_do_not_depend_on_the_log_rate():
-    """A rate at which the last half second has no row of its own; the row at the end is there all the same."""
+    """At 0.4 Hz the last half second has no row but the one at the end, which is always recorded."""
     overrides = {
         "simulation.duration": 4.0,
         "reference.step_time": 0.0,
@@ -247,8 +247,10 @@ def test_tau_is_what_the_thrusters_give():
 
 
 def test_u_is_thrust_in_newtons_whatever_gear_gain_and_ctrl_are(tmp_path):
-    """A motor driven by 8 newtons for each unit of ctrl, in part by its gear and in part by its gain, is one of gear 1
-    with limits eight times as far apart; the figures are powers of two, so to the last bit."""
+    """A motor with 8 N per unit of ctrl, from gear times gain, equals one of gear 1 with limits eight times as large.
+
+    All factors are powers of two, so the runs agree bit for bit.
+    """
     xml = vehicle_xml(random_parameters(3))
     traces = {}
     for name, motor in {
@@ -291,7 +293,7 @@ def test_an_unstable_run_stops_at_the_step_and_keeps_what_it_has():
 
 
 def test_runs_beside_each_other_are_each_as_alone():
-    """Two scenarios with different laws in two threads of one process, bit for bit."""
+    """Two scenarios with different laws run in two threads of one process, bit for bit as alone."""
     scenarios = [
         Scenario.load("push_wall", {"simulation.duration": 2.0, "reference.step_time": 0.0, "wall.position": 0.05}, law)
         for law in ("gsta", "fosm")

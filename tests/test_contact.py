@@ -1,4 +1,4 @@
-"""The wall: its impact and its friction. Coulomb's law while it slips, a spring while it sticks, no gain of energy."""
+"""Impact and friction at the wall: Coulomb's law in slip, a spring in stick, no gain of energy, accurate impacts."""
 
 import re
 from dataclasses import dataclass
@@ -15,13 +15,13 @@ from uvms_mj.checks import SamplingWarning
 from uvms_mj.contact import CONTACT, contact_force
 
 M = np.array([7.31 + 5.5, 7.31 + 12.7, 7.31 + 14.57])
-"""Of the BlueROV1, along its axes [kg]."""
+"""Inertia of the BlueROV1 along x, y and z, added mass included [kg]."""
 PUSH, K_C = 7.5, 1e5
 
 
 @dataclass(frozen=True)
 class Push(Controller):
-    """A constant push on the wall, a force along its face, and an attitude that is held against friction's moment."""
+    """A law with a constant push on the wall, a constant force along its face, and attitude control."""
 
     push: float = gain(PUSH, "N", "along x")
     along: tuple[float, float] = gain((0.0, 0.0), "N", "along y and z")
@@ -37,7 +37,7 @@ class Push(Controller):
 
 @pytest.fixture(scope="module")
 def slippery(tmp_path_factory) -> Path:
-    """The BlueROV1 without damping: friction alone slows it down."""
+    """A BlueROV1 without hydrodynamic damping, so that only friction slows it down."""
     xml = (Path(__file__).parents[1] / "models" / "bluerov1.xml").read_text()
     for derivative in ("X_u", "Y_v", "Z_w", "K_p", "M_q", "N_r"):
         for name in (derivative, derivative + derivative[-1]):
@@ -49,7 +49,7 @@ def slippery(tmp_path_factory) -> Path:
 
 
 def at_the_wall(vehicle: Path, law: Controller, overrides: dict) -> Trace:
-    """Every step of a run that begins pressed against the wall, in still water."""
+    """Trace at the full rate of a run in still water that starts pressed against the wall."""
     world = {
         "vehicle.model": str(vehicle),
         "current.speed": 0.0,
@@ -63,7 +63,7 @@ def at_the_wall(vehicle: Path, law: Controller, overrides: dict) -> Trace:
 @pytest.mark.parametrize("timestep", [2e-4, 1e-4, 5e-5])
 @pytest.mark.parametrize(("axis", "mu"), [(1, 0.2), (2, 0.5)])
 def test_a_sliding_vehicle_is_slowed_by_mu_times_the_normal_force_and_stops(slippery, timestep, axis, mu):
-    """v_dot = -mu F_n / M with the added mass in M; then it stands still, in contact at every step."""
+    """The vehicle slides with v_dot = -mu F_n / M, added mass included, then rests, in contact at every step."""
     velocity, deceleration = np.zeros(6), mu * PUSH / M[axis]
     velocity[axis] = 0.15
     stop = velocity[axis] / deceleration
@@ -85,7 +85,7 @@ def test_a_sliding_vehicle_is_slowed_by_mu_times_the_normal_force_and_stops(slip
 
 
 def test_a_sticking_contact_gives_way_by_the_springs_stretch_and_does_not_creep(slippery):
-    """Loaded to 0.65 of the limit along y and z together, with a tangential stiffness of its own."""
+    """The load is 0.65 of the Coulomb limit along y and z together; tangential and normal stiffness differ."""
     k_t, mu = 4e4, 0.4
     along = 0.65 * mu * PUSH * np.array([0.6, -0.8])
     overrides = {"wall.friction": mu, "wall.tangential_stiffness": k_t, "simulation.duration": 8.0}
@@ -99,8 +99,7 @@ def test_a_sticking_contact_gives_way_by_the_springs_stretch_and_does_not_creep(
 
 
 def test_friction_acts_at_the_contact_point_with_its_moment_about_b():
-    """The acceleration of the first instant, against the matrix equation with the wrench of a force at the probe's
-    front."""
+    """The first acceleration agrees with the matrix equation under a force at the front of the probe."""
     attitude, velocity, mu = [0.0, 0.0, 25.0], [0.0, 0.05, -0.08, 0.0, 0.0, 0.0], 0.3
     overrides = {
         "wall.friction": mu,
@@ -125,7 +124,7 @@ def test_friction_acts_at_the_contact_point_with_its_moment_about_b():
 
 
 def pressed(k_t: float, b_t: float, mu: float, depth: float) -> tuple[np.recarray, np.ndarray]:
-    """A contact in which a point stands ``depth`` inside a wall of normal -x, and the sensors' nearest points."""
+    """A contact point ``depth`` inside a wall of normal -x, and the nearest points of the sensors."""
     contact = np.zeros(1, CONTACT).view(np.recarray)[0]
     contact.stiffness, contact.friction = K_C, mu
     contact.tangential_stiffness, contact.tangential_damping = k_t, b_t
@@ -133,8 +132,10 @@ def pressed(k_t: float, b_t: float, mu: float, depth: float) -> tuple[np.recarra
 
 
 def test_a_reversal_of_the_slip_gives_the_textbooks_loop():
-    """Force over displacement is a parallelogram of slope k_t between +-mu F_n (Jenkins' element), whose area is
-    4 mu F_n (a - mu F_n / k_t) for an amplitude a."""
+    """Force over displacement is a parallelogram of slope k_t between +-mu F_n (Jenkins element).
+
+    Its area is 4 mu F_n (a - mu F_n / k_t) for an amplitude a.
+    """
     k_t, mu, depth, amplitude, n = 2e4, 0.3, 1e-4, 2e-3, 4000
     limit = mu * K_C * depth
     contact, fromto = pressed(k_t, 0.0, mu, depth)
@@ -144,7 +145,7 @@ def test_a_reversal_of_the_slip_gives_the_textbooks_loop():
         nu = np.array([0.0, y[k] - y[max(k - 1, 0)], 0.0, 0.0, 0.0, 0.0])  # per time step of 1 s
         contact_force(contact, -depth, fromto, np.zeros(3), np.eye(3), nu, 1.0)
         force[k] = contact.f_W[1]
-    # the play operator: the element's closed form for any motion
+    # the play operator is the element's closed form for any motion
     expected, offset = np.zeros_like(y), 0.0
     for k in range(len(y)):
         offset = min(max(offset, y[k] - limit / k_t), y[k] + limit / k_t)
@@ -157,7 +158,7 @@ def test_a_reversal_of_the_slip_gives_the_textbooks_loop():
 
 @given(st.integers(0, 2**32 - 1))
 def test_the_contact_never_gives_back_more_energy_than_its_spring_holds(seed):
-    """Work done on the tangential spring, damper and slider, under any motion and any normal force."""
+    """Spring, damper and slider are passive under any motion along the face and any normal force."""
     rng = np.random.default_rng(seed)
     k_t, b_t, mu = 10.0 ** rng.uniform(2, 6), 10.0 ** rng.uniform(-1, 5), rng.uniform(0.01, 2.0)
     contact, fromto = pressed(k_t, b_t if rng.random() < 0.8 else 0.0, mu, 1e-4)
@@ -181,7 +182,7 @@ def test_the_contact_never_gives_back_more_energy_than_its_spring_holds(seed):
 @pytest.mark.parametrize("mu", [0.05, 0.5])
 @pytest.mark.parametrize("speed", [0.05, 0.4])
 def test_gsta_slides_along_the_wall_without_spikes(mu, speed):
-    """Pushed with 7.5 N and moved along the face: in contact, F_t/F_n = mu, no force beyond the impact's peak."""
+    """The vehicle pushes with 7.5 N and slides: it stays in contact, F_t/F_n = mu, the impact has the peak force."""
     ramp = [{"time": 8.0 + 0.1 * i, "position": [1.05, speed * 0.1 * (i + 1), 0.0]} for i in range(40)]
     overrides = {
         "reference.waypoints": [{"time": 1.0, "position": [1.05, 0.0, 0.0]}, *ramp],
@@ -199,7 +200,7 @@ def test_gsta_slides_along_the_wall_without_spikes(mu, speed):
 
 
 def test_the_push_after_the_impact_does_not_depend_on_the_step():
-    """GSTA meets the wall while it moves along it: sticking, slipping and turning."""
+    """Under GSTA the vehicle hits the wall while it moves along it: it sticks, slips and turns."""
     peaks = []
     for timestep in (2e-4, 1e-4, 5e-5):
         overrides = {
@@ -231,8 +232,10 @@ def test_friction_too_stiff_for_the_step_is_refused_and_badly_resolved_friction_
 
 
 def test_the_impact_is_that_of_the_continuous_loop():
-    """The paper's scenario at the default step, against the limit of smaller steps: 17.872 N, by an independent
-    integration of the continuous loop."""
+    """Peak force and impulse of the paper's scenario converge with order 1 and are accurate at the default step.
+
+    17.872 N is the peak force of an independent integration of the continuous loop.
+    """
     peak, impulse = [], []
     for timestep in (1e-4, 5e-5, 2.5e-5):
         overrides = {"simulation.timestep": timestep, "simulation.duration": 8.0}
@@ -243,7 +246,7 @@ def test_the_impact_is_that_of_the_continuous_loop():
     for values, tolerance in ((peak, 5e-4), (impulse, 5e-5)):
         limit = 2.0 * values[2] - values[1]
         assert values[0] == pytest.approx(limit, rel=tolerance)
-        assert (values[0] - limit) / (values[1] - limit) == pytest.approx(2.0, rel=0.05)  # of first order
+        assert (values[0] - limit) / (values[1] - limit) == pytest.approx(2.0, rel=0.05)  # order 1
 
 
 @pytest.mark.parametrize("stiffness", [8e5, 8.5e5, 3e6])
@@ -256,7 +259,7 @@ def test_a_stiff_wall_comes_to_rest_where_the_law_runs_at_every_step(stiffness):
 
 @dataclass(frozen=True)
 class Coast(Controller):
-    """No thrust at all."""
+    """A law without thrust."""
 
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):
@@ -264,7 +267,7 @@ class Coast(Controller):
 
 
 def rebound(vehicle: Path, timestep: float, start: float) -> float:
-    """Restitution of an impact on a wall of 1e5 N/m without damping."""
+    """Coefficient of restitution of an impact on a wall of 1e5 N/m without damping."""
     overrides = {
         "vehicle.model": str(vehicle),
         "current.speed": 0.0,
@@ -281,8 +284,7 @@ def rebound(vehicle: Path, timestep: float, start: float) -> float:
 
 @pytest.mark.filterwarnings("ignore::uvms_mj.checks.SamplingWarning")
 def test_a_wall_that_the_step_resolves_badly_is_noted(slippery):
-    """The note says 1 %: without it the rebound is better than that, with it worse, and at the step that it names it is
-    right again."""
+    """The warning is given exactly if the rebound has an error of more than about 1 %."""
     w = np.sqrt(K_C / M[0])
     for h_w, noted in ((0.05, False), (0.28, False), (0.5, True), (1.3, True)):
         timestep = round(h_w / w, 6)

@@ -1,4 +1,4 @@
-"""Ott's design gives every mode the damping ratio that was asked for."""
+"""Ott's design gives every mode the requested damping ratio."""
 
 import numpy as np
 from hypothesis import given
@@ -17,9 +17,9 @@ def test_all_modes_have_the_damping_ratio(seed, ratio):
     poles = np.linalg.eigvals(
         np.block([[np.zeros((6, 6)), np.eye(6)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
     )
-    # two poles a mode: their product is omega^2, their sum -2 ratio omega
+    # each mode has two poles with product omega^2 and sum -2 ratio omega
     omega_squared = np.linalg.eigvals(np.linalg.solve(M, K)).real
     expected = np.concatenate([np.roots([1.0, 2 * ratio * np.sqrt(w2), w2]) for w2 in omega_squared])
-    # double poles (ratio 1) are only known to half the digits
+    # double poles (ratio 1) are accurate to half the digits only
     for pole in expected:
         assert np.abs(poles - pole).min() < 1e-5 * np.abs(pole).max() + 1e-6

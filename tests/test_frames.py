@@ -46,7 +46,7 @@ def test_quaternion_error_is_the_rotation_from_desired_to_actual_the_short_way(d
 
 
 def test_acceleration_in_the_body_frame_is_the_derivative_of_the_velocity(rng):
-    """nu_dot against central differences of nu along a motion with constant qacc."""
+    """nu_dot agrees with central differences of nu along a motion with constant qacc."""
     q, v_W, omega = frames.quat_from_euler_deg(20, -30, 50), rng.normal(size=3), rng.normal(size=3)
     a_W, alpha = rng.normal(size=3), rng.normal(size=3)
 

@@ -13,7 +13,7 @@ def evaluate(t, start, times, positions, bandwidth):
 
 
 def test_it_solves_the_filters_differential_equation_through_all_waypoints():
-    """(p + w)^3 p_d = w^3 r(t), integrated numerically piece by piece."""
+    """The filter (p + w)^3 p_d = w^3 r(t) is integrated numerically from waypoint to waypoint."""
     times, positions, w, start = [0.5, 1.7], [[1.0, -2.0, 0.5], [0.2, 0.0, 3.0]], 2.5, [0.3, 0.1, -0.2]
     x = np.array([start, [0.0] * 3, [0.0] * 3]).ravel()
     t0 = 0.0

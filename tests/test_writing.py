@@ -1,4 +1,4 @@
-"""The way of samples from a run to its sinks, when it is interrupted or they fail."""
+"""Rows reach the sinks complete and in order, also under interrupts, failing sinks and slow sinks."""
 
 import subprocess
 import sys
@@ -13,7 +13,7 @@ SHORT = Scenario.load("push_wall", {"simulation.duration": 0.5})
 
 
 class Kept:
-    """A sink that keeps what it gets."""
+    """A sink that keeps rows and outcome."""
 
     def begin(self, header):
         self.blocks, self.outcome = [], None
@@ -31,7 +31,7 @@ STORM = """if True:
     from uvms_mj import Scenario, Status, simulate, simulation
     from test_writing import Kept
 
-    simulation.CHUNK_STEPS = 1  # rows are handed over at every step, so that an interrupt meets that often
+    simulation.CHUNK_STEPS = 1  # rows are passed on at every step, so that interrupts often come at that moment
     scenario = Scenario.load("push_wall", {"simulation.duration": 2000.0})
     dice = random.Random(int(sys.argv[1]))
 
@@ -60,7 +60,7 @@ STORM = """if True:
         met += 1
         rows = np.concatenate(sink.blocks)
         assert np.array_equal(rows[:, 0], trace.t)
-        assert np.array_equal(np.rint(np.diff(rows[:, 0]) / 1e-4), np.ones(len(rows) - 1)), "a row is missing, or twice"
+        assert np.array_equal(np.rint(np.diff(rows[:, 0]) / 1e-4), np.ones(len(rows) - 1)), "a row is missing or double"
     assert met > 50, met
 """
 

@@ -1,10 +1,10 @@
-"""Independent twin of the closed loop, in NumPy and SciPy alone, for tests to hold the simulator against.
+"""Independent twin of the closed loop, in NumPy and SciPy alone, to test the simulator against.
 
 Written from Dyrhaug, Pettersen and Gravdahl, "Robust Interaction using Generalized Super-Twisting Impedance
-Control" ("paper") and Fossen (2021); it shares no code with the package. The plant is in here twice: eq. (10)
-stands as 6x6 matrices in `matrix_acceleration`, and as cross products of momenta in `simulate_fixed_step`.
+Control" ("paper") and Fossen (2021); it shares no code with the package. It has the plant, eq. (10), twice: as 6x6
+matrices in `matrix_acceleration`, and as cross products of momenta in `simulate_fixed_step`.
 
-World W: x to the wall, y left, z up. Body B: forward, left, up. nu = [v; omega] and every wrench are in B, at
+World W: x towards the wall, y left, z up. Body B: forward, left, up. nu = [v; omega] and every wrench are in B, at
 the body's origin, linear part first. Quaternions are w x y z and rotate B into W. SI units, radians.
 """
 
@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
 Array = np.ndarray
-Vector = tuple[float, ...] | list[float] | Array  # of the length that the comment states
+Vector = tuple[float, ...] | list[float] | Array  # its length is given in the comment
 Diagonal = float | Vector  # scalar, or the 6 entries of a diagonal matrix
 ZEROS_3 = (0.0,) * 3
 ZEROS_6 = (0.0,) * 6
@@ -101,7 +101,7 @@ def M_RB(parameters: TwinParameters) -> Array:
 
 
 def C_RB(parameters: TwinParameters, nu: Vector) -> Array:
-    """Rigid-body Coriolis matrix, (6, 6), in the form that doesn't depend on the linear velocity."""
+    """Rigid-body Coriolis matrix, (6, 6), in the form that is independent of the linear velocity."""
     m, S_g, S_w = parameters.mass, skew(parameters.r_g), skew(nu[3:])
     S_h = skew(np.asarray(parameters.inertia) @ np.asarray(nu[3:]))
     return np.block([[m * S_w, -m * S_w @ S_g], [m * S_g @ S_w, -S_h]])  # Fossen (2021), eq. (3.63)
@@ -136,7 +136,7 @@ def tau_dist(parameters: TwinParameters, t: float) -> Array:
 def matrix_acceleration(
     parameters: TwinParameters, p: Vector, quat: Vector, nu: Vector, tau: Vector, t: float
 ) -> Array:
-    """nu_dot, (6,), under the wrench tau, without contact; p, (3,) in W, therefore has no effect."""
+    """nu_dot, (6,), under the wrench tau without contact, so that p, (3,) in W, has no effect."""
     nu = np.asarray(nu, float)
     v_c = rotation(quat).T @ np.asarray(parameters.v_c_W)  # the current in B
     nu_c = np.r_[v_c, ZEROS_3]
@@ -149,7 +149,7 @@ def matrix_acceleration(
 
 
 def reference(parameters: TwinParameters, t: float) -> tuple[list[float], list[float], list[float]]:
-    """p_d, p_d_dot, p_d_ddot in W at time t: steps through (omega_n / (p + omega_n))^3, which superpose."""
+    """p_d, p_d_dot, p_d_ddot in W at time t: superposed steps through (omega_n / (p + omega_n))^3."""
     w = parameters.bandwidth
     before = parameters.reference_start
     p_d, p_d_dot, p_d_ddot = [float(x) for x in before], [0.0] * 3, [0.0] * 3
@@ -226,7 +226,7 @@ def _buoyancy(parameters: TwinParameters) -> float:
 
 
 class _Plant:
-    """Eq. (10) with its constants worked out once."""
+    """Eq. (10) with precomputed constants."""
 
     def __init__(self, parameters: TwinParameters) -> None:
         W, B = parameters.mass * parameters.gravity, _buoyancy(parameters)
@@ -241,7 +241,7 @@ class _Plant:
         """f_C C(nu) nu + f_D D(nu) nu + f_g g(eta), (6,)."""
         h = self.M.dot(nu).tolist()
         v, omega, h_1, h_2, up_B = nu[:3], nu[3:], h[:3], h[3:], R[6:9]
-        # both Coriolis parametrisations, multiplied by nu, are momentum seen from a turning frame
+        # both Coriolis parametrisations times nu give the change of momentum in a rotating frame
         a, b, c = _cross(omega, h_1), _cross(v, h_1), _cross(omega, h_2)  # Fossen (2021), eq. (3.63)
         coriolis = (*a, b[0] + c[0], b[1] + c[1], b[2] + c[2])
         restoring = (*[self.surplus * x for x in up_B], *_cross(self.lever, up_B))
@@ -260,7 +260,7 @@ class _Plant:
 
 
 class _Law:
-    """The three laws, their states zeta and z, and s of the latest sample, (6,) each."""
+    """The three laws with their states zeta and z, and s of the latest sample, (6,) each."""
 
     def __init__(self, parameters: TwinParameters, plant: _Plant) -> None:
         if parameters.law not in ("impedance", "fosm", "gsta"):
@@ -299,13 +299,13 @@ class _Law:
     def sample(
         self, t: float, p: Vector, quat: Vector, R: Vector, nu: list[float], tau_c: list[float], period: float
     ) -> list[float]:
-        """tau, (6,), from the contact wrench tau_c, (6,), of this instant; then zeta and z step over one period."""
+        """tau, (6,), from the contact wrench tau_c, (6,), of this instant; then zeta and z advance by one period."""
         law, zeta, z = self.parameters, self.zeta, self.z
         with_nominal = law.nominal or law.law != "gsta"
         eta_e, eta_e_dot, nu_e, nu_d_dot = self.errors(t, p, quat, R, nu)
         impedance = self.M_d_inv_K_d_D_d.dot(eta_e + nu_e).tolist()  # M_d^-1 (K_d eta_e + D_d nu_e)
         contact = self.M_d_inv.dot(tau_c).tolist()
-        acceleration = [0.0] * 6  # the part of tau that M_hat multiplies
+        acceleration = [0.0] * 6  # tau has M_hat times this
         for i, (F_1, F_2, A) in enumerate(self.gains):  # F_2 A F_2^-1 = A, all three being diagonal
             s = self.s[i] = nu_e[i] + F_1 * eta_e[i] + F_2 * zeta[i]  # paper eq. (14)
             inside = impedance[i] + A * (F_1 * eta_e[i] + nu_e[i]) - F_1 * eta_e_dot[i] - contact[i]
@@ -335,7 +335,7 @@ def simulate_fixed_step(parameters: TwinParameters, timestep: float | None = Non
     """Closed loop by semi-implicit Euler, nu first; n = duration / timestep + 1 rows, the first at t = 0.
 
     Returns t (n,), p (n, 3) in W, quat (n, 4), nu (n, 6), force (n,) pushing on the wall at t; s, z, zeta,
-    tau (n, 6) of the law's latest sample: the states it used, before their step, and what it commanded.
+    tau (n, 6) of the law's latest sample: its states before they advance, and its command.
     Raises ValueError for an unknown law, or a period that isn't a multiple of the step.
     """
     h = parameters.timestep if timestep is None else timestep
@@ -395,7 +395,7 @@ def simulate_smooth(parameters: TwinParameters, t_eval: Vector) -> dict[str, Arr
 
     y = np.r_[parameters.p_0, _unit(parameters.quat_0), parameters.nu_0]
     rows = np.empty((t_eval.size, 13))
-    # a step of the reference breaks its third derivative: no integration step may straddle one
+    # a step of the reference has a discontinuous third derivative, so integration stops and restarts there
     ends = sorted({t for t, _ in parameters.waypoints if 0.0 < t < t_eval[-1]} | {float(t_eval[-1])})
     begin = 0.0
     for end in ends:

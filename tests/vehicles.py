@@ -1,4 +1,4 @@
-"""Vehicles for tests: MJCF of any twin's parameters, alone or as the second body beside another free one."""
+"""Vehicles for tests: MJCF from the twin's parameters, alone or with a second free body."""
 
 import mujoco
 import numpy as np
@@ -13,7 +13,7 @@ def _numbers(values) -> str:
 
 
 def vehicle_xml(parameters: TwinParameters, crowded: bool = False, option: str = "", motors: bool = True) -> str:
-    """A vehicle with the twin's coefficients and one ideal motor for each axis; crowded puts a free ball before it."""
+    """MJCF of a vehicle with the twin's coefficients and one motor per axis; ``crowded`` adds a free ball before it."""
     r_g, m = np.asarray(parameters.r_g), parameters.mass
     I_g = np.asarray(parameters.inertia) + m * skew(r_g) @ skew(r_g)  # parallel axis theorem
     full = (I_g[0, 0], I_g[1, 1], I_g[2, 2], I_g[0, 1], I_g[0, 2], I_g[1, 2])
@@ -44,8 +44,7 @@ def dissipative(rng: np.random.Generator, scale: float) -> np.ndarray:
 
 
 def random_parameters(seed: int, **others) -> TwinParameters:
-    """A vehicle with full M_A and D, a full inertia and its centre of gravity far off the origin, in a current,
-    disturbed."""
+    """A vehicle with full M_A, D and inertia, a centre of gravity far off the origin, current and disturbance."""
     rng = np.random.default_rng(seed)
     points, masses = rng.normal(size=(8, 3)) * 0.3 + rng.normal(size=3) * 0.3, rng.uniform(0.5, 2.0, 8)
     m = float(masses.sum())
@@ -73,7 +72,7 @@ def load(parameters: TwinParameters, **options) -> tuple[mujoco.MjModel, mujoco.
 
 
 def water_of(parameters: TwinParameters) -> dict:
-    """What attach() is told besides the model."""
+    """Arguments of attach() for current and disturbance."""
     return {
         "current_W": parameters.v_c_W,
         "bias": parameters.disturbance_bias,
@@ -83,7 +82,7 @@ def water_of(parameters: TwinParameters) -> dict:
 
 
 def place(model, data, position=(0, 0, 0), quat=(1, 0, 0, 0), nu=(0,) * 6) -> None:
-    """Put the vehicle somewhere, with a velocity in B."""
+    """Set the vehicle's pose in W and its velocity in B."""
     joint = model.body("rov").jntadr[0]
     qpos, dof = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
     data.qpos[qpos : qpos + 7] = [*position, *quat]

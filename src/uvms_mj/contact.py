@@ -1,23 +1,23 @@
-r"""The force between a wall and one point of a vehicle, from the state of the same instant.
+r"""Force between a wall and one contact point of a vehicle, from the state of the same instant.
 
-Along the normal n, which points out of the wall, it is the spring and damper of the paper's eq. (34),
+The force along the normal n, which points out of the wall, is that of the spring and damper of the paper's eq. (34),
 
 .. math::
 
     F_n = \max(0, k_c \delta - b_c\, n^\top v)
 
-with the depth :math:`\delta` and the velocity v of the contact point. MuJoCo's contact solver applies that force. Along
-the face acts Coulomb friction with a tangential spring and damper (Cundall and Strack, 1979, *Geotechnique* 29, 47-65),
-which this module computes. The stretch :math:`\xi` follows the contact point's motion along the face. The spring can
-hold no more than the Coulomb limit, so the stretch is cut back while the contact slips:
+with the depth :math:`\delta` and the velocity v of the contact point. MuJoCo's contact solver applies this force. This
+module also computes the Coulomb friction along the face, with a tangential spring and damper (Cundall and Strack, 1979,
+*Geotechnique* 29, 47-65). The stretch :math:`\xi` follows the contact point's motion along the face. The spring force
+can't exceed the Coulomb limit, so the stretch is reduced while the contact slips:
 
 .. math::
 
     \xi \leftarrow \xi \min\left(1, \frac{\mu F_n}{k_t |\xi|}\right), \qquad
     F_t = -(k_t \xi + b_t v_t) \min\left(1, \frac{\mu F_n}{|k_t \xi + b_t v_t|}\right)
 
-While it slips, F_t is mu F_n against the slip. While it sticks, the contact gives way by F_t/k_t and does not creep.
-Spring, damper and slider take up at least as much energy as the spring gives back, at any cut.
+While the contact slips, F_t has the size mu F_n and opposes the slip. While it sticks, it yields by F_t/k_t and does
+not creep. Spring, damper and slider together never return more energy than they were given.
 """
 
 import math
@@ -38,26 +38,26 @@ CONTACT = np.dtype(
         ("normal_W", "f8", (3,)),  # out of the wall
         ("arm_W", "f8", (3,)),  # from B's origin to the contact point [m]
         ("stretch_W", "f8", (3,)),  # of the tangential spring [m]
-        ("f_tangential_W", "f8", (3,)),  # friction on the vehicle [N]
-        ("f_W", "f8", (3,)),  # the wall's whole force on the vehicle [N]
-        ("tau_B", "f8", (6,)),  # the same as a wrench at B's origin, in B [N, N m]
-        ("work", "f8", (3,)),
+        ("f_tangential_W", "f8", (3,)),  # friction force on the vehicle [N]
+        ("f_W", "f8", (3,)),  # total force of the wall on the vehicle [N]
+        ("tau_B", "f8", (6,)),  # f_W as a wrench at B's origin, in B [N, N m]
+        ("work", "f8", (3,)),  # scratch
     ],
     align=True,
 )
-"""One contact point: the wall's settings, the spring's stretch, and the force of the latest instant."""
+"""One contact point: settings of the wall, stretch of the spring, and force of the latest instant."""
 
 
 @kernel
 def contact_force(contact, distance, fromto, p_WB, R_WB, nu, timestep):
     """Set the force of a contact point on the vehicle at this instant, and advance the stretch of its spring.
 
-    Call it once for each time step. Symplectic Euler moves the vehicle by timestep times the velocity at the end of
-    the step, and so moves the stretch.
+    Call it once per time step. The stretch advances as positions do under symplectic Euler: by timestep times the
+    velocity at the end of the step.
 
     Args:
         contact: a CONTACT record.
-        distance: from the wall's surface to the vehicle's [m], negative in the wall.
+        distance: from the wall's surface to the vehicle's [m], negative if they overlap.
         fromto: (6,) nearest points of the wall and of the vehicle in W [m].
         p_WB: (3,) position of B's origin [m].
         R_WB: (3, 3) attitude.
@@ -77,7 +77,7 @@ def contact_force(contact, distance, fromto, p_WB, R_WB, nu, timestep):
     n, arm, v = contact.normal_W, contact.arm_W, contact.work
     for i in range(3):
         n[i] = (fromto[3 + i] - fromto[i]) / distance
-        arm[i] = 0.5 * (fromto[i] + fromto[3 + i]) - p_WB[i]  # MuJoCo's contact point is halfway, too
+        arm[i] = 0.5 * (fromto[i] + fromto[3 + i]) - p_WB[i]  # halfway, as MuJoCo's contact point
     to_body(R_WB, arm, v)
     a_x = nu[0] + nu[4] * v[2] - nu[5] * v[1]  # v + omega x arm, in B
     a_y = nu[1] + nu[5] * v[0] - nu[3] * v[2]
@@ -123,7 +123,7 @@ def friction(contact, f_n, v_t, timestep):
 
 @kernel
 def wrench_at_origin(R_WB, arm_W, f_W, work, tau):
-    """Set tau (6,) at B's origin in B [N, N m] of a force f_W (3,) at arm_W (3,) from it; work is (3,) scratch."""
+    """Set tau (6,) [N, N m], the wrench in B at its origin of a force f_W (3,) at arm_W (3,); work is (3,) scratch."""
     to_body(R_WB, f_W, tau)
     to_body(R_WB, arm_W, work)
     tau[3] = work[1] * tau[2] - work[2] * tau[1]

@@ -1,7 +1,8 @@
-"""Checks of a wall before the first step: whether the time step can carry it, and how well it resolves an impact.
+"""Checks of the wall before the first step: stability of the time step, and accuracy of an impact.
 
-Symplectic Euler with a step h carries a mass m on a spring k and a damper b while h^2 k/m + 2 h b/m < 4. Well inside
-that limit the forces are right. With w = sqrt(k/m), the peak force and the rebound err by about (h w)^2/10.
+Symplectic Euler with a step h is stable for a mass m on a spring k and a damper b if h^2 k/m + 2 h b/m < 4. Well below
+this limit the forces are accurate. With w = sqrt(k/m), the relative error of peak force and rebound is about
+(h w)^2/10.
 """
 
 import math
@@ -12,17 +13,17 @@ from .faults import Fault
 from .scenario import Scenario
 
 RESOLVED = 0.3
-"""h w beyond which an impact is off by about 1 %."""
+"""Largest h w for which the error of an impact stays below about 1 %."""
 
 
 def wall_faults(scenario: Scenario, design: Design, reach: float) -> Iterator[Fault]:
-    """Springs and dampers of the wall that the time step can't carry, along its normal and along its face."""
+    """Errors for springs and dampers of the wall, normal or tangential, with which the time step is unstable."""
     h, wall = scenario.simulation.timestep, scenario.wall
     for prefix, k, b, m in _directions(scenario, design, reach):
         given = prefix == "" or getattr(wall, f"{prefix}stiffness") is not None
         if h * h * k / m >= 4.0:
             stiffest = 4.0 * m / (h * h)
-            source = "" if given else ", which is wall.stiffness where it is not given,"
+            source = "" if given else " (by default wall.stiffness)"
             yield Fault(
                 f"wall.{prefix}stiffness",
                 f"{k:g} N/m{source} is too stiff for a time step of {h:g} s and {m:.4g} kg at the contact: choose less "
@@ -39,7 +40,7 @@ def wall_faults(scenario: Scenario, design: Design, reach: float) -> Iterator[Fa
 
 
 def wall_notes(scenario: Scenario, design: Design, reach: float) -> Iterator[str]:
-    """Walls that the time step resolves badly, and a start inside the wall."""
+    """Warnings for a wall that the time step resolves badly, and for a start inside the wall."""
     h, wall = scenario.simulation.timestep, scenario.wall
     for prefix, k, _, m in _directions(scenario, design, reach):
         w = math.sqrt(k / m)
@@ -47,8 +48,8 @@ def wall_notes(scenario: Scenario, design: Design, reach: float) -> Iterator[str
             what = "sticking friction" if prefix else "an impact"
             yield (
                 f"{what} is badly resolved: at wall.{prefix}stiffness = {k:g} N/m and {m:.4g} kg the contact vibrates "
-                f"at {w / (2.0 * math.pi):.3g} Hz, {2.0 * math.pi / (h * w):.1f} time steps a period; with a "
-                f"simulation.timestep below {RESOLVED / w:.2g} s its forces are right to about 1 %"
+                f"at {w / (2.0 * math.pi):.3g} Hz, {2.0 * math.pi / (h * w):.1f} time steps per period; with a "
+                f"simulation.timestep below {RESOLVED / w:.2g} s its forces are accurate to about 1 %"
             )
     depth = scenario.initial.position[0] - wall.position
     if depth > 0.0 and wall.stiffness * depth > START_FORCE:
@@ -60,7 +61,7 @@ def wall_notes(scenario: Scenario, design: Design, reach: float) -> Iterator[str
 
 
 START_FORCE = 100.0
-"""A start in the wall with less than this [N] is a start in contact."""
+"""Force [N] below which a start inside the wall counts as a start in contact."""
 
 
 def _directions(scenario: Scenario, design: Design, reach: float) -> Iterator[tuple[str, float, float, float]]:

@@ -1,5 +1,4 @@
-"""From a scenario and a vehicle: the desired impedance, the estimates, the desired attitude. Shared by the loop and
-the closed forms."""
+"""Desired impedance, estimates and desired attitude of a scenario. The loop and the closed forms share them."""
 
 import math
 from dataclasses import dataclass
@@ -16,10 +15,10 @@ from .vehicle import Vehicle
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """Constant matrices of a run, all (6, 6) in B unless another shape is given."""
+    """Constant matrices of a run, (6, 6) in B unless another shape is given."""
 
     M: np.ndarray
-    """The vehicle's true inertia, added mass included."""
+    """True inertia of the vehicle, added mass included."""
     M_hat: np.ndarray
     M_d: np.ndarray
     D_d: np.ndarray
@@ -27,11 +26,15 @@ class Design:
     quat_d: np.ndarray
     """(4,) desired attitude."""
     normal: np.ndarray
-    """(6,) the wall's normal W x in B at the desired attitude, as a wrench."""
+    """(6,) the wall's normal (x of W) in B at the desired attitude, as a wrench."""
 
     @classmethod
     def of(cls, scenario: Scenario, vehicle: Vehicle) -> "Design":
-        """Raises InputError where M_d or D_d is not what an impedance can be."""
+        """Matrices of a scenario.
+
+        Raises:
+            InputError: M_d is not symmetric positive definite, or D_d is not dissipative.
+        """
         impedance = scenario.impedance
         M = vehicle.M
         M_d = M if impedance.M_d is None else _square(impedance.M_d)
@@ -44,7 +47,9 @@ class Design:
         if impedance.D_d is not None:
             D_d = _square(impedance.D_d)
             if np.linalg.eigvalsh(D_d + D_d.T)[0] < 0.0:
-                faults.append(Fault("impedance.D_d", "is not dissipative: not positive semi-definite"))
+                faults.append(
+                    Fault("impedance.D_d", "is not dissipative: its symmetric part is not positive semi-definite")
+                )
         elif not faults:
             D_d = ott_damping(M_d, K_d, impedance.damping_ratio)
         if faults:
@@ -53,11 +58,11 @@ class Design:
         return cls(M, scenario.estimates.inertia * M, M_d, D_d, K_d, quat_d, wall_normal(quat_d))
 
     def along_normal(self, inertia: np.ndarray) -> float:
-        """What an inertia (6, 6) weighs along the wall's normal when everything else is free to move [kg]."""
+        """Effective mass of an inertia (6, 6) along the wall's normal, with all other directions free [kg]."""
         return 1.0 / float(self.normal @ np.linalg.solve(inertia, self.normal))
 
     def lightest_along_face(self, reach: float) -> float:
-        """The least that the inertia weighs at the contact point along the wall's face, everything else free [kg].
+        """Least effective mass at the contact point along the wall's face, with all other directions free [kg].
 
         Args:
             reach: distance of the contact point from B's origin along the wall's normal [m].
@@ -69,14 +74,14 @@ class Design:
 
 
 def wall_normal(quat_d: np.ndarray) -> np.ndarray:
-    """(6,) the wall's normal W x in B at an attitude (4,), as a wrench."""
+    """(6,) the wall's normal (x of W) in B at an attitude (4,), as a wrench."""
     normal = np.zeros(6)
     normal[:3] = rotation_matrix(quat_d)[0]
     return normal
 
 
 def contact_settings(wall: Wall, design: Design, reach: float) -> dict[str, float]:
-    """The wall's settings in a :data:`uvms_mj.contact.CONTACT` record, with the defaults of sticking friction.
+    """Settings of the wall for a :data:`uvms_mj.contact.CONTACT` record, with the defaults of sticking friction.
 
     The default damping is critical for the lightest motion along the face, so that a contact that sticks comes to rest.
     """

@@ -1,4 +1,4 @@
-"""A trace in other formats, each with its units."""
+"""Export of a trace to CSV, Parquet, NPZ and MAT, with units."""
 
 import json
 import os
@@ -51,7 +51,7 @@ def _npz(trace: Trace, path: Path) -> None:
 def _mat(trace: Trace, path: Path) -> None:
     from scipy.io import savemat
 
-    # MATLAB's names don't begin with an underscore; scipy would leave such a variable out
+    # a MATLAB name can't begin with an underscore; scipy would omit such a variable silently
     names = {name: name for name in trace}
     for name in trace:
         if name.startswith("_"):
@@ -61,8 +61,8 @@ def _mat(trace: Trace, path: Path) -> None:
             names[name] = other
         if not name.isascii() or len(names[name]) > _MATLAB_LENGTH:
             raise InputError(
-                f"the state {name!r} is no name in MATLAB, which has up to {_MATLAB_LENGTH} ASCII letters; "
-                "csv, parquet and npz take it"
+                f"the state {name!r} is not a MATLAB name (ASCII, at most {_MATLAB_LENGTH} characters); "
+                "export to csv, parquet or npz"
             )
     variables = {names[name]: np.asarray(trace[name]) for name in trace}
     about = {names[name]: facts for name, facts in _about(trace).items()}
@@ -80,20 +80,21 @@ def _about(trace: Trace) -> dict[str, dict[str, str]]:
 
 
 WRITERS: dict[str, Callable[[Trace, Path], None]] = {"csv": _csv, "parquet": _parquet, "npz": _npz, "mat": _mat}
-"""By format. CSV: units stand in the column's names. Parquet: unit, frame and meaning in each field's metadata. NPZ and
-MAT: one array for each signal, ``signals`` with its unit, frame and meaning (JSON; a struct), ``scenario`` in TOML."""
+"""Writers by format. CSV has the units in the column names. Parquet has the unit, frame and meaning in each field's
+metadata. NPZ and MAT have one array per signal, the units, frames and meanings in ``signals`` (JSON in NPZ, a struct in
+MAT), and ``scenario`` in TOML."""
 
 
 def export(trace: Trace, kind: str, path: Path) -> None:
-    """Write a trace to a new file, which is there only once it is whole.
+    """Write a trace to a new file. If writing fails, no file is left.
 
     Args:
-        trace: what to write.
+        trace: the trace.
         kind: a key of :data:`WRITERS`.
-        path: of a file that must not exist.
+        path: the new file; it must not exist.
 
     Raises:
-        InputError: the file exists, or can't be written, or the format has no such name.
+        InputError: the file exists or can't be written, or the format does not allow the name of a state.
     """
     if os.path.lexists(path):
         raise InputError(f"{path}: exists; choose another name")

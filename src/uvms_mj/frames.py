@@ -1,4 +1,4 @@
-"""Frames and rotations: the only home of frame changes.
+"""Frames and rotations. All changes of frame in the package are made here.
 
 World W: x towards the wall, y left, z up. Body B: x forward, y left, z up, origin at the vehicle's body frame. A
 rotation matrix ``R_WB`` maps components in B to components in W; a quaternion is ``[w, x, y, z]``. Velocities ``nu =
@@ -13,7 +13,7 @@ from .kernels import kernel
 
 @kernel
 def to_world(R_WB, a_B, a_W):
-    """a_W = R_WB a_B for the first three components."""
+    """Set the first three components of a_W = R_WB a_B."""
     x, y, z = a_B[0], a_B[1], a_B[2]
     for i in range(3):
         a_W[i] = R_WB[i, 0] * x + R_WB[i, 1] * y + R_WB[i, 2] * z
@@ -21,7 +21,7 @@ def to_world(R_WB, a_B, a_W):
 
 @kernel
 def to_body(R_WB, a_W, a_B):
-    """a_B = R_WB^T a_W for the first three components."""
+    """Set the first three components of a_B = R_WB^T a_W."""
     x, y, z = a_W[0], a_W[1], a_W[2]
     for i in range(3):
         a_B[i] = R_WB[0, i] * x + R_WB[1, i] * y + R_WB[2, i] * z
@@ -29,7 +29,7 @@ def to_body(R_WB, a_W, a_B):
 
 @kernel
 def body_velocity(R_WB, qvel, nu):
-    """nu = T qvel: the free joint's velocity in B."""
+    """Set nu (6,) = T qvel, the free joint's velocity in B."""
     to_body(R_WB, qvel, nu)
     for i in range(3, 6):
         nu[i] = qvel[i]
@@ -37,8 +37,10 @@ def body_velocity(R_WB, qvel, nu):
 
 @kernel
 def body_acceleration(R_WB, qacc, nu, nu_dot):
-    """nu_dot from the free joint's acceleration: v_dot = R_WB^T a_W - omega x v, as B rotates; omega_dot is in B
-    already."""
+    """Set nu_dot (6,), the time derivative of nu, from the free joint's acceleration qacc = [a_W; omega_dot].
+
+    B rotates, so v_dot = R_WB^T a_W - omega x v. omega_dot is already in B.
+    """
     to_body(R_WB, qacc, nu_dot)
     nu_dot[0] -= nu[4] * nu[2] - nu[5] * nu[1]
     nu_dot[1] -= nu[5] * nu[0] - nu[3] * nu[2]
@@ -49,7 +51,7 @@ def body_acceleration(R_WB, qacc, nu, nu_dot):
 
 @kernel
 def rotation(quat, R_WB):
-    """R_WB (3, 3) of a unit quaternion (4,)."""
+    """Set R_WB (3, 3) from a unit quaternion (4,)."""
     w, x, y, z = quat[0], quat[1], quat[2], quat[3]
     R_WB[0, 0], R_WB[0, 1], R_WB[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
     R_WB[1, 0], R_WB[1, 1], R_WB[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
@@ -58,10 +60,10 @@ def rotation(quat, R_WB):
 
 @kernel
 def quat_error(quat_d, quat, out):
-    """out = conj(quat_d) * quat, with the sign that gives the shorter rotation (w >= 0).
+    """Set the error quaternion out = conj(quat_d) * quat (paper, below eq. (12)), with w >= 0.
 
-    Paper, below eq. (12): the error quaternion. q and -q are one attitude; the choice of sign keeps a vehicle that
-    starts on the far side of the double cover from turning a whole revolution.
+    q and -q are the same attitude. The sign with w >= 0 gives the shorter rotation, so that a vehicle which starts at
+    -q does not turn by a full revolution.
     """
     w, x, y, z = quat_d[0], -quat_d[1], -quat_d[2], -quat_d[3]
     out[0] = w * quat[0] - x * quat[1] - y * quat[2] - z * quat[3]

@@ -1,4 +1,4 @@
-"""What a vehicle looks like, as plain data for whoever draws it."""
+"""Shapes of a vehicle as plain data, for drawing."""
 
 import base64
 from typing import Annotated, Any, Literal, get_args
@@ -16,11 +16,11 @@ Kind = Literal["sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh"]
 LAST_VISIBLE_GROUP = 2
 """Geoms of higher groups are for collisions by MuJoCo's convention, and its viewer hides them."""
 PROBE_REACH = 0.1
-"""How far a vehicle without geoms reaches [m]."""
+"""Reach of a vehicle without geoms [m]."""
 
 
 def _rows_of(kind: str) -> PlainValidator:
-    """Rows of three numbers, from an array or from base64 of little-endian numbers."""
+    """Validator of rows of three numbers, given as an array or as base64 of little-endian numbers."""
 
     def read(value: Any) -> np.ndarray:
         array = value if isinstance(value, np.ndarray) else np.frombuffer(base64.b64decode(value, validate=True), kind)
@@ -36,7 +36,7 @@ _BASE64 = PlainSerializer(lambda array: base64.b64encode(array.tobytes()).decode
 
 @dataclass(frozen=True, eq=False, config=_PLAIN)
 class Mesh:
-    """Triangles.
+    """A triangle mesh.
 
     Attributes:
         vertices: (n, 3) [m].
@@ -48,7 +48,7 @@ class Mesh:
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.vertices).all() or self.triangles.max(initial=0) >= max(1, len(self.vertices)):
-            raise ValueError("vertices must be finite and triangles must name vertices that exist")
+            raise ValueError("vertices must be finite, and triangles must refer to existing vertices")
 
 
 @dataclass(frozen=True, config=_PLAIN)
@@ -56,13 +56,13 @@ class Shape:
     """One geom, in the body frame B.
 
     Attributes:
-        kind: what it is.
+        kind: type of the geom.
         size: as in MJCF [m]: radius (sphere); radius, half length along z (capsule, cylinder); half axes (ellipsoid);
             half edges (box).
         position: of its centre in B [m].
         quat: attitude in B, w x y z.
         rgba: colour and opacity, 0 to 1.
-        mesh: name of its mesh, for a mesh.
+        mesh: name of the mesh, if the geom is one.
     """
 
     kind: Kind
@@ -75,12 +75,12 @@ class Shape:
 
 @dataclass(frozen=True, eq=False, config=_PLAIN)
 class Geometry:
-    """A vehicle's shapes: those of its body and of what is fixed to it.
+    """Shapes of a vehicle's body and of the bodies fixed to it.
 
     Attributes:
-        shapes: in MJCF's order.
-        meshes: by name.
-        reach: how far the vehicle reaches forward of B's origin [m]; the wall's face is that far behind x_c.
+        shapes: the geoms, in the order of the MJCF.
+        meshes: the meshes of the shapes, by name.
+        reach: distance of the vehicle's front from B's origin along x [m]; the wall's face is at x_c + reach.
     """
 
     shapes: tuple[Shape, ...]
@@ -90,11 +90,11 @@ class Geometry:
     def __post_init__(self) -> None:
         lost = {shape.mesh for shape in self.shapes if shape.kind == "mesh"} - set(self.meshes)
         if lost:
-            raise ValueError(f"no mesh {', '.join(map(repr, lost))}")
+            raise ValueError(f"missing mesh {', '.join(map(repr, lost))}")
 
     @classmethod
     def of(cls, model: mujoco.MjModel, body_id: int) -> "Geometry":
-        """The geometry of a compiled model's body, as MuJoCo's viewer shows it; every geom counts for the reach."""
+        """Geometry of a compiled model's body. Shapes are those that MuJoCo's viewer shows; reach counts all geoms."""
         shapes, meshes, seen = [], {}, []
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
@@ -106,7 +106,7 @@ class Geometry:
             rgba = _rgba(model, geom)
             if model.body_weldid[model.geom_bodyid[geom]] != body_id or kind not in get_args(Kind) or rgba[3] == 0.0:
                 continue
-            # in the body's own frame, as compiled, where that is B; from the kinematics where it is a body fixed to it
+            # a geom of the body itself is compiled in B; the pose of a fixed body's geom comes from the kinematics
             position, quat = model.geom_pos[geom].copy(), model.geom_quat[geom].copy()
             if model.geom_bodyid[geom] != body_id:
                 mujoco.mju_rotVecQuat(position, data.geom_xpos[geom] - origin, to_B)
@@ -128,7 +128,7 @@ class Geometry:
 
     @classmethod
     def from_json(cls, data: bytes) -> "Geometry":
-        """Raises InputError if data is no geometry."""
+        """Geometry from JSON. Raises InputError if the data are not a geometry."""
         try:
             return _ADAPTER.validate_json(data)
         except ValidationError as error:
@@ -148,12 +148,12 @@ def _mesh(model: mujoco.MjModel, mesh: int) -> Mesh:
 
 
 def _forward_reach(shapes: list[Shape], meshes: dict[str, Mesh]) -> float:
-    """The greatest x in B of any shape."""
+    """Greatest x in B of all shapes [m], or PROBE_REACH if no shape is in front of B's origin."""
     reach = 0.0
     for shape in shapes:
         R = np.zeros(9)
         mujoco.mju_quat2Mat(R, np.array(shape.quat))
-        x, y, z = R[:3]  # the shape's axes, seen along x of B
+        x, y, z = R[:3]  # x components in B of the shape's axes
         a, b, c = shape.size
         extent = {
             "sphere": a,

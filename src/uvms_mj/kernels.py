@@ -10,11 +10,10 @@ kernels: list[Callable] = []
 
 
 def kernel(function: Function) -> Function:
-    """Mark a pure function of floats, arrays and records. From Python it runs as plain Python, which a debugger can
-    follow.
+    """Mark a pure function of floats, arrays and records.
 
-    Where it is called by code that is compiled, it is compiled and inlined there: the shapes are known, and a product
-    with a 6x6 matrix takes a third of the time.
+    Called from Python, it runs as plain Python, which a debugger can step through. Called from compiled code, it is
+    compiled and inlined. Array shapes are then known, and a product with a 6x6 matrix takes a third of the time.
     """
     kernels.append(function)
     return function

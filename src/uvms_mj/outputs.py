@@ -1,4 +1,4 @@
-"""Files that are there only once they are whole."""
+"""Atomic writing of files."""
 
 import contextlib
 import os
@@ -11,9 +11,10 @@ from .faults import InputError
 
 @contextlib.contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """A place to write a file in, which then stands at ``path`` at once, or not at all; what stood there is replaced.
+    """Yield a temporary path to write to, then move that file to ``path`` and replace an existing one.
 
-    It is in a folder of its own beside ``path``, so that it meets no file of the user's and leaves none behind.
+    If writing fails, ``path`` is unchanged. The temporary file is in a new folder beside ``path``, so that it can't
+    overwrite a file of the user's. The folder is removed at the end.
 
     Raises:
         InputError: the file can't be written.

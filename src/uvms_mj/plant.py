@@ -1,15 +1,15 @@
-"""Vehicle, wall and the wall's sensors in one MuJoCo model.
+"""One MuJoCo model of the vehicle, the wall and the contact sensors.
 
-The wall is a spring and damper in N/m and N s/m (paper eq. (34)). MuJoCo's contacts are mass-normalised: with a sphere
-as probe, the impedance d of ``solimp`` constant at 1e-4 and ``solref = (-k_c w (1 - d), -b_c w (1 - d))``, w the
-compiled ``body_invweight0`` of the vehicle's body, the contact is that spring and damper, whatever the added mass. What
-remains of MuJoCo's softness is an inerter of d times the rigid mass. The contact pair is frictionless (condim 1):
-MuJoCo's friction cone couples the slip into the normal force of so soft a contact. Friction comes from
-:mod:`uvms_mj.contact`, which reads distance and nearest points from two sensors of the position stage, so that it and
-the law see the contact of the same instant.
+The wall is a spring and a damper in N/m and N s/m (paper eq. (34)). MuJoCo's contacts are mass-normalised. The contact
+is this spring and damper, for any added mass, with a sphere as probe, a constant impedance d = 1e-4 in ``solimp``, and
+``solref = (-k_c w (1 - d), -b_c w (1 - d))``, where w is the compiled ``body_invweight0`` of the vehicle's body. The
+remaining softness of MuJoCo acts as an inerter of d times the rigid mass. The contact pair is frictionless (condim 1),
+because MuJoCo's friction cone couples the slip into the normal force of a contact this soft. :mod:`uvms_mj.contact`
+computes friction from the distance and the nearest points, which two sensors measure in the position stage. Friction
+and the law therefore use the contact of the same instant.
 
 The probe is centred on B's origin, so that the wall's normal force gives no moment. Its radius is the vehicle's reach
-forward: contact begins when the origin is at x_c, and a picture shows the vehicle's front on the wall's face.
+forward. Contact begins when the origin is at x_c, and in pictures the vehicle's front is then at the wall's face.
 """
 
 from collections.abc import Mapping
@@ -27,22 +27,22 @@ from .scenario import Scenario
 from .vehicle import Vehicle, free_body_id
 
 IMPEDANCE = 1e-4
-"""d of solimp."""
-_OURS = "uvms_mj/"  # no vehicle's own names collide with these
+"""Impedance d of the contact pair, constant in solimp."""
+_OURS = "uvms_mj/"  # prefix of all added names, to keep them apart from those of a vehicle
 _SENSORS = {
     "contact": mujoco.mjtSensor.mjSENS_CONTACT,
     "distance": mujoco.mjtSensor.mjSENS_GEOMDIST,
     "fromto": mujoco.mjtSensor.mjSENS_GEOMFROMTO,
 }
-"""The solved contact force, known after the step; distance and nearest points, known before it."""
+"""The contact force of MuJoCo's solver, available after the step; distance and nearest points, available before it."""
 _SENSOR_RANGE = 0.1
-"""The distance sensors need a positive range [m] to report a penetration; farther away nothing is reported."""
+"""Range of the distance sensors [m]. It must be positive for them to report a penetration."""
 _INTEGRATORS = {"euler": "mjINT_EULER", "implicitfast": "mjINT_IMPLICITFAST"}
 
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """A compiled model and where things are in it."""
+    """A compiled model and the addresses of its parts."""
 
     model: mujoco.MjModel
     vehicle: Vehicle
@@ -51,9 +51,9 @@ class Plant:
     sensors: Mapping[str, int]
     """Addresses in sensordata: of contact (found, force (3) in W), distance and fromto (nearest points (6) in W)."""
     mjcf: Mjcf
-    """The vehicle's own model."""
+    """The vehicle's MJCF, without wall and sensors."""
     geometry: Geometry
-    """What it looks like; the probe's radius is its reach."""
+    """Shapes of the vehicle; the probe's radius is its reach."""
 
     def initial_data(self, scenario: Scenario) -> mujoco.MjData:
         """Data at the scenario's initial state."""
@@ -71,11 +71,11 @@ class Plant:
 
 
 def build(scenario: Scenario, mjcf: Mjcf | None = None) -> Plant:
-    """The plant of a scenario, without the geoms that only a picture needs: a step is faster and does the same.
+    """Build the plant of a scenario. It omits geoms for drawing only: a step is faster and its result is the same.
 
     Args:
-        scenario: what to build.
-        mjcf: the vehicle's model, where it is not to be looked up by ``scenario.vehicle.model``.
+        scenario: the scenario.
+        mjcf: the vehicle's model; by default the one that ``scenario.vehicle.model`` names.
 
     Raises:
         InputError: the vehicle's file can't be used, or is not physical.
@@ -121,11 +121,11 @@ def _refuse_settings(model: mujoco.MjModel) -> None:
 
 
 def _add_surroundings(spec: mujoco.MjSpec, body_name: str, scenario: Scenario, reach: float) -> None:
-    """Wall, probe, contact pair, contact sensor and options, added to a vehicle's own model."""
+    """Add wall, probe, contact pair, sensors and options to the vehicle's model."""
     spec.option.timestep = scenario.simulation.timestep
     spec.option.integrator = getattr(mujoco.mjtIntegrator, _INTEGRATORS[scenario.simulation.integrator])
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    # one vehicle and one wall: nothing to gain from splitting constraints into islands
+    # with one vehicle and one wall, constraint islands save no time
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_ISLAND
     body = spec.body(body_name)
     body.simple = False
@@ -167,7 +167,7 @@ def _add_surroundings(spec: mujoco.MjSpec, body_name: str, scenario: Scenario, r
 
 
 def _calibrate(model: mujoco.MjModel, vehicle: Vehicle, scenario: Scenario) -> None:
-    """Stiffness and damping of the compiled contact pair in N/m and N s/m."""
+    """Set stiffness and damping of the compiled contact pair in N/m and N s/m."""
     w = model.body_invweight0[free_body_id(model, vehicle.body), 0]
     scale = w * (1.0 - IMPEDANCE)
     pair = model.pair(f"{_OURS}contact").id

@@ -1,20 +1,20 @@
 r"""Reference model: position steps smoothed by a third-order filter, at a constant attitude.
 
-Each step of height Delta at time t_i passes through (omega_n / (p + omega_n))^3 (paper sec. 5), whose step response
-is known:
+Each step of height Delta at time t_i passes through (omega_n / (p + omega_n))^3 (paper sec. 5). Its step response has
+the closed form
 
 .. math::
 
     g(x) = 1 - e^{-x}(1 + x + x^2/2), \quad x = \omega_n (t - t_i),
 
-so that the reference has no state and no discretisation error.
+so the reference has no state and no discretisation error.
 """
 
 import math
 
 from .kernels import kernel
 
-_SETTLED = 60.0  # exp(-60) x^2 is below the last bit of one
+_SETTLED = 60.0  # for larger x, 1 - g(x) is below the rounding error of 1
 
 
 @kernel
@@ -25,9 +25,9 @@ def filtered_steps(t, start, times, positions, bandwidth, p_d, p_d_dot, p_d_ddot
         t: time [s].
         start: (3,) position before the first step [m].
         times: (n,) increasing times of the steps [s].
-        positions: (n, 3) position that each step leads to [m].
+        positions: (n, 3) positions after the steps [m].
         bandwidth: omega_n [rad/s].
-        p_d, p_d_dot, p_d_ddot: outputs.
+        p_d, p_d_dot, p_d_ddot: (3,) outputs.
     """
     for i in range(3):
         p_d[i] = start[i]

@@ -1,6 +1,6 @@
-"""The signals that flow: what a law is given, what is recorded, and in which unit, frame and shape.
+"""All signals, given to a law or recorded, with their units, frames and shapes.
 
-Adding a signal is adding a line to a table here and a line where it is computed.
+To add a signal, add a line to a table here and a line where it is computed.
 """
 
 from collections.abc import Mapping
@@ -10,12 +10,12 @@ from types import MappingProxyType
 import numpy as np
 
 OWN_UNIT = "law's own"
-"""Of a law's state or gain whose unit is not declared."""
+"""Unit shown for a state or gain of a law that declares none."""
 
 
 @dataclass(frozen=True)
 class Signal:
-    """One named signal: its shape for one instant, unit, frame (W, B or - for none) and meaning."""
+    """One named signal: its shape for one instant, unit, frame (W, B, or - without a frame) and meaning."""
 
     name: str
     shape: tuple[int, ...]
@@ -29,16 +29,14 @@ class Signal:
 
     @property
     def components(self) -> tuple[str, ...]:
-        """What to call each of its numbers: x y z, w x y z, x y z roll pitch yaw, or 1 2 3 ...; nothing for one
-        number."""
+        """Name of each component: x y z, w x y z, x y z roll pitch yaw, or 1 2 3 ...; an empty name for a scalar."""
         if self.name == "u" or self.size not in _COMPONENTS:
             return tuple(str(i + 1) for i in range(self.size))
         return _COMPONENTS[self.size]
 
     @property
     def units(self) -> tuple[str, ...]:
-        """The unit of each of its numbers; of two units, the first is that of the linear and the second that of the
-        angular half."""
+        """Unit of each component. Of two units, the first is for the linear and the second for the angular half."""
         linear, _, angular = self.unit.partition(", ")
         half = self.size // 2
         return (linear,) * half + (angular,) * (self.size - half) if angular else (self.unit,) * self.size
@@ -68,8 +66,14 @@ GIVEN = (
     Signal("eta_e", (6,), "m, 1", "B", "pose error [R_WB^T (p_WB - p_d); vector part of quat_e]"),
     Signal("nu_e", (6,), _TWIST, "B", "velocity error nu - nu_d"),
     Signal("nu_d_dot", (6,), "m/s^2, rad/s^2", "B", "desired acceleration"),
-    Signal("f_contact_m_W", (3,), "N", "W", "force of the wall on the vehicle, of the same instant: k_c depth + b_c v"),
-    Signal("tau_contact_m_B", (6,), _WRENCH, "B", "the same as a wrench at B's origin"),
+    Signal(
+        "f_contact_m_W",
+        (3,),
+        "N",
+        "W",
+        "measured force of the wall on the vehicle, of the same instant: k_c depth + b_c v",
+    ),
+    Signal("tau_contact_m_B", (6,), _WRENCH, "B", "f_contact_m_W as a wrench at B's origin"),
     Signal("M_hat", (6, 6), "kg, kg m, kg m^2", "B", "estimated inertia, added mass included"),
     Signal("C_hat_nu", (6,), _WRENCH, "B", "estimated Coriolis and centripetal wrench C_hat(nu) nu"),
     Signal("D_hat_nu", (6,), _WRENCH, "B", "estimated damping wrench D_hat(nu) nu"),
@@ -84,19 +88,19 @@ GIVEN = (
     Signal("s", (6,), _TWIST, "B", "sliding variable, eq. (14)"),
     Signal("zeta", (6,), _TWIST, "B", "state of the dynamic compensator, eq. (15)"),
 )
-"""What a law is given, as fields of the record ``signals``: measurements, reference, estimates and task; never the
+"""Fields of the record ``signals`` that a law is given: measurements, reference, estimates and task, without the
 truth."""
 
 TRUTH = (
     Signal("M", (6, 6), "kg, kg m, kg m^2", "B", "inertia, added mass included"),
     Signal("nu_r", (6,), _TWIST, "B", "velocity relative to the water"),
-    Signal("nu_c_dot", (6,), "m/s^2, rad/s^2", "B", "acceleration of the water in B, which turns"),
+    Signal("nu_c_dot", (6,), "m/s^2, rad/s^2", "B", "time derivative of the current's velocity in B, which rotates"),
     Signal("C_nu_r", (6,), _WRENCH, "B", "Coriolis and centripetal wrench C(nu_r) nu_r"),
     Signal("D_nu_r", (6,), _WRENCH, "B", "damping wrench D(nu_r) nu_r"),
     Signal("g_eta", (6,), _WRENCH, "B", "restoring wrench"),
     Signal("tau_dist", (6,), _WRENCH, "B", "disturbance wrench, eq. (10)"),
 )
-"""What no law is given but the yardstick, eq. (13)."""
+"""True values, given to the ideal law, eq. (13), only."""
 
 STATE = (
     Signal("t", (), "s", "-", "time"),
@@ -111,14 +115,14 @@ STATE = (
     Signal("s", (6,), _TWIST, "B", "sliding variable, eq. (14)"),
     Signal("zeta", (6,), _TWIST, "B", "state of the dynamic compensator, eq. (15)"),
     Signal("tau_nom", (6,), _WRENCH, "B", "nominal control, eq. (23)"),
-    Signal("tau_cmd", (6,), _WRENCH, "B", "wrench that the law asks for"),
-    Signal("tau", (6,), _WRENCH, "B", "wrench that the thrusters give, B u"),
+    Signal("tau_cmd", (6,), _WRENCH, "B", "wrench commanded by the law"),
+    Signal("tau", (6,), _WRENCH, "B", "wrench produced by the thrusters, B u"),
     Signal("tau_dist", (6,), _WRENCH, "B", "disturbance wrench, eq. (10)"),
     Signal("f_contact_W", (3,), "N", "W", "force of the wall on the vehicle"),
-    Signal("f_contact_m_W", (3,), "N", "W", "the contact force that the law was given"),
+    Signal("f_contact_m_W", (3,), "N", "W", "measured contact force, given to the law"),
     Signal("stretch_W", (3,), "m", "W", "stretch of the wall's tangential spring"),
 )
-"""Recorded at t_k: the state, what the law computed from it, and the true contact force."""
+"""Recorded at t_k: the state, the values that the law computed from it, and the true contact force."""
 
 RUNNING = (
     Signal("tau_variation", (6,), _WRENCH, "B", "total variation of tau: sum of |tau_j - tau_(j-1)| for j <= k"),
@@ -128,34 +132,34 @@ RUNNING = (
     Signal("force_peak", (), "N", "W", "largest pushing force so far"),
     Signal("impulse", (), "N s", "W", "integral of the pushing force"),
     Signal("wall_work", (), "J", "W", "work done on the wall"),
-    Signal("touches", (), "1", "-", "number of times contact was made"),
+    Signal("touches", (), "1", "-", "number of contacts made so far"),
     Signal("first_contact", (), "s", "-", "time of the first contact, -1 before it"),
     Signal("final_impulse", (), "N s", "W", "integral of the pushing force over the last 0.5 s of the run's duration"),
-    Signal("final_low", (), "N", "W", "least pushing force in that window"),
-    Signal("final_high", (), "N", "W", "greatest pushing force in that window"),
-    Signal("saturation_time", (), "s", "-", "time with a thruster at its limit: tau is not what the law asks for"),
+    Signal("final_low", (), "N", "W", "least pushing force over the last 0.5 s of the run's duration"),
+    Signal("final_high", (), "N", "W", "greatest pushing force over the last 0.5 s of the run's duration"),
+    Signal("saturation_time", (), "s", "-", "time with a thruster at its limit, where tau differs from tau_cmd"),
     Signal("boundary_layer_time", (6,), "s", "B", "time with |s_i| < epsilon (1e-3 if the law has no epsilon)"),
 )
-"""Accumulated at every step whatever the log rate, and recorded as running signals."""
+"""Accumulated at every step, at any log rate, and recorded as running signals."""
 
 FINAL_WINDOW_S = 0.5
-"""How much of the end of a run its final values are taken from [s]."""
+"""Length of the window at the end of a run that gives its final values [s]."""
 
 RECORDED = STATE + RUNNING
 
 
 def thruster_signal(n: int) -> Signal:
-    """The thrust u = B^+ tau_cmd (n,) within its limits, eq. (25)."""
+    """The signal of the thrust u = B^+ tau_cmd (n,) within its limits, eq. (25)."""
     return Signal("u", (n,), "N", "-", "thrust of each thruster")
 
 
 def record_dtype(signals: tuple[Signal, ...]) -> np.dtype:
-    """The structured dtype with one float64 field for each signal."""
+    """Structured dtype with one float64 field per signal."""
     return np.dtype([(s.name, "f8", s.shape) for s in signals], align=True)
 
 
 def split_rows(rows: np.ndarray, signals: tuple[Signal, ...]) -> Mapping[str, np.ndarray]:
-    """Read-only arrays (n, *shape) by name from rows (n, width) of the signals laid side by side."""
+    """Read-only arrays (n, *shape) by name from rows (n, width) of the signals side by side."""
     arrays: dict[str, np.ndarray] = {}
     start = 0
     for signal in signals:

@@ -1,4 +1,4 @@
-"""What a run leaves: named read-only arrays, how it ended, and what it was."""
+"""The trace of a run: its samples as named read-only arrays, its header and its outcome."""
 
 import os
 from collections.abc import Iterator, Mapping
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """One number of a signal at all instants: its name, its unit, what it is a part of, and values (n,)."""
+    """One component of a signal at all instants: its name, unit, signal and values (n,)."""
 
     name: str
     unit: str
@@ -30,13 +30,13 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """The samples of a run: ``trace.s``, ``trace["f_contact_W"]``, each an array (n, ...) that can't be written to.
+    """The samples of a run: ``trace.s``, ``trace["f_contact_W"]``, each a read-only array (n, ...).
 
-    Row k of every signal belongs to the same instant ``trace.t[k]``. ``trace.signals`` says what each is, with shape,
-    unit and frame. A trace from memory and one from a log are the same.
+    Row k of every signal belongs to the same instant ``trace.t[k]``. ``trace.signals`` gives the shape, unit, frame and
+    meaning of each signal. A trace from memory and one from a log are the same.
 
     Attributes:
-        header: what was known before the first step, among it scenario, signals, model, geometry and versions.
+        header: the facts known before the first step: scenario, signals, model, geometry, versions and more.
         arrays: the samples by name.
         outcome: how the run ended.
     """
@@ -52,12 +52,13 @@ class Trace:
 
     @classmethod
     def load(cls, path: str | os.PathLike) -> "Trace":
-        """The trace of a log, ``run.mcap``.
+        """Load the trace of a log, ``run.mcap``.
 
-        A log that was cut off gives what is there: its status is ``truncated`` and its message says what is missing.
+        A log that was cut off gives the rows that it has. The status is then ``truncated``, and the message names the
+        missing part.
 
         Raises:
-            InputError: the file can't be read, is no log of this project, or is damaged.
+            InputError: the file can't be read, is not a log of this project, or is damaged.
         """
         recording = read(path)
         return cls.of(recording.header, recording.rows, recording.outcome)
@@ -67,12 +68,12 @@ class Trace:
 
         Raises:
             FileExistsError: the file exists.
-            InputError: the trace lacks the beginning of its run, which a log can't.
+            InputError: the trace lacks the beginning of its run, which a log must have.
         """
         if len(self) and self.t[0] > 0.0:
             raise InputError(
-                f"{os.fspath(path)}: the trace begins at {self.t[0]:g} s, as keep_s asked for, and a log at 0 s; "
-                "give simulate sinks=[McapLog(...)], which writes all of a run"
+                f"{os.fspath(path)}: the trace begins at {self.t[0]:g} s because of keep_s, but a log must "
+                "begin at 0 s; give simulate sinks=[McapLog(...)] to write the whole run"
             )
         log = McapLog(path)
         log.begin(self.header)
@@ -80,10 +81,10 @@ class Trace:
         log.end(self.outcome)
 
     def to_dataframe(self) -> "pd.DataFrame":
-        """The samples as a pandas DataFrame: one row for each instant, one column for each number.
+        """The samples as a pandas DataFrame: one row for each instant, one column for each component.
 
         The column of a component is ``name.component``, as in ``p_WB.x``; ``attrs["units"]`` and ``attrs["frames"]``
-        have unit and frame of each column.
+        give the unit and frame of each column.
         """
         import pandas as pd
 
@@ -95,7 +96,7 @@ class Trace:
         return frame
 
     def columns(self) -> Iterator["Column"]:
-        """The samples number by number: ``t``, ``p_WB.x``, ``p_WB.y``, ..."""
+        """The samples component by component: ``t``, ``p_WB.x``, ``p_WB.y``, ..."""
         for signal in self.signals:
             values = self[signal.name].reshape(len(self), signal.size)
             for i, (component, unit) in enumerate(zip(signal.components, signal.units, strict=True)):
@@ -107,7 +108,7 @@ class Trace:
         return np.concatenate([self[s.name].reshape(len(self), s.size) for s in self.signals], axis=1)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """What a copy is made of, here or in another process."""
+        """Function and arguments that rebuild the trace, as copy and pickle need them."""
         return Trace.of, (self.header, self.rows(), self.outcome)
 
     def __getattr__(self, name: str) -> np.ndarray:
@@ -131,22 +132,22 @@ class Trace:
 
     @property
     def scenario(self) -> Scenario:
-        """What was run, with every default written out."""
+        """The scenario of the run, with every default written out."""
         return self.header.scenario
 
     @property
     def signals(self) -> tuple[Signal, ...]:
-        """What each array is."""
+        """Shape, unit, frame and meaning of each array."""
         return self.header.signals
 
     @property
     def analytic(self) -> SteadyState | NoClosedForm:
-        """Where the run should come to rest, from scenario and gains alone, or why no closed form tells."""
+        """Predicted steady state from scenario and gains alone, or the reason why no closed form exists."""
         return self.header.analytic
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the user was warned of."""
+        """Warnings that were given before the first step."""
         return self.header.notes
 
     @property
@@ -156,17 +157,17 @@ class Trace:
 
     @property
     def message(self) -> str:
-        """Why a run that did not complete stopped."""
+        """Reason why the run did not complete."""
         return self.outcome.message
 
     @property
     def steps(self) -> int:
-        """Number of time steps that were done."""
+        """Number of time steps done."""
         return self.outcome.steps
 
     @property
     def wall_time_s(self) -> float:
-        """How long the stepping took [s]."""
+        """Wall-clock time of the stepping [s]."""
         return self.outcome.wall_time_s
 
     @property
@@ -176,5 +177,5 @@ class Trace:
 
     @property
     def push(self) -> np.ndarray:
-        """(n,) force with which the vehicle pushes on the wall [N], zero or positive."""
+        """(n,) pushing force of the vehicle on the wall [N], zero or positive."""
         return np.maximum(0.0, 0.0 - self.arrays["f_contact_W"][:, 0])

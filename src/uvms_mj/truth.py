@@ -1,4 +1,4 @@
-"""The truth about a vehicle in its water, for the law that no vehicle can have: the yardstick, eq. (13)."""
+"""True values for the ideal law, eq. (13): velocity in the water, wrenches. A real vehicle can't measure them."""
 
 from .estimates import model_wrenches
 from .frames import to_body
@@ -8,7 +8,7 @@ from .kernels import kernel
 
 @kernel
 def reveal(coefficients, water, signals, truth, work):
-    """Set a record of :data:`uvms_mj.signals.TRUTH` but for M, from the true COEFFICIENTS; work is (6,) scratch."""
+    """Set a :data:`uvms_mj.signals.TRUTH` record, except M, from the true COEFFICIENTS; work is (6,) scratch."""
     nu, nu_r, nu_c_dot = signals.nu, truth.nu_r, truth.nu_c_dot
     to_body(signals.R_WB, water.v_c_W, work)
     for i in range(3):

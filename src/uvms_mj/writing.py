@@ -1,9 +1,11 @@
-"""Sinks at work on a thread of their own: a run does not wait for a disk or a viewer, and an interrupt, which Python
-raises on the main thread, can't tear what they write.
+"""Writing of rows to sinks on a separate thread.
 
-KeyboardInterrupt can come between any two bytecodes of the main thread, also while it holds a lock of ``queue.Queue``,
-and then both threads would wait for ever. So blocks go through ``SimpleQueue.put``, one call of C, and where the main
-thread has to wait it polls.
+A run does not wait for a disk or a viewer unless they fall behind. Python raises KeyboardInterrupt on the main thread
+only, so an interrupt can't leave a block half written.
+
+KeyboardInterrupt can come between any two bytecodes of the main thread, even while it holds a lock of ``queue.Queue``.
+Both threads would then wait forever. Blocks therefore go through ``SimpleQueue.put``, which is one call of C, and the
+main thread polls when it has to wait.
 """
 
 import queue
@@ -17,21 +19,21 @@ import numpy as np
 from .recording import Header, Outcome, Sink
 
 _WAITING = 1
-"""Blocks that may wait: then the run waits for its sinks. More are not quicker, and kill -9 loses what waits."""
+"""Length of the queue, in blocks. When it is full, the run waits. A longer one is no faster, and kill -9 loses more."""
 _LOOKS_EVERY_S = 0.0005
 
 
 class Writing:
-    """Hands rows to sinks, in order, on one thread; a context that waits for the last of them.
+    """Passes rows to the sinks in order, on a thread of its own. Leaving the context waits for the last row.
 
     Args:
-        sinks: begun at once, on the calling thread, so that what can't be opened is known before the first step.
-        header: what they begin with.
+        sinks: they begin on the calling thread, so that a sink that can't be opened fails before the first step.
+        header: the header that each sink begins with.
     """
 
     def __init__(self, sinks: Sequence[Sink], header: Header) -> None:
         self.error: BaseException | None = None
-        """What a sink raised. It gets nothing more then, nor do the others."""
+        """The exception that a sink raised, or None. No sink is called after it."""
         self._sinks = sinks
         for sink in sinks:
             sink.begin(header)
@@ -42,19 +44,19 @@ class Writing:
 
     @property
     def message(self) -> str:
-        """What went wrong, for a user."""
+        """The error, as a message for the user."""
         error = self.error
         if isinstance(error, OSError):
             return f"can't write {error.filename or 'the log'}: {error.strerror}"
         return f"a sink failed: {type(error).__name__}: {error}"
 
     def put(self, first: int, rows: np.ndarray) -> None:
-        """Hand on rows (n, width), numbered from first. To say the same twice does no harm."""
+        """Pass on rows (n, width), numbered from first. Passing on the same rows again has no effect."""
         if self._sinks and self.error is None:
             self._hand_over((first, rows))
 
     def end(self, outcome: Outcome) -> None:
-        """Nothing more will come."""
+        """Pass on the outcome, after the last rows."""
         if self._sinks:
             self._hand_over(outcome)
 
@@ -83,5 +85,5 @@ class Writing:
                     for sink in self._sinks:
                         sink.write(item[1])
                     following += len(item[1])
-            except BaseException as error:  # the run's own thread tells the user
+            except BaseException as error:  # the thread of the run reports it to the user
                 self.error = error

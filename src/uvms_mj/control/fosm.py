@@ -7,7 +7,7 @@ from .base import Controller, NonNegative, Positive, gain
 
 @dataclass(frozen=True)
 class Fosm(Controller):
-    """First-order sliding mode impedance control (31)-(32): a saturated linear term in place of the sign."""
+    """First-order sliding mode impedance control (31)-(32), with a saturated linear term instead of the sign."""
 
     K_s: NonNegative = gain(19.0, "m/s^2, rad/s^2", "switching gain, eq. (31)")
     epsilon: Positive = gain(1e-3, "m/s, rad/s", "width of the boundary layer, eq. (31)")

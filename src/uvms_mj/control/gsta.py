@@ -15,7 +15,7 @@ class Gsta(Controller):
 
     k_1: NonNegative = gain(5.0, "m^(1/2)/s^(3/2)", "gain of phi_1, eq. (24a)")
     k_2: NonNegative = gain(10.0, "m/s^3", "gain of phi_2, eq. (24b)")
-    beta: NonNegative = gain(5.0, "(s/m)^(1/2)", "linear part of phi_1 and phi_2; 0 is the standard super-twisting")
+    beta: NonNegative = gain(5.0, "(s/m)^(1/2)", "linear part of phi_1 and phi_2; 0 gives the standard super-twisting")
     nominal: bool = gain(True, "-", "false: only the GSTA term, without the nominal control (23) and F_2 A F_2^-1 s")
 
     name = "gsta"

@@ -1,17 +1,17 @@
-"""The ideal law: a yardstick that no vehicle can have, for it knows the current and the disturbance."""
+"""The ideal law, a yardstick: it uses true current and disturbance, which a real vehicle can't measure."""
 
 from dataclasses import dataclass
 from typing import ClassVar
 
 from .base import Controller
 
-TOLD_THE_TRUTH = "the truth, current and disturbance included: a yardstick, no vehicle's law"
-"""What any output says of it."""
+TOLD_THE_TRUTH = "the truth, current and disturbance included: a yardstick, not a law for a real vehicle"
+"""Text in all outputs that describes the signals given to the ideal law."""
 
 
 @dataclass(frozen=True)
 class Ideal(Controller):
-    """Ideal impedance control (13), the yardstick: it uses the truth, current and disturbance included."""
+    """Ideal impedance control (13), a yardstick: it uses the true model, current and disturbance."""
 
     name = "ideal"
     uses_truth: ClassVar[bool] = True

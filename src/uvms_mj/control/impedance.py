@@ -7,7 +7,7 @@ from .base import Controller
 
 @dataclass(frozen=True)
 class Impedance(Controller):
-    """Impedance control (23): exact for a vehicle and an ocean that it knows, bent by everything that it doesn't."""
+    """Impedance control (23): exact for a perfect model without current and disturbance."""
 
     name = "impedance"
 

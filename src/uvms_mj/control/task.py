@@ -1,20 +1,21 @@
-r"""The task that all laws share: pose errors, sliding variable, nominal control.
+r"""The terms that all laws share: pose errors, sliding variable, nominal control.
 
-The paper's eqs. (14), (15), (21) and (23) need one common term, the acceleration that the desired impedance asks for,
+The paper's eqs. (14), (15), (21) and (23) share one term, the acceleration of the desired impedance,
 
 .. math::
 
     w = M_d^{-1} (K_d \tilde\eta + D_d \tilde\nu - K_f (\tau_c - F_d)),
 
-where K_f and F_d are those of generalised impedance, eq. (7): I and zero for the impedance of eq. (12). F_d is the
-wrench that the wall should exert on the vehicle: to push on a wall in front, F_d along x is negative. With w, eq. (15)
-and the gains of eq. (21) read, with :math:`A' = F_2 A F_2^{-1} = A` for diagonal matrices,
+with K_f and F_d of the generalised impedance, eq. (7). The impedance of eq. (12) has K_f = I and F_d = 0. F_d is the
+desired wrench of the wall on the vehicle: to push on a wall in front, F_d along x is negative. With w and the gains of
+eq. (21), eq. (15) becomes
 
 .. math::
 
     \dot\zeta = A \zeta + F_2^{-1} (w + A' F_1 \tilde\eta + (A' - \bar F_1) \tilde\nu),
 
-and the nominal control (23) becomes :math:`\hat M (\dot\nu_d - w) - \tau_c + \hat C \nu + \hat D \nu + \hat g`.
+where :math:`A' = F_2 A F_2^{-1} = A` for diagonal matrices. The nominal control (23) becomes
+:math:`\hat M (\dot\nu_d - w) - \tau_c + \hat C \nu + \hat D \nu + \hat g`.
 """
 
 import numpy as np
@@ -33,13 +34,12 @@ TASK = np.dtype(
     ],
     align=True,
 )
-"""Constants of the desired impedance and of the sliding variable, and scratch."""
+"""Constants of the desired impedance and of the sliding variable, and scratch memory."""
 
 
 @kernel
 def pose_errors(signals):
-    """Set quat_e, eta_e, nu_e and nu_d_dot of signals from its state and reference; errors are in B, actual minus
-    desired."""
+    """Set quat_e, eta_e, nu_e and nu_d_dot of signals. Errors are actual minus desired, in B."""
     R_WB, nu, eta_e, nu_e = signals.R_WB, signals.nu, signals.eta_e, signals.nu_e
     x = signals.p_WB[0] - signals.p_d[0]
     y = signals.p_WB[1] - signals.p_d[1]
@@ -61,7 +61,7 @@ def pose_errors(signals):
 
 @kernel
 def sliding_variable(task, signals, zeta_dot):
-    """Set signals.s, eq. (14), signals.w and zeta_dot, eq. (15) with the gains of eq. (21)."""
+    """Set signals.s, eq. (14), signals.w, and zeta_dot, eq. (15) with the gains of eq. (21)."""
     eta_e, nu_e, w, work = signals.eta_e, signals.nu_e, signals.w, task.work
     F_1, F_2, A = task.F_1, task.F_2, task.A
     matvec(signals.D_d, nu_e, work)
@@ -83,7 +83,7 @@ def sliding_variable(task, signals, zeta_dot):
 
 @kernel
 def nominal_control(task, signals):
-    """Set signals.tau_nom, eq. (23), from the estimates; call after sliding_variable."""
+    """Set signals.tau_nom, eq. (23), from the estimates. Call it after sliding_variable."""
     work = task.work
     for i in range(6):
         work[i] = signals.nu_d_dot[i] - signals.w[i]

@@ -1,8 +1,8 @@
-"""ROS 2's Common Data Representation of messages whose size is fixed: bytes with holes for numbers.
+"""ROS 2 messages of fixed size in Common Data Representation (CDR): constant bytes with holes for numbers.
 
-A message begins with four bytes that say "little-endian CDR"; every number stands at a multiple of its size, counted
-from behind them (OMG, DDS-XTypes 1.3, sec. 7.4.1, "plain CDR"). A string is its length with the final zero, then its
-characters; a sequence is its length, then its elements.
+A message begins with four bytes that mean "little-endian CDR". After them, every number is aligned to a multiple of its
+size (OMG, DDS-XTypes 1.3, sec. 7.4.1, "plain CDR"). A string is its length including the final zero, then its
+characters. A sequence is its length, then its elements.
 """
 
 import struct
@@ -13,12 +13,12 @@ import numpy as np
 
 HEADER = b"\x00\x01\x00\x00"
 STAMP = "stamp."
-"""What the name of a stamp's hole begins with. A law's state is an identifier: a hole with a point is no state."""
+"""Prefix of the names of holes for stamps. States of a law are identifiers, so a name with a point is not a state."""
 
 
 @dataclass(frozen=True)
 class Hole:
-    """Where numbers of a message stand: ``count`` of type ``kind`` at ``offset`` bytes."""
+    """Place for numbers in a message: ``count`` numbers of type ``kind`` at byte ``offset``."""
 
     offset: int
     kind: str
@@ -26,11 +26,11 @@ class Hole:
 
 
 class Message:
-    """A message under construction: constants are written, numbers that change from sample to sample leave a hole.
+    """A message under construction. Constants are written; numbers that change from row to row leave a hole.
 
     Attributes:
-        data: the bytes, zero where the holes are.
-        holes: by name.
+        data: the bytes, zero in the holes.
+        holes: the holes by name.
     """
 
     def __init__(self) -> None:
@@ -41,25 +41,25 @@ class Message:
         self.data += b"\x00" * (-(len(self.data) - len(HEADER)) % size)
 
     def put(self, kind: str, *values: float) -> Self:
-        """Constants of one of NumPy's types, "f8", "f4", "i4", "u4" or "u1"."""
+        """Append constants of a NumPy type, "f8", "f4", "i4", "u4" or "u1"."""
         array = np.asarray(values, f"<{kind}")
         return self.array(array)
 
     def array(self, values: np.ndarray) -> Self:
-        """Constants, each aligned to its size; their number is not written."""
+        """Append constants, each aligned to its size, without their number."""
         self._align(values.itemsize)
         self.data += np.ascontiguousarray(values).tobytes()
         return self
 
     def text(self, value: str) -> Self:
-        """A constant string."""
+        """Append a constant string."""
         encoded = value.encode() + b"\x00"
         self._align(4)
         self.data += struct.pack("<I", len(encoded)) + encoded
         return self
 
     def hole(self, name: str, kind: str = "f8", count: int = 1) -> Self:
-        """Room for numbers."""
+        """Append a hole for numbers."""
         size = np.dtype(kind).itemsize
         self._align(size)
         self.holes[name] = Hole(len(self.data), f"<{kind}", count)
@@ -67,5 +67,5 @@ class Message:
         return self
 
     def stamp(self) -> Self:
-        """Room for a builtin_interfaces/Time, seconds and nanoseconds; all of a message's get the same."""
+        """Append a hole for a builtin_interfaces/Time, seconds and nanoseconds. All stamps of a message are equal."""
         return self.hole(f"{STAMP}{len(self.holes)}", "u4", 2)

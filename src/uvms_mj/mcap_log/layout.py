@@ -1,6 +1,6 @@
-"""How samples stand in an MCAP file: messages whose bytes are laid out by NumPy, a whole block of rows at a time.
+"""Byte layout of rows in an MCAP file. NumPy lays out the messages of a block of rows at a time.
 
-A row of samples is one message of each sampled topic, side by side; every so many rows, the force arrows stand before
+A row is one message of each sampled topic, side by side. At regular intervals, a message with the force arrows precedes
 a row. All messages of a topic have the same size, so that rows are a structured array.
 """
 
@@ -18,18 +18,18 @@ _HEAD = np.dtype([("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("whe
 _WHEN = np.dtype([("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")])
 _NS = 1e9
 CHUNK_BYTES = 8 * 2**20
-"""Most bytes of a chunk before compression, where a single row is not larger."""
+"""Largest size of a chunk before compression, unless a single row is larger."""
 
 
 class Records:
-    """Message records of topics, side by side: a template, and where numbers go in it."""
+    """Message records of topics, side by side: a template and the places of the numbers in it."""
 
     def __init__(self, channels: Sequence[tuple[int, Topic]]) -> None:
         self.channels = tuple(channel for channel, _ in channels)
         fields: dict[str, tuple[tuple[str, tuple[int, ...]], int]] = {}
         template = bytearray()
         starts: list[int] = []
-        self._from: list[tuple[str, str]] = []  # field, and the name of what fills it
+        self._from: list[tuple[str, str]] = []  # field, and the name of its values
         for channel, topic in channels:
             start, body = len(template), len(template) + _HEAD.itemsize
             starts.append(start)
@@ -62,8 +62,8 @@ class Records:
 
         Args:
             values: (n, count) for each hole.
-            sequence: (n,) number of the row.
-            log_ns: (n,) time [ns].
+            sequence: (n,) row numbers.
+            log_ns: (n,) log times [ns].
         """
         raw = np.empty((len(log_ns), self.size), np.uint8)
         raw[:] = self.template
@@ -78,7 +78,7 @@ class Records:
         return raw
 
     def rows(self, raw: np.ndarray) -> np.ndarray | None:
-        """Bytes (n, size) as n records with the fields of :attr:`dtype`; None if they are not laid out like this."""
+        """Bytes (n, size) as n records with the fields of :attr:`dtype`; None if their layout differs."""
         for row in (raw[0], raw[-1]) if len(raw) else ():
             if not np.array_equal(row[self._constant], self.template[self._constant]):
                 return None
@@ -86,7 +86,7 @@ class Records:
 
 
 class Format:
-    """The channels of a log and the layout of its rows, from its header alone."""
+    """The channels of a log and the layout of its rows, derived from its header alone."""
 
     def __init__(self, header: Header) -> None:
         self.header = header
@@ -102,7 +102,7 @@ class Format:
         step = header.scenario.simulation.timestep
         self.timestep = step
         self.arrow_every = max(1, round(1.0 / (topics.ARROWS_HZ * step * header.row_steps)))
-        """Rows from one message of force arrows to the next."""
+        """Number of rows from one message of force arrows to the next."""
 
     def times(self, first_row: int, n: int) -> tuple[np.ndarray, np.ndarray]:
         """Time [s] and log time [ns] of n rows (n,)."""
@@ -113,7 +113,7 @@ class Format:
         return t, np.rint(t * _NS).astype(np.int64)
 
     def groups(self, first_row: int, n: int) -> Iterator[tuple[int, int, bool]]:
-        """n rows in groups (start, stop, whether force arrows stand before it), counted from first_row."""
+        """n rows in groups (start, stop, whether force arrows precede the group), counted from first_row."""
         start = 0
         while start < n:
             into = (first_row + start) % self.arrow_every
@@ -122,14 +122,13 @@ class Format:
             start = stop
 
     def once_bytes(self) -> np.ndarray:
-        """The messages of what is constant, at time zero."""
+        """The messages of constant values, at time zero."""
         zero = np.zeros(1, np.int64)
         values = {name: value[None] for name, value in self.once_values.items()}
         return self.once_records.lay_out(values, zero, zero).reshape(-1)
 
     def row_bytes(self, rows: np.ndarray, first_row: int) -> list[tuple[Records, int, np.ndarray, np.ndarray]]:
-        """Rows (n, width) as records: for each piece, its kind, the number of rows in it, its bytes (n, size), and
-        log times (n,) [ns]."""
+        """Rows (n, width) as pieces: Records, number of rows n, bytes (n, size) and log times (n,) [ns] of each."""
         _, log_ns = self.times(first_row, len(rows))
         sequence = np.arange(first_row, first_row + len(rows), dtype=np.int64)
         raw = self.row_records.lay_out(topics.columns(self.header, rows), sequence, log_ns)
@@ -146,7 +145,7 @@ class Format:
         return pieces
 
     def belong(self, records: np.ndarray, first_row: int, log_ns: np.ndarray) -> bool:
-        """Whether records are the rows that they should be: by number and by time, on every channel."""
+        """Whether records have the expected row numbers and times, on every channel."""
         sequence = np.arange(first_row, first_row + len(log_ns)) & 0xFFFFFFFF
         for channel in self.row_records.channels:
             when = np.ascontiguousarray(records[f"{channel}.when"]).view(_WHEN).reshape(-1)
@@ -156,7 +155,7 @@ class Format:
         return True
 
     def columns_of(self, records: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """Rows (n, width) from their records: what :meth:`row_bytes` was given, number for number."""
+        """Rows (n, width) from their records, equal bit for bit to those given to :meth:`row_bytes`."""
         columns = []
         for signal in self.header.signals:
             if signal.name == "t":
@@ -171,7 +170,7 @@ class Format:
 
 
 def message_indexes(pieces: Sequence[tuple[Records, int, np.ndarray, np.ndarray]]) -> dict[int, bytes]:
-    """For each channel of a chunk, its MessageIndex record: times and places of its messages."""
+    """MessageIndex record of each channel of a chunk: times and offsets of its messages."""
     times: dict[Records, list[np.ndarray]] = {}
     places: dict[Records, list[np.ndarray]] = {}
     base = 0

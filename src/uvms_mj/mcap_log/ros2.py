@@ -1,6 +1,6 @@
-"""The ROS 2 messages that a log is made of: their definitions, and messages of fixed size with holes for numbers.
+"""The ROS 2 messages of a log: their definitions, and messages of fixed size with holes for numbers.
 
-Definitions are those of ROS 2 Humble and later, without comments and constants.
+The definitions are those of ROS 2 Humble and later, without comments and constants.
 """
 
 import numpy as np
@@ -64,11 +64,11 @@ LATCHED_QOS = (
     "  liveliness_lease_duration:\n    sec: 9223372036\n    nsec: 854775807\n"
     "  avoid_ros_namespace_conventions: false"
 )
-"""What ``ros2 bag play`` should offer for a message that is sent once: keep it for who comes later."""
+"""Quality of service that ``ros2 bag play`` offers for a message sent once: late subscribers get it, too."""
 
 
 def schema_text(name: str) -> str:
-    """The definition of ``package/Name`` followed by those of all types in it, as MCAP's "ros2msg" wants it."""
+    """The definition of ``package/Name`` followed by those of all types in it, in MCAP's encoding "ros2msg"."""
     seen, waiting = [name], [name]
     while waiting:
         for line in DEFINITIONS[waiting.pop(0)].splitlines():
@@ -86,7 +86,7 @@ def header(message: Message, frame: str) -> Message:
 
 
 def stamped(frame: str, name: str, count: int) -> Message:
-    """A PoseStamped, TwistStamped, ... whose numbers are one signal."""
+    """A PoseStamped, TwistStamped, ... with the numbers of one signal."""
     return header(Message(), frame).hole(name, count=count)
 
 
@@ -107,7 +107,7 @@ def multi_array(label: str, name: str, size: int) -> Message:
 
 
 def odometry(frame: str, child: str, pose: tuple[str, str], twist: str) -> Message:
-    """An Odometry without covariances; ``pose`` names position and orientation."""
+    """An Odometry with zero covariances; ``pose`` has the names of position and orientation."""
     message = header(Message(), frame).text(child).hole(pose[0], count=3).hole(pose[1], count=4)
     zeros = np.zeros(36)
     return message.array(zeros).hole(twist, count=6).array(zeros)
@@ -135,8 +135,10 @@ def marker(
     points: np.ndarray | tuple[str, ...] = (),
     locked: bool = False,
 ) -> Message:
-    """One Marker of an array. ``points`` are (n, 3) numbers, or names of holes of three numbers each; ``locked`` ties
-    it to its frame as that moves."""
+    """One Marker of an array.
+
+    ``points`` are (n, 3) numbers, or names of holes of three numbers each. A ``locked`` marker moves with its frame.
+    """
     header(message, frame).text(namespace).put("i4", number, kind, 0)
     message.put("f8", *position, *quat_xyzw, *scale).put("f4", *rgba).put("i4", 0).put("u4", 0).put("u1", locked)
     message.put("u4", len(points))

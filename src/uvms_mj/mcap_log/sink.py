@@ -1,8 +1,8 @@
-"""A run as an MCAP file, written while the run goes on.
+"""Sink that writes a run to an MCAP file while the run goes on.
 
-Records are those of the MCAP specification, version 0, as ``mcap`` writes them; only the messages are laid out by
-NumPy, since a run has millions. Every chunk goes to the file at once and whole: what is there can be read after
-``kill -9``.
+Records are those of the MCAP specification, version 0, written by ``mcap``. Only the messages are laid out by NumPy,
+because a run has millions. Every chunk is written at once in a single write, so that all written chunks can be read
+after ``kill -9``.
 """
 
 import errno
@@ -47,7 +47,7 @@ class McapLog:
     """A sink that writes a log.
 
     Args:
-        path: of the file; it must not exist.
+        path: the new file; it must not exist.
     """
 
     def __init__(self, path: str | os.PathLike) -> None:
@@ -55,7 +55,7 @@ class McapLog:
         self._file: FileIO | None = None
 
     def begin(self, header: Header) -> None:
-        """Write everything but samples. Raises FileExistsError, or what opening a file raises."""
+        """Write everything but the rows. Raises FileExistsError or another OSError if the file can't be created."""
         self.format = Format(header)
         self._file = FileIO(self.path, "xb")
         self._rows = 0
@@ -77,14 +77,14 @@ class McapLog:
         self._chunk([(records, 1, self.format.once_bytes()[None], zero)])
 
     def write(self, rows: np.ndarray) -> None:
-        """Append rows (n, width) as one chunk, or more if they are many; whole, or not at all."""
+        """Append rows (n, width) as one chunk, or as several if they exceed CHUNK_BYTES."""
         most = max(1, CHUNK_BYTES // self.format.row_records.size)
         for start in range(0, len(rows), most):
             part = rows[start : start + most]
             self._chunk(self.format.row_bytes(part, self._rows), len(part))
 
     def end(self, outcome: Outcome) -> None:
-        """Write how the run ended, and what makes a file quick to search."""
+        """Write the outcome and the summary section, which makes a file quick to search."""
         self._attach("outcome.json", outcome_file(outcome))
         self._append(record_bytes(DataEnd(self._crc)))
         start = self._size
@@ -97,7 +97,7 @@ class McapLog:
             (Opcode.METADATA_INDEX, self._index_bytes(MetadataIndex)),
         ]
         crc, offsets = 0, b""
-        for opcode, data in groups:  # one by one: the index of a long run is large
+        for opcode, data in groups:  # one at a time, because the index of a long run is large
             offsets += record_bytes(SummaryOffset(opcode, self._size, len(data)))
             self._append(data)
             crc = zlib.crc32(data, crc)
@@ -125,7 +125,7 @@ class McapLog:
         return b"".join(record_bytes(each) for each in self._indexes if isinstance(each, kind))
 
     def _append(self, data: bytes | bytearray) -> None:
-        """Write all of data, in place of what an interrupted or failed write may have left behind the file's end."""
+        """Append all of data, after removing any remains of an interrupted or failed write."""
         assert self._file is not None
         if self._file.tell() != self._size:
             self._file.seek(self._size)
@@ -152,7 +152,7 @@ class McapLog:
         self._indexes.append(index)
 
     def _chunk(self, pieces: list[tuple[Records, int, np.ndarray, np.ndarray]], rows: int = 0) -> None:
-        """One chunk and the indexes of its messages, in a single write."""
+        """Write one chunk and the indexes of its messages in a single write."""
         data = b"".join(piece[2].data for piece in pieces)
         start_ns, end_ns = int(pieces[0][3][0]), int(pieces[-1][3][-1])
         compressed = self._compressor.compress(data)
@@ -193,7 +193,7 @@ class McapLog:
 
 
 def channel_records(format: Format) -> list[McapRecord]:
-    """Schemas and channels of a log."""
+    """The schemas and channels of a log."""
     kinds = list(dict.fromkeys(topic.type for topic in format.topics))
     schemas = [
         Schema(id=i + 1, data=ros2.schema_text(kind).encode(), encoding="ros2msg", name=kind.replace("/", "/msg/"))
@@ -218,7 +218,7 @@ def channel_records(format: Format) -> list[McapRecord]:
 
 
 def metadata(header: Header) -> dict[str, str]:
-    """What other tools show of a run; what is read back stands in the attachments."""
+    """Facts of a run for other tools to show. Loading a log uses the attachments instead."""
     return {
         "scenario": header.scenario.name,
         "controller": header.scenario.controller.label(),
@@ -232,13 +232,13 @@ def metadata(header: Header) -> dict[str, str]:
 
 
 def sealed(values: dict[str, str]) -> dict[str, str]:
-    """The same with a checksum, which MCAP gives to chunks and attachments alone."""
+    """The values with a checksum of them; MCAP itself has none for metadata."""
     open_ = {name: value for name, value in values.items() if name != SEAL}
     return open_ | {SEAL: f"{zlib.crc32(repr(sorted(open_.items())).encode()):08x}"}
 
 
 def record_bytes(record: McapRecord) -> bytes:
-    """A record as it stands in a file."""
+    """The bytes of a record in a file."""
     builder = RecordBuilder()
     record.write(builder)
     return builder.end()

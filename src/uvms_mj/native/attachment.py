@@ -1,4 +1,4 @@
-"""Attaching a vehicle's water to a MjModel/MjData pair, and taking it away again."""
+"""Attaching the hydrodynamics of a vehicle to a MjModel/MjData pair, and detaching them."""
 
 import ctypes
 import threading
@@ -20,24 +20,24 @@ from .memory import CAPACITY, registry
 
 _lock = threading.RLock()
 _attached: dict[int, "Attachment"] = {}
-"""By the row of the registry. Keeps the contexts in memory for as long as the callback can reach them."""
+"""Attachments by row of the registry. They keep the contexts in memory while the callback can reach them."""
 _INTEGRATORS = {getattr(mujoco.mjtIntegrator, f"mjINT_{name}") for name in ("EULER", "RK4", "IMPLICIT", "IMPLICITFAST")}
 
 
 class WaterLost(RuntimeError):
-    """Somebody replaced mjcb_control: MuJoCo no longer calls the water."""
+    """mjcb_control was replaced, so that MuJoCo no longer computes the hydrodynamics."""
 
 
 _LOST = (
-    "mjcb_control was replaced while a vehicle was attached: since then it moves dry. Leave mjcb_control alone between "
-    "attach and detach"
+    "mjcb_control was replaced while a vehicle was attached: its hydrodynamics are no longer applied. Do not set "
+    "mjcb_control between attach and detach"
 )
 
 
 class Attachment:
-    """A vehicle in the water: from :func:`attach` until :meth:`detach`. Also a context manager.
+    """A vehicle with hydrodynamics, from :func:`attach` until :meth:`detach`. It is also a context manager.
 
-    ``current_W`` may be set at any time, and acts from the next step on.
+    ``current_W`` can be set at any time and takes effect at the next step.
     """
 
     __slots__ = ("__weakref__", "_address", "_finalizer", "_row", "body_id", "context", "vehicle")
@@ -48,16 +48,17 @@ class Attachment:
         self._address = data._address
         self.body_id = body_id
         self._row = _register(self)
-        # an address that is free again must not find an old context
+        # another mjData at the same address must not find this context
         self._finalizer = weakref.finalize(data, _unregister, self._row)
 
     @property
     def wrench(self) -> np.ndarray:
-        """The water's wrench (6,) on the vehicle at B's origin in B [N, N m], of the last evaluation, without the
-        added inertia.
+        """Hydrodynamic wrench (6,) on the vehicle at B's origin in B [N, N m] at the last evaluation.
+
+        It does not contain the added inertia, which is in mjData.M.
 
         Raises:
-            WaterLost: somebody replaced mjcb_control.
+            WaterLost: mjcb_control was replaced.
         """
         if self._finalizer.alive and not _installed():
             raise WaterLost(_LOST)
@@ -65,18 +66,18 @@ class Attachment:
 
     @property
     def current_W(self) -> np.ndarray:
-        """(3,) velocity of the water in W [m/s]. A copy: to change it, set it as a whole."""
+        """(3,) velocity of the current in W [m/s], as a copy. To change it, assign the whole vector."""
         return self.context["water"]["v_c_W"][0].copy()
 
     @current_W.setter
     def current_W(self, value: Sequence[float]) -> None:
-        """Raises InputError unless the value is three finite numbers."""
+        """Set the current. Raises InputError unless the value is three finite numbers."""
         self.context["water"]["v_c_W"] = _finite_numbers({"current_W": value}, {"current_W": 3})["current_W"]
 
     def detach(self) -> None:
-        """Take the water away; the next forward evaluation is dry. Doing it twice does no harm.
+        """Remove the hydrodynamics, from the next forward evaluation on. Calling it again has no effect.
 
-        Warns (RuntimeWarning) if somebody replaced mjcb_control in the meantime.
+        Warns (RuntimeWarning) if mjcb_control was replaced in the meantime.
         """
         if self._finalizer.alive and not _installed():
             warnings.warn(_LOST, RuntimeWarning, stacklevel=2)
@@ -88,7 +89,7 @@ class Attachment:
     def __exit__(self, kind: object, *exception: object) -> None:
         if kind is None:
             self.detach()
-        else:  # what was raised matters more than a warning
+        else:  # the exception is more important than a warning
             self._finalizer()
 
 
@@ -102,33 +103,34 @@ def attach(
     amplitude: Sequence[float] = (0.0,) * 6,
     frequency_hz: Sequence[float] = (0.0,) * 6,
 ) -> Attachment:
-    """Put a vehicle of any model in the water: added mass, Coriolis, damping, buoyancy, current and disturbance.
+    """Add hydrodynamics to a vehicle in any model: added mass, Coriolis, damping, buoyancy, current and disturbance.
 
-    From then on every ``mj_step`` and ``mj_forward`` of this ``data``, in MuJoCo's viewer, in dm_control, in
-    ``mujoco.rollout`` or in a loop of your own, has the water in it, at native speed and from any thread. Copies of
-    ``data`` do not: attach each. The water's wrench is in ``qfrc_passive``, which MuJoCo computes anew in each
-    evaluation. ``xfrc_applied`` is yours, and a state that was saved and restored has the water in it once.
+    They act in every ``mj_step`` and ``mj_forward`` of this ``data``, in MuJoCo's viewer, in dm_control, in
+    ``mujoco.rollout`` or in your own loop, at native speed and from any thread. They do not act on copies of ``data``:
+    attach each copy. The wrench is in ``qfrc_passive``, which MuJoCo computes anew in each evaluation.
+    ``xfrc_applied`` is free for your own forces. Restoring a saved state does not apply the hydrodynamics twice.
 
-    Three things do not know the water, for MuJoCo does not call mjcb_control there. ``mj_inverse`` and MuJoCo's energy
-    are those of a dry vehicle. dm_control resets with actuation disabled: after ``physics.reset()``, call
-    ``mj_forward`` before the first step. A ``mujoco.set_mjcb_control`` of your own takes the water away: ``wrench``
-    then raises :class:`WaterLost`, and ``detach`` warns.
+    In three cases MuJoCo does not call mjcb_control. ``mj_inverse`` and MuJoCo's energy are those of a vehicle without
+    hydrodynamics. dm_control resets with actuation disabled: after ``physics.reset()``, call ``mj_forward`` before the
+    first step. Your own ``mujoco.set_mjcb_control`` replaces the hydrodynamics: ``wrench`` then raises
+    :class:`WaterLost`, and ``detach`` warns.
 
     Args:
-        model: a compiled model. The vehicle's coefficients are in it (:mod:`uvms_mj.vehicle`).
+        model: a compiled model that contains the vehicle's coefficients (:mod:`uvms_mj.vehicle`).
         data: its data.
-        body: the vehicle's body, which has a free joint; by default the only one.
-        current_W: (3,) velocity of the water in W [m/s], constant and irrotational.
+        body: the vehicle's body, which has a free joint; by default the only body with one.
+        current_W: (3,) velocity of the current in W [m/s], constant and irrotational.
         bias, amplitude, frequency_hz: (6,) disturbance wrench bias + amplitude sin(2 pi f t) in B [N, N m, Hz], eq.
             (10).
 
     Returns:
-        The attachment; its ``detach()`` undoes this.
+        The attachment. Its ``detach()`` removes the hydrodynamics.
 
     Raises:
-        InputError: the model has what would use a stale or doubled inertia or lose the water, or coefficients that
-            are not physical; the body is in the water already, or too many are; somebody else has mjcb_control.
-        RuntimeError: this MuJoCo lays mjData out in a way that is not known.
+        InputError: a setting of the model would use a stale or doubled inertia or skip the hydrodynamics;
+            coefficients are not physical; the body is already attached, or too many are; another mjcb_control is
+            installed.
+        RuntimeError: the layout of mjData in this version of MuJoCo is unknown.
 
     Warns:
         UserWarning: the vehicle's damping can feed energy in.
@@ -169,7 +171,7 @@ _WATER_FIELDS = {"current_W": "v_c_W", "bias": "bias", "amplitude": "amplitude",
 
 
 def _finite_numbers(given: Mapping[str, Any], sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
-    """Vectors of finite numbers by name; an InputError names every one that is not."""
+    """Vectors of finite numbers by name. An InputError lists all values that are not such a vector."""
     numbers, faults = {}, []
     for name, value in given.items():
         try:
@@ -184,14 +186,14 @@ def _finite_numbers(given: Mapping[str, Any], sizes: Mapping[str, int]) -> dict[
 
 
 def _register(attachment: Attachment) -> int:
-    """Give an attachment a row of the registry, and install the callback with the first."""
+    """Enter an attachment in the registry, and install the callback if it is the first."""
     with _lock:
         for other in _attached.values():
             if (other._address, other.body_id) == (attachment._address, attachment.body_id):
-                raise InputError(f"body {attachment.vehicle.body!r}: is in the water already; detach it first")
+                raise InputError(f"body {attachment.vehicle.body!r}: is already attached; detach it first")
         row = next((i for i in range(1, CAPACITY) if i not in _attached), None)
         if row is None:
-            raise InputError(f"{CAPACITY - 1} vehicles are in the water: one process can't have more")
+            raise InputError(f"{CAPACITY - 1} vehicles are attached; one process can't have more")
         if mujoco.get_mjcb_control() is None:
             mujoco.set_mjcb_control(entry_points().control.ctypes)
         elif not _installed():
@@ -212,20 +214,20 @@ def _unregister(row: int) -> None:
 
 
 def _installed() -> bool:
-    """Whether MuJoCo's mjcb_control is the water's."""
+    """Whether mjcb_control is the callback of this package."""
     return mujoco.get_mjcb_control() is entry_points().control.ctypes
 
 
 def _fill(context: np.void, model: mujoco.MjModel, data: mujoco.MjData, body_id: int) -> None:
-    """The addresses that the callback works on; they stand still for as long as mjData lives."""
+    """Set the addresses that the callback works on. They stay valid for the lifetime of mjData."""
     joint = model.body_jntadr[body_id]
     qpos, dof = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
-    time_at = data.energy.ctypes.data - 8  # mjData.time is the number before mjData.energy
+    time_at = data.energy.ctypes.data - 8  # mjData.time precedes mjData.energy
     before, data.time = data.time, 0.123456789
     found = ctypes.c_double.from_address(time_at).value
     data.time = before
     if found != 0.123456789:
-        raise RuntimeError(f"MuJoCo {mujoco.__version__} lays mjData out in a way that uvms-mj does not know")
+        raise RuntimeError(f"uvms-mj does not support the layout of mjData in MuJoCo {mujoco.__version__}")
     context["time_at"] = time_at
     context["R_at"] = data.xmat[body_id].ctypes.data
     context["qpos_at"] = data.qpos[qpos:].ctypes.data
@@ -238,9 +240,9 @@ def _fill(context: np.void, model: mujoco.MjModel, data: mujoco.MjData, body_id:
 
 
 def _factors_alone(model: mujoco.MjModel, data: mujoco.MjData, body_id: int) -> bool:
-    """Whether the vehicle's block of mjData.M can be factored by itself, at a third of the cost of mj_factorM.
+    """Whether the vehicle's block of mjData.M can be factored separately, at a third of the cost of mj_factorM.
 
-    It can where nothing moves on the vehicle; that MuJoCo lays its factor out in this way is tried on the model itself.
+    This requires a vehicle without moving parts. The layout of MuJoCo's factor is verified on the model.
     """
     if model.body_dofnum[model.body_rootid == body_id].sum() != 6 or data.qLD.shape != data.M.shape:
         return False
@@ -255,7 +257,7 @@ def _factors_alone(model: mujoco.MjModel, data: mujoco.MjData, body_id: int) -> 
 
 
 def _refuse_unsound(model: mujoco.MjModel, body_id: int) -> None:
-    """Refuse what would use a stale or doubled inertia, or lose the water."""
+    """Refuse settings that would use a stale or doubled inertia, or skip the hydrodynamics."""
     enable, disable = mujoco.mjtEnableBit, mujoco.mjtDisableBit
     option, faults = model.opt, []
 
@@ -266,23 +268,22 @@ def _refuse_unsound(model: mujoco.MjModel, body_id: int) -> None:
     refuse(
         option.solver == mujoco.mjtSolver.mjSOL_PGS,
         "solver PGS",
-        "projects constraints with the inertia from before the added mass; use Newton or CG",
+        "solves constraints with the inertia without the added mass; use Newton or CG",
     )
     refuse(
         option.noslip_iterations > 0,
         "noslip_iterations",
-        f"is {option.noslip_iterations}; noslip uses the inertia without the added mass; set it to 0",
+        f"is {option.noslip_iterations}, but noslip uses the inertia without the added mass; set it to 0",
     )
     refuse(
         option.integrator not in _INTEGRATORS,
         "integrator",
-        f"{option.integrator} is not known to use the inertia with the added mass; "
-        "use Euler, implicitfast, implicit or RK4",
+        f"{option.integrator} may use the inertia without the added mass; use Euler, implicitfast, implicit or RK4",
     )
     refuse(
         option.enableflags & enable.mjENBL_SLEEP,
         "enable sleep",
-        "a sleeping vehicle keeps an inertia that already has the added mass in it; disable it",
+        "a sleeping vehicle keeps its inertia, so the added mass would be added twice; disable it",
     )
     refuse(
         option.enableflags & enable.mjENBL_DIAGEXACT,
@@ -292,31 +293,31 @@ def _refuse_unsound(model: mujoco.MjModel, body_id: int) -> None:
     refuse(
         option.disableflags & disable.mjDSBL_ACTUATION,
         "disable actuation",
-        "skips mjcb_control, and with it the water; enable actuation",
+        "skips mjcb_control, and with it the hydrodynamics; enable actuation",
     )
     dof = model.body_dofadr[body_id]
     damping = model.dof_damping[dof : dof + 6]
     refuse(
         damping.any(),
         "joint damping",
-        f"of the free joint is {damping.max():g}; the water's own damping replaces it: set it to 0",
+        f"is {damping.max():g} on the free joint and would act in addition to the hydrodynamic damping; set it to 0",
     )
     refuse(
         model.dof_armature[dof : dof + 6].any(),
         "joint armature",
-        "of the free joint adds to the inertia what is not the vehicle's; set it to 0",
+        "on the free joint would add to the vehicle's inertia; set it to 0",
     )
     refuse(
         option.density > 0 or option.viscosity > 0,
         "density, viscosity",
-        f"are {option.density:g} and {option.viscosity:g}; MuJoCo's own fluid would come on top of this one: "
+        f"are {option.density:g} and {option.viscosity:g}; MuJoCo's own fluid forces would act in addition; "
         "set both to 0",
     )
     full = model.M_rownnz[dof : dof + 6] == np.arange(1, 7)
     refuse(
         not full.all(),
         "body",
-        'has no room for off-diagonal entries in mjData.M; write <body simple="false">',
+        'has no off-diagonal entries in mjData.M for the added mass; write <body simple="false">',
     )
     if faults:
-        raise InputError(faults, f"body {model.body(body_id).name!r} can't be put in the water")
+        raise InputError(faults, f"body {model.body(body_id).name!r} can't be attached")

@@ -1,8 +1,8 @@
-"""MuJoCo's ``mjcb_control`` in machine code: the water, and around it the closed loop where there is one.
+"""MuJoCo's ``mjcb_control`` in machine code: hydrodynamics and, with a controller, the closed loop.
 
 MuJoCo calls it in every forward evaluation of every model of the process, after it has built and factored the
 joint-space inertia and before it uses it. The callback looks the mjData up among the attached ones and returns at
-once from a stranger's.
+once if it is not attached.
 """
 
 import functools
@@ -21,8 +21,8 @@ from .memory import context_at, floats, loop_at, mj_factorM, registered, triples
 def add_inertia(context, R_WB, model, data):
     """Add T^T M_A T to mjData.M and factor it, unless this M has it already.
 
-    mj_forwardSkip and mjd_transitionFD evaluate again on an M that was not rebuilt; it is then what the callback
-    left, bit for bit.
+    mj_forwardSkip and mjd_transitionFD evaluate again without rebuilding M. It then equals, bit for bit, the M that the
+    callback left.
     """
     M = floats(context.M_at, 21)
     left = context.M_left
@@ -44,9 +44,10 @@ def add_inertia(context, R_WB, model, data):
 
 @kernel
 def apply_wrench(context, R_WB, contact):
-    """Add the water's wrench, and the friction of a contact, to the free joint's entries of mjData.qfrc_passive.
+    """Add the hydrodynamic wrench and the contact's friction to the free joint's entries of mjData.qfrc_passive.
 
-    MuJoCo has just set them anew. Where mj_forwardSkip left that stage out they are still what the callback left.
+    MuJoCo has just reset these entries. If mj_forwardSkip skipped that stage, they still have the values that the
+    callback left.
     """
     passive, before, left = floats(context.passive_at, 6), context.passive_before, context.passive_left
     same = True
@@ -56,7 +57,7 @@ def apply_wrench(context, R_WB, contact):
     if not same:
         for i in range(6):
             before[i] = passive[i]
-    to_world(R_WB, context.wrench, left)  # T^T: a free joint's force is in W, its moment in B
+    to_world(R_WB, context.wrench, left)  # a free joint's force is in W, its moment in B
     for i in range(3):
         left[i] += before[i]
         left[i + 3] = before[i + 3] + context.wrench[i + 3]
@@ -71,7 +72,7 @@ def apply_wrench(context, R_WB, contact):
 
 @kernel
 def evaluate(context, model, data):
-    """One forward evaluation of one attached vehicle."""
+    """Do the callback's part of one forward evaluation of one attached vehicle."""
     context.calls += 1
     R_WB = triples(context.R_at, 3)
     add_inertia(context, R_WB, model, data)
@@ -112,7 +113,7 @@ def _finish(address):
 
 
 class EntryPoints(NamedTuple):
-    """The machine code that Python hands to MuJoCo or calls between chunks."""
+    """Machine code that MuJoCo calls, or that Python calls between chunks."""
 
     control: NativeFunction
     sense: NativeFunction
@@ -121,7 +122,7 @@ class EntryPoints(NamedTuple):
 
 @functools.cache
 def entry_points() -> EntryPoints:
-    """Loaded or compiled at the first use."""
+    """The entry points, loaded or compiled at the first use."""
     return EntryPoints(
         native_function(_callback, 2, False),
         native_function(_sense, 1, True),

@@ -100,7 +100,7 @@ class ClosedLoop:
             self._loop["contact"][name] = value
         self._set_task(design)
         self._set_coefficients("estimates", vehicle, scenario.estimates, model.opt.gravity)
-        self._set_coefficients("truths", vehicle, Estimates(), model.opt.gravity)
+        self._set_coefficients("true_coefficients", vehicle, Estimates(), model.opt.gravity)
         signals = self._loop["signals"]
         signals["period"] = period_steps * self.timestep
         signals["M_hat"], signals["M_d"], signals["D_d"] = design.M_hat, design.M_d, design.D_d

@@ -1,4 +1,4 @@
-"""What :mod:`.memory` means in machine code. Imported only where something has to be compiled."""
+"""Machine code for the functions of :mod:`.memory`. Imported only when something has to be compiled."""
 
 import functools
 
@@ -48,8 +48,8 @@ def _call_law(typing_context, function, gains, state, signals, state_dot, tau_cm
             kind = ir.FunctionType(returns, [value.type for value in given])
             return builder.call(get_or_insert_function(builder.module, kind, name), given)
 
-        # An exception of numba's own whose text is made when it is raised keeps Python's lock where its environment is
-        # missing, as it is in code from disk: the run would wait for itself. The loop is called without that lock.
+        # numba takes the GIL to raise an exception whose text is made at run time. Without its environment, which code
+        # from disk lacks, it does not release the GIL, and the run would deadlock. The loop is called without the GIL.
         with builder.if_then(builder.icmp_signed("!=", raised, word(0)), likely=False):
             holds = builder.icmp_signed("!=", python("PyGILState_Check", flag), flag(0))
             with builder.if_then(holds, likely=False):
@@ -62,7 +62,7 @@ def _call_law(typing_context, function, gains, state, signals, state_dot, tau_cm
 
 @functools.cache
 def register() -> None:
-    """Tell numba, once, what to compile in place of the plain functions."""
+    """Register with numba, once, the code to compile in place of the plain functions."""
 
     @overload(memory.mj_factorM)
     def _(model, data):

@@ -1,4 +1,4 @@
-"""Records that Python fills and compiled code works on. A field that ends in ``_at`` is a memory address."""
+"""Records shared by Python and compiled code. A field that ends in ``_at`` is a memory address."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from ..signals import GIVEN, RUNNING, STATE, TRUTH, record_dtype
 SIGNALS = record_dtype(GIVEN)
 TRUE_SIGNALS = record_dtype(TRUTH)
 SIGNALS_AND_TRUTH = record_dtype(GIVEN + TRUTH)
-"""What the yardstick is given: both records as they stand in LOOP, one after the other."""
+"""Record given to the ideal law: signals and truth of LOOP, one directly after the other."""
 ROW = record_dtype(STATE + RUNNING)
 ROW_SIZE = ROW.itemsize // 8
 
@@ -22,10 +22,10 @@ CONTEXT = np.dtype(
         ("qpos_at", "i8"),  # of the free joint
         ("qvel_at", "i8"),
         ("M_at", "i8"),  # the joint's 21 entries of mjData.M
-        ("qLD_at", "i8"),  # the same entries of mjData.qLD, or 0 where mj_factorM has to factor the whole
+        ("qLD_at", "i8"),  # the same entries of mjData.qLD, or 0 if mj_factorM has to factor all of M
         ("qLDiagInv_at", "i8"),
         ("passive_at", "i8"),  # the joint's entries of mjData.qfrc_passive
-        ("loop_at", "i8"),  # LOOP, or 0 where nobody controls the vehicle
+        ("loop_at", "i8"),  # LOOP, or 0 without a closed loop
         ("calls", "i8"),
         ("water", WATER),
         ("nu", "f8", (6,)),
@@ -33,10 +33,10 @@ CONTEXT = np.dtype(
         ("work", "f8", (6,)),
         ("wrench", "f8", (6,)),
         ("added", "f8", (21,)),
-        ("M_left", "f8", (21,)),  # mjData.M as the callback left it
-        ("passive_before", "f8", (6,)),  # qfrc_passive as the callback found it
-        ("passive_left", "f8", (6,)),  # and as it left it
-        ("no_contact", CONTACT),  # where there is no loop, and so no wall
+        ("M_left", "f8", (21,)),  # mjData.M after the callback
+        ("passive_before", "f8", (6,)),  # qfrc_passive before the callback
+        ("passive_left", "f8", (6,)),  # qfrc_passive after the callback
+        ("no_contact", CONTACT),  # used without a loop, and so without a wall
     ],
     align=True,
 )
@@ -50,9 +50,9 @@ LOOP = np.dtype(
         ("timestep", "f8"),
         ("period_steps", "i8"),
         ("row_steps", "i8"),  # time steps from row to row
-        ("steps", "i8"),  # of the whole run
-        ("window_step", "i8"),  # where the final window begins
-        ("law_at", "i8"),  # the compiled law, or 0: tau_cmd is set from outside before the step
+        ("steps", "i8"),  # number of time steps of the run
+        ("window_step", "i8"),  # first step of the final window
+        ("law_at", "i8"),  # the compiled law, or 0 if tau_cmd is set from outside before the step
         ("bandwidth", "f8"),
         ("start", "f8", (3,)),
         ("times_at", "i8"),
@@ -88,23 +88,23 @@ LOOP = np.dtype(
         ("state_dot_at", "i8"),
         ("states", "i8"),
         ("signals_at", "i8"),
-        ("given_at", "i8"),  # what the law gets: signals themselves, or a copy that it may write on
-        ("copied", "i8"),  # numbers to copy
+        ("given_at", "i8"),  # record given to the law: signals, or a copy that it may overwrite
+        ("copied", "i8"),  # number of values to copy
         ("tau_cmd_at", "i8"),
         ("signals", SIGNALS),
-        ("truth", TRUE_SIGNALS),  # right behind signals
-        ("truths", COEFFICIENTS),
+        ("truth", TRUE_SIGNALS),  # directly after signals
+        ("true_coefficients", COEFFICIENTS),
         ("reveals", "i8"),  # whether the law is given the truth
-        ("integral", "i8"),  # whether s begins at zero, as an integral does
+        ("integral", "i8"),  # whether s begins at zero: integral sliding variable
         ("zeta_dot", "f8", (6,)),
         ("tau_cmd", "f8", (6,)),
         ("tau", "f8", (6,)),
         ("tau_before", "f8", (6,)),
-        # the step in hand
+        # the current step
         ("step", "i8"),  # number of steps begun
-        ("observed", "i8"),  # the step that state and contact were taken for, plus one
-        ("sensed", "i8"),  # the step that signals were sensed for, plus one
-        ("pending", "i8"),  # whether the last step waits for its contact force and acceleration
+        ("observed", "i8"),  # the step for which state and contact were read, plus one
+        ("sensed", "i8"),  # the step for which signals were sensed, plus one
+        ("pending", "i8"),  # whether the last step still lacks its contact force and acceleration
         ("t", "f8"),
         ("p", "f8", (3,)),
         ("quat", "f8", (4,)),
@@ -116,7 +116,7 @@ LOOP = np.dtype(
         ("f_before_W", "f8", (3,)),
         ("moment_B", "f8", (3,)),  # of the contact force about B's origin, at t_k and at t_(k-1)
         ("moment_before_B", "f8", (3,)),
-        ("qpos_safe", "f8", (7,)),  # where the run began
+        ("qpos_safe", "f8", (7,)),  # initial pose
         # rows
         ("rows_at", "i8"),
         ("row_width", "i8"),
@@ -124,11 +124,11 @@ LOOP = np.dtype(
         ("rows", "i8"),  # rows written
         ("row_at", "i8"),
         ("row", ROW),
-        # health
+        # divergence and errors of the law
         ("fault", "i8"),
         ("fault_index", "i8"),
         ("fault_value", "f8"),
     ],
     align=True,
 )
-"""The closed loop of one vehicle: settings, the law's memory, the step in hand, rows of samples, health."""
+"""The closed loop of one vehicle: settings, memory of the law, current step, rows, divergence and errors."""

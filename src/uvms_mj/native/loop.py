@@ -89,7 +89,7 @@ def sense(context, loop):
     sliding_variable(loop.task, signals, loop.zeta_dot)
     nominal_control(loop.task, signals)
     if loop.reveals != 0:
-        reveal(loop.truths, context.water, signals, loop.truth, work)
+        reveal(loop.true_coefficients, context.water, signals, loop.truth, work)
 
 
 @kernel

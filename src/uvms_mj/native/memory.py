@@ -1,5 +1,4 @@
-"""Memory and functions outside Python, as the kernels see them: these run as plain Python, and :mod:`.intrinsics`
-compiles them."""
+"""Access of kernels to memory and functions outside Python. :mod:`.intrinsics` has the compiled versions."""
 
 import ctypes
 import sys
@@ -13,18 +12,18 @@ import numpy as np
 from .layouts import CONTEXT, LOOP
 
 CAPACITY = 1024
-"""How many vehicles can be attached at once in one process, plus one."""
+"""Rows of the registry: one more than the number of vehicles that a process can have attached at once."""
 
 registry = np.zeros((CAPACITY, 2), dtype=np.int64)
-"""Rows of (address of mjData, address of CONTEXT), zero where free; row 0 is (the last row ever used, 0).
+"""Rows (address of mjData, address of CONTEXT), zero if free. Row 0 is (last row ever used, 0).
 
-Read by every callback without a lock, written under one: a row stays where it is, and its first number is written
-last and cleared first, so that a callback in another thread never sees half a row.
+Every callback reads it without a lock; writers hold a lock. A row never moves. Its first number is written last and
+cleared first, so that a callback in another thread never reads half a row.
 """
 
 
 def _mujoco_library() -> ctypes.CDLL:
-    """The MuJoCo library that this process has loaded already."""
+    """The MuJoCo library that this process has already loaded."""
     pattern = "libmujoco*.dylib" if sys.platform == "darwin" else "libmujoco.so.*"
     return ctypes.CDLL(str(min(Path(mujoco.__file__).parent.glob(pattern))))
 
@@ -37,7 +36,7 @@ llvm.add_symbol("mj_factorM", ctypes.cast(_factorM, ctypes.c_void_p).value)
 
 
 def mj_factorM(model: int, data: int) -> None:
-    """MuJoCo's own: factor mjData.M."""
+    """Factor mjData.M with MuJoCo's own function."""
     _factorM(model, data)
 
 

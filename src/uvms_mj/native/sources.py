@@ -1,5 +1,4 @@
-"""What the machine code of a user's law depends on: the files of its module and of all that this imports, and its
-globals."""
+"""Dependencies of the machine code of a user's law: source files of its module and imports, and its globals."""
 
 import ast
 import sys
@@ -15,10 +14,9 @@ _FOREIGN = tuple(Path(sysconfig.get_path(name)).resolve() for name in ("stdlib",
 
 
 def source_files(module: ModuleType) -> list[Path]:
-    """The file of a module and those of all it imports, however deep, but for installed packages and the standard
-    library.
+    """Files of a module and of its direct and indirect imports, except installed packages and the standard library.
 
-    Imports are read from the source: a constant taken from another file leaves no trace in the module itself.
+    Imports are read from the source, because a constant imported from another file leaves no trace in the module.
     """
     found: dict[Path, None] = {}
     todo = [Path(str(module.__file__)).resolve()]
@@ -52,7 +50,7 @@ def _origin(name: str) -> Path | None:
 
 
 def global_values(module: ModuleType) -> bytes:
-    """The plain values among a module's globals, which numba freezes into the machine code."""
+    """Bytes of the plain values among a module's globals, which numba freezes into the machine code."""
     kinds = (bool, int, float, complex, str, tuple, np.ndarray, np.generic)
     values = {name: value for name, value in vars(module).items() if isinstance(value, kinds) and name[:2] != "__"}
     return b"".join(
