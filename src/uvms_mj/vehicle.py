@@ -15,6 +15,7 @@ The file holds them as ``<custom><numeric>`` entries in the SNAME convention, wi
 The rigid body is MuJoCo's own ``<inertial>``; a vehicle's actuators are its thrusters.
 """
 
+import difflib
 from dataclasses import dataclass
 
 import mujoco
@@ -26,6 +27,14 @@ from .frames import rotation_matrix
 ADDED_MASS = ("X_udot", "Y_vdot", "Z_wdot", "K_pdot", "M_qdot", "N_rdot")
 LINEAR = ("X_u", "Y_v", "Z_w", "K_p", "M_q", "N_r")
 QUADRATIC = ("X_uu", "Y_vv", "Z_ww", "K_pp", "M_qq", "N_rr")
+
+KNOWN_NUMERICS = frozenset((*ADDED_MASS, *LINEAR, *QUADRATIC, "M_A", "displaced_mass", "center_of_buoyancy"))
+"""Every ``<numeric>`` of a vehicle that is read."""
+
+LINKS_ARE_DRY = (
+    "a vehicle moves on its free joint alone; a link on a joint of its own would be dry, without buoyancy, "
+    "added mass and drag"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +65,6 @@ class Vehicle:
     """(n,) least thrust [N]."""
     u_max: np.ndarray
     """(n,) greatest thrust [N]."""
-    rigid: bool
-    """Whether nothing moves on the vehicle itself."""
 
     @property
     def M(self) -> np.ndarray:
@@ -84,12 +91,14 @@ class Vehicle:
                 (``"left/bluerov1"``) is looked for before the names of the numerics too.
 
         Raises:
-            InputError: coefficients that are missing, malformed or unphysical, all of them at once.
+            InputError: coefficients that are missing, misspelt, malformed or unphysical, all of them at once; or
+                something moves on the vehicle itself.
         """
         body = _only_free_body(model) if body is None else body
         body_id = free_body_id(model, body)
+        _refuse_links(model, body_id)
         prefix = body[: body.rfind("/") + 1]
-        faults: list[Fault] = []
+        faults = misspelt_numerics(model, prefix)
         M_A = _added_mass(model, prefix, faults)
         D_linear = -_derivatives(model, prefix, LINEAR, faults)
         D_quadratic = -_derivatives(model, prefix, QUADRATIC, faults)
@@ -107,12 +116,18 @@ class Vehicle:
         mujoco.mj_forward(model, data)
         M_RB = _rigid_body_inertia(model, data, body_id)
         thrusters, ids, thrust_of_ctrl, B, u_min, u_max = _thrusters(model, data, body_id, faults)
+        if not np.isfinite(M_RB).all():
+            faults.append(Fault("M_RB", "mass or inertia is not finite"))
+        faults += [
+            Fault(name, "its site, gear or gain is not finite")
+            for name, column in zip(thrusters, B.T, strict=True)
+            if not np.isfinite(column).all()
+        ]
         faults += _turning_thrusters(model, data, body_id, thrusters, B)
         if not faults and np.linalg.eigvalsh(M_RB + M_A)[0] <= 0.0:
             faults.append(Fault("M_RB + M_A", "is not positive definite"))
         if faults or displaced is None or r_b is None:
             raise InputError(faults, f"vehicle {body!r}")
-        rigid = int(model.body_dofnum[model.body_rootid == body_id].sum()) == 6
         arrays = (M_RB, M_A, D_linear, D_quadratic, r_b, thrust_of_ctrl, B, u_min, u_max)
         for array in arrays:
             array.setflags(write=False)
@@ -130,7 +145,6 @@ class Vehicle:
             B=B,
             u_min=u_min,
             u_max=u_max,
-            rigid=rigid,
         )
 
 
@@ -144,6 +158,53 @@ def free_body_id(model: mujoco.MjModel, body: str) -> int:
     if not _is_free(model, body_id):
         raise InputError(f"body {body!r}: has no free joint; free bodies are {', '.join(_free(model)) or 'none'}")
     return body_id
+
+
+def _refuse_links(model: mujoco.MjModel, body_id: int) -> None:
+    """Refuse whatever moves on the vehicle itself. What is fixed to it is a part of its rigid body."""
+    links = np.flatnonzero((model.body_rootid == body_id) & (model.body_dofnum > 0))
+    faults = [
+        Fault(f"body {model.body(i).name or int(i)!r}", f"moves on {model.body(body_id).name!r}: {LINKS_ARE_DRY}")
+        for i in links
+        if i != body_id
+    ]
+    if faults:
+        raise InputError(faults, f"vehicle {model.body(body_id).name!r}")
+
+
+def misspelt_numerics(model: mujoco.MjModel, prefix: str) -> list[Fault]:
+    """Faults of numerics that are nearly named as a coefficient; a model may have others for purposes of its own."""
+    meant = {name: _meant(name) for name in _numerics(model, prefix)}
+    return [
+        Fault(prefix + name, f"is not a coefficient; did you mean {coefficient!r}?")
+        for name, coefficient in meant.items()
+        if coefficient not in ("", name)
+    ]
+
+
+def unknown_numerics(model: mujoco.MjModel, prefix: str) -> list[Fault]:
+    """Faults of all other numerics, where the model is nothing but a vehicle."""
+    return [
+        Fault(prefix + name, "is not a coefficient: nothing reads it; leave it out, or write a remark as <text>")
+        for name in _numerics(model, prefix)
+        if not _meant(name)
+    ]
+
+
+def _meant(name: str) -> str:
+    """The coefficient that a numeric is, or nearly is, by its name; an empty text where there is none."""
+    if name in KNOWN_NUMERICS:
+        return name
+    known = {each.lower(): each for each in sorted(KNOWN_NUMERICS)}
+    close = difflib.get_close_matches(name.lower(), known, n=1, cutoff=0.8)
+    return known[close[0]] if close else ""
+
+
+def _numerics(model: mujoco.MjModel, prefix: str) -> list[str]:
+    """Names of the numerics that have a prefix, without it, and that belong to no other attached model."""
+    names = [model.numeric(i).name for i in range(model.nnumeric)]
+    rest = [name.removeprefix(prefix) for name in names if name.startswith(prefix)]
+    return [name for name in rest if "/" not in name]
 
 
 def _names(model: mujoco.MjModel) -> list[str]:
@@ -260,12 +321,19 @@ def _thrusters(model, data, body_id, faults):
             model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_NONE
             and model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED
             and model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_NONE
+            and not model.actuator_history[i].any()
         )
         if not plain:
-            faults.append(Fault(name, "is not a plain <motor>: thrust must be gain times ctrl"))
+            faults.append(Fault(name, "is not a plain <motor>: thrust must be gain times ctrl, at once"))
         elif gain <= 0.0:
             faults.append(Fault(name, f"its gain is {gain:g}: must be positive; turn gear round for the other way"))
         gain = gain if gain > 0.0 else 1.0  # the fault is noted
+        for limits_of, (low, high) in (
+            ("ctrlrange", model.actuator_ctrlrange[i]),
+            ("forcerange", model.actuator_forcerange[i]),
+        ):
+            if low > high:  # MuJoCo takes such a range for no limit
+                faults.append(Fault(name, f"{limits_of} {low:g} {high:g}: the lower limit must come first"))
         linear, angular = (float(np.linalg.norm(half)) for half in np.split(model.actuator_gear[i], 2))
         gear = linear or angular  # of a motor that gives a moment alone, "thrust" is that moment [N m]
         low, high = -np.inf, np.inf
