@@ -18,6 +18,7 @@ LARGEST_NUMBER = 1e10
 MOST_ELEMENTS = 10_000
 """Of a file, each copy by <replicate> counted: MuJoCo's compiler takes time in proportion to the square."""
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
 
 Rule = Callable[[str], str]
 """What is wrong with an attribute's value; an empty text where nothing is."""
@@ -37,6 +38,11 @@ def _any(text: str) -> str:
 def _numbers(text: str) -> str:
     values = values_of(text)
     return "" if values and max(map(abs, values)) <= LARGEST_NUMBER else f"must be numbers within +-{LARGEST_NUMBER:g}"
+
+
+def finite(text: str) -> str:
+    """The rule of every attribute of an element for the eye only, but its name."""
+    return "must be finite" if any(_NOT_FINITE.fullmatch(word) for word in text.split()) else ""
 
 
 def _range(text: str) -> str:

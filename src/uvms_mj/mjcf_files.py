@@ -8,6 +8,7 @@ includes them (MuJoCo, XML reference, compiler and include).
 import os
 import re
 import stat
+import struct
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path, PurePath
 from xml.etree import ElementTree
@@ -20,6 +21,9 @@ DEEPEST = 100
 _FILE = re.compile(r"file(name|right|left|up|down|front|back)?")
 LARGEST_XML, LARGEST_FILE, LARGEST_MODEL = 8 * 2**20, 64 * 2**20, 256 * 2**20
 """Bytes: of one XML file, of any one file, and of all files of a model together."""
+LARGEST_PICTURE = 2**26
+"""Pixels; a picture of a few kilobytes may have billions."""
+_PNG = b"\x89PNG\r\n\x1a\n"
 _NAMED = ("mesh", "texture")
 """Elements that without a name have that of their file."""
 _COMMENT = re.compile(
@@ -203,9 +207,18 @@ def trees(files: Mapping[str, bytes], main: str) -> dict[str, Element]:
     for sub in dict.fromkeys(model(main)):
         if model(sub):  # MuJoCo reads it anew each time that it is named
             raise InputError(f"vehicle.model {main}: {sub} is a sub-model, and has sub-models of its own")
+    for name in files.keys() - found.keys():
+        _refuse_large_picture(name, files[name])
     if found[main].tag != "mujoco":
         raise InputError(f"vehicle.model {main}: is no MJCF: its root is <{found[main].tag}>, not <mujoco>")
     return found
+
+
+def _refuse_large_picture(name: str, data: bytes) -> None:
+    if data.startswith(_PNG) and len(data) >= 24:
+        width, height = struct.unpack_from(">II", data, 16)  # PNG (ISO 15948), 11.2.2
+        if width * height > LARGEST_PICTURE:
+            raise InputError(f"vehicle.model {name}: has {width} x {height} pixels; {LARGEST_PICTURE} are enough")
 
 
 def _users_tree(name: str, data: bytes) -> Element:

@@ -70,7 +70,7 @@ def build(scenario: Scenario, mjcf: Mjcf | None = None) -> Plant:
     mjcf = mjcf if mjcf is not None else Mjcf.find(scenario.vehicle.model)
     spec = mjcf.spec()
     whole = mjcf.compiled(spec)
-    check_model(whole)
+    check_model(whole, mjcf.name)
     vehicle = Vehicle.from_model(whole)
     design = Design.of(scenario, vehicle)
     geometry = Geometry.of(whole, free_body_id(whole, vehicle.body))

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from .faults import Fault, InputError, suggestion
-from .mjcf_elements import ELEMENTS, MOST_ELEMENTS, REASONS, values_of
+from .mjcf_elements import ELEMENTS, MOST_ELEMENTS, REASONS, finite, values_of
 from .vehicle import LINKS_ARE_DRY, misspelt_numerics, unknown_numerics
 
 _CLOSE = 0.8
@@ -55,10 +55,10 @@ def _faults(element: Element) -> Iterator[tuple[str, str, str]]:
         yield tag, f"<{called}>", f"is not taken over from a vehicle's file; {reason}"
         return
     rules = ELEMENTS[tag]
-    for attribute, value in element.attrib.items() if rules is not None else ():
+    for attribute, value in element.attrib.items():
         shown = value if len(value) <= 40 else f"{value[:37]}..."
         where = f'<{called} {attribute}="{shown}">' if attribute != "name" else f'<{tag} name="{shown}">'
-        rule = (rules or {}).get(attribute)
+        rule = finite if rules is None else rules.get(attribute)
         if rule is None:
             yield f"{tag} {attribute}", where, f"{attribute} is not taken over; {_why(tag, attribute)}"
         elif message := rule(value):
@@ -92,8 +92,12 @@ def _too_many(trees: Mapping[str, Element]) -> Iterator[Fault]:
         yield Fault("<attach>", "has no model; name one of <asset>")
 
 
-def check_model(model: mujoco.MjModel) -> None:
+def check_model(model: mujoco.MjModel, main: str) -> None:
     """Check the compiled model of a vehicle's file, for what the XML does not show.
+
+    Args:
+        model: as compiled.
+        main: name of its own file.
 
     Raises:
         InputError: it is not one body on a free joint, with thrusters and nothing to collide with but the scenario's
@@ -103,15 +107,15 @@ def check_model(model: mujoco.MjModel) -> None:
     bodies = [_body(model, i) for i in model.jnt_bodyid[free]]
     faults = [Fault(_body(model, i), f"has a joint of its own: {LINKS_ARE_DRY}") for i in model.jnt_bodyid[~free]]
     if len(bodies) != 1:
-        found = f"it has {', '.join(bodies)}" if bodies else "it has none"
-        faults.append(Fault("<freejoint>", f"one body moves on a free joint, which is the vehicle; {found}"))
+        found = ", ".join(bodies) or "none"
+        faults.append(Fault("<freejoint>", f"only the vehicle's body moves, on a free joint; here it is {found}"))
     else:
         name = model.body(model.jnt_bodyid[free][0]).name
         prefix = name[: name.rfind("/") + 1]
         faults += misspelt_numerics(model, prefix) + unknown_numerics(model, prefix)
     faults += _thrusters(model) + _collisions(model)
     if faults:
-        raise InputError(faults, "vehicle.model")
+        raise InputError(faults, f"vehicle.model {main}")
 
 
 def _body(model: mujoco.MjModel, i: int) -> str:
