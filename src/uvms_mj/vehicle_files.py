@@ -48,23 +48,39 @@ def _faults(element: Element) -> Iterator[tuple[str, str, str]]:
 
     A refused element's own attributes and children are not looked at.
     """
-    tag, name = element.tag, element.get("name")
-    called = f'{tag} name="{name}"' if name else tag
+    tag = element.tag
     if tag not in ELEMENTS:
         reason = REASONS.get(tag) or suggestion(tag, ELEMENTS)
-        yield tag, f"<{called}>", f"is not taken over from a vehicle's file; {reason}"
+        yield tag, _place(element), f"is not taken over from a vehicle's file; {reason}"
         return
     rules = ELEMENTS[tag]
     for attribute, value in element.attrib.items():
-        shown = value if len(value) <= 40 else f"{value[:37]}..."
-        where = f'<{called} {attribute}="{shown}">' if attribute != "name" else f'<{tag} name="{shown}">'
         rule = finite if rules is None else rules.get(attribute)
         if rule is None:
-            yield f"{tag} {attribute}", where, f"{attribute} is not taken over; {_why(tag, attribute)}"
+            reason = f"{attribute} is not taken over; {_why(tag, attribute)}"
+            yield f"{tag} {attribute}", _place(element, attribute), reason
         elif message := rule(value):
-            yield f"{tag} {attribute}", where, message
+            yield f"{tag} {attribute}", _place(element, attribute), message
+    for text in (element.text, *(child.tail for child in element)):
+        if text and text.strip():
+            yield f"{tag} text", _place(element), f"has the text {_short(text)!r}, which nothing reads; leave it out"
+    if tag == "numeric":
+        size, given = values_of(element.get("size", "")), len(element.get("data", "").split())
+        if size and size != [given]:
+            yield "numeric size", _place(element, "size"), f"has {given} numbers in data; MuJoCo would add zeros"
     for child in element:
         yield from _faults(child)
+
+
+def _place(element: Element, attribute: str = "name") -> str:
+    """An element as in its file, with its name and one attribute."""
+    keys = [key for key in dict.fromkeys(("name", attribute)) if key in element.attrib]
+    return "<" + " ".join([element.tag, *(f'{key}="{_short(element.attrib[key])}"' for key in keys)]) + ">"
+
+
+def _short(text: str) -> str:
+    text = " ".join(text.split())
+    return text if len(text) <= 40 else f"{text[:37]}..."
 
 
 def _why(tag: str, attribute: str) -> str:
