@@ -371,6 +371,7 @@ def test_a_misspelt_coefficient_is_refused(name, meant):
     [
         ('<motor delay="0.01" nsample="20" ', "m0: is not a plain <motor>"),
         ('<motor ctrlrange="5 -5" ', "m0: ctrlrange 5 -5: the lower limit must come first"),
+        ('<motor ctrlrange="-5 -4" forcerange="1 2" ', "m0: its ctrlrange and its forcerange have no thrust in common"),
         ('<motor forcerange="5 -5" ', "m0: forcerange 5 -5: the lower limit must come first"),
     ],
 )

@@ -23,6 +23,7 @@ import numpy as np
 
 from .faults import Fault, InputError, suggestion
 from .frames import rotation_matrix
+from .thrusters import read_thrusters, turning_thrusters
 
 ADDED_MASS = ("X_udot", "Y_vdot", "Z_wdot", "K_pdot", "M_qdot", "N_rdot")
 LINEAR = ("X_u", "Y_v", "Z_w", "K_p", "M_q", "N_r")
@@ -115,7 +116,7 @@ class Vehicle:
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         M_RB = _rigid_body_inertia(model, data, body_id)
-        thrusters, ids, thrust_of_ctrl, B, u_min, u_max = _thrusters(model, data, body_id, faults)
+        thrusters, ids, thrust_of_ctrl, B, u_min, u_max = read_thrusters(model, data, body_id, faults)
         if not np.isfinite(M_RB).all():
             faults.append(Fault("M_RB", "mass or inertia is not finite"))
         faults += [
@@ -123,7 +124,7 @@ class Vehicle:
             for name, column in zip(thrusters, B.T, strict=True)
             if not np.isfinite(column).all()
         ]
-        faults += _turning_thrusters(model, data, body_id, thrusters, B)
+        faults += turning_thrusters(model, data, body_id, thrusters, B)
         if not faults and np.linalg.eigvalsh(M_RB + M_A)[0] <= 0.0:
             faults.append(Fault("M_RB + M_A", "is not positive definite"))
         if faults or displaced is None or r_b is None:
@@ -285,67 +286,3 @@ def _rigid_body_inertia(model, data, body_id) -> np.ndarray:
     T_inverse = np.eye(6)
     T_inverse[:3, :3] = rotation_matrix(data.xquat[body_id])  # qvel = T^-1 nu
     return T_inverse.T @ block @ T_inverse
-
-
-def _turning_thrusters(model, data, body_id, thrusters, B) -> list[Fault]:
-    """Faults of thrusters whose wrench in B changes with the pose, such as a motor on the free joint itself."""
-    elsewhere = mujoco.MjData(model)
-    elsewhere.qpos[:] = data.qpos
-    mujoco.mj_integratePos(model, elsewhere.qpos, np.linspace(0.3, 0.9, model.nv), 1.0)
-    mujoco.mj_forward(model, elsewhere)
-    _, _, _, there, _, _ = _thrusters(model, elsewhere, body_id, [])
-    if there.shape != B.shape:
-        return [Fault("thrusters", "their number depends on the pose")]
-    return [
-        Fault(name, "its wrench in B depends on the pose; put the motor on a site of the vehicle's body")
-        for name, here, other in zip(thrusters, B.T, there.T, strict=True)
-        if np.abs(here - other).max() > 1e-9 * max(1.0, np.abs(here).max())
-    ]
-
-
-def _thrusters(model, data, body_id, faults):
-    """Names, indices, thrust of ctrl, B = T^-T moment^T (6, n) for each newton, and limits [N] of the actuators that
-    act on the body."""
-    moment = np.zeros((model.nu, model.nv))
-    mujoco.mju_sparse2dense(moment, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind)
-    dof = model.body_dofadr[body_id]
-    T_inverse = np.eye(6)
-    T_inverse[:3, :3] = rotation_matrix(data.xquat[body_id])
-    names, ids, thrusts, columns, limits = [], [], [], [], []
-    for i in range(model.nu):
-        wrench = T_inverse.T @ moment[i, dof : dof + 6]  # of one unit of actuator force, gain times ctrl
-        if not wrench.any():
-            continue
-        name, gain = model.actuator(i).name or f"actuator {i}", model.actuator_gainprm[i, 0]
-        plain = (
-            model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_NONE
-            and model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED
-            and model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_NONE
-            and not model.actuator_history[i].any()
-        )
-        if not plain:
-            faults.append(Fault(name, "is not a plain <motor>: thrust must be gain times ctrl, at once"))
-        elif gain <= 0.0:
-            faults.append(Fault(name, f"its gain is {gain:g}: must be positive; turn gear round for the other way"))
-        gain = gain if gain > 0.0 else 1.0  # the fault is noted
-        for limits_of, (low, high) in (
-            ("ctrlrange", model.actuator_ctrlrange[i]),
-            ("forcerange", model.actuator_forcerange[i]),
-        ):
-            if low > high:  # MuJoCo takes such a range for no limit
-                faults.append(Fault(name, f"{limits_of} {low:g} {high:g}: the lower limit must come first"))
-        linear, angular = (float(np.linalg.norm(half)) for half in np.split(model.actuator_gear[i], 2))
-        gear = linear or angular  # of a motor that gives a moment alone, "thrust" is that moment [N m]
-        low, high = -np.inf, np.inf
-        if model.actuator_ctrllimited[i]:
-            low, high = gain * model.actuator_ctrlrange[i]
-        if model.actuator_forcelimited[i]:
-            low, high = max(low, model.actuator_forcerange[i, 0]), min(high, model.actuator_forcerange[i, 1])
-        names.append(model.actuator(i).name)
-        ids.append(i)
-        thrusts.append(gain * gear)
-        columns.append(wrench / gear)
-        limits.append((gear * low, gear * high))
-    u_min, u_max = np.array(limits).reshape(-1, 2).T.copy()
-    B = np.array(columns).reshape(-1, 6).T.copy()
-    return tuple(names), tuple(ids), np.array(thrusts), B, u_min, u_max
