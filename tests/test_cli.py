@@ -148,7 +148,7 @@ def test_bad_input_gives_one_message_and_status_2(here, arguments, expected):
     ("numeric", "value", "expected"),
     [
         ("X_udot", "5.5", "must not be positive"),
-        ("N_rr", "abc", "must be numbers"),
+        ("N_rr", "abc", "must be finite numbers"),
         ("displaced_mass", "-1", "negative"),
     ],
 )

@@ -60,7 +60,7 @@ REFUSED = {
     "bounded mass": (with_end('<compiler boundmass="20"/>'), '<compiler boundmass="20">'),
     "total mass": (with_end('<compiler settotalmass="20"/>'), '<compiler settotalmass="20">'),
     "balanced inertia": (with_end('<compiler balanceinertia="true"/>'), '<compiler balanceinertia="true">'),
-    "turned frame": (with_end('<compiler alignfree="true"/>'), '<compiler alignfree="true">: would turn the body'),
+    "turned frame": (with_end('<compiler alignfree="true"/>'), '<compiler alignfree="true">: it would turn the body'),
     "turned joint": (edited('<freejoint name="bluerov1"', '<freejoint align="true"'), '<freejoint align="true">'),
     "lost hull": (with_end('<compiler discardvisual="true"/>'), '<compiler discardvisual="true">'),
     "weld": (with_end('<equality><weld body1="bluerov1"/></equality>'), "<equality>"),
@@ -86,8 +86,8 @@ REFUSED = {
     "moving surface": (edited("<default>", '<default><geom surfacevel="1 0 0 0 0 0"/>'), "<geom surfacevel="),
     "fluid shape": (edited("<default>", '<default><geom fluidshape="ellipsoid"/>'), '<geom fluidshape="ellipsoid">'),
     "delay": (edited(MOTOR, MOTOR + ' delay=".01" nsample="20"'), 'name="surge_left" delay=".01"'),
-    "limits": (edited(MOTOR, MOTOR + ' ctrlrange="5 -5"'), 'ctrlrange="5 -5">: must be a lower and a higher'),
-    "force limits": (edited(MOTOR, MOTOR + ' forcerange="1 1"'), 'forcerange="1 1">: must be a lower and a higher'),
+    "limits": (edited(MOTOR, MOTOR + ' ctrlrange="5 -5"'), 'ctrlrange="5 -5">: must be two numbers, the lower'),
+    "force limits": (edited(MOTOR, MOTOR + ' forcerange="1 1"'), 'forcerange="1 1">: must be two numbers, the lower'),
     "class limits": (edited("<default>", '<default><motor ctrlrange="5 -5"/>'), '<motor ctrlrange="5 -5">'),
     "joint motor": (edited("<actuator>", '<actuator><motor joint="bluerov1"/>'), '<motor joint="bluerov1">'),
     "lag": (edited("<actuator>", '<actuator><general dyntype="filter"/>'), '<general dyntype="filter">'),
@@ -100,9 +100,9 @@ REFUSED = {
     ),
     "no thrusters": (re.sub("<actuator>.*</actuator>", "", BLUEROV, flags=re.DOTALL), "there is no thruster"),
     "site nan": (edited('<site name="surge_left"/>', '<site name="surge_left" pos="0 nan 0"/>'), 'pos="0 nan 0">'),
-    "mass inf": (edited(INERTIAL, '<inertial mass="inf"'), '<inertial mass="inf">: must be numbers'),
-    "mass huge": (edited(INERTIAL, '<inertial mass="1e300"'), '<inertial mass="1e300">: must be numbers'),
-    "mass hexadecimal": (edited(INERTIAL, '<inertial mass="0x7"'), '<inertial mass="0x7">: must be numbers'),
+    "mass inf": (edited(INERTIAL, '<inertial mass="inf"'), '<inertial mass="inf">: must be finite numbers'),
+    "mass huge": (edited(INERTIAL, '<inertial mass="1e300"'), '<inertial mass="1e300">: must be finite numbers'),
+    "mass hexadecimal": (edited(INERTIAL, '<inertial mass="0x7"'), '<inertial mass="0x7">: must be finite numbers'),
     "gravity nan": (with_end('<option gravity="0 0 nan"/>'), '<option gravity="0 0 nan">'),
     "misspelt numeric": (edited('name="center_of_', 'name="centre_of_'), "did you mean 'center_of_buoyancy'"),
     "unknown numeric": (
@@ -118,13 +118,16 @@ REFUSED = {
     "tuple": (edited("<custom>", '<custom><tuple name="t"/>'), '<tuple name="t">'),
     "second vehicle": (
         edited(BODY, '<body name="b"><freejoint/><geom size="1"/></body>' + BODY),
-        "here it is body 'b', body 'bluerov1'",
+        "this file has body 'b' and body 'bluerov1'",
     ),
     "no vehicle": (
         edited('<freejoint name="bluerov1"/>', ""),
-        "on a free joint; here it is none",
+        "on a free joint; this file has none",
     ),
-    "rock": (edited(BODY, '<geom name="rock" size="1"/>' + BODY).replace('contype="0"', ""), "geom rock: of the world"),
+    "rock": (
+        edited(BODY, '<geom name="rock" size="1"/>' + BODY).replace('contype="0"', ""),
+        "geom 'rock': belongs to the world",
+    ),
     "arm": (
         edited(INERTIAL, '<body name="arm"><joint type="hinge"/><geom size=".1" mass="1"/></body>' + INERTIAL),
         '<joint type="hinge">: a vehicle moves on its free joint alone; a link on a joint of its own would be dry',
@@ -394,6 +397,18 @@ def test_only_regular_files_of_a_sane_size_are_read(odd, name, element):
     """The others may have no end, or wait for ever."""
     with pytest.raises(InputError, match=f"can't read .*{name}: (it is not a regular|it is larger|Is a dir|No such)"):
         reading(odd, with_end(element.format(name)))
+
+
+def test_a_pipe_is_not_passed_over_for_a_file_of_its_name_elsewhere(odd):
+    """MuJoCo would open it, and wait."""
+    (odd / "meshes").mkdir()
+    os.mkfifo(odd / "meshes" / "a.obj")
+    (odd / "a.obj").write_bytes(CUBE)
+    text = edited("</asset>", '<mesh name="m" file="a.obj"/></asset>').replace(
+        "<compiler ", '<compiler meshdir="meshes" '
+    )
+    with pytest.raises(InputError, match=r"a\.obj: it is not a regular file"):
+        reading(odd, text)
 
 
 @pytest.mark.parametrize("name", ["pipe", "link", "zero", "folder", "sparse"])

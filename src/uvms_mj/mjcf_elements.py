@@ -37,7 +37,11 @@ def _any(text: str) -> str:
 
 def _numbers(text: str) -> str:
     values = values_of(text)
-    return "" if values and max(map(abs, values)) <= LARGEST_NUMBER else f"must be numbers within +-{LARGEST_NUMBER:g}"
+    return (
+        ""
+        if values and max(map(abs, values)) <= LARGEST_NUMBER
+        else f"must be finite numbers within +-{LARGEST_NUMBER:g}"
+    )
 
 
 def finite(text: str) -> str:
@@ -47,7 +51,7 @@ def finite(text: str) -> str:
 
 def _range(text: str) -> str:
     values = values_of(text)
-    return "" if len(values) == 2 and values[0] < values[1] else "must be a lower and a higher limit"
+    return "" if len(values) == 2 and values[0] < values[1] else "must be two numbers, the lower limit first"
 
 
 def _at_most(largest: int) -> Rule:
@@ -59,7 +63,7 @@ def _at_most(largest: int) -> Rule:
 
 
 def _only(*choices: str, reason: str = "") -> Rule:
-    said = reason or f"must be {' or '.join(choices)}"
+    said = reason or f"must be {' or '.join(map(repr, choices))}"
     return lambda text: "" if text in choices else said
 
 
@@ -76,7 +80,7 @@ def _rules(words: str = "", numbers: str = "", **others: Rule) -> dict[str, Rule
 
 
 _PLACE = "pos quat axisangle euler xyaxes zaxis"
-_TURNS_B = _only("false", "auto", reason="would turn the body frame, in which the coefficients hold; leave it out")
+_TURNS_B = _only("false", "auto", reason="it would turn the body frame, in which the coefficients hold; leave it out")
 _INERTIA = "the file must give the vehicle's own mass and inertia"
 _WATER = "the water's forces follow from the coefficients in <custom>"
 _LIMITS = {"ctrlrange": _range, "forcerange": _range}
@@ -90,8 +94,8 @@ ELEMENTS: Mapping[str, Mapping[str, Rule] | None] = {
         "fusestatic usethread",
         coordinate=_only("local"),
         alignfree=_TURNS_B,
-        discardvisual=_only("false", reason="would lose the hull, whose front meets the wall; leave it out"),
-        balanceinertia=_only("false", reason="would change the inertia; leave it out"),
+        discardvisual=_only("false", reason="it would drop the hull, whose front meets the wall; leave it out"),
+        balanceinertia=_only("false", reason="it would change the inertia; leave it out"),
         boundmass=_zero(_INERTIA),
         boundinertia=_zero(_INERTIA),
     ),
@@ -157,17 +161,17 @@ ELEMENTS: Mapping[str, Mapping[str, Rule] | None] = {
 _WALL = "the only contact is the one with the scenario's wall; leave it out"
 _HOLDS = "it would hold the vehicle, or couple it to something; leave it out"
 _RIGID = "a vehicle is one rigid body; leave it out"
+_PLAIN = "a thruster acts on a site of the vehicle, and its thrust is gain times ctrl at once; leave it out"
 _THRUSTER = "a thruster is a <motor> on a site; leave it out"
 
 REASONS: Mapping[str, str] = {
     "compiler": "it would change what the file describes; leave it out",
     "option": "the solver's settings are chosen by the run; leave it out",
-    "statistic": "it could change the solver's settings; leave it out",
+    "statistic": "the solver's settings are chosen by the run; leave it out",
     "body": "a vehicle is one rigid body in the water; leave it out",
     "joint": LINKS_ARE_DRY,
     "geom": _WALL,
-    "motor": "thrust must be gain times ctrl at once, on a site of the vehicle; leave it out",
-    "general": "thrust must be gain times ctrl at once, on a site of the vehicle; leave it out",
+    **dict.fromkeys(("motor", "general"), _PLAIN),
     "flag": "the run decides which parts of MuJoCo are on; leave it out",
     "size": "MuJoCo finds its own sizes; leave it out",
     "lengthrange": "a vehicle has no muscles; leave it out",

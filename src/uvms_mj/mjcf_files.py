@@ -152,9 +152,9 @@ class _Folders:
 
     @staticmethod
     def _place(reference: str, folders: Iterable[Path]) -> Path:
-        """The first file of that name in some folders; in the first one, if there is none."""
+        """What has that name in the first of some folders that has it, be it no regular file; else in the first one."""
         places = [Path(os.path.abspath(folder / reference.replace("\\", "/"))) for folder in folders]
-        return next((place for place in places if place.is_file()), places[0])
+        return next((place for place in places if os.path.exists(place) and not place.is_dir()), places[0])
 
 
 def read_regular(path: Path) -> bytes:

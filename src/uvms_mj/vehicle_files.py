@@ -123,13 +123,13 @@ def check_model(model: mujoco.MjModel, main: str) -> None:
     bodies = [_body(model, i) for i in model.jnt_bodyid[free]]
     faults = [Fault(_body(model, i), f"has a joint of its own: {LINKS_ARE_DRY}") for i in model.jnt_bodyid[~free]]
     if len(bodies) != 1:
-        found = ", ".join(bodies) or "none"
-        faults.append(Fault("<freejoint>", f"only the vehicle's body moves, on a free joint; here it is {found}"))
+        found = " and ".join(bodies) or "none"
+        faults.append(Fault("<freejoint>", f"a vehicle has one body on a free joint; this file has {found}"))
     else:
         name = model.body(model.jnt_bodyid[free][0]).name
         prefix = name[: name.rfind("/") + 1]
         faults += misspelt_numerics(model, prefix) + unknown_numerics(model, prefix)
-    faults += _thrusters(model) + _collisions(model)
+        faults += _thrusters(model) + _collisions(model)
     if faults:
         raise InputError(faults, f"vehicle.model {main}")
 
@@ -159,5 +159,5 @@ def _collisions(model: mujoco.MjModel) -> list[Fault]:
     types, affinities = model.geom_contype, model.geom_conaffinity
     meets = (types[:, None] & affinities[None, :]) | (affinities[:, None] & types[None, :])
     names = [model.geom(i).name or str(i) for i in np.flatnonzero(fixed) if meets[i, ~fixed].any()]
-    reason = 'would collide with the vehicle, which meets only the scenario\'s wall; write contype="0" conaffinity="0"'
-    return [Fault(f"geom {name}", f"of the world {reason}") for name in names]
+    reason = "belongs to the world and would collide with the vehicle, whose only contact is with the scenario's wall"
+    return [Fault(f"geom {name!r}", f'{reason}; write contype="0" conaffinity="0"') for name in names]
