@@ -81,6 +81,16 @@ def build(scenario: Scenario, mjcf: Mjcf | None = None) -> Plant:
     return Plant(model, vehicle, design, free_body_id(model, vehicle.body), int(sensor), mjcf, geometry)
 
 
+def _plain_class(spec: mujoco.MjSpec) -> mujoco.MjsDefault:
+    """A default class for geoms that have no mass, and inherit no place or shape from the vehicle's own classes."""
+    plain = spec.add_default(f"{_OURS}plain", spec.default)
+    geom = plain.geom
+    geom.pos, geom.quat, geom.fromto = [0, 0, 0], [1, 0, 0, 0], [np.nan] * 6
+    geom.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+    geom.mass, geom.meshname, geom.material = 0.0, "", ""
+    return plain
+
+
 def _add_surroundings(spec: mujoco.MjSpec, body_name: str, scenario: Scenario, reach: float) -> None:
     """Wall, probe, contact pair, contact sensor and options, added to a vehicle's own model."""
     spec.option.timestep = scenario.simulation.timestep
@@ -130,16 +140,6 @@ def _add_surroundings(spec: mujoco.MjSpec, body_name: str, scenario: Scenario, r
     data_bits = mujoco.mjtConDataField
     wanted = (data_bits.mjCONDATA_FOUND, data_bits.mjCONDATA_FORCE, data_bits.mjCONDATA_POS)
     sensor.intprm[:3] = [sum(1 << int(bit) for bit in wanted), 3, 1]
-
-
-def _plain_class(spec: mujoco.MjSpec) -> mujoco.MjsDefault:
-    """A default class for geoms that have no mass, and inherit no place or shape from the vehicle's own classes."""
-    plain = spec.add_default(f"{_OURS}plain", spec.default)
-    geom = plain.geom
-    geom.pos, geom.quat, geom.fromto = [0, 0, 0], [1, 0, 0, 0], [np.nan] * 6
-    geom.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
-    geom.mass, geom.meshname, geom.material = 0.0, "", ""
-    return plain
 
 
 def _calibrate(model: mujoco.MjModel, design: Design, vehicle: Vehicle, scenario: Scenario) -> None:
