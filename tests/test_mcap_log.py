@@ -947,6 +947,20 @@ def test_a_model_in_a_log_reaches_no_file_of_the_readers(logged, tmp_path):
     assert not (tmp_path / "x").exists()
 
 
+def test_a_model_in_a_log_is_checked_as_any_vehicles_file(logged, tmp_path):
+    """As if it were on the disk."""
+    changes = ((b"<option ", b'<option tolerance="1" '), (b"</mujoco>", b"<equality/></mujoco>"))
+    for before, after in changes:
+        forged = tmp_path / "forged.mcap"
+        forged.write_bytes(
+            rewritten(logged[1], lambda n, d, b=before, a=after: (n, d.replace(b, a) if n.startswith("model/") else d))
+        )
+        done = run("run", "--from", forged, "-q", "-o", "x", cwd=tmp_path)
+        assert done.returncode == 2
+        assert "is not taken over" in done.stderr
+        assert not (tmp_path / "x").exists()
+
+
 # What ships with it
 
 

@@ -58,6 +58,7 @@ REFUSED = {
     "size": (with_end('<size memory="1K"/>'), "<size>"),
     "mean inertia": (with_end('<statistic meaninertia="1e9"/>'), '<statistic meaninertia="1e9">'),
     "bounded mass": (with_end('<compiler boundmass="20"/>'), '<compiler boundmass="20">'),
+    "inertial overridden": (with_end('<compiler inertiafromgeom="true"/>'), '<compiler inertiafromgeom="true">'),
     "total mass": (with_end('<compiler settotalmass="20"/>'), '<compiler settotalmass="20">'),
     "balanced inertia": (with_end('<compiler balanceinertia="true"/>'), '<compiler balanceinertia="true">'),
     "turned frame": (with_end('<compiler alignfree="true"/>'), '<compiler alignfree="true">: it would turn the body'),
@@ -336,6 +337,10 @@ NO_INERTIAL = re.sub("<inertial[^>]*/>", BALL, BLUEROV)
     [
         NO_INERTIAL,
         NO_INERTIAL.replace('contype="0" conaffinity="0"', ""),
+        NO_INERTIAL.replace("</mujoco>", '<compiler inertiafromgeom="auto" inertiagrouprange="1 2"/></mujoco>'),
+        edited(INERTIAL, f'<body pos="0 .1 0">{BALL}<site/></body><inertial mass="1e-6"').replace(
+            "<compiler ", '<compiler fusestatic="true" '
+        ),
         edited("<default>", '<default><geom pos="1 2 3" euler="0 90 0" mass="5"/>'),
         edited("<default>", '<default><geom type="mesh" mesh="dome" fitscale="3"/>'),
         edited('<geom group="2"', '<geom group="2" pos="1 2 3" axisangle="0 0 1 40"'),

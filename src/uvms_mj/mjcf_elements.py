@@ -90,10 +90,11 @@ ELEMENTS: Mapping[str, Mapping[str, Rule] | None] = {
     "mujoco": _rules("model"),
     "include": _rules("file"),
     "compiler": _rules(
-        "angle eulerseq autolimits meshdir texturedir assetdir strippath inertiafromgeom inertiagrouprange fitaabb "
+        "angle eulerseq autolimits meshdir texturedir assetdir strippath inertiagrouprange fitaabb "
         "fusestatic usethread",
         coordinate=_only("local"),
         alignfree=_TURNS_B,
+        inertiafromgeom=_only("auto", "false", reason="it would override <inertial>; leave it out"),
         discardvisual=_only("false", reason="it would drop the hull, whose front meets the wall; leave it out"),
         balanceinertia=_only("false", reason="it would change the inertia; leave it out"),
         boundmass=_zero(_INERTIA),
