@@ -369,6 +369,11 @@ def test_a_part_from_another_file_is_checked_and_counted():
     assert plant(text, p=part.format("").encode()).vehicle.mass == pytest.approx(8.31)
     with pytest.raises(InputError, match=r'<joint axis="0 1 0"> in p\.xml'):
         plant(text, p=part.format('<joint axis="0 1 0"/>').encode())
+    numeric = b'<mujoco><custom><numeric name="X_u" data="-1"/></custom>'
+    with pytest.raises(InputError, match="a_X_u: is not a coefficient"):
+        plant(
+            text, p=part.format("").encode().replace(b'<mujoco model="p">', numeric.replace(b"jo>", b'jo model="p">'))
+        )
     many = '<replicate count="90" sep="-"><attach model="p" body="p" prefix="b_"/></replicate>' + INERTIAL
     with pytest.raises(InputError, match="<attach> counted"):
         plant(text.replace(INERTIAL, many), p=part.format("<site/>" * 200).encode())

@@ -37,15 +37,12 @@ def _any(text: str) -> str:
 
 def _numbers(text: str) -> str:
     values = values_of(text)
-    return (
-        ""
-        if values and max(map(abs, values)) <= LARGEST_NUMBER
-        else f"must be finite numbers within +-{LARGEST_NUMBER:g}"
-    )
+    fits = values and max(map(abs, values)) <= LARGEST_NUMBER
+    return "" if fits else f"must be finite numbers within +-{LARGEST_NUMBER:g}"
 
 
 def finite(text: str) -> str:
-    """The rule of every attribute of an element for the eye only, but its name."""
+    """The rule of every attribute of an element that is for the eye only."""
     return "must be finite" if any(_NOT_FINITE.fullmatch(word) for word in text.split()) else ""
 
 
@@ -101,7 +98,7 @@ ELEMENTS: Mapping[str, Mapping[str, Rule] | None] = {
         boundinertia=_zero(_INERTIA),
     ),
     "option": _rules(
-        "timestep integrator cone", "gravity", density=_zero(_WATER), viscosity=_zero(_WATER), wind=_zero(_WATER)
+        "integrator cone", "timestep gravity", density=_zero(_WATER), viscosity=_zero(_WATER), wind=_zero(_WATER)
     ),
     "statistic": _rules(numbers="center extent meansize meanmass"),
     **dict.fromkeys(("visual", "global", "quality", "headlight", "map", "scale", "rgba")),

@@ -184,11 +184,13 @@ def misspelt_numerics(model: mujoco.MjModel, prefix: str) -> list[Fault]:
 
 
 def unknown_numerics(model: mujoco.MjModel, prefix: str) -> list[Fault]:
-    """Faults of all other numerics, where the model is nothing but a vehicle."""
+    """Faults of all other numerics, where the model is nothing but a vehicle, whose coefficients have this prefix."""
+    names = [model.numeric(i).name for i in range(model.nnumeric)]
+    read = {prefix + name for name in _numerics(model, prefix) if _meant(name)}
     return [
-        Fault(prefix + name, "is not a coefficient: nothing reads it; leave it out, or write a remark as <text>")
-        for name in _numerics(model, prefix)
-        if not _meant(name)
+        Fault(name, "is not a coefficient: nothing reads it; leave it out, or write a remark as <text>")
+        for name in names
+        if name not in read
     ]
 
 
