@@ -11,12 +11,14 @@ import mujoco
 import numpy as np
 import pytest
 
+from twin import TwinParameters
 from uvms_mj import InputError, McapLog, Scenario, mjcf_files, simulate
 from uvms_mj.mjcf import Mjcf
 from uvms_mj.mjcf_elements import ELEMENTS, MOST_ELEMENTS
 from uvms_mj.plant import Plant, build
 from uvms_mj.vehicle import Vehicle
 from uvms_mj.vehicle_files import check_elements
+from vehicles import vehicle_xml
 
 SHIPPED = (Path(__file__).parents[1] / "models" / "bluerov1.xml").read_text()
 BLUEROV = re.sub("<!--.*?-->", "", SHIPPED, flags=re.DOTALL)
@@ -335,6 +337,7 @@ NO_INERTIAL = re.sub("<inertial[^>]*/>", BALL, BLUEROV)
 @pytest.mark.parametrize(
     "text",
     [
+        re.sub("<inertial[^>]*/>", BALL, vehicle_xml(TwinParameters())),
         NO_INERTIAL,
         NO_INERTIAL.replace('contype="0" conaffinity="0"', ""),
         NO_INERTIAL.replace("</mujoco>", '<compiler inertiafromgeom="auto" inertiagrouprange="1 2"/></mujoco>'),
