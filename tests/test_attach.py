@@ -450,7 +450,7 @@ def test_a_thruster_that_does_not_turn_with_the_vehicle_is_refused():
 
 
 def test_the_factor_is_mujocos(rng):
-    """L^T D L gives the matrix; a vehicle with a moving part, factored by MuJoCo, has the same acceleration."""
+    """L^T D L of a random matrix, multiplied out."""
     a = rng.normal(size=(6, 6))
     M, L, D_inverse = a @ a.T + np.eye(6), np.zeros(21), np.zeros(6)
     factor(M[np.tril_indices(6)], L, D_inverse)
@@ -460,16 +460,68 @@ def test_the_factor_is_mujocos(rng):
     np.fill_diagonal(unit, 1.0)
     assert np.allclose(unit.T @ D @ unit, M)
     assert np.allclose(D_inverse, 1.0 / np.diag(D))
+
+
+LINK = '<body name="link">{}<geom size="0.01" mass="1e-3"/></body>'
+
+
+@pytest.mark.parametrize("joint", ["hinge", "slide", "ball"])
+def test_a_vehicle_with_a_link_on_a_joint_is_refused(joint):
+    """The link would be dry. What is fixed to the vehicle is a part of its rigid body."""
+    xml = vehicle_xml(STILL).replace('name="origin"/>', f'name="origin"/>{LINK}')
+    model = mujoco.MjModel.from_xml_string(xml.format(f'<joint type="{joint}"/>'))
+    with pytest.raises(InputError, match=r"body 'link': moves on 'rov'.*would be dry"):
+        attach(model, mujoco.MjData(model))
+    fixed = mujoco.MjModel.from_xml_string(xml.format(""))
+    with attach(fixed, mujoco.MjData(fixed)) as attachment:
+        assert attachment.vehicle.mass == pytest.approx(STILL.mass + 1e-3)
+
+
+def numerics(*names: str) -> mujoco.MjModel:
     xml = vehicle_xml(STILL).replace(
-        'name="origin"/>',
-        'name="origin"/><body><joint name="hinge" type="hinge"/><geom size="0.01" mass="1e-6"/></body>',
+        "</custom>", "".join(f'<numeric name="{n}" data="1"/>' for n in names) + "</custom>"
     )
-    accelerations = []
-    for text in (xml, vehicle_xml(STILL)):
-        model = mujoco.MjModel.from_xml_string(text)
-        data = mujoco.MjData(model)
-        data.qvel[:6], data.ctrl[:] = 0.3, 4.0
-        with attach(model, data, "rov"):
-            mujoco.mj_forward(model, data)
-        accelerations.append(data.qacc[:6].copy())
-    assert np.allclose(*accelerations, rtol=1e-4)
+    return mujoco.MjModel.from_xml_string(xml)
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [("centre_of_buoyancy", "center_of_buoyancy"), ("Displaced_Mass", "displaced_mass"), ("X_uuu", "X_uu")],
+)
+def test_a_misspelt_coefficient_is_refused(name, meant):
+    """It would have no effect. A model may have numerics for other purposes, as another program's settings."""
+    model = numerics("max_contact_points", "K_gain", "another/centre_of_buoyancy")
+    attach(model, mujoco.MjData(model)).detach()
+    model = numerics(name)
+    with pytest.raises(InputError, match=f"{name}: is not a coefficient; did you mean '{meant}'"):
+        attach(model, mujoco.MjData(model))
+
+
+@pytest.mark.parametrize(
+    ("motor", "reason"),
+    [
+        ('<motor delay="0.01" nsample="20" ', "m0: is not a plain <motor>"),
+        ('<motor ctrlrange="5 -5" ', "m0: ctrlrange 5 -5: the lower limit must come first"),
+        ('<motor ctrlrange="-5 -4" forcerange="1 2" ', "m0: its ctrlrange and its forcerange have no thrust in common"),
+        ('<motor forcerange="5 -5" ', "m0: forcerange 5 -5: the lower limit must come first"),
+    ],
+)
+def test_a_thruster_that_is_not_gain_times_ctrl_within_its_limits_is_refused(motor, reason):
+    model = mujoco.MjModel.from_xml_string(vehicle_xml(STILL).replace("<motor ", motor, 1))
+    with pytest.raises(InputError, match=reason):
+        attach(model, mujoco.MjData(model))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason"),
+    [
+        (lambda m: m.actuator_gear.__setitem__((3, 1), np.nan), "m3: its site, gear or gain is not finite"),
+        (lambda m: m.body_mass.__setitem__(1, np.inf), "M_RB: mass or inertia is not finite"),
+        (lambda m: m.body_gravcomp.__setitem__(1, np.nan), "gravcomp"),
+    ],
+)
+def test_a_model_that_is_not_finite_is_refused(spoil, reason):
+    model, _ = load(STILL)
+    spoil(model)
+    with pytest.raises(InputError, match=reason):
+        attach(model, mujoco.MjData(model))

@@ -370,7 +370,7 @@ CASES = {
 
 @pytest.mark.parametrize("case", CASES)
 def test_what_is_experienced_is_what_moves_s(case):
-    """s_dot = -k_1 phi_1 + z + varphi of eq. (28), with A s where GSTA is alone, to what the wall's own inertia leaves."""
+    """s_dot = -k_1 phi_1 + z + varphi of eq. (28), with A s where GSTA is alone, up to the inertia of the wall."""
     mjcf, overrides = CASES[case]
     world = OTHER_WORLD | {"simulation.duration": 1.0, "simulation.timestep": 2e-5, "controller.F_1": 1.5}
     trace = simulate(Scenario.load("push_wall", world | overrides), log_rate="full", mjcf=mjcf)

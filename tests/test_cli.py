@@ -146,7 +146,11 @@ def test_bad_input_gives_one_message_and_status_2(here, arguments, expected):
 
 @pytest.mark.parametrize(
     ("numeric", "value", "expected"),
-    [("X_udot", "5.5", "must not be positive"), ("N_rr", "abc", "compile"), ("displaced_mass", "-1", "negative")],
+    [
+        ("X_udot", "5.5", "must not be positive"),
+        ("N_rr", "abc", "must be finite numbers"),
+        ("displaced_mass", "-1", "negative"),
+    ],
 )
 def test_an_unphysical_vehicle_is_refused(here, tmp_path, numeric, value, expected):
     lines = (ROOT / "models" / "bluerov1.xml").read_text().splitlines()
@@ -155,7 +159,7 @@ def test_an_unphysical_vehicle_is_refused(here, tmp_path, numeric, value, expect
     done = here("run", "--set", "vehicle.model=mine.xml")
     assert done.exit_code == 2
     assert expected in done.stderr
-    assert numeric in done.stderr or expected == "compile"
+    assert numeric in done.stderr
     assert "Traceback" not in done.stderr
 
 
@@ -164,9 +168,8 @@ def test_an_unphysical_vehicle_is_refused(here, tmp_path, numeric, value, expect
     [
         ('solver="PGS"', "PGS"),
         ('noslip_iterations="5"', "noslip"),
-        ('iterations="0"', "contact solver"),
-        ('><flag contact="disable"/></option><option', "disable contact"),
-        ('><flag override="enable"/></option><option', "override"),
+        ('iterations="0"', "iterations"),
+        ('><flag contact="disable"/></option><option', "<flag>"),
     ],
 )
 def test_a_vehicle_file_whose_settings_break_the_plant_is_refused(here, tmp_path, option, reason):

@@ -850,7 +850,7 @@ SUB = b"<mujoco><asset><model name='m' file='%s'/></asset></mujoco>"
 def test_a_model_that_includes_itself_or_has_no_bottom_is_refused(files, text):
     """MuJoCo would look for it on the disk, or overflow its stack."""
     model = (ROOT / "models" / "bluerov1.xml").read_text().replace("</mujoco>", f"{text}</mujoco>")
-    with pytest.raises(InputError, match=r"includes itself|not there|elements in each other"):
+    with pytest.raises(InputError, match=r"includes itself|not there|elements in each other|sub-models"):
         Mjcf("bluerov1.xml", {"bluerov1.xml": model.encode()} | files).spec()
 
 
@@ -875,7 +875,6 @@ def test_a_log_whose_model_has_folders_is_refused(logged, tmp_path, name):
         ('<compiler meshdir="n"/><compiler assetdir="m"/><asset><mesh file="a.obj"/></asset>', ""),
         ('<compiler strippath="true"/><asset><mesh file="m/a.obj"/></asset>', ""),
         ('<compiler texturedir="n"/><asset><mesh file="a.obj"/></asset>', ""),
-        ('<compiler meshdir="m"/><asset><hfield file="h.bin" size="1 1 1 1"/><mesh file="a.obj"/></asset>', ""),
     ],
 )
 def test_a_name_means_the_file_that_mujoco_takes(tmp_path, main, sub):
@@ -883,7 +882,6 @@ def test_a_name_means_the_file_that_mujoco_takes(tmp_path, main, sub):
     for i, folder in enumerate((".", "m", "n", "sub", "sub/m")):
         (tmp_path / folder).mkdir(exist_ok=True)
         (tmp_path / folder / "a.obj").write_text(CUBE.format(0.1 + 0.1 * i))
-    (tmp_path / "m" / "h.bin").write_bytes(struct.pack("<2i4f", 2, 2, 0.0, 0.1, 0.2, 0.3))
     attach = '<frame><attach model="s" body="b" prefix="s_"/></frame>' if sub else ""
     geom = '<geom type="mesh" mesh="a"/>'
     body = f'<worldbody><body name="b">{geom if sub else ""}</body></worldbody>'
@@ -896,7 +894,6 @@ def test_a_name_means_the_file_that_mujoco_takes(tmp_path, main, sub):
         file.unlink()
     ours = mjcf.compiled(mjcf.spec())
     assert np.array_equal(ours.mesh_vert, plain.mesh_vert)
-    assert np.array_equal(ours.hfield_data, plain.hfield_data)
     assert ours.names == plain.names
 
 
@@ -948,6 +945,20 @@ def test_a_model_in_a_log_reaches_no_file_of_the_readers(logged, tmp_path):
     assert done.returncode == 2
     assert "refers to what is not there" in done.stderr
     assert not (tmp_path / "x").exists()
+
+
+def test_a_model_in_a_log_is_checked_as_any_vehicles_file(logged, tmp_path):
+    """As if it were on the disk."""
+    changes = ((b"<option ", b'<option tolerance="1" '), (b"</mujoco>", b"<equality/></mujoco>"))
+    for before, after in changes:
+        forged = tmp_path / "forged.mcap"
+        forged.write_bytes(
+            rewritten(logged[1], lambda n, d, b=before, a=after: (n, d.replace(b, a) if n.startswith("model/") else d))
+        )
+        done = run("run", "--from", forged, "-q", "-o", "x", cwd=tmp_path)
+        assert done.returncode == 2
+        assert "is not taken over" in done.stderr
+        assert not (tmp_path / "x").exists()
 
 
 # What ships with it

@@ -68,8 +68,6 @@ def steady_state(
     controller, h = scenario.controller, control_period(scenario)
     if not has_built_in_law(controller):
         return NoClosedForm("a law of the user's own")
-    if not vehicle.rigid:
-        return NoClosedForm("the vehicle has moving parts")
     rate = _disturbance_rate(scenario, design)
     if isinstance(controller, Gsta | Sta):
         if controller.k_1 == 0.0 or controller.k_2 == 0.0:

@@ -77,8 +77,6 @@ def experienced(trace: Trace) -> Experienced | NotGiven:
     if trace.header.row_steps > 1 and apart > ROWS_S:
         return NotGiven(f"rows {apart:g} s apart may miss the fastest change: run with --log-rate 1000, or full")
     plant = build(trace.scenario, trace.header.mjcf)
-    if not plant.vehicle.rigid:
-        return NotGiven("the vehicle has moving parts, and eq. (11) is for a rigid body")
     wrench = lumped_disturbance(trace, plant) + trace.tau - trace.tau_cmd
     if isinstance(controller, Gsta) and has_built_in_law(controller) and not controller.nominal:
         wrench -= trace.tau_nom

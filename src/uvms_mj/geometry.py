@@ -94,7 +94,11 @@ class Geometry:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, body_id: int) -> "Geometry":
-        """Geometry of a compiled model's body. Shapes are those that MuJoCo's viewer shows; reach counts all geoms."""
+        """Geometry of a compiled model's body. Shapes are those that MuJoCo's viewer shows; reach counts all geoms.
+
+        Raises:
+            InputError: a geom's size, position or colour is out of range.
+        """
         shapes, meshes, seen = [], {}, []
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
@@ -118,7 +122,11 @@ class Geometry:
                 meshes[name] = _mesh(model, model.geom_dataid[geom])
             a, b, c = (0.0,) * 3 if kind == "mesh" else map(float, model.geom_size[geom])
             w, x, y, z = map(float, quat)
-            shapes.append(Shape(kind, (a, b, c), tuple(map(float, position)), (w, x, y, z), rgba, name))
+            try:
+                shapes.append(Shape(kind, (a, b, c), tuple(map(float, position)), (w, x, y, z), rgba, name))
+            except ValidationError as error:
+                called = model.geom(geom).name or geom
+                raise InputError(faults_of(error), f"vehicle.model: geom {called!r} in the body frame") from None
             seen.append(model.geom_group[geom] <= LAST_VISIBLE_GROUP)
         visible = [shape for shape, shown in zip(shapes, seen, strict=True) if shown] or shapes
         return cls(tuple(visible), meshes, _forward_reach(shapes, meshes))

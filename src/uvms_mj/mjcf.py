@@ -12,8 +12,9 @@ import numpy as np
 from .faults import InputError, suggestion
 from .mjcf_files import flattened, trees
 from .resources import names, resource
+from .vehicle_files import check_elements
 
-_COMPARED = ("mesh_vert", "mesh_face", "hfield_data", "tex_data", "skin_vert", "geom_size", "body_mass", "names")
+_COMPARED = ("mesh_vert", "mesh_face", "tex_data", "geom_size", "body_mass", "names")
 
 
 @dataclass(frozen=True)
@@ -33,14 +34,16 @@ class Mjcf:
         """A model from the path of a file, or one that ships by its name.
 
         Raises:
-            InputError: there is none, or a file that it refers to can't be read.
+            InputError: there is none, or it or a file that it refers to can't be read or has what a vehicle's file may
+                not have.
         """
         path = Path(model)
         if not path.is_file():
             shipped = resource("models", f"{model}.xml")
             if shipped is None:
                 hint = suggestion(model, names("models", ".xml"))
-                raise InputError(f"vehicle.model {model!r}: no such file, nor a model that ships; {hint}")
+                fault = "is not a regular file" if path.exists() else f"no such file, nor a model that ships; {hint}"
+                raise InputError(f"vehicle.model {model!r}: {fault}")
             path = shipped
         path = Path(os.path.abspath(path))
         found = cls(path.name, flattened(path))
@@ -51,11 +54,11 @@ class Mjcf:
     def _check_against(self, path: Path) -> None:
         """Raise InputError unless the flat files make what MuJoCo makes of the folders: it has the last word on which
         file a name means."""
+        ours = self.compiled(self.spec())
         try:
             theirs = mujoco.MjModel.from_xml_path(str(path))
         except (ValueError, RuntimeError, mujoco.FatalError) as error:
             raise InputError(f"vehicle.model {path}: MuJoCo can't compile it: {_line(error)}") from None
-        ours = self.compiled(self.spec())
         for name in _COMPARED:
             if not np.array_equal(getattr(ours, name), getattr(theirs, name)):
                 raise InputError(
@@ -67,10 +70,13 @@ class Mjcf:
         """The model, parsed. No file is read but those in ``files``.
 
         Raises:
-            InputError: MuJoCo can't read it, or it refers to a file that is not there.
+            InputError: it has what a vehicle's file may not have, MuJoCo can't read it, or it refers to a file that is
+                not there.
         """
+        parsed = trees(self.files, self.name)
+        check_elements(parsed, self.name)
         # MuJoCo takes more for XML than what is well-formed: it gets what was checked, written anew
-        texts = {name: ElementTree.tostring(tree) for name, tree in trees(self.files, self.name).items()}
+        texts = {name: ElementTree.tostring(tree) for name, tree in parsed.items()}
         rest = {name: texts.get(name, data) for name, data in self.files.items() if name != self.name}
         try:
             return mujoco.MjSpec.from_string(texts[self.name].decode(), include=rest, assets=rest)

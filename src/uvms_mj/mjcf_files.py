@@ -7,6 +7,8 @@ includes them (MuJoCo, XML reference, compiler and include).
 
 import os
 import re
+import stat
+import struct
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path, PurePath
 from xml.etree import ElementTree
@@ -14,12 +16,15 @@ from xml.etree.ElementTree import Element
 
 from .faults import InputError
 
-XML = ("include", "model")
-"""Elements whose file is XML again."""
 DEEPEST = 100
-"""How deep elements stand in each other, and files include each other; MuJoCo's own reading ends with its stack."""
+"""Most elements in each other, and most files that a model includes; MuJoCo's own reading ends with its stack."""
 _FILE = re.compile(r"file(name|right|left|up|down|front|back)?")
-_NAMED = ("hfield", "mesh", "skin", "texture")
+LARGEST_XML, LARGEST_FILE, LARGEST_MODEL = 8 * 2**20, 64 * 2**20, 256 * 2**20
+"""Bytes: of one XML file, of any one file, and of all files of a model together."""
+LARGEST_PICTURE = 2**26
+"""Pixels; a picture of a few kilobytes may have billions."""
+_PNG = b"\x89PNG\r\n\x1a\n"
+_NAMED = ("mesh", "texture")
 """Elements that without a name have that of their file."""
 _COMMENT = re.compile(
     r"""(?P<comment><!--.*?-->)|<!\[CDATA\[.*?\]\]>|<[^!<>"'](?:[^<>"']|"[^"]*"|'[^']*')*>|<|[^<]+""", re.DOTALL
@@ -27,7 +32,9 @@ _COMMENT = re.compile(
 
 
 def parsed(name: str, data: bytes, comments: bool = False) -> Element:
-    """An XML file's root. Raises InputError where it is not well-formed, or too deep."""
+    """An XML file's root. Raises InputError where it is not well-formed, too large or too deep."""
+    if len(data) > LARGEST_XML:
+        raise InputError(f"vehicle.model {name}: is larger than {LARGEST_XML // 2**20} MiB, too large for an XML file")
     try:
         builder = ElementTree.TreeBuilder(insert_comments=comments)
         tree = ElementTree.fromstring(data, ElementTree.XMLParser(target=builder))
@@ -97,7 +104,7 @@ class _Folders:
         """One model: its file and those that it includes, with the folders that its compiler elements name."""
         folder, settings = path.parent, dict[str, str]()
         assets: list[tuple[Path, Element, str, str]] = []
-        for file, element, key, reference in self._included(path, folder, settings, 0):
+        for file, element, key, reference in self._included(path, folder, settings, []):
             if element.tag == "model":
                 target = self._read(self._place(reference, (folder, file.parent)))
                 self.found.append((file, element, key, target))
@@ -113,11 +120,13 @@ class _Folders:
             self.found.append((file, element, key, self._read(target)))
 
     def _included(
-        self, path: Path, folder: Path, settings: dict[str, str], depth: int
+        self, path: Path, folder: Path, settings: dict[str, str], before: list[Path]
     ) -> Iterator[tuple[Path, Element, str, str]]:
         """The references of a file and of what it includes, in MuJoCo's order; settings take what the last one said."""
-        if depth > DEEPEST:
-            raise InputError(f"vehicle.model {path}: includes itself, or goes deeper than {DEEPEST} files")
+        if path in before or len(before) > DEEPEST:
+            reason = "is included twice, or includes itself" if path in before else f"has more than {DEEPEST} includes"
+            raise InputError(f"vehicle.model {path}: {reason}")
+        before.append(path)
         self._read(path)
         if path not in self.trees:
             self.trees[path] = _users_tree(path.name, self.contents[path])
@@ -130,51 +139,86 @@ class _Folders:
                 if element.tag == "include":
                     target = self._place(reference, (folder, path.parent))
                     self.found.append((path, element, key, target))
-                    yield from self._included(target, folder, settings, depth + 1)
+                    yield from self._included(target, folder, settings, before)
                 else:
                     yield path, element, key, reference
 
     def _read(self, path: Path) -> Path:
         if path not in self.contents:
-            try:
-                self.contents[path] = path.read_bytes()
-            except OSError as error:
-                raise InputError(f"vehicle.model: can't read {path}: {error.strerror}") from None
+            self.contents[path] = read_regular(path)
+            if sum(map(len, self.contents.values())) > LARGEST_MODEL:
+                raise InputError(f"vehicle.model: its files are larger than {LARGEST_MODEL // 2**20} MiB together")
         return path
 
     @staticmethod
     def _place(reference: str, folders: Iterable[Path]) -> Path:
-        """The first file of that name in some folders; in the first one, if there is none."""
+        """What has that name in the first of some folders that has it, be it no regular file; else in the first one."""
         places = [Path(os.path.abspath(folder / reference.replace("\\", "/"))) for folder in folders]
-        return next((place for place in places if place.is_file()), places[0])
+        return next((place for place in places if os.path.exists(place) and not place.is_dir()), places[0])
+
+
+def read_regular(path: Path) -> bytes:
+    """The contents of a regular file. A device or a pipe, which may have no end or wait for a writer, is never read.
+
+    Raises:
+        InputError: it is not a regular file, is too large, or can't be read.
+    """
+    try:
+        # without O_NONBLOCK, opening a pipe waits for a writer
+        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
+            status = os.fstat(file.fileno())
+            readable = stat.S_ISREG(status.st_mode) and status.st_size <= LARGEST_FILE
+            data = (file.read(LARGEST_FILE + 1) if readable else None) or b""  # None where a read would wait
+    except OSError as error:
+        raise InputError(f"vehicle.model: can't read {path}: {error.strerror}") from None
+    if not stat.S_ISREG(status.st_mode):
+        raise InputError(f"vehicle.model: can't read {path}: it is not a regular file")
+    if max(status.st_size, len(data)) > LARGEST_FILE:
+        raise InputError(f"vehicle.model: can't read {path}: it is larger than {LARGEST_FILE // 2**20} MiB")
+    return data
 
 
 def trees(files: Mapping[str, bytes], main: str) -> dict[str, Element]:
-    """A flat model and the XML files that it includes, by name, parsed and checked.
+    """A flat model and the XML files that it refers to, by name, parsed and checked.
 
     Raises:
-        InputError: one is not well-formed, includes itself, or refers to what is not among the files; or the model is
-            no MJCF.
+        InputError: one is not well-formed, is included twice, or refers to a file that is not there; a sub-model has
+            sub-models of its own; or the main file is not MJCF.
     """
     found: dict[str, Element] = {}
-    rest = files.keys() - {main}
 
-    def visit(name: str, above: tuple[str, ...]) -> None:
-        if name in above or len(above) > DEEPEST:
-            raise InputError(f"vehicle.model {main}: {name} includes itself, or goes deeper than {DEEPEST} files")
-        if name not in found:
-            found[name] = parsed(name, files[name])
-        named = [(element.tag in XML, reference) for element, _, reference in references(found[name])]
-        missing = sorted({reference for _, reference in named} - rest)
-        if missing:
-            raise InputError(f"vehicle.model {main}: refers to what is not there: {', '.join(missing)}")
-        for reference in dict.fromkeys(reference for is_xml, reference in named if is_xml):
-            visit(reference, (*above, name))
+    def model(top: str) -> list[str]:
+        """Parse a model's file and those that it includes; the files of its sub-models."""
+        parts, below = [top], list[str]()
+        for name in parts:  # which grows
+            if name not in found:
+                found[name] = parsed(name, files[name])
+            named = list(references(found[name]))
+            missing = sorted({reference for _, _, reference in named} - (files.keys() - {main}))
+            if missing:
+                raise InputError(f"vehicle.model {main}: refers to what is not there: {', '.join(missing)}")
+            parts += [reference for element, _, reference in named if element.tag == "include"]
+            below += [reference for element, _, reference in named if element.tag == "model"]
+            if len(set(parts)) < len(parts) or len(parts) > DEEPEST:
+                reason = f"includes itself, or a file twice, or more than {DEEPEST} files"
+                raise InputError(f"vehicle.model {main}: {name} {reason}")
+        return below
 
-    visit(main, ())
+    for sub in dict.fromkeys(model(main)):
+        if model(sub):  # MuJoCo reads it anew each time that it is named
+            raise InputError(f"vehicle.model {main}: {sub} is a sub-model, and has sub-models of its own")
+    for name in files.keys() - found.keys():
+        _refuse_large_picture(name, files[name])
     if found[main].tag != "mujoco":
         raise InputError(f"vehicle.model {main}: is no MJCF: its root is <{found[main].tag}>, not <mujoco>")
     return found
+
+
+def _refuse_large_picture(name: str, data: bytes) -> None:
+    if data.startswith(_PNG) and len(data) >= 24:
+        width, height = struct.unpack_from(">II", data, 16)  # PNG (ISO 15948), 11.2.2
+        if width * height > LARGEST_PICTURE:
+            raise InputError(f"vehicle.model {name}: has {width} x {height} pixels; {LARGEST_PICTURE} are enough")
 
 
 def _users_tree(name: str, data: bytes) -> Element:

@@ -19,12 +19,12 @@ import mujoco
 import numpy as np
 
 from .design import Design
-from .faults import Fault, InputError
 from .frames import quat_from_euler_deg
 from .geometry import Geometry
 from .mjcf import Mjcf
 from .scenario import Scenario
 from .vehicle import Vehicle, free_body_id
+from .vehicle_files import check_model
 
 IMPEDANCE = 1e-4
 """Impedance d of the contact pair, constant in solimp."""
@@ -83,7 +83,7 @@ def build(scenario: Scenario, mjcf: Mjcf | None = None) -> Plant:
     mjcf = mjcf if mjcf is not None else Mjcf.find(scenario.vehicle.model)
     spec = mjcf.spec()
     whole = mjcf.compiled(spec)
-    _refuse_settings(whole)
+    check_model(whole, mjcf.name)
     vehicle = Vehicle.from_model(whole)
     design = Design.of(scenario, vehicle)
     geometry = Geometry.of(whole, free_body_id(whole, vehicle.body))
@@ -94,30 +94,14 @@ def build(scenario: Scenario, mjcf: Mjcf | None = None) -> Plant:
     return Plant(model, vehicle, design, free_body_id(model, vehicle.body), sensors, mjcf, geometry)
 
 
-def _refuse_settings(model: mujoco.MjModel) -> None:
-    """Refuse settings of a vehicle's file under which wall, sensor or thrusters would not be what they are."""
-    disable, option = mujoco.mjtDisableBit, model.opt
-    faults: list[Fault] = []
-    faults += [
-        Fault(f"disable {name}", "leaves a part of the plant out; enable it")
-        for name in ("contact", "constraint", "sensor", "clampctrl", "gravity")
-        if option.disableflags & getattr(disable, f"mjDSBL_{name.upper()}")
-    ]
-    if option.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE:
-        faults.append(Fault("enable override", "replaces the wall's stiffness; disable it"))
-    if option.iterations < 10 or option.ls_iterations < 10:
-        faults.append(
-            Fault("iterations, ls_iterations", "are too few for the contact solver; leave them at MuJoCo's defaults")
-        )
-    if option.disableactuator:
-        faults.append(Fault("actuatorgroupdisable", "switches thrusters off; leave it out"))
-    free = model.jnt_type == mujoco.mjtJoint.mjJNT_FREE
-    if model.jnt_stiffness[free].any():
-        faults.append(Fault("joint stiffness", "of the free joint would hold the vehicle in place; set it to 0"))
-    if any(model.dof_frictionloss[adr : adr + 6].any() for adr in model.jnt_dofadr[free]):
-        faults.append(Fault("joint frictionloss", "of the free joint is no property of water; set it to 0"))
-    if faults:
-        raise InputError(faults, "vehicle.model")
+def _plain_class(spec: mujoco.MjSpec) -> mujoco.MjsDefault:
+    """A default class for geoms that have no mass, and inherit no place or shape from the vehicle's own classes."""
+    plain = spec.add_default(f"{_OURS}plain", spec.default)
+    geom = plain.geom
+    geom.pos, geom.quat, geom.fromto = [0, 0, 0], [1, 0, 0, 0], [np.nan] * 6
+    geom.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+    geom.mass, geom.meshname, geom.material = 0.0, "", ""
+    return plain
 
 
 def _add_surroundings(spec: mujoco.MjSpec, body_name: str, scenario: Scenario, reach: float) -> None:
@@ -130,12 +114,20 @@ def _add_surroundings(spec: mujoco.MjSpec, body_name: str, scenario: Scenario, r
     body = spec.body(body_name)
     body.simple = False
     spec.compiler.discardvisual = True
+    plain = _plain_class(spec)
     pair_only = {"contype": 0, "conaffinity": 0}
     body.add_geom(
-        name=f"{_OURS}probe", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[reach, 0, 0], rgba=[0] * 4, group=4, **pair_only
+        plain,
+        name=f"{_OURS}probe",
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        size=[reach, 0, 0],
+        rgba=[0] * 4,
+        group=4,
+        **pair_only,
     )
     face = scenario.wall.position + reach
     spec.worldbody.add_geom(
+        plain,
         name=f"{_OURS}wall",
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         pos=[face, 0, 0],

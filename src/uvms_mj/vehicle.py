@@ -11,14 +11,21 @@ and
 The rigid body is MuJoCo's own ``<inertial>``; a vehicle's actuators are its thrusters.
 """
 
+import difflib
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
-from .coefficients import added_mass, damping_matrix, numeric
+from .coefficients import KNOWN_NUMERICS, added_mass, damping_matrix, numeric
 from .faults import Fault, InputError, suggestion
 from .frames import rotation_matrix
+from .thrusters import read_thrusters, turning_thrusters
+
+LINKS_ARE_DRY = (
+    "a vehicle moves on its free joint alone; a link on a joint of its own would be dry, without buoyancy, "
+    "added mass and drag"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +56,6 @@ class Vehicle:
     """(n,) least thrust [N]."""
     u_max: np.ndarray
     """(n,) greatest thrust [N]."""
-    rigid: bool
-    """Whether nothing moves on the vehicle itself."""
 
     @property
     def M(self) -> np.ndarray:
@@ -77,12 +82,14 @@ class Vehicle:
                 (``"left/bluerov1"``) is looked for before the names of the numerics too.
 
         Raises:
-            InputError: coefficients that are missing, malformed or unphysical, all of them at once.
+            InputError: coefficients that are missing, misspelt, malformed or unphysical, all of them at once; or
+                something moves on the vehicle itself.
         """
         body = _only_free_body(model) if body is None else body
         body_id = free_body_id(model, body)
+        _refuse_links(model, body_id)
         prefix = body[: body.rfind("/") + 1]
-        faults: list[Fault] = []
+        faults = misspelt_numerics(model, prefix)
         M_A = added_mass(model, prefix, faults)
         D_linear = damping_matrix(model, prefix, "D_linear", faults)
         D_quadratic = damping_matrix(model, prefix, "D_quadratic", faults)
@@ -93,13 +100,19 @@ class Vehicle:
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         M_RB = _rigid_body_inertia(model, data, body_id)
-        thrusters, ids, thrust_of_ctrl, B, u_min, u_max = _thrusters(model, data, body_id, faults)
-        faults += _turning_thrusters(model, data, body_id, thrusters, B)
+        thrusters, ids, thrust_of_ctrl, B, u_min, u_max = read_thrusters(model, data, body_id, faults)
+        if not np.isfinite(M_RB).all():
+            faults.append(Fault("M_RB", "mass or inertia is not finite"))
+        faults += [
+            Fault(name, "its site, gear or gain is not finite")
+            for name, column in zip(thrusters, B.T, strict=True)
+            if not np.isfinite(column).all()
+        ]
+        faults += turning_thrusters(model, data, body_id, thrusters, B)
         if not faults and np.linalg.eigvalsh(M_RB + M_A)[0] <= 0.0:
             faults.append(Fault("M_RB + M_A", "is not positive definite"))
         if faults:
             raise InputError(faults, f"vehicle {body!r}")
-        rigid = int(model.body_dofnum[model.body_rootid == body_id].sum()) == 6
         arrays = (M_RB, M_A, D_linear, D_quadratic, r_b, thrust_of_ctrl, B, u_min, u_max)
         for array in arrays:
             array.setflags(write=False)
@@ -117,7 +130,6 @@ class Vehicle:
             B=B,
             u_min=u_min,
             u_max=u_max,
-            rigid=rigid,
         )
 
 
@@ -131,6 +143,55 @@ def free_body_id(model: mujoco.MjModel, body: str) -> int:
     if not _is_free(model, body_id):
         raise InputError(f"body {body!r}: has no free joint; free bodies are {', '.join(_free(model)) or 'none'}")
     return body_id
+
+
+def _refuse_links(model: mujoco.MjModel, body_id: int) -> None:
+    """Refuse whatever moves on the vehicle itself. What is fixed to it is a part of its rigid body."""
+    links = np.flatnonzero((model.body_rootid == body_id) & (model.body_dofnum > 0))
+    faults = [
+        Fault(f"body {model.body(i).name or int(i)!r}", f"moves on {model.body(body_id).name!r}: {LINKS_ARE_DRY}")
+        for i in links
+        if i != body_id
+    ]
+    if faults:
+        raise InputError(faults, f"vehicle {model.body(body_id).name!r}")
+
+
+def misspelt_numerics(model: mujoco.MjModel, prefix: str) -> list[Fault]:
+    """Faults of numerics that are nearly named as a coefficient; a model may have others for purposes of its own."""
+    meant = {name: _meant(name) for name in _numerics(model, prefix)}
+    return [
+        Fault(prefix + name, f"is not a coefficient; did you mean {coefficient!r}?")
+        for name, coefficient in meant.items()
+        if coefficient not in ("", name)
+    ]
+
+
+def unknown_numerics(model: mujoco.MjModel, prefix: str) -> list[Fault]:
+    """Faults of all other numerics, where the model is nothing but a vehicle, whose coefficients have this prefix."""
+    names = [model.numeric(i).name for i in range(model.nnumeric)]
+    read = {prefix + name for name in _numerics(model, prefix) if _meant(name)}
+    return [
+        Fault(name, "is not a coefficient: nothing reads it; leave it out, or write a remark as <text>")
+        for name in names
+        if name not in read
+    ]
+
+
+def _meant(name: str) -> str:
+    """The coefficient that a numeric is, or nearly is, by its name; an empty text where there is none."""
+    if name in KNOWN_NUMERICS:
+        return name
+    known = {each.lower(): each for each in sorted(KNOWN_NUMERICS)}
+    close = difflib.get_close_matches(name.lower(), known, n=1, cutoff=0.8)
+    return known[close[0]] if close else ""
+
+
+def _numerics(model: mujoco.MjModel, prefix: str) -> list[str]:
+    """Names of the numerics that have a prefix, without it, and that belong to no other attached model."""
+    names = [model.numeric(i).name for i in range(model.nnumeric)]
+    rest = [name.removeprefix(prefix) for name in names if name.startswith(prefix)]
+    return [name for name in rest if "/" not in name]
 
 
 def _names(model: mujoco.MjModel) -> list[str]:
@@ -164,60 +225,3 @@ def _rigid_body_inertia(model, data, body_id) -> np.ndarray:
     T_inverse = np.eye(6)
     T_inverse[:3, :3] = rotation_matrix(data.xquat[body_id])  # qvel = T^-1 nu
     return T_inverse.T @ block @ T_inverse
-
-
-def _turning_thrusters(model, data, body_id, thrusters, B) -> list[Fault]:
-    """Faults of thrusters whose wrench in B changes with the pose, such as a motor on the free joint itself."""
-    elsewhere = mujoco.MjData(model)
-    elsewhere.qpos[:] = data.qpos
-    mujoco.mj_integratePos(model, elsewhere.qpos, np.linspace(0.3, 0.9, model.nv), 1.0)
-    mujoco.mj_forward(model, elsewhere)
-    _, _, _, there, _, _ = _thrusters(model, elsewhere, body_id, [])
-    if there.shape != B.shape:
-        return [Fault("thrusters", "their number depends on the pose")]
-    return [
-        Fault(name, "its wrench in B depends on the pose; put the motor on a site of the vehicle's body")
-        for name, here, other in zip(thrusters, B.T, there.T, strict=True)
-        if np.abs(here - other).max() > 1e-9 * max(1.0, np.abs(here).max())
-    ]
-
-
-def _thrusters(model, data, body_id, faults):
-    """Names, indices, thrust of ctrl, B = T^-T moment^T (6, n) for each newton, and limits [N] of the actuators that
-    act on the body."""
-    moment = np.zeros((model.nu, model.nv))
-    mujoco.mju_sparse2dense(moment, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind)
-    dof = model.body_dofadr[body_id]
-    T_inverse = np.eye(6)
-    T_inverse[:3, :3] = rotation_matrix(data.xquat[body_id])
-    names, ids, thrusts, columns, limits = [], [], [], [], []
-    for i in range(model.nu):
-        wrench = T_inverse.T @ moment[i, dof : dof + 6]  # of one unit of actuator force, gain times ctrl
-        if not wrench.any():
-            continue
-        name, gain = model.actuator(i).name or f"actuator {i}", model.actuator_gainprm[i, 0]
-        plain = (
-            model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_NONE
-            and model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED
-            and model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_NONE
-        )
-        if not plain:
-            faults.append(Fault(name, "is not a plain <motor>: thrust must be gain times ctrl"))
-        elif gain <= 0.0:
-            faults.append(Fault(name, f"its gain is {gain:g}: must be positive; turn gear round for the other way"))
-        gain = gain if gain > 0.0 else 1.0  # the fault is noted
-        linear, angular = (float(np.linalg.norm(half)) for half in np.split(model.actuator_gear[i], 2))
-        gear = linear or angular  # of a motor that gives a moment alone, "thrust" is that moment [N m]
-        low, high = -np.inf, np.inf
-        if model.actuator_ctrllimited[i]:
-            low, high = gain * model.actuator_ctrlrange[i]
-        if model.actuator_forcelimited[i]:
-            low, high = max(low, model.actuator_forcerange[i, 0]), min(high, model.actuator_forcerange[i, 1])
-        names.append(model.actuator(i).name)
-        ids.append(i)
-        thrusts.append(gain * gear)
-        columns.append(wrench / gear)
-        limits.append((gear * low, gear * high))
-    u_min, u_max = np.array(limits).reshape(-1, 2).T.copy()
-    B = np.array(columns).reshape(-1, 6).T.copy()
-    return tuple(names), tuple(ids), np.array(thrusts), B, u_min, u_max

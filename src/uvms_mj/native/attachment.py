@@ -313,6 +313,12 @@ def _refuse_unsound(model: mujoco.MjModel, body_id: int) -> None:
         f"are {option.density:g} and {option.viscosity:g}; MuJoCo's own fluid forces would act in addition; "
         "set both to 0",
     )
+    gravcomp = model.body_gravcomp[model.body_rootid == body_id]
+    refuse(
+        gravcomp.any(),
+        "gravcomp",
+        "would come on top of buoyancy, which is displaced_mass times gravity; leave it out of the vehicle's bodies",
+    )
     full = model.M_rownnz[dof : dof + 6] == np.arange(1, 7)
     refuse(
         not full.all(),

@@ -1,0 +1,188 @@
+"""The MJCF elements and attributes that a vehicle's file may have.
+
+A run takes over the vehicle's body with its inertia, geoms, sites and motors, gravity, the coefficients in
+``<custom>``, and what is for the eye only. Timestep, integrator and cone may be given, as other programs need them; a
+run has the scenario's. Everything else is refused by name, because a list of bad settings would always miss some.
+
+A tag means the same wherever it is accepted, so the table needs no nesting, which MuJoCo checks.
+"""
+
+import math
+import re
+from collections.abc import Callable, Mapping
+
+from .vehicle import LINKS_ARE_DRY
+
+LARGEST_NUMBER = 1e10
+"""MuJoCo's mjMAXVAL: a larger number in a state means that the simulation has diverged."""
+MOST_ELEMENTS = 10_000
+"""Of a file, each copy by <replicate> counted: MuJoCo's compiler takes time in proportion to the square."""
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
+
+Rule = Callable[[str], str]
+"""What is wrong with an attribute's value; an empty text where nothing is."""
+
+
+def values_of(text: str) -> list[float]:
+    """The numbers of an attribute; none at all where one of them is not a finite number."""
+    words = text.split()
+    values = [float(word) for word in words if _NUMBER.fullmatch(word)]
+    return values if len(values) == len(words) and all(map(math.isfinite, values)) else []
+
+
+def _any(text: str) -> str:
+    return ""
+
+
+def _numbers(text: str) -> str:
+    values = values_of(text)
+    fits = values and max(map(abs, values)) <= LARGEST_NUMBER
+    return "" if fits else f"must be finite numbers within +-{LARGEST_NUMBER:g}"
+
+
+def finite(text: str) -> str:
+    """The rule of every attribute of an element that is for the eye only."""
+    return "must be finite" if any(_NOT_FINITE.fullmatch(word) for word in text.split()) else ""
+
+
+def _range(text: str) -> str:
+    values = values_of(text)
+    return "" if len(values) == 2 and values[0] < values[1] else "must be two numbers, the lower limit first"
+
+
+def _at_most(largest: int) -> Rule:
+    def rule(text: str) -> str:
+        values = values_of(text)
+        return "" if values and 0 <= min(values) <= max(values) <= largest else f"must be within 0 and {largest}"
+
+    return rule
+
+
+def _only(*choices: str, reason: str = "") -> Rule:
+    said = reason or f"must be {' or '.join(map(repr, choices))}"
+    return lambda text: "" if text in choices else said
+
+
+def _zero(reason: str) -> Rule:
+    def rule(text: str) -> str:
+        values = values_of(text)
+        return "" if values and not any(values) else f"must be 0: {reason}"
+
+    return rule
+
+
+def _rules(words: str = "", numbers: str = "", **others: Rule) -> dict[str, Rule]:
+    return dict.fromkeys(words.split(), _any) | dict.fromkeys(numbers.split(), _numbers) | others
+
+
+_PLACE = "pos quat axisangle euler xyaxes zaxis"
+_TURNS_B = _only("false", "auto", reason="it would turn the body frame, in which the coefficients hold; leave it out")
+_INERTIA = "the file must give the vehicle's own mass and inertia"
+_WATER = "the water's forces follow from the coefficients in <custom>"
+_LIMITS = {"ctrlrange": _range, "forcerange": _range}
+_MOTOR = _rules("name class group site ctrllimited forcelimited", "gear", **_LIMITS)
+
+ELEMENTS: Mapping[str, Mapping[str, Rule] | None] = {
+    "mujoco": _rules("model"),
+    "include": _rules("file"),
+    "compiler": _rules(
+        "angle eulerseq autolimits meshdir texturedir assetdir strippath inertiagrouprange fitaabb "
+        "fusestatic usethread",
+        coordinate=_only("local"),
+        alignfree=_TURNS_B,
+        inertiafromgeom=_only("auto", "false", reason="it would override <inertial>; leave it out"),
+        discardvisual=_only("false", reason="it would drop the hull, whose front meets the wall; leave it out"),
+        balanceinertia=_only("false", reason="it would change the inertia; leave it out"),
+        boundmass=_zero(_INERTIA),
+        boundinertia=_zero(_INERTIA),
+    ),
+    "option": _rules(
+        "integrator cone", "timestep gravity", density=_zero(_WATER), viscosity=_zero(_WATER), wind=_zero(_WATER)
+    ),
+    "statistic": _rules(numbers="center extent meansize meanmass"),
+    **dict.fromkeys(("visual", "global", "quality", "headlight", "map", "scale", "rgba")),
+    **dict.fromkeys(("material", "layer", "light", "camera")),
+    "default": _rules("class"),
+    "custom": _rules(),
+    "numeric": _rules("name size", "data"),
+    "text": _rules("name data"),
+    "asset": _rules(),
+    "texture": _rules(
+        "name class type colorspace content_type file gridlayout builtin mark hflip vflip "
+        "fileright fileleft fileup filedown filefront fileback",
+        "rgb1 rgb2 markrgb random",
+        width=_at_most(4096),
+        height=_at_most(4096),
+        gridsize=_at_most(64),
+        nchannel=_at_most(4),
+    ),
+    "mesh": _rules(
+        "name class content_type file inertia smoothnormal builtin material",
+        "scale refpos refquat vertex normal texcoord face",
+        params=_at_most(200),
+        maxhullvert=_only("-1"),
+    ),
+    "model": _rules("name file"),
+    "worldbody": _rules(),
+    "body": _rules(
+        "name childclass simple",
+        _PLACE,
+        gravcomp=_zero("buoyancy is displaced_mass times gravity"),
+        mocap=_only("false", reason="the vehicle must move on its free joint; leave it out"),
+    ),
+    "frame": _rules("name childclass", _PLACE),
+    "replicate": _rules("sep", "offset euler", count=_at_most(MOST_ELEMENTS)),
+    "attach": _rules("model body frame prefix"),
+    "inertial": _rules(numbers=f"{_PLACE} mass diaginertia fullinertia"),
+    "freejoint": _rules("name group", align=_TURNS_B),
+    "joint": _rules(
+        "name class group",
+        type=_only("free", reason=LINKS_ARE_DRY),
+        damping=_zero(_WATER),
+        armature=_zero(_INERTIA),
+        frictionloss=_zero(_WATER),
+        stiffness=_zero("a spring would hold the vehicle in place"),
+    ),
+    "geom": _rules(
+        "name class contype conaffinity group mesh material shellinertia",
+        f"{_PLACE} size fromto rgba mass density fitscale",
+        type=_only("plane", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh"),
+    ),
+    "site": _rules("name class type group material mesh", f"{_PLACE} size fromto rgba"),
+    "actuator": _rules(),
+    "motor": _MOTOR,
+    "general": _MOTOR | _rules("", "gainprm", gaintype=_only("fixed"), biastype=_only("none"), dyntype=_only("none")),
+}
+"""Each element's attributes with their rules; None allows every attribute, of an element for the eye only."""
+
+_WALL = "the only contact is the one with the scenario's wall; leave it out"
+_HOLDS = "it would hold the vehicle, or couple it to something; leave it out"
+_RIGID = "a vehicle is one rigid body; leave it out"
+_PLAIN = "a thruster acts on a site of the vehicle, and its thrust is gain times ctrl at once; leave it out"
+_THRUSTER = "a thruster is a <motor> on a site; leave it out"
+
+REASONS: Mapping[str, str] = {
+    "compiler": "it would change what the file describes; leave it out",
+    "option": "the solver's settings are chosen by the run; leave it out",
+    "statistic": "the solver's settings are chosen by the run; leave it out",
+    "body": "a vehicle is one rigid body in the water; leave it out",
+    "joint": LINKS_ARE_DRY,
+    "geom": _WALL,
+    **dict.fromkeys(("motor", "general"), _PLAIN),
+    "flag": "the run decides which parts of MuJoCo are on; leave it out",
+    "size": "MuJoCo finds its own sizes; leave it out",
+    "lengthrange": "a vehicle has no muscles; leave it out",
+    "contact": _WALL,
+    "hfield": _WALL,
+    **dict.fromkeys(("pair", "exclude"), _WALL),
+    **dict.fromkeys(("equality", "tendon"), _HOLDS),
+    **dict.fromkeys(("composite", "flexcomp", "deformable", "skin"), _RIGID),
+    **dict.fromkeys(("extension", "plugin"), "a plugin can change anything; leave it out"),
+    **dict.fromkeys(("position", "velocity", "intvelocity", "orientation", "pid", "damper"), _THRUSTER),
+    **dict.fromkeys(("cylinder", "muscle", "adhesion", "dcmotor"), _THRUSTER),
+    "sensor": "a run neither reads nor records the file's own sensors; leave it out",
+    "keyframe": "a run starts from the scenario's [initial]; leave it out",
+    "tuple": "coefficients are <numeric>, remarks are <text>; leave it out",
+}
+"""By tag: why an element is refused, or its other attributes are, and what to do."""
