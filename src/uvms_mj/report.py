@@ -98,7 +98,7 @@ class Table:
 def tables(what: str, runs: Sequence[str], lines: Sequence[tuple[str, Sequence[Any]]]) -> list[Table]:
     """Values of runs as tables that are no wider than a page, however many runs there are.
 
-    Few runs have a column each. Of more, each has a row, and the quantities are spread over as many tables as they need.
+    Few runs have a column each. Of more, each has a row, and the quantities are spread over several tables.
 
     Args:
         what: what a line is.
@@ -110,7 +110,9 @@ def tables(what: str, runs: Sequence[str], lines: Sequence[tuple[str, Sequence[A
     count = -(-len(lines) // MOST_COLUMNS)
     pages = [lines[len(lines) * i // count : len(lines) * (i + 1) // count] for i in range(count)]
     return [
-        Table("run", [name for name, _ in page], [(run, [values[i] for _, values in page]) for i, run in enumerate(runs)])
+        Table(
+            "run", [name for name, _ in page], [(run, [values[i] for _, values in page]) for i, run in enumerate(runs)]
+        )
         for page in pages
     ]
 

@@ -1,7 +1,7 @@
 """Several runs on the same axes: one panel for each component, each run in the colour of its law.
 
-Where one run would make the others look flat, the axis is logarithmic beyond a limit that the panel names: no run leaves
-it, and none hides another.
+Where one run would make the others look flat, the axis is logarithmic beyond a limit that the panel names, so that no
+run leaves it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -56,7 +56,8 @@ class Overlay:
         names = list(traces) if len(traces) <= MOST_NAMES else [f"{law} ({laws.count(law)} runs)" for law in laws]
         self.looks: dict[str, dict[str, Any]] = {}
         for i, (label, name, shade) in enumerate(zip(traces, names, shades, strict=True)):
-            colour = to_hex([part / 255 for part in shade])
+            red, green, blue = shade
+            colour = to_hex((red / 255, green / 255, blue / 255))
             self.looks[label] = {"color": colour, "label": name, **stripe(i, len(traces))}
 
     def position(self) -> list[list[Panel]]:
@@ -168,7 +169,13 @@ class Overlay:
                 line(ax, trace.t, values[label], f"{name}.{component}", **look)
 
         symbol = {"tau": "τ"}.get(name, name)
-        return _panel(f"{symbol}.{component}" if component else symbol, unit_of(signals[label], slice(i, i + 1)), draw, values, whole)
+        return _panel(
+            f"{symbol}.{component}" if component else symbol,
+            unit_of(signals[label], slice(i, i + 1)),
+            draw,
+            values,
+            whole,
+        )
 
     def _range(self, name: str, owners: Mapping[str, Trace]) -> Panel:
         """A state of many numbers: the range that they are in."""

@@ -26,8 +26,8 @@ _EARLY = 0.05
 
 def largest(values: ArrayLike) -> float:
     """The largest size of numbers that are finite."""
-    values = np.abs(np.asarray(values, dtype=float))
-    return float(values[np.isfinite(values)].max(initial=0.0))
+    sizes = np.abs(np.asarray(values, dtype=float))
+    return float(sizes[np.isfinite(sizes)].max(initial=0.0))
 
 
 def prefix_of(largest: float) -> tuple[float, str]:
@@ -88,7 +88,11 @@ def logarithmic(ax: Axes, within: float, unit: str, power: float, prefix: str) -
     ax.yaxis.set_minor_locator(NullLocator())
     ax.yaxis.set_major_formatter(lambda y, _: f"{y / power:g}".replace("-", "\N{MINUS SIGN}"))
     ax.axhspan(max(ends[0], -within), min(ends[1], within), color="#f3f3f3", linewidth=0.0, zorder=0.0)
-    note = f"log beyond ±{within / power:g} {prefix}{unit}" if low < 0.0 else f"log beyond {within / power:g} {prefix}{unit}"
+    note = (
+        f"log beyond ±{within / power:g} {prefix}{unit}"
+        if low < 0.0
+        else f"log beyond {within / power:g} {prefix}{unit}"
+    )
     ax.set_title(note, loc="right", fontsize=SMALL, color="#555555")
 
 
