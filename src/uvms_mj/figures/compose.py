@@ -1,6 +1,6 @@
 """From panels to figures: the paper's twelve, an overview of them, and the same quantities of any logs."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -76,7 +76,7 @@ def plot(traces: Mapping[str, Trace], what: str) -> Figure:
         raise InputError(f"{what}: nothing to draw by that name; {suggestion(what, WHATS)}")
     _drawable(traces)
     with styled():
-        named = {_name(label, trace): trace for label, trace in traces.items()}
+        named = _named(traces)
         if len(named) == 1:
             ((name, trace),) = named.items()
             return _grid(_of_one(name, trace, what), COLUMN_IN if what != "summary" else PAGE_IN, name)
@@ -154,19 +154,25 @@ def _of_one(label: str, trace: Trace, what: str) -> Rows:
     def halves(name: str) -> list[Panel]:
         return [panels.vector(trace, name, part) for part in (LINEAR, ANGULAR)]
 
-    states = [
-        halves(signal.name) if signal.size == 6 else [panels.state(trace, signal)] for signal in panels.states_of(trace)
-    ]
-    if what == "integral" and not states:
+    def states() -> Rows:
+        return [
+            halves(signal.name) if signal.size == 6 else [panels.state(trace, signal)]
+            for signal in panels.states_of(trace)
+        ]
+
+    rows: dict[str, Callable[[], Rows]] = {
+        "position": lambda: [[panels.position(trace)]],
+        "force": lambda: [[panels.force(trace)]],
+        "sliding": lambda: [halves("s")],
+        "tau": lambda: [[panels.tau(trace, fine), panels.vector(trace, "tau", ANGULAR)]],
+        "integral": states,
+    }
+    if what == "summary":
+        return [[panels.position(trace), panels.force(trace)], *rows["sliding"](), *rows["tau"](), *states()]
+    if what == "integral" and not states():
         others = ", ".join(each for each in WHATS if each != what)
         raise InputError(f"{label}: its law has no integral term and no other state; draw one of {others}")
-    thrust = [panels.tau(trace, fine), panels.vector(trace, "tau", ANGULAR)]
-    position, force, sliding = panels.position(trace), panels.force(trace), halves("s")
-    if what == "summary":
-        return [[position, force], sliding, thrust, *states]
-    flat = [panel for row in states for panel in row]
-    columns = {"position": [position], "force": [force], "sliding": sliding, "tau": thrust, "integral": flat}
-    return [[panel] for panel in columns[what]]
+    return [[panel] for row in rows[what]() for panel in row]
 
 
 def _of_several(runs: Overlay, what: str) -> Rows:
@@ -203,9 +209,14 @@ def _grid(rows: Rows, width: float, title: str) -> Figure:
     return figure
 
 
-def _name(label: str, trace: Trace) -> str:
-    short = label if len(label) <= LONGEST_NAME else f"...{label[3 - LONGEST_NAME :]}"
-    return short if trace.status is Status.completed else f"{short} ({trace.status.name})"
+def _named(traces: Mapping[str, Trace]) -> dict[str, Trace]:
+    """Traces by the names that a figure has room for, each its own, with how they ended if they did not complete."""
+    named: dict[str, Trace] = {}
+    for i, (label, trace) in enumerate(traces.items()):
+        name = label if len(label) <= LONGEST_NAME else f"...{label[3 - LONGEST_NAME :]}"
+        name = name if trace.status is Status.completed else f"{name} ({trace.status.name})"
+        named[name if name not in named else f"{name} {i + 1}"] = trace
+    return named
 
 
 def _entitle(ax: Axes, text: str) -> None:
