@@ -4,7 +4,8 @@ Where one run would make the others look flat, the axis is logarithmic beyond a 
 run leaves it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -66,7 +67,7 @@ class Overlay:
 
     def _position(self, i: int) -> Panel:
         values = {label: trace.p_WB[:, i] for label, trace in self.traces.items()}
-        whole = max(largest(trace.p_WB) for trace in self.traces.values())
+        wholes = [largest(trace.p_WB) for trace in self.traces.values()]
 
         def draw(ax: Axes) -> None:
             for label, trace in self.traces.items():
@@ -78,12 +79,12 @@ class Overlay:
 
         unlabelled = {label: {**look, "label": None} for label, look in self.looks.items()}
         inset = near_wall(self.traces, unlabelled) if i == 0 else ()
-        return _panel(f"position {AXES[i]}", "m", draw, values, whole, inset)
+        return _panel(f"position {AXES[i]}", "m", draw, values, wholes, inset)
 
     def force(self) -> list[list[Panel]]:
         """The push of all runs; the impacts and the rest in insets."""
         values = {label: trace.push for label, trace in self.traces.items()}
-        largest_push = max(map(largest, values.values()))
+        pushes = [largest(push) for push in values.values()]
 
         def draw(ax: Axes) -> None:
             for label, trace in self.traces.items():
@@ -91,8 +92,8 @@ class Overlay:
             self._expected(ax)
 
         insets = (*self._impacts(), *self._at_rest())
-        panel = _panel("contact force", "N", draw, values, largest_push, insets)
-        return [[Panel(panel.quantity, panel.unit, draw, 1.0, insets, 1.0 + 0.3 * len(insets), panel.within)]]
+        panel = _panel("contact force", "N", draw, values, pushes, insets)
+        return [[replace(panel, height=1.0 + 0.3 * len(insets))]]
 
     def _expected(self, ax: Axes) -> list[float]:
         """The levels that are expected, each drawn once."""
@@ -159,7 +160,7 @@ class Overlay:
         having = {label: trace for label, trace in owners.items() if signals[label].size > i}
         flat = {label: trace[name].reshape(len(trace), -1) for label, trace in having.items()}
         values = {label: each[:, i] for label, each in flat.items()}
-        whole = max(largest(each[:, part]) for each in flat.values())
+        wholes = [largest(each[:, part]) for each in flat.values()]
         label = next(iter(having))
         component = signals[label].components[i]
 
@@ -174,7 +175,7 @@ class Overlay:
             unit_of(signals[label], slice(i, i + 1)),
             draw,
             values,
-            whole,
+            wholes,
         )
 
     def _range(self, name: str, owners: Mapping[str, Trace]) -> Panel:
@@ -187,8 +188,8 @@ class Overlay:
                     line(ax, trace.t, edge, f"{name}.range", **self.looks[label])
 
         signal = next(s for s in next(iter(owners.values())).signals if s.name == name)
-        whole = max(map(largest, flat.values()))
-        return _panel(f"range of state {name}", unit_of(signal, slice(0, 1)), draw, flat, whole)
+        wholes = [largest(each) for each in flat.values()]
+        return _panel(f"range of state {name}", unit_of(signal, slice(0, 1)), draw, flat, wholes)
 
     def states(self) -> list[str]:
         """The names of all states of all runs' laws."""
@@ -196,7 +197,13 @@ class Overlay:
 
 
 def _panel(
-    what: str, unit: str, draw, values: Mapping[str, np.ndarray], whole: float, insets: Sequence[Inset] = ()
+    what: str,
+    unit: str,
+    draw: Callable[[Axes], None],
+    values: Mapping[str, np.ndarray],
+    wholes: Sequence[float],
+    insets: Sequence[Inset] = (),
 ) -> Panel:
+    """A panel of one line for each run; ``wholes`` are the largest sizes of the signals that they are components of."""
     sizes = [largest(each) for each in values.values()]
-    return Panel(what, unit, draw, max(sizes), tuple(insets), within=linear_within(sizes, whole))
+    return Panel(what, unit, draw, max(sizes), tuple(insets), within=linear_within(sizes, wholes))

@@ -54,17 +54,17 @@ class _Multiples(ScalarFormatter):
         return super().__call__(x / self.power, pos)
 
 
-def linear_within(sizes: Sequence[float], whole: float) -> float | None:
+def linear_within(sizes: Sequence[float], wholes: Sequence[float]) -> float | None:
     """Where an axis that all of some lines share shall turn from linear to logarithmic; None for a linear axis.
 
     Args:
         sizes: the largest size of each line.
-        whole: the largest size of the signal that the lines are components of.
+        wholes: the largest size of the signal that each line is a component of.
 
     Returns:
         A power of ten at or below the smallest size, if on a linear axis that line would look flat.
     """
-    sizes = [size for size in sizes if size > _NOTHING * whole]
+    sizes = [size for size, whole in zip(sizes, wholes, strict=True) if size > _NOTHING * whole]
     if not sizes or max(sizes) < FLAT * min(sizes):
         return None
     return float(10.0 ** math.floor(math.log10(min(sizes))))
