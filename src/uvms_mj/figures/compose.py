@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from ..faults import InputError, suggestion
 from ..recording import Status
 from ..trace import Trace
-from . import panels
+from . import contact, panels
 from .insets import place
 from .lines import size_in, ticks
 from .overlay import Overlay
@@ -115,11 +115,11 @@ def _numbered(traces: Mapping[str, Trace], fine: Mapping[str, Trace]) -> dict[in
         2: ("impedance", panels.vector(impedance, "s")),
         3: ("impedance", panels.tau(impedance, None)),
         4: ("first order", panels.position(fosm)),
-        5: ("first order", panels.force(fosm)),
+        5: ("first order", contact.force(fosm)),
         6: ("first order", panels.vector(fosm, "s")),
         7: ("first order", panels.tau(fosm, fine["fosm"])),
         8: ("GSTA", panels.position(gsta)),
-        9: ("GSTA", panels.force(gsta)),
+        9: ("GSTA", contact.force(gsta)),
         10: ("GSTA", panels.vector(gsta, "s")),
         11: ("GSTA", panels.tau(gsta, fine["gsta"], alone, fine["gsta_alone"])),
         12: ("GSTA", panels.integral(gsta, alone)),
@@ -162,13 +162,13 @@ def _of_one(label: str, trace: Trace, what: str) -> Rows:
 
     rows: dict[str, Callable[[], Rows]] = {
         "position": lambda: [[panels.position(trace)]],
-        "force": lambda: [[panels.force(trace)]],
+        "force": lambda: [[contact.force(trace)]],
         "sliding": lambda: [halves("s")],
         "tau": lambda: [[panels.tau(trace, fine), panels.vector(trace, "tau", ANGULAR)]],
         "integral": states,
     }
     if what == "summary":
-        return [[panels.position(trace), panels.force(trace)], *rows["sliding"](), *rows["tau"](), *states()]
+        return [[panels.position(trace), contact.force(trace)], *rows["sliding"](), *rows["tau"](), *states()]
     if what == "integral" and not states():
         others = ", ".join(each for each in WHATS if each != what)
         raise InputError(f"{label}: its law has no integral term and no other state; draw one of {others}")

@@ -5,7 +5,6 @@ run leaves it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,32 +14,28 @@ from matplotlib.colors import to_hex
 from .. import colours
 from ..signals import Signal
 from ..trace import Trace
+from .contact import forces
 from .insets import Inset
 from .lines import line
 from .panels import (
     ANGULAR,
     AXES,
-    LEVELS,
     LINEAR,
     MOST_LINES,
     REFERENCE,
     Panel,
-    expected_forces,
-    level,
     near_wall,
     states_of,
     unit_of,
     wall,
 )
-from .scales import fills, largest, linear_within, rebounds
+from .scales import fills, largest, linear_within
 from .style import stripe
 
 MOST_NAMES = 30
 """More runs than this are named by their laws alone."""
 _BELOW = 1.9
 """Where a line is drawn that would hide others."""
-_RESTS = 0.1
-"""The last part of a run, in which it is seen whether it rests."""
 
 
 class Overlay:
@@ -83,64 +78,7 @@ class Overlay:
 
     def force(self) -> list[list[Panel]]:
         """The push of all runs; the impacts and the rest in insets."""
-        values = {label: trace.push for label, trace in self.traces.items()}
-        pushes = [largest(push) for push in values.values()]
-
-        def draw(ax: Axes) -> None:
-            for label, trace in self.traces.items():
-                line(ax, trace.t, trace.push, "push", **self.looks[label])
-            self._expected(ax)
-
-        insets = (*self._impacts(), *self._at_rest())
-        panel = _panel("contact force", "N", draw, values, pushes, insets)
-        return [[replace(panel, height=1.0 + 0.3 * len(insets))]]
-
-    def _expected(self, ax: Axes) -> list[float]:
-        """The levels that are expected, each drawn once."""
-        span = np.array([0.0, max(float(trace.t[-1]) for trace in self.traces.values())])
-        found = dict.fromkeys(pair for trace in self.traces.values() for pair in expected_forces(trace))
-        for name, force in found:
-            level(ax, span, force, name, LEVELS[name])
-        return [force for _, force in found]
-
-    def _impacts(self) -> tuple[Inset, ...]:
-        windows = [window for trace in self.traces.values() if (window := rebounds(trace.t, trace.push))]
-        if not windows:
-            return ()
-        first, last = min(w[0] for w in windows), max(w[1] for w in windows)
-        if last - first > 0.4 * max(float(trace.t[-1]) for trace in self.traces.values()):
-            return ()
-
-        def draw(ax: Axes, _: float) -> None:
-            top = 0.0
-            for label, trace in self.traces.items():
-                rows = slice(max(0, int(np.searchsorted(trace.t, first)) - 1), int(np.searchsorted(trace.t, last)) + 1)
-                line(ax, trace.t[rows], trace.push[rows], "push", **self.looks[label])
-                top = max(top, largest(trace.push[rows]))
-            ax.set(xlim=(first, last), ylim=(-0.04 * top, 1.06 * top))
-
-        return (Inset(draw, "impacts", height=0.36),)
-
-    def _at_rest(self) -> tuple[Inset, ...]:
-        """The end of the runs that push then, where what comes before is much larger."""
-        end = max(float(trace.t[-1]) for trace in self.traces.values())
-        ends = {label: trace.push[trace.t >= (1.0 - _RESTS) * end] for label, trace in self.traces.items()}
-        rests = {label: push for label, push in ends.items() if largest(push) > 0.0}
-        low = min((float(rest.min()) for rest in rests.values()), default=0.0)
-        high = max((float(rest.max()) for rest in rests.values()), default=0.0)
-        if not 0.0 < 2.0 * high < max(largest(trace.push) for trace in self.traces.values()):
-            return ()
-
-        def draw(ax: Axes, _: float) -> None:
-            for label in rests:
-                rows = self.traces[label].t >= (1.0 - _RESTS) * end
-                line(ax, self.traces[label].t[rows], rests[label], "push", **self.looks[label])
-            levels = self._expected(ax)
-            ends = min([low, *levels]), max([high, *levels])
-            margin = max(0.15 * (ends[1] - ends[0]), 0.005 * ends[1])
-            ax.set(xlim=((1.0 - _RESTS) * end, end), ylim=(ends[0] - margin, ends[1] + margin))
-
-        return (Inset(draw, "at rest", height=0.24),)
+        return [[forces(self.traces, self.looks)]]
 
     def signal(self, name: str) -> list[list[Panel]]:
         """A signal of the runs that have it: linear components in a row and angular ones below it."""

@@ -1,9 +1,8 @@
-"""What stands in one panel: position, contact force, sliding variable, actuation force, a law's own states.
+"""What one panel of one run shows: position, sliding variable, actuation force, a law's own states.
 
 Linear and angular components have panels of their own, for their units differ.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,12 +11,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from ..closed_forms import SteadyState, demanded_force
 from ..signals import OWN_UNIT, Signal
 from ..trace import Trace
 from .insets import Inset
 from .lines import line
-from .scales import early, largest, number, rebounds
+from .scales import early, largest, number
 from .style import BLACK, COLOURS, GREY, LINE, stripe
 
 LINEAR, ANGULAR = slice(0, 3), slice(3, 6)
@@ -112,74 +110,6 @@ def near_wall(traces: dict[str, Trace], looks: dict[str, dict[str, Any]]) -> tup
         number(ax.yaxis, power)
 
     return (Inset(draw, "x at the wall"),)
-
-
-# Contact force
-
-
-def force(trace: Trace) -> Panel:
-    """Force with which the vehicle pushes on the wall, and where it should come to rest.
-
-    Insets show the impacts, from the first contact to the end of the rebounds, and the rest.
-    """
-
-    def draw(ax: Axes) -> None:
-        line(ax, trace.t, trace.push, "push", label="contact force", color=COLOURS["force"], linewidth=LINE)
-        expectations(ax, trace)
-        ax.set_ylim(bottom=min(0.0, -0.03 * ax.get_ylim()[1]))
-
-    insets = (*_impacts(trace), *_at_rest(trace))
-    return Panel("contact force", "N", draw, insets=insets, height=1.0 + 0.25 * len(insets))
-
-
-def expectations(ax: Axes, trace: Trace) -> list[float]:
-    """Draw and return the forces of :func:`expected_forces`."""
-    found = expected_forces(trace)
-    for name, force in found:
-        level(ax, trace.t, force, name, LEVELS[name])
-    return [force for _, force in found]
-
-
-def expected_forces(trace: Trace) -> list[tuple[str, float]]:
-    """Name and value of the force that is expected of a rigid wall, and of that of the closed form [N]."""
-    forces = [("expected", demanded_force(trace.scenario, math.inf))]  # the paper's wall does not give
-    if isinstance(trace.analytic, SteadyState):
-        forces.append(("analytic", trace.analytic.force))
-    return [(name, force) for name, force in forces if 0.0 < force < math.inf]
-
-
-def _impacts(trace: Trace) -> tuple[Inset, ...]:
-    window = rebounds(trace.t, trace.push)
-    if window is None:
-        return ()
-    first, last = np.searchsorted(trace.t, window)
-
-    def draw(ax: Axes, _: float) -> None:
-        rows = slice(max(0, first - 1), last + 1)
-        line(ax, trace.t[rows], trace.push[rows], "push", color=COLOURS["force"])
-        ax.set(xlim=window, ylim=(-0.04 * trace.push.max(), 1.06 * trace.push.max()))
-
-    return (Inset(draw, "impacts", height=0.36),)
-
-
-def _at_rest(trace: Trace) -> tuple[Inset, ...]:
-    """The second half of what follows the first contact, where peaks before it are much larger."""
-    push = trace.push
-    touched = np.flatnonzero(push > 0.0)
-    if not len(touched):
-        return ()
-    start = (touched[0] + len(push)) // 2
-    rest = push[start:]
-    if len(rest) < 2 or not 0.0 < 2.0 * rest.max() < push.max():
-        return ()
-
-    def draw(ax: Axes, _: float) -> None:
-        line(ax, trace.t[start:], rest, "push", color=COLOURS["force"])
-        seen = [float(rest.min()), float(rest.max()), *expectations(ax, trace)]
-        margin = max(0.25 * (max(seen) - min(seen)), 0.005 * max(seen))
-        ax.set(xlim=(trace.t[start], trace.t[-1]), ylim=(min(seen) - margin, max(seen) + margin))
-
-    return (Inset(draw, "at rest", height=0.24),)
 
 
 # Components: sliding variable, actuation, states
