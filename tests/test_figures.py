@@ -464,6 +464,19 @@ def test_every_run_can_be_seen_beside_one_that_is_a_thousand_times_as_large(trac
                 assert "log beyond" in ax.get_title(loc="right")
 
 
+def test_a_run_that_diverged_is_drawn_with_others(traces, tmp_path):
+    gsta = traces["gsta"]
+    wild = {name: np.array(values) for name, values in gsta.arrays.items()}
+    growth = np.geomspace(1.0, 1e200, len(gsta))
+    for name in ("tau", "s", "p_WB", "f_contact_W", "z"):
+        wild[name] *= growth[:, None]
+        wild[name][-3:] = np.nan
+    wild = dataclasses.replace(gsta, arrays=wild)
+    for what in figures.WHATS:
+        for runs in ({"wild": wild}, {"wild": wild, "tame": gsta}):
+            figures.save(figures.plot(runs, what), tmp_path / what, ("png",))
+
+
 def test_a_range_holds_every_runs_rest(drawn, traces):
     for what in ("force", "sliding", "tau", "position"):
         for ax in drawn[f"{what} of four"].axes:

@@ -33,7 +33,7 @@ from uvms_mj.rerun_view import process, viewer
 from uvms_mj.rerun_view.extents import MOST_STEPS, Extents, readable
 from uvms_mj.rerun_view.layout import layout
 from uvms_mj.rerun_view.process import environment, free_port, start, stop
-from uvms_mj.rerun_view.run import CONTACT, GREEN, ORANGE, POSE_HZ, SKY, Run
+from uvms_mj.rerun_view.run import CONTACT, GREEN, ORANGE, POSE_HZ, SKY, Run, bounds
 from uvms_mj.rerun_view.solids import solids
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
@@ -219,6 +219,23 @@ def test_the_force_plot_shows_where_each_run_comes_to_rest(trace):
             assert low <= 0.0 < Extents.of(each).rest < 0.7 * high
             assert each.push.max() < axis_of(whole)[1]
         assert high < axis_of(whole)[1]
+
+
+def test_a_run_that_diverged_is_shown_with_others(trace, other, tmp_path):
+    wild = {name: np.array(values) for name, values in trace.arrays.items()}
+    growth = np.geomspace(1.0, 1e300, len(trace))
+    for name in ("tau", "s", "f_contact_W"):
+        wild[name] *= growth[:, None]
+        wild[name][-3:] = np.nan
+    traces = {"wild": dataclasses.replace(trace, arrays=wild), "tame": other}
+    rerun_view.save(traces, tmp_path / "wild.rrd")
+    assert viewer._runs(traces)[0].place.force_scale > 0.0
+
+
+def test_a_vehicle_without_shapes_has_a_size():
+    low, high = bounds([], 0.1)
+    assert (low == -0.1).all()
+    assert (high == 0.1).all()
 
 
 def axis_of(view) -> tuple[float, float]:

@@ -54,7 +54,12 @@ def force_scale(header: Header, largest: float = 0.0) -> float:
     return scale
 
 
+def magnitudes(forces: np.ndarray) -> np.ndarray:
+    """(...,) of forces (..., 3) [N], however large: a sum of squares would overflow in a run that diverges."""
+    return np.hypot(np.hypot(forces[..., 0], forces[..., 1]), forces[..., 2])
+
+
 def arrows(forces: np.ndarray, scale: float, longest: float) -> np.ndarray:
     """Arrows (..., 3) of forces (..., 3) [m]: cut where they would be longer than ``longest``."""
-    lengths = scale * np.linalg.norm(forces, axis=-1, keepdims=True)
+    lengths = scale * magnitudes(forces)[..., None]
     return scale * forces * np.minimum(1.0, longest / np.maximum(lengths, 1e-300))

@@ -10,6 +10,8 @@ from ..trace import Trace
 
 MOST_STEPS = 5
 """Rerun numbers an axis at multiples of a power of ten only, and as many of them as this can be read in its plots."""
+_LARGEST = 1e12
+"""No axis goes further."""
 _EDGE = 0.07
 """How far a number must be from the end of its axis, as part of its length."""
 _RESTS = 0.1
@@ -34,15 +36,22 @@ class Extents:
 
     @classmethod
     def of(cls, trace: Trace) -> "Extents":
-        """What a trace shows; values that are not finite are left out."""
+        """What a trace shows."""
         ranges = {}
         for signal in trace.signals:
-            values = trace[signal.name].reshape(len(trace), signal.size)
-            values = np.where(np.isfinite(values), values, 0.0) if len(values) else np.zeros((1, signal.size))
+            values = _drawable(trace[signal.name].reshape(len(trace), signal.size))
+            values = values if len(values) else np.zeros((1, signal.size))
             ranges[signal.name] = np.stack([values.min(axis=0), values.max(axis=0)], axis=1)
-        late = trace.push[trace.t >= (1.0 - _RESTS) * trace.t[-1]] if len(trace) else np.zeros(0)
-        forces = [np.linalg.norm(f, axis=1).max(initial=0.0) for f in (trace.f_contact_W, trace.tau[:, :3])]
-        return cls(ranges, float(late.max(initial=0.0)), float(trace.push.max(initial=0.0)), float(max(forces)))
+        push = _drawable(trace.push)
+        late = push[trace.t >= (1.0 - _RESTS) * trace.t[-1]] if len(trace) else push
+        forces = [_drawable(f) for f in (trace.f_contact_W, trace.tau[:, :3])]
+        force = max(float(np.linalg.norm(f, axis=1).max(initial=0.0)) for f in forces)
+        return cls(ranges, float(late.max(initial=0.0)), float(push.max(initial=0.0)), force)
+
+
+def _drawable(values: np.ndarray) -> np.ndarray:
+    """Values, with 0 for those that are not finite or that a run which diverges reaches at its very end."""
+    return np.where(np.abs(values) < _LARGEST, values, 0.0)
 
 
 def readable(limits: Iterable[tuple[float, float]]) -> tuple[float, float]:

@@ -15,7 +15,17 @@ from ..closed_forms import SteadyState
 from ..colours import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, Colour, mixed
 from ..frames import quat_from_euler_deg, rotation_matrices
 from ..recording import Header
-from ..scene import FORCE_SCALE, WALL_RGBA, WALL_SIZE, WALL_THICKNESS, arrows, current_arrow, span, wall_face
+from ..scene import (
+    FORCE_SCALE,
+    WALL_RGBA,
+    WALL_SIZE,
+    WALL_THICKNESS,
+    arrows,
+    current_arrow,
+    magnitudes,
+    span,
+    wall_face,
+)
 from ..signals import Signal
 from .extents import Extents
 from .solids import Solid, solids
@@ -177,7 +187,7 @@ class Run:
 
     def _arrow(self, name: str, t: np.ndarray, start: np.ndarray, force: np.ndarray, text_at: np.ndarray) -> None:
         """A force's arrow with its magnitude, where there is a force. All (n, 3), in W."""
-        newtons = np.linalg.norm(force, axis=1)
+        newtons = magnitudes(force)
         some = newtons > 0.0
         drawn = rr.Arrows3D.columns(origins=start[some], vectors=self._vectors(force[some]))
         self._send(("world", name), t, drawn.partition(some.astype(int)))
