@@ -219,6 +219,8 @@ def test_the_force_plot_shows_where_each_run_comes_to_rest(trace):
             assert low <= 0.0 < Extents.of(each).rest < 0.7 * high
             assert each.push.max() < axis_of(whole)[1]
         assert high < axis_of(whole)[1]
+    live = layout([Run(trace.header)]).root_container.contents[1].contents[0]  # where it will rest is not known
+    assert "ScalarAxis" not in live.contents[live.active_tab].properties
 
 
 def test_a_run_that_diverged_is_shown_with_others(trace, other, tmp_path):
