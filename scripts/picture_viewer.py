@@ -17,6 +17,7 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 
 from uvms_mj import Scenario, Trace, rerun_view, simulate
+from uvms_mj.cli.logs import labels
 from uvms_mj.rerun_view.process import free_port, start, stop
 from uvms_mj.rerun_view.run import TIMELINE
 
@@ -47,7 +48,8 @@ def picture(recording: Path, size: str, at: float | None) -> Image.Image:
 @click.option("--size", default="1200x800", show_default=True)
 def main(logs: tuple[Path, ...], out: Path, at: float | None, size: str) -> None:
     """Take a picture of the viewer."""
-    traces = {log.stem: Trace.load(log) for log in logs}
+    loaded = [Trace.load(log) for log in logs]
+    traces = dict(zip(labels(tuple(map(str, logs)), loaded), loaded, strict=True))
     if not traces:
         traces = {"push_wall": simulate(Scenario.load("push_wall", {"simulation.duration": 12.0}))}
     with tempfile.TemporaryDirectory() as folder:

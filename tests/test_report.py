@@ -156,6 +156,26 @@ def test_what_differs_is_told_from_what_is_shared(trace, picture):
     assert "wall.position 0.002" in shared
 
 
+def test_no_table_is_wider_than_a_page_and_each_value_stands_where_it_belongs():
+    lines = [(f"quantity {q}", [f"{q} of {i}" for i in range(20)]) for q in range(17)]
+    for n in (1, 3, 6, 7, 20):
+        runs = [f"run {i}" for i in range(n)]
+        found = report.tables("quantity", runs, [(name, values[:n]) for name, values in lines])
+        cells = {
+            frozenset((head, name)): cell
+            for table in found
+            for name, row in table.rows
+            for head, cell in zip(table.heads, row, strict=True)
+        }
+        assert all(len(table.heads) <= report.MOST_COLUMNS for table in found)
+        assert cells == {frozenset((f"quantity {q}", f"run {i}")): f"{q} of {i}" for q in range(17) for i in range(n)}
+
+
+def test_a_heading_counts_many_runs_and_names_few(trace):
+    assert report.named({"a": trace, "b": trace}) == "a, b"
+    assert report.named({str(i): trace for i in range(20)}) == "20 runs (20 gsta)"
+
+
 def test_no_folder_of_the_user_stands_on_the_page(tmp_path, picture):
     model = tmp_path / "secret" / "mine.xml"
     model.parent.mkdir()

@@ -2,6 +2,7 @@
 
 import base64
 import contextlib
+import dataclasses
 import fcntl
 import http.client
 import io
@@ -26,11 +27,13 @@ from PIL import Image
 from rerun.chunk import RrdReader
 from rerun.experimental import ViewerClient
 
-from uvms_mj import InputError, Scenario, Status, Trace, rerun_view, simulate
+from uvms_mj import InputError, Scenario, Status, Trace, colours, rerun_view, scene, simulate
 from uvms_mj.frames import quat_from_euler_deg
 from uvms_mj.rerun_view import process, viewer
+from uvms_mj.rerun_view.extents import MOST_STEPS, Extents, readable
+from uvms_mj.rerun_view.layout import layout
 from uvms_mj.rerun_view.process import environment, free_port, start, stop
-from uvms_mj.rerun_view.run import CONTACT, GREEN, ORANGE, POSE_HZ, SKY, Run
+from uvms_mj.rerun_view.run import CONTACT, GREEN, ORANGE, POSE_HZ, SKY, Run, bounds
 from uvms_mj.rerun_view.solids import solids
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
@@ -154,6 +157,110 @@ def test_arrows_are_the_forces(trace, recording):
     assert texts[-1] == f"contact force {np.linalg.norm(force):.2f} N"
 
 
+def test_arrows_of_a_strong_vehicle_stay_in_the_scene_and_both_viewers_have_one_scale(trace):
+    header = trace.header
+    span = scene.span(header)
+    assert scene.force_scale(header) == scene.force_scale(header, 19.0) == scene.FORCE_SCALE
+    for largest in (19.0, 30.1, 1e3, 4.7e5):
+        scale = scene.force_scale(header, largest)
+        assert scale * largest <= span
+        assert scale == scene.FORCE_SCALE or 2.5 * scale * largest > span, "no smaller than it must be"
+        assert float(f"{scale:.1g}") == pytest.approx(scale, rel=1e-12), "a round number"
+    forces = np.array([[0.0, 0.0, 0.0], [1.0, -2.0, 2.0], [3e5, 0.0, 4e5]])
+    drawn = scene.arrows(forces, scene.FORCE_SCALE, span)
+    np.testing.assert_allclose(drawn[:2], scene.FORCE_SCALE * forces[:2], rtol=1e-15)
+    assert np.linalg.norm(drawn[2]) == pytest.approx(span)
+    np.testing.assert_allclose(np.cross(drawn[2], forces[2]), 0.0, atol=1e-6)
+
+
+def strong(trace: Trace, times: float) -> Trace:
+    """The same run with forces so many times as large."""
+    arrays = {**trace.arrays, "tau": times * trace.tau, "f_contact_W": times * trace.f_contact_W}
+    return dataclasses.replace(trace, arrays=arrays)
+
+
+def test_no_arrow_leaves_the_scene(trace, tmp_path):
+    rerun_view.save({"run": strong(trace, 100.0)}, tmp_path / "strong.rrd")
+    found = columns(tmp_path / "strong.rrd")
+    longest = 0.0
+    for name in ("contact\\ force", "thrust"):
+        vectors = [row[0] for row in found[f"/world/{name}"]["Arrows3D:vectors"] if row]
+        longest = max(longest, np.linalg.norm(vectors, axis=1).max())
+    assert 0.4 * scene.span(trace.header) < longest <= scene.span(trace.header)
+
+
+def test_an_axis_holds_what_it_should_and_has_two_numbers_at_least(rng):
+    """Rerun writes numbers at multiples of a power of ten alone, and not at the very end of an axis."""
+    for exponent in rng.uniform(-6, 4, size=300):
+        low, high = sorted(rng.normal(size=2) * 10.0**exponent + rng.choice([0.0, 50.0]))
+        ends = readable([(low, high), (low, low)])
+        assert ends[0] <= low <= high <= ends[1]
+        length = ends[1] - ends[0]
+        inside = [
+            np.floor((ends[1] - 0.04 * length) / step) - np.ceil((ends[0] + 0.04 * length) / step) + 1
+            for step in 10.0 ** np.arange(-9.0, 7.0)
+        ]
+        assert any(2 <= n <= MOST_STEPS + 1 for n in inside), (low, high, ends)
+        assert high - low > 0.2 * length
+    for point in (0.0, 2.0, -3e-4):
+        low, high = readable([(point, point)])
+        assert low < point < high
+
+
+def test_the_force_plot_shows_where_each_run_comes_to_rest(trace):
+    pushing = strong(trace, 8.0)
+    for traces in ({"a": trace}, {"a": trace, "b": pushing}):
+        runs = viewer._runs(traces)
+        tabs = layout(runs).root_container.contents[1].contents[0]
+        near, whole = tabs.contents
+        assert tabs.active_tab == 0
+        low, high = axis_of(near)
+        for each in traces.values():
+            assert low <= 0.0 < Extents.of(each).rest < 0.7 * high
+            assert each.push.max() < axis_of(whole)[1]
+        assert high < axis_of(whole)[1]
+    live = layout([Run(trace.header)]).root_container.contents[1].contents[0]  # where it will rest is not known
+    assert "ScalarAxis" not in live.contents[live.active_tab].properties
+
+
+def test_a_run_that_diverged_is_shown_with_others(trace, other, tmp_path):
+    wild = {name: np.array(values) for name, values in trace.arrays.items()}
+    growth = np.geomspace(1.0, 1e300, len(trace))
+    for name in ("tau", "s", "f_contact_W"):
+        wild[name] *= growth[:, None]
+        wild[name][-3:] = np.nan
+    traces = {"wild": dataclasses.replace(trace, arrays=wild), "tame": other}
+    rerun_view.save(traces, tmp_path / "wild.rrd")
+    assert viewer._runs(traces)[0].place.force_scale > 0.0
+
+
+def test_a_vehicle_without_shapes_has_a_size():
+    low, high = bounds([], 0.1)
+    assert (low == -0.1).all()
+    assert (high == 0.1).all()
+
+
+def axis_of(view) -> tuple[float, float]:
+    (limits,) = view.properties["ScalarAxis"].range.as_arrow_array().to_pylist()
+    return tuple(limits)
+
+
+def test_of_several_runs_none_hides_another(trace, other, tmp_path):
+    """Each has a lane, wider than its vehicle, its name above it, and the colour of its law."""
+    traces = {"a": trace, "b": other, "c": trace}
+    rerun_view.save(traces, tmp_path / "three.rrd")
+    found = columns(tmp_path / "three.rrd")
+    corners = np.concatenate([solid.vertices for solid in solids(trace.header.geometry)])
+    lanes = [found[f"/{label}/world"]["Transform3D:translation"][0][0] for label in traces]
+    assert np.allclose(np.array(lanes)[:, [0, 2]], 0.0)
+    y = np.array(lanes)[:, 1]
+    assert (-np.diff(y)).min() > 1.5 * np.ptp(corners[:, 1])
+    for label in traces:
+        assert found[f"/{label}/world/vehicle/name"]["Points3D:labels"] == [[label]]
+    runs = viewer._runs(traces)
+    assert [run.colour for run in runs] == colours.of_runs(["gsta", "impedance", "gsta"])
+
+
 def test_every_series_has_a_name_and_a_colour(trace, recording):
     found = columns(recording)
     scalars = {path: entity for path, entity in found.items() if "Scalars:scalars" in entity}
@@ -257,7 +364,7 @@ def test_the_viewer_shows_the_plots_and_every_view_is_in_order(trace, other, rec
         rerun_view.save({"a": trace, "b c/d": other}, tmp_path / "two.rrd")
         client.open(str(tmp_path / "two.rrd"))
         two = client.get_state().views
-        assert {view.name for view in two} >= {"Contact force [N]", "Position p_WB: x [m]", "yaw [N m]"}
+        assert {view.name for view in two} >= {"Contact force [N]", "Position p_WB: x [m]", "tau: yaw [N m]"}
         client.close("all")
         client.open(str(recording))
         png = picture(port)
@@ -317,7 +424,7 @@ def test_a_run_streams_to_the_viewer(headless, monkeypatch):
     assert listening(psutil.Process(process.pid)) == [("127.0.0.1", port)]
     names, end_ns = views_at(port, 2_000_000_000)
     assert end_ns == 2_000_000_000
-    assert names >= {"Vehicle and wall", "Contact force [N]"}
+    assert names >= {"Vehicle and wall (arrows: 0.05 m/N)", "Contact force [N]"}
 
 
 @needs_vulkan

@@ -2,6 +2,7 @@
 
 import base64
 import io
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,12 +28,12 @@ CAPTIONS: Mapping[str, str] = {
     "fig02": "Sliding variable with impedance control alone: it is free to leave zero, and does.",
     "fig03": "Thrust with impedance control alone.",
     "fig04": "Position with the first-order law.",
-    "fig05": f"Contact force with the first-order law, a little below the expected value. {_LEVELS}",
+    "fig05": f"Contact force with the first-order law: the impacts, and the rest below the expected value. {_LEVELS}",
     "fig06": "Sliding variable with the first-order law, inside the boundary layer and not zero.",
     "fig07": "Thrust with the first-order law; the inset shows its first switching, at every step.",
     "fig08": "Position with GSTA.",
-    "fig09": f"Contact force with GSTA, which settles at the expected value. {_LEVELS}",
-    "fig10": "Sliding variable with GSTA.",
+    "fig09": f"Contact force with GSTA: the impacts, and the rest at the expected value. {_LEVELS}",
+    "fig10": "Sliding variable with GSTA once it has been reached; the inset shows how it is reached.",
     "fig11": "Thrust with GSTA, with and without the nominal control; the inset is at every step.",
     "fig12": "Force part of GSTA's integral term, with and without the nominal control.",
 }
@@ -73,6 +74,57 @@ class Picture:
         with mpl.rc_context({"svg.fonttype": "path", "svg.hashsalt": self.name}):
             self.figure.savefig(file, format="svg", metadata={"Date": None})
         return f"data:image/svg+xml;base64,{base64.b64encode(file.getvalue()).decode()}"
+
+
+MOST_COLUMNS = 6
+"""Of a table, besides the names of its rows: more are cut off on paper."""
+MOST_NAMES = 4
+"""More runs than this are counted in a heading and not named."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of a page.
+
+    Attributes:
+        corner: what its rows are.
+        heads: names of its columns.
+        rows: name and cells of each row.
+    """
+
+    corner: str
+    heads: Sequence[str]
+    rows: Sequence[tuple[str, Sequence[Any]]]
+
+
+def tables(what: str, runs: Sequence[str], lines: Sequence[tuple[str, Sequence[Any]]]) -> list[Table]:
+    """Values of runs as tables that are no wider than a page, however many runs there are.
+
+    Few runs have a column each. Of more, each has a row, and the quantities are spread over several tables.
+
+    Args:
+        what: what a line is.
+        runs: their names.
+        lines: name of a quantity and its value in each run.
+    """
+    if len(runs) <= MOST_COLUMNS:
+        return [Table(what, runs, lines)]
+    count = -(-len(lines) // MOST_COLUMNS)
+    pages = [lines[len(lines) * i // count : len(lines) * (i + 1) // count] for i in range(count)]
+    return [
+        Table(
+            "run", [name for name, _ in page], [(run, [values[i] for _, values in page]) for i, run in enumerate(runs)]
+        )
+        for page in pages
+    ]
+
+
+def named(traces: Mapping[str, Trace]) -> str:
+    """The names of runs, or of many their number and those of their laws."""
+    if len(traces) <= MOST_NAMES:
+        return ", ".join(traces)
+    laws = Counter(trace.scenario.controller.label() for trace in traces.values())
+    return f"{len(traces)} runs ({', '.join(f'{n} {law}' for law, n in laws.items())})"
 
 
 def _rest(trace: Trace) -> float:
@@ -156,9 +208,13 @@ def page(
         rows=rows,
         counts={verdict: sum(row.verdict is verdict for row in rows) for verdict in Verdict},
         pictures=pictures,
-        measures=measured(traces),
+        measures=tables(
+            "quantity",
+            list(traces),
+            [(name if unit == "1" else f"{name} [{unit}]", values) for name, unit, values in measured(traces)],
+        ),
         common=common,
-        differing=differing,
+        differing=tables("key", list(traces), differing) if differing else [],
         notes=[(name, note) for name, trace in traces.items() for note in _notes(trace)],
         versions=[(key, sorted({v[key] for v in versions.values() if key in v})) for key in first.header.versions],
     )

@@ -40,16 +40,15 @@ def compare(logs: tuple[str, ...], out: str) -> None:
         for log, trace in zip(logs, loaded, strict=True):
             say_if_truncated(log, trace)
         traces = dict(zip(labels(logs, loaded), loaded, strict=True))
+        captions = dict(_CAPTIONS)
+        if any(trace.header.law.states for trace in loaded):
+            captions["integral"] = "The laws' own states"
         pictures = [
-            report.Picture(what, f"{caption}: {', '.join(traces)}.", figures.plot(traces, what))
-            for what, caption in _CAPTIONS.items()
+            report.Picture(what, f"{caption}: {report.named(traces)}.", figures.plot(traces, what))
+            for what, caption in captions.items()
         ]
-        stateful = {name: trace for name, trace in traces.items() if trace.header.law.states}
-        if stateful:
-            caption = f"The law's own states: {', '.join(stateful)}."
-            pictures.append(report.Picture("integral", caption, figures.plot(stateful, "integral")))
         names = ", ".join(dict.fromkeys(trace.scenario.name for trace in loaded))
-        report.write(Path(out), report.page(f"{names}: {', '.join(traces)}", traces, pictures))
+        report.write(Path(out), report.page(f"{names}: {report.named(traces)}", traces, pictures))
         click.echo(out)
 
 

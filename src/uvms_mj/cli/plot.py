@@ -18,7 +18,7 @@ FORMATS = ("png", "svg", "pdf")
     "-o", "--out", metavar="FILE", help="A .png, .svg or .pdf that does not exist yet [default: WHAT.png beside LOG]."
 )
 def plot(logs: tuple[str, ...], what: str, out: str | None) -> None:
-    """Draw a log; of several logs each has its panels, with the same colours and ranges.
+    """Draw a log, or several on the same axes, each in the colour of its law.
 
     \b
     uvms-mj plot results/run.mcap

@@ -1,28 +1,37 @@
-"""From panels to figures: the paper's twelve, an overview of them, and the same of any log."""
+"""From panels to figures: the paper's twelve, an overview of them, and the same quantities of any logs."""
 
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.gridspec import GridSpec
 from matplotlib.lines import Line2D
 
 from ..faults import InputError, suggestion
 from ..recording import Status
 from ..trace import Trace
-from . import panels
-from .lines import place, size_in, ticks
-from .panels import Panel, largest, number, prefix_of
+from . import contact, panels
+from .insets import place
+from .lines import size_in, ticks
+from .overlay import Overlay
+from .panels import ANGULAR, LINEAR, Panel
+from .scales import logarithmic, number, prefix_of
 from .style import COLUMN_IN, PAGE_IN, styled
 
 WHATS = ("position", "force", "sliding", "tau", "integral", "summary")
 """What :func:`plot` draws."""
 RUNS = ("impedance", "fosm", "gsta", "gsta_alone")
 """The paper's runs."""
-MOST_PANELS = 60
-"""In one figure."""
+MOST_ROWS = 30
+"""Of panels in one figure."""
+LONGEST_NAME = 30
+"""Letters of a run's name in a legend; of a longer one the end is shown."""
 _HEIGHT_IN = 1.75
+_COLUMNS = 6
+"""A row of one, two, three or six panels takes all of a figure's width."""
+
+Rows = Sequence[Sequence[Panel]]
 
 
 def paper(traces: Mapping[str, Trace], fine: Mapping[str, Trace]) -> dict[str, Figure]:
@@ -41,31 +50,37 @@ def paper(traces: Mapping[str, Trace], fine: Mapping[str, Trace]) -> dict[str, F
         numbered = _numbered(traces, fine)
         figures = {}
         for i, (_, panel) in numbered.items():
-            figure = Figure(figsize=(COLUMN_IN, 2.3))
-            ax = figure.subplots()
-            _fill([[(ax, panel)]])
-            _finish(figure, [ax], panels.pair_handles() if i in (11, 12) else ())
+            figure = Figure(figsize=(COLUMN_IN, 0.55 + _HEIGHT_IN * panel.height))
+            cells = [(figure.subplots(), panel)]
+            _fill(cells)
+            _finish(figure, cells, panels.pair_handles() if i in (11, 12) else ())
             figures[f"fig{i:02d}"] = figure
         figures["overview"] = _overview(numbered)
     return figures
 
 
 def plot(traces: Mapping[str, Trace], what: str) -> Figure:
-    """One figure of one or several runs, a panel or for ``summary`` a column for each.
+    """One figure of a run, or of several on the same axes.
+
+    Of one run, components of a unit share a panel. Of several runs each component has a panel, and each run the colour
+    of its law; the size of the figure does not depend on how many runs there are.
 
     Args:
-        traces: by the names that stand above the panels.
+        traces: by the names that the figure gives them.
         what: one of :data:`WHATS`.
 
     Raises:
-        InputError: a log has no samples, its law has no state to draw, or there would be too many panels.
+        InputError: a log has no samples, no law has a state to draw, or there would be too many panels.
     """
     if what not in WHATS:
         raise InputError(f"{what}: nothing to draw by that name; {suggestion(what, WHATS)}")
     _drawable(traces)
     with styled():
-        columns = {_title(label, trace): _panels(label, trace, what) for label, trace in traces.items()}
-        return _side_by_side(columns) if what == "summary" else _stacked(columns)
+        named = _named(traces)
+        if len(named) == 1:
+            ((name, trace),) = named.items()
+            return _grid(_of_one(name, trace, what), COLUMN_IN if what != "summary" else PAGE_IN, name)
+        return _grid(_of_several(Overlay(named), what), PAGE_IN, "")
 
 
 # The paper
@@ -97,15 +112,15 @@ def _numbered(traces: Mapping[str, Trace], fine: Mapping[str, Trace]) -> dict[in
     impedance, fosm, gsta, alone = (traces[name] for name in RUNS)
     return {
         1: ("impedance", panels.position(impedance)),
-        2: ("impedance", panels.sliding(impedance)),
+        2: ("impedance", panels.vector(impedance, "s")),
         3: ("impedance", panels.tau(impedance, None)),
         4: ("first order", panels.position(fosm)),
-        5: ("first order", panels.force(fosm)),
-        6: ("first order", panels.sliding(fosm)),
+        5: ("first order", contact.force(fosm)),
+        6: ("first order", panels.vector(fosm, "s")),
         7: ("first order", panels.tau(fosm, fine["fosm"])),
         8: ("GSTA", panels.position(gsta)),
-        9: ("GSTA", panels.force(gsta)),
-        10: ("GSTA", panels.sliding(gsta)),
+        9: ("GSTA", contact.force(gsta)),
+        10: ("GSTA", panels.vector(gsta, "s")),
         11: ("GSTA", panels.tau(gsta, fine["gsta"], alone, fine["gsta_alone"])),
         12: ("GSTA", panels.integral(gsta, alone)),
     }
@@ -114,79 +129,94 @@ def _numbered(traces: Mapping[str, Trace], fine: Mapping[str, Trace]) -> dict[in
 def _overview(numbered: Mapping[int, tuple[str, Panel]]) -> Figure:
     """A row for each quantity, a column for each law; the one law that never touches leaves its place to z."""
     order = (1, 4, 8, 2, 6, 10, 3, 7, 11, 12, 5, 9)
-    figure = Figure(figsize=(PAGE_IN, 7.6))
-    axes = list(figure.subplots(4, 3).flat)
+    rows = [order[i : i + 3] for i in range(0, len(order), 3)]
+    heights = [max(numbered[i][1].height for i in row) for row in rows]
+    figure = Figure(figsize=(PAGE_IN, 0.6 + _HEIGHT_IN * sum(heights)))
+    axes = list(figure.subplots(4, 3, height_ratios=heights).flat)
     for ax, i in zip(axes, order, strict=True):
         title, _ = numbered[i]
         ax.set_title(f"{i}  {title}")
-    _fill([[(ax, numbered[i][1])] for ax, i in zip(axes, order, strict=True)])
-    _only_below(axes[column::3] for column in range(3))
-    _finish(figure, axes, panels.pair_handles()[3:])
+    cells = [(ax, numbered[i][1]) for ax, i in zip(axes, order, strict=True)]
+    _fill(cells)
+    for ax in axes[:-3]:
+        ax.set_xlabel("")
+    _finish(figure, cells, panels.pair_handles()[3:])
     return figure
 
 
 # Any log
 
 
-def _panels(label: str, trace: Trace, what: str) -> Sequence[Panel]:
+def _of_one(label: str, trace: Trace, what: str) -> Rows:
+    """Linear and angular components below each other; in a summary side by side."""
     fine = trace if trace.header.row_steps == 1 and trace.t[-1] > 10.0 * panels.SWITCHING_S else None
-    one: dict[str, Callable[[], Panel]] = {
-        "position": lambda: panels.position(trace),
-        "force": lambda: panels.force(trace),
-        "sliding": lambda: panels.sliding(trace),
-        "tau": lambda: panels.tau(trace, fine),
+
+    def halves(name: str) -> list[Panel]:
+        return [panels.vector(trace, name, part) for part in (LINEAR, ANGULAR)]
+
+    def states() -> Rows:
+        return [
+            halves(signal.name) if signal.size == 6 else [panels.state(trace, signal)]
+            for signal in panels.states_of(trace)
+        ]
+
+    rows: dict[str, Callable[[], Rows]] = {
+        "position": lambda: [[panels.position(trace)]],
+        "force": lambda: [[contact.force(trace)]],
+        "sliding": lambda: [halves("s")],
+        "tau": lambda: [[panels.tau(trace, fine), panels.vector(trace, "tau", ANGULAR)]],
+        "integral": states,
     }
-    if what in one:
-        return [one[what]()]
-    states = panels.states_of(trace)
     if what == "summary":
-        return [*(make() for make in one.values()), *states]
-    if not states:
-        raise InputError(f"{label}: its law has no integral term and no other state; draw {', '.join(one)} or summary")
-    return states
+        return [[panels.position(trace), contact.force(trace)], *rows["sliding"](), *rows["tau"](), *states()]
+    if what == "integral" and not states():
+        others = ", ".join(each for each in WHATS if each != what)
+        raise InputError(f"{label}: its law has no integral term and no other state; draw one of {others}")
+    return [[panel] for row in rows[what]() for panel in row]
 
 
-def _stacked(columns: Mapping[str, Sequence[Panel]]) -> Figure:
-    """All panels below each other."""
-    cells = [(title, panel) for title, column in columns.items() for panel in column]
-    figure, axes = _grid(len(cells), 1)
+def _of_several(runs: Overlay, what: str) -> Rows:
+    states = [row for name in runs.states() for row in runs.signal(name)]
+    if what == "integral":
+        if not states:
+            raise InputError(f"{', '.join(runs.traces)}: no law has an integral term or another state")
+        return states
+    rows = {"position": runs.position, "force": runs.force}
+    if what in rows:
+        return rows[what]()
+    if what in ("sliding", "tau"):
+        return runs.signal("s" if what == "sliding" else "tau")
+    return [*runs.position(), *runs.force(), *runs.signal("s"), *runs.signal("tau"), *states]
+
+
+def _grid(rows: Rows, width: float, title: str) -> Figure:
+    """A figure of rows of panels, each as wide as the figure."""
+    if len(rows) > MOST_ROWS:
+        raise InputError(f"{len(rows)} rows of panels are too many for a picture; draw not all of each log")
+    heights = [max(panel.height for panel in row) for row in rows]
+    figure = Figure(figsize=(width, 0.55 + _HEIGHT_IN * sum(heights)))
+    grid = GridSpec(len(rows), _COLUMNS, figure=figure, height_ratios=heights)
     drawn = []
-    for (title, panel), (ax,) in zip(cells, axes, strict=True):
-        _entitle(ax, title)
-        drawn.append((ax, panel))
-    _fill(_by_quantity(drawn))
-    _only_below([[ax for ax, _ in drawn]])
-    _finish(figure, [ax for ax, _ in drawn])
+    for i, row in enumerate(rows):
+        wide = max(1, _COLUMNS // len(row))
+        drawn += [(figure.add_subplot(grid[i, wide * j : wide * (j + 1)]), panel) for j, panel in enumerate(row)]
+    if title:
+        _entitle(drawn[0][0], title)
+    _fill(drawn)
+    for ax, _ in drawn[: -len(rows[-1])]:
+        ax.set_xlabel("")
+    _finish(figure, drawn)
     return figure
 
 
-def _side_by_side(columns: Mapping[str, Sequence[Panel]]) -> Figure:
-    """A column for each log."""
-    figure, axes = _grid(max(map(len, columns.values())), len(columns))
-    drawn, stacks = [], []
-    for i, (title, column) in enumerate(columns.items()):
-        _entitle(axes[0][i], title)
-        stack = [row[i] for row in axes]
-        for ax in stack[len(column) :]:
-            ax.remove()
-        stacks.append(stack[: len(column)])
-        drawn += list(zip(stack, column, strict=False))
-    _fill(_by_quantity(drawn))
-    _only_below(stacks)
-    _finish(figure, [ax for ax, _ in drawn])
-    return figure
-
-
-def _grid(rows: int, columns: int) -> tuple[Figure, list[list[Axes]]]:
-    if rows * columns > MOST_PANELS:
-        raise InputError(f"{rows * columns} panels are too many for a picture; draw fewer logs, or not all of each")
-    width = COLUMN_IN if columns == 1 else 2.7 * columns
-    figure = Figure(figsize=(width, 0.55 + _HEIGHT_IN * rows))
-    return figure, figure.subplots(rows, columns, squeeze=False).tolist()
-
-
-def _title(label: str, trace: Trace) -> str:
-    return label if trace.status is Status.completed else f"{label} ({trace.status.name})"
+def _named(traces: Mapping[str, Trace]) -> dict[str, Trace]:
+    """Traces by the names that a figure has room for, each its own, with how they ended if they did not complete."""
+    named: dict[str, Trace] = {}
+    for i, (label, trace) in enumerate(traces.items()):
+        name = label if len(label) <= LONGEST_NAME else f"...{label[3 - LONGEST_NAME :]}"
+        name = name if trace.status is Status.completed else f"{name} ({trace.status.name})"
+        named[name if name not in named else f"{name} {i + 1}"] = trace
+    return named
 
 
 def _entitle(ax: Axes, text: str) -> None:
@@ -203,41 +233,40 @@ def _entitle(ax: Axes, text: str) -> None:
 # What all share
 
 
-def _by_quantity(cells: Iterable[tuple[Axes, Panel]]) -> list[list[tuple[Axes, Panel]]]:
-    groups = defaultdict(list)
+def _fill(cells: Sequence[tuple[Axes, Panel]]) -> None:
+    """Draw panels, each in its own range and prefix; time has one prefix and one range in all of a figure."""
+    end = 0.0
     for ax, panel in cells:
-        groups[panel.quantity, panel.unit].append((ax, panel))
-    return list(groups.values())
-
-
-def _fill(groups: Iterable[Sequence[tuple[Axes, Panel]]]) -> None:
-    """Draw panels; those of a group, which have the same quantity, get the same range and prefix, and time has one in
-    all of a figure."""
-    groups = list(groups)
-    for group in groups:
-        power, prefix = prefix_of(max(panel.largest for _, panel in group))
-        for ax, panel in group:
-            ticks(ax, 6)
-            panel.draw(ax)
+        power, prefix = prefix_of(panel.largest)
+        ticks(ax, 6)
+        panel.draw(ax)
+        end = max(end, ax.get_xlim()[1])
+        if panel.within is None:
             number(ax.yaxis, power)
-            ax.set_ylabel(panel.label(prefix))
-        place(((ax, panel.inset) for ax, panel in group), power)
-    axes = [ax for group in groups for ax, _ in group]
-    power, prefix = prefix_of(max(largest(ax.get_xlim()) for ax in axes))
-    for ax in axes:
+        else:
+            logarithmic(ax, panel.within, panel.unit, power, prefix)
+        ax.set_ylabel(panel.label(prefix))
+    power, prefix = prefix_of(end)
+    for ax, _ in cells:
+        ax.set_xlim(right=end)
         number(ax.xaxis, power)
         ax.set_xlabel(f"time [{prefix}s]")
 
 
-def _only_below(stacks: Iterable[Sequence[Axes]]) -> None:
-    """The label of time at the lowest panel alone."""
-    for stack in stacks:
-        for ax in stack[:-1]:
-            ax.set_xlabel("")
+def _finish(figure: Figure, cells: Sequence[tuple[Axes, Panel]], more: Sequence[Line2D] = ()) -> None:
+    """The legend; then, as sizes are known, the insets; and a name for each line in SVG."""
+    _legend(figure, [ax for ax, _ in cells], more)
+    engine = figure.get_layout_engine()
+    assert engine is not None
+    engine.execute(figure)
+    for ax, panel in cells:
+        place(ax, panel.insets, prefix_of(panel.largest)[0])
+    for i, each in enumerate(figure.findobj(lambda artist: isinstance(artist, Line2D) and bool(artist.get_gid()))):
+        each.set_gid(f"{each.get_gid()}-{i}")
 
 
-def _finish(figure: Figure, axes: Iterable[Axes], more: Sequence[Line2D] = ()) -> None:
-    """One legend above all axes, read row by row, in as few rows as the width allows; a name for each line in SVG."""
+def _legend(figure: Figure, axes: Iterable[Axes], more: Sequence[Line2D]) -> None:
+    """One legend above all axes, read row by row, in as few rows as the width allows."""
     found: dict[str, Artist] = {}
     for ax in axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
@@ -252,5 +281,3 @@ def _finish(figure: Figure, axes: Iterable[Axes], more: Sequence[Line2D] = ()) -
         if columns == 1 or legend.get_window_extent().width < 0.97 * figure.bbox.width:
             break
         legend.remove()
-    for i, each in enumerate(figure.findobj(lambda artist: isinstance(artist, Line2D) and bool(artist.get_gid()))):
-        each.set_gid(f"{each.get_gid()}-{i}")

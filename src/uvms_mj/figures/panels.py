@@ -1,54 +1,61 @@
-"""What stands in one panel: position, contact force, sliding variable, actuation force, a law's own states."""
+"""What one panel of one run shows: position, sliding variable, actuation force, a law's own states.
 
-import math
-from collections.abc import Callable, Iterable, Sequence
+Linear and angular components have panels of their own, for their units differ.
+"""
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.lines import Line2D
-from matplotlib.ticker import ScalarFormatter
-from numpy.typing import ArrayLike
 
-from ..closed_forms import SteadyState, demanded_force
 from ..signals import OWN_UNIT, Signal
 from ..trace import Trace
-from .lines import Inset, line
-from .style import BLACK, COLOURS, GREY, WIDTHS
+from .insets import Inset
+from .lines import line
+from .scales import early, largest, number
+from .style import BLACK, COLOURS, GREY, LINE, stripe
 
+LINEAR, ANGULAR = slice(0, 3), slice(3, 6)
+"""Components of a signal of six numbers."""
 AXES = ("x", "y", "z")
 SWITCHING_S = 0.01
 """How much of a run's beginning the insets of tau show [s]: the first-order law's chatter dies out in it."""
-REACHING_S = 0.1
-"""How much of a run's beginning the insets of s show [s]: the super-twisting law brings s to zero in it."""
 MOST_LINES = 6
 """A state of more numbers than this is drawn as the range that they are in."""
-_REFERENCE: dict[str, Any] = {"color": BLACK, "linestyle": "dashed", "linewidth": 0.8, "zorder": 4}
-_EXPECTED: dict[str, Any] = _REFERENCE | {"linestyle": (0, (9, 3))}
-_ANALYTIC: dict[str, Any] = {"color": BLACK, "linestyle": "dotted", "linewidth": 1.1, "zorder": 5}
-_WALL: dict[str, Any] = {"color": GREY, "linestyle": "dashdot", "linewidth": 0.9, "zorder": 1.5}
-_PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
+COMPONENT_COLOURS = [COLOURS[name] for name in (*AXES, "roll", "pitch", "yaw")]
+REFERENCE: dict[str, Any] = {"color": BLACK, "linestyle": "dashed", "linewidth": 0.8, "zorder": 4}
+LEVELS: dict[str, dict[str, Any]] = {
+    "expected": REFERENCE | {"linestyle": (0, (9, 3))},
+    "analytic": {"color": BLACK, "linestyle": "dotted", "linewidth": LINE, "zorder": 5},
+}
+"""Looks of the forces that are expected."""
+WALL: dict[str, Any] = {"color": GREY, "linestyle": "dashdot", "linewidth": 0.8, "zorder": 1.5}
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One panel, before there are axes for it; panels of the same quantity get the same range of y and prefix.
+    """One panel, before there are axes for it.
 
     Attributes:
         quantity: what y is.
         unit: of y; empty where there is none to name.
         draw: draws the lines, in SI.
         largest: value that y is to be numbered for; 1, no prefix, where not given.
-        inset: a part of it, larger.
+        insets: parts of it, larger.
+        height: in heights of an ordinary panel.
+        within: where y turns logarithmic; None for a linear axis.
     """
 
     quantity: str
     unit: str
     draw: Callable[[Axes], None]
     largest: float = 1.0
-    inset: Inset | None = None
+    insets: tuple[Inset, ...] = ()
+    height: float = 1.0
+    within: float | None = None
 
     def label(self, prefix: str) -> str:
         """Of y."""
@@ -64,115 +71,101 @@ def position(trace: Trace) -> Panel:
 
     def draw(ax: Axes) -> None:
         for i, axis in enumerate(AXES):
-            line(ax, trace.t, trace.p_WB[:, i], f"p_WB.{axis}", label=axis, **_solid(axis))
+            line(ax, trace.t, trace.p_WB[:, i], f"p_WB.{axis}", label=axis, color=COLOURS[axis], **stripe(i, 3))
         for i, axis in enumerate(AXES):
-            line(ax, trace.t, trace.p_d[:, i], f"p_d.{axis}", label="reference", **_REFERENCE)
-        x_c, span = trace.scenario.wall.position, float(np.ptp(reach))
-        if reach.min() - 0.1 * span <= x_c <= reach.max() + 0.1 * span:
-            _level(ax, trace, x_c, "wall", _WALL)
+            line(ax, trace.t, trace.p_d[:, i], f"p_d.{axis}", label="reference", **REFERENCE)
+        wall(ax, trace, reach)
 
-    return Panel("position", "m", draw, largest(reach), _near_wall(trace))
+    return Panel("position", "m", draw, largest(reach), near_wall({"": trace}, {"": {"color": COLOURS["x"]}}))
 
 
-def _near_wall(trace: Trace) -> Inset | None:
-    """Where a run ends close to the wall: position and reference there, from the first sample within the limits."""
-    x_c, x, x_d = trace.scenario.wall.position, trace.p_WB[:, 0], trace.p_d[:, 0]
-    depth = max(abs(float(x_d[-1]) - x_c), 2e-3)
-    low, high = x_c - 0.9 * depth, x_c + 1.3 * depth
-    if not low < x[-1] < high or np.ptp(x) < 5.0 * depth:
-        return None
-    first = int(np.argmax(x > low))
+def wall(ax: Axes, trace: Trace, reach: np.ndarray) -> None:
+    """The wall's position, where a run's positions and references come near it."""
+    x_c, span = trace.scenario.wall.position, float(np.ptp(reach))
+    if reach.min() - 0.1 * span <= x_c <= reach.max() + 0.1 * span:
+        level(ax, trace.t, x_c, "wall", WALL)
+
+
+def near_wall(traces: dict[str, Trace], looks: dict[str, dict[str, Any]]) -> tuple[Inset, ...]:
+    """Where runs end close to the wall that they share: x and its reference there."""
+    walls = {trace.scenario.wall.position for trace in traces.values()}
+    depth = max(max(abs(float(trace.p_d[-1, 0]) - min(walls)) for trace in traces.values()), 2e-3)
+    x_c = min(walls)
+    ends = [float(trace.p_WB[-1, 0]) for trace in traces.values()]
+    low, high = min(x_c - 0.9 * depth, *ends), x_c + 1.3 * depth
+    seen = [trace for trace in traces.values() if np.ptp(trace.p_WB[:, 0]) > 5.0 * (high - low)]
+    if len(walls) > 1 or not x_c - 3.0 * depth < min(ends) <= max(ends) < high or len(seen) < len(traces):
+        return ()
+    low -= 0.1 * depth
+    first = min(float(trace.t[np.argmax(trace.p_WB[:, 0] > low)]) for trace in seen)
 
     def draw(ax: Axes, power: float) -> None:
-        rest = slice(first, None)
-        line(ax, trace.t[rest], x[rest], "p_WB.x", **_solid("x"))
-        line(ax, trace.t[rest], x_d[rest], "p_d.x", **_REFERENCE)
-        _level(ax, trace, x_c, "wall", _WALL)
-        ax.set(xlim=(trace.t[first], trace.t[-1]), ylim=(low, high))
+        for label, trace in traces.items():
+            rest = slice(int(np.searchsorted(trace.t, first)), None)
+            line(ax, trace.t[rest], trace.p_WB[rest, 0], "p_WB.x", **looks[label])
+            line(ax, trace.t[rest], trace.p_d[rest, 0], "p_d.x", **REFERENCE)
+        last = max(float(trace.t[-1]) for trace in traces.values())
+        level(ax, np.array([first, last]), x_c, "wall", WALL)
+        ax.set(xlim=(first, last), ylim=(low, high))
         number(ax.yaxis, power)
 
-    return Inset(draw, "x at the wall")
+    return (Inset(draw, "x at the wall"),)
 
 
-# Contact force
+# Components: sliding variable, actuation, states
 
 
-def force(trace: Trace) -> Panel:
-    """Force with which the vehicle pushes on the wall, and where it should come to rest; the rest in an inset."""
+def vector(trace: Trace, name: str, part: slice = LINEAR) -> Panel:
+    """Three components of a signal of six numbers, all of one unit.
 
-    def draw(ax: Axes) -> None:
-        line(ax, trace.t, trace.push, "push", label="contact force", color=COLOURS["force"], linewidth=1.0)
-        _expectations(ax, trace)
-        ax.set_ylim(bottom=min(0.0, -0.03 * ax.get_ylim()[1]))
-
-    return Panel("contact force", "N", draw, inset=_at_rest(trace))
-
-
-def _expectations(ax: Axes, trace: Trace) -> list[float]:
-    levels = []
-    expected = demanded_force(trace.scenario, math.inf)  # what the paper expects: of a wall that does not give
-    if 0.0 < expected < math.inf:
-        _level(ax, trace, expected, "expected", _EXPECTED)
-        levels.append(expected)
-    if isinstance(trace.analytic, SteadyState) and trace.analytic.force > 0.0:
-        _level(ax, trace, trace.analytic.force, "analytic", _ANALYTIC)
-        levels.append(trace.analytic.force)
-    return levels
-
-
-def _at_rest(trace: Trace) -> Inset | None:
-    """The second half of what follows the first contact, where peaks before it are much larger."""
-    push = trace.push
-    touched = np.flatnonzero(push > 0.0)
-    if not len(touched):
-        return None
-    start = (touched[0] + len(push)) // 2
-    rest = push[start:]
-    if len(rest) < 2 or not 0.0 < 2.0 * rest.max() < push.max():
-        return None
-
-    def draw(ax: Axes, _: float) -> None:
-        line(ax, trace.t[start:], rest, "push", color=COLOURS["force"], linewidth=2.0)
-        seen = [float(rest.min()), float(rest.max()), *_expectations(ax, trace)]
-        margin = max(0.25 * (max(seen) - min(seen)), 0.005 * max(seen))
-        ax.set(xlim=(trace.t[start], trace.t[-1]), ylim=(min(seen) - margin, max(seen) + margin))
-
-    return Inset(draw, "at rest")
-
-
-# Components: sliding variable, actuation force, integral term
-
-
-def sliding(trace: Trace) -> Panel:
-    """Linear part of the sliding variable; its beginning in an inset, where what follows is much smaller."""
-    size = np.abs(trace.s[:, :3]).max(axis=1)
-    late = int(np.searchsorted(trace.t, REACHING_S))
+    Where a transient at the beginning dwarfs what follows, it has an inset, and the panel has the range of the rest.
+    """
+    signal = next(signal for signal in trace.signals if signal.name == name)
+    values = trace[name].reshape(len(trace), signal.size)[:, part]
+    window = early(trace.t, values)
+    late = values[trace.t >= trace.t[0] + window]
+    low, high = float(late.min()), float(late.max())
 
     def draw(ax: Axes) -> None:
-        components(ax, trace, "s")
+        components(ax, trace, signal, part)
+        if window:
+            margin = 0.06 * (high - low)
+            ax.set_ylim(low - margin, high + margin)
 
     def beginning(ax: Axes, power: float) -> None:
-        components(ax, trace, "s", REACHING_S)
-        ax.margins(y=0.08)
-        ax.set_xlim(0.0, REACHING_S)
-        number(ax.yaxis, power)
-        number(ax.xaxis, 1e-3)
+        components(ax, trace, signal, part, trace.t[0] + window)
+        _until(ax, window, power)
 
-    reaches = 2 < late < len(size) / 4 and size[:late].max() > 5.0 * size[late:].max()
-    inset = Inset(beginning, "first 100 ms", height=0.38) if reaches else None
-    return Panel("sliding variable s", "m/s", draw, largest(size), inset)
+    inset = (Inset(beginning, f"first {1e3 * window:g} ms", height=0.38),) if window else ()
+    return Panel(quantity(trace, name, part), unit_of(signal, part), draw, largest(late), inset)
+
+
+def quantity(trace: Trace, name: str, part: slice = LINEAR) -> str:
+    """What a reader calls a signal's linear or angular components."""
+    if name == "tau":
+        return "actuation moment τ" if part == ANGULAR else "actuation force τ"
+    if name == "s":
+        return "sliding variable s"
+    return "integral term z" if name == "z" and trace.header.law.source in ("gsta", "sta") else f"state {name}"
 
 
 def tau(trace: Trace, fine: Trace | None, other: Trace | None = None, other_fine: Trace | None = None) -> Panel:
     """Force part of tau, with its beginning at every step in an inset where ``fine`` has it; ``other`` dashed."""
-    inset = Inset(lambda ax, power: _transient(ax, fine, other_fine, power), "first 10 ms", 0.38) if fine else None
-    return Panel("actuation force τ", "N", lambda ax: pair(ax, trace, other, "tau"), largest(trace.tau[:, :3]), inset)
+
+    def beginning(ax: Axes, power: float) -> None:
+        assert fine is not None
+        pair(ax, fine, other_fine, "tau", SWITCHING_S)
+        _until(ax, SWITCHING_S, power)
+
+    inset = (Inset(beginning, f"first {1e3 * SWITCHING_S:g} ms", height=0.38),) if fine else ()
+    size = largest(trace.tau[:, :3])
+    return Panel(quantity(trace, "tau"), "N", lambda ax: pair(ax, trace, other, "tau"), size, inset)
 
 
-def _transient(ax: Axes, fine: Trace, other: Trace | None, power: float) -> None:
-    pair(ax, fine, other, "tau", SWITCHING_S)
+def _until(ax: Axes, window: float, power: float) -> None:
+    """The limits and numbers of an inset that shows the beginning of a run."""
     ax.margins(y=0.08)
-    ax.set_xlim(0.0, SWITCHING_S)
+    ax.set_xlim(0.0, window)
     number(ax.yaxis, power)
     number(ax.xaxis, 1e-3)
 
@@ -183,9 +176,8 @@ def integral(trace: Trace, other: Trace | None = None) -> Panel:
 
 
 def state(trace: Trace, signal: Signal) -> Panel:
-    """A state of a law of the user's own: its numbers, or where they are many, the range that they are in."""
+    """A state of a law that is not a vector of six: its numbers, or where they are many, the range that they are in."""
     values = trace[signal.name].reshape(len(trace), signal.size)
-    colours = [COLOURS[name] for name in ("x", "y", "z", "roll", "pitch", "yaw")]
 
     def draw(ax: Axes) -> None:
         if signal.size > MOST_LINES:
@@ -195,84 +187,57 @@ def state(trace: Trace, signal: Signal) -> Panel:
             return
         for i, component in enumerate(signal.components):
             name = f"{signal.name}.{component}" if component else signal.name
-            look = {"color": colours[i], "linewidth": 0.9 + 0.4 * i, "zorder": 2.6 - 0.1 * i}
+            look = {"color": COMPONENT_COLOURS[i], **stripe(i, signal.size)}
             line(ax, trace.t, values[:, i], name, label=component or signal.name, **look)
 
-    unit = "" if signal.unit == OWN_UNIT else signal.unit.replace("^2", "²").replace("^3", "³")
-    return Panel(f"state {signal.name}", unit, draw)
+    return Panel(f"state {signal.name}", unit_of(signal, slice(0, signal.size)), draw, largest(values))
 
 
-def components(
-    ax: Axes, trace: Trace, name: str, until: float = np.inf, dashed: bool = False, under: bool = False
-) -> None:
-    """x, y and z of a signal. ``under``: wider and paler, for dashed lines to be seen on."""
+def unit_of(signal: Signal, part: slice) -> str:
+    """The unit of some components as a label has it; empty where a law's own is not declared."""
+    unit = signal.units[part.start or 0]
+    return "" if unit == OWN_UNIT else unit.replace("^2", "²").replace("^3", "³")
+
+
+def components(ax: Axes, trace: Trace, signal: Signal, part: slice, until: float = np.inf) -> None:
+    """Three components of a signal of six numbers."""
     n = int(np.searchsorted(trace.t, until + 1e-9, side="right"))
-    for i, axis in enumerate(AXES):
-        look = _solid(axis)
-        if dashed:
-            look |= {"linestyle": "dashed", "linewidth": 1.0, "zorder": look["zorder"] + 0.5}
-        elif under:
-            look |= {"linewidth": 2.2, "alpha": 0.45}
-        label = None if dashed else axis
-        line(ax, trace.t[:n], trace[name][:n, i], f"{name}.{axis}", label=label, **look)
+    for i, component in enumerate(signal.components[part]):
+        values = trace[signal.name][:n, part.start + i]
+        look = {"color": COLOURS[component], "label": component, **stripe(i, 3)}
+        line(ax, trace.t[:n], values, f"{signal.name}.{component}", **look)
 
 
 def pair(ax: Axes, trace: Trace, other: Trace | None, name: str, until: float = np.inf) -> None:
-    """x, y and z of a signal solid, and of another trace dashed on them."""
-    components(ax, trace, name, until, under=other is not None)
+    """x, y and z of a signal; if there is another trace, solid and pale, and those of the other dashed on them."""
+    # dashes would hide how a line turns at every sample
+    alone: dict[str, Any] = {"linestyle": "solid"} if np.isfinite(until) else {}
+    runs: list[tuple[Trace, dict[str, Any]]] = [(trace, {"alpha": 0.45, "linestyle": "solid"} if other else alone)]
     if other is not None:
-        components(ax, other, name, until, dashed=True)
+        runs.append((other, {"linestyle": "dashed", "zorder": 2.5}))
+    for run, look in runs:
+        n = int(np.searchsorted(run.t, until + 1e-9, side="right"))
+        for i, axis in enumerate(AXES):
+            label = axis if run is trace else None
+            whole = {"color": COLOURS[axis], "label": label, **stripe(i, 3), **look}
+            line(ax, run.t[:n], run[name][:n, i], f"{name}.{axis}", **whole)
 
 
 def pair_handles() -> list[Line2D]:
     """What colours, solid and dashed mean, for a legend."""
     return [
-        *(Line2D([], [], color=COLOURS[axis], label=axis) for axis in AXES),
-        Line2D([], [], color=GREY, linewidth=2.2, alpha=0.6, label="with nominal control"),
-        Line2D([], [], color=GREY, linewidth=1.0, linestyle="dashed", label="without"),
+        *(Line2D([], [], color=COLOURS[axis], linewidth=LINE, label=axis) for axis in AXES),
+        Line2D([], [], color=GREY, linewidth=LINE, alpha=0.6, label="with nominal control"),
+        Line2D([], [], color=GREY, linewidth=LINE, linestyle="dashed", label="without"),
     ]
 
 
-def _solid(axis: str) -> dict[str, Any]:
-    return {"color": COLOURS[axis], "linewidth": WIDTHS[axis], "zorder": 2.3 - 0.1 * AXES.index(axis)}
+def level(ax: Axes, t: np.ndarray, value: float, label: str, look: dict[str, Any]) -> None:
+    """A horizontal line over the time of a run."""
+    ax.plot(t[[0, -1]], [value, value], label=label, gid=label, **look)
 
 
-def _level(ax: Axes, trace: Trace, level: float, label: str, look: dict[str, Any]) -> None:
-    ax.plot(trace.t[[0, -1]], [level, level], label=label, gid=label, **look)
-
-
-def largest(values: ArrayLike) -> float:
-    """The largest size of numbers."""
-    return float(np.abs(values).max(initial=0.0))
-
-
-def prefix_of(largest: float) -> tuple[float, str]:
-    """The SI prefix that a signal is best read in whose largest size is this."""
-    return next(((power, prefix) for power, prefix in _PREFIXES if largest >= 0.05 * power), _PREFIXES[0])
-
-
-def number(axis: Axis, power: float) -> None:
-    """Number an axis in multiples of ``power``; the data stay in SI."""
-    if power != 1.0:
-        axis.set_major_formatter(_Multiples(power))
-
-
-class _Multiples(ScalarFormatter):
-    def __init__(self, power: float) -> None:
-        super().__init__(useOffset=False)
-        self.set_scientific(False)
-        self.power = power
-
-    def set_locs(self, locs: Iterable[float]) -> None:
-        super().set_locs([value / self.power for value in locs])
-
-    def __call__(self, x: float, pos: int | None = None) -> str:
-        return super().__call__(x / self.power, pos)
-
-
-def states_of(trace: Trace) -> Sequence[Panel]:
-    """Panels of the law's states; none for a law that has none."""
-    if trace.header.law.source in ("gsta", "sta"):
-        return [integral(trace)]
+def states_of(trace: Trace) -> Sequence[Signal]:
+    """The law's states; empty for a law that has none."""
     names = trace.header.law.states
-    return [state(trace, signal) for signal in trace.signals if signal.name in names]
+    return [signal for signal in trace.signals if signal.name in names]

@@ -5,6 +5,7 @@ import io
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
@@ -23,8 +24,10 @@ BLACK, GREY = "#000000", "#777777"
 _CYCLE = mpl.rc_params_from_file(STYLE, use_default_template=False)["axes.prop_cycle"].by_key()["color"]
 COLOURS = dict(zip(("x", "y", "z", "force", "roll", "pitch", "yaw"), _CYCLE, strict=True))
 """By component, the same in every figure, and that of the contact force."""
-WIDTHS = {"x": 0.9, "y": 1.5, "z": 2.1}
-"""Of lines [pt]: of components that lie on each other, each shows at both sides of the next."""
+LINE = 1.0
+"""Width of every line of samples [pt]: none is louder than another."""
+_PERIOD, _STRIPE, _MOST_STRIPES = 7.0, 2.5, 6
+"""Length of a pattern of dashes, and the least of a line's part in it, in widths of a line; as many lines differ."""
 
 FORMATS = ("png", "svg", "pdf")
 _METADATA: dict[str, dict[str, None]] = {
@@ -32,6 +35,19 @@ _METADATA: dict[str, dict[str, None]] = {
     "svg": {"Date": None},
     "pdf": {"CreationDate": None},
 }
+
+
+def stripe(i: int, n: int) -> dict[str, Any]:
+    """The look of line i of n that may lie on each other: where they do, each shows as a stripe of its colour.
+
+    The first is solid and lies lowest. Each later one is drawn over it in dashes that are a little shorter than those
+    before, down to half of the pattern.
+    """
+    shown = min(n, _MOST_STRIPES)
+    period = max(_PERIOD, _STRIPE * shown)
+    gap = 0.5 * period * (i % shown) / max(1, shown - 1)
+    dashes = (0.0, (period - gap, gap)) if gap else "solid"
+    return {"linewidth": LINE, "linestyle": dashes, "zorder": 2.0 + 0.01 * i}
 
 
 @contextlib.contextmanager

@@ -12,19 +12,15 @@ from ..closed_forms import SteadyState
 from ..frames import quat_from_euler_deg, rotation_matrices, rotation_matrix
 from ..geometry import Geometry, Shape
 from ..recording import Header
+from ..scene import FORCE_SCALE, WALL_RGBA, WALL_SIZE, WALL_THICKNESS, current_arrow, span, wall_face
+from ..scene import arrows as drawn
 from ..signals import RUNNING, STATE, Signal
 from . import ros2
 from .cdr import Message
 
 ARROWS_HZ = 20.0
 """Force arrows in simulated time, as far as the log rate allows."""
-FORCE_SCALE = 0.05
-"""Length of a force's arrow [m/N]."""
-CURRENT_SCALE = 0.5
-"""Length of the current's arrow [s]."""
 CONTACT_RGBA, THRUST_RGBA, CURRENT_RGBA = (0.85, 0.22, 0.18, 1.0), (0.95, 0.62, 0.10, 1.0), (0.25, 0.55, 0.95, 1.0)
-WALL_RGBA = (0.62, 0.64, 0.66, 1.0)
-WALL_SIZE, WALL_THICKNESS = 1.5, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,17 +130,17 @@ def arrows(header: Header) -> Topic:
     """Contact force and thrust as arrows, several times a second."""
     message = Message().put("u4", 2)
     ros2.marker(
-        message, "map", "contact force", 0, ros2.ARROW, (0.015, 0.03, 0.0), CONTACT_RGBA, points=("tip", "tip+f")
+        message, "map", "contact force", 0, ros2.ARROW, (0.015, 0.03, 0.0), CONTACT_RGBA, points=("tip-f", "tip")
     )
     ros2.marker(message, "map", "thrust", 0, ros2.ARROW, (0.015, 0.03, 0.0), THRUST_RGBA, points=("p", "p+f"))
-    meaning = f"contact force and thrust as arrows, {FORCE_SCALE:g} m to a newton"
+    meaning = f"contact force and thrust as arrows, {FORCE_SCALE:g} m to a newton, cut where they leave the scene"
     return Topic("/markers/forces", "visualization_msgs/MarkerArray", "map", "m", meaning, message)
 
 
 def once(header: Header) -> tuple[tuple[Topic, ...], dict[str, np.ndarray]]:
     """The topics of what is constant, with one message at the start, and what fills their holes."""
     scenario, analytic = header.scenario, header.analytic
-    face = scenario.wall.position + header.geometry.reach
+    face = wall_face(header)
     v_c_W = np.array(scenario.current.velocity_W)
     topics = [
         Topic(
@@ -177,7 +173,7 @@ def once(header: Header) -> tuple[tuple[Topic, ...], dict[str, np.ndarray]]:
             "map",
             "m",
             "the wall, and the current as an arrow",
-            _surroundings(face, v_c_W),
+            _surroundings(header),
         ),
     ]
     if isinstance(analytic, SteadyState):
@@ -207,11 +203,11 @@ def columns(header: Header, rows: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def arrow_columns(header: Header, row: np.ndarray) -> dict[str, np.ndarray]:
-    """The values for the arrows at one row (width,)."""
+    """The values for the arrows at one row (width,): the contact force ends where it acts, the thrust begins there."""
     p, quat, tau, f_W = (row[header.places[name]] for name in ("p_WB", "quat_WB", "tau", "f_contact_W"))
     tip = p + np.array([header.geometry.reach, 0.0, 0.0])
-    thrust_W = rotation_matrix(quat) @ tau[:3]
-    return {"tip": tip, "tip+f": tip + FORCE_SCALE * f_W, "p": p, "p+f": p + FORCE_SCALE * thrust_W}
+    force, thrust = drawn(np.array([f_W, rotation_matrix(quat) @ tau[:3]]), FORCE_SCALE, span(header))
+    return {"tip-f": tip - force, "tip": tip, "p": p, "p+f": p + thrust}
 
 
 def _contact_wrench(f_W: np.ndarray, quat: np.ndarray, arm: np.ndarray) -> np.ndarray:
@@ -262,11 +258,10 @@ def _vehicle(geometry: Geometry) -> Message:
     return message
 
 
-def _surroundings(face: float, v_c_W: np.ndarray) -> Message:
+def _surroundings(header: Header) -> Message:
     message = Message().put("u4", 2)
     size = (WALL_THICKNESS, WALL_SIZE, WALL_SIZE)
-    position = (face + WALL_THICKNESS / 2, 0.0, 0.0)
+    position = (wall_face(header) + WALL_THICKNESS / 2, 0.0, 0.0)
     ros2.marker(message, "map", "wall", 0, ros2.CUBE, size, WALL_RGBA, position=position)
-    start = np.array([0.4 * face, 0.0, 0.5])
-    points = np.array([start, start + CURRENT_SCALE * v_c_W])
+    points = np.array(current_arrow(header))
     return ros2.marker(message, "map", "current", 0, ros2.ARROW, (0.02, 0.05, 0.0), CURRENT_RGBA, points=points)

@@ -1,18 +1,20 @@
 """What stands where in the viewer: a 3-D view, and beside it the plots that tell how a run went."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import rerun as rr
 import rerun.blueprint as rrb
 
 from ..closed_forms import SteadyState
+from ..scene import wall_face
+from .extents import readable
 from .run import TIMELINE, Run
 
 _ENDS_ALONE, _ENDS_COMPARED = 1.3, 1.5
 """Where the plots' time axis ends, in durations, so that the legend hides no line; it is wider with runs' names."""
 _FORCES_AT_REST = 2.5
-"""Where the axis of the contact force ends, in forces at rest: an impact is ten times as large, and has its own tab."""
+"""Where the axis of the contact force ends, in the largest force at rest: an impact may be ten times as large."""
 _WATER = (84, 112, 128)
 """What the 3-D view has behind: neither dark, for much of a vehicle is black, nor light, for text."""
 _EYE = (-0.42, -1.13, 0.63)
@@ -34,11 +36,11 @@ def layout(runs: Sequence[Run]) -> rrb.Blueprint:
     together = 3 if len(runs) == 1 else 1
     states = dict.fromkeys(state for run in runs for state in run.header.law.states)
     plots = rrb.Vertical(
-        _contact(runs),
-        _signal(runs, "Position", "p_WB", 1, reference="p_d"),
-        _signal(runs, "Thrust", "tau", together),
-        _signal(runs, "Sliding variable", "s", together),
-        *(_signal(runs, "State", state, together) for state in states),
+        _tabs(_contact(runs), 0 if _over(runs) else -1),
+        _tabs(_signal(runs, "Position", "p_WB", 1, reference="p_d")),
+        _tabs(_signal(runs, "Thrust", "tau", together)),
+        _tabs(_signal(runs, "Sliding variable", "s", together)),
+        *(_tabs(_signal(runs, "State", state, together)) for state in states),
     )
     return rrb.Blueprint(
         rrb.Horizontal(_scene(runs), plots, column_shares=[11, 9]),
@@ -51,20 +53,21 @@ def layout(runs: Sequence[Run]) -> rrb.Blueprint:
 
 
 def _scene(runs: Sequence[Run]) -> rrb.Spatial3DView:
-    header = runs[0].header
-    start, face = header.scenario.initial.position, header.scenario.wall.position + header.geometry.reach
-    span = abs(face - start[0]) + header.geometry.reach
-    centre = (start[0] + 0.55 * (face - start[0]), start[1], start[2])
+    header, scale = runs[0].header, runs[0].place.force_scale
+    start, face = header.scenario.initial.position, wall_face(header)
+    lanes = abs(runs[0].place.y - runs[-1].place.y)
+    distance = 1.15 * abs(face - start[0]) + header.geometry.reach + lanes
+    centre = (start[0] + 0.65 * (face - start[0]), start[1], start[2])
     up_to_now = rrb.VisibleTimeRanges(
         timeline=TIMELINE, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
     )
     return rrb.Spatial3DView(
         origin="/",
-        name="Vehicle and wall",
+        name=f"Vehicle and wall (arrows: {scale:g} m/N)",
         contents=[f"{run.path('world')}/**" for run in runs],
         overrides={run.path("world", "trajectory"): up_to_now for run in runs},
         eye_controls=rrb.EyeControls3D(
-            position=[c + span * e for c, e in zip(centre, _EYE, strict=True)],
+            position=[c + distance * e for c, e in zip(centre, _EYE, strict=True)],
             look_target=centre,
             eye_up=(0.0, 0.0, 1.0),
         ),
@@ -73,35 +76,49 @@ def _scene(runs: Sequence[Run]) -> rrb.Spatial3DView:
     )
 
 
-def _contact(runs: Sequence[Run]) -> rrb.View | rrb.Container:
+def _over(runs: Sequence[Run]) -> bool:
+    """Whether the runs are over, so that the ranges of their signals are known."""
+    return all(run.extents is not None for run in runs)
+
+
+def _tabs(views: Sequence[rrb.View], active: int = 0) -> rrb.View | rrb.Container:
+    return rrb.Tabs(*views, active_tab=active % len(views)) if len(views) > 1 else views[0]
+
+
+def _contact(runs: Sequence[Run]) -> list[rrb.View]:
+    """The force near rest, where every run's own is known or expected, and with its peak."""
     lines = [path for run in runs for path in (run.path("push"), run.path("push", "analytic"))]
     rests = [run.header.analytic.force for run in runs if isinstance(run.header.analytic, SteadyState)]
-    if not any(rests):
-        return _plot(runs, "Contact force [N]", lines)
-    top = _FORCES_AT_REST * max(rests)
-    return rrb.Tabs(
-        _plot(runs, "Contact force [N]", lines, (-0.05 * top, top)), _plot(runs, "with its peak", lines), active_tab=0
-    )
+    seen = [run.extents for run in runs if run.extents is not None]
+    top = _FORCES_AT_REST * max([*rests, *(each.rest for each in seen)], default=0.0)
+    whole = _plot(runs, "with its peak", lines, [(0.0, max(each.peak for each in seen))] if _over(runs) else ())
+    if top <= 0.0 or (_over(runs) and top > max(each.peak for each in seen)):
+        whole.name = "Contact force [N]"
+        return [whole]
+    return [_plot(runs, "Contact force [N]", lines, [(0.0, top)]), whole]
 
 
-def _signal(runs: Sequence[Run], what: str, name: str, together: int, reference: str = "") -> rrb.View | rrb.Container:
-    """A signal's components on tabs, so many together; beside each, that of the first run's reference."""
+def _signal(runs: Sequence[Run], what: str, name: str, together: int, reference: str = "") -> list[rrb.View]:
+    """Views of a signal's components, so many together; beside each, that of the first run's reference."""
     owners = [run for run in runs if run.has(name)]
     signal = max((run.signal(name) for run in owners), key=lambda signal: signal.size)
-    tabs = []
+    views: list[rrb.View] = []
     for start in range(0, signal.size, together):
         these = range(start, min(start + together, signal.size))
-        lines = [run.line(name, i) for run in owners for i in these if i < run.signal(name).size]
-        lines += [runs[0].line(reference, i) for i in these if reference]
+        lines = [(run, name, i) for run in owners for i in these if i < run.signal(name).size]
+        lines += [(runs[0], reference, i) for i in these if reference]
+        limits = [run.extents.ranges[name][i] for run, name, i in lines if run.extents is not None]
         title = f"{' '.join(signal.components[i] for i in these)} [{signal.units[start]}]"
-        tabs.append(_plot(runs, title if start else f"{what} {name}: {title}", lines))
-    return rrb.Tabs(*tabs, active_tab=0) if len(tabs) > 1 else tabs[0]
+        full = f"{what} {name}: {title}" if start == 0 else f"{name}: {title}"
+        views.append(_plot(runs, full, [run.line(name, i) for run, name, i in lines], limits if _over(runs) else ()))
+    return views
 
 
 def _plot(
-    runs: Sequence[Run], name: str, lines: Sequence[str], limits: tuple[float, float] | None = None
+    runs: Sequence[Run], name: str, lines: Sequence[str], limits: Iterable[tuple[float, float]] = ()
 ) -> rrb.TimeSeriesView:
-    """A plot of entities over the whole of the longest run."""
+    """A plot of entities over the whole of the longest run, with all of some ranges in view."""
+    limits = list(limits)
     end = max(run.header.scenario.steps * run.header.scenario.simulation.timestep for run in runs)
     room = _ENDS_ALONE if len(runs) == 1 else _ENDS_COMPARED
     time = rr.TimeRange(
@@ -113,6 +130,6 @@ def _plot(
         name=name,
         contents=list(lines),
         axis_x=rrb.TimeAxis(view_range=time),
-        axis_y=rrb.ScalarAxis(range=limits) if limits else None,
+        axis_y=rrb.ScalarAxis(range=readable(limits)) if limits else None,
         plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop),
     )

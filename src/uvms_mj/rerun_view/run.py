@@ -5,17 +5,30 @@ all its numbers, or ``signals/<name>/<component>`` where a plot shows one alone;
 with ``push/analytic``. Scalars keep all their bits; poses are float32, as Rerun has them.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import rerun as rr
 
 from ..closed_forms import SteadyState
+from ..colours import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, Colour, mixed
 from ..frames import quat_from_euler_deg, rotation_matrices
-from ..mcap_log.topics import WALL_RGBA, WALL_THICKNESS
 from ..recording import Header
+from ..scene import (
+    FORCE_SCALE,
+    WALL_RGBA,
+    WALL_SIZE,
+    WALL_THICKNESS,
+    arrows,
+    current_arrow,
+    magnitudes,
+    span,
+    wall_face,
+)
 from ..signals import Signal
-from .solids import solids
+from .extents import Extents
+from .solids import Solid, solids
 
 TIMELINE = "sim_time"
 """Simulated time [s]."""
@@ -23,30 +36,31 @@ POSE_HZ = 50.0
 """Most poses and arrows a simulated second."""
 TRAJECTORY_PIECES = 1000
 """About how many straight pieces the way travelled has, however long the run."""
-WALL_SIZE = 0.9
-"""How much of the wall is shown [m]."""
-ARROW_SCALE = 0.07
-"""Length of a force's arrow [m/N]."""
-CURRENT_SCALE = 0.6
-"""Length of the current's arrow [s]."""
-
 _ABOVE = np.array([0.0, 0.0, 0.25])
 """Where the contact force's text stands, seen from the tip [m]."""
 
-Colour = tuple[int, int, int]
-ORANGE, SKY, GREEN = (230, 159, 0), (86, 180, 233), (0, 158, 115)
-YELLOW, BLUE, VERMILLION, PURPLE = (240, 228, 66), (0, 114, 178), (213, 94, 0), (204, 121, 167)
-"""The colours of Okabe and Ito, which the colour-blind can tell apart."""
 LIGHT, GREY = (235, 235, 235), (160, 160, 160)
 COMPONENTS = (ORANGE, SKY, GREEN, YELLOW, BLUE, PURPLE)
 """Of x, y, z, roll, pitch and yaw of whatever signal."""
 CONTACT, THRUST, CURRENT, REFERENCE = VERMILLION, ORANGE, SKY, GREY
 
 
-def pale(colour: Colour, share: float = 0.45) -> Colour:
-    """A colour mixed with white."""
-    r, g, b = (round(c + share * (255 - c)) for c in colour)
-    return r, g, b
+@dataclass(frozen=True)
+class Place:
+    """Where a run is drawn among others, and how large its forces are.
+
+    Attributes:
+        y: of its lane, how far to the left of W's origin [m].
+        width: of its lane [m].
+        force_scale: length of its forces' arrows [m/N].
+    """
+
+    y: float = 0.0
+    width: float = WALL_SIZE
+    force_scale: float = FORCE_SCALE
+
+
+_ALONE = Place()
 
 
 class Run:
@@ -57,6 +71,8 @@ class Run:
         label: what stands before its paths and names, among several; empty for a single run.
         colour: what tells it from the others; None for a single run.
         row_steps: rows from one sample that is sent to the next.
+        place: where it is drawn among others.
+        extents: what is known of it, if it is over.
     """
 
     def __init__(
@@ -65,8 +81,11 @@ class Run:
         label: str = "",
         colour: Colour | None = None,
         row_steps: int = 1,
+        place: Place = _ALONE,
+        extents: Extents | None = None,
     ) -> None:
         self.header, self.label, self.colour = header, label, colour
+        self.place, self.extents = place, extents
         row_s = header.row_steps * header.scenario.simulation.timestep
         duration = header.scenario.steps * header.scenario.simulation.timestep
         self.row_steps = row_steps
@@ -156,19 +175,25 @@ class Run:
         self._send(("world", "reference"), t, reference)
         f_W = values["f_contact_W"]
         tip = p + np.array([self.header.geometry.reach, 0.0, 0.0])
+        contact = self._vectors(f_W)
         # with its head where the force acts: its tail would lie in the vehicle
-        self._arrow("contact force", t, tip - ARROW_SCALE * f_W, f_W, tip + _ABOVE)
+        self._arrow("contact force", t, tip - contact, f_W, tip + _ABOVE)
         thrust_W = np.einsum("nij,nj->ni", rotation_matrices(quat), values["tau"][:, :3])
-        self._arrow("thrust", t, p, thrust_W, p + ARROW_SCALE * thrust_W - 0.4 * _ABOVE)
+        self._arrow("thrust", t, p, thrust_W, p + self._vectors(thrust_W) - 0.4 * _ABOVE)
+
+    def _vectors(self, force: np.ndarray) -> np.ndarray:
+        """Arrows (n, 3) of forces (n, 3)."""
+        return arrows(force, self.place.force_scale, span(self.header))
 
     def _arrow(self, name: str, t: np.ndarray, start: np.ndarray, force: np.ndarray, text_at: np.ndarray) -> None:
-        """A force's arrow with its magnitude; there is none where there is no force. All (n, 3), in W."""
-        newtons = np.linalg.norm(force, axis=1)
+        """A force's arrow with its magnitude, where there is a force. All (n, 3), in W."""
+        newtons = magnitudes(force)
         some = newtons > 0.0
-        arrows = rr.Arrows3D.columns(origins=start[some], vectors=ARROW_SCALE * force[some])
-        self._send(("world", name), t, arrows.partition(some.astype(int)))
+        drawn = rr.Arrows3D.columns(origins=start[some], vectors=self._vectors(force[some]))
+        self._send(("world", name), t, drawn.partition(some.astype(int)))
         if not self.label:
-            labels = [f"{name} {n:.2f} N" for n in newtons[some]]
+            fits = span(self.header) / self.place.force_scale
+            labels = [f"{name} {n:.2f} N{' (arrow cut)' if n > fits else ''}" for n in newtons[some]]
             text = rr.Points3D.columns(positions=text_at[some], labels=labels)
             self._send(("world", name, "text"), t, text.partition(some.astype(int)))
 
@@ -183,7 +208,9 @@ class Run:
 
     def _things(self) -> None:
         scenario, geometry = self.header.scenario, self.header.geometry
-        for i, solid in enumerate(solids(geometry)):
+        self._log(("world",), rr.Transform3D(translation=[0.0, self.place.y, 0.0]))
+        shapes = list(solids(geometry))
+        for i, solid in enumerate(shapes):
             mesh = rr.Mesh3D(
                 vertex_positions=solid.vertices,
                 vertex_normals=solid.normals,
@@ -191,29 +218,29 @@ class Run:
                 albedo_factor=self._tinted(solid.rgba),
             )
             self._log(("world", "vehicle", f"part {i + 1}"), mesh)
-        face = scenario.wall.position + geometry.reach
-        half = np.array([WALL_THICKNESS, WALL_SIZE, WALL_SIZE]) / 2
-        centre = (face + half[0], 0.0, 0.0)
+        half = np.array([WALL_THICKNESS, self.place.width, WALL_SIZE]) / 2
+        centre = (wall_face(self.header) + half[0], 0.0, 0.0)
         wall = rr.Boxes3D(
             centers=[centre], half_sizes=[half], colors=[_rgba8((*WALL_RGBA[:3], 0.35))], fill_mode="solid"
         )
         self._log(("world", "wall"), wall)
         self._arrow_style("contact force", self.colour or CONTACT)
         self._arrow_style("thrust", self.colour or THRUST)
-        v_c_W = np.array(scenario.current.velocity_W)
-        if v_c_W.any():
-            start = np.array([0.4 * face, 0.0, 0.5])
+        if scenario.current.speed:
+            start, tip = current_arrow(self.header)
             arrow = rr.Arrows3D(
                 origins=[start],
-                vectors=[CURRENT_SCALE * v_c_W],
+                vectors=[tip - start],
                 colors=[CURRENT],
                 radii=[0.014],
                 labels=[f"current {scenario.current.speed:g} m/s"],
             )
             self._log(("world", "current"), arrow)
         self._log(("world", "trajectory"), rr.LineStrips3D.from_fields(colors=[self.colour or PURPLE], radii=[0.007]))
-        corners = np.concatenate([solid.vertices for solid in solids(geometry)])
-        low, high = corners.min(axis=0), corners.max(axis=0)
+        self._names(*bounds(shapes, geometry.reach))
+
+    def _names(self, low: np.ndarray, high: np.ndarray) -> None:
+        """The reference as a box around the vehicle's corners (3,), and the names of both."""
         box = rr.Boxes3D(
             centers=[(low + high) / 2],
             half_sizes=[(high - low) / 2],
@@ -222,12 +249,17 @@ class Run:
             fill_mode="majorwireframe",
         )
         self._log(("world", "reference"), box)
-        label = rr.Points3D([(low[0], 0.0, high[2])], radii=[0.0], colors=[LIGHT], labels=["reference"])
-        self._log(("world", "reference", "label"), label)
+        if self.label:
+            above = (0.0, 0.0, high[2] + 0.5 * float(_ABOVE[2]))
+            name = rr.Points3D([above], radii=[0.0], colors=[mixed(self.colour or LIGHT, 0.5)], labels=[self.label])
+            self._log(("world", "vehicle", "name"), name)
+        else:
+            label = rr.Points3D([(low[0], 0.0, high[2])], radii=[0.0], colors=[LIGHT], labels=["reference"])
+            self._log(("world", "reference", "label"), label)
 
     def _arrow_style(self, name: str, colour: Colour) -> None:
         self._log(("world", name), rr.Arrows3D.from_fields(colors=[colour], radii=[0.018]))
-        self._log(("world", name, "text"), rr.Points3D.from_fields(colors=[pale(colour, 0.25)], radii=[0.0]))
+        self._log(("world", name, "text"), rr.Points3D.from_fields(colors=[mixed(colour, 0.25)], radii=[0.0]))
 
     def _tinted(self, rgba: tuple[float, float, float, float]) -> tuple[int, int, int, int]:
         r, g, b, a = _rgba8(rgba)
@@ -238,12 +270,12 @@ class Run:
     def _series(self) -> None:
         for parts, signal, place in self.columns():
             names, colours = zip(*(self.series(signal, i) for i in range(signal.size)[place]), strict=True)
-            self._log(parts, rr.SeriesLines(names=list(names), colors=list(colours)))
-        force = rr.SeriesLines(names=[self.named("push [N]")], colors=[self.colour or CONTACT])
+            self._log(parts, _series(list(names), list(colours)))
+        force = _series([self.named("push [N]")], [self.colour or CONTACT])
         self._log(("push",), force)
         if isinstance(self.header.analytic, SteadyState):
             name = self.named("analytic [N]")
-            line = rr.SeriesLines(names=[name], colors=[pale(self.colour) if self.colour else REFERENCE])
+            line = _series([name], [mixed(self.colour, 0.45) if self.colour else REFERENCE])
             self._log(("push", "analytic"), line)
 
     def series(self, signal: Signal, component: int) -> tuple[str, Colour]:
@@ -257,3 +289,17 @@ class Run:
 def _rgba8(rgba: tuple[float, ...]) -> tuple[int, int, int, int]:
     r, g, b, a = (min(255, round(255 * c)) for c in rgba)
     return r, g, b, a
+
+
+def bounds(shapes: Sequence[Solid], reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest corner (3,) of a vehicle in B [m]; a vehicle without shapes is as large as it reaches."""
+    if not shapes:
+        return np.full(3, -reach), np.full(3, reach)
+    corners = np.concatenate([solid.vertices for solid in shapes])
+    return corners.min(axis=0), corners.max(axis=0)
+
+
+def _series(names: list[str], colours: list[Colour]) -> rr.SeriesLines:
+    """Lines that keep every peak, however far the plot is zoomed out: Rerun's own mean would halve an impact."""
+    policy = rr.components.AggregationPolicy.MinMax
+    return rr.SeriesLines(names=names, colors=colours, aggregation_policy=policy)

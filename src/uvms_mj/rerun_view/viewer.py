@@ -12,17 +12,19 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
+from ..colours import of_runs
 from ..faults import InputError
 from ..outputs import whole
 from ..recording import Header, Outcome
+from ..scene import force_scale
 from ..trace import Trace
+from .extents import Extents
 from .layout import application, layout
 from .process import Sender, ViewerClosed, free_port, start
-from .run import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, Run
+from .run import Place, Run, bounds
+from .solids import solids
 from .web import web_viewer
 
-_RUNS = (SKY, ORANGE, GREEN, PURPLE, YELLOW, VERMILLION, BLUE)
-"""Colours of runs that are compared."""
 _ROWS = 65_536
 """Rows that go to Rerun at once."""
 _LIVE_HZ = 1000.0
@@ -30,6 +32,8 @@ _LIVE_HZ = 1000.0
 _LIVE_SAMPLES = 50_000
 """Most samples that a run streams in all, however long it is: the log has every one."""
 _HINT = "use `uvms-mj replay run.mcap --web` or `--save run.rrd` instead"
+_LANE = 1.8
+"""Width of a lane, in widths of a vehicle: of several runs none hides another."""
 _EVERY_S = 0.1
 """How often a run is streamed, in real time [s]."""
 _PATIENCE_S = 20.0
@@ -164,7 +168,22 @@ def _viewer() -> Sender:
 
 
 def _runs(traces: Mapping[str, Trace]) -> list[Run]:
-    """Traces as runs, each with its label and colour where there are several."""
+    """Traces as runs. Several have a name, the colour of their law and a lane each; all have one scale of forces."""
+    extents = [Extents.of(trace) for trace in traces.values()]
+    headers = [trace.header for trace in traces.values()]
+    scale = min(force_scale(header, seen.force) for header, seen in zip(headers, extents, strict=True))
     if len(traces) == 1:
-        return [Run(trace.header) for trace in traces.values()]
-    return [Run(trace.header, label, _RUNS[i % len(_RUNS)]) for i, (label, trace) in enumerate(traces.items())]
+        return [Run(headers[0], place=Place(force_scale=scale), extents=extents[0])]
+    colours = of_runs([header.law.source for header in headers])
+    width = _LANE * max(_width(header) for header in headers)
+    lanes = [Place((0.5 * (len(traces) - 1) - i) * width, width, scale) for i in range(len(traces))]
+    return [
+        Run(header, label, colour, place=lane, extents=seen)
+        for header, label, colour, lane, seen in zip(headers, traces, colours, lanes, extents, strict=True)
+    ]
+
+
+def _width(header: Header) -> float:
+    """Of a vehicle [m]."""
+    low, high = bounds(list(solids(header.geometry)), header.geometry.reach)
+    return float(high[1] - low[1])

@@ -1,0 +1,45 @@
+"""Draw every picture in docs again, each by the command that makes it.
+
+    python scripts/draw_docs.py                   docs/frames.svg, push_wall.png, replay.png and paper.png
+    python scripts/draw_docs.py --from results    paper.png from the logs of an earlier `uvms-mj paper --out results`
+
+replay.png needs a Vulkan driver, push_wall.png an EGL one; see picture_viewer.py and render.py.
+"""
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import click
+
+SCRIPTS = Path(__file__).parent
+DOCS = SCRIPTS.parent / "docs"
+FAILED_CLAIM = 1
+"""Exit status of ``uvms-mj paper`` when a claim fails: its figures are there."""
+
+
+def draw(*arguments: str, also: tuple[int, ...] = ()) -> None:
+    """Run Python with arguments; another status than 0, or one of ``also``, ends the program."""
+    click.echo(" ".join(arguments))
+    status = subprocess.run([sys.executable, *arguments]).returncode
+    if status not in (0, *also):
+        sys.exit(status)
+
+
+@click.command()
+@click.option("--from", "source", type=click.Path(exists=True, path_type=Path), help="Folder of an earlier paper.")
+def main(source: Path | None) -> None:
+    """Draw every picture in docs again."""
+    with tempfile.TemporaryDirectory() as folder:
+        drawn = Path(folder) / "paper"
+        logs = ("--from", str(source)) if source else ()
+        draw("-m", "uvms_mj", "paper", *logs, "--out", str(drawn), also=(FAILED_CLAIM,))
+        shutil.copyfile(drawn / "overview.png", DOCS / "paper.png")
+    for script in ("draw_frames.py", "render.py", "picture_viewer.py"):
+        draw(str(SCRIPTS / script))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,45 @@
+"""The colours of figures and viewers: Okabe and Ito's, which the colour-blind can tell apart, and one for each law.
+
+A run has the colour of its law in every picture. Several runs of one law have shades of it, from dark to light.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+
+Colour = tuple[int, int, int]
+"""Red, green and blue, 0 to 255."""
+ORANGE, SKY, GREEN = (230, 159, 0), (86, 180, 233), (0, 158, 115)
+YELLOW, BLUE, VERMILLION, PURPLE = (240, 228, 66), (0, 114, 178), (213, 94, 0), (204, 121, 167)
+LAWS: dict[str, Colour] = {"impedance": PURPLE, "fosm": ORANGE, "gsta": BLUE, "sta": SKY, "ideal": GREEN}
+"""Of the laws that ship, by their names."""
+_OTHERS: tuple[Colour, ...] = (VERMILLION, (120, 94, 60), (110, 110, 110), (150, 160, 30))
+"""Of other laws, in the order in which they come."""
+_DARKEST, _LIGHTEST = -0.3, 0.5
+"""Shades of a law's colour: mixed with so much black, or white."""
+_FEW = 3
+"""So many runs of a law have its colour itself and lighter shades."""
+
+
+def mixed(colour: Colour, share: float) -> Colour:
+    """A colour mixed with white, or with black where the share is negative."""
+    target, part = (255, share) if share > 0.0 else (0, -share)
+    r, g, b = (round(c + part * (target - c)) for c in colour)
+    return r, g, b
+
+
+def of_runs(laws: Sequence[str]) -> list[Colour]:
+    """A colour for each run, from the names of their laws.
+
+    Args:
+        laws: ``gsta``, or ``file.py:Class`` of a law that does not ship, one for each run.
+    """
+    others = [law for law in dict.fromkeys(laws) if law not in LAWS]
+    base = LAWS | {law: _OTHERS[i % len(_OTHERS)] for i, law in enumerate(others)}
+    number, seen, colours = Counter(laws), Counter[str](), []
+    for law in laws:
+        n = number[law]
+        darkest = _DARKEST if n > _FEW else 0.0
+        share = darkest + (_LIGHTEST - darkest) * seen[law] / max(1, n - 1)
+        colours.append(mixed(base[law], share))
+        seen[law] += 1
+    return colours

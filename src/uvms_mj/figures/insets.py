@@ -1,0 +1,131 @@
+"""Insets: parts of a panel drawn larger, each where the panel has no lines."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from .lines import size_in, ticks
+from .style import LINE, SMALL
+
+CELLS = 120
+"""An axes is this many cells wide and high when a free place is sought in it."""
+_LEFT_PT, _RIGHT_PT, _BELOW_PT, _ABOVE_PT = 24.0, 6.0, 11.0, 11.0
+"""Room around an inset for its numbers and its title [pt]."""
+
+Corner = tuple[float, float]
+"""The lower left corner of an inset, as parts of its axes."""
+
+
+@dataclass(frozen=True)
+class Inset:
+    """A part of a panel, larger.
+
+    Attributes:
+        draw: draws it, limits included, into the axes that it is given, numbered in multiples of a power.
+        title: what it shows.
+        height: as part of the panel's.
+    """
+
+    draw: Callable[[Axes, float], None]
+    title: str
+    height: float = 0.34
+
+
+def place(ax: Axes, insets: Sequence[Inset], power: float) -> None:
+    """Draw insets of a panel, each where the panel is empty.
+
+    The panel gets more room above, up to as much again, until all of them fit. If they never do, it keeps its range,
+    and those that fit are drawn.
+    """
+    low, high = ax.get_ylim()
+    corners: list[Corner | None] = []
+    linear = ax.get_yscale() == "linear"
+    for growth in np.arange(0.0, 1.05, 0.1) if linear else [0.0]:
+        ax.set_ylim(low, high + growth * (high - low))
+        corners = _corners(ax, insets)
+        if None not in corners:
+            break
+    else:
+        ax.set_ylim(low, high)
+        corners = _corners(ax, insets)
+    for inset, corner in zip(insets, corners, strict=True):
+        if corner is not None:
+            _draw(ax, inset, corner, power)
+
+
+def _draw(ax: Axes, inset: Inset, corner: Corner, power: float) -> None:
+    inner = ax.inset_axes((*corner, *_size(ax, inset)))
+    ticks(inner, 4)
+    inset.draw(inner, power)
+    inner.set_title(inset.title, fontsize=SMALL, pad=2, loc="left")
+    inner.tick_params(labelsize=SMALL, length=1.5, width=0.4, pad=1.5)
+    for spine in inner.spines.values():
+        spine.set_linewidth(0.5)
+    for each in inner.lines:
+        each.set_linewidth(0.8 * LINE)
+
+
+def _corners(ax: Axes, insets: Sequence[Inset]) -> list[Corner | None]:
+    """A place for each inset, where neither lines nor earlier insets are."""
+    taken, found = _taken(ax), []
+    for inset in insets:
+        corner = _corner(ax, inset, taken)
+        found.append(corner)
+        if corner is not None:
+            left, right, below, above = _margins(ax)
+            width, height = _size(ax, inset)
+            rows = slice(int((corner[1] - below) * CELLS), int(np.ceil((corner[1] + height + above) * CELLS)))
+            taken[rows, int((corner[0] - left) * CELLS) : int(np.ceil((corner[0] + width + right) * CELLS))] = 1
+    return found
+
+
+def _corner(ax: Axes, inset: Inset, taken: np.ndarray) -> Corner | None:
+    """Lower left corner for an inset with its numbers and title: as far up as there is room, then to the right."""
+    left, right, below, above = _margins(ax)
+    width, height = _size(ax, inset)
+    total = np.pad(taken.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+    nx = int(np.ceil((left + width + right) * CELLS))
+    ny = int(np.ceil((below + height + above) * CELLS))
+    if nx > CELLS or ny > CELLS:
+        return None
+    sums = total[ny:, nx:] - total[:-ny, nx:] - total[ny:, :-nx] + total[:-ny, :-nx]
+    free = np.argwhere(sums == 0)
+    if not len(free):
+        return None
+    row, column = max(free.tolist())
+    return column / CELLS + left, row / CELLS + below
+
+
+def _margins(ax: Axes) -> tuple[float, float, float, float]:
+    """Left, right, below, above: room around an inset, as parts of its panel's size."""
+    wide, high = (72.0 * side for side in size_in(ax))
+    return _LEFT_PT / wide, _RIGHT_PT / wide, _BELOW_PT / high, _ABOVE_PT / high
+
+
+def _size(ax: Axes, inset: Inset) -> tuple[float, float]:
+    """Of an inset, as parts of its panel's; in a small panel there is less room beside the numbers."""
+    wide, high = size_in(ax)
+    return (0.48 if wide > 2.0 else 0.4), inset.height * (1.0 if high > 1.5 else 0.85)
+
+
+def _taken(ax: Axes) -> np.ndarray:
+    """Which cells (row from below, column) of an axes lines go through."""
+    taken = np.zeros((CELLS, CELLS), dtype=int)
+    edges = np.linspace(0.0, 1.0, CELLS + 1)
+    to_axes = ax.transData - ax.transAxes
+    for each in ax.lines:
+        x, y = to_axes.transform(np.column_stack([each.get_xdata(), each.get_ydata()])).T
+        good = np.isfinite(x) & np.isfinite(y)
+        if not good.any():
+            continue
+        x, y = x[good], y[good]
+        for i in range(CELLS):
+            inside = y[(x >= edges[i]) & (x <= edges[i + 1])]
+            ends = np.interp(edges[i : i + 2], x, y)
+            low = min(ends.min(), inside.min(initial=np.inf))
+            high = max(ends.max(), inside.max(initial=-np.inf))
+            if high >= 0.0 and low <= 1.0:
+                taken[max(0, int(low * CELLS) - 1) : int(min(high, 2.0) * CELLS) + 2, i] = 1
+    return taken

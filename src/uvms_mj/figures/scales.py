@@ -1,0 +1,141 @@
+"""Ranges, scales and numbers of an axis: SI prefixes, logarithmic scales through zero, and windows of time."""
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.ticker import FixedLocator, NullLocator, ScalarFormatter
+from numpy.typing import ArrayLike
+
+from .style import SMALL
+
+FLAT = 10.0
+"""A line whose range is this many times smaller than its panel's looks flat."""
+_NOTHING = 1e-6
+"""A size below this part of the largest of its signal is rounding: no scale is chosen for it."""
+_PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
+_MOST_TICKS = 3
+"""Of one sign, on a logarithmic axis."""
+_FILLING = 50.0
+"""A line fills an area if its way up and down is this many times its range."""
+_EARLY = 0.05
+"""A transient at the beginning is over within this part of a run."""
+
+
+def largest(values: ArrayLike) -> float:
+    """The largest size of numbers that are finite."""
+    sizes = np.abs(np.asarray(values, dtype=float))
+    return float(sizes[np.isfinite(sizes)].max(initial=0.0))
+
+
+def prefix_of(largest: float) -> tuple[float, str]:
+    """The SI prefix that a signal is best read in whose largest size is this."""
+    return next(((power, prefix) for power, prefix in _PREFIXES if largest >= 0.05 * power), _PREFIXES[0])
+
+
+def number(axis: Axis, power: float) -> None:
+    """Number an axis in multiples of ``power``; the data stay in SI."""
+    if power != 1.0:
+        axis.set_major_formatter(_Multiples(power))
+
+
+class _Multiples(ScalarFormatter):
+    def __init__(self, power: float) -> None:
+        super().__init__(useOffset=False)
+        self.set_scientific(False)
+        self.power = power
+
+    def set_locs(self, locs: Iterable[float]) -> None:
+        super().set_locs([value / self.power for value in locs])
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return super().__call__(x / self.power, pos)
+
+
+def linear_within(sizes: Sequence[float], wholes: Sequence[float]) -> float | None:
+    """Where an axis that all of some lines share shall turn from linear to logarithmic; None for a linear axis.
+
+    Args:
+        sizes: the largest size of each line.
+        wholes: the largest size of the signal that each line is a component of.
+
+    Returns:
+        A power of ten at or below the smallest size, if on a linear axis that line would look flat.
+    """
+    sizes = [size for size, whole in zip(sizes, wholes, strict=True) if size > _NOTHING * whole]
+    if not sizes or max(sizes) < FLAT * min(sizes):
+        return None
+    return float(10.0 ** math.floor(math.log10(min(sizes))))
+
+
+def logarithmic(ax: Axes, within: float, unit: str, power: float, prefix: str) -> None:
+    """Make y logarithmic beyond ±``within`` and linear between, shade the linear part and name its limit."""
+    low, high = ax.dataLim.y0, ax.dataLim.y1
+    ax.set_yscale("symlog", linthresh=within, linscale=0.5)
+    ends = [1.6 * min(low, -within), 1.6 * max(high, within)]
+    if low >= 0.0:
+        ends[0] = -0.3 * within
+    if high <= 0.0:
+        ends[1] = 0.3 * within
+    ax.set_ylim(ends[0], ends[1])
+    first = round(math.log10(within))
+    last = math.floor(math.log10(max(map(abs, ends))))
+    decades = [10.0**k for k in range(first, last + 1, max(1, -(-(last - first) // _MOST_TICKS)))]
+    places = [-d for d in decades[::-1]] + [0.0] + decades
+    ax.yaxis.set_major_locator(FixedLocator([y for y in places if ends[0] <= y <= ends[1]]))
+    ax.yaxis.set_minor_locator(NullLocator())
+    ax.yaxis.set_major_formatter(lambda y, _: f"{y / power:g}".replace("-", "\N{MINUS SIGN}"))
+    ax.axhspan(max(ends[0], -within), min(ends[1], within), color="#f3f3f3", linewidth=0.0, zorder=0.0)
+    note = (
+        f"log beyond ±{within / power:g} {prefix}{unit}"
+        if low < 0.0
+        else f"log beyond {within / power:g} {prefix}{unit}"
+    )
+    ax.set_title(note, loc="right", fontsize=SMALL, color="#555555")
+
+
+def fills(values: np.ndarray) -> bool:
+    """Whether a line (n,) goes to and fro so often that it fills an area and would hide what lies under it."""
+    values = values[np.isfinite(values)]
+    return len(values) > 2 and bool(np.abs(np.diff(values)).sum() > _FILLING * np.ptp(values))
+
+
+def early(t: np.ndarray, values: np.ndarray) -> float:
+    """How long a transient at the beginning lasts beside which the rest of a run looks flat [s]; 0 if there is none.
+
+    Args:
+        t: (n,).
+        values: (n, k).
+
+    Returns:
+        The shortest of 1, 2, 5, 10, ... ms after which the values keep within twice what they reach later.
+    """
+    size = np.abs(values).max(axis=1)
+    latest = t[0] + _EARLY * (t[-1] - t[0])
+    later = size[t > latest]
+    if len(later) < 2 or not np.isfinite(size).all() or size.max() <= FLAT * later.max():
+        return 0.0
+    for exponent in range(-3, 6):
+        for digit in (1.0, 2.0, 5.0):
+            window = digit * 10.0**exponent
+            if t[0] + window > latest:
+                return 0.0
+            if size[t > t[0] + window].max() <= 2.0 * later.max() and (t <= t[0] + window).sum() > 2:
+                return window
+    return 0.0
+
+
+def rebounds(t: np.ndarray, push: np.ndarray) -> tuple[float, float] | None:
+    """From the first contact to the end of the rebounds and as much as half again [s]; None where there are none, or
+    where they take most of the run."""
+    touched = np.flatnonzero(push > 0.0)
+    if not len(touched):
+        return None
+    lost = touched[0] + np.flatnonzero(push[touched[0] :] <= 0.0)
+    if not len(lost) or lost[-1] == len(push) - 1:
+        return None
+    first, last = float(t[touched[0]]), float(t[lost[-1]])
+    window = first - 0.05 * (last - first), last + 0.5 * (last - first)
+    return window if window[1] - window[0] < 0.3 * (t[-1] - t[0]) else None
