@@ -12,6 +12,8 @@ import numpy as np
 from .checks import SamplingWarning, check, row_steps_of
 from .closed_forms import steady_state
 from .control import Controller
+from .control.contract import check_contract
+from .control.loader import has_built_in_law
 from .control.recorded import RecordedLaw
 from .faults import InputError
 from .mjcf import Mjcf
@@ -116,6 +118,8 @@ class _Run:
             raise InputError(
                 f"the law {source} stands in the log as text, which is never run: give the law itself, from its file"
             )
+        if not has_built_in_law(scenario.controller):
+            check_contract(type(scenario.controller))
         self.scenario, self.row_steps, self.progress = scenario, row_steps, progress
         self.sinks, self.keep_s = sinks, np.inf if keep_s is None else keep_s
         self.plant = build(scenario, mjcf)

@@ -30,7 +30,6 @@ from pydantic import (
     AfterValidator,
     BeforeValidator,
     ConfigDict,
-    PydanticSchemaGenerationError,
     TypeAdapter,
     ValidationError,
     with_config,
@@ -100,8 +99,9 @@ class Controller:
             valid = _adapter(kind).validate_python(given)
         except ValidationError as error:
             raise InputError(faults_of(error, "controller"), place) from None
-        except (NameError, TypeError, PydanticSchemaGenerationError) as error:
-            raise InputError(f"an annotation is no type of a gain: {str(error).splitlines()[0]}", place) from None
+        except Exception as error:  # pydantic, and the evaluation of an annotation, raise many kinds
+            reason = " ".join(str(error).split("\n\n")[0].split()) or type(error).__name__
+            raise InputError(f"an annotation is not a type of a gain: {reason}", place) from None
         faults = [
             Fault(f"controller.{name}", f"{value!r}: a gain is a number, true or false, or a tuple of numbers")
             for name, value in valid.items()

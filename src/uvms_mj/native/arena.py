@@ -42,9 +42,10 @@ class Arena:
         kinds = {"gains": gains.dtype, "signals": signals, "state": state.dtype, "state_dot": state.dtype}
         self.sizes = {name: kind.itemsize for name, kind in kinds.items()} | {"tau_cmd": 48}
         self.offsets = offsets(self.sizes)
-        self._words = np.frombuffer(mmap.mmap(-1, self.offsets["end"]), np.int64)
+        memory = mmap.mmap(-1, self.offsets["end"])
+        self._words = np.frombuffer(memory, np.int64)
         self._words[:] = PATTERN
-        self.arrays = {name: self._part(name).view(kind) for name, kind in kinds.items()}
+        self.arrays = {name: np.ndarray(1, kind, memory, self.offsets[name]) for name, kind in kinds.items()}
         self.arrays["tau_cmd"] = self._part("tau_cmd").view(float)  # unset: a law that leaves an entry out is found
         self._own_gains = self._words[self.offsets["own_gains"] // 8 :].view(gains.dtype)
         self.arrays["gains"][:] = self._own_gains[:] = gains

@@ -35,7 +35,7 @@ def guarded(law: bool) -> Iterator[None]:
     config.reload_config()  # numba does so when it compiles, which would undo the next line
     names = ((config, "BOUNDSCHECK"), (npyimpl, "numpy_ufunc_kernel"), (arrayobj, "make_array_flat_cls"))
     before = [getattr(module, name) for module, name in names]
-    config.BOUNDSCHECK = int(law)
+    config.BOUNDSCHECK = int(law)  # type: ignore[attr-defined]
     if law:
         npyimpl.numpy_ufunc_kernel = _same_shapes(npyimpl.numpy_ufunc_kernel)
         arrayobj.make_array_flat_cls = _within_bounds(arrayobj.make_array_flat_cls)
@@ -211,7 +211,7 @@ def _within_bounds(make: Any) -> Any:
     """The class behind ``array.flat`` with a check of its index, which may count from the end as in NumPy."""
 
     def checked_class(kind):
-        plain = make(kind)
+        plain: Any = make(kind)
 
         def index_of(context, builder, array, index):
             size = array.nitems

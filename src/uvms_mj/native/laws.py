@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..control.base import Controller
+from ..control.contract import law_function
 from ..control.loader import has_built_in_law
 from .arena import NEAR, PATTERN, REGIONS, offsets
 from .compilation import NativeFunction, native_function
@@ -78,12 +79,6 @@ def _call_in_arena(arena_at, state_at, signals_at, state_dot_at, tau_cmd_at):
     for i in range(6):
         tau_cmd[i] = its_tau_cmd[i]
     return RETURNED
-
-
-def law_function(controller: type[Controller]) -> types.FunctionType:
-    """The law as plain Python, also where the user has marked it with ``numba.njit``."""
-    law = controller.law
-    return getattr(law, "py_func", law)
 
 
 def compile_law(controller: Controller) -> NativeFunction:

@@ -14,17 +14,17 @@ from typing import Any
 import numpy as np
 
 from ..control.base import Controller
+from ..control.contract import law_function
 from ..control.loader import has_built_in_law
 from ..faults import suggestion
 from .arena import Arena
-from .laws import law_function
 
 
 class LawFault(Exception):
     """A law raised, or did what it may not; the message is a sentence that names the law and its line."""
 
 
-class _Record(np.record):
+class _Record(np.record):  # type: ignore[misc]
     """A record that says what it has when it is asked for something else."""
 
     def __getattr__(self, name: str) -> Any:
@@ -98,7 +98,9 @@ class PlainLaw:
         records = [self.arena.arrays[name][0] for name in ("gains", "state", "signals", "state_dot")]
         try:
             with guarded(True):
-                guarded_function(law_function(type(self.controller)), error_model="python")(*records, self._arguments[4])
+                guarded_function(law_function(type(self.controller)), error_model="python")(
+                    *records, self._arguments[4]
+                )
         except Exception as error:
             return _named_error(error)
         return "an exception"
