@@ -5,7 +5,7 @@ import dataclasses
 import inspect
 import textwrap
 import types
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -166,7 +166,13 @@ def _hint(role: str, word: str, known: list[str]) -> str:
         return "only the yardstick 'ideal' is given the truth"
     if role == "gains" and word == "period":
         return "signals.period is the control period"
-    return suggestion(word, known) if known else "the class declares no states"
+    return field_suggestion(word, known) if known else "the class declares no states"
+
+
+def field_suggestion(word: str, known: Sequence[str]) -> str:
+    """What somebody who wrote ``word`` may have meant: of names that differ by a frame, as p_WB from p, the first."""
+    longer = [name for name in known if name.startswith(f"{word}_")]
+    return f"did you mean {longer[0]!r}?" if longer else suggestion(word, known)
 
 
 def _asked_for(node: ast.Attribute | ast.Subscript) -> str | None:

@@ -1,5 +1,6 @@
 """The closed loop of one vehicle, prepared in Python and run by the callback."""
 
+import functools
 import time
 
 import mujoco
@@ -136,9 +137,6 @@ class ClosedLoop:
         for name in ("signals", "tau_cmd", "row"):
             self._loop[f"{name}_at"] = self._loop[name].ctypes.data
         self._law, self.not_compiled = None, ""
-        given = SIGNALS_AND_TRUTH if self.controller.uses_truth else SIGNALS
-        self._arena = Arena(self._gains, self._state, given)
-        self._plain_law = PlainLaw(self.controller, self._arena)
         self._guarded, self._searched = not has_built_in_law(self.controller), time.monotonic()
         if self._guarded:
             self._loop["gains_at"] = self._arena.address
@@ -169,6 +167,14 @@ class ClosedLoop:
         assert set(values) == set(COEFFICIENTS.names or ())
         for name, value in values.items():
             self._loop[record][name] = value
+
+    @functools.cached_property
+    def _arena(self) -> Arena:
+        return Arena(self._gains, self._state, SIGNALS_AND_TRUTH if self.controller.uses_truth else SIGNALS)
+
+    @functools.cached_property
+    def _plain_law(self) -> PlainLaw:
+        return PlainLaw(self.controller, self._arena)
 
     @property
     def compiled(self) -> bool:

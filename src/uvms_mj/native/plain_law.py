@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 
 from ..control.base import Controller
-from ..control.contract import law_function
+from ..control.contract import field_suggestion, law_function
 from ..control.loader import has_built_in_law
-from ..faults import suggestion
 from .arena import Arena
 
 
@@ -28,7 +27,7 @@ class _Record(np.record):  # type: ignore[misc]
     """A record that says what it has when it is asked for something else."""
 
     def __getattr__(self, name: str) -> Any:
-        raise AttributeError(f"{type(self).__name__} has no {name!r}; {suggestion(name, self.dtype.names or ())}")
+        raise AttributeError(f"{type(self).__name__} has no {name!r}; {field_suggestion(name, self.dtype.names or ())}")
 
 
 class PlainLaw:
@@ -127,7 +126,10 @@ class PlainLaw:
 
 
 def _named_error(error: BaseException) -> str:
-    text = " ".join(str(error).split())
+    try:
+        text = " ".join(str(error).split())
+    except Exception:  # of a kind of the user's own
+        text = ""
     return f"{type(error).__name__}: {text[:300]}" if text else type(error).__name__
 
 
