@@ -29,6 +29,14 @@ def put_into_new(n, i):
 def take(x, i):
     return x[i]
 
+@numba.vectorize(["float64(float64)"])
+def twice(x):
+    return 2.0 * x
+
+@numba.guvectorize(["void(float64[:], float64[:])"], "(n)->(n)")
+def far(x, y):
+    y[3000] = 0.0
+
 @numba.njit
 def forever(x):
     while x >= 0.0:
@@ -122,6 +130,8 @@ def helpers() -> dict[str, Case]:
         for array in ("tau_cmd", "state.xi", "np.zeros(6)"):
             found[f"put({array}, {index})"] = Case(law(f"{LATE}put({array}, {index})"), said="IndexError.*line 1")
         found[f"put_into_new({index})"] = Case(law(f"{SET}put_into_new(3, {index})"), said="IndexError")
+    found["vectorize"] = Case(law(f"{SET}twice(np.ones(7), tau_cmd)"), said="your law Law .*ValueError")
+    found["guvectorize"] = Case(law(f"{SET}far(signals.s, tau_cmd)"), said="your law Law .*IndexError")
     found["compiled at once"] = Case(law(f"{SET}tau_cmd[0] += take(np.zeros(3), 1000000)"), said="IndexError")
     return found
 
@@ -231,6 +241,7 @@ def exceptions() -> dict[str, Case]:
         "assert": "assert signals.t < 0",
         "exit": "sys.exit(0)",
         "raise a number": "raise 3",
+        "names in other letters": "größe = tau_cmd[6]",
         "unknown name": "tau_cmd[0] = nowhere",
         "unknown attribute": "tau_cmd[0] = np.nowhere",
         "text": "tau_cmd[0] = 'text'",

@@ -255,8 +255,8 @@ class _Run:
         mujoco.mj_forward(self.plant.model, self.data)
 
     def _after(self, loop: ClosedLoop, evaluations: int) -> None:
-        """What compiled code could only note: a law that raised, a callback that was taken away."""
-        loop.check_law(last=loop.step == self.scenario.steps)
+        """What compiled code could only note: a law that failed, a callback that was taken away."""
+        loop.check_law(last=loop.step >= self.scenario.steps)
         if not loop.fault and loop.evaluations != evaluations:
             raise RuntimeError("mjcb_control was replaced during the run: the water was lost")
 

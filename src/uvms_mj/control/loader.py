@@ -3,6 +3,7 @@
 import dataclasses
 import hashlib
 import importlib.util
+import os
 import sys
 import traceback
 from collections.abc import Mapping
@@ -118,6 +119,8 @@ def _load(path: Path) -> ModuleType:
         sys.path.insert(0, str(path.parent))
     # Python's own byte-code cache takes two edits within a second for one
     before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
+    # what numba compiles at once, as numba.guvectorize does, is to check its indices
+    bounds, os.environ["NUMBA_BOUNDSCHECK"] = os.environ.get("NUMBA_BOUNDSCHECK"), "1"
     try:
         spec.loader.exec_module(module)
     except BaseException as error:  # a file may raise SystemExit, or an exception of its own kind
@@ -130,6 +133,9 @@ def _load(path: Path) -> ModuleType:
         raise InputError([Fault("controller.name", f"{where}: {type(error).__name__}: {error}")]) from error
     finally:
         sys.dont_write_bytecode = before
+        del os.environ["NUMBA_BOUNDSCHECK"]
+        if bounds is not None:
+            os.environ["NUMBA_BOUNDSCHECK"] = bounds
     return module
 
 

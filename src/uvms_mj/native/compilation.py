@@ -40,6 +40,7 @@ _CORE = (
     "kernels.py",
     "native/arena.py",
     "native/callback.py",
+    "native/checked_arrays.py",
     "native/compilation.py",
     "native/guarded.py",
     "native/intrinsics.py",

@@ -6,6 +6,7 @@ loop that never ends listens to signals. Imported only where something has to be
 """
 
 import contextlib
+import threading
 import types as python
 from collections.abc import Iterator
 from typing import Any
@@ -14,16 +15,21 @@ from weakref import WeakKeyDictionary
 import numba
 from llvmlite import ir as llvm
 from numba import types
-from numba.core import cgutils, compiler, config, ir, ir_utils, untyped_passes
+from numba.core import compiler, config, ir, ir_utils, untyped_passes
 from numba.core.cgutils import get_or_insert_function
 from numba.core.compiler_machinery import FunctionPass, register_pass
 from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError, UnsupportedError
 from numba.extending import intrinsic
 from numba.np import arrayobj, npyimpl
+from numba.np.ufunc.dufunc import DUFunc
+from numba.np.ufunc.gufunc import GUFunc
+
+from .checked_arrays import same_shapes, within_bounds
 
 __all__ = ["NumbaError", "guarded", "guarded_function", "twin"]
 
+_lock = threading.RLock()
 _PATIENCE = 1 << 20
 """Turns of a loop from one look at signals to the next: about a millisecond."""
 
@@ -32,18 +38,19 @@ _PATIENCE = 1 << 20
 def guarded(law: bool) -> Iterator[None]:
     """For a law, check indices and shapes in all that is compiled; for the core, in nothing, whatever
     NUMBA_BOUNDSCHECK is set to."""
-    config.reload_config()  # numba does so when it compiles, which would undo the next line
     names = ((config, "BOUNDSCHECK"), (npyimpl, "numpy_ufunc_kernel"), (arrayobj, "make_array_flat_cls"))
-    before = [getattr(module, name) for module, name in names]
-    config.BOUNDSCHECK = int(law)  # type: ignore[attr-defined]
-    if law:
-        npyimpl.numpy_ufunc_kernel = _same_shapes(npyimpl.numpy_ufunc_kernel)
-        arrayobj.make_array_flat_cls = _within_bounds(arrayobj.make_array_flat_cls)
-    try:
-        yield
-    finally:
-        for (module, name), value in zip(names, before, strict=True):
-            setattr(module, name, value)
+    with _lock:
+        config.reload_config()  # numba does so when it compiles, which would undo what is set here
+        before = [getattr(module, name) for module, name in names]
+        config.BOUNDSCHECK = int(law)  # type: ignore[attr-defined]
+        if law:
+            npyimpl.numpy_ufunc_kernel = same_shapes(npyimpl.numpy_ufunc_kernel)
+            arrayobj.make_array_flat_cls = within_bounds(arrayobj.make_array_flat_cls)
+        try:
+            yield
+        finally:
+            for (module, name), value in zip(names, before, strict=True):
+                setattr(module, name, value)
 
 
 def guarded_function(function: Any, **options: Any) -> Dispatcher:
@@ -51,12 +58,19 @@ def guarded_function(function: Any, **options: Any) -> Dispatcher:
     return numba.njit(pipeline_class=_Compiler, boundscheck=True, **options)(function)
 
 
-_twins: WeakKeyDictionary[Dispatcher, Dispatcher] = WeakKeyDictionary()
+_twins: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
 
 
 def twin(value: Any) -> Any:
-    """What stands in for a function that the user marked with ``numba.njit``: it may be compiled already, or be loaded
-    from numba's cache, without checks."""
+    """What stands in for a function that the user marked with ``numba.njit`` or ``numba.vectorize``: that one may be
+    compiled already, or be loaded from numba's cache, without checks."""
+    if isinstance(value, GUFunc):
+        raise UnsupportedError("a function of numba.guvectorize is called, whose exceptions numba drops")
+    if isinstance(value, DUFunc):
+        if value not in _twins:
+            inner: Any = value
+            _twins[value] = numba.vectorize(identity=inner.identity)(inner._dispatcher.py_func)
+        return _twins[value]
     if not isinstance(value, Dispatcher) or value.py_func.__module__.partition(".")[0] in ("numba", "uvms_mj"):
         return value
     if value.targetoptions.get("forceobj"):
@@ -171,64 +185,3 @@ def _count(typing_context, turns):
         return turns
 
     return types.intp(types.intp), generate
-
-
-def _same_shapes(kernel: Any) -> Any:
-    """Numba's loop over the elements of an array operation, with NumPy's check of an output that is given, as in
-    ``a += b`` and ``np.add(a, b, out)``."""
-
-    def checked(context, builder, signature, arguments, ufunc, kernel_class):
-        outputs = [
-            (arg, kind)
-            for arg, kind in zip(arguments[ufunc.nin :], signature.args[ufunc.nin :], strict=False)
-            if isinstance(kind, types.ArrayCompatible)
-        ]
-        inputs = list(zip(arguments, signature.args, strict=False))[: ufunc.nin]
-        for output, kind in outputs:
-            shape = npyimpl._prepare_argument(context, builder, output, kind).shape
-            for argument, input_kind in (*inputs, *outputs):
-                given = getattr(npyimpl._prepare_argument(context, builder, argument, input_kind), "shape", ())
-                _refuse_unless_broadcast(context, builder, given, shape)
-        return kernel(context, builder, signature, arguments, ufunc, kernel_class)
-
-    return checked
-
-
-def _refuse_unless_broadcast(context: Any, builder: Any, given: Any, shape: Any) -> None:
-    one = context.get_constant(types.intp, 1)
-    wrong = cgutils.false_bit
-    if len(given) > len(shape):
-        wrong = cgutils.true_bit
-    for n, wanted in zip(reversed(given), reversed(shape), strict=False):
-        fits = builder.or_(builder.icmp_signed("==", n, one), builder.icmp_signed("==", n, wanted))
-        wrong = builder.or_(wrong, builder.not_(fits))
-    with cgutils.if_unlikely(builder, wrong):
-        message = "operands could not be broadcast to the shape of the output"
-        context.call_conv.return_user_exc(builder, ValueError, (message,))
-
-
-def _within_bounds(make: Any) -> Any:
-    """The class behind ``array.flat`` with a check of its index, which may count from the end as in NumPy."""
-
-    def checked_class(kind):
-        plain: Any = make(kind)
-
-        def index_of(context, builder, array, index):
-            size = array.nitems
-            index = context.cast(builder, index, types.intp, types.intp) if index.type == size.type else index
-            index = builder.sext(index, size.type) if index.type.width < size.type.width else index
-            negative = builder.icmp_signed("<", index, index.type(0))
-            index = builder.select(negative, builder.add(index, size), index)
-            cgutils.do_boundscheck(context, builder, index, size)
-            return index
-
-        class Checked(plain):
-            def getitem(self, context, builder, kind, array, index):
-                return super().getitem(context, builder, kind, array, index_of(context, builder, array, index))
-
-            def setitem(self, context, builder, kind, array, index, value):
-                super().setitem(context, builder, kind, array, index_of(context, builder, array, index), value)
-
-        return Checked
-
-    return checked_class
