@@ -10,6 +10,7 @@ loops record at 1 kHz. Shared machines drift, so each round times everything onc
 the rounds' own ratios. What a log costs is the difference of two whole runs of the paper's scenario, one without a log.
 """
 
+import inspect
 import json
 import os
 import statistics
@@ -27,7 +28,7 @@ from rich.table import Table
 
 from numpy_loop import NumpyLoop
 from uvms_mj import McapLog, Scenario, Trace, simulate
-from uvms_mj.control import BUILT_IN
+from uvms_mj.control import BUILT_IN, Gsta
 from uvms_mj.native.attachment import attach
 from uvms_mj.native.closed_loop import ClosedLoop
 from uvms_mj.plant import build
@@ -36,6 +37,7 @@ from uvms_mj.summary import AROUND_THE_END_S
 
 CHUNK = 1000
 NUMPY_CHUNK = 100
+OWN_LAW = "gsta from a user's file"
 
 
 class Native:
@@ -90,6 +92,14 @@ class Bare:
         return (time.perf_counter() - start) / CHUNK
 
 
+def own_law() -> str:
+    """GSTA as a law of a user's own: the same text in a file of its own, so that it runs in an arena, with checks."""
+    path = Path(tempfile.mkdtemp(), "own.py")
+    text = inspect.getsource(inspect.getmodule(Gsta) or Gsta)
+    path.write_text(text.replace("from .base", "from uvms_mj.control.base").replace('name = "gsta"', ""))
+    return f"{path}:Gsta"
+
+
 def measure(rounds: int) -> list[dict]:
     """Rows of the table: name, state, microseconds a step, ratio to bare, real-time factor."""
     scenario = Scenario.load("push_wall")
@@ -103,6 +113,7 @@ def measure(rounds: int) -> list[dict]:
             # the impedance law does not reach the paper's wall: a target further in brings it there
             target = [1.1, 0.0, 0.0] if law == "impedance" else [1.01, 0.0, 0.0]
             subjects[law] = Native(here.updated({"reference.target": target}), law, warm_up_s=6.0).chunk
+        subjects[OWN_LAW] = Native(here, own_law(), warm_up_s=6.0).chunk
         numpy_loop = NumpyLoop(here, warm_up_steps=5000)
         times: dict[str, list[float]] = {name: [] for name in (*subjects, "gsta in NumPy")}
         for _ in range(rounds):
@@ -120,6 +131,7 @@ def measure(rounds: int) -> list[dict]:
                     "us_a_step": median * 1e6,
                     "ratio_to_bare": statistics.median(ratios),
                     "ratio_to_gsta": statistics.median(over_gsta),
+                    "us_over_gsta": statistics.median(s - g for s, g in zip(samples, times["gsta"], strict=True)) * 1e6,
                     "real_time_factor": scenario.simulation.timestep / median,
                 }
             )
@@ -215,7 +227,7 @@ def starts(rounds: int) -> list[dict]:
 @click.option("--hour", is_flag=True, help="Run a simulated hour for the memory of a long run.")
 def main(rounds: int, json_file: Path | None, start: bool, hour: bool) -> None:
     steps = measure(rounds)
-    table = Table("what", "state", "us a step", "x bare", "x gsta", "real-time factor")
+    table = Table("what", "state", "us a step", "x bare", "x gsta", "us over gsta", "real-time factor")
     for row in steps:
         table.add_row(
             row["what"],
@@ -223,6 +235,7 @@ def main(rounds: int, json_file: Path | None, start: bool, hour: bool) -> None:
             f"{row['us_a_step']:.2f}",
             f"{row['ratio_to_bare']:.2f}",
             f"{row['ratio_to_gsta']:.2f}",
+            f"{row['us_over_gsta']:+.2f}",
             f"{row['real_time_factor']:.1f}",
         )
     Console().print(table)

@@ -496,7 +496,7 @@ def test_a_file_that_takes_nothing_ends_the_run(tmp_path, monkeypatch):
     monkeypatch.setattr("uvms_mj.mcap_log.sink.FileIO", Full)
     with pytest.raises(SinkError, match=r"can't write .*run\.mcap: Input/output error") as caught:
         simulate(Scenario.load("push_wall", {"simulation.duration": 2.0}), sinks=[McapLog(tmp_path / "run.mcap")])
-    assert caught.value.trace.status is Status.interrupted
+    assert caught.value.trace.status is Status.failed
     assert 0 < len(Trace.load(tmp_path / "run.mcap")) < 1000
 
 

@@ -67,7 +67,7 @@ def steady_state(
     """The steady state of a scenario, or why it has none in closed form; gravity_W (3,) [m/s^2]."""
     controller, h = scenario.controller, control_period(scenario)
     if not has_built_in_law(controller):
-        return NoClosedForm("a law of the user's own")
+        return NoClosedForm("known for the laws that ship only")
     rate = _disturbance_rate(scenario, design)
     if isinstance(controller, Gsta | Sta):
         if controller.k_1 == 0.0 or controller.k_2 == 0.0:

@@ -31,6 +31,7 @@ class Status(enum.Enum):
     completed = "the run went on to its end"
     unstable = "a variable left its bound and the run was stopped"
     interrupted = "the run was stopped from outside"
+    failed = "the law or a sink failed and the run was stopped"
     truncated = "the log ends before the run did"
 
 
@@ -122,7 +123,7 @@ class Outcome:
     """How a run ended.
 
     Attributes:
-        status: completed, unstable or interrupted; truncated, where a log doesn't say.
+        status: completed, unstable, interrupted or failed; truncated, where a log doesn't say.
         message: why a run that did not complete stopped.
         steps: time steps that were done.
         wall_time_s: how long the stepping took [s].

@@ -1,13 +1,10 @@
 """``simulate(scenario) -> Trace``: chunk by chunk at native speed."""
 
 import dataclasses
-import inspect
 import time
-import traceback
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -15,11 +12,14 @@ import numpy as np
 from .checks import SamplingWarning, check, row_steps_of
 from .closed_forms import steady_state
 from .control import Controller
+from .control.contract import check_contract
+from .control.loader import has_built_in_law
 from .control.recorded import RecordedLaw
 from .faults import InputError
 from .mjcf import Mjcf
 from .native.attachment import immerse
 from .native.closed_loop import ClosedLoop
+from .native.plain_law import LawFault
 from .plant import build
 from .recording import Header, Law, Outcome, Sink, Status, versions
 from .scenario import Scenario
@@ -35,7 +35,8 @@ SLICE_STEPS = 50
 
 
 class LawError(RuntimeError):
-    """A law raised. The message names the user's line; ``trace`` is what was recorded until then."""
+    """A law raised, wrote where it may not, or made a number that is not finite. The message names the law and its
+    line; ``trace`` is what was recorded until then."""
 
     def __init__(self, message: str, trace: Trace) -> None:
         super().__init__(message)
@@ -83,7 +84,7 @@ def simulate(
 
     Raises:
         InputError: something in the input is unphysical; found before the first step.
-        LawError: the law raised.
+        LawError: the law raised, wrote where it may not, or made a number that is not finite.
         SinkError: a sink raised, as when a disk is full; what it had written is kept.
     """
     scenario = scenario if scenario is not None else Scenario()
@@ -117,6 +118,8 @@ class _Run:
             raise InputError(
                 f"the law {source} stands in the log as text, which is never run: give the law itself, from its file"
             )
+        if not has_built_in_law(scenario.controller):
+            check_contract(type(scenario.controller))
         self.scenario, self.row_steps, self.progress = scenario, row_steps, progress
         self.sinks, self.keep_s = sinks, np.inf if keep_s is None else keep_s
         self.plant = build(scenario, mjcf)
@@ -151,7 +154,7 @@ class _Run:
             )
             if not loop.compiled:
                 law = self.scenario.controller.label()
-                note = f"{law} runs as plain Python, numba can't compile it: {loop.not_compiled}"
+                note = f"{law} runs as plain Python, which is slow: numba cannot compile it: {loop.not_compiled}"
                 self.notes.append(note)
                 warnings.warn(note, PlainPythonWarning, stacklevel=4)
             self.header = Header(
@@ -171,8 +174,8 @@ class _Run:
                 self.writing.end(outcome)
             kept = np.concatenate(self.blocks) if self.blocks else np.zeros((0, loop.width))
             trace = Trace.of(self.header, kept, outcome)
-            if isinstance(raised, _LawRaised):
-                raise LawError(outcome.message, trace) from raised.cause
+            if isinstance(raised, LawFault):
+                raise LawError(outcome.message, trace) from raised.__cause__
             if raised is not None:
                 raise raised
             if self.writing.error is not None:
@@ -192,15 +195,12 @@ class _Run:
                     status, message = Status.unstable, f"t = {loop.time:.6g} s: {loop.fault}. {_HINT}"
                     break
                 if self.writing.error is not None:
-                    status, message = Status.interrupted, f"t = {loop.time:.6g} s: {self.writing.message}"
+                    status, message = Status.failed, f"t = {loop.time:.6g} s: {self.writing.message}"
                     break
         except KeyboardInterrupt:
             status, message = Status.interrupted, f"t = {loop.time:.6g} s: stopped from outside"
-        except _LawRaised as error:
-            status, raised = Status.interrupted, error
-            message = f"t = {loop.time:.6g} s: {_users_line(error.cause, self.scenario.controller)}"
-        except Exception as error:
-            status, raised, message = Status.interrupted, error, f"t = {loop.time:.6g} s: {error}"
+        except Exception as error:  # a LawFault, or a fault of ours
+            status, raised, message = Status.failed, error, f"t = {loop.time:.6g} s: {error}"
         wall_time_s = time.perf_counter() - start
         return Outcome(status, message, min(loop.step, self.scenario.steps), wall_time_s), raised
 
@@ -248,10 +248,7 @@ class _Run:
 
     def _python_law(self, loop: ClosedLoop) -> None:
         if loop.prepare():
-            try:
-                loop.call_law()
-            except (Exception, SystemExit) as error:
-                raise _LawRaised(error) from error
+            loop.call_law()
 
     def _forward(self, loop: ClosedLoop) -> None:
         if not loop.compiled:
@@ -259,31 +256,10 @@ class _Run:
         mujoco.mj_forward(self.plant.model, self.data)
 
     def _after(self, loop: ClosedLoop, evaluations: int) -> None:
-        """What compiled code could only note: a law that raised, a callback that was taken away."""
-        if loop.law_raised:
-            try:
-                with np.errstate(divide="raise", invalid="raise"):
-                    loop.call_law()  # again on the same signals, as plain Python: its exception names the line
-            except (Exception, SystemExit) as error:
-                raise _LawRaised(error) from error
-            raise _LawRaised(RuntimeError("raised when compiled, but not as plain Python on the same signals"))
+        """What compiled code could only note: a law that failed, a callback that was taken away."""
+        loop.check_law(last=loop.step >= self.scenario.steps)
         if not loop.fault and loop.evaluations != evaluations:
             raise RuntimeError("mjcb_control was replaced during the run: the water was lost")
 
 
-class _LawRaised(Exception):
-    def __init__(self, cause: BaseException) -> None:
-        self.cause = cause
-
-
 _HINT = "Try a smaller simulation.timestep, smaller gains, or a softer wall."
-
-
-def _users_line(error: BaseException, controller: Controller) -> str:
-    """Where in the law's own file an exception came from."""
-    file = inspect.getfile(type(controller).law)
-    frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == file]
-    what = f"{type(error).__name__}: {error}"
-    if not frames:
-        return f"the law {controller.label()} {what}"
-    return f"{Path(file).name}, line {frames[-1].lineno}, in {frames[-1].name}: {frames[-1].line}: {what}"

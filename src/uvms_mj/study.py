@@ -159,7 +159,9 @@ def load(folder: Path, names: Iterable[str]) -> Runs:
     with ThreadPoolExecutor() as pool:
         loaded = dict(zip(names, pool.map(lambda name: Trace.load(folder / f"{name}.mcap"), names), strict=True))
     cut = [
-        name for name, each in loaded.items() if each.status in (Status.interrupted, Status.truncated) or not len(each)
+        name
+        for name, each in loaded.items()
+        if each.status in (Status.interrupted, Status.failed, Status.truncated) or not len(each)
     ]
     if cut:
         raise InputError(f"{folder}: {', '.join(f'{name}.mcap' for name in cut)} ends before its run did")

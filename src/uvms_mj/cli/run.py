@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from ..scenario import Scenario
 
 
-@click.command(epilog="Exit status: 0 completed, 2 bad input, 3 unstable, 130 interrupted.")
+@click.command(epilog="Exit status: 0 completed, 2 bad input or a law that failed, 3 unstable, 130 interrupted.")
 @scenario_argument
 @click.option(
     "-c", "--controller", metavar="LAW", help="gsta, sta, fosm, impedance, ideal, or path/to/my_law.py:MyLaw."

@@ -19,6 +19,8 @@ states; then the states advance by explicit Euler over the control period with `
 until the next instant. The function is compiled; the same function runs as plain Python where it can't be.
 """
 
+from __future__ import annotations  # help(Controller) shows the names of types, not what pydantic makes of them
+
 import dataclasses
 import functools
 import sys
@@ -30,7 +32,6 @@ from pydantic import (
     AfterValidator,
     BeforeValidator,
     ConfigDict,
-    PydanticSchemaGenerationError,
     TypeAdapter,
     ValidationError,
     with_config,
@@ -61,6 +62,10 @@ def _not_positive(value: tuple[float, ...]) -> tuple[float, ...]:
     return value
 
 
+_NonzeroDiagonal = Annotated[Diagonal, AfterValidator(_nonzero)]
+_NegativeDiagonal = Annotated[Diagonal, AfterValidator(_not_positive)]
+
+
 def gain(default: Any, unit: str, meaning: str) -> Any:
     """A dataclass field for a gain, with its default, its unit and what it means."""
     return dataclasses.field(default=default, metadata={"unit": unit, "meaning": meaning})
@@ -80,8 +85,8 @@ class Controller:
 
     period: Step | None = _shared(None, "s", "control period, a multiple of the time step; default: every step")
     F_1: Diagonal = _shared(1.0, "1/s", "gain of the pose error in s, eq. (14)")
-    F_2: Annotated[Diagonal, AfterValidator(_nonzero)] = _shared(1.0, "1", "gain of zeta in s, eq. (14)")
-    A: Annotated[Diagonal, AfterValidator(_not_positive)] = _shared(-100.0, "1/s", "pole of zeta, eq. (15)")
+    F_2: _NonzeroDiagonal = _shared(1.0, "1", "gain of zeta in s, eq. (14)")
+    A: _NegativeDiagonal = _shared(-100.0, "1/s", "pole of zeta, eq. (15)")
 
     integral: bool = _shared(False, "-", "true: s is M_d^-1 times the integral of eq. (6): A is 0, and s(0) is 0")
 
@@ -100,8 +105,9 @@ class Controller:
             valid = _adapter(kind).validate_python(given)
         except ValidationError as error:
             raise InputError(faults_of(error, "controller"), place) from None
-        except (NameError, TypeError, PydanticSchemaGenerationError) as error:
-            raise InputError(f"an annotation is no type of a gain: {str(error).splitlines()[0]}", place) from None
+        except Exception as error:  # pydantic, and the evaluation of an annotation, raise many kinds
+            reason = " ".join(str(error).split("\n\n")[0].split()) or type(error).__name__
+            raise InputError(f"an annotation is not a type of a gain: {reason}", place) from None
         faults = [
             Fault(f"controller.{name}", f"{value!r}: a gain is a number, true or false, or a tuple of numbers")
             for name, value in valid.items()

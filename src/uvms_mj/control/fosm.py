@@ -1,5 +1,7 @@
 """First-order sliding mode with a boundary layer."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 from .base import Controller, NonNegative, Positive, gain

@@ -1,5 +1,7 @@
 """The generalised super-twisting algorithm."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import ClassVar

@@ -3,7 +3,7 @@
 import dataclasses
 import hashlib
 import importlib.util
-import inspect
+import os
 import sys
 import traceback
 from collections.abc import Mapping
@@ -13,6 +13,7 @@ from typing import Any
 
 from ..faults import Fault, InputError, suggestion
 from .base import Controller
+from .contract import check_contract
 from .fosm import Fosm
 from .gsta import Gsta
 from .ideal import Ideal
@@ -20,10 +21,6 @@ from .impedance import Impedance
 from .sta import Sta
 
 BUILT_IN: dict[str, type[Controller]] = {cls.name: cls for cls in (Impedance, Fosm, Gsta, Sta, Ideal)}
-
-
-_MOST_STATES = 10_000
-_ARGUMENTS = ("gains", "state", "signals", "state_dot", "tau_cmd")
 
 
 def load_controller(table: Mapping[str, Any], known: type[Controller] | None = None) -> Controller:
@@ -56,7 +53,9 @@ def load_controller(table: Mapping[str, Any], known: type[Controller] | None = N
         controller = cls(**{key: value for key, value in gains.items() if key in choices})
     except InputError as error:
         raise InputError([*faults, *error.faults]) from None
-    except Exception as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # of a user's __post_init__, which may raise SystemExit
         raise InputError([*faults, Fault("controller", f"{cls.label()}: {type(error).__name__}: {error}")]) from error
     if faults:
         raise InputError(faults)
@@ -88,30 +87,7 @@ def controller_class(source: Any) -> type[Controller]:
         there = f"its laws are {', '.join(sorted(laws))}" if laws else "it has no class derived from Controller"
         raise InputError([Fault("controller.name", f"no law {class_name!r} in {file}; {there}")])
     cls = laws[class_name]
-    if "law" not in cls.__dict__ and all("law" not in base.__dict__ for base in cls.__mro__[1:-2]):
-        raise InputError([Fault("controller.name", f"{class_name} in {file} has no method 'law'")])
-    shared = {f.name for f in dataclasses.fields(Controller)}
-    taken = [f.name for f in dataclasses.fields(cls) if hasattr(Controller, f.name) and f.name not in shared]
-    if taken:
-        wrong = f"{class_name} in {file}: {taken[0]!r} is an attribute of every law; give the gain another name"
-        raise InputError([Fault("controller.name", wrong)])
-    if "__dataclass_fields__" not in cls.__dict__:
-        raise InputError(
-            [Fault("controller.name", f"{class_name} in {file} must be decorated with @dataclass(frozen=True)")]
-        )
-    wanted = f"{class_name} in {file}: states must be names with sizes from 1 to {_MOST_STATES}, as in {{'xi': 6}}"
-    if not isinstance(cls.states, Mapping):
-        raise InputError([Fault("controller.name", f"{wanted}; {cls.states!r} is not")])
-    for name, size in cls.states.items():
-        if not (str(name).isidentifier() and type(size) is int and 0 < size <= _MOST_STATES):
-            raise InputError([Fault("controller.name", f"{wanted}; {name!r}: {size!r} is not")])
-    if not isinstance(inspect.getattr_static(cls, "law"), staticmethod):
-        raise InputError([Fault("controller.name", f"{class_name}.law in {file} must be a @staticmethod")])
-    try:
-        inspect.signature(cls.law).bind(*_ARGUMENTS)
-    except TypeError:
-        wrong = f"{class_name}.law in {file} must take ({', '.join(_ARGUMENTS)})"
-        raise InputError([Fault("controller.name", wrong)]) from None
+    check_contract(cls, file)
     return cls
 
 
@@ -143,16 +119,23 @@ def _load(path: Path) -> ModuleType:
         sys.path.insert(0, str(path.parent))
     # Python's own byte-code cache takes two edits within a second for one
     before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
+    # what numba compiles at once, as numba.guvectorize does, is to check its indices
+    bounds, os.environ["NUMBA_BOUNDSCHECK"] = os.environ.get("NUMBA_BOUNDSCHECK"), "1"
     try:
         spec.loader.exec_module(module)
-    except (Exception, SystemExit) as error:
+    except BaseException as error:  # a file may raise SystemExit, or an exception of its own kind
         del sys.modules[name]
+        if isinstance(error, KeyboardInterrupt):
+            raise
         frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
         line = frames[-1].lineno if frames else getattr(error, "lineno", None)
         where = f"{path.name}, line {line}" if line else path.name
         raise InputError([Fault("controller.name", f"{where}: {type(error).__name__}: {error}")]) from error
     finally:
         sys.dont_write_bytecode = before
+        del os.environ["NUMBA_BOUNDSCHECK"]
+        if bounds is not None:
+            os.environ["NUMBA_BOUNDSCHECK"] = bounds
     return module
 
 

@@ -1,5 +1,7 @@
 """The closed loop of one vehicle, prepared in Python and run by the callback."""
 
+import functools
+import time
 from collections.abc import Mapping
 
 import mujoco
@@ -14,11 +16,14 @@ from ..scenario import Scenario
 from ..sections import Estimates
 from ..signals import FINAL_WINDOW_S, OWN_UNIT, RECORDED, Signal, thruster_signal
 from ..vehicle import Vehicle
+from .arena import Arena
 from .attachment import Attachment
 from .callback import entry_points
 from .compilation import NotCompiled
-from .laws import compile_law
+from .laws import RAISED, compile_law
 from .layouts import FAULT_COMMAND, FAULT_LAW, FAULT_STATE, LOOP, ROW_SIZE, SIGNALS, SIGNALS_AND_TRUTH
+from .memory import stopped
+from .plain_law import PlainLaw
 
 SPEED_BOUND = (100.0,) * 3 + (200.0,) * 3
 """A vehicle faster than this [m/s, rad/s] is no vehicle any more."""
@@ -26,6 +31,8 @@ POSITION_BOUND = 1e4
 """Nor one this far from where it began, along any axis [m]."""
 TAU_BOUND = 1e7
 """Nor a command of this size [N, N m]."""
+SEARCH_S = 0.25
+"""Wall time from one search of a law's margins to the next, which takes some milliseconds [s]."""
 DEFAULT_EPSILON = 1e-3
 """Width of the boundary layer for laws that have none of their own: the paper's."""
 
@@ -134,17 +141,13 @@ class ClosedLoop:
         self._memory = memory
         for name, array in memory.items():
             self._loop[name] = array.ctypes.data
-        # a law of the user's may write on what it is given; s, zeta and the estimates are the loop's own
-        self._given = np.zeros(1, SIGNALS_AND_TRUTH if self.controller.uses_truth else SIGNALS)
-        if has_built_in_law(self.controller):
-            self._loop["given_at"] = self._loop["signals"].ctypes.data
-        else:
-            self._loop["given_at"], self._loop["copied"] = self._given.ctypes.data, self._given.itemsize // 8
-            self._loop["tau_cmd"] = np.nan  # what a law leaves out shows
         base = self._loop.ctypes.data
         for name in ("signals", "tau_cmd", "row"):
             self._loop[f"{name}_at"] = self._loop[name].ctypes.data
         self._law, self.not_compiled = None, ""
+        self._guarded, self._searched = not has_built_in_law(self.controller), time.monotonic()
+        if self._guarded:
+            self._loop["gains_at"] = self._arena.address
         try:
             self._law = compile_law(self.controller)
             self._loop["law_at"] = self._law.address
@@ -172,6 +175,14 @@ class ClosedLoop:
         assert set(values) == set(COEFFICIENTS.names or ())
         for name, value in values.items():
             self._loop[record][name] = value
+
+    @functools.cached_property
+    def _arena(self) -> Arena:
+        return Arena(self._gains, self._state, SIGNALS_AND_TRUTH if self.controller.uses_truth else SIGNALS)
+
+    @functools.cached_property
+    def _plain_law(self) -> PlainLaw:
+        return PlainLaw(self.controller, self._arena)
 
     @property
     def compiled(self) -> bool:
@@ -214,19 +225,44 @@ class ClosedLoop:
         return bool(entry_points().sense.ctypes(self._context.ctypes.data))
 
     def call_law(self) -> None:
-        """Run the law as plain Python on the sensed signals; whatever it raises comes through."""
-        assert LOOP.fields is not None
-        start, given = LOOP.fields["signals"][1], self._given.view(np.uint8)
-        given[:] = self._loop.view(np.uint8)[start : start + len(given)]
-        gains, state, state_dot, signals = (
-            record.view(np.recarray)[0] for record in (self._gains, self._state, self._state_dot, self._given)
-        )
-        type(self.controller).law(gains, state, signals, state_dot, self._loop["tau_cmd"][0])
+        """Run the law as plain Python on the sensed signals.
 
-    @property
-    def law_raised(self) -> bool:
-        """Whether the run stopped because the compiled law raised."""
-        return bool(self._loop["fault"][0] == FAULT_LAW)
+        Raises:
+            LawFault: it raised, or did what it may not.
+        """
+        self._fill_arena()
+        self._plain_law()
+        made = self._arena.arrays
+        self._loop["tau_cmd"][0] = made["tau_cmd"]
+        self._state[:], self._state_dot[:] = made["state"], made["state_dot"]
+
+    def _fill_arena(self) -> None:
+        assert LOOP.fields is not None
+        start, size = LOOP.fields["signals"][1], self._arena.sizes["signals"]
+        self._arena.fill(self._loop.view(np.uint8)[start : start + size], self._state)
+
+    def check_law(self, last: bool = False) -> None:
+        """To be called between chunks, and with ``last`` behind the last of them.
+
+        Raises:
+            LawFault: the law raised or did what it may not.
+            KeyboardInterrupt: a signal came while the law was in a loop.
+        """
+        stopped_it = self._loop["fault"][0] == FAULT_LAW
+        now = time.monotonic()
+        if self._guarded and (stopped_it or last or now - self._searched > SEARCH_S):
+            self._searched = now
+            fault = self._arena.overrun()
+            if fault:
+                raise self._plain_law.fault(fault)
+        if stopped_it:
+            if stopped[0]:
+                stopped[0] = 0
+                raise KeyboardInterrupt
+            fault = self._arena.fault() if self._loop["fault_index"][0] != RAISED else ""
+            self._arena.reset()
+            self._fill_arena()
+            raise self._plain_law.explain(fault)
 
     @property
     def fault(self) -> str:
@@ -241,8 +277,6 @@ class ClosedLoop:
         if loop["fault"] == FAULT_COMMAND:
             unit = "N" if i < 3 else "N m"
             what = f"beyond {TAU_BOUND:g} {unit}" if np.isfinite(value) else "not a finite number"
-            if not np.isfinite(value) and loop["step"] == 0:
-                what += "; a law sets all six numbers of tau_cmd, and what it returns is not looked at"
             return f"tau_cmd[{i}] = {value:.6g} {unit}, {what}"
         return ""
 

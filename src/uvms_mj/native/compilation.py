@@ -39,8 +39,11 @@ _CORE = (
     "frames.py",
     "hydrodynamics.py",
     "kernels.py",
+    "native/arena.py",
     "native/callback.py",
+    "native/checked_arrays.py",
     "native/compilation.py",
+    "native/guarded.py",
     "native/intrinsics.py",
     "native/laws.py",
     "native/layouts.py",
@@ -79,6 +82,7 @@ def native_function(
     parts: Iterable[bytes] = (),
     prepare: Callable[[], Callable] | None = None,
     self_contained: bool = True,
+    law: bool = False,
 ) -> NativeFunction:
     """A C function of 64-bit integers from a Python function, loaded from disk or compiled.
 
@@ -89,6 +93,7 @@ def native_function(
         parts: what the machine code depends on besides the core's sources.
         prepare: makes the function that is compiled in place of ``function``; called only if it has to be.
         self_contained: it neither raises nor allocates, so that it runs without numba's runtime.
+        law: indices and shapes are checked in all that is compiled.
 
     Raises:
         NotCompiled: numba can't compile it.
@@ -97,24 +102,26 @@ def native_function(
     with _lock:
         loaded = _load(name, self_contained)
         if loaded is None:
-            loaded = _compile(prepare() if prepare else function, arguments, returns, name)
+            loaded = _compile(prepare() if prepare else function, arguments, returns, name, law)
     result = ctypes.c_int64 if returns else None
     return NativeFunction(loaded, ctypes.CFUNCTYPE(result, *[ctypes.c_int64] * arguments)(loaded))
 
 
-def _compile(function: Callable, arguments: int, returns: bool, name: str) -> int:
+def _compile(function: Callable, arguments: int, returns: bool, name: str, law: bool) -> int:
     """Compile, keep the object on disk, return the address."""
     import numba
     from numba import types
 
     from . import intrinsics
+    from .guarded import guarded
 
     intrinsics.register()
     for each in kernels:
         _make_compilable(each)
     signature = (types.int64 if returns else types.void)(*[types.int64] * arguments)
     try:
-        compiled: Any = numba.cfunc(signature, error_model="numpy")(function)
+        with guarded(law):
+            compiled: Any = numba.cfunc(signature, error_model="numpy")(function)
         library = compiled._library
         code = library.serialize_using_object_code()[2][0]
     except Exception as error:  # numba raises more kinds than its own when it meets what it doesn't know

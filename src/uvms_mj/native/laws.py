@@ -8,20 +8,30 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..control.base import Controller
-from ..control.loader import BUILT_IN
+from ..control.contract import law_function
+from ..control.loader import has_built_in_law
+from .arena import NEAR, PATTERN, REGIONS, offsets
 from .compilation import NativeFunction, native_function
 from .layouts import SIGNALS, SIGNALS_AND_TRUTH
+from .memory import floats, integers
 from .sources import global_values, source_files
 
-if TYPE_CHECKING:  # names of the template below, set for each law
+if TYPE_CHECKING:  # names of the templates below, set for each law
     carray: Any = None
     pointer: Any = None
     GAINS: Any = None
     STATE: Any = None
+    N_GAINS, N_SIGNALS, N_STATE = 0, 0, 0  # numbers
+    OWN_GAINS, GAINS_, SIGNALS_, STATE_, STATE_DOT_, TAU_CMD_ = 0, 0, 0, 0, 0, 0  # places in the arena
+    ENDS: Any = ()
+    call: Any = None
     law: Any = None
 
+RETURNED, RAISED, OVERRAN, CHANGED_GAINS, NOT_FINITE = range(5)
+"""What a law did, as its machine code reports it."""
 
-def _law(gains_at, state_at, signals_at, state_dot_at, tau_cmd_at):
+
+def _call(gains_at, state_at, signals_at, state_dot_at, tau_cmd_at):
     gains = carray(pointer(gains_at), (1,), GAINS)[0]
     state = carray(pointer(state_at), (1,), STATE)[0]
     state_dot = carray(pointer(state_dot_at), (1,), STATE)[0]
@@ -30,24 +40,61 @@ def _law(gains_at, state_at, signals_at, state_dot_at, tau_cmd_at):
     try:
         law(gains, state, signals, state_dot, tau_cmd)
     except Exception:  # the one kind that numba can catch; the law is then run again as plain Python for the details
-        return 1
-    return 0
+        return RAISED
+    return RETURNED
+
+
+def _call_in_arena(arena_at, state_at, signals_at, state_dot_at, tau_cmd_at):
+    state, state_dot, tau_cmd = floats(state_at, N_STATE), floats(state_dot_at, N_STATE), floats(tau_cmd_at, 6)
+    its_state, its_state_dot = floats(arena_at + STATE_, N_STATE), floats(arena_at + STATE_DOT_, N_STATE)
+    its_tau_cmd = floats(arena_at + TAU_CMD_, 6)
+    signals, its_signals = floats(signals_at, N_SIGNALS), floats(arena_at + SIGNALS_, N_SIGNALS)
+    for i in range(N_SIGNALS):
+        its_signals[i] = signals[i]
+    for i in range(N_STATE):
+        its_state[i] = state[i]
+    gains_at = arena_at + GAINS_
+    done = call(gains_at, arena_at + STATE_, arena_at + SIGNALS_, arena_at + STATE_DOT_, arena_at + TAU_CMD_)
+    for end in ENDS:
+        near = integers(arena_at + end, NEAR)
+        for i in range(NEAR):
+            if near[i] != PATTERN:
+                return OVERRAN
+    gains, own_gains = integers(gains_at, N_GAINS), integers(arena_at + OWN_GAINS, N_GAINS)
+    for i in range(N_GAINS):
+        if gains[i] != own_gains[i]:
+            return CHANGED_GAINS
+    if done != RETURNED:
+        return done
+    odd = 0.0  # becomes NaN with the first number that is not finite
+    for i in range(N_STATE):
+        odd += 0.0 * its_state[i] + 0.0 * its_state_dot[i]
+    for i in range(6):
+        odd += 0.0 * its_tau_cmd[i]
+    if odd != 0.0:
+        return NOT_FINITE
+    for i in range(N_STATE):
+        state[i] = its_state[i]
+        state_dot[i] = its_state_dot[i]
+    for i in range(6):
+        tau_cmd[i] = its_tau_cmd[i]
+    return RETURNED
 
 
 def compile_law(controller: Controller) -> NativeFunction:
-    """The law as a function of five addresses (gains, state, signals, state_dot, tau_cmd) that returns 0, or 1 if the
-    law raised.
+    """The law as a function of five addresses (gains, state, signals, state_dot, tau_cmd) that returns 0, or another
+    number if the law did what it may not.
 
-    Array bounds are checked and a division by zero raises, so that a mistake in a law is an exception and not a wild
-    number.
+    A user's law gets the address of its arena for the gains' one. In it and in all that it calls, indices and shapes
+    are checked and a division by zero raises, so that a mistake is an exception and not a wild number.
 
     Raises:
         NotCompiled: numba can't compile it.
     """
-    law = type(controller).law
+    law, guarded = law_function(type(controller)), not has_built_in_law(controller)
     gains, state = controller.record().dtype, type(controller).state_record().dtype
     signals = SIGNALS_AND_TRUTH if controller.uses_truth else SIGNALS
-    layout = (law.__qualname__, gains.descr, state.descr, signals.descr)
+    layout = (law.__qualname__, gains.descr, state.descr, signals.descr, guarded)
     parts = [repr(layout).encode(), law.__code__.co_code]
     module = inspect.getmodule(law)
     if module is not None and getattr(module, "__file__", None):
@@ -58,6 +105,7 @@ def compile_law(controller: Controller) -> NativeFunction:
     def prepare():
         import numba
 
+        from .guarded import guarded_function
         from .intrinsics import pointer
 
         names = {
@@ -67,11 +115,30 @@ def compile_law(controller: Controller) -> NativeFunction:
             "GAINS": gains,
             "STATE": state,
             "SIGNALS": signals,
-            "law": numba.njit(boundscheck=True, error_model="python")(law),
+            "RAISED": RAISED,
+            "RETURNED": RETURNED,
+            "law": (guarded_function if guarded else numba.njit)(law, error_model="python"),
             "__name__": __name__,
         }
-        return types.FunctionType(_law.__code__, names, _law.__name__)
+        call = types.FunctionType(_call.__code__, names, _call.__name__)
+        if not guarded:
+            return call
+        names = _places(gains.itemsize, state.itemsize, signals.itemsize) | {"call": numba.njit(call)}
+        return types.FunctionType(_call_in_arena.__code__, globals() | names, _call_in_arena.__name__)
 
     # a law of ours neither raises nor allocates; a user's may do both
-    self_contained = type(controller) in BUILT_IN.values()
-    return native_function(_law, 5, True, parts=parts, prepare=prepare, self_contained=self_contained)
+    return native_function(_call, 5, True, parts=parts, prepare=prepare, self_contained=not guarded, law=guarded)
+
+
+def _places(gains: int, state: int, signals: int) -> dict[str, Any]:
+    """The constants of :func:`_call_in_arena`, from the sizes of the records [bytes]."""
+    sizes = {"gains": gains, "signals": signals, "state": state, "state_dot": state, "tau_cmd": 48}
+    at = offsets(sizes)
+    return {
+        "N_GAINS": gains // 8,
+        "N_SIGNALS": signals // 8,
+        "N_STATE": state // 8,
+        "ENDS": tuple(end for name in REGIONS for end in (at[name] - 8 * NEAR, at[name] + sizes[name])),
+        "OWN_GAINS": at["own_gains"],
+        **{f"{name.upper()}_": at[name] for name in REGIONS},
+    }

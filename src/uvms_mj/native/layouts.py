@@ -83,13 +83,11 @@ LOOP = np.dtype(
         ("u_at", "i8"),
         ("saturated", "i8"),  # whether a thruster is at its limit
         # the law
-        ("gains_at", "i8"),
+        ("gains_at", "i8"),  # or, of a user's law, its arena
         ("state_at", "i8"),
         ("state_dot_at", "i8"),
         ("states", "i8"),
         ("signals_at", "i8"),
-        ("given_at", "i8"),  # record given to the law: signals, or a copy that it may overwrite
-        ("copied", "i8"),  # number of values to copy
         ("tau_cmd_at", "i8"),
         ("signals", SIGNALS),
         ("truth", TRUE_SIGNALS),  # directly after signals

@@ -154,12 +154,10 @@ def check_state(loop):
 def control(loop):
     """tau_cmd from the law, checked."""
     if loop.law_at != 0:
-        signals, given = floats(loop.signals_at, loop.copied), floats(loop.given_at, loop.copied)
-        for i in range(loop.copied):
-            given[i] = signals[i]
-        raised = call_law(loop.law_at, loop.gains_at, loop.state_at, loop.given_at, loop.state_dot_at, loop.tau_cmd_at)
-        if raised != 0:
-            fail(loop, FAULT_LAW, 0, 0.0)
+        at = loop.state_dot_at
+        wrong = call_law(loop.law_at, loop.gains_at, loop.state_at, loop.signals_at, at, loop.tau_cmd_at)
+        if wrong != 0:
+            fail(loop, FAULT_LAW, wrong, 0.0)
             return
     for i in range(6):
         if not abs(loop.tau_cmd[i]) <= loop.tau_bound:

@@ -31,7 +31,11 @@ def _mujoco_library() -> ctypes.CDLL:
 _factorM = _mujoco_library().mj_factorM
 _factorM.argtypes, _factorM.restype = [ctypes.c_void_p] * 2, None
 
+stopped = np.zeros(1, dtype=np.int64)
+"""Set by the machine code of a law in whose loop a signal handler raised, as it does at Ctrl-C."""
+
 llvm.add_symbol("uvms_mj_registry", registry.ctypes.data)
+llvm.add_symbol("uvms_mj_stopped", stopped.ctypes.data)
 llvm.add_symbol("mj_factorM", ctypes.cast(_factorM, ctypes.c_void_p).value)
 
 

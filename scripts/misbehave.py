@@ -1,0 +1,80 @@
+"""Run every law of ``tests/misbehaving_laws.py`` with the command, each in a process of its own.
+
+    python scripts/misbehave.py              all of them
+    python scripts/misbehave.py gain flat    those whose names have one of these words
+
+Each must end with a sentence on standard error and its exit status: no traceback, no signal, no hang. The log, where
+one was written, must load.
+"""
+
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import click
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from misbehaving_laws import Case, cases  # type: ignore[import-not-found]
+from uvms_mj import Trace
+
+LIMIT_S = 120.0
+
+
+def trouble(case: Case) -> str:
+    """How a run with a law ended other than it has to, or nothing."""
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder, "my_law.py").write_text(case.text, encoding="utf-8")
+        command = [sys.executable, "-m", "uvms_mj", "run", "-q", "-c", "my_law.py:Law", "-o", "out"]
+        duration = "simulation.duration=0.05"
+        process = subprocess.Popen([*command, duration], cwd=folder, stdout=-1, stderr=-1, text=True)
+        log = Path(folder, "out", "run.mcap")
+        if case.endless:
+            _interrupt(process, log)
+        try:
+            _, errors = process.communicate(timeout=LIMIT_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+            return "it hangs"
+        if process.returncode != case.status:
+            return f"status {process.returncode}, not {case.status}: {errors.strip()[-500:]}"
+        if "Traceback" in errors or not errors.strip() or not re.search(case.said, errors):
+            return f"it says: {errors.strip()[-500:]}"
+        if log.exists():
+            trace = Trace.load(log)
+            if trace.status.name in ("completed", "truncated") or (len(trace) == 0 and trace.steps > 10):
+                return f"its log: {trace.status.name}, {len(trace)} rows"
+        return ""
+
+
+def _interrupt(process: subprocess.Popen, log: Path) -> None:
+    """Ctrl-C once the run has begun and its law has come to its loop."""
+    end = time.monotonic() + LIMIT_S
+    while not log.exists() and process.poll() is None and time.monotonic() < end:
+        time.sleep(0.1)
+    time.sleep(2.0)
+    process.send_signal(signal.SIGINT)
+
+
+@click.command(help=__doc__)
+@click.argument("words", nargs=-1)
+@click.option("--jobs", default=2, show_default=True, help="How many at a time.")
+def main(words: tuple[str, ...], jobs: int) -> None:
+    chosen = {name: case for name, case in cases().items() if not words or any(word in name for word in words)}
+    wrong = 0
+    with ThreadPoolExecutor(jobs) as pool:
+        for name, found in zip(chosen, pool.map(trouble, chosen.values()), strict=True):
+            wrong += bool(found)
+            click.echo(f"{name}: {found or 'ok'}")
+    click.echo(f"{len(chosen)} laws, {wrong} end otherwise than with their sentence and status")
+    sys.exit(1 if wrong else 0)
+
+
+if __name__ == "__main__":
+    main()

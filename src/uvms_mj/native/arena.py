@@ -1,0 +1,135 @@
+"""The memory that a user's law works on: copies in an arena of its own, each with a guarded margin on either side.
+
+The loop's own records are out of reach: a write that misses an array by up to a megabyte lands in a margin. A margin is
+filled with one NaN, so that a number read from there shows in whatever is computed from it.
+"""
+
+import math
+import mmap
+from collections.abc import Mapping
+
+import numpy as np
+
+MARGIN = (1 << 20) + 4096
+"""Bytes between one array and the middle of the gap to the next."""
+PATTERN = 0x7FF8DECADE0FACED
+"""What fills the margins: a quiet NaN of no other origin."""
+NEAR = 8
+"""Numbers on either side of an array that are looked at after each call of a compiled law."""
+REGIONS = ("gains", "signals", "state", "state_dot", "tau_cmd")
+
+
+def offsets(sizes: Mapping[str, int]) -> dict[str, int]:
+    """Where each array begins [bytes], from their sizes [bytes]; then ``own_gains``, the gains to compare with, and
+    ``end``."""
+    found, place = {}, 0
+    for name in REGIONS:
+        found[name] = place + MARGIN
+        place = found[name] + sizes[name] + MARGIN
+    return found | {"own_gains": place, "end": place + sizes["gains"]}
+
+
+class Arena:
+    """Gains, signals, states, their derivatives and tau_cmd, as a law gets them.
+
+    Args:
+        gains: the gains' record (1,).
+        state: the states' record (1,).
+        signals: the type of the record of signals.
+    """
+
+    def __init__(self, gains: np.ndarray, state: np.ndarray, signals: np.dtype) -> None:
+        kinds = {"gains": gains.dtype, "signals": signals, "state": state.dtype, "state_dot": state.dtype}
+        self.sizes = {name: kind.itemsize for name, kind in kinds.items()} | {"tau_cmd": 48}
+        self.offsets = offsets(self.sizes)
+        memory = mmap.mmap(-1, self.offsets["end"])
+        self._words = np.frombuffer(memory, np.int64)
+        self._words[:] = PATTERN
+        self.arrays = {name: np.ndarray(1, kind, memory, self.offsets[name]) for name, kind in kinds.items()}
+        self.arrays["tau_cmd"] = self._part("tau_cmd").view(float)  # unset: a law that leaves an entry out is found
+        self._own_gains = self._words[self.offsets["own_gains"] // 8 :].view(gains.dtype)
+        self.arrays["gains"][:] = self._own_gains[:] = gains
+        for name in ("signals", "state", "state_dot"):
+            self._part(name)[:] = 0
+
+    @property
+    def address(self) -> int:
+        """Of its first byte."""
+        return int(self._words.ctypes.data)
+
+    def fill(self, signals: np.ndarray, state: np.ndarray) -> None:
+        """Put in what a law is given at an instant.
+
+        Args:
+            signals: as bytes.
+            state: the states' record (1,).
+        """
+        self._part("signals")[:] = signals.view(np.int64)
+        self.arrays["state"][:] = state
+
+    def reset(self) -> None:
+        """As before the first call, but for tau_cmd, which is zero."""
+        self.arrays["gains"][:] = self._own_gains
+        self._part("state_dot")[:] = self._part("tau_cmd")[:] = 0
+
+    def _part(self, name: str) -> np.ndarray:
+        start = self.offsets[name] // 8
+        return self._words[start : start + self.sizes[name] // 8]
+
+    def fault(self) -> str:
+        """What a law has done that it may not, as the end of a sentence that begins with the law; else empty."""
+        return self.overrun() or self.changed_gain() or self.not_finite()
+
+    def overrun(self) -> str:
+        """Which array was overrun, in which direction and how far."""
+        for name in REGIONS:
+            start, end = self.offsets[name] // 8, (self.offsets[name] + self.sizes[name]) // 8
+            margin = MARGIN // 8
+            before = np.flatnonzero(self._words[start - margin : start] != PATTERN)
+            behind = np.flatnonzero(self._words[end : end + margin] != PATTERN)
+            if len(before):
+                return _overrun(self._called(name, 0), len(before), 8 * (margin - before[0]), "before the beginning")
+            if len(behind):
+                return _overrun(self._called(name, -1), len(behind), 8 * (behind[-1] + 1), "beyond the end")
+        return ""
+
+    def _called(self, name: str, field: int) -> str:
+        """The array in a law's words: the first or the last of a record's."""
+        names = self.arrays[name].dtype.names
+        return f"{name}.{names[field]}" if names and self.sizes[name] else name
+
+    def changed_gain(self) -> str:
+        """Which gain is no longer what it was."""
+        for name in self._own_gains.dtype.names or ():
+            now, was = self.arrays["gains"][name][0], self._own_gains[name][0]
+            if np.asarray(now).tobytes() != np.asarray(was).tobytes():
+                return f"changed its gain {name} from {_shown(was)} to {_shown(now)}; gains are constants of a run"
+        return ""
+
+    def not_finite(self) -> str:
+        """The first number of tau_cmd, of a state or of its derivative that is not finite, or was never set."""
+        tau_cmd = self.arrays["tau_cmd"]
+        for i in range(6):
+            if not math.isfinite(tau_cmd[i]):
+                if tau_cmd.view(np.int64)[i] == PATTERN:
+                    return f"left tau_cmd[{i}] unset: a law must fill all six entries of tau_cmd; {_IGNORED}"
+                return f"set tau_cmd[{i}] to {tau_cmd[i]}"
+        for record in ("state_dot", "state"):
+            for name in self.arrays[record].dtype.names or ():
+                for i, value in enumerate(self.arrays[record][name][0]):
+                    if not math.isfinite(value):
+                        verb = "set" if record == "state_dot" else "let"
+                        return f"{verb} {record}.{name}[{i}] {'to' if verb == 'set' else 'become'} {value}"
+        return ""
+
+
+_IGNORED = "its return value is ignored"
+
+
+def _overrun(array: str, count: int, reach: int, side: str) -> str:
+    numbers = "1 number" if count == 1 else f"{count} numbers"
+    return f"wrote {numbers} {side} of {array}, as far as {reach} bytes from it"
+
+
+def _shown(value: np.ndarray) -> str:
+    return str(np.asarray(value).tolist())

@@ -1,0 +1,166 @@
+"""Laws that misbehave: each ends with a sentence that names it, and nothing of the run is harmed.
+
+Here a few of each kind, most of them in this process; ``scripts/misbehave.py`` runs all, each in a process of its own.
+"""
+
+import re
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from misbehaving_laws import LATE, SET, cases, law
+from uvms_mj import Gsta, InputError, LawError, McapLog, Scenario, Trace, simulate
+from uvms_mj.native.arena import MARGIN, Arena
+from uvms_mj.native.layouts import SIGNALS
+from uvms_mj.recording import Status
+from uvms_mj.simulation import PlainPythonWarning
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
+from misbehave import trouble
+
+ALL = cases()
+HERE = [
+    "overruns: tau_cmd[131071]",
+    "overruns: state.xi[-131000]",
+    "overruns: gains.A[7]",
+    "helpers: put(state.xi, 100)",
+    "helpers: compiled at once",
+    "shapes: tau_cmd += np.ones(7)",
+    "shapes: tau_cmd -= np.ones(7)",
+    "shapes: tau_cmd += np.ones((2, 6))",
+    "shapes: np.add(signals.s, np.ones(7), tau_cmd)",
+    "flats: tau_cmd.flat[45] = 0.0",
+    "flats: signals.M_hat.T.flat[36] = 0.0",
+    "numbers: unused state",
+    "numbers: numpy root",
+    "numbers: solve",
+    "numbers: returned",
+    "numbers: gain",
+    "exceptions: raise Base('x')",
+    "exceptions: raise Odd",
+    "exceptions: compiled recursion",
+    "memory: np.zeros(1 << 45)",
+    *(name for name in ALL if name.startswith("declarations: ")),
+    *(name for name in ALL if name.startswith("files: ")),
+]
+APART = ["exceptions: exit", "numbers: too large", "endless: while", "endless: helper", "endless: plain Python"]
+
+
+def scenario(tmp_path, text, name="my_law.py"):
+    (tmp_path / name).write_text(text)
+    return Scenario.load("push_wall", {"simulation.duration": 0.05}, f"{tmp_path / name}:Law")
+
+
+@pytest.mark.parametrize("name", HERE)
+@pytest.mark.filterwarnings("ignore::uvms_mj.simulation.PlainPythonWarning")
+def test_a_law_that_misbehaves_is_named_with_what_it_did(tmp_path, name):
+    case, log = ALL[name], tmp_path / "run.mcap"
+    with pytest.raises((InputError, LawError)) as caught:
+        simulate(scenario(tmp_path, case.text), sinks=[McapLog(log)])
+    assert re.search(case.said, str(caught.value))
+    if isinstance(caught.value, LawError):
+        assert caught.value.trace.status is Status.failed
+        trace = Trace.load(log)
+        assert trace.status is Status.failed
+        assert trace.message == str(caught.value)
+        quiet = simulate(scenario(tmp_path, law(SET), "quiet.py"))
+        for each in ("p_WB", "nu", "tau", "tau_cmd"):  # what was recorded is what a law without the mistake gives
+            assert np.array_equal(trace[each], quiet[each][: len(trace)]), each
+
+
+@pytest.mark.parametrize("name", APART)
+def test_a_process_ends_with_a_sentence_and_a_status(name):
+    assert trouble(ALL[name]) == ""
+
+
+EVERYWHERE = [
+    "tau_cmd += np.ones({n})",
+    "tau_cmd -= np.ones(({n}, 6))",
+    "tau_cmd *= np.ones((1, {n}))",
+    "signals.M_hat += np.ones({n})",
+    "signals.M_hat /= np.ones(({n}, 1))",
+    "np.add(np.ones({n}), 1.0, tau_cmd)",
+    "np.sqrt(np.ones({n}), tau_cmd)",
+    "tau_cmd[:] = np.ones({n})",
+    "tau_cmd[1:3] = np.ones({n})",
+    "signals.M_hat[:, 1] = np.ones({n})",
+    "tau_cmd.flat[{n}] = 1.0",
+    "tau_cmd.flat[-{n}] = 1.0",
+    "signals.M_hat.T.flat[{n} * {n}] = 1.0",
+    "tau_cmd[np.array([0, {n}])] = 1.0",
+    "state.xi[{n} - 1] = 1.0",
+]
+
+
+@pytest.mark.parametrize("statement", EVERYWHERE)
+def test_compiled_code_raises_where_numpy_does_and_nowhere_else(tmp_path, statement):
+    """Operands of 1, 5, 6 and 7 numbers: compiled, and as the plain Python that it stands for."""
+    space = {"np": np}
+    exec(f"def plain(tau_cmd, signals, state):\n    {statement.format(n='n')}".replace("plain(", "plain(n, "), space)
+
+    class Record:
+        M_hat, xi = np.eye(6), np.zeros(6)
+
+    body = f"{SET}n = int(gains.k)\n{statement.format(n='n')}"
+    raised = {}
+    for n in (1, 5, 6, 7):
+        try:
+            space["plain"](n, np.ones(6), Record, Record)
+            plain = False
+        except (ValueError, IndexError):
+            plain = True
+        case = scenario(tmp_path, law(body)).updated({"controller.k": float(n), "simulation.duration": 1e-3})
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", PlainPythonWarning)
+            try:
+                simulate(case)
+                compiled = False
+            except LawError:
+                compiled = True
+        raised[n] = (plain, compiled)
+    assert all(plain == compiled for plain, compiled in raised.values()), raised
+
+
+@pytest.mark.parametrize("name", ["gains", "signals", "state", "state_dot", "tau_cmd"])
+@pytest.mark.parametrize("places", [(0,), (0, 1, 5), (100_000,), (131_071,)])
+@pytest.mark.parametrize("before", [True, False])
+def test_an_overrun_is_measured(name, places, before):
+    """Zeros count: whatever a margin is filled with is not a number that a law writes."""
+    gains = Gsta()
+    arena = Arena(gains.record(), gains.state_record(), SIGNALS)
+    assert arena.overrun() == ""
+    start = arena.offsets[name] // 8
+    first = start - 1 if before else start + arena.sizes[name] // 8
+    for place in places:
+        arena._words[first - place if before else first + place] = 0
+    said = arena.overrun()
+    assert name in said
+    assert f"{len(places)} number" in said
+    assert f"as far as {8 * (max(places) + 1)} bytes" in said
+    assert ("before the beginning" in said) == before
+    assert MARGIN >= 8 * 131_072
+
+
+def test_a_law_may_write_on_its_signals_and_set_its_states(tmp_path):
+    """As to reset an integrator: what it sets is where its state goes on from."""
+    reset = law(f"{SET}signals.s[:] = 9.0\nstate_dot.xi[:] = 1.0\nif signals.t == 0.02:\n    state.xi[:] = 0.0")
+    trace = simulate(scenario(tmp_path, reset))
+    assert np.allclose(trace.xi[-1], 0.03, atol=1e-9)
+    assert np.abs(trace.s).max() < 9.0
+
+
+def test_a_number_from_beyond_an_array_is_not_one(tmp_path):
+    """What is read from a margin shows in what is computed from it."""
+    with pytest.raises(LawError, match="set tau_cmd"):
+        simulate(scenario(tmp_path, law(f"{LATE}tau_cmd[0] = as_strided(tau_cmd, (100,), (8,))[70]")))
+
+
+def test_a_law_marked_with_njit_is_a_law(tmp_path):
+    text = law(SET)
+    marked = scenario(tmp_path, text.replace("@staticmethod", "@staticmethod\n    @numba.njit"), "marked.py")
+    ours, theirs = simulate(scenario(tmp_path, text)), simulate(marked)
+    assert theirs.notes == ()
+    assert np.array_equal(ours.p_WB, theirs.p_WB)
