@@ -8,6 +8,7 @@ from .control import Fosm, Gsta, Ideal, Impedance, Sta
 from .control.loader import has_built_in_law
 from .design import Design
 from .faults import Fault, InputError
+from .ranges import aliased, wall_too_stiff
 from .scenario import Scenario
 from .vehicle import Vehicle
 
@@ -29,15 +30,7 @@ def check(scenario: Scenario, vehicle: Vehicle, design: Design) -> list[str]:
     if scenario.controller.uses_truth and not has_built_in_law(scenario.controller):
         faults.append(Fault("controller.uses_truth", "is for the yardstick, ideal, alone"))
     m = design.along_normal(design.M)
-    limit = (np.sqrt(wall.damping**2 + 4.0 * wall.stiffness * m) - wall.damping) / wall.stiffness
-    if h >= limit:  # h^2 k/m + 2 h b/m < 4
-        faults.append(
-            Fault(
-                "simulation.timestep",
-                f"{h:g} s is beyond the wall's stability limit, {limit:.4g} s for {wall.stiffness:g} N/m, "
-                f"{wall.damping:g} N s/m and {m:.4g} kg: take a smaller step or a softer wall",
-            )
-        )
+    faults += wall_too_stiff(wall, h, m) + aliased(scenario)
     period = scenario.controller.period
     if period is not None and (round(period / h) < 1 or abs(period / h - round(period / h)) > 1e-6):
         n = max(1, int(period / h))

@@ -78,8 +78,8 @@ class Scenario:
         """
         path = _scenario_path(scenario)
         try:
-            tables = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            tables = parsed_toml(_text(path))
+        except (OSError, ValueError) as error:
             raise InputError(f"{path}: not a scenario in TOML: {error}") from None
         tables.setdefault("name", path.stem)
         return cls.from_dict(tables, overrides, controller, folder=path.parent, place=str(scenario))
@@ -154,6 +154,38 @@ _KEYS: dict[str, list[str]] = (
     | {name: [f.name for f in dataclasses.fields(table)] for name, table in _TABLES.items()}
     | {"reference.waypoints": ["time", "position"]}
 )
+
+
+_MOST_BYTES = 1_000_000
+"""A scenario with every key written out has 2 kB."""
+_WORD = r"""(?:"[^"\n]*"|'[^'\n]*'|(?<![\w-])[\w-]++)"""
+_LONG_KEY = re.compile(rf"{_WORD}(?:[ \t]*+\.[ \t]*+{_WORD}){{50}}")
+"""No scenario has a key of fifty words. tomllib takes the square of a dotted key's length, minutes for 100 kB of it."""
+
+
+def parsed_toml(text: str) -> dict[str, Any]:
+    """Tables from TOML text, in bounded time.
+
+    Raises:
+        ValueError: it is not TOML, too long, or nested too deeply.
+    """
+    if len(text) > _MOST_BYTES:
+        raise ValueError(f"it has more than {_MOST_BYTES} characters")
+    if _LONG_KEY.search(text):
+        raise ValueError("a dotted key has more than fifty words")
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise ValueError("its lists or tables are nested too deeply") from None
+    except tomllib.TOMLDecodeError:
+        raise
+    except ValueError:  # Python's limit for int()
+        raise ValueError("an integer has thousands of digits") from None
+
+
+def _text(path: Path) -> str:
+    with path.open("rb") as file:
+        return file.read(_MOST_BYTES + 1).decode("utf-8-sig")
 
 
 def _scenario_path(scenario: str | os.PathLike) -> Path:
@@ -236,17 +268,26 @@ def parse_setting(text: str) -> tuple[str, Any]:
     """
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
-        raise InputError(f"--set {text!r}: must be key=value, for example --set wall.stiffness=2e4")
+        raise InputError(f"--set {_short(text)}: must be key=value, for example --set wall.stiffness=2e4")
     key, value = key.strip(), value.strip()
     try:
-        return key, tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError as error:
+        tables = parsed_toml(f"value = {value}")
+        if set(tables) != {"value"}:
+            raise InputError(f"--set {_short(text)}: must be one key and one value")
+        return key, tables["value"]
+    except InputError:
+        raise
+    except ValueError as error:
         if _BARE_POINT.fullmatch(value):
             return key, float(value)
         if value[:1] in ("[", "{", '"', "'"):
             hint = "in TOML, numbers begin with a digit, 0.28, and words stand between quotes"
-            raise InputError(f"--set {text!r}: {error}; {hint}") from None
+            raise InputError(f"--set {_short(text)}: {error}; {hint}") from None
         return key, value
+
+
+def _short(text: str) -> str:
+    return repr(text if len(text) <= 60 else text[:57] + "...")
 
 
 def keys() -> Iterable[tuple[str, Any, str]]:

@@ -21,6 +21,7 @@ from .mjcf import Mjcf
 from .native.attachment import attach
 from .native.closed_loop import ClosedLoop
 from .plant import build
+from .ranges import no_overflow
 from .recording import Header, Law, Outcome, Sink, Status, versions
 from .scenario import Scenario
 from .trace import Trace
@@ -119,11 +120,12 @@ class _Run:
             )
         self.scenario, self.row_steps, self.progress = scenario, row_steps, progress
         self.sinks, self.keep_s = sinks, np.inf if keep_s is None else keep_s
-        self.plant = build(scenario, mjcf)
-        self.notes = list(check(scenario, self.plant.vehicle, self.plant.design))
+        with no_overflow(scenario):
+            self.plant = build(scenario, mjcf)
+            self.notes = list(check(scenario, self.plant.vehicle, self.plant.design))
+            gravity = self.plant.model.opt.gravity
+            self.analytic = steady_state(scenario, self.plant.vehicle, self.plant.design, gravity)
         self.data = self.plant.initial_data(scenario)
-        gravity = self.plant.model.opt.gravity
-        self.analytic = steady_state(scenario, self.plant.vehicle, self.plant.design, gravity)
         self.blocks: deque[np.ndarray] = deque()
 
     def go(self) -> Trace:

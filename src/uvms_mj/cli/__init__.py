@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from .certify import certify
-from .common import EXIT_BAD_INPUT, EXIT_INTERRUPTED, Stop, end
+from .common import EXIT_BAD_INPUT, Stop, end, exit_interrupted
 from .compare import compare
 from .listing import controllers, keys
 from .logs import export, info, replay
@@ -25,7 +25,7 @@ class _Commands(click.Group):
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
-            end("interrupted", EXIT_INTERRUPTED)
+            end("interrupted", exit_interrupted())
         except OSError as error:
             if error.errno == errno.EPIPE:  # whoever read the output has enough
                 raise
@@ -59,6 +59,7 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a terminal that lacks a sign gets its number
             stream.reconfigure(errors="backslashreplace")
+    os.environ["MUJOCO_GL"] = "disable"  # MuJoCo draws nothing here, and looking for a display takes time
 
 
 for command in (run, paper, replay, plot, compare, info, export, certify, controllers, keys):

@@ -18,7 +18,7 @@ import click
 
 from ..console import printable
 
-EXIT_BAD_INPUT, EXIT_UNSTABLE, EXIT_INTERRUPTED = 2, 3, 130
+EXIT_BAD_INPUT, EXIT_UNSTABLE = 2, 3
 
 scenario_argument = click.argument("arguments", nargs=-1, metavar="[SCENARIO] [KEY=VALUE]...")
 set_option = click.option(
@@ -74,10 +74,12 @@ class Stop:
     _PATIENCE_S = 5.0
     _first: float | None = None
     """When the first signal came since the last Stop was made."""
+    received: int | None = None
+    """The signal that was raised since the last Stop was made."""
 
     def __init__(self) -> None:
         self.requested = False
-        Stop._first = None
+        Stop._first = Stop.received = None
         signal.set_wakeup_fd(_watched(), warn_on_full_buffer=False)
         for each in (signal.SIGINT, signal.SIGTERM):
             signal.signal(each, self._on_signal)
@@ -85,6 +87,7 @@ class Stop:
     def _on_signal(self, number: int, frame: Any) -> None:
         if not self.requested:
             self.requested = True
+            Stop.received = number
             raise KeyboardInterrupt
 
     @classmethod
@@ -157,12 +160,18 @@ def draw_to_files() -> None:
 
 @contextlib.contextmanager
 def bad_input() -> Iterator[None]:
-    """Turn bad input into one message and exit status 2."""
+    """Turn bad input into one message and exit status 2.
+
+    Raises:
+        KeyboardInterrupt: a signal came, and an import or a compiler made another exception of it.
+    """
     try:
         yield
-    except ValueError as error:
+    except Exception as error:
         from ..faults import InputError
 
+        if Stop.received is not None:
+            raise KeyboardInterrupt from None
         if not isinstance(error, InputError):
             raise
         end(f"error: {error}", EXIT_BAD_INPUT)
@@ -171,6 +180,11 @@ def bad_input() -> Iterator[None]:
 def end(message: str, status: int) -> NoReturn:
     click.echo(printable(message), err=True)
     sys.exit(status)
+
+
+def exit_interrupted() -> int:
+    """The status of what a signal ended, as shells have it: 130 for Ctrl-C, 143 for SIGTERM."""
+    return 128 + (Stop.received or signal.SIGINT)
 
 
 def toml_value(value: Any) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..console import Console, log_tables, printable
-from .common import EXIT_INTERRUPTED, bad_input, end, json_option, path_option
+from .common import bad_input, end, exit_interrupted, json_option, path_option
 
 if TYPE_CHECKING:
     from ..trace import Trace
@@ -119,7 +119,7 @@ def replay(logs: tuple[str, ...], save: str | None, web: bool) -> None:
             else:
                 rerun_view.show(traces)
         except KeyboardInterrupt:
-            end("stopped", EXIT_INTERRUPTED)
+            end("stopped", exit_interrupted())
 
 
 def labels(logs: "tuple[str, ...]", traces: "list[Trace]") -> list[str]:

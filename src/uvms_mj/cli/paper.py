@@ -4,7 +4,6 @@ import contextlib
 import csv
 import io
 import json
-import os
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -14,12 +13,12 @@ import click
 
 from ..console import print_table
 from .common import (
-    EXIT_INTERRUPTED,
     Stop,
     asked_for,
     bad_input,
     draw_to_files,
     end,
+    exit_interrupted,
     folder_for,
     json_option,
     move_aside,
@@ -37,7 +36,7 @@ _DERIVED = ("claims.csv", "claims.json", "report.html")
 
 @click.command(
     epilog="Exit status: 0 every claim holds, or departs for a stated reason; 1 a claim fails; 2 bad input; "
-    "130 interrupted."
+    "130 interrupted (143 by SIGTERM)."
 )
 @scenario_argument
 @set_option
@@ -60,7 +59,6 @@ def paper(
     uvms-mj paper --from results
     """
     stop = Stop()
-    os.environ.setdefault("MUJOCO_GL", "disable")
     draw_to_files()
     running = True
     try:
@@ -94,7 +92,7 @@ def paper(
             with _bar("drawing", as_json, stop) as bar:
                 rows = _write(folder, runs, bar)
     except KeyboardInterrupt:
-        end("interrupted" if running else "interrupted; the logs are there: redraw with --from", EXIT_INTERRUPTED)
+        end("interrupted" if running else "interrupted; the logs are there: redraw with --from", exit_interrupted())
     failed = [row.claim.id for row in rows if row.verdict.name == "fails"]
     if as_json:
         files = {"report": folder / "report.html", "claims": folder / "claims.json", "logs": logs}

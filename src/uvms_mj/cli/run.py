@@ -12,12 +12,12 @@ import click
 from ..console import Console
 from .common import (
     EXIT_BAD_INPUT,
-    EXIT_INTERRUPTED,
     EXIT_UNSTABLE,
     Stop,
     asked_for,
     bad_input,
     end,
+    exit_interrupted,
     folder_for,
     json_option,
     move_aside,
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from ..scenario import Scenario
 
 
-@click.command(epilog="Exit status: 0 completed, 2 bad input, 3 unstable, 130 interrupted.")
+@click.command(epilog="Exit status: 0 completed, 2 bad input, 3 unstable, 130 interrupted (143 by SIGTERM).")
 @scenario_argument
 @click.option(
     "-c", "--controller", metavar="LAW", help="gsta, sta, fosm, impedance, ideal, or path/to/my_law.py:MyLaw."
@@ -67,7 +67,6 @@ def run(
     uvms-mj run --from results/run.mcap --set current.speed=0.3
     """
     stop = Stop()
-    os.environ.setdefault("MUJOCO_GL", "disable")  # nothing is drawn here, and looking for a display takes time
     console = Console(as_json, quiet)
     scenario = None
     files: dict[str, Path] = {}
@@ -92,7 +91,7 @@ def run(
     except KeyboardInterrupt:
         if as_json:
             click.echo(json.dumps(_nothing_ran(scenario, controller) | {"files": _existing(files)}))
-        end("interrupted before the first step", EXIT_INTERRUPTED)
+        end("interrupted before the first step", exit_interrupted())
     sys.exit(status)
 
 
@@ -184,7 +183,7 @@ def _simulate(
         return EXIT_BAD_INPUT
     if trace.status is not Status.completed:
         click.echo(f"{trace.status.name}: {trace.message}", err=True)
-    return {Status.unstable: EXIT_UNSTABLE, Status.interrupted: EXIT_INTERRUPTED}.get(trace.status, 0)
+    return {Status.unstable: EXIT_UNSTABLE, Status.interrupted: exit_interrupted()}.get(trace.status, 0)
 
 
 _LOG, _SCENARIO = "run.mcap", "scenario.toml"

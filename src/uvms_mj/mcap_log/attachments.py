@@ -5,7 +5,6 @@ Nothing in those files is ever executed, and nothing of them is written anywhere
 
 import dataclasses
 import re
-import tomllib
 from collections.abc import Mapping
 from pathlib import PurePath
 from typing import Annotated
@@ -23,7 +22,7 @@ from ..geometry import Geometry
 from ..mjcf import Mjcf
 from ..quantities import NonNegative, Real
 from ..recording import Header, Law, Outcome, Status
-from ..scenario import Scenario
+from ..scenario import Scenario, parsed_toml
 from ..sections import STRICT
 from ..signals import RECORDED, Signal
 
@@ -76,9 +75,6 @@ class _End:
     steps: Annotated[int, Field(ge=0)]
     wall_time_s: NonNegative
 
-
-_LONG_KEY = re.compile(rb"^[^\n=\"]{1000}", re.MULTILINE)
-"""What no scenario has; tomllib takes the square of a dotted key's length, minutes for 100 kB of it."""
 
 _RUN, _END = TypeAdapter(_Run), TypeAdapter(_End)
 """JSON of run.json and outcome.json."""
@@ -133,10 +129,8 @@ def header_of(files: Mapping[str, bytes]) -> Header:
     if run.format != FORMAT:
         raise InputError(f"written in format {run.format}, by another version of uvms-mj; this one reads {FORMAT}")
     try:
-        if _LONG_KEY.search(files["scenario.toml"]):
-            raise InputError("scenario.toml: a key of more than 1000 characters")
-        tables = tomllib.loads(files["scenario.toml"].decode())
-    except (ValueError, RecursionError) as error:  # no TOML, no UTF-8, a number of thousands of digits
+        tables = parsed_toml(files["scenario.toml"].decode())
+    except ValueError as error:
         raise InputError(f"scenario.toml: {error}") from None
     table = tables.get("controller")
     if not isinstance(table, dict) or table.get("name") != run.law.source:  # before anything goes by that name
