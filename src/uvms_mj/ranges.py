@@ -42,16 +42,13 @@ def wall_too_stiff(wall: Wall, h: float, m: float) -> list[Fault]:
         return []
     of_k, of_b = 4.0 * m / h**2, 2.0 * m / h  # each without the other
     step = 4.0 * m / (b + np.sqrt(b * b + 4.0 * k * m))
-    why = f"the contact of {m:.4g} kg is unstable"
     if k >= of_k or b < of_b:
         key, message = "simulation.timestep", f"{h:g} s is beyond the wall's stability limit, {step:.4g} s"
         message += f" for {k:g} N/m, {b:g} N s/m and {m:.4g} kg: take a smaller step or a softer wall"
         return [Fault(key, message)]
     most = max(0.0, (4.0 * m - h * h * k) / (2.0 * h))
-    message = (
-        f"{b:g} N s/m is too much for a time step of {h:g} s: {why}; with {k:g} N/m take less than {most:.4g} N s/m"
-    )
-    return [Fault("wall.damping", f"{message}, or a step below {step:.4g} s")]
+    message = f"{b:g} N s/m is too much for a time step of {h:g} s, with {k:g} N/m and {m:.4g} kg"
+    return [Fault("wall.damping", f"{message}: take less than {most:.4g} N s/m, or a step below {step:.4g} s")]
 
 
 @contextlib.contextmanager
