@@ -3,10 +3,10 @@
 It is small: a signal that comes while Python still imports the rest ends the command with one line as well.
 """
 
-import _signal as signal  # its Python half takes a moment to import
 import atexit
 import contextlib
 import os
+import signal
 import sys
 
 
