@@ -118,11 +118,12 @@ def _compiler() -> Iterator[None]:
     """Numba as a compiler, whatever NUMBA_DISABLE_JIT says."""
     import numba
 
-    before, numba.config.DISABLE_JIT = numba.config.DISABLE_JIT, 0
+    config: Any = numba.config
+    before, config.DISABLE_JIT = config.DISABLE_JIT, 0
     try:
         yield
     finally:
-        numba.config.DISABLE_JIT = before
+        config.DISABLE_JIT = before
 
 
 def _compile(function: Callable, arguments: int, returns: bool, name: str) -> int:
