@@ -18,6 +18,7 @@ from .control import Controller
 from .control.recorded import RecordedLaw
 from .faults import InputError
 from .mjcf import Mjcf
+from .mujoco_warnings import mujoco_warnings
 from .native.attachment import attach
 from .native.closed_loop import ClosedLoop
 from .plant import build
@@ -95,10 +96,11 @@ def simulate(
     if controller is not None:
         scenario = dataclasses.replace(scenario, controller=controller)
     row_steps = row_steps_of(scenario.simulation.timestep, log_rate)
-    run = _Run(scenario, row_steps, progress, sinks, keep_s, mjcf)
-    for note in run.notes:
-        warnings.warn(note, SamplingWarning, stacklevel=2)
-    return run.go()
+    with mujoco_warnings():
+        run = _Run(scenario, row_steps, progress, sinks, keep_s, mjcf)
+        for note in run.notes:
+            warnings.warn(note, SamplingWarning, stacklevel=2)
+        return run.go()
 
 
 class _Run:

@@ -138,6 +138,30 @@ def folder_for(name: str) -> Path:
     return folder
 
 
+@contextlib.contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Keep other runs out of a folder; the lock is the process's and leaves no file.
+
+    Raises:
+        InputError: another run is writing there.
+    """
+    import fcntl
+
+    from ..faults import InputError
+
+    place = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(place, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(f"--out {folder}: another run is writing there; choose another folder") from None
+        except OSError:  # a file system without locks
+            pass
+        yield
+    finally:
+        os.close(place)
+
+
 def move_aside(folder: Path, paths: Iterable[Path], what: str) -> None:
     """Nothing that was recorded is overwritten, and nothing that was drawn from it is left beside other logs."""
     earlier = [path for path in paths if path.exists()]

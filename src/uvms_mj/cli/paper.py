@@ -14,6 +14,7 @@ import click
 from ..console import print_table
 from .common import (
     Stop,
+    alone_in,
     asked_for,
     bad_input,
     draw_to_files,
@@ -62,7 +63,7 @@ def paper(
     draw_to_files()
     running = True
     try:
-        with bad_input():
+        with bad_input(), contextlib.ExitStack() as held:
             from .. import study
             from ..faults import InputError
             from ..scenario import Scenario
@@ -75,6 +76,7 @@ def paper(
                 runs = study.load(logs, study.plan(Scenario()))
                 running = False
                 folder = folder_for(out if out is not None else source)
+                held.enter_context(alone_in(folder))
             else:
                 if out is None:
                     raise InputError("--out DIR is missing: where shall the logs and the report go?")
@@ -82,6 +84,7 @@ def paper(
                 gains = _gains(overrides)
                 jobs = study.plan(Scenario.load(name or "push_wall", overrides), gains)
                 folder = folder_for(out)
+                held.enter_context(alone_in(folder))
                 logs = folder / "logs"
                 _move_aside(folder)
                 logs.mkdir()

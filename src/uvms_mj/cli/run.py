@@ -14,6 +14,7 @@ from .common import (
     EXIT_BAD_INPUT,
     EXIT_UNSTABLE,
     Stop,
+    alone_in,
     asked_for,
     bad_input,
     end,
@@ -85,7 +86,8 @@ def run(
                 scenario = Scenario.load(name or "push_wall", overrides, controller)
             folder, made = _output_folder(out, scenario)
             try:
-                status = _simulate(scenario, mjcf, folder, files, log_rate, viewer, console, stop)
+                with alone_in(folder):
+                    status = _simulate(scenario, mjcf, folder, files, log_rate, viewer, console, stop)
             finally:
                 _remove_if_empty(made)
     except KeyboardInterrupt:
@@ -147,6 +149,7 @@ def _simulate(
     """Run, write, report; the exit status. ``files`` gets what the run begins to write."""
     import warnings
 
+    from ..faults import InputError
     from ..mcap_log import McapLog
     from ..recording import Status
     from ..simulation import LawError, SinkError, simulate
@@ -171,9 +174,9 @@ def _simulate(
             )
         except (LawError, SinkError) as raised:
             trace, error = raised.trace, str(raised)
+        except InputError:
+            raise
         except OSError as raised:
-            from ..faults import InputError
-
             raise InputError(f"{raised.filename or f'--out {folder}'}: {raised.strerror}") from None
     stop.ignore()
     report = summary(trace, _existing(files))
@@ -216,18 +219,31 @@ class _Folder:
 def _output_folder(out: str | None, scenario: "Scenario") -> tuple[Path, list[Path]]:
     """The folder of a run, made and writable, before anything is computed; and what was made for it, inner first."""
     import datetime
+    import itertools
 
     if out is not None:
         folder = Path(out)
-    else:
-        now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
-        words = re.sub(r"[^\w.-]+", "_", f"{scenario.name}-{scenario.controller.label()}")[:100]
-        stem = Path("runs") / f"{now}-{words}"
-        folder, n = stem, 2
-        while folder.exists():
-            folder, n = stem.with_name(f"{stem.name}-{n}"), n + 1
-    made = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
+        made = _missing(folder)
+        return folder_for(out), made
+    now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
+    words = re.sub(r"[^\w.-]+", "_", f"{scenario.name}-{scenario.controller.label()}")[:100]
+    stem = folder = Path("runs") / f"{now}-{words}"
+    for n in itertools.count(2):
+        made = _missing(folder)
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:  # another run began in the same second
+            folder = stem.with_name(f"{stem.name}-{n}")
+            continue
+        except OSError:
+            pass
+        break
     return folder_for(str(folder)), made
+
+
+def _missing(folder: Path) -> list[Path]:
+    """The folders that have to be made for a folder, inner first."""
+    return [path for path in (folder, *folder.parents) if not os.path.exists(path)]
 
 
 def _remove_if_empty(folders: list[Path]) -> None:
