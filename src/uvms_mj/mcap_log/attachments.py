@@ -26,6 +26,11 @@ from ..scenario import Scenario, parsed_toml
 from ..sections import STRICT
 from ..signals import RECORDED, Signal
 
+MOST_BYTES = 256_000_000
+"""Of all files that a log is made of, together."""
+_MOST_VALUES = 200_000
+"""Of numbers, texts and lists in one JSON file: each takes some hundred bytes of memory when it is read. Meshes are
+texts."""
 FORMAT = 1
 """Version of what stands in a log."""
 
@@ -110,7 +115,25 @@ def header_files(header: Header) -> dict[str, bytes]:
     files |= {f"model/{name}": data for name, data in header.mjcf.files.items()}
     if header.law.code:
         files[f"law/{header.law.source.rpartition(':')[0]}"] = header.law.code.encode()
+    refuse_large(files)
     return files
+
+
+def refuse_large(files: Mapping[str, bytes]) -> None:
+    """Refuse files that would take too long or too much memory to read.
+
+    Raises:
+        InputError: with the name of the largest.
+    """
+    total = sum(map(len, files.values()))
+    if total > MOST_BYTES:
+        largest = max(files, key=lambda name: len(files[name]))
+        raise InputError(
+            f"its files have {total / 1e6:.4g} MB, {largest} the most of them; at most are {MOST_BYTES / 1e6:g} MB"
+        )
+    for name, data in files.items():
+        if name.endswith(".json") and sum(map(data.count, (b",", b"[", b"{"))) > _MOST_VALUES:
+            raise InputError(f"{name}: has more than {_MOST_VALUES} values")
 
 
 def header_of(files: Mapping[str, bytes]) -> Header:
