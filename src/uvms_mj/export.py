@@ -84,18 +84,19 @@ WRITERS: dict[str, Callable[[Trace, Path], None]] = {"csv": _csv, "parquet": _pa
 MAT: one array for each signal, ``signals`` with its unit, frame and meaning (JSON; a struct), ``scenario`` in TOML."""
 
 
-def export(trace: Trace, kind: str, path: Path) -> None:
-    """Write a trace to a new file, which is there only once it is whole.
+def export(trace: Trace, kind: str, path: Path, replace: bool = False) -> None:
+    """Write a trace to a file, which is there only once it is whole.
 
     Args:
         trace: what to write.
         kind: a key of :data:`WRITERS`.
-        path: of a file that must not exist.
+        path: of the file.
+        replace: whether the file may exist.
 
     Raises:
         InputError: the file exists, or can't be written, or the format has no such name.
     """
-    if os.path.lexists(path):
-        raise InputError(f"{path}: exists; choose another name")
+    if os.path.lexists(path) and not replace:
+        raise InputError(f"{path}: exists; choose another name, or --force")
     with whole(path) as part:
         WRITERS[kind](trace, part)

@@ -12,6 +12,7 @@ from .common import (
     Stop,
     asked_for,
     bad_input,
+    command,
     end,
     exit_interrupted,
     json_option,
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 _AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
-@click.command(
+@command(
     epilog="Exit status: 0 whatever the verdict, 2 bad input, 3 the run was unstable, 130 interrupted (143 by SIGTERM)."
 )
 @scenario_argument

@@ -20,6 +20,19 @@ from ..console import printable
 
 EXIT_BAD_INPUT, EXIT_UNSTABLE = 2, 3
 
+
+class _Command(click.Command):
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Refuse an option that is given twice, of which click would take the last."""
+        _, _, given = self.make_parser(ctx).parse_args(args=list(args))
+        for each in given:
+            if isinstance(each, click.Option) and not (each.multiple or each.is_flag) and given.count(each) > 1:
+                raise click.UsageError(f"{max(each.opts, key=len)} is given more than once; one is meant", ctx)
+        return super().parse_args(ctx, args)
+
+
+command = functools.partial(click.command, cls=_Command)
+
 scenario_argument = click.argument("arguments", nargs=-1, metavar="[SCENARIO] [KEY=VALUE]...")
 set_option = click.option(
     "-s",
@@ -35,15 +48,31 @@ json_option = click.option(
 quiet_option = click.option("-q", "--quiet", is_flag=True, help="No progress bar and no table.")
 
 
-def _named(context: click.Context, option: click.Parameter, value: str | None) -> str | None:
-    if value == "":
+def _named(context: click.Context, option: click.Parameter, value: Any) -> Any:
+    if value == "" or (isinstance(value, tuple) and "" in value):
         raise click.BadParameter("must not be empty")
     return value
+
+
+def path_argument(name: str, **attributes: Any) -> Any:
+    """An argument that names a file, or several."""
+    return click.argument(name, callback=_named, **attributes)
 
 
 def path_option(*names: str, **attributes: Any) -> Any:
     """An option that names a file or a folder."""
     return click.option(*names, callback=_named, **attributes)
+
+
+force_option = click.option("-f", "--force", is_flag=True, help="Replace FILE if it exists.")
+
+
+def refuse_existing(option: str, path: Path, force: bool) -> None:
+    """Raises InputError where a file exists that is not to be replaced."""
+    from ..faults import InputError
+
+    if os.path.lexists(path) and not force:
+        raise InputError(f"{option} {path}: exists; choose another name, or --force")
 
 
 def asked_for(arguments: Sequence[str], settings: Sequence[str]) -> tuple[str | None, dict[str, Any]]:
@@ -56,9 +85,15 @@ def asked_for(arguments: Sequence[str], settings: Sequence[str]) -> tuple[str | 
     from ..scenario import parse_setting
 
     names = [a for a in arguments if "=" not in a]
+    if "" in names:
+        raise InputError("the name of a scenario must not be empty")
     if len(names) > 1:
         raise InputError(f"one scenario at a time, please: {', '.join(names)}")
-    overrides = dict(parse_setting(s) for s in (*settings, *(a for a in arguments if "=" in a)))
+    overrides: dict[str, Any] = {}
+    for key, value in map(parse_setting, (*settings, *(a for a in arguments if "=" in a))):
+        if key in overrides and overrides[key] != value:
+            raise InputError(f"--set {key}: is given twice, {overrides[key]!r} and {value!r}")
+        overrides[key] = value
     return (names[0] if names else None), overrides
 
 

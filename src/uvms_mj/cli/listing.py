@@ -5,10 +5,10 @@ import dataclasses
 import click
 
 from ..console import print_table
-from .common import bad_input, toml_value
+from .common import bad_input, command, toml_value
 
 
-@click.command()
+@command()
 @click.argument("laws", nargs=-1, metavar="[LAW]...")
 def controllers(laws: tuple[str, ...]) -> None:
     """List the laws with their gains, units and defaults; LAW may be path/to/my_law.py:MyLaw."""
@@ -35,7 +35,7 @@ def controllers(laws: tuple[str, ...]) -> None:
             print_table(table)
 
 
-@click.command()
+@command()
 def keys() -> None:
     """List all keys of a scenario with defaults and units."""
     from rich.table import Table

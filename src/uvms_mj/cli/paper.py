@@ -17,6 +17,7 @@ from .common import (
     alone_in,
     asked_for,
     bad_input,
+    command,
     draw_to_files,
     end,
     exit_interrupted,
@@ -35,7 +36,7 @@ EXIT_CLAIM_FAILS = 1
 _DERIVED = ("claims.csv", "claims.json", "report.html")
 
 
-@click.command(
+@command(
     epilog="Exit status: 0 every claim holds, or departs for a stated reason; 1 a claim fails; 2 bad input; "
     "130 interrupted (143 by SIGTERM)."
 )

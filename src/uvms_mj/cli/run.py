@@ -17,6 +17,7 @@ from .common import (
     alone_in,
     asked_for,
     bad_input,
+    command,
     end,
     exit_interrupted,
     folder_for,
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from ..scenario import Scenario
 
 
-@click.command(epilog="Exit status: 0 completed, 2 bad input, 3 unstable, 130 interrupted (143 by SIGTERM).")
+@command(epilog="Exit status: 0 completed, 2 bad input, 3 unstable, 130 interrupted (143 by SIGTERM).")
 @scenario_argument
 @click.option(
     "-c", "--controller", metavar="LAW", help="gsta, sta, fosm, impedance, ideal, or path/to/my_law.py:MyLaw."
