@@ -11,7 +11,7 @@ import click
 from .certify import certify
 from .common import EXIT_BAD_INPUT, Stop, end, exit_interrupted
 from .compare import compare
-from .listing import controllers, keys
+from .listing import controllers, keys, signals
 from .logs import export, info, replay
 from .paper import paper
 from .plot import plot
@@ -55,6 +55,7 @@ def main() -> None:
     uvms-mj certify                       how fast a disturbance may change, and how fast it did
     uvms-mj controllers                   the laws, their gains, units and defaults
     uvms-mj keys                          all keys of a scenario
+    uvms-mj signals                       what a law is given, and what a run records
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a terminal that lacks a sign gets its number
@@ -62,7 +63,7 @@ def main() -> None:
     os.environ["MUJOCO_GL"] = "disable"  # MuJoCo draws nothing here, and looking for a display takes time
 
 
-for command in (run, paper, replay, plot, compare, info, export, certify, controllers, keys):
+for command in (run, paper, replay, plot, compare, info, export, certify, controllers, keys, signals):
     main.add_command(command)
 
 __all__ = ["main"]

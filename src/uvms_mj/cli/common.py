@@ -82,7 +82,7 @@ def asked_for(arguments: Sequence[str], settings: Sequence[str]) -> tuple[str | 
         InputError: several are named, or a setting is none.
     """
     from ..faults import InputError
-    from ..scenario import parse_setting
+    from ..toml_text import parse_setting
 
     names = [a for a in arguments if "=" not in a]
     if "" in names:

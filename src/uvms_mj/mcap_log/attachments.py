@@ -22,9 +22,10 @@ from ..geometry import Geometry
 from ..mjcf import Mjcf
 from ..quantities import NonNegative, Real
 from ..recording import Header, Law, Outcome, Status
-from ..scenario import Scenario, parsed_toml
+from ..scenario import Scenario
 from ..sections import STRICT
 from ..signals import RECORDED, Signal
+from ..toml_text import parsed_toml
 
 MOST_BYTES = 256_000_000
 """Of all files that a log is made of, together."""
