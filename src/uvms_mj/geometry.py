@@ -94,7 +94,11 @@ class Geometry:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, body_id: int) -> "Geometry":
-        """The geometry of a compiled model's body, as MuJoCo's viewer shows it; every geom counts for the reach."""
+        """The geometry of a compiled model's body, as MuJoCo's viewer shows it; every geom counts for the reach.
+
+        Raises:
+            InputError: a geom has a size, a place or a colour that nothing has.
+        """
         shapes, meshes, seen = [], {}, []
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
@@ -113,12 +117,16 @@ class Geometry:
                 mujoco.mju_mat2Quat(quat, data.geom_xmat[geom])
                 mujoco.mju_mulQuat(quat, to_B, quat.copy())
             name = None
-            if kind == "mesh":
-                name = model.mesh(model.geom_dataid[geom]).name
-                meshes[name] = _mesh(model, model.geom_dataid[geom])
             a, b, c = (0.0,) * 3 if kind == "mesh" else map(float, model.geom_size[geom])
             w, x, y, z = map(float, quat)
-            shapes.append(Shape(kind, (a, b, c), tuple(map(float, position)), (w, x, y, z), rgba, name))
+            try:
+                if kind == "mesh":
+                    name = model.mesh(model.geom_dataid[geom]).name
+                    meshes[name] = _mesh(model, model.geom_dataid[geom])
+                place = tuple(map(float, position))
+                shapes.append(Shape(kind=kind, size=(a, b, c), position=place, quat=(w, x, y, z), rgba=rgba, mesh=name))
+            except ValidationError as error:
+                raise InputError(faults_of(error), f"vehicle.model: geom {model.geom(geom).name or geom}") from None
             seen.append(model.geom_group[geom] <= LAST_VISIBLE_GROUP)
         visible = [shape for shape, shown in zip(shapes, seen, strict=True) if shown] or shapes
         return cls(tuple(visible), meshes, _forward_reach(shapes, meshes))
