@@ -1,4 +1,4 @@
-"""The fuzzer's long form: thousands of mutated inputs, in processes with limits; see tests/fuzz.py.
+"""The fuzzer's long form: thousands of mutated inputs, in processes with limits; see tests/fuzzer.py.
 
 python scripts/fuzz.py                        20,000 inputs
 python scripts/fuzz.py --first 5000 --n 500   other seeds
@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 @click.option("--keep", type=click.Path(path_type=Path), default=Path("fuzzed"), help="Folder for that one's files.")
 def fuzz(first: int, n: int, workers: int, seed: int | None, keep: Path) -> None:
     """Give mutated inputs to the command; print every one that ends as none may. Status 1 if there is one."""
-    from fuzz import campaign, told, verdict
+    from fuzzer import campaign, told, verdict
     from mutations import case
 
     if seed is not None:

@@ -7,8 +7,26 @@ from xml.etree import ElementTree
 
 from mutated_values import Case, Random, mild, mutated_bytes, number
 
-_NAMES = ("X_udot", "Y_vdot", "Z_wdot", "K_pdot", "M_qdot", "N_rdot", "X_u", "Y_v", "Z_w", "K_p", "M_q", "N_r")
-_NAMES += ("X_uu", "Y_vv", "Z_ww", "K_pp", "M_qq", "N_rr")
+_NAMES = [
+    "X_udot",
+    "Y_vdot",
+    "Z_wdot",
+    "K_pdot",
+    "M_qdot",
+    "N_rdot",
+    "X_u",
+    "Y_v",
+    "Z_w",
+    "K_p",
+    "M_q",
+    "N_r",
+    "X_uu",
+    "Y_vv",
+    "Z_ww",
+    "K_pp",
+    "M_qq",
+    "N_rr",
+]
 _MOTORS = [f'<motor name="m{i}" site="t" gear="{i * "0 "}1{(5 - i) * " 0"}"/>' for i in range(6)]
 _BOX = f"""<mujoco model="box"><compiler angle="degree"/><option gravity="0 0 -9.81"/>
 <custom>{"".join(f'<numeric name="{name}" data="-{1 + i % 5}"/>' for i, name in enumerate(_NAMES))}

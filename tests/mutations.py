@@ -1,4 +1,4 @@
-"""Mutated inputs for :mod:`fuzz`: scenarios, settings, vehicle files, laws and logs that are wrong in a random way."""
+"""Mutated inputs for :mod:`fuzzer`: scenarios, settings, vehicle files, laws and logs that are wrong in a random way."""
 
 from collections.abc import Callable
 from typing import Any

@@ -1,6 +1,6 @@
 """Mutated inputs: no traceback, no wrong status, no hang, no unbounded memory. scripts/fuzz.py does thousands."""
 
-from fuzz import campaign, told
+from fuzzer import campaign, told
 
 
 def test_mutated_inputs_are_refused_in_one_message_or_run_as_they_say():

@@ -1,6 +1,6 @@
 """The fuzzer: mutated inputs to ``uvms-mj``, in processes with limits, and what must hold whatever the input is.
 
-:func:`campaign` gives seeds to workers; ``python tests/fuzz.py FIRST STEP LAST`` is a worker, which prints a line
+:func:`campaign` gives seeds to workers; ``python tests/fuzzer.py FIRST STEP LAST`` is a worker, which prints a line
 before and a line after each input. The parent ends a worker that is silent for too long, and starts another one behind
 the seed.
 """
