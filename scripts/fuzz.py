@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 @click.option("--keep", type=click.Path(path_type=Path), default=Path("fuzzed"), help="Folder for that one's files.")
 def fuzz(first: int, n: int, workers: int, seed: int | None, keep: Path) -> None:
     """Give mutated inputs to the command; print every one that ends as none may. Status 1 if there is one."""
-    from fuzzer import campaign, told, verdict
+    from fuzzer import Failure, campaign, told, verdict
     from mutations import case
 
     if seed is not None:
@@ -34,16 +34,15 @@ def fuzz(first: int, n: int, workers: int, seed: int | None, keep: Path) -> None
         sys.exit(bool(what))
     start = time.monotonic()
 
-    def progress(done: int, failed: int) -> None:
+    def progress(done: int, failure: Failure | None) -> None:
+        if failure is not None:
+            again = f"python scripts/fuzz.py --seed {failure.seed} --keep seed-{failure.seed}"
+            click.echo(f"{told([failure])}\n{again}\n")
         if done % 100 == 0:
-            click.echo(f"{done} of {n}, {failed} failed, {time.monotonic() - start:.0f} s", err=True)
+            click.echo(f"{done} of {n}, {time.monotonic() - start:.0f} s", err=True)
 
     failures, kinds = campaign(range(first, first + n), workers, progress)
-    click.echo(told(failures))
     click.echo(f"{sum(kinds.values())} inputs in {time.monotonic() - start:.0f} s, {len(failures)} failed: {kinds}")
-    click.echo(
-        "".join(f"\npython scripts/fuzz.py --seed {failure.seed} --keep seed-{failure.seed}" for failure in failures)
-    )
     sys.exit(bool(failures))
 
 

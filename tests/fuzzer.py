@@ -136,9 +136,12 @@ def _wrong_log(case: Any, folder: Path) -> str:
 
 def work(first: int, step: int, last: int) -> None:
     """Do seeds first, first + step, ... below last; a line of JSON for each."""
-    import uvms_mj.cli
-    import uvms_mj.simulation  # noqa: F401 what is heavy is there before memory is limited
-    from mutations import case
+    from mutations import SHORT, case
+    from uvms_mj import Scenario, simulate
+    from uvms_mj.control import BUILT_IN
+
+    for name in BUILT_IN:  # what is heavy to import or to compile is there before time and memory are limited
+        simulate(Scenario.load("push_wall", SHORT, name))
 
     used = (
         int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() if sys.platform == "linux" else 0
@@ -165,9 +168,12 @@ def work(first: int, step: int, last: int) -> None:
 
 
 def campaign(
-    seeds: range, workers: int = 2, progress: Callable[[int, int], None] = lambda done, failed: None
+    seeds: range, workers: int = 2, progress: Callable[[int, Failure | None], None] = lambda done, failure: None
 ) -> tuple[list[Failure], dict[str, int]]:
-    """Do all seeds; the failures, and how many inputs of each kind there were."""
+    """Do all seeds; the failures, and how many inputs of each kind there were.
+
+    ``progress`` is called with the number of inputs that are done, and the failure of the last one.
+    """
     failures: list[Failure] = []
     kinds: dict[str, int] = {}
     lock = threading.Lock()
@@ -175,9 +181,9 @@ def campaign(
     def take(result: dict[str, Any]) -> None:
         with lock:
             kinds[result["kind"]] = kinds.get(result["kind"], 0) + 1
-            if result["what"]:
-                failures.append(Failure(*(result[key] for key in ("seed", "kind", "arguments", "what"))))
-            progress(sum(kinds.values()), len(failures))
+            failure = Failure(*(result[key] for key in ("seed", "kind", "arguments", "what")))
+            failures.extend([failure] if failure.what else [])
+            progress(sum(kinds.values()), failure if failure.what else None)
 
     threads = [
         threading.Thread(target=_lane, args=(range(seeds.start + i, seeds.stop, workers), take)) for i in range(workers)
@@ -200,7 +206,7 @@ def _lane(seeds: range, take: Callable[[dict[str, Any]], None]) -> None:
             tempfile.TemporaryFile("w+") as err,
             subprocess.Popen(command, stdout=subprocess.PIPE, stderr=err) as worker,
         ):
-            at = following
+            at: int | None = following
             for line in _lines(worker):
                 if "what" in line:
                     take(line)

@@ -173,10 +173,11 @@ def _change_element(rng: Random, tree: ElementTree.Element) -> None:
         one.attrib[rng.choice(_ATTRIBUTES[one.tag].split())] = _attribute(rng)
     elif action == 3 and len(one):
         child = rng.choice(list(one))
+        piece = copy.deepcopy(child)  # the place may be in the child itself
         one.remove(child)
         if rng.random() < 0.5:
             for _ in range(rng.choice((1, 2, 50))):
-                other.append(copy.deepcopy(child))
+                other.append(copy.deepcopy(piece))
     else:
         parent = rng.choice(list(_ADDED))
         place = next(tree.iter(parent), tree)

@@ -1,4 +1,4 @@
-"""Mutated inputs for :mod:`fuzzer`: scenarios, settings, vehicle files, laws and logs that are wrong in a random way."""
+"""Mutated inputs for :mod:`fuzzer`: scenarios, settings, vehicle files, laws and logs with random faults."""
 
 from collections.abc import Callable
 from typing import Any
@@ -77,7 +77,7 @@ _ODD = ("--set", "-o", "--from", "--json", "--", "-", "--out=", "é", "push_wall
 
 def settings(rng: Random) -> Case:
     arguments = ["run", "--json", "-o", "out"]
-    tables = Scenario.load("push_wall").to_dict()
+    tables = Scenario.load("push_wall", SHORT).to_dict()
     given = {"simulation.duration": "0.004"}
     for _ in range(rng.choice((1, 1, 2, 3))):
         key = _key(rng, "gsta")
