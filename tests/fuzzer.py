@@ -24,8 +24,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-SOFT_S, HARD_S = 8.0, 40.0
-"""Wall time after which an input is interrupted as Ctrl-C does, and after which its process is killed [s]."""
+SOFT_S, HARD_S = 8.0, 90.0
+"""Processor time after which an input is interrupted as Ctrl-C does, and wall time after which its process is killed
+[s]."""
 MEMORY = 3 << 30
 """How much more memory than at its start a worker may have [B]."""
 
@@ -53,8 +54,8 @@ def verdict(case: Any, folder: Path) -> str:
     status, raised = 0, ""
     before = Path.cwd()
     os.chdir(folder)
-    signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
-    signal.setitimer(signal.ITIMER_REAL, SOFT_S)
+    signal.signal(signal.SIGPROF, lambda *_: signal.raise_signal(signal.SIGINT))
+    signal.setitimer(signal.ITIMER_PROF, SOFT_S)
     try:
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), warnings.catch_warnings():
             warnings.simplefilter("error", RuntimeWarning)
@@ -64,7 +65,7 @@ def verdict(case: Any, folder: Path) -> str:
     except BaseException:
         raised = traceback.format_exc()
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
         os.chdir(before)
     if raised:
         return raised
