@@ -20,7 +20,7 @@ import click
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
-from misbehaving_laws import Case, cases  # type: ignore[import-not-found]
+from misbehaving_laws import Case, cases
 from uvms_mj import Trace
 
 LIMIT_S = 120.0

@@ -15,6 +15,7 @@ import struct
 import subprocess
 import sys
 import time
+import zlib
 from collections import defaultdict
 from pathlib import Path
 
@@ -29,7 +30,7 @@ from mcap_ros2.decoder import DecoderFactory
 
 from uvms_mj import InputError, McapLog, Scenario, SinkError, Status, Trace, simulate
 from uvms_mj.control.recorded import recorded_law
-from uvms_mj.mcap_log.attachments import without_paths
+from uvms_mj.mcap_log.attachments import refuse_large, without_paths
 from uvms_mj.mcap_log.layout import Format
 from uvms_mj.mjcf import Mjcf
 from uvms_mj.signals import RUNNING
@@ -990,3 +991,76 @@ def test_the_foxglove_layout_shows_topics_that_exist(logged):
         "/analytic/position",
     }
     assert {panel.partition("!")[0] for panel in layout["configById"]} >= {"3D", "Plot"}
+
+
+def sparse(path, head, tail=b"", size=50 * 2**30):
+    path.write_bytes(head)
+    os.truncate(path, size)
+    with open(path, "ab") as file:
+        file.write(tail)
+
+
+@pytest.mark.parametrize("where", ["end", "half", "middle", "middle, ended", "record", "index"])
+def test_a_sparse_file_of_50_gib_is_read_in_bounded_time_and_memory(logged, tmp_path, where):
+    """A hole takes no space on a disk, so that such a file can come in any archive."""
+    whole, path = logged[1].read_bytes(), tmp_path / "x.mcap"
+    half, end = whole[: len(whole) // 2], whole.rindex(b"\x0f" + struct.pack("<Q", 4)) + 13
+    contents = {
+        "end": (whole,),
+        "half": (half,),
+        "middle": (half, b"x"),
+        "middle, ended": (half, whole[-8:]),
+        "record": (whole[:8] + b"\x09" + struct.pack("<Q", 49 * 2**30), whole[-8:]),
+        "index": (whole[:end], whole[-37:]),
+    }
+    sparse(path, *contents[where])
+    code = f"""if True:
+        import resource
+        from uvms_mj import InputError, Trace
+        limit = 2 << 30
+        used = 4096 * int(open("/proc/self/statm").read().split()[0]) if __import__("sys").platform == "linux" else 0
+        resource.setrlimit(resource.RLIMIT_AS, (used + limit, -1) if used else (-1, -1))
+        try:
+            print(Trace.load({str(path)!r}).status.name)
+        except InputError as error:
+            print("refused:", error)
+    """
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(("refused:", "truncated")) or where == "end", done.stdout
+
+
+def test_a_json_file_of_too_many_values_is_refused_before_it_is_read(logged, tmp_path):
+    """80 MB of it took 5 GB of memory; a mesh, which is one text, may be as large."""
+    many = b'{"shapes":[' + b"{}," * 10_000_000 + b"{}]}"
+    forged = tmp_path / "x.mcap"
+    forged.write_bytes(rewritten(logged[1], lambda name, data: (name, many if name == "geometry.json" else data)))
+    with pytest.raises(InputError, match=r"geometry\.json: has more than 200000 values"):
+        Trace.load(forged)
+    with pytest.raises(InputError, match="at most are 256 MB"):
+        refuse_large({"a": bytes(200_000_000), "b": bytes(100_000_000)})
+    refuse_large({"geometry.json": b'"' + bytes(100_000_000) + b'"'})
+
+
+@pytest.mark.parametrize("keep", [0, 1, 100, 300])
+def test_a_chunk_that_is_too_short_is_damage_whatever_its_checksum(logged, tmp_path, keep):
+    import zstandard
+    from mcap.records import Chunk, DataEnd
+
+    from uvms_mj.mcap_log.sink import record_bytes
+
+    out, number = bytearray(logged[1].read_bytes()[:8]), 0
+    with open(logged[1], "rb") as file:
+        for record in StreamReader(file, emit_chunks=True).records:
+            if isinstance(record, DataEnd):
+                break
+            if isinstance(record, Chunk):
+                number += 1
+                if number == 2:
+                    data = zstandard.ZstdDecompressor().decompress(record.data)[:keep]
+                    record.data, record.uncompressed_size = zstandard.ZstdCompressor().compress(data), keep
+                    record.uncompressed_crc = zlib.crc32(data)
+            out += record_bytes(record)
+    (tmp_path / "x.mcap").write_bytes(out)
+    with pytest.raises(InputError, match="damaged"):
+        Trace.load(tmp_path / "x.mcap")

@@ -7,8 +7,8 @@ print(trace.push[-1])
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
+TYPE_CHECKING = False  # as typing has it, which takes a moment to import
 if TYPE_CHECKING:
     from .control import Controller, Fosm, Gsta, Ideal, Impedance, Sta, gain
     from .convergence import converge
@@ -63,7 +63,7 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     """Import on first use, so that ``uvms-mj --help`` does not wait for numba."""
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -10,6 +10,7 @@ from .control.loader import has_built_in_law
 from .design import Design
 from .dissipation import damping_notes
 from .faults import Fault, InputError
+from .ranges import aliased
 from .scenario import Scenario
 from .vehicle import Vehicle
 
@@ -36,6 +37,7 @@ def check(scenario: Scenario, vehicle: Vehicle, design: Design, reach: float) ->
     faults = list(wall_faults(scenario, design, reach))
     if scenario.controller.uses_truth and not has_built_in_law(scenario.controller):
         faults.append(Fault("controller.uses_truth", "is for the yardstick, ideal, alone"))
+    faults += aliased(scenario)
     period = scenario.controller.period
     if period is not None and (round(period / h) < 1 or abs(period / h - round(period / h)) > 1e-6):
         n = max(1, int(period / h))

@@ -85,18 +85,19 @@ metadata. NPZ and MAT have one array per signal, the units, frames and meanings 
 MAT), and ``scenario`` in TOML."""
 
 
-def export(trace: Trace, kind: str, path: Path) -> None:
-    """Write a trace to a new file. If writing fails, no file is left.
+def export(trace: Trace, kind: str, path: Path, replace: bool = False) -> None:
+    """Write a trace to a file. If writing fails, no file is left.
 
     Args:
         trace: the trace.
         kind: a key of :data:`WRITERS`.
-        path: the new file; it must not exist.
+        path: the file.
+        replace: whether an existing file is overwritten.
 
     Raises:
         InputError: the file exists or can't be written, or the format does not allow the name of a state.
     """
-    if os.path.lexists(path):
-        raise InputError(f"{path}: exists; choose another name")
+    if os.path.lexists(path) and not replace:
+        raise InputError(f"{path}: exists; choose another name, or --force")
     with whole(path) as part:
         WRITERS[kind](trace, part)

@@ -16,7 +16,12 @@ class Fault:
     message: str
 
     def __str__(self) -> str:
-        return f"{self.key}: {self.message}" if self.key else self.message
+        key = self.key if len(self.key) <= 100 else self.key[:97] + "..."
+        return f"{key}: {self.message}" if key else self.message
+
+
+_MOST_LINES = 50
+"""More faults than this are not read one by one; they are counted."""
 
 
 class InputError(ValueError):
@@ -24,11 +29,13 @@ class InputError(ValueError):
 
     def __init__(self, faults: Sequence[Fault] | str, place: str = "") -> None:
         self.faults = (Fault("", faults),) if isinstance(faults, str) else tuple(faults)
-        lines = [str(fault) for fault in self.faults]
+        lines = [str(fault) for fault in self.faults[:_MOST_LINES]]
+        if len(self.faults) > _MOST_LINES:
+            lines.append(f"... and {len(self.faults) - _MOST_LINES} more")
         if place and len(lines) == 1:
             text = f"{place}: {lines[0]}"
         elif place:
-            text = f"{place}: {len(lines)} faults\n" + "\n".join(f"  {line}" for line in lines)
+            text = f"{place}: {len(self.faults)} faults\n" + "\n".join(f"  {line}" for line in lines)
         else:
             text = "\n".join(lines)
         super().__init__(text)
@@ -73,7 +80,10 @@ def faults_of(
 
 
 def _shown(value: Any) -> str:
-    text = repr(list(value) if isinstance(value, tuple) else value)
+    try:
+        text = repr(list(value) if isinstance(value, tuple) else value)
+    except (RecursionError, ValueError):  # lists in lists a thousand deep, an integer of 5000 digits
+        return f"the given {type(value).__name__}"
     return text if len(text) <= 60 else text[:57] + "..."
 
 

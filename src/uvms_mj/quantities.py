@@ -1,18 +1,28 @@
-"""Types of the quantities in scenarios and gains: finite numbers, vectors, with the ranges that make sense."""
+"""Types of the quantities in scenarios and gains: finite numbers, vectors, with the ranges that make sense.
+
+Every number has a range, far wider than any vehicle needs. Inside these ranges no product in the equations overflows.
+"""
 
 from typing import Annotated, Any
 
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Le
 from pydantic import AfterValidator, BeforeValidator, Field
 
-Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Real = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e12, le=1e12)]
 """A finite number."""
-Positive = Annotated[Real, Gt(0)]
-NonNegative = Annotated[Real, Ge(0)]
-Step = Annotated[Real, Ge(1e-7), Le(1.0)]
-"""A time step or a sampling period [s]."""
-Duration = Annotated[Real, Gt(0), Le(1e7)]
-"""A simulated time [s]."""
+Positive = Annotated[Real, Ge(1e-12), Le(1e12)]
+NonNegative = Annotated[Real, Ge(0), Le(1e12)]
+
+
+def within(low: float, high: float, unit: str) -> AfterValidator:
+    """A range with its unit, for the message."""
+
+    def check(value: float) -> float:
+        if not low <= value <= high:
+            raise ValueError(f"must be from {low:g} to {high:g} {unit}".rstrip())
+        return value
+
+    return AfterValidator(check)
 
 
 def _of_length(n: int) -> AfterValidator:
@@ -24,22 +34,54 @@ def _of_length(n: int) -> AfterValidator:
     return AfterValidator(check)
 
 
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+"""A finite number for which a range is given by :func:`within`."""
+Step = Annotated[Number, within(1e-7, 1.0, "s")]
+"""A time step or a sampling period."""
+Duration = Annotated[Number, within(1e-7, 1e7, "s")]
+"""A simulated time."""
+Time = Annotated[Number, within(0.0, 1e7, "s")]
+"""An instant of a run."""
+Coordinate = Annotated[Number, within(-1e6, 1e6, "m")]
+"""A position that a double still resolves to better than a nanometre."""
+Angle = Annotated[Number, within(-1e6, 1e6, "deg")]
+Factor = Annotated[Number, within(-1e3, 1e3, "")]
+PositiveFactor = Annotated[Number, within(1e-3, 1e3, "")]
+
+Position = Annotated[tuple[Coordinate, ...], _of_length(3)]
+Angles = Annotated[tuple[Angle, ...], _of_length(3)]
 Moderate = Annotated[Real, Ge(-1e6), Le(1e6)]
-"""A position [m] or an angle [deg] that a double still resolves to better than a nanometre."""
 Vector3 = Annotated[tuple[Moderate, ...], _of_length(3)]
 Vector6 = Annotated[tuple[Real, ...], _of_length(6)]
-NonNegative6 = Annotated[tuple[NonNegative, ...], _of_length(6)]
+Twist = Annotated[tuple[Annotated[Number, within(-100.0, 100.0, "m/s, rad/s")], ...], _of_length(6)]
+Wrench = Annotated[tuple[Annotated[Number, within(-1e6, 1e6, "N, N m")], ...], _of_length(6)]
+Frequencies = Annotated[tuple[Annotated[Number, within(0.0, 1e7, "Hz")], ...], _of_length(6)]
+Stiffnesses = Annotated[tuple[Annotated[Number, within(0.0, 1e9, "N/m, N m")], ...], _of_length(6)]
+Factors = Annotated[tuple[Annotated[Number, within(0.0, 1e6, "")], ...], _of_length(6)]
 
 
-def _diagonal_or_square(value: Any) -> Any:
-    def numbers(row: Any) -> bool:
-        return isinstance(row, list | tuple) and len(row) == 6 and all(type(x) in (int, float) for x in row)
+def _matrix(limit: float, unit: str) -> Any:
+    """A matrix by its diagonal of six numbers, or by six rows of six."""
 
-    square = isinstance(value, list | tuple) and len(value) == 6 and all(numbers(row) for row in value)
-    if value is not None and not numbers(value) and not square:
-        raise ValueError("must be six numbers, a diagonal, or six rows of six numbers")
-    return value
+    def number(x: Any) -> bool:
+        return type(x) in (int, float)
+
+    def six(row: Any) -> bool:
+        return isinstance(row, list | tuple) and len(row) == 6
+
+    def check(value: Any) -> Any:
+        if value is None:
+            return None
+        if not (six(value) and (all(map(number, value)) or all(six(row) and all(map(number, row)) for row in value))):
+            raise ValueError("must be six numbers, a diagonal, or six rows of six numbers")
+        rows = [value] if number(value[0]) else value
+        if not all(abs(x) <= limit for row in rows for x in row):
+            raise ValueError(f"must have numbers from {-limit:g} to {limit:g} {unit}")
+        rows = [tuple(float(x) for x in row) for row in rows]
+        return rows[0] if number(value[0]) else tuple(rows)
+
+    return Annotated[tuple[Any, ...] | None, BeforeValidator(check)]
 
 
-Matrix6 = Annotated[tuple[Real, ...] | tuple[tuple[Real, ...], ...] | None, BeforeValidator(_diagonal_or_square)]
-"""A matrix by its diagonal of six numbers, or by six rows of six."""
+Inertia = _matrix(1e9, "kg, kg m, kg m^2")
+Damping = _matrix(1e9, "N s/m, N s, N m s")

@@ -7,8 +7,6 @@ scenario (sec. 5).
 import dataclasses
 import difflib
 import os
-import re
-import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -33,9 +31,10 @@ from .sections import (
     VehicleChoice,
     Wall,
 )
+from .toml_text import parsed_toml, shortened, text_of
 
 
-@dataclass(frozen=True, config=STRICT)
+@dataclass(frozen=True, repr=False, config=STRICT)
 class Scenario:
     """Everything that decides a run. Frozen; :meth:`updated` makes another.
 
@@ -78,8 +77,8 @@ class Scenario:
         """
         path = _scenario_path(scenario)
         try:
-            tables = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            tables = parsed_toml(text_of(path))
+        except (OSError, ValueError) as error:
             raise InputError(f"{path}: not a scenario in TOML: {error}") from None
         tables.setdefault("name", path.stem)
         return cls.from_dict(tables, overrides, controller, folder=path.parent, place=str(scenario))
@@ -143,6 +142,18 @@ class Scenario:
     def to_toml(self) -> str:
         """The same as TOML text."""
         return tomli_w.dumps(self.to_dict())
+
+    def __repr__(self) -> str:
+        """The name, the law, and each key that differs from the defaults."""
+        fields = [
+            (name, table, f) for name in _TABLES for table in [getattr(self, name)] for f in dataclasses.fields(table)
+        ]
+        values = [(f"{name}.{f.name}", getattr(table, f.name), f.default) for name, table, f in fields]
+        other = [
+            f"{key} = {shortened(value)}" for key, value, default in values if value not in (default, (default,) * 6)
+        ]
+        what = "other than the defaults:" if other else "defaults"
+        return "\n    ".join([f"<Scenario {self.name!r}, {self.controller.label()}, {what}", *other]) + ">"
 
 
 _VALIDATOR = TypeAdapter(Scenario)
@@ -224,34 +235,12 @@ def _plain(value: Any) -> Any:
     return value
 
 
-_BARE_POINT = re.compile(r"[+-]?(\d+\.|\.\d+)([eE][+-]?\d+)?")
-"""A number that every language but TOML takes: 5. and .2"""
-
-
-def parse_setting(text: str) -> tuple[str, Any]:
-    """Key and value of ``key=value``; the value is TOML, or a bare word.
-
-    Raises:
-        InputError: there is no ``=``, or the value begins like a list or a text and isn't.
-    """
-    key, equals, value = text.partition("=")
-    if not equals or not key.strip():
-        raise InputError(f"--set {text!r}: must be key=value, for example --set wall.stiffness=2e4")
-    key, value = key.strip(), value.strip()
-    try:
-        return key, tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError as error:
-        if _BARE_POINT.fullmatch(value):
-            return key, float(value)
-        if value[:1] in ("[", "{", '"', "'"):
-            hint = "in TOML, numbers begin with a digit, 0.28, and words stand between quotes"
-            raise InputError(f"--set {text!r}: {error}; {hint}") from None
-        return key, value
-
-
 def keys() -> Iterable[tuple[str, Any, str]]:
-    """Every key of a scenario but the controller's, with its default and its meaning."""
+    """Every key of a scenario with its default and its meaning; of the controller's those that every law has."""
     for name, table in _TABLES.items():
         if name != "controller":
             for field in dataclasses.fields(table):
                 yield f"{name}.{field.name}", field.default, field.metadata.get("meaning", "")
+    yield "controller.name", Gsta.name, "name of a law, or path/to/my_law.py:MyLaw"
+    for field in dataclasses.fields(Controller):
+        yield f"controller.{field.name}", field.default, f"{field.metadata['meaning']} [{field.metadata['unit']}]"

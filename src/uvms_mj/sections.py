@@ -8,7 +8,26 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, ConfigDict
 from pydantic.dataclasses import dataclass
 
-from .quantities import Duration, Matrix6, NonNegative, NonNegative6, Positive, Real, Step, Vector3, Vector6
+from .quantities import (
+    Angle,
+    Angles,
+    Coordinate,
+    Damping,
+    Duration,
+    Factor,
+    Factors,
+    Frequencies,
+    Inertia,
+    Number,
+    Position,
+    PositiveFactor,
+    Step,
+    Stiffnesses,
+    Time,
+    Twist,
+    Wrench,
+    within,
+)
 
 STRICT = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
 Lowercase = BeforeValidator(lambda value: value.lower() if isinstance(value, str) else value)
@@ -33,15 +52,15 @@ class Simulation:
 
 @dataclass(frozen=True, config=STRICT)
 class Initial:
-    position: Vector3 = doc("position of the body frame in W [m]", (0.0, 0.0, 0.0))
-    attitude_deg: Vector3 = doc("roll, pitch, yaw [deg]", (0.0, 0.0, 0.0))
-    velocity: Vector6 = doc("[v; omega] in B [m/s, rad/s]", (0.0,) * 6)
+    position: Position = doc("position of the body frame in W [m]", (0.0, 0.0, 0.0))
+    attitude_deg: Angles = doc("roll, pitch, yaw [deg]", (0.0, 0.0, 0.0))
+    velocity: Twist = doc("[v; omega] in B [m/s, rad/s]", (0.0,) * 6)
 
 
 @dataclass(frozen=True, config=STRICT)
 class Current:
-    speed: NonNegative = doc("speed of the ocean current [m/s]", 0.5)
-    direction_deg: Real = doc("heading of the current in W, 0 towards the wall, 90 to the left [deg]", 120.0)
+    speed: Annotated[Number, within(0.0, 100.0, "m/s")] = doc("speed of the ocean current [m/s]", 0.5)
+    direction_deg: Angle = doc("heading of the current in W, 0 towards the wall, 90 to the left [deg]", 120.0)
 
     @property
     def velocity_W(self) -> tuple[float, float, float]:
@@ -52,30 +71,39 @@ class Current:
 
 @dataclass(frozen=True, config=STRICT)
 class Disturbance:
-    bias: Vector6 = doc("constant part of tau_dist in B [N, N m]", (0.0,) * 6)
-    amplitude: Vector6 = doc("amplitude of the sinusoidal part [N, N m]", (0.0,) * 6)
-    frequency_hz: Vector6 = doc("frequency of the sinusoidal part [Hz]", (0.0,) * 6)
+    bias: Wrench = doc("constant part of tau_dist in B [N, N m]", (0.0,) * 6)
+    amplitude: Wrench = doc("amplitude of the sinusoidal part [N, N m]", (0.0,) * 6)
+    frequency_hz: Frequencies = doc("frequency of the sinusoidal part, below half the step rate [Hz]", (0.0,) * 6)
+
+
+WallStiffness = Annotated[Number, within(1e-3, 1e12, "N/m")]
+WallDamping = Annotated[Number, within(0.0, 1e9, "N s/m")]
 
 
 @dataclass(frozen=True, config=STRICT)
 class Wall:
-    position: Real = doc("x of the body frame in W at which contact begins, x_c [m]", 1.0)
-    stiffness: Positive = doc("k_c [N/m]", 1e5)
-    damping: NonNegative = doc("b_c [N s/m]", 0.0)
-    friction: NonNegative = doc("Coulomb coefficient mu [1]", 0.0)
-    tangential_stiffness: Positive | None = doc("k_t of sticking friction [N/m]; default: wall.stiffness", None)
-    tangential_damping: NonNegative | None = doc(
+    position: Coordinate = doc("x of the body frame in W at which contact begins, x_c [m]", 1.0)
+    stiffness: WallStiffness = doc("k_c [N/m]", 1e5)
+    damping: WallDamping = doc("b_c [N s/m]", 0.0)
+    friction: Annotated[Number, within(0.0, 100.0, "")] = doc("Coulomb coefficient mu [1]", 0.0)
+    tangential_stiffness: WallStiffness | None = doc("k_t of sticking friction [N/m]; default: wall.stiffness", None)
+    tangential_damping: WallDamping | None = doc(
         "b_t of sticking friction [N s/m]; default: critical for the lightest motion along the face", None
     )
 
 
 @dataclass(frozen=True, config=STRICT)
 class Waypoint:
-    time: NonNegative
-    position: Vector3
+    time: Time
+    position: Position
+
+
+MOST_WAYPOINTS = 1000
 
 
 def _increasing(waypoints: tuple[Waypoint, ...]) -> tuple[Waypoint, ...]:
+    if len(waypoints) > MOST_WAYPOINTS:
+        raise ValueError(f"has {len(waypoints)} steps; {MOST_WAYPOINTS} are the most")
     times = [w.time for w in waypoints]
     if any(b <= a for a, b in itertools.pairwise(times)):
         raise ValueError(f"times {times} must increase")
@@ -84,13 +112,15 @@ def _increasing(waypoints: tuple[Waypoint, ...]) -> tuple[Waypoint, ...]:
 
 @dataclass(frozen=True, config=STRICT)
 class Reference:
-    target: Vector3 = doc("position that the step leads to, in W [m]", (1.01, 0.0, 0.0))
-    step_time: NonNegative = doc("time of the step [s]", 1.0)
-    bandwidth: Positive = doc("omega_n of the third-order filter (omega_n / (p + omega_n))^3 [rad/s]", 2.0)
-    attitude_deg: Vector3 = doc("constant desired roll, pitch, yaw [deg]", (0.0, 0.0, 0.0))
-    start: Vector3 | None = doc("position before the first step; default: initial.position", None)
+    target: Position = doc("position that the step leads to, in W [m]", (1.01, 0.0, 0.0))
+    step_time: Time = doc("time of the step [s]", 1.0)
+    bandwidth: Annotated[Number, within(1e-6, 1e6, "rad/s")] = doc(
+        "omega_n of the third-order filter (omega_n / (p + omega_n))^3 [rad/s]", 2.0
+    )
+    attitude_deg: Angles = doc("constant desired roll, pitch, yaw [deg]", (0.0, 0.0, 0.0))
+    start: Position | None = doc("position before the first step; default: initial.position", None)
     waypoints: Annotated[tuple[Waypoint, ...], AfterValidator(_increasing)] = doc(
-        "tables with time and position, which replace target and step_time", ()
+        "steps that replace target and step_time: [{time = 1.0, position = [1.01, 0.0, 0.0]}, ...]; at most 1000", ()
     )
 
     @property
@@ -101,17 +131,19 @@ class Reference:
 
 @dataclass(frozen=True, config=STRICT)
 class Impedance:
-    K_d: NonNegative6 = doc("desired stiffness, a diagonal [N/m, N m]", (150.0, 1500.0, 1500.0, 50.0, 50.0, 50.0))
-    M_d: Matrix6 = doc("desired inertia, diagonal or 6x6; default: the vehicle's M", None)
-    D_d: Matrix6 = doc("desired damping, diagonal or 6x6; default: Ott's design", None)
-    K_f: NonNegative6 = doc("force gain, a diagonal, eq. (7) [1]", (1.0,) * 6)
-    F_d: Vector6 = doc("wrench that the wall should exert on the vehicle, in B, eq. (7) [N, N m]", (0.0,) * 6)
-    damping_ratio: NonNegative = doc("of Ott's design, used where D_d is not given [1]", 1.0)
+    K_d: Stiffnesses = doc("desired stiffness, a diagonal [N/m, N m]", (150.0, 1500.0, 1500.0, 50.0, 50.0, 50.0))
+    M_d: Inertia = doc("desired inertia, diagonal or 6x6; default: the vehicle's M", None)
+    D_d: Damping = doc("desired damping, diagonal or 6x6; default: Ott's design", None)
+    K_f: Factors = doc("force gain, a diagonal, eq. (7) [1]", (1.0,) * 6)
+    F_d: Wrench = doc("wrench that the wall should exert on the vehicle, in B, eq. (7) [N, N m]", (0.0,) * 6)
+    damping_ratio: Annotated[Number, within(0.0, 1e3, "")] = doc(
+        "of Ott's design, used where D_d is not given [1]", 1.0
+    )
 
 
 @dataclass(frozen=True, config=STRICT)
 class Estimates:
-    inertia: Positive = doc("M_hat = f M; f is this key [1]", 1.0)
-    coriolis: Real = doc("C_hat(nu) nu = f C(nu) nu; f is this key [1]", 1.0)
-    damping: Real = doc("D_hat(nu) nu = f D(nu) nu; f is this key [1]", 1.0)
-    restoring: Real = doc("g_hat(eta) = f g(eta); f is this key [1]", 1.0)
+    inertia: PositiveFactor = doc("M_hat = f M; f is this key [1]", 1.0)
+    coriolis: Factor = doc("C_hat(nu) nu = f C(nu) nu; f is this key [1]", 1.0)
+    damping: Factor = doc("D_hat(nu) nu = f D(nu) nu; f is this key [1]", 1.0)
+    restoring: Factor = doc("g_hat(eta) = f g(eta); f is this key [1]", 1.0)

@@ -17,10 +17,12 @@ from .control.loader import has_built_in_law
 from .control.recorded import RecordedLaw
 from .faults import InputError
 from .mjcf import Mjcf
+from .mujoco_warnings import mujoco_warnings
 from .native.attachment import immerse
 from .native.closed_loop import ClosedLoop
 from .native.plain_law import LawFault
 from .plant import build
+from .ranges import no_overflow
 from .recording import Header, Law, Outcome, Sink, Status, versions
 from .scenario import Scenario
 from .trace import Trace
@@ -95,10 +97,11 @@ def simulate(
     if controller is not None:
         scenario = dataclasses.replace(scenario, controller=controller)
     row_steps = row_steps_of(scenario.simulation.timestep, log_rate)
-    run = _Run(scenario, row_steps, progress, sinks, keep_s, mjcf)
-    for note in run.notes:
-        warnings.warn(note, SamplingWarning, stacklevel=2)
-    return run.go()
+    with mujoco_warnings():
+        run = _Run(scenario, row_steps, progress, sinks, keep_s, mjcf)
+        for note in run.notes:
+            warnings.warn(note, SamplingWarning, stacklevel=2)
+        return run.go()
 
 
 class _Run:
@@ -122,11 +125,12 @@ class _Run:
             check_contract(type(scenario.controller))
         self.scenario, self.row_steps, self.progress = scenario, row_steps, progress
         self.sinks, self.keep_s = sinks, np.inf if keep_s is None else keep_s
-        self.plant = build(scenario, mjcf)
-        self.notes = list(check(scenario, self.plant.vehicle, self.plant.design, self.plant.geometry.reach))
+        with no_overflow(scenario):
+            self.plant = build(scenario, mjcf)
+            self.notes = list(check(scenario, self.plant.vehicle, self.plant.design, self.plant.geometry.reach))
+            gravity = self.plant.model.opt.gravity
+            self.analytic = steady_state(scenario, self.plant.vehicle, self.plant.design, gravity)
         self.data = self.plant.initial_data(scenario)
-        gravity = self.plant.model.opt.gravity
-        self.analytic = steady_state(scenario, self.plant.vehicle, self.plant.design, gravity)
         self.blocks: deque[np.ndarray] = deque()
 
     def go(self) -> Trace:

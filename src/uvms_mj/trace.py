@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .closed_forms import NoClosedForm, SteadyState
-from .faults import InputError
+from .faults import InputError, suggestion
 from .mcap_log import McapLog, read
 from .recording import Header, Outcome, Status
 from .scenario import Scenario
@@ -26,6 +26,17 @@ class Column:
     unit: str
     signal: Signal
     values: np.ndarray
+
+
+class UnknownSignal(KeyError):
+    """A trace has no signal of that name."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])  # without the quotes that KeyError puts around a key
+
+
+def _unknown(name: object, arrays: Mapping[str, np.ndarray]) -> str:
+    return f"no signal {name!r}; {suggestion(str(name), arrays)}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,11 +126,13 @@ class Trace:
         try:
             return self.__dict__["arrays"][name]
         except KeyError:
-            known = ", ".join(self.__dict__.get("arrays", ()))
-            raise AttributeError(f"no signal {name!r}; this trace has {known}") from None
+            raise AttributeError(_unknown(name, self.__dict__.get("arrays", {}))) from None
 
     def __getitem__(self, name: str) -> np.ndarray:
-        return self.arrays[name]
+        try:
+            return self.arrays[name]
+        except KeyError:
+            raise UnknownSignal(_unknown(name, self.arrays)) from None
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.arrays)

@@ -9,10 +9,10 @@ from typing import Any
 import click
 
 from .certify import certify
-from .common import EXIT_BAD_INPUT, EXIT_INTERRUPTED, Stop, end
+from .common import EXIT_BAD_INPUT, Stop, end, exit_interrupted
 from .compare import compare
 from .converge import converge
-from .listing import controllers, keys
+from .listing import controllers, keys, signals
 from .logs import export, info, replay
 from .paper import paper
 from .plot import plot
@@ -26,7 +26,7 @@ class _Commands(click.Group):
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
-            end("interrupted", EXIT_INTERRUPTED)
+            end("interrupted", exit_interrupted())
         except OSError as error:
             if error.errno == errno.EPIPE:  # whoever read the output has enough
                 raise
@@ -57,13 +57,15 @@ def main() -> None:
     uvms-mj certify                       how fast a disturbance may change, and how fast it did
     uvms-mj controllers                   the laws, their gains, units and defaults
     uvms-mj keys                          all keys of a scenario
+    uvms-mj signals                       what a law is given, and what a run records
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a terminal that lacks a sign gets its number
             stream.reconfigure(errors="backslashreplace")
+    os.environ["MUJOCO_GL"] = "disable"  # MuJoCo draws nothing here, and looking for a display takes time
 
 
-for command in (run, paper, replay, plot, compare, info, export, converge, certify, controllers, keys):
+for command in (run, paper, replay, plot, compare, info, export, converge, certify, controllers, keys, signals):
     main.add_command(command)
 
 __all__ = ["main"]

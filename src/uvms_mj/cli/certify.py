@@ -1,7 +1,6 @@
 """``uvms-mj certify``."""
 
 import json
-import os
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -9,12 +8,13 @@ import click
 
 from ..console import ROUNDING, Console, print_table
 from .common import (
-    EXIT_INTERRUPTED,
     EXIT_UNSTABLE,
     Stop,
     asked_for,
     bad_input,
+    command,
     end,
+    exit_interrupted,
     json_option,
     path_option,
     quiet_option,
@@ -30,7 +30,9 @@ if TYPE_CHECKING:
 _AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
-@click.command(epilog="Exit status: 0 whatever the verdict, 2 bad input, 3 the run was unstable, 130 interrupted.")
+@command(
+    epilog="Exit status: 0 whatever the verdict, 2 bad input, 3 the run was unstable, 130 interrupted (143 by SIGTERM)."
+)
 @scenario_argument
 @click.option("-c", "--controller", metavar="LAW", help="gsta or sta, the laws that there is a certificate for.")
 @set_option
@@ -62,7 +64,6 @@ def certify(
     uvms-mj certify --rate 15 --state 1000 --set controller.beta=5
     """
     stop = Stop()
-    os.environ.setdefault("MUJOCO_GL", "disable")  # nothing is drawn here, and looking for a display takes time
     console = Console(as_json, quiet)
     try:
         with bad_input():
@@ -76,10 +77,10 @@ def certify(
             trace = trace if trace is not None else _run(scenario, console, stop)
             _report(law, trace, console)
     except KeyboardInterrupt:
-        end("interrupted before the first step", EXIT_INTERRUPTED)
+        end("interrupted before the first step", exit_interrupted())
     if trace.status is not Status.completed:
         click.echo(f"{trace.status.name}: {trace.message}", err=True)
-    sys.exit({Status.unstable: EXIT_UNSTABLE, Status.interrupted: EXIT_INTERRUPTED}.get(trace.status, 0))
+    sys.exit({Status.unstable: EXIT_UNSTABLE, Status.interrupted: exit_interrupted()}.get(trace.status, 0))
 
 
 def _load(

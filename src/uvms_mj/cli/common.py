@@ -18,7 +18,20 @@ import click
 
 from ..console import printable
 
-EXIT_BAD_INPUT, EXIT_UNSTABLE, EXIT_INTERRUPTED = 2, 3, 130
+EXIT_BAD_INPUT, EXIT_UNSTABLE = 2, 3
+
+
+class _Command(click.Command):
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Refuse an option that is given twice, of which click would take the last."""
+        _, _, given = self.make_parser(ctx).parse_args(args=list(args))
+        for each in given:
+            if isinstance(each, click.Option) and not (each.multiple or each.is_flag) and given.count(each) > 1:
+                raise click.UsageError(f"{max(each.opts, key=len)} is given more than once; one is meant", ctx)
+        return super().parse_args(ctx, args)
+
+
+command = functools.partial(click.command, cls=_Command)
 
 scenario_argument = click.argument("arguments", nargs=-1, metavar="[SCENARIO] [KEY=VALUE]...")
 set_option = click.option(
@@ -35,15 +48,31 @@ json_option = click.option(
 quiet_option = click.option("-q", "--quiet", is_flag=True, help="No progress bar and no table.")
 
 
-def _named(context: click.Context, option: click.Parameter, value: str | None) -> str | None:
-    if value == "":
+def _named(context: click.Context, option: click.Parameter, value: Any) -> Any:
+    if value == "" or (isinstance(value, tuple) and "" in value):
         raise click.BadParameter("must not be empty")
     return value
+
+
+def path_argument(name: str, **attributes: Any) -> Any:
+    """An argument that names a file, or several."""
+    return click.argument(name, callback=_named, **attributes)
 
 
 def path_option(*names: str, **attributes: Any) -> Any:
     """An option that names a file or a folder."""
     return click.option(*names, callback=_named, **attributes)
+
+
+force_option = click.option("-f", "--force", is_flag=True, help="Replace FILE if it exists.")
+
+
+def refuse_existing(option: str, path: Path, force: bool) -> None:
+    """Raises InputError where a file exists that is not to be replaced."""
+    from ..faults import InputError
+
+    if os.path.lexists(path) and not force:
+        raise InputError(f"{option} {path}: exists; choose another name, or --force")
 
 
 def asked_for(arguments: Sequence[str], settings: Sequence[str]) -> tuple[str | None, dict[str, Any]]:
@@ -53,12 +82,18 @@ def asked_for(arguments: Sequence[str], settings: Sequence[str]) -> tuple[str | 
         InputError: several are named, or a setting is none.
     """
     from ..faults import InputError
-    from ..scenario import parse_setting
+    from ..toml_text import parse_setting
 
     names = [a for a in arguments if "=" not in a]
+    if "" in names:
+        raise InputError("the name of a scenario must not be empty")
     if len(names) > 1:
         raise InputError(f"one scenario at a time, please: {', '.join(names)}")
-    overrides = dict(parse_setting(s) for s in (*settings, *(a for a in arguments if "=" in a)))
+    overrides: dict[str, Any] = {}
+    for key, value in map(parse_setting, (*settings, *(a for a in arguments if "=" in a))):
+        if key in overrides and overrides[key] != value:
+            raise InputError(f"--set {key}: is given twice, {overrides[key]!r} and {value!r}")
+        overrides[key] = value
     return (names[0] if names else None), overrides
 
 
@@ -74,10 +109,12 @@ class Stop:
     _PATIENCE_S = 5.0
     _first: float | None = None
     """When the first signal came since the last Stop was made."""
+    received: int | None = None
+    """The signal that was raised since the last Stop was made."""
 
     def __init__(self) -> None:
         self.requested = False
-        Stop._first = None
+        Stop._first = Stop.received = None
         signal.set_wakeup_fd(_watched(), warn_on_full_buffer=False)
         for each in (signal.SIGINT, signal.SIGTERM):
             signal.signal(each, self._on_signal)
@@ -85,6 +122,7 @@ class Stop:
     def _on_signal(self, number: int, frame: Any) -> None:
         if not self.requested:
             self.requested = True
+            Stop.received = number
             raise KeyboardInterrupt
 
     @classmethod
@@ -135,6 +173,30 @@ def folder_for(name: str) -> Path:
     return folder
 
 
+@contextlib.contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Keep other runs out of a folder; the lock is the process's and leaves no file.
+
+    Raises:
+        InputError: another run is writing there.
+    """
+    import fcntl
+
+    from ..faults import InputError
+
+    place = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(place, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(f"--out {folder}: another run is writing there; choose another folder") from None
+        except OSError:  # a file system without locks
+            pass
+        yield
+    finally:
+        os.close(place)
+
+
 def move_aside(folder: Path, paths: Iterable[Path], what: str) -> None:
     """Nothing that was recorded is overwritten, and nothing that was drawn from it is left beside other logs."""
     earlier = [path for path in paths if path.exists()]
@@ -177,12 +239,18 @@ def progress_bar(what: str, hidden: bool, stop: Stop) -> Iterator[Callable[[int,
 
 @contextlib.contextmanager
 def bad_input() -> Iterator[None]:
-    """Turn bad input into one message and exit status 2."""
+    """Turn bad input into one message and exit status 2.
+
+    Raises:
+        KeyboardInterrupt: a signal came, and an import or a compiler made another exception of it.
+    """
     try:
         yield
-    except ValueError as error:
+    except Exception as error:
         from ..faults import InputError
 
+        if Stop.received is not None:
+            raise KeyboardInterrupt from None
         if not isinstance(error, InputError):
             raise
         end(f"error: {error}", EXIT_BAD_INPUT)
@@ -191,6 +259,11 @@ def bad_input() -> Iterator[None]:
 def end(message: str, status: int) -> NoReturn:
     click.echo(printable(message), err=True)
     sys.exit(status)
+
+
+def exit_interrupted() -> int:
+    """The status of what a signal ended, as shells have it: 130 for Ctrl-C, 143 for SIGTERM."""
+    return 128 + (Stop.received or signal.SIGINT)
 
 
 def toml_value(value: Any) -> str:

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import click
 
-from .common import bad_input, draw_to_files, path_option
+from .common import bad_input, command, draw_to_files, force_option, path_option, refuse_existing
 from .logs import labels, say_if_truncated
 
 
-@click.command()
+@command()
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...")
 @path_option(
     "-o",
@@ -16,9 +16,10 @@ from .logs import labels, say_if_truncated
     default="compare.html",
     show_default=True,
     metavar="FILE.html",
-    help="A file that does not exist yet.",
+    help="Where the page goes.",
 )
-def compare(logs: tuple[str, ...], out: str) -> None:
+@force_option
+def compare(logs: tuple[str, ...], out: str, force: bool) -> None:
     """Write one HTML page about one or several logs: numbers, figures, what differs, versions.
 
     \b
@@ -31,8 +32,7 @@ def compare(logs: tuple[str, ...], out: str) -> None:
 
         if Path(out).suffix.lower() not in (".html", ".htm"):
             raise InputError(f"--out {out!r}: end its name in .html")
-        if Path(out).exists():
-            raise InputError(f"--out {out}: exists; choose another name")
+        refuse_existing("--out", Path(out), force)
         from .. import figures, report
         from ..trace import Trace
 

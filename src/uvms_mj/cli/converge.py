@@ -2,7 +2,6 @@
 
 import json
 import math
-import os
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
@@ -11,12 +10,13 @@ import click
 from ..console import Console, print_table
 from .common import (
     EXIT_BAD_INPUT,
-    EXIT_INTERRUPTED,
     EXIT_UNSTABLE,
     Stop,
     asked_for,
     bad_input,
+    command,
     end,
+    exit_interrupted,
     json_option,
     path_option,
     progress_bar,
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from ..convergence import Convergence, Estimate
 
 
-@click.command(epilog="Exit status: 0 completed, 2 bad input, 3 a run was unstable, 130 interrupted.")
+@command(epilog="Exit status: 0 completed, 2 bad input, 3 a run was unstable, 130 interrupted (143 by SIGTERM).")
 @scenario_argument
 @click.option(
     "-c", "--controller", metavar="LAW", help="gsta, sta, fosm, impedance, ideal, or path/to/my_law.py:MyLaw."
@@ -68,7 +68,6 @@ def converge(
     uvms-mj converge my_scenario.toml --set simulation.timestep=5e-5
     """
     stop = Stop()
-    os.environ.setdefault("MUJOCO_GL", "disable")  # nothing is drawn here, and looking for a display takes time
     console = Console(as_json, quiet)
     try:
         with bad_input():
@@ -97,7 +96,7 @@ def converge(
             except LawError as error:
                 end(f"error: {error}", EXIT_BAD_INPUT)
     except KeyboardInterrupt:
-        end("interrupted", EXIT_INTERRUPTED)
+        end("interrupted", exit_interrupted())
     for note in found.notes:
         console.warn(note, UserWarning)
     if as_json:

@@ -1,14 +1,14 @@
-"""``uvms-mj controllers`` and ``uvms-mj keys``: what there is to choose from."""
+"""``uvms-mj controllers``, ``keys`` and ``signals``: what there is to choose from."""
 
 import dataclasses
 
 import click
 
 from ..console import print_table
-from .common import bad_input, toml_value
+from .common import bad_input, command, toml_value
 
 
-@click.command()
+@command()
 @click.argument("laws", nargs=-1, metavar="[LAW]...")
 def controllers(laws: tuple[str, ...]) -> None:
     """List the laws with their gains, units and defaults; LAW may be path/to/my_law.py:MyLaw."""
@@ -35,16 +35,37 @@ def controllers(laws: tuple[str, ...]) -> None:
             print_table(table)
 
 
-@click.command()
+@command()
 def keys() -> None:
     """List all keys of a scenario with defaults and units."""
     from rich.table import Table
 
     from ..scenario import keys as scenario_keys
 
-    table = Table(title="Keys of a scenario; `uvms-mj controllers` lists controller.<gain>", title_justify="left")
+    table = Table(title="Keys of a scenario; `uvms-mj controllers` lists the gains of each law", title_justify="left")
     for column in ("key", "default", "meaning"):
         table.add_column(column)
     for key, default, meaning in scenario_keys():
         table.add_row(key, toml_value(default), meaning)
     print_table(table)
+
+
+@command()
+def signals() -> None:
+    """List the signals that a law is given, and those that a run records."""
+    from rich.table import Table
+
+    from ..signals import GIVEN, RECORDED, thruster_signal
+
+    recorded = (*RECORDED, thruster_signal(0))
+    for title, listed in (
+        ("Given to a law, as signals.<name>", GIVEN),
+        ("Recorded, as trace.<name>, beside the states of the law", recorded),
+    ):
+        table = Table(title=title, title_justify="left", min_width=80)
+        for column in ("name", "shape", "unit", "frame", "meaning"):
+            table.add_column(column, no_wrap=column in ("name", "shape"))
+        for signal in listed:
+            shape = " x ".join(map(str, signal.shape)) if signal.size else "thrusters"
+            table.add_row(signal.name, shape or "number", signal.unit, signal.frame, signal.meaning)
+        print_table(table)

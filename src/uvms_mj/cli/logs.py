@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING
 import click
 
 from ..console import Console, log_tables, printable
-from .common import EXIT_INTERRUPTED, bad_input, end, json_option, path_option
+from .common import (
+    bad_input,
+    command,
+    end,
+    exit_interrupted,
+    force_option,
+    json_option,
+    path_argument,
+    path_option,
+    refuse_existing,
+)
 
 if TYPE_CHECKING:
     from ..trace import Trace
@@ -16,8 +26,8 @@ if TYPE_CHECKING:
 FORMATS = ("csv", "parquet", "npz", "mat")
 
 
-@click.command()
-@click.argument("log", metavar="LOG")
+@command()
+@path_argument("log", metavar="LOG")
 @click.option("--show", metavar="NAME", help="Print one of the files that the log carries, as scenario.toml.")
 @json_option
 def info(log: str, show: str | None, as_json: bool) -> None:
@@ -54,11 +64,12 @@ def info(log: str, show: str | None, as_json: bool) -> None:
         log_tables(Path(log), trace, files)
 
 
-@click.command()
-@click.argument("log", metavar="LOG")
+@command()
+@path_argument("log", metavar="LOG")
 @click.option("--to", "kind", type=click.Choice(FORMATS), help="Format [default: from the name of --out].")
-@path_option("-o", "--out", metavar="FILE", help="A file that does not exist yet [default: beside the log].")
-def export(log: str, kind: str | None, out: str | None) -> None:
+@path_option("-o", "--out", metavar="FILE", help="Where the samples go [default: beside the log].")
+@force_option
+def export(log: str, kind: str | None, out: str | None, force: bool) -> None:
     """Write a log's samples in another format, with their units.
 
     \b
@@ -79,15 +90,16 @@ def export(log: str, kind: str | None, out: str | None) -> None:
         path = Path(out) if out is not None else Path(log).with_suffix(f".{kind}")
         trace = Trace.load(log)
         say_if_truncated(log, trace)
-        write(trace, kind, path)
+        write(trace, kind, path, force)
         click.echo(str(path))
 
 
-@click.command()
+@command()
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...")
 @path_option("--save", metavar="FILE.rrd", help="Write a Rerun recording with its layout instead.")
 @click.option("--web", is_flag=True, help="Serve the web viewer on 127.0.0.1 instead, until Ctrl-C.")
-def replay(logs: tuple[str, ...], save: str | None, web: bool) -> None:
+@force_option
+def replay(logs: tuple[str, ...], save: str | None, web: bool, force: bool) -> None:
     """Look at a log in the Rerun viewer; several logs are shown together, each in its colour.
 
     \b
@@ -101,8 +113,8 @@ def replay(logs: tuple[str, ...], save: str | None, web: bool) -> None:
 
         if save is not None and web:
             raise InputError("--save and --web: one at a time, please")
-        if save is not None and Path(save).exists():
-            raise InputError(f"--save {save}: exists; choose another name")
+        if save is not None:
+            refuse_existing("--save", Path(save), force)
         traces = {}
         loaded = [Trace.load(log) for log in logs]
         for log, label, trace in zip(logs, labels(logs, loaded), loaded, strict=True):
@@ -119,7 +131,7 @@ def replay(logs: tuple[str, ...], save: str | None, web: bool) -> None:
             else:
                 rerun_view.show(traces)
         except KeyboardInterrupt:
-            end("stopped", EXIT_INTERRUPTED)
+            end("stopped", exit_interrupted())
 
 
 def labels(logs: "tuple[str, ...]", traces: "list[Trace]") -> list[str]:

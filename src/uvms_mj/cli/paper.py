@@ -1,9 +1,9 @@
 """``uvms-mj paper``: all that the paper's section 5 reports, run, drawn and judged."""
 
+import contextlib
 import csv
 import io
 import json
-import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -13,12 +13,14 @@ import click
 
 from ..console import print_table
 from .common import (
-    EXIT_INTERRUPTED,
     Stop,
+    alone_in,
     asked_for,
     bad_input,
+    command,
     draw_to_files,
     end,
+    exit_interrupted,
     folder_for,
     json_option,
     move_aside,
@@ -35,8 +37,9 @@ EXIT_CLAIM_FAILS = 1
 _DERIVED = ("claims.csv", "claims.json", "report.html")
 
 
-@click.command(
-    epilog="Exit status: 0 every claim holds or is explained; 1 a claim fails; 2 bad input; 130 interrupted."
+@command(
+    epilog="Exit status: 0 every claim holds or is explained; 1 a claim fails; 2 bad input; 130 interrupted (143 by "
+    "SIGTERM)."
 )
 @scenario_argument
 @set_option
@@ -59,11 +62,10 @@ def paper(
     uvms-mj paper --from results
     """
     stop = Stop()
-    os.environ.setdefault("MUJOCO_GL", "disable")
     draw_to_files()
     running = True
     try:
-        with bad_input():
+        with bad_input(), contextlib.ExitStack() as held:
             from .. import study
             from ..faults import InputError
             from ..scenario import Scenario
@@ -76,6 +78,7 @@ def paper(
                 runs = study.load(logs, study.plan(Scenario()))
                 running = False
                 folder = folder_for(out if out is not None else source)
+                held.enter_context(alone_in(folder))
             else:
                 if out is None:
                     raise InputError("--out DIR is missing: where shall the logs and the report go?")
@@ -83,6 +86,7 @@ def paper(
                 gains = _gains(overrides)
                 jobs = study.plan(Scenario.load(name or "push_wall", overrides), gains)
                 folder = folder_for(out)
+                held.enter_context(alone_in(folder))
                 logs = folder / "logs"
                 _move_aside(folder)
                 logs.mkdir()
@@ -93,7 +97,7 @@ def paper(
             with progress_bar("drawing", as_json, stop) as bar:
                 rows = _write(folder, runs, bar)
     except KeyboardInterrupt:
-        end("interrupted" if running else "interrupted; the logs are there: redraw with --from", EXIT_INTERRUPTED)
+        end("interrupted" if running else "interrupted; the logs are there: redraw with --from", exit_interrupted())
     failed = [row.claim.id for row in rows if row.verdict.name == "fails"]
     if as_json:
         files = {"report": folder / "report.html", "claims": folder / "claims.json", "logs": logs}

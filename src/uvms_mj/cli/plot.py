@@ -4,20 +4,19 @@ from pathlib import Path
 
 import click
 
-from .common import bad_input, draw_to_files, path_option
+from .common import bad_input, command, draw_to_files, force_option, path_option, refuse_existing
 
 WHATS = ("position", "force", "sliding", "tau", "integral", "summary")
 """Those of :mod:`uvms_mj.figures`, which takes longer to import than ``--help`` may."""
 FORMATS = ("png", "svg", "pdf")
 
 
-@click.command()
+@command()
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...")
 @click.option("--what", type=click.Choice(WHATS), default="summary", show_default=True, help="What to draw.")
-@path_option(
-    "-o", "--out", metavar="FILE", help="A .png, .svg or .pdf that does not exist yet [default: WHAT.png beside LOG]."
-)
-def plot(logs: tuple[str, ...], what: str, out: str | None) -> None:
+@path_option("-o", "--out", metavar="FILE", help="A .png, .svg or .pdf [default: WHAT.png beside LOG].")
+@force_option
+def plot(logs: tuple[str, ...], what: str, out: str | None, force: bool) -> None:
     """Draw a log, or several on the same axes, each in the colour of its law.
 
     \b
@@ -36,8 +35,7 @@ def plot(logs: tuple[str, ...], what: str, out: str | None) -> None:
         kind = path.suffix.removeprefix(".")
         if kind not in FORMATS:
             raise InputError(f"--out {path}: end its name in one of .{', .'.join(FORMATS)}")
-        if path.exists():
-            raise InputError(f"{path}: exists; choose another name")
+        refuse_existing("--out", path, force)
         loaded = [Trace.load(log) for log in logs]
         for log, trace in zip(logs, loaded, strict=True):
             say_if_truncated(log, trace)

@@ -12,12 +12,14 @@ import click
 from ..console import Console
 from .common import (
     EXIT_BAD_INPUT,
-    EXIT_INTERRUPTED,
     EXIT_UNSTABLE,
     Stop,
+    alone_in,
     asked_for,
     bad_input,
+    command,
     end,
+    exit_interrupted,
     folder_for,
     json_option,
     move_aside,
@@ -33,7 +35,9 @@ if TYPE_CHECKING:
     from ..scenario import Scenario
 
 
-@click.command(epilog="Exit status: 0 completed, 2 bad input or a law that failed, 3 unstable, 130 interrupted.")
+@command(
+    epilog="Exit status: 0 completed, 2 bad input or a law that failed, 3 unstable, 130 interrupted (143 by SIGTERM)."
+)
 @scenario_argument
 @click.option(
     "-c", "--controller", metavar="LAW", help="gsta, sta, fosm, impedance, ideal, or path/to/my_law.py:MyLaw."
@@ -67,7 +71,6 @@ def run(
     uvms-mj run --from results/run.mcap --set current.speed=0.3
     """
     stop = Stop()
-    os.environ.setdefault("MUJOCO_GL", "disable")  # nothing is drawn here, and looking for a display takes time
     console = Console(as_json, quiet)
     scenario = None
     files: dict[str, Path] = {}
@@ -86,13 +89,14 @@ def run(
                 scenario = Scenario.load(name or "push_wall", overrides, controller)
             folder, made = _output_folder(out, scenario)
             try:
-                status = _simulate(scenario, mjcf, folder, files, log_rate, viewer, console, stop)
+                with alone_in(folder):
+                    status = _simulate(scenario, mjcf, folder, files, log_rate, viewer, console, stop)
             finally:
                 _remove_if_empty(made)
     except KeyboardInterrupt:
         if as_json:
             click.echo(json.dumps(_nothing_ran(scenario, controller) | {"files": _existing(files)}))
-        end("interrupted before the first step", EXIT_INTERRUPTED)
+        end("interrupted before the first step", exit_interrupted())
     sys.exit(status)
 
 
@@ -148,6 +152,7 @@ def _simulate(
     """Run, write, report; the exit status. ``files`` gets what the run begins to write."""
     import warnings
 
+    from ..faults import InputError
     from ..mcap_log import McapLog
     from ..recording import Status
     from ..simulation import LawError, SinkError, simulate
@@ -172,9 +177,9 @@ def _simulate(
             )
         except (LawError, SinkError) as raised:
             trace, error = raised.trace, str(raised)
+        except InputError:
+            raise
         except OSError as raised:
-            from ..faults import InputError
-
             raise InputError(f"{raised.filename or f'--out {folder}'}: {raised.strerror}") from None
     stop.ignore()
     report = summary(trace, _existing(files))
@@ -184,7 +189,7 @@ def _simulate(
         return EXIT_BAD_INPUT
     if trace.status is not Status.completed:
         click.echo(f"{trace.status.name}: {trace.message}", err=True)
-    return {Status.unstable: EXIT_UNSTABLE, Status.interrupted: EXIT_INTERRUPTED}.get(trace.status, 0)
+    return {Status.unstable: EXIT_UNSTABLE, Status.interrupted: exit_interrupted()}.get(trace.status, 0)
 
 
 _LOG, _SCENARIO = "run.mcap", "scenario.toml"
@@ -217,18 +222,31 @@ class _Folder:
 def _output_folder(out: str | None, scenario: "Scenario") -> tuple[Path, list[Path]]:
     """The folder of a run, made and writable, before anything is computed; and what was made for it, inner first."""
     import datetime
+    import itertools
 
     if out is not None:
         folder = Path(out)
-    else:
-        now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
-        words = re.sub(r"[^\w.-]+", "_", f"{scenario.name}-{scenario.controller.label()}")[:100]
-        stem = Path("runs") / f"{now}-{words}"
-        folder, n = stem, 2
-        while folder.exists():
-            folder, n = stem.with_name(f"{stem.name}-{n}"), n + 1
-    made = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
+        made = _missing(folder)
+        return folder_for(out), made
+    now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
+    words = re.sub(r"[^\w.-]+", "_", f"{scenario.name}-{scenario.controller.label()}")[:100]
+    stem = folder = Path("runs") / f"{now}-{words}"
+    for n in itertools.count(2):
+        made = _missing(folder)
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:  # another run began in the same second
+            folder = stem.with_name(f"{stem.name}-{n}")
+            continue
+        except OSError:
+            pass
+        break
     return folder_for(str(folder)), made
+
+
+def _missing(folder: Path) -> list[Path]:
+    """The folders that have to be made for a folder, inner first."""
+    return [path for path in (folder, *folder.parents) if not os.path.exists(path)]
 
 
 def _remove_if_empty(folders: list[Path]) -> None:

@@ -5,7 +5,6 @@ Nothing in those files is ever executed, and nothing of them is written anywhere
 
 import dataclasses
 import re
-import tomllib
 from collections.abc import Mapping
 from pathlib import PurePath
 from typing import Annotated
@@ -26,7 +25,13 @@ from ..recording import Header, Law, Outcome, Status
 from ..scenario import Scenario
 from ..sections import STRICT
 from ..signals import RECORDED, Signal
+from ..toml_text import parsed_toml
 
+MOST_BYTES = 256_000_000
+"""Of all files that a log is made of, together."""
+_MOST_VALUES = 200_000
+"""Of numbers, texts and lists in one JSON file: each takes some hundred bytes of memory when it is read. Meshes are
+texts."""
 FORMAT = 1
 """Version of what stands in a log."""
 
@@ -77,9 +82,6 @@ class _End:
     wall_time_s: NonNegative
 
 
-_LONG_KEY = re.compile(rb"^[^\n=\"]{1000}", re.MULTILINE)
-"""What no scenario has; tomllib takes the square of a dotted key's length, minutes for 100 kB of it."""
-
 _RUN, _END = TypeAdapter(_Run), TypeAdapter(_End)
 """JSON of run.json and outcome.json."""
 
@@ -114,7 +116,25 @@ def header_files(header: Header) -> dict[str, bytes]:
     files |= {f"model/{name}": data for name, data in header.mjcf.files.items()}
     if header.law.code:
         files[f"law/{header.law.source.rpartition(':')[0]}"] = header.law.code.encode()
+    refuse_large(files)
     return files
+
+
+def refuse_large(files: Mapping[str, bytes]) -> None:
+    """Refuse files that would take too long or too much memory to read.
+
+    Raises:
+        InputError: with the name of the largest.
+    """
+    total = sum(map(len, files.values()))
+    if total > MOST_BYTES:
+        largest = max(files, key=lambda name: len(files[name]))
+        raise InputError(
+            f"its files have {total / 1e6:.4g} MB, {largest} the most of them; at most are {MOST_BYTES / 1e6:g} MB"
+        )
+    for name, data in files.items():
+        if name.endswith(".json") and sum(map(data.count, (b",", b"[", b"{"))) > _MOST_VALUES:
+            raise InputError(f"{name}: has more than {_MOST_VALUES} values")
 
 
 def header_of(files: Mapping[str, bytes]) -> Header:
@@ -133,10 +153,8 @@ def header_of(files: Mapping[str, bytes]) -> Header:
     if run.format != FORMAT:
         raise InputError(f"written in format {run.format}, by another version of uvms-mj; this one reads {FORMAT}")
     try:
-        if _LONG_KEY.search(files["scenario.toml"]):
-            raise InputError("scenario.toml: a key of more than 1000 characters")
-        tables = tomllib.loads(files["scenario.toml"].decode())
-    except (ValueError, RecursionError) as error:  # no TOML, no UTF-8, a number of thousands of digits
+        tables = parsed_toml(files["scenario.toml"].decode())
+    except ValueError as error:
         raise InputError(f"scenario.toml: {error}") from None
     table = tables.get("controller")
     if not isinstance(table, dict) or table.get("name") != run.law.source:  # before anything goes by that name

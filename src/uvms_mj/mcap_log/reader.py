@@ -25,9 +25,10 @@ from mcap.records import Header as FileHeader
 
 from ..faults import InputError
 from ..recording import Header, Outcome, Status
-from .attachments import header_of, outcome_of
+from .attachments import MOST_BYTES, header_of, outcome_of, refuse_large
 from .layout import CHUNK_BYTES, Format
 from .sink import MAGIC, sealed
+from .zeros import end_of_writing
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +41,8 @@ class Recording:
     files: Mapping[str, bytes] = field(repr=False)
 
 
-_BLOCK, _STRIDE = 512, 1 << 20
-"""The least that a disk writes, and how much is read at a time where only zeros are expected [B]."""
+_BLOCK = 512
+"""The least that a disk writes [B]."""
 
 
 _TORN = (EndOfFile, McapError, struct.error)
@@ -102,7 +103,7 @@ class _Reader:
             raise InputError("is empty" if not self.size else "is not an MCAP file")
         file.seek(max(len(MAGIC), self.size - len(MAGIC)))
         self.whole = file.read() == MAGIC  # then nothing may be missing
-        self.written = self.size if self.whole else _written(file, self.size)
+        self.written = self.size if self.whole else end_of_writing(file, self.size)
         self.size = min(self.size, -(-self.written // _BLOCK) * _BLOCK)
         file.seek(len(MAGIC))
         self.crc = zlib.crc32(MAGIC)
@@ -161,10 +162,12 @@ class _Reader:
                 raise _CutOff(f"it ends at byte {self.size}, without an end mark")
             head = self.file.read(9)
             opcode, length = struct.unpack("<BQ", head)
-            if not (self.whole or opcode or self.file.read(self.size - at - 9).strip(b"\0")):
+            if not self.whole and at >= self.written:
                 raise _CutOff(f"there are only zeros from byte {at} on")
             if length > self.size - at - 9:
                 raise _CutOff(f"the record at byte {at} is not whole")
+            if length > MOST_BYTES:
+                raise InputError(f"is damaged: a record of {length / 1e6:.4g} MB at byte {at}")
             content = self.file.read(length)
             if opcode != Opcode.DATA_END:
                 self.crc = zlib.crc32(content, zlib.crc32(head, self.crc))
@@ -219,6 +222,7 @@ class _Reader:
         if attachment.name in self.files:
             raise InputError(f"is damaged: two attachments {attachment.name!r}")
         self.files[attachment.name] = attachment.data
+        refuse_large(self.files)
 
     def _chunk(self, format: Format, chunk: Chunk) -> None:
         """Rows of a chunk, which must follow those before it."""
@@ -237,15 +241,18 @@ class _Reader:
         if not self.blocks and not self.rows and np.array_equal(raw, format.once_bytes()):
             return
         misplaced = f"is damaged: the chunk after row {self.rows} is not laid out as it should be"
+        most = -(-format.header.scenario.steps // format.header.row_steps) + 1
         arrows, pos = format.arrow_records, 0
         while pos < len(raw):
             into = self.rows % format.arrow_every
             if into == 0:
+                if len(raw) - pos < arrows.size:
+                    raise InputError(misplaced)
                 if format.arrow_records.rows(raw[pos : pos + arrows.size].reshape(-1, arrows.size)) is None:
                     raise InputError(misplaced)
                 pos += arrows.size
             n = min(format.arrow_every - into, (len(raw) - pos) // row.size)
-            if n < 1:
+            if n < 1 or self.rows + n > most:
                 raise InputError(misplaced)
             records = row.rows(raw[pos : pos + n * row.size].reshape(n, row.size))
             t, log_ns = format.times(self.rows, n)
@@ -258,7 +265,9 @@ class _Reader:
     def _summary(self) -> None:
         """What stands behind the data; nothing of it is used, but damage is damage."""
         start = self.file.tell()
-        rest = self.file.read()
+        if self.size - start > start + MOST_BYTES:  # an index is smaller than what it names
+            raise InputError("is damaged: its index is larger than its data")
+        rest = self.file.read(self.size - start)
         footer_size = 9 + 20
         if len(rest) < footer_size + len(MAGIC) or not self.whole:
             raise _CutOff("its index is incomplete")
@@ -266,17 +275,6 @@ class _Reader:
         footer = Footer.read(ReadDataStream(BytesIO(end[9:])))
         if footer.summary_start != start or footer.summary_crc != zlib.crc32(end[:-4], zlib.crc32(summary)):
             raise InputError("is damaged: the checksum of its index does not fit")
-
-
-def _written(file: BinaryIO, size: int) -> int:
-    """Where the zeros begin that a file ends with: after a power cut, blocks that were not written are full of them."""
-    while size:
-        start = (size - 1) // _STRIDE * _STRIDE
-        file.seek(start)
-        if rest := file.read(size - start).rstrip(b"\0"):
-            return start + len(rest)
-        size = start
-    return 0
 
 
 def _format(header: Header, records: list[tuple[int, bytes]], notes: dict[str, str]) -> Format:

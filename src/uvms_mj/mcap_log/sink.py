@@ -32,6 +32,7 @@ from mcap.records import (
 )
 from mcap.records import Header as FileHeader
 
+from ..faults import InputError
 from ..recording import Header, Outcome
 from . import ros2
 from .attachments import header_files, outcome_file
@@ -41,6 +42,10 @@ MAGIC = b"\x89MCAP0\r\n"
 METADATA, SEAL = "uvms_mj", "crc32"
 _LEVEL = 1
 _MEDIA = {".json": "application/json", ".toml": "application/toml", ".xml": "application/xml", ".py": "text/x-python"}
+
+
+class LogExistsError(InputError, FileExistsError):
+    """A log has the name of a file that exists. Nothing that was recorded is overwritten."""
 
 
 class McapLog:
@@ -55,9 +60,17 @@ class McapLog:
         self._file: FileIO | None = None
 
     def begin(self, header: Header) -> None:
-        """Write everything but the rows. Raises FileExistsError or another OSError if the file can't be created."""
+        """Write everything but the rows.
+
+        Raises:
+            LogExistsError: the file exists.
+            OSError: the file can't be created.
+        """
         self.format = Format(header)
-        self._file = FileIO(self.path, "xb")
+        try:
+            self._file = FileIO(self.path, "xb")
+        except FileExistsError:
+            raise LogExistsError(f"{self.path}: exists; give the log another name, or remove the file") from None
         self._rows = 0
         self._size = self._crc = 0
         self._chunks = 0

@@ -7,6 +7,7 @@ the compiled function only; here the object's name is a fingerprint of all the s
 edit to any of them simply leads to another object.
 """
 
+import atexit
 import contextlib
 import ctypes
 import functools
@@ -20,7 +21,8 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterable
+import warnings
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -58,6 +60,9 @@ _CORE = (
 _KEPT_OBJECTS = 200
 _MIN_AGE_S = 7 * 24 * 3600.0
 _INLINED = {"error_model": "numpy", "forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+_DISABLE = "NUMBA_DISABLE_JIT"
+"""Set by users who look for mistakes: their own laws run as plain Python then, and the core as machine code still."""
+_VARIABLE = "UVMS_MJ_CACHE_DIR"
 _lock = threading.RLock()
 _engines: list[llvm.ExecutionEngine] = []  # machine code lives as long as its engine
 
@@ -68,6 +73,10 @@ class NativeFunction:
 
     address: int
     ctypes: Any
+
+
+class CacheWarning(UserWarning):
+    """Machine code can't be kept on disk."""
 
 
 class NotCompiled(Exception):
@@ -98,13 +107,29 @@ def native_function(
     Raises:
         NotCompiled: numba can't compile it.
     """
+    if not self_contained and os.environ.get(_DISABLE, "0") not in ("", "0"):
+        raise NotCompiled(f"{_DISABLE} is set")
     name = _fingerprint([*_environment(), function.__qualname__.encode(), *parts])
     with _lock:
         loaded = _load(name, self_contained)
         if loaded is None:
-            loaded = _compile(prepare() if prepare else function, arguments, returns, name, law)
+            with _compiler():
+                loaded = _compile(prepare() if prepare else function, arguments, returns, name, law)
     result = ctypes.c_int64 if returns else None
     return NativeFunction(loaded, ctypes.CFUNCTYPE(result, *[ctypes.c_int64] * arguments)(loaded))
+
+
+@contextlib.contextmanager
+def _compiler() -> Iterator[None]:
+    """Numba as a compiler, whatever NUMBA_DISABLE_JIT says."""
+    import numba
+
+    config: Any = numba.config
+    before, config.DISABLE_JIT = config.DISABLE_JIT, 0
+    try:
+        yield
+    finally:
+        config.DISABLE_JIT = before
 
 
 def _compile(function: Callable, arguments: int, returns: bool, name: str, law: bool) -> int:
@@ -252,15 +277,18 @@ def _environment() -> tuple[bytes, ...]:
 
 @functools.cache
 def _folder() -> Path:
-    """Where objects are kept: UVMS_MJ_CACHE_DIR if set, else the user's cache folder, else (read-only home) a
-    temporary one."""
-    folder = Path(os.environ.get("UVMS_MJ_CACHE_DIR") or platformdirs.user_cache_dir("uvms-mj"))
+    """Where objects are kept. A temporary folder, for child processes too, replaces one that can't be written."""
+    folder = Path(os.environ.get(_VARIABLE) or platformdirs.user_cache_dir("uvms-mj"))
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
-    except OSError:
+    except OSError as error:
+        note = f"machine code can't be kept in {folder} ({error.strerror}), so that every run compiles it anew: "
+        warnings.warn(f"{note}set {_VARIABLE} to a folder that can be written", CacheWarning, stacklevel=2)
         folder = Path(tempfile.mkdtemp(prefix="uvms-mj-cache-"))
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        os.environ[_VARIABLE] = str(folder)
     return folder
 
 

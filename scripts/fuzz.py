@@ -1,0 +1,50 @@
+"""The fuzzer's long form: thousands of mutated inputs, in processes with limits; see tests/fuzzer.py.
+
+python scripts/fuzz.py                        20,000 inputs
+python scripts/fuzz.py --first 5000 --n 500   other seeds
+python scripts/fuzz.py --seed 4711 --keep x   one input again, with its files in the folder x
+"""
+
+import sys
+import time
+from pathlib import Path
+
+import click
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+
+@click.command()
+@click.option("--first", type=int, default=0, show_default=True, help="The first seed.")
+@click.option("--n", type=int, default=20_000, show_default=True, help="How many seeds.")
+@click.option("--workers", type=int, default=2, show_default=True, help="Processes at a time.")
+@click.option("--seed", type=int, help="Do this one only, here, and print what it is.")
+@click.option("--keep", type=click.Path(path_type=Path), default=Path("fuzzed"), help="Folder for that one's files.")
+def fuzz(first: int, n: int, workers: int, seed: int | None, keep: Path) -> None:
+    """Give mutated inputs to the command; print every one that ends as none may. Status 1 if there is one."""
+    from fuzzer import Failure, campaign, told, verdict
+    from mutations import case
+
+    if seed is not None:
+        one = case(seed)
+        keep.mkdir(parents=True)
+        click.echo(f"{one.kind}: uvms-mj {' '.join(map(repr, one.arguments))}\nin {keep}: {', '.join(one.files)}")
+        what = verdict(one, keep)
+        click.echo(what or "as it should be")
+        sys.exit(bool(what))
+    start = time.monotonic()
+
+    def progress(done: int, failure: Failure | None) -> None:
+        if failure is not None:
+            again = f"python scripts/fuzz.py --seed {failure.seed} --keep seed-{failure.seed}"
+            click.echo(f"{told([failure])}\n{again}\n")
+        if done % 100 == 0:
+            click.echo(f"{done} of {n}, {time.monotonic() - start:.0f} s", err=True)
+
+    failures, kinds = campaign(range(first, first + n), workers, progress)
+    click.echo(f"{sum(kinds.values())} inputs in {time.monotonic() - start:.0f} s, {len(failures)} failed: {kinds}")
+    sys.exit(bool(failures))
+
+
+if __name__ == "__main__":
+    fuzz()

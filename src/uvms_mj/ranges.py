@@ -1,0 +1,59 @@
+"""Numbers that are right one by one and wrong together: with the time step, or because an equation overflows."""
+
+import contextlib
+import dataclasses
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from .faults import Fault, InputError
+from .scenario import Scenario
+
+_SMALL, _LARGE = 1e-6, 1e8
+"""Numbers outside of this range are named where an equation overflows."""
+
+
+def aliased(scenario: Scenario) -> list[Fault]:
+    """Faults of a disturbance that is too fast for the time step: sampled, it would be a slower one."""
+    h = scenario.simulation.timestep
+    return [
+        Fault(
+            f"disturbance.frequency_hz[{i}]",
+            f"{f:.12g} Hz must be below half the step rate, {0.5 / h:.6g} Hz: sampled every {h:g} s it would act as "
+            f"{abs(f - round(f * h) / h):.6g} Hz",
+        )
+        for i, f in enumerate(scenario.disturbance.frequency_hz)
+        if f * h >= 0.5 * (1.0 - 1e-9)
+    ]
+
+
+@contextlib.contextmanager
+def no_overflow(scenario: Scenario) -> Iterator[None]:
+    """Where an equation of the design gives no finite number, name the keys with extreme values.
+
+    Raises:
+        InputError: in place of what NumPy raises.
+    """
+    try:
+        with np.errstate(over="raise", invalid="raise", divide="raise"):
+            yield
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        extreme = [
+            Fault(key, f"{value:g} is too {'large' if abs(value) > 1.0 else 'small'} beside the other numbers")
+            for key, value in _numbers("", dataclasses.asdict(scenario))
+            if value and not _SMALL <= abs(value) <= _LARGE
+        ]
+        what = f"an equation of the design has no finite result: {error}"
+        raise InputError(extreme or [Fault("", what)], what if extreme else "scenario") from None
+
+
+def _numbers(key: str, value: Any) -> Iterator[tuple[str, float]]:
+    if isinstance(value, dict):
+        for name, each in value.items():
+            yield from _numbers(f"{key}.{name}" if key else name, each)
+    elif isinstance(value, list | tuple):
+        for i, each in enumerate(value):
+            yield from _numbers(f"{key}[{i}]", each)
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        yield key, float(value)
