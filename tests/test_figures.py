@@ -4,6 +4,7 @@ import dataclasses
 import itertools
 import subprocess
 import sys
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import ClassVar
 from unittest.mock import patch
@@ -64,6 +65,7 @@ def many(traces, n):
     return {f"a run of a sweep, number {i} of {n}: {laws[i % 4]}": traces[laws[i % 4]] for i in range(n)}
 
 
+@dataclass(frozen=True)
 class Odd(Controller):
     """States of all sizes."""
 

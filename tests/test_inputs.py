@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 import warnings
 from pathlib import Path
@@ -16,7 +17,7 @@ from click.testing import CliRunner
 from uvms_mj import InputError, McapLog, Scenario, Trace, simulate
 from uvms_mj.cli import main
 from uvms_mj.contact_checks import wall_faults
-from uvms_mj.mujoco_warnings import MujocoWarning
+from uvms_mj.mujoco_warnings import MujocoWarning, mujoco_warnings
 from uvms_mj.plant import build
 from uvms_mj.ranges import no_overflow
 from uvms_mj.scenario import keys
@@ -343,3 +344,42 @@ def test_a_scenario_prints_what_differs_from_the_defaults():
     assert repr(Scenario()) == "<Scenario 'push_wall', gsta, defaults>"
     other = Scenario.load("push_wall", {"wall.stiffness": 2e4, "controller.K_s": 3.0}, "fosm")
     assert repr(other).splitlines()[1:] == ["    wall.stiffness = 20000.0", "    controller.K_s = 3.0>"]
+
+
+def test_warnings_of_mujoco_reach_the_thread_that_stepped(monkeypatch):
+    """Two threads collect at once and leave in the order in which they came. The user's handler is back afterwards."""
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body><freejoint/><geom size='.1'/></body></worldbody></mujoco>"
+    )
+    said: dict[str, list[str]] = {"0": [], "1": []}
+    monkeypatch.setattr(
+        warnings, "warn", lambda text, *_, **__: said[threading.current_thread().name].append(str(text))
+    )
+    inside, first_left = threading.Barrier(2), threading.Event()
+
+    def collect(dof):
+        with mujoco_warnings():
+            inside.wait(10)
+            if dof == 1:
+                first_left.wait(10)
+            data = mujoco.MjData(model)
+            data.qvel[dof] = np.nan
+            mujoco.mj_step(model, data)
+        first_left.set()
+
+    def mine(text):
+        pass
+
+    mujoco.set_mju_user_warning(mine)
+    try:
+        threads = [threading.Thread(target=collect, args=(dof,), name=str(dof)) for dof in (0, 1)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert mujoco.get_mju_user_warning() is mine
+    finally:
+        mujoco.set_mju_user_warning(None)
+    for dof in ("0", "1"):
+        (text,) = said[dof]
+        assert f"QVEL at DOF {dof}" in text

@@ -1,25 +1,51 @@
-"""MuJoCo's warnings as Python's. By itself MuJoCo writes them into MUJOCO_LOG.TXT in the working folder."""
+"""MuJoCo's warnings as Python warnings. By default MuJoCo writes them to MUJOCO_LOG.TXT in the working folder."""
 
 import contextlib
+import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import mujoco
 
 
 class MujocoWarning(UserWarning):
-    """MuJoCo met a number that it can't go on with."""
+    """MuJoCo met a number with which it cannot continue."""
+
+
+_lock = threading.Lock()
+_collecting: dict[int, list[str]] = {}
+"""Texts by thread: MuJoCo has one handler for a process, and calls it in the thread that steps."""
+_before: list[Callable[[str], None] | None] = []
+
+
+def _collect(text: str) -> None:
+    texts = _collecting.get(threading.get_ident())
+    if texts is not None:
+        texts.append(text)
+    elif _before and _before[0] is not None:
+        _before[0](text)
 
 
 @contextlib.contextmanager
 def mujoco_warnings() -> Iterator[None]:
-    """Collect what MuJoCo says, and warn of it once, at the end."""
-    said: list[str] = []
-    before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(said.append)
+    """Collect MuJoCo's warnings of this thread, and issue each of them once at the end."""
+    thread = threading.get_ident()
+    with _lock:
+        if not _collecting:
+            _before[:] = [mujoco.get_mju_user_warning()]
+            mujoco.set_mju_user_warning(_collect)
+        outer = _collecting.get(thread)
+        texts: list[str] = []
+        _collecting[thread] = texts
     try:
         yield
     finally:
-        mujoco.set_mju_user_warning(before)
-        for text in dict.fromkeys(said):
+        with _lock:
+            if outer is None:
+                del _collecting[thread]
+            else:
+                _collecting[thread] = outer
+            if not _collecting:
+                mujoco.set_mju_user_warning(_before[0])
+        for text in dict.fromkeys(texts):
             warnings.warn(f"MuJoCo: {text}", MujocoWarning, stacklevel=4)
