@@ -24,15 +24,11 @@ from misbehave import trouble
 ALL = cases()
 HERE = [
     "overruns: tau_cmd[131071]",
-    "overruns: state.xi[-131000]",
     "overruns: gains.A[7]",
     "helpers: put(state.xi, 100)",
     "helpers: compiled at once",
     "shapes: tau_cmd += np.ones(7)",
-    "shapes: tau_cmd -= np.ones(7)",
     "shapes: tau_cmd += np.ones((2, 6))",
-    "shapes: np.add(signals.s, np.ones(7), tau_cmd)",
-    "flats: tau_cmd.flat[45] = 0.0",
     "flats: signals.M_hat.T.flat[36] = 0.0",
     "numbers: unused state",
     "numbers: numpy root",
@@ -40,13 +36,12 @@ HERE = [
     "numbers: returned",
     "numbers: gain",
     "exceptions: raise Base('x')",
-    "exceptions: raise Odd",
     "exceptions: compiled recursion",
     "memory: np.zeros(1 << 45)",
     *(name for name in ALL if name.startswith("declarations: ")),
     *(name for name in ALL if name.startswith("files: ")),
 ]
-APART = ["exceptions: exit", "numbers: too large", "endless: while", "endless: helper", "endless: plain Python"]
+APART = ["exceptions: exit", "numbers: too large", "endless: while", "endless: plain Python"]
 
 
 def scenario(tmp_path, text, name="my_law.py"):
@@ -54,9 +49,15 @@ def scenario(tmp_path, text, name="my_law.py"):
     return Scenario.load("push_wall", {"simulation.duration": 0.05}, f"{tmp_path / name}:Law")
 
 
+@pytest.fixture(scope="module")
+def quiet_run(tmp_path_factory):
+    """What a law without a mistake gives."""
+    return simulate(scenario(tmp_path_factory.mktemp("quiet"), law(SET)))
+
+
 @pytest.mark.parametrize("name", HERE)
 @pytest.mark.filterwarnings("ignore::uvms_mj.simulation.PlainPythonWarning")
-def test_a_law_that_misbehaves_is_named_with_what_it_did(tmp_path, name):
+def test_a_law_that_misbehaves_is_named_with_what_it_did(tmp_path, quiet_run, name):
     case, log = ALL[name], tmp_path / "run.mcap"
     with pytest.raises((InputError, LawError)) as caught:
         simulate(scenario(tmp_path, case.text), sinks=[McapLog(log)])
@@ -66,9 +67,8 @@ def test_a_law_that_misbehaves_is_named_with_what_it_did(tmp_path, name):
         trace = Trace.load(log)
         assert trace.status is Status.failed
         assert trace.message == str(caught.value)
-        quiet = simulate(scenario(tmp_path, law(SET), "quiet.py"))
         for each in ("p_WB", "nu", "tau", "tau_cmd"):  # what was recorded is what a law without the mistake gives
-            assert np.array_equal(trace[each], quiet[each][: len(trace)]), each
+            assert np.array_equal(trace[each], quiet_run[each][: len(trace)]), each
 
 
 @pytest.mark.parametrize("name", APART)
@@ -77,21 +77,14 @@ def test_a_process_ends_with_a_sentence_and_a_status(name):
 
 
 EVERYWHERE = [
-    "tau_cmd += np.ones({n})",
     "tau_cmd -= np.ones(({n}, 6))",
     "tau_cmd *= np.ones((1, {n}))",
-    "signals.M_hat += np.ones({n})",
     "signals.M_hat /= np.ones(({n}, 1))",
     "np.add(np.ones({n}), 1.0, tau_cmd)",
-    "np.sqrt(np.ones({n}), tau_cmd)",
     "tau_cmd[:] = np.ones({n})",
-    "tau_cmd[1:3] = np.ones({n})",
-    "signals.M_hat[:, 1] = np.ones({n})",
-    "tau_cmd.flat[{n}] = 1.0",
     "tau_cmd.flat[-{n}] = 1.0",
     "signals.M_hat.T.flat[{n} * {n}] = 1.0",
     "tau_cmd[np.array([0, {n}])] = 1.0",
-    "state.xi[{n} - 1] = 1.0",
 ]
 
 

@@ -14,6 +14,8 @@ MARGIN = (1 << 20) + 4096
 """Bytes between one array and the middle of the gap to the next."""
 PATTERN = 0x7FF8DECADE0FACED
 """What fills the margins: a quiet NaN of no other origin."""
+UNSET = PATTERN + 1
+"""What is in tau_cmd before the first call: another NaN, to tell an entry that a law left out."""
 NEAR = 8
 """Numbers on either side of an array that are looked at after each call of a compiled law."""
 REGIONS = ("gains", "signals", "state", "state_dot", "tau_cmd")
@@ -46,7 +48,8 @@ class Arena:
         self._words = np.frombuffer(memory, np.int64)
         self._words[:] = PATTERN
         self.arrays = {name: np.ndarray(1, kind, memory, self.offsets[name]) for name, kind in kinds.items()}
-        self.arrays["tau_cmd"] = self._part("tau_cmd").view(float)  # unset: a law that leaves an entry out is found
+        self._part("tau_cmd")[:] = UNSET
+        self.arrays["tau_cmd"] = self._part("tau_cmd").view(float)
         self._own_gains = self._words[self.offsets["own_gains"] // 8 :].view(gains.dtype)
         self.arrays["gains"][:] = self._own_gains[:] = gains
         for name in ("signals", "state", "state_dot"):
@@ -111,7 +114,7 @@ class Arena:
         tau_cmd = self.arrays["tau_cmd"]
         for i in range(6):
             if not math.isfinite(tau_cmd[i]):
-                if tau_cmd.view(np.int64)[i] == PATTERN:
+                if tau_cmd.view(np.int64)[i] == UNSET:
                     return f"left tau_cmd[{i}] unset: a law must fill all six entries of tau_cmd; {_IGNORED}"
                 return f"set tau_cmd[{i}] to {tau_cmd[i]}"
         for record in ("state_dot", "state"):
