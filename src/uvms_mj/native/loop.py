@@ -15,7 +15,7 @@ from ..hydrodynamics import disturbance
 from ..kernels import kernel
 from ..reference import filtered_steps
 from ..truth import reveal
-from .layouts import FAULT_COMMAND, FAULT_LAW, FAULT_NONE, FAULT_STATE, ROW_SIZE
+from .layouts import ROW_SIZE, STOP_COMMAND, STOP_LAW, STOP_NONE, STOP_STATE
 from .memory import call_law, floats, integers, triples
 
 
@@ -131,12 +131,12 @@ def thrust(loop):
 
 
 @kernel
-def fail(loop, kind, index, value):
-    """Record the first reason to stop the run: its kind, an index and the value out of bounds."""
-    if loop.fault == FAULT_NONE:
-        loop.fault = kind
-        loop.fault_index = index
-        loop.fault_value = value
+def stop_run(loop, kind, index, value):
+    """Stop the run and record the first reason: its kind, an index and the value out of bounds."""
+    if loop.stop == STOP_NONE:
+        loop.stop = kind
+        loop.stop_index = index
+        loop.stop_value = value
 
 
 @kernel
@@ -144,10 +144,10 @@ def check_state(loop):
     """Stop the run if the position or the velocity is out of bounds. A NaN fails every comparison."""
     for i in range(3):
         if not abs(loop.p[i] - loop.qpos_safe[i]) <= loop.position_bound:
-            fail(loop, FAULT_STATE, i, loop.p[i])
+            stop_run(loop, STOP_STATE, i, loop.p[i])
     for i in range(6):
         if not abs(loop.nu[i]) <= loop.speed_bound[i]:
-            fail(loop, FAULT_STATE, 3 + i, loop.nu[i])
+            stop_run(loop, STOP_STATE, 3 + i, loop.nu[i])
 
 
 @kernel
@@ -157,11 +157,11 @@ def control(loop):
         at = loop.state_dot_at
         wrong = call_law(loop.law_at, loop.gains_at, loop.state_at, loop.signals_at, at, loop.tau_cmd_at)
         if wrong != 0:
-            fail(loop, FAULT_LAW, wrong, 0.0)
+            stop_run(loop, STOP_LAW, wrong, 0.0)
             return
     for i in range(6):
         if not abs(loop.tau_cmd[i]) <= loop.tau_bound:
-            fail(loop, FAULT_COMMAND, i, loop.tau_cmd[i])
+            stop_run(loop, STOP_COMMAND, i, loop.tau_cmd[i])
             return
     allocate(loop)
 
@@ -182,17 +182,17 @@ def hold(context, loop):
 def begin_step(context, loop):
     """Do everything up to the thrust of step k. Returns True if the step may continue."""
     finish_step(context, loop)
-    if loop.fault != FAULT_NONE:
+    if loop.stop != STOP_NONE:
         return False
     if loop.step % loop.period_steps == 0:
         sense(context, loop)
         check_state(loop)
-        if loop.fault == FAULT_NONE:
+        if loop.stop == STOP_NONE:
             control(loop)
     else:
         observe(context, loop)
         check_state(loop)
-    if loop.fault != FAULT_NONE:
+    if loop.stop != STOP_NONE:
         return False
     thrust(loop)
     row = loop.row
