@@ -470,7 +470,7 @@ def test_a_vehicle_with_a_link_on_a_joint_is_refused(joint):
     """The link would be dry. What is fixed to the vehicle is a part of its rigid body."""
     xml = vehicle_xml(STILL).replace('name="origin"/>', f'name="origin"/>{LINK}')
     model = mujoco.MjModel.from_xml_string(xml.format(f'<joint type="{joint}"/>'))
-    with pytest.raises(InputError, match=r"body 'link': moves on 'rov'.*would be dry"):
+    with pytest.raises(InputError, match=r"body 'link': moves relative to 'rov'.*would be dry"):
         attach(model, mujoco.MjData(model))
     fixed = mujoco.MjModel.from_xml_string(xml.format(""))
     with attach(fixed, mujoco.MjData(fixed)) as attachment:
@@ -502,7 +502,7 @@ def test_a_misspelt_coefficient_is_refused(name, meant):
     [
         ('<motor delay="0.01" nsample="20" ', "m0: is not a plain <motor>"),
         ('<motor ctrlrange="5 -5" ', "m0: ctrlrange 5 -5: the lower limit must come first"),
-        ('<motor ctrlrange="-5 -4" forcerange="1 2" ', "m0: its ctrlrange and its forcerange have no thrust in common"),
+        ('<motor ctrlrange="-5 -4" forcerange="1 2" ', "m0: its ctrlrange and forcerange do not overlap"),
         ('<motor forcerange="5 -5" ', "m0: forcerange 5 -5: the lower limit must come first"),
     ],
 )

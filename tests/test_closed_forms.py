@@ -268,7 +268,7 @@ def test_without_nominal_control_the_thrust_is_nearly_the_same(paper_run):
         ("fosm", {"controller.epsilon": 9e-4}, "chatters"),
         ("fosm", {"estimates.inertia": 1.1}, "chatters"),
         ("fosm", {"disturbance.bias": [300.0, 0, 0, 0, 0, 0]}, "outside its boundary layer"),
-        ("fosm", {"disturbance.amplitude": [1.0] * 6, "disturbance.frequency_hz": [0.1] * 6}, "never rests"),
+        ("fosm", {"disturbance.amplitude": [1.0] * 6, "disturbance.frequency_hz": [0.1] * 6}, "is not constant"),
         ("gsta", {"disturbance.amplitude": [12.0, 0, 0, 0, 0, 0], "disturbance.frequency_hz": [1.0] * 6}, "faster"),
         ("gsta", {"wall.stiffness": 1e6, "controller.period": 1e-3}, "limit-cycles"),
         ("gsta", {"wall.friction": 0.3}, "friction"),

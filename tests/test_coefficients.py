@@ -1,4 +1,4 @@
-"""Coefficients of a vehicle's file make the matrices that the literature means; wrong ones are refused by name."""
+"""Coefficients in a vehicle's file give the matrices of the literature; wrong ones are refused by name."""
 
 import warnings
 from dataclasses import replace
@@ -23,13 +23,13 @@ SUFFIX = {"M_A": "{}dot", "D_linear": "{}", "D_quadratic": "{0}{0}"}
 
 
 def numerics(entries: dict[str, np.ndarray | float]) -> str:
-    """The <custom> section of some entries, and of a mass of water."""
+    """A <custom> section with some entries and a displaced mass."""
     values = {name: " ".join(repr(float(x)) for x in np.ravel(v)) for name, v in entries.items()}
     return "".join(f'<numeric name="{k}" data="{v}"/>' for k, v in ({"displaced_mass": "7.31"} | values).items())
 
 
 def derivatives(name: str, matrix: np.ndarray, half: bool = False) -> dict[str, float]:
-    """SNAME's names and signs for the entries of a matrix; half leaves out what symmetry gives."""
+    """The entries of a matrix with SNAME's names and signs; ``half`` leaves out those given by symmetry."""
     return {
         f"{'XYZKMN'[i]}_{SUFFIX[name].format('uvwpqr'[j])}": -value
         for (i, j), value in np.ndenumerate(matrix)
@@ -63,7 +63,7 @@ def test_a_matrix_and_its_derivatives_are_one_vehicle(seed):
 
 
 def test_an_absent_cross_term_is_zero_and_a_known_name():
-    """N_v, Y_rr and Y_rdot have their place and sign; the latter also sets N_vdot."""
+    """N_v, Y_rr and Y_rdot have the right place and sign; Y_rdot also sets N_vdot."""
     diagonal = {name: np.diag(np.arange(1.0, 7.0)) for name in MATRICES}
     entries = {k: v for name, m in diagonal.items() for k, v in derivatives(name, m).items() if v}
     read = vehicle(entries | {"N_v": -3.1, "Y_rr": -0.3, "Y_rdot": 0.5})
@@ -92,7 +92,7 @@ def changed(name: str, *entries: tuple[int, int, float]) -> dict[str, np.ndarray
         (GOOD | {"D_quadratic": np.ones(35)}, ["D_quadratic: has 35 values; 36 are needed"]),
         (GOOD | {"D_linear": np.ones(6)}, ["D_linear: has 6 values; 36 are needed"]),
         (GOOD | {"D_linear": np.full(36, np.nan)}, ["D_linear: nan: must be finite"]),
-        (GOOD | {"D_linear": np.full(36, 1e300)}, ["D_linear: 1e+300: must be finite, and at most 1e+15"]),
+        (GOOD | {"D_linear": np.full(36, 1e300)}, ["D_linear: 1e+300: must be finite and at most 1e+15"]),
         (changed("D_linear", (2, 2, -5.0)), ["D_linear, row 3, column 3: -5 is not dissipative", "negative"]),
         (
             changed("M_A", (0, 4, 0.3)),
@@ -126,7 +126,7 @@ def quadratic_power(D: np.ndarray, nu: np.ndarray) -> np.ndarray:
 
 @given(seeds, st.floats(0.05, 1.0))
 def test_a_gain_is_found_exactly_where_there_is_one(seed, size):
-    """What is found is a gain, and where nothing is found, none of 2,000 velocities is one, in any units."""
+    """A velocity that is found gains energy; if none is found, none of 2,000 velocities does, in any units."""
     rng = np.random.default_rng(seed)
     D = rng.normal(size=(6, 6)) * size
     D[np.diag_indices(6)] = rng.uniform(0.5, 2.0, 6)
@@ -167,7 +167,7 @@ def test_a_cross_term_on_an_axis_without_damping_is_a_gain():
 
 
 def noted_power(D_linear: np.ndarray, D_quadratic: np.ndarray, note: str) -> tuple[float, float]:
-    """The power at the velocity of a note, and the one that it states [W]."""
+    """The power at the velocity in a note, and the power stated in the note [W]."""
     nu = np.array(note[note.index("[") + 1 : note.index("]")].split(), dtype=float)
     stated = float(note.split("adds ")[1].split(" W")[0])
     return float(-nu @ (D_linear @ nu + D_quadratic @ (np.abs(nu) * nu))), stated
@@ -175,7 +175,7 @@ def noted_power(D_linear: np.ndarray, D_quadratic: np.ndarray, note: str) -> tup
 
 @pytest.mark.parametrize("name", ["D_linear", "D_quadratic"])
 def test_damping_that_feeds_energy_in_is_noted_for_a_run_and_warned_of_by_attach(name, tmp_path):
-    """Once, with the velocity at which linear and quadratic damping together give the stated power."""
+    """There is one note, with a velocity at which linear and quadratic damping together give the stated power."""
     good = TwinParameters(D_linear=np.diag([4.0, 6, 5, 1, 1, 1]), D_quadratic=np.diag([18.0, 21, 36, 2, 2, 2]))
     D = getattr(good, name).copy()
     D[1, 5], D[5, 1] = 30.0, 20.0

@@ -1,4 +1,4 @@
-"""Fossen's terms obey the laws that they are known for, and the matrices in the docstring."""
+"""Fossen's terms equal the matrices in the docstring and have their known properties."""
 
 import numpy as np
 from hypothesis import given
@@ -71,7 +71,7 @@ matrices = arrays(float, (6, 6), elements=st.floats(-50, 50))
 
 @given(matrices, matrices, vectors)
 def test_damping_is_the_sum_over_its_coefficients(D_linear, D_quadratic, nu):
-    """sum_ij (D_linear[i, j] + D_quadratic[i, j] |nu_j|) nu_j e_i, a diagonal among them."""
+    """sum_ij (D_linear[i, j] + D_quadratic[i, j] |nu_j|) nu_j e_i, including the diagonal."""
     out, expected = np.empty(6), np.zeros(6)
     damping(D_linear, D_quadratic, nu, out)
     for i, j in np.ndindex(6, 6):
@@ -81,7 +81,7 @@ def test_damping_is_the_sum_over_its_coefficients(D_linear, D_quadratic, nu):
 
 @given(seeds, vectors)
 def test_damping_dissipates(seed, nu):
-    """For matrices with an outweighing diagonal; without cross terms for any that are not negative."""
+    """Matrices with a dominant diagonal dissipate. So do diagonal matrices without negative entries."""
     rng, out = np.random.default_rng(seed), np.empty(6)
     damping(dissipative(rng, 10.0), dissipative(rng, 30.0), nu, out)
     assert nu @ out >= 0.0
@@ -93,7 +93,7 @@ def test_damping_dissipates(seed, nu):
 
 @given(seeds)
 def test_restoring_wrench_is_the_gradient_of_the_potential(seed):
-    """-g(eta) does the work that weight and buoyancy do: power = -dU/dt by central differences."""
+    """The power of -g(eta) is that of weight and buoyancy, -dU/dt by central differences."""
     rng = np.random.default_rng(seed)
     mass, displaced_mass = rng.uniform(1, 10, 2)
     r_g, r_b, p, nu = rng.normal(size=3), rng.normal(size=3), rng.normal(size=3), rng.normal(size=6)

@@ -1,4 +1,4 @@
-"""info, export and replay: what a user does with a log."""
+"""The commands for logs: info, export and replay."""
 
 import json
 

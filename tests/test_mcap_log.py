@@ -1,4 +1,4 @@
-"""The log: read back by others' code and by ours, cut off, damaged, killed."""
+"""Logs: read by independent code and by Trace; truncated, damaged and forged logs; killed runs."""
 
 import contextlib
 import copy
@@ -55,7 +55,7 @@ from uvms_mj import Controller, gain
 
 @dataclass(frozen=True)
 class Mine(Controller):
-    """Integral action, and a state that is not of six."""
+    """Integral action, and a state that does not have six components."""
     k: float = gain(2.0, "1/s", "integral gain")
     weights: tuple[float, ...] = gain((1.0, 2.0, 3.0), "1", "weights")
     flag: bool = gain(True, "1", "a flag")
@@ -155,7 +155,7 @@ def test_an_independent_decoder_reads_the_same_numbers(logged):
 
 
 def test_the_contact_wrench_in_base_link_is_the_force_at_the_vehicles_front(logged):
-    """By rotation with SciPy, and the moment of a force whose arm is the vehicle's reach."""
+    """The force is rotated with SciPy; the arm of its moment is the vehicle's reach."""
     from scipy.spatial.transform import Rotation
 
     trace, path = logged
@@ -193,7 +193,7 @@ def test_the_files_structure_is_what_rosbag2_and_others_need(logged):
     assert attachments["model/bluerov1.xml"] == (ROOT / "models" / "bluerov1.xml").read_bytes()
     assert metadata.metadata["controller"] == "gsta"
     assert metadata.metadata["version mujoco"]
-    # in time order without sorting, and what is constant stands there once
+    # messages are in time order without sorting
     with open(path, "rb") as file:
         times = [m.log_time for _, _, m in NonSeekingReader(file).iter_messages(log_time_order=False)]
     assert times == sorted(times)
@@ -256,7 +256,7 @@ def test_a_log_gives_the_trace_back_exactly(logged, tmp_path):
 @pytest.mark.parametrize("rate", ["full", "1000", "250", "2"])
 @pytest.mark.parametrize("duration", [0.2, 0.12345])
 def test_any_rate_and_duration_round_trips(tmp_path, rate, duration):
-    """Rows that chunks cut anywhere, and a last row off the grid."""
+    """Chunks end at any row, and the last row is off the grid of the log rate."""
     scenario = Scenario.load("push_wall", {"simulation.duration": duration})
     trace = simulate(scenario, log_rate=rate, sinks=[McapLog(tmp_path / "run.mcap")])
     loaded = Trace.load(tmp_path / "run.mcap")
@@ -282,7 +282,7 @@ def run(*arguments, cwd, **options):
 
 
 def test_a_run_repeats_from_its_log_bit_for_bit(tmp_path):
-    """Also without the vehicle's file, with what it refers to, and with other gains on the command line."""
+    """The vehicle's file and its parts have been deleted before. Gains can be changed on the command line."""
     folder = tmp_path / "vehicle"
     (folder / "parts").mkdir(parents=True)
     cube = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
@@ -395,7 +395,7 @@ def test_no_path_of_a_users_is_in_a_warning(tmp_path):
 
 
 def test_a_law_that_becomes_slow_reaches_the_disk_every_second_too(tmp_path):
-    """How long a step takes is known only when it is done."""
+    """The loop knows the duration of a step only after the step."""
 
     class Log(McapLog):
         def write(self, rows):
@@ -473,7 +473,7 @@ def test_rows_that_do_not_fit_the_steps_are_no_complete_log(logged, tmp_path):
 
 
 def test_a_slow_law_still_reaches_the_disk_every_second(tmp_path):
-    """A law of 20 ms in plain Python: rows are in the file long before 1000 steps are done."""
+    """A law in plain Python takes 20 ms. Rows are in the file long before 1000 steps are done."""
     (tmp_path / "slow.py").write_text(
         LAW.replace("state_dot.odom[0] = 1.0", "import time; time.sleep(0.02); state_dot.odom[0] = 1.0")
     )
@@ -504,11 +504,11 @@ def test_a_file_that_takes_nothing_ends_the_run(tmp_path, monkeypatch):
     assert 0 < len(Trace.load(tmp_path / "run.mcap")) < 1000
 
 
-# Cut off
+# Truncated logs
 
 
 def tried(path):
-    """A log's trace, or None and what was said."""
+    """A log's trace, or None and the error message."""
     try:
         return Trace.load(path), ""
     except InputError as error:
@@ -540,7 +540,7 @@ def test_every_truncation_gives_a_beginning_or_one_clear_error(logged, tmp_path)
 
 
 def test_kill_9_at_twenty_random_moments_loses_no_chunk(tmp_path):
-    """What can be read is a run's beginning, in order, without duplicates, and up to the file's last whole chunk."""
+    """The beginning of the run can be read, in order, without duplicates, up to the last complete chunk of the file."""
     whole = simulate(Scenario.load("push_wall", {"simulation.duration": 20.0}))
     dice = random.Random(3)
     lengths = []
@@ -552,7 +552,7 @@ def test_kill_9_at_twenty_random_moments_loses_no_chunk(tmp_path):
         while not (log.exists() and log.stat().st_size > 1_200_000):
             assert process.poll() is None
             if time.monotonic() > deadline:
-                process.send_signal(signal.SIGABRT)  # it says where it hangs
+                process.send_signal(signal.SIGABRT)  # prints where it hangs
                 process.wait(10.0)
             time.sleep(0.002)
         time.sleep(dice.uniform(0.0, 0.3))
@@ -564,7 +564,7 @@ def test_kill_9_at_twenty_random_moments_loses_no_chunk(tmp_path):
         assert np.array_equal(trace.t[:n], whole.t[:n])
         assert np.array_equal(trace.tau[:n], whole.tau[:n])
         assert np.all(np.diff(trace.t) > 0)
-        others = 0  # as another reader finds it
+        others = 0  # counted by another reader
         with open(log, "rb") as file, contextlib.suppress(EndOfFile, struct.error):
             for _, channel, _ in NonSeekingReader(file).iter_messages(log_time_order=False):
                 others += channel.topic == "/tau"
@@ -574,11 +574,11 @@ def test_kill_9_at_twenty_random_moments_loses_no_chunk(tmp_path):
     assert len(set(lengths)) > 5
 
 
-# Damaged
+# Damaged logs
 
 
 def test_500_damaged_logs_never_pass_for_what_they_are_not(tmp_path):
-    """Bit flips and truncations anywhere, metadata and attachments included."""
+    """Bits are flipped and logs truncated anywhere, including metadata and attachments."""
     log = tmp_path / "run.mcap"
     scenario = {
         "simulation.duration": 0.1,
@@ -595,7 +595,7 @@ def test_500_damaged_logs_never_pass_for_what_they_are_not(tmp_path):
     for i in range(500):
         copy = bytearray(data)
         anywhere, elsewhere = dice.randrange(len(data)), dice.choice(ends) + dice.randrange(-40, 400)
-        place = min(len(data) - 1, elsewhere) if i % 2 else anywhere  # near what is no sample, the smaller part
+        place = min(len(data) - 1, elsewhere) if i % 2 else anywhere  # half of them near metadata, the smaller part
         copy[place] ^= 1 << dice.randrange(8)
         if i % 5 == 0:
             copy = copy[: dice.randrange(len(copy))]
@@ -644,18 +644,18 @@ def test_a_tail_of_zeros_is_what_a_power_cut_left_unwritten(logged, tmp_path, bl
             assert found.status is Status.truncated
             assert len(found) == len(expected) > 0
             assert all(np.array_equal(found[name], expected[name]) for name in found)
-    for byte in range(60):  # also where a block was written in part
+    for byte in range(60):  # a block may also be written in part
         cut.write_bytes(data[: last - byte] + bytes(5000))
         found = Trace.load(cut)
         assert found.status is Status.truncated
         assert all(np.array_equal(found[name], trace[name][: len(found)]) for name in found)
-    cut.write_bytes(data[:first] + bytes(100) + data[first + 100 :])  # a hole is no cut
+    cut.write_bytes(data[:first] + bytes(100) + data[first + 100 :])  # a hole is not a truncation
     with pytest.raises(InputError, match="damaged"):
         Trace.load(cut)
 
 
 def test_a_record_that_is_whole_is_kept_though_only_zeros_follow(logged, tmp_path):
-    """Wherever the last record ends, also with a zero of its own."""
+    """The last record may end anywhere, also with a zero byte."""
     _, path = logged
     data, cut = path.read_bytes(), tmp_path / "cut.mcap"
     for end in ends_of_chunks(data)[1:]:
@@ -712,7 +712,7 @@ def test_an_mcap_file_of_somebody_elses_is_named_as_such(tmp_path):
 
 
 def rewritten(path, change):
-    """A log whose attachments were changed by somebody who knows the format: all checksums are right."""
+    """A log with changed attachments and correct checksums."""
     from mcap.opcode import Opcode
     from mcap.records import Attachment, DataEnd
 
@@ -783,7 +783,7 @@ def test_opening_a_forged_log_imports_no_file_that_it_names(logged, tmp_path, mo
                 return name, data.replace(b'"gsta"', f'"{law}"'.encode()) if name in names else data
 
             Path("forged.mcap").write_bytes(rewritten(logged[1], change))
-            with contextlib.suppress(InputError):  # a user's law that both files name is shown
+            with contextlib.suppress(InputError):  # a user's law named in both files is shown
                 assert Trace.load("forged.mcap").scenario.controller.source() == law
             assert "Traceback" not in run("info", "forged.mcap", cwd=tmp_path).stderr
             assert run("run", "--from", "forged.mcap", "-q", cwd=tmp_path).returncode == 2
@@ -815,12 +815,12 @@ EVASIONS = {
         model.replace("<compiler ", f"<compiler meshdir='{Path(name).parent}' "), MESH.format(Path(name).name)
     ),
 }
-"""Each makes MuJoCo see a file's name that somebody who looks for names in the text may not."""
+"""MuJoCo finds the file's name in each of these; a search for names in the text may miss it."""
 
 
 @pytest.mark.parametrize("evasion", EVASIONS)
 def test_a_model_in_a_log_reaches_no_file_however_it_is_written(logged, tmp_path, evasion):
-    """What MuJoCo reads was written anew from what was checked."""
+    """MuJoCo reads XML that was written anew from the checked trees."""
     secret = tmp_path / "secret.obj"
     secret.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n")
 
@@ -830,7 +830,7 @@ def test_a_model_in_a_log_reaches_no_file_however_it_is_written(logged, tmp_path
     (tmp_path / "forged.mcap").write_bytes(rewritten(logged[1], change))
     done = run("run", "--from", "forged.mcap", "-q", "-o", "x", cwd=tmp_path)
     assert done.returncode == 2
-    assert re.search("refers to what is not there|not well-formed|is no MJCF", done.stderr)
+    assert re.search("refers to missing files|not well-formed|is not MJCF", done.stderr)
     assert "Traceback" not in done.stderr
     header = Trace.load(tmp_path / "forged.mcap").header
     with pytest.raises(InputError):
@@ -852,9 +852,9 @@ SUB = b"<mujoco><asset><model name='m' file='%s'/></asset></mujoco>"
     ],
 )
 def test_a_model_that_includes_itself_or_has_no_bottom_is_refused(files, text):
-    """MuJoCo would look for it on the disk, or overflow its stack."""
+    """MuJoCo would look for the file on disk, or overflow its stack."""
     model = (ROOT / "models" / "bluerov1.xml").read_text().replace("</mujoco>", f"{text}</mujoco>")
-    with pytest.raises(InputError, match=r"includes itself|not there|elements in each other|sub-models"):
+    with pytest.raises(InputError, match=r"includes itself|missing files|elements nested|sub-models"):
         Mjcf("bluerov1.xml", {"bluerov1.xml": model.encode()} | files).spec()
 
 
@@ -882,7 +882,7 @@ def test_a_log_whose_model_has_folders_is_refused(logged, tmp_path, name):
     ],
 )
 def test_a_name_means_the_file_that_mujoco_takes(tmp_path, main, sub):
-    """Several files have it; the last folder that a model names counts, and a sub-model has its own."""
+    """Several files have the same name. The last folder set by a model counts, and a sub-model has its own folder."""
     for i, folder in enumerate((".", "m", "n", "sub", "sub/m")):
         (tmp_path / folder).mkdir(exist_ok=True)
         (tmp_path / folder / "a.obj").write_text(CUBE.format(0.1 + 0.1 * i))
@@ -917,7 +917,7 @@ CUBE = "v 0 0 0\nv {0} 0 0\nv 0 {0} 0\nv 0 0 {0}\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1
     ],
 )
 def test_a_vehicle_of_many_files_is_the_one_that_mujoco_reads(tmp_path, files, assets):
-    """Folders, names that occur twice, comments: the model in memory has the meshes of the model on disk."""
+    """With folders, repeated names and comments, the model in memory has the meshes of the model on disk."""
     geoms = "<geom type='mesh' mesh='p' mass='0'/><geom type='mesh' mesh='q' mass='0'/><freejoint"
     model = (ROOT / "models" / "bluerov1.xml").read_text().replace("</asset>", f"{assets}</asset>", 1)
     model = model.replace("<freejoint", geoms, 1)
@@ -927,7 +927,7 @@ def test_a_vehicle_of_many_files_is_the_one_that_mujoco_reads(tmp_path, files, a
     (tmp_path / "sub" / "rov.xml").write_text(model)
     (tmp_path / "rov.xml").write_text('<mujoco><option gravity="0 0 -1.6"/><include file="sub/rov.xml"/></mujoco>')
     for path in (tmp_path / "sub" / "rov.xml", tmp_path / "rov.xml"):
-        if path.parent == tmp_path:  # MuJoCo looks for an included file's meshes beside the main one
+        if path.parent == tmp_path:  # MuJoCo looks for the meshes of an included file next to the main one
             model = re.sub(r"<compiler ", "<compiler meshdir='sub' ", model, count=1)
             (tmp_path / "sub" / "rov.xml").write_text(model)
         plain, mjcf = mujoco.MjModel.from_xml_path(str(path)), Mjcf.find(str(path))
@@ -947,12 +947,12 @@ def test_a_model_in_a_log_reaches_no_file_of_the_readers(logged, tmp_path):
     )
     done = run("run", "--from", forged, "-q", "-o", "x", cwd=tmp_path)
     assert done.returncode == 2
-    assert "refers to what is not there" in done.stderr
+    assert "refers to missing files" in done.stderr
     assert not (tmp_path / "x").exists()
 
 
 def test_a_model_in_a_log_is_checked_as_any_vehicles_file(logged, tmp_path):
-    """As if it were on the disk."""
+    """The checks are the same as for a file on disk."""
     changes = ((b"<option ", b'<option tolerance="1" '), (b"</mujoco>", b"<equality/></mujoco>"))
     for before, after in changes:
         forged = tmp_path / "forged.mcap"
@@ -961,11 +961,11 @@ def test_a_model_in_a_log_is_checked_as_any_vehicles_file(logged, tmp_path):
         )
         done = run("run", "--from", forged, "-q", "-o", "x", cwd=tmp_path)
         assert done.returncode == 2
-        assert "is not taken over" in done.stderr
+        assert "is not supported" in done.stderr
         assert not (tmp_path / "x").exists()
 
 
-# What ships with it
+# Shipped files
 
 
 def test_the_docs_list_every_topic_with_its_type_unit_and_frame(logged):

@@ -1,6 +1,6 @@
-"""The plant against numbers of other projects, and a published vehicle with cross damping against the matrix equation.
+"""The plant agrees with results of other projects and, for a vehicle with cross damping, with the matrix equation.
 
-Numbers with their source are in tests/data; no code of other projects is used here.
+The numbers and their sources are in tests/data. No code of other projects is used here.
 """
 
 import tomllib
@@ -25,7 +25,7 @@ FLIP_6 = np.kron(np.eye(2), FLIP)
 
 
 def nu_dot(parameters: TwinParameters, quat: np.ndarray, nu: np.ndarray, tau: np.ndarray, **water) -> np.ndarray:
-    """(6,) MuJoCo's acceleration in B, with the water attached."""
+    """(6,) MuJoCo's acceleration in B, with hydrodynamics attached."""
     model, data = load(parameters)
     place(model, data, quat=quat, nu=nu)
     data.ctrl[:] = tau
@@ -38,7 +38,7 @@ def nu_dot(parameters: TwinParameters, quat: np.ndarray, nu: np.ndarray, tau: np
 
 @pytest.mark.parametrize("body", ["body1", "body2", "body3"])
 def test_gazebos_ellipsoids_end_in_its_expected_state(body):
-    """Within a fifth of the tolerances of Gazebo's own test; the wrench is taken in the middle of each step."""
+    """The error is within a fifth of the tolerances of Gazebo's test. The wrench is that of the middle of each step."""
     expected, wrench, h = ELLIPSOIDS[body], ELLIPSOIDS["wrench"], 5e-4
     parameters = TwinParameters(
         mass=ELLIPSOIDS["mass"],
@@ -76,9 +76,9 @@ def test_gazebos_ellipsoids_end_in_its_expected_state(body):
 def test_accelerations_are_those_of_the_python_vehicle_simulator():
     """300 random vehicles with full M_A and D, full inertia, r_g and r_b, in a state and a current.
 
-    The numbers were made by scripts/reference_accelerations.py with the functions of gnc.py of
-    https://github.com/cybergalactic/PythonVehicleSimulator, commit c717e073d7a839dcb5956cf20c595132f1fa249a (MIT). They
-    are in its frames, z down.
+    The numbers were computed by scripts/reference_accelerations.py with the functions of gnc.py of
+    https://github.com/cybergalactic/PythonVehicleSimulator, commit c717e073d7a839dcb5956cf20c595132f1fa249a (MIT), in
+    its frames with z down.
     """
     with np.load(DATA / "python_vehicle_simulator.npz", allow_pickle=False) as file:
         gravity, columns = (
@@ -114,8 +114,8 @@ def test_accelerations_are_those_of_the_python_vehicle_simulator():
 
 
 def lauv() -> TwinParameters:
-    """LAUV after da Silva et al. (2007): its cross damping couples sway and yaw, heave and pitch. I_b is that of a
-    homogeneous cylinder of 1.1 m and 0.15 m, for the source gives M_A and D alone."""
+    """LAUV after da Silva et al. (2007). Its cross damping couples sway and yaw, and heave and pitch. The source gives
+    only M_A and D, so I_b is that of a homogeneous cylinder, 1.1 m long and 0.15 m in diameter."""
     transverse = 18.0 * (3.0 * 0.075**2 + 1.1**2) / 12.0
     D_linear, D_quadratic = np.diag([2.4, 23, 23, 0.3, 9.7, 9.7]), np.diag([2.4, 80, 80, 0.0006, 9.1, 9.1])
     D_linear[1, 5], D_linear[2, 4], D_linear[4, 2], D_linear[5, 1] = 11.5, -11.5, 3.1, -3.1
@@ -132,7 +132,7 @@ def lauv() -> TwinParameters:
 
 
 def test_lauvs_cross_damping_is_that_of_the_matrix_equation(rng):
-    """MuJoCo's acceleration against M^-1 of everything else, at 200 random states; the cross terms are not small."""
+    """MuJoCo's acceleration equals that of the matrix equation at 200 random states. The cross terms are not small."""
     parameters, missing = lauv(), []
     D_linear, D_quadratic = parameters.D_linear, parameters.D_quadratic
     diagonal = replace(parameters, D_linear=np.diag(np.diag(D_linear)), D_quadratic=np.diag(np.diag(D_quadratic)))

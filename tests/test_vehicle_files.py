@@ -1,4 +1,4 @@
-"""A vehicle's file: a run takes over what it understands and refuses the rest by name; only regular files are read."""
+"""Vehicle files: supported elements are used, all others are refused by name; only regular files are read."""
 
 import os
 import re
@@ -45,7 +45,7 @@ def plant(text: str, overrides: dict | None = None, **others: bytes) -> Plant:
     return build(Scenario.load("push_wall", overrides or {}), mjcf(text, **others))
 
 
-# What is refused
+# Refused files
 
 OPTION = '<option integrator="Euler"'
 REFUSED = {
@@ -63,7 +63,7 @@ REFUSED = {
     "inertial overridden": (with_end('<compiler inertiafromgeom="true"/>'), '<compiler inertiafromgeom="true">'),
     "total mass": (with_end('<compiler settotalmass="20"/>'), '<compiler settotalmass="20">'),
     "balanced inertia": (with_end('<compiler balanceinertia="true"/>'), '<compiler balanceinertia="true">'),
-    "turned frame": (with_end('<compiler alignfree="true"/>'), '<compiler alignfree="true">: it would turn the body'),
+    "turned frame": (with_end('<compiler alignfree="true"/>'), '<compiler alignfree="true">: it would rotate the body'),
     "turned joint": (edited('<freejoint name="bluerov1"', '<freejoint align="true"'), '<freejoint align="true">'),
     "lost hull": (with_end('<compiler discardvisual="true"/>'), '<compiler discardvisual="true">'),
     "weld": (with_end('<equality><weld body1="bluerov1"/></equality>'), "<equality>"),
@@ -94,14 +94,14 @@ REFUSED = {
     "class limits": (edited("<default>", '<default><motor ctrlrange="5 -5"/>'), '<motor ctrlrange="5 -5">'),
     "joint motor": (edited("<actuator>", '<actuator><motor joint="bluerov1"/>'), '<motor joint="bluerov1">'),
     "lag": (edited("<actuator>", '<actuator><general dyntype="filter"/>'), '<general dyntype="filter">'),
-    "servo": (edited("<actuator>", '<actuator><position site="lateral"/>'), "<position>: is not taken over"),
+    "servo": (edited("<actuator>", '<actuator><position site="lateral"/>'), "<position>: is not supported"),
     "misspelt motor": (edited("<actuator>", '<actuator><motr site="lateral"/>'), "did you mean 'motor'"),
     "no gear": (edited(MOTOR, MOTOR.replace("1 0 0 0 0 0", "0 0 0")), "surge_left: its gear is zero"),
     "motor elsewhere": (
         edited(BODY, '<site name="w"/>' + BODY).replace(MOTOR, MOTOR.replace('site="surge_left"', 'site="w"')),
         "surge_left: its site 'w' is not on the vehicle",
     ),
-    "no thrusters": (re.sub("<actuator>.*</actuator>", "", BLUEROV, flags=re.DOTALL), "there is no thruster"),
+    "no thrusters": (re.sub("<actuator>.*</actuator>", "", BLUEROV, flags=re.DOTALL), "<actuator>: has no thruster"),
     "site nan": (edited('<site name="surge_left"/>', '<site name="surge_left" pos="0 nan 0"/>'), 'pos="0 nan 0">'),
     "mass inf": (edited(INERTIAL, '<inertial mass="inf"'), '<inertial mass="inf">: must be finite numbers'),
     "mass huge": (edited(INERTIAL, '<inertial mass="1e300"'), '<inertial mass="1e300">: must be finite numbers'),
@@ -129,23 +129,23 @@ REFUSED = {
     ),
     "rock": (
         edited(BODY, '<geom name="rock" size="1"/>' + BODY).replace('contype="0"', ""),
-        "geom 'rock': belongs to the world",
+        "geom 'rock': is fixed to the world",
     ),
     "arm": (
         edited(INERTIAL, '<body name="arm"><joint type="hinge"/><geom size=".1" mass="1"/></body>' + INERTIAL),
-        '<joint type="hinge">: a vehicle moves on its free joint alone; a link on a joint of its own would be dry',
+        '<joint type="hinge">: a vehicle\'s only joint is its free joint; a link on another joint would be dry',
     ),
     "arm without a type": (
         edited(INERTIAL, '<body name="arm"><joint/><geom size=".1" mass="1"/></body>' + INERTIAL),
-        "body 'arm': has a joint of its own",
+        "body 'arm': has another joint",
     ),
     "arm with an axis": (
         edited(INERTIAL, '<body name="arm"><joint axis="0 1 0"/><geom size=".1" mass="1"/></body>' + INERTIAL),
-        '<joint axis="0 1 0">: axis is not taken over; a vehicle moves on its free joint alone',
+        '<joint axis="0 1 0">: axis is not supported; a vehicle\'s only joint is its free joint',
     ),
     "many copies": (
         edited(INERTIAL, '<replicate count="200"><replicate count="200"><site/></replicate></replicate>' + INERTIAL),
-        f"elements, each copy by <replicate> and <attach> counted; it may have {MOST_ELEMENTS}",
+        f"elements, counting each copy by <replicate> and <attach>; at most {MOST_ELEMENTS} are allowed",
     ),
     "many more copies": (edited('<replicate count="6"', '<replicate count="1e9"'), '<replicate count="1e9">'),
     "attached to itself": (edited(BODY, '<attach body="bluerov1" prefix="x"/>' + BODY), "<attach>: has no model"),
@@ -170,14 +170,14 @@ def test_every_fault_is_named_once_with_its_file():
     with pytest.raises(InputError) as error:
         plant(text, parts=parts)
     assert len(error.value.faults) == 4
-    assert '<option tolerance="1"> in parts.xml: tolerance is not taken over' in str(error.value)
-    assert '<site user="1">: user is not taken over' in str(error.value)
-    assert "(7 such)" in str(error.value)
+    assert '<option tolerance="1"> in parts.xml: tolerance is not supported' in str(error.value)
+    assert '<site user="1">: user is not supported' in str(error.value)
+    assert "(7 times)" in str(error.value)
 
 
 def test_nothing_is_written_for_a_vehicle_that_is_refused(tmp_path):
     log = tmp_path / "run.mcap"
-    with pytest.raises(InputError, match="there is no thruster"):
+    with pytest.raises(InputError, match="has no thruster"):
         simulate(Scenario(), mjcf=mjcf(REFUSED["no thrusters"][0]), sinks=[McapLog(log)])
     assert not log.exists()
 
@@ -221,7 +221,7 @@ def test_any_value_of_any_attribute_gives_a_plant_or_one_clear_error(seed):
 
 
 def schema() -> Iterator[tuple[tuple[str, ...], list[str]]]:
-    """The path and the attributes of each element in MuJoCo's own table of MJCF."""
+    """Path and attributes of each element in MuJoCo's table of MJCF."""
     path: list[str] = []
     attributes: list[str] = []
     for line in mujoco.mj_printSchema(0, 0).splitlines():
@@ -257,7 +257,7 @@ def test_every_element_and_attribute_of_mujoco_that_is_not_in_the_table_is_refus
         ):
             with pytest.raises(InputError) as error:
                 check_elements({"v.xml": tree(path, **({attribute: "0"} if attribute else {}))}, "v.xml")
-            where = f"<{unknown[0]}" if unknown else f'<{path[-1]} {attribute}="0">: {attribute} is not taken over'
+            where = f"<{unknown[0]}" if unknown else f'<{path[-1]} {attribute}="0">: {attribute} is not supported'
             assert where in str(error.value), (path, attribute)
             refused += 1
     assert len(SCHEMA) > 150
@@ -268,14 +268,14 @@ def test_everything_in_the_table_is_mujocos():
     known: dict[str, set[str]] = {"include": {"file"}, "worldbody": set()}
     for path, attributes in SCHEMA:
         known.setdefault(path[-1], set()).update(attributes)
-    later = {"frame", "replicate"}  # MuJoCo reads them without its table
+    later = {"frame", "replicate"}  # read by MuJoCo but not in its table
     for tag, rules in ELEMENTS.items():
         assert tag in known or tag in later, tag
         old = {"coordinate"} if tag == "compiler" else set()
         assert tag in later or set(rules or ()) - old <= known[tag], tag
 
 
-# What is taken over
+# Accepted files
 
 CUBE = b"v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 LOOKS = {
@@ -322,7 +322,7 @@ def plain():
 
 @pytest.mark.parametrize("case", LOOKS)
 def test_what_is_for_the_eye_changes_nothing_that_moves(case, plain):
-    """Bit for bit, in contact with the wall."""
+    """The motion is the same bit for bit, in contact with the wall."""
     assert (plain.f_contact_W[:, 0] < 0).any()
     model = Mjcf("mine.xml", {"mine.xml": LOOKS[case].encode(), "parts.xml": PARTS, "cube.obj": CUBE})
     trace = simulate(plain.scenario, mjcf=model)
@@ -350,7 +350,7 @@ NO_INERTIAL = re.sub("<inertial[^>]*/>", BALL, BLUEROV)
     ],
 )
 def test_the_plant_has_the_vehicles_inertia_and_the_wall_and_probe_their_place(text):
-    """Whatever the file's default classes hold, and where its mass comes from geoms."""
+    """This holds for any default class of the file, and also if the mass comes from geoms."""
     built = plant(text, {"wall.position": 1.5})
     model = built.model
     vehicle = Vehicle.from_model(model)
@@ -378,13 +378,13 @@ def test_a_part_from_another_file_is_checked_and_counted():
             text, p=part.format("").encode().replace(b'<mujoco model="p">', numeric.replace(b"jo>", b'jo model="p">'))
         )
     many = '<replicate count="90" sep="-"><attach model="p" body="p" prefix="b_"/></replicate>' + INERTIAL
-    with pytest.raises(InputError, match="<attach> counted"):
+    with pytest.raises(InputError, match="counting each copy by <replicate> and <attach>"):
         plant(text.replace(INERTIAL, many), p=part.format("<site/>" * 200).encode())
-    with pytest.raises(InputError, match="has sub-models of its own"):
+    with pytest.raises(InputError, match="must not have sub-models itself"):
         plant(text, p=b'<mujoco><asset><model file="q.xml"/></asset></mujoco>', q=b"<mujoco/>")
 
 
-# Which files are read
+# Files that are read
 
 
 def reading(path: Path, text: str) -> Mjcf:
@@ -394,7 +394,7 @@ def reading(path: Path, text: str) -> Mjcf:
 
 @pytest.fixture
 def odd(tmp_path):
-    """A folder with files that are not regular, or have no end."""
+    """A folder with files that are not regular, or are too large."""
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "link").symlink_to(tmp_path / "pipe")
     (tmp_path / "zero").symlink_to("/dev/zero")
@@ -407,13 +407,13 @@ def odd(tmp_path):
 @pytest.mark.parametrize("element", ['<include file="{}"/>', '<asset><mesh name="m" file="{}"/></asset>'])
 @pytest.mark.parametrize("name", ["pipe", "link", "zero", "/dev/zero", "/dev/tty", "folder", "sparse", "gone"])
 def test_only_regular_files_of_a_sane_size_are_read(odd, name, element):
-    """The others may have no end, or wait for ever."""
+    """Other files may be endless, or block for ever."""
     with pytest.raises(InputError, match=f"can't read .*{name}: (it is not a regular|it is larger|Is a dir|No such)"):
         reading(odd, with_end(element.format(name)))
 
 
 def test_a_pipe_is_not_passed_over_for_a_file_of_its_name_elsewhere(odd):
-    """MuJoCo would open it, and wait."""
+    """MuJoCo would open the pipe and block."""
     (odd / "meshes").mkdir()
     os.mkfifo(odd / "meshes" / "a.obj")
     (odd / "a.obj").write_bytes(CUBE)
@@ -437,7 +437,7 @@ def test_all_files_together_have_a_sane_size(tmp_path, monkeypatch):
     text = edited("</asset>", f"{meshes}</asset>")
     assert len(reading(tmp_path, text).files) == 5
     monkeypatch.setattr(mjcf_files, "LARGEST_MODEL", 100_000)
-    with pytest.raises(InputError, match="together"):
+    with pytest.raises(InputError, match="are together larger"):
         reading(tmp_path, text)
     monkeypatch.setattr(mjcf_files, "LARGEST_XML", 10_000)
     with pytest.raises(InputError, match="too large for an XML file"):
@@ -453,10 +453,10 @@ def test_a_picture_of_billions_of_pixels_is_not_unpacked():
 
 @pytest.mark.parametrize(
     ("element", "expected"),
-    [('<include file="{0}"/><include file="{0}"/>', "included twice"), ("<asset>{}</asset>", "sub-models of its own")],
+    [('<include file="{0}"/><include file="{0}"/>', "included twice"), ("<asset>{}</asset>", "not have sub-models")],
 )
 def test_files_that_name_each_other_again_and_again_are_refused_at_once(tmp_path, element, expected):
-    """Followed one by one, 40 files that each name the next one twice are 2^40."""
+    """If 40 files each name the next one twice, following every reference would read 2^40 files."""
     if "asset" in element:
         element = element.format('<model name="a" file="{0}"/><model name="b" file="{0}"/>')
     for i in range(40):

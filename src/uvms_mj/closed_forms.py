@@ -1,7 +1,7 @@
-r"""Steady states, from scenario and gains alone: where a vehicle comes to rest and how hard it pushes then.
+r"""Steady states: pose and contact force of a vehicle at rest, from the scenario and the gains alone.
 
-At rest (nu = 0) zeta is constant in eq. (15), so that A s = -M_d^-1 (K_d eta_e - K_f (tau_c - F_d)), and the balance
-of eq. (10) reads for each law
+At rest (nu = 0) zeta is constant in eq. (15), so that A s = -M_d^-1 (K_d eta_e - K_f (tau_c - F_d)). For each law the
+balance of eq. (10) is then
 
 .. math::
 
@@ -9,14 +9,14 @@ of eq. (10) reads for each law
     G = \begin{cases} I & \text{impedance, eq. (23): the static balance of eq. (5)} \\
                       I - A^{-1} K_s / \epsilon & \text{first-order law inside its boundary layer, eq. (31)} \\
                       \infty & \text{super-twisting, with and without nominal control: }
-                                z \text{ takes up what changes slower than } k_2/2; \\
+                                z \text{ balances disturbances that change slower than } k_2/2; \\
                              & \text{the first-order law with } A = 0, \text{ eq. (6); the ideal law, eq. (13)}
         \end{cases}
 
-with d = tau_dist - C_A(-nu_c)(-nu_c) - D(-nu_c)(-nu_c), the current's and the constant disturbance's wrench on a
-vehicle at rest, at the attitude that it rests at, and the frictionless wall's tau_c = -k_c (x - x_c) along its normal
-where x > x_c. For GSTA with the attitude reference along W this is eq. (12) at rest against the spring of eq. (34),
-F = K_x (x_d - x_c) / (1 + K_x / k_c); the paper's 1.5 N leaves the wall's give out.
+Here d = tau_dist - C_A(-nu_c)(-nu_c) - D(-nu_c)(-nu_c) is the wrench of the current and the constant disturbance on the
+vehicle at rest, at its rest attitude. The frictionless wall gives tau_c = -k_c (x - x_c) along its normal for x > x_c.
+For GSTA with the attitude reference along W this is eq. (12) at rest against the spring of eq. (34),
+F = K_x (x_d - x_c) / (1 + K_x / k_c); the paper's 1.5 N neglects the compliance of the wall.
 The six equations are solved by Newton's method.
 """
 
@@ -37,14 +37,14 @@ from .vehicle import Vehicle
 
 @dataclass(frozen=True, eq=False)
 class SteadyState:
-    """Where a vehicle rests.
+    """A vehicle at rest.
 
     Attributes:
         position: (3,) position of B's origin in W [m].
         quat: (4,) attitude.
-        force: pushing force on the wall [N], zero where it rests short of it.
+        force: pushing force on the wall [N], zero if the vehicle rests short of it.
         s: (6,) sliding variable.
-        tau: (6,) wrench of the thrusters [N, N m].
+        tau: (6,) wrench of the thrusters in B [N, N m].
     """
 
     position: np.ndarray
@@ -56,7 +56,7 @@ class SteadyState:
 
 @dataclass(frozen=True)
 class NoClosedForm:
-    """Why there is none."""
+    """The reason why a scenario has no steady state in closed form."""
 
     reason: str
 
@@ -64,10 +64,10 @@ class NoClosedForm:
 def steady_state(
     scenario: Scenario, vehicle: Vehicle, design: Design, gravity_W: np.ndarray
 ) -> SteadyState | NoClosedForm:
-    """The steady state of a scenario, or why it has none in closed form; gravity_W (3,) [m/s^2]."""
+    """The steady state of a scenario, or the reason why it has no closed form; gravity_W (3,) [m/s^2]."""
     controller, h = scenario.controller, control_period(scenario)
     if not has_built_in_law(controller):
-        return NoClosedForm("known for the laws that ship only")
+        return NoClosedForm("closed forms are known for the shipped laws only")
     rate = _disturbance_rate(scenario, design)
     if isinstance(controller, Gsta | Sta):
         if controller.k_1 == 0.0 or controller.k_2 == 0.0:
@@ -75,15 +75,15 @@ def steady_state(
         if rate.max() >= controller.k_2 / 2.0:
             return NoClosedForm("the disturbance changes faster than k_2/2, which super-twisting can follow")
     elif rate.any() and not isinstance(controller, Ideal):
-        return NoClosedForm("the disturbance never rests")
+        return NoClosedForm("the disturbance is not constant")
     if 0.0 in controller.A and isinstance(controller, Impedance):
-        return NoClosedForm("with a zero in A, zeta never rests: s goes on to integrate what the law leaves over")
+        return NoClosedForm("with a zero in A, zeta is not constant at rest: it integrates the remaining error")
     if isinstance(controller, Fosm) and controller.K_s == 0.0 and 0.0 in controller.A:
-        return NoClosedForm("without K_s, a zero in A leaves s adrift")
+        return NoClosedForm("with a zero in A and K_s = 0, s drifts")
     if isinstance(controller, Fosm) and h >= boundary_layer_limit(controller, design):
         return NoClosedForm("the sampled first-order law chatters at this step")
     if np.linalg.matrix_rank(vehicle.B) < 6:
-        return NoClosedForm("the thrusters can't give every wrench")
+        return NoClosedForm("the thrusters can't produce every wrench")
     state = _solve(scenario, vehicle, design, gravity_W)
     if state is None:
         return NoClosedForm("the static balance has no solution near the reference")
@@ -91,24 +91,24 @@ def steady_state(
         return NoClosedForm("the first-order law is outside its boundary layer")
     u = np.linalg.pinv(vehicle.B) @ state.tau
     if (u < vehicle.u_min).any() or (u > vehicle.u_max).any():
-        return NoClosedForm("the thrusters are too weak for it")
+        return NoClosedForm("the thrusters are too weak")
     if state.force > 0.0 and scenario.wall.friction > 0.0:
-        return NoClosedForm("with friction the rest position depends on the way there")
+        return NoClosedForm("with friction, the rest position depends on the path")
     if state.force > 0.0 and force_age(scenario) >= force_feedback_limit(scenario, design):
         return NoClosedForm("the sampled law limit-cycles against this wall")
     return state
 
 
 def demanded_force(scenario: Scenario, k_c: float) -> float:
-    r"""The pushing force at rest that the desired impedance demands of a wall, whatever the disturbance [N].
+    r"""The pushing force on a wall at rest that the desired impedance demands, for any disturbance [N].
 
     With eq. (7) at rest, K_d eta_e = K_f (tau_c - F_d), and the wall's spring (34) along its normal n in B,
 
     .. math:: F = \max\left(0, \frac{x_d - x_c - n^\top K_d^{-1} K_f F_d}{n^\top K_d^{-1} K_f n + 1/k_c}\right)
 
-    which for the paper's K_f = I, F_d = 0 is K_x (x_d - x_c) / (1 + K_x / k_c), and without the fraction for a rigid
-    wall; where K_d is zero along n it is the force that F_d asks for. F_d without moments. Infinite for a rigid wall
-    and K_f = 0.
+    For the paper's K_f = I, F_d = 0 this is K_x (x_d - x_c) / (1 + K_x / k_c), and K_x (x_d - x_c) for a rigid wall. If
+    K_d is zero along n, it is the force demanded by F_d. F_d must be without moments. The result is infinite for a
+    rigid wall and K_f = 0.
 
     Args:
         scenario: with reference, wall and impedance.
@@ -120,7 +120,7 @@ def demanded_force(scenario: Scenario, k_c: float) -> float:
     pushed = np.abs(normal) > 1e-12
     n, K_d, K_f, F_d = normal[pushed], K_d[pushed], K_f[pushed], F_d[pushed]
     limp = K_d == 0.0
-    if limp.any():  # without a spring the force alone counts: K_f (F n + F_d) = 0
+    if limp.any():  # without a spring, eq. (7) is K_f (F n + F_d) = 0
         forces = -F_d[limp] / n[limp]
         return max(0.0, float(forces[0])) if K_f[limp].all() and np.ptp(forces) < 1e-9 else 0.0
     give = K_f / K_d
@@ -130,14 +130,14 @@ def demanded_force(scenario: Scenario, k_c: float) -> float:
 
 
 def _disturbance_rate(scenario: Scenario, design: Design) -> np.ndarray:
-    """The greatest rate (6,) of M_hat^-1 tau_dist, which eq. (28) has to follow."""
+    """Bound (6,) on the rate of M_hat^-1 tau_dist, which eq. (28) has to follow."""
     disturbance = scenario.disturbance
     rate = 2.0 * np.pi * np.abs(np.array(disturbance.amplitude) * np.array(disturbance.frequency_hz))
     return np.abs(np.linalg.inv(design.M_hat)) @ rate
 
 
 def _solve(scenario: Scenario, vehicle: Vehicle, design: Design, gravity: np.ndarray) -> SteadyState | None:
-    """Newton's method on the six equations, first without the wall, then against it where that leads into it."""
+    """Newton's method on the six equations, first without the wall, then in contact if that position is inside it."""
     for in_contact in (False, True):
         balance = _Balance(scenario, vehicle, design, gravity, in_contact)
         x = np.zeros(6)
@@ -166,8 +166,8 @@ def _jacobian(function, x: np.ndarray) -> np.ndarray:
 
 
 class _Balance:
-    """The residual of the balance as a function of x: position minus the reference in W, rotation from the desired
-    attitude."""
+    """Residual (6,) of the balance, a function of x (6,): position minus reference in W, and the rotation vector from
+    the desired attitude."""
 
     def __init__(self, scenario: Scenario, vehicle: Vehicle, design: Design, gravity, in_contact: bool) -> None:
         self.scenario, self.vehicle, self.design, self.in_contact = scenario, vehicle, design, in_contact
@@ -210,19 +210,19 @@ class _Balance:
         return self.M_d_inv @ (self.design.K_d @ eta_e - self.K_f * (self.contact(x) - self.F_d))
 
     def sliding(self, x: np.ndarray) -> np.ndarray:
-        """s at rest; zero where an integral term takes up what the first-order law needs s for."""
+        """s (6,) at rest; zero for super-twisting and for the ideal law."""
         controller = self.scenario.controller
         if isinstance(controller, Fosm):
             return self.unknown(x) / (controller.K_s / controller.epsilon - self.A)
         return -self.asked(x) / self.A if isinstance(controller, Impedance) else np.zeros(6)
 
     def thrust(self, x: np.ndarray) -> np.ndarray:
-        """tau (6,) that holds the vehicle there: the balance of eq. (10) at rest."""
+        """tau (6,) that holds the vehicle at rest, eq. (10)."""
         d, g_eta = self.environment(x)
         return g_eta - d - self.contact(x)
 
     def unknown(self, x: np.ndarray) -> np.ndarray:
-        """The acceleration (6,) that a law without integral term has to find s for."""
+        """The acceleration (6,) that a law without an integral term must balance through s."""
         d, g_eta = self.environment(x)
         return self.M_hat_inv @ (d + (self.scenario.estimates.restoring - 1.0) * g_eta)
 

@@ -1,19 +1,19 @@
-"""Hydrodynamic coefficients in a vehicle's MJCF: their names, and the 6x6 matrices that they make.
+"""Hydrodynamic coefficients in a vehicle's MJCF: their names, and the 6x6 matrices built from them.
 
-They are ``<custom><numeric>`` entries. Each matrix is given either whole or by its SNAME derivatives:
+They are ``<custom><numeric>`` entries. Each matrix is given either as a whole or by its SNAME derivatives:
 
 ===============  ======================  ===========================================================================
-whole            derivatives             meaning
+matrix           derivatives             meaning
 ===============  ======================  ===========================================================================
 ``M_A``          ``X_udot``..``N_rdot``  added mass, symmetric, positive semi-definite [kg, kg m, kg m^2]
 ``D_linear``     ``X_u`` .. ``N_r``      linear damping [N s/m, N s, N m s]
-``D_quadratic``  ``X_uu`` .. ``N_rr``    quadratic damping: the entry [i, j] multiplies abs(nu_j) nu_j, so that ``Y_rr``
-                                         belongs to abs(r) r in Y [N s^2/m^2, N s^2/m, N s^2, N m s^2]
+``D_quadratic``  ``X_uu`` .. ``N_rr``    quadratic damping: the entry [i, j] multiplies abs(nu_j) nu_j; ``Y_rr`` is the
+                                         coefficient of abs(r) r in Y [N s^2/m^2, N s^2/m, N s^2, N m s^2]
 ===============  ======================  ===========================================================================
 
-A whole matrix has 36 numbers, row by row, and the sign of M_A or D itself: its diagonal is positive. Derivatives have
-the signs of the literature: D_linear[0, 0] is -X_u. The six on the diagonal are required. A cross term such as ``N_v``,
-``Y_rr`` or ``Y_rdot`` is zero where it is absent, except that ``Y_rdot`` alone also sets ``N_vdot``.
+A whole matrix has 36 numbers, row by row, with the sign of M_A or D: its diagonal is positive. Derivatives have the
+signs of the literature: D_linear[0, 0] is -X_u. The six diagonal derivatives are required. A missing cross term such as
+``N_v`` or ``Y_rr`` is zero. Added mass is symmetric, so ``Y_rdot`` alone also sets ``N_vdot``.
 """
 
 import mujoco
@@ -23,7 +23,7 @@ from .faults import Fault
 
 
 def _derivatives(suffix: str) -> np.ndarray:
-    """(6, 6) names, such as Y_r at [1, 5]; the suffix has a place for the velocity."""
+    """(6, 6) names, such as Y_r at [1, 5]; ``suffix`` is a format for the velocity."""
     return np.array([[f"{wrench}_{suffix.format(v)}" for v in "uvwpqr"] for wrench in "XYZKMN"])
 
 
@@ -32,17 +32,17 @@ DERIVATIVES = {
     "D_linear": _derivatives("{0}"),
     "D_quadratic": _derivatives("{0}{0}"),
 }
-"""The (6, 6) names of the derivatives of each matrix."""
+"""(6, 6) names of the derivatives of each matrix."""
 
 KNOWN_NUMERICS = frozenset(
     ["displaced_mass", "center_of_buoyancy", *DERIVATIVES, *np.concatenate([*DERIVATIVES.values()]).ravel().tolist()]
 )
-"""Every ``<numeric>`` of a vehicle that is read."""
+"""Names of all ``<numeric>`` entries that are read from a vehicle's file."""
 
 LARGEST = 1e15
-"""Of any number, in SI units: products of greater ones could overflow."""
+"""Bound on every number, in SI units; products of larger numbers could overflow."""
 _ROUNDING = 1e-9
-"""Relative; a file's numbers may be rounded."""
+"""Relative tolerance, as numbers in a file may be rounded."""
 
 
 def has_numeric(model: mujoco.MjModel, name: str) -> bool:
@@ -52,9 +52,10 @@ def has_numeric(model: mujoco.MjModel, name: str) -> bool:
 def numeric(
     model: mujoco.MjModel, name: str, size: int, faults: list[Fault], default: np.ndarray | None = None
 ) -> np.ndarray:
-    """The (size,) numbers of a ``<numeric>``, or the default; without one, a numeric that is absent is a fault.
+    """The (size,) numbers of a ``<numeric>``, or the default.
 
-    Where there is a fault, the numbers are the default or zero.
+    A missing numeric without a default, a wrong size and a number out of bounds are errors, appended to ``faults``. The
+    numbers are then the default or zero.
     """
     instead = np.zeros(size) if default is None else default
     index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name)
@@ -69,13 +70,13 @@ def numeric(
         return instead
     wrong = values[~(np.abs(values) <= LARGEST)]
     if wrong.size:
-        faults.append(Fault(name, f"{wrong[0]:g}: must be finite, and at most {LARGEST:g}"))
+        faults.append(Fault(name, f"{wrong[0]:g}: must be finite and at most {LARGEST:g}"))
         return instead
     return values
 
 
 def added_mass(model: mujoco.MjModel, prefix: str, faults: list[Fault]) -> np.ndarray:
-    """M_A (6, 6) [kg, kg m, kg m^2], symmetric and positive semi-definite unless there is a fault."""
+    """M_A (6, 6) [kg, kg m, kg m^2], symmetric and positive semi-definite unless an error is appended to ``faults``."""
     before = len(faults)
     M_A, names, sign = _matrix(model, prefix, "M_A", faults)
     faults += [
@@ -98,7 +99,8 @@ def added_mass(model: mujoco.MjModel, prefix: str, faults: list[Fault]) -> np.nd
 
 
 def damping_matrix(model: mujoco.MjModel, prefix: str, name: str, faults: list[Fault]) -> np.ndarray:
-    """D_linear or D_quadratic (6, 6), by its name, with nothing negative on the diagonal unless there is a fault."""
+    """D_linear or D_quadratic (6, 6), by its name. No diagonal entry is negative unless an error is appended to
+    ``faults``."""
     D, names, sign = _matrix(model, prefix, name, faults)
     faults += [
         Fault(names[i, i], f"{sign * D[i, i]:g} is not dissipative: must not be {_wrong(sign)}")
@@ -114,8 +116,8 @@ def _wrong(sign: float) -> str:
 def _matrix(
     model: mujoco.MjModel, prefix: str, whole: str, faults: list[Fault]
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """A matrix (6, 6) from its 36 numbers or from its derivatives; what each entry is called there, and with which sign
-    it is given."""
+    """A matrix (6, 6) from its 36 numbers or its derivatives, the names (6, 6) of its entries in the file, and the sign
+    with which the file gives them."""
     names = np.char.add(prefix, DERIVATIVES[whole])
     if has_numeric(model, prefix + whole):
         beside = [name for name in names.flat if has_numeric(model, name)]

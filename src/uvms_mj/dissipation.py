@@ -1,20 +1,20 @@
-r"""Whether damping takes energy out of a vehicle in every motion, or can feed energy in.
+r"""Check that the damping of a vehicle dissipates energy in every motion.
 
-Relative to the water, damping takes the power
+At the velocity nu relative to the water, damping dissipates the power
 
 .. math::
 
     P(\nu) = \nu^\top D_{linear}\, \nu + \nu^\top D_{quadratic} \left( |\nu| \odot \nu \right).
 
-In each direction of nu, the first term decides at low speed and the second, of one degree more, at high speed. Damping
+In each direction of nu, the first term dominates at low speed and the second, one degree higher, at high speed. Damping
 is therefore dissipative at all speeds if and only if neither term is negative in any direction. For the first term this
-means that the symmetric part of D_linear is positive semi-definite. For the second term no such test is known, so that
-two are used, both independent of the units:
+means that the symmetric part of D_linear is positive semi-definite. For the second term no exact test is known. Two
+tests are used instead, both independent of the units:
 
 - A certificate: by Young's inequality, :math:`|y_i| y_j^2 \le (|y_i|^3 + 2 |y_j|^3)/3`, the term is never negative if
   the diagonal outweighs rows and columns.
-- A counterexample: projected gradients look for the least power over all directions, from 364 starts, one for each
-  choice of axes and signs. A velocity that they find does gain energy. They may miss a narrow range of such velocities.
+- A counterexample: projected gradient descent minimises the power over all directions, from 364 starts, one for each
+  choice of axes and signs. The power is negative at every velocity that it finds. It may miss a narrow range of them.
 """
 
 import itertools
@@ -22,15 +22,15 @@ import itertools
 import numpy as np
 
 _ROUNDING = 1e-9
-"""Of the power, relative to the largest coefficient in scaled units."""
+"""Tolerance of the power, relative to the largest coefficient in scaled units."""
 _ZERO = 1e-12
-"""Of a coefficient, relative to the largest."""
+"""A coefficient counts as zero below this, relative to the largest."""
 _ITERATIONS = 300
 
 
 def damping_notes(body: str, D_linear: np.ndarray, D_quadratic: np.ndarray) -> list[str]:
-    """One sentence for each of D_linear and D_quadratic, (6, 6), that can feed energy into the vehicle: with a velocity
-    at which both together do."""
+    """One sentence for each of D_linear and D_quadratic, (6, 6), that can feed energy into the vehicle. It gives a
+    velocity at which both together do so."""
     notes = []
     for name, find, D in (("D_linear", linear_gain, D_linear), ("D_quadratic", quadratic_gain, D_quadratic)):
         nu = find(D)
@@ -65,7 +65,7 @@ def quadratic_gain(D: np.ndarray) -> np.ndarray | None:
     if (cross.sum(axis=1) / 3.0 + cross.sum(axis=0) * 2.0 / 3.0 <= np.diag(C)).all():
         return None  # Young's inequality
     y = np.array([start for start in itertools.product((-1.0, 0.0, 1.0), repeat=6) if start > (0.0,) * 6])
-    bound = 6.0 * np.linalg.norm(C, 2)  # of the second derivatives: no step goes up
+    bound = 6.0 * np.linalg.norm(C, 2)  # on the second derivatives, so that no step increases the power
     for _ in range(_ITERATIONS):
         y /= np.linalg.norm(y, axis=1)[:, None]
         square = np.abs(y) * y
@@ -78,6 +78,6 @@ def quadratic_gain(D: np.ndarray) -> np.ndarray | None:
 
 
 def _units(D: np.ndarray, degree: int) -> np.ndarray:
-    """(6,) scales that make the diagonal of a form of this degree one, where it isn't zero but for rounding."""
+    """(6,) scales that make the diagonal of a form of this degree one, except where it is zero up to rounding."""
     diagonal = np.diag(D)
     return np.where(diagonal > _ZERO * np.abs(D).max(), diagonal, 1.0) ** (1.0 / degree)

@@ -1,7 +1,7 @@
-"""What a law believes of the vehicle: estimates of M, C, D and g, never the current and never the disturbance.
+"""Model estimates for the law: M, C, D and g of the vehicle, without the current and the disturbance.
 
-The estimates are made as the truth is, of the true coefficients times the scenario's factors, 1 by default. The error
-in each is one of the terms of the lumped disturbance of the paper's eq. (11).
+The estimates use the same equations as the plant, with the true coefficients times the scenario's factors (default 1).
+Their errors are terms of the lumped disturbance of the paper's eq. (11).
 """
 
 import numpy as np
@@ -23,8 +23,8 @@ COEFFICIENTS = np.dtype(
     ],
     align=True,
 )
-"""What C, D and g of a vehicle are made of, in the units of :class:`uvms_mj.vehicle.Vehicle`; of estimates, already
-scaled."""
+"""Coefficients of C, D and g of a vehicle, in the units of :class:`uvms_mj.vehicle.Vehicle`. Those of the estimates are
+already scaled."""
 
 
 @kernel

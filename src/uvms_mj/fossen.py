@@ -4,8 +4,7 @@ r"""Fossen's equations of motion, term by term, as pure compiled functions.
 
     M \dot\nu_r + C(\nu_r)\nu_r + D(\nu_r)\nu_r + g(\eta) = \tau + \tau_c + \tau_{dist} \qquad \text{paper eq. (10)}
 
-with :math:`M = M_{RB} + M_A`, :math:`C = C_{RB} + C_A`, :math:`\nu_r = \nu - \nu_c`, everything in the body frame B at
-its origin:
+with :math:`M = M_{RB} + M_A`, :math:`C = C_{RB} + C_A`, :math:`\nu_r = \nu - \nu_c`, in the body frame B at its origin:
 
 .. math::
 
@@ -25,8 +24,8 @@ its origin:
 
     g(\eta) &= \begin{bmatrix} (W - B)\, k \\ (W r_g - B r_b) \times k \end{bmatrix}, \quad k = R_{WB}^\top e_{up}
 
-C_RB has no linear velocity in it, so that for a constant irrotational current M_RB nu_r_dot + C_RB(nu_r) nu_r equals
-the rigid body's own M_RB nu_dot + C_RB(nu) nu, which is what MuJoCo integrates.
+C_RB does not contain the linear velocity. For a constant irrotational current M_RB nu_r_dot + C_RB(nu_r) nu_r therefore
+equals M_RB nu_dot + C_RB(nu) nu, which MuJoCo integrates.
 """
 
 from .kernels import kernel
@@ -69,7 +68,7 @@ def coriolis_added_mass(M_A, nu, out):
 @kernel
 def damping(D_linear, D_quadratic, nu, out):
     """out = D(nu) nu (6,) [N, N m] = D_linear nu + D_quadratic (abs(nu) nu), both (6, 6); paper eq. (33), there with
-    diagonal matrices. Both products in one go, in pairs as in :func:`matvec`."""
+    diagonal matrices. The terms are summed in pairs, as in :func:`matvec`."""
     x_0, x_1, x_2, x_3, x_4, x_5 = nu[0], nu[1], nu[2], nu[3], nu[4], nu[5]
     y_0, y_1, y_2 = abs(x_0) * x_0, abs(x_1) * x_1, abs(x_2) * x_2
     y_3, y_4, y_5 = abs(x_3) * x_3, abs(x_4) * x_4, abs(x_5) * x_5
@@ -100,7 +99,7 @@ def restoring(mass, displaced_mass, r_g, r_b, gravity_W, R_WB, out):
 
 @kernel
 def matvec(A, x, out):
-    """out = A x for A (6, 6); out must not be x. Summed in pairs, which a processor does side by side."""
+    """out = A x for A (6, 6); out must not be x. The terms are summed in pairs, which a processor does in parallel."""
     x_0, x_1, x_2, x_3, x_4, x_5 = x[0], x[1], x[2], x[3], x[4], x[5]
     for i in range(6):
         out[i] = (A[i, 0] * x_0 + A[i, 1] * x_1) + (A[i, 2] * x_2 + A[i, 3] * x_3) + (A[i, 4] * x_4 + A[i, 5] * x_5)

@@ -1,8 +1,8 @@
-r"""What the water does to one vehicle: entries of the inertia matrix and a wrench, for one state.
+r"""Hydrodynamics of one vehicle: its added inertia and its wrench for one state.
 
-Added mass belongs in the inertia matrix: as a force -M_A nu_dot computed from an old acceleration it diverges as soon
-as it exceeds the rigid mass. With T = blockdiag(R_WB^T, I), nu = T qvel, the joint-space inertia grows by T^T M_A T.
-What remains is a force. From v_dot = R_WB^T a_W - omega x v and a current that is constant and irrotational in W
+Added mass belongs in the inertia matrix: a force -M_A nu_dot, computed from an earlier acceleration, diverges if the
+added mass exceeds the rigid mass. With T = blockdiag(R_WB^T, I), nu = T qvel, the joint-space inertia grows by
+T^T M_A T. The rest is a force. From v_dot = R_WB^T a_W - omega x v and a current that is constant and irrotational in W
 (v_c_dot = -omega x v_c in B),
 
 .. math::
@@ -16,7 +16,7 @@ so that the wrench on the right-hand side of the paper's eq. (10) is
     -C_A(\nu_r)\nu_r - D(\nu_r)\nu_r + M_A \begin{bmatrix} \omega \times v_r \\ 0 \end{bmatrix}
         + \text{buoyancy} + \tau_{dist}(t).
 
-Rigid-body Coriolis forces, weight and thrust are MuJoCo's own.
+MuJoCo itself computes rigid-body Coriolis forces, weight and thrust.
 """
 
 import numpy as np
@@ -39,13 +39,12 @@ WATER = np.dtype(
     ],
     align=True,
 )
-"""Everything that the water needs to know of one vehicle and its surroundings."""
+"""Hydrodynamic coefficients of one vehicle, its current and its disturbance."""
 
 
 @kernel
 def added_inertia(M_A, R_WB, lower):
-    """lower (21,): the rows of the lower triangle of T^T M_A T, one after the other, as MuJoCo stores them for a free
-    joint."""
+    """Set lower (21,) to the lower triangle of T^T M_A T, row by row, as MuJoCo stores it for a free joint."""
     n = 0
     for i in range(3):  # R_WB M_A[:3, :3] R_WB^T
         a = R_WB[i, 0] * M_A[0, 0] + R_WB[i, 1] * M_A[1, 0] + R_WB[i, 2] * M_A[2, 0]
@@ -65,10 +64,10 @@ def added_inertia(M_A, R_WB, lower):
 
 @kernel
 def factor(lower, L, D_inverse):
-    """L^T D L factorisation of a symmetric 6x6 matrix, in the order of MuJoCo's own: from the last row up.
+    """L^T D L factorisation of a symmetric 6x6 matrix in MuJoCo's order, from the last row up.
 
     Args:
-        lower: (21,) the matrix, rows of its lower triangle one after the other.
+        lower: (21,) lower triangle of the matrix, row by row.
         L: (21,) is set to L below the diagonal and D on it.
         D_inverse: (6,) is set to the inverse of D.
     """
@@ -87,7 +86,7 @@ def factor(lower, L, D_inverse):
 
 @kernel
 def disturbance(water, t, tau_dist):
-    """tau_dist (6,) [N, N m] in B at time t [s]: a bias and a sinusoid for each axis."""
+    """Set tau_dist (6,) [N, N m] in B at time t [s]: a bias and a sinusoid for each axis."""
     for i in range(6):
         tau_dist[i] = water.bias[i]
         if water.amplitude[i] != 0.0:
@@ -96,7 +95,7 @@ def disturbance(water, t, tau_dist):
 
 @kernel
 def water_wrench(water, t, R_WB, nu, nu_r, work, out):
-    """The wrench of the water on the vehicle, without the part that is in the inertia matrix.
+    """The hydrodynamic wrench on the vehicle, with the disturbance and without the part in the inertia matrix.
 
     Args:
         water: a WATER record.

@@ -1,4 +1,4 @@
-"""A vehicle's MJCF with every file that it refers to, in memory: what a run is built from and what its log carries."""
+"""A vehicle's MJCF with all files that it refers to, in memory. Runs are built from it, and logs contain it."""
 
 import os
 from collections.abc import Mapping
@@ -19,11 +19,11 @@ _COMPARED = ("mesh_vert", "mesh_face", "tex_data", "geom_size", "body_mass", "na
 
 @dataclass(frozen=True)
 class Mjcf:
-    """An MJCF model, complete by itself.
+    """An MJCF model with all its files.
 
     Attributes:
         name: file name of the model.
-        files: contents by file name: the model's own, and those of all includes, meshes and textures. No folders.
+        files: contents by file name, without folders: the model's file, and all includes, meshes and textures.
     """
 
     name: str
@@ -31,18 +31,18 @@ class Mjcf:
 
     @classmethod
     def find(cls, model: str) -> "Mjcf":
-        """A model from the path of a file, or one that ships by its name.
+        """Read a model from the path of its file, or a shipped model by its name.
 
         Raises:
-            InputError: there is none, or it or a file that it refers to can't be read or has what a vehicle's file may
-                not have.
+            InputError: there is no such model, or it or a file that it refers to can't be read or has something that is
+                not allowed in a vehicle's file.
         """
         path = Path(model)
         if not path.is_file():
             shipped = resource("models", f"{model}.xml")
             if shipped is None:
                 hint = suggestion(model, names("models", ".xml"))
-                fault = "is not a regular file" if path.exists() else f"no such file, nor a model that ships; {hint}"
+                fault = "is not a regular file" if path.exists() else f"is neither a file nor a shipped model; {hint}"
                 raise InputError(f"vehicle.model {model!r}: {fault}")
             path = shipped
         path = Path(os.path.abspath(path))
@@ -52,7 +52,7 @@ class Mjcf:
         return found
 
     def _check_against(self, path: Path) -> None:
-        """Raise InputError unless the flat files make what MuJoCo makes of the folders: it has the last word on which
+        """Raise InputError unless MuJoCo compiles the same model from the files in their folders. MuJoCo decides which
         file a name means."""
         ours = self.compiled(self.spec())
         try:
@@ -62,20 +62,20 @@ class Mjcf:
         for name in _COMPARED:
             if not np.array_equal(getattr(ours, name), getattr(theirs, name)):
                 raise InputError(
-                    f"vehicle.model {path}: without its folders it would be another model ({name} differs); "
-                    "give each file a plain name of its own"
+                    f"vehicle.model {path}: the model changes when its files are put into one folder ({name} differs); "
+                    "give each file a different, plain name"
                 )
 
     def spec(self) -> mujoco.MjSpec:
-        """The model, parsed. No file is read but those in ``files``.
+        """The parsed model. Only the files in ``files`` are read.
 
         Raises:
-            InputError: it has what a vehicle's file may not have, MuJoCo can't read it, or it refers to a file that is
-                not there.
+            InputError: the model has something that is not allowed in a vehicle's file, MuJoCo can't read it, or it
+                refers to a missing file.
         """
         parsed = trees(self.files, self.name)
         check_elements(parsed, self.name)
-        # MuJoCo takes more for XML than what is well-formed: it gets what was checked, written anew
+        # MuJoCo also accepts malformed XML, so it gets the checked trees, written anew
         texts = {name: ElementTree.tostring(tree) for name, tree in parsed.items()}
         rest = {name: texts.get(name, data) for name, data in self.files.items() if name != self.name}
         try:
@@ -84,7 +84,7 @@ class Mjcf:
             raise InputError(f"vehicle.model {self.name}: MuJoCo can't compile it: {_line(error)}") from None
 
     def compiled(self, spec: mujoco.MjSpec) -> mujoco.MjModel:
-        """The model of a spec of this one's; raises InputError where MuJoCo can't compile it."""
+        """Compile a spec of this model; raises InputError if MuJoCo can't."""
         try:
             return spec.compile()
         except (ValueError, RuntimeError, mujoco.FatalError) as error:

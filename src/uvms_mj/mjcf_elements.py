@@ -1,10 +1,10 @@
 """The MJCF elements and attributes that a vehicle's file may have.
 
-A run takes over the vehicle's body with its inertia, geoms, sites and motors, gravity, the coefficients in
-``<custom>``, and what is for the eye only. Timestep, integrator and cone may be given, as other programs need them; a
-run has the scenario's. Everything else is refused by name, because a list of bad settings would always miss some.
+A run uses the vehicle's body with its inertia, geoms, sites and motors, gravity, the coefficients in ``<custom>``, and
+all purely visual elements. Timestep, integrator and cone may be given, as other programs need them; a run uses the
+scenario's instead. Everything else is refused by name, because a list of bad settings would always be incomplete.
 
-A tag means the same wherever it is accepted, so the table needs no nesting, which MuJoCo checks.
+A tag has the same meaning wherever it is accepted, so the table needs no nesting. MuJoCo checks the nesting.
 """
 
 import math
@@ -16,16 +16,16 @@ from .vehicle import LINKS_ARE_DRY
 LARGEST_NUMBER = 1e10
 """MuJoCo's mjMAXVAL: a larger number in a state means that the simulation has diverged."""
 MOST_ELEMENTS = 10_000
-"""Of a file, each copy by <replicate> counted: MuJoCo's compiler takes time in proportion to the square."""
+"""Bound on a model's elements, counting each copy by <replicate>. MuJoCo's compile time grows with their square."""
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
 
 Rule = Callable[[str], str]
-"""What is wrong with an attribute's value; an empty text where nothing is."""
+"""Returns the error in an attribute's value, or an empty text."""
 
 
 def values_of(text: str) -> list[float]:
-    """The numbers of an attribute; none at all where one of them is not a finite number."""
+    """The numbers of an attribute; empty if one of its words is not a finite number."""
     words = text.split()
     values = [float(word) for word in words if _NUMBER.fullmatch(word)]
     return values if len(values) == len(words) and all(map(math.isfinite, values)) else []
@@ -42,7 +42,7 @@ def _numbers(text: str) -> str:
 
 
 def finite(text: str) -> str:
-    """The rule of every attribute of an element that is for the eye only."""
+    """The rule of every attribute of a purely visual element."""
     return "must be finite" if any(_NOT_FINITE.fullmatch(word) for word in text.split()) else ""
 
 
@@ -77,9 +77,9 @@ def _rules(words: str = "", numbers: str = "", **others: Rule) -> dict[str, Rule
 
 
 _PLACE = "pos quat axisangle euler xyaxes zaxis"
-_TURNS_B = _only("false", "auto", reason="it would turn the body frame, in which the coefficients hold; leave it out")
-_INERTIA = "the file must give the vehicle's own mass and inertia"
-_WATER = "the water's forces follow from the coefficients in <custom>"
+_TURNS_B = _only("false", "auto", reason="it would rotate the body frame of the coefficients; leave it out")
+_INERTIA = "the file must give the true mass and inertia"
+_WATER = "hydrodynamic forces come from the coefficients in <custom>"
 _LIMITS = {"ctrlrange": _range, "forcerange": _range}
 _MOTOR = _rules("name class group site ctrllimited forcelimited", "gear", **_LIMITS)
 
@@ -92,7 +92,7 @@ ELEMENTS: Mapping[str, Mapping[str, Rule] | None] = {
         coordinate=_only("local"),
         alignfree=_TURNS_B,
         inertiafromgeom=_only("auto", "false", reason="it would override <inertial>; leave it out"),
-        discardvisual=_only("false", reason="it would drop the hull, whose front meets the wall; leave it out"),
+        discardvisual=_only("false", reason="it would discard the hull, whose front touches the wall; leave it out"),
         balanceinertia=_only("false", reason="it would change the inertia; leave it out"),
         boundmass=_zero(_INERTIA),
         boundinertia=_zero(_INERTIA),
@@ -154,35 +154,35 @@ ELEMENTS: Mapping[str, Mapping[str, Rule] | None] = {
     "motor": _MOTOR,
     "general": _MOTOR | _rules("", "gainprm", gaintype=_only("fixed"), biastype=_only("none"), dyntype=_only("none")),
 }
-"""Each element's attributes with their rules; None allows every attribute, of an element for the eye only."""
+"""Rules for the attributes of each element; None allows every attribute of a purely visual element."""
 
-_WALL = "the only contact is the one with the scenario's wall; leave it out"
-_HOLDS = "it would hold the vehicle, or couple it to something; leave it out"
+_WALL = "the vehicle may touch only the scenario's wall; leave it out"
+_HOLDS = "it would constrain the vehicle; leave it out"
 _RIGID = "a vehicle is one rigid body; leave it out"
-_PLAIN = "a thruster acts on a site of the vehicle, and its thrust is gain times ctrl at once; leave it out"
-_THRUSTER = "a thruster is a <motor> on a site; leave it out"
+_PLAIN = "a thruster acts on a site of the vehicle, and its thrust is gain times ctrl without delay; leave it out"
+_THRUSTER = "a thruster must be a <motor> on a site; leave it out"
 
 REASONS: Mapping[str, str] = {
-    "compiler": "it would change what the file describes; leave it out",
-    "option": "the solver's settings are chosen by the run; leave it out",
-    "statistic": "the solver's settings are chosen by the run; leave it out",
-    "body": "a vehicle is one rigid body in the water; leave it out",
+    "compiler": "it would change the vehicle that the file describes; leave it out",
+    "option": "a run has its own solver settings; leave it out",
+    "statistic": "a run has its own solver settings; leave it out",
+    "body": "a vehicle is one free rigid body; leave it out",
     "joint": LINKS_ARE_DRY,
     "geom": _WALL,
     **dict.fromkeys(("motor", "general"), _PLAIN),
-    "flag": "the run decides which parts of MuJoCo are on; leave it out",
-    "size": "MuJoCo finds its own sizes; leave it out",
+    "flag": "a run has its own flags; leave it out",
+    "size": "MuJoCo computes the sizes; leave it out",
     "lengthrange": "a vehicle has no muscles; leave it out",
     "contact": _WALL,
     "hfield": _WALL,
     **dict.fromkeys(("pair", "exclude"), _WALL),
     **dict.fromkeys(("equality", "tendon"), _HOLDS),
     **dict.fromkeys(("composite", "flexcomp", "deformable", "skin"), _RIGID),
-    **dict.fromkeys(("extension", "plugin"), "a plugin can change anything; leave it out"),
+    **dict.fromkeys(("extension", "plugin"), "a plugin could change the dynamics; leave it out"),
     **dict.fromkeys(("position", "velocity", "intvelocity", "orientation", "pid", "damper"), _THRUSTER),
     **dict.fromkeys(("cylinder", "muscle", "adhesion", "dcmotor"), _THRUSTER),
-    "sensor": "a run neither reads nor records the file's own sensors; leave it out",
+    "sensor": "a run neither reads nor records the file's sensors; leave it out",
     "keyframe": "a run starts from the scenario's [initial]; leave it out",
-    "tuple": "coefficients are <numeric>, remarks are <text>; leave it out",
+    "tuple": "write coefficients as <numeric> and remarks as <text>; leave it out",
 }
-"""By tag: why an element is refused, or its other attributes are, and what to do."""
+"""By tag: the reason why an element, or its other attributes, are refused, and a remedy."""

@@ -1,8 +1,8 @@
-"""The files of an MJCF model: those that an XML file names, and a user's folders of them as one flat set.
+"""Files of an MJCF model: the references in its XML, and a copy of all files as one flat set without folders.
 
-MuJoCo looks for a file below the folder of its model: that of the main file, or of one that ``<model file=...>`` brings
-in. In between stand ``meshdir`` and ``texturedir``, of which the last counts; included files belong to the model that
-includes them (MuJoCo, XML reference, compiler and include).
+MuJoCo looks for a file relative to the folder of its model, which is the main file or one named by
+``<model file=...>``. ``meshdir`` or ``texturedir`` is inserted after that folder; the last setting counts. Included
+files belong to the model that includes them (MuJoCo, XML reference, compiler and include).
 """
 
 import os
@@ -17,22 +17,22 @@ from xml.etree.ElementTree import Element
 from .faults import InputError
 
 DEEPEST = 100
-"""Most elements in each other, and most files that a model includes; MuJoCo's own reading ends with its stack."""
+"""Bound on the nesting of elements and on the included files of a model; MuJoCo's parser would overflow its stack."""
 _FILE = re.compile(r"file(name|right|left|up|down|front|back)?")
 LARGEST_XML, LARGEST_FILE, LARGEST_MODEL = 8 * 2**20, 64 * 2**20, 256 * 2**20
-"""Bytes: of one XML file, of any one file, and of all files of a model together."""
+"""Bounds on an XML file, on any file, and on all files of a model together [bytes]."""
 LARGEST_PICTURE = 2**26
-"""Pixels; a picture of a few kilobytes may have billions."""
+"""Bound on the pixels of a picture; a compressed file of a few kilobytes may contain billions."""
 _PNG = b"\x89PNG\r\n\x1a\n"
 _NAMED = ("mesh", "texture")
-"""Elements that without a name have that of their file."""
+"""Elements whose default name is that of their file."""
 _COMMENT = re.compile(
     r"""(?P<comment><!--.*?-->)|<!\[CDATA\[.*?\]\]>|<[^!<>"'](?:[^<>"']|"[^"]*"|'[^']*')*>|<|[^<]+""", re.DOTALL
 )
 
 
 def parsed(name: str, data: bytes, comments: bool = False) -> Element:
-    """An XML file's root. Raises InputError where it is not well-formed, too large or too deep."""
+    """The root of an XML file. Raises InputError if the file is not well-formed, too large or nested too deeply."""
     if len(data) > LARGEST_XML:
         raise InputError(f"vehicle.model {name}: is larger than {LARGEST_XML // 2**20} MiB, too large for an XML file")
     try:
@@ -45,29 +45,29 @@ def parsed(name: str, data: bytes, comments: bool = False) -> Element:
         level = [child for element in level for child in element]
         if not level:
             return tree
-    raise InputError(f"vehicle.model {name}: has more than {DEEPEST} elements in each other")
+    raise InputError(f"vehicle.model {name}: has elements nested more than {DEEPEST} deep")
 
 
 def references(tree: Element) -> Iterator[tuple[Element, str, str]]:
-    """Each file that a tree names: the element, its attribute, and the file."""
+    """Each reference of a tree to a file: the element, its attribute, and the file."""
     for element in tree.iter():
         yield from ((element, key, value) for key, value in element.attrib.items() if _FILE.fullmatch(key) and value)
 
 
 def flattened(main: Path) -> dict[str, bytes]:
-    """A model and every file that it refers to, by names without folders: no path of a user's stands in a log.
+    """A model and every file that it refers to, by names without folders, so that a log contains no path of the user.
 
     Args:
         main: the model's file. It is the first of the result and keeps its name.
 
     Raises:
-        InputError: a file is not there, or is not XML where it has to be.
+        InputError: a file is missing, or must be XML and is not.
     """
     return _Folders(main).flat()
 
 
 class _Folders:
-    """What a model's files refer to, as MuJoCo would find it."""
+    """The files that a model refers to, found as MuJoCo finds them."""
 
     def __init__(self, main: Path) -> None:
         self.contents: dict[Path, bytes] = {}
@@ -75,13 +75,13 @@ class _Folders:
         self.found: list[tuple[Path, Element, str, Path]] = []
         """File, element and attribute of each reference, and the file that it means."""
         self.models = [main]
-        for model in self.models:  # which grows
+        for model in self.models:  # grows in the loop
             self._model(model)
 
     def flat(self) -> dict[str, bytes]:
         names: dict[Path, str] = {}
         for path in self.contents:
-            taken, name, n = {each.lower() for each in names.values()}, path.name, 2  # MuJoCo knows no capitals
+            taken, name, n = {each.lower() for each in names.values()}, path.name, 2  # MuJoCo ignores case
             while name.lower() in taken:
                 name, n = f"{path.stem}-{n}{path.suffix}", n + 1
             names[path] = name
@@ -101,7 +101,7 @@ class _Folders:
         return files
 
     def _model(self, path: Path) -> None:
-        """One model: its file and those that it includes, with the folders that its compiler elements name."""
+        """Read one model: its file, its includes, and its assets in the folders set by its compiler elements."""
         folder, settings = path.parent, dict[str, str]()
         assets: list[tuple[Path, Element, str, str]] = []
         for file, element, key, reference in self._included(path, folder, settings, []):
@@ -122,7 +122,7 @@ class _Folders:
     def _included(
         self, path: Path, folder: Path, settings: dict[str, str], before: list[Path]
     ) -> Iterator[tuple[Path, Element, str, str]]:
-        """The references of a file and of what it includes, in MuJoCo's order; settings take what the last one said."""
+        """References of a file and its includes, in MuJoCo's order. Later compiler elements overwrite ``settings``."""
         if path in before or len(before) > DEEPEST:
             reason = "is included twice, or includes itself" if path in before else f"has more than {DEEPEST} includes"
             raise InputError(f"vehicle.model {path}: {reason}")
@@ -147,28 +147,28 @@ class _Folders:
         if path not in self.contents:
             self.contents[path] = read_regular(path)
             if sum(map(len, self.contents.values())) > LARGEST_MODEL:
-                raise InputError(f"vehicle.model: its files are larger than {LARGEST_MODEL // 2**20} MiB together")
+                raise InputError(f"vehicle.model: its files are together larger than {LARGEST_MODEL // 2**20} MiB")
         return path
 
     @staticmethod
     def _place(reference: str, folders: Iterable[Path]) -> Path:
-        """What has that name in the first of some folders that has it, be it no regular file; else in the first one."""
+        """The path in the first folder that has it, even as a pipe or a device; else the path in the first folder."""
         places = [Path(os.path.abspath(folder / reference.replace("\\", "/"))) for folder in folders]
         return next((place for place in places if os.path.exists(place) and not place.is_dir()), places[0])
 
 
 def read_regular(path: Path) -> bytes:
-    """The contents of a regular file. A device or a pipe, which may have no end or wait for a writer, is never read.
+    """The contents of a regular file. Devices and pipes are never read, as they may be endless or block.
 
     Raises:
-        InputError: it is not a regular file, is too large, or can't be read.
+        InputError: the path is not a regular file, is too large, or can't be read.
     """
     try:
         # without O_NONBLOCK, opening a pipe waits for a writer
         with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
             status = os.fstat(file.fileno())
             readable = stat.S_ISREG(status.st_mode) and status.st_size <= LARGEST_FILE
-            data = (file.read(LARGEST_FILE + 1) if readable else None) or b""  # None where a read would wait
+            data = (file.read(LARGEST_FILE + 1) if readable else None) or b""  # None if a read would block
     except OSError as error:
         raise InputError(f"vehicle.model: can't read {path}: {error.strerror}") from None
     if not stat.S_ISREG(status.st_mode):
@@ -179,24 +179,24 @@ def read_regular(path: Path) -> bytes:
 
 
 def trees(files: Mapping[str, bytes], main: str) -> dict[str, Element]:
-    """A flat model and the XML files that it refers to, by name, parsed and checked.
+    """The parsed and checked XML files of a flat model, by name.
 
     Raises:
-        InputError: one is not well-formed, is included twice, or refers to a file that is not there; a sub-model has
-            sub-models of its own; or the main file is not MJCF.
+        InputError: a file is not well-formed, is included twice, or refers to a missing file; a sub-model has
+            sub-models itself; or the main file is not MJCF.
     """
     found: dict[str, Element] = {}
 
     def model(top: str) -> list[str]:
-        """Parse a model's file and those that it includes; the files of its sub-models."""
+        """Parse a model's file and its includes. Returns the files of its sub-models."""
         parts, below = [top], list[str]()
-        for name in parts:  # which grows
+        for name in parts:  # grows in the loop
             if name not in found:
                 found[name] = parsed(name, files[name])
             named = list(references(found[name]))
             missing = sorted({reference for _, _, reference in named} - (files.keys() - {main}))
             if missing:
-                raise InputError(f"vehicle.model {main}: refers to what is not there: {', '.join(missing)}")
+                raise InputError(f"vehicle.model {main}: refers to missing files: {', '.join(missing)}")
             parts += [reference for element, _, reference in named if element.tag == "include"]
             below += [reference for element, _, reference in named if element.tag == "model"]
             if len(set(parts)) < len(parts) or len(parts) > DEEPEST:
@@ -205,12 +205,12 @@ def trees(files: Mapping[str, bytes], main: str) -> dict[str, Element]:
         return below
 
     for sub in dict.fromkeys(model(main)):
-        if model(sub):  # MuJoCo reads it anew each time that it is named
-            raise InputError(f"vehicle.model {main}: {sub} is a sub-model, and has sub-models of its own")
+        if model(sub):  # MuJoCo reads it again at each reference
+            raise InputError(f"vehicle.model {main}: {sub} is a sub-model and must not have sub-models itself")
     for name in files.keys() - found.keys():
         _refuse_large_picture(name, files[name])
     if found[main].tag != "mujoco":
-        raise InputError(f"vehicle.model {main}: is no MJCF: its root is <{found[main].tag}>, not <mujoco>")
+        raise InputError(f"vehicle.model {main}: is not MJCF: its root is <{found[main].tag}>, not <mujoco>")
     return found
 
 
@@ -218,11 +218,11 @@ def _refuse_large_picture(name: str, data: bytes) -> None:
     if data.startswith(_PNG) and len(data) >= 24:
         width, height = struct.unpack_from(">II", data, 16)  # PNG (ISO 15948), 11.2.2
         if width * height > LARGEST_PICTURE:
-            raise InputError(f"vehicle.model {name}: has {width} x {height} pixels; {LARGEST_PICTURE} are enough")
+            raise InputError(f"vehicle.model {name}: has {width} x {height} pixels; at most {LARGEST_PICTURE} allowed")
 
 
 def _users_tree(name: str, data: bytes) -> Element:
-    """A user's own file; without its comments, where it is not quite XML for their sake."""
+    """The root of a user's file. Comments are removed if they make the XML malformed."""
     if _is_well_formed(data):
         return parsed(name, data, comments=True)
     text = data.decode("utf-8-sig", errors="surrogateescape")

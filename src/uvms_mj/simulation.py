@@ -195,8 +195,8 @@ class _Run:
             for done in self._chunks(loop):
                 if self.progress is not None:
                     self.progress(done, self.scenario.steps)
-                if loop.fault:
-                    status, message = Status.unstable, f"t = {loop.time:.6g} s: {loop.fault}. {_HINT}"
+                if loop.divergence:
+                    status, message = Status.unstable, f"t = {loop.time:.6g} s: {loop.divergence}. {_HINT}"
                     break
                 if self.writing.error is not None:
                     status, message = Status.failed, f"t = {loop.time:.6g} s: {self.writing.message}"
@@ -216,7 +216,7 @@ class _Run:
             end = min(done + CHUNK_STEPS - done % CHUNK_STEPS, steps)
             start = now = time.perf_counter()
             try:
-                while done < end and now - start < CHUNK_S and not loop.fault:
+                while done < end and now - start < CHUNK_S and not loop.divergence:
                     n, begun = min(n, end - done), now
                     if loop.compiled:
                         mujoco.mj_step(model, data, n)
@@ -227,7 +227,7 @@ class _Run:
             finally:
                 self._take_rows(loop)
             self._after(loop, done)
-            if not loop.fault and done == steps:  # the state at the end, which no step begins from
+            if not loop.divergence and done == steps:  # the state at the end, which no step begins from
                 self._forward(loop)
                 self._take_rows(loop)
                 self._after(loop, done + 1)
@@ -262,7 +262,7 @@ class _Run:
     def _after(self, loop: ClosedLoop, evaluations: int) -> None:
         """What compiled code could only note: a law that failed, a callback that was taken away."""
         loop.check_law(last=loop.step >= self.scenario.steps)
-        if not loop.fault and loop.evaluations != evaluations:
+        if not loop.divergence and loop.evaluations != evaluations:
             raise RuntimeError("mjcb_control was replaced during the run: the water was lost")
 
 

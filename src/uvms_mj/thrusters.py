@@ -1,4 +1,4 @@
-"""A vehicle's thrusters, read from the motors of its compiled model."""
+"""Thrusters of a vehicle, read from the motors of the compiled model."""
 
 import mujoco
 import numpy as np
@@ -8,7 +8,7 @@ from .frames import rotation_matrix
 
 
 def turning_thrusters(model, data, body_id, thrusters, B) -> list[Fault]:
-    """Faults of thrusters whose wrench in B changes with the pose, such as a motor on the free joint itself."""
+    """Errors for thrusters whose wrench in B depends on the pose, such as a motor on the free joint."""
     elsewhere = mujoco.MjData(model)
     elsewhere.qpos[:] = data.qpos
     mujoco.mj_integratePos(model, elsewhere.qpos, np.linspace(0.3, 0.9, model.nv), 1.0)
@@ -24,8 +24,12 @@ def turning_thrusters(model, data, body_id, thrusters, B) -> list[Fault]:
 
 
 def read_thrusters(model, data, body_id, faults):
-    """Names, indices, thrust of ctrl, B = T^-T moment^T (6, n) for each newton, and limits [N] of the actuators that
-    act on the body."""
+    """Read the actuators that act on the body; errors are appended to ``faults``.
+
+    Returns:
+        Names, indices in ctrl, thrust (n,) per unit of ctrl [N], B = T^-T moment^T (6, n) per newton of thrust, and
+        least and greatest thrust (n,) [N].
+    """
     moment = np.zeros((model.nu, model.nv))
     mujoco.mju_sparse2dense(moment, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind)
     dof = model.body_dofadr[body_id]
@@ -33,7 +37,7 @@ def read_thrusters(model, data, body_id, faults):
     T_inverse[:3, :3] = rotation_matrix(data.xquat[body_id])
     names, ids, thrusts, columns, limits = [], [], [], [], []
     for i in range(model.nu):
-        wrench = T_inverse.T @ moment[i, dof : dof + 6]  # of one unit of actuator force, gain times ctrl
+        wrench = T_inverse.T @ moment[i, dof : dof + 6]  # per unit of actuator force, which is gain times ctrl
         if not wrench.any():
             continue
         name, gain = model.actuator(i).name or f"actuator {i}", model.actuator_gainprm[i, 0]
@@ -44,12 +48,12 @@ def read_thrusters(model, data, body_id, faults):
             and not model.actuator_history[i].any()
         )
         if not plain:
-            faults.append(Fault(name, "is not a plain <motor>: thrust must be gain times ctrl, at once"))
+            faults.append(Fault(name, "is not a plain <motor>: its thrust must be gain times ctrl, without delay"))
         elif gain <= 0.0:
-            faults.append(Fault(name, f"its gain is {gain:g}: must be positive; turn gear round for the other way"))
-        gain = gain if gain > 0.0 else 1.0  # the fault is noted
+            faults.append(Fault(name, f"its gain is {gain:g}: must be positive; reverse gear to turn the thrust"))
+        gain = gain if gain > 0.0 else 1.0  # the error is recorded
         linear, angular = (float(np.linalg.norm(half)) for half in np.split(model.actuator_gear[i], 2))
-        gear = linear or angular  # of a motor that gives a moment alone, "thrust" is that moment [N m]
+        gear = linear or angular  # a pure moment counts as "thrust" [N m]
         low, high = _limits(model, i, gain, name, faults)
         names.append(model.actuator(i).name)
         ids.append(i)
@@ -62,16 +66,16 @@ def read_thrusters(model, data, body_id, faults):
 
 
 def _limits(model, i, gain, name, faults) -> tuple[float, float]:
-    """Least and greatest force of an actuator: gain times ctrl, and its own limits."""
+    """Least and greatest force of an actuator, from its ctrlrange and its forcerange."""
     low, high = -np.inf, np.inf
     for kind, limited, (lower, upper), unit in (
         ("ctrlrange", model.actuator_ctrllimited[i], model.actuator_ctrlrange[i], gain),
         ("forcerange", model.actuator_forcelimited[i], model.actuator_forcerange[i], 1.0),
     ):
-        if lower > upper:  # MuJoCo takes such a range for no limit
+        if lower > upper:  # MuJoCo treats such a range as unlimited
             faults.append(Fault(name, f"{kind} {lower:g} {upper:g}: the lower limit must come first"))
         elif limited:
             low, high = max(low, unit * lower), min(high, unit * upper)
     if low > high:
-        faults.append(Fault(name, "its ctrlrange and its forcerange have no thrust in common"))
+        faults.append(Fault(name, "its ctrlrange and forcerange do not overlap"))
     return low, high

@@ -1,14 +1,13 @@
-"""A vehicle's coefficients, read from its own MJCF, and the checks that they are physical.
+"""Coefficients of a vehicle, read from its MJCF and checked to be physical.
 
-The file holds them as ``<custom><numeric>`` entries: M_A, D_linear and D_quadratic as :mod:`uvms_mj.coefficients` says,
-and
+They are ``<custom><numeric>`` entries: M_A, D_linear and D_quadratic, described in :mod:`uvms_mj.coefficients`, and
 
 ======================  ======================================================================================
 ``displaced_mass``      mass of the displaced water [kg]; buoyancy is displaced_mass times gravity
 ``center_of_buoyancy``  in B [m]; default: the origin
 ======================  ======================================================================================
 
-The rigid body is MuJoCo's own ``<inertial>``; a vehicle's actuators are its thrusters.
+The rigid body is given by MuJoCo's ``<inertial>``. The actuators are the thrusters.
 """
 
 import difflib
@@ -23,8 +22,8 @@ from .frames import rotation_matrix
 from .thrusters import read_thrusters, turning_thrusters
 
 LINKS_ARE_DRY = (
-    "a vehicle moves on its free joint alone; a link on a joint of its own would be dry, without buoyancy, "
-    "added mass and drag"
+    "a vehicle's only joint is its free joint; a link on another joint would be dry, without buoyancy, "
+    "added mass and damping"
 )
 
 
@@ -47,11 +46,11 @@ class Vehicle:
     """(3,) centre of buoyancy [m]."""
     thrusters: tuple[str, ...]
     actuator_ids: tuple[int, ...]
-    """Where each thruster stands in mjData.ctrl."""
+    """Index of each thruster in mjData.ctrl."""
     thrust_of_ctrl: np.ndarray
-    """(n,) thrust for one unit of mjData.ctrl: the motor's gain times the length of its gear [N]."""
+    """(n,) thrust per unit of mjData.ctrl: gain of the motor times length of its gear [N]."""
     B: np.ndarray
-    """(6, n) thruster allocation: tau = B u with the thrust u of each [N], eq. (25)."""
+    """(6, n) thruster allocation: tau = B u with the thrusts u [N], eq. (25)."""
     u_min: np.ndarray
     """(n,) least thrust [N]."""
     u_max: np.ndarray
@@ -78,12 +77,12 @@ class Vehicle:
 
         Args:
             model: any model with a body on a free joint.
-            body: its name; by default the only free body. A prefix that MuJoCo's attachment put before the name
-                (``"left/bluerov1"``) is looked for before the names of the numerics too.
+            body: name of the body; by default the only free body. If MuJoCo's attachment added a prefix to the name
+                (``"left/bluerov1"``), the numerics are read with the same prefix.
 
         Raises:
-            InputError: coefficients that are missing, misspelt, malformed or unphysical, all of them at once; or
-                something moves on the vehicle itself.
+            InputError: coefficients are missing, misspelt, malformed or unphysical (all errors at once), or the vehicle
+                has a link on another joint.
         """
         body = _only_free_body(model) if body is None else body
         body_id = free_body_id(model, body)
@@ -134,22 +133,24 @@ class Vehicle:
 
 
 def free_body_id(model: mujoco.MjModel, body: str) -> int:
-    """The id of a body that moves on a free joint; an error says what the model has instead."""
+    """The id of a body with a free joint. Raises InputError, naming the choices, for other bodies."""
     if not body:
-        raise InputError("the vehicle's body has no name: give it one in its MJCF")
+        raise InputError("the vehicle's body has no name; name it in its MJCF")
     body_id = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body)
     if body_id < 0:
         raise InputError(f"body {body!r}: not in the model; {suggestion(body, _names(model))}")
     if not _is_free(model, body_id):
-        raise InputError(f"body {body!r}: has no free joint; free bodies are {', '.join(_free(model)) or 'none'}")
+        raise InputError(f"body {body!r}: has no free joint; free bodies: {', '.join(_free(model)) or 'none'}")
     return body_id
 
 
 def _refuse_links(model: mujoco.MjModel, body_id: int) -> None:
-    """Refuse whatever moves on the vehicle itself. What is fixed to it is a part of its rigid body."""
+    """Refuse bodies that move relative to the vehicle. Bodies fixed to it are part of its rigid body."""
     links = np.flatnonzero((model.body_rootid == body_id) & (model.body_dofnum > 0))
     faults = [
-        Fault(f"body {model.body(i).name or int(i)!r}", f"moves on {model.body(body_id).name!r}: {LINKS_ARE_DRY}")
+        Fault(
+            f"body {model.body(i).name or int(i)!r}", f"moves relative to {model.body(body_id).name!r}: {LINKS_ARE_DRY}"
+        )
         for i in links
         if i != body_id
     ]
@@ -158,7 +159,7 @@ def _refuse_links(model: mujoco.MjModel, body_id: int) -> None:
 
 
 def misspelt_numerics(model: mujoco.MjModel, prefix: str) -> list[Fault]:
-    """Faults of numerics that are nearly named as a coefficient; a model may have others for purposes of its own."""
+    """Errors for numerics named almost like a coefficient. Other numerics are allowed in a model."""
     meant = {name: _meant(name) for name in _numerics(model, prefix)}
     return [
         Fault(prefix + name, f"is not a coefficient; did you mean {coefficient!r}?")
@@ -168,18 +169,18 @@ def misspelt_numerics(model: mujoco.MjModel, prefix: str) -> list[Fault]:
 
 
 def unknown_numerics(model: mujoco.MjModel, prefix: str) -> list[Fault]:
-    """Faults of all other numerics, where the model is nothing but a vehicle, whose coefficients have this prefix."""
+    """Errors for all other numerics of a model that consists of one vehicle; its coefficients have this prefix."""
     names = [model.numeric(i).name for i in range(model.nnumeric)]
     read = {prefix + name for name in _numerics(model, prefix) if _meant(name)}
     return [
-        Fault(name, "is not a coefficient: nothing reads it; leave it out, or write a remark as <text>")
+        Fault(name, "is not a coefficient and would be ignored; leave it out, or write a remark as <text>")
         for name in names
         if name not in read
     ]
 
 
 def _meant(name: str) -> str:
-    """The coefficient that a numeric is, or nearly is, by its name; an empty text where there is none."""
+    """The coefficient with this name or a similar one; empty if there is none."""
     if name in KNOWN_NUMERICS:
         return name
     known = {each.lower(): each for each in sorted(KNOWN_NUMERICS)}
@@ -188,7 +189,7 @@ def _meant(name: str) -> str:
 
 
 def _numerics(model: mujoco.MjModel, prefix: str) -> list[str]:
-    """Names of the numerics that have a prefix, without it, and that belong to no other attached model."""
+    """Names, without the prefix, of the numerics with this prefix that do not belong to another attached model."""
     names = [model.numeric(i).name for i in range(model.nnumeric)]
     rest = [name.removeprefix(prefix) for name in names if name.startswith(prefix)]
     return [name for name in rest if "/" not in name]
@@ -210,14 +211,12 @@ def _free(model: mujoco.MjModel) -> list[str]:
 def _only_free_body(model: mujoco.MjModel) -> str:
     free = _free(model)
     if len(free) != 1:
-        raise InputError(
-            f"which body is the vehicle? name one of the free bodies: {', '.join(free) or 'there is none'}"
-        )
+        raise InputError(f"name the vehicle's body; bodies with a free joint: {', '.join(free) or 'none'}")
     return free[0]
 
 
 def _rigid_body_inertia(model, data, body_id) -> np.ndarray:
-    """M_RB (6, 6) about B's origin of all that hangs on the free joint, in the model's reference pose."""
+    """M_RB (6, 6) about B's origin of all bodies on the free joint, in the model's reference pose."""
     full = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, full)
     dof = model.body_dofadr[body_id]

@@ -1,4 +1,4 @@
-"""Checks of a vehicle's file: a run takes over what it understands and refuses everything else by name."""
+"""Checks of a vehicle's file. Supported elements and attributes are used in a run; all others are refused by name."""
 
 import difflib
 import itertools
@@ -13,19 +13,19 @@ from .mjcf_elements import ELEMENTS, MOST_ELEMENTS, REASONS, finite, values_of
 from .vehicle import LINKS_ARE_DRY, misspelt_numerics, unknown_numerics
 
 _CLOSE = 0.8
-"""Likeness from which an attribute is taken for a misspelt one."""
+"""Least similarity at which an attribute counts as misspelt."""
 
 
 def check_elements(trees: Mapping[str, Element], main: str) -> None:
-    """Check a model's XML files, before MuJoCo reads them.
+    """Check a model's XML files before MuJoCo reads them.
 
     Args:
         trees: the parsed files by name.
-        main: name of the model's own file.
+        main: name of the main file.
 
     Raises:
-        InputError: elements, attributes or values that a vehicle's file may not have, all of them at once. The same
-            fault in several places is named once, with its number.
+        InputError: elements, attributes or values that are not allowed in a vehicle's file, all at once. An error that
+            occurs several times is reported once, with their number.
     """
     found: dict[tuple[str, str], list[str]] = {}
     for name, root in trees.items():
@@ -35,7 +35,7 @@ def check_elements(trees: Mapping[str, Element], main: str) -> None:
         for what, where, message in itertools.chain.from_iterable(map(_faults, tops)):
             found.setdefault((f"{what}{place}", message), []).append(f"{where}{place}")
     faults = [
-        Fault(places[0], message if len(places) == 1 else f"{message} ({len(places)} such)")
+        Fault(places[0], message if len(places) == 1 else f"{message} ({len(places)} times)")
         for (_, message), places in found.items()
     ]
     faults += _too_many(trees)
@@ -44,36 +44,36 @@ def check_elements(trees: Mapping[str, Element], main: str) -> None:
 
 
 def _faults(element: Element) -> Iterator[tuple[str, str, str]]:
-    """Element and attribute that are refused, the place, and why, of an element and all below it.
+    """Errors of an element and its descendants: element and attribute, place, and message of each.
 
-    A refused element's own attributes and children are not looked at.
+    The attributes and children of a refused element are not checked.
     """
     tag = element.tag
     if tag not in ELEMENTS:
         reason = REASONS.get(tag) or suggestion(tag, ELEMENTS)
-        yield tag, _place(element), f"is not taken over from a vehicle's file; {reason}"
+        yield tag, _place(element), f"is not supported in a vehicle's file; {reason}"
         return
     rules = ELEMENTS[tag]
     for attribute, value in element.attrib.items():
         rule = finite if rules is None else rules.get(attribute)
         if rule is None:
-            reason = f"{attribute} is not taken over; {_why(tag, attribute)}"
+            reason = f"{attribute} is not supported; {_why(tag, attribute)}"
             yield f"{tag} {attribute}", _place(element, attribute), reason
         elif message := rule(value):
             yield f"{tag} {attribute}", _place(element, attribute), message
     for text in (element.text, *(child.tail for child in element)):
         if text and text.strip():
-            yield f"{tag} text", _place(element), f"has the text {_short(text)!r}, which nothing reads; leave it out"
+            yield f"{tag} text", _place(element), f"has the text {_short(text)!r}, which would be ignored; leave it out"
     if tag == "numeric":
         size, given = values_of(element.get("size", "")), len(element.get("data", "").split())
         if size and size != [given]:
-            yield "numeric size", _place(element, "size"), f"has {given} numbers in data; MuJoCo would add zeros"
+            yield "numeric size", _place(element, "size"), f"has {given} numbers in data; MuJoCo would append zeros"
     for child in element:
         yield from _faults(child)
 
 
 def _place(element: Element, attribute: str = "name") -> str:
-    """An element as in its file, with its name and one attribute."""
+    """An element as written in its file, with its name and one attribute."""
     keys = [key for key in dict.fromkeys(("name", attribute)) if key in element.attrib]
     return "<" + " ".join([element.tag, *(f'{key}="{_short(element.attrib[key])}"' for key in keys)]) + ">"
 
@@ -90,41 +90,41 @@ def _why(tag: str, attribute: str) -> str:
 
 
 def _too_many(trees: Mapping[str, Element]) -> Iterator[Fault]:
-    """Faults of a model with more elements, copies counted, than MuJoCo compiles in seconds."""
+    """Errors for more elements, including copies, than MuJoCo compiles in seconds, and for uncountable copies."""
     attached = 1.0
 
     def number(element: Element) -> float:
         times = max(values_of(element.get("count", "")), default=1.0) if element.tag == "replicate" else 1.0
         return (attached if element.tag == "attach" else 1.0) + times * sum(map(number, element))
 
-    attached = sum(map(number, trees.values()))  # no sub-model has more
+    attached = sum(map(number, trees.values()))  # an upper bound for each sub-model
     n = sum(map(number, trees.values()))
     if n > MOST_ELEMENTS:
-        copies = "each copy by <replicate> and <attach> counted"
-        yield Fault("<mujoco>", f"has up to {n:.3g} elements, {copies}; it may have {MOST_ELEMENTS}")
+        copies = "counting each copy by <replicate> and <attach>"
+        yield Fault("<mujoco>", f"has up to {n:.3g} elements, {copies}; at most {MOST_ELEMENTS} are allowed")
     if any(next(each.iter("include"), None) is not None for tree in trees.values() for each in tree.iter("replicate")):
-        yield Fault("<replicate>", "has an <include> in it; include the file outside of it")
+        yield Fault("<replicate>", "contains an <include>; include the file outside of it")
     if any("model" not in each.attrib for tree in trees.values() for each in tree.iter("attach")):
-        yield Fault("<attach>", "has no model; name one of <asset>")
+        yield Fault("<attach>", "has no model; name a <model> of <asset>")
 
 
 def check_model(model: mujoco.MjModel, main: str) -> None:
-    """Check the compiled model of a vehicle's file, for what the XML does not show.
+    """Check the compiled model of a vehicle's file for errors that the XML does not show.
 
     Args:
-        model: as compiled.
-        main: name of its own file.
+        model: the compiled model.
+        main: name of the main file.
 
     Raises:
-        InputError: it is not one body on a free joint, with thrusters and nothing to collide with but the scenario's
-            wall; all faults at once.
+        InputError: the model is not one body on a free joint, has no thrusters or unknown numerics, or something other
+            than the scenario's wall could collide with the vehicle; all errors at once.
     """
     free = model.jnt_type == mujoco.mjtJoint.mjJNT_FREE
     bodies = [_body(model, i) for i in model.jnt_bodyid[free]]
-    faults = [Fault(_body(model, i), f"has a joint of its own: {LINKS_ARE_DRY}") for i in model.jnt_bodyid[~free]]
+    faults = [Fault(_body(model, i), f"has another joint: {LINKS_ARE_DRY}") for i in model.jnt_bodyid[~free]]
     if len(bodies) != 1:
         found = " and ".join(bodies) or "none"
-        faults.append(Fault("<freejoint>", f"a vehicle has one body on a free joint; this file has {found}"))
+        faults.append(Fault("<freejoint>", f"a vehicle must have one body on a free joint; this file has {found}"))
     else:
         name = model.body(model.jnt_bodyid[free][0]).name
         prefix = name[: name.rfind("/") + 1]
@@ -139,9 +139,9 @@ def _body(model: mujoco.MjModel, i: int) -> str:
 
 
 def _thrusters(model: mujoco.MjModel) -> list[Fault]:
-    """Faults of a model without thrusters, and of thrusters that do nothing to the vehicle."""
+    """Errors for a model without thrusters, and for thrusters without effect on the vehicle."""
     if model.nu == 0:
-        return [Fault("<actuator>", 'there is no thruster; a thruster is <motor site="..." gear="1 0 0 0 0 0"/>')]
+        return [Fault("<actuator>", 'has no thruster; a thruster is <motor site="..." gear="1 0 0 0 0 0"/>')]
     faults = []
     for i in range(model.nu):
         name = model.actuator(i).name or f"actuator {i}"
@@ -149,15 +149,15 @@ def _thrusters(model: mujoco.MjModel) -> list[Fault]:
         if model.body_weldid[model.site_bodyid[site]] == 0:
             faults.append(Fault(name, f"its site {model.site(site).name!r} is not on the vehicle"))
         if not model.actuator_gear[i].any():
-            faults.append(Fault(name, "its gear is zero; a thruster that gives no force must be left out"))
+            faults.append(Fault(name, "its gear is zero, so that it gives no force; leave it out"))
     return faults
 
 
 def _collisions(model: mujoco.MjModel) -> list[Fault]:
-    """Faults of geoms fixed to the world that would collide with the vehicle's."""
+    """Errors for geoms fixed to the world that would collide with the vehicle."""
     fixed = model.body_weldid[model.geom_bodyid] == 0
     types, affinities = model.geom_contype, model.geom_conaffinity
     meets = (types[:, None] & affinities[None, :]) | (affinities[:, None] & types[None, :])
     names = [model.geom(i).name or str(i) for i in np.flatnonzero(fixed) if meets[i, ~fixed].any()]
-    reason = "belongs to the world and would collide with the vehicle, whose only contact is with the scenario's wall"
+    reason = "is fixed to the world and would collide with the vehicle, which may touch only the scenario's wall"
     return [Fault(f"geom {name!r}", f'{reason}; write contype="0" conaffinity="0"') for name in names]

@@ -1,7 +1,7 @@
-"""What stands in a log: for each topic its ROS 2 type, its frame and the signals that it carries.
+"""Topics of a log: the ROS 2 type, the frame and the signals of each.
 
-Frames are those of REP 105: ``map`` is W and ``base_link`` is B; ``reference`` is the desired pose and ``wall`` the
-face of the wall, x out of it. Each row of a run is one message of each topic of :func:`sampled`.
+Frames follow REP 105: ``map`` is W and ``base_link`` is B; ``reference`` is the desired pose and ``wall`` the face of
+the wall, with x out of it. Each row of a run gives one message on each topic of :func:`sampled`.
 """
 
 from dataclasses import dataclass
@@ -19,13 +19,13 @@ from . import ros2
 from .cdr import Message
 
 ARROWS_HZ = 20.0
-"""Force arrows in simulated time, as far as the log rate allows."""
+"""Rate of the force arrows in simulated time [Hz], or the log rate if that is lower."""
 CONTACT_RGBA, THRUST_RGBA, CURRENT_RGBA = (0.85, 0.22, 0.18, 1.0), (0.95, 0.62, 0.10, 1.0), (0.25, 0.55, 0.95, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Topic:
-    """A topic, and its message with holes where the values of :func:`columns` go."""
+    """A topic, and its message with holes for the values of :func:`columns`."""
 
     name: str
     type: str
@@ -37,7 +37,7 @@ class Topic:
 
 
 def sampled(header: Header) -> tuple[Topic, ...]:
-    """The topics with a message at each recorded instant, in the order in which they stand in a log."""
+    """The topics with one message per row, in their order in the log."""
     known = {signal.name: signal for signal in header.signals}
     fixed = {signal.name for signal in (*STATE, *RUNNING)}
 
@@ -111,7 +111,7 @@ def sampled(header: Header) -> tuple[Topic, ...]:
             "geometry_msgs/WrenchStamped",
             "base_link",
             "N, N m",
-            "the same as a wrench at B's origin",
+            "contact force as a wrench at B's origin",
             ros2.wrench("base_link", "f_contact.wrench"),
         ),
         force("/contact/measured", "f_contact_m_W"),
@@ -127,18 +127,18 @@ def sampled(header: Header) -> tuple[Topic, ...]:
 
 
 def arrows(header: Header) -> Topic:
-    """Contact force and thrust as arrows, several times a second."""
+    """The topic of contact force and thrust as arrows, at :data:`ARROWS_HZ`."""
     message = Message().put("u4", 2)
     ros2.marker(
         message, "map", "contact force", 0, ros2.ARROW, (0.015, 0.03, 0.0), CONTACT_RGBA, points=("tip-f", "tip")
     )
     ros2.marker(message, "map", "thrust", 0, ros2.ARROW, (0.015, 0.03, 0.0), THRUST_RGBA, points=("p", "p+f"))
-    meaning = f"contact force and thrust as arrows, {FORCE_SCALE:g} m to a newton, cut where they leave the scene"
+    meaning = f"contact force and thrust as arrows, {FORCE_SCALE:g} m per newton, cut off at the size of the scene"
     return Topic("/markers/forces", "visualization_msgs/MarkerArray", "map", "m", meaning, message)
 
 
 def once(header: Header) -> tuple[tuple[Topic, ...], dict[str, np.ndarray]]:
-    """The topics of what is constant, with one message at the start, and what fills their holes."""
+    """The topics of constant values, with one message at the start, and the values for their holes."""
     scenario, analytic = header.scenario, header.analytic
     face = wall_face(header)
     v_c_W = np.array(scenario.current.velocity_W)
@@ -148,7 +148,7 @@ def once(header: Header) -> tuple[tuple[Topic, ...], dict[str, np.ndarray]]:
             "tf2_msgs/TFMessage",
             "map",
             "m, 1",
-            "the wall's face in map",
+            "pose of the wall's face in map",
             ros2.transforms(("map", "wall", "face", "turn.xyzw")),
         ),
         Topic(
@@ -156,7 +156,7 @@ def once(header: Header) -> tuple[tuple[Topic, ...], dict[str, np.ndarray]]:
             "geometry_msgs/Vector3Stamped",
             "map",
             "m/s",
-            "velocity of the water",
+            "velocity of the current",
             ros2.stamped("map", "v_c_W", 3),
         ),
         Topic(
@@ -164,7 +164,7 @@ def once(header: Header) -> tuple[tuple[Topic, ...], dict[str, np.ndarray]]:
             "visualization_msgs/MarkerArray",
             "base_link",
             "m",
-            "the vehicle as modelled",
+            "geoms of the vehicle",
             _vehicle(header.geometry),
         ),
         Topic(
@@ -203,7 +203,7 @@ def columns(header: Header, rows: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def arrow_columns(header: Header, row: np.ndarray) -> dict[str, np.ndarray]:
-    """The values for the arrows at one row (width,): the contact force ends where it acts, the thrust begins there."""
+    """Values for the arrows at one row (width,). The force ends at the contact point, the thrust begins at B."""
     p, quat, tau, f_W = (row[header.places[name]] for name in ("p_WB", "quat_WB", "tau", "f_contact_W"))
     tip = p + np.array([header.geometry.reach, 0.0, 0.0])
     force, thrust = drawn(np.array([f_W, rotation_matrix(quat) @ tau[:3]]), FORCE_SCALE, span(header))
@@ -211,7 +211,7 @@ def arrow_columns(header: Header, row: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _contact_wrench(f_W: np.ndarray, quat: np.ndarray, arm: np.ndarray) -> np.ndarray:
-    """(n, 6) contact wrench at B's origin, in B; the force acts ``arm`` in front of it, along x of W."""
+    """(n, 6) contact wrench at B's origin, in B. The contact point is ``arm`` (n,) [m] from the origin along x of W."""
     R = rotation_matrices(quat)
     moment_W = np.stack([np.zeros(len(f_W)), -arm * f_W[:, 2], arm * f_W[:, 1]], axis=1)
     return np.concatenate([np.einsum("nij,ni->nj", R, f_W), np.einsum("nij,ni->nj", R, moment_W)], axis=1)

@@ -1,8 +1,7 @@
 """MuJoCo's ``mjcb_control`` in machine code: hydrodynamics and, with a controller, the closed loop.
 
 MuJoCo calls it in every forward evaluation of every model of the process, after it has built and factored the
-joint-space inertia and before it uses it. The callback looks the mjData up among the attached ones and returns at
-once if it is not attached.
+joint-space inertia and before it uses it. The callback returns immediately if the mjData is not attached.
 """
 
 import functools
@@ -19,10 +18,10 @@ from .memory import context_at, floats, loop_at, mj_factorM, registered, triples
 
 @kernel
 def add_inertia(context, R_WB, model, data):
-    """Add T^T M_A T to mjData.M and factor it, unless this M has it already.
+    """Add T^T M_A T to mjData.M and factor it, unless M already contains it.
 
-    mj_forwardSkip and mjd_transitionFD evaluate again without rebuilding M. It then equals, bit for bit, the M that the
-    callback left.
+    mj_forwardSkip and mjd_transitionFD evaluate again without rebuilding M. M is then bit for bit as the callback left
+    it.
     """
     M = floats(context.M_at, 21)
     left = context.M_left
@@ -72,7 +71,7 @@ def apply_wrench(context, R_WB, contact):
 
 @kernel
 def evaluate(context, model, data):
-    """Do the callback's part of one forward evaluation of one attached vehicle."""
+    """Apply the hydrodynamics of one attached vehicle in one forward evaluation, and run its loop if it has one."""
     context.calls += 1
     R_WB = triples(context.R_at, 3)
     add_inertia(context, R_WB, model, data)
@@ -113,7 +112,7 @@ def _finish(address):
 
 
 class EntryPoints(NamedTuple):
-    """Machine code that MuJoCo calls, or that Python calls between chunks."""
+    """Machine code called by MuJoCo, or by Python between chunks."""
 
     control: NativeFunction
     sense: NativeFunction
@@ -122,7 +121,7 @@ class EntryPoints(NamedTuple):
 
 @functools.cache
 def entry_points() -> EntryPoints:
-    """The entry points, loaded or compiled at the first use."""
+    """The entry points, loaded or compiled at first use."""
     return EntryPoints(
         native_function(_callback, 2, False),
         native_function(_sense, 1, True),

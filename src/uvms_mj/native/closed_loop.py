@@ -21,7 +21,7 @@ from .attachment import Attachment
 from .callback import entry_points
 from .compilation import NotCompiled
 from .laws import RAISED, compile_law
-from .layouts import FAULT_COMMAND, FAULT_LAW, FAULT_STATE, LOOP, ROW_SIZE, SIGNALS, SIGNALS_AND_TRUTH
+from .layouts import LOOP, ROW_SIZE, SIGNALS, SIGNALS_AND_TRUTH, STOP_COMMAND, STOP_LAW, STOP_STATE
 from .memory import stopped
 from .plain_law import PlainLaw
 
@@ -201,7 +201,7 @@ class ClosedLoop:
 
     @property
     def time(self) -> float:
-        """Time of the step in hand, or of the fault [s]."""
+        """Time of the step in hand, or of the divergence [s]."""
         return self.step * self.timestep
 
     @property
@@ -248,7 +248,7 @@ class ClosedLoop:
             LawFault: the law raised or did what it may not.
             KeyboardInterrupt: a signal came while the law was in a loop.
         """
-        stopped_it = self._loop["fault"][0] == FAULT_LAW
+        stopped_it = self._loop["stop"][0] == STOP_LAW
         now = time.monotonic()
         if self._guarded and (stopped_it or last or now - self._searched > SEARCH_S):
             self._searched = now
@@ -259,22 +259,22 @@ class ClosedLoop:
             if stopped[0]:
                 stopped[0] = 0
                 raise KeyboardInterrupt
-            fault = self._arena.fault() if self._loop["fault_index"][0] != RAISED else ""
+            fault = self._arena.fault() if self._loop["stop_index"][0] != RAISED else ""
             self._arena.reset()
             self._fill_arena()
             raise self._plain_law.explain(fault)
 
     @property
-    def fault(self) -> str:
+    def divergence(self) -> str:
         """What left its bound first, or an empty text."""
         loop = self._loop[0]
-        i, value = int(loop["fault_index"]), float(loop["fault_value"])
-        if loop["fault"] == FAULT_STATE and i < 3:
+        i, value = int(loop["stop_index"]), float(loop["stop_value"])
+        if loop["stop"] == STOP_STATE and i < 3:
             return f"position {'xyz'[i]} = {value:.6g} m, more than {POSITION_BOUND:g} m from where it began"
-        if loop["fault"] == FAULT_STATE:
+        if loop["stop"] == STOP_STATE:
             unit = "m/s" if i < 6 else "rad/s"
             return f"velocity {_AXES[i - 3]} = {value:.6g} {unit}, beyond {SPEED_BOUND[i - 3]:g} {unit}"
-        if loop["fault"] == FAULT_COMMAND:
+        if loop["stop"] == STOP_COMMAND:
             unit = "N" if i < 3 else "N m"
             what = f"beyond {TAU_BOUND:g} {unit}" if np.isfinite(value) else "not a finite number"
             return f"tau_cmd[{i}] = {value:.6g} {unit}, {what}"

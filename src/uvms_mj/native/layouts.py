@@ -42,7 +42,7 @@ CONTEXT = np.dtype(
 )
 """One vehicle attached to one mjData."""
 
-FAULT_NONE, FAULT_STATE, FAULT_COMMAND, FAULT_LAW = 0, 1, 2, 3
+STOP_NONE, STOP_STATE, STOP_COMMAND, STOP_LAW = 0, 1, 2, 3
 
 LOOP = np.dtype(
     [
@@ -122,10 +122,10 @@ LOOP = np.dtype(
         ("rows", "i8"),  # rows written
         ("row_at", "i8"),
         ("row", ROW),
-        # divergence and errors of the law
-        ("fault", "i8"),
-        ("fault_index", "i8"),
-        ("fault_value", "f8"),
+        # why the run stops: divergence or an error of the law
+        ("stop", "i8"),
+        ("stop_index", "i8"),
+        ("stop_value", "f8"),
     ],
     align=True,
 )

@@ -1,8 +1,8 @@
-"""One step of the closed loop: sense, law, thrusters, running signals, rows, health. Pure functions of records and
-arrays.
+"""One step of the closed loop: sensing, law, thrusters, running signals, rows and bounds.
 
-Row k holds the state at t_k, what the law computed from it, and the contact force at t_k. That force is known only
-when the step is done, so that each row is finished at the next step (or when the loop is asked for its rows).
+The functions work on records and arrays only. Row k has the state at t_k, the law's outputs for it, and the contact
+force at t_k. MuJoCo computes this force during step k, so the row is completed at the start of the next step, or when
+the rows are read.
 """
 
 import math
@@ -15,13 +15,13 @@ from ..hydrodynamics import disturbance
 from ..kernels import kernel
 from ..reference import filtered_steps
 from ..truth import reveal
-from .layouts import FAULT_COMMAND, FAULT_LAW, FAULT_NONE, FAULT_STATE, ROW_SIZE
+from .layouts import ROW_SIZE, STOP_COMMAND, STOP_LAW, STOP_NONE, STOP_STATE
 from .memory import call_law, floats, integers, triples
 
 
 @kernel
 def read_state(context, loop):
-    """Take t_k, p, quat, R_WB and nu from qpos and qvel, which are right before a step as well as within it."""
+    """Read t_k, p, quat, R_WB and nu from qpos and qvel, which are valid before a step as well as within it."""
     loop.t = loop.step * loop.timestep
     qpos = floats(context.qpos_at, 7)
     for i in range(3):
@@ -35,7 +35,7 @@ def read_state(context, loop):
 
 @kernel
 def observe(context, loop):
-    """Take the state and the contact force of t_k, once for each step."""
+    """Read the state and compute the contact force at t_k, once per step."""
     if loop.observed == loop.step + 1:
         return
     loop.observed = loop.step + 1
@@ -47,7 +47,7 @@ def observe(context, loop):
 
 @kernel
 def sense(context, loop):
-    """Advance the law's states to t_k and set all signals that the law is given; done once for each control instant."""
+    """Advance the law's states to t_k and set all signals for the law, once per control instant."""
     if loop.sensed == loop.step + 1:
         return
     loop.sensed = loop.step + 1
@@ -122,7 +122,7 @@ def allocate(loop):
 
 @kernel
 def thrust(loop):
-    """Hand u to MuJoCo, which applies it in this step, as ctrl."""
+    """Write u to MuJoCo's ctrl, which it applies in this step."""
     u, thrust_of_ctrl = floats(loop.u_at, loop.thrusters), floats(loop.thrust_of_ctrl_at, loop.thrusters)
     index = integers(loop.ctrl_index_at, loop.thrusters)
     ctrl = floats(loop.ctrl_at, loop.controls)
@@ -131,44 +131,44 @@ def thrust(loop):
 
 
 @kernel
-def fail(loop, kind, index, value):
-    """Note the first fault: what left its bound, where and when."""
-    if loop.fault == FAULT_NONE:
-        loop.fault = kind
-        loop.fault_index = index
-        loop.fault_value = value
+def stop_run(loop, kind, index, value):
+    """Stop the run and record the first reason: its kind, an index and the value out of bounds."""
+    if loop.stop == STOP_NONE:
+        loop.stop = kind
+        loop.stop_index = index
+        loop.stop_value = value
 
 
 @kernel
 def check_state(loop):
-    """Fault if the position or the velocity left its bound; a NaN fails every comparison."""
+    """Stop the run if the position or the velocity is out of bounds. A NaN fails every comparison."""
     for i in range(3):
         if not abs(loop.p[i] - loop.qpos_safe[i]) <= loop.position_bound:
-            fail(loop, FAULT_STATE, i, loop.p[i])
+            stop_run(loop, STOP_STATE, i, loop.p[i])
     for i in range(6):
         if not abs(loop.nu[i]) <= loop.speed_bound[i]:
-            fail(loop, FAULT_STATE, 3 + i, loop.nu[i])
+            stop_run(loop, STOP_STATE, 3 + i, loop.nu[i])
 
 
 @kernel
 def control(loop):
-    """tau_cmd from the law, checked."""
+    """Call the law, check tau_cmd and allocate it to the thrusters."""
     if loop.law_at != 0:
         at = loop.state_dot_at
         wrong = call_law(loop.law_at, loop.gains_at, loop.state_at, loop.signals_at, at, loop.tau_cmd_at)
         if wrong != 0:
-            fail(loop, FAULT_LAW, wrong, 0.0)
+            stop_run(loop, STOP_LAW, wrong, 0.0)
             return
     for i in range(6):
         if not abs(loop.tau_cmd[i]) <= loop.tau_bound:
-            fail(loop, FAULT_COMMAND, i, loop.tau_cmd[i])
+            stop_run(loop, STOP_COMMAND, i, loop.tau_cmd[i])
             return
     allocate(loop)
 
 
 @kernel
 def hold(context, loop):
-    """After a fault, keep MuJoCo at a harmless state for what is left of the chunk; nothing of it is recorded."""
+    """After a stop, keep MuJoCo at a harmless state for the rest of the chunk, which is not recorded."""
     qpos, qvel, ctrl = floats(context.qpos_at, 7), floats(context.qvel_at, 6), floats(loop.ctrl_at, loop.controls)
     for i in range(7):
         qpos[i] = loop.qpos_safe[i]
@@ -180,19 +180,19 @@ def hold(context, loop):
 
 @kernel
 def begin_step(context, loop):
-    """Everything up to the thrust of step k; True if the step may go on."""
+    """Do everything up to the thrust of step k. Returns True if the step may continue."""
     finish_step(context, loop)
-    if loop.fault != FAULT_NONE:
+    if loop.stop != STOP_NONE:
         return False
     if loop.step % loop.period_steps == 0:
         sense(context, loop)
         check_state(loop)
-        if loop.fault == FAULT_NONE:
+        if loop.stop == STOP_NONE:
             control(loop)
     else:
         observe(context, loop)
         check_state(loop)
-    if loop.fault != FAULT_NONE:
+    if loop.stop != STOP_NONE:
         return False
     thrust(loop)
     row = loop.row
@@ -211,8 +211,7 @@ def begin_step(context, loop):
 
 @kernel
 def finish_step(context, loop):
-    """Complete step k, whose contact force and acceleration are known now: running signals, and a row where one is
-    due."""
+    """Complete step k, whose contact force and acceleration are now known: running signals, and a row if one is due."""
     if loop.pending == 0:
         return
     loop.pending = 0
@@ -227,7 +226,7 @@ def finish_step(context, loop):
         if row.first_contact < 0.0:
             row.first_contact = loop.t
     row.force_peak = max(row.force_peak, push)
-    if loop.step > 0:  # both integrals by the trapezoidal rule: over a rebound a linear spring's work is zero
+    if loop.step > 0:  # trapezoidal rule, by which a linear spring does no work over a rebound
         row.impulse += 0.5 * h * (push + push_before)
         for i in range(3):
             row.wall_work -= 0.5 * (loop.f_contact_W[i] + loop.f_before_W[i]) * (loop.p[i] - loop.p_before[i])
@@ -241,7 +240,7 @@ def finish_step(context, loop):
     if (loop.step % loop.row_steps == 0 or loop.step == loop.steps) and loop.rows < loop.row_capacity:
         body_acceleration(loop.R_WB, floats(loop.qacc_at, 6), loop.nu, loop.nu_dot)
         write_row(context, loop)
-    if loop.saturated != 0:  # what the coming step adds
+    if loop.saturated != 0:  # for the coming step
         row.saturation_time += h
     for i in range(6):
         row.effort[i] += h * loop.tau[i] * loop.tau[i]
@@ -256,7 +255,7 @@ def finish_step(context, loop):
 
 @kernel
 def write_row(context, loop):
-    """Append row k: the recorded signals, then u, then the law's states."""
+    """Append row k: the recorded signals, u, and the law's states."""
     row, signals = loop.row, loop.signals
     for i in range(4):
         row.quat_WB[i] = loop.quat[i]
