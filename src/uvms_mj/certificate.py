@@ -8,7 +8,7 @@ The error system of each axis (paper, eqs. (28)-(30)), with w = z + varphi and
     \dot s = -k_1 \phi_1(s) + w + G_1(t) \phi_1(s), \qquad \dot w = -k_2 \phi_2(s) + \dot\varphi, \qquad
     |\dot\varphi| \le \delta_2 |\phi_2(s)|
 
-Since :math:`|\phi_2| = 1/2 + \tfrac32 \beta |s|^{1/2} + \beta^2 |s|`, the last condition holds for every s if
+Since :math:`|\phi_2| = 1/2 + \tfrac32 \beta |s|^{1/2} + \beta^2 |s|`, the last condition is met for every s by
 
 .. math::
 
