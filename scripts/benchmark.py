@@ -1,13 +1,14 @@
-"""What a step costs, and where it goes: everything in one run, interleaved, with one chunk size.
+"""Time per step, logging cost, memory and start-up time.
 
-    python scripts/benchmark.py                 a table
-    python scripts/benchmark.py --json FILE     the same figures as JSON
+    python scripts/benchmark.py                 print tables
+    python scripts/benchmark.py --json FILE     also write the same figures as JSON
     python scripts/benchmark.py --no-start      without the cold and warm start of the command
-    python scripts/benchmark.py --hour          a simulated hour for the memory of a long run, not ten minutes
+    python scripts/benchmark.py --hour          memory of a long run over one simulated hour, not ten minutes
 
-Bare is ``mj_step`` of the same model in the same contact state: free in the water, or resting on the wall. The closed
-loops record at 1 kHz. Shared machines drift, so each round times everything once, in turn, and ratios are medians of
-the rounds' own ratios. What a log costs is the difference of two whole runs of the paper's scenario, one without a log.
+Bare is ``mj_step`` of the same model in the same contact state: free in the water, or at rest on the wall. The closed
+loops record at 1 kHz. The speed of a shared machine varies, so each round times all subjects in turn with one chunk
+size, and the ratios are medians of the ratios of each round. The cost of a log is the difference between two complete
+runs of the paper's scenario, with and without the log.
 """
 
 import inspect
@@ -41,7 +42,7 @@ OWN_LAW = "gsta from a user's file"
 
 
 class Native:
-    """The package's own loop, as ``simulate`` runs it, advanced chunk by chunk."""
+    """The package's closed loop as used by ``simulate``, advanced chunk by chunk."""
 
     def __init__(self, scenario: Scenario, law: str, warm_up_s: float) -> None:
         scenario = scenario.updated({}, controller=law)
@@ -72,7 +73,7 @@ class Native:
 
 
 class Bare:
-    """The same model without water, law or record; at rest where the scenario has it, held by constant forces."""
+    """The same model without hydrodynamics, law and recording, held in the scenario's state by constant forces."""
 
     def __init__(self, scenario: Scenario, in_contact: bool) -> None:
         plant = build(scenario)
@@ -93,7 +94,7 @@ class Bare:
 
 
 def own_law() -> str:
-    """GSTA as a law of a user's own: the same text in a file of its own, so that it runs in an arena, with checks."""
+    """GSTA as a user's law: the same source in a separate file, so that it runs in an arena, with checks."""
     path = Path(tempfile.mkdtemp(), "own.py")
     text = inspect.getsource(inspect.getmodule(Gsta) or Gsta)
     path.write_text(text.replace("from .base", "from uvms_mj.control.base").replace('name = "gsta"', ""))
@@ -101,7 +102,7 @@ def own_law() -> str:
 
 
 def measure(rounds: int) -> list[dict]:
-    """Rows of the table: name, state, microseconds a step, ratio to bare, real-time factor."""
+    """Rows of the table: name, state, microseconds per step, ratio to bare, real-time factor."""
     scenario = Scenario.load("push_wall")
     at_wall = {"initial.position": [1.0, 0.0, 0.0], "reference.step_time": 0.0, "reference.bandwidth": 20.0}
     contact = scenario.updated(at_wall)
@@ -110,7 +111,7 @@ def measure(rounds: int) -> list[dict]:
     for state, here in (("free", free), ("contact", contact)):
         subjects: dict[str, Callable[[], float]] = {"bare mj_step": Bare(here, state == "contact").chunk}
         for law in BUILT_IN:
-            # the impedance law does not reach the paper's wall: a target further in brings it there
+            # the impedance law reaches the paper's wall only with a target further inside
             target = [1.1, 0.0, 0.0] if law == "impedance" else [1.01, 0.0, 0.0]
             subjects[law] = Native(here.updated({"reference.target": target}), law, warm_up_s=6.0).chunk
         subjects[OWN_LAW] = Native(here, own_law(), warm_up_s=6.0).chunk
@@ -139,8 +140,10 @@ def measure(rounds: int) -> list[dict]:
 
 
 def logs(rounds: int) -> list[dict]:
-    """What a log of the paper's run costs: seconds beside a run that records at 1 kHz and logs nothing, seconds to load
-    it, and its size."""
+    """Cost of a log of the paper's run: additional time, time to load the log [s], and its size.
+
+    The additional time is relative to a run that records at 1 kHz and writes no log.
+    """
     scenario = Scenario.load("push_wall")
     rows = []
     with tempfile.TemporaryDirectory() as folder:
@@ -180,7 +183,7 @@ def logs(rounds: int) -> list[dict]:
 
 
 def long_run(seconds: float) -> dict:
-    """Peak memory of ``uvms-mj run`` at 100 Hz over the paper's 20 s, and over many more."""
+    """Peak memory of ``uvms-mj run`` at 100 Hz, for the paper's 20 s and for a longer run."""
 
     def peak_MB(duration: float) -> float:
         with tempfile.TemporaryDirectory() as folder:
@@ -197,8 +200,7 @@ def long_run(seconds: float) -> dict:
 
 
 def starts(rounds: int) -> list[dict]:
-    """Whole-process seconds of ``uvms-mj --help`` and of ``uvms-mj run --controller gsta``, with an empty cache and
-    with a full one."""
+    """Process times of ``uvms-mj --help``, and of ``uvms-mj run --controller gsta`` with cold and warm cache [s]."""
     command = [sys.executable, "-m", "uvms_mj"]
     rows = []
     with tempfile.TemporaryDirectory() as folder:
@@ -221,13 +223,13 @@ def starts(rounds: int) -> list[dict]:
 
 
 @click.command(help=__doc__)
-@click.option("--rounds", default=40, show_default=True, help="Chunks of each kind.")
+@click.option("--rounds", default=40, show_default=True, help="Timed chunks of each subject.")
 @click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write the figures to a file.")
-@click.option("--start/--no-start", default=True, help="Time cold and warm start of the command as well.")
-@click.option("--hour", is_flag=True, help="Run a simulated hour for the memory of a long run.")
+@click.option("--start/--no-start", default=True, help="Also time the cold and warm start of the command.")
+@click.option("--hour", is_flag=True, help="Measure the memory of a long run over one simulated hour.")
 def main(rounds: int, json_file: Path | None, start: bool, hour: bool) -> None:
     steps = measure(rounds)
-    table = Table("what", "state", "us a step", "x bare", "x gsta", "us over gsta", "real-time factor")
+    table = Table("subject", "state", "us per step", "x bare", "x gsta", "us over gsta", "real-time factor")
     for row in steps:
         table.add_row(
             row["what"],

@@ -1,9 +1,9 @@
-"""Draw every picture in docs again, each by the command that makes it.
+"""Regenerate all pictures in docs.
 
     python scripts/draw_docs.py                   docs/frames.svg, push_wall.png, replay.png and paper.png
     python scripts/draw_docs.py --from results    paper.png from the logs of an earlier `uvms-mj paper --out results`
 
-replay.png needs a Vulkan driver, push_wall.png an EGL one; see picture_viewer.py and render.py.
+replay.png needs a Vulkan driver and push_wall.png an EGL driver; see picture_viewer.py and render.py.
 """
 
 import shutil
@@ -17,11 +17,11 @@ import click
 SCRIPTS = Path(__file__).parent
 DOCS = SCRIPTS.parent / "docs"
 FAILED_CLAIM = 1
-"""Exit status of ``uvms-mj paper`` when a claim fails: its figures are there."""
+"""Exit status of ``uvms-mj paper`` if a claim fails. The figures exist nevertheless."""
 
 
 def draw(*arguments: str, also: tuple[int, ...] = ()) -> None:
-    """Run Python with arguments; another status than 0, or one of ``also``, ends the program."""
+    """Run Python with arguments. Exit unless the status is 0 or one of ``also``."""
     click.echo(" ".join(arguments))
     status = subprocess.run([sys.executable, *arguments]).returncode
     if status not in (0, *also):
@@ -29,9 +29,9 @@ def draw(*arguments: str, also: tuple[int, ...] = ()) -> None:
 
 
 @click.command()
-@click.option("--from", "source", type=click.Path(exists=True, path_type=Path), help="Folder of an earlier paper.")
+@click.option("--from", "source", type=click.Path(exists=True, path_type=Path), help="Folder of an earlier run.")
 def main(source: Path | None) -> None:
-    """Draw every picture in docs again."""
+    """Regenerate all pictures in docs."""
     with tempfile.TemporaryDirectory() as folder:
         drawn = Path(folder) / "paper"
         logs = ("--from", str(source)) if source else ()

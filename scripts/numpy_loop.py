@@ -1,4 +1,4 @@
-"""The same closed loop as a researcher would write it: a plain NumPy ``mjcb_control``. Only the benchmark uses it."""
+"""The same closed loop as a plain NumPy ``mjcb_control``, the usual way in research code. For the benchmark only."""
 
 import time
 
@@ -18,7 +18,7 @@ def cross(a, b):
 
 
 class NumpyLoop:
-    """GSTA on the scenario's plant, one Python call a step."""
+    """GSTA on the scenario's plant, with one Python call per step."""
 
     def __init__(self, scenario: Scenario, warm_up_steps: int) -> None:
         plant = build(scenario)
@@ -88,7 +88,7 @@ class NumpyLoop:
         data.qfrc_passive[3:6] += f[3:]
 
     def chunk(self, steps: int) -> float:
-        """Seconds a step over some steps, with the callback installed for just as long."""
+        """Time per step, averaged over ``steps`` [s]. The callback is installed during these steps only."""
         before = mujoco.get_mjcb_control()
         mujoco.set_mjcb_control(self.callback)
         start = time.perf_counter()

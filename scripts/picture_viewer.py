@@ -1,10 +1,10 @@
-"""Take the picture of the viewer for the README: a run of the paper's scenario, in Rerun's own window.
+"""Take the README's picture of the viewer: a run of the paper's scenario in the Rerun window.
 
-    python scripts/picture_viewer.py                    docs/replay.png
-    python scripts/picture_viewer.py a.mcap b.mcap      of logs, to compare
+    python scripts/picture_viewer.py                    write docs/replay.png
+    python scripts/picture_viewer.py a.mcap b.mcap      compare logs
     python scripts/picture_viewer.py --out FILE.png --at 5.3 --size 1280x800
 
-Needs no display, but a Vulkan driver: Debian's mesa-vulkan-drivers and libvulkan1.
+The script needs no display, but it needs a Vulkan driver: Debian's mesa-vulkan-drivers and libvulkan1.
 """
 
 import io
@@ -23,11 +23,11 @@ from uvms_mj.rerun_view.run import TIMELINE
 
 OUT = Path(__file__).parents[1] / "docs" / "replay.png"
 SETTLES_S = 8.0
-"""How long the viewer shows its greetings [s]."""
+"""Time until the viewer has closed its welcome messages [s]."""
 
 
 def picture(recording: Path, size: str, at: float | None) -> Image.Image:
-    """A recording in the headless viewer, with the time cursor at some instant or at the end."""
+    """Screenshot of a recording in the headless viewer, with the time cursor at ``at`` or at the end."""
     port = free_port()
     process = start(["--headless", "--port", str(port), "--window-size", size], port)
     try:
@@ -56,7 +56,7 @@ def main(logs: tuple[Path, ...], out: Path, at: float | None, size: str) -> None
         recording = Path(folder) / "run.rrd"
         rerun_view.save(traces, recording)
         window = picture(recording, size, at)
-    # the strip above the views is the window's own, empty here
+    # the strip above the views is the empty title bar
     window.crop((0, 37, *window.size)).convert("RGB").save(out, optimize=True)
     print(f"{out}: {out.stat().st_size / 1000:.0f} kB")
 

@@ -1,15 +1,15 @@
-"""Make tests/data/python_vehicle_simulator.npz: accelerations of 300 random vehicles by somebody else's functions.
+"""Make tests/data/python_vehicle_simulator.npz: accelerations of 300 random vehicles by independent functions.
 
     git clone https://github.com/cybergalactic/PythonVehicleSimulator
     python scripts/reference_accelerations.py PythonVehicleSimulator/src/python_vehicle_simulator/lib/gnc.py
 
-The functions are T. I. Fossen's: Smtrx, Hmtrx, Rzyx, m2c and gvect of gnc.py. Nothing of them is in this repository.
-They stand together here as in that project's vehicles:
+The functions are T. I. Fossen's: Smtrx, Hmtrx, Rzyx, m2c and gvect of gnc.py. This repository contains none of their
+code. They are combined as in the vehicles of that project:
 
     nu_dot = M^-1 (tau - (C_RB(nu_r) + C_A(nu_r)) nu_r - D(nu_r) nu_r - g(eta)) + nu_c_dot
 
-Frames are theirs: north, east, down, and forward, right, down. Inputs are numbers of single precision, so that they are
-kept exactly; the accelerations are computed and kept in double precision.
+The frames are those of gnc.py: north, east, down, and forward, right, down. The inputs are numbers in single precision,
+so that they are stored exactly. The accelerations are computed and stored in double precision.
 """
 
 import importlib.util
@@ -24,7 +24,7 @@ VEHICLES, SEED, GRAVITY = 300, 2026, 9.81
 
 
 def random_inputs(rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """A vehicle of eight point masses with full M_A and D, in a state and a current, under a wrench; SI units."""
+    """A vehicle of eight point masses with full M_A and D, and its state, current and wrench, in SI units."""
     points, masses = rng.normal(size=(8, 3)) * 0.3 + rng.normal(size=3) * 0.3, rng.uniform(0.5, 2.0, 8)
     mass, r_g = masses.sum(), masses @ points / masses.sum()
     I_g = sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(masses, points - r_g, strict=True))
@@ -47,7 +47,7 @@ def random_inputs(rng: np.random.Generator) -> dict[str, np.ndarray]:
 
 
 def acceleration(gnc: ModuleType, inputs: dict[str, np.ndarray]) -> np.ndarray:
-    """nu_dot (6,), with every term by a function of gnc.py."""
+    """nu_dot (6,), with the functions of gnc.py."""
     x = {name: value.astype(float) for name, value in inputs.items()}
     H = gnc.Hmtrx(x["r_g"])
     M_CG = np.block([[x["mass"] * np.eye(3), np.zeros((3, 3))], [np.zeros((3, 3)), x["I_g"]]])

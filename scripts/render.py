@@ -1,10 +1,10 @@
-"""Render the shipped scenario at rest on the wall: the picture that opens the README.
+"""Render the built-in scenario at rest on the wall: the first picture of the README.
 
     python scripts/render.py                                a PNG of 1280x720, docs/push_wall.png
     python scripts/render.py --out FILE.png --size 1920 1080
 
-Pose and force are those at the end of a run; the rest is looks, and belongs to the picture alone. Red: the
-force of the wall on the vehicle. Blue: the ocean current. Arrows are drawn over what hides them.
+Pose and force are those at the end of a run. The surroundings are decoration. The red arrow is the force of the wall on
+the vehicle, the blue arrows are the ocean current. Arrows are drawn above everything else.
 """
 
 import os
@@ -28,17 +28,17 @@ from uvms_mj.resources import resource
 OUT = Path(__file__).parents[1] / "docs" / "push_wall.png"
 DURATION_S = 8.0
 FINER = 2
-"""Rendered this many times finer, then averaged: smooth edges."""
+"""Factor of supersampling, for smooth edges."""
 FORCE_SCALE = 0.15
-"""Length of the force's arrow [m/N]."""
+"""Length of the force's arrow per force [m/N]."""
 CURRENT_SCALE = 0.4
-"""Length of the current's arrows [s]."""
+"""Length of the current's arrows per speed [s]."""
 FLOOR = -0.42
 RED, BLUE = (0.95, 0.16, 0.12, 1.0), (0.35, 0.72, 1.0, 1.0)
 
 
 def noise(seed: int, slope: float, n: int = 1024) -> np.ndarray:
-    """(n, n) noise of unit variance, the smoother the steeper its spectrum falls; it repeats at its edges."""
+    """Periodic noise (n, n) of unit variance; a steeper slope of the spectrum makes it smoother."""
     frequency = n * np.hypot(*np.meshgrid(np.fft.fftfreq(n), np.fft.fftfreq(n)))
     white = np.random.default_rng(seed).standard_normal((n, n))
     field = np.real(np.fft.ifft2(np.fft.fft2(white) / np.maximum(frequency, 2.0) ** slope))
@@ -46,7 +46,7 @@ def noise(seed: int, slope: float, n: int = 1024) -> np.ndarray:
 
 
 def concrete() -> np.ndarray:
-    """(n, n, 3) pixels of cast concrete in panels."""
+    """Pixels (n, n, 3) of cast concrete in panels."""
     grey = 0.61 + 0.03 * noise(1, 1.6)
     n = len(grey)
     to_joint = np.abs((np.arange(n) + n // 4) % (n // 2) - n // 4)
@@ -55,7 +55,7 @@ def concrete() -> np.ndarray:
 
 
 def sand() -> np.ndarray:
-    """(n, n, 3) pixels of rippled sand with caustics on it."""
+    """Pixels (n, n, 3) of rippled sand with caustics."""
     warp = noise(2, 1.75)
     n = len(warp)
     ripples = np.sin(2 * np.pi * 20 * np.add.outer(0.2 * np.arange(n), np.arange(n)) / n + 1.2 * warp)
@@ -68,7 +68,7 @@ def to_pixels(brightness: np.ndarray, rgb: tuple[float, float, float]) -> np.nda
 
 
 def picture(scenario: Scenario, reach: float) -> mujoco.MjModel:
-    """The vehicle under water, between a floor and the wall; nothing of it is for stepping."""
+    """The vehicle under water, between a floor and the wall: a model for rendering only."""
     spec = mujoco.MjSpec.from_file(str(resource("models", f"{scenario.vehicle.model}.xml")))
     spec.add_texture(
         name="water",
@@ -92,7 +92,7 @@ def picture(scenario: Scenario, reach: float) -> mujoco.MjModel:
         type=mujoco.mjtGeom.mjGEOM_BOX,
         size=[0.75, 0.75, thin],
         pos=[scenario.wall.position + reach + thin, 0, FLOOR + 0.5],
-        quat=[0.5, 0.5, -0.5, -0.5],  # the texture lies on its x and y: those of the wall's face
+        quat=[0.5, 0.5, -0.5, -0.5],  # the texture is mapped to x and y, which must be the axes of the wall's face
         material="concrete",
     )
     sun = spec.light("sun")
@@ -107,16 +107,16 @@ def picture(scenario: Scenario, reach: float) -> mujoco.MjModel:
 
 
 def add_arrow(scene: mujoco.MjvScene, start: np.ndarray, vector: np.ndarray, width: float, rgba) -> None:
-    """Draw a vector of W from a point of W."""
+    """Draw a vector, both it and its start in W."""
     geom, arrow = scene.geoms[scene.ngeom], mujoco.mjtGeom.mjGEOM_ARROW
     mujoco.mjv_initGeom(geom, arrow, np.zeros(3), np.zeros(3), np.zeros(9), np.array(rgba, dtype=np.float32))
-    mujoco.mjv_connector(geom, arrow, width, start, start + 2 * vector)  # it draws arrows half as long
+    mujoco.mjv_connector(geom, arrow, width, start, start + 2 * vector)  # MuJoCo draws arrows at half their length
     geom.emission = 0.3
     scene.ngeom += 1
 
 
 def pixel(scene: mujoco.MjvScene, point_W: np.ndarray, width: int, height: int) -> tuple[float, float]:
-    """Where a point is in the picture, from the lower left corner."""
+    """Position of a point in the picture, from the lower left corner [pixels]."""
     left, right = scene.camera
     ray = point_W - (left.pos + right.pos) / 2
     scale = height / 2 * left.frustum_near / left.frustum_top / (ray @ left.forward)
@@ -124,7 +124,7 @@ def pixel(scene: mujoco.MjvScene, point_W: np.ndarray, width: int, height: int) 
 
 
 def render(trace: Trace, width: int, height: int) -> Image.Image:
-    """The picture of a trace's last instant, with labels."""
+    """The picture of the last instant of a trace, with labels."""
     scenario, f_contact_W = trace.scenario, trace.f_contact_W[-1]
     reach, v_c_W = build(scenario).geometry.reach, np.array(scenario.current.velocity_W)
     tip_W = trace.p_WB[-1] + [reach, 0.0, 0.0]
@@ -175,7 +175,7 @@ def render(trace: Trace, width: int, height: int) -> Image.Image:
 )
 @click.option("--size", nargs=2, type=int, default=(1280, 720), help="Width and height in pixels.")
 def main(out: Path, size: tuple[int, int]) -> None:
-    """Render the shipped scenario at rest on the wall."""
+    """Render the built-in scenario at rest on the wall."""
     trace = simulate(Scenario.load("push_wall", {"simulation.duration": DURATION_S}))
     render(trace, *size).save(out, optimize=True)
     print(f"{out}: {out.stat().st_size / 1000:.0f} kB, contact force {trace.f_contact_W[-1, 0]:.3f} N")

@@ -1,5 +1,4 @@
-"""The gain certificate: the closed form against an LMI, the error system against disturbances of every kind, the plant
-against its own eq. (11)."""
+"""The gain certificate: closed form against an LMI, error system against many disturbances, plant against eq. (11)."""
 
 import json
 import math
@@ -34,7 +33,7 @@ def vertices(k_1, k_2, rate, G_1=(0.0, 0.0)):
 
 
 def common_lyapunov_matrix(matrices):
-    """P with A^T P + P A < 0 for all A, or None where the ellipsoid method proves that there is none.
+    """P with A^T P + P A < 0 for all A, or None if the ellipsoid method proves that no such P exists.
 
     The largest eigenvalue over all A is convex in (P_11, P_12), with P_22 = 1.
     """
@@ -55,7 +54,7 @@ def common_lyapunov_matrix(matrices):
             return None
         x = x - E @ slope / span / 3.0
         E = 4.0 / 3.0 * (E - 2.0 / 3.0 * np.outer(E @ slope, E @ slope) / span**2)
-    raise AssertionError("the ellipsoid method has not decided")
+    raise AssertionError("the ellipsoid method is undecided")
 
 
 @pytest.mark.parametrize(("k_1", "k_2"), GAINS)
@@ -70,7 +69,7 @@ def test_the_bound_is_where_the_lmi_loses_its_last_solution(k_1, k_2, G_1):
 
 @given(gains)
 def test_without_a_vanishing_part_the_bound_is_the_circle_criterions(k):
-    """1 / (p^2 + k_1 p + k_2) has gain 1 / delta where the Hamiltonian's eigenvalues come to the imaginary axis."""
+    """The gain of 1 / (p^2 + k_1 p + k_2) is 1 / delta if the Hamiltonian's eigenvalues reach the imaginary axis."""
     k_1, k_2 = k
     A, B, C = np.array([[0.0, 1.0], [-k_2, -k_1]]), np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]])
 
@@ -94,7 +93,7 @@ def test_the_bound_grows_with_the_gains_shrinks_with_a_vanishing_part_and_never_
     G = part * k_1
     assert rate_bound(k_1, k_2, (-G, G)) <= bound
     assert rate_bound(k_1, k_2, (-factor * G, factor * G)) <= rate_bound(k_1, k_2, (-G, G))
-    assert rate_bound(k_1, 1.01 * k_1**2 / 2.0) < 1.01 * k_1**2 / 4.0  # the limit is reached for k_1^2 >= 2 k_2 only
+    assert rate_bound(k_1, 1.01 * k_1**2 / 2.0) < 1.01 * k_1**2 / 4.0  # only k_1^2 >= 2 k_2 reaches the limit
     assert rate_bound(k_1, 0.99 * k_1**2 / 2.0) == 0.99 * k_1**2 / 2.0 / 2.0
 
 
@@ -156,17 +155,19 @@ def test_impossible_bounds_are_refused(bad):
 # The error system, eqs. (28)-(29), by the explicit Euler steps of the closed loop
 
 N = 60
-"""Disturbances that are simulated side by side."""
+"""Number of disturbances that are simulated at once."""
 
 
 def worst(t, s, w, s_dot):
-    """Pushes s on outwards: the worst there is."""
+    """The worst disturbance: its rate has the sign of s_dot."""
     return np.sign(s_dot)
 
 
 def disturbances(rng, end):
-    """A function of t, s, w, s_dot that gives varphi_dot (N,) between -1 and 1: sinusoids, steps at random, constants,
-    and adversaries that look at s and w."""
+    """A function of t, s, w, s_dot that returns varphi_dot (N,) between -1 and 1.
+
+    The disturbances are sinusoids, random steps, constants, and adversaries that depend on s and w.
+    """
     frequency, phase = rng.uniform(0.05, 20.0, N) * 2.0 * np.pi, rng.uniform(0.0, 2.0 * np.pi, N)
     length = rng.uniform(0.02, 1.0, N)
     levels = rng.uniform(-1.0, 1.0, (N, int(end / 0.02) + 2))
@@ -212,13 +213,13 @@ def test_below_the_bound_every_disturbance_is_rejected_to_a_band_that_shrinks_wi
     bands = [run(k_1, k_2, beta, rate, varphi_dot, h, end, s, w) for h in steps]
     assert all(0.5 < band[0].max() / (k_2 * h**2) < 15.0 for band, h in zip(bands, steps, strict=True))
     assert all(1.0 < band[1].max() / (k_2 * h) < 5.0 for band, h in zip(bands, steps, strict=True))
-    # without a cycle of the sampled system's own, as the worst rate makes it, the band is 16 and 4 times smaller
+    # the band is 16 and 4 times smaller without a cycle of the sampled system, such as the worst rate excites
     assert np.median(bands[0][0] / bands[2][0]) == pytest.approx(16.0, rel=0.25)
     assert np.median(bands[0][1] / bands[2][1]) == pytest.approx(4.0, rel=0.25)
 
 
 def test_the_standard_super_twistings_band_is_exactly_proportional_to_the_square_of_the_step(rng):
-    """Sampled, with beta = 0, the system is homogeneous: bit by bit, as all factors are powers of two."""
+    """The sampled system with beta = 0 is homogeneous. The results agree bit by bit, as all factors are powers of 2."""
     h, n = 2.0**-9, 4000
     s, w = starts(rng)
     band = [
@@ -242,13 +243,13 @@ def test_the_lyapunov_function_falls_along_every_solution(k_1, k_2, beta, rng):
 
     run(k_1, k_2, beta, rate, disturbances(rng, 2.0), h, 2.0, *starts(rng), seen)
     V = np.array(values[::20])
-    outside = V[:-1] > 1e-3 * k_2  # of the band that sampling leaves
+    outside = V[:-1] > 1e-3 * k_2  # outside the band caused by sampling
     assert outside.sum() > 3000
     assert (np.diff(V, axis=0)[outside] < 0.0).all()
 
 
 def test_the_state_dependent_part_is_certified_with_the_rate_and_not_beyond():
-    """A rate of L + L_s |s| that pushes outwards, from far away where the second term rules."""
+    """A rate of L + L_s |s| pushes outwards, starting far away, where the second term dominates."""
     certificate = Certificate.of(Gsta())
     s = np.array([4.0, -6.0])
     w = 5.0 * (np.sqrt(np.abs(s)) * np.sign(s) + 5.0 * s)  # s_dot = 0
@@ -274,15 +275,14 @@ def test_beyond_half_of_k_2_a_constant_rate_keeps_a_residual_that_grows(beta):
     assert (np.diff(s[2:]) > 0.0).all()
     if beta == 0.0:
         half = run(k_1, k_2, beta, rates, lambda *_: 1.0, 1e-3, 10.0, zero, zero)[2]
-        assert (s[2:] > 2.0 * half[2:]).all()  # nothing stops it
+        assert (s[2:] > 2.0 * half[2:]).all()  # |s| keeps growing
     else:
         phi_2 = 0.5 + 1.5 * beta * np.sqrt(s) + beta**2 * s
-        assert np.allclose(k_2 * phi_2[2:], rates[2:], rtol=1e-6)  # where z_dot can follow again
+        assert np.allclose(k_2 * phi_2[2:], rates[2:], rtol=1e-6)  # where z_dot can follow the rate again
 
 
 def test_weak_k_1_loses_to_the_worst_rate_below_half_of_k_2():
-    """That the bound is less than k_2/2 there is no fault of the method alone: 3 of 5 are certified, and 4.38
-    is where it is lost, at 1.46 times the bound."""
+    """Weak k_1 lowers the tolerable rate below k_2/2 = 5: 3 is certified, and the limit is 4.38, 1.46 times 3."""
     k_1, k_2 = 2.0, 10.0
     s, w = np.array([0.01]), np.array([0.2])
 
@@ -290,12 +290,12 @@ def test_weak_k_1_loses_to_the_worst_rate_below_half_of_k_2():
         return run(k_1, k_2, 0.0, rate, worst, 2e-4, end, s, w)[1].item()
 
     assert band(0.99 * rate_bound(k_1, k_2), 4.0) < 0.01
-    assert band(4.2, 8.0) < 0.05  # a common quadratic V is not everything
+    assert band(4.2, 8.0) < 0.05  # above the bound: a common quadratic V is conservative
     assert band(4.5, 8.0) > 1.3 * band(4.5, 4.0) > 0.5
     assert rate_bound(k_1, k_2) == 3.0
 
 
-# The plant's own disturbance
+# The plant's disturbance
 
 FREE = {"wall.position": 50.0, "reference.target": [0.0, 0.0, 0.0], "current.speed": 0.0}
 OTHER_WORLD = {
@@ -317,14 +317,14 @@ OTHER_WORLD = {
 
 
 def residual_of_eq_10(trace):
-    """tau_bar_dist from the other side: what of M_hat nu_dot the estimates, tau and tau_c leave unexplained."""
+    """tau_bar_dist from eq. (10): the part of M_hat nu_dot that the estimates, tau and tau_c leave unexplained."""
     plant = build(trace.scenario, trace.header.mjcf)
     vehicle, factors = plant.vehicle, trace.scenario.estimates
     gravity_W, term = plant.model.opt.gravity, np.empty(6)
     out = trace.nu_dot @ plant.design.M_hat.T - trace.tau
     for k, (nu, quat, f_W) in enumerate(zip(trace.nu, trace.quat_WB, trace.f_contact_W, strict=True)):
         R_WB = rotation_matrix(quat)
-        out[k, :3] -= R_WB.T @ f_W  # without friction the wall gives no moment
+        out[k, :3] -= R_WB.T @ f_W  # without friction the wall exerts no moment
         coriolis_rigid_body(vehicle.M_RB, nu, term)
         out[k] += factors.coriolis * term
         coriolis_added_mass(vehicle.M_A, nu, term)
@@ -340,7 +340,7 @@ LIMITED = Mjcf(
     "limited.xml",
     {"limited.xml": vehicle_xml(random_parameters(3)).replace("<motor", '<motor ctrlrange="-9 9" ').encode()},
 )
-"""A vehicle of another kind, everything coupled with everything, and with weak thrusters."""
+"""A different vehicle, with all degrees of freedom coupled and with weak thrusters."""
 
 
 @pytest.mark.parametrize("mjcf", [None, LIMITED], ids=["bluerov1", "any vehicle"])
@@ -370,7 +370,7 @@ CASES = {
 
 @pytest.mark.parametrize("case", CASES)
 def test_what_is_experienced_is_what_moves_s(case):
-    """s_dot = -k_1 phi_1 + z + varphi of eq. (28), with A s where GSTA is alone, up to the inertia of the wall."""
+    """s_dot = -k_1 phi_1 + z + varphi of eq. (28), plus A s for GSTA alone, holds up to the inertia of the wall."""
     mjcf, overrides = CASES[case]
     world = OTHER_WORLD | {"simulation.duration": 1.0, "simulation.timestep": 2e-5, "controller.F_1": 1.5}
     trace = simulate(Scenario.load("push_wall", world | overrides), log_rate="full", mjcf=mjcf)
@@ -389,11 +389,11 @@ def test_what_is_experienced_is_what_moves_s(case):
 
 
 def test_the_time_beyond_counts_with_s_where_it_is_least():
-    """On the way from one row to the next s may pass zero, where least is allowed."""
+    """Between two rows s may pass zero, where the allowed rate is smallest."""
     certificate = Certificate.of(Gsta())
     s = np.zeros((4, 6))
     s[:, 0], s[:, 1] = [1.0, 1.0, 0.0, 0.0], [1.0, -1.0, -1.0, 2.0]
-    rate = np.full((3, 6), 6.0)  # allowed are 5 at s = 0 and 330 at s = 1
+    rate = np.full((3, 6), 6.0)  # the allowed rate is 5 at s = 0 and 330 at s = 1
     rate[:, 2] = [5.01, 4.99, -5.01]
     found = Experienced(np.array([0.0, 0.1, 0.3, 0.7]), np.zeros((4, 6)), rate, np.ones(6), np.zeros(6))
     assert found.time_beyond(certificate, s) == pytest.approx([0.6, 0.5, 0.5, 0.7, 0.7, 0.7])
@@ -409,7 +409,7 @@ def test_why_there_is_no_disturbance():
 
 
 def sinusoid(factor, timestep=1e-4, frequency=0.5):
-    """A run in still free water with a surge force whose varphi_dot peaks at a factor of k_2/2."""
+    """A run in still water without contact, with a surge force whose varphi_dot has the amplitude factor * k_2/2."""
     amplitude = factor * 5.0 / (2.0 * np.pi * frequency) * 12.81
     world = FREE | {
         "simulation.duration": 4.0,
@@ -426,7 +426,7 @@ def test_the_plant_rejects_a_sinusoid_just_below_the_bound_and_not_one_above():
     rates = [experienced(trace).largest_rate()[0] for trace in (below, above, higher)]
     assert rates == pytest.approx([4.75, 5.75, 7.0], rel=0.02)
     residuals = [np.abs(trace.s[2000:, 0]).max() for trace in (below, fine, above, higher)]
-    assert residuals[0] / residuals[1] == pytest.approx(16.0, rel=0.5)  # the band of sampling
+    assert residuals[0] / residuals[1] == pytest.approx(16.0, rel=0.5)  # the band caused by sampling
     assert residuals[0] < 1e-6
     assert residuals[2] > 1e-5
     assert residuals[3] > 2.0 * residuals[2]
@@ -436,8 +436,10 @@ def test_the_plant_rejects_a_sinusoid_just_below_the_bound_and_not_one_above():
 
 
 def test_the_papers_gains_are_not_certified_in_yaw_and_gains_for_its_rate_are(paper_run):
-    """In yaw varphi is the current's Munk moment (Y_vdot - X_udot) u_r v_r over I_z: it changes with the speed, fastest
-    when the first impact turns the vehicle back."""
+    """In yaw varphi is the current's Munk moment (Y_vdot - X_udot) u_r v_r over I_z.
+
+    It changes with the speed, fastest at the first impact, which reverses the vehicle's motion.
+    """
     trace = paper_run("gsta")
     found = experienced(trace)
     plant = build(trace.scenario, trace.header.mjcf)
@@ -567,7 +569,7 @@ def test_gains_that_no_computer_squares_are_refused(command, gains):
 
 
 def test_a_log_that_may_have_missed_the_fastest_change_gives_no_verdict(command, tmp_path):
-    """The largest rate of a coarse log is too small: what is said of it would be too good."""
+    """The largest rate of a coarse log is too small, so that a verdict from it would be too favourable."""
     touching = {"simulation.duration": 1.2, "wall.position": 0.02, "reference.step_time": 0.0}
     rates = {}
     for log_rate in ("full", 1000, 100, 2):

@@ -1,4 +1,4 @@
-"""Claims: all hold in the paper's runs or are explained; a run that is wrong fails its own row and no other."""
+"""Claims: in the paper's runs each claim holds or is explained; an altered run fails only the claims about it."""
 
 import dataclasses
 import html
@@ -39,7 +39,7 @@ def runs(paper_run):
 
 
 def altered(trace: Trace, **changes) -> Trace:
-    """A trace of which some signals are a function of what they were and of time."""
+    """A trace with some signals replaced by functions of their values and of time."""
     arrays = dict(trace.arrays)
     for name, change in changes.items():
         arrays[name] = change(np.array(arrays[name]), trace.t)
@@ -59,7 +59,7 @@ def times(factor):
 
 
 def plus(amount, i=None):
-    """More by an amount, a number or a function of time, in one component or all."""
+    """Add an amount, a number or a function of time, to one component or to all."""
 
     def change(values, t):
         more = amount(t) if callable(amount) else np.full(len(t), amount)
@@ -76,7 +76,7 @@ def fine_of(run, other):
 
 
 def obeying(runs):
-    """The first-order run with the motion and the force of GSTA's."""
+    """The first-order run with the motion and the force of GSTA's run."""
     names = ("p_WB", "eta_e", "nu_e", "f_contact_W", "impulse", "quat_WB")
     return with_trace("fosm", **{n: lambda values, t, n=n: runs.traces["gsta"][n] for n in names})(runs)
 
@@ -94,13 +94,16 @@ WRONG = {
     "impedance touches": (with_trace("impedance", touches=plus(1.0)), {"impedance-no-contact"}),
     "weak in still water": (with_sweep("impedance_still", final_impulse=times(0.9)), {"impedance-current"}),
     "current to the right": (with_trace("impedance", p_WB=times(np.array([1, -1, 1]))), {"impedance-left"}),
-    "well tuned": (with_sweep("impedance_stiffer", final_impulse=times(1.15)), {"impedance-tuning"}),
+    "impedance reaches the force when retuned": (
+        with_sweep("impedance_stiffer", final_impulse=times(1.15)),
+        {"impedance-tuning"},
+    ),
     "never in contact": (with_sweep("impedance_stiffer", final_impulse=times(0.0)), {"impedance-retuned"}),
     "first order is exact": (with_trace("fosm", final_impulse=times(1.0075)), {"fosm-force", "fosm-boundary-layer"}),
     "first order is weak": (with_trace("fosm", final_impulse=times(0.9)), {"fosm-force", "fosm-boundary-layer"}),
     "first order is weaker than its layer": (with_trace("fosm", final_impulse=times(0.999)), {"fosm-boundary-layer"}),
-    "first order obeys": (obeying, {"fosm-not-exact", "gsta-robust"}),
-    "first order leaves": (with_trace("fosm", boundary_layer_time=times(0.999)), {"fosm-inside"}),
+    "first order has the desired impedance": (obeying, {"fosm-not-exact", "gsta-robust"}),
+    "first order leaves its layer": (with_trace("fosm", boundary_layer_time=times(0.999)), {"fosm-inside"}),
     "first order near its edge": (with_trace("fosm", s=times(2.0)), {"fosm-well-inside"}),
     "first order chatters": (
         with_trace("fosm", tau_variation=plus(lambda t: 30.0 * np.maximum(t - 0.1, 0.0), 0)),
@@ -114,7 +117,7 @@ WRONG = {
     "GSTA is far off": (with_trace("gsta", eta_e=plus(1e-4, 0)), {"gsta-impedance", "gsta-robust"}),
     "GSTA turns off": (with_trace("gsta", eta_e=plus(1e-4, 4)), {"gsta-moments"}),
     "alone it turns off": (with_trace("gsta_alone", eta_e=plus(1e-4, 4)), {"gsta-moments"}),
-    "GSTA believes its model": (
+    "GSTA depends on its model": (
         with_sweep("gsta_overestimated", eta_e=plus(1e-4, 0)),
         {"gsta-model-errors"},
     ),
@@ -122,18 +125,18 @@ WRONG = {
         with_sweep("gsta_underestimated", final_impulse=times(0.99)),
         {"gsta-model-errors-force"},
     ),
-    "GSTA rests off with half its inertia": (
+    "GSTA rests with an error at half the inertia": (
         with_sweep("gsta_half_inertia", touches=lambda values, t: np.full_like(values, 5.0), eta_e=plus(1e-4, 0)),
         {"gsta-half-inertia"},
     ),
-    "GSTA takes its time": (
+    "GSTA converges slowly": (
         with_sweep("gsta_quarter_step", s=plus(lambda t: 0.01 * np.exp(-20.0 * t), 0)),
         {"gsta-finite-time"},
     ),
     "GSTA does not slide": (with_trace("gsta", s=plus(1e-4)), {"gsta-sliding", "gsta-finite-time"}),
-    "impedance works hard": (with_trace("impedance", effort=times(1.2)), {"gsta-more-effort"}),
-    "first order works hard": (with_trace("fosm", effort=times(1.2)), {"gsta-similar-effort"}),
-    "first order rests": (with_trace("fosm", effort=times(0.8)), {"gsta-similar-effort"}),
+    "impedance uses more effort": (with_trace("impedance", effort=times(1.2)), {"gsta-more-effort"}),
+    "first order uses more effort": (with_trace("fosm", effort=times(1.2)), {"gsta-similar-effort"}),
+    "first order uses less effort": (with_trace("fosm", effort=times(0.8)), {"gsta-similar-effort"}),
     "GSTA chatters": (
         with_trace("gsta", tau_variation=plus(lambda t: 2000.0 * np.maximum(t - 1.0, 0.0), 0)),
         {"gsta-little-chattering", "gsta-whole-variation"},
@@ -158,14 +161,14 @@ WRONG = {
     "GSTA switches": (fine_of("gsta", "fosm"), {"gsta-start-smooth"}),
     "GSTA is discontinuous": (with_sweep("gsta_quarter_step", tau_step_max=times(1.9)), {"gsta-continuous"}),
     "GSTA is soft": (with_trace("gsta", p_WB=plus(-1e-3, 0)), {"wall-spring"}),
-    "GSTA does not give way": (
+    "GSTA is not compliant": (
         with_trace("gsta", impulse=times(1.2)),
         {"gsta-compliant", "gsta-impedance", "gsta-robust"},
     ),
-    "GSTA goes on bouncing": (with_trace("gsta", final_high=times(1.1)), {"gsta-stable"}),
+    "GSTA keeps bouncing": (with_trace("gsta", final_high=times(1.1)), {"gsta-stable"}),
     "alone it is weak": (with_trace("gsta_alone", final_impulse=times(0.99)), {"alone-force"}),
     "alone it is off": (with_trace("gsta_alone", eta_e=plus(1e-5, 0)), {"alone-impedance"}),
-    "alone it pushes otherwise": (with_trace("gsta_alone", tau=plus(0.5, 0)), {"alone-actuation"}),
+    "alone the thrust differs": (with_trace("gsta_alone", tau=plus(0.5, 0)), {"alone-actuation"}),
     "alone it integrates less": (with_trace("gsta_alone", z=times(0.3)), {"alone-integral"}),
 }
 
@@ -189,7 +192,7 @@ def test_where_the_reason_is_gone_the_claim_holds(runs):
 @pytest.mark.parametrize("gains", [{"k_1": 8.0, "k_2": 4.0}, {"k_1": 6.0, "k_2": 12.0, "beta": 1.0}])
 @pytest.mark.parametrize("timestep", [1e-4, 5e-5])
 def test_the_reason_for_the_departure_is_the_sampled_algorithms_cycle(runs, gains, timestep):
-    """Its closed form, at other gains and steps than the paper's."""
+    """The variation at rest agrees with the closed form of the cycle at other gains and steps than the paper's."""
     settings = {"simulation.timestep": timestep, "simulation.duration": 6.0, "wall.position": 5.0}
     other = simulate(Scenario.load("push_wall", settings | {"reference.target": [0.0, 0.0, 0.0]}), Gsta(**gains))
     found = verdicts(dataclasses.replace(runs, traces={**runs.traces, "gsta": other}))
@@ -197,7 +200,7 @@ def test_the_reason_for_the_departure_is_the_sampled_algorithms_cycle(runs, gain
 
 
 def test_half_the_inertia_is_explained_by_bounces_only(runs):
-    """Where that vehicle has come to rest, or the other one bounces as well, a large error fails."""
+    """A large error fails if the vehicle with half the inertia rests, or if the other vehicle bounces as well."""
 
     def bouncing(values, t):
         return np.floor(10.0 * t)
@@ -218,7 +221,7 @@ def test_half_the_inertia_is_explained_by_bounces_only(runs):
 
 @pytest.mark.parametrize("rate", [20.0, 100.0])
 def test_an_exponential_approach_is_not_one_in_finite_time(runs, rate):
-    """s of both runs replaced by the decay of a linear law, whatever its rate."""
+    """s of both runs is replaced by the exponential decay of a linear law, at several rates."""
 
     def decay(values, t):
         values[:] = (0.04 * np.exp(-rate * t))[:, None]
@@ -251,7 +254,7 @@ def test_a_law_without_its_integral_is_found_out(runs):
 
 
 FRICTION = {"wall.friction": 0.3, "wall.position": 0.002, "reference.step_time": 0.0}
-"""Between two rows friction is unknown: eq. (12) can't be judged."""
+"""Friction is unknown between two rows, so that the residual of eq. (12) can't be computed."""
 
 
 @pytest.mark.parametrize(
@@ -302,11 +305,11 @@ def test_a_claim_needs_a_threshold():
 def test_numbers_are_readable():
     values = (None, np.nan, -np.inf, 0.0, -3.0, 1.4977534, 14020.3, -2.4e-8, 12)
     assert [number(value) for value in values] == ["–", "–", "–", "0", "−3", "1.498", "1.402·10⁴", "−2.4·10⁻⁸", "12"]
-    assert [number(value) for value in (-5.05e-11, 9.9e-10, 1.1e-9)] == ["0", "0", "1.1·10⁻⁹"]  # rounding is 0
+    assert [number(value) for value in (-5.05e-11, 9.9e-10, 1.1e-9)] == ["0", "0", "1.1·10⁻⁹"]  # rounding is shown as 0
 
 
 def test_a_study_that_is_stopped_ends_its_logs(tmp_path):
-    """Whatever progress raises, as Ctrl-C does, stops all runs; what was written can be read."""
+    """An exception raised by progress, e.g. by Ctrl-C, stops all runs. Their logs can be read."""
     jobs = {name: Scenario.load("push_wall", {"simulation.duration": 1000.0}) for name in ("a", "b", "c")}
 
     def interrupt(done, total):
@@ -328,7 +331,7 @@ def test_a_study_needs_its_logs_whole(tmp_path):
         raise KeyboardInterrupt
 
     simulate(Scenario.load("push_wall", {"simulation.duration": 0.1}), sinks=[log], progress=stop)
-    with pytest.raises(ValueError, match="ends before its run did"):
+    with pytest.raises(ValueError, match="incomplete logs"):
         study.load(tmp_path, ["impedance"])
 
 
@@ -346,12 +349,12 @@ def test_a_log_of_another_run_than_its_name_says_is_refused(tmp_path):
         folder.mkdir()
         for log in (tmp_path / "logs").iterdir():
             (folder / log.name).symlink_to(other if log.stem == name else log)
-        with pytest.raises(ValueError, match=rf"{name}\.mcap: is a run of"):
+        with pytest.raises(ValueError, match=rf"{name}\.mcap: contains a run of"):
             study.load(folder, jobs)
 
 
 def test_claims_of_runs_that_they_are_not_about_fail(runs):
-    """Whatever is given in their place, by a caller in Python."""
+    """A caller in Python may pass any traces in place of the study's runs."""
     for name, other in (("gsta", "impedance"), ("fosm", "gsta"), ("gsta_alone", "fosm")):
         wrong = dataclasses.replace(runs, traces={**runs.traces, name: runs.traces[other]})
         failed = {row.claim.id for row in judge(wrong) if row.verdict is Verdict.fails}

@@ -1,4 +1,4 @@
-"""Error bars: orders and limits of made-up sequences, of an impact in closed form, and of runs against finer runs."""
+"""Error bars: orders and limits of synthetic sequences, of an impact in closed form, and of runs against finer runs."""
 
 import dataclasses
 import json
@@ -25,7 +25,7 @@ MASS_ALONE = {
     "simulation.timestep": 5e-4,
     "simulation.duration": 0.4,
 }
-"""Impedance control without spring and damper takes C, D and g away: what is left is a mass that meets a spring."""
+"""Impedance control without spring and damper cancels C, D and g: the plant is then a mass that meets a spring."""
 
 
 def by_name(found):
@@ -72,10 +72,10 @@ def test_counts_agree_or_differ_and_are_not_extrapolated():
 
 
 def test_what_is_missing_or_equal_is_said():
-    assert extrapolated("f", (None, None, None)).remark == "in no run"
-    assert extrapolated("f", (None, 1.0, 1.0)).remark == "not in every run"
+    assert extrapolated("f", (None, None, None)).remark == "missing in every run"
+    assert extrapolated("f", (None, 1.0, 1.0)).remark == "missing in some runs"
     equal = extrapolated("f", (1.5, 1.5 + 1e-11, 1.5 - 1e-11))
-    assert (equal.value, equal.order, equal.remark) == (1.5 - 1e-11, None, "equal but for rounding")
+    assert (equal.value, equal.order, equal.remark) == (1.5 - 1e-11, None, "equal up to rounding")
 
 
 def test_an_instant_is_known_to_a_step_only():
@@ -103,7 +103,7 @@ def test_a_number_is_printed_to_the_second_digit_of_its_uncertainty(value, uncer
 
 @pytest.mark.parametrize("timestep", [2e-3, 5e-4, 2e-4])
 def test_the_impact_of_a_mass_on_a_spring_is_where_it_tends_to(timestep):
-    """Peak v (k m)^(1/2), impulse 2 m v, and the instant of contact."""
+    """The closed form gives the peak v (k m)^(1/2), the impulse 2 m v, and the instant of contact."""
     scenario = Scenario.load("push_wall", MASS_ALONE | {"simulation.timestep": timestep}, "impedance")
     found = by_name(converge(scenario))
     m = float(metrics.design_of(simulate(scenario.updated({"simulation.duration": 0.01}))).M[0, 0])
@@ -114,7 +114,7 @@ def test_the_impact_of_a_mass_on_a_spring_is_where_it_tends_to(timestep):
         "contact.first_s": scenario.wall.position / v,
     }
     for name, value in expected.items():
-        # 6e-5: the contact's inerter, whatever the step
+        # 6e-5: the contact's inerter, at any step
         assert abs(found[name].value - value) <= found[name].uncertainty + 6e-5 * value, name
         assert found[name].uncertainty < 0.05 * value, name
     assert found["contact.touches"].remark == "counts agree"
@@ -162,7 +162,7 @@ def test_the_runs_end_at_one_instant_also_where_the_duration_is_no_multiple_of_t
     overrides = MASS_ALONE | {"simulation.timestep": 3e-4, "simulation.duration": 0.1}
     found = converge(Scenario.load("push_wall", overrides, "impedance"), ["final.position_m"])
     assert found.scenario.simulation.duration == pytest.approx(333 * 3e-4)
-    at_end = 0.3 * 333 * 3e-4  # no wall yet
+    at_end = 0.3 * 333 * 3e-4  # before any contact
     assert by_name(found)["final.position_m[0]"].values == pytest.approx((at_end,) * 3, rel=1e-9)
 
 
@@ -204,7 +204,7 @@ def test_warnings_of_each_run_are_notes_with_its_step():
     chatters = [note for note in found.notes if "chatters" in note]
     assert [note.partition(":")[0] for note in chatters] == ["at 0.0002 s"]
     held = Scenario.load("push_wall", {"controller.period": 1e-2, "simulation.duration": 0.02}, "fosm")
-    notes = converge(held).notes  # at each of the three steps, and said once
+    notes = converge(held).notes  # the warning occurs at all three steps but is listed once
     assert len([note for note in notes if "chatters" in note]) == 1
 
 

@@ -1,4 +1,4 @@
-"""Figures: what is drawn is what was recorded, every time in the same colour, and nothing lies on anything else."""
+"""Figures: lines agree with the recorded signals, colours are consistent, and nothing overlaps."""
 
 import dataclasses
 import itertools
@@ -48,7 +48,7 @@ def fine():
 
 @pytest.fixture(scope="module")
 def drawn(traces, fine):
-    """The paper's figures, and plots of one, of several and of odd logs, by name."""
+    """The paper's figures, and plots of one log, of several logs and of unusual logs, by name."""
     plots = {f"{what} of one": figures.plot({"gsta": traces["gsta"]}, what) for what in figures.WHATS}
     for what in figures.WHATS:
         plots[f"{what} of four"] = figures.plot(traces, what)
@@ -60,14 +60,14 @@ def drawn(traces, fine):
 
 
 def many(traces, n):
-    """So many runs, of the paper's laws in turn, by long names."""
+    """n runs with long names, of the paper's laws in turn."""
     laws = list(traces)
     return {f"a run of a sweep, number {i} of {n}: {laws[i % 4]}": traces[laws[i % 4]] for i in range(n)}
 
 
 @dataclass(frozen=True)
 class Odd(Controller):
-    """States of all sizes."""
+    """A law with states of all sizes."""
 
     states: ClassVar = {"xi": 6, "w_": 1, "four": 4, "many": 40}
 
@@ -85,7 +85,7 @@ def odd_run():
 
 
 def lines_of(figure, ax=None):
-    """Signal name and line of all that has data, or of those in one axes."""
+    """Signal name and line of all lines with data in a figure, or in one of its axes."""
     found = (ax or figure).findobj(lambda artist: isinstance(artist, Line2D) and bool(artist.get_gid()))
     return [(each.get_gid().rpartition("-")[0], each) for each in found]
 
@@ -97,14 +97,14 @@ def inset_of(figure):
 
 
 def values_of(trace, name):
-    """(n,) samples that the line ``name`` is drawn from."""
+    """Samples (n,) from which the line ``name`` is drawn."""
     if name == "push":
         return trace.push
     signal, _, component = name.partition(".")
     return trace[signal][:, "xyz".index(component)]
 
 
-# What a reader sees
+# Appearance
 
 
 @pytest.mark.parametrize("name", [*PAPER, "plots"])
@@ -124,7 +124,7 @@ def test_no_text_lies_on_another_or_leaves_the_picture(drawn, name):
             inside = box.x0 >= 0 and box.y0 >= 0 and box.x1 <= figure.bbox.x1 and box.y1 <= figure.bbox.y1
             assert inside, f"{which}: {text!r} leaves the picture"
         for (a, box_a), (b, box_b) in itertools.combinations(boxes, 2):
-            assert not box_a.overlaps(box_b), f"{which}: {a!r} lies on {b!r}"
+            assert not box_a.overlaps(box_b), f"{which}: {a!r} overlaps {b!r}"
 
 
 def test_neither_insets_nor_legends_lie_on_lines(drawn):
@@ -174,7 +174,7 @@ def test_no_line_is_louder_than_another(drawn):
 
 @pytest.mark.parametrize("n", [2, 3, 6])
 def test_of_lines_that_coincide_each_shows_a_part(n):
-    """The dashes of all, laid on each other from the first to the last."""
+    """The dashes of all lines are drawn on top of each other in order."""
     at = np.linspace(0.0, 600.0, 60_001)
     top = np.zeros(len(at), dtype=int)
     orders = []
@@ -191,7 +191,7 @@ def test_of_lines_that_coincide_each_shows_a_part(n):
 
 
 def test_linear_and_angular_components_have_axes_of_their_own(drawn):
-    """An axes has one unit, as its label has."""
+    """All lines of an axes have the unit of its label."""
     angular = {"roll", "pitch", "yaw"}
     units = {"s": ("m/s", "rad/s"), "tau": ("N", "N m"), "z": ("m/s²", "rad/s²")}
     seen = set()
@@ -225,7 +225,7 @@ def test_small_numbers_are_read_in_small_units_and_the_data_stay_in_si(drawn, tr
     assert ax.dataLim.y0 == traces["fosm"].s[:, :3].min()
 
 
-# What is drawn is what was recorded
+# Agreement with the recorded signals
 
 
 FIGURES = {
@@ -258,7 +258,7 @@ def test_each_of_the_papers_figures_has_its_run_and_its_quantity(drawn, traces, 
 
 
 def check_samples(line, trace, name):
-    """The line's points are samples, and among them the extremes of every stretch of 40."""
+    """The line's points are samples and include the extremes of every block of 40 samples."""
     t, y = line.get_data()
     values = values_of(trace, name)
     rows = np.searchsorted(trace.t, t)
@@ -285,7 +285,7 @@ def test_with_nominal_control_is_solid_and_without_is_dashed(drawn, traces):
 
 
 def turns(values):
-    """How often a signal turns round."""
+    """Number of reversals of a signal."""
     steps = np.diff(values)
     return int((steps[1:] * steps[:-1] < 0).sum())
 
@@ -338,7 +338,7 @@ def test_the_window_of_the_impacts_comes_from_the_trace():
 
 
 def test_a_panel_shows_what_follows_a_transient_and_its_inset_the_transient(drawn, traces):
-    """Fig. 10: s is in mm/s for 50 ms, and in um/s for the rest of the run."""
+    """In fig. 10, s is of the order of mm/s for 50 ms and of um/s for the rest of the run."""
     trace, ax, inset = traces["gsta"], drawn["fig10"].axes[0], inset_of(drawn["fig10"])
     window = inset.get_xlim()[1]
     late = trace.s[trace.t >= window, :3]
@@ -363,12 +363,12 @@ def test_a_transient_is_found_where_there_is_one():
 
 
 def test_the_force_that_is_expected_knows_a_force_reference():
-    """Eq. (7) against a rigid wall, from where GSTA rests against one that gives."""
+    """Eq. (7) at a rigid wall against a value derived from GSTA's force at rest at a compliant wall."""
     impedance = {"impedance.K_f": [0.5, 1.0, 1.0, 1.0, 1.0, 1.0], "impedance.F_d": [-4.0, 0.0, 0.0, 0.0, 0.0, 0.0]}
     trace = simulate(Scenario.load("push_wall", impedance | {"simulation.duration": 1e-3}))
     levels = {name: line.get_ydata()[0] for name, line in lines_of(figures.plot({"gsta": trace}, "force"))}
     give = 0.5 / 150.0
-    rigid = trace.analytic.force * (give + 1e-5) / give  # two springs in a row: the wall's own gives 1e-5 m/N
+    rigid = trace.analytic.force * (give + 1e-5) / give  # two springs in series; the wall's compliance is 1e-5 m/N
     assert levels["expected"] == pytest.approx(rigid, rel=1e-9)
     assert levels["expected"] == pytest.approx((0.01 + 4.0 * give) / give)
 
@@ -445,7 +445,7 @@ def test_colours_of_runs_are_different_and_a_law_keeps_its_own():
 
 
 def test_every_run_can_be_seen_beside_one_that_is_a_thousand_times_as_large(traces):
-    """No line leaves its axis, and none looks like zero."""
+    """Every line stays inside its axes and is visibly different from zero."""
     gsta = traces["gsta"]
     loud = dataclasses.replace(
         gsta, arrays={**gsta.arrays, "tau": 1e3 * gsta.tau, "f_contact_W": 1e3 * gsta.f_contact_W}
@@ -521,14 +521,14 @@ def test_what_is_wrong_is_said(traces, fine):
     with pytest.raises(InputError, match="impedance, fosm: no law has an integral term"):
         figures.plot({"impedance": traces["impedance"], "fosm": traces["fosm"]}, "integral")
     nothing = dataclasses.replace(traces["gsta"], arrays={"t": np.empty(0)})
-    with pytest.raises(InputError, match="gsta: has not two samples"):
+    with pytest.raises(InputError, match="gsta: has fewer than two samples"):
         figures.plot({"gsta": nothing}, "tau")
     with pytest.raises(InputError, match="traces: fosm is missing"):
         figures.paper({name: trace for name, trace in traces.items() if name != "fosm"}, fine)
     with pytest.raises(InputError, match="gsta is not at every step"):
         figures.paper(traces, fine | {"gsta": traces["gsta"]})
     shorter = simulate(Scenario.load("push_wall", {"simulation.duration": 0.005}), log_rate="full")
-    with pytest.raises(InputError, match=r"gsta ends at 0.005 s; it takes 0.01 s"):
+    with pytest.raises(InputError, match=r"gsta ends at 0.005 s; it must last at least 0.01 s"):
         figures.paper(traces, fine | {"gsta": shorter})
     with pytest.raises(InputError, match="no log"):
         figures.plot({}, "tau")
@@ -539,7 +539,7 @@ def test_an_inset_gets_some_room_and_is_left_out_where_that_is_not_enough(traces
     header = dataclasses.replace(traces["gsta"].header, row_steps=1)
 
     def drawn(highest):
-        """A panel that is full up to 1 for a while, and then up to ``highest``."""
+        """A panel filled with lines, first up to 1 and later up to ``highest``."""
         tau = rng.uniform(-1.0, 1.0, size=(n, 6))
         tau[n // 4 :] = rng.uniform(-1.0, highest, size=(n - n // 4, 6))
         arrays = MappingProxyType({"t": np.arange(n) * 1e-4, "tau": tau})

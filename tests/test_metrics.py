@@ -1,4 +1,4 @@
-"""Metrics against closed forms, on traces made for it and on runs, and at different log rates."""
+"""Metrics against closed forms, on synthetic traces and on runs, and at different log rates."""
 
 import dataclasses
 import math
@@ -20,7 +20,7 @@ def header():
 
 @pytest.fixture
 def synthetic(header):
-    """A function of a duration and of functions of time that gives a trace of every step, zero where none is given."""
+    """A function that makes a trace of every step from a duration and functions of time; other signals are zero."""
 
     def make(duration: float, **signals) -> Trace:
         scenario = header.scenario.updated({"simulation.timestep": H, "simulation.duration": duration})
@@ -164,7 +164,7 @@ def test_impedance_error_of_a_motion_that_obeys_eq_12_up_to_a_known_force(synthe
         f_contact_W=lambda t: axis(f_x(t), 0, 3),
         impulse=lambda t: running(-0.5 * H * (f_x(t)[1:] + f_x(t)[:-1])),
     )
-    # to first order in H: a force acts from the beginning of a step on, the synthetic one through all of it
+    # first order in H: a force of the simulation is constant over a step, the synthetic force is not
     assert metrics.impedance_error(trace)[0] == pytest.approx(off, abs=0.02)
     assert metrics.impedance_error(decimated(trace, 10))[0] == pytest.approx(
         metrics.impedance_error(trace)[0], abs=2e-3
@@ -172,7 +172,7 @@ def test_impedance_error_of_a_motion_that_obeys_eq_12_up_to_a_known_force(synthe
 
 
 def test_impedance_error_does_not_take_a_switching_velocity_for_a_motion(synthetic):
-    """The vehicle goes back and forth by a step; in every tenth row it is at one place with one velocity."""
+    """The vehicle oscillates from step to step; every tenth row has the same position and velocity."""
     trace = synthetic(
         0.5,
         p_WB=lambda t: axis(np.arange(len(t)) % 2 * H * 1e-3, 0, 3),
@@ -197,7 +197,7 @@ def test_impedance_error_of_a_steady_turn_is_what_damps_it(synthetic):
 
 
 def test_impedance_error_is_not_given_where_friction_between_rows_is_unknown():
-    """It may change its sign with every step: rows would take it for a force that does not change."""
+    """Friction may change its sign at every step, which rows can't resolve."""
     rough = {
         "wall.friction": 0.5,
         "wall.position": 0.02,
@@ -235,7 +235,7 @@ def test_at_rest_super_twisting_leaves_nothing_of_eq_12_over_at_any_log_rate(pap
 
 
 def test_impedance_error_is_exact_where_eq_12_is_stepped_as_the_plant_steps(synthetic):
-    """A mass alone under a growing force, by explicit Euler: nothing is left, at any log rate."""
+    """For a mass under a growing force, stepped by explicit Euler, the residual is zero at any log rate."""
     mass = synthetic(0.01)
     settings = {"impedance.K_d": [0.0] * 6, "impedance.D_d": [0.0] * 6, "impedance.M_d": [2.0] * 6}
     scenario = mass.scenario.updated(settings | {"simulation.duration": 1.0})
@@ -255,7 +255,7 @@ def test_impedance_error_is_exact_where_eq_12_is_stepped_as_the_plant_steps(synt
 
 
 def test_impedance_error_at_rest_is_that_of_eq_20(paper_run):
-    """The first-order law rests inside its boundary layer, where the residual of eq. (12) is -M_d A s."""
+    """The first-order law comes to rest inside its boundary layer, where the residual of eq. (12) is -M_d A s."""
     trace = paper_run("fosm")
     expected = np.abs(metrics.design_of(trace).M_d @ (100.0 * trace.s[-1]))
     assert metrics.impedance_error(trace, 19.0)[[0, 1, 5]] == pytest.approx(expected[[0, 1, 5]], rel=1e-3)
@@ -277,7 +277,7 @@ def test_the_force_that_is_demanded_does_not_need_a_straight_attitude(attitude):
 
 
 def test_generalised_impedance_is_what_is_demanded_and_judged():
-    """Eq. (7) with a force reference: where GSTA rests, which knows nothing of these formulas."""
+    """Eq. (7) with a force reference against the force at rest of GSTA, which is computed independently."""
     settings = {"impedance.K_f": [0.5, 1.0, 1.0, 1.0, 1.0, 1.0], "impedance.F_d": [-2.0, 0.0, 0.0, 0.0, 0.0, 0.0]}
     trace = simulate(Scenario.load("push_wall", settings | {"simulation.duration": 10.0}), Gsta())
     assert metrics.demanded_force(trace) == pytest.approx(trace.analytic.force, rel=1e-9)
@@ -320,7 +320,7 @@ def test_metrics_do_not_depend_on_the_log_rate():
         for metric in exact:
             assert metric(trace) == pytest.approx(metric(full), rel=1e-12)
     error = metrics.impedance_error(full)
-    # nu_e and eta_e are known at rows only, so that their mean over 10 ms is as good as the log
+    # nu_e and eta_e are known at rows only, so that the accuracy of their mean over 10 ms depends on the log rate
     assert metrics.impedance_error(others[0]) == pytest.approx(error, rel=5e-3, abs=2e-5)
 
 
@@ -333,7 +333,7 @@ def test_what_a_window_has_is_the_difference_of_two_runs_ends():
 
 
 def held(steps: int, values) -> np.ndarray:
-    """(n,) every value held for so many steps."""
+    """Values (n,), each held for a number of steps."""
     return np.repeat(values, steps)
 
 
@@ -365,7 +365,7 @@ def test_chattering_of_a_held_command_counts_control_periods(synthetic, period):
 @pytest.mark.filterwarnings("ignore::uvms_mj.checks.SamplingWarning")
 @pytest.mark.parametrize("period", [1e-3, 1e-2, 5e-2])
 def test_the_first_order_law_chatters_at_every_control_period_that_is_too_long(period):
-    """s changes its sign, and tau all of its K_s M, with every control instant: the variation leads nowhere."""
+    """s changes its sign at every control instant, and tau changes by all of K_s M: the variation cancels."""
     settings = {"controller.period": period, "simulation.duration": 3.0}
     trace = simulate(Scenario.load("push_wall", settings, "fosm"))
     variation = metrics.total_variation(trace) / trace.duration_s
@@ -383,7 +383,7 @@ def test_chattering_of_less_than_ten_control_periods_is_not_a_number():
 
 @pytest.mark.parametrize("rate", [0.3, 0.003, 0.0015])
 def test_a_force_that_ramps_has_not_settled(synthetic, rate):
-    """However slowly: 0.15 % a second passes for still in the last 0.5 s, and 2 % take it 13 s."""
+    """Slow ramps count too: 0.15 % per second is below the limit in the last 0.5 s and takes 13 s for 2 %."""
 
     def ramp(t):
         return 1.5 * (1.0 + rate * t)
@@ -411,11 +411,11 @@ def test_a_position_that_drifts_has_not_settled(synthetic):
     assert metrics.position_settling_time(drifting) is None
     assert metrics.overshoot(drifting) is None
     swinging = synthetic(20.0, p_WB=lambda t: axis(np.minimum(t, 1.0) + 0.005 * np.sin(2.0 * np.pi * 4.0 * t), 0, 3))
-    assert metrics.position_settling_time(swinging) == pytest.approx(0.98, abs=0.02)  # to a swing within the band
+    assert metrics.position_settling_time(swinging) == pytest.approx(0.98, abs=0.02)  # swings within the band
 
 
 def test_a_run_that_is_pushed_ever_harder_has_not_settled():
-    """A reference that goes on into the wall: the force grows until the end."""
+    """The reference keeps moving into the wall, so that the force grows until the end."""
     settings = {
         "wall.position": 0.01,
         "reference.step_time": 0.0,

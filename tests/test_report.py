@@ -1,4 +1,4 @@
-"""The page about the paper and about any logs: complete by itself, safe, and made from logs alone."""
+"""Reports about the paper and about any logs: self-contained, safe, and made from logs only."""
 
 import csv
 import dataclasses
@@ -34,7 +34,7 @@ HOSTILE = "<script>alert('x')</script>"
 
 
 class Page(HTMLParser):
-    """Tags with attributes, ids, and text; complains of tags that don't match."""
+    """Tags with attributes, ids, and text; reports tags that don't match."""
 
     VOID = ("meta", "img", "br", "link", "input", "hr")
 
@@ -64,7 +64,7 @@ class Page(HTMLParser):
 
 
 def complete_by_itself(text: str) -> Page:
-    """A page without a script, a form, or anything that stands elsewhere."""
+    """Parse a page and check that it has no script, no form, and no external resource."""
     page = Page(text)
     assert not page.of("script", "link", "iframe", "object", "embed", "base", "form")
     for tag, attributes in page.tags:
@@ -80,7 +80,7 @@ def complete_by_itself(text: str) -> Page:
 
 @pytest.fixture
 def command(tmp_path, monkeypatch):
-    """A function of a command and its arguments that runs it in this process, in a folder of its own."""
+    """A function that runs a command with arguments in this process, in a separate folder."""
     monkeypatch.chdir(tmp_path)
     return lambda which, *arguments: CliRunner().invoke(which, [str(a) for a in arguments])
 
@@ -113,7 +113,7 @@ def test_a_page_is_complete_by_itself_and_says_everything(trace, picture):
     for name, version in trace.header.versions.items():
         assert f"{name} {version}" in text
     assert "wall.stiffness 100000" in text
-    assert "What differs" not in text
+    assert "Settings that differ" not in text
 
 
 def test_a_verdict_that_no_claim_has_is_not_coloured(trace, picture):
@@ -150,7 +150,7 @@ def test_what_differs_is_told_from_what_is_shared(trace, picture):
     other = dataclasses.replace(trace.header, scenario=trace.scenario.updated({"wall.stiffness": 2e4}))
     text = report.page("t", {"a": trace, "b": dataclasses.replace(trace, header=other)}, [picture])
     flat = " ".join(" ".join(Page(text).text).split())
-    differing, shared = flat.split("What differs between the runs")[1].split("What all runs share")
+    differing, shared = flat.split("Settings that differ between the runs")[1].split("Settings common to all runs")
     assert "wall.stiffness 100000 20000" in differing
     assert "wall.stiffness" not in shared
     assert "wall.position 0.002" in shared
@@ -195,14 +195,14 @@ def test_a_run_that_is_empty_or_broke_off_has_a_page(trace, picture):
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
-    """``uvms-mj paper`` of a run that is over before anything of the paper's has happened."""
+    """Output of ``uvms-mj paper`` with runs too short for any event of the paper."""
     folder = tmp_path_factory.mktemp("paper") / "results"
     return folder, CliRunner().invoke(paper, ["--out", str(folder), *SHORT])
 
 
 def test_paper_writes_what_it_says(results):
     folder, done = results
-    assert done.exit_code == 1, done.output  # no claim about rest can hold after a quarter of a second
+    assert done.exit_code == 1, done.output  # claims about rest cannot hold after a quarter of a second
     assert done.stdout.splitlines()[-1] == str(folder / "report.html")
     assert "fails" in done.stdout
     drawn = [*(f"fig{n:02d}" for n in range(1, 13)), "overview"]
@@ -281,7 +281,7 @@ def test_compare_makes_a_page_of_any_logs(command, tmp_path):
     page = complete_by_itself(text)
     assert "<script" not in text
     assert {"gsta", "Mine", "<script>.py:Mine"} <= {data.strip() for data in page.text}
-    assert len(page.of("img")) == 5  # the last of the one law with a state
+    assert len(page.of("img")) == 5  # the last picture is for the only law with a state
     assert str(tmp_path) not in text
     again = command(compare, "0.mcap", "--out", "page.html")
     assert again.exit_code == 2
@@ -289,7 +289,7 @@ def test_compare_makes_a_page_of_any_logs(command, tmp_path):
 
 
 def table_of(trace, capsys) -> dict[str, str]:
-    """The table that ``uvms-mj run`` prints, by the name of each line."""
+    """Lines of the table that ``uvms-mj run`` prints, by name."""
     Console(as_json=False, quiet=False).report(trace, summary(trace, {"mcap": "run.mcap"}))
     lines = [line.split("│") for line in capsys.readouterr().out.splitlines() if line.startswith("│")]
     return {name.strip(): value.rstrip() for _, name, value, _ in lines}

@@ -1,4 +1,4 @@
-"""Replay in Rerun: the numbers, the layout in real viewers, and that nothing leaves this machine."""
+"""Replay in Rerun: recorded values, layout in real viewers, and no connection to other machines."""
 
 import base64
 import contextlib
@@ -39,7 +39,7 @@ from uvms_mj.rerun_view.solids import solids
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 VULKAN = any(Path("/usr/share/vulkan/icd.d").glob("*.json"))
 ENOUGH = 20
-"""Pixels of a colour that are no accident."""
+"""Least number of pixels of a colour that shows that a line is drawn."""
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
 needs_vulkan = pytest.mark.skipif(not VULKAN, reason="mesa-vulkan-drivers and libvulkan1 are not installed")
 
@@ -65,7 +65,7 @@ def recording(trace, tmp_path_factory) -> Path:
 
 
 def columns(path: Path) -> dict[str, dict[str, list]]:
-    """What a recording has: for each entity its components, in the order of time, and the times [ns]."""
+    """Contents of a recording: for each entity its components, in the order of time, and the times [ns]."""
     found: dict[str, dict[str, list]] = {}
     for chunk in RrdReader(path).stream():
         batch = chunk.to_record_batch()
@@ -81,7 +81,7 @@ def columns(path: Path) -> dict[str, dict[str, list]]:
 
 
 def shown(png: bytes) -> dict[str, int]:
-    """How many pixels of a picture's right half, where the plots are, have the colour of each series."""
+    """Number of pixels with the colour of each series in the right half of a picture, where the plots are."""
     pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"), dtype=int)
     pixels = pixels[:, round(0.56 * pixels.shape[1]) :]
     series = {"contact": CONTACT, "x": ORANGE, "y": SKY, "z": GREEN}
@@ -98,12 +98,12 @@ def family(process: psutil.Process) -> list[psutil.Process]:
 
 
 def listening(process: psutil.Process) -> list[tuple[str, int]]:
-    """Where a process and its children listen."""
+    """Addresses on which a process and its children listen."""
     found = [connection for one in family(process) for connection in one.net_connections("inet")]
     return [(c.laddr.ip, c.laddr.port) for c in found if c.status == psutil.CONN_LISTEN]
 
 
-# The numbers
+# Recorded values
 
 
 def test_scalars_are_those_of_the_log_to_the_last_bit(trace, recording):
@@ -164,7 +164,7 @@ def test_arrows_of_a_strong_vehicle_stay_in_the_scene_and_both_viewers_have_one_
     for largest in (19.0, 30.1, 1e3, 4.7e5):
         scale = scene.force_scale(header, largest)
         assert scale * largest <= span
-        assert scale == scene.FORCE_SCALE or 2.5 * scale * largest > span, "no smaller than it must be"
+        assert scale == scene.FORCE_SCALE or 2.5 * scale * largest > span, "not smaller than necessary"
         assert float(f"{scale:.1g}") == pytest.approx(scale, rel=1e-12), "a round number"
     forces = np.array([[0.0, 0.0, 0.0], [1.0, -2.0, 2.0], [3e5, 0.0, 4e5]])
     drawn = scene.arrows(forces, scene.FORCE_SCALE, span)
@@ -174,7 +174,7 @@ def test_arrows_of_a_strong_vehicle_stay_in_the_scene_and_both_viewers_have_one_
 
 
 def strong(trace: Trace, times: float) -> Trace:
-    """The same run with forces so many times as large."""
+    """The same run with forces multiplied by ``times``."""
     arrays = {**trace.arrays, "tau": times * trace.tau, "f_contact_W": times * trace.f_contact_W}
     return dataclasses.replace(trace, arrays=arrays)
 
@@ -190,7 +190,7 @@ def test_no_arrow_leaves_the_scene(trace, tmp_path):
 
 
 def test_an_axis_holds_what_it_should_and_has_two_numbers_at_least(rng):
-    """Rerun writes numbers at multiples of a power of ten alone, and not at the very end of an axis."""
+    """Rerun puts numbers only at multiples of a power of ten, and not at the end of an axis."""
     for exponent in rng.uniform(-6, 4, size=300):
         low, high = sorted(rng.normal(size=2) * 10.0**exponent + rng.choice([0.0, 50.0]))
         ends = readable([(low, high), (low, low)])
@@ -219,7 +219,7 @@ def test_the_force_plot_shows_where_each_run_comes_to_rest(trace):
             assert low <= 0.0 < Extents.of(each).rest < 0.7 * high
             assert each.push.max() < axis_of(whole)[1]
         assert high < axis_of(whole)[1]
-    live = layout([Run(trace.header)]).root_container.contents[1].contents[0]  # where it will rest is not known
+    live = layout([Run(trace.header)]).root_container.contents[1].contents[0]  # force at rest unknown
     assert "ScalarAxis" not in live.contents[live.active_tab].properties
 
 
@@ -246,7 +246,7 @@ def axis_of(view) -> tuple[float, float]:
 
 
 def test_of_several_runs_none_hides_another(trace, other, tmp_path):
-    """Each has a lane, wider than its vehicle, its name above it, and the colour of its law."""
+    """Each run has a lane wider than its vehicle, a name above it, and the colour of its law."""
     traces = {"a": trace, "b": other, "c": trace}
     rerun_view.save(traces, tmp_path / "three.rrd")
     found = columns(tmp_path / "three.rrd")
@@ -289,7 +289,7 @@ def test_blocks_and_thinning_change_nothing_but_the_number_of_samples(trace, tmp
 
     whole, pieces = written([], 7), written([1, 2, 13, 997, 998, 4000], 7)
     assert whole.keys() == pieces.keys()
-    for path in whole.keys() - {"/push/analytic"}:  # which has a sample at the ends of each block
+    for path in whole.keys() - {"/push/analytic"}:  # this entity has a sample at the ends of each block
         assert whole[path] == pieces[path], path
     np.testing.assert_array_equal(np.array(whole["/signals/nu"]["Scalars:scalars"]), trace.nu[::7])
 
@@ -336,18 +336,18 @@ def test_a_recording_is_written_whole_or_not_at_all(trace, tmp_path):
             print(error)
     """
     target = tmp_path / "run.rrd"
-    target.write_text("what stood here")
+    target.write_text("earlier content")
     done = subprocess.run([sys.executable, "-c", code, target], capture_output=True, text=True, check=True)
     assert done.stdout.startswith(f"{target}: can't write it: ")
     assert [path.name for path in tmp_path.iterdir()] == ["run.rrd"]
-    assert target.read_text() == "what stood here"
+    assert target.read_text() == "earlier content"
 
 
 # Viewers
 
 
 def picture(port: int) -> bytes:
-    """The headless viewer's window, once its plots are there."""
+    """Screenshot of the headless viewer's window after its plots have appeared."""
     client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
     deadline = time.monotonic() + 60.0
     while not plots_in(png := client.take_screenshot()) and time.monotonic() < deadline:
@@ -380,7 +380,7 @@ def test_the_viewer_shows_the_plots_and_every_view_is_in_order(trace, other, rec
 
 @pytest.fixture
 def headless(monkeypatch):
-    """Viewers that are opened get no window; gives the process and the port of each."""
+    """Opens viewers without a window. The value lists the process and the port of each."""
     opened: list[tuple[subprocess.Popen, int]] = []
 
     def started(options, port, lives_s):
@@ -392,12 +392,12 @@ def headless(monkeypatch):
     yield opened
     for one, _ in opened:
         with contextlib.suppress(ProcessLookupError):
-            os.killpg(one.pid, signals.SIGKILL)  # one that was stopped hears nothing else
+            os.killpg(one.pid, signals.SIGKILL)  # a stopped process ignores other signals
         one.wait(10.0)
 
 
 def views_at(port: int, least_ns: int) -> tuple[set[str], int]:
-    """Names of a viewer's views and the end of its timeline, once that is so far."""
+    """Names of a viewer's views and the end of its timeline, after it has reached ``least_ns``."""
     client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
     deadline, end_ns = time.monotonic() + 60.0, -1
     while end_ns < least_ns and time.monotonic() < deadline:
@@ -431,7 +431,7 @@ def test_a_run_streams_to_the_viewer(headless, monkeypatch):
 @pytest.mark.parametrize("end", [signals.SIGKILL, signals.SIGSTOP], ids=["closed", "hung"])
 @pytest.mark.parametrize("when", [0.0, 0.5])
 def test_a_run_outlives_its_viewer(headless, monkeypatch, end, when):
-    """Rerun's client would wait without end for a viewer that takes nothing; a run waits once, at its end."""
+    """Rerun's client would wait forever for a viewer that accepts no data; a run waits only once, at its end."""
     monkeypatch.setattr(viewer, "_PATIENCE_S", 4.0)
     took: list[float] = []
     monkeypatch.setattr(viewer, "_LIVE_HZ", 1e4)
@@ -469,7 +469,7 @@ def test_a_run_outlives_its_viewer(headless, monkeypatch, end, when):
 def test_replay_says_that_the_viewer_was_closed(headless, trace, monkeypatch):
     monkeypatch.setattr(viewer, "_PATIENCE_S", 2.0)
     opened = viewer.start
-    for end, message in ((signals.SIGKILL, "it was closed"), (signals.SIGSTOP, "took nothing for 2 s")):
+    for end, message in ((signals.SIGKILL, "it was closed"), (signals.SIGSTOP, "accepted no data for 2 s")):
 
         def ended(options, port, lives_s, end=end):
             process = opened(options, port, lives_s)
@@ -477,7 +477,7 @@ def test_replay_says_that_the_viewer_was_closed(headless, trace, monkeypatch):
             return process
 
         monkeypatch.setattr(viewer, "start", ended)
-        with pytest.raises(InputError, match=f"did not take the runs: .*{message}.*--web"):
+        with pytest.raises(InputError, match=f"did not receive the runs: .*{message}.*--web"):
             rerun_view.show({"run": trace})
 
 
@@ -493,7 +493,7 @@ def test_without_a_display_the_error_says_what_to_do_instead(trace, monkeypatch)
 
 
 class Server:
-    """``serve`` in a process of its own."""
+    """``serve`` in a separate process."""
 
     def __init__(self, log: Path, home: Path) -> None:
         code = "import sys; from uvms_mj import Trace, rerun_view; rerun_view.serve({'run': Trace.load(sys.argv[1])})"
@@ -543,7 +543,7 @@ def test_a_taken_port_is_named(server, recording):
 
 
 class Chromium:
-    """A headless Chromium that is spoken to over a pipe, in its DevTools protocol."""
+    """A headless Chromium, controlled by the DevTools protocol over a pipe."""
 
     def __init__(self, folder: Path) -> None:
         to_browser, from_browser = os.pipe(), os.pipe()
@@ -604,13 +604,13 @@ def test_a_browser_shows_the_plots_and_talks_to_nobody_else(server, tmp_path):
         browser("Page.navigate", url=server.address)
         deadline, series = time.monotonic() + 120.0, {}
         while time.monotonic() < deadline:
-            data = browser("Page.captureScreenshot", format="png").get("data")  # none while a page begins
+            data = browser("Page.captureScreenshot", format="png").get("data")  # missing while a page loads
             series = shown(base64.b64decode(data)) if data else {}
             if series and all(n > ENOUGH for n in series.values()):
                 break
             time.sleep(1.0)
         time.sleep(2.0)
-        browser("Page.captureScreenshot", format="png")  # takes in what happened meanwhile
+        browser("Page.captureScreenshot", format="png")  # also collects the events up to now
     finally:
         browser.close()
     assert series, "no picture"
@@ -627,7 +627,7 @@ def test_a_browser_shows_the_plots_and_talks_to_nobody_else(server, tmp_path):
     ] == []
 
 
-# Nothing is told to anybody
+# No data sent to other machines
 
 
 def test_analytics_are_off_and_a_users_settings_untouched(tmp_path, monkeypatch):
@@ -670,7 +670,7 @@ def test_the_viewer_connects_to_nobody(recording, tmp_path):
         stop(process)
     internet = [line for line in calls.read_text().splitlines() if "AF_INET" in line]
     assert [line for line in internet if 'inet_addr("127.0.0.1")' not in line] == []
-    assert ":9)" in _ports(calls), "it asked for newer versions at the proxy where nobody is at home"
+    assert ":9)" in _ports(calls), "it checked for new versions at the proxy address, where nothing listens"
 
 
 def _ports(calls: Path) -> str:

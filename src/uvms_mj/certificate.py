@@ -1,6 +1,6 @@
-r"""How fast a disturbance may change for GSTA to converge for certain.
+r"""Certified bound on the rate of change of the disturbances that GSTA rejects in finite time.
 
-The error system, for each axis by itself (paper, eqs. (28)-(30)), with w = z + varphi and
+The error system of each axis (paper, eqs. (28)-(30)), with w = z + varphi and
 :math:`\varphi = \hat M^{-1} \bar\tau_{dist}` of eq. (11):
 
 .. math::
@@ -8,13 +8,13 @@ The error system, for each axis by itself (paper, eqs. (28)-(30)), with w = z + 
     \dot s = -k_1 \phi_1(s) + w + G_1(t) \phi_1(s), \qquad \dot w = -k_2 \phi_2(s) + \dot\varphi, \qquad
     |\dot\varphi| \le \delta_2 |\phi_2(s)|
 
-As :math:`|\phi_2| = 1/2 + \tfrac32 \beta |s|^{1/2} + \beta^2 |s|`, the last condition is met for every s by
+Since :math:`|\phi_2| = 1/2 + \tfrac32 \beta |s|^{1/2} + \beta^2 |s|`, the last condition is met for every s by
 
 .. math::
 
     |\dot\varphi| \le L + L_s |s| \iff L \le \delta_2 / 2 \text{ and } L_s \le \beta^2 \delta_2:
 
-the two parts don't compete, and a rate that depends on time alone needs :math:`L \le \delta_2 / 2`.
+the two parts are independent, and a rate that depends only on time needs :math:`L \le \delta_2 / 2`.
 
 **Reduction** (Moreno 2009; Moreno and Osorio 2012). With :math:`\xi = (\phi_1(s), w)`, :math:`\phi_2 = \phi_1' \phi_1`
 and :math:`\dot\varphi = G_2(t) \phi_2`, :math:`|G_2| \le \delta_2`,
@@ -23,8 +23,8 @@ and :math:`\dot\varphi = G_2(t) \phi_2`, :math:`|G_2| \le \delta_2`,
 
     \dot\xi = \phi_1'(s) \begin{bmatrix} -a & 1 \\ -b & 0 \end{bmatrix} \xi, \qquad a = k_1 - G_1(t),\ b = k_2 - G_2(t).
 
-Let :math:`V = \xi^\top P \xi` with :math:`P = \begin{bmatrix} D + p^2 & -p \\ -p & 1 \end{bmatrix}`, D > 0, which is
-every positive definite P up to a factor. Then
+Let :math:`V = \xi^\top P \xi` with :math:`P = \begin{bmatrix} D + p^2 & -p \\ -p & 1 \end{bmatrix}`, D > 0. Up to a
+factor, every positive definite P has this form. Then
 
 .. math::
 
@@ -35,10 +35,10 @@ is negative definite iff p > 0 and :math:`4 b D > (p a - p^2 - b - D)^2`, that i
 .. math::
 
     |\sqrt b - \sqrt D| < \sqrt{p (a - p)} < \sqrt b + \sqrt D: \quad
-    \text{the three roots are the sides of a triangle.}
+    \text{the three roots form a triangle.}
 
 **Theorem.** Let a range over [a_min, a_max] and b over :math:`[k_2 - \delta_2, k_2 + \delta_2]`, both positive, and
-:math:`\Delta = \sqrt{k_2 + \delta_2} - \sqrt{k_2 - \delta_2}`. One P does for all of them iff
+:math:`\Delta = \sqrt{k_2 + \delta_2} - \sqrt{k_2 - \delta_2}`. A common P exists iff
 
 .. math::
 
@@ -48,11 +48,12 @@ is negative definite iff p > 0 and :math:`4 b D > (p a - p^2 - b - D)^2`, that i
 
 *Proof.* With m the middle root, sqrt(D) must be above :math:`\max(\sqrt{b_{max}} - m_{min}, m_{max} - \sqrt{b_{min}})`
 and below :math:`\sqrt{b_{min}} + m_{min}`. Such a D exists iff :math:`\Delta < 2 m_{min}` and :math:`m_{max} - m_{min}
-< 2 \sqrt{b_{min}}`. Over p the first is widest at p = a_min / 2, where m_min = a_min / 2; the left side of the second
-grows with p, so that it is asked at the least p that the first allows, :math:`2 p = a_{min} - \sqrt{a_{min}^2 -
-\Delta^2}`. There :math:`m_{min} = \Delta / 2` and :math:`m_{max}^2 = \Delta^2 / 4 + p (a_{max} - a_{min})`. ∎
+< 2 \sqrt{b_{min}}`. The first condition is weakest at p = a_min / 2, where m_min = a_min / 2. The left side of the
+second grows with p, so that the second is weakest at the smallest p that the first allows, :math:`2 p = a_{min} -
+\sqrt{a_{min}^2 - \Delta^2}`. There :math:`m_{min} = \Delta / 2` and :math:`m_{max}^2 = \Delta^2 / 4 + p (a_{max} -
+a_{min})`. ∎
 
-Without a vanishing part (G_1 = 0) the second condition always holds and the first reads
+Without a vanishing part (G_1 = 0) the second condition always holds and the first becomes
 
 .. math::
 
@@ -61,24 +62,25 @@ Without a vanishing part (G_1 = 0) the second condition always holds and the fir
 
 which is the circle criterion, :math:`\delta_2 |G(j\omega)| < 1` with :math:`G(p) = 1 / (p^2 + k_1 p + k_2)` (Khalil,
 Nonlinear Systems, 3rd ed., Theorem 7.1). It does not depend on beta. With G_1 and G_2 within their bounds along a
-solution, :math:`\dot V \le -\phi_1' \epsilon |\xi|^2` for some :math:`\epsilon > 0`, and as :math:`\phi_1' = \tfrac12
+solution, :math:`\dot V \le -\phi_1' \epsilon |\xi|^2` for some :math:`\epsilon > 0`. Since :math:`\phi_1' = \tfrac12
 |s|^{-1/2} + \beta` and :math:`|s|^{1/2} \le |\xi|`,
 
 .. math::
 
     \dot V \le -\frac{\epsilon}{2 \sqrt{\lambda_{max}(P)}} \sqrt V - \frac{\beta \epsilon}{\lambda_{max}(P)} V:
 
-(s, w) is zero after a finite time. (V is absolutely continuous along solutions, which is all that this needs: Moreno
-and Osorio 2012. Diagonal G_i are the setting of López-Caamal and Moreno 2019, Theorem 1, that the paper cites.)
+so that (s, w) reaches zero in finite time. (The argument only requires that V is absolutely continuous along solutions:
+Moreno and Osorio 2012. Theorem 1 of López-Caamal and Moreno 2019, which the paper cites, also has diagonal G_i.)
 
-**How sharp.** Beyond L = k_2 / 2 nothing helps: z_dot can't follow a constant rate at s = 0, and s stays where
-:math:`k_2 |\phi_2(s)| = L`. For k_1^2 >= 2 k_2 the certificate reaches that limit. Below, a common quadratic V asks for
-too much: against the worst rate, L sgn(s_dot), k_1 = 2, k_2 = 10 hold out until 1.46 times the certified bound.
+**Sharpness.** No gains reject L > k_2 / 2: z_dot can't follow a constant rate at s = 0, and s stays where
+:math:`k_2 |\phi_2(s)| = L`. For k_1^2 >= 2 k_2 the certificate reaches this limit. For smaller k_1 a common quadratic V
+is conservative: under the worst rate, L sgn(s_dot), the gains k_1 = 2, k_2 = 10 converge up to 1.46 times the bound.
 
-**Sampled** with step h by explicit Euler, s and w end in a band. With beta = 0 the sampled system is the same for every
-h in the coordinates s / h^2, w / h, and so is the set of admissible disturbances, whose increments are at most L h: the
-band of s is proportional to h^2 and that of w to h (Levant 2005, Homogeneity approach to high-order sliding mode
-design). With beta > 0 the same coordinates have beta h for beta, so that this is the limit for small h.
+**Sampling.** Sampled by explicit Euler with step h, s and w converge to a band. With beta = 0 the sampled system is the
+same for every h in the coordinates s / h^2, w / h, and so is the set of admissible disturbances, whose increments are
+at most L h. The band of s is therefore proportional to h^2 and that of w to h (Levant 2005, Homogeneity approach to
+high-order sliding mode design). With beta > 0, beta h takes the place of beta in these coordinates, so that the same
+proportions hold in the limit of small h.
 """
 
 import math
@@ -91,19 +93,19 @@ from .control import Gsta, Sta
 from .faults import InputError
 
 MARGIN = 0.25
-"""What :func:`gains_for` adds to the rate that it is asked for."""
+"""Default relative margin of :func:`gains_for`."""
 _MOST = 1e50
 
 
 @dataclass(frozen=True)
 class Certificate:
-    """For which disturbances GSTA converges in finite time: |varphi_dot| <= L + L_s |s| for any L < rate, L_s < state.
+    """Bounds for finite-time convergence of GSTA: |varphi_dot| <= L + L_s |s| with any L < rate and L_s < state.
 
     Attributes:
-        rate: L [m/s^3, rad/s^3].
-        state: L_s [1/s^2]; zero for beta = 0.
-        limit: k_2/2, the rate that no gains k_1 and beta get beyond [m/s^3, rad/s^3].
-        beta: [(s/m)^(1/2)].
+        rate: bound on L [m/s^3, rad/s^3].
+        state: bound on L_s [1/s^2]; zero for beta = 0.
+        limit: k_2/2, the upper limit of rate for any k_1 and beta [m/s^3, rad/s^3].
+        beta: gain beta [(s/m)^(1/2)].
     """
 
     rate: float
@@ -113,9 +115,9 @@ class Certificate:
 
     @classmethod
     def of(cls, controller: Gsta | Sta) -> "Certificate":
-        """The certificate of a law's gains, for the worst of its axes; standard super-twisting has beta = 0.
+        """The certificate of a controller's gains, for its worst axis. Standard super-twisting has beta = 0.
 
-        Without nominal control, s_dot keeps the A s that eq. (22) would have cancelled: a vanishing part with G_1 in
+        Without nominal control, eq. (22) does not cancel the term A s in s_dot. It is a vanishing part with G_1 in
         [A / beta, 0].
 
         Raises:
@@ -133,18 +135,18 @@ class Certificate:
         return cls(rate, 2.0 * beta**2 * rate, controller.k_2 / 2.0, beta)
 
     def allowed(self, s: np.ndarray) -> np.ndarray:
-        """The greatest |varphi_dot| at s under which V still falls, delta_2 |phi_2(s)|."""
+        """Largest |varphi_dot| at s for which V decreases: delta_2 |phi_2(s)|."""
         size = np.abs(s)
         return 2.0 * self.rate * (0.5 + 1.5 * self.beta * np.sqrt(size) + self.beta**2 * size)
 
 
 def rate_bound(k_1: float, k_2: float, G_1: tuple[float, float] = (0.0, 0.0)) -> float:
-    """The least upper bound of the rates L that are certified: delta_2 / 2 of the theorem [m/s^3].
+    """Least upper bound of the certified rates L: delta_2 / 2 of the theorem [m/s^3].
 
     Args:
         k_1: [m^(1/2)/s^(3/2)].
         k_2: [m/s^3].
-        G_1: range of the vanishing part, rho_1 = G_1 phi_1(s), in k_1's unit; where it has a width, the bound is less.
+        G_1: range of the vanishing part, rho_1 = G_1 phi_1(s), in the unit of k_1. A wide range reduces the bound.
 
     Raises:
         InputError: a gain is too large or too small to compute with.
@@ -160,7 +162,7 @@ def rate_bound(k_1: float, k_2: float, G_1: tuple[float, float] = (0.0, 0.0)) ->
 
 
 def _in_range(**values: float) -> None:
-    """Raise InputError for what is no size, and for what overflows when it is squared or divided by."""
+    """Raise InputError for negative and NaN values, and for values that overflow when squared or inverted."""
     for name, value in values.items():
         if not 0.0 <= value <= _MOST:
             raise InputError(f"{name} {value:g}: must be from 0 to {_MOST:g}")
@@ -169,14 +171,14 @@ def _in_range(**values: float) -> None:
 
 
 def _second_condition(delta: float, a_min: float, spread: float, k_2: float) -> float:
-    """Right side minus left side, which falls with delta."""
+    """Right side minus left side of the theorem's second condition. It decreases with delta."""
     root = math.sqrt(k_2**2 - delta**2)
     two_p = a_min - math.sqrt(max(0.0, a_min**2 - 2.0 * (k_2 - root)))  # Delta^2 = 2 k_2 - 2 root
     return 2.0 * (k_2 - delta + root) - 0.5 * spread * two_p
 
 
 def lyapunov_matrix(k_1: float, k_2: float, rate: float, G_1: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
-    """P (2, 2) of V = xi^T P xi, which falls for every disturbance up to the rate; the middle of those that do.
+    """P (2, 2) of a V = xi^T P xi that decreases for every disturbance up to the rate, midway in the admissible range.
 
     Raises:
         ValueError: the rate is not below :func:`rate_bound`.
@@ -187,36 +189,36 @@ def lyapunov_matrix(k_1: float, k_2: float, rate: float, G_1: tuple[float, float
     low, high = math.sqrt(k_2 - 2.0 * rate), math.sqrt(k_2 + 2.0 * rate)
 
     def excess(p: float) -> float:
-        """How much more room the second condition of the proof leaves than the first."""
+        """Slack of the second condition of the proof minus that of the first."""
         return low + high - math.sqrt(p * (a_min - p)) - math.sqrt(p * (a_max - p))
 
     p = a_min / 2.0
     if excess(p) < 0.0:
         p = brentq(excess, 0.0, p)
-    D = (0.5 * (low + high)) ** 2  # halfway between sqrt(b_max) - m_min, the greater one here, and sqrt(b_min) + m_min
+    D = (0.5 * (low + high)) ** 2  # halfway between sqrt(b_max) - m_min, here the larger one, and sqrt(b_min) + m_min
     return np.array([[D + p**2, -p], [-p, 1.0]])
 
 
 def gains_for(rate: float, state: float = 0.0, beta: float = 0.0, margin: float = MARGIN) -> tuple[float, float]:
-    """Gains (k_1, k_2) under which |varphi_dot| <= (1 + margin) (rate + state |s|) is the certified bound.
+    """Gains (k_1, k_2) whose certified bound is |varphi_dot| <= (1 + margin) (rate + state |s|).
 
-    k_2 is the least that there is, as none below twice the rate can follow; it is also the size of the jumps of z_dot
-    about s = 0. k_1 = (2 k_2)^(1/2) is the least with which the certificate reaches k_2 / 2.
+    k_2 is the smallest possible value, because z_dot can't follow a rate above k_2 / 2. It is also the size of the
+    jumps of z_dot about s = 0. k_1 = (2 k_2)^(1/2) is the smallest value for which the certificate reaches k_2 / 2.
 
     Args:
         rate: L [m/s^3, rad/s^3].
         state: L_s [1/s^2].
-        beta: [(s/m)^(1/2)].
-        margin: as a part of the bound.
+        beta: gain beta [(s/m)^(1/2)].
+        margin: margin relative to the bound [1].
 
     Raises:
-        InputError: a bound is negative, too large or too small to compute with, or there are no such gains.
+        InputError: a bound is negative, too large or too small to compute with, or no gains exist.
     """
     _in_range(rate=rate, state=state, beta=beta, margin=margin)
     if rate == 0.0 == state:
-        raise InputError("rate 0: a disturbance that never changes needs no least gains; give a positive rate")
+        raise InputError("rate 0: a constant disturbance sets no lower limit for the gains; give a positive rate")
     if state > 0.0 and beta == 0.0:
-        raise InputError(f"state {state:g}: a rate that grows with s can be followed with beta > 0 only")
+        raise InputError(f"state {state:g}: a rate that grows with s needs beta > 0")
     delta = 2.0 * rate if state == 0.0 else max(2.0 * rate, state / beta**2)
     k_2 = (1.0 + margin) * delta
     return math.sqrt(2.0 * k_2), k_2

@@ -1,6 +1,7 @@
-"""The colours of figures and viewers: Okabe and Ito's, which the colour-blind can tell apart, and one for each law.
+"""Colours of figures and viewers: the palette of Okabe and Ito, which colour-blind readers can distinguish.
 
-A run has the colour of its law in every picture. Several runs of one law have shades of it, from dark to light.
+A run has the colour of its law in every picture. Several runs of one law have shades of this colour, from dark to
+light.
 """
 
 from collections import Counter
@@ -11,27 +12,27 @@ Colour = tuple[int, int, int]
 ORANGE, SKY, GREEN = (230, 159, 0), (86, 180, 233), (0, 158, 115)
 YELLOW, BLUE, VERMILLION, PURPLE = (240, 228, 66), (0, 114, 178), (213, 94, 0), (204, 121, 167)
 LAWS: dict[str, Colour] = {"impedance": PURPLE, "fosm": ORANGE, "gsta": BLUE, "sta": SKY, "ideal": GREEN}
-"""Of the laws that ship, by their names."""
+"""Colours of the built-in laws, by name."""
 _OTHERS: tuple[Colour, ...] = (VERMILLION, (120, 94, 60), (110, 110, 110), (150, 160, 30))
-"""Of other laws, in the order in which they come."""
+"""Colours of other laws, in order of appearance."""
 _DARKEST, _LIGHTEST = -0.3, 0.5
-"""Shades of a law's colour: mixed with so much black, or white."""
+"""Range of the shades of a law's colour: shares of black (negative) and of white."""
 _FEW = 3
-"""So many runs of a law have its colour itself and lighter shades."""
+"""Up to this many runs of a law have its colour and lighter shades only."""
 
 
 def mixed(colour: Colour, share: float) -> Colour:
-    """A colour mixed with white, or with black where the share is negative."""
+    """A colour mixed with a share of white, or of black if the share is negative."""
     target, part = (255, share) if share > 0.0 else (0, -share)
     r, g, b = (round(c + part * (target - c)) for c in colour)
     return r, g, b
 
 
 def of_runs(laws: Sequence[str]) -> list[Colour]:
-    """A colour for each run, from the names of their laws.
+    """One colour for each run, from the names of the laws.
 
     Args:
-        laws: ``gsta``, or ``file.py:Class`` of a law that does not ship, one for each run.
+        laws: the law of each run: ``gsta``, or ``file.py:Class`` for a law that is not built in.
     """
     others = [law for law in dict.fromkeys(laws) if law not in LAWS]
     base = LAWS | {law: _OTHERS[i % len(_OTHERS)] for i, law in enumerate(others)}

@@ -1,4 +1,4 @@
-"""What a user sees in a terminal: progress and warnings on standard error, results on standard output."""
+"""Terminal output: progress and warnings on standard error, results on standard output."""
 
 import contextlib
 import json
@@ -10,30 +10,33 @@ from typing import Any
 import click
 
 ROUNDING = 1e-9
-"""A number smaller than this, relative or in SI units, is rounding, and is shown as zero."""
+"""Numbers smaller than this, relative or in SI units, come from rounding and are shown as zero."""
 
 
 def printable(text: str) -> str:
-    """Text in which control characters are spelt out: a name in a log, or of a file, must not steer the terminal."""
+    """Text with control characters escaped: names of files, or in a log, must not control the terminal."""
     return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
 
 
 class Console:
-    """What the user sees: progress and warnings on standard error, the result on standard output."""
+    """Prints progress and warnings to standard error and the result to standard output."""
 
     def __init__(self, as_json: bool, quiet: bool) -> None:
         self.as_json, self.quiet = as_json, quiet
         self._out = sys.stdout
 
     def alone(self) -> contextlib.AbstractContextManager[Any]:
-        """Where standard output is for one JSON object, what a law prints goes to standard error."""
+        """A context in which a law's own prints go to standard error if standard output is reserved for JSON."""
         return contextlib.redirect_stdout(sys.stderr) if self.as_json else contextlib.nullcontext()
 
     def warn(self, message: Any, category: Any, *_: Any, **__: Any) -> None:
         click.echo(f"warning: {printable(str(message))}", err=True)
 
     def progress(self, scenario: Any) -> Any:
-        """A context manager that gives a function of steps done and their number; it draws where somebody looks."""
+        """A context manager that returns a function of the steps done and their total.
+
+        The function draws a progress bar if standard error is a terminal.
+        """
         if self.quiet or not sys.stderr.isatty():
             return contextlib.nullcontext(lambda done, total: None)
         return _bar(scenario)
@@ -71,13 +74,13 @@ def _bar(scenario: Any) -> Any:
 
 
 def log_tables(path: Any, trace: Any, files: Mapping[str, bytes]) -> None:
-    """What a log holds: its samples, its files, and what made it."""
+    """Print the contents of a log: its rows, attachments, law, versions and topics."""
     from rich.table import Table
 
     from .mcap_log.layout import Format
 
     header = trace.header
-    table = Table(title="what the log holds", show_header=False, title_justify="left", min_width=60)
+    table = Table(title="contents of the log", show_header=False, title_justify="left", min_width=60)
     table.add_row("file", f"{printable(str(path))}, {path.stat().st_size / 1e6:.1f} MB")
     rate = 1.0 / (header.row_steps * header.scenario.simulation.timestep)
     table.add_row("rows", f"{len(trace)} at {rate:g} Hz, {trace.t[0]:g} to {trace.t[-1]:g} s" if len(trace) else "0")
@@ -98,15 +101,18 @@ def log_tables(path: Any, trace: Any, files: Mapping[str, bytes]) -> None:
 
 
 def print_table(table: Any) -> None:
-    """A table as wide as the terminal, or 120 columns where there is none; brackets are units, not markup."""
+    """Print a table as wide as the terminal, or 120 columns without one. Brackets are units, not markup."""
     import rich.console
 
     rich.console.Console(width=None if sys.stdout.isatty() else 120, markup=False, highlight=False).print(table)
 
 
 def _run_table(trace: Any, report: dict[str, Any]) -> None:
-    """A run in a few lines. Peaks and instants depend on the time step, and are printed with four digits at most. A
-    force at rest does not; it is printed with the digits that stayed the same in the final window, seven at most."""
+    """Print a run in a few lines.
+
+    Peaks and instants depend on the time step and get at most four digits. A force at rest does not depend on it and
+    gets the digits that did not change in the final window, at most seven.
+    """
     from rich.table import Table
 
     table = Table(
@@ -174,5 +180,5 @@ def _run_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _vector(values: Any, decimals: int) -> str:
-    """Numbers of one width, so that those of two lines stand under each other; zero has no sign."""
+    """Numbers of equal width, so that the columns of two lines are aligned; zero has no sign."""
     return " ".join(f"{round(float(value), decimals) + 0.0: .{decimals}f}" for value in values)

@@ -1,22 +1,23 @@
-r"""Error bars of a run: the same run at the time steps h, h/2 and h/4, and what its numbers tend to.
+r"""Error bars of a run: the same run at the time steps h, h/2 and h/4, and the limits of its numbers.
 
-With :math:`f_1, f_2, f_3` of a number at h, h/2, h/4 and :math:`f(h) = f_0 + c h^p` (Richardson's extrapolation),
+With the values :math:`f_1, f_2, f_3` of a number at h, h/2, h/4 and :math:`f(h) = f_0 + c h^p` (Richardson's
+extrapolation),
 
 .. math::
 
     p = \log_2 \frac{f_1 - f_2}{f_2 - f_3}, \qquad f_0 = f_3 + \frac{f_3 - f_2}{2^p - 1}, \qquad
     U = 1.25 \left| \frac{f_3 - f_2}{2^p - 1} \right|
 
-U is the grid convergence index of three grids (Roache, J. Fluids Eng. 116, 1994). It is meant for 0.5 <= p <= 2.1.
-Elsewhere, and where the three don't tend to one side, no order is given: the result is f_3 with three times the spread
-of the three (Eça and Hoekstra, J. Comput. Phys. 262, 2014). So it is for an instant, which is known to a step
-only: its band is wider by the finest step.
+U is the grid convergence index of three grids (Roache, J. Fluids Eng. 116, 1994). It is valid for 0.5 <= p <= 2.1. For
+other orders, and for sequences that are not monotone, no order is given: the result is f_3 with three times the spread
+of the three values (Eça and Hoekstra, J. Comput. Phys. 262, 2014). The same holds for instants, which are resolved to
+one step only. Their band is wider by the finest step.
 
-The bars are those of the time step. What does not depend on it is not in them: MuJoCo's contact is an inerter as well,
-which takes some 6e-5 off a peak.
+The error bars cover the time step. They exclude errors that do not depend on it: MuJoCo's contact also acts as an
+inerter, which reduces a peak by some 6e-5.
 
-A law without ``controller.period`` is sampled at every step, so that its numbers tend to those of the continuous law. A
-given period stays as it is, and the numbers tend to those of the sampled law.
+A law without ``controller.period`` is sampled at every step, and its numbers tend to those of the continuous law. A
+given period is kept, and the numbers tend to those of the sampled law.
 """
 
 import dataclasses
@@ -38,11 +39,11 @@ from .summary import AROUND_THE_END_S, summary
 
 LEVELS = 3
 ORDERS = (0.5, 2.1)
-"""Observed orders that are taken for one; semi-implicit Euler has 1."""
+"""Range of accepted observed orders; the order of semi-implicit Euler is 1."""
 ROUNDING = 1e-9
-"""Numbers that differ by less than this part of themselves don't depend on the step."""
+"""Relative difference below which numbers count as equal [1]."""
 RESOLUTION = 1e-11
-"""... nor do numbers that differ by less than this, in SI units."""
+"""Absolute difference below which numbers count as equal, in SI units."""
 _INSTANT = "contact.first_s"
 _VECTORS = {"final.position_m": 3, "final.attitude_wxyz": 4, "final.s": 6, "final.z": 6, "final.tau": 6}
 METRICS = (
@@ -56,21 +57,21 @@ METRICS = (
     "saturated_s",
     *(f"{name}[{i}]" for name, size in _VECTORS.items() for i in range(size)),
 )
-"""Every number that can be asked for, by its place in the JSON of ``uvms-mj run``."""
+"""All metrics that can be requested, by their place in the JSON of ``uvms-mj run``."""
 DEFAULT = (*METRICS[:5], "effort_N2s", "final.position_m")
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a number of a run tends to.
+    """Limit of a metric for vanishing time step.
 
     Attributes:
-        name: the number's, as in :data:`METRICS`.
-        values: at h, h/2 and h/4; None where a run has no such number.
-        order: observed order p, or None where the numbers show none.
-        value: the extrapolated number, or the best that there is; None for counts that differ and for missing numbers.
+        name: name of the metric, as in :data:`METRICS`.
+        values: at h, h/2 and h/4; None if a run has no such number.
+        order: observed order p; None if no order can be observed.
+        value: the extrapolated number, or the best estimate; None if counts differ or numbers are missing.
         uncertainty: half the width of the band about ``value``.
-        remark: how ``value`` was found, where it was not extrapolated.
+        remark: how ``value`` was found if it was not extrapolated.
     """
 
     name: str
@@ -83,13 +84,13 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Convergence:
-    """Three runs of a scenario.
+    """Result of three runs of a scenario.
 
     Attributes:
-        scenario: the coarsest, with every default written out.
+        scenario: that of the coarsest run, with every default written out.
         timesteps: h, h/2, h/4 [s].
-        estimates: one for each number that was asked for.
-        notes: warnings of the three runs, each with the coarsest time step that it was given at.
+        estimates: one for each requested metric.
+        notes: warnings of the three runs, each with the coarsest time step at which it occurred.
     """
 
     scenario: Scenario
@@ -99,7 +100,7 @@ class Convergence:
 
 
 class NotCompletedError(RuntimeError):
-    """One of the runs became unstable, so that there is nothing to compare."""
+    """One of the runs did not complete, e.g. because it diverged."""
 
 
 def converge(
@@ -113,15 +114,15 @@ def converge(
     """Run a scenario at its time step, half and a quarter of it, and extrapolate its numbers.
 
     Args:
-        scenario: what to run; default: the paper's scenario. Its time step is the coarsest.
-        metrics: names of :data:`METRICS`; a vector's name, ``final.position_m``, stands for all its components.
-        controller: a law with its gains, in place of the scenario's.
+        scenario: scenario to run; default: the paper's scenario. Its time step is the coarsest.
+        metrics: names of :data:`METRICS`; the name of a vector, e.g. ``final.position_m``, selects all components.
+        controller: controller to use in place of the scenario's.
         mjcf: the vehicle's model, as for :func:`uvms_mj.simulate`.
-        progress: called now and then with the steps done in all runs, and their number.
+        progress: called repeatedly with the steps done in all runs and their total.
 
     Raises:
         InputError: a metric is unknown, or the scenario can't run at one of the steps.
-        NotCompletedError: a run became unstable.
+        NotCompletedError: a run did not complete.
         LawError: the law raised.
         KeyboardInterrupt: a run was interrupted.
     """
@@ -140,7 +141,7 @@ def converge(
             if progress is not None:
                 progress(before + done, sum(steps))
 
-        with warnings.catch_warnings():  # they are in the trace's notes
+        with warnings.catch_warnings():  # the trace's notes contain them
             warnings.simplefilter("ignore", SamplingWarning)
             warnings.simplefilter("ignore", PlainPythonWarning)
             trace = simulate(each, mjcf=mjcf, keep_s=AROUND_THE_END_S, progress=advance)
@@ -159,18 +160,18 @@ def converge(
 
 
 def extrapolated(name: str, values: tuple[float | None, ...], grain: float = 0.0) -> Estimate:
-    """What a number tends to, by the formulas at the top of this module.
+    """Limit of a metric, by the formulas at the top of this module.
 
     Args:
-        name: the number's.
+        name: name of the metric.
         values: at h, h/2 and h/4.
-        grain: the number is known to this only, as an instant is to a step.
+        grain: resolution of the values, e.g. one step for an instant; 0 if they are exact.
     """
     known = [value for value in values if value is not None]
     if not known:
-        return Estimate(name, values, remark="in no run")
+        return Estimate(name, values, remark="missing in every run")
     if len(known) < len(values):
-        return Estimate(name, values, remark="not in every run")
+        return Estimate(name, values, remark="missing in some runs")
     f_1, f_2, f_3 = known
     if all(isinstance(value, int) for value in known):
         if f_1 == f_2 == f_3:
@@ -178,22 +179,22 @@ def extrapolated(name: str, values: tuple[float | None, ...], grain: float = 0.0
         return Estimate(name, values, remark="counts differ")
     spread = max(known) - min(known)
     if grain > 0.0:
-        return Estimate(name, values, value=f_3, uncertainty=3.0 * spread + grain, remark="to a step: 3 x spread")
+        return Estimate(name, values, value=f_3, uncertainty=3.0 * spread + grain, remark="known to a step: 3 x spread")
     if spread <= max(RESOLUTION, ROUNDING * max(abs(value) for value in known)):
-        return Estimate(name, values, value=f_3, uncertainty=spread, remark="equal but for rounding")
+        return Estimate(name, values, value=f_3, uncertainty=spread, remark="equal up to rounding")
     before, last = f_2 - f_1, f_3 - f_2
     if before * last <= 0.0:
         return Estimate(name, values, value=f_3, uncertainty=3.0 * spread, remark="not monotone: 3 x spread")
     p = math.log2(before / last)
     if not ORDERS[0] <= p <= ORDERS[1]:
-        remark = f"order {p:.2f} makes no sense: 3 x spread" if p > 0.01 else "differences don't shrink: 3 x spread"
+        remark = f"order {p:.2f} is out of range: 3 x spread" if p > 0.01 else "differences don't shrink: 3 x spread"
         return Estimate(name, values, value=f_3, uncertainty=3.0 * spread, remark=remark)
     rest = last / (2.0**p - 1.0)
     return Estimate(name, values, p, f_3 + rest, 1.25 * abs(rest))
 
 
 def _refined(scenario: Scenario) -> list[Scenario]:
-    """The scenario at h, h/2, h/4, all of one duration: a whole number of the coarsest steps."""
+    """The scenario at h, h/2, h/4, each with the same duration: a whole number of the coarsest steps."""
     h = scenario.simulation.timestep
     duration = scenario.steps * h
     try:
@@ -205,7 +206,7 @@ def _refined(scenario: Scenario) -> list[Scenario]:
 
 
 def _names(metrics: Sequence[str]) -> list[str]:
-    """The numbers that are asked for, each once, vectors by their components."""
+    """Names of the requested metrics without duplicates, vectors as components. Raises InputError."""
     names: list[str] = []
     faults = []
     for metric in metrics:
@@ -215,19 +216,19 @@ def _names(metrics: Sequence[str]) -> list[str]:
             names += [f"{metric}[{i}]" for i in range(_VECTORS[metric])]
         else:
             known = [name for name in METRICS if "[" not in name] + list(_VECTORS)
-            faults.append(Fault(metric, f"no such metric; {suggestion(metric, known)}"))
+            faults.append(Fault(metric, f"is not a metric; {suggestion(metric, known)}"))
     if faults:
         raise InputError(faults, "metrics")
     return list(dict.fromkeys(names))
 
 
 def _words(note: str) -> str:
-    """A warning without its numbers, which differ from step to step."""
+    """A warning without its numbers, which depend on the time step."""
     return re.sub(r"[\d.e+-]*\d", "", note)
 
 
 def _flat(report: Any, name: str = "") -> dict[str, Any]:
-    """Every leaf of a report by its place, ``contact.peak_N`` or ``final.s[0]``."""
+    """Every leaf of a report by its place, e.g. ``contact.peak_N`` or ``final.s[0]``."""
     if isinstance(report, dict):
         return {k: v for key, each in report.items() for k, v in _flat(each, f"{name}.{key}" if name else key).items()}
     if isinstance(report, list):

@@ -1,4 +1,4 @@
-"""The disturbance that the sliding mode of a run had to reject, eqs. (11) and (28), and how fast it changed."""
+"""The disturbance that the sliding mode of a run had to reject, eqs. (11) and (28), and its rate of change."""
 
 import math
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from .recording import Status
 from .trace import Trace
 
 ROWS_S = 1.5e-3
-"""Rows further apart than this, unless they are of every step, may miss how fast a disturbance was [s]."""
+"""Rows further apart than this may miss the largest rate of a disturbance, unless the log has every step [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,14 +24,14 @@ class Experienced:
     Attributes:
         t: (n,) [s].
         varphi: (n, 6) [m/s^2, rad/s^2].
-        rate: (n - 1, 6) difference quotients from one row to the next [m/s^3, rad/s^3]: means over the rows' distance,
-            so that what changes within it shows in a log with more rows only. varphi itself is continuous at an
-            impact, for it depends on nu and not on the contact force; its rate is largest there, as nu_dot is.
-        doubt: (6,) the largest rate of all rows over that of every second one, at least 1, and 1 for a log of every
-            step: by about as much again may the true one be larger. Verdicts take the rate times this.
+        rate: (n - 1, 6) difference quotients from one row to the next [m/s^3, rad/s^3]. They are means between rows, so
+            that faster changes need a log with more rows. varphi is continuous at an impact, because it depends on nu
+            and not on the contact force. Its rate is largest there, like nu_dot.
+        doubt: (6,) ratio of the largest rate of all rows to that of every second row, at least 1; 1 for a log of every
+            step. It estimates by how much the true rate may be larger. Verdicts use the rate times this factor.
         contact_lag: (6,) largest M_hat^-1 (tau_c - tau_c_given) [m/s^2, rad/s^2]. A law that holds its command for
-            longer than a time step holds the contact force with it. That is a disturbance too, but it jumps at each
-            touch and has no rate. It widens the band in proportion to the period, and is not in varphi.
+            longer than a time step also holds the contact force. The difference is a disturbance, but it jumps at each
+            touch and has no rate. It widens the band in proportion to the period and is not part of varphi.
     """
 
     t: np.ndarray
@@ -41,12 +41,12 @@ class Experienced:
     contact_lag: np.ndarray
 
     def largest_rate(self, start: float = -math.inf, end: float = math.inf) -> np.ndarray:
-        """(6,) of the rows from start to end [s]; zero if there are none."""
+        """Largest |rate| (6,) of the rows from start to end [s]; zero without rows."""
         inside = (self.t[:-1] >= start) & (self.t[1:] <= end)
         return np.abs(self.rate[inside]).max(axis=0, initial=0.0)
 
     def time_beyond(self, certificate: Certificate, s: np.ndarray) -> np.ndarray:
-        """(6,) time for which the rate was not below what is certified at s (n, 6), and V may have grown [s]."""
+        """Time (6,) for which the rate was not below the certified bound at s (n, 6), so that V may have grown [s]."""
         crossed = s[:-1] * s[1:] <= 0.0
         nearest = np.where(crossed, 0.0, np.minimum(np.abs(s[:-1]), np.abs(s[1:])))
         return np.diff(self.t) @ (np.abs(self.rate) * self.doubt >= certificate.allowed(nearest))
@@ -54,23 +54,23 @@ class Experienced:
 
 @dataclass(frozen=True)
 class NotGiven:
-    """Why the disturbance of a run is not given."""
+    """Reason why the disturbance of a run cannot be computed."""
 
     reason: str
 
 
 def experienced(trace: Trace) -> Experienced | NotGiven:
-    """The disturbance that the sliding mode of a run had to reject, from its samples and the true coefficients.
+    """Disturbance that the sliding mode of a run had to reject, from its samples and the true coefficients.
 
-    Besides tau_bar_dist of eq. (11) that is what eq. (10) leaves out, the wrench that saturated thrusters did not give;
-    what eq. (18) leaves out, F_1 (omega x p_e), for p_e is in B; and, where GSTA works alone, the nominal control (23)
-    that it has to make up for.
+    It contains tau_bar_dist of eq. (11); the wrench that saturated thrusters did not deliver, which eq. (10) omits;
+    F_1 (omega x p_e), which eq. (18) omits and which arises because p_e is in B; and, for GSTA alone, the missing
+    nominal control (23).
     """
     controller = trace.scenario.controller
     if trace.scenario.estimates.inertia != 1.0:
-        return NotGiven("M_hat is not M: varphi then contains (M_hat - M) nu_dot, and with it the law's own switching")
+        return NotGiven("M_hat is not M: varphi contains (M_hat - M) nu_dot and therefore the switching of the law")
     if trace.status is Status.unstable:
-        return NotGiven("the run became unstable")
+        return NotGiven("the run diverged")
     if len(trace) < 4:
         return NotGiven("fewer than four samples")
     apart = float(np.diff(trace.t).max())
@@ -95,7 +95,7 @@ def _rate(t: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def lumped_disturbance(trace: Trace, plant: Plant) -> np.ndarray:
-    """tau_bar_dist (n, 6) of the paper's eq. (11) [N, N m], estimates minus truth as there."""
+    """tau_bar_dist (n, 6) of the paper's eq. (11), estimates minus truth [N, N m]."""
     scenario, vehicle, gravity = trace.scenario, plant.vehicle, plant.model.opt.gravity
     factors = scenario.estimates
     nu, nu_c = trace.nu, _in_body(trace, np.array(scenario.current.velocity_W))
@@ -124,7 +124,7 @@ def lumped_disturbance(trace: Trace, plant: Plant) -> np.ndarray:
 
 
 def _in_body(trace: Trace, a_W: np.ndarray) -> np.ndarray:
-    """(n, 6): a_W, (3,) or (n, 3), in B, and three zeros."""
+    """(n, 6): a_W, (3,) or (n, 3), resolved in B and followed by three zeros."""
     a_B = np.zeros((len(trace), 6))
     a_B[:, :3] = np.einsum("nij,ni->nj", rotation_matrices(trace.quat_WB), np.broadcast_to(a_W, (len(trace), 3)))
     return a_B

@@ -1,4 +1,4 @@
-"""Numbers from a trace: pure functions."""
+"""Metrics of a trace. All are pure functions."""
 
 import functools
 import itertools
@@ -16,20 +16,20 @@ from .trace import Trace
 from .vehicle import Vehicle
 
 SETTLED = 1e-3
-"""A force that changes by less than this part of itself over the final window has settled."""
+"""Relative change over the final window below which a force counts as settled [1]."""
 AT_REST = 1e-4
-"""Without contact, a vehicle slower than this has settled [m/s, rad/s]."""
+"""Speed below which a vehicle without contact counts as settled [m/s, rad/s]."""
 FAST_S = 0.01
-"""Variation of tau that cancels within this time is chattering, not control [s]."""
+"""Variation of tau that cancels within this time counts as chattering, not as control [s]."""
 FAST_PERIODS = 10
-"""... or within this many control periods, where these take longer: a held command has no variation inside a period."""
+"""Least length of the interval for chattering, in control periods: a held command does not vary within a period."""
 
 
 def final_force(trace: Trace) -> tuple[float | None, bool]:
-    """Mean pushing force over the last 0.5 s [N], and whether it has settled there.
+    """Mean pushing force over the last 0.5 s [N], and whether it has settled in this window.
 
-    Both come from every step, whatever the log rate. A run that stopped early has the mean over its own last 0.5 s of
-    rows, and has not settled.
+    Both are computed from every step, at any log rate. For a run that stopped early, the mean is taken over the last
+    0.5 s of its rows, and the force has not settled.
     """
     if len(trace) == 0:
         return None, False
@@ -44,13 +44,13 @@ def final_force(trace: Trace) -> tuple[float | None, bool]:
     return float(impulse[-1] - impulse[start]) / window if window > 0.0 else float(trace.push[-1]), False
 
 
-# Numbers of a whole run or a part of it. Times [s] are those of rows: the first at or after `start`, the last at or
-# before `end`; vectors (6,) are [N, N m] unless another unit is given. What is accumulated at every step is taken as
-# the difference of a running signal between two rows, so that it does not depend on the log rate.
+# Metrics of a whole run or a part of it. A part extends from the first row at or after `start` to the last row at or
+# before `end` [s]. Vectors (6,) are [N, N m] unless another unit is given. Quantities that accumulate at every step are
+# differences of a running signal between two rows, so that they do not depend on the log rate.
 
 
 def settling_time(t: np.ndarray, y: np.ndarray, final: float, tolerance: float) -> float | None:
-    r"""The instant after which |y - final| <= tolerance until the end of t [s]; None if the last sample is outside.
+    r"""Time from which |y - final| <= tolerance until the end of t [s]; None if the last sample is outside.
 
     .. math:: t_s = \min \{ t_k : |y_j - y_\infty| \le \delta \;\forall j \ge k \}
     """
@@ -61,9 +61,9 @@ def settling_time(t: np.ndarray, y: np.ndarray, final: float, tolerance: float) 
 
 
 def position_settling_time(trace: Trace, band: float = 0.02) -> float | None:
-    """When x of W came to within ``band`` times its whole change of its final mean, for good [s].
+    """Time from which x of W stays near its final mean, within ``band`` times its whole change [s].
 
-    None where x :func:`drifts` at the end of the run: its final mean is then not where it settles.
+    None if x :func:`drifts` at the end of the run, because it has not settled at its final mean.
     """
     x = trace.p_WB[:, 0]
     final = _final_mean(trace, x)
@@ -72,11 +72,11 @@ def position_settling_time(trace: Trace, band: float = 0.02) -> float | None:
 
 
 def force_settling_time(trace: Trace, band: float = 0.02) -> float | None:
-    """When the pushing force came to within ``band`` of :func:`final_force`, for good [s]; None without contact.
+    """Time from which the pushing force stays within the relative ``band`` about :func:`final_force` [s].
 
-    None also where :func:`final_force` says that the force has not settled, and where it :func:`drifts` at the end of
-    the run. Of rows: between two of them the force may leave the band unseen, so that it takes some rows for each
-    rebound.
+    None without contact, if the force has not settled according to :func:`final_force`, or if it :func:`drifts` at the
+    end of the run. The time comes from rows. The force may leave the band unnoticed between two rows, so the log needs
+    several rows per rebound.
     """
     final, settled = final_force(trace)
     if not final or not settled:
@@ -86,12 +86,12 @@ def force_settling_time(trace: Trace, band: float = 0.02) -> float | None:
 
 
 def drifts(t: np.ndarray, y: np.ndarray, since: float, tolerance: float) -> bool:
-    r"""Whether y (n,) only passes through its band of ``tolerance``, which it entered at ``since``.
+    r"""Whether y (n,) only passes through the band of ``tolerance`` that it entered at ``since``.
 
     .. math:: |\bar y_4 - \bar y_3| > \delta / 8
 
-    with the means over the third and the last quarter of the time in the band. A steady ramp has :math:`\delta / 4` on
-    the left side; an exponential never has more than 0.12 :math:`\delta`, and a steady swing has nearly none.
+    with the means over the third and the last quarter of the time in the band. The left side is :math:`\delta / 4` for
+    a steady ramp, at most 0.12 :math:`\delta` for an exponential, and almost zero for a steady oscillation.
     """
     third, last = (y[(t >= a) & (t <= b)] for a, b in itertools.pairwise(since + (t[-1] - since) * _QUARTERS))
     return not (len(third) and len(last) and abs(last.mean() - third.mean()) <= tolerance / 8.0)
@@ -101,7 +101,7 @@ _QUARTERS = np.array([0.5, 0.75, 1.0])
 
 
 def overshoot(trace: Trace) -> float | None:
-    r"""How far x of W went beyond its final mean, as a part of its whole change [1]; None if it has not settled.
+    r"""Overshoot of x of W beyond its final mean, relative to its whole change [1]; None if x has not settled.
 
     .. math:: \max(0, \max_k \sigma (x_k - x_\infty)) / |x_\infty - x_0|, \qquad \sigma = \mathrm{sgn}(x_\infty - x_0)
     """
@@ -114,9 +114,9 @@ def overshoot(trace: Trace) -> float | None:
 
 
 def impact_impulse(trace: Trace) -> float | None:
-    """Impulse of the first touch, from first contact until the wall was free again [N s]; None without contact.
+    """Impulse of the first touch, from first contact to the first loss of contact [N s]; None without contact.
 
-    The integral is that of every step; the end of the touch is seen in rows. The peak is ``force_peak``.
+    The integral includes every step. The end of the touch is detected in the rows.
     """
     begun = np.flatnonzero(trace.impulse > 0.0)
     if not len(begun):
@@ -126,7 +126,7 @@ def impact_impulse(trace: Trace) -> float | None:
 
 
 def demanded_force(trace: Trace) -> float:
-    """The pushing force at rest that the desired impedance demands, :func:`uvms_mj.closed_forms.demanded_force` [N]."""
+    """Pushing force at rest that the desired impedance demands, by :func:`uvms_mj.closed_forms.demanded_force` [N]."""
     return closed_forms.demanded_force(trace.scenario, trace.scenario.wall.stiffness)
 
 
@@ -137,24 +137,24 @@ def steady_force_error(trace: Trace) -> float | None:
 
 
 def impedance_error(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndarray:
-    r"""Rms of the residual of eq. (12), or (7) where K_f and F_d are given, averaged over 10 ms each (6,).
+    r"""Rms (6,) of the residual of eq. (12), or of eq. (7) with K_f and F_d, after averaging over 10 ms intervals.
 
     .. math:: r_j = \frac{1}{T} \int_{t_j}^{t_j + T} (M_d \dot{\tilde\nu} + D_d \tilde\nu + K_d \tilde\eta
               - K_f (\tau_c - F_d)) \, dt, \qquad \sqrt{\tfrac{1}{n} \sum_j r_j^2}
 
-    No acceleration, and no step between two rows, is sampled, but their sums are: that of nu_dot is the difference
-    of nu_e, that of the normal force the running impulse, that of nu_e the way from row to row. All three are
-    exact, also where s changes its sign with every step: a sum over steps has nu at their beginning, while the
-    vehicle moves by nu at their end (h nu is what its way has more), and the reference by the mean of both (h/2
-    nu_d). eta_e and the turn of B are of rows, by the trapezoidal rule: at rest any log rate will do, for an impact
-    1 kHz or more. So is friction, which may change its sign with every step: against a wall that has it, a log that
-    lacks steps gives nan where friction enters.
+    Accelerations, and steps between rows, are not sampled. Their integrals come from differences between rows: that of
+    nu_dot is the change of nu_e, that of the normal force the running impulse, that of nu_e the displacement. These
+    three are exact even if s changes its sign at every step. The sum over steps contains nu at the beginning of each
+    step, while the vehicle moves with nu at its end (correction h nu) and the reference with the mean of both
+    (correction h/2 nu_d). eta_e and the rotation of B are integrated over rows by the trapezoidal rule: at rest any log
+    rate is sufficient, an impact needs 1 kHz or more. Friction is integrated over rows as well, but may change its sign
+    at every step. With wall friction, a log without every step therefore gives nan in the components with friction.
     """
     design, h = design_of(trace), trace.scenario.simulation.timestep
     rows = _grid(trace, start, end, FAST_S)
     first, last = rows[:-1], rows[1:]
     T = (trace.t[last] - trace.t[first])[:, None]
-    # a force acts from t_k on for one step: a sum from the left, which the running impulse, a trapezoid, is not
+    # A force acts from t_k on for one step, a left sum. The running impulse uses the trapezoidal rule.
     f = np.array(trace.f_contact_W)
     integral = _cumulative(trace.t, f)
     integral[:, 0] = -trace.impulse
@@ -184,12 +184,12 @@ def impedance_error(trace: Trace, start: float = 0.0, end: float = np.inf) -> np
 
 
 def _turned(R: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """(n, 3) vectors in another frame, by matrices (n, 3, 3)."""
+    """(n, 3) vectors rotated by matrices (n, 3, 3)."""
     return np.einsum("nij,nj->ni", R, a)
 
 
 def _turn(first: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """(3,) rotation in B from one attitude to the next, both unit quaternions [rad]."""
+    """Rotation vector (3,) in B from one attitude to the next, both unit quaternions [rad]."""
     turn, inverse, difference = np.zeros(3), first * [1.0, -1.0, -1.0, -1.0], np.zeros(4)
     mujoco.mju_mulQuat(difference, inverse, last)
     mujoco.mju_quat2Vel(turn, difference, 1.0)
@@ -197,24 +197,24 @@ def _turn(first: np.ndarray, last: np.ndarray) -> np.ndarray:
 
 
 def control_effort(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndarray:
-    r"""Integral of tau_i^2 (6,) [N^2 s, N^2 m^2 s], at every step."""
+    r"""Integral (6,) of tau_i^2 over every step [N^2 s, N^2 m^2 s]."""
     return _gain(trace, "effort", start, end)[0]
 
 
 def total_variation(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndarray:
-    r"""Sum of |tau_k - tau_(k-1)| over every step (6,)."""
+    r"""Sum (6,) of |tau_k - tau_(k-1)| over every step."""
     return _gain(trace, "tau_variation", start, end)[0]
 
 
 def chattering(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndarray:
-    r"""Chattering index: variation of tau a second that cancels within T (6,) [N/s, N m/s].
+    r"""Chattering index (6,): variation of tau per second that cancels within T [N/s, N m/s].
 
     .. math:: \frac{1}{t_b - t_a} \left( \sum_k |\tau_k - \tau_{k-1}| - \sum_j |\tau(t_j + T) - \tau(t_j)| \right),
               \qquad T = \max(10 \text{ ms}, 10 \, T_c)
 
-    with the first sum over every step, the second over intervals of T, and T_c the control period. A smooth input has
-    hardly any, for it turns at few instants only; an input that alternates from one control instant to the next has all
-    its total variation. nan where the part of the run is shorter than T.
+    with the first sum over every step, the second over intervals of length T, and T_c the control period. The index of
+    a smooth input is small, because it reverses only a few times. The index of an input that alternates at every
+    control instant is its total variation per second. The result is nan if the part of the run is shorter than T.
     """
     rows = _grid(trace, start, end, max(FAST_S, FAST_PERIODS * control_period(trace.scenario)))
     if len(rows) < 2:
@@ -225,7 +225,7 @@ def chattering(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndar
 
 
 def mean_change(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndarray:
-    r"""Mean change of tau from one control instant to the next (6,), of every step.
+    r"""Mean change (6,) of tau from one control instant to the next, over every step.
 
     .. math:: \frac{T_c}{t_b - t_a} \sum_k |\tau_k - \tau_{k-1}|
     """
@@ -234,13 +234,16 @@ def mean_change(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.nda
 
 
 def largest_change(trace: Trace, end: float = np.inf) -> np.ndarray:
-    """Largest change of tau from one control instant to the next until ``end`` (6,), of every step."""
+    """Largest change (6,) of tau from one control instant to the next until ``end``, over every step."""
     return trace.tau_step_max[_window(trace, 0.0, end)[1]]
 
 
 def reversals(trace: Trace, threshold: float, start: float = 0.0, end: float = np.inf) -> np.ndarray:
-    """How often tau turned back (6,) [1]: changes of more than ``threshold`` from one control instant to the next that
-    follow each other in opposite directions. Of rows: meant for logs of every step."""
+    """Number (6,) of reversals of tau [1].
+
+    A reversal is a pair of successive changes in opposite directions, each larger than ``threshold`` from one control
+    instant to the next. The count uses rows, so the log should contain every step.
+    """
     first, last = _window(trace, start, end)
     steps = np.rint(trace.t[first : last + 1] / trace.scenario.simulation.timestep)
     period_steps = round(control_period(trace.scenario) / trace.scenario.simulation.timestep)
@@ -251,17 +254,17 @@ def reversals(trace: Trace, threshold: float, start: float = 0.0, end: float = n
 
 
 def energy_from_wall(trace: Trace) -> float:
-    r"""The most energy that the vehicle had drawn from the wall at any time [J], of rows; a passive wall gives none.
+    r"""Largest net energy that the vehicle has drawn from the wall at any row [J]; zero for a passive wall.
 
     .. math:: \max\left(0, -\min_t \int_0^t -f_W^\top \dot p_{WB} \, dt\right)
 
-    The signal ``wall_work`` is the integral; at the end of a run it is the net energy that the wall has taken.
+    The integral is the signal ``wall_work``. Its value at the end of a run is the net energy absorbed by the wall.
     """
     return max(0.0, -float(trace.wall_work.min()))
 
 
 def boundary_layer_share(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndarray:
-    """Part of the time with |s_i| < epsilon (6,) [1], at every step; epsilon = 1e-3 for a law that has none."""
+    """Fraction (6,) of the time with |s_i| < epsilon, over every step [1]; epsilon = 1e-3 for laws without epsilon."""
     inside, duration = _gain(trace, "boundary_layer_time", start, end)
     return inside / max(duration, 1e-300)
 
@@ -275,13 +278,13 @@ def _window(trace: Trace, start: float, end: float) -> tuple[int, int]:
 
 
 def _gain(trace: Trace, name: str, start: float, end: float) -> tuple[np.ndarray, float]:
-    """What a running signal gained in a part of a run, and how long that is [s]."""
+    """Increase of a running signal over a part of a run, and the duration of that part [s]."""
     first, last = _window(trace, start, end)
     return trace[name][last] - trace[name][first], float(trace.t[last] - trace.t[first])
 
 
 def _grid(trace: Trace, start: float, end: float, apart: float) -> np.ndarray:
-    """Rows ``apart`` from each other [s], or all where the log is slower than that."""
+    """Indices of rows at intervals of ``apart`` [s]; of all rows if the log is slower than that."""
     first, last = _window(trace, start, end)
     instants = np.arange(trace.t[first], trace.t[last] + 1e-9, apart)
     rows = np.searchsorted(trace.t, instants - 1e-9)
@@ -299,7 +302,7 @@ def _final_mean(trace: Trace, y: np.ndarray) -> float:
 
 
 def design_of(trace: Trace) -> Design:
-    """What the law was to impose, from what the log carries."""
+    """Design of a run's controller, from the header of its log."""
     return _design(trace.header)
 
 

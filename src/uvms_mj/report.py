@@ -1,4 +1,4 @@
-"""A page about some runs: one HTML file that needs nothing else, for a screen of any width and for paper."""
+"""A report about runs: one self-contained HTML file, for screens of any width and for printing."""
 
 import base64
 import io
@@ -20,24 +20,24 @@ from .trace import Trace
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_LEVELS = "Expected: K_x (x_d - x_c), of a wall that does not give. Analytic: where this law rests at this wall."
+_LEVELS = "Expected: K_x (x_d - x_c), for a rigid wall. Analytic: force at rest of this law at this wall."
 
 CAPTIONS: Mapping[str, str] = {
-    "overview": "All runs: position, sliding variable, thrust; below, GSTA's integral term and the contact forces.",
-    "fig01": "Position with impedance control alone, which the current holds short of the wall.",
-    "fig02": "Sliding variable with impedance control alone: it is free to leave zero, and does.",
+    "overview": "All runs: position, sliding variable and thrust; below, GSTA's integral term and the contact forces.",
+    "fig01": "Position with impedance control alone. The current keeps the vehicle away from the wall.",
+    "fig02": "Sliding variable with impedance control alone, which does not keep it at zero.",
     "fig03": "Thrust with impedance control alone.",
     "fig04": "Position with the first-order law.",
-    "fig05": f"Contact force with the first-order law: the impacts, and the rest below the expected value. {_LEVELS}",
-    "fig06": "Sliding variable with the first-order law, inside the boundary layer and not zero.",
-    "fig07": "Thrust with the first-order law; the inset shows its first switching, at every step.",
+    "fig05": f"Contact force with the first-order law: impacts, then rest below the expected value. {_LEVELS}",
+    "fig06": "Sliding variable with the first-order law, inside the boundary layer but not zero.",
+    "fig07": "Thrust with the first-order law. The inset shows the initial switching at every step.",
     "fig08": "Position with GSTA.",
-    "fig09": f"Contact force with GSTA: the impacts, and the rest at the expected value. {_LEVELS}",
-    "fig10": "Sliding variable with GSTA once it has been reached; the inset shows how it is reached.",
-    "fig11": "Thrust with GSTA, with and without the nominal control; the inset is at every step.",
+    "fig09": f"Contact force with GSTA: impacts, then rest at the expected value. {_LEVELS}",
+    "fig10": "Sliding variable with GSTA after the reaching phase. The inset shows the reaching phase.",
+    "fig11": "Thrust with GSTA, with and without the nominal control. The inset shows every step.",
     "fig12": "Force part of GSTA's integral term, with and without the nominal control.",
 }
-"""What the paper's figures show, by name."""
+"""Captions of the paper's figures, by name."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,9 @@ class Picture:
     """A figure to embed.
 
     Attributes:
-        name: its anchor, and its number where it has one: fig01.
-        caption: what it shows.
-        figure: drawn as SVG, with its letters as outlines: no font is needed to read it.
+        name: its anchor, which contains its number if it has one: fig01.
+        caption: text below the figure.
+        figure: drawn as SVG with text as outlines, so that no font is needed.
     """
 
     name: str
@@ -56,18 +56,18 @@ class Picture:
 
     @property
     def number(self) -> str:
-        """As the paper counts, or nothing."""
+        """The number of the figure in the paper; empty for other figures."""
         digits = self.name.removeprefix("fig")
         return str(int(digits)) if digits.isdigit() else ""
 
     @property
     def wide(self) -> bool:
-        """Whether it takes a page's width."""
+        """Whether the figure takes the full width of a page."""
         return bool(self.figure.get_figwidth() > 5.0)
 
     @property
     def src(self) -> str:
-        """A data URI."""
+        """The figure as a data URI."""
         import matplotlib as mpl
 
         file = io.BytesIO()
@@ -77,18 +77,18 @@ class Picture:
 
 
 MOST_COLUMNS = 6
-"""Of a table, besides the names of its rows: more are cut off on paper."""
+"""Most columns of a table besides the names of its rows; more would be cut off on paper."""
 MOST_NAMES = 4
-"""More runs than this are counted in a heading and not named."""
+"""Most runs that a heading names; for more runs it gives their number."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table of a page.
+    """A table of the report.
 
     Attributes:
-        corner: what its rows are.
-        heads: names of its columns.
+        corner: heading of the column of row names.
+        heads: names of the other columns.
         rows: name and cells of each row.
     """
 
@@ -98,13 +98,13 @@ class Table:
 
 
 def tables(what: str, runs: Sequence[str], lines: Sequence[tuple[str, Sequence[Any]]]) -> list[Table]:
-    """Values of runs as tables that are no wider than a page, however many runs there are.
+    """Arrange values of runs in tables that fit on a page, for any number of runs.
 
-    Few runs have a column each. Of more, each has a row, and the quantities are spread over several tables.
+    A few runs have one column each. More runs have one row each, and the quantities are spread over several tables.
 
     Args:
-        what: what a line is.
-        runs: their names.
+        what: heading for the names of the lines.
+        runs: names of the runs.
         lines: name of a quantity and its value in each run.
     """
     if len(runs) <= MOST_COLUMNS:
@@ -120,7 +120,7 @@ def tables(what: str, runs: Sequence[str], lines: Sequence[tuple[str, Sequence[A
 
 
 def named(traces: Mapping[str, Trace]) -> str:
-    """The names of runs, or of many their number and those of their laws."""
+    """The names of a few runs; for many runs, their number and the names of their laws."""
     if len(traces) <= MOST_NAMES:
         return ", ".join(traces)
     laws = Counter(trace.scenario.controller.label() for trace in traces.values())
@@ -169,7 +169,7 @@ MEASURES: tuple[tuple[str, str, Callable[[Trace], Any]], ...] = (
     ("energy left in the wall at the end", "J", lambda trace: trace.wall_work[-1]),
     ("energy drawn from the wall, at most", "J", metrics.energy_from_wall),
 )
-"""What is compared: name, unit, and how it is measured. Sums and norms are those of the three force components."""
+"""Compared quantities: name, unit and measure. Sums and norms are taken over the three force components."""
 
 
 def page(
@@ -178,12 +178,12 @@ def page(
     pictures: Sequence[Picture],
     rows: Sequence[Row] = (),
 ) -> str:
-    """The page as HTML.
+    """The report as HTML.
 
     Args:
-        title: of the page.
-        traces: the runs by the names that the tables give them; at least one.
-        pictures: in order.
+        title: title of the page.
+        traces: the runs by the names used in the tables; at least one.
+        pictures: figures in the order of the page.
         rows: claims with their verdicts.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -221,13 +221,13 @@ def page(
 
 
 def write(path: Path, text: str) -> None:
-    """Write a file at once: who reads it sees the old one or the new one. Raises InputError where that can't be."""
+    """Write a file atomically: readers see either the old or the new file. Raises InputError if it can't be written."""
     with whole(path) as part:
         part.write_text(text, encoding="utf-8")
 
 
 def measured(traces: Mapping[str, Trace]) -> list[tuple[str, str, list[float | None]]]:
-    """Name, unit and a value for each run, None where there is nothing to measure, of all :data:`MEASURES`."""
+    """Name, unit and values of all :data:`MEASURES`, one value per run; None if it cannot be measured."""
     return [
         (name, unit, [_finite(measure(trace)) if len(trace) else None for trace in traces.values()])
         for name, unit, measure in MEASURES
@@ -239,7 +239,7 @@ def _finite(value: Any) -> float | None:
 
 
 def _settings(traces: Mapping[str, Trace]) -> tuple[list[tuple[str, str]], list[tuple[str, list[str]]]]:
-    """Keys of the scenarios: those that all runs share with their value, and the others with one for each run."""
+    """Keys of the scenarios: common keys with their value, and differing keys with one value for each run."""
     tables = [_flat(trace.header.portable_scenario()) for trace in traces.values()]
     keys = list(dict.fromkeys(key for table in tables for key in table))
     common, differing = [], []

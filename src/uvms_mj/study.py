@@ -1,4 +1,4 @@
-"""The paper's section 5 as a set of runs: what to run, running it on all cores, and reading its logs."""
+"""The paper's section 5 as a set of runs: plans the runs, executes them on all cores and reads their logs."""
 
 import dataclasses
 import os
@@ -22,25 +22,25 @@ from .simulation import SinkError, simulate
 from .trace import Trace
 
 FINE_S = 0.2
-"""How much of each run's beginning is recorded at every step [s]."""
+"""Length of the beginning of each run that is recorded at every step [s]."""
 SHORT_S = 1.0
-"""Long enough to see whether a law chatters; the reference has not moved then [s]."""
+"""Duration that shows whether a law chatters, before the reference moves [s]."""
 LAWS: Mapping[str, tuple[str, Mapping[str, object]]] = {
     "impedance": ("impedance", {}),
     "fosm": ("fosm", {}),
     "gsta": ("gsta", {"controller.nominal": True}),
     "gsta_alone": ("gsta", {"controller.nominal": False}),
 }
-"""The runs of the paper: law and gains by name."""
+"""The paper's runs: law and gains by name."""
 FINE, SWEEP = "_fine", "sweep_"
 """Suffix and prefix of the names of the other logs."""
 
 
 def plan(scenario: Scenario, gains: Mapping[str, Mapping[str, Any]] = MappingProxyType({})) -> dict[str, Scenario]:
-    """Every run of the study, by the name of its log; the longest first.
+    """Scenarios of all runs of the study, by the name of their log; the longest first.
 
     Args:
-        scenario: what the runs have in common. Gains that it gives are kept in the runs of that law.
+        scenario: the common settings. Its gains apply to the runs of the same law.
         gains: dotted keys and values for the runs of a law, by its name: ``{"fosm": {"controller.K_s": 24.0}}``.
     """
     tables = scenario.to_dict()
@@ -69,7 +69,7 @@ def plan(scenario: Scenario, gains: Mapping[str, Mapping[str, Any]] = MappingPro
 
 
 def _estimates(inertia: float, others: float) -> dict[str, float]:
-    """What the law believes of M, and of C, D and g, as a part of the truth."""
+    """Settings for the law's estimates of M, and of C, D and g, relative to the true values."""
     return {"estimates.inertia": inertia} | {
         f"estimates.{name}": others for name in ("coriolis", "damping", "restoring")
     }
@@ -85,17 +85,19 @@ def run(
     progress: Callable[[int, int], None],
     workers: int | None = None,
 ) -> None:
-    """Run every job and write ``folder/<name>.mcap``. In threads: a run is native code, and as alone.
+    """Run every job and write ``folder/<name>.mcap``.
+
+    The jobs run in threads. A run is native code and gives the same result as on its own.
 
     Args:
         jobs: scenarios by name.
-        folder: of the logs, which must not exist yet.
-        progress: called on this thread ten times a second with the steps done in all runs, and their number; what it
-            raises stops all runs.
-        workers: runs at a time; default: one for each core.
+        folder: folder for the logs. The logs must not exist yet.
+        progress: called on this thread ten times per second with the steps done in all runs and their total. An
+            exception that it raises stops all runs.
+        workers: number of simultaneous runs; default: one per core.
 
     Raises:
-        InputError: a job can't run; the others are stopped.
+        InputError: a job can't run. The other jobs are stopped.
     """
     done = dict.fromkeys(jobs, 0)
     total = sum(scenario.steps for scenario in jobs.values())
@@ -105,7 +107,7 @@ def run(
         def advance(steps: int, _: int) -> None:
             done[name] = steps
             if stop.is_set():
-                raise KeyboardInterrupt  # the run ends its log
+                raise KeyboardInterrupt  # lets the run complete its log
 
         if stop.is_set():
             return
@@ -129,12 +131,12 @@ def run(
             ended.append(error)
 
     with warnings.catch_warnings(), ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
-        warnings.simplefilter("ignore", SamplingWarning)  # part of the sweep is meant to chatter; logs carry the notes
+        warnings.simplefilter("ignore", SamplingWarning)  # some runs chatter by intention; the logs contain the notes
         for name, scenario in jobs.items():
             pool.submit(guarded, name, scenario)
         try:
             seen: list[BaseException | None] = []
-            while len(seen) < len(jobs):  # not with wait(): an interrupt in its locks would stop the workers for ever
+            while len(seen) < len(jobs):  # not wait(): an interrupt inside its locks would block the workers forever
                 time.sleep(0.1)
                 seen = list(ended)
                 for error in filter(None, seen):
@@ -147,10 +149,10 @@ def run(
 
 
 def load(folder: Path, names: Iterable[str]) -> Runs:
-    """The runs of a folder of logs.
+    """Load the runs from a folder of logs.
 
     Raises:
-        InputError: a log is missing, damaged, of another run than its name says, or of one that was cut short.
+        InputError: a log is missing, damaged or incomplete, or its scenario does not match its name.
     """
     names = list(names)
     missing = [name for name in names if not (folder / f"{name}.mcap").is_file()]
@@ -164,7 +166,7 @@ def load(folder: Path, names: Iterable[str]) -> Runs:
         if each.status in (Status.interrupted, Status.failed, Status.truncated) or not len(each)
     ]
     if cut:
-        raise InputError(f"{folder}: {', '.join(f'{name}.mcap' for name in cut)} ends before its run did")
+        raise InputError(f"{folder}: incomplete logs: {', '.join(f'{name}.mcap' for name in cut)}")
     _check_names(folder, {name: each.scenario for name, each in loaded.items()})
     return Runs(
         traces={name: loaded[name] for name in LAWS},
@@ -174,8 +176,10 @@ def load(folder: Path, names: Iterable[str]) -> Runs:
 
 
 def _check_names(folder: Path, found: Mapping[str, Scenario]) -> None:
-    """Raise InputError where a log is not of the run that its name says: the laws' runs differ in nothing but the law,
-    and every other run is a variation of one of them."""
+    """Raise InputError if the scenario of a log does not match its name.
+
+    The runs of the laws differ only in the law. Every other run is a variation of one of them.
+    """
     plans = [plan(found[name]) for name in LAWS]
     worlds = {name: dataclasses.replace(found[name], controller=Gsta()) for name in LAWS}
     most = max(worlds.values(), key=list(worlds.values()).count)
@@ -183,4 +187,4 @@ def _check_names(folder: Path, found: Mapping[str, Scenario]) -> None:
         alike = worlds.get(name, most) == most
         if not alike or all(each[name] != scenario for each in plans):
             what = f"{scenario.controller.label()} for {scenario.simulation.duration:g} s"
-            raise InputError(f"{folder / name}.mcap: is a run of {what}, and not the one that its name says")
+            raise InputError(f"{folder / name}.mcap: contains a run of {what}, which does not match the name")

@@ -1,4 +1,4 @@
-"""What a run ends in: the report that ``uvms-mj run`` and ``info`` print."""
+"""Summary of a run, as printed by ``uvms-mj run`` and ``uvms-mj info``."""
 
 import math
 from typing import Any
@@ -11,17 +11,17 @@ from .signals import FINAL_WINDOW_S
 from .trace import Trace
 
 AROUND_THE_END_S = 2.0 * FINAL_WINDOW_S
-"""How much of a run's end :func:`summary` needs [s]; the rest is in the running signals."""
+"""Length of the end of a run that :func:`summary` needs [s]. The running signals cover the rest."""
 
 
 def summary(trace: Trace, files: dict[str, str]) -> dict[str, Any]:
-    """The numbers that ``uvms-mj run --json`` prints; a number that does not exist is None.
+    """The numbers that ``uvms-mj run --json`` prints. Missing numbers and numbers that are not finite are None.
 
-    A force that has not settled is not yet at the rest that the closed form describes: it has no relative error.
+    The relative error is None unless the force has settled, because the closed form describes the state at rest.
 
     Args:
         trace: the run.
-        files: paths of what was written, by kind.
+        files: paths of the written files, by kind.
     """
     final_N, settled = final_force(trace)
     analytic = trace.analytic
@@ -73,7 +73,7 @@ def summary(trace: Trace, files: dict[str, str]) -> dict[str, Any]:
 
 
 def _finite(value: Any) -> Any:
-    """The same with None for numbers that JSON does not have."""
+    """The same value with None in place of numbers that are not finite, which JSON lacks."""
     if isinstance(value, dict):
         return {key: _finite(each) for key, each in value.items()}
     if isinstance(value, list):

@@ -1,4 +1,4 @@
-"""The paper's claims, measured in runs and judged."""
+"""Measures and judges the paper's claims in a set of runs."""
 
 from .base import Claim, Measured, Row, Runs, Verdict, number
 from .measures import LABELS, REST_S, TRANSIENT_S, linear_sum

@@ -1,4 +1,4 @@
-"""What a claim is: a sentence, what is measured for it, a threshold, and a verdict."""
+"""A claim: a sentence, a measured quantity, a threshold and a verdict."""
 
 import enum
 from collections.abc import Callable, Mapping
@@ -12,12 +12,12 @@ from ..trace import Trace
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """The runs of the study, by name.
+    """Traces of the study's runs, by name.
 
     Attributes:
         traces: impedance, fosm, gsta, gsta_alone.
         fine: the beginning of the same runs at every step.
-        sweep: variations, as :func:`uvms_mj.study.plan` names them.
+        sweep: variations, with the names of :func:`uvms_mj.study.plan`.
     """
 
     traces: Mapping[str, Trace]
@@ -27,12 +27,12 @@ class Runs:
 
 @dataclass(frozen=True)
 class Measured:
-    """A number, or None where there is nothing to measure, and what it was made of.
+    """A measured value and its details.
 
     Attributes:
-        value: the number.
-        detail: what it was made of, in words.
-        explained: whether the claim's explanation was itself found in the runs.
+        value: the number; None if it cannot be measured.
+        detail: the quantities it is computed from, in words.
+        explained: whether the runs show the reason given in the claim's explanation.
     """
 
     value: float | None
@@ -41,11 +41,11 @@ class Measured:
 
 
 class Verdict(enum.Enum):
-    """What became of a claim."""
+    """Result of checking a claim."""
 
-    holds = "the runs bear it out"
-    explained = "the runs do not bear it out, for a reason that is given and was itself measured"
-    fails = "the runs do not bear it out"
+    holds = "the runs confirm it"
+    explained = "the runs do not confirm it, for a stated reason that was itself measured"
+    fails = "the runs do not confirm it"
 
 
 @dataclass(frozen=True)
@@ -56,14 +56,14 @@ class Claim:
         id: short name.
         text: the sentence, in this project's words.
         where: equation, figure or section of the paper.
-        quantity: what is measured.
-        unit: its unit.
-        measure: measures it.
-        at_least, at_most: the predicate; at least one of them.
-        because: why the threshold is where it is.
-        paper: the paper's value, where it gives one.
-        explanation: why it is known not to hold in the paper's scenario; empty for most. It counts only where the
-            measurement finds it in the runs.
+        quantity: name of the measured quantity.
+        unit: unit of the quantity.
+        measure: function that measures the quantity.
+        at_least, at_most: limits of the predicate. One of them is required.
+        because: reason for the threshold.
+        paper: the paper's value; empty if the paper gives none.
+        explanation: known reason why the claim does not hold in the paper's scenario; empty for most claims. It counts
+            only if the measurement confirms it.
     """
 
     id: str
@@ -93,7 +93,7 @@ class Claim:
         return f"{self.at_least:g} to {self.at_most:g}{unit}"
 
     def holds(self, value: float | None) -> bool:
-        """Whether the predicate is true of a value; of None or NaN it is not."""
+        """Whether a value meets the threshold; False for None and NaN."""
         if value is None:
             return False
         low, high = (-np.inf if self.at_least is None else self.at_least), self.at_most
@@ -102,7 +102,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Row:
-    """A claim with what was measured."""
+    """A claim with its measured value and verdict."""
 
     claim: Claim
     measured: Measured
@@ -110,7 +110,7 @@ class Row:
 
     @classmethod
     def of(cls, claim: Claim, runs: Runs) -> "Row":
-        """A claim measured and judged. One that can't be measured fails, as in a run too short or of another law."""
+        """Measure and judge a claim. A claim that can't be measured fails, e.g. if a run is too short."""
         try:
             measured = claim.measure(runs)
         except (ArithmeticError, AttributeError, LookupError, ValueError) as error:
@@ -120,7 +120,7 @@ class Row:
         return cls(claim, measured, Verdict.explained if claim.explanation and measured.explained else Verdict.fails)
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON and CSV; a number that JSON does not have is None."""
+        """Row for JSON and CSV. A value that is not finite becomes None."""
         value = self.measured.value
         claim = self.claim
         return {
@@ -140,9 +140,9 @@ class Row:
 
 
 def number(value: float | None) -> str:
-    """A number as a reader wants it: four digits, a true minus, powers of ten; a dash for None, nan and infinity.
+    """Format a number with four digits, a minus sign and powers of ten; a dash for None, nan and infinity.
 
-    Below 1e-9, in SI units, it is rounding of sums over 1e5 steps, and is shown as 0.
+    Values below 1e-9, in SI units, come from rounding in sums over 1e5 steps and are shown as 0.
     """
     if value is None or not np.isfinite(value):
         return "–"

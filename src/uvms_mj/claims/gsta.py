@@ -1,4 +1,4 @@
-"""What the paper says of its own law, each sentence as a row; thresholds as in :mod:`uvms_mj.claims.paper`."""
+"""The paper's claims about GSTA, one row for each. :mod:`uvms_mj.claims.paper` describes the thresholds."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ GSTA: tuple[Claim, ...] = (
         measures.force("gsta"),
         at_least=1.4925,
         at_most=1.5075,
-        because="0.5 %, as for the expected force; the first-order law is outside",
+        because="0.5 %, as for the expected force; the first-order law is outside this range",
         paper="1.5",
     ),
     Claim(
@@ -27,7 +27,7 @@ GSTA: tuple[Claim, ...] = (
         "N",
         measures.impedance_error("gsta"),
         at_most=1e-3,
-        because="what a force sensor still resolves; the first-order law is above",
+        because="the resolution of a force sensor; the first-order law is above it",
     ),
     Claim(
         "gsta-moments",
@@ -37,23 +37,23 @@ GSTA: tuple[Claim, ...] = (
         "N m",
         robustness.impedance_error_of_moments,
         at_most=1e-4,
-        because="the 1e-3 N of the forces at an arm of 0.1 m",
+        because="the limit for forces, 1e-3 N, at an arm of 0.1 m",
     ),
     Claim(
         "gsta-model-errors",
         "GSTA achieves the desired impedance despite model errors.",
         "abstract, eq. (11)",
-        "impedance error at rest, rms, the larger of two runs with wrong estimates",
+        "impedance error at rest, rms, larger of two runs with wrong estimates",
         "N",
         robustness.model_errors,
         at_most=1e-3,
-        because="as without model errors",
+        because="same as without model errors",
     ),
     Claim(
         "gsta-model-errors-force",
-        "Despite model errors the contact force of GSTA settles at the expected value.",
+        "With GSTA the contact force settles at the expected value despite model errors.",
         "abstract, eq. (11)",
-        "force at rest, the less exact of two runs with wrong estimates",
+        "force at rest, worse of two runs with wrong estimates",
         "N",
         robustness.force_with_model_errors,
         at_least=1.4925,
@@ -69,23 +69,23 @@ GSTA: tuple[Claim, ...] = (
         "N",
         robustness.half_inertia,
         at_most=1e-3,
-        because="as without model errors",
+        because="same as without model errors",
         explanation=(
-            "Proposition 1 needs a perturbation with a bounded derivative. An error of the inertia puts a part of the "
-            "acceleration into it, eq. (11), which at the wall changes as fast as the contact force. With half of the "
-            "inertia the vehicle goes on bouncing; with 20 % too little or 50 % too much it comes to rest. The paper "
-            "does not say how large an error may be."
+            "Proposition 1 needs a perturbation with a bounded derivative. An inertia error adds a part of the "
+            "acceleration to the perturbation, eq. (11), and at the wall the acceleration changes as fast as the "
+            "contact force. With M_hat = M/2 the vehicle keeps bouncing; with M_hat 20 % too small or 50 % too large "
+            "it comes to rest. The paper gives no limit for the error."
         ),
     ),
     Claim(
         "gsta-finite-time",
         "GSTA brings the sliding variable to zero in finite time.",
         "proposition 1",
-        "time of s to a band 16 times narrower, with a quarter of the time step, over that with the whole",
+        "time for s to reach a 16 times narrower band with a quarter of the time step, over that with the full step",
         "1",
         robustness.finite_time,
         at_most=1.1,
-        because="an exponential approach takes ln(16)/ln(4e4), a quarter, longer",
+        because="an exponential approach takes a quarter longer: ln(16)/ln(4e4)",
     ),
     Claim(
         "gsta-robust",
@@ -99,13 +99,13 @@ GSTA: tuple[Claim, ...] = (
     ),
     Claim(
         "gsta-sliding",
-        "The difference shows in the sliding variable.",
+        "The difference in robustness is visible in the sliding variable.",
         "figs. 6, 10",
         "largest |s_i| at rest, over the first-order law's",
         "1",
         measures.largest_s,
         at_most=0.1,
-        because="by an order of magnitude",
+        because="an order of magnitude",
     ),
     Claim(
         "gsta-more-effort",
@@ -115,7 +115,7 @@ GSTA: tuple[Claim, ...] = (
         "1",
         lambda runs: measures.effort(runs, "impedance"),
         at_least=1.01,
-        because="a difference that shows",
+        because="a visible difference",
     ),
     Claim(
         "gsta-similar-effort",
@@ -130,9 +130,9 @@ GSTA: tuple[Claim, ...] = (
     ),
     Claim(
         "gsta-little-chattering",
-        "With GSTA there is not much chattering.",
+        "GSTA chatters little.",
         "fig. 11",
-        "mean change of thrust in a control period at rest, over the rms of the thrust",
+        "mean change of thrust per control period at rest, over the rms of the thrust",
         "%",
         measures.ripple,
         at_most=1.0,
@@ -172,7 +172,7 @@ GSTA: tuple[Claim, ...] = (
         "1",
         measures.reversals("gsta"),
         at_most=0.0,
-        because='"continuous": none',
+        because='"continuous": no reversal',
     ),
     Claim(
         "gsta-whole-variation",
@@ -182,34 +182,34 @@ GSTA: tuple[Claim, ...] = (
         "1",
         measures.whole_variation,
         at_most=1.0,
-        because="less",
+        because='"less" than the first-order law',
         explanation=(
-            "Sampled, GSTA never comes to rest: sgn(s) changes with every step, and the thrust alternates by "
-            "M (k_1 + sqrt(k_1^2 - 2 k_2))^2 / 4 times the time step, some hundredths of a newton. That is invisible "
-            "in a figure, but it adds up, at the same rate whatever the step. The first-order law, once inside its "
-            "boundary layer, is a smooth feedback and has no such ripple. The paper's sentence holds for the size of "
-            "the steps and for the transient, not for their sum over the run."
+            "Sampled GSTA does not come to rest: sgn(s) changes at every step, and the thrust alternates by "
+            "M (k_1 + sqrt(k_1^2 - 2 k_2))^2 / 4 times the time step, some hundredths of a newton. This ripple is "
+            "invisible in a figure, but it adds up, at the same rate for any time step. The first-order law is a "
+            "smooth feedback inside its boundary layer and has no such ripple. The paper's claim holds for the size "
+            "of the changes and for the transient, but not for their sum over the run."
         ),
     ),
     Claim(
         "gsta-continuous",
         "GSTA's control input is continuous.",
         "eq. (24), sec. 6",
-        "largest step-to-step change of thrust with a quarter of the time step, over that with the whole",
+        "largest step-to-step change of thrust with a quarter of the time step, over that with the full step",
         "1",
         measures.continuity,
         at_most=0.6,
-        because="eq. (24a) is of order sqrt(h) where s leaves zero: 0.5; a discontinuous input has 1",
+        because="eq. (24a) is of order sqrt(h) where s leaves zero: 0.5; a discontinuous input gives 1",
     ),
     Claim(
         "gsta-compliant",
-        "GSTA remains compliant to the contact force: also while it rebounds it gives way as desired.",
+        "GSTA remains compliant to the contact force, with the desired impedance also during rebounds.",
         "eq. (12), sec. 6",
         "impedance error along x from the first contact on, over the contact force, both rms",
         "%",
         measures.compliance,
         at_most=5.0,
-        because="a vehicle that does not give way leaves all of the contact force over: 100 %",
+        because="for a vehicle that does not yield the error is the whole contact force: 100 %",
     ),
     Claim(
         "gsta-stable",
@@ -240,7 +240,7 @@ GSTA: tuple[Claim, ...] = (
         "N",
         measures.impedance_error("gsta_alone"),
         at_most=1e-3,
-        because="as with the nominal control",
+        because="same as with the nominal control",
     ),
     Claim(
         "alone-actuation",
@@ -250,7 +250,7 @@ GSTA: tuple[Claim, ...] = (
         "%",
         measures.actuation,
         at_most=2.0,
-        because="two lines that cover each other in a figure",
+        because="the two lines coincide in a figure",
     ),
     Claim(
         "alone-integral",
@@ -260,6 +260,6 @@ GSTA: tuple[Claim, ...] = (
         "1",
         measures.integral,
         at_least=1.5,
-        because="a difference that shows",
+        because="a visible difference",
     ),
 )

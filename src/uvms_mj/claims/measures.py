@@ -1,4 +1,4 @@
-"""What is measured for the claims of the paper."""
+"""Measures for the claims of the paper."""
 
 import math
 from collections.abc import Callable
@@ -13,23 +13,23 @@ from .base import Measured, Runs, number
 TRANSIENT_S = 0.1
 """The "first fraction of a second": with the paper's gains the first-order law switches for its first 10 ms."""
 REST_S = 1.0
-"""How much of a run's end is taken as rest."""
+"""Length of the final part of a run that counts as rest [s]."""
 REVERSAL_N = 0.1
-"""A change of thrust larger than this shows in a figure: the ordinates of figs. 7 and 11 span tens of newtons."""
+"""Changes of thrust larger than this are visible: the ordinates of figs. 7 and 11 span tens of newtons [N]."""
 
 
 def over(a: float, b: float) -> float | None:
-    """One number over another, if it is there."""
+    """a / b; None if b is zero."""
     return float(a / b) if b else None
 
 
 def gain(trace: Trace, name: str) -> float:
-    """A gain of the law that was run."""
+    """A gain of a run's controller."""
     return float(getattr(trace.scenario.controller, name))
 
 
 def force(run: str) -> Callable[[Runs], Measured]:
-    """The mean pushing force over the last 0.5 s, of every step."""
+    """Mean pushing force over the last 0.5 s, from every step [N]."""
 
     def measure(runs: Runs) -> Measured:
         trace = runs.traces[run]
@@ -41,7 +41,7 @@ def force(run: str) -> Callable[[Runs], Measured]:
 
 
 def at_rest(trace: Trace) -> np.ndarray:
-    """Error of the desired impedance at rest: residual of eq. (12), rms (6,) [N, N m]."""
+    """Impedance error at rest: rms (6,) of the residual of eq. (12) [N, N m]."""
     return metrics.impedance_error(trace, trace.t[-1] - REST_S)
 
 
@@ -50,7 +50,7 @@ def norm(values: np.ndarray) -> float:
 
 
 def impedance_error(run: str) -> Callable[[Runs], Measured]:
-    """Norm of the residual's force part."""
+    """Norm of the force part of the residual of eq. (12) at rest [N]."""
     return lambda runs: Measured(norm(at_rest(runs.traces[run])[:3]))
 
 
@@ -62,13 +62,13 @@ def linear_sum(values: np.ndarray) -> float:
 def ratio(
     measure: Callable[[Trace], np.ndarray], reduce: Callable[[np.ndarray], float], of: str, to: str, unit: str
 ) -> Callable[[Runs], Measured]:
-    """The same quantity of two runs, one over the other. The forces decide; the moments are in the detail.
+    """Ratio of the same quantity in two runs. The value is that of the forces; the detail gives that of the moments.
 
     Args:
-        measure: a vector (6,) of a run, forces first.
-        reduce: makes one number of three.
-        of, to: names of the runs.
-        unit: of the forces' number.
+        measure: returns a vector (6,) of a run, forces first.
+        reduce: reduces three components to one number.
+        of, to: names of the runs, numerator and denominator.
+        unit: unit of the forces' number.
     """
 
     def ratio(runs: Runs) -> Measured:
@@ -76,7 +76,7 @@ def ratio(
         a, b = (float(reduce(each[:3])) for each in vectors)
         moments = over(*(float(reduce(each[3:])) for each in vectors))
         return Measured(
-            over(a, b), f"{LABELS[of]} {number(a)}, {LABELS[to]} {number(b)} {unit}; of the moments {number(moments)}"
+            over(a, b), f"{LABELS[of]} {number(a)}, {LABELS[to]} {number(b)} {unit}; moments {number(moments)}"
         )
 
     return ratio
@@ -86,7 +86,7 @@ LABELS = {"impedance": "impedance", "fosm": "first-order", "gsta": "GSTA", "gsta
 
 
 def largest_s(runs: Runs) -> Measured:
-    """Of all six axes at rest, GSTA's over the first-order law's."""
+    """Largest |s_i| of all six axes at rest, GSTA's over the first-order law's."""
     a, b = (
         float(np.abs(trace.s[trace.t >= trace.t[-1] - REST_S]).max())
         for trace in (runs.traces["gsta"], runs.traces["fosm"])
@@ -97,19 +97,19 @@ def largest_s(runs: Runs) -> Measured:
 def demanded(runs: Runs) -> Measured:
     trace = runs.traces["gsta"]
     rigid = demanded_force(trace.scenario, math.inf)
-    return Measured(metrics.demanded_force(trace), f"{number(rigid)} N if the wall did not give")
+    return Measured(metrics.demanded_force(trace), f"{number(rigid)} N for a rigid wall")
 
 
 def reference_jump(runs: Runs) -> Measured:
-    """Largest change of the desired acceleration from row to row, to its largest value."""
+    """Largest change of the desired acceleration from row to row, over its largest value [%]."""
     trace = runs.traces["gsta"]
     acceleration = np.diff(trace.p_d_dot[:, 0]) / np.diff(trace.t)
     jump = np.abs(np.diff(acceleration, prepend=0.0)).max() if len(acceleration) else 0.0
-    return Measured(over(100.0 * jump, np.abs(acceleration).max() if len(acceleration) else 0.0), "in rows of the log")
+    return Measured(over(100.0 * jump, np.abs(acceleration).max() if len(acceleration) else 0.0), "between log rows")
 
 
 def spring(runs: Runs) -> Measured:
-    """Deviation of the wall's force from eq. (34), to its peak."""
+    """Largest deviation of the wall's force from eq. (34), over its peak [%]."""
     trace = runs.traces["gsta"]
     wall = trace.scenario.wall
     spring = np.zeros_like(trace.f_contact_W)
@@ -135,7 +135,7 @@ _RETUNED = {"impedance_nearer": "with the wall 20 mm nearer", "impedance_stiffer
 
 
 def retuned(runs: Runs) -> Measured:
-    """The wall nearer is the reference further inside."""
+    """Smaller force at rest of the two retuned runs [N]. Moving the wall nearer puts the reference further inside."""
     forces = {name: metrics.final_force(runs.sweep[name])[0] or 0.0 for name in _RETUNED}
     return Measured(min(forces.values()), ", ".join(f"{forces[name]:.3f} N {what}" for name, what in _RETUNED.items()))
 
@@ -150,18 +150,21 @@ def still_missing(runs: Runs) -> Measured:
 
 
 def inside(runs: Runs) -> Measured:
-    return Measured(float(metrics.boundary_layer_share(runs.traces["fosm"]).min()), "least of six axes")
+    return Measured(float(metrics.boundary_layer_share(runs.traces["fosm"]).min()), "smallest of the six axes")
 
 
 def well_inside(runs: Runs) -> Measured:
-    """Of rows, and of every step at the beginning."""
+    """Largest |s_i| / epsilon in all rows, and at every step of the beginning of the run."""
     share = np.max([np.abs(each["fosm"].s).max(axis=0) for each in (runs.traces, runs.fine)], axis=0)
     share = share / gain(runs.traces["fosm"], "epsilon")
     return Measured(float(share.max()), f"in surge {share[0]:.2g}, in sway {share[1]:.2g}, in yaw {share[5]:.2g}")
 
 
 def unexplained(runs: Runs) -> Measured:
-    """The closed form has s inside the boundary layer, where K_s s/epsilon balances the disturbance."""
+    """Part of the shortfall of the force that the closed form does not explain [%].
+
+    In the closed form s is inside the boundary layer, where K_s s/epsilon balances the disturbance.
+    """
     trace = runs.traces["fosm"]
     force, _ = metrics.final_force(trace)
     if force is None or not isinstance(trace.analytic, SteadyState):
@@ -198,7 +201,7 @@ def severe(variation: str) -> Callable[[Runs], Measured]:
 
 
 def ripple(runs: Runs) -> Measured:
-    """Mean step-to-step change at rest, of the axis where it is largest, to the rms of the thrust."""
+    """Mean step-to-step change of thrust at rest on the axis where it is largest, over the rms of the thrust [%]."""
     trace = runs.traces["gsta"]
     change = metrics.mean_change(trace, trace.t[-1] - REST_S)[:3]
     rms = np.sqrt(linear_sum(metrics.control_effort(trace)) / trace.t[-1])
@@ -206,10 +209,11 @@ def ripple(runs: Runs) -> Measured:
 
 
 def whole_variation(runs: Runs) -> Measured:
-    """Explained where the variation at rest is that of the sampled algorithm's own cycle, within 5 %.
+    """Total variation of thrust over the run, GSTA's over the first-order law's.
 
-    At rest s alternates between +-sigma, with 2 sigma = h k_1 sqrt(sigma) - h^2 k_2/4 from eqs. (24) and (27), and tau
-    changes by M_hat 4 sigma/h from step to step.
+    Explained if the variation at rest agrees within 5 % with the cycle of the sampled algorithm: s alternates between
+    +-sigma, with 2 sigma = h k_1 sqrt(sigma) - h^2 k_2/4 from eqs. (24) and (27), and tau changes by M_hat 4 sigma/h
+    from step to step.
     """
     measured = ratio(metrics.total_variation, np.sum, "gsta", "fosm", "N")(runs)
     trace = runs.traces["gsta"]
@@ -219,12 +223,15 @@ def whole_variation(runs: Runs) -> Measured:
     cycle = 0.25 * (k_1 + np.sqrt(k_1**2 - 2.0 * k_2)) ** 2 * linear_sum(np.diag(metrics.design_of(trace).M_hat))
     start = max(0.0, trace.t[-1] - REST_S)
     rest = linear_sum(metrics.total_variation(trace, start)) / (trace.t[-1] - start) if len(trace) > 1 else 0.0
-    detail = f"{measured.detail}; at rest {rest:.1f} N/s, by the cycle of sgn(s) {cycle:.1f} N/s"
+    detail = f"{measured.detail}; at rest {rest:.1f} N/s, from the cycle of sgn(s) {cycle:.1f} N/s"
     return Measured(measured.value, detail, explained=abs(rest - cycle) < 0.05 * cycle)
 
 
 def continuity(runs: Runs) -> Measured:
-    """Over the whole run, impacts included, and of every step."""
+    """Largest step-to-step change of thrust with a quarter of the time step, over that with the full step.
+
+    Both are taken over the whole run, impacts included, from every step.
+    """
     coarse, fine = (
         metrics.largest_change(trace)[:3] for trace in (runs.traces["gsta"], runs.sweep["gsta_quarter_step"])
     )
@@ -233,7 +240,7 @@ def continuity(runs: Runs) -> Measured:
 
 
 def actuation(runs: Runs) -> Measured:
-    """Rms of the difference of two runs' thrust, at the rows that both have."""
+    """Rms of the thrust difference between two runs at their common rows, over the rms of the thrust [%]."""
     a, b = runs.traces["gsta"].tau[:, :3], runs.traces["gsta_alone"].tau[:, :3]
     n = min(len(a), len(b))
     difference, rms = (float(np.sqrt((x**2).sum(axis=1).mean())) for x in (a[:n] - b[:n], a[:n]))
@@ -256,14 +263,14 @@ def compliance(runs: Runs) -> Measured:
 
 
 def unrest(runs: Runs) -> Measured:
-    """Of every step."""
+    """Range of the pushing force in the final window, from every step, over its mean [%]."""
     trace = runs.traces["gsta"]
     force, _ = metrics.final_force(trace)
     return Measured(over(100.0 * float(trace.final_high[-1] - trace.final_low[-1]), force or 0.0))
 
 
 def effort(runs: Runs, other: str) -> Measured:
-    """Of the thrust, with the axes that work in the detail."""
+    """Integral of the squared thrust, GSTA's over another run's. The detail gives surge, sway and yaw."""
     a, b = (metrics.control_effort(runs.traces[name]) for name in ("gsta", other))
     units = {"surge": (0, "N² s"), "sway": (1, "N² s"), "yaw": (5, "N² m² s")}
     axes = ", ".join(f"{axis} {number(a[i])} and {number(b[i])} {unit}" for axis, (i, unit) in units.items())

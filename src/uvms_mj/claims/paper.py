@@ -1,7 +1,7 @@
-"""What the paper says of its runs in abstract, proposition 1, section 5 and conclusion, each sentence as a row.
+"""The paper's claims in abstract, proposition 1, section 5 and conclusion, one row for each.
 
-The thresholds of a claim are data, from which both the text of its predicate and its verdict are made. Where the paper
-says "almost", "similar", "severe", the number is this project's, with its reason.
+The thresholds are data. The text of the predicate and the verdict are both derived from them. Where the paper uses
+words such as "almost", "similar" or "severe", this project chose the number and gives its reason.
 """
 
 from .. import metrics
@@ -12,14 +12,14 @@ from .gsta import GSTA
 WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
     Claim(
         "expected-force",
-        "The reference lies 10 mm inside the wall, which with K_x = 150 N/m asks for 1.5 N.",
+        "The reference is 10 mm inside the wall; with K_x = 150 N/m this demands 1.5 N.",
         "eq. (12), sec. 5",
         "force at rest that eq. (12) demands",
         "N",
         measures.demanded,
         at_least=1.4925,
         at_most=1.5075,
-        because="0.5 %: the paper gives two digits and neglects the give of the wall",
+        because="0.5 %: the paper gives two digits and neglects the compliance of the wall",
         paper="1.5",
     ),
     Claim(
@@ -34,13 +34,13 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
     ),
     Claim(
         "wall-spring",
-        "The wall is a stiff linear spring along x, and pushes in no other direction.",
+        "The wall is a stiff linear spring along x and exerts no force in other directions.",
         "eq. (34)",
         "largest deviation from k_c (x - x_c), over the peak",
         "%",
         measures.spring,
         at_most=0.1,
-        because="a line in a figure; what remains is the inertia of the contact, 6e-5 of the peak",
+        because="the width of a line in a figure; the inertia of the contact contributes 6e-5 of the peak",
     ),
     Claim(
         "impedance-short",
@@ -51,7 +51,7 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
         measures.gap,
         at_least=0.1,
         at_most=20.0,
-        because='not in contact, by more than the wall gives under 10 N; "not quite" is 2 % of the way',
+        because='the gap exceeds the deflection of the wall under 10 N; "not quite" is taken as 2 % of the way',
     ),
     Claim(
         "impedance-no-contact",
@@ -59,13 +59,13 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
         "fig. 1",
         "number of touches",
         "1",
-        lambda runs: Measured(float(runs.traces["impedance"].touches[-1]), "of every step"),
+        lambda runs: Measured(float(runs.traces["impedance"].touches[-1]), "counted at every step"),
         at_most=0.0,
         because='"not established"',
     ),
     Claim(
         "impedance-current",
-        "It is the unknown current that keeps impedance control from the expected force.",
+        "The unknown current keeps impedance control from reaching the expected force.",
         "eq. (5), fig. 1",
         "force at rest, no current",
         "N",
@@ -83,27 +83,29 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
         "mm",
         lambda runs: Measured(1e3 * float(runs.traces["impedance"].p_WB[-1, 1])),
         at_least=1.0,
-        because="y is to the left; less could be rounding of a figure",
+        because="y points to the left; a smaller value could be lost in the resolution of a figure",
     ),
     Claim(
         "impedance-retuned",
-        "A reference further inside, here 20 mm, or a greater stiffness would bring impedance control into contact.",
+        "A reference further inside the wall, here by 20 mm, or a greater stiffness would bring impedance control into "
+        "contact.",
         "sec. 5.2",
-        "least force at rest of the two",
+        "force at rest, smaller of the two runs",
         "N",
         measures.retuned,
         at_least=0.1,
-        because="more than one millionth of a metre into the wall",
+        because="a deflection of the wall of more than one micrometre",
     ),
     Claim(
         "impedance-tuning",
-        "So tuned, impedance control still depends on disturbance and wall: it does not reach the force it asks for.",
+        "With that tuning impedance control still depends on the disturbance and the wall: it does not reach the "
+        "demanded force.",
         "sec. 5.2",
-        "force at rest missing to that of eq. (12), least of the two",
+        "shortfall of the force at rest from that of eq. (12), smaller of the two runs",
         "%",
         measures.still_missing,
         at_least=5.0,
-        because='ten times what "expected" allows',
+        because='ten times the tolerance for "expected"',
     ),
     Claim(
         "fosm-force",
@@ -114,7 +116,7 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
         measures.force("fosm"),
         at_least=1.455,
         at_most=1.496,
-        because='"almost": short of it by no more than 3 %, and by more than the 2 mN of the give of the wall',
+        because='"almost": below it by at most 3 %, and by more than the 2 mN due to the compliance of the wall',
         paper="almost 1.5",
     ),
     Claim(
@@ -125,43 +127,43 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
         "N",
         measures.impedance_error("fosm"),
         at_least=1e-3,
-        because="what a force sensor still resolves",
+        because="the resolution of a force sensor",
     ),
     Claim(
         "fosm-boundary-layer",
-        "It is the boundary layer that keeps the first-order law from the expected force.",
+        "The boundary layer keeps the first-order law from reaching the expected force.",
         "eqs. (31), (32), sec. 6",
-        "part of the missing force that the static balance inside the layer does not explain",
+        "part of the force shortfall that the static balance inside the layer does not explain",
         "%",
         measures.unexplained,
         at_most=1.0,
-        because='"as expected": a hundredth of what is missing',
+        because='"as expected": a hundredth of the shortfall',
     ),
     Claim(
         "fosm-inside",
         "The first-order law's sliding variable is inside the boundary layer at all times.",
         "eq. (32), fig. 6",
-        "part of the time, of every step",
+        "fraction of the time, at every step",
         "1",
         measures.inside,
         at_least=1.0 - 1e-9,
-        because="every step; sums of 2e5 steps round",
+        because="every step, up to rounding in sums over 2e5 steps",
     ),
     Claim(
         "fosm-well-inside",
-        "Its sliding variable is well inside, not just at the edge.",
+        "The first-order law's sliding variable is well inside the boundary layer, not just at its edge.",
         "fig. 6",
         "largest |s_i| / epsilon",
         "1",
         measures.well_inside,
         at_most=0.5,
-        because="sat(s/epsilon) uses at most half of K_s: the law keeps as much in reserve as it uses",
+        because="sat(s/epsilon) uses at most half of K_s: the reserve is at least as large as the part in use",
     ),
     Claim(
         "fosm-quiet",
         "The first-order law does not chatter after its initial transient.",
         "fig. 7",
-        "chattering index after 0.1 s over that before",
+        "chattering index after 0.1 s, over that before 0.1 s",
         "1",
         measures.quiet,
         at_most=0.01,
@@ -175,27 +177,27 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
         "1",
         measures.reversals("fosm"),
         at_least=20.0,
-        because="in 0.1 s: hundreds of hertz, which no thruster follows",
+        because="in 0.1 s: hundreds of hertz, more than a thruster can follow",
     ),
     Claim(
         "fosm-epsilon",
-        "A smaller boundary layer brings severe chattering (here half of it).",
+        "A smaller boundary layer causes severe chattering (here half the width).",
         "eq. (31), sec. 5.2",
-        "mean change of thrust in a control period, sum of its three components",
+        "mean change of thrust per control period, sum of its three components",
         "N",
         measures.severe("fosm_half_epsilon"),
         at_least=10.0,
-        because="at every step more than the largest thrust that the task needs at rest, 7 N",
+        because="more at every step than the largest thrust that the task needs at rest, 7 N",
     ),
     Claim(
         "fosm-gain",
-        "A greater gain K_s brings severe chattering (here twice the gain).",
+        "A greater gain K_s causes severe chattering (here twice the gain).",
         "eq. (31), sec. 5.2",
-        "mean change of thrust in a control period, sum of its three components",
+        "mean change of thrust per control period, sum of its three components",
         "N",
         measures.severe("fosm_double_K_s"),
         at_least=10.0,
-        because="at every step more than the largest thrust that the task needs at rest, 7 N",
+        because="more at every step than the largest thrust that the task needs at rest, 7 N",
     ),
 )
 
@@ -203,5 +205,5 @@ CLAIMS: tuple[Claim, ...] = (*WORLD_AND_OTHER_LAWS, *GSTA)
 
 
 def judge(runs: Runs) -> list[Row]:
-    """Every claim measured and judged."""
+    """Measure and judge every claim."""
     return [Row.of(claim, runs) for claim in CLAIMS]

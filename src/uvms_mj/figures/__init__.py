@@ -1,7 +1,7 @@
-"""Pictures of traces: the paper's figures 1-12, and the same quantities of any log.
+"""Figures of traces: the paper's figures 1-12, and the same quantities of any log.
 
-One style file, ``uvms_mj.mplstyle``, has fonts, widths and colours. A signal has the same colour in every figure; what
-was asked for or is expected is black.
+The style file ``uvms_mj.mplstyle`` defines fonts, widths and colours. A signal has the same colour in every figure.
+References and expected values are black.
 """
 
 from .compose import RUNS, WHATS, paper, plot

@@ -1,4 +1,4 @@
-"""From panels to figures: the paper's twelve, an overview of them, and the same quantities of any logs."""
+"""Composes panels into figures: the paper's twelve, an overview of them, and the same quantities of any logs."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
@@ -20,30 +20,30 @@ from .scales import logarithmic, number, prefix_of
 from .style import COLUMN_IN, PAGE_IN, styled
 
 WHATS = ("position", "force", "sliding", "tau", "integral", "summary")
-"""What :func:`plot` draws."""
+"""Quantities that :func:`plot` can draw."""
 RUNS = ("impedance", "fosm", "gsta", "gsta_alone")
 """The paper's runs."""
 MOST_ROWS = 30
-"""Of panels in one figure."""
+"""Most rows of panels in one figure."""
 LONGEST_NAME = 30
-"""Letters of a run's name in a legend; of a longer one the end is shown."""
+"""Most characters of a run's name in a legend; of longer names the end is shown."""
 _HEIGHT_IN = 1.75
 _COLUMNS = 6
-"""A row of one, two, three or six panels takes all of a figure's width."""
+"""Columns of the grid, so that one, two, three or six panels fill the width of a figure."""
 
 Rows = Sequence[Sequence[Panel]]
 
 
 def paper(traces: Mapping[str, Trace], fine: Mapping[str, Trace]) -> dict[str, Figure]:
-    """The paper's figures 1-12, ``fig01`` to ``fig12``, and all of them on a page, ``overview``.
+    """Draw the paper's figures 1-12, ``fig01`` to ``fig12``, and all of them on one page, ``overview``.
 
     Args:
         traces: the paper's runs by the names in :data:`RUNS`.
-        fine: the first :data:`SWITCHING_S` or more of the same runs at every step, for the insets of tau; that of the
-            impedance law is not needed.
+        fine: at least the first :data:`SWITCHING_S` of the same runs at every step, for the insets of tau; not needed
+            for the impedance law.
 
     Raises:
-        InputError: a run is missing or too short, or what should be at every step is not.
+        InputError: a run is missing or too short, or a trace of ``fine`` is not at every step.
     """
     _check(traces, fine)
     with styled():
@@ -60,20 +60,20 @@ def paper(traces: Mapping[str, Trace], fine: Mapping[str, Trace]) -> dict[str, F
 
 
 def plot(traces: Mapping[str, Trace], what: str) -> Figure:
-    """One figure of a run, or of several on the same axes.
+    """Draw one figure of a run, or of several runs on the same axes.
 
-    Of one run, components of a unit share a panel. Of several runs each component has a panel, and each run the colour
-    of its law; the size of the figure does not depend on how many runs there are.
+    For one run, components with the same unit share a panel. For several runs, each component has a panel and each run
+    has the colour of its law. The size of the figure does not depend on the number of runs.
 
     Args:
-        traces: by the names that the figure gives them.
+        traces: traces by the names shown in the figure.
         what: one of :data:`WHATS`.
 
     Raises:
-        InputError: a log has no samples, no law has a state to draw, or there would be too many panels.
+        InputError: a trace has fewer than two samples, no law has a state to draw, or there are too many panels.
     """
     if what not in WHATS:
-        raise InputError(f"{what}: nothing to draw by that name; {suggestion(what, WHATS)}")
+        raise InputError(f"{what}: is not a quantity to draw; {suggestion(what, WHATS)}")
     _drawable(traces)
     with styled():
         named = _named(traces)
@@ -96,7 +96,7 @@ def _check(traces: Mapping[str, Trace], fine: Mapping[str, Trace]) -> None:
         if trace.header.row_steps != 1:
             raise InputError(f"fine: {name} is not at every step; run it with log_rate 'full'")
         if trace.t[-1] < panels.SWITCHING_S - 1e-9:
-            raise InputError(f"fine: {name} ends at {trace.t[-1]:g} s; it takes {panels.SWITCHING_S:g} s")
+            raise InputError(f"fine: {name} ends at {trace.t[-1]:g} s; it must last at least {panels.SWITCHING_S:g} s")
 
 
 def _drawable(traces: Mapping[str, Trace]) -> None:
@@ -104,11 +104,11 @@ def _drawable(traces: Mapping[str, Trace]) -> None:
         raise InputError("there is no log to draw")
     for label, trace in traces.items():
         if len(trace) < 2:
-            raise InputError(f"{label}: has not two samples to draw a line through")
+            raise InputError(f"{label}: has fewer than two samples; a line needs two")
 
 
 def _numbered(traces: Mapping[str, Trace], fine: Mapping[str, Trace]) -> dict[int, tuple[str, Panel]]:
-    """Title and panel by the paper's numbers."""
+    """Title and panel by the number of the figure in the paper."""
     impedance, fosm, gsta, alone = (traces[name] for name in RUNS)
     return {
         1: ("impedance", panels.position(impedance)),
@@ -127,7 +127,7 @@ def _numbered(traces: Mapping[str, Trace], fine: Mapping[str, Trace]) -> dict[in
 
 
 def _overview(numbered: Mapping[int, tuple[str, Panel]]) -> Figure:
-    """A row for each quantity, a column for each law; the one law that never touches leaves its place to z."""
+    """One row per quantity, one column per law. z takes the place of the force of the law that makes no contact."""
     order = (1, 4, 8, 2, 6, 10, 3, 7, 11, 12, 5, 9)
     rows = [order[i : i + 3] for i in range(0, len(order), 3)]
     heights = [max(numbered[i][1].height for i in row) for row in rows]
@@ -148,7 +148,7 @@ def _overview(numbered: Mapping[int, tuple[str, Panel]]) -> Figure:
 
 
 def _of_one(label: str, trace: Trace, what: str) -> Rows:
-    """Linear and angular components below each other; in a summary side by side."""
+    """Linear and angular components in one column; side by side in a summary."""
     fine = trace if trace.header.row_steps == 1 and trace.t[-1] > 10.0 * panels.SWITCHING_S else None
 
     def halves(name: str) -> list[Panel]:
@@ -190,9 +190,9 @@ def _of_several(runs: Overlay, what: str) -> Rows:
 
 
 def _grid(rows: Rows, width: float, title: str) -> Figure:
-    """A figure of rows of panels, each as wide as the figure."""
+    """A figure of rows of panels; each row fills the width of the figure."""
     if len(rows) > MOST_ROWS:
-        raise InputError(f"{len(rows)} rows of panels are too many for a picture; draw not all of each log")
+        raise InputError(f"{len(rows)} rows of panels are too many for one figure; draw one quantity at a time")
     heights = [max(panel.height for panel in row) for row in rows]
     figure = Figure(figsize=(width, 0.55 + _HEIGHT_IN * sum(heights)))
     grid = GridSpec(len(rows), _COLUMNS, figure=figure, height_ratios=heights)
@@ -210,7 +210,7 @@ def _grid(rows: Rows, width: float, title: str) -> Figure:
 
 
 def _named(traces: Mapping[str, Trace]) -> dict[str, Trace]:
-    """Traces by the names that a figure has room for, each its own, with how they ended if they did not complete."""
+    """Traces by unique names that fit into a figure, with the status of runs that did not complete."""
     named: dict[str, Trace] = {}
     for i, (label, trace) in enumerate(traces.items()):
         name = label if len(label) <= LONGEST_NAME else f"...{label[3 - LONGEST_NAME :]}"
@@ -220,7 +220,7 @@ def _named(traces: Mapping[str, Trace]) -> dict[str, Trace]:
 
 
 def _entitle(ax: Axes, text: str) -> None:
-    """A title no longer than its panel; of a long one the end."""
+    """Set a title no wider than its panel; of a longer title the end is shown."""
     figure = ax.get_figure(root=True)
     assert figure is not None
     room = size_in(ax)[0] * figure.dpi
@@ -230,11 +230,11 @@ def _entitle(ax: Axes, text: str) -> None:
         title.set_text(f"...{text}")
 
 
-# What all share
+# All figures
 
 
 def _fill(cells: Sequence[tuple[Axes, Panel]]) -> None:
-    """Draw panels, each in its own range and prefix; time has one prefix and one range in all of a figure."""
+    """Draw panels, each with its own range and prefix. All panels of a figure share range and prefix of time."""
     end = 0.0
     for ax, panel in cells:
         power, prefix = prefix_of(panel.largest)
@@ -254,7 +254,7 @@ def _fill(cells: Sequence[tuple[Axes, Panel]]) -> None:
 
 
 def _finish(figure: Figure, cells: Sequence[tuple[Axes, Panel]], more: Sequence[Line2D] = ()) -> None:
-    """The legend; then, as sizes are known, the insets; and a name for each line in SVG."""
+    """Add the legend, then the insets, which need the final sizes, and the name of each line in the SVG."""
     _legend(figure, [ax for ax, _ in cells], more)
     engine = figure.get_layout_engine()
     assert engine is not None
@@ -266,7 +266,7 @@ def _finish(figure: Figure, cells: Sequence[tuple[Axes, Panel]], more: Sequence[
 
 
 def _legend(figure: Figure, axes: Iterable[Axes], more: Sequence[Line2D]) -> None:
-    """One legend above all axes, read row by row, in as few rows as the width allows."""
+    """Add one legend above all axes, ordered by rows, in as few rows as the width allows."""
     found: dict[str, Artist] = {}
     for ax in axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):

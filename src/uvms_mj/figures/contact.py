@@ -1,4 +1,4 @@
-"""The contact force of one run or of several: the whole, the impacts and the rest."""
+"""Panel of the contact force of one or several runs, with insets of the impacts and of the force at rest."""
 
 import math
 from collections.abc import Mapping
@@ -16,24 +16,24 @@ from .scales import largest, linear_within, rebounds
 from .style import COLOURS, LINE
 
 _TALLER = 0.3
-"""By how much an inset makes the panel taller, in heights of a panel."""
+"""Additional height of a panel per inset, in heights of a panel."""
 _MOST_OF_A_RUN = 0.4
-"""Impacts that take a larger part of a run can be read without an inset."""
+"""Impacts that take a larger fraction of a run are readable without an inset."""
 
 
 def force(trace: Trace) -> Panel:
-    """Force with which the vehicle of one run pushes on the wall."""
+    """Panel of the force with which the vehicle of one run pushes on the wall."""
     return forces({"": trace}, {"": {"label": "contact force", "color": COLOURS["force"], "linewidth": LINE}})
 
 
 def forces(traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]) -> Panel:
-    """Forces with which vehicles push on the wall, and where they should come to rest.
+    """Panel of the forces with which vehicles push on the wall, and of the expected forces at rest.
 
-    Insets show the impacts, from the first contact to the end of the rebounds, and the rest.
+    Insets show the impacts, from the first contact to the end of the rebounds, and the force at rest.
 
     Args:
-        traces: by name.
-        looks: colour, dashes and label of each.
+        traces: traces by name.
+        looks: colour, dashes and label of each trace.
     """
 
     def draw(ax: Axes) -> None:
@@ -48,8 +48,8 @@ def forces(traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]) 
 
 
 def expected_forces(trace: Trace) -> list[tuple[str, float]]:
-    """Name and value of the force that is expected of a rigid wall, and of that of the closed form [N]."""
-    found = [("expected", demanded_force(trace.scenario, math.inf))]  # the paper's wall does not give
+    """Names and values of the force expected at a rigid wall and of the force of the closed form [N]."""
+    found = [("expected", demanded_force(trace.scenario, math.inf))]  # the paper neglects the wall's compliance
     if isinstance(trace.analytic, SteadyState):
         found.append(("analytic", trace.analytic.force))
     return [(name, force) for name, force in found if 0.0 < force < math.inf]
@@ -61,7 +61,7 @@ def _pushes(
     looks: Mapping[str, Mapping[str, Any]],
     window: tuple[float, float] = (-np.inf, np.inf),
 ) -> list[float]:
-    """Draw the pushes within a window of time, with a sample at either side; the least and the largest of all."""
+    """Draw the pushes within a window of time and one sample on either side; return least and largest values [N]."""
     ends = []
     for label, trace in traces.items():
         first, last = np.searchsorted(trace.t, window)
@@ -73,7 +73,7 @@ def _pushes(
 
 
 def _expected(ax: Axes, traces: Mapping[str, Trace]) -> list[float]:
-    """The forces that are expected of any of the runs, each drawn once."""
+    """Draw the expected forces of all runs, each once; return their values [N]."""
     span = np.array([0.0, max(float(trace.t[-1]) for trace in traces.values())])
     found = dict.fromkeys(pair for trace in traces.values() for pair in expected_forces(trace))
     for name, force in found:
@@ -97,7 +97,7 @@ def _impacts(traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]
 
 
 def _at_rest(traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]) -> tuple[Inset, ...]:
-    """The second half of what follows the first contact of those runs that push then, where peaks are much larger."""
+    """Inset of the second half of the time after first contact, for runs in contact then, if peaks are much larger."""
     touched = {label: trace for label, trace in traces.items() if trace.push.any()}
     if not touched:
         return ()

@@ -1,4 +1,4 @@
-"""Insets: parts of a panel drawn larger, each where the panel has no lines."""
+"""Insets: enlarged parts of a panel, placed where the panel has no lines."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -10,22 +10,22 @@ from .lines import size_in, ticks
 from .style import LINE, SMALL
 
 CELLS = 120
-"""An axes is this many cells wide and high when a free place is sought in it."""
+"""Width and height of an axes in cells, for the search of a free place."""
 _LEFT_PT, _RIGHT_PT, _BELOW_PT, _ABOVE_PT = 24.0, 6.0, 11.0, 11.0
 """Room around an inset for its numbers and its title [pt]."""
 
 Corner = tuple[float, float]
-"""The lower left corner of an inset, as parts of its axes."""
+"""Lower left corner of an inset, in fractions of its axes."""
 
 
 @dataclass(frozen=True)
 class Inset:
-    """A part of a panel, larger.
+    """An enlarged part of a panel.
 
     Attributes:
-        draw: draws it, limits included, into the axes that it is given, numbered in multiples of a power.
-        title: what it shows.
-        height: as part of the panel's.
+        draw: draws it into axes and sets their limits; the second argument is the power of ten of the axis numbers.
+        title: text above it.
+        height: as a fraction of the panel's height.
     """
 
     draw: Callable[[Axes, float], None]
@@ -34,10 +34,10 @@ class Inset:
 
 
 def place(ax: Axes, insets: Sequence[Inset], power: float) -> None:
-    """Draw insets of a panel, each where the panel is empty.
+    """Draw insets of a panel where the panel is empty.
 
-    The panel gets more room above, up to as much again, until all of them fit. If they never do, it keeps its range,
-    and those that fit are drawn.
+    The upper limit of the panel is raised until all insets fit, at most to twice the range. If they still do not fit,
+    the panel keeps its range, and only the insets that fit are drawn.
     """
     low, high = ax.get_ylim()
     corners: list[Corner | None] = []
@@ -68,7 +68,7 @@ def _draw(ax: Axes, inset: Inset, corner: Corner, power: float) -> None:
 
 
 def _corners(ax: Axes, insets: Sequence[Inset]) -> list[Corner | None]:
-    """A place for each inset, where neither lines nor earlier insets are."""
+    """A corner for each inset, clear of lines and earlier insets; None if there is no room."""
     taken, found = _taken(ax), []
     for inset in insets:
         corner = _corner(ax, inset, taken)
@@ -82,7 +82,7 @@ def _corners(ax: Axes, insets: Sequence[Inset]) -> list[Corner | None]:
 
 
 def _corner(ax: Axes, inset: Inset, taken: np.ndarray) -> Corner | None:
-    """Lower left corner for an inset with its numbers and title: as far up as there is room, then to the right."""
+    """The uppermost, then rightmost, lower left corner for an inset with its numbers and title; None without room."""
     left, right, below, above = _margins(ax)
     width, height = _size(ax, inset)
     total = np.pad(taken.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
@@ -99,19 +99,19 @@ def _corner(ax: Axes, inset: Inset, taken: np.ndarray) -> Corner | None:
 
 
 def _margins(ax: Axes) -> tuple[float, float, float, float]:
-    """Left, right, below, above: room around an inset, as parts of its panel's size."""
+    """Margins around an inset, left, right, below, above, in fractions of its panel's size."""
     wide, high = (72.0 * side for side in size_in(ax))
     return _LEFT_PT / wide, _RIGHT_PT / wide, _BELOW_PT / high, _ABOVE_PT / high
 
 
 def _size(ax: Axes, inset: Inset) -> tuple[float, float]:
-    """Of an inset, as parts of its panel's; in a small panel there is less room beside the numbers."""
+    """Width and height of an inset in fractions of its panel's; smaller in a small panel, to leave room for numbers."""
     wide, high = size_in(ax)
     return (0.48 if wide > 2.0 else 0.4), inset.height * (1.0 if high > 1.5 else 0.85)
 
 
 def _taken(ax: Axes) -> np.ndarray:
-    """Which cells (row from below, column) of an axes lines go through."""
+    """Cells (row from below, column) of an axes that lines pass through, as ones."""
     taken = np.zeros((CELLS, CELLS), dtype=int)
     edges = np.linspace(0.0, 1.0, CELLS + 1)
     to_axes = ax.transData - ax.transAxes

@@ -1,4 +1,4 @@
-"""Lines that show every extreme, however long the log is."""
+"""Lines that are thinned without loss of extremes, for logs of any length."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 PIXELS_PER_INCH = 300
-"""That lines are thinned for."""
+"""Resolution for which lines are thinned."""
 
 
 def thin(t: np.ndarray, values: np.ndarray, columns: int) -> tuple[np.ndarray, np.ndarray]:
@@ -16,10 +16,10 @@ def thin(t: np.ndarray, values: np.ndarray, columns: int) -> tuple[np.ndarray, n
     Args:
         t: (n,) increasing.
         values: (n,).
-        columns: of pixels.
+        columns: number of pixel columns.
 
     Returns:
-        At most 2 columns + 2 samples (m,), (m,); all of them where there are not many more than that.
+        Times (m,) and values (m,) of at most 2 columns + 2 samples; all samples if there are no more than that.
     """
     n = len(t)
     if n <= 2 * columns + 2:
@@ -36,19 +36,19 @@ def thin(t: np.ndarray, values: np.ndarray, columns: int) -> tuple[np.ndarray, n
 
 
 def size_in(ax: Axes) -> tuple[float, float]:
-    """Width and height of an axes, before there is a layout about so [in]."""
+    """Width and height of an axes [in]; approximate before the layout is computed."""
     figure, box = ax.get_figure(root=True), ax.get_position()
     assert figure is not None
     return figure.get_figwidth() * box.width, figure.get_figheight() * box.height
 
 
 def line(ax: Axes, t: np.ndarray, values: np.ndarray, name: str, **look: Any) -> None:
-    """Draw samples (n,) as one line; ``name`` is its group in an SVG."""
+    """Draw samples (n,) as one line; ``name`` is its group id in an SVG."""
     columns = max(100, round(size_in(ax)[0] * PIXELS_PER_INCH))
     ax.plot(*thin(t, values, columns), gid=name, **look)
 
 
 def ticks(ax: Axes, most: int) -> None:
-    """Few round numbers on both axes."""
+    """Set at most ``most`` intervals with round numbers on both axes."""
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10]))

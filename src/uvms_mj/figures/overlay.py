@@ -1,7 +1,6 @@
 """Several runs on the same axes: one panel for each component, each run in the colour of its law.
 
-Where one run would make the others look flat, the axis is logarithmic beyond a limit that the panel names, so that no
-run leaves it.
+If one run would make the others look flat, the axis is logarithmic beyond a limit that the panel shows.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -33,16 +32,16 @@ from .scales import fills, largest, linear_within
 from .style import stripe
 
 MOST_NAMES = 30
-"""More runs than this are named by their laws alone."""
+"""Most runs named in the legend; more runs are named by their laws only."""
 _BELOW = 1.9
-"""Where a line is drawn that would hide others."""
+"""zorder of a line that would hide others."""
 
 
 class Overlay:
     """Panels of several runs.
 
     Args:
-        traces: by the names that the legend gives them.
+        traces: traces by the names shown in the legend.
     """
 
     def __init__(self, traces: Mapping[str, Trace]) -> None:
@@ -77,11 +76,11 @@ class Overlay:
         return _panel(f"position {AXES[i]}", "m", draw, values, wholes, inset)
 
     def force(self) -> list[list[Panel]]:
-        """The push of all runs; the impacts and the rest in insets."""
+        """The push of all runs, with insets of the impacts and of the force at rest."""
         return [[forces(self.traces, self.looks)]]
 
     def signal(self, name: str) -> list[list[Panel]]:
-        """A signal of the runs that have it: linear components in a row and angular ones below it."""
+        """A signal of the runs that have it: one row of linear and one row of angular components."""
         owners = {
             label: trace for label, trace in self.traces.items() if any(each.name == name for each in trace.signals)
         }
@@ -117,7 +116,7 @@ class Overlay:
         )
 
     def _range(self, name: str, owners: Mapping[str, Trace]) -> Panel:
-        """A state of many numbers: the range that they are in."""
+        """The range of the numbers of a large state."""
         flat = {label: trace[name].reshape(len(trace), -1) for label, trace in owners.items()}
 
         def draw(ax: Axes) -> None:
@@ -142,6 +141,6 @@ def _panel(
     wholes: Sequence[float],
     insets: Sequence[Inset] = (),
 ) -> Panel:
-    """A panel of one line for each run; ``wholes`` are the largest sizes of the signals that they are components of."""
+    """A panel with one line for each run; ``wholes`` are the largest magnitudes of the complete signals."""
     sizes = [largest(each) for each in values.values()]
     return Panel(what, unit, draw, max(sizes), tuple(insets), within=linear_within(sizes, wholes))

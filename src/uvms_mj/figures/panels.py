@@ -1,6 +1,6 @@
-"""What one panel of one run shows: position, sliding variable, actuation force, a law's own states.
+"""Panels of one run: position, sliding variable, actuation force, and the states of its law.
 
-Linear and angular components have panels of their own, for their units differ.
+Linear and angular components have separate panels, because their units differ.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,31 +22,31 @@ LINEAR, ANGULAR = slice(0, 3), slice(3, 6)
 """Components of a signal of six numbers."""
 AXES = ("x", "y", "z")
 SWITCHING_S = 0.01
-"""How much of a run's beginning the insets of tau show [s]: the first-order law's chatter dies out in it."""
+"""Time that the insets of tau show from the start of a run [s]. The first-order law's chatter dies out within it."""
 MOST_LINES = 6
-"""A state of more numbers than this is drawn as the range that they are in."""
+"""Most lines for one state; a state with more numbers is drawn as the range of its numbers."""
 COMPONENT_COLOURS = [COLOURS[name] for name in (*AXES, "roll", "pitch", "yaw")]
 REFERENCE: dict[str, Any] = {"color": BLACK, "linestyle": "dashed", "linewidth": 0.8, "zorder": 4}
 LEVELS: dict[str, dict[str, Any]] = {
     "expected": REFERENCE | {"linestyle": (0, (9, 3))},
     "analytic": {"color": BLACK, "linestyle": "dotted", "linewidth": LINE, "zorder": 5},
 }
-"""Looks of the forces that are expected."""
+"""Line styles of the expected forces."""
 WALL: dict[str, Any] = {"color": GREY, "linestyle": "dashdot", "linewidth": 0.8, "zorder": 1.5}
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One panel, before there are axes for it.
+    """Contents of one panel, independent of its axes.
 
     Attributes:
-        quantity: what y is.
-        unit: of y; empty where there is none to name.
+        quantity: name of y.
+        unit: unit of y; empty if unknown.
         draw: draws the lines, in SI.
-        largest: value that y is to be numbered for; 1, no prefix, where not given.
-        insets: parts of it, larger.
+        largest: magnitude that determines the SI prefix of y; the default, 1, gives no prefix.
+        insets: enlarged parts of the panel.
         height: in heights of an ordinary panel.
-        within: where y turns logarithmic; None for a linear axis.
+        within: y is logarithmic beyond +-within; None for a linear axis.
     """
 
     quantity: str
@@ -58,7 +58,7 @@ class Panel:
     within: float | None = None
 
     def label(self, prefix: str) -> str:
-        """Of y."""
+        """Label of y: quantity and unit with an SI prefix."""
         return f"{self.quantity} [{prefix}{self.unit}]" if self.unit else self.quantity
 
 
@@ -66,7 +66,7 @@ class Panel:
 
 
 def position(trace: Trace) -> Panel:
-    """Position in W, reference and wall; near the wall in an inset, where the run ends there."""
+    """Position in W, reference and wall; with an inset of x near the wall if the run ends there."""
     reach = np.concatenate([trace.p_WB, trace.p_d])
 
     def draw(ax: Axes) -> None:
@@ -80,14 +80,14 @@ def position(trace: Trace) -> Panel:
 
 
 def wall(ax: Axes, trace: Trace, reach: np.ndarray) -> None:
-    """The wall's position, where a run's positions and references come near it."""
+    """Draw the wall's position if positions or references, ``reach``, come near it."""
     x_c, span = trace.scenario.wall.position, float(np.ptp(reach))
     if reach.min() - 0.1 * span <= x_c <= reach.max() + 0.1 * span:
         level(ax, trace.t, x_c, "wall", WALL)
 
 
 def near_wall(traces: dict[str, Trace], looks: dict[str, dict[str, Any]]) -> tuple[Inset, ...]:
-    """Where runs end close to the wall that they share: x and its reference there."""
+    """Inset of x and its reference near the wall, if all runs end close to the same wall."""
     walls = {trace.scenario.wall.position for trace in traces.values()}
     depth = max(max(abs(float(trace.p_d[-1, 0]) - min(walls)) for trace in traces.values()), 2e-3)
     x_c = min(walls)
@@ -116,9 +116,10 @@ def near_wall(traces: dict[str, Trace], looks: dict[str, dict[str, Any]]) -> tup
 
 
 def vector(trace: Trace, name: str, part: slice = LINEAR) -> Panel:
-    """Three components of a signal of six numbers, all of one unit.
+    """Three components of a signal of six numbers, all with the same unit.
 
-    Where a transient at the beginning dwarfs what follows, it has an inset, and the panel has the range of the rest.
+    If an initial transient is much larger than the rest of the run, an inset shows the transient and the panel has the
+    range of the rest.
     """
     signal = next(signal for signal in trace.signals if signal.name == name)
     values = trace[name].reshape(len(trace), signal.size)[:, part]
@@ -141,7 +142,7 @@ def vector(trace: Trace, name: str, part: slice = LINEAR) -> Panel:
 
 
 def quantity(trace: Trace, name: str, part: slice = LINEAR) -> str:
-    """What a reader calls a signal's linear or angular components."""
+    """Name of the linear or angular components of a signal, for the axis label."""
     if name == "tau":
         return "actuation moment τ" if part == ANGULAR else "actuation force τ"
     if name == "s":
@@ -150,7 +151,7 @@ def quantity(trace: Trace, name: str, part: slice = LINEAR) -> str:
 
 
 def tau(trace: Trace, fine: Trace | None, other: Trace | None = None, other_fine: Trace | None = None) -> Panel:
-    """Force part of tau, with its beginning at every step in an inset where ``fine`` has it; ``other`` dashed."""
+    """Force part of tau, with an inset of its beginning at every step from ``fine``; ``other`` is dashed."""
 
     def beginning(ax: Axes, power: float) -> None:
         assert fine is not None
@@ -163,7 +164,7 @@ def tau(trace: Trace, fine: Trace | None, other: Trace | None = None, other_fine
 
 
 def _until(ax: Axes, window: float, power: float) -> None:
-    """The limits and numbers of an inset that shows the beginning of a run."""
+    """Set limits and numbers of an inset that shows the beginning of a run."""
     ax.margins(y=0.08)
     ax.set_xlim(0.0, window)
     number(ax.yaxis, power)
@@ -171,12 +172,12 @@ def _until(ax: Axes, window: float, power: float) -> None:
 
 
 def integral(trace: Trace, other: Trace | None = None) -> Panel:
-    """Force part of the integral term of a super-twisting law; ``other`` dashed."""
+    """Force part of the integral term of a super-twisting law; ``other`` is dashed."""
     return Panel("integral term z", "m/s²", lambda ax: pair(ax, trace, other, "z"), largest(trace.z[:, :3]))
 
 
 def state(trace: Trace, signal: Signal) -> Panel:
-    """A state of a law that is not a vector of six: its numbers, or where they are many, the range that they are in."""
+    """A state of a law that is not a vector of six: its numbers, or the range of more than six numbers."""
     values = trace[signal.name].reshape(len(trace), signal.size)
 
     def draw(ax: Axes) -> None:
@@ -194,13 +195,13 @@ def state(trace: Trace, signal: Signal) -> Panel:
 
 
 def unit_of(signal: Signal, part: slice) -> str:
-    """The unit of some components as a label has it; empty where a law's own is not declared."""
+    """Unit of some components in the format of a label; empty if a law does not declare the unit of its state."""
     unit = signal.units[part.start or 0]
     return "" if unit == OWN_UNIT else unit.replace("^2", "²").replace("^3", "³")
 
 
 def components(ax: Axes, trace: Trace, signal: Signal, part: slice, until: float = np.inf) -> None:
-    """Three components of a signal of six numbers."""
+    """Draw three components of a signal of six numbers, until a time [s]."""
     n = int(np.searchsorted(trace.t, until + 1e-9, side="right"))
     for i, component in enumerate(signal.components[part]):
         values = trace[signal.name][:n, part.start + i]
@@ -209,8 +210,8 @@ def components(ax: Axes, trace: Trace, signal: Signal, part: slice, until: float
 
 
 def pair(ax: Axes, trace: Trace, other: Trace | None, name: str, until: float = np.inf) -> None:
-    """x, y and z of a signal; if there is another trace, solid and pale, and those of the other dashed on them."""
-    # dashes would hide how a line turns at every sample
+    """Draw x, y and z of a signal. With another trace, the first is solid and pale and the other dashed above it."""
+    # dashes would hide reversals at every sample
     alone: dict[str, Any] = {"linestyle": "solid"} if np.isfinite(until) else {}
     runs: list[tuple[Trace, dict[str, Any]]] = [(trace, {"alpha": 0.45, "linestyle": "solid"} if other else alone)]
     if other is not None:
@@ -224,7 +225,7 @@ def pair(ax: Axes, trace: Trace, other: Trace | None, name: str, until: float = 
 
 
 def pair_handles() -> list[Line2D]:
-    """What colours, solid and dashed mean, for a legend."""
+    """Legend entries for colours, solid lines and dashed lines."""
     return [
         *(Line2D([], [], color=COLOURS[axis], linewidth=LINE, label=axis) for axis in AXES),
         Line2D([], [], color=GREY, linewidth=LINE, alpha=0.6, label="with nominal control"),
@@ -233,11 +234,11 @@ def pair_handles() -> list[Line2D]:
 
 
 def level(ax: Axes, t: np.ndarray, value: float, label: str, look: dict[str, Any]) -> None:
-    """A horizontal line over the time of a run."""
+    """Draw a horizontal line over the time of a run."""
     ax.plot(t[[0, -1]], [value, value], label=label, gid=label, **look)
 
 
 def states_of(trace: Trace) -> Sequence[Signal]:
-    """The law's states; empty for a law that has none."""
+    """Signals of the law's states; empty for a law without states."""
     names = trace.header.law.states
     return [signal for signal in trace.signals if signal.name in names]

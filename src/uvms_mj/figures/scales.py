@@ -1,4 +1,4 @@
-"""Ranges, scales and numbers of an axis: SI prefixes, logarithmic scales through zero, and windows of time."""
+"""Ranges, scales and numbers of axes: SI prefixes, symmetric logarithmic scales, and windows of time."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -12,31 +12,31 @@ from numpy.typing import ArrayLike
 from .style import SMALL
 
 FLAT = 10.0
-"""A line whose range is this many times smaller than its panel's looks flat."""
+"""Ratio of a panel's range to a line's range from which the line looks flat."""
 _NOTHING = 1e-6
-"""A size below this part of the largest of its signal is rounding: no scale is chosen for it."""
+"""Magnitudes below this fraction of a signal's largest come from rounding and are ignored in the choice of a scale."""
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 _MOST_TICKS = 3
-"""Of one sign, on a logarithmic axis."""
+"""Most intervals between ticks of one sign on a logarithmic axis."""
 _FILLING = 50.0
-"""A line fills an area if its way up and down is this many times its range."""
+"""A line fills an area if its total variation exceeds its range by this factor."""
 _EARLY = 0.05
-"""A transient at the beginning is over within this part of a run."""
+"""Longest initial transient, as a fraction of a run."""
 
 
 def largest(values: ArrayLike) -> float:
-    """The largest size of numbers that are finite."""
+    """Largest magnitude of the finite values; 0 if there are no finite values."""
     sizes = np.abs(np.asarray(values, dtype=float))
     return float(sizes[np.isfinite(sizes)].max(initial=0.0))
 
 
 def prefix_of(largest: float) -> tuple[float, str]:
-    """The SI prefix that a signal is best read in whose largest size is this."""
+    """Power of ten and SI prefix for a signal with this largest magnitude."""
     return next(((power, prefix) for power, prefix in _PREFIXES if largest >= 0.05 * power), _PREFIXES[0])
 
 
 def number(axis: Axis, power: float) -> None:
-    """Number an axis in multiples of ``power``; the data stay in SI."""
+    """Number an axis in multiples of ``power``; the data remain in SI."""
     if power != 1.0:
         axis.set_major_formatter(_Multiples(power))
 
@@ -55,14 +55,14 @@ class _Multiples(ScalarFormatter):
 
 
 def linear_within(sizes: Sequence[float], wholes: Sequence[float]) -> float | None:
-    """Where an axis that all of some lines share shall turn from linear to logarithmic; None for a linear axis.
+    """Limit of the linear part of an axis that several lines share; None for a linear axis.
 
     Args:
-        sizes: the largest size of each line.
-        wholes: the largest size of the signal that each line is a component of.
+        sizes: largest magnitude of each line.
+        wholes: largest magnitude of the complete signal of each line.
 
     Returns:
-        A power of ten at or below the smallest size, if on a linear axis that line would look flat.
+        A power of ten at or below the smallest magnitude if that line would look flat on a linear axis, else None.
     """
     sizes = [size for size, whole in zip(sizes, wholes, strict=True) if size > _NOTHING * whole]
     if not sizes or max(sizes) < FLAT * min(sizes):
@@ -71,7 +71,7 @@ def linear_within(sizes: Sequence[float], wholes: Sequence[float]) -> float | No
 
 
 def logarithmic(ax: Axes, within: float, unit: str, power: float, prefix: str) -> None:
-    """Make y logarithmic beyond ±``within`` and linear between, shade the linear part and name its limit."""
+    """Make y linear within ±``within`` and logarithmic beyond, shade the linear part and show its limit."""
     low, high = ax.dataLim.y0, ax.dataLim.y1
     ax.set_yscale("symlog", linthresh=within, linscale=0.5)
     ends = [1.6 * min(low, -within), 1.6 * max(high, within)]
@@ -97,20 +97,20 @@ def logarithmic(ax: Axes, within: float, unit: str, power: float, prefix: str) -
 
 
 def fills(values: np.ndarray) -> bool:
-    """Whether a line (n,) goes to and fro so often that it fills an area and would hide what lies under it."""
+    """Whether a line (n,) oscillates so much that it fills an area and would hide lines below it."""
     values = values[np.isfinite(values)]
     return len(values) > 2 and bool(np.abs(np.diff(values)).sum() > _FILLING * np.ptp(values))
 
 
 def early(t: np.ndarray, values: np.ndarray) -> float:
-    """How long a transient at the beginning lasts beside which the rest of a run looks flat [s]; 0 if there is none.
+    """Duration of an initial transient that makes the rest of a run look flat [s]; 0 without such a transient.
 
     Args:
         t: (n,).
         values: (n, k).
 
     Returns:
-        The shortest of 1, 2, 5, 10, ... ms after which the values keep within twice what they reach later.
+        The shortest of 1, 2, 5, 10, ... ms after which the values stay within twice their largest later magnitude.
     """
     size = np.abs(values).max(axis=1)
     latest = t[0] + _EARLY * (t[-1] - t[0])
@@ -128,8 +128,10 @@ def early(t: np.ndarray, values: np.ndarray) -> float:
 
 
 def rebounds(t: np.ndarray, push: np.ndarray) -> tuple[float, float] | None:
-    """From the first contact to the end of the rebounds and as much as half again [s]; None where there are none, or
-    where they take most of the run."""
+    """Start and end of the rebounds, with margins of 5 % of their duration before and 50 % after them [s].
+
+    None without rebounds, for rebounds that do not end, and if the window is 30 % of the run or longer.
+    """
     touched = np.flatnonzero(push > 0.0)
     if not len(touched):
         return None

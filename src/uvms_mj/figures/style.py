@@ -1,4 +1,4 @@
-"""What is common to all figures: the style file, colours, sizes, and files that are the same for the same data."""
+"""Style, colours and sizes of all figures, and reproducible files."""
 
 import contextlib
 import io
@@ -13,21 +13,21 @@ from matplotlib.figure import Figure
 from ..outputs import whole
 
 STYLE = Path(__file__).with_name("uvms_mj.mplstyle")
-"""The one place for fonts, widths and colours."""
+"""Style file with fonts, widths and colours."""
 COLUMN_IN, PAGE_IN = 3.4, 7.1
 """Width of a column and of a page [in]."""
 SMALL = 6.0
 """Size of the text in an inset [pt]."""
 BLACK, GREY = "#000000", "#777777"
-"""Of what is expected or asked for, and of the wall."""
+"""Colours of references and expected values, and of the wall."""
 
 _CYCLE = mpl.rc_params_from_file(STYLE, use_default_template=False)["axes.prop_cycle"].by_key()["color"]
 COLOURS = dict(zip(("x", "y", "z", "force", "roll", "pitch", "yaw"), _CYCLE, strict=True))
-"""By component, the same in every figure, and that of the contact force."""
+"""Colours of the components and of the contact force, the same in every figure."""
 LINE = 1.0
-"""Width of every line of samples [pt]: none is louder than another."""
+"""Width of every line of samples [pt], so that no line dominates."""
 _PERIOD, _STRIPE, _MOST_STRIPES = 7.0, 2.5, 6
-"""Length of a pattern of dashes, and the least of a line's part in it, in widths of a line; as many lines differ."""
+"""Length of a dash pattern and least length of one line's stripe in it, in line widths; number of distinct patterns."""
 
 FORMATS = ("png", "svg", "pdf")
 _METADATA: dict[str, dict[str, None]] = {
@@ -38,10 +38,10 @@ _METADATA: dict[str, dict[str, None]] = {
 
 
 def stripe(i: int, n: int) -> dict[str, Any]:
-    """The look of line i of n that may lie on each other: where they do, each shows as a stripe of its colour.
+    """Line style of line i of n. Where lines coincide, each remains visible as a stripe of its colour.
 
-    The first is solid and lies lowest. Each later one is drawn over it in dashes that are a little shorter than those
-    before, down to half of the pattern.
+    The first line is solid and drawn first. Each later line is drawn above it with shorter dashes than the line before,
+    down to half of the pattern.
     """
     shown = min(n, _MOST_STRIPES)
     period = max(_PERIOD, _STRIPE * shown)
@@ -52,18 +52,18 @@ def stripe(i: int, n: int) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def styled() -> Iterator[None]:
-    """The style file's settings and matplotlib's defaults, whatever the user's own settings are."""
+    """A context with the settings of the style file and matplotlib's defaults, independent of the user's settings."""
     with mpl.rc_context(fname=STYLE):
         yield
 
 
 def save(figure: Figure, path: str | os.PathLike, formats: Sequence[str] = ("png", "svg")) -> list[Path]:
-    """Write a figure; the same figure gives the same bytes. What stands there is replaced, each file at once.
+    """Write a figure to files. The same figure gives the same bytes. Existing files are replaced atomically.
 
     Args:
-        figure: what to write.
-        path: without suffix.
-        formats: of :data:`FORMATS`.
+        figure: figure to write.
+        path: path without suffix.
+        formats: some of :data:`FORMATS`.
 
     Returns:
         The files, in the order of ``formats``.
@@ -76,7 +76,7 @@ def save(figure: Figure, path: str | os.PathLike, formats: Sequence[str] = ("png
 
 
 def _write(figure: Figure, path: Path, kind: str) -> Path:
-    drawn = io.BytesIO()  # on a full disk matplotlib's PDF writer fails twice, the second time in closing
+    drawn = io.BytesIO()  # on a full disk matplotlib's PDF writer fails a second time in closing the file
     with styled():
         figure.savefig(drawn, format=kind, metadata=_METADATA[kind])
     with whole(path) as part:

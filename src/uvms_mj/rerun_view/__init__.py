@@ -1,4 +1,4 @@
-"""Runs in the Rerun viewer: the only code that knows Rerun. Everything listens on this machine alone."""
+"""Runs in the Rerun viewer. Only this package uses Rerun. All of its servers listen on this machine only."""
 
 from .viewer import LiveView, save, serve, show
 

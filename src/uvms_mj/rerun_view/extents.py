@@ -1,4 +1,4 @@
-"""What is known of a run that is over, for the axes of its plots and the scale of its arrows."""
+"""Ranges of the signals of a finished run, for the axes of its plots and the scale of its arrows."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -9,21 +9,21 @@ import numpy as np
 from ..trace import Trace
 
 MOST_STEPS = 5
-"""Rerun numbers an axis at multiples of a power of ten only, and as many of them as this can be read in its plots."""
+"""Most readable numbers on an axis. Rerun puts numbers at multiples of a power of ten only."""
 _LARGEST = 1e12
-"""No axis goes further."""
+"""Largest magnitude on an axis."""
 _EDGE = 0.07
-"""How far a number must be from the end of its axis, as part of its length."""
+"""Least distance of a number from the end of its axis, as a fraction of the axis."""
 _RESTS = 0.1
-"""The last part of a run, in which its force has come to rest, if it does."""
+"""Final fraction of a run in which the largest force counts as the force at rest."""
 
 
 @dataclass(frozen=True)
 class Extents:
-    """Of one run.
+    """Extents of one run.
 
     Attributes:
-        ranges: (size, 2) least and greatest value of each number of each signal, by the signal's name.
+        ranges: (size, 2) least and greatest value of each component of each signal, by the signal's name.
         rest: the largest push in the last tenth of the run [N].
         peak: the largest push [N].
         force: the largest of all forces that are drawn as arrows [N].
@@ -36,7 +36,7 @@ class Extents:
 
     @classmethod
     def of(cls, trace: Trace) -> "Extents":
-        """What a trace shows."""
+        """The extents of a trace."""
         ranges = {}
         for signal in trace.signals:
             values = _drawable(trace[signal.name].reshape(len(trace), signal.size))
@@ -50,19 +50,22 @@ class Extents:
 
 
 def _drawable(values: np.ndarray) -> np.ndarray:
-    """Values, with 0 for those that are not finite or that a run which diverges reaches at its very end."""
+    """Values, with 0 for those that are not finite or too large to draw, as at the end of a run that diverged."""
     return np.where(np.abs(values) < _LARGEST, values, 0.0)
 
 
 def readable(limits: Iterable[tuple[float, float]]) -> tuple[float, float]:
-    """The range of an axis that holds all of some ranges, and two multiples of a power of ten at least, which are
-    numbered, but no more than can be read."""
+    """Range of an axis that contains all given ranges.
+
+    The range also contains at least two multiples of a power of ten, where Rerun puts numbers, but no more of them than
+    are readable.
+    """
     lows, highs = zip(*limits, strict=True)
     low, high = float(min(lows)), float(max(highs))
     margin = 0.05 * (high - low) or 0.5 * abs(high) or 0.5
     low, high = low - margin, high + margin
     step = 10.0 ** math.ceil(math.log10((high - low) / MOST_STEPS))
-    edge = _EDGE * (high - low)  # a number at the very edge is not shown
+    edge = _EDGE * (high - low)  # Rerun shows no number at the edge
     while (first := math.ceil((low + edge) / step)) + 1 > (last := math.floor((high - edge) / step)):
         if (last + 1) * step - high <= low - (first - 1) * step:
             high = (last + 1) * step + 2.0 * edge

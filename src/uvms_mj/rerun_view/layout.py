@@ -1,4 +1,4 @@
-"""What stands where in the viewer: a 3-D view, and beside it the plots that tell how a run went."""
+"""Layout of the viewer: a 3-D view and, to its right, the plots."""
 
 import hashlib
 from collections.abc import Iterable, Sequence
@@ -12,18 +12,20 @@ from .extents import readable
 from .run import TIMELINE, Run
 
 _ENDS_ALONE, _ENDS_COMPARED = 1.3, 1.5
-"""Where the plots' time axis ends, in durations, so that the legend hides no line; it is wider with runs' names."""
+"""End of the plots' time axis, in durations, so that the legend hides no line. Names of runs make the legend wider."""
 _FORCES_AT_REST = 2.5
-"""Where the axis of the contact force ends, in the largest force at rest: an impact may be ten times as large."""
+"""End of the contact force's axis, relative to the largest force at rest. An impact may be ten times as large."""
 _WATER = (84, 112, 128)
-"""What the 3-D view has behind: neither dark, for much of a vehicle is black, nor light, for text."""
+"""Background of the 3-D view: lighter than the black parts of a vehicle, darker than the text."""
 _EYE = (-0.42, -1.13, 0.63)
-"""Where the 3-D view looks from, seen from its centre, in lengths of the way from start to wall."""
+"""Position of the 3-D view's eye relative to its centre, in units of the distance from start to wall."""
 
 
 def application(runs: Sequence[Run]) -> str:
-    """The name under which a viewer keeps a layout, and would give it to whatever else has this name: a digest of what
-    the layout depends on."""
+    """Application name for a layout: a digest of the layout's inputs.
+
+    Rerun stores layouts by application name and would otherwise apply a stored layout to other runs.
+    """
     parts = [
         (run.label, run.header.scenario, run.header.law.states, getattr(run.header.analytic, "force", None))
         for run in runs
@@ -32,7 +34,7 @@ def application(runs: Sequence[Run]) -> str:
 
 
 def layout(runs: Sequence[Run]) -> rrb.Blueprint:
-    """The layout for a run, or for several to compare."""
+    """The layout for one run, or for the comparison of several runs."""
     together = 3 if len(runs) == 1 else 1
     states = dict.fromkeys(state for run in runs for state in run.header.law.states)
     plots = rrb.Vertical(
@@ -77,7 +79,7 @@ def _scene(runs: Sequence[Run]) -> rrb.Spatial3DView:
 
 
 def _over(runs: Sequence[Run]) -> bool:
-    """Whether the runs are over, so that the ranges of their signals are known."""
+    """Whether all runs are finished, so that the ranges of their signals are known."""
     return all(run.extents is not None for run in runs)
 
 
@@ -86,7 +88,7 @@ def _tabs(views: Sequence[rrb.View], active: int = 0) -> rrb.View | rrb.Containe
 
 
 def _contact(runs: Sequence[Run]) -> list[rrb.View]:
-    """The force near rest, where every run's own is known or expected, and with its peak."""
+    """Views of the contact force: up to the known or expected forces at rest, and up to the peak."""
     lines = [path for run in runs for path in (run.path("push"), run.path("push", "analytic"))]
     rests = [run.header.analytic.force for run in runs if isinstance(run.header.analytic, SteadyState)]
     seen = [run.extents for run in runs if run.extents is not None]
@@ -99,7 +101,7 @@ def _contact(runs: Sequence[Run]) -> list[rrb.View]:
 
 
 def _signal(runs: Sequence[Run], what: str, name: str, together: int, reference: str = "") -> list[rrb.View]:
-    """Views of a signal's components, so many together; beside each, that of the first run's reference."""
+    """Views of a signal, ``together`` components in each, with those components of the first run's reference."""
     owners = [run for run in runs if run.has(name)]
     signal = max((run.signal(name) for run in owners), key=lambda signal: signal.size)
     views: list[rrb.View] = []
@@ -117,7 +119,7 @@ def _signal(runs: Sequence[Run], what: str, name: str, together: int, reference:
 def _plot(
     runs: Sequence[Run], name: str, lines: Sequence[str], limits: Iterable[tuple[float, float]] = ()
 ) -> rrb.TimeSeriesView:
-    """A plot of entities over the whole of the longest run, with all of some ranges in view."""
+    """A plot of entities over the duration of the longest run, with a value axis that contains the given ranges."""
     limits = list(limits)
     end = max(run.header.scenario.steps * run.header.scenario.simulation.timestep for run in runs)
     room = _ENDS_ALONE if len(runs) == 1 else _ENDS_COMPARED

@@ -1,9 +1,9 @@
-"""The ``rerun`` executable: started so that it listens on this machine alone and tells nobody anything.
+"""Starts the ``rerun`` executable so that it listens on this machine only and sends no data elsewhere.
 
-Rerun's viewer collects usage data unless its user has said no. It does not where ``CI`` is set, whatever its settings
-say, and then neither greets a new user nor writes any settings; only ``FORCE_RERUN_ANALYTICS`` is stronger. It also
-asks the web for newer versions of itself, and no setting stops that; but it obeys a proxy, and at the one that it is
-given nobody is at home.
+Rerun's viewer collects usage data unless the user opts out. With ``CI`` set it collects none, regardless of its
+settings; it also shows no welcome message and writes no settings. Only ``FORCE_RERUN_ANALYTICS`` overrides ``CI``. The
+viewer also checks the web for new versions, which no setting prevents. It respects a proxy, however, so it is given a
+proxy address where nothing listens.
 """
 
 import contextlib
@@ -30,7 +30,7 @@ _PIECE_BYTES = 65_536
 
 
 def environment() -> dict[str, str]:
-    """The environment in which Rerun tells nobody anything."""
+    """Environment variables with which Rerun sends no data elsewhere."""
     quiet = {"CI": "true", "TELEMETRY_ENABLED": "false", "RUST_LOG": "error"}
     for name in ("http_proxy", "https_proxy", "all_proxy"):
         quiet |= {name: _NOWHERE, name.upper(): _NOWHERE}
@@ -39,22 +39,22 @@ def environment() -> dict[str, str]:
 
 
 def free_port() -> int:
-    """A port on which nothing listens."""
+    """A free port of this machine."""
     with socket.socket() as probe:
         probe.bind((LOOPBACK, 0))
         return probe.getsockname()[1]
 
 
 def start(options: Sequence[str], port: int, lives_s: float = 0.0) -> subprocess.Popen:
-    """Start ``rerun`` with options, in a session of its own, and wait until it listens on a port.
+    """Start ``rerun`` in a new session and wait until it listens on a port.
 
     Args:
-        options: of the command line.
-        port: that it shall listen on.
-        lives_s: how long it must go on after that: the viewer listens before it opens its window [s].
+        options: command-line options.
+        port: port on which it will listen.
+        lives_s: time for which it must then keep running, because the viewer listens before it opens its window [s].
 
     Raises:
-        InputError: it ended instead, or did not begin to listen.
+        InputError: the process ended, or does not listen.
     """
     with tempfile.TemporaryFile() as errors:
         process = _rerun(options, stdin=subprocess.DEVNULL, stderr=errors)
@@ -75,7 +75,7 @@ def start(options: Sequence[str], port: int, lives_s: float = 0.0) -> subprocess
 
 
 def stop(process: subprocess.Popen) -> None:
-    """End what :func:`start` started, with its children."""
+    """End a process started by :func:`start`, and its children."""
     try:
         os.killpg(process.pid, signal.SIGTERM)
     except ProcessLookupError:
@@ -88,19 +88,19 @@ def stop(process: subprocess.Popen) -> None:
 
 
 class ViewerClosed(Exception):
-    """The viewer was closed, or does not take what it is sent."""
+    """The viewer was closed, or accepts no data."""
 
 
 class Sender:
-    """Sends a recording to a viewer, and never waits long for one that ended or hangs.
+    """Sends a recording to a viewer, with a limited wait for a viewer that ended or hangs.
 
-    Rerun's own client would: once its buffers are full it waits without end (rerun-io/rerun#12620). So it runs in a
-    process of its own, ``rerun -``, which takes a recording's bytes from a pipe and passes them on as they come.
+    Rerun's client waits forever once its buffers are full (rerun-io/rerun#12620). It therefore runs in a separate
+    process, ``rerun -``, which reads a recording's bytes from a pipe and forwards them.
 
     Args:
-        viewer: that :func:`start` started.
-        port: that it listens on.
-        patience_s: how long the viewer may take nothing before it is given up [s].
+        viewer: process started by :func:`start`.
+        port: port on which the viewer listens.
+        patience_s: longest time for which the viewer may accept no data [s].
     """
 
     def __init__(self, viewer: subprocess.Popen, port: int, patience_s: float) -> None:
@@ -111,19 +111,19 @@ class Sender:
         threading.Thread(target=self._pass_on, name="uvms-mj viewer", daemon=True).start()
 
     def send(self, data: bytes) -> None:
-        """Send what follows in the recording, soon. Raises ViewerClosed; nothing more can be sent then."""
+        """Queue the next bytes of the recording. Raises ViewerClosed, after which nothing more can be sent."""
         self._look()
         self._queue.put(data)
 
     def wait(self) -> None:
-        """Wait until what was sent is under way. Raises ViewerClosed."""
+        """Wait until the queue is empty. Raises ViewerClosed."""
         self._taken_at = time.monotonic()
         while not self._queue.empty():
             self._look(self._patience_s)
             time.sleep(_LOOKS_EVERY_S)
 
     def end(self) -> None:
-        """Wait until the viewer has everything. Raises ViewerClosed."""
+        """Wait until the viewer has received all data. Raises ViewerClosed."""
         self._queue.put(None)
         self._taken_at = time.monotonic()
         while self._process.poll() is None:
@@ -148,7 +148,7 @@ class Sender:
         if self._viewer.poll() is not None or self._process.poll():
             why = "it was closed"
         elif time.monotonic() - self._taken_at > patience_s:
-            why = f"it took nothing for {patience_s:g} s"
+            why = f"it accepted no data for {patience_s:g} s"
         if why:
             self._queue.put(None)
             stop(self._process)

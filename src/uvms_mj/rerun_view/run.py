@@ -1,8 +1,8 @@
-"""A run in Rerun's terms: what it looks like, and its samples as columns of entities.
+"""A run as Rerun entities: its appearance, and its samples as columns.
 
-Below its root a run has ``world/...``, what the 3-D view shows, in W; ``signals/<name>``, every recorded signal with
-all its numbers, or ``signals/<name>/<component>`` where a plot shows one alone; and ``push``, the force on the wall,
-with ``push/analytic``. Scalars keep all their bits; poses are float32, as Rerun has them.
+The entities below the root of a run are ``world/...``, the contents of the 3-D view in W; ``signals/<name>``, every
+recorded signal with all its components, or ``signals/<name>/<component>`` for plotted signals; and ``push``, the force
+on the wall, with ``push/analytic``. Scalars keep full precision. Poses are float32, because Rerun stores them so.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -33,26 +33,26 @@ from .solids import Solid, solids
 TIMELINE = "sim_time"
 """Simulated time [s]."""
 POSE_HZ = 50.0
-"""Most poses and arrows a simulated second."""
+"""Most poses and arrows per simulated second [Hz]."""
 TRAJECTORY_PIECES = 1000
-"""About how many straight pieces the way travelled has, however long the run."""
+"""Approximate number of straight pieces of a trajectory, for a run of any length."""
 _ABOVE = np.array([0.0, 0.0, 0.25])
-"""Where the contact force's text stands, seen from the tip [m]."""
+"""Position of the contact force's text relative to the contact point [m]."""
 
 LIGHT, GREY = (235, 235, 235), (160, 160, 160)
 COMPONENTS = (ORANGE, SKY, GREEN, YELLOW, BLUE, PURPLE)
-"""Of x, y, z, roll, pitch and yaw of whatever signal."""
+"""Colours of x, y, z, roll, pitch and yaw of any signal."""
 CONTACT, THRUST, CURRENT, REFERENCE = VERMILLION, ORANGE, SKY, GREY
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where a run is drawn among others, and how large its forces are.
+    """Lane of a run among others, and scale of its force arrows.
 
     Attributes:
-        y: of its lane, how far to the left of W's origin [m].
-        width: of its lane [m].
-        force_scale: length of its forces' arrows [m/N].
+        y: offset of the lane to the left of W's origin [m].
+        width: width of the lane [m].
+        force_scale: length of the force arrows [m/N].
     """
 
     y: float = 0.0
@@ -64,15 +64,15 @@ _ALONE = Place()
 
 
 class Run:
-    """One run on its way to Rerun.
+    """Writes one run to a Rerun stream.
 
     Args:
-        header: of the run.
-        label: what stands before its paths and names, among several; empty for a single run.
-        colour: what tells it from the others; None for a single run.
-        row_steps: rows from one sample that is sent to the next.
-        place: where it is drawn among others.
-        extents: what is known of it, if it is over.
+        header: header of the run.
+        label: prefix of the run's paths and names among several runs; empty for a single run.
+        colour: colour of the run among several runs; None for a single run.
+        row_steps: rows between two samples that are sent.
+        place: lane of the run and scale of its arrows.
+        extents: ranges of the signals of a finished run; None while the run is in progress.
     """
 
     def __init__(
@@ -92,12 +92,12 @@ class Run:
         self.pose_steps = max(1, round(1.0 / (POSE_HZ * row_s)))
         self.piece_steps = self.pose_steps * max(1, round(duration / TRAJECTORY_PIECES / (self.pose_steps * row_s)))
         self.plotted = ("p_WB", "p_d", "tau", "s", *header.law.states)
-        """What the layout has plots of."""
+        """Signals that the layout plots."""
         self._rows = 0
         self._last_p: np.ndarray | None = None
 
     def path(self, *parts: str) -> str:
-        """Where something of this run stands."""
+        """Path of an entity of this run."""
         return rr.new_entity_path([self.label, *parts] if self.label else list(parts))
 
     def has(self, name: str) -> bool:
@@ -107,7 +107,7 @@ class Run:
         return next(signal for signal in self.header.signals if signal.name == name)
 
     def line(self, name: str, component: int) -> str:
-        """Where a number of a signal stands that a plot shows."""
+        """Path of one component of a plotted signal."""
         signal = self.signal(name)
         return self.path("signals", name, *([signal.components[component]] if signal.size > 1 else []))
 
@@ -115,7 +115,7 @@ class Run:
         return f"{self.label}: {what}" if self.label else what
 
     def columns(self) -> Iterator[tuple[tuple[str, ...], Signal, slice]]:
-        """Where the numbers of each signal go: parts of a path, the signal, and which of its numbers."""
+        """Entities of all signals: parts of the path, the signal, and the components stored there."""
         for signal in self.header.signals:
             if signal.name in self.plotted and signal.size > 1:
                 for i, component in enumerate(signal.components):
@@ -124,7 +124,7 @@ class Run:
                 yield ("signals", signal.name), signal, slice(None)
 
     def begin(self, stream: rr.RecordingStream) -> None:
-        """Say where to, and send what does not change."""
+        """Set the stream, and send the static entities."""
         self.stream = stream
         self._things()
         self._series()
@@ -176,7 +176,7 @@ class Run:
         f_W = values["f_contact_W"]
         tip = p + np.array([self.header.geometry.reach, 0.0, 0.0])
         contact = self._vectors(f_W)
-        # with its head where the force acts: its tail would lie in the vehicle
+        # the head is at the contact point; an arrow that starts there would be inside the vehicle
         self._arrow("contact force", t, tip - contact, f_W, tip + _ABOVE)
         thrust_W = np.einsum("nij,nj->ni", rotation_matrices(quat), values["tau"][:, :3])
         self._arrow("thrust", t, p, thrust_W, p + self._vectors(thrust_W) - 0.4 * _ABOVE)
@@ -186,7 +186,7 @@ class Run:
         return arrows(force, self.place.force_scale, span(self.header))
 
     def _arrow(self, name: str, t: np.ndarray, start: np.ndarray, force: np.ndarray, text_at: np.ndarray) -> None:
-        """A force's arrow with its magnitude, where there is a force. All (n, 3), in W."""
+        """Send arrows of a force with its magnitude, for samples with a non-zero force. Vectors are (n, 3), in W."""
         newtons = magnitudes(force)
         some = newtons > 0.0
         drawn = rr.Arrows3D.columns(origins=start[some], vectors=self._vectors(force[some]))
@@ -198,7 +198,7 @@ class Run:
             self._send(("world", name, "text"), t, text.partition(some.astype(int)))
 
     def _trajectory(self, t: np.ndarray, p: np.ndarray) -> None:
-        """The way travelled, a straight piece at a time: the layout shows all up to the cursor."""
+        """Send the trajectory as straight pieces. The layout shows all pieces up to the time cursor."""
         if not len(t):
             return
         way = np.concatenate([p[:1] if self._last_p is None else self._last_p[None], p])
@@ -240,7 +240,7 @@ class Run:
         self._names(*bounds(shapes, geometry.reach))
 
     def _names(self, low: np.ndarray, high: np.ndarray) -> None:
-        """The reference as a box around the vehicle's corners (3,), and the names of both."""
+        """Send the reference as a box between the vehicle's corners (3,), and the name of the run or the reference."""
         box = rr.Boxes3D(
             centers=[(low + high) / 2],
             half_sizes=[(high - low) / 2],
@@ -279,7 +279,7 @@ class Run:
             self._log(("push", "analytic"), line)
 
     def series(self, signal: Signal, component: int) -> tuple[str, Colour]:
-        """Name and colour of one number of a signal."""
+        """Name and colour of one component of a signal."""
         part, unit = signal.components[component], signal.units[component]
         name = f"{signal.name}.{part}" if part else signal.name
         colour = self.colour or COMPONENTS[component % len(COMPONENTS)]
@@ -292,7 +292,7 @@ def _rgba8(rgba: tuple[float, ...]) -> tuple[int, int, int, int]:
 
 
 def bounds(shapes: Sequence[Solid], reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Least and greatest corner (3,) of a vehicle in B [m]; a vehicle without shapes is as large as it reaches."""
+    """Least and greatest corner (3,) of a vehicle in B [m]; plus and minus its reach for a vehicle without shapes."""
     if not shapes:
         return np.full(3, -reach), np.full(3, reach)
     corners = np.concatenate([solid.vertices for solid in shapes])
@@ -300,6 +300,6 @@ def bounds(shapes: Sequence[Solid], reach: float) -> tuple[np.ndarray, np.ndarra
 
 
 def _series(names: list[str], colours: list[Colour]) -> rr.SeriesLines:
-    """Lines that keep every peak, however far the plot is zoomed out: Rerun's own mean would halve an impact."""
+    """Lines that keep every peak at any zoom. Rerun's default, the mean, would halve an impact."""
     policy = rr.components.AggregationPolicy.MinMax
     return rr.SeriesLines(names=names, colors=colours, aggregation_policy=policy)

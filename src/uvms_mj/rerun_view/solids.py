@@ -1,5 +1,7 @@
-"""A vehicle's shapes as triangles with normals, one mesh for each colour, so that a viewer has few and light things to
-draw: Rerun has no cut-away cylinders, and its solid primitives know no opacity."""
+"""A vehicle's shapes as triangles with normals, in one mesh for each colour to keep the scene small.
+
+Rerun has no cut-away cylinders, and its solid primitives do not support opacity.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,7 +12,7 @@ from ..frames import rotation_matrix
 from ..geometry import Geometry, Mesh, Shape
 
 _AROUND, _ALONG = 28, 12
-"""Faces around and along what is round."""
+"""Faces around and along round shapes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +33,7 @@ class Solid:
 
 
 def solids(geometry: Geometry) -> Iterator[Solid]:
-    """One solid for each colour of a geometry, in the order in which the colours appear."""
+    """One solid for each colour of a geometry, in order of appearance."""
     for rgba in dict.fromkeys(shape.rgba for shape in geometry.shapes):
         vertices, normals, triangles, count = [], [], [], 0
         for shape in geometry.shapes:
@@ -60,7 +62,7 @@ def _in_body(shape: Shape, geometry: Geometry) -> _Triangles:
     elif shape.kind == "box":
         vertices, normals, triangles = _box(a, b, c)
     elif shape.kind == "cylinder":
-        # the rims twice, for there the normal turns at once
+        # each rim twice, because the normal is discontinuous there
         vertices, normals, triangles = _revolved(
             radius=np.array([0, a, a, a, a, 0]),
             height=np.array([-b, -b, -b, b, b, b]),
@@ -82,7 +84,7 @@ def _in_body(shape: Shape, geometry: Geometry) -> _Triangles:
 
 
 def _revolved(radius: np.ndarray, height: np.ndarray, outwards: np.ndarray, up: np.ndarray) -> _Triangles:
-    """A profile (k,) turned about z, with its normals' components."""
+    """Surface of revolution of a profile (k,) about z, with the components of its normals."""
     turn = np.linspace(0.0, 2.0 * np.pi, _AROUND, endpoint=False)
     ring = np.stack([np.cos(turn), np.sin(turn), np.ones(_AROUND)], axis=1)
     vertices = ring * np.stack([radius, radius, height], axis=1)[:, None]
@@ -105,7 +107,7 @@ def _box(a: float, b: float, c: float) -> _Triangles:
 
 
 def _smooth(mesh: Mesh) -> _Triangles:
-    """A mesh with the mean of its triangles' normals at each vertex, weighted by area."""
+    """A mesh with vertex normals: the area-weighted means of the normals of adjacent triangles."""
     vertices, triangles = mesh.vertices.astype(float), mesh.triangles
     a, b, c = (vertices[triangles[:, i]] for i in range(3))
     area = np.cross(b - a, c - a)

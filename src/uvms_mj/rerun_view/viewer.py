@@ -1,4 +1,4 @@
-"""Runs in the Rerun viewer: while they go on, from their logs, as a file, or in a web browser on this machine."""
+"""Shows runs in the Rerun viewer: live, from their logs, as a recording, or in a web browser on this machine."""
 
 import contextlib
 import os
@@ -26,24 +26,24 @@ from .solids import solids
 from .web import web_viewer
 
 _ROWS = 65_536
-"""Rows that go to Rerun at once."""
+"""Rows sent to Rerun in one block."""
 _LIVE_HZ = 1000.0
-"""Most samples a simulated second that a run streams."""
+"""Most samples streamed per simulated second [Hz]."""
 _LIVE_SAMPLES = 50_000
-"""Most samples that a run streams in all, however long it is: the log has every one."""
+"""Most samples streamed in a run of any length. The log contains all rows."""
 _HINT = "use `uvms-mj replay run.mcap --web` or `--save run.rrd` instead"
 _LANE = 1.8
-"""Width of a lane, in widths of a vehicle: of several runs none hides another."""
+"""Width of a lane, in widths of a vehicle, so that no run hides another."""
 _EVERY_S = 0.1
-"""How often a run is streamed, in real time [s]."""
+"""Real time between two blocks of a live stream [s]."""
 _PATIENCE_S = 20.0
-"""How long a run at its end, or a replay, waits for a viewer that takes nothing of what it is sent [s]."""
+"""Time for which a replay, or a run at its end, waits for a viewer that accepts no data [s]."""
 
 
 class LiveView:
-    """A sink that opens the viewer and streams a run to it while it goes on, thinned so that its cost is bounded.
+    """A sink that opens the viewer and streams a run to it, thinned to bound the cost.
 
-    The run never waits for it before its end; a viewer that is closed, or hangs, then gets nothing more.
+    The run waits for the viewer only at its end. A viewer that is closed or hangs receives no more data.
     """
 
     def begin(self, header: Header) -> None:
@@ -59,13 +59,13 @@ class LiveView:
         self._send()
 
     def write(self, rows: np.ndarray) -> None:
-        """Send what has come since the last time, now and then: each column has its price, however short."""
+        """Collect rows and send them every :data:`_EVERY_S`, because each block has a fixed cost."""
         self._waiting.append(rows)
         if time.monotonic() - self._sent_at > _EVERY_S:
             self._send()
 
     def end(self, outcome: Outcome) -> None:
-        """Wait for the viewer to take the rest."""
+        """Send the remaining rows and wait until the viewer has received them."""
         self._send()
         if self._sender is not None:
             with contextlib.suppress(ViewerClosed):
@@ -79,16 +79,16 @@ class LiveView:
         if self._sender is not None:
             try:
                 self._sender.send(self._recording.read())
-            except ViewerClosed:  # what was closed needs nothing more
+            except ViewerClosed:  # the run continues without a viewer
                 self._sender = None
         self._sent_at = time.monotonic()
 
 
 def show(traces: Mapping[str, Trace]) -> None:
-    """Open the viewer on traces by label; it stays when this returns.
+    """Open the viewer with traces by label. The viewer remains open after the return.
 
     Raises:
-        InputError: it does not start, or was closed before it had everything.
+        InputError: the viewer does not start, or was closed before it received all data.
     """
     sender = _viewer()
     recording = _Recording(_runs(traces))
@@ -98,27 +98,27 @@ def show(traces: Mapping[str, Trace]) -> None:
             sender.wait()
         sender.end()
     except ViewerClosed as error:
-        raise InputError(f"the viewer did not take the runs: {error}; {_HINT}") from None
+        raise InputError(f"the viewer did not receive the runs: {error}; {_HINT}") from None
 
 
 def save(traces: Mapping[str, Trace], path: Path) -> None:
-    """Write traces by label as a recording with its layout, whole or not at all.
+    """Write traces by label as a recording with its layout. The file is written atomically.
 
     Raises:
-        InputError: it can't be written.
+        InputError: the file can't be written.
     """
     with whole(path) as part:
         recording = _Recording(_runs(traces))
         for _ in recording.blocks(traces):
             pass
-        part.write_bytes(recording.read())  # Rerun's own file may wait without end where a disk is full
+        part.write_bytes(recording.read())  # Rerun's file writer may wait forever on a full disk
 
 
 def serve(traces: Mapping[str, Trace]) -> None:
-    """Serve the web viewer with traces by label, to this machine alone, until Ctrl-C; prints its address.
+    """Serve the web viewer with traces by label, on this machine only, until Ctrl-C. Prints the address.
 
     Raises:
-        InputError: Rerun's page can't be had.
+        InputError: Rerun's page can't be obtained.
     """
     with tempfile.TemporaryDirectory() as folder:
         recording = Path(folder) / "run.rrd"
@@ -132,7 +132,7 @@ def serve(traces: Mapping[str, Trace]) -> None:
 
 
 class _Recording:
-    """A recording in memory of runs that are written, taken from it piece by piece."""
+    """A recording of runs in memory, read in pieces while it is written."""
 
     def __init__(self, runs: list[Run]) -> None:
         stream = rr.RecordingStream(application(runs))
@@ -144,11 +144,11 @@ class _Recording:
             run.begin(stream)
 
     def read(self) -> bytes:
-        """What has come since the last time: a file's content only if it is all there is."""
+        """The bytes since the last call. They form a complete file only if this is the only call."""
         return self._bytes.read() or b""
 
     def blocks(self, traces: Mapping[str, Trace]) -> Iterator[None]:
-        """Write all of the runs' traces, a block at a time."""
+        """Write the traces of all runs, one block per iteration."""
         for run, trace in zip(self._runs, traces.values(), strict=True):
             for first in range(0, max(1, len(trace)), _ROWS):
                 run.write({s.name: trace[s.name][first : first + _ROWS].reshape(-1, s.size) for s in trace.signals})
@@ -156,9 +156,9 @@ class _Recording:
 
 
 def _viewer() -> Sender:
-    """Open the viewer; gives the way to it. Raises InputError if it does not start."""
+    """Open the viewer and return a sender to it. Raises InputError if the viewer does not start."""
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise InputError(f"there is no display to open the viewer on; {_HINT}")
+        raise InputError(f"no display for the viewer; {_HINT}")
     port = free_port()
     try:
         process = start(["--port", str(port), "--hide-welcome-screen", "--expect-data-soon"], port, lives_s=1.5)
@@ -168,7 +168,7 @@ def _viewer() -> Sender:
 
 
 def _runs(traces: Mapping[str, Trace]) -> list[Run]:
-    """Traces as runs. Several have a name, the colour of their law and a lane each; all have one scale of forces."""
+    """Traces as runs with a common scale of forces. Several runs each have a name, a colour of their law and a lane."""
     extents = [Extents.of(trace) for trace in traces.values()]
     headers = [trace.header for trace in traces.values()]
     scale = min(force_scale(header, seen.force) for header, seen in zip(headers, extents, strict=True))
@@ -184,6 +184,6 @@ def _runs(traces: Mapping[str, Trace]) -> list[Run]:
 
 
 def _width(header: Header) -> float:
-    """Of a vehicle [m]."""
+    """Width of a vehicle [m]."""
     low, high = bounds(list(solids(header.geometry)), header.geometry.reach)
     return float(high[1] - low[1])

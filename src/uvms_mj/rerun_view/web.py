@@ -1,8 +1,8 @@
-"""Rerun's web viewer and a recording, served to this machine alone.
+"""Serves Rerun's web viewer and a recording on this machine only.
 
-``rerun --serve-web`` would do, but its page loads fonts from the web, looks for newer versions and may send usage data.
-So the page is taken from it once, and served here with a content security policy, which makes the browser refuse to
-connect to anything but this server.
+The page of ``rerun --serve-web`` loads fonts from the web, checks for new versions and may send usage data. This module
+therefore reads the page from it once and serves it with a content security policy, with which the browser connects to
+no other server.
 """
 
 import http.client
@@ -25,19 +25,19 @@ _POLICY = (
     "worker-src 'self' blob:; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
     "font-src 'self' data:; connect-src 'self' data: blob:"
 )
-"""What the page may load and whom it may talk to. Rerun's code makes functions at run time, hence unsafe-eval."""
+"""Permitted sources and connections of the page. Rerun's code creates functions at run time, hence unsafe-eval."""
 
 
 @contextmanager
 def web_viewer(recording: Path, port: int = 0) -> Iterator[str]:
-    """Serve a recording while the context lasts; gives the address that shows it.
+    """A context in which a recording is served. Its value is the address of the viewer with the recording.
 
     Args:
         recording: an .rrd file.
-        port: to listen on; 0 for any that is free.
+        port: port of the server; 0 for any free port.
 
     Raises:
-        InputError: the port is taken, or Rerun's page can't be had.
+        InputError: the port is in use, or Rerun's page can't be obtained.
     """
     files = _page()
     try:
@@ -67,7 +67,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         path = urlsplit(self.path).path
-        if self.headers.get("Host") not in self.server.hosts:  # a page from elsewhere, by a name that leads here
+        if self.headers.get("Host") not in self.server.hosts:  # a foreign name that resolves to this machine
             self.send_error(403)
         elif path == _RECORDING:
             with self.server.recording.open("rb") as file:
@@ -95,7 +95,7 @@ class _Handler(BaseHTTPRequestHandler):
 def _page() -> dict[str, tuple[str, bytes]]:
     """Content type and bytes of the web viewer's files, by path."""
     port = free_port()
-    # with an address to show, it serves its page and nothing else
+    # with the address of a recording it serves only its page
     process = start(["--serve-web", "--web-viewer-port", str(port), f"http://{LOOPBACK}{_RECORDING}"], port)
     files = {}
     try:
@@ -111,7 +111,7 @@ def _page() -> dict[str, tuple[str, bytes]]:
     finally:
         stop(process)
     html = files["/index.html"][1].decode()
-    # a content security policy does not stop a page from connecting ahead
+    # a content security policy does not prevent preconnect links
     html = re.sub(r'<link\b[^>]*href="https?://[^>]*>', "", html)
     files["/"] = files["/index.html"] = ("text/html; charset=utf-8", html.encode())
     return files
