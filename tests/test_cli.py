@@ -187,7 +187,7 @@ def test_a_full_disk_stops_the_run_and_keeps_what_was_written(tmp_path):
     assert "can't write" in done.stderr
     assert "Traceback" not in done.stderr
     report = json.loads(done.stdout)
-    assert report["status"] == "interrupted"
+    assert report["status"] == "failed"
     assert report["steps"] < 200_000
     trace = Trace.load(tmp_path / report["files"]["mcap"])
     assert trace.status is Status.truncated

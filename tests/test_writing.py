@@ -82,7 +82,7 @@ def test_a_sink_that_fails_stops_the_run_and_nothing_else(kind, when):
     with pytest.raises(SinkError, match="No space left on device") as caught:
         simulate(SHORT, sinks=[sink])
     assert isinstance(caught.value.__cause__, kind)
-    assert caught.value.trace.status is (Status.interrupted if when == "write" else Status.completed)
+    assert caught.value.trace.status is (Status.failed if when == "write" else Status.completed)
 
 
 def test_sinks_get_every_row_in_order_whatever_they_take():
