@@ -340,6 +340,12 @@ def test_vectors_of_the_table_stand_under_each_other(paper_run, capsys):
     table = table_of(paper_run("gsta"), capsys)
     points = [[i for i, c in enumerate(table[name]) if c == "."] for name in ("final position", "analytic position")]
     assert points[0] == points[1]
-    for name in ("final position", "largest tau"):
-        assert len({len(number.partition(".")[2]) for number in re.findall(r"\d+\.\d+", table[name])}) == 1
+    assert len({len(number.partition(".")[2]) for number in re.findall(r"\d+\.\d+", table["final position"])}) == 1
     assert "-0.00000" not in table["final position"]
+
+
+def test_each_component_of_the_largest_tau_has_three_digits(paper_run, capsys):
+    """Moments are a thousand times smaller than forces, and are not 0.00 for that."""
+    trace = paper_run("gsta")
+    shown = [float(number) for number in table_of(trace, capsys)["largest tau"].split("N")[0].split()]
+    assert shown == pytest.approx(trace.tau_max[-1], rel=5e-3)

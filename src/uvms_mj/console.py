@@ -162,9 +162,7 @@ def _motion_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]
         yield "analytic position", f"{_vector(analytic_m, 5)} m"
     if len(trace):
         yield "final sliding variable", " ".join(f"{value: .1e}" for value in final["s"])
-        largest = float(trace.tau_max[-1].max())
-        decimals = max(0, 3 - math.floor(math.log10(largest))) if 0.0 < largest < math.inf else 0
-        yield "largest tau", f"{_vector(trace.tau_max[-1], decimals)} N, N m"
+        yield "largest tau", f"{'  '.join(f'{value:.3g}' for value in trace.tau_max[-1])} N, N m"
 
 
 def _run_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]]:
