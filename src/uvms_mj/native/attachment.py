@@ -17,11 +17,11 @@ from ..vehicle import Vehicle, free_body_id
 from .callback import entry_points
 from .layouts import CONTEXT
 from .memory import CAPACITY, registry
+from .soundness import refuse_unsound
 
 _lock = threading.RLock()
 _attached: dict[int, "Attachment"] = {}
 """Attachments by row of the registry. They keep the contexts in memory while the callback can reach them."""
-_INTEGRATORS = {getattr(mujoco.mjtIntegrator, f"mjINT_{name}") for name in ("EULER", "RK4", "IMPLICIT", "IMPLICITFAST")}
 
 
 class WaterLost(RuntimeError):
@@ -153,7 +153,7 @@ def immerse(
 ) -> Attachment:
     """:func:`attach` for a vehicle of the model that was read and checked already."""
     body_id = free_body_id(model, vehicle.body)
-    _refuse_unsound(model, body_id)
+    refuse_unsound(model, body_id)
     context = np.zeros(1, CONTEXT)
     _fill(context[0], model, data, body_id)
     water = context["water"]
@@ -254,76 +254,3 @@ def _factors_alone(model: mujoco.MjModel, data: mujoco.MjData, body_id: int) -> 
     L, D_inverse = np.zeros(21), np.zeros(6)
     factor(scratch.M[block], L, D_inverse)
     return bool(np.allclose(L, scratch.qLD[block]) and np.allclose(D_inverse, scratch.qLDiagInv[dof : dof + 6]))
-
-
-def _refuse_unsound(model: mujoco.MjModel, body_id: int) -> None:
-    """Refuse settings that would use a stale or doubled inertia, or skip the hydrodynamics."""
-    enable, disable = mujoco.mjtEnableBit, mujoco.mjtDisableBit
-    option, faults = model.opt, []
-
-    def refuse(condition, key: str, reason: str) -> None:
-        if condition:
-            faults.append(Fault(key, reason))
-
-    refuse(
-        option.solver == mujoco.mjtSolver.mjSOL_PGS,
-        "solver PGS",
-        "solves constraints with the inertia without the added mass; use Newton or CG",
-    )
-    refuse(
-        option.noslip_iterations > 0,
-        "noslip_iterations",
-        f"is {option.noslip_iterations}, but noslip uses the inertia without the added mass; set it to 0",
-    )
-    refuse(
-        option.integrator not in _INTEGRATORS,
-        "integrator",
-        f"{option.integrator} may use the inertia without the added mass; use Euler, implicitfast, implicit or RK4",
-    )
-    refuse(
-        option.enableflags & enable.mjENBL_SLEEP,
-        "enable sleep",
-        "a sleeping vehicle keeps its inertia, so the added mass would be added twice; disable it",
-    )
-    refuse(
-        option.enableflags & enable.mjENBL_DIAGEXACT,
-        "enable diagexact",
-        "computes contact softness from the inertia without the added mass; disable it",
-    )
-    refuse(
-        option.disableflags & disable.mjDSBL_ACTUATION,
-        "disable actuation",
-        "skips mjcb_control, and with it the hydrodynamics; enable actuation",
-    )
-    dof = model.body_dofadr[body_id]
-    damping = model.dof_damping[dof : dof + 6]
-    refuse(
-        damping.any(),
-        "joint damping",
-        f"is {damping.max():g} on the free joint and would act in addition to the hydrodynamic damping; set it to 0",
-    )
-    refuse(
-        model.dof_armature[dof : dof + 6].any(),
-        "joint armature",
-        "on the free joint would add to the vehicle's inertia; set it to 0",
-    )
-    refuse(
-        option.density > 0 or option.viscosity > 0,
-        "density, viscosity",
-        f"are {option.density:g} and {option.viscosity:g}; MuJoCo's own fluid forces would act in addition; "
-        "set both to 0",
-    )
-    gravcomp = model.body_gravcomp[model.body_rootid == body_id]
-    refuse(
-        gravcomp.any(),
-        "gravcomp",
-        "would come on top of buoyancy, which is displaced_mass times gravity; leave it out of the vehicle's bodies",
-    )
-    full = model.M_rownnz[dof : dof + 6] == np.arange(1, 7)
-    refuse(
-        not full.all(),
-        "body",
-        'has no off-diagonal entries in mjData.M for the added mass; write <body simple="false">',
-    )
-    if faults:
-        raise InputError(faults, f"body {model.body(body_id).name!r} can't be attached")
