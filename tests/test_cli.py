@@ -124,9 +124,9 @@ def test_a_second_run_into_a_folder_keeps_the_first(tmp_path):
         (["run", "--set", "simulation.timestep=0"], "must be from 1e-07 to 1 s"),
         (["run", "--set", "simulation.timestep=0.1"], "or a time step below 0.02264 s"),
         (["run", "--set", "impedance.M_d=[1,1,1,1,1,-1]"], "not positive definite"),
-        (["run", "--set", "controller.period=1.5e-4"], "next to it are 0.0001 and 0.0002 s"),
+        (["run", "--set", "controller.period=1.5e-4"], "the nearest are 0.0001 and 0.0002 s"),
         (["run", "--set", "vehicle.model=submarine"], "models that ship|bluerov1"),
-        (["run", "--log-rate", "3000"], "next to it are 2500 and 3333.33333333 Hz"),
+        (["run", "--log-rate", "3000"], "the nearest are 2500 and 3333.33333333 Hz"),
         (["run", "--log-rate", "often"], "must be a number"),
         (["run", "--out", "/proc/nothing"], "can't write"),
         (["run", "a", "b"], "one scenario at a time"),
@@ -412,10 +412,10 @@ def test_an_interrupt_of_any_command_is_no_failure(here, monkeypatch, command):
 @pytest.mark.parametrize(
     ("setting", "said"),
     [
-        ("fosm.K=2", "fosm.K: fosm has no such gain; known are A, F_1, F_2, K_s"),
+        ("fosm.K=2", "fosm.K: fosm has no such gain; choose from A, F_1, F_2, K_s"),
         ("gsta.name=sta", "gsta.name: gsta has no such gain"),
         ("fosm=3", "fosm: fosm has no such gain"),
-        ("gsta.nominal=false", "gsta.nominal: both are run"),
+        ("gsta.nominal=false", "gsta.nominal: cannot be set"),
     ],
 )
 def test_paper_names_the_gain_that_was_typed(here, setting, said):

@@ -138,7 +138,7 @@ def test_a_message_stays_short():
     with pytest.raises(InputError) as caught:
         Scenario.from_dict({f"a{i}": 1 for i in range(1000)})
     assert len(str(caught.value).splitlines()) == 52
-    assert "1000 faults" in str(caught.value)
+    assert "1000 errors" in str(caught.value)
     assert "and 950 more" in str(caught.value)
     with pytest.raises(InputError) as caught:
         Scenario.from_dict({"a" * 5000: 1})
