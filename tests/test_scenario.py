@@ -1,4 +1,4 @@
-"""Scenarios: TOML in and out, every fault at once, suggestions."""
+"""Scenarios: TOML in and out, all errors at once, suggestions."""
 
 import dataclasses
 
