@@ -1,7 +1,6 @@
 # make run    the paper's scenario
 # make test   lint, types, import contracts, tests
-# make system-packages   (Debian, as root) a browser and a software renderer, for tests that look at the viewer;
-#                        they skip without
+# make system-packages   (Debian, as root) a browser and a software renderer; without them, the viewer tests are skipped
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -21,7 +20,7 @@ test: setup $(if $(CI),system-packages)
 system-packages:
 	-@if command -v apt-get >/dev/null && [ "$$(id -u)" = 0 ]; then apt-get update -qq && \
 	  DEBIAN_FRONTEND=noninteractive apt-get install -y -qq chromium mesa-vulkan-drivers libvulkan1 >/dev/null; \
-	  else echo "no apt-get, or not root: tests that look at the viewer may skip"; fi
+	  else echo "no apt-get, or not root: viewer tests may be skipped"; fi
 
 setup: $(VENV)/.installed
 

@@ -1,8 +1,8 @@
-"""The fuzzer's long form: thousands of mutated inputs, in processes with limits; see tests/fuzzer.py.
+"""Long fuzzing campaign: thousands of mutated inputs, in processes with time and memory limits; see tests/fuzzer.py.
 
 python scripts/fuzz.py                        20,000 inputs
 python scripts/fuzz.py --first 5000 --n 500   other seeds
-python scripts/fuzz.py --seed 4711 --keep x   one input again, with its files in the folder x
+python scripts/fuzz.py --seed 4711 --keep x   repeat one input and keep its files in the folder x
 """
 
 import sys
@@ -16,12 +16,12 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 @click.command()
 @click.option("--first", type=int, default=0, show_default=True, help="The first seed.")
-@click.option("--n", type=int, default=20_000, show_default=True, help="How many seeds.")
-@click.option("--workers", type=int, default=2, show_default=True, help="Processes at a time.")
-@click.option("--seed", type=int, help="Do this one only, here, and print what it is.")
-@click.option("--keep", type=click.Path(path_type=Path), default=Path("fuzzed"), help="Folder for that one's files.")
+@click.option("--n", type=int, default=20_000, show_default=True, help="Number of seeds.")
+@click.option("--workers", type=int, default=2, show_default=True, help="Number of parallel processes.")
+@click.option("--seed", type=int, help="Run only this seed, in this process, and print its input.")
+@click.option("--keep", type=click.Path(path_type=Path), default=Path("fuzzed"), help="Folder for the files of --seed.")
 def fuzz(first: int, n: int, workers: int, seed: int | None, keep: Path) -> None:
-    """Give mutated inputs to the command; print every one that ends as none may. Status 1 if there is one."""
+    """Run uvms-mj on mutated inputs and print every failure. Exit status 1 if there is one."""
     from fuzzer import Failure, campaign, told, verdict
     from mutations import case
 
@@ -30,7 +30,7 @@ def fuzz(first: int, n: int, workers: int, seed: int | None, keep: Path) -> None
         keep.mkdir(parents=True)
         click.echo(f"{one.kind}: uvms-mj {' '.join(map(repr, one.arguments))}\nin {keep}: {', '.join(one.files)}")
         what = verdict(one, keep)
-        click.echo(what or "as it should be")
+        click.echo(what or "passed")
         sys.exit(bool(what))
     start = time.monotonic()
 

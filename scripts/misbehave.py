@@ -1,10 +1,10 @@
-"""Run every law of ``tests/misbehaving_laws.py`` with the command, each in a process of its own.
+"""Run ``uvms-mj run`` with every law of ``tests/misbehaving_laws.py``, each in a separate process.
 
-    python scripts/misbehave.py              all of them
-    python scripts/misbehave.py gain flat    those whose names have one of these words
+    python scripts/misbehave.py              all laws
+    python scripts/misbehave.py gain flat    laws whose names contain one of these words
 
-Each must end with a sentence on standard error and its exit status: no traceback, no signal, no hang. The log, where
-one was written, must load.
+Each run must end with its expected message on standard error and its expected exit status, without a traceback, a
+signal or a hang. If it wrote a log, the log must load.
 """
 
 import re
@@ -27,7 +27,7 @@ LIMIT_S = 120.0
 
 
 def trouble(case: Case) -> str:
-    """How a run with a law ended other than it has to, or nothing."""
+    """Run the law of a case; return a description of the failure, or an empty string."""
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, "my_law.py").write_text(case.text, encoding="utf-8")
         command = [sys.executable, "-m", "uvms_mj", "run", "-q", "-c", "my_law.py:Law", "-o", "out"]
@@ -54,7 +54,7 @@ def trouble(case: Case) -> str:
 
 
 def _interrupt(process: subprocess.Popen, log: Path) -> None:
-    """Ctrl-C once the run has begun and its law has come to its loop."""
+    """Send Ctrl-C after the run has started and its law has entered its endless loop."""
     end = time.monotonic() + LIMIT_S
     while not log.exists() and process.poll() is None and time.monotonic() < end:
         time.sleep(0.1)
@@ -64,7 +64,7 @@ def _interrupt(process: subprocess.Popen, log: Path) -> None:
 
 @click.command(help=__doc__)
 @click.argument("words", nargs=-1)
-@click.option("--jobs", default=2, show_default=True, help="How many at a time.")
+@click.option("--jobs", default=2, show_default=True, help="Number of parallel runs.")
 def main(words: tuple[str, ...], jobs: int) -> None:
     chosen = {name: case for name, case in cases().items() if not words or any(word in name for word in words)}
     wrong = 0
@@ -72,7 +72,7 @@ def main(words: tuple[str, ...], jobs: int) -> None:
         for name, found in zip(chosen, pool.map(trouble, chosen.values()), strict=True):
             wrong += bool(found)
             click.echo(f"{name}: {found or 'ok'}")
-    click.echo(f"{len(chosen)} laws, {wrong} end otherwise than with their sentence and status")
+    click.echo(f"{len(chosen)} laws, {wrong} failures")
     sys.exit(1 if wrong else 0)
 
 

@@ -1,8 +1,8 @@
-"""The fuzzer: mutated inputs to ``uvms-mj``, in processes with limits, and what must hold whatever the input is.
+"""Fuzzer for ``uvms-mj``: runs mutated inputs in processes with limits, and checks what must hold for any input.
 
-:func:`campaign` gives seeds to workers; ``python tests/fuzzer.py FIRST STEP LAST`` is a worker, which prints a line
-before and a line after each input. The parent ends a worker that is silent for too long, and starts another one behind
-the seed.
+:func:`campaign` distributes seeds to workers. A worker, ``python tests/fuzzer.py FIRST STEP LAST``, prints one line
+before and one line after each input. The parent kills a worker that prints nothing for too long and starts another one
+at the next seed.
 """
 
 import contextlib
@@ -25,15 +25,15 @@ from pathlib import Path
 from typing import Any
 
 SOFT_S, HARD_S = 8.0, 90.0
-"""Processor time after which an input is interrupted as Ctrl-C does, and wall time after which its process is killed
+"""Processor time after which an input is interrupted as by Ctrl-C, and wall time after which its process is killed
 [s]."""
 MEMORY = 3 << 30
-"""How much more memory than at its start a worker may have [B]."""
+"""Memory that a worker may allocate beyond its memory at the start [B]."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """An input that ended as none may, with its seed, which makes it again."""
+    """An input that violated a check. Its seed reproduces it."""
 
     seed: int
     kind: str
@@ -45,7 +45,7 @@ class Failure:
 
 
 def verdict(case: Any, folder: Path) -> str:
-    """What is wrong with how the command deals with an input, or an empty text. ``folder`` is empty and its own."""
+    """Run an input in the empty folder ``folder``. Returns a description of the failure, or an empty string."""
     from uvms_mj.cli import main
 
     for name, data in case.files.items():
@@ -98,7 +98,7 @@ def _wrong(case: Any, folder: Path, status: int, out: str, err: str) -> str:
 
 
 def _wrong_run(folder: Path, status: int, report: dict[str, Any], err: str) -> str:
-    """A run that was accepted must be physical, and its log the run's."""
+    """Check that a completed run is physical and that its log agrees with the report."""
     import numpy as np
 
     from uvms_mj import Trace
@@ -124,7 +124,7 @@ def _wrong_run(folder: Path, status: int, report: dict[str, Any], err: str) -> s
 
 
 def _wrong_log(case: Any, folder: Path) -> str:
-    """A damaged log is refused, or cut off; what is read is what was written."""
+    """Check that the rows read from a damaged log are the first rows of the original."""
     import numpy as np
 
     from uvms_mj import Trace
@@ -136,12 +136,12 @@ def _wrong_log(case: Any, folder: Path) -> str:
 
 
 def work(first: int, step: int, last: int) -> None:
-    """Do seeds first, first + step, ... below last; a line of JSON for each."""
+    """Run the seeds first, first + step, ... below last. Prints a line of JSON before and after each."""
     from mutations import SHORT, case
     from uvms_mj import Scenario, simulate
     from uvms_mj.control import BUILT_IN
 
-    for name in BUILT_IN:  # what is heavy to import or to compile is there before time and memory are limited
+    for name in BUILT_IN:  # import and compile everything before time and memory are limited
         simulate(Scenario.load("push_wall", SHORT, name))
 
     used = (
@@ -153,7 +153,7 @@ def work(first: int, step: int, last: int) -> None:
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     for seed in range(first, last, step):
         print(json.dumps({"seed": seed}), flush=True)
-        faulthandler.dump_traceback_later(0.8 * HARD_S)  # says where it hangs
+        faulthandler.dump_traceback_later(0.8 * HARD_S)  # shows where it hangs
         one = case(seed)
         start = time.monotonic()
         with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
@@ -171,9 +171,9 @@ def work(first: int, step: int, last: int) -> None:
 def campaign(
     seeds: range, workers: int = 2, progress: Callable[[int, Failure | None], None] = lambda done, failure: None
 ) -> tuple[list[Failure], dict[str, int]]:
-    """Do all seeds; the failures, and how many inputs of each kind there were.
+    """Run all seeds. Returns the failures and the number of inputs of each kind.
 
-    ``progress`` is called with the number of inputs that are done, and the failure of the last one.
+    ``progress`` is called with the number of finished inputs and the failure of the last one, or None.
     """
     failures: list[Failure] = []
     kinds: dict[str, int] = {}
@@ -197,7 +197,7 @@ def campaign(
 
 
 def _lane(seeds: range, take: Callable[[dict[str, Any]], None]) -> None:
-    """A row of seeds, in as many workers as it needs: one that dies or hangs is replaced behind its seed."""
+    """Run seeds in one worker at a time. A worker that dies or hangs is replaced, starting at the next seed."""
     from mutations import case
 
     following = seeds.start
@@ -225,7 +225,7 @@ def _lane(seeds: range, take: Callable[[dict[str, Any]], None]) -> None:
 
 
 def _lines(worker: "subprocess.Popen[bytes]") -> Iterator[dict[str, Any]]:
-    """A worker's lines, until it ends or is silent for too long."""
+    """Parsed lines of a worker, until it ends. A worker that prints nothing for too long is killed."""
     assert worker.stdout is not None
     while True:
         timer = threading.Timer(HARD_S, worker.kill)
@@ -240,7 +240,7 @@ def _lines(worker: "subprocess.Popen[bytes]") -> Iterator[dict[str, Any]]:
 
 
 def told(failures: Iterable[Failure]) -> str:
-    """Failures for people, with what makes each again."""
+    """Readable text of failures, with the seed and arguments that reproduce each."""
     return "\n\n".join(f"seed {f.seed} ({f.kind}): {f.arguments}\n{f.what.rstrip()}" for f in failures)
 
 

@@ -1,4 +1,4 @@
-"""Mutated logs: with damage, and forged with right checksums."""
+"""Mutated logs: damaged at random, or forged with valid checksums."""
 
 import struct
 import zlib
@@ -47,7 +47,7 @@ def log(rng: Random) -> Case:
 
 
 def _forged(rng: Random, data: bytes) -> bytes:
-    """A log whose records were changed by somebody who knows the format: all checksums are right."""
+    """A log with changed records and valid checksums, as made by someone who knows the format."""
     records = list(StreamReader(BytesIO(data), emit_chunks=True).records)
     chosen = rng.choice([r for r in records if isinstance(r, Attachment | Chunk)] + records)
     out = bytearray(data[:8])
@@ -62,7 +62,7 @@ def _forged(rng: Random, data: bytes) -> bytes:
             else:
                 raw = record_bytes(record)
                 action = rng.randrange(3)
-                if action == 0:  # a length that is not the record's
+                if action == 0:  # a wrong record length
                     raw = raw[:1] + struct.pack("<Q", rng.choice((0, 1, 2**20, 2**40, 2**63, 2**64 - 1))) + raw[9:]
                 out += raw * (0 if action == 1 else 2) if action else raw
                 continue

@@ -1,4 +1,4 @@
-"""Random numbers, values and bytes, from right ones and from nothing."""
+"""Random numbers, values and bytes, either new or mutated from valid ones."""
 
 import random
 from dataclasses import dataclass, field
@@ -12,10 +12,10 @@ class Case:
     """An input: files to write, and the arguments of ``uvms-mj``.
 
     Attributes:
-        kind: which of :data:`KINDS` made it.
-        arguments: of the command.
+        kind: key of the mutator in :data:`mutations.KINDS`, or forged for a forged log.
+        arguments: of ``uvms-mj``.
         files: contents by name.
-        original: the log that a mutated one was made of; what is read of it must be the same.
+        original: the log before mutation; the rows read from the mutated log must agree with it.
     """
 
     kind: str
@@ -52,7 +52,7 @@ def value(rng: Random, depth: int = 0) -> Any:
 
 
 def mild(rng: Random, original: Any) -> Any:
-    """The original, changed a little: it is often still right."""
+    """The original with small changes, which is often still valid."""
     if isinstance(original, bool):
         return not original
     if isinstance(original, int) and abs(original) > 10**300:  # beyond any float

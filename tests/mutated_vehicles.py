@@ -1,4 +1,4 @@
-"""Mutated vehicle files: as text, element by element, number by number."""
+"""Vehicle files, mutated as text, by elements or by numbers."""
 
 import contextlib
 import copy
@@ -142,7 +142,7 @@ def _attribute(rng: Random) -> str:
 
 
 def vehicle(rng: Random) -> Case:
-    """A vehicle file that is changed as text, or element by element."""
+    """A run with a vehicle file that is mutated as text or by elements."""
     root = Path(__file__).parents[1] / "models" / "bluerov1.xml"
     data = root.read_bytes() if rng.random() < 0.2 else _BOX.encode()
     if rng.random() < 0.3:
@@ -173,7 +173,7 @@ def _change_element(rng: Random, tree: ElementTree.Element) -> None:
         one.attrib[rng.choice(_ATTRIBUTES[one.tag].split())] = _attribute(rng)
     elif action == 3 and len(one):
         child = rng.choice(list(one))
-        piece = copy.deepcopy(child)  # the place may be in the child itself
+        piece = copy.deepcopy(child)  # the target may be inside the child
         one.remove(child)
         if rng.random() < 0.5:
             for _ in range(rng.choice((1, 2, 50))):

@@ -1,4 +1,4 @@
-"""Mutated inputs for :mod:`fuzzer`: scenarios, settings, vehicle files, laws and logs with random faults."""
+"""Mutated inputs for :mod:`fuzzer`: scenarios, settings, vehicle files, laws and logs with random errors."""
 
 from collections.abc import Callable
 from typing import Any
@@ -16,7 +16,7 @@ SHORT = {"simulation.duration": 0.004}
 
 
 def case(seed: int) -> Case:
-    """The input of a seed; the same in every process."""
+    """The input of a seed. It is the same in every process."""
     rng = Random(seed)
     kind = rng.choices(list(KINDS), [weight for weight, _ in KINDS.values()])[0]
     return KINDS[kind][1](rng)
@@ -27,7 +27,7 @@ _KEYS = tuple(key for key, _, _ in keys())
 
 
 def _key(rng: Random, law: str) -> str:
-    """Most often one that the scenario has."""
+    """A key of a scenario, in most cases one that exists."""
     if rng.random() < 0.1:
         return rng.choice(_UNKNOWN)
     gains = tuple(f"controller.{f.name}" for f in BUILT_IN[law].gain_fields())
@@ -35,7 +35,7 @@ def _key(rng: Random, law: str) -> str:
 
 
 def _tables(rng: Random) -> dict[str, Any]:
-    """A right scenario, of some variety, short."""
+    """A valid, short scenario with random options."""
     law = rng.choice(list(BUILT_IN))
     start: dict[str, Any] = dict(SHORT)
     if rng.random() < 0.4:

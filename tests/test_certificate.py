@@ -519,10 +519,10 @@ def test_the_certificate_is_for_gstas_law_and_not_for_any_with_its_gains(command
     fosm, recorded = (command("--from", f"{name}.mcap") for name in ("fosm", "Same"))
     assert fosm.exit_code == recorded.exit_code == 2
     assert fosm.stderr.endswith("the laws gsta and sta\n")
-    assert "without --from, name scenario and law" in recorded.stderr
+    assert "omit --from, give scenario and --controller" in recorded.stderr
     other = command("-c", "laws.py:Other", *SHORT)
     assert other.exit_code == 2
-    assert "Other: the certificate is for the laws gsta and sta" in other.stderr
+    assert "Other: the certificate covers only the laws gsta and sta" in other.stderr
 
 
 def test_what_saturated_thrusters_leave_over_is_no_gains_fault(command, tmp_path):
@@ -555,7 +555,7 @@ def test_a_logs_own_disturbance(command, tmp_path):
     assert from_log == from_run
     refused = command("--from", "run.mcap", "controller.k_1=3")
     assert refused.exit_code == 2
-    assert "as it is" in refused.output
+    assert "uses a log unchanged" in refused.output
 
 
 @pytest.mark.parametrize(
@@ -611,7 +611,7 @@ def test_gains_for_a_rate(command):
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (("-c", "fosm"), "fosm: the certificate is for the laws gsta and sta"),
+        (("-c", "fosm"), "fosm: the certificate covers only the laws gsta and sta"),
         (("-c", "impedance"), "choose one with --controller gsta"),
         (("--rate", "-1"), "rate -1"),
         (("--rate", "nan"), "rate nan"),

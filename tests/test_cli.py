@@ -1,4 +1,4 @@
-"""The command as users type it, well and badly."""
+"""The command line, with valid and invalid arguments."""
 
 import json
 import os
@@ -30,7 +30,7 @@ def run(*arguments, cwd, command=COMMAND, **options):
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
-    """Run the command in this process: a function of its arguments that gives exit code, standard output and error."""
+    """A function that runs the command in this process and returns exit code, standard output and standard error."""
     monkeypatch.chdir(tmp_path)
     return lambda *arguments: CliRunner().invoke(main, [str(a) for a in arguments])
 
@@ -124,9 +124,9 @@ def test_a_second_run_into_a_folder_keeps_the_first(tmp_path):
         (["run", "--set", "simulation.timestep=0"], "must be from 1e-07 to 1 s"),
         (["run", "--set", "simulation.timestep=0.1"], "or a time step below 0.02264 s"),
         (["run", "--set", "impedance.M_d=[1,1,1,1,1,-1]"], "not positive definite"),
-        (["run", "--set", "controller.period=1.5e-4"], "next to it are 0.0001 and 0.0002 s"),
+        (["run", "--set", "controller.period=1.5e-4"], "the nearest are 0.0001 and 0.0002 s"),
         (["run", "--set", "vehicle.model=submarine"], "models that ship|bluerov1"),
-        (["run", "--log-rate", "3000"], "next to it are 2500 and 3333.33333333 Hz"),
+        (["run", "--log-rate", "3000"], "the nearest are 2500 and 3333.33333333 Hz"),
         (["run", "--log-rate", "often"], "must be a number"),
         (["run", "--out", "/proc/nothing"], "can't write"),
         (["run", "a", "b"], "one scenario at a time"),
@@ -273,7 +273,7 @@ def test_a_run_that_can_not_start_leaves_every_folder_as_it_was(here, tmp_path):
 
 
 def test_what_hangs_at_its_end_can_be_stopped(tmp_path):
-    """A second signal is ignored, since a run is soon written; one that comes much later is not."""
+    """A second signal is ignored while the run is written. A signal that comes much later ends the program."""
     code = """if True:
         import signal, time
         from uvms_mj.cli.common import Stop
@@ -311,7 +311,7 @@ class Endless(Controller):
 
 
 def test_a_law_that_loops_for_ever_can_be_stopped(tmp_path):
-    """Machine code that never comes back to Python: the second signal is another thread's."""
+    """The machine code never returns to Python. A second thread handles the second signal."""
     (tmp_path / "law.py").write_text(ENDLESS)
     code = """if True:
         import os, signal, sys, threading, time
@@ -352,7 +352,7 @@ def test_a_law_that_loops_for_ever_can_be_stopped(tmp_path):
     ],
 )
 def test_a_place_that_cannot_be_looked_at_is_named_in_one_line(here, arguments):
-    """As a folder of somebody else's, but root may look everywhere: a name that no file system takes."""
+    """An unreadable folder would do, but root can read all folders. So the name is too long for any file system."""
     done = here(*(argument.replace("LONG", 300 * "a") for argument in arguments))
     assert done.exit_code == 2, done.output
     assert "File name too long" in done.stderr
@@ -389,7 +389,7 @@ def test_a_run_that_never_began_reports_in_the_same_words_and_what_it_left(here,
     assert Path("b").exists() == bool(report["files"])
 
 
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
 def test_an_output_that_takes_nothing_is_said_in_one_line(tmp_path):
     with open("/dev/full", "w") as full:
         done = subprocess.run([*COMMAND, "keys"], stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
@@ -412,10 +412,10 @@ def test_an_interrupt_of_any_command_is_no_failure(here, monkeypatch, command):
 @pytest.mark.parametrize(
     ("setting", "said"),
     [
-        ("fosm.K=2", "fosm.K: fosm has no such gain; known are A, F_1, F_2, K_s"),
+        ("fosm.K=2", "fosm.K: fosm has no such gain; choose from A, F_1, F_2, K_s"),
         ("gsta.name=sta", "gsta.name: gsta has no such gain"),
         ("fosm=3", "fosm: fosm has no such gain"),
-        ("gsta.nominal=false", "gsta.nominal: both are run"),
+        ("gsta.nominal=false", "gsta.nominal: cannot be set"),
     ],
 )
 def test_paper_names_the_gain_that_was_typed(here, setting, said):
@@ -437,7 +437,7 @@ def test_help_teaches_and_lists(here):
 
 
 def test_cold_and_warm_machine_code_give_the_same_bits(tmp_path):
-    """A run that compiles everything, and one that loads it, beside each other's files."""
+    """The first run compiles everything, the second loads it from the cache. A broken cache entry is recompiled."""
     environment = os.environ | {"UVMS_MJ_CACHE_DIR": str(tmp_path / "cache")}
     for name in ("cold", "warm"):
         done = run("run", "--set", "simulation.duration=0.5", "wall.position=0.001", "reference.step_time=0",

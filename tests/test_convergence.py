@@ -181,7 +181,7 @@ def test_every_metric_is_a_number_of_the_runs_json(paper_run):
 
 
 def test_an_unknown_metric_is_refused_before_any_run():
-    with pytest.raises(InputError, match=r"2 faults\n.*did you mean 'contact.peak_N'(.|\n)*final\.s") as raised:
+    with pytest.raises(InputError, match=r"2 errors\n.*did you mean 'contact.peak_N'(.|\n)*final\.s") as raised:
         converge(Scenario(), ["contact.peak", "contact.final_N", "final.sz"])
     assert len(raised.value.faults) == 2
 

@@ -613,7 +613,7 @@ def test_the_command_draws_beside_the_log_and_never_over_a_file(log, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["LOG", "--out", "x.gif"], "end its name in one of .png, .svg, .pdf"),
+        (["LOG", "--out", "x.gif"], "the name must end in one of .png, .svg, .pdf"),
         (["LOG", "--out", "nowhere/x.png"], "can't write it"),
         (["nowhere.mcap"], "No such file"),
         (["LOG", "--what", "colour"], "'colour' is not one of"),

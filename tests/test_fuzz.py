@@ -1,4 +1,4 @@
-"""Mutated inputs: no traceback, no wrong status, no hang, no unbounded memory. scripts/fuzz.py does thousands."""
+"""A short fuzzing campaign: no traceback, wrong status, hang or unbounded memory. scripts/fuzz.py runs a long one."""
 
 from fuzzer import campaign, told
 

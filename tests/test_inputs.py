@@ -1,4 +1,4 @@
-"""Bad input, streams, signals, folders: one message, the right status, bounded time and memory."""
+"""Bad input, streams, signals and folders: one message, the right exit status, bounded time and memory."""
 
 import os
 import signal
@@ -76,7 +76,7 @@ def test_a_matrix_has_a_range(key):
 
 
 def test_an_error_names_the_number_of_the_wall_that_is_too_large_for_the_step():
-    """h^2 k/m + 2 h b/m < 4 is the stability limit of symplectic Euler."""
+    """The stability limit of symplectic Euler is h^2 k/m + 2 h b/m < 4."""
     plant = build(Scenario())
     h, m = 1e-4, plant.design.along_normal(plant.design.M)
 
@@ -138,7 +138,7 @@ def test_a_message_stays_short():
     with pytest.raises(InputError) as caught:
         Scenario.from_dict({f"a{i}": 1 for i in range(1000)})
     assert len(str(caught.value).splitlines()) == 52
-    assert "1000 faults" in str(caught.value)
+    assert "1000 errors" in str(caught.value)
     assert "and 950 more" in str(caught.value)
     with pytest.raises(InputError) as caught:
         Scenario.from_dict({"a" * 5000: 1})
@@ -195,7 +195,7 @@ def test_plot_replaces_with_force_only(here):
 
 @pytest.mark.parametrize("closed", [">&-", ">&- 2>&-", "<&-", "<&- >&- 2>&-"])
 def test_closed_streams_stop_nothing(tmp_path, closed):
-    """And no file of the run gets the number of a stream."""
+    """Closed standard streams do not stop a run, and no file of the run gets the descriptor of a stream."""
     command = f"{sys.executable} -m uvms_mj run simulation.duration=0.005 --out here {closed}"
     assert subprocess.run(["bash", "-c", command], cwd=tmp_path, timeout=120).returncode == 0
     assert Trace.load(tmp_path / "here" / "run.mcap").status.name == "completed"
@@ -208,7 +208,7 @@ def test_closed_streams_stop_nothing(tmp_path, closed):
     "place", ["uvms_mj.cli", "click", "uvms_mj.scenario", "mujoco", "uvms_mj.simulation", "llvmlite"]
 )
 def test_a_signal_during_an_import_ends_with_one_line(tmp_path, number, place):
-    """As a user's, in the first half second; here it comes exactly when a module begins to be imported."""
+    """The signal arrives exactly when the import of a module begins, as one of a user may in the first half second."""
     code = f"""if True:
         import os, sys
         class Sends:
@@ -229,7 +229,7 @@ def test_a_signal_during_an_import_ends_with_one_line(tmp_path, number, place):
 
 
 def test_an_exception_that_a_signal_became_is_still_the_signal(here, monkeypatch):
-    """An import in C makes an ImportError of KeyboardInterrupt."""
+    """An import in C replaces KeyboardInterrupt by ImportError."""
 
     def interrupted(*_, **__):
         try:
@@ -276,7 +276,7 @@ def test_a_cache_folder_that_cannot_be_written_is_named_and_leaves_nothing(monke
 
 
 def test_numba_disable_jit_leaves_the_core_compiled(tmp_path):
-    """A user who looks for a mistake in a law of his own sets it; with a cold cache, too."""
+    """Users set NUMBA_DISABLE_JIT to debug their laws. The core must compile even with an empty cache."""
     code = """if True:
         import numba
         assert numba.config.DISABLE_JIT == 1
@@ -347,7 +347,7 @@ def test_a_scenario_prints_what_differs_from_the_defaults():
 
 
 def test_warnings_of_mujoco_reach_the_thread_that_stepped(monkeypatch):
-    """Two threads collect at once and leave in the order in which they came. The user's handler is back afterwards."""
+    """Two threads collect warnings at the same time. Afterwards the user's handler is installed again."""
     model = mujoco.MjModel.from_xml_string(
         "<mujoco><worldbody><body><freejoint/><geom size='.1'/></body></worldbody></mujoco>"
     )

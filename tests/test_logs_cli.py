@@ -132,7 +132,7 @@ def test_control_characters_in_a_name_do_not_reach_the_terminal(command, tmp_pat
         (["export", "nowhere.mcap", "--to", "csv"], "No such file"),
         (["info", "nowhere.mcap"], "No such file"),
         (["replay"], "Missing argument"),
-        (["replay", "LOG", "--save", "x.rrd", "--web"], "one at a time"),
+        (["replay", "LOG", "--save", "x.rrd", "--web"], "exclude each other"),
         (["run", "push_wall", "--from", "LOG"], "one scenario at a time"),
         (["run", "--from", "nowhere.mcap"], "No such file"),
         (["run", "--from", "LOG", "controller.k_9=1"], "no such gain"),

@@ -346,7 +346,7 @@ def test_a_users_law_is_recorded_and_never_run_from_a_log(tmp_path):
     path.write_text(LAW.replace("- gains.k", "- 2.0 * gains.k"))
     edited = run("run", "--from", log, "-c", f"{path}:Mine", "-q", "-o", "d", cwd=tmp_path)
     assert edited.returncode == 0
-    assert "is not the code that was recorded" in edited.stderr
+    assert "differs from the recorded code" in edited.stderr
 
 
 @pytest.mark.parametrize(

@@ -253,7 +253,7 @@ def test_paper_moves_aside_what_is_there(command, tmp_path):
     [
         ((), "--out DIR is missing"),
         (("--from", "nowhere"), "impedance.mcap"),
-        (("--from", "nowhere", "wall.stiffness=1e4"), "would be another run"),
+        (("--from", "nowhere", "wall.stiffness=1e4"), "only redraws existing runs; omit wall.stiffness=1e4"),
         (("--out", "r", "a", "b"), "one scenario at a time"),
         (("--out", "r", "wall.stifness=1e4"), "did you mean 'stiffness'"),
         (("--out", "file/r"), "can't write there"),

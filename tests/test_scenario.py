@@ -1,4 +1,4 @@
-"""Scenarios: TOML in and out, every fault at once, suggestions."""
+"""Scenarios: TOML in and out, all errors at once, suggestions."""
 
 import dataclasses
 
@@ -72,7 +72,7 @@ def test_every_fault_is_named_at_once_with_key_value_and_what_would_be_right(tmp
         "disturbance.bias[4]: nan is not a finite number",
         "controller.k1: gsta has no such gain; did you mean 'k_1'?",
         "controller.k_2: -1 must be at least 0",
-        "9 faults",
+        "9 errors",
     ):
         assert expected in text, text
 

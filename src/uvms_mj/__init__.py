@@ -8,7 +8,7 @@ print(trace.push[-1])
 
 from importlib import import_module
 
-TYPE_CHECKING = False  # as typing has it, which takes a moment to import
+TYPE_CHECKING = False  # same as typing.TYPE_CHECKING, without the time to import typing
 if TYPE_CHECKING:
     from .control import Controller, Fosm, Gsta, Ideal, Impedance, Sta, gain
     from .convergence import converge
@@ -64,7 +64,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    """Import on first use, so that ``uvms-mj --help`` does not wait for numba."""
+    """Import a public name on first use, so that ``uvms-mj --help`` does not wait for numba."""
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(import_module(f".{_HOME[name]}", __name__), name)

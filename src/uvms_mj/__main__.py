@@ -1,6 +1,7 @@
-"""The command's entry point, ``uvms-mj`` and ``python -m uvms_mj``.
+"""Entry point of ``uvms-mj`` and ``python -m uvms_mj``.
 
-It is small: a signal that comes while Python still imports the rest ends the command with one line as well.
+The module imports little, so that its signal handlers are installed before the slow imports begin: a signal during
+these imports also ends the command with one line.
 """
 
 import atexit
@@ -11,23 +12,23 @@ import sys
 
 
 def _end_at_once(number: int, frame: object) -> None:
-    """Nothing has been computed or written yet, and an exception could get lost in an import."""
+    """End the process during the imports: nothing is written yet, and an import could swallow an exception."""
     os.write(2, b"interrupted\n")
     os._exit(128 + number)
 
 
 def _open_streams() -> None:
-    """Give each standard stream that the caller has closed a place, so that no file of a run takes its number."""
+    """Open /dev/null for each closed standard stream, so that no file of a run gets its descriptor."""
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # the lowest number that is free
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free descriptor, the stream's own
             setattr(sys, name, os.fdopen(number, "w" if number else "r", encoding="utf-8", closefd=False))
 
 
 def _keep_status() -> None:
-    """Python ends by the signal itself, not with a status, if SIGINT came while a library's C code ran Python."""
+    """Exit with 128 + signal. Without this, a SIGINT during a callback from C would end Python by the signal itself."""
     from .cli.common import Stop
 
     if Stop.received is not None:
@@ -43,7 +44,7 @@ def main() -> None:
     _open_streams()
     from .cli import main as command
 
-    atexit.register(_keep_status)  # the last to be called, since it is the first that is registered
+    atexit.register(_keep_status)  # registered first, so called last
     command()
 
 

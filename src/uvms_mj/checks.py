@@ -1,4 +1,4 @@
-"""Checks of a whole run before its first step: what is refused, and where the sampled loop itself would chatter."""
+"""Checks of a run before its first step: errors, and warnings of a sampled loop that chatters or limit-cycles."""
 
 from collections.abc import Iterator
 
@@ -18,25 +18,25 @@ DEFAULT_LOG_RATE = 1000.0
 
 
 class SamplingWarning(UserWarning):
-    """The law chatters or limit-cycles, at this step or with these gains."""
+    """The controller chatters or limit-cycles at this time step or with these gains."""
 
 
 def check(scenario: Scenario, vehicle: Vehicle, design: Design, reach: float) -> list[str]:
-    """Refuse what can't run; return warnings for what runs badly.
+    """Raise for a scenario that cannot run; return warnings for one that runs badly.
 
     Args:
-        scenario: of the run.
-        vehicle: of the run.
-        design: of the two.
+        scenario: the scenario.
+        vehicle: its vehicle.
+        design: the design for both.
         reach: distance of the contact point from B's origin [m].
 
     Raises:
-        InputError: the wall is too stiff for the step, or the control period is not a multiple of it.
+        InputError: for example, the wall is too stiff for the time step, or the control period is not a multiple of it.
     """
     h = scenario.simulation.timestep
     faults = list(wall_faults(scenario, design, reach))
     if scenario.controller.uses_truth and not has_built_in_law(scenario.controller):
-        faults.append(Fault("controller.uses_truth", "is for the yardstick, ideal, alone"))
+        faults.append(Fault("controller.uses_truth", "is reserved for ideal, the yardstick law"))
     faults += aliased(scenario)
     period = scenario.controller.period
     if period is not None and (round(period / h) < 1 or abs(period / h - round(period / h)) > 1e-6):
@@ -45,7 +45,7 @@ def check(scenario: Scenario, vehicle: Vehicle, design: Design, reach: float) ->
             Fault(
                 "controller.period",
                 f"{period:g} s is not a multiple of the time step {h:g} s; "
-                f"next to it are {n * h:g} and {(n + 1) * h:g} s",
+                f"the nearest are {n * h:g} and {(n + 1) * h:g} s",
             )
         )
     if faults:
@@ -55,19 +55,19 @@ def check(scenario: Scenario, vehicle: Vehicle, design: Design, reach: float) ->
     if rank < 6:
         notes.append(
             f"the {len(vehicle.thrusters)} thrusters of {vehicle.body} span {rank} of 6 axes: "
-            "tau is the nearest that they can give to tau_cmd"
+            "tau is the wrench closest to tau_cmd that they can produce"
         )
     return notes + damping_notes(vehicle.body, vehicle.D_linear, vehicle.D_quadratic)
 
 
 def force_feedback_limit(scenario: Scenario, design: Design) -> float:
-    """The greatest mean age of the fed back contact force at which the contact stays damped [s]; see :func:`force_age`.
+    """Largest mean age of the fed back contact force at which the contact stays damped [s]; see :func:`force_age`.
 
-    Against a spring k_c a force of age T is negative damping of k_c T for each newton that is fed back. The sliding
-    mode laws impose M_d, D_d whatever the vehicle, so that D_d/(K_f k_c) is the limit along the normal. The impedance
-    law and the ideal one feed back only the part M M_d^-1 K_f - I, which is inertia shaping, eq. (4): where M_d < M it
-    costs (M/M_d - 1) k_c T, and they have M/M_d D_d to pay with. With G the matrix before D_d v in v_dot, the vibration
-    against a stiff wall is along v = G K_f n, and what damps it n^T G D_d v / n^T v.
+    Against a spring k_c, feedback of the contact force with unit gain and age T acts as a negative damping k_c T. The
+    sliding mode laws impose M_d and D_d on any vehicle: their limit along the normal is D_d/(K_f k_c). The laws
+    impedance and ideal feed back only M M_d^-1 K_f - I, which is inertia shaping, eq. (4): for M_d < M this takes
+    (M/M_d - 1) k_c T from a damping of M/M_d D_d. With G the matrix before D_d v in v_dot, the vibration against a
+    stiff wall is along v = G K_f n, and its damping is n^T G D_d v / n^T v.
     """
     n, k_c = design.normal, scenario.wall.stiffness
     answers_itself = isinstance(scenario.controller, Impedance | Ideal)  # to the contact force, through its own M
@@ -81,26 +81,28 @@ def force_feedback_limit(scenario: Scenario, design: Design) -> float:
 
 
 def force_age(scenario: Scenario) -> float:
-    """The mean age of the contact force in tau against that in the contact itself [s].
+    """Mean age of the contact force in tau relative to the force in the contact itself [s].
 
-    The law gets the force of the same instant, and tau is held for a control period T: T/2. The contact force itself is
-    held for a time step h: h/2. A law that runs at every step feeds back what acts.
+    The law gets the force of the same instant. tau is held for a control period T, a mean age of T/2. The contact
+    force itself is held for a time step h, a mean age of h/2. A law that runs at every step feeds back the force
+    that acts.
     """
     return 0.5 * (control_period(scenario) - scenario.simulation.timestep)
 
 
 def bouncing_growth(scenario: Scenario, vehicle: Vehicle, design: Design) -> float:
-    """How fast super-twisting would feed a vibration against the wall [1/s], at the amplitude of s where it does most.
+    """Largest growth rate, over the amplitude of s, of a vibration against the wall under super-twisting [1/s].
 
-    The nominal control makes the vehicle answer to a contact force with g = M_hat/M of what M_d asks for; without it,
-    with M_d/M. Where that is too little, super-twisting has to bring in the rest at the contact's frequency. For an
-    amplitude S, phi_1 and phi_2 have the slopes a = k_1 (S^(-1/2) + beta) and b = k_2 (1/(2 S) + 3/2 beta S^(-1/2)
-    + beta^2). With K_c = k_c n n^T along the wall's normal, about the rest and for the translation alone,
+    With the nominal control, the vehicle's response to a contact force is g = M_hat/M times the one that M_d
+    prescribes; without it, M_d/M times. If this is too small, super-twisting has to supply the rest at the contact's
+    frequency. For an amplitude S, phi_1 and phi_2 have the slopes a = k_1 (S^(-1/2) + beta) and
+    b = k_2 (1/(2 S) + 3/2 beta S^(-1/2) + beta^2). With K_c = k_c n n^T along the wall's normal, linearized at rest
+    and for translation only,
 
         v_des_dot = -M_d^-1 ((K_f K_c + K_d) x + D_d v),    s_dot = A s + v_dot - v_des_dot,    z_dot = -b s,
         v_dot = g (v_des_dot - A s - a s + z), or without nominal control  -M^-1 (K_c x + D v) + g (z - a s).
 
-    Positive, it says that a vibration grows which begins large enough; a small one dies out always.
+    A positive value means that a vibration grows if it begins large enough; a small one always decays.
     """
     law = scenario.controller
     if not isinstance(law, Gsta | Sta):
@@ -123,26 +125,26 @@ def bouncing_growth(scenario: Scenario, vehicle: Vehicle, design: Design) -> flo
 
 
 _AMPLITUDES = np.geomspace(1e-5, 2e-2, 30)
-"""Of s [m/s], up to what an impact at some decimetres a second brings about."""
+"""Amplitudes of s [m/s]. The largest is that of an impact at a few decimetres per second."""
 
 
 SLOWLY_DAMPED = 0.75
-"""Where more than this part of the damping against the wall is lost, a vibration lasts for many seconds."""
+"""If more than this fraction of the damping against the wall is lost, a vibration lasts for many seconds."""
 
 
 _FASTEST = 0.5
-"""A reference filter with more than this of a radian in a control period is not seen as a motion."""
+"""Largest bandwidth times control period [rad] at which the law sees the reference as a motion, not as a jump."""
 
 
 _GROWS = 1e-3
-"""Growth that is more than rounding [1/s]."""
+"""A growth rate above this is more than rounding [1/s]."""
 
 
 def boundary_layer_limit(controller: Fosm, design: Design) -> float:
-    """The greatest control period at which the first-order law does not chatter inside its boundary layer [s].
+    """Largest control period at which the first-order law does not chatter inside its boundary layer [s].
 
-    There s_dot = -(M^-1 M_hat K_s/epsilon - A) s + ..., which explicit sampling keeps stable for h below 2 over its
-    fastest rate.
+    In the layer, s_dot = -(M^-1 M_hat K_s/epsilon - A) s + ... With explicit sampling this is stable if the period is
+    below 2 divided by the fastest rate.
     """
     gain = np.linalg.solve(design.M, design.M_hat) * controller.K_s / controller.epsilon
     rate = float(np.abs(np.linalg.eigvals(gain - np.diag(controller.A))).max())
@@ -150,7 +152,7 @@ def boundary_layer_limit(controller: Fosm, design: Design) -> float:
 
 
 def control_period(scenario: Scenario) -> float:
-    """The time between control instants [s]."""
+    """Time between control instants [s]."""
     return scenario.controller.period or scenario.simulation.timestep
 
 
@@ -158,41 +160,41 @@ def _sampling(scenario: Scenario, vehicle: Vehicle, design: Design) -> Iterator[
     controller, h = scenario.controller, control_period(scenario)
     if scenario.reference.bandwidth * h > _FASTEST:
         yield (
-            f"the reference is a jump for the law: with reference.bandwidth = {scenario.reference.bandwidth:g} rad/s "
-            f"it is over within a few control periods of {h:g} s; less than {_FASTEST / h:g} rad/s shows"
+            f"the law sees the reference as a jump: with reference.bandwidth = {scenario.reference.bandwidth:g} rad/s "
+            f"it ends within a few control periods of {h:g} s; choose less than {_FASTEST / h:g} rad/s"
         )
     if not has_built_in_law(controller):
         return
     if isinstance(controller, Fosm) and h >= (limit := boundary_layer_limit(controller, design)):
         yield (
             f"{controller.label()} chatters at a control period of {h:g} s: K_s = {controller.K_s:g} and "
-            f"epsilon = {controller.epsilon:g} need less than {limit:.4g} s"
+            f"epsilon = {controller.epsilon:g} need a period below {limit:.4g} s"
         )
     limit, age = force_feedback_limit(scenario, design), force_age(scenario)
     if age > SLOWLY_DAMPED * limit or (age == limit == 0.0):
         longest = 2.0 * limit + scenario.simulation.timestep
         what = "limit-cycles against the wall" if age >= limit else "hardly damps the vibration against the wall"
         yield (
-            f"{controller.label()} {what} at a control period of {h:g} s: it holds the contact force for so long that "
+            f"{controller.label()} {what} at a control period of {h:g} s: it holds the contact force so long that "
             f"{min(1.0, age / limit) if limit else 1.0:.0%} of the damping D_d is lost at wall.stiffness "
             f"{scenario.wall.stiffness:g} N/m; all is lost at a period of {longest:.4g} s"
         )
     if bouncing_growth(scenario, vehicle, design) > _GROWS:
         yield (
-            f"{controller.label()} may bounce or swing against the wall without end: with these gains and estimates, "
-            "what it brings in of the contact force comes too late"
+            f"{controller.label()} may bounce or oscillate against the wall without end: with these gains and "
+            "estimates it compensates the contact force too late"
         )
 
 
 def row_steps_of(timestep: float, log_rate: float | str | None) -> int:
-    """Time steps from one recorded row to the next.
+    """Number of time steps between recorded rows.
 
     Args:
         timestep: [s].
-        log_rate: [Hz], or "full", or None for 1 kHz or the rate nearest to it that divides the step rate.
+        log_rate: [Hz], or "full" for every step, or None for the rate nearest to 1 kHz that divides the step rate.
 
     Raises:
-        InputError: the rate doesn't divide the step rate; the message names the neighbours that do.
+        InputError: the rate does not divide the step rate; the message gives the nearest rates that do.
     """
     step_rate = 1.0 / timestep
     if log_rate is None:
@@ -204,7 +206,7 @@ def row_steps_of(timestep: float, log_rate: float | str | None) -> int:
     except ValueError:
         rate = -1.0
     if not 1e-9 < rate < np.inf:
-        raise InputError(f"log rate {log_rate!r}: must be a number of samples a second, or 'full'")
+        raise InputError(f"log rate {log_rate!r}: must be a number of samples per second, or 'full'")
     row_steps = max(1, round(step_rate / rate))
     if abs(row_steps * rate - step_rate) > 1e-6 * step_rate:
         above = max(1, int(step_rate / rate))
@@ -212,6 +214,6 @@ def row_steps_of(timestep: float, log_rate: float | str | None) -> int:
         if rate > step_rate:
             neighbours = f"{step_rate:.6g} Hz, or 'full'"
         raise InputError(
-            f"log rate {rate:g} Hz: must divide the step rate {step_rate:.6g} Hz; next to it are {neighbours}"
+            f"log rate {rate:g} Hz: must divide the step rate {step_rate:.6g} Hz; the nearest are {neighbours}"
         )
     return row_steps

@@ -1,4 +1,4 @@
-"""Faults of the input: what is wrong, where, and what would be right, all at once."""
+"""Errors in the input: all are reported at once, each with its place, its value and the valid choices."""
 
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault: the key it stands at, and a sentence with the value and what would be right."""
+    """One error: its key, and a sentence with the value and the valid choices."""
 
     key: str
     message: str
@@ -21,11 +21,11 @@ class Fault:
 
 
 _MOST_LINES = 50
-"""More faults than this are not read one by one; they are counted."""
+"""A message lists at most this many errors and counts the rest."""
 
 
 class InputError(ValueError):
-    """Something in the input is not right. ``faults`` has every fault that was found."""
+    """The input is invalid. ``faults`` has one entry for each error that was found."""
 
     def __init__(self, faults: Sequence[Fault] | str, place: str = "") -> None:
         self.faults = (Fault("", faults),) if isinstance(faults, str) else tuple(faults)
@@ -35,30 +35,30 @@ class InputError(ValueError):
         if place and len(lines) == 1:
             text = f"{place}: {lines[0]}"
         elif place:
-            text = f"{place}: {len(self.faults)} faults\n" + "\n".join(f"  {line}" for line in lines)
+            text = f"{place}: {len(self.faults)} errors\n" + "\n".join(f"  {line}" for line in lines)
         else:
             text = "\n".join(lines)
         super().__init__(text)
 
 
 def suggestion(word: str, choices: Iterable[str]) -> str:
-    """What somebody who wrote ``word`` may have meant."""
+    """The closest of the choices to ``word``, or all choices if none is close."""
     choices = sorted(choices)
     if not choices:
-        return "there is nothing below it"
+        return "there are no valid choices"
     close = difflib.get_close_matches(word, choices, n=1, cutoff=0.6)
-    return f"did you mean {close[0]!r}?" if close else f"known are {', '.join(choices)}"
+    return f"did you mean {close[0]!r}?" if close else f"choose from {', '.join(choices)}"
 
 
 def faults_of(
     error: ValidationError, prefix: str = "", choices: Mapping[str, Iterable[str]] | None = None
 ) -> list[Fault]:
-    """The faults that a validator found, in the words of this project.
+    """Errors of a pydantic validator, as entries of an :class:`InputError`.
 
     Args:
-        error: what pydantic raised.
-        prefix: the key that all locations stand under.
-        choices: for each table, its known keys, to suggest from.
+        error: the exception that pydantic raised.
+        prefix: key of the table that was validated; all locations are relative to it.
+        choices: the known keys of each table, for suggestions.
     """
     faults: dict[str, Fault] = {}
     for item in error.errors(include_url=False):
@@ -68,7 +68,7 @@ def faults_of(
                 key += f"[{part}]"
             elif not (
                 "[" in part or part in ("float", "bool", "int", "str")
-            ):  # the branch of a union is no key of ours
+            ):  # the branch of a union is not a key of the scenario
                 key += f".{part}" if key else part
         if item["type"] in ("unexpected_keyword_argument", "extra_forbidden"):
             table, _, word = key.rpartition(".")
@@ -82,13 +82,13 @@ def faults_of(
 def _shown(value: Any) -> str:
     try:
         text = repr(list(value) if isinstance(value, tuple) else value)
-    except (RecursionError, ValueError):  # lists in lists a thousand deep, an integer of 5000 digits
+    except (RecursionError, ValueError):  # deeply nested lists, or an integer of 5000 digits
         return f"the given {type(value).__name__}"
     return text if len(text) <= 60 else text[:57] + "..."
 
 
 def _sentence(item: Any) -> str:
-    """What would be right, from the validator's error type."""
+    """The requirement that was violated, by pydantic's error type."""
     kind, context = item["type"], item.get("ctx", {})
     if kind in ("float_type", "float_parsing", "finite_number"):
         return "is not a finite number"
@@ -109,7 +109,7 @@ def _sentence(item: Any) -> str:
     if kind in ("bool_type", "bool_parsing"):
         return "is not true or false"
     if kind == "string_type":
-        return "is not a text"
+        return "is not a string"
     if kind == "value_error":
         return str(context["error"])
-    return f"is not right: {item['msg']}"
+    return f"is not valid: {item['msg']}"

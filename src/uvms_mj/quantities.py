@@ -1,6 +1,6 @@
-"""Types of the quantities in scenarios and gains: finite numbers, vectors, with the ranges that make sense.
+"""Types of the quantities in scenarios and gains: finite numbers and vectors with their ranges.
 
-Every number has a range, far wider than any vehicle needs. Inside these ranges no product in the equations overflows.
+The ranges are far wider than any vehicle needs. Within them, no product in the equations overflows.
 """
 
 from typing import Annotated, Any
@@ -15,7 +15,7 @@ NonNegative = Annotated[Real, Ge(0), Le(1e12)]
 
 
 def within(low: float, high: float, unit: str) -> AfterValidator:
-    """A range with its unit, for the message."""
+    """A validator for a range; its message includes the unit."""
 
     def check(value: float) -> float:
         if not low <= value <= high:
@@ -35,7 +35,7 @@ def _of_length(n: int) -> AfterValidator:
 
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-"""A finite number for which a range is given by :func:`within`."""
+"""A finite number; :func:`within` adds the range."""
 Step = Annotated[Number, within(1e-7, 1.0, "s")]
 """A time step or a sampling period."""
 Duration = Annotated[Number, within(1e-7, 1e7, "s")]
@@ -43,7 +43,7 @@ Duration = Annotated[Number, within(1e-7, 1e7, "s")]
 Time = Annotated[Number, within(0.0, 1e7, "s")]
 """An instant of a run."""
 Coordinate = Annotated[Number, within(-1e6, 1e6, "m")]
-"""A position that a double still resolves to better than a nanometre."""
+"""A position. Up to this limit a double resolves better than a nanometre."""
 Angle = Annotated[Number, within(-1e6, 1e6, "deg")]
 Factor = Annotated[Number, within(-1e3, 1e3, "")]
 PositiveFactor = Annotated[Number, within(1e-3, 1e3, "")]
@@ -61,7 +61,7 @@ Factors = Annotated[tuple[Annotated[Number, within(0.0, 1e6, "")], ...], _of_len
 
 
 def _matrix(limit: float, unit: str) -> Any:
-    """A matrix by its diagonal of six numbers, or by six rows of six."""
+    """A 6x6 matrix, given as six numbers (its diagonal) or as six rows of six numbers."""
 
     def number(x: Any) -> bool:
         return type(x) in (int, float)

@@ -1,4 +1,4 @@
-"""Numbers that are right one by one and wrong together: with the time step, or because an equation overflows."""
+"""Checks of numbers in combination: frequencies against the time step, and overflow in the design equations."""
 
 import contextlib
 import dataclasses
@@ -11,11 +11,11 @@ from .faults import Fault, InputError
 from .scenario import Scenario
 
 _SMALL, _LARGE = 1e-6, 1e8
-"""Numbers outside of this range are named where an equation overflows."""
+"""If an equation overflows, the message names the keys with numbers outside this range."""
 
 
 def aliased(scenario: Scenario) -> list[Fault]:
-    """Faults of a disturbance that is too fast for the time step: sampled, it would be a slower one."""
+    """Errors for disturbance frequencies that the time step would alias to lower ones."""
     h = scenario.simulation.timestep
     return [
         Fault(
@@ -30,17 +30,17 @@ def aliased(scenario: Scenario) -> list[Fault]:
 
 @contextlib.contextmanager
 def no_overflow(scenario: Scenario) -> Iterator[None]:
-    """Where an equation of the design gives no finite number, name the keys with extreme values.
+    """Name the keys with extreme values if an equation of the design has no finite result.
 
     Raises:
-        InputError: in place of what NumPy raises.
+        InputError: in place of NumPy's exception.
     """
     try:
         with np.errstate(over="raise", invalid="raise", divide="raise"):
             yield
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         extreme = [
-            Fault(key, f"{value:g} is too {'large' if abs(value) > 1.0 else 'small'} beside the other numbers")
+            Fault(key, f"{value:g} is too {'large' if abs(value) > 1.0 else 'small'} relative to the other numbers")
             for key, value in _numbers("", dataclasses.asdict(scenario))
             if value and not _SMALL <= abs(value) <= _LARGE
         ]

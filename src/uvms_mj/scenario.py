@@ -1,7 +1,6 @@
-"""Everything that decides a run: frozen dataclasses, from and to TOML.
+"""Scenarios: all inputs of a run, as frozen dataclasses that are read from and written to TOML.
 
-Lengths in m, angles in degrees where a key ends in ``_deg``, everything else in SI. The defaults are the paper's
-scenario (sec. 5).
+Units are SI; angles are in degrees where a key ends in ``_deg``. The defaults are the paper's scenario (sec. 5).
 """
 
 import dataclasses
@@ -36,10 +35,10 @@ from .toml_text import parsed_toml, shortened, text_of
 
 @dataclass(frozen=True, repr=False, config=STRICT)
 class Scenario:
-    """Everything that decides a run. Frozen; :meth:`updated` makes another.
+    """All inputs of a run. Frozen; :meth:`updated` returns a changed copy.
 
     Raises:
-        InputError: from :meth:`load`, :meth:`from_dict` and :meth:`updated`, with every fault at once.
+        InputError: in :meth:`load`, :meth:`from_dict` and :meth:`updated`; it lists every error of the input.
     """
 
     name: str = "push_wall"
@@ -57,7 +56,7 @@ class Scenario:
 
     @property
     def steps(self) -> int:
-        """Number of time steps: the duration to the nearest step, at least one."""
+        """Number of time steps: the duration rounded to whole steps, at least one."""
         return max(1, round(self.simulation.duration / self.simulation.timestep))
 
     @classmethod
@@ -67,13 +66,13 @@ class Scenario:
         overrides: Mapping[str, Any] | None = None,
         controller: str | None = None,
     ) -> "Scenario":
-        """A scenario from a TOML file, or one that ships by its name.
+        """Load a scenario from a TOML file, or a built-in one by its name.
 
         Args:
-            scenario: path of a TOML file, or a name.
-            overrides: dotted keys and values that replace the file's, ``{"wall.stiffness": 1e4}``.
-            controller: name of a law, or ``path/to/my_law.py:MyLaw``; the file's gains are kept only if they are that
-                law's.
+            scenario: path of a TOML file, or the name of a built-in scenario.
+            overrides: dotted keys with values that replace the file's, ``{"wall.stiffness": 1e4}``.
+            controller: name of a law, or ``path/to/my_law.py:MyLaw``; replaces the file's law. The file's gains are
+                kept only if they belong to this law.
         """
         path = _scenario_path(scenario)
         try:
@@ -93,16 +92,16 @@ class Scenario:
         place: str = "scenario",
         known: type[Controller] | None = None,
     ) -> "Scenario":
-        """A scenario from nested tables, as TOML has them.
+        """Make a scenario from nested tables, as TOML has them.
 
         Args:
             tables: nested tables.
             overrides: as in :meth:`load`.
             controller: as in :meth:`load`.
-            folder: where paths in ``tables`` are relative to; those in ``overrides`` are relative to the working
+            folder: paths in ``tables`` are relative to this folder; paths in ``overrides`` are relative to the working
                 directory.
-            place: what to call the tables in an error.
-            known: the class of the law, where it is at hand.
+            place: name of the tables in error messages.
+            known: class of the law, if it is already loaded.
         """
         tables = {k: dict(v) if isinstance(v, Mapping) else v for k, v in tables.items()}
         faults: list[Fault] = []
@@ -130,21 +129,21 @@ class Scenario:
         return scenario
 
     def updated(self, overrides: Mapping[str, Any], controller: str | None = None) -> "Scenario":
-        """Another scenario with dotted keys replaced, ``{"wall.stiffness": 1e4, "controller.k_1": 8.0}``."""
+        """Return a copy with dotted keys replaced, ``{"wall.stiffness": 1e4, "controller.k_1": 8.0}``."""
         return Scenario.from_dict(self.to_dict(), overrides, controller, known=type(self.controller))
 
     def to_dict(self) -> dict[str, Any]:
-        """Nested tables with every default written out; what is None is left out, as TOML has no null."""
+        """Nested tables with every default. Keys whose value is None are left out, since TOML has no null."""
         tables = _plain(dataclasses.asdict(dataclasses.replace(self, controller=Gsta())))
         tables["controller"] = _plain(table_of(self.controller))
         return tables
 
     def to_toml(self) -> str:
-        """The same as TOML text."""
+        """The tables of :meth:`to_dict` as TOML text."""
         return tomli_w.dumps(self.to_dict())
 
     def __repr__(self) -> str:
-        """The name, the law, and each key that differs from the defaults."""
+        """Name, law, and every key that differs from its default."""
         fields = [
             (name, table, f) for name in _TABLES for table in [getattr(self, name)] for f in dataclasses.fields(table)
         ]
@@ -178,12 +177,12 @@ def _scenario_path(scenario: str | os.PathLike) -> Path:
         return shipped
     known = names("scenarios", ".toml")
     if path.suffix == ".toml" or len(path.parts) > 1:
-        raise InputError(f"scenario {str(scenario)!r}: no such file; scenarios that ship: {', '.join(known)}")
-    raise InputError(f"scenario {str(scenario)!r}: neither a file nor a name; {suggestion(str(scenario), known)}")
+        raise InputError(f"scenario {str(scenario)!r}: no such file; built-in scenarios: {', '.join(known)}")
+    raise InputError(f"scenario {str(scenario)!r}: neither a file nor built in; {suggestion(str(scenario), known)}")
 
 
 def _anchor(tables: dict[str, Any], folder: Path | None) -> None:
-    """Make paths that a file gives relative to its own folder independent of the working directory."""
+    """Make paths absolute that are relative to the folder of the scenario file."""
     if folder is None:
         return
     for table, key in (("vehicle", "model"), ("controller", "name")):
@@ -193,7 +192,7 @@ def _anchor(tables: dict[str, Any], folder: Path | None) -> None:
 
 
 def _is_that_laws(table: Mapping[str, Any], controller: str) -> bool:
-    """Whether a [controller] table is that law's: by its name, or without one by its gains."""
+    """Whether a [controller] table belongs to the law: by its name, or by its gains if it has no name."""
     if "name" in table:
         return _absolute(table["name"]) == _absolute(controller)
     gains = {field.name for field in controller_class(controller).gain_fields()}
@@ -201,7 +200,7 @@ def _is_that_laws(table: Mapping[str, Any], controller: str) -> bool:
 
 
 def _absolute(law: Any) -> Any:
-    """The same text for the same law, however its file is given."""
+    """The law with an absolute path, so that two spellings of one file compare equal."""
     return str(Path(law).absolute()) if isinstance(law, str) and ".py:" in law else law
 
 
@@ -222,7 +221,7 @@ def _override(tables: dict[str, Any], key: str, value: Any) -> list[Fault]:
     if table not in _TABLES:
         return [Fault(key, f"no table {table!r}; {suggestion(table, _TABLES)}")]
     if not isinstance(tables.get(table, {}), dict):
-        return []  # the validator names it
+        return []  # the validator reports it
     tables.setdefault(table, {})[word] = value
     return []
 
@@ -236,7 +235,7 @@ def _plain(value: Any) -> Any:
 
 
 def keys() -> Iterable[tuple[str, Any, str]]:
-    """Every key of a scenario with its default and its meaning; of the controller's those that every law has."""
+    """Every key of a scenario with default and meaning. Of [controller], only the keys common to all laws."""
     for name, table in _TABLES.items():
         if name != "controller":
             for field in dataclasses.fields(table):

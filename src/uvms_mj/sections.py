@@ -1,4 +1,4 @@
-"""The tables of a scenario: frozen dataclasses with units, ranges and the paper's values (sec. 5) as defaults."""
+"""Tables of a scenario: frozen dataclasses with units and ranges. The defaults are the paper's values (sec. 5)."""
 
 import dataclasses
 import itertools
@@ -34,13 +34,13 @@ Lowercase = BeforeValidator(lambda value: value.lower() if isinstance(value, str
 
 
 def doc(meaning: str, default: Any) -> Any:
-    """A field with its default and a line that says what it is; ``uvms-mj keys`` prints these."""
+    """A field with its default and a one-line meaning, which ``uvms-mj keys`` prints."""
     return dataclasses.field(default=default, metadata={"meaning": meaning})
 
 
 @dataclass(frozen=True, config=STRICT)
 class VehicleChoice:
-    model: str = doc("MJCF file of the vehicle, or the name of one that ships", "bluerov1")
+    model: str = doc("MJCF file of the vehicle, or the name of a built-in model", "bluerov1")
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -64,7 +64,7 @@ class Current:
 
     @property
     def velocity_W(self) -> tuple[float, float, float]:
-        """(3,) velocity of the water in W [m/s]."""
+        """(3,) velocity of the current in W [m/s]."""
         heading = math.radians(self.direction_deg)
         return self.speed * math.cos(heading), self.speed * math.sin(heading), 0.0
 
@@ -103,7 +103,7 @@ MOST_WAYPOINTS = 1000
 
 def _increasing(waypoints: tuple[Waypoint, ...]) -> tuple[Waypoint, ...]:
     if len(waypoints) > MOST_WAYPOINTS:
-        raise ValueError(f"has {len(waypoints)} steps; {MOST_WAYPOINTS} are the most")
+        raise ValueError(f"has {len(waypoints)} steps; at most {MOST_WAYPOINTS} are allowed")
     times = [w.time for w in waypoints]
     if any(b <= a for a, b in itertools.pairwise(times)):
         raise ValueError(f"times {times} must increase")
@@ -112,7 +112,7 @@ def _increasing(waypoints: tuple[Waypoint, ...]) -> tuple[Waypoint, ...]:
 
 @dataclass(frozen=True, config=STRICT)
 class Reference:
-    target: Position = doc("position that the step leads to, in W [m]", (1.01, 0.0, 0.0))
+    target: Position = doc("position after the step, in W [m]", (1.01, 0.0, 0.0))
     step_time: Time = doc("time of the step [s]", 1.0)
     bandwidth: Annotated[Number, within(1e-6, 1e6, "rad/s")] = doc(
         "omega_n of the third-order filter (omega_n / (p + omega_n))^3 [rad/s]", 2.0
@@ -125,19 +125,19 @@ class Reference:
 
     @property
     def steps(self) -> tuple[Waypoint, ...]:
-        """The position steps that the filter smooths."""
+        """Position steps at the input of the reference filter."""
         return self.waypoints or (Waypoint(time=self.step_time, position=self.target),)
 
 
 @dataclass(frozen=True, config=STRICT)
 class Impedance:
-    K_d: Stiffnesses = doc("desired stiffness, a diagonal [N/m, N m]", (150.0, 1500.0, 1500.0, 50.0, 50.0, 50.0))
+    K_d: Stiffnesses = doc("desired stiffness, diagonal [N/m, N m]", (150.0, 1500.0, 1500.0, 50.0, 50.0, 50.0))
     M_d: Inertia = doc("desired inertia, diagonal or 6x6; default: the vehicle's M", None)
     D_d: Damping = doc("desired damping, diagonal or 6x6; default: Ott's design", None)
-    K_f: Factors = doc("force gain, a diagonal, eq. (7) [1]", (1.0,) * 6)
+    K_f: Factors = doc("force gain, diagonal, eq. (7) [1]", (1.0,) * 6)
     F_d: Wrench = doc("wrench that the wall should exert on the vehicle, in B, eq. (7) [N, N m]", (0.0,) * 6)
     damping_ratio: Annotated[Number, within(0.0, 1e3, "")] = doc(
-        "of Ott's design, used where D_d is not given [1]", 1.0
+        "damping ratio of Ott's design, used if D_d is not given [1]", 1.0
     )
 
 

@@ -1,4 +1,4 @@
-"""TOML as a user writes it, in a file or behind ``--set``, read in bounded time."""
+"""Parsing of TOML in bounded time, from a file or from ``--set``."""
 
 import re
 import tomllib
@@ -8,17 +8,18 @@ from typing import Any
 from .faults import InputError
 
 _MOST_BYTES = 1_000_000
-"""A scenario with every key written out has 2 kB."""
+"""Size limit of a scenario file. A scenario with every key has 2 kB."""
 _WORD = r"""(?:"[^"\n]*"|'[^'\n]*'|(?<![\w-])[\w-]++)"""
 _LONG_KEY = re.compile(rf"{_WORD}(?:[ \t]*+\.[ \t]*+{_WORD}){{50}}")
-"""No scenario has a key of fifty words. tomllib takes the square of a dotted key's length, minutes for 100 kB of it."""
+"""A dotted key of more than fifty words. The time that tomllib takes grows with the square of the key's length: minutes
+for 100 kB."""
 
 
 def parsed_toml(text: str) -> dict[str, Any]:
-    """Tables from TOML text, in bounded time.
+    """Parse TOML text into tables, in bounded time.
 
     Raises:
-        ValueError: it is not TOML, too long, or nested too deeply.
+        ValueError: the text is not TOML, is too long, or is nested too deeply.
     """
     if len(text) > _MOST_BYTES:
         raise ValueError(f"it has more than {_MOST_BYTES} characters")
@@ -35,26 +36,26 @@ def parsed_toml(text: str) -> dict[str, Any]:
 
 
 def text_of(path: Path) -> str:
-    """A file's text, up to one character more than is read. Raises OSError or UnicodeDecodeError."""
+    """Text of a file, cut one byte above the size limit. Raises OSError or UnicodeDecodeError."""
     with path.open("rb") as file:
         return file.read(_MOST_BYTES + 1).decode("utf-8-sig")
 
 
 def shortened(value: Any) -> str:
-    """A value in a message."""
+    """A value for a message, cut to 60 characters."""
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..." + text[-1]
 
 
 _BARE_POINT = re.compile(r"[+-]?(\d+\.|\.\d+)([eE][+-]?\d+)?")
-"""A number that every language but TOML takes: 5. and .2"""
+"""Numbers that are not TOML but common elsewhere: 5. and .2"""
 
 
 def parse_setting(text: str) -> tuple[str, Any]:
-    """Key and value of ``key=value``; the value is TOML, or a bare word.
+    """Parse ``key=value``. The value is TOML, or a string without quotes.
 
     Raises:
-        InputError: there is no ``=``, or the value begins like a list or a text and isn't.
+        InputError: there is no ``=``, or the value begins like a list, a table or a string and is not valid TOML.
     """
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
@@ -71,6 +72,6 @@ def parse_setting(text: str) -> tuple[str, Any]:
         if _BARE_POINT.fullmatch(value):
             return key, float(value)
         if value[:1] in ("[", "{", '"', "'"):
-            hint = "in TOML, numbers begin with a digit, 0.28, and words stand between quotes"
+            hint = "in TOML, write numbers with a leading digit (0.28) and strings in quotes"
             raise InputError(f"--set {shortened(text)}: {error}; {hint}") from None
         return key, value

@@ -1,4 +1,4 @@
-"""The command line. What is heavy is imported where it is used, so that ``--help`` is quick."""
+"""The command line. Slow imports are inside the functions that need them, so that ``--help`` is quick."""
 
 import errno
 import io
@@ -21,19 +21,19 @@ from .run import run
 
 class _Commands(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
-        """What no command has dealt with itself: an interrupt, and files that can't be looked at or written."""
+        """Handle errors that all commands share: an interrupt, and files that cannot be read or written."""
         Stop()
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
             end("interrupted", exit_interrupted())
         except OSError as error:
-            if error.errno == errno.EPIPE:  # whoever read the output has enough
+            if error.errno == errno.EPIPE:  # the reader closed the pipe: click ends quietly
                 raise
             place = f"{error.filename}: " if error.filename is not None else ""
             try:
                 sys.stdout.flush()
-            except OSError:  # what is left has nowhere to go, also when Python ends
+            except OSError:  # so that Python's own flush at exit does not fail too
                 nowhere = os.open(os.devnull, os.O_WRONLY)
                 os.dup2(nowhere, sys.stdout.fileno())
                 os.close(nowhere)
@@ -48,21 +48,21 @@ def main() -> None:
     \b
     uvms-mj run --controller gsta         the paper's scenario: push on a wall in an unknown current
     uvms-mj paper --out results           the paper's section 5: figures, claims, report
-    uvms-mj replay runs/.../run.mcap      look at a run in Rerun; several logs are compared
-    uvms-mj plot runs/.../run.mcap        pictures of one or several logs
-    uvms-mj compare a.mcap b.mcap         a page about any logs
-    uvms-mj info runs/.../run.mcap        what a log holds
+    uvms-mj replay runs/.../run.mcap      show one or several logs in Rerun
+    uvms-mj plot runs/.../run.mcap        plot one or several logs
+    uvms-mj compare a.mcap b.mcap         one HTML page that compares logs
+    uvms-mj info runs/.../run.mcap        contents of a log
     uvms-mj export runs/.../run.mcap      the samples as CSV, Parquet, NPZ or MAT
-    uvms-mj converge                      error bars: the run at h, h/2 and h/4
-    uvms-mj certify                       how fast a disturbance may change, and how fast it did
+    uvms-mj converge                      error bars from runs at h, h/2 and h/4
+    uvms-mj certify                       allowed and actual rate of change of the disturbance
     uvms-mj controllers                   the laws, their gains, units and defaults
     uvms-mj keys                          all keys of a scenario
-    uvms-mj signals                       what a law is given, and what a run records
+    uvms-mj signals                       signals that a law receives, signals that a run records
     """
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a terminal that lacks a sign gets its number
+        if isinstance(stream, io.TextIOWrapper):  # for terminals whose encoding lacks a character
             stream.reconfigure(errors="backslashreplace")
-    os.environ["MUJOCO_GL"] = "disable"  # MuJoCo draws nothing here, and looking for a display takes time
+    os.environ["MUJOCO_GL"] = "disable"  # no rendering here, and the search for a display takes time
 
 
 for command in (run, paper, replay, plot, compare, info, export, converge, certify, controllers, keys, signals):

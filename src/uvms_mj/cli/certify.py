@@ -34,11 +34,11 @@ _AXES = ("x", "y", "z", "roll", "pitch", "yaw")
     epilog="Exit status: 0 whatever the verdict, 2 bad input, 3 the run was unstable, 130 interrupted (143 by SIGTERM)."
 )
 @scenario_argument
-@click.option("-c", "--controller", metavar="LAW", help="gsta or sta, the laws that there is a certificate for.")
+@click.option("-c", "--controller", metavar="LAW", help="gsta or sta; the certificate covers only these laws.")
 @set_option
-@path_option("--from", "log", metavar="LOG", help="Take the samples and gains of a log, run.mcap, instead of running.")
-@click.option("--rate", type=float, metavar="L", help="Print gains for a disturbance's rate [m/s^3]; nothing is run.")
-@click.option("--state", type=float, metavar="L_S", help="... and for the part that grows with |s| [1/s^2], with beta.")
+@path_option("--from", "log", metavar="LOG", help="Use the samples and gains of a log, run.mcap, instead of a new run.")
+@click.option("--rate", type=float, metavar="L", help="Print gains for a rate of disturbance [m/s^3], without a run.")
+@click.option("--state", type=float, metavar="L_S", help="Part of the rate that grows with |s| [1/s^2]; needs beta.")
 @json_option
 @quiet_option
 def certify(
@@ -51,10 +51,10 @@ def certify(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Say how fast a disturbance may change for GSTA to converge for certain, and how fast the scenario's did.
+    """Print the rate of disturbance for which GSTA is certain to converge, and the rate in the scenario.
 
-    The bound on the rate comes from a Lyapunov function, written out in uvms_mj.certificate, and depends on the gains
-    alone. The scenario, the paper's by default, is run for its own disturbance.
+    The bound on the rate comes from a Lyapunov function, given in uvms_mj.certificate, and depends only on the gains.
+    The rate in the scenario (default: the paper's) is measured in a run.
 
     \b
     uvms-mj certify
@@ -86,13 +86,13 @@ def certify(
 def _load(
     arguments: tuple[str, ...], controller: str | None, settings: tuple[str, ...], log: str | None
 ) -> "tuple[Scenario, Trace | None]":
-    """The scenario, and the trace where a log has it."""
+    """The scenario, and the trace if a log is given."""
     from ..faults import InputError
     from ..scenario import Scenario
 
     if log is not None:
         if arguments or settings or controller is not None:
-            raise InputError("--from takes a log as it is: leave scenario, law and settings out")
+            raise InputError("--from uses a log unchanged: omit the scenario, the law and the settings")
         from ..trace import Trace
 
         trace = Trace.load(log)
@@ -111,8 +111,8 @@ def _super_twisting(scenario: "Scenario", log: str | None) -> "Gsta | Sta":
     if not (isinstance(law, Gsta | Sta) and has_built_in_law(law)):
         hint = "" if log is not None else "; choose one with --controller gsta"
         if isinstance(law, RecordedLaw):
-            hint = ", and a log's code is never run: without --from, name scenario and law, --controller FILE.py:LAW"
-        raise InputError(f"{law.label()}: the certificate is for the laws gsta and sta{hint}")
+            hint = ", and code from a log is never executed: omit --from, give scenario and --controller FILE.py:LAW"
+        raise InputError(f"{law.label()}: the certificate covers only the laws gsta and sta{hint}")
     return law
 
 
@@ -138,7 +138,7 @@ def _report_gains(law: "Gsta | Sta", rate: float, state: float, console: Console
     from ..faults import InputError
 
     if not _nominal(law):
-        raise InputError("--rate: gains are given for the law with nominal control; leave controller.nominal out")
+        raise InputError("--rate: gains are available only for the law with nominal control; omit controller.nominal")
     beta = getattr(law, "beta", 0.0)
     k_1, k_2 = gains_for(rate, state, beta)
     bound = rate_bound(k_1, k_2)
@@ -147,11 +147,11 @@ def _report_gains(law: "Gsta | Sta", rate: float, state: float, console: Console
         certified = {"certified_rate": bound, "certified_state": 2.0 * beta**2 * bound}
         click.echo(json.dumps(asked | {"gains": {"k_1": k_1, "k_2": k_2}} | certified, allow_nan=False))
     elif not console.quiet:
-        table = Table(title="gains for a disturbance's rate", show_header=False, title_justify="left", min_width=60)
+        table = Table(title="gains for a rate of disturbance", show_header=False, title_justify="left", min_width=60)
         table.add_row("rate", f"{rate:g} + {state:g} |s| m/s^3, rad/s^3")
-        table.add_row("k_1", f"{k_1:.6g} m^(1/2)/s^(3/2), the least with which all of k_2/2 is certified")
-        table.add_row("k_2", f"{k_2:.6g} m/s^3, the least for this and {MARGIN:.0%} more")
-        table.add_row("beta", f"{beta:g} (s/m)^(1/2), as given; a rate that depends on time alone does not ask for any")
+        table.add_row("k_1", f"{k_1:.6g} m^(1/2)/s^(3/2), the smallest that certifies all of k_2/2")
+        table.add_row("k_2", f"{k_2:.6g} m/s^3, the smallest for this rate plus {MARGIN:.0%}")
+        table.add_row("beta", f"{beta:g} (s/m)^(1/2), as given; not needed for a rate that depends on time alone")
         table.add_row("certified rate", f"{bound:.6g} + {2.0 * beta**2 * bound:.6g} |s| m/s^3, rad/s^3")
         print_table(table)
 
@@ -200,7 +200,7 @@ def _report(law: "Gsta | Sta", trace: "Trace", console: Console) -> None:
 
 
 def _nominal(law: "Gsta | Sta") -> bool:
-    """Whether the nominal control (23) is part of the law; of sta, it always is."""
+    """Whether the law contains the nominal control (23). sta always does."""
     return getattr(law, "nominal", True)
 
 
@@ -208,27 +208,27 @@ def _verdict(law: "Gsta | Sta", bound: float, largest: Any, beyond: Any, saturat
     from ..certificate import MARGIN, gains_for
 
     if bound == 0.0:
-        return "not certified: with these gains no disturbance is"
+        return "not certified: these gains are not certified for any disturbance"
     if not beyond.any():
-        by_state = "" if largest.max() < bound else ", as the state-dependent part allows"
+        by_state = "" if largest.max() < bound else ", within the state-dependent part of the bound"
         return (
-            f"certified: the disturbance of each axis changed slowly enough{by_state}; "
+            f"certified: the disturbance changed slowly enough on each axis{by_state}; "
             "s converges in finite time to a band that shrinks with the step"
         )
     axes = ", ".join(axis for axis, time in zip(_AXES, beyond, strict=True) if time > 0.0)
     sentence = (
         f"not certified: in {axes} the disturbance changed faster than the bound, for up to {beyond.max():.3g} s in "
-        "total, and s may have left zero then"
+        "total; s may have left zero during that time"
     )
     if saturated > 0.0:
         return (
-            f"{sentence}; thrusters were at their limits for {saturated:.3g} s, and what they can't give, which counts "
-            "as disturbance here, no gain brings back"
+            f"{sentence}; thrusters were at their limits for {saturated:.3g} s: the missing thrust counts as "
+            "disturbance, and no gain compensates it"
         )
     if not _nominal(law):
         return sentence
     k_1, k_2 = gains_for(float(largest.max()))
-    return f"{sentence}; k_1 = {k_1:.3g} and k_2 = {k_2:.3g} are certified for this rate and {MARGIN:.0%} more"
+    return f"{sentence}; k_1 = {k_1:.3g} and k_2 = {k_2:.3g} are certified for this rate plus {MARGIN:.0%}"
 
 
 def _tables(report: dict[str, Any]) -> None:
@@ -241,12 +241,12 @@ def _tables(report: dict[str, Any]) -> None:
     alone = "" if gains["nominal"] else ", without nominal control"
     table.add_row("gains", f"k_1 = {gains['k_1']:g}, k_2 = {gains['k_2']:g}, beta = {gains['beta']:g}{alone}")
     table.add_row("certified rate", f"|varphi_dot| < {certified['rate']:.6g} + {certified['state']:.6g} |s|")
-    table.add_row("limit", f"k_2/2 = {certified['limit']:.6g}, whatever k_1 and beta")
+    table.add_row("limit", f"k_2/2 = {certified['limit']:.6g}, for any k_1 and beta")
     table.add_row("verdict", report["verdict"])
     print_table(table)
     if found is None:
         return
-    title = "the disturbance varphi of the scenario, eq. (28), and its rate varphi_dot; in m and rad"
+    title = "disturbance varphi of the scenario, eq. (28), and its rate varphi_dot; in m and rad"
     table = Table(title=title, title_justify="left")
     heads = {
         "varphi": "|varphi| [1/s^2]",

@@ -1,4 +1,4 @@
-"""What all commands share: exit status, one message for bad input, signals."""
+"""Shared parts of the commands: exit status, messages for bad input, signals, folders."""
 
 import contextlib
 import functools
@@ -23,11 +23,11 @@ EXIT_BAD_INPUT, EXIT_UNSTABLE = 2, 3
 
 class _Command(click.Command):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Refuse an option that is given twice, of which click would take the last."""
+        """Refuse an option that is given twice; click would silently take the last."""
         _, _, given = self.make_parser(ctx).parse_args(args=list(args))
         for each in given:
             if isinstance(each, click.Option) and not (each.multiple or each.is_flag) and given.count(each) > 1:
-                raise click.UsageError(f"{max(each.opts, key=len)} is given more than once; one is meant", ctx)
+                raise click.UsageError(f"{max(each.opts, key=len)} is given more than once; give it once", ctx)
         return super().parse_args(ctx, args)
 
 
@@ -40,12 +40,12 @@ set_option = click.option(
     "settings",
     multiple=True,
     metavar="KEY=VALUE",
-    help="Replace a key of the scenario; may be repeated.",
+    help="Set a key of the scenario; may be repeated.",
 )
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON object on standard output and nothing else."
 )
-quiet_option = click.option("-q", "--quiet", is_flag=True, help="No progress bar and no table.")
+quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print no progress bar and no table.")
 
 
 def _named(context: click.Context, option: click.Parameter, value: Any) -> Any:
@@ -55,12 +55,12 @@ def _named(context: click.Context, option: click.Parameter, value: Any) -> Any:
 
 
 def path_argument(name: str, **attributes: Any) -> Any:
-    """An argument that names a file, or several."""
+    """An argument with the path of one or several files; it must not be empty."""
     return click.argument(name, callback=_named, **attributes)
 
 
 def path_option(*names: str, **attributes: Any) -> Any:
-    """An option that names a file or a folder."""
+    """An option with the path of a file or folder; it must not be empty."""
     return click.option(*names, callback=_named, **attributes)
 
 
@@ -68,18 +68,18 @@ force_option = click.option("-f", "--force", is_flag=True, help="Replace FILE if
 
 
 def refuse_existing(option: str, path: Path, force: bool) -> None:
-    """Raises InputError where a file exists that is not to be replaced."""
+    """Raise InputError if the path exists and ``force`` is not set."""
     from ..faults import InputError
 
     if os.path.lexists(path) and not force:
-        raise InputError(f"{option} {path}: exists; choose another name, or --force")
+        raise InputError(f"{option} {path}: exists; choose another name, or replace it with --force")
 
 
 def asked_for(arguments: Sequence[str], settings: Sequence[str]) -> tuple[str | None, dict[str, Any]]:
-    """The scenario that is named, if any, and what replaces its keys.
+    """The name of the scenario, if one is given, and the settings by key.
 
     Raises:
-        InputError: several are named, or a setting is none.
+        InputError: several scenarios are named, or a setting is not valid.
     """
     from ..faults import InputError
     from ..toml_text import parse_setting
@@ -98,19 +98,21 @@ def asked_for(arguments: Sequence[str], settings: Sequence[str]) -> tuple[str | 
 
 
 class Stop:
-    """Ctrl-C and SIGTERM: the first raises KeyboardInterrupt where the program is; one that comes when the end takes
-    too long, as on a disk that hangs, ends the program at once.
+    """Handler of Ctrl-C and SIGTERM.
 
-    The exception gets lost in Python code that C calls back, as when LLVM reports a finished object: :meth:`check`
-    raises it again. And the main thread may never come back from machine code, as from a law that loops for ever: so
-    another thread, which C wakes, ends the program.
+    The first signal raises KeyboardInterrupt in the main thread. If the program still runs 5 s later, for example
+    because a disk hangs, the next signal ends it immediately.
+
+    The exception is lost if Python runs in a callback from C, as when LLVM reports a finished object; :meth:`check`
+    raises it again. If the main thread is in machine code that never returns, such as a law with an endless loop, a
+    second thread ends the program.
     """
 
     _PATIENCE_S = 5.0
     _first: float | None = None
-    """When the first signal came since the last Stop was made."""
+    """Time of the first signal since the last Stop was made [s]."""
     received: int | None = None
-    """The signal that was raised since the last Stop was made."""
+    """Number of the signal that was received since the last Stop was made."""
 
     def __init__(self) -> None:
         self.requested = False
@@ -127,7 +129,7 @@ class Stop:
 
     @classmethod
     def watch(cls, read_end: int) -> None:
-        """End the program at a signal that comes late; C tells of signals whatever the main thread is doing."""
+        """End the program at a late second signal. C writes signals to the pipe even if the main thread is busy."""
         while number := os.read(read_end, 1):
             if number[0] in (signal.SIGINT, signal.SIGTERM):
                 now = time.monotonic()
@@ -141,14 +143,14 @@ class Stop:
             raise KeyboardInterrupt
 
     def ignore(self) -> None:
-        """What was computed is being written; that takes less than the patience of whoever sent a signal."""
+        """Ignore signals while the last results are written. :meth:`watch` still ends a write that hangs."""
         for each in (signal.SIGINT, signal.SIGTERM):
             signal.signal(each, signal.SIG_IGN)
 
 
 @functools.cache
 def _watched() -> int:
-    """Where C tells another thread of signals."""
+    """Write end of the pipe on which C reports signals to the watching thread."""
     read_end, write_end = os.pipe()
     os.set_blocking(write_end, False)
     threading.Thread(target=Stop.watch, args=(read_end,), name="uvms-mj signals", daemon=True).start()
@@ -156,10 +158,10 @@ def _watched() -> int:
 
 
 def folder_for(name: str) -> Path:
-    """A folder, made and writable, before anything is computed.
+    """Create a folder if needed and check that it is writable, before anything is computed.
 
     Raises:
-        InputError: it can't be.
+        InputError: the folder cannot be created or written to.
     """
     from ..faults import InputError
 
@@ -175,7 +177,7 @@ def folder_for(name: str) -> Path:
 
 @contextlib.contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """Keep other runs out of a folder; the lock is the process's and leaves no file.
+    """Lock a folder against other runs. The lock belongs to the process and leaves no file.
 
     Raises:
         InputError: another run is writing there.
@@ -190,7 +192,7 @@ def alone_in(folder: Path) -> Iterator[None]:
             fcntl.flock(place, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise InputError(f"--out {folder}: another run is writing there; choose another folder") from None
-        except OSError:  # a file system without locks
+        except OSError:  # the file system has no locks
             pass
         yield
     finally:
@@ -198,7 +200,7 @@ def alone_in(folder: Path) -> Iterator[None]:
 
 
 def move_aside(folder: Path, paths: Iterable[Path], what: str) -> None:
-    """Nothing that was recorded is overwritten, and nothing that was drawn from it is left beside other logs."""
+    """Move earlier results to a subfolder: logs are not overwritten, and old pictures not mixed with new logs."""
     earlier = [path for path in paths if path.exists()]
     if earlier:
         n = 1
@@ -211,15 +213,15 @@ def move_aside(folder: Path, paths: Iterable[Path], what: str) -> None:
 
 
 def draw_to_files() -> None:
-    """Before matplotlib is imported: whatever window system a user has set is not for these pictures, and that a cache
-    can't be kept is nothing that they show."""
+    """Make matplotlib draw to files only, whatever window system is set, and hide its warnings, such as those about its
+    cache. Call this before matplotlib is imported."""
     os.environ["MPLBACKEND"] = "agg"
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 
 @contextlib.contextmanager
 def progress_bar(what: str, hidden: bool, stop: Stop) -> Iterator[Callable[[int, int], None]]:
-    """A bar where somebody looks; a function of what is done and of all there is to do, which also heeds signals."""
+    """A progress bar on terminals. Yields a function of the numbers done and total, which also checks for signals."""
     if hidden or not sys.stderr.isatty():
         yield lambda done, total: stop.check()
         return
@@ -239,10 +241,10 @@ def progress_bar(what: str, hidden: bool, stop: Stop) -> Iterator[Callable[[int,
 
 @contextlib.contextmanager
 def bad_input() -> Iterator[None]:
-    """Turn bad input into one message and exit status 2.
+    """Turn an InputError into one message and exit status 2.
 
     Raises:
-        KeyboardInterrupt: a signal came, and an import or a compiler made another exception of it.
+        KeyboardInterrupt: a signal came, and an import or a compiler replaced its exception by another one.
     """
     try:
         yield
@@ -262,7 +264,7 @@ def end(message: str, status: int) -> NoReturn:
 
 
 def exit_interrupted() -> int:
-    """The status of what a signal ended, as shells have it: 130 for Ctrl-C, 143 for SIGTERM."""
+    """Exit status after a signal, as in shells: 130 for Ctrl-C, 143 for SIGTERM."""
     return 128 + (Stop.received or signal.SIGINT)
 
 

@@ -1,4 +1,4 @@
-"""``uvms-mj compare``: a page about any logs."""
+"""``uvms-mj compare``: one HTML page for any logs."""
 
 from pathlib import Path
 
@@ -16,11 +16,11 @@ from .logs import labels, say_if_truncated
     default="compare.html",
     show_default=True,
     metavar="FILE.html",
-    help="Where the page goes.",
+    help="File for the page.",
 )
 @force_option
 def compare(logs: tuple[str, ...], out: str, force: bool) -> None:
-    """Write one HTML page about one or several logs: numbers, figures, what differs, versions.
+    """Write one HTML page about one or several logs: numbers, figures, differences, versions.
 
     \b
     uvms-mj compare gsta/run.mcap fosm/run.mcap
@@ -31,7 +31,7 @@ def compare(logs: tuple[str, ...], out: str, force: bool) -> None:
         from ..faults import InputError
 
         if Path(out).suffix.lower() not in (".html", ".htm"):
-            raise InputError(f"--out {out!r}: end its name in .html")
+            raise InputError(f"--out {out!r}: the name must end in .html")
         refuse_existing("--out", Path(out), force)
         from .. import figures, report
         from ..trace import Trace

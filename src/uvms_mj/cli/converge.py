@@ -36,14 +36,14 @@ if TYPE_CHECKING:
     "-c", "--controller", metavar="LAW", help="gsta, sta, fosm, impedance, ideal, or path/to/my_law.py:MyLaw."
 )
 @set_option
-@path_option("--from", "log", metavar="LOG", help="Take scenario and vehicle of a log, run.mcap.")
+@path_option("--from", "log", metavar="LOG", help="Use scenario and vehicle of a log, run.mcap.")
 @click.option(
     "-m",
     "--metric",
     "metrics",
     multiple=True,
     metavar="NAME",
-    help="A number by its place in the JSON of uvms-mj run, as contact.peak_N or final.s; may be repeated; "
+    help="A number, by its key in the JSON of uvms-mj run, such as contact.peak_N or final.s; may be repeated; "
     "`list` prints all.",
 )
 @json_option
@@ -57,9 +57,9 @@ def converge(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Give error bars to a run's numbers: repeat it at h, h/2 and h/4, and extrapolate.
+    """Compute error bars for a run's numbers: repeat the run at h, h/2 and h/4, and extrapolate.
 
-    h is the scenario's time step. The three runs take seven times as long as the first, and write no files.
+    h is the scenario's time step. The three runs take seven times as long as the first one and write no files.
 
     \b
     uvms-mj converge
@@ -106,7 +106,7 @@ def converge(
 
 
 def _report(found: "Convergence") -> dict[str, object]:
-    """What ``--json`` prints."""
+    """The object that ``--json`` prints."""
     return {
         "scenario": found.scenario.name,
         "controller": found.scenario.controller.label(),
@@ -137,7 +137,7 @@ def _table(found: "Convergence") -> None:
 
 
 def with_error(estimate: "Estimate") -> str:
-    """``17.872 ± 0.013``: a number to the second digit of its uncertainty; without one where that is rounding."""
+    """A number to the second digit of its uncertainty, ``17.872 ± 0.013``; the number alone if that is rounding."""
     from ..convergence import RESOLUTION, ROUNDING
 
     value, uncertainty = estimate.value, estimate.uncertainty

@@ -1,4 +1,4 @@
-"""``uvms-mj controllers``, ``keys`` and ``signals``: what there is to choose from."""
+"""``uvms-mj controllers``, ``keys`` and ``signals``: lists of laws, scenario keys and signals."""
 
 import dataclasses
 
@@ -52,15 +52,15 @@ def keys() -> None:
 
 @command()
 def signals() -> None:
-    """List the signals that a law is given, and those that a run records."""
+    """List the signals that a law receives and the signals that a run records."""
     from rich.table import Table
 
     from ..signals import GIVEN, RECORDED, thruster_signal
 
     recorded = (*RECORDED, thruster_signal(0))
     for title, listed in (
-        ("Given to a law, as signals.<name>", GIVEN),
-        ("Recorded, as trace.<name>, beside the states of the law", recorded),
+        ("Inputs of a law: signals.<name>", GIVEN),
+        ("Recorded signals: trace.<name>; the states of the law are recorded too", recorded),
     ):
         table = Table(title=title, title_justify="left", min_width=80)
         for column in ("name", "shape", "unit", "frame", "meaning"):

@@ -1,4 +1,4 @@
-"""``uvms-mj info``, ``uvms-mj export`` and ``uvms-mj replay``: what to do with a log."""
+"""``uvms-mj info``, ``uvms-mj export`` and ``uvms-mj replay``: inspect, convert and show logs."""
 
 import json
 import sys
@@ -28,10 +28,10 @@ FORMATS = ("csv", "parquet", "npz", "mat")
 
 @command()
 @path_argument("log", metavar="LOG")
-@click.option("--show", metavar="NAME", help="Print one of the files that the log carries, as scenario.toml.")
+@click.option("--show", metavar="NAME", help="Print one of the files in the log, for example scenario.toml.")
 @json_option
 def info(log: str, show: str | None, as_json: bool) -> None:
-    """Say what a log holds: the run's table, signals, topics, versions, files.
+    """Print the contents of a log: the run's table, signals, topics, versions, files.
 
     \b
     uvms-mj info results/run.mcap
@@ -66,8 +66,8 @@ def info(log: str, show: str | None, as_json: bool) -> None:
 
 @command()
 @path_argument("log", metavar="LOG")
-@click.option("--to", "kind", type=click.Choice(FORMATS), help="Format [default: from the name of --out].")
-@path_option("-o", "--out", metavar="FILE", help="Where the samples go [default: beside the log].")
+@click.option("--to", "kind", type=click.Choice(FORMATS), help="Format [default: by the ending of --out].")
+@path_option("-o", "--out", metavar="FILE", help="Output file [default: beside the log].")
 @force_option
 def export(log: str, kind: str | None, out: str | None, force: bool) -> None:
     """Write a log's samples in another format, with their units.
@@ -85,7 +85,7 @@ def export(log: str, kind: str | None, out: str | None, force: bool) -> None:
         if kind is None and suffix not in FORMATS:
             raise InputError(f"--to: name a format, one of {', '.join(FORMATS)}")
         if suffix in FORMATS and kind not in (None, suffix):
-            raise InputError(f"--out {out}: is no name for --to {kind}; end it in .{kind}")
+            raise InputError(f"--out {out}: does not fit --to {kind}; the name must end in .{kind}")
         kind = kind or suffix
         path = Path(out) if out is not None else Path(log).with_suffix(f".{kind}")
         trace = Trace.load(log)
@@ -96,11 +96,11 @@ def export(log: str, kind: str | None, out: str | None, force: bool) -> None:
 
 @command()
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...")
-@path_option("--save", metavar="FILE.rrd", help="Write a Rerun recording with its layout instead.")
-@click.option("--web", is_flag=True, help="Serve the web viewer on 127.0.0.1 instead, until Ctrl-C.")
+@path_option("--save", metavar="FILE.rrd", help="Write a Rerun recording with its layout; open no window.")
+@click.option("--web", is_flag=True, help="Serve the web viewer on 127.0.0.1 until Ctrl-C; open no window.")
 @force_option
 def replay(logs: tuple[str, ...], save: str | None, web: bool, force: bool) -> None:
-    """Look at a log in the Rerun viewer; several logs are shown together, each in its colour.
+    """Show a log in the Rerun viewer. Several logs are shown together, each in its colour.
 
     \b
     uvms-mj replay results/run.mcap
@@ -112,7 +112,7 @@ def replay(logs: tuple[str, ...], save: str | None, web: bool, force: bool) -> N
         from ..trace import Trace
 
         if save is not None and web:
-            raise InputError("--save and --web: one at a time, please")
+            raise InputError("--save and --web exclude each other; choose one")
         if save is not None:
             refuse_existing("--save", Path(save), force)
         traces = {}
@@ -127,7 +127,7 @@ def replay(logs: tuple[str, ...], save: str | None, web: bool, force: bool) -> N
                 rerun_view.save(traces, Path(save))
                 click.echo(save)
             elif web:
-                rerun_view.serve(traces)  # says where, and ends with Ctrl-C
+                rerun_view.serve(traces)  # prints the address; Ctrl-C ends it
             else:
                 rerun_view.show(traces)
         except KeyboardInterrupt:
@@ -135,7 +135,7 @@ def replay(logs: tuple[str, ...], save: str | None, web: bool, force: bool) -> N
 
 
 def labels(logs: "tuple[str, ...]", traces: "list[Trace]") -> list[str]:
-    """What to call each log: by its law where laws differ, by its folder where they don't."""
+    """Names for several logs: their laws if these differ, else their folders, else their file names."""
     laws = [trace.scenario.controller.label() for trace in traces]
     folders = [Path(log).absolute().parent.name for log in logs]
     stems = [Path(log).stem for log in logs]
@@ -146,7 +146,7 @@ def labels(logs: "tuple[str, ...]", traces: "list[Trace]") -> list[str]:
 
 
 def say_if_truncated(log: str, trace: "Trace") -> None:
-    """Warn of a log that was cut off."""
+    """Warn if a log is truncated."""
     from ..recording import Status
 
     if trace.status is Status.truncated:

@@ -1,4 +1,4 @@
-"""``uvms-mj paper``: all that the paper's section 5 reports, run, drawn and judged."""
+"""``uvms-mj paper``: runs, figures and claims of the paper's section 5."""
 
 import contextlib
 import csv
@@ -38,22 +38,21 @@ _DERIVED = ("claims.csv", "claims.json", "report.html")
 
 
 @command(
-    epilog="Exit status: 0 every claim holds or is explained; 1 a claim fails; 2 bad input; 130 interrupted (143 by "
+    epilog="Exit status: 0 every claim holds or is explained, 1 a claim fails, 2 bad input, 130 interrupted (143 by "
     "SIGTERM)."
 )
 @scenario_argument
 @set_option
-@path_option("-o", "--out", metavar="DIR", help="Where everything goes; needed unless --from is given.")
-@path_option("--from", "source", metavar="DIR", help="Redraw from DIR/logs without running, into DIR or --out.")
+@path_option("-o", "--out", metavar="DIR", help="Folder for all output; required unless --from is given.")
+@path_option("--from", "source", metavar="DIR", help="Redraw from DIR/logs without new runs, into DIR or --out.")
 @json_option
 def paper(
     arguments: tuple[str, ...], settings: tuple[str, ...], out: str | None, source: str | None, as_json: bool
 ) -> None:
-    """Run all that the paper's section 5 reports, and check its claims.
+    """Repeat the simulations of the paper's section 5 and check its claims.
 
-    Writes DIR/report.html, a page to read and to print; DIR/fig01 to fig12 and overview as PNG and SVG; DIR/claims.csv
-    and claims.json; and the logs that all of it comes from, in DIR/logs. What an earlier call left in DIR is moved
-    aside.
+    Output: DIR/report.html, a page to read and to print; DIR/fig01 to fig12 and overview as PNG and SVG; DIR/claims.csv
+    and claims.json; and DIR/logs, the logs of all runs. Results of an earlier call in DIR are moved to a subfolder.
 
     \b
     uvms-mj paper --out results
@@ -73,7 +72,7 @@ def paper(
             if source is not None:
                 if arguments or settings:
                     other = " ".join((*arguments, *settings))
-                    raise InputError(f"--from redraws what was run; {other} would be another run")
+                    raise InputError(f"--from only redraws existing runs; omit {other}")
                 logs = Path(source) / "logs"
                 runs = study.load(logs, study.plan(Scenario()))
                 running = False
@@ -81,7 +80,7 @@ def paper(
                 held.enter_context(alone_in(folder))
             else:
                 if out is None:
-                    raise InputError("--out DIR is missing: where shall the logs and the report go?")
+                    raise InputError("--out DIR is missing; it is the folder for the logs and the report")
                 name, overrides = asked_for(arguments, settings)
                 gains = _gains(overrides)
                 jobs = study.plan(Scenario.load(name or "push_wall", overrides), gains)
@@ -97,7 +96,7 @@ def paper(
             with progress_bar("drawing", as_json, stop) as bar:
                 rows = _write(folder, runs, bar)
     except KeyboardInterrupt:
-        end("interrupted" if running else "interrupted; the logs are there: redraw with --from", exit_interrupted())
+        end("interrupted" if running else "interrupted; the logs are complete: redraw with --from", exit_interrupted())
     failed = [row.claim.id for row in rows if row.verdict.name == "fails"]
     if as_json:
         files = {"report": folder / "report.html", "claims": folder / "claims.json", "logs": logs}
@@ -110,7 +109,7 @@ def paper(
 
 
 def _gains(overrides: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """Take the gains of single laws, ``fosm.K_s``, out of what is asked for."""
+    """Remove the gains of single laws, such as ``fosm.K_s``, from the settings and return them by law."""
     from ..control import BUILT_IN
     from ..faults import Fault, InputError, suggestion
 
@@ -120,7 +119,7 @@ def _gains(overrides: dict[str, Any]) -> dict[str, dict[str, Any]]:
         if law in gains:
             choices = [field.name for field in BUILT_IN[law].gain_fields() if field.name != "nominal"]
             if gain == "nominal":
-                raise InputError([Fault(key, "both are run, with and without")])
+                raise InputError([Fault(key, "cannot be set; the law is run both with and without nominal control")])
             if gain not in choices:
                 raise InputError([Fault(key, f"{law} has no such gain; {suggestion(gain, choices)}")])
             gains[law][f"controller.{gain}"] = overrides.pop(key)
@@ -128,7 +127,7 @@ def _gains(overrides: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def _write(folder: Path, runs: "Runs", progress: Callable[[int, int], None]) -> "list[Row]":
-    """Figures, claims and the page, from logs alone."""
+    """Write figures, claims and the page, from the logs only."""
     from .. import claims, figures, report
 
     rows = claims.judge(runs)
@@ -153,7 +152,7 @@ def _write(folder: Path, runs: "Runs", progress: Callable[[int, int], None]) -> 
 def _move_aside(folder: Path) -> None:
     names = [folder / name for name in ("logs", *_DERIVED)]
     names += [path for pattern in ("fig??.*", "overview.*") for path in folder.glob(pattern)]
-    move_aside(folder, names, "what an earlier call left")
+    move_aside(folder, names, "output of an earlier call")
 
 
 def _table(rows: "list[Row]") -> None:
@@ -162,7 +161,7 @@ def _table(rows: "list[Row]") -> None:
     from ..claims import number
 
     colours = {"holds": "green", "explained": "yellow", "fails": "bold red"}
-    table = Table(title="what the paper claims", title_justify="left", show_lines=True)
+    table = Table(title="claims of the paper", title_justify="left", show_lines=True)
     for column in ("claim", "quantity", "paper", "ours", "threshold", "verdict"):
         table.add_column(column, no_wrap=column == "verdict", overflow="fold")
     for row in rows:

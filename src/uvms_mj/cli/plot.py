@@ -1,4 +1,4 @@
-"""``uvms-mj plot``: pictures of logs."""
+"""``uvms-mj plot``: plots of logs."""
 
 from pathlib import Path
 
@@ -7,17 +7,17 @@ import click
 from .common import bad_input, command, draw_to_files, force_option, path_option, refuse_existing
 
 WHATS = ("position", "force", "sliding", "tau", "integral", "summary")
-"""Those of :mod:`uvms_mj.figures`, which takes longer to import than ``--help`` may."""
+"""The choices of :mod:`uvms_mj.figures`, repeated here because its import is too slow for ``--help``."""
 FORMATS = ("png", "svg", "pdf")
 
 
 @command()
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...")
-@click.option("--what", type=click.Choice(WHATS), default="summary", show_default=True, help="What to draw.")
-@path_option("-o", "--out", metavar="FILE", help="A .png, .svg or .pdf [default: WHAT.png beside LOG].")
+@click.option("--what", type=click.Choice(WHATS), default="summary", show_default=True, help="Signals to plot.")
+@path_option("-o", "--out", metavar="FILE", help="Output file, .png, .svg or .pdf [default: WHAT.png beside LOG].")
 @force_option
 def plot(logs: tuple[str, ...], what: str, out: str | None, force: bool) -> None:
-    """Draw a log, or several on the same axes, each in the colour of its law.
+    """Plot a log, or several logs on the same axes, each in the colour of its law.
 
     \b
     uvms-mj plot results/run.mcap
@@ -34,7 +34,7 @@ def plot(logs: tuple[str, ...], what: str, out: str | None, force: bool) -> None
         path = Path(out) if out is not None else Path(logs[0]).parent / f"{what}.png"
         kind = path.suffix.removeprefix(".")
         if kind not in FORMATS:
-            raise InputError(f"--out {path}: end its name in one of .{', .'.join(FORMATS)}")
+            raise InputError(f"--out {path}: the name must end in one of .{', .'.join(FORMATS)}")
         refuse_existing("--out", path, force)
         loaded = [Trace.load(log) for log in logs]
         for log, trace in zip(logs, loaded, strict=True):

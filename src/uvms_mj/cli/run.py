@@ -44,9 +44,9 @@ if TYPE_CHECKING:
 )
 @set_option
 @path_option("--from", "log", metavar="LOG", help="Repeat the run of a log, run.mcap, with its scenario and vehicle.")
-@path_option("-o", "--out", metavar="DIR", help="Where files go [default: runs/<time>-<scenario>-<controller>].")
-@click.option("--log-rate", metavar="HZ|full", help="Samples a second; must divide the step rate [default: 1 kHz].")
-@click.option("--viewer", is_flag=True, help="Open the Rerun viewer and stream to it while the run goes on.")
+@path_option("-o", "--out", metavar="DIR", help="Output folder [default: runs/<time>-<scenario>-<controller>].")
+@click.option("--log-rate", metavar="HZ|full", help="Samples per second; must divide the step rate [default: 1 kHz].")
+@click.option("--viewer", is_flag=True, help="Open the Rerun viewer and stream to it during the run.")
 @json_option
 @quiet_option
 def run(
@@ -60,9 +60,9 @@ def run(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Run a scenario: a TOML file, or the name of one that ships (default: push_wall, the paper's).
+    """Run a scenario: a TOML file, or the name of a built-in one (default: push_wall, the paper's).
 
-    The samples go to DIR/run.mcap while the run goes on; whatever happens, what was written can be read.
+    The samples are written to DIR/run.mcap during the run. The log stays readable if the run stops early.
 
     \b
     uvms-mj run --controller gsta
@@ -103,7 +103,7 @@ def run(
 def from_log(
     log: str, overrides: dict[str, Any], controller: str | None, log_rate: str | None
 ) -> "tuple[Scenario, Mjcf | None, str | None]":
-    """Scenario, vehicle and log rate of a log, and warnings where a repetition can't be the same."""
+    """Scenario, vehicle and log rate of a log. Warns if a repetition may differ from the original."""
     from ..control.recorded import RecordedLaw
     from ..faults import InputError
     from ..mcap_log import read_files
@@ -116,17 +116,17 @@ def from_log(
     if isinstance(header.scenario.controller, RecordedLaw):
         if controller is None:
             raise InputError(
-                f"{log} was made by the law {recorded}. A log's code is never run: name the law's file with "
+                f"{log} was made by the law {recorded}. Code from a log is never executed: name the law's file with "
                 f"--controller path/to/{recorded} (`uvms-mj info {log} --show law/{recorded.partition(':')[0]}` prints "
-                "the code as it was)"
+                "the recorded code)"
             )
         if controller.rpartition(":")[2] == recorded.rpartition(":")[2]:
-            tables["controller"]["name"] = controller  # the same class: its recorded gains hold
+            tables["controller"]["name"] = controller  # the same class: keep its recorded gains
     scenario = Scenario.from_dict(tables, overrides, controller, place=log)
     law = Law.of(scenario.controller)
     if header.law.sha256 and law.sha256 and law.sha256 != header.law.sha256:
         click.echo(
-            f"warning: {law.source} is not the code that was recorded: sha256 {header.law.sha256[:12]}... then, "
+            f"warning: {law.source} differs from the recorded code: sha256 {header.law.sha256[:12]}... then, "
             f"{law.sha256[:12]}... now",
             err=True,
         )
@@ -149,7 +149,7 @@ def _simulate(
     console: Console,
     stop: Stop,
 ) -> int:
-    """Run, write, report; the exit status. ``files`` gets what the run begins to write."""
+    """Run, write and report; return the exit status. The files that the run opens are added to ``files``."""
     import warnings
 
     from ..faults import InputError
@@ -162,7 +162,7 @@ def _simulate(
     if viewer:
         from ..rerun_view import LiveView
 
-        sinks.insert(0, LiveView())  # where there is no display, nothing has been written yet
+        sinks.insert(0, LiveView())  # first: without a display it fails before anything is written
     error = None
     with warnings.catch_warnings(), console.progress(scenario) as bar:
         warnings.showwarning = console.warn
@@ -200,8 +200,7 @@ def _existing(files: dict[str, Path]) -> dict[str, str]:
 
 
 class _Folder:
-    """The first sink: makes room in the folder and writes scenario.toml. What an earlier run left there is moved aside,
-    never overwritten."""
+    """The first sink: moves the files of an earlier run to a subfolder and writes scenario.toml."""
 
     def __init__(self, folder: Path, files: dict[str, Path]) -> None:
         self.folder, self.files = folder, files
@@ -220,7 +219,7 @@ class _Folder:
 
 
 def _output_folder(out: str | None, scenario: "Scenario") -> tuple[Path, list[Path]]:
-    """The folder of a run, made and writable, before anything is computed; and what was made for it, inner first."""
+    """Create the folder of a run before anything is computed. Returns it and all new folders, inner first."""
     import datetime
     import itertools
 
@@ -235,7 +234,7 @@ def _output_folder(out: str | None, scenario: "Scenario") -> tuple[Path, list[Pa
         made = _missing(folder)
         try:
             folder.mkdir(parents=True)
-        except FileExistsError:  # another run began in the same second
+        except FileExistsError:  # another run started in the same second
             folder = stem.with_name(f"{stem.name}-{n}")
             continue
         except OSError:
@@ -245,7 +244,7 @@ def _output_folder(out: str | None, scenario: "Scenario") -> tuple[Path, list[Pa
 
 
 def _missing(folder: Path) -> list[Path]:
-    """The folders that have to be made for a folder, inner first."""
+    """The folder and its parents that do not exist yet, inner first."""
     return [path for path in (folder, *folder.parents) if not os.path.exists(path)]
 
 
