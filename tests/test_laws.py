@@ -164,7 +164,7 @@ def test_an_exception_in_a_law_names_the_users_line_and_keeps_the_trace(tmp_path
     [
         ("nowhere.py:Law", "no file"),
         ("{path}:Lew", "its laws are Law"),
-        ("{path}", "is path/to/file.py:ClassName"),
+        ("{path}", "give path/to/file.py:ClassName"),
         ("{broken}:Law", "line 3"),
         ("{failing}:Law", "line 2: ZeroDivisionError"),
         ("{undecorated}:Law", "@dataclass"),
@@ -444,5 +444,5 @@ def test_standard_super_twisting_is_gsta_without_linear_terms():
 def test_the_integral_sliding_variable_has_no_pole(A):
     assert Gsta(integral=True, A=A).A == (0.0,) * 6
     assert Gsta(integral=True) == Gsta(integral=True, A=A)
-    with pytest.raises(InputError, match="where integral is true"):
+    with pytest.raises(InputError, match="if integral is true"):
         Gsta(integral=True, A=-50.0)

@@ -132,7 +132,7 @@ def test_an_overrun_is_measured(name, places, before):
     said = arena.overrun()
     assert name in said
     assert f"{len(places)} number" in said
-    assert f"as far as {8 * (max(places) + 1)} bytes" in said
+    assert f"up to {8 * (max(places) + 1)} bytes" in said
     assert ("before the beginning" in said) == before
     assert MARGIN >= 8 * 131_072
 
