@@ -156,7 +156,7 @@ def _compile(function: Callable, arguments: int, returns: bool, name: str, law: 
     about = {"symbol": compiled.native_name, "externals": sorted(declared)}
     about["sha256"] = _digest(code, about)
     if _stands_alone(str(library._final_module)):
-        with contextlib.suppress(OSError):  # e.g. on a full disk: the code is in memory and is compiled again the next time
+        with contextlib.suppress(OSError):  # e.g. on a full disk: then the next process compiles it again
             _keep(name, code, about)
     return int(compiled.address)
 

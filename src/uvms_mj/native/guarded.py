@@ -164,7 +164,7 @@ class _Compiler(compiler.CompilerBase):
 
 @intrinsic
 def _count(typing_context, turns):
-    """Count an iteration of a loop. Every _PATIENCE iterations, run Python's signal handlers and raise if one raised."""
+    """Count an iteration. Every _PATIENCE iterations, run Python's signal handlers and raise if one of them raised."""
 
     def generate(context, builder, signature, arguments):
         one, flag = arguments[0].type(1), llvm.IntType(32)
