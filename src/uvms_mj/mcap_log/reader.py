@@ -152,7 +152,9 @@ class _Reader:
             note = f"all samples are present, but the end of the file is missing: {missing}"
             return dataclasses.replace(outcome, message=f"{outcome.message} ({note})".strip())
         last = header.step_of_row(self.rows - 1) if self.rows else 0
-        there = f"it has {self.rows} rows up to t = {last * h:g} s of {steps * h:g} s" if self.rows else "it has no rows"
+        there = (
+            f"it has {self.rows} rows up to t = {last * h:g} s of {steps * h:g} s" if self.rows else "it has no rows"
+        )
         return Outcome(Status.truncated, f"the log was cut off ({missing}); {there}", last, 0.0)
 
     def _records(self) -> Iterator[tuple[int, bytes]]:
