@@ -321,7 +321,7 @@ def test_a_law_derived_from_one_of_ours_is_a_users_law(tmp_path):
     scenario = Scenario.load("push_wall", SHORT, f"{path}:Mine")
     assert scenario.controller.label() == "Mine"
     assert simulate(scenario).analytic.reason == "known for the laws that ship only"
-    late = scenario.updated({"wall.stiffness": 1e6, "controller.period": 1e-3})  # "limit-cycles" with gsta
+    late = scenario.updated({"wall.stiffness": 1e6, "controller.period": 1e-3})  # of gsta, "limit-cycles"
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         simulate(late)
