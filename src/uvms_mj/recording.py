@@ -36,7 +36,7 @@ class Status(enum.Enum):
 
 
 @dataclass(frozen=True)
-class Law:
+class LawSource:
     """Source of a law.
 
     Attributes:
@@ -52,7 +52,7 @@ class Law:
     states: Mapping[str, int]
 
     @classmethod
-    def of(cls, controller: Controller) -> "Law":
+    def of(cls, controller: Controller) -> "LawSource":
         law, source = type(controller), type(controller).source()
         states = dict(law.states)
         if source in BUILT_IN:
@@ -91,7 +91,7 @@ class Header:
     notes: tuple[str, ...]
     mjcf: Mjcf
     geometry: Geometry
-    law: Law
+    law: LawSource
     versions: Mapping[str, str]
 
     @functools.cached_property

@@ -23,7 +23,7 @@ from .native.closed_loop import ClosedLoop
 from .native.plain_law import LawFault
 from .plant import build
 from .ranges import no_overflow
-from .recording import Header, Law, Outcome, Sink, Status, versions
+from .recording import Header, LawSource, Outcome, Sink, Status, versions
 from .scenario import Scenario
 from .trace import Trace
 from .writing import Writing
@@ -168,7 +168,7 @@ class _Run:
                 notes=tuple(self.notes),
                 mjcf=plant.mjcf,
                 geometry=plant.geometry,
-                law=Law.of(self.scenario.controller),
+                law=LawSource.of(self.scenario.controller),
                 versions=versions(),
             )
             with Writing(self.sinks, self.header) as self.writing:

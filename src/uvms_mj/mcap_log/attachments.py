@@ -21,7 +21,7 @@ from ..faults import InputError, faults_of
 from ..geometry import Geometry
 from ..mjcf import Mjcf
 from ..quantities import NonNegative, Real
-from ..recording import Header, Law, Outcome, Status
+from ..recording import Header, LawSource, Outcome, Status
 from ..scenario import Scenario
 from ..sections import STRICT
 from ..signals import RECORDED, Signal
@@ -160,7 +160,7 @@ def header_of(files: Mapping[str, bytes]) -> Header:
     if not isinstance(table, dict) or table.get("name") != run.law.source:  # checked before the name is used
         raise InputError("scenario.toml and run.json name different laws")
     code = files.get(f"law/{run.law.source.rpartition(':')[0]}", b"").decode(errors="replace")
-    law = Law(run.law.source, run.law.sha256, code, run.law.states)
+    law = LawSource(run.law.source, run.law.sha256, code, run.law.states)
     known = None if law.source in BUILT_IN else recorded_law(law.source, table, law.states)
     scenario = Scenario.from_dict(tables, place="scenario.toml", known=known)
     if scenario.vehicle.model != PurePath(scenario.vehicle.model).name:
