@@ -1,6 +1,6 @@
-"""Laws that misbehave, as the text of a file with a class Law, and how a run of each has to end.
+"""Laws that misbehave: for each, the text of a file with a class Law, and the required end of a run with it.
 
-They are data for ``test_misbehaving_laws.py`` and ``scripts/misbehave.py``.
+``test_misbehaving_laws.py`` and ``scripts/misbehave.py`` use these data.
 """
 
 import textwrap
@@ -67,7 +67,7 @@ SIGNATURE = "    def law(gains, state, signals, state_dot, tau_cmd):\n"
 
 @dataclass(frozen=True)
 class Case:
-    """A file, the exit status of a run with its law, and what the run must say on standard error."""
+    """A file's text, the exit status of a run with its law, and a pattern of the message on standard error."""
 
     text: str
     status: int = 2
@@ -76,19 +76,19 @@ class Case:
 
 
 def law(body: str) -> str:
-    """A file with a law of this body; its control period is two steps."""
+    """The text of a file whose law has this body."""
     lines = textwrap.indent(body, "        ")
     return f"{HEADER}\n@dataclass(frozen=True)\nclass Law(Controller):\n{GAINS}    @staticmethod\n{SIGNATURE}{lines}\n"
 
 
 def declared(body: str, law: bool = True) -> str:
-    """A file with a class of this body."""
+    """The text of a file whose class Law has this body."""
     function = f"    @staticmethod\n{SIGNATURE}        tau_cmd[:] = signals.tau_nom\n" if law else ""
     return f"{HEADER}\n@dataclass(frozen=True)\nclass Law(Controller):\n{textwrap.indent(body, '    ')}\n{function}"
 
 
 def cases() -> dict[str, Case]:
-    """All of them, by name."""
+    """All cases by name."""
     found: dict[str, Case] = {}
     for family in (overruns, helpers, shapes, flats, numbers, exceptions, memory, declarations, files, endless):
         for name, case in family().items():
@@ -101,7 +101,7 @@ LATE = f"{SET}if signals.t > 0.01:\n    "
 
 
 def overruns() -> dict[str, Case]:
-    """Writes through a view that reaches out of an array, by one number up to a megabyte."""
+    """Writes through a view beyond either end of an array, by one number up to a megabyte."""
     places = [
         ("tau_cmd", (6, 7, 45, 5000, 131_071)),
         ("state.eta", (3, 4, 2000, 130_000)),
@@ -124,7 +124,7 @@ def overruns() -> dict[str, Case]:
 
 
 def helpers() -> dict[str, Case]:
-    """Functions of the user's own that numba compiles, with an index out of bounds."""
+    """A user's functions that numba compiles, with an index out of bounds."""
     found = {}
     for index in ("6", "7", "100", "10**6", "2**40", "-7", "-100"):
         for array in ("tau_cmd", "state.xi", "np.zeros(6)"):
@@ -163,7 +163,7 @@ def shapes() -> dict[str, Case]:
 
 
 def flats() -> dict[str, Case]:
-    """Indices of ``flat``, of slices and of arrays of indices."""
+    """Indices out of bounds: of ``flat``, of slices and in arrays of indices."""
     statements = [
         *(f"tau_cmd.flat[{i}] = 0.0" for i in (6, 45, 3000, -7)),
         *(f"state.xi.flat[{i}] = 0.0" for i in (6, 8, 3000)),
@@ -179,7 +179,7 @@ def flats() -> dict[str, Case]:
 
 
 def numbers() -> dict[str, Case]:
-    """Numbers that are not finite, or were never set."""
+    """Numbers that are not finite or were never set, and changed gains."""
     bodies = {
         "tau_cmd nan": (f"{LATE}tau_cmd[4] = np.nan", r"set tau_cmd\[4\] to nan"),
         "tau_cmd inf": (f"{LATE}tau_cmd[2] = np.inf", r"set tau_cmd\[2\] to inf"),
@@ -213,7 +213,7 @@ def numbers() -> dict[str, Case]:
 
 
 def exceptions() -> dict[str, Case]:
-    """Everything that Python lets a function raise."""
+    """Exceptions of many types, raised by the law or by an operation in it."""
     raised = [
         "ValueError('no')",
         "KeyError(1)",
@@ -271,7 +271,7 @@ def exceptions() -> dict[str, Case]:
 
 
 def memory() -> dict[str, Case]:
-    """More memory than there is."""
+    """Requests for more memory than the machine or the limits allow."""
     sizes = ("1 << 45", "1 << 60", "(1 << 31, 1 << 31)", "-1")
     found = {f"np.zeros({n})": Case(law(f"{SET}x = np.zeros({n})"), said="your law Law ") for n in sizes}
     found["eye"] = Case(law(f"{SET}x = np.eye(1 << 24)\ntau_cmd[0] = x[0, 0]"), said="your law Law ")
@@ -281,7 +281,7 @@ def memory() -> dict[str, Case]:
 
 
 def declarations() -> dict[str, Case]:
-    """Classes that do not keep the contract."""
+    """Classes that violate the contract."""
     bodies = {
         "states: a number": ("states = 6", "states must be"),
         "states: a size of 0": ("states = {'x': 0}", "states must be"),
@@ -306,8 +306,8 @@ def declarations() -> dict[str, Case]:
         "record: another": ("def record(self):\n    return 3", "'record' is a method of every law"),
         "gain named as a method": ("label: float = 3.0", "'label' is an attribute of every law"),
         "gain of no type": ("k: nowhere = 3.0", "nowhere"),
-        "gain of an odd type": ("k: 3 = 3.0", "not a type of a gain"),
-        "gain of broken text": ("k: '1 +' = 3.0", "not a type of a gain"),
+        "gain of an odd type": ("k: 3 = 3.0", "not a valid type of a gain"),
+        "gain of broken text": ("k: '1 +' = 3.0", "not a valid type of a gain"),
         "gain of a file": ("k: object = field(default_factory=lambda: sys.stdin)", "a gain is a number"),
         "gain without a value": ("k: float", "needs this gain"),
         "gain: nan": ("k: float = math.nan", "not a finite number"),
@@ -373,7 +373,7 @@ def files() -> dict[str, Case]:
 
 
 def endless() -> dict[str, Case]:
-    """Loops that end with Ctrl-C alone."""
+    """Loops that only Ctrl-C ends."""
     bodies = {
         "while": "x = 0.0\n    while x >= 0.0:\n        x += 1.0\n    tau_cmd[0] = x",
         "pass": "while True:\n        pass",

@@ -1,4 +1,4 @@
-"""Laws of a user's own: compiled, plain, wrong, edited."""
+"""A user's laws: compiled, as plain Python, with errors, and edited between runs."""
 
 import ast
 import json
@@ -60,14 +60,14 @@ def one_liner(name, body):
 
 
 def test_a_users_law_is_compiled_and_does_what_ours_does(tmp_path):
-    """The same law written in arrays; sums in another order leave rounding, which a switching law may amplify a
-    little."""
+    """The same law in array notation. Sums in another order give other rounding errors, which a switching law may
+    amplify a little."""
     path = law_file(tmp_path, COPY_OF_GSTA)
     theirs = simulate(Scenario.load("push_wall", {"simulation.duration": 3.0}, f"{path}:MyGsta"))
     ours = simulate(Scenario.load("push_wall", {"simulation.duration": 3.0}))
     assert theirs.notes == ()
     assert np.abs(theirs.p_WB - ours.p_WB).max() < 1e-7
-    switch = 10.0 * 1e-4 / 2.0  # what one step of sgn(s) adds to z: k_2 h / 2
+    switch = 10.0 * 1e-4 / 2.0  # change of z by sgn(s) in one step: k_2 h / 2
     assert np.abs(theirs.z - ours.z)[:, :2].max() < 10.0 * switch
     assert theirs.z.shape == ours.z.shape
 
@@ -164,7 +164,7 @@ def test_an_exception_in_a_law_names_the_users_line_and_keeps_the_trace(tmp_path
     [
         ("nowhere.py:Law", "no file"),
         ("{path}:Lew", "its laws are Law"),
-        ("{path}", "is path/to/file.py:ClassName"),
+        ("{path}", "give path/to/file.py:ClassName"),
         ("{broken}:Law", "line 3"),
         ("{failing}:Law", "line 2: ZeroDivisionError"),
         ("{undecorated}:Law", "@dataclass"),
@@ -194,7 +194,7 @@ def test_a_law_that_cannot_be_loaded_is_explained(tmp_path, source, reason):
 
 
 def test_an_edit_to_any_file_that_a_law_uses_is_seen_at_the_next_run(tmp_path):
-    """A constant and a compiled function in a file that the law's own file imports, edited within the same second."""
+    """A constant and a compiled function are edited within a second, in a file that the law's file imports."""
     body = "from helper import FACTOR, double\n" + one_liner(
         "Scaled", "for i in range(6):\n    tau_cmd[i] = FACTOR * double(1.0)"
     )
@@ -246,7 +246,8 @@ INSTANT = ("run", "-q", "simulation.duration=0.05")
 
 @pytest.mark.parametrize(("body", "status", "said"), [(SPEAKS, 0, "0.0001"), (RAISES, 2, "could not broadcast")])
 def test_a_law_that_prints_or_raises_does_so_from_disk_too(tmp_path, body, status, said):
-    """In a process that loads its machine code as in the one that made it: numba keeps what is printed in Python."""
+    """A process that loads the machine code prints and raises like the process that compiled it, although numba keeps
+    printed texts as Python objects."""
     path = law_file(tmp_path, one_liner("Speaks", body))
     for n in range(3):
         done = subprocess.run(
@@ -273,13 +274,13 @@ def test_what_a_killed_process_left_in_the_cache_is_forgotten_in_time(tmp_path, 
 
 
 def test_a_cache_that_takes_nothing_stops_no_run(monkeypatch):
-    """As on a full disk: a directory that is not there takes no file either."""
+    """In a missing folder, as on a full disk, no file can be written."""
     monkeypatch.setattr(compilation, "_folder", lambda: Path("/nowhere/at/all"))
     assert simulate(Scenario.load("push_wall", SHORT)).status.name == "completed"
 
 
 def test_the_fingerprint_covers_all_that_reaches_the_machine_code():
-    """Every kernel's file, and every file of the package that such a file imports."""
+    """The fingerprint has every kernel's file, and every file of the package that such a file imports."""
     package, core = Path(compilation.__file__).parents[1], set(compilation._CORE)
     for function in kernels:
         assert str(Path(function.__code__.co_filename).relative_to(package)) in core, function
@@ -292,7 +293,7 @@ def test_the_fingerprint_covers_all_that_reaches_the_machine_code():
                 targets = [file] if file.is_file() else [module / f"{a.name}.py" for a in node.names]
                 for target in targets:
                     imported = str(target.relative_to(package))
-                    # the law's gains and states are in its own fingerprint
+                    # gains and states are in the law's own fingerprint
                     assert imported in core or imported in (
                         "control/base.py",
                         "control/contract.py",
@@ -332,7 +333,7 @@ def test_a_law_derived_from_one_of_ours_is_a_users_law(tmp_path):
 
 @pytest.mark.parametrize("compiled", [True, False])
 def test_what_a_law_writes_on_its_signals_is_not_recorded_nor_kept(tmp_path, monkeypatch, compiled):
-    """As ``tau = signals.tau_nom; tau -= ...`` does. The plant's own s, zeta and estimates are as without."""
+    """``tau = signals.tau_nom; tau -= ...`` writes on a signal. The run's own s, zeta and estimates do not change."""
     careful = one_liner("Careful", "tau_cmd[:] = signals.tau_nom - 3.0 * signals.s")
     slip = (
         "tau = signals.tau_nom\ntau -= 3.0 * signals.s\ntau_cmd[:] = tau\nsignals.zeta[:] = 9.0\nsignals.M_hat[:] = 0.0"
@@ -444,5 +445,5 @@ def test_standard_super_twisting_is_gsta_without_linear_terms():
 def test_the_integral_sliding_variable_has_no_pole(A):
     assert Gsta(integral=True, A=A).A == (0.0,) * 6
     assert Gsta(integral=True) == Gsta(integral=True, A=A)
-    with pytest.raises(InputError, match="where integral is true"):
+    with pytest.raises(InputError, match="if integral is true"):
         Gsta(integral=True, A=-50.0)

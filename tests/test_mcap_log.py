@@ -688,7 +688,7 @@ def test_what_is_no_log_gets_one_clear_error(tmp_path, content, message):
 
 def test_a_pipe_is_no_log_and_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "run.mcap")
-    with pytest.raises(InputError, match=r"run\.mcap: is no file, but a pipe"):
+    with pytest.raises(InputError, match=r"run\.mcap: is not a regular file, but a pipe"):
         Trace.load(tmp_path / "run.mcap")
 
 
@@ -1040,7 +1040,7 @@ def test_a_json_file_of_too_many_values_is_refused_before_it_is_read(logged, tmp
     forged.write_bytes(rewritten(logged[1], lambda name, data: (name, many if name == "geometry.json" else data)))
     with pytest.raises(InputError, match=r"geometry\.json: has more than 200000 values"):
         Trace.load(forged)
-    with pytest.raises(InputError, match="at most are 256 MB"):
+    with pytest.raises(InputError, match="at most 256 MB is allowed"):
         refuse_large({"a": bytes(200_000_000), "b": bytes(100_000_000)})
     refuse_large({"geometry.json": b'"' + bytes(100_000_000) + b'"'})
 

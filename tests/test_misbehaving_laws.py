@@ -1,6 +1,7 @@
-"""Laws that misbehave: each ends with a sentence that names it, and nothing of the run is harmed.
+"""Laws that misbehave: each run ends with a message that names the law, and the samples up to then are correct.
 
-Here a few of each kind, most of them in this process; ``scripts/misbehave.py`` runs all, each in a process of its own.
+These tests run a few laws of each kind, most of them in this process. ``scripts/misbehave.py`` runs all of them, each
+in a separate process.
 """
 
 import re
@@ -51,7 +52,7 @@ def scenario(tmp_path, text, name="my_law.py"):
 
 @pytest.fixture(scope="module")
 def quiet_run(tmp_path_factory):
-    """What a law without a mistake gives."""
+    """The trace of a law without a mistake."""
     return simulate(scenario(tmp_path_factory.mktemp("quiet"), law(SET)))
 
 
@@ -67,7 +68,7 @@ def test_a_law_that_misbehaves_is_named_with_what_it_did(tmp_path, quiet_run, na
         trace = Trace.load(log)
         assert trace.status is Status.failed
         assert trace.message == str(caught.value)
-        for each in ("p_WB", "nu", "tau", "tau_cmd"):  # what was recorded is what a law without the mistake gives
+        for each in ("p_WB", "nu", "tau", "tau_cmd"):  # equal to the run of a law without the mistake
             assert np.array_equal(trace[each], quiet_run[each][: len(trace)]), each
 
 
@@ -90,7 +91,7 @@ EVERYWHERE = [
 
 @pytest.mark.parametrize("statement", EVERYWHERE)
 def test_compiled_code_raises_where_numpy_does_and_nowhere_else(tmp_path, statement):
-    """Operands of 1, 5, 6 and 7 numbers: compiled, and as the plain Python that it stands for."""
+    """Operands of 1, 5, 6 and 7 numbers, as compiled code and as the equivalent plain Python."""
     space = {"np": np}
     exec(f"def plain(tau_cmd, signals, state):\n    {statement.format(n='n')}".replace("plain(", "plain(n, "), space)
 
@@ -121,7 +122,7 @@ def test_compiled_code_raises_where_numpy_does_and_nowhere_else(tmp_path, statem
 @pytest.mark.parametrize("places", [(0,), (0, 1, 5), (100_000,), (131_071,)])
 @pytest.mark.parametrize("before", [True, False])
 def test_an_overrun_is_measured(name, places, before):
-    """Zeros count: whatever a margin is filled with is not a number that a law writes."""
+    """Written zeros are detected too, because the margins are not filled with zeros."""
     gains = Gsta()
     arena = Arena(gains.record(), gains.state_record(), SIGNALS)
     assert arena.overrun() == ""
@@ -132,13 +133,13 @@ def test_an_overrun_is_measured(name, places, before):
     said = arena.overrun()
     assert name in said
     assert f"{len(places)} number" in said
-    assert f"as far as {8 * (max(places) + 1)} bytes" in said
+    assert f"up to {8 * (max(places) + 1)} bytes" in said
     assert ("before the beginning" in said) == before
     assert MARGIN >= 8 * 131_072
 
 
 def test_a_law_may_write_on_its_signals_and_set_its_states(tmp_path):
-    """As to reset an integrator: what it sets is where its state goes on from."""
+    """A law may reset an integrator: the state continues from the value that the law sets."""
     reset = law(f"{SET}signals.s[:] = 9.0\nstate_dot.xi[:] = 1.0\nif signals.t == 0.02:\n    state.xi[:] = 0.0")
     trace = simulate(scenario(tmp_path, reset))
     assert np.allclose(trace.xi[-1], 0.03, atol=1e-9)
@@ -146,7 +147,7 @@ def test_a_law_may_write_on_its_signals_and_set_its_states(tmp_path):
 
 
 def test_a_number_from_beyond_an_array_is_not_one(tmp_path):
-    """What is read from a margin shows in what is computed from it."""
+    """A number that a law reads from a margin is NaN, and so is its result."""
     with pytest.raises(LawError, match="set tau_cmd"):
         simulate(scenario(tmp_path, law(f"{LATE}tau_cmd[0] = as_strided(tau_cmd, (100,), (8,))[70]")))
 

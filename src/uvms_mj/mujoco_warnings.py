@@ -9,12 +9,12 @@ import mujoco
 
 
 class MujocoWarning(UserWarning):
-    """MuJoCo met a number with which it cannot continue."""
+    """A warning of MuJoCo, e.g. of a state that is not finite."""
 
 
 _lock = threading.Lock()
 _collecting: dict[int, list[str]] = {}
-"""Texts by thread: MuJoCo has one handler for a process, and calls it in the thread that steps."""
+"""Texts by thread: MuJoCo has one handler per process and calls it on the thread that steps."""
 _before: list[Callable[[str], None] | None] = []
 
 
@@ -28,7 +28,7 @@ def _collect(text: str) -> None:
 
 @contextlib.contextmanager
 def mujoco_warnings() -> Iterator[None]:
-    """Collect MuJoCo's warnings of this thread, and issue each of them once at the end."""
+    """Collect this thread's warnings from MuJoCo, and issue each different one once at the end."""
     thread = threading.get_ident()
     with _lock:
         if not _collecting:

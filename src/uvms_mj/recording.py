@@ -1,4 +1,4 @@
-"""What is recorded of a run besides its samples: what was known before the first step, and how it ended."""
+"""The record of a run besides its samples: the header, known before the first step, and the outcome."""
 
 import enum
 import functools
@@ -26,7 +26,7 @@ _PACKAGES = ("uvms-mj", "mujoco", "numpy", "numba", "llvmlite", "mcap")
 
 
 class Status(enum.Enum):
-    """How a run ended."""
+    """How a run ended. Logs contain these texts, so a change makes older logs unreadable."""
 
     completed = "the run went on to its end"
     unstable = "a variable left its bound and the run was stopped"
@@ -36,14 +36,14 @@ class Status(enum.Enum):
 
 
 @dataclass(frozen=True)
-class Law:
-    """Where a law came from.
+class LawSource:
+    """Source of a law.
 
     Attributes:
-        source: name of one that ships, or ``file.py:ClassName``.
-        sha256: of its file, or None where there is none.
-        code: text of its file; empty for a law that ships.
-        states: names and sizes.
+        source: name of a built-in law, or ``file.py:ClassName``.
+        sha256: digest of the code; None for a built-in law or without code.
+        code: text of the file, or of the class if there is no file; empty for a built-in law.
+        states: sizes of the states by name.
     """
 
     source: str
@@ -52,7 +52,7 @@ class Law:
     states: Mapping[str, int]
 
     @classmethod
-    def of(cls, controller: Controller) -> "Law":
+    def of(cls, controller: Controller) -> "LawSource":
         law, source = type(controller), type(controller).source()
         states = dict(law.states)
         if source in BUILT_IN:
@@ -70,18 +70,18 @@ class Law:
 
 @dataclass(frozen=True, eq=False)
 class Header:
-    """What is known before the first step.
+    """The part of a run's record that is known before the first step.
 
     Attributes:
-        scenario: with every default written out.
-        signals: what a row consists of, side by side.
+        scenario: the scenario with all defaults.
+        signals: the signals of a row, in order.
         row_steps: time steps from one row to the next.
-        analytic: where the run should come to rest, or why no closed form tells.
-        notes: what the user was warned of.
+        analytic: the predicted rest state, or the reason why there is no closed form.
+        notes: the warnings that the user was given.
         mjcf: the vehicle's model.
-        geometry: what the vehicle looks like.
-        law: where the law came from.
-        versions: of the packages that made the run, by name.
+        geometry: the vehicle's shape, for pictures.
+        law: source of the law.
+        versions: versions of the packages that made the run, by name.
     """
 
     scenario: Scenario
@@ -91,12 +91,12 @@ class Header:
     notes: tuple[str, ...]
     mjcf: Mjcf
     geometry: Geometry
-    law: Law
+    law: LawSource
     versions: Mapping[str, str]
 
     @functools.cached_property
     def places(self) -> dict[str, slice]:
-        """Where each signal stands in a row."""
+        """Slice of each signal in a row."""
         ends = itertools.accumulate(signal.size for signal in self.signals)
         return {s.name: slice(end - s.size, end) for s, end in zip(self.signals, ends, strict=True)}
 
@@ -106,7 +106,7 @@ class Header:
         return sum(signal.size for signal in self.signals)
 
     def portable_scenario(self) -> dict[str, Any]:
-        """The scenario's tables without a user's folders: the files' names alone, for the files are in the log."""
+        """The scenario's tables with file names without folders; the log contains the files."""
         tables = self.scenario.to_dict()
         if Path(tables["vehicle"]["model"]).name != tables["vehicle"]["model"]:
             tables["vehicle"]["model"] = self.mjcf.name
@@ -114,7 +114,7 @@ class Header:
         return tables
 
     def step_of_row(self, row: int) -> int:
-        """The time step that a row belongs to; the last row of a run is the state at its end."""
+        """Time step of a row. The last row of a completed run is the state at its end."""
         return min(row * self.row_steps, self.scenario.steps)
 
 
@@ -123,10 +123,10 @@ class Outcome:
     """How a run ended.
 
     Attributes:
-        status: completed, unstable, interrupted or failed; truncated, where a log doesn't say.
-        message: why a run that did not complete stopped.
-        steps: time steps that were done.
-        wall_time_s: how long the stepping took [s].
+        status: completed, unstable, interrupted or failed; truncated if the log lacks it.
+        message: reason why a run stopped before its end.
+        steps: number of time steps done.
+        wall_time_s: wall time of the stepping [s].
     """
 
     status: Status
@@ -136,19 +136,19 @@ class Outcome:
 
 
 class Sink(Protocol):
-    """Where the samples of a run go while it goes on."""
+    """Receiver of a run's samples during the run."""
 
     def begin(self, header: Header) -> None:
-        """Before the first step; what can't run has been refused already."""
+        """Called before the first step, after the input was checked."""
 
     def write(self, rows: np.ndarray) -> None:
-        """Rows (n, width) in order, some milliseconds' worth; they are not kept."""
+        """Called with the next rows (n, width), a few milliseconds of wall time."""
 
     def end(self, outcome: Outcome) -> None:
-        """After the last row, however the run ended."""
+        """Called after the last row, however the run ended."""
 
 
 def versions() -> dict[str, str]:
-    """Versions of what decides a run's bits, and the machine's architecture."""
+    """Versions of the packages that affect a run's numbers and of Python, and the machine's system and architecture."""
     found = {name: importlib.metadata.version(name) for name in _PACKAGES}
     return found | {"python": platform.python_version(), "machine": f"{platform.system()} {platform.machine()}"}

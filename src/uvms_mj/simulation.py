@@ -1,4 +1,4 @@
-"""``simulate(scenario) -> Trace``: chunk by chunk at native speed."""
+"""``simulate(scenario) -> Trace`` runs a scenario in chunks at native speed."""
 
 import dataclasses
 import time
@@ -23,22 +23,22 @@ from .native.closed_loop import ClosedLoop
 from .native.plain_law import LawFault
 from .plant import build
 from .ranges import no_overflow
-from .recording import Header, Law, Outcome, Sink, Status, versions
+from .recording import Header, LawSource, Outcome, Sink, Status, versions
 from .scenario import Scenario
 from .trace import Trace
 from .writing import Writing
 
 CHUNK_STEPS = 1000
-"""Most steps from one turn of Python to the next: a few milliseconds."""
+"""Largest number of steps in a chunk: a few milliseconds of wall time."""
 CHUNK_S = 0.25
-"""Wall time after which the turn is Python's, for laws that take long [s]."""
+"""Wall time after which a chunk ends early, for slow laws [s]."""
 SLICE_STEPS = 50
-"""Most steps from one look at the clock to the next: a law may become slow at any step."""
+"""Largest number of steps from one reading of the clock to the next: a law may become slow at any step."""
 
 
 class LawError(RuntimeError):
-    """A law raised, wrote where it may not, or made a number that is not finite. The message names the law and its
-    line; ``trace`` is what was recorded until then."""
+    """A law raised, wrote outside its arrays, changed a gain or gave a number that is not finite. The message names the
+    law and, where it is known, the line; ``trace`` has the samples up to then."""
 
     def __init__(self, message: str, trace: Trace) -> None:
         super().__init__(message)
@@ -46,7 +46,7 @@ class LawError(RuntimeError):
 
 
 class SinkError(RuntimeError):
-    """A sink raised: the run was stopped. ``trace`` is what was kept in memory; ``__cause__`` is what was raised."""
+    """A sink raised and stopped the run. ``trace`` has the samples kept in memory, ``__cause__`` the exception."""
 
     def __init__(self, message: str, trace: Trace) -> None:
         super().__init__(message)
@@ -70,30 +70,29 @@ def simulate(
     """Run a scenario.
 
     Args:
-        scenario: what to run; default: the paper's scenario.
-        controller: a law with its gains, in place of the scenario's.
-        log_rate: samples a second [Hz], which must divide the step rate; ``"full"`` for every step; default 1 kHz, or
-            the step rate nearest to it that divides.
-        progress: called now and then with the steps done and their number.
-        sinks: where the samples go while the run goes on, as ``McapLog("run.mcap")``; they work on a thread of their
-            own.
-        keep_s: how much of the run's end the trace keeps in memory [s]; default: all of it.
-        mjcf: the vehicle's model, in place of what ``scenario.vehicle.model`` names, as ``trace.header.mjcf``.
+        scenario: the scenario to run; default: the paper's.
+        controller: a controller in place of the scenario's.
+        log_rate: samples per second [Hz], which must divide the step rate; ``"full"`` for every step; default: 1 kHz,
+            or a rate near it that divides the step rate.
+        progress: called after each chunk with the number of steps done and the run's number of steps.
+        sinks: receivers of the samples during the run, e.g. ``McapLog("run.mcap")``; called on a separate thread.
+        keep_s: length of the run's end that the trace keeps in memory [s]; default: the whole run.
+        mjcf: the vehicle's model, e.g. ``trace.header.mjcf``, in place of the file of ``scenario.vehicle.model``.
 
     Returns:
-        The trace. A run that became unstable or was interrupted (Ctrl-C) returns what it had recorded;
-        ``trace.status`` tells.
+        The trace. If the run diverged or was interrupted (Ctrl-C), the trace has the samples up to then, and
+        ``trace.status`` gives the reason.
 
     Raises:
-        InputError: something in the input is unphysical; found before the first step.
-        LawError: the law raised, wrote where it may not, or made a number that is not finite.
-        SinkError: a sink raised, as when a disk is full; what it had written is kept.
+        InputError: the input is invalid; raised before the first step.
+        LawError: the law raised, wrote outside its arrays, changed a gain or gave a number that is not finite.
+        SinkError: a sink raised, e.g. because the disk is full; its output up to then is kept.
     """
     scenario = scenario if scenario is not None else Scenario()
     if not isinstance(scenario, Scenario):
-        raise InputError(f"scenario: {scenario!r} is none; Scenario.load makes one of a name or a file")
+        raise InputError(f"scenario: expected a Scenario, got {scenario!r}; use Scenario.load(name or path)")
     if controller is not None and not isinstance(controller, Controller):
-        raise InputError(f"controller: {controller!r} is no law with its gains, as Gsta(k_1=8.0) is")
+        raise InputError(f"controller: expected a Controller, got {controller!r}; use e.g. Gsta(k_1=8.0)")
     if controller is not None:
         scenario = dataclasses.replace(scenario, controller=controller)
     row_steps = row_steps_of(scenario.simulation.timestep, log_rate)
@@ -119,7 +118,7 @@ class _Run:
         if isinstance(scenario.controller, RecordedLaw):
             source = scenario.controller.source()
             raise InputError(
-                f"the law {source} stands in the log as text, which is never run: give the law itself, from its file"
+                f"the law {source} is in the log as text, which is never run: pass the controller from the law's file"
             )
         if not has_built_in_law(scenario.controller):
             check_contract(type(scenario.controller))
@@ -134,7 +133,7 @@ class _Run:
         self.blocks: deque[np.ndarray] = deque()
 
     def go(self) -> Trace:
-        """Attach the vehicle, step to the end or to whatever stops the run, and make the trace."""
+        """Attach the vehicle, step until the run ends or is stopped, and make the trace."""
         plant, disturbance = self.plant, self.scenario.disturbance
         with immerse(
             plant.model,
@@ -158,7 +157,7 @@ class _Run:
             )
             if not loop.compiled:
                 law = self.scenario.controller.label()
-                note = f"{law} runs as plain Python, which is slow: numba cannot compile it: {loop.not_compiled}"
+                note = f"{law} runs as plain Python, which is slow, because numba can't compile it: {loop.not_compiled}"
                 self.notes.append(note)
                 warnings.warn(note, PlainPythonWarning, stacklevel=4)
             self.header = Header(
@@ -169,7 +168,7 @@ class _Run:
                 notes=tuple(self.notes),
                 mjcf=plant.mjcf,
                 geometry=plant.geometry,
-                law=Law.of(self.scenario.controller),
+                law=LawSource.of(self.scenario.controller),
                 versions=versions(),
             )
             with Writing(self.sinks, self.header) as self.writing:
@@ -187,7 +186,7 @@ class _Run:
             return trace
 
     def _outcome(self, loop: ClosedLoop) -> tuple[Outcome, Exception | None]:
-        """Run; how it ended, and what the law or anything else raised."""
+        """Step to the end. Returns the outcome, and the exception of the law or of another part, if any."""
         status, message = Status.completed, ""
         raised: Exception | None = None
         start = time.perf_counter()
@@ -203,13 +202,13 @@ class _Run:
                     break
         except KeyboardInterrupt:
             status, message = Status.interrupted, f"t = {loop.time:.6g} s: stopped from outside"
-        except Exception as error:  # a LawFault, or a fault of ours
+        except Exception as error:  # a LawFault, or an error of this package
             status, raised, message = Status.failed, error, f"t = {loop.time:.6g} s: {error}"
         wall_time_s = time.perf_counter() - start
         return Outcome(status, message, min(loop.step, self.scenario.steps), wall_time_s), raised
 
     def _chunks(self, loop: ClosedLoop) -> Iterator[int]:
-        """Step through the run; after each chunk its rows are taken, whatever happens next."""
+        """Step through the run. The rows of a chunk are taken even if it raises."""
         model, data, steps = self.plant.model, self.data, self.scenario.steps
         done, n = 0, 1
         while done < steps:
@@ -227,14 +226,14 @@ class _Run:
             finally:
                 self._take_rows(loop)
             self._after(loop, done)
-            if not loop.divergence and done == steps:  # the state at the end, which no step begins from
+            if not loop.divergence and done == steps:  # the final state, from which no step begins
                 self._forward(loop)
                 self._take_rows(loop)
                 self._after(loop, done + 1)
             yield done
 
     def _take_rows(self, loop: ClosedLoop) -> None:
-        """Hand the rows on; an interrupt between two lines of this, and a second call, neither lose nor double any."""
+        """Pass the rows on. An interrupt between any two lines, or a second call, neither loses nor repeats a row."""
         rows = loop.rows()
         if len(rows) and (not self.blocks or rows[0, 0] > self.blocks[-1][-1, 0]):
             block = rows.copy()
@@ -260,10 +259,10 @@ class _Run:
         mujoco.mj_forward(self.plant.model, self.data)
 
     def _after(self, loop: ClosedLoop, evaluations: int) -> None:
-        """What compiled code could only note: a law that failed, a callback that was taken away."""
+        """Raise on failures that compiled code can only record: of the law, or by a replaced callback."""
         loop.check_law(last=loop.step >= self.scenario.steps)
         if not loop.divergence and loop.evaluations != evaluations:
-            raise RuntimeError("mjcb_control was replaced during the run: the water was lost")
+            raise RuntimeError("mjcb_control was replaced during the run: hydrodynamics were no longer applied")
 
 
 _HINT = "Try a smaller simulation.timestep, smaller gains, or a softer wall."

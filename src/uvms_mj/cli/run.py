@@ -107,7 +107,7 @@ def from_log(
     from ..control.recorded import RecordedLaw
     from ..faults import InputError
     from ..mcap_log import read_files
-    from ..recording import Law, versions
+    from ..recording import LawSource, versions
     from ..scenario import Scenario
 
     header, _ = read_files(log)
@@ -123,7 +123,7 @@ def from_log(
         if controller.rpartition(":")[2] == recorded.rpartition(":")[2]:
             tables["controller"]["name"] = controller  # the same class: keep its recorded gains
     scenario = Scenario.from_dict(tables, overrides, controller, place=log)
-    law = Law.of(scenario.controller)
+    law = LawSource.of(scenario.controller)
     if header.law.sha256 and law.sha256 and law.sha256 != header.law.sha256:
         click.echo(
             f"warning: {law.source} differs from the recorded code: sha256 {header.law.sha256[:12]}... then, "

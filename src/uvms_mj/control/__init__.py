@@ -1,4 +1,4 @@
-"""Control laws: one small file for each, and the contract in :mod:`uvms_mj.control.base`."""
+"""Controllers, one module for each; :mod:`uvms_mj.control.base` has their contract."""
 
 from .base import Controller, gain
 from .fosm import Fosm

@@ -1,6 +1,6 @@
 """The contract of a control law: gains, states, one function.
 
-A law is a frozen dataclass of gains that derives from :class:`Controller`, with a static method ``law``::
+A controller is a frozen dataclass of gains that derives from :class:`Controller`, with a static method ``law``::
 
     @dataclass(frozen=True)
     class Pid(Controller):
@@ -16,10 +16,10 @@ A law is a frozen dataclass of gains that derives from :class:`Controller`, with
 
 ``signals`` has the fields of :data:`uvms_mj.signals.GIVEN`. At a control instant tau_cmd is computed from the current
 states; then the states advance by explicit Euler over the control period with ``state_dot``, and tau_cmd is held
-until the next instant. The function is compiled; the same function runs as plain Python where it can't be.
+until the next instant. The function is compiled; if numba cannot compile it, it runs as plain Python.
 """
 
-from __future__ import annotations  # help(Controller) shows the names of types, not what pydantic makes of them
+from __future__ import annotations  # so that help(Controller) shows short type names
 
 import dataclasses
 import functools
@@ -67,7 +67,7 @@ _NegativeDiagonal = Annotated[Diagonal, AfterValidator(_not_positive)]
 
 
 def gain(default: Any, unit: str, meaning: str) -> Any:
-    """A dataclass field for a gain, with its default, its unit and what it means."""
+    """A dataclass field for a gain, with its default value, unit and meaning."""
     return dataclasses.field(default=default, metadata={"unit": unit, "meaning": meaning})
 
 
@@ -77,10 +77,10 @@ def _shared(default: Any, unit: str, meaning: str) -> Any:
 
 @dataclasses.dataclass(frozen=True)
 class Controller:
-    """Base of all laws: what every law has because every law records the sliding variable s, and how often it runs.
+    """Base class of all controllers. It has the control period and the gains of s, which every run records.
 
     Raises:
-        InputError: a gain is not of its type or out of its range; all faults are named at once.
+        InputError: a gain has the wrong type or is out of range; all errors are reported together.
     """
 
     period: Step | None = _shared(None, "s", "control period, a multiple of the time step; default: every step")
@@ -93,21 +93,21 @@ class Controller:
     name: ClassVar[str] = ""
     states: ClassVar[Mapping[str, int]] = {}
     units: ClassVar[Mapping[str, str]] = {}
-    """Units of states, linear first where there are two; for logs and plots."""
+    """Units of the states, for logs and plots. A state with two units has the linear one first."""
     uses_truth: ClassVar[bool] = False
-    """Whether signals has :data:`uvms_mj.signals.TRUTH` as well; the yardstick's alone."""
+    """Whether signals also has :data:`uvms_mj.signals.TRUTH`. Only the yardstick, Ideal, may set this."""
 
     def __post_init__(self) -> None:
         given = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         place = f"the gains of {self.label()}"
         try:
-            kind: Any = type(self)  # a dataclass's class is hashable, which its type does not say
+            kind: Any = type(self)  # mypy does not see that the class is hashable
             valid = _adapter(kind).validate_python(given)
         except ValidationError as error:
             raise InputError(faults_of(error, "controller"), place) from None
-        except Exception as error:  # pydantic, and the evaluation of an annotation, raise many kinds
+        except Exception as error:  # pydantic and evaluating an annotation raise exceptions of many types
             reason = " ".join(str(error).split("\n\n")[0].split()) or type(error).__name__
-            raise InputError(f"an annotation is not a type of a gain: {reason}", place) from None
+            raise InputError(f"an annotation is not a valid type of a gain: {reason}", place) from None
         faults = [
             Fault(f"controller.{name}", f"{value!r}: a gain is a number, true or false, or a tuple of numbers")
             for name, value in valid.items()
@@ -119,7 +119,7 @@ class Controller:
             object.__setattr__(self, name, value)
         if self.integral:  # with A = 0, eq. (20) integrates the impedance's residual
             if any(self.A) and _six(type(self).A) != self.A:
-                fault = Fault("controller.A", f"{list(self.A)!r} must be 0, or left out, where integral is true")
+                fault = Fault("controller.A", f"{list(self.A)!r} must be 0 or omitted if integral is true")
                 raise InputError([fault], place)
             object.__setattr__(self, "A", (0.0,) * 6)
 
@@ -130,30 +130,30 @@ class Controller:
 
     @classmethod
     def label(cls) -> str:
-        """The name in logs and tables: ours for the laws that ship, the class's for a user's."""
+        """The name in logs and tables: ``name`` if the class sets it, otherwise the class's own name."""
         return cls.__dict__.get("name") or cls.__name__
 
     @classmethod
     def source(cls) -> str:
-        """What finds this law again: the name of one that ships, or ``path/to/file.py:ClassName``."""
+        """Where to load this class from: the name of a built-in law, or ``path/to/file.py:ClassName``."""
         if cls.__dict__.get("name") and cls.__module__.startswith(f"{__package__}."):
             return cls.name
         return f"{getattr(sys.modules.get(cls.__module__), '__file__', None) or '<session>'}:{cls.__name__}"
 
     @classmethod
     def gain_fields(cls) -> tuple[dataclasses.Field, ...]:
-        """The law's own gains first, then those that every law has."""
+        """The fields of the gains: the class's own first, then those of :class:`Controller`."""
         shared = {f.name for f in dataclasses.fields(Controller)}
         own = [f for f in dataclasses.fields(cls) if f.name not in shared]
         return (*own, *(f for f in dataclasses.fields(cls) if f.name in shared))
 
     def record(self) -> np.ndarray:
-        """The gains as a record array (1,): numbers as float64, flags as booleans, tuples as float64 vectors; None is
-        left out."""
+        """The gains as a record array (1,): numbers as float64, flags as booleans, tuples as float64 vectors. The
+        period and gains that are None are left out."""
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         kept = {name: np.asarray(value) for name, value in values.items() if value is not None and name != "period"}
         kinds = [(name, "?" if a.dtype == bool else "f8", a.shape) for name, a in kept.items()]
-        record = np.zeros(1, np.dtype(kinds, align=True))  # never empty: every law has F_1, F_2 and A
+        record = np.zeros(1, np.dtype(kinds, align=True))  # never empty: every class has F_1, F_2 and A
         for name, array in kept.items():
             record[name] = array
         return record
@@ -173,9 +173,9 @@ def _is_gain(value: Any) -> bool:
 
 @functools.cache
 def _adapter(cls: type[Controller]) -> TypeAdapter:
-    """A validator made once for each class; the gains are checked at construction and never in the loop."""
+    """The validator of a class, made once. Gains are checked at construction and never in the loop."""
     hints = get_type_hints(cls, include_extras=True)
-    # Any, as the fields of this type are known only when it is made
+    # Any: the fields of this type are known only at run time
     make: Any = TypedDict
     shape = make("shape", {f.name: hints[f.name] for f in dataclasses.fields(cls)})
     return TypeAdapter(with_config(ConfigDict(allow_inf_nan=False))(shape))

@@ -1,4 +1,4 @@
-"""Whether a class keeps the contract of a law (:mod:`uvms_mj.control.base`), before anything of it runs."""
+"""Checks of a user's class against the contract of :mod:`uvms_mj.control.base`, before its law runs."""
 
 import ast
 import dataclasses
@@ -22,21 +22,21 @@ _OVERRIDDEN = ("law", "name", "states", "units", "uses_truth")
 
 
 def check_contract(cls: type[Controller], file: str = "") -> None:
-    """Refuse a class that is not a law.
+    """Check that a class satisfies the contract of a controller.
 
     Args:
         cls: the class.
-        file: where it was found.
+        file: its file, for the message.
 
     Raises:
-        InputError: with everything that is wrong with it.
+        InputError: the class violates the contract; lists every error.
     """
     place = f"{cls.__name__} in {file}" if file else cls.__name__
     try:
         wrong = list(_wrong(cls))
     except KeyboardInterrupt:
         raise
-    except BaseException as error:  # a class body may hold anything
+    except BaseException as error:  # a user's attributes may raise anything
         wrong = [f"{type(error).__name__}: {error}"]
     if wrong:
         raise InputError([Fault("controller.name", f"{place}: {each}") for each in wrong])
@@ -83,7 +83,7 @@ def _wrong_states(states: Any) -> Iterator[str]:
         if not fits:
             yield f"{wanted}; {_shown(name)}: {_shown(size)} is not"
     if all(good) and sum(states.values()) > _MOST_STATES:
-        yield f"states has {sum(states.values())} numbers in all; at most {_MOST_STATES} are possible"
+        yield f"states has {sum(states.values())} numbers in all; at most {_MOST_STATES} are allowed"
 
 
 def _wrong_units(cls: type[Controller]) -> Iterator[str]:
@@ -119,13 +119,13 @@ def _wrong_function(cls: type[Controller]) -> Iterator[str]:
 
 
 def law_function(cls: type[Controller]) -> types.FunctionType:
-    """The law as plain Python, also where the user has marked it with ``numba.njit``."""
+    """The law as a plain Python function, even if the user has marked it with ``numba.njit``."""
     law: Any = cls.law
     return getattr(law, "py_func", law)
 
 
 def _unknown_fields(cls: type[Controller]) -> Iterator[str]:
-    """Names that the law asks its arguments for and that they don't have."""
+    """Errors for fields of its arguments that the law uses but that do not exist."""
     function = law_function(cls)
     try:
         tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
@@ -163,14 +163,14 @@ def _unknown_fields(cls: type[Controller]) -> Iterator[str]:
 
 def _hint(role: str, word: str, known: list[str]) -> str:
     if role == "signals" and word in {signal.name for signal in TRUTH}:
-        return "only the yardstick 'ideal' is given the truth"
+        return "only the yardstick 'ideal' may use the truth"
     if role == "gains" and word == "period":
         return "signals.period is the control period"
     return field_suggestion(word, known) if known else "the class declares no states"
 
 
 def field_suggestion(word: str, known: Sequence[str]) -> str:
-    """What somebody who wrote ``word`` may have meant: of names that differ by a frame, as p_WB from p, the first."""
+    """A hint for an unknown name: the first known name that adds a suffix to it, as p_WB to p, else the closest."""
     longer = [name for name in known if name.startswith(f"{word}_")]
     return f"did you mean {longer[0]!r}?" if longer else suggestion(word, known)
 

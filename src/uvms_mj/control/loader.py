@@ -1,4 +1,4 @@
-"""Finding a law: one that ships by its name, or a user's class in a file."""
+"""Loading of controllers: a built-in class by its name, or a user's class from a file."""
 
 import dataclasses
 import hashlib
@@ -24,14 +24,14 @@ BUILT_IN: dict[str, type[Controller]] = {cls.name: cls for cls in (Impedance, Fo
 
 
 def load_controller(table: Mapping[str, Any], known: type[Controller] | None = None) -> Controller:
-    """The law of a ``[controller]`` table: ``name`` and gains.
+    """Make the controller of a ``[controller]`` table.
 
     Args:
         table: ``name`` is a built-in law or ``path/to/file.py:ClassName`` (default gsta); every other key is a gain.
-        known: a class to use without looking for it, where ``name`` is its source.
+        known: a class to use without loading it, if ``name`` is its source.
 
     Raises:
-        InputError: no such law, no such gain, or a gain that is out of range, all of them at once.
+        InputError: the law is not found, or a gain is unknown, missing or out of range; names every such gain.
     """
     gains = dict(table)
     source = gains.pop("name", Gsta.name)
@@ -55,7 +55,7 @@ def load_controller(table: Mapping[str, Any], known: type[Controller] | None = N
         raise InputError([*faults, *error.faults]) from None
     except KeyboardInterrupt:
         raise
-    except BaseException as error:  # of a user's __post_init__, which may raise SystemExit
+    except BaseException as error:  # a user's __post_init__ may raise anything, also SystemExit
         raise InputError([*faults, Fault("controller", f"{cls.label()}: {type(error).__name__}: {error}")]) from error
     if faults:
         raise InputError(faults)
@@ -63,7 +63,11 @@ def load_controller(table: Mapping[str, Any], known: type[Controller] | None = N
 
 
 def controller_class(source: Any) -> type[Controller]:
-    """The class of a law from its name or its ``path/to/file.py:ClassName``."""
+    """The controller class of a built-in name or of ``path/to/file.py:ClassName``.
+
+    Raises:
+        InputError: there is no such class, or it is not a valid controller.
+    """
     if not isinstance(source, str):
         raise InputError([Fault("controller.name", f"{source!r} is not the name of a law; {_known()}")])
     if source in BUILT_IN:
@@ -72,7 +76,7 @@ def controller_class(source: Any) -> type[Controller]:
     if not colon or not file.endswith(".py"):
         hint = suggestion(source, BUILT_IN)
         raise InputError(
-            [Fault("controller.name", f"no law {source!r}; {hint}; a law of your own is path/to/file.py:ClassName")]
+            [Fault("controller.name", f"no law {source!r}; {hint}; for your own law give path/to/file.py:ClassName")]
         )
     path = Path(file)
     if not path.is_file():
@@ -92,8 +96,8 @@ def controller_class(source: Any) -> type[Controller]:
 
 
 def has_built_in_law(controller: Controller) -> bool:
-    """Whether a controller's law is one that ships, with its states and what it is given; a class derived from one may
-    have other gains, and another law is a law of its own."""
+    """Whether a controller has the law, states and signals of a built-in class. A derived class may differ in its
+    gains only."""
     return any(
         isinstance(controller, cls)
         and type(controller).law is cls.law
@@ -104,26 +108,26 @@ def has_built_in_law(controller: Controller) -> bool:
 
 
 def _known() -> str:
-    return f"known are {', '.join(BUILT_IN)}"
+    return f"choose from {', '.join(BUILT_IN)}"
 
 
 def _load(path: Path) -> ModuleType:
-    """Import a user's file afresh, with its folder on the path for its own imports."""
+    """Import a user's file anew, with its folder on sys.path for the file's imports."""
     name = f"uvms_mj_law_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None  # the suffix is .py
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look their module up
+    sys.modules[name] = module  # dataclasses look up their module there
     if str(path.parent) not in sys.path:
         sys.path.insert(0, str(path.parent))
-    # Python's own byte-code cache takes two edits within a second for one
+    # Python's byte-code cache misses the second of two edits within a second
     before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
-    # what numba compiles at once, as numba.guvectorize does, is to check its indices
+    # functions that numba compiles during the import, e.g. by numba.guvectorize, must check their indices
     bounds, os.environ["NUMBA_BOUNDSCHECK"] = os.environ.get("NUMBA_BOUNDSCHECK"), "1"
     try:
         spec.loader.exec_module(module)
-    except BaseException as error:  # a file may raise SystemExit, or an exception of its own kind
+    except BaseException as error:  # the file may raise anything, also SystemExit
         del sys.modules[name]
         if isinstance(error, KeyboardInterrupt):
             raise
@@ -140,7 +144,7 @@ def _load(path: Path) -> ModuleType:
 
 
 def table_of(controller: Controller) -> dict[str, Any]:
-    """The ``[controller]`` table that :func:`load_controller` makes this controller of."""
+    """The ``[controller]`` table from which :func:`load_controller` makes an equal controller."""
     return {
         "name": controller.source(),
         **{f.name: getattr(controller, f.name) for f in dataclasses.fields(controller)},

@@ -1,4 +1,4 @@
-"""Logs: samples as ROS 2 messages in an MCAP file, written while a run goes on, and read back number by number."""
+"""Logs: a run's samples as ROS 2 messages in an MCAP file, written during the run and read back exactly."""
 
 from .reader import read, read_files
 from .sink import McapLog

@@ -1,6 +1,6 @@
-"""A run's header and outcome as the attachments of a log, so that it is complete by itself, and made of them again.
+"""A run's header and outcome as attachments, which make a log self-contained, and their reconstruction from them.
 
-Nothing in those files is ever executed, and nothing of them is written anywhere.
+The contents of the attachments are never executed and never written to disk.
 """
 
 import dataclasses
@@ -21,19 +21,19 @@ from ..faults import InputError, faults_of
 from ..geometry import Geometry
 from ..mjcf import Mjcf
 from ..quantities import NonNegative, Real
-from ..recording import Header, Law, Outcome, Status
+from ..recording import Header, LawSource, Outcome, Status
 from ..scenario import Scenario
 from ..sections import STRICT
 from ..signals import RECORDED, Signal
 from ..toml_text import parsed_toml
 
 MOST_BYTES = 256_000_000
-"""Of all files that a log is made of, together."""
+"""Largest total size of a log's attached files [bytes]."""
 _MOST_VALUES = 200_000
-"""Of numbers, texts and lists in one JSON file: each takes some hundred bytes of memory when it is read. Meshes are
-texts."""
+"""Largest number of values (numbers, texts, lists) in one JSON file. Reading takes some 100 bytes of memory for each. A
+mesh is one text."""
 FORMAT = 1
-"""Version of what stands in a log."""
+"""Version of the log format."""
 
 
 @checked(frozen=True, config=STRICT)
@@ -83,11 +83,11 @@ class _End:
 
 
 _RUN, _END = TypeAdapter(_Run), TypeAdapter(_End)
-"""JSON of run.json and outcome.json."""
+"""Validators of run.json and outcome.json."""
 
 
 def header_files(header: Header) -> dict[str, bytes]:
-    """A header as files by name: run.json, scenario.toml, geometry.json, model/..., law/..."""
+    """The files of a header, by name: run.json, scenario.toml, geometry.json, model/..., law/..."""
     rest = header.analytic
     run = _Run(
         format=FORMAT,
@@ -121,16 +121,16 @@ def header_files(header: Header) -> dict[str, bytes]:
 
 
 def refuse_large(files: Mapping[str, bytes]) -> None:
-    """Refuse files that would take too long or too much memory to read.
+    """Check that files are not so large that reading them would take too much time or memory.
 
     Raises:
-        InputError: with the name of the largest.
+        InputError: a file, or all files together, are too large; names the file, or the largest of them.
     """
     total = sum(map(len, files.values()))
     if total > MOST_BYTES:
         largest = max(files, key=lambda name: len(files[name]))
         raise InputError(
-            f"its files have {total / 1e6:.4g} MB, {largest} the most of them; at most are {MOST_BYTES / 1e6:g} MB"
+            f"its files have {total / 1e6:.4g} MB, the largest is {largest}; at most {MOST_BYTES / 1e6:g} MB is allowed"
         )
     for name, data in files.items():
         if name.endswith(".json") and sum(map(data.count, (b",", b"[", b"{"))) > _MOST_VALUES:
@@ -138,10 +138,10 @@ def refuse_large(files: Mapping[str, bytes]) -> None:
 
 
 def header_of(files: Mapping[str, bytes]) -> Header:
-    """The header that files were made of.
+    """The header from the files of :func:`header_files`.
 
     Raises:
-        InputError: they are not what :func:`header_files` makes.
+        InputError: a file is missing or invalid.
     """
     missing = [name for name in ("run.json", "scenario.toml", "geometry.json") if name not in files]
     if missing:
@@ -151,16 +151,16 @@ def header_of(files: Mapping[str, bytes]) -> Header:
     except ValidationError as error:
         raise InputError(faults_of(error), "run.json") from None
     if run.format != FORMAT:
-        raise InputError(f"written in format {run.format}, by another version of uvms-mj; this one reads {FORMAT}")
+        raise InputError(f"has log format {run.format}, of another version of uvms-mj; this one reads {FORMAT}")
     try:
         tables = parsed_toml(files["scenario.toml"].decode())
     except ValueError as error:
         raise InputError(f"scenario.toml: {error}") from None
     table = tables.get("controller")
-    if not isinstance(table, dict) or table.get("name") != run.law.source:  # before anything goes by that name
+    if not isinstance(table, dict) or table.get("name") != run.law.source:  # checked before the name is used
         raise InputError("scenario.toml and run.json name different laws")
     code = files.get(f"law/{run.law.source.rpartition(':')[0]}", b"").decode(errors="replace")
-    law = Law(run.law.source, run.law.sha256, code, run.law.states)
+    law = LawSource(run.law.source, run.law.sha256, code, run.law.states)
     known = None if law.source in BUILT_IN else recorded_law(law.source, table, law.states)
     scenario = Scenario.from_dict(tables, place="scenario.toml", known=known)
     if scenario.vehicle.model != PurePath(scenario.vehicle.model).name:
@@ -168,11 +168,11 @@ def header_of(files: Mapping[str, bytes]) -> Header:
     signals = tuple(Signal(s.name, s.shape, s.unit, s.frame, s.meaning) for s in run.signals)
     if dict(scenario.controller.states) != dict(law.states) or not _are_recorded(signals, law.states):
         version = run.versions.get("uvms-mj", "of another version")
-        raise InputError(f"run.json: has other signals than a log of this version: uvms-mj {version} wrote it")
+        raise InputError(f"run.json: its signals differ from this version's; the log was written by uvms-mj {version}")
     models = {name.removeprefix("model/"): data for name, data in files.items() if name.startswith("model/")}
     for name in models:
         if not name.strip(".") or not name.isprintable() or "/" in name or "\\" in name:
-            raise InputError(f"model/{name}: is no name of a file without folders")
+            raise InputError(f"model/{name}: is not a file name without folders")
     if run.vehicle not in models:
         raise InputError(f"model/{run.vehicle} is missing")
     rest = run.analytic
@@ -194,7 +194,7 @@ def header_of(files: Mapping[str, bytes]) -> Header:
 
 
 def _are_recorded(signals: tuple[Signal, ...], states: Mapping[str, int]) -> bool:
-    """Whether signals are what a run records: those of every run, the thrusters', the law's states, in that order."""
+    """Whether the signals are those of a run, in order: the common ones, the thrusters' and the law's states."""
     fixed, rest = signals[: len(RECORDED)], signals[len(RECORDED) :]
     known = tuple((s.name, s.shape, s.unit, s.frame) for s in RECORDED)
     own = [("u", (rest[0].size,)) if rest else None, *((name, (size,)) for name, size in states.items())]
@@ -204,13 +204,13 @@ def _are_recorded(signals: tuple[Signal, ...], states: Mapping[str, int]) -> boo
 
 
 def outcome_file(outcome: Outcome) -> bytes:
-    """outcome.json."""
+    """The contents of outcome.json."""
     message = without_paths(outcome.message)
     return _END.dump_json(_End(outcome.status, message, outcome.steps, outcome.wall_time_s))
 
 
 def outcome_of(data: bytes) -> Outcome:
-    """Raises InputError if data is no outcome.json."""
+    """The outcome from the contents of outcome.json; raises InputError if they are invalid."""
     try:
         end = _END.validate_json(data)
     except ValidationError as error:
@@ -223,5 +223,5 @@ _BARE = re.compile(r"(?<![\w.:/])(?:file://)?(?:[A-Za-z]:)?~?[/\\](?:[^\s'\"/\\:
 
 
 def without_paths(text: str) -> str:
-    """Text in which files have lost their folders: between quotes with spaces and all, elsewhere up to a space."""
+    """Remove the folders from file paths in a text. A path in quotes may contain spaces; any other ends at a space."""
     return _BARE.sub("", _QUOTED.sub(r"\1\2", text))

@@ -1,7 +1,7 @@
-"""Reading a log back: every number as it was, or one clear error; from a log that was cut off, what is there.
+"""Reading of logs: the exact numbers or one clear error. A log that was cut off is read up to the cut.
 
-Nothing of a log is executed, unpickled or written anywhere. A complete file has a checksum over all of it. One that
-was cut off has none, but each chunk and each attachment has its own, and each row must follow the one before.
+The contents of a log are never executed, unpickled or written to disk. A complete file has a checksum over all data. A
+file that was cut off lacks it, but each chunk and each attachment has its own, and the rows must be consecutive.
 """
 
 import contextlib
@@ -33,7 +33,7 @@ from .zeros import end_of_writing
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What a log holds: rows (n, width) of the header's signals, how the run ended, and all its attachments by name."""
+    """The contents of a log: header, rows (n, width) of its signals, outcome, and all attachments by name."""
 
     header: Header
     rows: np.ndarray = field(repr=False)
@@ -42,11 +42,11 @@ class Recording:
 
 
 _BLOCK = 512
-"""The least that a disk writes [B]."""
+"""Smallest unit that a disk writes [bytes]."""
 
 
 _TORN = (EndOfFile, McapError, struct.error)
-"""What the mcap package raises for a record that is no whole one."""
+"""Exceptions of the mcap package for an incomplete record."""
 
 
 class _CutOff(Exception):
@@ -54,21 +54,22 @@ class _CutOff(Exception):
 
 
 def read(path: str | os.PathLike) -> Recording:
-    """A log as it was written.
+    """Read a log.
 
-    A log that was cut off gives what is there, with the status ``truncated`` and a message that says what is missing.
+    A log that was cut off is read up to the cut. The outcome's message describes the missing part; its status is
+    ``truncated`` unless the log contains the outcome.
 
     Raises:
-        InputError: it can't be read, is no log of this project, or is damaged.
+        InputError: the file can't be read, is not a log of uvms-mj, or is damaged.
     """
     with _opened(path) as reader:
         return reader.read()
 
 
 def read_files(path: str | os.PathLike) -> tuple[Header, dict[str, bytes]]:
-    """A log's header and the files that it is made of; raises as :func:`read` does.
+    """Read the header and the attached files of a log; raises as :func:`read` does.
 
-    The samples are not read: each of these files has a checksum of its own.
+    The samples are not read, because each attachment has its own checksum.
     """
     with _opened(path) as reader:
         return reader.read_header(), reader.files
@@ -80,7 +81,7 @@ def _opened(path: str | os.PathLike) -> Iterator["_Reader"]:
         raise InputError("the name of a log is empty")
     path = Path(path)
     if path.exists() and not (path.is_file() or path.is_dir()):
-        raise InputError(f"{path}: is no file, but a pipe or a device")
+        raise InputError(f"{path}: is not a regular file, but a pipe or a device")
     try:
         with open(path, "rb") as file:
             yield _Reader(file)
@@ -102,7 +103,7 @@ class _Reader:
         if magic != MAGIC:
             raise InputError("is empty" if not self.size else "is not an MCAP file")
         file.seek(max(len(MAGIC), self.size - len(MAGIC)))
-        self.whole = file.read() == MAGIC  # then nothing may be missing
+        self.whole = file.read() == MAGIC  # then no part may be missing
         self.written = self.size if self.whole else end_of_writing(file, self.size)
         self.size = min(self.size, -(-self.written // _BLOCK) * _BLOCK)
         file.seek(len(MAGIC))
@@ -129,7 +130,7 @@ class _Reader:
         return Recording(self.header, rows, self._outcome(outcome, missing), self.files)
 
     def read_header(self) -> Header:
-        """What stands before the samples; each attachment has a checksum of its own."""
+        """Read the part of the log before the samples."""
         try:
             self._data_section(header_only=True)
         except _CutOff as cut:
@@ -142,16 +143,18 @@ class _Reader:
         assert header is not None
         h, steps = header.scenario.simulation.timestep, header.scenario.steps
         if outcome is not None:
-            fewest = -(-outcome.steps // header.row_steps)  # and one more, where the state after the last is there
+            fewest = -(-outcome.steps // header.row_steps)  # one more with the state after the last step
             whole = outcome.status is Status.completed
             if outcome.steps > steps or (whole and outcome.steps < steps) or not whole <= self.rows - fewest <= 1:
                 raise InputError(f"is damaged: {self.rows} rows do not fit {outcome.steps} steps")
             if not missing:
                 return outcome
-            note = f"every sample is there, but the end of the file is missing: {missing}"
+            note = f"all samples are present, but the end of the file is missing: {missing}"
             return dataclasses.replace(outcome, message=f"{outcome.message} ({note})".strip())
         last = header.step_of_row(self.rows - 1) if self.rows else 0
-        there = f"{self.rows} rows up to t = {last * h:g} s of {steps * h:g} s are there" if self.rows else "no row"
+        there = (
+            f"it has {self.rows} rows up to t = {last * h:g} s of {steps * h:g} s" if self.rows else "it has no rows"
+        )
         return Outcome(Status.truncated, f"the log was cut off ({missing}); {there}", last, 0.0)
 
     def _records(self) -> Iterator[tuple[int, bytes]]:
@@ -163,9 +166,9 @@ class _Reader:
             head = self.file.read(9)
             opcode, length = struct.unpack("<BQ", head)
             if not self.whole and at >= self.written:
-                raise _CutOff(f"there are only zeros from byte {at} on")
+                raise _CutOff(f"all bytes from byte {at} on are zero")
             if length > self.size - at - 9:
-                raise _CutOff(f"the record at byte {at} is not whole")
+                raise _CutOff(f"the record at byte {at} is incomplete")
             if length > MOST_BYTES:
                 raise InputError(f"is damaged: a record of {length / 1e6:.4g} MB at byte {at}")
             content = self.file.read(length)
@@ -176,7 +179,7 @@ class _Reader:
                 return
 
     def _data_section(self, header_only: bool = False) -> None:
-        """Everything up to DataEnd, whose checksum covers all before it; or no more than the channels."""
+        """Read up to DataEnd, whose checksum covers the data section, or with ``header_only`` up to the first chunk."""
         format: Format | None = None
         notes: dict[str, str] = {}
         channels: list[tuple[int, bytes]] = []
@@ -201,14 +204,14 @@ class _Reader:
                 except (InputError, *_TORN):
                     if self.file.tell() <= self.written:
                         raise
-                    raise _CutOff("the last chunk ends in zeros that nobody wrote") from None
+                    raise _CutOff("the last chunk is zero-filled (interrupted write)") from None
             elif opcode == Opcode.DATA_END:
                 if DataEnd.read(stream).data_section_crc != self.crc:
-                    raise InputError("is damaged: its checksum does not fit")
+                    raise InputError("is damaged: its checksum does not match")
             elif opcode != Opcode.MESSAGE_INDEX:
-                raise InputError(f"is damaged: an unknown record, {opcode}")
+                raise InputError(f"is damaged: unknown record type {opcode}")
         if "outcome.json" not in self.files or format is None:
-            raise InputError("is damaged: it does not say how the run ended")
+            raise InputError("is damaged: the run's outcome is missing")
 
     def _first(self, opcode: int, stream: ReadDataStream) -> None:
         header = FileHeader.read(stream) if opcode == Opcode.HEADER else None
@@ -225,22 +228,22 @@ class _Reader:
         refuse_large(self.files)
 
     def _chunk(self, format: Format, chunk: Chunk) -> None:
-        """Rows of a chunk, which must follow those before it."""
+        """Read the rows of a chunk, which must continue the rows before it."""
         row = format.row_records
         limit = 2 * max(CHUNK_BYTES, row.size, format.once_records.size)
         try:
             fits = chunk.compression == "zstd" and zstandard.frame_content_size(chunk.data) == chunk.uncompressed_size
             if not fits or chunk.uncompressed_size > limit:
-                raise InputError("is damaged: a chunk of an impossible size")
+                raise InputError("is damaged: a chunk has an impossible size")
             data = zstandard.ZstdDecompressor().decompress(chunk.data, allow_extra_data=False)
         except zstandard.ZstdError as error:
             raise InputError(f"is damaged: {error}") from None
         if zlib.crc32(data) != chunk.uncompressed_crc:
-            raise InputError("is damaged: a chunk's checksum does not fit")
+            raise InputError("is damaged: a chunk's checksum does not match")
         raw = np.frombuffer(data, np.uint8)
         if not self.blocks and not self.rows and np.array_equal(raw, format.once_bytes()):
             return
-        misplaced = f"is damaged: the chunk after row {self.rows} is not laid out as it should be"
+        misplaced = f"is damaged: the chunk after row {self.rows} has a wrong layout"
         most = -(-format.header.scenario.steps // format.header.row_steps) + 1
         arrows, pos = format.arrow_records, 0
         while pos < len(raw):
@@ -263,9 +266,9 @@ class _Reader:
             pos += n * row.size
 
     def _summary(self) -> None:
-        """What stands behind the data; nothing of it is used, but damage is damage."""
+        """Check the summary section after the data. It is not used, but damage to it is reported."""
         start = self.file.tell()
-        if self.size - start > start + MOST_BYTES:  # an index is smaller than what it names
+        if self.size - start > start + MOST_BYTES:  # an index is smaller than the data that it refers to
             raise InputError("is damaged: its index is larger than its data")
         rest = self.file.read(self.size - start)
         footer_size = 9 + 20
@@ -274,14 +277,18 @@ class _Reader:
         summary, end = rest[: -footer_size - len(MAGIC)], rest[-footer_size - len(MAGIC) : -len(MAGIC)]
         footer = Footer.read(ReadDataStream(BytesIO(end[9:])))
         if footer.summary_start != start or footer.summary_crc != zlib.crc32(end[:-4], zlib.crc32(summary)):
-            raise InputError("is damaged: the checksum of its index does not fit")
+            raise InputError("is damaged: the checksum of its index does not match")
 
 
 def _format(header: Header, records: list[tuple[int, bytes]], notes: dict[str, str]) -> Format:
-    """The layout of a log's rows, where its topics are those that a log of this header has."""
+    """The layout of a log's rows.
+
+    Raises:
+        InputError: the metadata or channels are damaged, or the topics are not those of a log with this header.
+    """
     raw = b"".join(struct.pack("<BQ", opcode, len(content)) + content for opcode, content in records)
     if notes != sealed(notes) or notes.get("crc32 of channels") != f"{zlib.crc32(raw):08x}":
-        raise InputError("is damaged: its metadata or its channels")
+        raise InputError("is damaged: its metadata or channels are wrong")
     format, kinds, found = Format(header), {}, []
     for opcode, content in records:
         stream = ReadDataStream(BytesIO(content))
@@ -293,5 +300,5 @@ def _format(header: Header, records: list[tuple[int, bytes]], notes: dict[str, s
             found.append((channel.id, channel.topic, kinds.get(channel.schema_id)))
     if found != [(format.number[t.name], t.name, t.type.replace("/", "/msg/")) for t in format.topics]:
         version = header.versions.get("uvms-mj", "of another version")
-        raise InputError(f"has other topics than a log of this version: uvms-mj {version} wrote it")
+        raise InputError(f"was written by uvms-mj {version}, whose topics differ from this version's")
     return format

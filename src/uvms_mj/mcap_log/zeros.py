@@ -1,15 +1,15 @@
-"""Zeros at the end of a file: a power cut leaves blocks that were never written, and they read as zeros."""
+"""Zeros at the end of a file: blocks that were not written before a power cut are read as zeros."""
 
 import errno
 import os
 from typing import BinaryIO
 
 _STRIDE = 1 << 20
-"""How much is read at a time [B]."""
+"""Bytes read at a time."""
 
 
 def end_of_writing(file: BinaryIO, size: int) -> int:
-    """Where the zeros begin that a file of a size [B] ends with."""
+    """Offset of the zeros at the end of a file of ``size`` bytes; ``size`` if there are none."""
     while size:
         size = _end_of_data(file, size)
         start = max(0, size - 1) // _STRIDE * _STRIDE
@@ -21,8 +21,8 @@ def end_of_writing(file: BinaryIO, size: int) -> int:
 
 
 def _end_of_data(file: BinaryIO, size: int) -> int:
-    """Where the hole begins that a sparse file ends with, to a stride; else size. A hole is not read: it may be of any
-    size."""
+    """Offset of the hole at the end of a sparse file, to within one stride; ``size`` if there is none. The hole is not
+    read, because it may be of any size."""
     low, high = 0, size  # no data from high on
     try:
         while high - low > _STRIDE:
@@ -35,6 +35,6 @@ def _end_of_data(file: BinaryIO, size: int) -> int:
                 if error.errno != errno.ENXIO:
                     raise
             high = middle
-    except (OSError, AttributeError):  # a file system, or a system, that does not know holes
+    except (OSError, AttributeError):  # the file system or the operating system does not report holes
         return size
     return high

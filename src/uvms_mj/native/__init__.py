@@ -1,5 +1,5 @@
-"""The machine-code side: the only code that knows pointers, symbols and the registry. It calls the pure functions
-above it."""
+"""Machine code for MuJoCo's callback. Only this package uses pointers, symbols and the registry; it calls the pure
+functions of the modules above it."""
 
 from .attachment import Attachment, attach
 

@@ -1,7 +1,7 @@
-"""The memory that a user's law works on: copies in an arena of its own, each with a guarded margin on either side.
+"""Memory for a user's law: copies of its arguments, each with a guarded margin on either side.
 
-The loop's own records are out of reach: a write that misses an array by up to a megabyte lands in a margin. A margin is
-filled with one NaN, so that a number read from there shows in whatever is computed from it.
+A write that misses an array by up to a megabyte hits a margin and not the loop's own records. The margins are filled
+with a NaN, which propagates through all arithmetic with a number read from there and is then detected.
 """
 
 import math
@@ -11,19 +11,19 @@ from collections.abc import Mapping
 import numpy as np
 
 MARGIN = (1 << 20) + 4096
-"""Bytes between one array and the middle of the gap to the next."""
+"""Size of the margin on either side of an array [bytes]."""
 PATTERN = 0x7FF8DECADE0FACED
-"""What fills the margins: a quiet NaN of no other origin."""
+"""Contents of the margins: a quiet NaN that no computation produces."""
 UNSET = PATTERN + 1
-"""What is in tau_cmd before the first call: another NaN, to tell an entry that a law left out."""
+"""Contents of tau_cmd before the first call: a second NaN, which shows that the law did not set an entry."""
 NEAR = 8
-"""Numbers on either side of an array that are looked at after each call of a compiled law."""
+"""Numbers of each margin, next to its array, that are checked after each call of a compiled law."""
 REGIONS = ("gains", "signals", "state", "state_dot", "tau_cmd")
 
 
 def offsets(sizes: Mapping[str, int]) -> dict[str, int]:
-    """Where each array begins [bytes], from their sizes [bytes]; then ``own_gains``, the gains to compare with, and
-    ``end``."""
+    """Offset of each array [bytes] from the arrays' sizes [bytes]; also of ``own_gains``, the copy of the gains to
+    compare with, and of ``end``."""
     found, place = {}, 0
     for name in REGIONS:
         found[name] = place + MARGIN
@@ -32,12 +32,12 @@ def offsets(sizes: Mapping[str, int]) -> dict[str, int]:
 
 
 class Arena:
-    """Gains, signals, states, their derivatives and tau_cmd, as a law gets them.
+    """The arguments of a law: gains, signals, states, their derivatives and tau_cmd.
 
     Args:
-        gains: the gains' record (1,).
-        state: the states' record (1,).
-        signals: the type of the record of signals.
+        gains: record of the gains (1,).
+        state: record of the states (1,).
+        signals: dtype of the record of signals.
     """
 
     def __init__(self, gains: np.ndarray, state: np.ndarray, signals: np.dtype) -> None:
@@ -57,21 +57,21 @@ class Arena:
 
     @property
     def address(self) -> int:
-        """Of its first byte."""
+        """Address of the first byte."""
         return int(self._words.ctypes.data)
 
     def fill(self, signals: np.ndarray, state: np.ndarray) -> None:
-        """Put in what a law is given at an instant.
+        """Copy the signals and states of a control instant into the arena.
 
         Args:
-            signals: as bytes.
-            state: the states' record (1,).
+            signals: record of the signals, as bytes.
+            state: record of the states (1,).
         """
         self._part("signals")[:] = signals.view(np.int64)
         self.arrays["state"][:] = state
 
     def reset(self) -> None:
-        """As before the first call, but for tau_cmd, which is zero."""
+        """Restore the gains, and set state_dot and tau_cmd to zero."""
         self.arrays["gains"][:] = self._own_gains
         self._part("state_dot")[:] = self._part("tau_cmd")[:] = 0
 
@@ -80,11 +80,11 @@ class Arena:
         return self._words[start : start + self.sizes[name] // 8]
 
     def fault(self) -> str:
-        """What a law has done that it may not, as the end of a sentence that begins with the law; else empty."""
+        """The law's violation as a predicate, e.g. "changed its gain k_1 from ..."; empty if there is none."""
         return self.overrun() or self.changed_gain() or self.not_finite()
 
     def overrun(self) -> str:
-        """Which array was overrun, in which direction and how far."""
+        """The array that was overrun, the direction and the distance, as a predicate; empty if there is none."""
         for name in REGIONS:
             start, end = self.offsets[name] // 8, (self.offsets[name] + self.sizes[name]) // 8
             margin = MARGIN // 8
@@ -97,20 +97,21 @@ class Arena:
         return ""
 
     def _called(self, name: str, field: int) -> str:
-        """The array in a law's words: the first or the last of a record's."""
+        """Name of an array as a law writes it; of a record, the name of its first (0) or last (-1) field."""
         names = self.arrays[name].dtype.names
         return f"{name}.{names[field]}" if names and self.sizes[name] else name
 
     def changed_gain(self) -> str:
-        """Which gain is no longer what it was."""
+        """The first gain that the law changed, as a predicate; empty if there is none."""
         for name in self._own_gains.dtype.names or ():
             now, was = self.arrays["gains"][name][0], self._own_gains[name][0]
             if np.asarray(now).tobytes() != np.asarray(was).tobytes():
-                return f"changed its gain {name} from {_shown(was)} to {_shown(now)}; gains are constants of a run"
+                return f"changed its gain {name} from {_shown(was)} to {_shown(now)}; gains are constant during a run"
         return ""
 
     def not_finite(self) -> str:
-        """The first number of tau_cmd, of a state or of its derivative that is not finite, or was never set."""
+        """The first entry of tau_cmd, state_dot or state that is not finite or was never set, as a predicate; empty
+        if there is none."""
         tau_cmd = self.arrays["tau_cmd"]
         for i in range(6):
             if not math.isfinite(tau_cmd[i]):
@@ -131,7 +132,7 @@ _IGNORED = "its return value is ignored"
 
 def _overrun(array: str, count: int, reach: int, side: str) -> str:
     numbers = "1 number" if count == 1 else f"{count} numbers"
-    return f"wrote {numbers} {side} of {array}, as far as {reach} bytes from it"
+    return f"wrote {numbers} {side} of {array}, up to {reach} bytes away"
 
 
 def _shown(value: np.ndarray) -> str:

@@ -1,4 +1,4 @@
-"""NumPy's checks where numba leaves them out: the shape of an output that is given, and an index of ``array.flat``."""
+"""NumPy's checks that numba omits: the shape of an output argument, and an index of ``array.flat``."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ from numba.np import npyimpl
 
 
 def same_shapes(kernel: Any) -> Any:
-    """Numba's loop over the elements of an array operation, with NumPy's check of an output that is given, as in
+    """Wrap numba's loop over the elements of an array operation with NumPy's check of the output's shape, as in
     ``a += b`` and ``np.add(a, b, out)``."""
 
     def checked(context, builder, signature, arguments, ufunc, kernel_class):
@@ -42,7 +42,8 @@ def _refuse_unless_broadcast(context: Any, builder: Any, given: Any, shape: Any)
 
 
 def within_bounds(make: Any) -> Any:
-    """The class behind ``array.flat`` with a check of its index, which may count from the end as in NumPy."""
+    """Wrap numba's maker of the class behind ``array.flat`` with a check of the index. As in NumPy, a negative index
+    counts from the end."""
 
     def checked_class(kind):
         plain: Any = make(kind)

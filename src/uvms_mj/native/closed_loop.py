@@ -26,31 +26,31 @@ from .memory import stopped
 from .plain_law import PlainLaw
 
 SPEED_BOUND = (100.0,) * 3 + (200.0,) * 3
-"""A vehicle faster than this [m/s, rad/s] is no vehicle any more."""
+"""Speeds above this mean that the simulation has diverged [m/s, rad/s]."""
 POSITION_BOUND = 1e4
-"""Nor one this far from where it began, along any axis [m]."""
+"""A larger distance from the start along any axis means that the simulation has diverged [m]."""
 TAU_BOUND = 1e7
-"""Nor a command of this size [N, N m]."""
+"""A larger entry of tau_cmd means that the simulation has diverged [N, N m]."""
 SEARCH_S = 0.25
-"""Wall time from one search of a law's margins to the next, which takes some milliseconds [s]."""
+"""Wall time from one search of a law's margins to the next [s]. A search takes a few milliseconds."""
 DEFAULT_EPSILON = 1e-3
-"""Width of the boundary layer for laws that have none of their own: the paper's."""
+"""Width of the boundary layer for controllers without a gain of that name: the paper's value."""
 
 _AXES = ["u", "v", "w", "p", "q", "r"]
 
 
 class ClosedLoop:
-    """Everything that the callback needs for one run, and the rows that it writes.
+    """The data that the callback needs for one run, and the rows that it writes.
 
     Args:
-        model, data: of the plant, with the initial state.
-        attachment: of the vehicle in its water.
-        design: what the law is to impose, and its estimates.
+        model, data: the plant's, with the initial state.
+        attachment: the attached vehicle.
+        design: desired impedance and estimates.
         sensors: addresses of the contact's sensors in mjData.sensordata, of :class:`uvms_mj.plant.Plant`.
         reach: distance of the contact point from B's origin [m].
-        scenario: everything else that decides the run.
+        scenario: all other settings of the run.
         row_steps: time steps from row to row.
-        chunk: the most steps from one :meth:`clear_rows` to the next.
+        chunk: largest number of steps from one :meth:`clear_rows` to the next.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class ClosedLoop:
         joint = model.body_jntadr[attachment.body_id]
         qpos, dof = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
         self._loop["qpos_safe"] = data.qpos[qpos : qpos + 7]
-        # Everything whose address goes into the record is kept alive in _memory
+        # _memory keeps every array alive whose address is in the record
         memory = {
             "times_at": np.array([w.time for w in waypoints], dtype=float),
             "positions_at": np.array([w.position for w in waypoints], dtype=float),
@@ -196,7 +196,7 @@ class ClosedLoop:
 
     @property
     def step(self) -> int:
-        """Number of steps that are done."""
+        """Number of steps done."""
         return int(self._loop["step"][0])
 
     @property
@@ -206,7 +206,7 @@ class ClosedLoop:
 
     @property
     def evaluations(self) -> int:
-        """How often MuJoCo called back."""
+        """Number of MuJoCo's calls of the callback."""
         return int(self._context["calls"][0])
 
     def rows(self) -> np.ndarray:
@@ -215,12 +215,12 @@ class ClosedLoop:
         return self._rows[: int(self._loop["rows"][0])]
 
     def clear_rows(self) -> None:
-        """Make room for the next chunk's."""
+        """Discard the rows, to make room for the next chunk."""
         self._loop["rows"] = 0
 
     def prepare(self) -> bool:
-        """For a law that runs as plain Python: sense at t_k; True if a control instant is due."""
-        mujoco.mj_kinematics(self._model, self._data)  # the sensors of the wall, as the coming step will find them
+        """Sense at t_k for a law that runs as plain Python; True if a control instant is due."""
+        mujoco.mj_kinematics(self._model, self._data)  # the wall's sensors get the values of the coming step
         mujoco.mj_sensorPos(self._model, self._data)
         return bool(entry_points().sense.ctypes(self._context.ctypes.data))
 
@@ -228,7 +228,7 @@ class ClosedLoop:
         """Run the law as plain Python on the sensed signals.
 
         Raises:
-            LawFault: it raised, or did what it may not.
+            LawFault: the law raised or violated its contract.
         """
         self._fill_arena()
         self._plain_law()
@@ -242,11 +242,11 @@ class ClosedLoop:
         self._arena.fill(self._loop.view(np.uint8)[start : start + size], self._state)
 
     def check_law(self, last: bool = False) -> None:
-        """To be called between chunks, and with ``last`` behind the last of them.
+        """Report a failure of the law. Call this after each chunk, and with ``last`` after the last one.
 
         Raises:
-            LawFault: the law raised or did what it may not.
-            KeyboardInterrupt: a signal came while the law was in a loop.
+            LawFault: the law raised or violated its contract.
+            KeyboardInterrupt: a signal arrived during a loop of the law.
         """
         stopped_it = self._loop["stop"][0] == STOP_LAW
         now = time.monotonic()
@@ -266,7 +266,7 @@ class ClosedLoop:
 
     @property
     def divergence(self) -> str:
-        """What left its bound first, or an empty text."""
+        """The first variable to leave its bound, as text; empty if there is none."""
         loop = self._loop[0]
         i, value = int(loop["stop_index"]), float(loop["stop_value"])
         if loop["stop"] == STOP_STATE and i < 3:
@@ -282,10 +282,10 @@ class ClosedLoop:
 
 
 def law_signals(controller: Controller) -> tuple[Signal, ...]:
-    """The law's own states as recorded signals.
+    """A controller's states as recorded signals.
 
     Raises:
-        InputError: a state has the name of a signal that every run records.
+        InputError: a state's name is taken by a recorded signal or an attribute of a trace, or is not an identifier.
     """
     taken = {signal.name for signal in (*RECORDED, thruster_signal(0))}
     taken |= {*dir(np.recarray), "arrays", "duration_s", "file", "message", "notes", "push", "save", "scenario"}

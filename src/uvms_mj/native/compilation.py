@@ -1,10 +1,10 @@
-"""Compiling ahead of the run: pure Python functions to machine code, kept on disk.
+"""Compilation of pure Python functions to machine code before the run, with a cache on disk.
 
-A function marked as a kernel (:mod:`uvms_mj.kernels`) stays a plain Python function; numba compiles it where an entry
-point that calls it is compiled. The machine code of an entry point is kept as an object file, so that a warm start
-loads it in milliseconds and imports no numba at all. Numba's own cache would cost its import and looks at the file of
-the compiled function only; here the object's name is a fingerprint of all the sources that can reach it, so that an
-edit to any of them simply leads to another object.
+A function marked as a kernel (:mod:`uvms_mj.kernels`) stays a plain Python function; numba compiles it together with
+each entry point that calls it. The machine code of an entry point is kept as an object file, so that a warm start loads
+it in milliseconds and does not import numba. Numba's own cache would need that import, and it checks only the file of
+the compiled function. Here an object's name is a fingerprint of all sources that affect it, so that an edit to any of
+them leads to a new object.
 """
 
 import atexit
@@ -56,12 +56,12 @@ _CORE = (
     "signals.py",
     "truth.py",
 )
-"""All that can reach the machine code of the core; a test keeps these files from using others of the package."""
+"""The files that affect the machine code of the core. A test checks that they import no others of the package."""
 _KEPT_OBJECTS = 200
 _MIN_AGE_S = 7 * 24 * 3600.0
 _INLINED = {"error_model": "numpy", "forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 _DISABLE = "NUMBA_DISABLE_JIT"
-"""Set by users who look for mistakes: their own laws run as plain Python then, and the core as machine code still."""
+"""Environment variable for debugging: a user's law then runs as plain Python, the core still as machine code."""
 _VARIABLE = "UVMS_MJ_CACHE_DIR"
 _lock = threading.RLock()
 _engines: list[llvm.ExecutionEngine] = []  # machine code lives as long as its engine
@@ -69,7 +69,7 @@ _engines: list[llvm.ExecutionEngine] = []  # machine code lives as long as its e
 
 @dataclass(frozen=True)
 class NativeFunction:
-    """Machine code: its address, and the C function type to call it from Python."""
+    """Machine code: its address, and a ctypes function to call it from Python."""
 
     address: int
     ctypes: Any
@@ -80,7 +80,7 @@ class CacheWarning(UserWarning):
 
 
 class NotCompiled(Exception):
-    """Numba can't compile a function; the message is numba's own reason."""
+    """Numba can't compile a function; the message is numba's reason."""
 
 
 def native_function(
@@ -96,16 +96,16 @@ def native_function(
     """A C function of 64-bit integers from a Python function, loaded from disk or compiled.
 
     Args:
-        function: what to compile.
+        function: the function to compile.
         arguments: the number of its arguments.
         returns: whether it returns a 64-bit integer or nothing.
-        parts: what the machine code depends on besides the core's sources.
-        prepare: makes the function that is compiled in place of ``function``; called only if it has to be.
-        self_contained: it neither raises nor allocates, so that it runs without numba's runtime.
-        law: indices and shapes are checked in all that is compiled.
+        parts: contents that the machine code depends on, besides the core's sources.
+        prepare: returns the function to compile in place of ``function``; called only if no object is on disk.
+        self_contained: whether it neither raises nor allocates, and so runs without numba's runtime.
+        law: whether to check indices and shapes in all compiled code.
 
     Raises:
-        NotCompiled: numba can't compile it.
+        NotCompiled: numba can't compile the function.
     """
     if not self_contained and os.environ.get(_DISABLE, "0") not in ("", "0"):
         raise NotCompiled(f"{_DISABLE} is set")
@@ -121,7 +121,7 @@ def native_function(
 
 @contextlib.contextmanager
 def _compiler() -> Iterator[None]:
-    """Numba as a compiler, whatever NUMBA_DISABLE_JIT says."""
+    """Within this context numba compiles, whether or not NUMBA_DISABLE_JIT is set."""
     import numba
 
     config: Any = numba.config
@@ -133,7 +133,7 @@ def _compiler() -> Iterator[None]:
 
 
 def _compile(function: Callable, arguments: int, returns: bool, name: str, law: bool) -> int:
-    """Compile, keep the object on disk, return the address."""
+    """Compile a function, keep its object on disk and return its address."""
     import numba
     from numba import types
 
@@ -149,23 +149,23 @@ def _compile(function: Callable, arguments: int, returns: bool, name: str, law: 
             compiled: Any = numba.cfunc(signature, error_model="numpy")(function)
         library = compiled._library
         code = library.serialize_using_object_code()[2][0]
-    except Exception as error:  # numba raises more kinds than its own when it meets what it doesn't know
+    except Exception as error:  # for unsupported code numba raises not only its own exceptions
         raise NotCompiled(_reason(error)) from error
     _engines.append(compiled)
     declared = {f.name for f in library._final_module.functions if f.is_declaration and f.name[:5] != "llvm."}
     about = {"symbol": compiled.native_name, "externals": sorted(declared)}
     about["sha256"] = _digest(code, about)
     if _stands_alone(str(library._final_module)):
-        with contextlib.suppress(OSError):  # as on a full disk: the code is in memory, and compiled again the next time
+        with contextlib.suppress(OSError):  # e.g. on a full disk: then the next process compiles it again
             _keep(name, code, about)
     return int(compiled.address)
 
 
 def _stands_alone(code: str) -> bool:
-    """Whether LLVM's text of machine code takes no Python objects of the compiling process, as those to print with.
+    """Whether code, given as LLVM's text, uses no Python objects of the compiling process, as printing does.
 
-    Numba keeps them in an environment for each function. Its own functions, of which the names begin with its length
-    and its own, look there for the texts of exceptions alone.
+    Numba keeps such objects in an environment for each function. Numba's own functions, whose mangled names begin with
+    ``5numba``, use it only for the texts of exceptions.
     """
     return all(owner.startswith("5numba") for owner in re.findall(r"load [^@\n]*@\"?_ZN08NumbaEnv(\w+)", code))
 
@@ -182,7 +182,7 @@ def _keep(name: str, code: bytes, about: dict[str, Any]) -> None:
 
 @functools.cache
 def _make_compilable(function: Callable) -> None:
-    """Tell numba, once, that compiled code may call a kernel."""
+    """Register a kernel with numba as a function that compiled code may call; once for each kernel."""
     from numba.extending import register_jitable
 
     register_jitable(**_INLINED)(function)
@@ -202,11 +202,11 @@ _WRAPPER = (
     "numba_runtime_build_excinfo_struct",
     "numba_unpickle",
 )
-"""What the wrapper of every compiled function refers to and calls only for an exception that nobody caught."""
+"""Symbols that the wrapper of every compiled function refers to and calls only for an uncaught exception."""
 
 
 def _load(name: str, self_contained: bool) -> int | None:
-    """The address of a function whose object is on disk and whole."""
+    """The address of a function from its object on disk; None if the object is missing, damaged or can't be linked."""
     folder = _folder()
     try:
         about = json.loads((folder / f"{name}.json").read_bytes())
@@ -219,9 +219,9 @@ def _load(name: str, self_contained: bool) -> int | None:
     if not self_contained:
         from numba.core.registry import cpu_target
 
-        cpu_target.target_context.refresh()  # makes numba's runtime known to LLVM
+        cpu_target.target_context.refresh()  # registers the symbols of numba's runtime with LLVM
     process = ctypes.CDLL(None)
-    for external in about["externals"]:  # LLVM leaves a call of an unknown symbol at address 0, without a word
+    for external in about["externals"]:  # LLVM silently links a call of an unknown symbol to address 0
         if llvm.address_of_symbol(external) is None and not hasattr(process, external):
             if not (self_contained and external in _WRAPPER):
                 return None
@@ -242,15 +242,14 @@ def _initialize() -> None:
 
 @functools.cache
 def _abort() -> int:
-    """Stands in for what a wrapper refers to and never calls; should it be called after all, the process says so by
-    aborting."""
+    """Address of C's ``abort``, in place of the symbols that a wrapper refers to and never calls."""
     address = ctypes.cast(ctypes.CDLL(None).abort, ctypes.c_void_p).value
     assert address is not None
     return address
 
 
 def _digest(code: bytes, about: dict[str, Any]) -> str:
-    """What an object and the facts about it must have: a file that is torn or forged could crash the process."""
+    """Digest of an object file and its metadata. A damaged or forged file could crash the process."""
     return _fingerprint([code, json.dumps([about["symbol"], about["externals"]]).encode()])
 
 
@@ -264,7 +263,7 @@ def _fingerprint(parts: Iterable[bytes]) -> str:
 
 @functools.cache
 def _environment() -> tuple[bytes, ...]:
-    """All that machine code depends on besides the function: versions, processor, the core's sources."""
+    """Dependencies of machine code besides its function: versions, processor, the core's sources."""
     features = llvm.get_host_cpu_features()
     return (
         *(importlib.metadata.version(name).encode() for name in ("numba", "llvmlite", "numpy")),
@@ -277,15 +276,15 @@ def _environment() -> tuple[bytes, ...]:
 
 @functools.cache
 def _folder() -> Path:
-    """Where objects are kept. A temporary folder, for child processes too, replaces one that can't be written."""
+    """The folder of the objects. If it can't be written, a temporary one replaces it, also for child processes."""
     folder = Path(os.environ.get(_VARIABLE) or platformdirs.user_cache_dir("uvms-mj"))
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        note = f"machine code can't be kept in {folder} ({error.strerror}), so that every run compiles it anew: "
-        warnings.warn(f"{note}set {_VARIABLE} to a folder that can be written", CacheWarning, stacklevel=2)
+        note = f"machine code can't be kept in {folder} ({error.strerror}), so every run compiles it again: "
+        warnings.warn(f"{note}set {_VARIABLE} to a writable folder", CacheWarning, stacklevel=2)
         folder = Path(tempfile.mkdtemp(prefix="uvms-mj-cache-"))
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
         os.environ[_VARIABLE] = str(folder)
@@ -293,14 +292,14 @@ def _folder() -> Path:
 
 
 def _prune(folder: Path) -> None:
-    """Forget the oldest objects; whoever still wants one compiles it again."""
+    """Delete the oldest objects. An object that is needed again is compiled again."""
     entries = []
     for path in folder.iterdir():
-        with contextlib.suppress(FileNotFoundError):  # another process has put it in its place
+        with contextlib.suppress(FileNotFoundError):  # another process has moved or deleted it
             entries.append((path.stat().st_mtime, path))
     for modified, path in sorted(entries)[: -2 * _KEPT_OBJECTS]:
         if time.time() - modified > _MIN_AGE_S:
-            if path.is_dir():  # of a process that was killed in _keep
+            if path.is_dir():  # left by a process that was killed in _keep
                 shutil.rmtree(path, ignore_errors=True)
             else:
                 path.unlink(missing_ok=True)

@@ -1,8 +1,9 @@
-"""How numba compiles a user's law and the functions that it calls.
+"""Compilation of a user's law and of the functions that it calls, with checks.
 
-Numba trusts array code more than NumPy does. Here an index out of bounds and operands of the wrong shape raise, in the
-law and in every function that it calls, also in those that the user marked with ``numba.njit`` and in numba's own. A
-loop that never ends listens to signals. Imported only where something has to be compiled.
+Numba checks array code less than NumPy does. With the checks of this module, an index out of bounds and operands of the
+wrong shape raise in the law and in every function that it calls, including functions that the user marked with
+``numba.njit`` and numba's own. An endless loop can be interrupted by a signal. The module imports numba and is
+therefore imported only to compile.
 """
 
 import contextlib
@@ -31,16 +32,16 @@ __all__ = ["NumbaError", "guarded", "guarded_function", "twin"]
 
 _lock = threading.RLock()
 _PATIENCE = 1 << 20
-"""Turns of a loop from one look at signals to the next: about a millisecond."""
+"""Iterations of a loop from one check for signals to the next: about a millisecond."""
 
 
 @contextlib.contextmanager
 def guarded(law: bool) -> Iterator[None]:
-    """For a law, check indices and shapes in all that is compiled; for the core, in nothing, whatever
-    NUMBA_BOUNDSCHECK is set to."""
+    """Within this context numba checks indices and shapes in all code that it compiles if ``law`` is true, and in none
+    otherwise. NUMBA_BOUNDSCHECK has no effect."""
     names = ((config, "BOUNDSCHECK"), (npyimpl, "numpy_ufunc_kernel"), (arrayobj, "make_array_flat_cls"))
     with _lock:
-        config.reload_config()  # numba does so when it compiles, which would undo what is set here
+        config.reload_config()  # numba does this before it compiles, which would undo the settings below
         before = [getattr(module, name) for module, name in names]
         config.BOUNDSCHECK = int(law)  # type: ignore[attr-defined]
         if law:
@@ -54,7 +55,7 @@ def guarded(law: bool) -> Iterator[None]:
 
 
 def guarded_function(function: Any, **options: Any) -> Dispatcher:
-    """A function that numba compiles with the checks of this module."""
+    """A dispatcher that compiles a function with the checks of this module."""
     return numba.njit(pipeline_class=_Compiler, boundscheck=True, **options)(function)
 
 
@@ -62,10 +63,14 @@ _twins: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
 
 
 def twin(value: Any) -> Any:
-    """What stands in for a function that the user marked with ``numba.njit`` or ``numba.vectorize``: that one may be
-    compiled already, or be loaded from numba's cache, without checks."""
+    """A copy with checks of a function that the user marked with ``numba.njit`` or ``numba.vectorize``. The original
+    may have been compiled, or loaded from numba's cache, without checks. Any other value is returned unchanged.
+
+    Raises:
+        UnsupportedError: the function is marked with ``numba.guvectorize``.
+    """
     if isinstance(value, GUFunc):
-        raise UnsupportedError("a function of numba.guvectorize is called, whose exceptions numba drops")
+        raise UnsupportedError("it calls a function of numba.guvectorize; numba drops its exceptions")
     if isinstance(value, DUFunc):
         if value not in _twins:
             inner: Any = value
@@ -83,7 +88,7 @@ def twin(value: Any) -> Any:
 
 @register_pass(mutates_CFG=False, analysis_only=False)
 class _Guards(FunctionPass):
-    """Every loop counts its turns and looks at signals now and then; every function that is called is a twin."""
+    """Adds a count of iterations and a check for signals to every loop, and replaces called functions by twins."""
 
     _name = "uvms_mj_guards"
 
@@ -124,7 +129,7 @@ def _use_twin(code: Any, line: Any) -> None:
 
 
 def _attribute(code: Any, value: Any) -> Any:
-    """What ``module.name`` or ``package.module.name`` is; None for an attribute of anything else."""
+    """The value of ``module.name`` or ``package.module.name``; None for an attribute of anything else."""
     owner = ir_utils.guard(ir_utils.get_definition, code, value.value)
     if isinstance(owner, ir.Global | ir.FreeVar):
         owner = owner.value
@@ -135,7 +140,7 @@ def _attribute(code: Any, value: Any) -> Any:
 
 @register_pass(mutates_CFG=False, analysis_only=True)
 class _NoRecursion(FunctionPass):
-    """A function that calls itself could overrun the stack, which ends the process; as plain Python it raises."""
+    """Refuses recursion: it could overflow the stack and kill the process. As plain Python it raises."""
 
     _name = "uvms_mj_no_recursion"
 
@@ -159,7 +164,7 @@ class _Compiler(compiler.CompilerBase):
 
 @intrinsic
 def _count(typing_context, turns):
-    """One more turn of a loop; now and then run Python's signal handlers, and raise if one of them did."""
+    """Count an iteration. Every _PATIENCE iterations, run Python's signal handlers and raise if one of them raised."""
 
     def generate(context, builder, signature, arguments):
         one, flag = arguments[0].type(1), llvm.IntType(32)

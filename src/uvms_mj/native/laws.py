@@ -1,5 +1,4 @@
-"""Compiling a law: any class of :mod:`uvms_mj.control`, ours or a user's, to one function that the loop calls by its
-address."""
+"""Compilation of a law, built-in or a user's, to one function that the loop calls by its address."""
 
 import inspect
 import types
@@ -16,19 +15,19 @@ from .layouts import SIGNALS, SIGNALS_AND_TRUTH
 from .memory import floats, integers
 from .sources import global_values, source_files
 
-if TYPE_CHECKING:  # names of the templates below, set for each law
+if TYPE_CHECKING:  # global names of the templates below, set for each law
     carray: Any = None
     pointer: Any = None
     GAINS: Any = None
     STATE: Any = None
     N_GAINS, N_SIGNALS, N_STATE = 0, 0, 0  # numbers
-    OWN_GAINS, GAINS_, SIGNALS_, STATE_, STATE_DOT_, TAU_CMD_ = 0, 0, 0, 0, 0, 0  # places in the arena
+    OWN_GAINS, GAINS_, SIGNALS_, STATE_, STATE_DOT_, TAU_CMD_ = 0, 0, 0, 0, 0, 0  # offsets in the arena
     ENDS: Any = ()
     call: Any = None
     law: Any = None
 
 RETURNED, RAISED, OVERRAN, CHANGED_GAINS, NOT_FINITE = range(5)
-"""What a law did, as its machine code reports it."""
+"""Return codes of a law's machine code."""
 
 
 def _call(gains_at, state_at, signals_at, state_dot_at, tau_cmd_at):
@@ -39,7 +38,7 @@ def _call(gains_at, state_at, signals_at, state_dot_at, tau_cmd_at):
     tau_cmd = carray(pointer(tau_cmd_at), (6,), np.float64)
     try:
         law(gains, state, signals, state_dot, tau_cmd)
-    except Exception:  # the one kind that numba can catch; the law is then run again as plain Python for the details
+    except Exception:  # the only class that numba can catch; the law is then run again as plain Python for the details
         return RAISED
     return RETURNED
 
@@ -82,14 +81,14 @@ def _call_in_arena(arena_at, state_at, signals_at, state_dot_at, tau_cmd_at):
 
 
 def compile_law(controller: Controller) -> NativeFunction:
-    """The law as a function of five addresses (gains, state, signals, state_dot, tau_cmd) that returns 0, or another
-    number if the law did what it may not.
+    """Compile a law to a function of five addresses (gains, state, signals, state_dot, tau_cmd) that returns one of
+    the codes above.
 
-    A user's law gets the address of its arena for the gains' one. In it and in all that it calls, indices and shapes
-    are checked and a division by zero raises, so that a mistake is an exception and not a wild number.
+    For a user's law, the address of its arena takes the place of the gains' one. The law and the functions that it
+    calls check indices and shapes and raise on a division by zero, so that a mistake raises an exception.
 
     Raises:
-        NotCompiled: numba can't compile it.
+        NotCompiled: numba can't compile the law.
     """
     law, guarded = law_function(type(controller)), not has_built_in_law(controller)
     gains, state = controller.record().dtype, type(controller).state_record().dtype
@@ -126,7 +125,7 @@ def compile_law(controller: Controller) -> NativeFunction:
         names = _places(gains.itemsize, state.itemsize, signals.itemsize) | {"call": numba.njit(call)}
         return types.FunctionType(_call_in_arena.__code__, globals() | names, _call_in_arena.__name__)
 
-    # a law of ours neither raises nor allocates; a user's may do both
+    # a built-in law neither raises nor allocates; a user's law may do both
     return native_function(_call, 5, True, parts=parts, prepare=prepare, self_contained=not guarded, law=guarded)
 
 

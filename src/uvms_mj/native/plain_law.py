@@ -1,4 +1,4 @@
-"""A law as plain Python: where numba can't compile it, and to learn in which of its lines a compiled one went wrong."""
+"""A law as plain Python: used if numba can't compile it, and to find the line in which a compiled law failed."""
 
 import contextlib
 import functools
@@ -20,23 +20,23 @@ from .arena import Arena
 
 
 class LawFault(Exception):
-    """A law raised, or did what it may not; the message is a sentence that names the law and its line."""
+    """A law raised or violated its contract. The message names the law and, where it is known, the line."""
 
 
 class _Record(np.record):  # type: ignore[misc]
-    """A record that says what it has when it is asked for something else."""
+    """A record that suggests a field's name when an unknown one is read."""
 
     def __getattr__(self, name: str) -> Any:
         raise AttributeError(f"{type(self).__name__} has no {name!r}; {field_suggestion(name, self.dtype.names or ())}")
 
 
 class PlainLaw:
-    """A controller's law on its arena, called from Python."""
+    """A controller's law, called from Python with the arrays of an arena."""
 
     def __init__(self, controller: Controller, arena: Arena) -> None:
         self.controller, self.arena = controller, arena
         gains = arena.arrays["gains"].view()
-        gains.flags.writeable = False  # to write on a gain raises here
+        gains.flags.writeable = False  # writing to a gain raises
         records = {**arena.arrays, "gains": gains}
         given = ("gains", "state", "signals", "state_dot")
         self._arguments = [
@@ -49,30 +49,31 @@ class PlainLaw:
         return _with_helpers(law_function(type(self.controller)), _guarded)
 
     def __call__(self) -> None:
-        """Run it once.
+        """Call the law once.
 
         Raises:
-            LawFault: it raised, or did what it may not.
+            LawFault: the law raised or violated its contract.
         """
         try:
             self._function(*self._arguments)
         except KeyboardInterrupt:
             raise
-        except BaseException as error:  # a law may raise SystemExit, or an exception of its own kind
+        except BaseException as error:  # a law may raise anything, also SystemExit
             raise LawFault(self._raised(error)) from error
         did = self.arena.changed_gain() or self.arena.not_finite()
         if did:
             raise self.fault(did)
 
     def fault(self, did: str) -> LawFault:
-        """What is raised for a law that did something it may not, said as the end of a sentence."""
+        """The exception for a violation, which ``did`` describes as a predicate."""
         return LawFault(f"{self.who} {did}")
 
     def explain(self, fault: str) -> LawFault:
-        """Why the compiled law stopped the run, from running it again as plain Python on the same numbers.
+        """The exception for a compiled law that stopped the run. The law is run again as plain Python with the same
+        numbers, to find the line.
 
         Args:
-            fault: what the compiled law is known to have done; empty if it raised.
+            fault: the law's violation as a predicate; empty if the law raised.
         """
         function, line = _with_helpers(law_function(type(self.controller)), _plain), ""
         try:
@@ -87,11 +88,11 @@ class PlainLaw:
             cause.__cause__ = error
             return cause
         if not fault:
-            fault = f"raised {self._compiled_exception()} as machine code, and nothing as plain Python"
-        return self.fault(fault + (f"; the first number that is not finite is made in {line}" if line else ""))
+            fault = f"raised {self._compiled_exception()} as machine code, but nothing as plain Python"
+        return self.fault(fault + (f"; the first number that is not finite arises in {line}" if line else ""))
 
     def _compiled_exception(self) -> str:
-        """What numba's code of the law raises."""
+        """The exception that the compiled law raises, as text."""
         from .guarded import guarded, guarded_function
 
         records = [self.arena.arrays[name][0] for name in ("gains", "state", "signals", "state_dot")]
@@ -110,7 +111,7 @@ class PlainLaw:
 
     @property
     def who(self) -> str:
-        """The law in a message to its author."""
+        """The law's name in messages."""
         label = self.controller.label()
         if has_built_in_law(self.controller):
             return f"the law {label}"
@@ -128,13 +129,14 @@ class PlainLaw:
 def _named_error(error: BaseException) -> str:
     try:
         text = " ".join(str(error).split())
-    except Exception:  # of a kind of the user's own
+    except Exception:  # a user's exception may fail in __str__
         text = ""
     return f"{type(error).__name__}: {text[:300]}" if text else type(error).__name__
 
 
 def _with_helpers(function: Any, helper: Callable[[Any, Any], Any], seen: dict[int, Any] | None = None) -> Any:
-    """A copy of a function in which all that it calls and the user marked with ``numba.njit`` is ``helper`` of it."""
+    """A copy of a function in which every function marked with ``numba.njit`` is replaced by ``helper(plain copy,
+    compiled function)``. Functions of the same module are copied likewise."""
     seen = {} if seen is None else seen
     if id(function) in seen:
         return seen[id(function)]
@@ -164,7 +166,7 @@ def _plain(function: Any, compiled: Any) -> Any:
 
 
 def _guarded(function: Any, compiled: Any) -> Any:
-    """A helper as machine code that checks indices and shapes; as plain Python where that can't be."""
+    """A helper as machine code that checks indices and shapes, or as plain Python if numba can't compile it."""
     from .guarded import NumbaError, guarded, twin
 
     @functools.wraps(function)
@@ -180,7 +182,7 @@ def _guarded(function: Any, compiled: Any) -> Any:
 
 @contextlib.contextmanager
 def _first_not_finite(file: str) -> Iterator[dict[str, str]]:
-    """Watch the lines of a file as they run; ``line`` is the first after which a number that they made is not
+    """Trace the lines of a file. ``line`` of the dictionary is the first line after which a local variable is not
     finite."""
     found: dict[str, str] = {}
 
