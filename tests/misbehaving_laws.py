@@ -195,7 +195,10 @@ def numbers() -> dict[str, Case]:
         "zero by zero in arrays": (f"{SET}tau_cmd[:] = 0.0 * signals.s / (0.0 * signals.s)", "line"),
         "solve": (f"{LATE}tau_cmd[:] = np.linalg.solve(signals.M_hat * np.nan, signals.s)", "LinAlgError.*line"),
         "singular": (f"{LATE}tau_cmd[:] = np.linalg.solve(signals.M_hat * 0.0, signals.s)", "LinAlgError.*line"),
-        "inv": (f"{LATE}tau_cmd[:] = np.linalg.inv(signals.M_hat * np.inf) @ signals.s", "LinAlgError|nan"),
+        "inv": (
+            f"{LATE}tau_cmd[:] = np.linalg.inv(signals.M_hat * np.inf) @ signals.s",
+            "LinAlgError|nan|invalid",
+        ),
         "not set": ("x = signals.tau_nom", "must fill all six entries"),
         "returned": ("return signals.tau_nom", "must fill all six entries"),
         "half set": ("tau_cmd[:3] = 0.0", r"left tau_cmd\[3\] unset"),

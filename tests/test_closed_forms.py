@@ -344,3 +344,33 @@ def test_the_limits_of_the_sampled_loop_are_where_they_are_said_to_be():
         variation.append(np.ptp(trace.tau_variation[rest][:, 0]))
         assert bool(trace.notes) == (factor > 1.0)
     assert variation[1] > 100.0 * variation[0]
+
+
+@pytest.mark.filterwarnings("ignore::uvms_mj.checks.SamplingWarning")
+@pytest.mark.parametrize(
+    ("stiffness", "period", "rests"),
+    [(1e5, 0.0328, True), (1e5, 0.034, False), (1e6, 0.0107, True), (1e6, 0.0112, False), (1e4, 0.11, False)],
+)
+def test_a_held_impedance_law_oscillates_where_the_sampled_vibration_grows(stiffness, period, rests):
+    """The hold of D_d alone: with M_d = M no contact force is fed back. The prediction and the run agree."""
+    overrides = {
+        "current.speed": 0.0,
+        "wall.stiffness": stiffness,
+        "controller.period": period,
+        "simulation.duration": 40.0,
+    }
+    trace = simulate(Scenario.load("push_wall", overrides, "impedance"), log_rate=100)
+    swing = float(trace.final_high[-1] - trace.final_low[-1])
+    assert (swing < 1e-2) == rests
+    assert isinstance(trace.analytic, NoClosedForm) != rests
+    assert any("oscillates against the wall" in note for note in trace.notes) != rests
+
+
+@pytest.mark.filterwarnings("ignore::uvms_mj.checks.SamplingWarning")
+def test_a_control_period_at_which_zeta_grows_is_noted_and_has_no_closed_form():
+    """|1 + A T| > 1 in the explicit Euler steps of eq. (15)."""
+    for period, grows in ((0.019, False), (0.021, True)):
+        overrides = {"wall.stiffness": 1e3, "controller.period": period, "simulation.duration": 1.0}
+        trace = simulate(Scenario.load("push_wall", overrides), log_rate=100)
+        assert any("zeta" in note for note in trace.notes) == grows
+        assert (isinstance(trace.analytic, NoClosedForm) and "zeta" in trace.analytic.reason) == grows

@@ -302,3 +302,27 @@ def test_a_start_inside_the_wall_is_noted():
     assert "starts 0.2 m inside the wall, which pushes it out with 2e+04 N" in note
     resting = {"initial.position": [1.000015, 0.0, 0.0], "simulation.duration": 1e-3}
     assert simulate(Scenario.load("push_wall", resting)).notes == ()
+
+
+@pytest.mark.parametrize("depth", [1e-17, 2.2e-16, 1e-12, 1e-8, 1e-3])
+def test_the_normal_is_the_walls_at_any_depth(depth):
+    """The nearest points of a contact that has just begun differ by rounding alone."""
+    face = 0.7 + 0.241
+    p = np.array([0.7 + depth, 0.1, -0.2])
+    fromto = np.array([face, *p[1:], p[0] + 0.241, *p[1:]])
+    contact, _ = pressed(1e5, 0.0, 0.3, depth)
+    contact.damping = 100.0
+    nu = np.array([0.5, 0.3, 0.1, 0.0, 0.0, 0.0])
+    contact_force(contact, -depth, fromto, p, np.eye(3), nu, 1e-4)
+    normal = K_C * depth + 100.0 * 0.5
+    assert contact.f_W[0] == pytest.approx(-normal, rel=1e-9)
+    assert np.hypot(*contact.f_W[1:]) <= 0.3 * normal * (1.0 + 1e-9)
+    assert contact.normal_W == pytest.approx([-1.0, 0.0, 0.0], abs=1e-9)
+
+
+def test_settings_of_friction_without_friction_are_noted_and_a_default_is_named():
+    scenario = Scenario.load("push_wall", {"wall.tangential_stiffness": 1e4, "simulation.duration": 1e-3})
+    with pytest.warns(SamplingWarning, match=r"no effect: wall\.friction is 0"):
+        simulate(scenario)
+    with pytest.raises(InputError, match="by default critical damping for 1e"):
+        simulate(scenario.updated({"wall.friction": 0.1, "wall.tangential_stiffness": 1e9}))

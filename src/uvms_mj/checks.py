@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from .contact_checks import wall_faults, wall_notes
-from .control import Fosm, Gsta, Ideal, Impedance, Sta
+from .control import Controller, Fosm, Gsta, Ideal, Impedance, Sta
 from .control.loader import has_built_in_law
 from .design import Design
 from .dissipation import damping_notes
@@ -90,6 +90,42 @@ def force_age(scenario: Scenario) -> float:
     return 0.5 * (control_period(scenario) - scenario.simulation.timestep)
 
 
+def held_growth(scenario: Scenario, design: Design) -> float:
+    """Growth per control period of a vibration against the wall under a held impedance or ideal law [1].
+
+    Along the vibration of :func:`force_feedback_limit`, between two control instants
+
+        a = -w^2 x + u_k,    u_k = -(G K_d + fed back k_c) x_k - G D_d v_k,    w^2 = k_c n^T M^-1 n,
+
+    which symplectic Euler takes over the steps of a period: the spectral radius of Phi + Gamma (du/dx, du/dv). Above 1
+    the vibration grows. The hold of D_d alone has this effect if the contact makes half a vibration in a period. The
+    growth is 0 for other laws.
+    """
+    if not isinstance(scenario.controller, Impedance | Ideal):
+        return 0.0
+    h = scenario.simulation.timestep
+    n, k_c = design.normal, scenario.wall.stiffness
+    M_hat = design.M_hat if isinstance(scenario.controller, Impedance) else design.M
+    G = np.linalg.solve(design.M, M_hat @ np.linalg.inv(design.M_d))
+    v = G @ (np.array(scenario.impedance.K_f) * n)
+    if n @ v <= 0.0:
+        return 0.0
+    compliance = 1.0 / design.along_normal(design.M)
+    gain_x = float(n @ G @ design.K_d @ v) / float(n @ v) + (float(n @ v) - compliance) * k_c
+    gain_v = float(n @ G @ design.D_d @ v) / float(n @ v)
+    stiff = h * k_c * compliance  # h w^2
+    step, force = np.array([[1.0 - h * stiff, h], [-stiff, 1.0]]), np.array([h * h, h])
+    free = np.linalg.matrix_power(step, round(control_period(scenario) / h))
+    forced = np.linalg.solve(np.eye(2) - step, (np.eye(2) - free) @ force)
+    return float(np.abs(np.linalg.eigvals(free - np.outer(forced, [gain_x, gain_v]))).max())
+
+
+def zeta_limit(controller: Controller) -> float:
+    """Control period above which the explicit Euler steps of zeta, eq. (15), grow: |1 + A T| > 1 [s]."""
+    fastest = max(abs(a) for a in controller.A)
+    return 2.0 / fastest if fastest > 0.0 else np.inf
+
+
 def bouncing_growth(scenario: Scenario, vehicle: Vehicle, design: Design) -> float:
     """Largest growth rate, over the amplitude of s, of a vibration against the wall under super-twisting [1/s].
 
@@ -163,8 +199,19 @@ def _sampling(scenario: Scenario, vehicle: Vehicle, design: Design) -> Iterator[
             f"the law sees the reference as a jump: with reference.bandwidth = {scenario.reference.bandwidth:g} rad/s "
             f"it ends within a few control periods of {h:g} s; choose less than {_FASTEST / h:g} rad/s"
         )
+    if h > (limit := zeta_limit(controller)):
+        yield (
+            f"zeta, and with it s, grows without bound at a control period of {h:g} s: A = {min(controller.A):g} 1/s "
+            f"in eq. (15) needs a period of at most {limit:.4g} s"
+        )
     if not has_built_in_law(controller):
         return
+    if held_growth(scenario, design) > 1.0:
+        yield (
+            f"{controller.label()} oscillates against the wall at a control period of {h:g} s: at wall.stiffness "
+            f"{scenario.wall.stiffness:g} N/m the contact vibrates faster than a held command can damp; a period below "
+            f"{2.5 / np.sqrt(scenario.wall.stiffness / design.along_normal(design.M)):.2g} s usually suffices"
+        )
     if isinstance(controller, Fosm) and h >= (limit := boundary_layer_limit(controller, design)):
         yield (
             f"{controller.label()} chatters at a control period of {h:g} s: K_s = {controller.K_s:g} and "

@@ -25,7 +25,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .checks import boundary_layer_limit, control_period, force_age, force_feedback_limit
+from .checks import (
+    boundary_layer_limit,
+    control_period,
+    force_age,
+    force_feedback_limit,
+    held_growth,
+    zeta_limit,
+)
 from .control import Fosm, Gsta, Ideal, Impedance, Sta
 from .control.loader import has_built_in_law
 from .design import Design, wall_normal
@@ -82,6 +89,8 @@ def steady_state(
         return NoClosedForm("with a zero in A and K_s = 0, s drifts")
     if isinstance(controller, Fosm) and h >= boundary_layer_limit(controller, design):
         return NoClosedForm("the sampled first-order law chatters at this step")
+    if h > zeta_limit(controller) and not isinstance(controller, Impedance | Ideal):
+        return NoClosedForm("the sampled zeta, eq. (15), grows without bound at this control period")
     if np.linalg.matrix_rank(vehicle.B) < 6:
         return NoClosedForm("the thrusters can't produce every wrench")
     state = _solve(scenario, vehicle, design, gravity_W)
@@ -96,6 +105,8 @@ def steady_state(
         return NoClosedForm("with friction, the rest position depends on the path")
     if state.force > 0.0 and force_age(scenario) >= force_feedback_limit(scenario, design):
         return NoClosedForm("the sampled law limit-cycles against this wall")
+    if state.force > 0.0 and held_growth(scenario, design) > 1.0:
+        return NoClosedForm("the held command does not damp the vibration against this wall")
     return state
 
 

@@ -48,6 +48,10 @@ CONTACT = np.dtype(
 """One contact point: settings of the wall, stretch of the spring, and force of the latest instant."""
 
 
+SHALLOW = 1e-6
+"""Depth [m] below which the nearest points are too close to each other to give the normal."""
+
+
 @kernel
 def contact_force(contact, distance, fromto, p_WB, R_WB, nu, timestep):
     """Set the force of a contact point on the vehicle at this instant, and advance the stretch of its spring.
@@ -75,8 +79,13 @@ def contact_force(contact, distance, fromto, p_WB, R_WB, nu, timestep):
                 contact.tau_B[i + 3] = 0.0
         return
     n, arm, v = contact.normal_W, contact.arm_W, contact.work
+    # the difference of nearly equal points is rounding; from the wall to the probe's centre, B's origin, it is not
+    shallow = distance > -SHALLOW
     for i in range(3):
-        n[i] = (fromto[3 + i] - fromto[i]) / distance
+        n[i] = p_WB[i] - fromto[i] if shallow else fromto[i] - fromto[3 + i]
+    size = math.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+    for i in range(3):
+        n[i] /= size
         arm[i] = 0.5 * (fromto[i] + fromto[3 + i]) - p_WB[i]  # halfway, as MuJoCo's contact point
     to_body(R_WB, arm, v)
     a_x = nu[0] + nu[4] * v[2] - nu[5] * v[1]  # v + omega x arm, in B

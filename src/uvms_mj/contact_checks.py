@@ -32,10 +32,12 @@ def wall_faults(scenario: Scenario, design: Design, reach: float) -> Iterator[Fa
         elif h * h * k / m + 2.0 * h * b / m >= 4.0:
             most = 2.0 * m / h - 0.5 * h * k
             shortest = (math.sqrt(b * b + 4.0 * k * m) - b) / k
+            given = prefix == "" or getattr(wall, f"{prefix}damping") is not None
+            source = "" if given else f" (by default critical damping for {k:g} N/m)"
             yield Fault(
                 f"wall.{prefix}damping",
-                f"{b:g} N s/m is too much for a time step of {h:g} s and {m:.4g} kg at the contact: choose less than "
-                f"{most:.4g} N s/m, or a time step below {shortest:.4g} s",
+                f"{b:g} N s/m{source} is too much for a time step of {h:g} s and {m:.4g} kg at the contact: "
+                f"choose less than {most:.4g} N s/m, or a time step below {shortest:.4g} s",
             )
 
 
@@ -51,6 +53,8 @@ def wall_notes(scenario: Scenario, design: Design, reach: float) -> Iterator[str
                 f"at {w / (2.0 * math.pi):.3g} Hz, {2.0 * math.pi / (h * w):.1f} time steps per period; with a "
                 f"simulation.timestep below {RESOLVED / w:.2g} s its forces are accurate to about 1 %"
             )
+    if wall.friction == 0.0 and (wall.tangential_stiffness is not None or wall.tangential_damping is not None):
+        yield "wall.tangential_stiffness and wall.tangential_damping have no effect: wall.friction is 0"
     depth = scenario.initial.position[0] - wall.position
     if depth > 0.0 and wall.stiffness * depth > START_FORCE:
         yield (

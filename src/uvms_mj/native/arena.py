@@ -18,6 +18,8 @@ UNSET = PATTERN + 1
 """Contents of tau_cmd before the first call: a second NaN, which shows that the law did not set an entry."""
 NEAR = 8
 """Numbers of each margin, next to its array, that are checked after each call of a compiled law."""
+NEARBY = 4096
+"""Bytes on either side of an array that are checked after each chunk, and after each call of a plain Python law."""
 REGIONS = ("gains", "signals", "state", "state_dot", "tau_cmd")
 
 
@@ -83,11 +85,15 @@ class Arena:
         """The law's violation as a predicate, e.g. "changed its gain k_1 from ..."; empty if there is none."""
         return self.overrun() or self.changed_gain() or self.not_finite()
 
-    def overrun(self) -> str:
-        """The array that was overrun, the direction and the distance, as a predicate; empty if there is none."""
+    def overrun(self, margin: int = MARGIN) -> str:
+        """The array that was overrun, the direction and the distance, as a predicate; empty if there is none.
+
+        Args:
+            margin: bytes to search on either side of each array.
+        """
+        margin //= 8
         for name in REGIONS:
             start, end = self.offsets[name] // 8, (self.offsets[name] + self.sizes[name]) // 8
-            margin = MARGIN // 8
             before = np.flatnonzero(self._words[start - margin : start] != PATTERN)
             behind = np.flatnonzero(self._words[end : end + margin] != PATTERN)
             if len(before):

@@ -67,7 +67,9 @@ class Attachment:
     @property
     def current_W(self) -> np.ndarray:
         """(3,) velocity of the current in W [m/s], as a copy. To change it, assign the whole vector."""
-        return self.context["water"]["v_c_W"][0].copy()
+        current = self.context["water"]["v_c_W"][0].copy()
+        current.setflags(write=False)
+        return current
 
     @current_W.setter
     def current_W(self, value: Sequence[float]) -> None:
@@ -108,7 +110,9 @@ def attach(
     They act in every ``mj_step`` and ``mj_forward`` of this ``data``, in MuJoCo's viewer, in dm_control, in
     ``mujoco.rollout`` or in your own loop, at native speed and from any thread. They do not act on copies of ``data``:
     attach each copy. The wrench is in ``qfrc_passive``, which MuJoCo computes anew in each evaluation.
-    ``xfrc_applied`` is free for your own forces. Restoring a saved state does not apply the hydrodynamics twice.
+    ``xfrc_applied`` is free for your own forces. Restoring a saved state does not apply the hydrodynamics twice. After
+    ``mj_copyData`` into attached data, call ``mj_forward`` before any ``mj_forwardSkip``: the copied inertia and forces
+    may have the hydrodynamics in them. Gravity for buoyancy is read here, and once.
 
     In three cases MuJoCo does not call mjcb_control. ``mj_inverse`` and MuJoCo's energy are those of a vehicle without
     hydrodynamics. dm_control resets with actuation disabled: after ``physics.reset()``, call ``mj_forward`` before the

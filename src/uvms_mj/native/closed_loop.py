@@ -16,7 +16,7 @@ from ..scenario import Scenario
 from ..sections import Estimates
 from ..signals import FINAL_WINDOW_S, OWN_UNIT, RECORDED, Signal, thruster_signal
 from ..vehicle import Vehicle
-from .arena import Arena
+from .arena import MARGIN, NEARBY, Arena
 from .attachment import Attachment
 from .callback import entry_points
 from .compilation import NotCompiled
@@ -250,9 +250,11 @@ class ClosedLoop:
         """
         stopped_it = self._loop["stop"][0] == STOP_LAW
         now = time.monotonic()
-        if self._guarded and (stopped_it or last or now - self._searched > SEARCH_S):
-            self._searched = now
-            fault = self._arena.overrun()
+        if self._guarded:
+            everything = stopped_it or last or now - self._searched > SEARCH_S
+            if everything:
+                self._searched = now
+            fault = self._arena.overrun(MARGIN if everything else NEARBY)
             if fault:
                 raise self._plain_law.fault(fault)
         if stopped_it:

@@ -16,7 +16,7 @@ import numpy as np
 from ..control.base import Controller
 from ..control.contract import field_suggestion, law_function
 from ..control.loader import has_built_in_law
-from .arena import Arena
+from .arena import NEARBY, Arena
 
 
 class LawFault(Exception):
@@ -60,7 +60,7 @@ class PlainLaw:
             raise
         except BaseException as error:  # a law may raise anything, also SystemExit
             raise LawFault(self._raised(error)) from error
-        did = self.arena.changed_gain() or self.arena.not_finite()
+        did = self.arena.overrun(NEARBY) or self.arena.changed_gain() or self.arena.not_finite()
         if did:
             raise self.fault(did)
 
