@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.lib.stride_tricks import as_strided
 
 from misbehaving_laws import LATE, SET, cases, law
 from uvms_mj import Gsta, InputError, LawError, McapLog, Scenario, Trace, simulate
@@ -158,3 +159,56 @@ def test_a_law_marked_with_njit_is_a_law(tmp_path):
     ours, theirs = simulate(scenario(tmp_path, text)), simulate(marked)
     assert theirs.notes == ()
     assert np.array_equal(ours.p_WB, theirs.p_WB)
+
+
+def test_a_write_from_one_state_into_the_next_is_found():
+    """Each state has margins of its own, and both its neighbours keep their values."""
+    state = np.zeros(1, np.dtype([("xi", "f8", (6,)), ("yo", "f8", (3,)), ("w", "f8", (1,))], align=True))
+    state["yo"], state["w"] = 2.0, 3.0
+    arena = Arena(Gsta().record(), state, SIGNALS)
+    arena.fill(np.zeros(1, SIGNALS).view(np.uint8), state)
+    assert arena.overrun() == ""
+    assert all(np.array_equal(arena.arrays["state"][name], state[name]) for name in ("xi", "yo", "w"))
+    beyond = as_strided(arena.arrays["state"]["xi"][0], (131_078,), (8,))
+    for place in (6, 131_077):
+        kept, beyond[place] = beyond[place : place + 1].copy(), 7.0
+        said = arena.overrun()
+        assert "state.xi" in said
+        assert "beyond the end" in said
+        beyond[place : place + 1] = kept
+        assert arena.overrun() == ""
+    as_strided(arena.arrays["state_dot"]["yo"][0], (2,), (-8,))[1] = 7.0
+    assert "before the beginning of state_dot.yo" in arena.overrun()
+
+
+TWO_STATES = """
+from dataclasses import dataclass
+import numpy as np
+from uvms_mj import Controller
+
+@dataclass(frozen=True)
+class Law(Controller):
+    states = {"xi": 6, "yo": 3}
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        tau_cmd[:] = signals.tau_nom
+        state_dot.xi[:], state_dot.yo[:] = 1.0, 2.0
+        if signals.t > 0.01:
+            MORE
+"""
+
+
+@pytest.mark.parametrize("more", ["pass", "np.lib.stride_tricks.as_strided(state.xi, (9,), (8,))[6:] = 7.0"])
+def test_a_compiled_law_keeps_its_states_apart(tmp_path, more):
+    (tmp_path / "my_law.py").write_text(TWO_STATES.replace("MORE", more))
+    settings = {"simulation.duration": 0.1}
+    short = Scenario.load("push_wall", settings, controller=f"{tmp_path / 'my_law.py'}:Law")
+    if more == "pass":
+        trace = simulate(short)
+        assert trace.notes == ()
+        assert np.allclose(trace.xi, trace.t[:, None])
+        assert np.allclose(trace.yo, 2.0 * trace.t[:, None])
+    else:
+        with pytest.raises(LawError, match=r"t = 0\.01\d* s: your law Law .* wrote 3 numbers beyond the end of"):
+            simulate(short)

@@ -185,6 +185,6 @@ def _asked_for(node: ast.Attribute | ast.Subscript) -> str | None:
 def _shown(value: Any) -> str:
     try:
         text = repr(value)
-    except Exception:
+    except Exception:  # a user's class may fail in __repr__
         text = f"a {type(value).__name__}"
     return text if len(text) <= 60 else text[:57] + "..."

@@ -6,7 +6,8 @@ with a NaN, which propagates through all arithmetic with a number read from ther
 
 import math
 import mmap
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -33,6 +34,17 @@ def offsets(sizes: Mapping[str, int]) -> dict[str, int]:
     return found | {"own_gains": place, "end": place + sizes["gains"]}
 
 
+def spread(states: np.dtype) -> np.dtype:
+    """The record of states as it is in the arena: a margin behind each state and one before the next."""
+    names, kinds = states.names or (), [states[name] for name in states.names or ()]
+    places, place = [], 0
+    for kind in kinds:
+        places.append(place)
+        place += kind.itemsize + 2 * MARGIN
+    size = places[-1] + kinds[-1].itemsize
+    return np.dtype({"names": names, "formats": kinds, "offsets": places, "itemsize": size}, align=True)
+
+
 class Arena:
     """The arguments of a law: gains, signals, states, their derivatives and tau_cmd.
 
@@ -43,7 +55,8 @@ class Arena:
     """
 
     def __init__(self, gains: np.ndarray, state: np.ndarray, signals: np.dtype) -> None:
-        kinds = {"gains": gains.dtype, "signals": signals, "state": state.dtype, "state_dot": state.dtype}
+        states = spread(state.dtype)
+        kinds = {"gains": gains.dtype, "signals": signals, "state": states, "state_dot": states}
         self.sizes = {name: kind.itemsize for name, kind in kinds.items()} | {"tau_cmd": 48}
         self.offsets = offsets(self.sizes)
         memory = mmap.mmap(-1, self.offsets["end"])
@@ -54,8 +67,9 @@ class Arena:
         self.arrays["tau_cmd"] = self._part("tau_cmd").view(float)
         self._own_gains = self._words[self.offsets["own_gains"] // 8 :].view(gains.dtype)
         self.arrays["gains"][:] = self._own_gains[:] = gains
-        for name in ("signals", "state", "state_dot"):
-            self._part(name)[:] = 0
+        self._part("signals")[:] = 0
+        for record in ("state", "state_dot"):
+            self._set(record, dict.fromkeys(states.names or (), 0.0))
 
     @property
     def address(self) -> int:
@@ -70,12 +84,17 @@ class Arena:
             state: record of the states (1,).
         """
         self._part("signals")[:] = signals.view(np.int64)
-        self.arrays["state"][:] = state
+        self._set("state", {name: state[name] for name in state.dtype.names or ()})
 
     def reset(self) -> None:
         """Restore the gains, and set state_dot and tau_cmd to zero."""
         self.arrays["gains"][:] = self._own_gains
-        self._part("state_dot")[:] = self._part("tau_cmd")[:] = 0
+        self._part("tau_cmd")[:] = 0
+        self._set("state_dot", dict.fromkeys(self.arrays["state_dot"].dtype.names or (), 0.0))
+
+    def _set(self, record: str, values: Mapping[str, Any]) -> None:
+        for name, value in values.items():  # field by field: the margins between them stay as they are
+            self.arrays[record][name] = value
 
     def _part(self, name: str) -> np.ndarray:
         start = self.offsets[name] // 8
@@ -92,15 +111,26 @@ class Arena:
             margin: bytes to search on either side of each array.
         """
         margin //= 8
-        for name in REGIONS:
-            start, end = self.offsets[name] // 8, (self.offsets[name] + self.sizes[name]) // 8
+        for first, last, start, end in self._arrays():
             before = np.flatnonzero(self._words[start - margin : start] != PATTERN)
             behind = np.flatnonzero(self._words[end : end + margin] != PATTERN)
             if len(before):
-                return _overrun(self._called(name, 0), len(before), 8 * (margin - before[0]), "before the beginning")
+                return _overrun(first, len(before), 8 * (margin - before[0]), "before the beginning")
             if len(behind):
-                return _overrun(self._called(name, -1), len(behind), 8 * (behind[-1] + 1), "beyond the end")
+                return _overrun(last, len(behind), 8 * (behind[-1] + 1), "beyond the end")
         return ""
+
+    def _arrays(self) -> Iterator[tuple[str, str, int, int]]:
+        """Each guarded array: what a law calls its beginning and its end, and where they are [numbers]."""
+        for name in REGIONS:
+            start = self.offsets[name] // 8
+            fields = self.arrays[name].dtype.fields
+            if name in ("state", "state_dot") and fields and self.sizes[name]:
+                for state, (kind, place, *_) in fields.items():
+                    called, first = f"{name}.{state}", start + place // 8
+                    yield called, called, first, first + kind.itemsize // 8
+            else:
+                yield self._called(name, 0), self._called(name, -1), start, start + self.sizes[name] // 8
 
     def _called(self, name: str, field: int) -> str:
         """Name of an array as a law writes it; of a record, the name of its first (0) or last (-1) field."""

@@ -43,7 +43,7 @@ def guarded(law: bool) -> Iterator[None]:
     with _lock:
         config.reload_config()  # numba does this before it compiles, which would undo the settings below
         before = [getattr(module, name) for module, name in names]
-        config.BOUNDSCHECK = int(law)  # type: ignore[attr-defined]
+        config.BOUNDSCHECK = int(law)  # type: ignore[attr-defined]  # numba sets it at import
         if law:
             npyimpl.numpy_ufunc_kernel = same_shapes(npyimpl.numpy_ufunc_kernel)
             arrayobj.make_array_flat_cls = within_bounds(arrayobj.make_array_flat_cls)

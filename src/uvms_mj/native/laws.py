@@ -9,7 +9,7 @@ import numpy as np
 from ..control.base import Controller
 from ..control.contract import law_function
 from ..control.loader import has_built_in_law
-from .arena import NEAR, PATTERN, REGIONS, offsets
+from .arena import NEAR, PATTERN, REGIONS, offsets, spread
 from .compilation import NativeFunction, native_function
 from .layouts import SIGNALS, SIGNALS_AND_TRUTH
 from .memory import floats, integers
@@ -22,6 +22,7 @@ if TYPE_CHECKING:  # global names of the templates below, set for each law
     STATE: Any = None
     N_GAINS, N_SIGNALS, N_STATE = 0, 0, 0  # numbers
     OWN_GAINS, GAINS_, SIGNALS_, STATE_, STATE_DOT_, TAU_CMD_ = 0, 0, 0, 0, 0, 0  # offsets in the arena
+    STATES: Any = ()  # of each state: place in the arena's record [bytes], first number in the loop's, size
     ENDS: Any = ()
     call: Any = None
     law: Any = None
@@ -45,13 +46,14 @@ def _call(gains_at, state_at, signals_at, state_dot_at, tau_cmd_at):
 
 def _call_in_arena(arena_at, state_at, signals_at, state_dot_at, tau_cmd_at):
     state, state_dot, tau_cmd = floats(state_at, N_STATE), floats(state_dot_at, N_STATE), floats(tau_cmd_at, 6)
-    its_state, its_state_dot = floats(arena_at + STATE_, N_STATE), floats(arena_at + STATE_DOT_, N_STATE)
     its_tau_cmd = floats(arena_at + TAU_CMD_, 6)
     signals, its_signals = floats(signals_at, N_SIGNALS), floats(arena_at + SIGNALS_, N_SIGNALS)
     for i in range(N_SIGNALS):
         its_signals[i] = signals[i]
-    for i in range(N_STATE):
-        its_state[i] = state[i]
+    for place, first, n in STATES:
+        its_state = floats(arena_at + STATE_ + place, n)
+        for i in range(n):
+            its_state[i] = state[first + i]
     gains_at = arena_at + GAINS_
     done = call(gains_at, arena_at + STATE_, arena_at + SIGNALS_, arena_at + STATE_DOT_, arena_at + TAU_CMD_)
     for end in ENDS:
@@ -66,15 +68,19 @@ def _call_in_arena(arena_at, state_at, signals_at, state_dot_at, tau_cmd_at):
     if done != RETURNED:
         return done
     odd = 0.0  # becomes NaN with the first number that is not finite
-    for i in range(N_STATE):
-        odd += 0.0 * its_state[i] + 0.0 * its_state_dot[i]
+    for place, _, n in STATES:
+        its_state, its_state_dot = floats(arena_at + STATE_ + place, n), floats(arena_at + STATE_DOT_ + place, n)
+        for i in range(n):
+            odd += 0.0 * its_state[i] + 0.0 * its_state_dot[i]
     for i in range(6):
         odd += 0.0 * its_tau_cmd[i]
     if odd != 0.0:
         return NOT_FINITE
-    for i in range(N_STATE):
-        state[i] = its_state[i]
-        state_dot[i] = its_state_dot[i]
+    for place, first, n in STATES:
+        its_state, its_state_dot = floats(arena_at + STATE_ + place, n), floats(arena_at + STATE_DOT_ + place, n)
+        for i in range(n):
+            state[first + i] = its_state[i]
+            state_dot[first + i] = its_state_dot[i]
     for i in range(6):
         tau_cmd[i] = its_tau_cmd[i]
     return RETURNED
@@ -112,7 +118,7 @@ def compile_law(controller: Controller) -> NativeFunction:
             "np": np,
             "pointer": pointer,
             "GAINS": gains,
-            "STATE": state,
+            "STATE": spread(state) if guarded else state,
             "SIGNALS": signals,
             "RAISED": RAISED,
             "RETURNED": RETURNED,
@@ -122,22 +128,28 @@ def compile_law(controller: Controller) -> NativeFunction:
         call = types.FunctionType(_call.__code__, names, _call.__name__)
         if not guarded:
             return call
-        names = _places(gains.itemsize, state.itemsize, signals.itemsize) | {"call": numba.njit(call)}
+        names = _places(gains.itemsize, state, signals.itemsize) | {"call": numba.njit(call)}
         return types.FunctionType(_call_in_arena.__code__, globals() | names, _call_in_arena.__name__)
 
     # a built-in law neither raises nor allocates; a user's law may do both
     return native_function(_call, 5, True, parts=parts, prepare=prepare, self_contained=not guarded, law=guarded)
 
 
-def _places(gains: int, state: int, signals: int) -> dict[str, Any]:
-    """The constants of :func:`_call_in_arena`, from the sizes of the records [bytes]."""
-    sizes = {"gains": gains, "signals": signals, "state": state, "state_dot": state, "tau_cmd": 48}
+def _places(gains: int, state: np.dtype, signals: int) -> dict[str, Any]:
+    """The constants of :func:`_call_in_arena`, from the record of states and the sizes of the others [bytes]."""
+    states = spread(state)
+    sizes = {"gains": gains, "signals": signals, "state": states.itemsize, "state_dot": states.itemsize, "tau_cmd": 48}
     at = offsets(sizes)
+    names, packed, spaced = state.names or (), dict(state.fields or {}), dict(states.fields or {})
+    fields = [(spaced[name][1], packed[name][1], packed[name][0].itemsize) for name in names]
+    spans = [(at[name], sizes[name]) for name in ("gains", "signals", "tau_cmd")]
+    spans += [(at[name] + place, size) for name in ("state", "state_dot") for place, _, size in fields]
     return {
         "N_GAINS": gains // 8,
         "N_SIGNALS": signals // 8,
-        "N_STATE": state // 8,
-        "ENDS": tuple(end for name in REGIONS for end in (at[name] - 8 * NEAR, at[name] + sizes[name])),
+        "N_STATE": state.itemsize // 8,
+        "STATES": tuple((place, first // 8, size // 8) for place, first, size in fields),
+        "ENDS": tuple(end for place, size in spans for end in (place - 8 * NEAR, place + size)),
         "OWN_GAINS": at["own_gains"],
         **{f"{name.upper()}_": at[name] for name in REGIONS},
     }

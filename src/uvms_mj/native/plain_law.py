@@ -23,7 +23,7 @@ class LawFault(Exception):
     """A law raised or violated its contract. The message names the law and, where it is known, the line."""
 
 
-class _Record(np.record):  # type: ignore[misc]
+class _Record(np.record):  # type: ignore[misc]  # NumPy's stubs have it as Any
     """A record that suggests a field's name when an unknown one is read."""
 
     def __getattr__(self, name: str) -> Any:
