@@ -29,12 +29,12 @@ from rich.table import Table
 
 from numpy_loop import NumpyLoop
 from uvms_mj import McapLog, Scenario, Trace, simulate
+from uvms_mj.analysis.setup import set_up
+from uvms_mj.analysis.summary import AROUND_THE_END_S
 from uvms_mj.control import BUILT_IN, Gsta
-from uvms_mj.native.attachment import attach
-from uvms_mj.native.closed_loop import ClosedLoop
-from uvms_mj.plant import build
-from uvms_mj.simulation import SLICE_STEPS
-from uvms_mj.summary import AROUND_THE_END_S
+from uvms_mj.engine.native.attachment import attach
+from uvms_mj.engine.native.closed_loop import ClosedLoop
+from uvms_mj.engine.run import SLICE_STEPS
 
 CHUNK = 1000
 NUMPY_CHUNK = 100
@@ -46,14 +46,15 @@ class Native:
 
     def __init__(self, scenario: Scenario, law: str, warm_up_s: float) -> None:
         scenario = scenario.updated({}, controller=law)
-        plant = build(scenario)
-        self.model, self.data = plant.model, plant.initial_data(scenario)
+        setup = set_up(scenario)
+        plant = setup.plant
+        self.model, self.data = plant.model, plant.initial_data(scenario.initial)
         self.attachment = attach(self.model, self.data, current_W=scenario.current.velocity_W)
         self.loop = ClosedLoop(
             self.model,
             self.data,
             self.attachment,
-            plant.design,
+            setup.design,
             plant.sensors,
             plant.geometry.reach,
             scenario,
@@ -76,8 +77,9 @@ class Bare:
     """The same model without hydrodynamics, law and recording, held in the scenario's state by constant forces."""
 
     def __init__(self, scenario: Scenario, in_contact: bool) -> None:
-        plant = build(scenario)
-        self.model, self.data = plant.model, plant.initial_data(scenario)
+        setup = set_up(scenario)
+        plant = setup.plant
+        self.model, self.data = plant.model, plant.initial_data(scenario.initial)
         weight = plant.vehicle.mass * -self.model.opt.gravity[2]
         self.data.xfrc_applied[plant.body_id, 2] = weight
         if in_contact:

@@ -17,7 +17,7 @@ from matplotlib.patches import Arc, Circle, Patch, Polygon, Rectangle
 from matplotlib.transforms import Affine2D
 
 from uvms_mj import Scenario
-from uvms_mj.plant import build
+from uvms_mj.analysis.setup import set_up
 
 OUT = Path(__file__).parents[1] / "docs" / "frames.svg"
 INK, BODY, MOVE = "#1f2933", "#0b5cad", "#7b4fa3"
@@ -138,7 +138,7 @@ def contact(ax: Axes, scenario: Scenario, reach: float) -> None:
 def main(out: Path) -> None:
     """Draw the frames: world W and body B, the wall, the current and the contact force."""
     scenario = Scenario.load("push_wall")
-    reach = build(scenario).geometry.reach
+    reach = set_up(scenario).reach
     matplotlib.rcParams.update(
         {
             "font.size": 10.5,

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from uvms_mj import Gsta, Scenario
-from uvms_mj.plant import build
+from uvms_mj.analysis.setup import set_up
 
 
 def skew(a):
@@ -21,9 +21,10 @@ class NumpyLoop:
     """GSTA on the scenario's plant, with one Python call per step."""
 
     def __init__(self, scenario: Scenario, warm_up_steps: int) -> None:
-        plant = build(scenario)
-        self.plant, self.vehicle, self.design = plant, plant.vehicle, plant.design
-        self.model, self.data = plant.model, plant.initial_data(scenario)
+        setup = set_up(scenario)
+        plant = setup.plant
+        self.plant, self.vehicle, self.design = plant, plant.vehicle, setup.design
+        self.model, self.data = plant.model, plant.initial_data(scenario.initial)
         self.h, self.gains = scenario.simulation.timestep, Gsta()
         self.v_c_W = np.array(scenario.current.velocity_W)
         self.M_d_inv, self.B_pinv = np.linalg.inv(self.design.M_d), np.linalg.pinv(self.vehicle.B)

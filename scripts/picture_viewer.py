@@ -16,10 +16,11 @@ import click
 from PIL import Image
 from rerun.experimental import ViewerClient
 
-from uvms_mj import Scenario, Trace, rerun_view, simulate
+from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.cli.logs import labels
-from uvms_mj.rerun_view.process import free_port, start, stop
-from uvms_mj.rerun_view.run import TIMELINE
+from uvms_mj.views import rerun as rerun_view
+from uvms_mj.views.rerun.process import free_port, start, stop
+from uvms_mj.views.rerun.run import TIMELINE
 
 OUT = Path(__file__).parents[1] / "docs" / "replay.png"
 SETTLES_S = 8.0

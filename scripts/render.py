@@ -22,8 +22,8 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from uvms_mj import Scenario, Trace, simulate
-from uvms_mj.plant import build
-from uvms_mj.resources import resource
+from uvms_mj.analysis.setup import set_up
+from uvms_mj.files import resource
 
 OUT = Path(__file__).parents[1] / "docs" / "push_wall.png"
 DURATION_S = 8.0
@@ -126,7 +126,7 @@ def pixel(scene: mujoco.MjvScene, point_W: np.ndarray, width: int, height: int) 
 def render(trace: Trace, width: int, height: int) -> Image.Image:
     """The picture of the last instant of a trace, with labels."""
     scenario, f_contact_W = trace.scenario, trace.f_contact_W[-1]
-    reach, v_c_W = build(scenario).geometry.reach, np.array(scenario.current.velocity_W)
+    reach, v_c_W = set_up(scenario).reach, np.array(scenario.current.velocity_W)
     tip_W = trace.p_WB[-1] + [reach, 0.0, 0.0]
     streams_W = np.array([[0.74, -0.16, 0.0], [0.66, 0.03, 0.0], [0.82, 0.24, 0.0]])
 

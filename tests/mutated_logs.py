@@ -13,7 +13,7 @@ from mcap.stream_reader import StreamReader
 
 from mutated_values import TOKENS, Case, Random, mutated_bytes, value
 from uvms_mj import McapLog, Scenario, simulate
-from uvms_mj.mcap_log.sink import record_bytes
+from uvms_mj.records.mcap.sink import record_bytes
 
 COMMANDS = ("run", "info", "export", "certify", "plot")
 

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 from twin import TwinParameters, matrix_acceleration, rotation
 from uvms_mj import InputError, attach
-from uvms_mj.hydrodynamics import factor
+from uvms_mj.physics.hydrodynamics import factor
 from vehicles import load, place, random_parameters, state, vehicle_xml, water_of
 
 STILL = TwinParameters(v_c_W=(0.0, 0.0, 0.0))

@@ -10,13 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from uvms_mj import Gsta, InputError, McapLog, Scenario, simulate
-from uvms_mj.certificate import Certificate, gains_for, lyapunov_matrix, rate_bound
+from uvms_mj.analysis.disturbance import Experienced, NotGiven, experienced, lumped_disturbance
+from uvms_mj.analysis.setup import set_up
 from uvms_mj.cli.certify import certify
-from uvms_mj.disturbance import Experienced, NotGiven, experienced, lumped_disturbance
-from uvms_mj.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
-from uvms_mj.frames import rotation_matrix
-from uvms_mj.mjcf import Mjcf
-from uvms_mj.plant import build
+from uvms_mj.control.certificate import Certificate, gains_for, lyapunov_matrix, rate_bound
+from uvms_mj.physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
+from uvms_mj.physics.frames import rotation_matrix
+from uvms_mj.plant.mjcf import Mjcf
 from vehicles import random_parameters, vehicle_xml
 
 PAPER = (5.0, 10.0)
@@ -318,10 +318,10 @@ OTHER_WORLD = {
 
 def residual_of_eq_10(trace):
     """tau_bar_dist from eq. (10): the part of M_hat nu_dot that the estimates, tau and tau_c leave unexplained."""
-    plant = build(trace.scenario, trace.header.mjcf)
-    vehicle, factors = plant.vehicle, trace.scenario.estimates
-    gravity_W, term = plant.model.opt.gravity, np.empty(6)
-    out = trace.nu_dot @ plant.design.M_hat.T - trace.tau
+    setup = set_up(trace.scenario, trace.header.mjcf)
+    vehicle, factors = setup.vehicle, trace.scenario.estimates
+    gravity_W, term = setup.gravity_W, np.empty(6)
+    out = trace.nu_dot @ setup.design.M_hat.T - trace.tau
     for k, (nu, quat, f_W) in enumerate(zip(trace.nu, trace.quat_WB, trace.f_contact_W, strict=True)):
         R_WB = rotation_matrix(quat)
         out[k, :3] -= R_WB.T @ f_W  # without friction the wall exerts no moment
@@ -348,7 +348,7 @@ LIMITED = Mjcf(
 def test_eq_11_from_the_water_is_what_eq_10_leaves_unexplained(overrides, mjcf):
     world = OTHER_WORLD | ({"simulation.duration": 0.2} if mjcf is LIMITED else {})
     trace = simulate(Scenario.load("push_wall", world | overrides), mjcf=mjcf)
-    tau_bar = lumped_disturbance(trace, build(trace.scenario, mjcf))
+    tau_bar = lumped_disturbance(trace, set_up(trace.scenario, mjcf))
     assert (np.abs(tau_bar).max(axis=0) > 1e-3).all()
     assert (trace.touches[-1] > 0) == (mjcf is None)
     assert np.allclose(tau_bar, residual_of_eq_10(trace), atol=1e-9)
@@ -356,7 +356,7 @@ def test_eq_11_from_the_water_is_what_eq_10_leaves_unexplained(overrides, mjcf):
 
 def test_eq_11_in_the_papers_scenario(paper_run):
     trace = paper_run("gsta")
-    tau_bar = lumped_disturbance(trace, build(trace.scenario))
+    tau_bar = lumped_disturbance(trace, set_up(trace.scenario))
     assert tau_bar[0] == pytest.approx([-2.144, 6.754, 0.0, 0.0, 0.0, tau_bar[0, 5]], abs=1e-3)
     assert np.allclose(tau_bar[::10], residual_of_eq_10(trace)[::10], atol=1e-9)
 
@@ -442,8 +442,8 @@ def test_the_papers_gains_are_not_certified_in_yaw_and_gains_for_its_rate_are(pa
     """
     trace = paper_run("gsta")
     found = experienced(trace)
-    plant = build(trace.scenario, trace.header.mjcf)
-    M_A, I_z = np.diag(plant.vehicle.M_A), plant.design.M[5, 5]
+    setup = set_up(trace.scenario, trace.header.mjcf)
+    M_A, I_z = np.diag(setup.vehicle.M_A), setup.design.M[5, 5]
     yaw = 2.0 * np.arctan2(trace.quat_WB[:, 3], trace.quat_WB[:, 0])
     heading = np.deg2rad(trace.scenario.current.direction_deg) - yaw
     u, v = trace.nu[:, 0], trace.nu[:, 1]

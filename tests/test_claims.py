@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from uvms_mj import Gsta, InputError, Scenario, Trace, report, simulate, study
-from uvms_mj.checks import SamplingWarning
-from uvms_mj.claims import CLAIMS, Claim, Measured, Runs, Verdict, judge, number
-from uvms_mj.mcap_log import McapLog
+from uvms_mj.analysis.sampling import SamplingWarning
+from uvms_mj.records.mcap import McapLog
+from uvms_mj.studies.paper.claims import CLAIMS, Claim, Measured, Runs, Verdict, judge, number
 
 EXPLAINED = {"gsta-whole-variation", "gsta-half-inertia"}
 

@@ -380,7 +380,7 @@ def test_a_run_that_never_began_reports_in_the_same_words_and_what_it_left(here,
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(f"uvms_mj.simulation.{where}", interrupted)
+    monkeypatch.setattr(f"uvms_mj.engine.run.{where}", interrupted)
     done = here("run", *SHORT, "--json", "-o", "b")
     assert done.exit_code == 130
     report = json.loads(done.stdout)
@@ -402,7 +402,7 @@ def test_an_interrupt_of_any_command_is_no_failure(here, monkeypatch, command):
     def interrupted(path):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("uvms_mj.mcap_log.read", interrupted)
+    monkeypatch.setattr("uvms_mj.records.mcap.read", interrupted)
     monkeypatch.setattr(Trace, "load", interrupted)
     done = here(command, "run.mcap", *(("--to", "csv") if command == "export" else ()))
     assert done.exit_code == 130

@@ -6,10 +6,10 @@ from scipy.optimize import brentq
 
 from twin import TwinParameters
 from uvms_mj import Scenario, simulate
-from uvms_mj.checks import force_feedback_limit
-from uvms_mj.closed_forms import NoClosedForm, SteadyState
-from uvms_mj.metrics import final_force
-from uvms_mj.plant import build
+from uvms_mj.analysis.metrics import final_force
+from uvms_mj.analysis.sampling import force_feedback_limit
+from uvms_mj.analysis.setup import set_up
+from uvms_mj.control.rest import NoClosedForm, SteadyState
 from vehicles import vehicle_xml
 
 OTHER_WORLD = {
@@ -194,7 +194,7 @@ def test_the_ideal_law_has_the_desired_impedance_at_every_instant():
     assert 1.9 < residuals["ideal", 1e-4] / residuals["ideal", 5e-5] < 2.1
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.checks.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
 def test_inertia_shaping_is_stable_up_to_the_step_that_is_said():
     """Under eq. (4) with M_d = M/3, a force held for 2 h acts as negative damping of (M/M_d - 1) k_c h/2."""
     M = np.array([7.31 + 5.5, 7.31 + 12.7, 7.31 + 14.57, 0.28, 0.28, 0.28])
@@ -276,7 +276,7 @@ def test_without_nominal_control_the_thrust_is_nearly_the_same(paper_run):
         ("impedance", {"controller.A": 0.0}, "zeta"),
     ],
 )
-@pytest.mark.filterwarnings("ignore::uvms_mj.checks.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
 def test_where_no_closed_form_holds_none_is_given(law, overrides, reason):
     analytic = simulate(Scenario.load("push_wall", {**overrides, "simulation.duration": 0.01}, law)).analytic
     assert isinstance(analytic, NoClosedForm)
@@ -286,7 +286,7 @@ def test_where_no_closed_form_holds_none_is_given(law, overrides, reason):
 INERTIA = [12.81, 20.01, 21.88, 0.28, 0.28, 0.28]
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.checks.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
 @pytest.mark.parametrize(
     ("overrides", "bounces"),
     [
@@ -309,7 +309,7 @@ def test_super_twisting_that_would_bounce_on_the_wall_is_warned_of(overrides, bo
         assert force == pytest.approx(trace.analytic.force, rel=1e-4)
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.checks.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
 @pytest.mark.parametrize(("periods", "yaw_deg"), [(4, 0.0), (7, 0.0), (4, 40.0)])
 def test_the_age_of_the_force_decides_whether_a_held_command_keeps_the_contact_damped(periods, yaw_deg):
     """The limit of inertia shaping is 5 % above the mean age of the force, then 5 % below."""
@@ -321,7 +321,7 @@ def test_the_age_of_the_force_decides_whether_a_held_command_keeps_the_contact_d
         return Scenario.load("push_wall", overrides, "impedance")
 
     def limit(share):
-        return force_feedback_limit(shaped(share), build(shaped(share)).design)
+        return force_feedback_limit(shaped(share), set_up(shaped(share)).design)
 
     age, settled = 0.5e-4 * (periods - 1), []
     for factor in (1.05, 0.95):
@@ -332,7 +332,7 @@ def test_the_age_of_the_force_decides_whether_a_held_command_keeps_the_contact_d
     assert settled == [True, False]
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.checks.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
 def test_the_limits_of_the_sampled_loop_are_where_they_are_said_to_be():
     """The first-order law is quiet 2 % below its limit and chatters 2 % above it."""
     limit = 2.0 / (19.0 / 1e-3 + 100.0)
@@ -346,7 +346,7 @@ def test_the_limits_of_the_sampled_loop_are_where_they_are_said_to_be():
     assert variation[1] > 100.0 * variation[0]
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.checks.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
 @pytest.mark.parametrize(
     ("stiffness", "period", "rests"),
     [(1e5, 0.0328, True), (1e5, 0.034, False), (1e6, 0.0107, True), (1e6, 0.0112, False), (1e4, 0.11, False)],
@@ -366,7 +366,7 @@ def test_a_held_impedance_law_oscillates_where_the_sampled_vibration_grows(stiff
     assert any("oscillates against the wall" in note for note in trace.notes) != rests
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.checks.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
 def test_a_control_period_at_which_zeta_grows_is_noted_and_has_no_closed_form():
     """|1 + A T| > 1 in the explicit Euler steps of eq. (15)."""
     for period, grows in ((0.019, False), (0.021, True)):

@@ -9,8 +9,8 @@ import pytest
 
 from twin import TwinParameters, simulate_fixed_step, simulate_smooth
 from uvms_mj import InputError, Scenario, Status, simulate
-from uvms_mj.frames import quat_from_euler_deg
-from uvms_mj.metrics import final_force
+from uvms_mj.analysis.metrics import final_force
+from uvms_mj.physics.frames import quat_from_euler_deg
 from vehicles import random_parameters, vehicle_xml
 
 LAWS = {

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from twin import TwinParameters, matrix_acceleration, rotation
 from uvms_mj import Controller, InputError, Scenario, Trace, gain, simulate
-from uvms_mj.checks import SamplingWarning
-from uvms_mj.contact import CONTACT, contact_force
+from uvms_mj.analysis.sampling import SamplingWarning
+from uvms_mj.physics.contact import CONTACT, contact_force
 
 M = np.array([7.31 + 5.5, 7.31 + 12.7, 7.31 + 14.57])
 """Inertia of the BlueROV1 along x, y and z, added mass included [kg]."""
@@ -282,7 +282,7 @@ def rebound(vehicle: Path, timestep: float, start: float) -> float:
     return float(-trace.nu[-1, 0] / 0.1)
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.checks.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
 def test_a_wall_that_the_step_resolves_badly_is_noted(slippery):
     """The warning is given exactly if the rebound has an error of more than about 1 %."""
     w = np.sqrt(K_C / M[0])
@@ -295,7 +295,7 @@ def test_a_wall_that_the_step_resolves_badly_is_noted(slippery):
         assert any("an impact is badly resolved" in note for note in notes) == noted
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.checks.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
 def test_a_start_inside_the_wall_is_noted():
     start = {"initial.position": [1.2, 0.0, 0.0], "simulation.duration": 1e-3}
     (note,) = simulate(Scenario.load("push_wall", start)).notes

@@ -9,10 +9,10 @@ import pytest
 from click.testing import CliRunner
 
 from uvms_mj import Fosm, Impedance, InputError, Scenario, converge, metrics, simulate
+from uvms_mj.analysis.summary import summary
 from uvms_mj.cli import main
 from uvms_mj.cli.converge import with_error
-from uvms_mj.convergence import DEFAULT, METRICS, Estimate, NotCompletedError, extrapolated
-from uvms_mj.summary import summary
+from uvms_mj.studies.convergence import DEFAULT, METRICS, Estimate, NotCompletedError, extrapolated
 
 MASS_ALONE = {
     "current.speed": 0.0,

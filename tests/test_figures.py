@@ -23,9 +23,9 @@ from matplotlib.text import Text
 
 from uvms_mj import Controller, InputError, McapLog, Scenario, colours, figures, simulate
 from uvms_mj.cli.plot import FORMATS, WHATS, plot
-from uvms_mj.figures.lines import thin
-from uvms_mj.figures.scales import early, rebounds
-from uvms_mj.figures.style import COLOURS, stripe
+from uvms_mj.views.figures.lines import thin
+from uvms_mj.views.figures.scales import early, rebounds
+from uvms_mj.views.figures.style import COLOURS, stripe
 
 PAPER = [*(f"fig{i:02d}" for i in range(1, 13)), "overview"]
 LEVELS = ("expected", "analytic", "wall")
@@ -578,7 +578,7 @@ def test_the_same_figure_gives_the_same_files_whatever_the_users_settings(traces
 
 
 def test_figures_need_no_display_and_no_global_state():
-    code = "import sys, uvms_mj.figures; sys.exit('matplotlib.pyplot' in sys.modules)"
+    code = "import sys, uvms_mj.views.figures; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
 
 

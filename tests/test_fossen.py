@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from twin import skew
-from uvms_mj.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
+from uvms_mj.physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from vehicles import dissipative
 
 vectors = arrays(float, 6, elements=st.floats(-5, 5))

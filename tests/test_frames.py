@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from uvms_mj import frames
+from uvms_mj.physics import frames
 
 angles = arrays(float, 3, elements=st.floats(-179, 179))
 vectors = arrays(float, 3, elements=st.floats(-5, 5))

@@ -15,14 +15,14 @@ import pytest
 from click.testing import CliRunner
 
 from uvms_mj import InputError, McapLog, Scenario, Trace, simulate
+from uvms_mj.analysis.ranges import no_overflow
+from uvms_mj.analysis.setup import set_up
+from uvms_mj.analysis.wall import wall_faults
 from uvms_mj.cli import main
-from uvms_mj.contact_checks import wall_faults
-from uvms_mj.mujoco_warnings import MujocoWarning, mujoco_warnings
-from uvms_mj.plant import build
-from uvms_mj.ranges import no_overflow
+from uvms_mj.files import parse_setting, parsed_toml
+from uvms_mj.plant.mujoco_warnings import MujocoWarning, mujoco_warnings
 from uvms_mj.scenario import keys
-from uvms_mj.signals import GIVEN, RECORDED
-from uvms_mj.toml_text import parse_setting, parsed_toml
+from uvms_mj.stages.signals import GIVEN, RECORDED
 
 COMMAND = [sys.executable, "-m", "uvms_mj"]
 SHORT = {"simulation.duration": 0.005}
@@ -77,12 +77,12 @@ def test_a_matrix_has_a_range(key):
 
 def test_an_error_names_the_number_of_the_wall_that_is_too_large_for_the_step():
     """The stability limit of symplectic Euler is h^2 k/m + 2 h b/m < 4."""
-    plant = build(Scenario())
-    h, m = 1e-4, plant.design.along_normal(plant.design.M)
+    setup = set_up(Scenario())
+    h, m = 1e-4, setup.design.along_normal(setup.design.M)
 
     def found(k, b):
         wall = Scenario.load("push_wall", {"wall.stiffness": k, "wall.damping": b})
-        return list(wall_faults(wall, plant.design, plant.geometry.reach))
+        return list(wall_faults(wall, setup.design, setup.reach))
 
     for k, b in [(1.0, 1e9), (1e5, 2.6e5), (5.2e9, 0.0), (2e9, 1.7e5), (1e5, 2.5e5), (5.1e9, 0.0)]:
         assert (h * h * k + 2.0 * h * b >= 4.0 * m) == bool(found(k, b))
@@ -205,7 +205,7 @@ def test_closed_streams_stop_nothing(tmp_path, closed):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize(
-    "place", ["uvms_mj.cli", "click", "uvms_mj.scenario", "mujoco", "uvms_mj.simulation", "llvmlite"]
+    "place", ["uvms_mj.cli", "click", "uvms_mj.scenario", "mujoco", "uvms_mj.engine.run", "llvmlite"]
 )
 def test_a_signal_during_an_import_ends_with_one_line(tmp_path, number, place):
     """The signal arrives exactly when the import of a module begins, as one of a user may in the first half second."""
@@ -237,7 +237,7 @@ def test_an_exception_that_a_signal_became_is_still_the_signal(here, monkeypatch
         except KeyboardInterrupt:
             raise ImportError("numpy._core failed to import") from None
 
-    monkeypatch.setattr("uvms_mj.simulation.build", interrupted)
+    monkeypatch.setattr("uvms_mj.engine.run.build", interrupted)
     done = here("run", "-q")
     assert done.exit_code == 130
     assert done.stderr == "interrupted before the first step\n"
@@ -258,7 +258,7 @@ def test_a_cache_folder_that_cannot_be_written_is_named_and_leaves_nothing(monke
     (tmp_path / "temporary").mkdir()
     code = """if True:
         import os, warnings
-        from uvms_mj.native import compilation
+        from uvms_mj.engine.native import compilation
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
             folder = compilation._folder()
@@ -280,7 +280,7 @@ def test_numba_disable_jit_leaves_the_core_compiled(tmp_path):
     code = """if True:
         import numba
         assert numba.config.DISABLE_JIT == 1
-        from uvms_mj.native.compilation import NotCompiled, native_function
+        from uvms_mj.engine.native.compilation import NotCompiled, native_function
         def twice(a):
             return 2 * a
         assert native_function(twice, 1, True).ctypes(21) == 42

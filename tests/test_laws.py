@@ -15,10 +15,10 @@ import pytest
 
 from uvms_mj import Controller, Gsta, InputError, LawError, Scenario, Trace, simulate
 from uvms_mj.control import BUILT_IN, Ideal, Impedance
-from uvms_mj.kernels import kernels
-from uvms_mj.native import compilation
-from uvms_mj.native.closed_loop import law_signals
-from uvms_mj.simulation import PlainPythonWarning, SamplingWarning
+from uvms_mj.engine.native import compilation
+from uvms_mj.engine.native.closed_loop import law_signals
+from uvms_mj.engine.run import PlainPythonWarning, SamplingWarning
+from uvms_mj.physics.kernels import kernels
 
 ROOT = Path(__file__).parents[1]
 SHORT = {"simulation.duration": 0.2}
@@ -121,7 +121,7 @@ def test_a_law_as_plain_python_gives_what_it_gives_compiled(monkeypatch):
     def refuse(controller):
         raise compilation.NotCompiled("for the test")
 
-    monkeypatch.setattr("uvms_mj.native.closed_loop.compile_law", refuse)
+    monkeypatch.setattr("uvms_mj.engine.native.closed_loop.compile_law", refuse)
     with pytest.warns(PlainPythonWarning, match="for the test"):
         plain = simulate(scenario)
     assert plain.touches[-1] > 0
@@ -147,7 +147,7 @@ def test_a_law_that_numba_cannot_compile_runs_and_says_why(tmp_path):
         ("if signals.t > 0.01:\n    raise KeyError(eval('1'))", "KeyError: 1"),
     ],
 )
-@pytest.mark.filterwarnings("ignore::uvms_mj.simulation.PlainPythonWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
 def test_an_exception_in_a_law_names_the_users_line_and_keeps_the_trace(tmp_path, body, what):
     body = f"tau_cmd[:] = 0.0\n{body}"
     path = law_file(tmp_path, one_liner("Wrong", body))
@@ -344,7 +344,7 @@ def test_what_a_law_writes_on_its_signals_is_not_recorded_nor_kept(tmp_path, mon
         def refuse(controller):
             raise compilation.NotCompiled("for the test")
 
-        monkeypatch.setattr("uvms_mj.native.closed_loop.compile_law", refuse)
+        monkeypatch.setattr("uvms_mj.engine.native.closed_loop.compile_law", refuse)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PlainPythonWarning)
         ours, theirs = (simulate(Scenario.load("push_wall", SHORT, f"{path}:{n}")) for n in ("Careful", "Careless"))

@@ -30,11 +30,11 @@ from mcap_ros2.decoder import DecoderFactory
 
 from uvms_mj import InputError, McapLog, Scenario, SinkError, Status, Trace, simulate
 from uvms_mj.control.recorded import recorded_law
-from uvms_mj.mcap_log.attachments import refuse_large, without_paths
-from uvms_mj.mcap_log.layout import Format
-from uvms_mj.mjcf import Mjcf
-from uvms_mj.scene import span
-from uvms_mj.signals import RUNNING
+from uvms_mj.plant.mjcf import Mjcf
+from uvms_mj.records.mcap.attachments import refuse_large, without_paths
+from uvms_mj.records.mcap.layout import Format
+from uvms_mj.records.scene import span
+from uvms_mj.stages.signals import RUNNING
 
 ROOT = Path(__file__).parents[1]
 COMMAND = [sys.executable, "-X", "faulthandler", "-m", "uvms_mj"]
@@ -497,7 +497,7 @@ def test_a_file_that_takes_nothing_ends_the_run(tmp_path, monkeypatch):
         def write(self, data):
             return super().write(data) if self.tell() < 1_000_000 else 0
 
-    monkeypatch.setattr("uvms_mj.mcap_log.sink.FileIO", Full)
+    monkeypatch.setattr("uvms_mj.records.mcap.sink.FileIO", Full)
     with pytest.raises(SinkError, match=r"can't write .*run\.mcap: Input/output error") as caught:
         simulate(Scenario.load("push_wall", {"simulation.duration": 2.0}), sinks=[McapLog(tmp_path / "run.mcap")])
     assert caught.value.trace.status is Status.failed
@@ -716,7 +716,7 @@ def rewritten(path, change):
     from mcap.opcode import Opcode
     from mcap.records import Attachment, DataEnd
 
-    from uvms_mj.mcap_log.sink import record_bytes
+    from uvms_mj.records.mcap.sink import record_bytes
 
     out = bytearray(path.read_bytes()[:8])
     with open(path, "rb") as file:
@@ -1050,7 +1050,7 @@ def test_a_chunk_that_is_too_short_is_damage_whatever_its_checksum(logged, tmp_p
     import zstandard
     from mcap.records import Chunk, DataEnd
 
-    from uvms_mj.mcap_log.sink import record_bytes
+    from uvms_mj.records.mcap.sink import record_bytes
 
     out, number = bytearray(logged[1].read_bytes()[:8]), 0
     with open(logged[1], "rb") as file:

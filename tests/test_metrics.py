@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from uvms_mj import Gsta, Scenario, Trace, metrics, simulate
-from uvms_mj.recording import Outcome, Status
+from uvms_mj.records.header import Outcome, Status
 
 H = 1e-3
 CONTACT = {"simulation.duration": 0.4, "wall.position": 0.002, "reference.step_time": 0.0}
@@ -362,7 +362,7 @@ def test_chattering_of_a_held_command_counts_control_periods(synthetic, period):
     assert metrics.reversals(trace, 3.1)[0] == 0
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.checks.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
 @pytest.mark.parametrize("period", [1e-3, 1e-2, 5e-2])
 def test_the_first_order_law_chatters_at_every_control_period_that_is_too_long(period):
     """s changes its sign at every control instant, and tau changes by all of K_s M: the variation cancels."""
@@ -373,7 +373,7 @@ def test_the_first_order_law_chatters_at_every_control_period_that_is_too_long(p
     assert (metrics.chattering(trace)[:3] > 0.9 * variation[:3]).all()
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.checks.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
 def test_chattering_of_less_than_ten_control_periods_is_not_a_number():
     settings = {"controller.period": 0.01, "simulation.duration": 0.3}
     trace = simulate(Scenario.load("push_wall", settings))

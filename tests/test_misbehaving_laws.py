@@ -15,10 +15,10 @@ from numpy.lib.stride_tricks import as_strided
 
 from misbehaving_laws import LATE, SET, cases, law
 from uvms_mj import Gsta, InputError, LawError, McapLog, Scenario, Trace, simulate
-from uvms_mj.native.arena import MARGIN, Arena
-from uvms_mj.native.layouts import SIGNALS
-from uvms_mj.recording import Status
-from uvms_mj.simulation import PlainPythonWarning
+from uvms_mj.engine.native.arena import MARGIN, Arena
+from uvms_mj.engine.native.layouts import SIGNALS
+from uvms_mj.engine.run import PlainPythonWarning
+from uvms_mj.records.header import Status
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
 from misbehave import trouble
@@ -58,7 +58,7 @@ def quiet_run(tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", HERE)
-@pytest.mark.filterwarnings("ignore::uvms_mj.simulation.PlainPythonWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
 def test_a_law_that_misbehaves_is_named_with_what_it_did(tmp_path, quiet_run, name):
     case, log = ALL[name], tmp_path / "run.mcap"
     with pytest.raises((InputError, LawError)) as caught:

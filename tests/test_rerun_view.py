@@ -28,13 +28,13 @@ from rerun.chunk import RrdReader
 from rerun.experimental import ViewerClient
 
 from uvms_mj import InputError, Scenario, Status, Trace, colours, rerun_view, scene, simulate
-from uvms_mj.frames import quat_from_euler_deg
-from uvms_mj.rerun_view import process, viewer
-from uvms_mj.rerun_view.extents import MOST_STEPS, Extents, readable
-from uvms_mj.rerun_view.layout import layout
-from uvms_mj.rerun_view.process import environment, free_port, start, stop
-from uvms_mj.rerun_view.run import CONTACT, GREEN, ORANGE, POSE_HZ, SKY, Run, bounds
-from uvms_mj.rerun_view.solids import solids
+from uvms_mj.physics.frames import quat_from_euler_deg
+from uvms_mj.views.rerun import process, viewer
+from uvms_mj.views.rerun.extents import MOST_STEPS, Extents, readable
+from uvms_mj.views.rerun.layout import layout
+from uvms_mj.views.rerun.process import environment, free_port, start, stop
+from uvms_mj.views.rerun.run import CONTACT, GREEN, ORANGE, POSE_HZ, SKY, Run, bounds
+from uvms_mj.views.rerun.solids import solids
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 VULKAN = any(Path("/usr/share/vulkan/icd.d").glob("*.json"))
@@ -536,7 +536,7 @@ def test_only_this_machine_is_served(server):
 
 
 def test_a_taken_port_is_named(server, recording):
-    from uvms_mj.rerun_view.web import web_viewer
+    from uvms_mj.views.rerun.web import web_viewer
 
     with pytest.raises(InputError, match=f"port {server.port}"), web_viewer(recording, server.port):
         pass

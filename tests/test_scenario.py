@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from uvms_mj import Fosm, Gsta, InputError, Scenario
+from uvms_mj.files import parse_setting
 from uvms_mj.scenario import keys
-from uvms_mj.toml_text import parse_setting
 
 
 def write(tmp_path, text):

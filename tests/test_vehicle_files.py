@@ -13,11 +13,12 @@ import pytest
 
 from twin import TwinParameters
 from uvms_mj import InputError, McapLog, Scenario, mjcf_files, simulate
-from uvms_mj.mjcf import Mjcf
-from uvms_mj.mjcf_elements import ELEMENTS, MOST_ELEMENTS
-from uvms_mj.plant import Plant, build
-from uvms_mj.vehicle import Vehicle
-from uvms_mj.vehicle_files import check_elements
+from uvms_mj.analysis.setup import set_up
+from uvms_mj.plant.build import Plant
+from uvms_mj.plant.mjcf import Mjcf
+from uvms_mj.plant.mjcf_elements import ELEMENTS, MOST_ELEMENTS
+from uvms_mj.plant.vehicle import Vehicle
+from uvms_mj.plant.vehicle_files import check_elements
 from vehicles import vehicle_xml
 
 SHIPPED = (Path(__file__).parents[1] / "models" / "bluerov1.xml").read_text()
@@ -42,7 +43,7 @@ def mjcf(text: str, **others: bytes) -> Mjcf:
 
 
 def plant(text: str, overrides: dict | None = None, **others: bytes) -> Plant:
-    return build(Scenario.load("push_wall", overrides or {}), mjcf(text, **others))
+    return set_up(Scenario.load("push_wall", overrides or {}), mjcf(text, **others)).plant
 
 
 # Refused files

@@ -11,34 +11,34 @@ from importlib import import_module
 TYPE_CHECKING = False  # same as typing.TYPE_CHECKING, without the time to import typing
 if TYPE_CHECKING:
     from .control import Controller, Fosm, Gsta, Ideal, Impedance, Sta, gain
-    from .convergence import converge
-    from .faults import InputError
-    from .mcap_log import McapLog
-    from .native import Attachment, attach
-    from .recording import Status
+    from .engine.native import Attachment, attach
+    from .engine.run import LawError, SinkError, simulate
+    from .errors import InputError
+    from .records.header import Status
+    from .records.mcap import McapLog
+    from .records.trace import Trace
     from .scenario import Scenario
-    from .simulation import LawError, SinkError, simulate
-    from .trace import Trace
+    from .studies.convergence import converge
 
 _HOME = {
-    "Attachment": "native",
+    "Attachment": "engine.native",
     "Controller": "control",
     "Fosm": "control",
     "Gsta": "control",
     "Ideal": "control",
     "Impedance": "control",
-    "InputError": "faults",
-    "LawError": "simulation",
-    "McapLog": "mcap_log",
+    "InputError": "errors",
+    "LawError": "engine.run",
+    "McapLog": "records.mcap",
     "Scenario": "scenario",
-    "SinkError": "simulation",
+    "SinkError": "engine.run",
     "Sta": "control",
-    "Status": "recording",
-    "Trace": "trace",
-    "attach": "native",
-    "converge": "convergence",
+    "Status": "records.header",
+    "Trace": "records.trace",
+    "attach": "engine.native",
+    "converge": "studies.convergence",
     "gain": "control",
-    "simulate": "simulation",
+    "simulate": "engine.run",
 }
 
 __all__ = [

@@ -3,10 +3,11 @@
 The ranges are far wider than any vehicle needs. Within them, no product in the equations overflows.
 """
 
+import dataclasses
 from typing import Annotated, Any
 
 from annotated_types import Ge, Le
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field
 
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e12, le=1e12)]
 """A finite number."""
@@ -85,3 +86,13 @@ def _matrix(limit: float, unit: str) -> Any:
 
 Inertia = _matrix(1e9, "kg, kg m, kg m^2")
 Damping = _matrix(1e9, "N s/m, N s, N m s")
+
+
+STRICT = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+"""Configuration of the dataclasses that are tables of a scenario: an unknown key is an error."""
+Lowercase = BeforeValidator(lambda value: value.lower() if isinstance(value, str) else value)
+
+
+def doc(meaning: str, default: Any) -> Any:
+    """A field with its default and a one-line meaning, which ``uvms-mj keys`` prints."""
+    return dataclasses.field(default=default, metadata={"meaning": meaning})

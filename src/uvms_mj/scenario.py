@@ -8,29 +8,29 @@ import difflib
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import tomli_w
 from pydantic import TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from .control import Controller, Gsta
+from .control.design import Estimates, Impedance
 from .control.loader import controller_class, load_controller, table_of
-from .faults import Fault, InputError, faults_of, suggestion
-from .resources import names, resource
-from .sections import (
-    STRICT,
-    Current,
-    Disturbance,
-    Estimates,
-    Impedance,
-    Initial,
-    Reference,
-    Simulation,
-    VehicleChoice,
-    Wall,
-)
-from .toml_text import parsed_toml, shortened, text_of
+from .errors import Fault, InputError, faults_of, suggestion
+from .files import names, parsed_toml, resource, shortened, text_of
+from .guidance.steps import Reference
+from .plant.settings import Initial, VehicleChoice
+from .plant.wall import Wall
+from .plant.water import Current, Disturbance
+from .quantities import STRICT, Duration, Lowercase, Step, doc
+
+
+@dataclass(frozen=True, config=STRICT)
+class Stepping:
+    timestep: Step = doc("time step [s]", 1e-4)
+    duration: Duration = doc("simulated time [s]", 20.0)
+    integrator: Annotated[Literal["euler", "implicitfast"], Lowercase] = doc("MuJoCo's integrator", "euler")
 
 
 @dataclass(frozen=True, repr=False, config=STRICT)
@@ -44,7 +44,7 @@ class Scenario:
     name: str = "push_wall"
     description: str = ""
     vehicle: VehicleChoice = VehicleChoice()
-    simulation: Simulation = Simulation()
+    simulation: Stepping = Stepping()
     initial: Initial = Initial()
     current: Current = Current()
     disturbance: Disturbance = Disturbance()

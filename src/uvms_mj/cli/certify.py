@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..console import ROUNDING, Console, print_table
 from .common import (
     EXIT_UNSTABLE,
     Stop,
@@ -21,11 +20,12 @@ from .common import (
     scenario_argument,
     set_option,
 )
+from .console import ROUNDING, Console, print_table
 
 if TYPE_CHECKING:
     from ..control import Gsta, Sta
+    from ..records.trace import Trace
     from ..scenario import Scenario
-    from ..trace import Trace
 
 _AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 
@@ -53,8 +53,8 @@ def certify(
 ) -> None:
     """Print the rate of disturbance for which GSTA is certain to converge, and the rate in the scenario.
 
-    The bound on the rate comes from a Lyapunov function, given in uvms_mj.certificate, and depends only on the gains.
-    The rate in the scenario (default: the paper's) is measured in a run.
+    The bound on the rate comes from a Lyapunov function, given in uvms_mj.control.certificate, and depends only on the
+    gains. The rate in the scenario (default: the paper's) is measured in a run.
 
     \b
     uvms-mj certify
@@ -67,7 +67,7 @@ def certify(
     console = Console(as_json, quiet)
     try:
         with bad_input():
-            from ..recording import Status
+            from ..records.header import Status
 
             scenario, trace = _load(arguments, controller, settings, log)
             law = _super_twisting(scenario, log)
@@ -87,13 +87,13 @@ def _load(
     arguments: tuple[str, ...], controller: str | None, settings: tuple[str, ...], log: str | None
 ) -> "tuple[Scenario, Trace | None]":
     """The scenario, and the trace if a log is given."""
-    from ..faults import InputError
+    from ..errors import InputError
     from ..scenario import Scenario
 
     if log is not None:
         if arguments or settings or controller is not None:
             raise InputError("--from uses a log unchanged: omit the scenario, the law and the settings")
-        from ..trace import Trace
+        from ..records.trace import Trace
 
         trace = Trace.load(log)
         return trace.scenario, trace
@@ -105,7 +105,7 @@ def _super_twisting(scenario: "Scenario", log: str | None) -> "Gsta | Sta":
     from ..control import Gsta, Sta
     from ..control.loader import has_built_in_law
     from ..control.recorded import RecordedLaw
-    from ..faults import InputError
+    from ..errors import InputError
 
     law = scenario.controller
     if not (isinstance(law, Gsta | Sta) and has_built_in_law(law)):
@@ -119,7 +119,7 @@ def _super_twisting(scenario: "Scenario", log: str | None) -> "Gsta | Sta":
 def _run(scenario: "Scenario", console: Console, stop: Stop) -> "Trace":
     import warnings
 
-    from ..simulation import simulate
+    from ..engine.run import simulate
 
     with warnings.catch_warnings(), console.progress(scenario) as bar:
         warnings.showwarning = console.warn
@@ -134,8 +134,8 @@ def _run(scenario: "Scenario", console: Console, stop: Stop) -> "Trace":
 def _report_gains(law: "Gsta | Sta", rate: float, state: float, console: Console) -> None:
     from rich.table import Table
 
-    from ..certificate import MARGIN, gains_for, rate_bound
-    from ..faults import InputError
+    from ..control.certificate import MARGIN, gains_for, rate_bound
+    from ..errors import InputError
 
     if not _nominal(law):
         raise InputError("--rate: gains are available only for the law with nominal control; omit controller.nominal")
@@ -157,8 +157,8 @@ def _report_gains(law: "Gsta | Sta", rate: float, state: float, console: Console
 
 
 def _report(law: "Gsta | Sta", trace: "Trace", console: Console) -> None:
-    from ..certificate import Certificate
-    from ..disturbance import NotGiven, experienced
+    from ..analysis.disturbance import NotGiven, experienced
+    from ..control.certificate import Certificate
 
     certificate, found = Certificate.of(law), experienced(trace)
     report: dict[str, Any] = {
@@ -175,7 +175,7 @@ def _report(law: "Gsta | Sta", trace: "Trace", console: Console) -> None:
     else:
         import numpy as np
 
-        from ..signals import FINAL_WINDOW_S
+        from ..stages.signals import FINAL_WINDOW_S
 
         first = float(trace.first_contact[-1])
         free = found.largest_rate(end=first) if first >= 0.0 else found.largest_rate()
@@ -205,7 +205,7 @@ def _nominal(law: "Gsta | Sta") -> bool:
 
 
 def _verdict(law: "Gsta | Sta", bound: float, largest: Any, beyond: Any, saturated: float) -> str:
-    from ..certificate import MARGIN, gains_for
+    from ..control.certificate import MARGIN, gains_for
 
     if bound == 0.0:
         return "not certified: these gains are not certified for any disturbance"

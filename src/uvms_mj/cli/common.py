@@ -16,7 +16,7 @@ from typing import Any, NoReturn
 
 import click
 
-from ..console import printable
+from .console import printable
 
 EXIT_BAD_INPUT, EXIT_UNSTABLE = 2, 3
 
@@ -69,7 +69,7 @@ force_option = click.option("-f", "--force", is_flag=True, help="Replace FILE if
 
 def refuse_existing(option: str, path: Path, force: bool) -> None:
     """Raise InputError if the path exists and ``force`` is not set."""
-    from ..faults import InputError
+    from ..errors import InputError
 
     if os.path.lexists(path) and not force:
         raise InputError(f"{option} {path}: exists; choose another name, or replace it with --force")
@@ -81,8 +81,8 @@ def asked_for(arguments: Sequence[str], settings: Sequence[str]) -> tuple[str | 
     Raises:
         InputError: several scenarios are named, or a setting is not valid.
     """
-    from ..faults import InputError
-    from ..toml_text import parse_setting
+    from ..errors import InputError
+    from ..files import parse_setting
 
     names = [a for a in arguments if "=" not in a]
     if "" in names:
@@ -163,7 +163,7 @@ def folder_for(name: str) -> Path:
     Raises:
         InputError: the folder cannot be created or written to.
     """
-    from ..faults import InputError
+    from ..errors import InputError
 
     folder = Path(name)
     try:
@@ -184,7 +184,7 @@ def alone_in(folder: Path) -> Iterator[None]:
     """
     import fcntl
 
-    from ..faults import InputError
+    from ..errors import InputError
 
     place = os.open(folder, os.O_RDONLY)
     try:
@@ -249,7 +249,7 @@ def bad_input() -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        from ..faults import InputError
+        from ..errors import InputError
 
         if Stop.received is not None:
             raise KeyboardInterrupt from None

@@ -28,13 +28,14 @@ def compare(logs: tuple[str, ...], out: str, force: bool) -> None:
     """
     draw_to_files()
     with bad_input():
-        from ..faults import InputError
+        from ..errors import InputError
 
         if Path(out).suffix.lower() not in (".html", ".htm"):
             raise InputError(f"--out {out!r}: the name must end in .html")
         refuse_existing("--out", Path(out), force)
-        from .. import figures, report
-        from ..trace import Trace
+        from ..records.trace import Trace
+        from ..studies.paper import report
+        from ..views import figures
 
         loaded = [Trace.load(log) for log in logs]
         for log, trace in zip(logs, loaded, strict=True):

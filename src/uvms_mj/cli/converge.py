@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..console import Console, print_table
 from .common import (
     EXIT_BAD_INPUT,
     EXIT_UNSTABLE,
@@ -24,10 +23,11 @@ from .common import (
     scenario_argument,
     set_option,
 )
+from .console import Console, print_table
 from .run import from_log
 
 if TYPE_CHECKING:
-    from ..convergence import Convergence, Estimate
+    from ..studies.convergence import Convergence, Estimate
 
 
 @command(epilog="Exit status: 0 completed, 2 bad input, 3 a run was unstable, 130 interrupted (143 by SIGTERM).")
@@ -71,11 +71,11 @@ def converge(
     console = Console(as_json, quiet)
     try:
         with bad_input():
-            from ..convergence import DEFAULT, METRICS, NotCompletedError
-            from ..convergence import converge as runs_of
-            from ..faults import InputError
+            from ..engine.run import LawError
+            from ..errors import InputError
             from ..scenario import Scenario
-            from ..simulation import LawError
+            from ..studies.convergence import DEFAULT, METRICS, NotCompletedError
+            from ..studies.convergence import converge as runs_of
 
             if "list" in metrics:
                 click.echo("\n".join(METRICS))
@@ -138,7 +138,7 @@ def _table(found: "Convergence") -> None:
 
 def with_error(estimate: "Estimate") -> str:
     """A number to the second digit of its uncertainty, ``17.872 ± 0.013``; the number alone if that is rounding."""
-    from ..convergence import RESOLUTION, ROUNDING
+    from ..studies.convergence import RESOLUTION, ROUNDING
 
     value, uncertainty = estimate.value, estimate.uncertainty
     if value is None or uncertainty is None:

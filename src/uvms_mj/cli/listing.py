@@ -4,8 +4,8 @@ import dataclasses
 
 import click
 
-from ..console import print_table
 from .common import bad_input, command, toml_value
+from .console import print_table
 
 
 @command()
@@ -55,7 +55,7 @@ def signals() -> None:
     """List the signals that a law receives and the signals that a run records."""
     from rich.table import Table
 
-    from ..signals import GIVEN, RECORDED, thruster_signal
+    from ..stages.signals import GIVEN, RECORDED, thruster_signal
 
     recorded = (*RECORDED, thruster_signal(0))
     for title, listed in (

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..console import Console, log_tables, printable
 from .common import (
     bad_input,
     command,
@@ -19,9 +18,10 @@ from .common import (
     path_option,
     refuse_existing,
 )
+from .console import Console, log_tables, printable
 
 if TYPE_CHECKING:
-    from ..trace import Trace
+    from ..records.trace import Trace
 
 FORMATS = ("csv", "parquet", "npz", "mat")
 
@@ -38,10 +38,10 @@ def info(log: str, show: str | None, as_json: bool) -> None:
     uvms-mj info results/run.mcap --show scenario.toml
     """
     with bad_input():
-        from ..faults import InputError, suggestion
-        from ..mcap_log import read
-        from ..summary import summary
-        from ..trace import Trace
+        from ..analysis.summary import summary
+        from ..errors import InputError, suggestion
+        from ..records.mcap import read
+        from ..records.trace import Trace
 
         recording = read(log)
         header, files = recording.header, recording.files
@@ -77,9 +77,9 @@ def export(log: str, kind: str | None, out: str | None, force: bool) -> None:
     uvms-mj export results/run.mcap --out force.parquet
     """
     with bad_input():
-        from ..export import export as write
-        from ..faults import InputError
-        from ..trace import Trace
+        from ..errors import InputError
+        from ..records.export import export as write
+        from ..records.trace import Trace
 
         suffix = Path(out or "").suffix.lower().removeprefix(".")
         if kind is None and suffix not in FORMATS:
@@ -108,8 +108,8 @@ def replay(logs: tuple[str, ...], save: str | None, web: bool, force: bool) -> N
     uvms-mj replay results/run.mcap --save run.rrd
     """
     with bad_input():
-        from ..faults import InputError
-        from ..trace import Trace
+        from ..errors import InputError
+        from ..records.trace import Trace
 
         if save is not None and web:
             raise InputError("--save and --web exclude each other; choose one")
@@ -120,7 +120,7 @@ def replay(logs: tuple[str, ...], save: str | None, web: bool, force: bool) -> N
         for log, label, trace in zip(logs, labels(logs, loaded), loaded, strict=True):
             say_if_truncated(log, trace)
             traces[label] = trace
-        from .. import rerun_view
+        from ..views import rerun as rerun_view
 
         try:
             if save is not None:
@@ -147,7 +147,7 @@ def labels(logs: "tuple[str, ...]", traces: "list[Trace]") -> list[str]:
 
 def say_if_truncated(log: str, trace: "Trace") -> None:
     """Warn if a log is truncated."""
-    from ..recording import Status
+    from ..records.header import Status
 
     if trace.status is Status.truncated:
         click.echo(printable(f"warning: {log}: {trace.message}"), err=True)

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..console import print_table
 from .common import (
     Stop,
     alone_in,
@@ -29,9 +28,10 @@ from .common import (
     scenario_argument,
     set_option,
 )
+from .console import print_table
 
 if TYPE_CHECKING:
-    from ..claims import Row, Runs
+    from ..studies.paper.claims import Row, Runs
 
 EXIT_CLAIM_FAILS = 1
 _DERIVED = ("claims.csv", "claims.json", "report.html")
@@ -65,9 +65,9 @@ def paper(
     running = True
     try:
         with bad_input(), contextlib.ExitStack() as held:
-            from .. import study
-            from ..faults import InputError
+            from ..errors import InputError
             from ..scenario import Scenario
+            from ..studies.paper import runs as study
 
             if source is not None:
                 if arguments or settings:
@@ -111,7 +111,7 @@ def paper(
 def _gains(overrides: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """Remove the gains of single laws, such as ``fosm.K_s``, from the settings and return them by law."""
     from ..control import BUILT_IN
-    from ..faults import Fault, InputError, suggestion
+    from ..errors import Fault, InputError, suggestion
 
     gains: dict[str, dict[str, Any]] = {law: {} for law in ("fosm", "gsta")}
     for key in list(overrides):
@@ -128,7 +128,8 @@ def _gains(overrides: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 def _write(folder: Path, runs: "Runs", progress: Callable[[int, int], None]) -> "list[Row]":
     """Write figures, claims and the page, from the logs only."""
-    from .. import claims, figures, report
+    from ..studies.paper import claims, report
+    from ..views import figures
 
     rows = claims.judge(runs)
     drawn = figures.paper(runs.traces, runs.fine)
@@ -158,7 +159,7 @@ def _move_aside(folder: Path) -> None:
 def _table(rows: "list[Row]") -> None:
     from rich.table import Table
 
-    from ..claims import number
+    from ..studies.paper.claims import number
 
     colours = {"holds": "green", "explained": "yellow", "fails": "bold red"}
     table = Table(title="claims of the paper", title_justify="left", show_lines=True)

@@ -7,7 +7,7 @@ import click
 from .common import bad_input, command, draw_to_files, force_option, path_option, refuse_existing
 
 WHATS = ("position", "force", "sliding", "tau", "integral", "summary")
-"""The choices of :mod:`uvms_mj.figures`, repeated here because its import is too slow for ``--help``."""
+"""The choices of :mod:`uvms_mj.views.figures`, repeated here because its import is too slow for ``--help``."""
 FORMATS = ("png", "svg", "pdf")
 
 
@@ -26,9 +26,9 @@ def plot(logs: tuple[str, ...], what: str, out: str | None, force: bool) -> None
     """
     draw_to_files()
     with bad_input():
-        from .. import figures
-        from ..faults import InputError
-        from ..trace import Trace
+        from ..errors import InputError
+        from ..records.trace import Trace
+        from ..views import figures
         from .logs import labels, say_if_truncated
 
         path = Path(out) if out is not None else Path(logs[0]).parent / f"{what}.png"

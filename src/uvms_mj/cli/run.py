@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..console import Console
 from .common import (
     EXIT_BAD_INPUT,
     EXIT_UNSTABLE,
@@ -28,10 +27,11 @@ from .common import (
     scenario_argument,
     set_option,
 )
+from .console import Console
 
 if TYPE_CHECKING:
-    from ..mjcf import Mjcf
-    from ..recording import Header, Sink
+    from ..plant.mjcf import Mjcf
+    from ..records.header import Header, Sink
     from ..scenario import Scenario
 
 
@@ -76,7 +76,7 @@ def run(
     files: dict[str, Path] = {}
     try:
         with bad_input(), console.alone():
-            from ..faults import InputError
+            from ..errors import InputError
             from ..scenario import Scenario
 
             name, overrides = asked_for(arguments, settings)
@@ -105,9 +105,9 @@ def from_log(
 ) -> "tuple[Scenario, Mjcf | None, str | None]":
     """Scenario, vehicle and log rate of a log. Warns if a repetition may differ from the original."""
     from ..control.recorded import RecordedLaw
-    from ..faults import InputError
-    from ..mcap_log import read_files
-    from ..recording import LawSource, versions
+    from ..errors import InputError
+    from ..records.header import LawSource, versions
+    from ..records.mcap import read_files
     from ..scenario import Scenario
 
     header, _ = read_files(log)
@@ -152,15 +152,15 @@ def _simulate(
     """Run, write and report; return the exit status. The files that the run opens are added to ``files``."""
     import warnings
 
-    from ..faults import InputError
-    from ..mcap_log import McapLog
-    from ..recording import Status
-    from ..simulation import LawError, SinkError, simulate
-    from ..summary import AROUND_THE_END_S, summary
+    from ..analysis.summary import AROUND_THE_END_S, summary
+    from ..engine.run import LawError, SinkError, simulate
+    from ..errors import InputError
+    from ..records.header import Status
+    from ..records.mcap import McapLog
 
     sinks: list[Sink] = [_Folder(folder, files), McapLog(folder / _LOG)]
     if viewer:
-        from ..rerun_view import LiveView
+        from ..views.rerun import LiveView
 
         sinks.insert(0, LiveView())  # first: without a display it fails before anything is written
     error = None

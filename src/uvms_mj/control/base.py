@@ -14,9 +14,9 @@ A controller is a frozen dataclass of gains that derives from :class:`Controller
                 state_dot.xi[i] = signals.eta_e[i]
                 tau_cmd[i] = signals.tau_nom[i] - gains.k_i * state.xi[i]
 
-``signals`` has the fields of :data:`uvms_mj.signals.GIVEN`. At a control instant tau_cmd is computed from the current
-states; then the states advance by explicit Euler over the control period with ``state_dot``, and tau_cmd is held
-until the next instant. The function is compiled; if numba cannot compile it, it runs as plain Python.
+``signals`` has the fields of :data:`uvms_mj.stages.signals.GIVEN`. At a control instant tau_cmd is computed from the
+current states; then the states advance by explicit Euler over the control period with ``state_dot``, and tau_cmd is
+held until the next instant. The function is compiled; if numba cannot compile it, it runs as plain Python.
 """
 
 from __future__ import annotations  # so that help(Controller) shows short type names
@@ -38,7 +38,7 @@ from pydantic import (
 )
 from typing_extensions import TypedDict
 
-from ..faults import Fault, InputError, faults_of
+from ..errors import Fault, InputError, faults_of
 from ..quantities import NonNegative, Positive, Real, Step, Vector6
 
 
@@ -95,7 +95,7 @@ class Controller:
     units: ClassVar[Mapping[str, str]] = {}
     """Units of the states, for logs and plots. A state with two units has the linear one first."""
     uses_truth: ClassVar[bool] = False
-    """Whether signals also has :data:`uvms_mj.signals.TRUTH`. Only the yardstick, Ideal, may set this."""
+    """Whether signals also has :data:`uvms_mj.stages.signals.TRUTH`. Only the yardstick, Ideal, may set this."""
 
     def __post_init__(self) -> None:
         given = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}

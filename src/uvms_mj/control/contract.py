@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ..faults import Fault, InputError, suggestion
-from ..signals import GIVEN, TRUTH
+from ..errors import Fault, InputError, suggestion
+from ..stages.signals import GIVEN, TRUTH
 from .base import Controller
 
 _MOST_STATES = 10_000

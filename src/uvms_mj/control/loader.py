@@ -11,7 +11,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from ..faults import Fault, InputError, suggestion
+from ..errors import Fault, InputError, suggestion
 from .base import Controller
 from .contract import check_contract
 from .fosm import Fosm

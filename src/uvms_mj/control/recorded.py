@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..faults import InputError
-from ..signals import OWN_UNIT
+from ..errors import InputError
+from ..stages.signals import OWN_UNIT
 from .base import Controller, gain
 
 

@@ -20,9 +20,9 @@ where :math:`A' = F_2 A F_2^{-1} = A` for diagonal matrices. The nominal control
 
 import numpy as np
 
-from ..fossen import matvec
-from ..frames import quat_error, to_body
-from ..kernels import kernel
+from ..physics.fossen import matvec
+from ..physics.frames import quat_error, to_body
+from ..physics.kernels import kernel
 
 TASK = np.dtype(
     [

@@ -1,0 +1,55 @@
+"""A scenario with its plant and design: the basis of a run, and of everything that is computed about it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..control.design import Design
+from ..plant.build import Plant, build
+from ..plant.mjcf import Mjcf
+from ..plant.vehicle import Vehicle
+from ..scenario import Scenario
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """A scenario, the compiled plant, and the design matrices of both."""
+
+    scenario: Scenario
+    plant: Plant
+    design: Design
+
+    @property
+    def vehicle(self) -> Vehicle:
+        return self.plant.vehicle
+
+    @property
+    def reach(self) -> float:
+        """Distance of the contact point from B's origin [m]."""
+        return self.plant.geometry.reach
+
+    @property
+    def gravity_W(self) -> np.ndarray:
+        """(3,) acceleration of gravity [m/s^2]."""
+        return self.plant.model.opt.gravity
+
+
+def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
+    """Build the plant of a scenario and compute its design.
+
+    Args:
+        scenario: the scenario.
+        mjcf: the vehicle's model; by default the one that ``scenario.vehicle.model`` names.
+
+    Raises:
+        InputError: the vehicle's file can't be used or is not physical, or the desired impedance is not.
+    """
+    mjcf = mjcf if mjcf is not None else Mjcf.find(scenario.vehicle.model)
+    design = design_of(scenario, mjcf.vehicle)
+    plant = build(mjcf, scenario.wall, scenario.simulation.timestep, scenario.simulation.integrator)
+    return Setup(scenario, plant, design)
+
+
+def design_of(scenario: Scenario, vehicle: Vehicle) -> Design:
+    """The design matrices of a scenario and its vehicle. Raises InputError if the desired impedance is not physical."""
+    return Design.of(scenario.impedance, scenario.estimates, vehicle.M, scenario.reference.attitude_deg)

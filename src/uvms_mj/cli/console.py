@@ -1,0 +1,182 @@
+"""Terminal output: progress and warnings on standard error, results on standard output."""
+
+import contextlib
+import json
+import math
+import sys
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import click
+
+ROUNDING = 1e-9
+"""Numbers smaller than this, relative or in SI units, come from rounding and are shown as zero."""
+
+
+def printable(text: str) -> str:
+    """Text with control characters escaped: names of files, or in a log, must not control the terminal."""
+    return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
+
+
+class Console:
+    """Prints progress and warnings to standard error and the result to standard output."""
+
+    def __init__(self, as_json: bool, quiet: bool) -> None:
+        self.as_json, self.quiet = as_json, quiet
+        self._out = sys.stdout
+
+    def alone(self) -> contextlib.AbstractContextManager[Any]:
+        """A context in which a law's own prints go to standard error if standard output is reserved for JSON."""
+        return contextlib.redirect_stdout(sys.stderr) if self.as_json else contextlib.nullcontext()
+
+    def warn(self, message: Any, category: Any, *_: Any, **__: Any) -> None:
+        click.echo(f"warning: {printable(str(message))}", err=True)
+
+    def progress(self, scenario: Any) -> Any:
+        """A context manager that returns a function of the steps done and their total.
+
+        The function draws a progress bar if standard error is a terminal.
+        """
+        if self.quiet or not sys.stderr.isatty():
+            return contextlib.nullcontext(lambda done, total: None)
+        return _bar(scenario)
+
+    def report(self, trace: Any, report: dict[str, Any]) -> None:
+        if self.as_json:
+            click.echo(json.dumps(report, allow_nan=False), file=self._out)
+        elif not self.quiet:
+            _run_table(trace, report)
+
+
+def _bar(scenario: Any) -> Any:
+    import rich.console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    @contextlib.contextmanager
+    def bar() -> Any:
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.fields[simulated]:.1f} s simulated"),
+            TimeRemainingColumn(),
+        )
+        with Progress(*columns, console=rich.console.Console(stderr=True), transient=True) as progress:
+            label = f"{scenario.name} · {scenario.controller.label()}"
+            task = progress.add_task(f"{label} · compiling", total=None, simulated=0.0)
+
+            def advance(done: int, total: int) -> None:
+                simulated = done * scenario.simulation.timestep
+                progress.update(task, description=label, completed=done, total=total, simulated=simulated)
+
+            yield advance
+
+    return bar()
+
+
+def log_tables(path: Any, trace: Any, files: Mapping[str, bytes]) -> None:
+    """Print the contents of a log: its rows, attachments, law, versions and topics."""
+    from rich.table import Table
+
+    from ..records.mcap.layout import Format
+
+    header = trace.header
+    table = Table(title="contents of the log", show_header=False, title_justify="left", min_width=60)
+    table.add_row("file", f"{printable(str(path))}, {path.stat().st_size / 1e6:.1f} MB")
+    rate = 1.0 / (header.row_steps * header.scenario.simulation.timestep)
+    table.add_row("rows", f"{len(trace)} at {rate:g} Hz, {trace.t[0]:g} to {trace.t[-1]:g} s" if len(trace) else "0")
+    digest = f", sha256 {header.law.sha256}" if header.law.sha256 else ""
+    table.add_row("law", printable(f"{header.law.source}{digest}"))
+    table.add_row("vehicle", printable(header.mjcf.name))
+    attachments = "\n".join(f"{printable(name)}, {len(data) / 1e3:.1f} kB" for name, data in files.items())
+    table.add_row("attachments", attachments)
+    versions = ", ".join(f"{name} {version}" for name, version in header.versions.items())
+    table.add_row("versions", printable(versions))
+    print_table(table)
+    table = Table(title="topics", title_justify="left", min_width=60)
+    for column in ("topic", "type", "frame", "unit", "meaning"):
+        table.add_column(column, no_wrap=column in ("topic", "type"))
+    for topic in Format(header).topics:
+        table.add_row(topic.name, topic.type, topic.frame, topic.unit, topic.meaning)
+    print_table(table)
+
+
+def print_table(table: Any) -> None:
+    """Print a table as wide as the terminal, or 120 columns without one. Brackets are units, not markup."""
+    import rich.console
+
+    rich.console.Console(width=None if sys.stdout.isatty() else 120, markup=False, highlight=False).print(table)
+
+
+def _run_table(trace: Any, report: dict[str, Any]) -> None:
+    """Print a run in a few lines.
+
+    Peaks and instants depend on the time step and get at most four digits. A force at rest does not depend on it and
+    gets the digits that did not change in the final window, at most seven.
+    """
+    from rich.table import Table
+
+    table = Table(
+        title=printable(f"{report['scenario']} · {report['controller']} · {report['status']}"),
+        show_header=False,
+        title_justify="left",
+        min_width=60,
+    )
+    for name, value in (*_contact_rows(trace, report), *_motion_rows(trace, report), *_run_rows(trace, report)):
+        table.add_row(name, value)
+    table.add_row("error bars", "uvms-mj converge, with the same scenario and settings", style="dim")
+    print_table(table)
+
+
+def _contact_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    from ..control.ideal import TOLD_THE_TRUTH
+
+    contact = report["contact"]
+    if trace.scenario.controller.uses_truth:
+        yield "the law is given", TOLD_THE_TRUTH
+    if contact["first_s"] is None:
+        yield "contact", "none"
+    else:
+        touches = f"{contact['touches']} touch{'es' if contact['touches'] > 1 else ''}"
+        yield "first contact", f"{contact['first_s']:.4g} s ({touches})"
+        yield "peak force", f"{contact['peak_N']:.4g} N"
+        if contact["settled"]:
+            still = (trace.final_high[-1] - trace.final_low[-1]) / (contact["final_N"] or 1.0)
+            digits = 1 + math.floor(-math.log10(max(still, 1e-6)))
+            yield "final force", f"{contact['final_N']:.{max(4, digits)}g} N (settled)"
+        elif contact["final_N"] is not None:
+            yield "final force", f"{contact['final_N']:.4g} N (not settled)"
+    if contact["analytic_N"] is not None:
+        yield "analytic force", f"{contact['analytic_N']:.7g} N"
+    elif report["analytic"]["none_because"]:
+        yield "analytic force", f"none: {report['analytic']['none_because']}"
+    error = contact["relative_error"]
+    if error is not None:
+        yield "relative error", f"{error:.1e}" if abs(error) >= ROUNDING else "below 1e-9"
+
+
+def _motion_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    final, analytic_m = report["final"], report["analytic"]["position_m"]
+    if len(trace):
+        yield "final position", f"{_vector(final['position_m'], 5)} m"
+    if analytic_m:
+        yield "analytic position", f"{_vector(analytic_m, 5)} m"
+    if len(trace):
+        yield "final sliding variable", " ".join(f"{value: .1e}" for value in final["s"])
+        yield "largest tau", f"{'  '.join(f'{value:#.3g}' for value in trace.tau_max[-1])} N, N m"
+
+
+def _run_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    if report["saturated_s"]:
+        share = report["saturated_s"] / max(report["duration_s"], 1e-300)
+        yield "thrusters at their limits", f"{report['saturated_s']:.4g} s, {share:.2%} of the time"
+    factor = report["real_time_factor"]
+    if factor:
+        step_us = trace.wall_time_s / max(1, trace.steps) * 1e6
+        wall_time = f"{report['duration_s']:g} s in {trace.wall_time_s:.2f} s, {step_us:.2f} us a step"
+        yield "real-time factor", f"{factor:.1f} ({wall_time})"
+    yield "files", printable("\n".join(report["files"].values()))
+
+
+def _vector(values: Any, decimals: int) -> str:
+    """Numbers of equal width, so that the columns of two lines are aligned; zero has no sign."""
+    return " ".join(f"{round(float(value), decimals) + 0.0: .{decimals}f}" for value in values)

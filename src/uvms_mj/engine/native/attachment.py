@@ -1,0 +1,260 @@
+"""Attaching the hydrodynamics of a vehicle to a MjModel/MjData pair, and detaching them."""
+
+import ctypes
+import threading
+import warnings
+import weakref
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ...errors import Fault, InputError
+from ...physics.dissipation import damping_notes
+from ...physics.hydrodynamics import WATER, factor
+from ...plant.vehicle import Vehicle, free_body_id
+from .callback import entry_points
+from .layouts import CONTEXT
+from .memory import CAPACITY, registry
+from .soundness import refuse_unsound
+
+_lock = threading.RLock()
+_attached: dict[int, "Attachment"] = {}
+"""Attachments by row of the registry. They keep the contexts in memory while the callback can reach them."""
+
+
+class WaterLost(RuntimeError):
+    """mjcb_control was replaced, so that MuJoCo no longer computes the hydrodynamics."""
+
+
+_LOST = (
+    "mjcb_control was replaced while a vehicle was attached: its hydrodynamics are no longer applied. Do not set "
+    "mjcb_control between attach and detach"
+)
+
+
+class Attachment:
+    """A vehicle with hydrodynamics, from :func:`attach` until :meth:`detach`. It is also a context manager.
+
+    ``current_W`` can be set at any time and takes effect at the next step.
+    """
+
+    __slots__ = ("__weakref__", "_address", "_finalizer", "_row", "body_id", "context", "vehicle")
+
+    def __init__(self, vehicle: Vehicle, context: np.ndarray, data: mujoco.MjData, body_id: int) -> None:
+        self.vehicle = vehicle
+        self.context = context
+        self._address = data._address
+        self.body_id = body_id
+        self._row = _register(self)
+        # another mjData at the same address must not find this context
+        self._finalizer = weakref.finalize(data, _unregister, self._row)
+
+    @property
+    def wrench(self) -> np.ndarray:
+        """Hydrodynamic wrench (6,) on the vehicle at B's origin in B [N, N m] at the last evaluation.
+
+        It does not contain the added inertia, which is in mjData.M.
+
+        Raises:
+            WaterLost: mjcb_control was replaced.
+        """
+        if self._finalizer.alive and not _installed():
+            raise WaterLost(_LOST)
+        return self.context["wrench"][0].copy()
+
+    @property
+    def current_W(self) -> np.ndarray:
+        """(3,) velocity of the current in W [m/s], as a copy. To change it, assign the whole vector."""
+        current = self.context["water"]["v_c_W"][0].copy()
+        current.setflags(write=False)
+        return current
+
+    @current_W.setter
+    def current_W(self, value: Sequence[float]) -> None:
+        """Set the current. Raises InputError unless the value is three finite numbers."""
+        self.context["water"]["v_c_W"] = _finite_numbers({"current_W": value}, {"current_W": 3})["current_W"]
+
+    def detach(self) -> None:
+        """Remove the hydrodynamics, from the next forward evaluation on. Calling it again has no effect.
+
+        Warns (RuntimeWarning) if mjcb_control was replaced in the meantime.
+        """
+        if self._finalizer.alive and not _installed():
+            warnings.warn(_LOST, RuntimeWarning, stacklevel=2)
+        self._finalizer()
+
+    def __enter__(self) -> "Attachment":
+        return self
+
+    def __exit__(self, kind: object, *exception: object) -> None:
+        if kind is None:
+            self.detach()
+        else:  # the exception is more important than a warning
+            self._finalizer()
+
+
+def attach(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    body: str | None = None,
+    *,
+    current_W: Sequence[float] = (0.0, 0.0, 0.0),
+    bias: Sequence[float] = (0.0,) * 6,
+    amplitude: Sequence[float] = (0.0,) * 6,
+    frequency_hz: Sequence[float] = (0.0,) * 6,
+) -> Attachment:
+    """Add hydrodynamics to a vehicle in any model: added mass, Coriolis, damping, buoyancy, current and disturbance.
+
+    They act in every ``mj_step`` and ``mj_forward`` of this ``data``, in MuJoCo's viewer, in dm_control, in
+    ``mujoco.rollout`` or in your own loop, at native speed and from any thread. They do not act on copies of ``data``:
+    attach each copy. The wrench is in ``qfrc_passive``, which MuJoCo computes anew in each evaluation.
+    ``xfrc_applied`` is free for your own forces. Restoring a saved state does not apply the hydrodynamics twice. After
+    ``mj_copyData`` into attached data, call ``mj_forward`` before any ``mj_forwardSkip``: the copied inertia and forces
+    may have the hydrodynamics in them. Gravity for buoyancy is read here, and once.
+
+    In three cases MuJoCo does not call mjcb_control. ``mj_inverse`` and MuJoCo's energy are those of a vehicle without
+    hydrodynamics. dm_control resets with actuation disabled: after ``physics.reset()``, call ``mj_forward`` before the
+    first step. Your own ``mujoco.set_mjcb_control`` replaces the hydrodynamics: ``wrench`` then raises
+    :class:`WaterLost`, and ``detach`` warns.
+
+    Args:
+        model: a compiled model that contains the vehicle's coefficients (:mod:`uvms_mj.plant.vehicle`).
+        data: its data.
+        body: the vehicle's body, which has a free joint; by default the only body with one.
+        current_W: (3,) velocity of the current in W [m/s], constant and irrotational.
+        bias, amplitude, frequency_hz: (6,) disturbance wrench bias + amplitude sin(2 pi f t) in B [N, N m, Hz], eq.
+            (10).
+
+    Returns:
+        The attachment. Its ``detach()`` removes the hydrodynamics.
+
+    Raises:
+        InputError: a setting of the model would use a stale or doubled inertia or skip the hydrodynamics;
+            coefficients are not physical; the body is already attached, or too many are; another mjcb_control is
+            installed.
+        RuntimeError: the layout of mjData in this version of MuJoCo is unknown.
+
+    Warns:
+        UserWarning: the vehicle's damping can feed energy in.
+    """
+    vehicle = Vehicle.from_model(model, body)
+    for note in damping_notes(vehicle.body, vehicle.D_linear, vehicle.D_quadratic):
+        warnings.warn(note, stacklevel=2)
+    return immerse(model, data, vehicle, current_W=current_W, bias=bias, amplitude=amplitude, frequency_hz=frequency_hz)
+
+
+def immerse(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    vehicle: Vehicle,
+    *,
+    current_W: Sequence[float],
+    bias: Sequence[float],
+    amplitude: Sequence[float],
+    frequency_hz: Sequence[float],
+) -> Attachment:
+    """:func:`attach` for a vehicle of the model that was read and checked already."""
+    body_id = free_body_id(model, vehicle.body)
+    refuse_unsound(model, body_id)
+    context = np.zeros(1, CONTEXT)
+    _fill(context[0], model, data, body_id)
+    water = context["water"]
+    water["M_A"], water["D_linear"], water["D_quadratic"] = vehicle.M_A, vehicle.D_linear, vehicle.D_quadratic
+    water["buoyancy_W"] = -vehicle.displaced_mass * model.opt.gravity
+    water["r_b"] = vehicle.r_b
+    given = {"current_W": current_W, "bias": bias, "amplitude": amplitude, "frequency_hz": frequency_hz}
+    numbers = _finite_numbers(given, {name: WATER[field].shape[0] for name, field in _WATER_FIELDS.items()})
+    for name, field in _WATER_FIELDS.items():
+        water[field] = numbers[name]
+    return Attachment(vehicle, context, data, body_id)
+
+
+_WATER_FIELDS = {"current_W": "v_c_W", "bias": "bias", "amplitude": "amplitude", "frequency_hz": "frequency"}
+
+
+def _finite_numbers(given: Mapping[str, Any], sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
+    """Vectors of finite numbers by name. An InputError lists all values that are not such a vector."""
+    numbers, faults = {}, []
+    for name, value in given.items():
+        try:
+            numbers[name] = np.asarray(value, dtype=float)
+        except (TypeError, ValueError):
+            numbers[name] = np.array(np.nan)
+        if numbers[name].shape != (sizes[name],) or not np.isfinite(numbers[name]).all():
+            faults.append(Fault(name, f"{value!r}: must be {sizes[name]} finite numbers"))
+    if faults:
+        raise InputError(faults, "attach")
+    return numbers
+
+
+def _register(attachment: Attachment) -> int:
+    """Enter an attachment in the registry, and install the callback if it is the first."""
+    with _lock:
+        for other in _attached.values():
+            if (other._address, other.body_id) == (attachment._address, attachment.body_id):
+                raise InputError(f"body {attachment.vehicle.body!r}: is already attached; detach it first")
+        row = next((i for i in range(1, CAPACITY) if i not in _attached), None)
+        if row is None:
+            raise InputError(f"{CAPACITY - 1} vehicles are attached; one process can't have more")
+        if mujoco.get_mjcb_control() is None:
+            mujoco.set_mjcb_control(entry_points().control.ctypes)
+        elif not _installed():
+            raise InputError("another mjcb_control is installed; mujoco.set_mjcb_control(None) removes it")
+        _attached[row] = attachment
+        registry[row, 1] = attachment.context.ctypes.data
+        registry[row, 0] = attachment._address
+        registry[0, 0] = max(registry[0, 0], row)
+        return row
+
+
+def _unregister(row: int) -> None:
+    with _lock:
+        registry[row, 0] = 0
+        del _attached[row]
+        if not _attached and _installed():
+            mujoco.set_mjcb_control(None)
+
+
+def _installed() -> bool:
+    """Whether mjcb_control is the callback of this package."""
+    return mujoco.get_mjcb_control() is entry_points().control.ctypes
+
+
+def _fill(context: np.void, model: mujoco.MjModel, data: mujoco.MjData, body_id: int) -> None:
+    """Set the addresses that the callback works on. They stay valid for the lifetime of mjData."""
+    joint = model.body_jntadr[body_id]
+    qpos, dof = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
+    time_at = data.energy.ctypes.data - 8  # mjData.time precedes mjData.energy
+    before, data.time = data.time, 0.123456789
+    found = ctypes.c_double.from_address(time_at).value
+    data.time = before
+    if found != 0.123456789:
+        raise RuntimeError(f"uvms-mj does not support the layout of mjData in MuJoCo {mujoco.__version__}")
+    context["time_at"] = time_at
+    context["R_at"] = data.xmat[body_id].ctypes.data
+    context["qpos_at"] = data.qpos[qpos:].ctypes.data
+    context["qvel_at"] = data.qvel[dof:].ctypes.data
+    context["M_at"] = data.M[model.M_rowadr[dof] :].ctypes.data
+    if _factors_alone(model, data, body_id):
+        context["qLD_at"] = data.qLD[model.M_rowadr[dof] :].ctypes.data
+        context["qLDiagInv_at"] = data.qLDiagInv[dof:].ctypes.data
+    context["passive_at"] = data.qfrc_passive[dof:].ctypes.data
+
+
+def _factors_alone(model: mujoco.MjModel, data: mujoco.MjData, body_id: int) -> bool:
+    """Whether the vehicle's block of mjData.M can be factored separately, at a third of the cost of mj_factorM.
+
+    This requires a vehicle without moving parts. The layout of MuJoCo's factor is verified on the model.
+    """
+    if model.body_dofnum[model.body_rootid == body_id].sum() != 6 or data.qLD.shape != data.M.shape:
+        return False
+    scratch, dof = mujoco.MjData(model), model.body_dofadr[body_id]
+    mujoco.mj_forward(model, scratch)
+    block = slice(model.M_rowadr[dof], model.M_rowadr[dof] + 21)
+    scratch.M[block] += np.linspace(0.01, 0.02, 21) * scratch.M[block].max()
+    mujoco.mj_factorM(model, scratch)
+    L, D_inverse = np.zeros(21), np.zeros(6)
+    factor(scratch.M[block], L, D_inverse)
+    return bool(np.allclose(L, scratch.qLD[block]) and np.allclose(D_inverse, scratch.qLDiagInv[dof : dof + 6]))

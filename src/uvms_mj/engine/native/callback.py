@@ -1,0 +1,129 @@
+"""MuJoCo's ``mjcb_control`` in machine code: hydrodynamics and, with a controller, the closed loop.
+
+MuJoCo calls it in every forward evaluation of every model of the process, after it has built and factored the
+joint-space inertia and before it uses it. The callback returns immediately if the mjData is not attached.
+"""
+
+import functools
+from typing import NamedTuple
+
+from ...physics.contact import wrench_at_origin
+from ...physics.frames import body_velocity, to_world
+from ...physics.hydrodynamics import added_inertia, factor, water_wrench
+from ...physics.kernels import kernel
+from .compilation import NativeFunction, native_function
+from .loop import begin_step, finish_step, hold, sense
+from .memory import context_at, floats, loop_at, mj_factorM, registered, triples
+
+
+@kernel
+def add_inertia(context, R_WB, model, data):
+    """Add T^T M_A T to mjData.M and factor it, unless M already contains it.
+
+    mj_forwardSkip and mjd_transitionFD evaluate again without rebuilding M. M is then bit for bit as the callback left
+    it.
+    """
+    M = floats(context.M_at, 21)
+    left = context.M_left
+    same = True
+    for i in range(21):
+        if M[i] != left[i]:
+            same = False
+    if same:
+        return
+    added_inertia(context.water.M_A, R_WB, context.added)
+    for i in range(21):
+        M[i] += context.added[i]
+        left[i] = M[i]
+    if context.qLD_at != 0:
+        factor(M, floats(context.qLD_at, 21), floats(context.qLDiagInv_at, 6))
+    else:
+        mj_factorM(model, data)
+
+
+@kernel
+def apply_wrench(context, R_WB, contact):
+    """Add the hydrodynamic wrench and the contact's friction to the free joint's entries of mjData.qfrc_passive.
+
+    MuJoCo has just reset these entries. If mj_forwardSkip skipped that stage, they still have the values that the
+    callback left.
+    """
+    passive, before, left = floats(context.passive_at, 6), context.passive_before, context.passive_left
+    same = True
+    for i in range(6):
+        if passive[i] != left[i]:
+            same = False
+    if not same:
+        for i in range(6):
+            before[i] = passive[i]
+    to_world(R_WB, context.wrench, left)  # a free joint's force is in W, its moment in B
+    for i in range(3):
+        left[i] += before[i]
+        left[i + 3] = before[i + 3] + context.wrench[i + 3]
+    if contact.touching != 0 and contact.friction > 0.0:
+        wrench_at_origin(R_WB, contact.arm_W, contact.f_tangential_W, contact.work, context.work)
+        for i in range(3):
+            left[i] += contact.f_tangential_W[i]
+            left[i + 3] += context.work[i + 3]
+    for i in range(6):
+        passive[i] = left[i]
+
+
+@kernel
+def evaluate(context, model, data):
+    """Apply the hydrodynamics of one attached vehicle in one forward evaluation, and run its loop if it has one."""
+    context.calls += 1
+    R_WB = triples(context.R_at, 3)
+    add_inertia(context, R_WB, model, data)
+    t = floats(context.time_at, 1)[0]
+    contact = context.no_contact
+    if context.loop_at != 0:
+        loop = loop_at(context.loop_at)
+        if not begin_step(context, loop):
+            hold(context, loop)
+            return
+        t = loop.t
+        contact = loop.contact
+    body_velocity(R_WB, floats(context.qvel_at, 6), context.nu)
+    water_wrench(context.water, t, R_WB, context.nu, context.nu_r, context.work, context.wrench)
+    apply_wrench(context, R_WB, contact)
+
+
+def _callback(model, data):
+    table = registered()
+    for i in range(1, table[0, 0] + 1):
+        if table[i, 0] == data:
+            evaluate(context_at(table[i, 1]), model, data)
+
+
+def _sense(address):
+    context = context_at(address)
+    loop = loop_at(context.loop_at)
+    finish_step(context, loop)
+    if loop.step % loop.period_steps == 0:
+        sense(context, loop)
+        return 1
+    return 0
+
+
+def _finish(address):
+    context = context_at(address)
+    finish_step(context, loop_at(context.loop_at))
+
+
+class EntryPoints(NamedTuple):
+    """Machine code called by MuJoCo, or by Python between chunks."""
+
+    control: NativeFunction
+    sense: NativeFunction
+    finish: NativeFunction
+
+
+@functools.cache
+def entry_points() -> EntryPoints:
+    """The entry points, loaded or compiled at first use."""
+    return EntryPoints(
+        native_function(_callback, 2, False),
+        native_function(_sense, 1, True),
+        native_function(_finish, 1, False),
+    )

@@ -1,0 +1,119 @@
+"""Files: those that the package ships, TOML read in bounded time, and atomic writing."""
+
+import contextlib
+import os
+import re
+import tempfile
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from .errors import InputError
+
+_PACKAGE = Path(__file__).parent
+_FOLDERS = {
+    "scenarios": (_PACKAGE / "scenarios",),
+    "models": (_PACKAGE / "models", _PACKAGE.parents[1] / "models"),  # in a wheel; in a checkout
+}
+
+
+def resource(kind: str, file_name: str) -> Path | None:
+    """Path of a shipped file, or None if there is no such file. ``kind`` is "scenarios" or "models"."""
+    if Path(file_name).name != file_name:
+        return None
+    return next((f / file_name for f in _FOLDERS[kind] if (f / file_name).is_file()), None)
+
+
+def names(kind: str, suffix: str) -> list[str]:
+    """Names, without suffix, of the shipped files of a kind."""
+    return sorted({path.stem for folder in _FOLDERS[kind] for path in folder.glob(f"*{suffix}")})
+
+
+_MOST_BYTES = 1_000_000
+"""Size limit of a scenario file. A scenario with every key has 2 kB."""
+_WORD = r"""(?:"[^"\n]*"|'[^'\n]*'|(?<![\w-])[\w-]++)"""
+_LONG_KEY = re.compile(rf"{_WORD}(?:[ \t]*+\.[ \t]*+{_WORD}){{50}}")
+"""A dotted key of more than fifty words. The time that tomllib takes grows with the square of the key's length: minutes
+for 100 kB."""
+
+
+def parsed_toml(text: str) -> dict[str, Any]:
+    """Parse TOML text into tables, in bounded time.
+
+    Raises:
+        ValueError: the text is not TOML, is too long, or is nested too deeply.
+    """
+    if len(text) > _MOST_BYTES:
+        raise ValueError(f"it has more than {_MOST_BYTES} characters")
+    if _LONG_KEY.search(text):
+        raise ValueError("a dotted key has more than fifty words")
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise ValueError("its lists or tables are nested too deeply") from None
+    except tomllib.TOMLDecodeError:
+        raise
+    except ValueError:  # Python's limit for int()
+        raise ValueError("an integer has thousands of digits") from None
+
+
+def text_of(path: Path) -> str:
+    """Text of a file, cut one byte above the size limit. Raises OSError or UnicodeDecodeError."""
+    with path.open("rb") as file:
+        return file.read(_MOST_BYTES + 1).decode("utf-8-sig")
+
+
+def shortened(value: Any) -> str:
+    """A value for a message, cut to 60 characters."""
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..." + text[-1]
+
+
+_BARE_POINT = re.compile(r"[+-]?(\d+\.|\.\d+)([eE][+-]?\d+)?")
+"""Numbers that are not TOML but common elsewhere: 5. and .2"""
+
+
+def parse_setting(text: str) -> tuple[str, Any]:
+    """Parse ``key=value``. The value is TOML, or a string without quotes.
+
+    Raises:
+        InputError: there is no ``=``, or the value begins like a list, a table or a string and is not valid TOML.
+    """
+    key, equals, value = text.partition("=")
+    if not equals or not key.strip():
+        raise InputError(f"--set {shortened(text)}: must be key=value, for example --set wall.stiffness=2e4")
+    key, value = key.strip(), value.strip()
+    try:
+        tables = parsed_toml(f"value = {value}")
+        if set(tables) != {"value"}:
+            raise InputError(f"--set {shortened(text)}: must be one key and one value")
+        return key, tables["value"]
+    except InputError:
+        raise
+    except ValueError as error:
+        if _BARE_POINT.fullmatch(value):
+            return key, float(value)
+        if value[:1] in ("[", "{", '"', "'"):
+            hint = "in TOML, write numbers with a leading digit (0.28) and strings in quotes"
+            raise InputError(f"--set {shortened(text)}: {error}; {hint}") from None
+        return key, value
+
+
+@contextlib.contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """Yield a temporary path to write to, then move that file to ``path`` and replace an existing one.
+
+    If writing fails, ``path`` is unchanged. The temporary file is in a new folder beside ``path``, so that it can't
+    overwrite a file of the user's. The folder is removed at the end.
+
+    Raises:
+        InputError: the file can't be written.
+    """
+    try:
+        with tempfile.TemporaryDirectory(prefix=".uvms-mj-", dir=path.parent) as folder:
+            part = Path(folder, path.name)
+            yield part
+            os.replace(part, path)
+    except OSError as error:
+        raise InputError(f"{path}: can't write it: {error.strerror or error}") from None

@@ -1,0 +1,160 @@
+"""One MuJoCo model of the vehicle, the wall and the contact sensors.
+
+The wall is a spring and a damper in N/m and N s/m (paper eq. (34)). MuJoCo's contacts are mass-normalised. The contact
+is this spring and damper, for any added mass, with a sphere as probe, a constant impedance d = 1e-4 in ``solimp``, and
+``solref = (-k_c w (1 - d), -b_c w (1 - d))``, where w is the compiled ``body_invweight0`` of the vehicle's body. The
+remaining softness of MuJoCo acts as an inerter of d times the rigid mass. The contact pair is frictionless (condim 1),
+because MuJoCo's friction cone couples the slip into the normal force of a contact this soft. :mod:`.physics.contact`
+computes friction from the distance and the nearest points, which two sensors measure in the position stage. Friction
+and the law therefore use the contact of the same instant.
+
+The probe is centred on B's origin, so that the wall's normal force gives no moment. Its radius is the vehicle's reach
+forward. Contact begins when the origin is at x_c, and in pictures the vehicle's front is then at the wall's face.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from ..physics.frames import quat_from_euler_deg
+from .geometry import Geometry
+from .mjcf import Mjcf
+from .settings import Initial
+from .vehicle import Vehicle, free_body_id
+from .wall import Wall
+
+IMPEDANCE = 1e-4
+"""Impedance d of the contact pair, constant in solimp."""
+_OURS = "uvms_mj/"  # prefix of all added names, to keep them apart from those of a vehicle
+_SENSORS = {
+    "contact": mujoco.mjtSensor.mjSENS_CONTACT,
+    "distance": mujoco.mjtSensor.mjSENS_GEOMDIST,
+    "fromto": mujoco.mjtSensor.mjSENS_GEOMFROMTO,
+}
+"""The contact force of MuJoCo's solver, available after the step; distance and nearest points, available before it."""
+_SENSOR_RANGE = 0.1
+"""Range of the distance sensors [m]. It must be positive for them to report a penetration."""
+_INTEGRATORS = {"euler": "mjINT_EULER", "implicitfast": "mjINT_IMPLICITFAST"}
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """A compiled model and the addresses of its parts."""
+
+    model: mujoco.MjModel
+    vehicle: Vehicle
+    body_id: int
+    sensors: Mapping[str, int]
+    """Addresses in sensordata: of contact (found, force (3) in W), distance and fromto (nearest points (6) in W)."""
+    mjcf: Mjcf
+    """The vehicle's MJCF, without wall and sensors."""
+    geometry: Geometry
+    """Shapes of the vehicle; the probe's radius is its reach."""
+
+    def initial_data(self, initial: Initial) -> mujoco.MjData:
+        """Data at an initial state."""
+        data = mujoco.MjData(self.model)
+        joint = self.model.body_jntadr[self.body_id]
+        qpos, dof = self.model.jnt_qposadr[joint], self.model.jnt_dofadr[joint]
+        quat = quat_from_euler_deg(*initial.attitude_deg)
+        data.qpos[qpos : qpos + 3] = initial.position
+        data.qpos[qpos + 3 : qpos + 7] = quat
+        v_W = np.zeros(3)
+        mujoco.mju_rotVecQuat(v_W, np.array(initial.velocity[:3]), quat)
+        data.qvel[dof : dof + 3] = v_W
+        data.qvel[dof + 3 : dof + 6] = initial.velocity[3:]
+        return data
+
+
+def build(mjcf: Mjcf, wall: Wall, timestep: float, integrator: str) -> Plant:
+    """Build a plant. It omits geoms for drawing only: a step is faster and its result is the same.
+
+    Args:
+        mjcf: the vehicle's model.
+        wall: the wall in front of it.
+        timestep: [s].
+        integrator: "euler" or "implicitfast".
+
+    Raises:
+        InputError: the vehicle's file can't be used, or is not physical.
+    """
+    vehicle, geometry, spec = mjcf.vehicle, mjcf.geometry, mjcf.spec()
+    spec.option.timestep = timestep
+    spec.option.integrator = getattr(mujoco.mjtIntegrator, _INTEGRATORS[integrator])
+    _add_surroundings(spec, vehicle.body, wall, geometry.reach)
+    model = mjcf.compiled(spec)
+    _calibrate(model, vehicle, wall)
+    sensors = {name: int(model.sensor(f"{_OURS}{name}").adr[0]) for name in _SENSORS}
+    return Plant(model, vehicle, free_body_id(model, vehicle.body), sensors, mjcf, geometry)
+
+
+def _plain_class(spec: mujoco.MjSpec) -> mujoco.MjsDefault:
+    """A default class for geoms that have no mass, and inherit no place or shape from the vehicle's own classes."""
+    plain = spec.add_default(f"{_OURS}plain", spec.default)
+    geom = plain.geom
+    geom.pos, geom.quat, geom.fromto = [0, 0, 0], [1, 0, 0, 0], [np.nan] * 6
+    geom.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+    geom.mass, geom.meshname, geom.material = 0.0, "", ""
+    return plain
+
+
+def _add_surroundings(spec: mujoco.MjSpec, body_name: str, wall: Wall, reach: float) -> None:
+    """Add wall, probe, contact pair, sensors and options to the vehicle's model."""
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    # with one vehicle and one wall, constraint islands save no time
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_ISLAND
+    body = spec.body(body_name)
+    body.simple = False
+    spec.compiler.discardvisual = True
+    plain = _plain_class(spec)
+    pair_only = {"contype": 0, "conaffinity": 0}
+    body.add_geom(
+        plain,
+        name=f"{_OURS}probe",
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        size=[reach, 0, 0],
+        rgba=[0] * 4,
+        group=4,
+        **pair_only,
+    )
+    face = wall.position + reach
+    spec.worldbody.add_geom(
+        plain,
+        name=f"{_OURS}wall",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        pos=[face, 0, 0],
+        quat=[np.sqrt(0.5), 0, -np.sqrt(0.5), 0],  # its normal is -x of W
+        size=[1, 1, 0.1],  # for drawing only: the plane has no edge
+        rgba=[0] * 4,
+        group=4,
+        **pair_only,
+    )
+    spec.add_pair(
+        name=f"{_OURS}contact",
+        geomname1=f"{_OURS}wall",
+        geomname2=f"{_OURS}probe",
+        condim=1,
+        solimp=[IMPEDANCE, IMPEDANCE, 0.001, 0.5, 1],
+        margin=0,
+        gap=0,
+    )
+    for name, kind in _SENSORS.items():
+        sensor = spec.add_sensor(name=f"{_OURS}{name}", type=kind)
+        sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_GEOM, f"{_OURS}wall"
+        sensor.reftype, sensor.refname = mujoco.mjtObj.mjOBJ_GEOM, f"{_OURS}probe"
+        if name == "contact":
+            data_bits = mujoco.mjtConDataField
+            wanted = (data_bits.mjCONDATA_FOUND, data_bits.mjCONDATA_FORCE)
+            sensor.intprm[:3] = [sum(1 << int(bit) for bit in wanted), 3, 1]
+        else:
+            sensor.cutoff = _SENSOR_RANGE
+
+
+def _calibrate(model: mujoco.MjModel, vehicle: Vehicle, wall: Wall) -> None:
+    """Set stiffness and damping of the compiled contact pair in N/m and N s/m."""
+    w = model.body_invweight0[free_body_id(model, vehicle.body), 0]
+    scale = w * (1.0 - IMPEDANCE)
+    pair = model.pair(f"{_OURS}contact").id
+    model.pair_solref[pair] = -wall.stiffness * scale, -wall.damping * scale

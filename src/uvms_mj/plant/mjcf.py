@@ -1,0 +1,115 @@
+"""A vehicle's MJCF with all files that it refers to, in memory. Runs are built from it, and logs contain it."""
+
+import functools
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+
+from ..errors import InputError, suggestion
+from ..files import names, resource
+from .geometry import Geometry
+from .mjcf_files import flattened, trees
+from .vehicle import Vehicle, free_body_id
+from .vehicle_files import check_elements, check_model
+
+_COMPARED = ("mesh_vert", "mesh_face", "tex_data", "geom_size", "body_mass", "names")
+
+
+@dataclass(frozen=True)
+class Mjcf:
+    """An MJCF model with all its files.
+
+    Attributes:
+        name: file name of the model.
+        files: contents by file name, without folders: the model's file, and all includes, meshes and textures.
+    """
+
+    name: str
+    files: Mapping[str, bytes] = field(repr=False)
+
+    @classmethod
+    def find(cls, model: str) -> "Mjcf":
+        """Read a model from the path of its file, or a shipped model by its name.
+
+        Raises:
+            InputError: there is no such model, or it or a file that it refers to can't be read or has something that is
+                not allowed in a vehicle's file.
+        """
+        path = Path(model)
+        if not path.is_file():
+            shipped = resource("models", f"{model}.xml")
+            if shipped is None:
+                hint = suggestion(model, names("models", ".xml"))
+                fault = "is not a regular file" if path.exists() else f"is neither a file nor a shipped model; {hint}"
+                raise InputError(f"vehicle.model {model!r}: {fault}")
+            path = shipped
+        path = Path(os.path.abspath(path))
+        found = cls(path.name, flattened(path))
+        if len(found.files) > 1:
+            found._check_against(path)
+        return found
+
+    def _check_against(self, path: Path) -> None:
+        """Raise InputError unless MuJoCo compiles the same model from the files in their folders. MuJoCo decides which
+        file a name means."""
+        ours = self.compiled(self.spec())
+        try:
+            theirs = mujoco.MjModel.from_xml_path(str(path))
+        except (ValueError, RuntimeError, mujoco.FatalError) as error:
+            raise InputError(f"vehicle.model {path}: MuJoCo can't compile it: {_line(error)}") from None
+        for name in _COMPARED:
+            if not np.array_equal(getattr(ours, name), getattr(theirs, name)):
+                raise InputError(
+                    f"vehicle.model {path}: the model changes when its files are put into one folder ({name} differs); "
+                    "give each file a different, plain name"
+                )
+
+    @functools.cached_property
+    def _read(self) -> tuple[Vehicle, Geometry]:
+        whole = self.compiled(self.spec())
+        check_model(whole, self.name)
+        vehicle = Vehicle.from_model(whole)
+        return vehicle, Geometry.of(whole, free_body_id(whole, vehicle.body))
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The vehicle's coefficients. Raises InputError if the model is not one physical vehicle."""
+        return self._read[0]
+
+    @property
+    def geometry(self) -> Geometry:
+        """The vehicle's shapes. Raises InputError as :attr:`vehicle` does."""
+        return self._read[1]
+
+    def spec(self) -> mujoco.MjSpec:
+        """The parsed model. Only the files in ``files`` are read.
+
+        Raises:
+            InputError: the model has something that is not allowed in a vehicle's file, MuJoCo can't read it, or it
+                refers to a missing file.
+        """
+        parsed = trees(self.files, self.name)
+        check_elements(parsed, self.name)
+        # MuJoCo also accepts malformed XML, so it gets the checked trees, written anew
+        texts = {name: ElementTree.tostring(tree) for name, tree in parsed.items()}
+        rest = {name: texts.get(name, data) for name, data in self.files.items() if name != self.name}
+        try:
+            return mujoco.MjSpec.from_string(texts[self.name].decode(), include=rest, assets=rest)
+        except (ValueError, RuntimeError, mujoco.FatalError) as error:
+            raise InputError(f"vehicle.model {self.name}: MuJoCo can't compile it: {_line(error)}") from None
+
+    def compiled(self, spec: mujoco.MjSpec) -> mujoco.MjModel:
+        """Compile a spec of this model; raises InputError if MuJoCo can't."""
+        try:
+            return spec.compile()
+        except (ValueError, RuntimeError, mujoco.FatalError) as error:
+            raise InputError(f"vehicle.model {self.name}: MuJoCo can't compile it: {_line(error)}") from None
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split())

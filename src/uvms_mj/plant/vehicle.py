@@ -1,0 +1,226 @@
+"""Coefficients of a vehicle, read from its MJCF and checked to be physical.
+
+They are ``<custom><numeric>`` entries: M_A, D_linear and D_quadratic, described in :mod:`.coefficients`, and
+
+======================  ======================================================================================
+``displaced_mass``      mass of the displaced water [kg]; buoyancy is displaced_mass times gravity
+``center_of_buoyancy``  in B [m]; default: the origin
+======================  ======================================================================================
+
+The rigid body is given by MuJoCo's ``<inertial>``. The actuators are the thrusters.
+"""
+
+import difflib
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from ..errors import Fault, InputError, suggestion
+from ..physics.frames import rotation_matrix
+from .coefficients import KNOWN_NUMERICS, added_mass, damping_matrix, numeric
+from .thrusters import read_thrusters, turning_thrusters
+
+LINKS_ARE_DRY = (
+    "a vehicle's only joint is its free joint; a link on another joint would be dry, without buoyancy, "
+    "added mass and damping"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Vehicle:
+    """Coefficients of one vehicle, in its body frame B, as read-only arrays."""
+
+    body: str
+    M_RB: np.ndarray
+    """(6, 6) rigid-body inertia [kg, kg m, kg m^2]."""
+    M_A: np.ndarray
+    """(6, 6) added mass [kg, kg m, kg m^2]."""
+    D_linear: np.ndarray
+    """(6, 6) linear damping; D(nu) nu = D_linear nu + D_quadratic (abs(nu) nu) [N s/m, N s, N m s]."""
+    D_quadratic: np.ndarray
+    """(6, 6) quadratic damping: D_quadratic[i, j] multiplies abs(nu_j) nu_j [N s^2/m^2, N s^2/m, N s^2, N m s^2]."""
+    displaced_mass: float
+    """[kg]"""
+    r_b: np.ndarray
+    """(3,) centre of buoyancy [m]."""
+    thrusters: tuple[str, ...]
+    actuator_ids: tuple[int, ...]
+    """Index of each thruster in mjData.ctrl."""
+    thrust_of_ctrl: np.ndarray
+    """(n,) thrust per unit of mjData.ctrl: gain of the motor times length of its gear [N]."""
+    B: np.ndarray
+    """(6, n) thruster allocation: tau = B u with the thrusts u [N], eq. (25)."""
+    u_min: np.ndarray
+    """(n,) least thrust [N]."""
+    u_max: np.ndarray
+    """(n,) greatest thrust [N]."""
+
+    @property
+    def M(self) -> np.ndarray:
+        """(6, 6) M = M_RB + M_A."""
+        return self.M_RB + self.M_A
+
+    @property
+    def mass(self) -> float:
+        """Rigid mass [kg]."""
+        return float(self.M_RB[0, 0])
+
+    @property
+    def r_g(self) -> np.ndarray:
+        """(3,) centre of gravity [m]: M_RB[3:, :3] = m S(r_g)."""
+        return np.array([self.M_RB[5, 1], self.M_RB[3, 2], self.M_RB[4, 0]]) / self.mass
+
+    @classmethod
+    def from_model(cls, model: mujoco.MjModel, body: str | None = None) -> "Vehicle":
+        """Read a vehicle from a compiled model.
+
+        Args:
+            model: any model with a body on a free joint.
+            body: name of the body; by default the only free body. If MuJoCo's attachment added a prefix to the name
+                (``"left/bluerov1"``), the numerics are read with the same prefix.
+
+        Raises:
+            InputError: coefficients are missing, misspelt, malformed or unphysical (all errors at once), or the vehicle
+                has a link on another joint.
+        """
+        body = _only_free_body(model) if body is None else body
+        body_id = free_body_id(model, body)
+        _refuse_links(model, body_id)
+        prefix = body[: body.rfind("/") + 1]
+        faults = misspelt_numerics(model, prefix)
+        M_A = added_mass(model, prefix, faults)
+        D_linear = damping_matrix(model, prefix, "D_linear", faults)
+        D_quadratic = damping_matrix(model, prefix, "D_quadratic", faults)
+        displaced_mass = float(numeric(model, prefix + "displaced_mass", 1, faults)[0])
+        if displaced_mass < 0:
+            faults.append(Fault("displaced_mass", f"{displaced_mass:g} kg: must not be negative"))
+        r_b = numeric(model, prefix + "center_of_buoyancy", 3, faults, default=np.zeros(3))
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        M_RB = _rigid_body_inertia(model, data, body_id)
+        thrusters, ids, thrust_of_ctrl, B, u_min, u_max = read_thrusters(model, data, body_id, faults)
+        if not np.isfinite(M_RB).all():
+            faults.append(Fault("M_RB", "mass or inertia is not finite"))
+        faults += [
+            Fault(name, "its site, gear or gain is not finite")
+            for name, column in zip(thrusters, B.T, strict=True)
+            if not np.isfinite(column).all()
+        ]
+        faults += turning_thrusters(model, data, body_id, thrusters, B)
+        if not faults and np.linalg.eigvalsh(M_RB + M_A)[0] <= 0.0:
+            faults.append(Fault("M_RB + M_A", "is not positive definite"))
+        if faults:
+            raise InputError(faults, f"vehicle {body!r}")
+        arrays = (M_RB, M_A, D_linear, D_quadratic, r_b, thrust_of_ctrl, B, u_min, u_max)
+        for array in arrays:
+            array.setflags(write=False)
+        return cls(
+            body=body,
+            M_RB=M_RB,
+            M_A=M_A,
+            D_linear=D_linear,
+            D_quadratic=D_quadratic,
+            displaced_mass=displaced_mass,
+            r_b=r_b,
+            thrusters=thrusters,
+            actuator_ids=ids,
+            thrust_of_ctrl=thrust_of_ctrl,
+            B=B,
+            u_min=u_min,
+            u_max=u_max,
+        )
+
+
+def free_body_id(model: mujoco.MjModel, body: str) -> int:
+    """The id of a body with a free joint. Raises InputError, naming the choices, for other bodies."""
+    if not body:
+        raise InputError("the vehicle's body has no name; name it in its MJCF")
+    body_id = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body)
+    if body_id < 0:
+        raise InputError(f"body {body!r}: not in the model; {suggestion(body, _names(model))}")
+    if not _is_free(model, body_id):
+        raise InputError(f"body {body!r}: has no free joint; free bodies: {', '.join(_free(model)) or 'none'}")
+    return body_id
+
+
+def _refuse_links(model: mujoco.MjModel, body_id: int) -> None:
+    """Refuse bodies that move relative to the vehicle. Bodies fixed to it are part of its rigid body."""
+    links = np.flatnonzero((model.body_rootid == body_id) & (model.body_dofnum > 0))
+    faults = [
+        Fault(
+            f"body {model.body(i).name or int(i)!r}", f"moves relative to {model.body(body_id).name!r}: {LINKS_ARE_DRY}"
+        )
+        for i in links
+        if i != body_id
+    ]
+    if faults:
+        raise InputError(faults, f"vehicle {model.body(body_id).name!r}")
+
+
+def misspelt_numerics(model: mujoco.MjModel, prefix: str) -> list[Fault]:
+    """Errors for numerics named almost like a coefficient. Other numerics are allowed in a model."""
+    meant = {name: _meant(name) for name in _numerics(model, prefix)}
+    return [
+        Fault(prefix + name, f"is not a coefficient; did you mean {coefficient!r}?")
+        for name, coefficient in meant.items()
+        if coefficient not in ("", name)
+    ]
+
+
+def unknown_numerics(model: mujoco.MjModel, prefix: str) -> list[Fault]:
+    """Errors for all other numerics of a model that consists of one vehicle; its coefficients have this prefix."""
+    names = [model.numeric(i).name for i in range(model.nnumeric)]
+    read = {prefix + name for name in _numerics(model, prefix) if _meant(name)}
+    return [
+        Fault(name, "is not a coefficient and would be ignored; leave it out, or write a remark as <text>")
+        for name in names
+        if name not in read
+    ]
+
+
+def _meant(name: str) -> str:
+    """The coefficient with this name or a similar one; empty if there is none."""
+    if name in KNOWN_NUMERICS:
+        return name
+    known = {each.lower(): each for each in sorted(KNOWN_NUMERICS)}
+    close = difflib.get_close_matches(name.lower(), known, n=1, cutoff=0.8)
+    return known[close[0]] if close else ""
+
+
+def _numerics(model: mujoco.MjModel, prefix: str) -> list[str]:
+    """Names, without the prefix, of the numerics with this prefix that do not belong to another attached model."""
+    names = [model.numeric(i).name for i in range(model.nnumeric)]
+    rest = [name.removeprefix(prefix) for name in names if name.startswith(prefix)]
+    return [name for name in rest if "/" not in name]
+
+
+def _names(model: mujoco.MjModel) -> list[str]:
+    return [model.body(i).name for i in range(1, model.nbody)]
+
+
+def _is_free(model: mujoco.MjModel, body_id: int) -> bool:
+    joint = model.body_jntadr[body_id]
+    return joint >= 0 and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE
+
+
+def _free(model: mujoco.MjModel) -> list[str]:
+    return [model.body(i).name for i in range(1, model.nbody) if _is_free(model, i)]
+
+
+def _only_free_body(model: mujoco.MjModel) -> str:
+    free = _free(model)
+    if len(free) != 1:
+        raise InputError(f"name the vehicle's body; bodies with a free joint: {', '.join(free) or 'none'}")
+    return free[0]
+
+
+def _rigid_body_inertia(model, data, body_id) -> np.ndarray:
+    """M_RB (6, 6) about B's origin of all bodies on the free joint, in the model's reference pose."""
+    full = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, full)
+    dof = model.body_dofadr[body_id]
+    block = full[dof : dof + 6, dof : dof + 6]
+    T_inverse = np.eye(6)
+    T_inverse[:3, :3] = rotation_matrix(data.xquat[body_id])  # qvel = T^-1 nu
+    return T_inverse.T @ block @ T_inverse

@@ -1,0 +1,154 @@
+"""The record of a run besides its samples: the header, known before the first step, and the outcome."""
+
+import enum
+import functools
+import hashlib
+import importlib.metadata
+import inspect
+import itertools
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..control import Controller
+from ..control.loader import BUILT_IN
+from ..control.rest import NoClosedForm, SteadyState
+from ..plant.geometry import Geometry
+from ..plant.mjcf import Mjcf
+from ..scenario import Scenario
+from ..stages.signals import Signal
+
+_PACKAGES = ("uvms-mj", "mujoco", "numpy", "numba", "llvmlite", "mcap")
+
+
+class Status(enum.Enum):
+    """How a run ended. Logs contain these texts, so a change makes older logs unreadable."""
+
+    completed = "the run went on to its end"
+    unstable = "a variable left its bound and the run was stopped"
+    interrupted = "the run was stopped from outside"
+    failed = "the law or a sink failed and the run was stopped"
+    truncated = "the log ends before the run did"
+
+
+@dataclass(frozen=True)
+class LawSource:
+    """Source of a law.
+
+    Attributes:
+        source: name of a built-in law, or ``file.py:ClassName``.
+        sha256: digest of the code; None for a built-in law or without code.
+        code: text of the file, or of the class if there is no file; empty for a built-in law.
+        states: sizes of the states by name.
+    """
+
+    source: str
+    sha256: str | None
+    code: str = field(repr=False)
+    states: Mapping[str, int]
+
+    @classmethod
+    def of(cls, controller: Controller) -> "LawSource":
+        law, source = type(controller), type(controller).source()
+        states = dict(law.states)
+        if source in BUILT_IN:
+            return cls(source, None, "", states)
+        path = Path(source.rpartition(":")[0])
+        code = path.read_bytes() if path.is_file() else b""
+        if not code:
+            try:
+                code = inspect.getsource(law).encode()
+            except (OSError, TypeError):  # defined at a prompt
+                return cls(f"{path.name}:{law.__name__}", None, "", states)
+        digest = hashlib.sha256(code).hexdigest()
+        return cls(f"{path.name}:{law.__name__}", digest, code.decode(errors="replace"), states)
+
+
+@dataclass(frozen=True, eq=False)
+class Header:
+    """The part of a run's record that is known before the first step.
+
+    Attributes:
+        scenario: the scenario with all defaults.
+        signals: the signals of a row, in order.
+        row_steps: time steps from one row to the next.
+        analytic: the predicted rest state, or the reason why there is no closed form.
+        notes: the warnings that the user was given.
+        mjcf: the vehicle's model.
+        geometry: the vehicle's shape, for pictures.
+        law: source of the law.
+        versions: versions of the packages that made the run, by name.
+    """
+
+    scenario: Scenario
+    signals: tuple[Signal, ...]
+    row_steps: int
+    analytic: SteadyState | NoClosedForm
+    notes: tuple[str, ...]
+    mjcf: Mjcf
+    geometry: Geometry
+    law: LawSource
+    versions: Mapping[str, str]
+
+    @functools.cached_property
+    def places(self) -> dict[str, slice]:
+        """Slice of each signal in a row."""
+        ends = itertools.accumulate(signal.size for signal in self.signals)
+        return {s.name: slice(end - s.size, end) for s, end in zip(self.signals, ends, strict=True)}
+
+    @property
+    def width(self) -> int:
+        """Numbers in a row."""
+        return sum(signal.size for signal in self.signals)
+
+    def portable_scenario(self) -> dict[str, Any]:
+        """The scenario's tables with file names without folders; the log contains the files."""
+        tables = self.scenario.to_dict()
+        if Path(tables["vehicle"]["model"]).name != tables["vehicle"]["model"]:
+            tables["vehicle"]["model"] = self.mjcf.name
+        tables["controller"]["name"] = self.law.source
+        return tables
+
+    def step_of_row(self, row: int) -> int:
+        """Time step of a row. The last row of a completed run is the state at its end."""
+        return min(row * self.row_steps, self.scenario.steps)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended.
+
+    Attributes:
+        status: completed, unstable, interrupted or failed; truncated if the log lacks it.
+        message: reason why a run stopped before its end.
+        steps: number of time steps done.
+        wall_time_s: wall time of the stepping [s].
+    """
+
+    status: Status
+    message: str
+    steps: int
+    wall_time_s: float
+
+
+class Sink(Protocol):
+    """Receiver of a run's samples during the run."""
+
+    def begin(self, header: Header) -> None:
+        """Called before the first step, after the input was checked."""
+
+    def write(self, rows: np.ndarray) -> None:
+        """Called with the next rows (n, width), a few milliseconds of wall time."""
+
+    def end(self, outcome: Outcome) -> None:
+        """Called after the last row, however the run ended."""
+
+
+def versions() -> dict[str, str]:
+    """Versions of the packages that affect a run's numbers and of Python, and the machine's system and architecture."""
+    found = {name: importlib.metadata.version(name) for name in _PACKAGES}
+    return found | {"python": platform.python_version(), "machine": f"{platform.system()} {platform.machine()}"}

@@ -1,0 +1,226 @@
+"""A run's header and outcome as attachments, which make a log self-contained, and their reconstruction from them.
+
+The contents of the attachments are never executed and never written to disk.
+"""
+
+import dataclasses
+import re
+from collections.abc import Mapping
+from pathlib import PurePath
+from typing import Annotated
+
+import numpy as np
+import tomli_w
+from pydantic import Field, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass as checked
+
+from ...control.loader import BUILT_IN
+from ...control.recorded import recorded_law
+from ...control.rest import NoClosedForm, SteadyState
+from ...errors import InputError, faults_of
+from ...files import parsed_toml
+from ...plant.geometry import Geometry
+from ...plant.mjcf import Mjcf
+from ...quantities import STRICT, NonNegative, Real
+from ...scenario import Scenario
+from ...stages.signals import RECORDED, Signal
+from ..header import Header, LawSource, Outcome, Status
+
+MOST_BYTES = 256_000_000
+"""Largest total size of a log's attached files [bytes]."""
+_MOST_VALUES = 200_000
+"""Largest number of values (numbers, texts, lists) in one JSON file. Reading takes some 100 bytes of memory for each. A
+mesh is one text."""
+FORMAT = 1
+"""Version of the log format."""
+
+
+@checked(frozen=True, config=STRICT)
+class _SignalEntry:
+    name: str
+    shape: tuple[Annotated[int, Field(ge=1, le=100_000)], ...]
+    unit: str
+    frame: str
+    meaning: str
+
+
+@checked(frozen=True, config=STRICT)
+class _Rest:
+    position: Annotated[tuple[Real, ...], Field(min_length=3, max_length=3)]
+    quat: Annotated[tuple[Real, ...], Field(min_length=4, max_length=4)]
+    force: NonNegative
+    s: Annotated[tuple[Real, ...], Field(min_length=6, max_length=6)]
+    tau: Annotated[tuple[Real, ...], Field(min_length=6, max_length=6)]
+
+
+@checked(frozen=True, config=STRICT)
+class _LawEntry:
+    source: str
+    sha256: str | None
+    states: dict[str, Annotated[int, Field(ge=1, le=100_000)]]
+
+
+@checked(frozen=True, config=STRICT)
+class _Run:
+    format: int
+    vehicle: str
+    row_steps: Annotated[int, Field(ge=1)]
+    signals: tuple[_SignalEntry, ...]
+    law: _LawEntry
+    analytic: _Rest | None
+    no_analytic_because: str
+    notes: tuple[str, ...]
+    versions: dict[str, str]
+
+
+@checked(frozen=True, config=STRICT)
+class _End:
+    status: Status
+    message: str
+    steps: Annotated[int, Field(ge=0)]
+    wall_time_s: NonNegative
+
+
+_RUN, _END = TypeAdapter(_Run), TypeAdapter(_End)
+"""Validators of run.json and outcome.json."""
+
+
+def header_files(header: Header) -> dict[str, bytes]:
+    """The files of a header, by name: run.json, scenario.toml, geometry.json, model/..., law/..."""
+    rest = header.analytic
+    run = _Run(
+        format=FORMAT,
+        vehicle=header.mjcf.name,
+        row_steps=header.row_steps,
+        signals=tuple(_SignalEntry(**dataclasses.asdict(signal)) for signal in header.signals),
+        law=_LawEntry(header.law.source, header.law.sha256, dict(header.law.states)),
+        analytic=None
+        if isinstance(rest, NoClosedForm)
+        else _Rest(
+            tuple(rest.position.tolist()),
+            tuple(rest.quat.tolist()),
+            rest.force,
+            tuple(rest.s.tolist()),
+            tuple(rest.tau.tolist()),
+        ),
+        no_analytic_because=rest.reason if isinstance(rest, NoClosedForm) else "",
+        notes=tuple(without_paths(note) for note in header.notes),
+        versions=dict(header.versions),
+    )
+    files = {
+        "run.json": _RUN.dump_json(run, indent=1),
+        "scenario.toml": tomli_w.dumps(header.portable_scenario()).encode(),
+        "geometry.json": header.geometry.to_json(),
+    }
+    files |= {f"model/{name}": data for name, data in header.mjcf.files.items()}
+    if header.law.code:
+        files[f"law/{header.law.source.rpartition(':')[0]}"] = header.law.code.encode()
+    refuse_large(files)
+    return files
+
+
+def refuse_large(files: Mapping[str, bytes]) -> None:
+    """Check that files are not so large that reading them would take too much time or memory.
+
+    Raises:
+        InputError: a file, or all files together, are too large; names the file, or the largest of them.
+    """
+    total = sum(map(len, files.values()))
+    if total > MOST_BYTES:
+        largest = max(files, key=lambda name: len(files[name]))
+        raise InputError(
+            f"its files have {total / 1e6:.4g} MB, the largest is {largest}; at most {MOST_BYTES / 1e6:g} MB is allowed"
+        )
+    for name, data in files.items():
+        if name.endswith(".json") and sum(map(data.count, (b",", b"[", b"{"))) > _MOST_VALUES:
+            raise InputError(f"{name}: has more than {_MOST_VALUES} values")
+
+
+def header_of(files: Mapping[str, bytes]) -> Header:
+    """The header from the files of :func:`header_files`.
+
+    Raises:
+        InputError: a file is missing or invalid.
+    """
+    missing = [name for name in ("run.json", "scenario.toml", "geometry.json") if name not in files]
+    if missing:
+        raise InputError(f"{', '.join(missing)} is missing")
+    try:
+        run = _RUN.validate_json(files["run.json"])
+    except ValidationError as error:
+        raise InputError(faults_of(error), "run.json") from None
+    if run.format != FORMAT:
+        raise InputError(f"has log format {run.format}, of another version of uvms-mj; this one reads {FORMAT}")
+    try:
+        tables = parsed_toml(files["scenario.toml"].decode())
+    except ValueError as error:
+        raise InputError(f"scenario.toml: {error}") from None
+    table = tables.get("controller")
+    if not isinstance(table, dict) or table.get("name") != run.law.source:  # checked before the name is used
+        raise InputError("scenario.toml and run.json name different laws")
+    code = files.get(f"law/{run.law.source.rpartition(':')[0]}", b"").decode(errors="replace")
+    law = LawSource(run.law.source, run.law.sha256, code, run.law.states)
+    known = None if law.source in BUILT_IN else recorded_law(law.source, table, law.states)
+    scenario = Scenario.from_dict(tables, place="scenario.toml", known=known)
+    if scenario.vehicle.model != PurePath(scenario.vehicle.model).name:
+        raise InputError(f"scenario.toml: vehicle.model {scenario.vehicle.model!r} is not in the log")
+    signals = tuple(Signal(s.name, s.shape, s.unit, s.frame, s.meaning) for s in run.signals)
+    if dict(scenario.controller.states) != dict(law.states) or not _are_recorded(signals, law.states):
+        version = run.versions.get("uvms-mj", "of another version")
+        raise InputError(f"run.json: its signals differ from this version's; the log was written by uvms-mj {version}")
+    models = {name.removeprefix("model/"): data for name, data in files.items() if name.startswith("model/")}
+    for name in models:
+        if not name.strip(".") or not name.isprintable() or "/" in name or "\\" in name:
+            raise InputError(f"model/{name}: is not a file name without folders")
+    if run.vehicle not in models:
+        raise InputError(f"model/{run.vehicle} is missing")
+    rest = run.analytic
+    return Header(
+        scenario=scenario,
+        signals=signals,
+        row_steps=run.row_steps,
+        analytic=NoClosedForm(run.no_analytic_because)
+        if rest is None
+        else SteadyState(
+            np.array(rest.position), np.array(rest.quat), rest.force, np.array(rest.s), np.array(rest.tau)
+        ),
+        notes=run.notes,
+        mjcf=Mjcf(run.vehicle, models),
+        geometry=Geometry.from_json(files["geometry.json"]),
+        law=law,
+        versions=run.versions,
+    )
+
+
+def _are_recorded(signals: tuple[Signal, ...], states: Mapping[str, int]) -> bool:
+    """Whether the signals are those of a run, in order: the common ones, the thrusters' and the law's states."""
+    fixed, rest = signals[: len(RECORDED)], signals[len(RECORDED) :]
+    known = tuple((s.name, s.shape, s.unit, s.frame) for s in RECORDED)
+    own = [("u", (rest[0].size,)) if rest else None, *((name, (size,)) for name, size in states.items())]
+    return (
+        tuple((s.name, s.shape, s.unit, s.frame) for s in fixed) == known and [(s.name, s.shape) for s in rest] == own
+    )
+
+
+def outcome_file(outcome: Outcome) -> bytes:
+    """The contents of outcome.json."""
+    message = without_paths(outcome.message)
+    return _END.dump_json(_End(outcome.status, message, outcome.steps, outcome.wall_time_s))
+
+
+def outcome_of(data: bytes) -> Outcome:
+    """The outcome from the contents of outcome.json; raises InputError if they are invalid."""
+    try:
+        end = _END.validate_json(data)
+    except ValidationError as error:
+        raise InputError(faults_of(error), "outcome.json") from None
+    return Outcome(end.status, end.message, end.steps, end.wall_time_s)
+
+
+_QUOTED = re.compile(r"""(['"])(?:file://)?(?:[A-Za-z]:[/\\]|[/\\]|~)[^'"\n]*[/\\]([^'"/\\\n]*\1)""")
+_BARE = re.compile(r"(?<![\w.:/])(?:file://)?(?:[A-Za-z]:)?~?[/\\](?:[^\s'\"/\\:]+[/\\])+")
+
+
+def without_paths(text: str) -> str:
+    """Remove the folders from file paths in a text. A path in quotes may contain spaces; any other ends at a space."""
+    return _BARE.sub("", _QUOTED.sub(r"\1\2", text))

@@ -1,0 +1,257 @@
+"""Sink that writes a run to an MCAP file while the run goes on.
+
+Records are those of the MCAP specification, version 0, written by ``mcap``. Only the messages are laid out by NumPy,
+because a run has millions. Every chunk is written at once in a single write, so that all written chunks can be read
+after ``kill -9``.
+"""
+
+import errno
+import os
+import zlib
+from io import FileIO
+from pathlib import Path
+
+import numpy as np
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    McapRecord,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+from mcap.records import Header as FileHeader
+
+from ...errors import InputError
+from ..header import Header, Outcome
+from ..mcap import ros2
+from .attachments import header_files, outcome_file
+from .layout import CHUNK_BYTES, Format, Records, message_indexes
+
+MAGIC = b"\x89MCAP0\r\n"
+METADATA, SEAL = "uvms_mj", "crc32"
+_LEVEL = 1
+_MEDIA = {".json": "application/json", ".toml": "application/toml", ".xml": "application/xml", ".py": "text/x-python"}
+
+
+class LogExistsError(InputError, FileExistsError):
+    """A log has the name of a file that exists. Nothing that was recorded is overwritten."""
+
+
+class McapLog:
+    """A sink that writes a log.
+
+    Args:
+        path: the new file; it must not exist.
+    """
+
+    def __init__(self, path: str | os.PathLike) -> None:
+        self.path = Path(path)
+        self._file: FileIO | None = None
+
+    def begin(self, header: Header) -> None:
+        """Write everything but the rows.
+
+        Raises:
+            LogExistsError: the file exists.
+            OSError: the file can't be created.
+        """
+        self.format = Format(header)
+        try:
+            self._file = FileIO(self.path, "xb")
+        except FileExistsError:
+            raise LogExistsError(f"{self.path}: exists; give the log another name, or remove the file") from None
+        self._rows = 0
+        self._size = self._crc = 0
+        self._chunks = 0
+        self._end_ns = 0
+        self._counts = dict.fromkeys(range(1, len(self.format.topics) + 1), 0)
+        self._chunk_indexes = bytearray()
+        self._indexes: list[McapRecord] = []
+        self._compressor = zstandard.ZstdCompressor(level=_LEVEL)
+        self._append(MAGIC + record_bytes(FileHeader("ros2", f"uvms-mj {header.versions.get('uvms-mj', '')}")))
+        for name, data in header_files(header).items():
+            self._attach(name, data)
+        channels = b"".join(map(record_bytes, channel_records(self.format)))
+        self._note(METADATA, sealed(metadata(header) | {"crc32 of channels": f"{zlib.crc32(channels):08x}"}))
+        self._append(channels)
+        records = self.format.once_records
+        zero = np.zeros(1, np.int64)
+        self._chunk([(records, 1, self.format.once_bytes()[None], zero)])
+
+    def write(self, rows: np.ndarray) -> None:
+        """Append rows (n, width) as one chunk, or as several if they exceed CHUNK_BYTES."""
+        most = max(1, CHUNK_BYTES // self.format.row_records.size)
+        for start in range(0, len(rows), most):
+            part = rows[start : start + most]
+            self._chunk(self.format.row_bytes(part, self._rows), len(part))
+
+    def end(self, outcome: Outcome) -> None:
+        """Write the outcome and the summary section, which makes a file quick to search."""
+        self._attach("outcome.json", outcome_file(outcome))
+        self._append(record_bytes(DataEnd(self._crc)))
+        start = self._size
+        groups: list[tuple[int, bytes | bytearray]] = [
+            (Opcode.SCHEMA, b"".join(record_bytes(r) for r in channel_records(self.format) if isinstance(r, Schema))),
+            (Opcode.CHANNEL, b"".join(record_bytes(r) for r in channel_records(self.format) if isinstance(r, Channel))),
+            (Opcode.STATISTICS, record_bytes(self._statistics())),
+            (Opcode.CHUNK_INDEX, self._chunk_indexes),
+            (Opcode.ATTACHMENT_INDEX, self._index_bytes(AttachmentIndex)),
+            (Opcode.METADATA_INDEX, self._index_bytes(MetadataIndex)),
+        ]
+        crc, offsets = 0, b""
+        for opcode, data in groups:  # one at a time, because the index of a long run is large
+            offsets += record_bytes(SummaryOffset(opcode, self._size, len(data)))
+            self._append(data)
+            crc = zlib.crc32(data, crc)
+        footer = record_bytes(Footer(start, self._size, 0))[:-4]  # the checksum covers all of the footer before it
+        crc = zlib.crc32(footer, zlib.crc32(offsets, crc))
+        self._append(offsets + footer + crc.to_bytes(4, "little") + MAGIC)
+        assert self._file is not None
+        self._file.close()
+
+    def _statistics(self) -> Statistics:
+        attachments = sum(isinstance(each, AttachmentIndex) for each in self._indexes)
+        return Statistics(
+            attachment_count=attachments,
+            channel_count=len(self.format.topics),
+            channel_message_counts={channel: n for channel, n in self._counts.items() if n},
+            chunk_count=self._chunks,
+            message_count=sum(self._counts.values()),
+            message_end_time=self._end_ns,
+            message_start_time=0,
+            metadata_count=len(self._indexes) - attachments,
+            schema_count=len({topic.type for topic in self.format.topics}),
+        )
+
+    def _index_bytes(self, kind: type[McapRecord]) -> bytes:
+        return b"".join(record_bytes(each) for each in self._indexes if isinstance(each, kind))
+
+    def _append(self, data: bytes | bytearray) -> None:
+        """Append all of data, after removing any remains of an interrupted or failed write."""
+        assert self._file is not None
+        if self._file.tell() != self._size:
+            self._file.seek(self._size)
+            self._file.truncate()
+        view = memoryview(data)
+        while len(view):
+            written = self._file.write(view)
+            if not written:
+                raise OSError(errno.EIO, os.strerror(errno.EIO), str(self.path))
+            view = view[written:]
+        self._size, self._crc = self._size + len(data), zlib.crc32(data, self._crc)
+
+    def _attach(self, name: str, data: bytes) -> None:
+        media = _MEDIA.get(os.path.splitext(name)[1], "application/octet-stream")
+        record = record_bytes(Attachment(create_time=0, log_time=self._end_ns, name=name, media_type=media, data=data))
+        index = AttachmentIndex(self._size, len(record), self._end_ns, 0, len(data), name, media)
+        self._append(record)
+        self._indexes.append(index)
+
+    def _note(self, name: str, values: dict[str, str]) -> None:
+        record = record_bytes(Metadata(name, values))
+        index = MetadataIndex(self._size, len(record), name)
+        self._append(record)
+        self._indexes.append(index)
+
+    def _chunk(self, pieces: list[tuple[Records, int, np.ndarray, np.ndarray]], rows: int = 0) -> None:
+        """Write one chunk and the indexes of its messages in a single write."""
+        data = b"".join(piece[2].data for piece in pieces)
+        start_ns, end_ns = int(pieces[0][3][0]), int(pieces[-1][3][-1])
+        compressed = self._compressor.compress(data)
+        chunk = record_bytes(
+            Chunk(
+                compression="zstd",
+                data=compressed,
+                message_start_time=start_ns,
+                message_end_time=end_ns,
+                uncompressed_crc=zlib.crc32(data),
+                uncompressed_size=len(data),
+            )
+        )
+        indexes = message_indexes(pieces)
+        offsets, offset = {}, self._size + len(chunk)
+        for channel, record in indexes.items():
+            offsets[channel] = offset
+            offset += len(record)
+        index = ChunkIndex(
+            chunk_length=len(chunk),
+            chunk_start_offset=self._size,
+            compression="zstd",
+            compressed_size=len(compressed),
+            message_end_time=end_ns,
+            message_index_length=offset - self._size - len(chunk),
+            message_index_offsets=offsets,
+            message_start_time=start_ns,
+            uncompressed_size=len(data),
+        )
+        self._append(b"".join((chunk, *indexes.values())))
+        self._rows += rows
+        self._chunks += 1
+        self._end_ns = end_ns
+        self._chunk_indexes += record_bytes(index)
+        for records, n, _, _ in pieces:
+            for channel in records.channels:
+                self._counts[channel] += n
+
+
+def channel_records(format: Format) -> list[McapRecord]:
+    """The schemas and channels of a log."""
+    kinds = list(dict.fromkeys(topic.type for topic in format.topics))
+    schemas = [
+        Schema(id=i + 1, data=ros2.schema_text(kind).encode(), encoding="ros2msg", name=kind.replace("/", "/msg/"))
+        for i, kind in enumerate(kinds)
+    ]
+    channels = [
+        Channel(
+            id=format.number[topic.name],
+            topic=topic.name,
+            message_encoding="cdr",
+            schema_id=kinds.index(topic.type) + 1,
+            metadata={
+                "unit": topic.unit,
+                "frame": topic.frame,
+                "meaning": topic.meaning,
+                "offered_qos_profiles": ros2.LATCHED_QOS if topic.latched else "",
+            },
+        )
+        for topic in format.topics
+    ]
+    return [*schemas, *channels]
+
+
+def metadata(header: Header) -> dict[str, str]:
+    """Facts of a run for other tools to show. Loading a log uses the attachments instead."""
+    return {
+        "scenario": header.scenario.name,
+        "controller": header.scenario.controller.label(),
+        "law": header.law.source,
+        "law_sha256": header.law.sha256 or "",
+        "law_is_given": "the truth" if header.scenario.controller.uses_truth else "measurements and estimates",
+        "vehicle": header.mjcf.name,
+        "frames": "map is W (x to the wall, y left, z up), base_link is B (forward, left, up)",
+        "units": "SI; radians; wrenches and twists linear first",
+    } | {f"version {name}": version for name, version in header.versions.items()}
+
+
+def sealed(values: dict[str, str]) -> dict[str, str]:
+    """The values with a checksum of them; MCAP itself has none for metadata."""
+    open_ = {name: value for name, value in values.items() if name != SEAL}
+    return open_ | {SEAL: f"{zlib.crc32(repr(sorted(open_.items())).encode()):08x}"}
+
+
+def record_bytes(record: McapRecord) -> bytes:
+    """The bytes of a record in a file."""
+    builder = RecordBuilder()
+    record.write(builder)
+    return builder.end()

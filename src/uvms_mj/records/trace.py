@@ -1,0 +1,194 @@
+"""The trace of a run: its samples as named read-only arrays, its header and its outcome."""
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..control.rest import NoClosedForm, SteadyState
+from ..errors import InputError, suggestion
+from ..scenario import Scenario
+from ..stages.signals import Signal, split_rows
+from .header import Header, Outcome, Status
+from .mcap import McapLog, read
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """One component of a signal at all instants: its name, unit, signal and values (n,)."""
+
+    name: str
+    unit: str
+    signal: Signal
+    values: np.ndarray
+
+
+class UnknownSignal(KeyError):
+    """A trace has no signal of that name."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])  # without the quotes that KeyError puts around a key
+
+
+def _unknown(name: object, arrays: Mapping[str, np.ndarray]) -> str:
+    return f"no signal {name!r}; {suggestion(str(name), arrays)}"
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """The samples of a run: ``trace.s``, ``trace["f_contact_W"]``, each a read-only array (n, ...).
+
+    Row k of every signal belongs to the same instant ``trace.t[k]``. ``trace.signals`` gives the shape, unit, frame and
+    meaning of each signal. A trace from memory and one from a log are the same.
+
+    Attributes:
+        header: the facts known before the first step: scenario, signals, model, geometry, versions and more.
+        arrays: the samples by name.
+        outcome: how the run ended.
+    """
+
+    header: Header = field(repr=False)
+    arrays: Mapping[str, np.ndarray] = field(repr=False)
+    outcome: Outcome
+
+    @classmethod
+    def of(cls, header: Header, rows: np.ndarray, outcome: Outcome) -> "Trace":
+        """A trace of rows (n, width)."""
+        return cls(header, split_rows(rows, header.signals), outcome)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike) -> "Trace":
+        """Load the trace of a log, ``run.mcap``.
+
+        A log that was cut off gives the rows that it has. The status is then ``truncated``, and the message names the
+        missing part.
+
+        Raises:
+            InputError: the file can't be read, is not a log of this project, or is damaged.
+        """
+        recording = read(path)
+        return cls.of(recording.header, recording.rows, recording.outcome)
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write the trace as a log.
+
+        Raises:
+            FileExistsError: the file exists.
+            InputError: the trace lacks the beginning of its run, which a log must have.
+        """
+        if len(self) and self.t[0] > 0.0:
+            raise InputError(
+                f"{os.fspath(path)}: the trace begins at {self.t[0]:g} s because of keep_s, but a log must "
+                "begin at 0 s; give simulate sinks=[McapLog(...)] to write the whole run"
+            )
+        log = McapLog(path)
+        log.begin(self.header)
+        log.write(self.rows())
+        log.end(self.outcome)
+
+    def to_dataframe(self) -> "pd.DataFrame":
+        """The samples as a pandas DataFrame: one row for each instant, one column for each component.
+
+        The column of a component is ``name.component``, as in ``p_WB.x``; ``attrs["units"]`` and ``attrs["frames"]``
+        give the unit and frame of each column.
+        """
+        import pandas as pd
+
+        columns = list(self.columns())
+        frame = pd.DataFrame({column.name: column.values for column in columns})
+        units = {column.name: column.unit for column in columns}
+        frames = {column.name: column.signal.frame for column in columns}
+        frame.attrs = {"units": units, "frames": frames, "scenario": self.scenario.name}
+        return frame
+
+    def columns(self) -> Iterator["Column"]:
+        """The samples component by component: ``t``, ``p_WB.x``, ``p_WB.y``, ..."""
+        for signal in self.signals:
+            values = self[signal.name].reshape(len(self), signal.size)
+            for i, (component, unit) in enumerate(zip(signal.components, signal.units, strict=True)):
+                name = f"{signal.name}.{component}" if signal.shape else signal.name
+                yield Column(name, unit, signal, values[:, i])
+
+    def rows(self) -> np.ndarray:
+        """The samples side by side (n, width), as :meth:`of` takes them."""
+        return np.concatenate([self[s.name].reshape(len(self), s.size) for s in self.signals], axis=1)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Function and arguments that rebuild the trace, as copy and pickle need them."""
+        return Trace.of, (self.header, self.rows(), self.outcome)
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        try:
+            return self.__dict__["arrays"][name]
+        except KeyError:
+            raise AttributeError(_unknown(name, self.__dict__.get("arrays", {}))) from None
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        try:
+            return self.arrays[name]
+        except KeyError:
+            raise UnknownSignal(_unknown(name, self.arrays)) from None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.arrays)
+
+    def __len__(self) -> int:
+        return len(self.arrays["t"])
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self.arrays]
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario of the run, with every default written out."""
+        return self.header.scenario
+
+    @property
+    def signals(self) -> tuple[Signal, ...]:
+        """Shape, unit, frame and meaning of each array."""
+        return self.header.signals
+
+    @property
+    def analytic(self) -> SteadyState | NoClosedForm:
+        """Predicted steady state from scenario and gains alone, or the reason why no closed form exists."""
+        return self.header.analytic
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Warnings that were given before the first step."""
+        return self.header.notes
+
+    @property
+    def status(self) -> Status:
+        """How the run ended."""
+        return self.outcome.status
+
+    @property
+    def message(self) -> str:
+        """Reason why the run did not complete."""
+        return self.outcome.message
+
+    @property
+    def steps(self) -> int:
+        """Number of time steps done."""
+        return self.outcome.steps
+
+    @property
+    def wall_time_s(self) -> float:
+        """Wall-clock time of the stepping [s]."""
+        return self.outcome.wall_time_s
+
+    @property
+    def duration_s(self) -> float:
+        """Simulated time [s]."""
+        return self.steps * self.scenario.simulation.timestep
+
+    @property
+    def push(self) -> np.ndarray:
+        """(n,) pushing force of the vehicle on the wall [N], zero or positive."""
+        return np.maximum(0.0, 0.0 - self.arrays["f_contact_W"][:, 0])

@@ -1,0 +1,158 @@
+"""A claim: a sentence, a measured quantity, a threshold and a verdict."""
+
+import enum
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ....records.trace import Trace
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """Traces of the study's runs, by name.
+
+    Attributes:
+        traces: impedance, fosm, gsta, gsta_alone.
+        fine: the beginning of the same runs at every step.
+        sweep: variations, with the names of :func:`uvms_mj.studies.paper.runs.plan`.
+    """
+
+    traces: Mapping[str, Trace]
+    fine: Mapping[str, Trace]
+    sweep: Mapping[str, Trace]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A measured value and its details.
+
+    Attributes:
+        value: the number; None if it cannot be measured.
+        detail: the quantities it is computed from, in words.
+        explained: whether the runs show the reason given in the claim's explanation.
+    """
+
+    value: float | None
+    detail: str = ""
+    explained: bool = False
+
+
+class Verdict(enum.Enum):
+    """Result of checking a claim."""
+
+    holds = "the runs confirm it"
+    explained = "the runs do not confirm it, for a stated reason that was itself measured"
+    fails = "the runs do not confirm it"
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A sentence that can be checked.
+
+    Attributes:
+        id: short name.
+        text: the sentence, in this project's words.
+        where: equation, figure or section of the paper.
+        quantity: name of the measured quantity.
+        unit: unit of the quantity.
+        measure: function that measures the quantity.
+        at_least, at_most: limits of the predicate. One of them is required.
+        because: reason for the threshold.
+        paper: the paper's value; empty if the paper gives none.
+        explanation: known reason why the claim does not hold in the paper's scenario; empty for most claims. It counts
+            only if the measurement confirms it.
+    """
+
+    id: str
+    text: str
+    where: str
+    quantity: str
+    unit: str
+    measure: Callable[[Runs], Measured] = field(repr=False)
+    at_least: float | None = None
+    at_most: float | None = None
+    because: str = ""
+    paper: str = ""
+    explanation: str = ""
+
+    def __post_init__(self) -> None:
+        if self.at_least is None and self.at_most is None:
+            raise ValueError(f"claim {self.id} has no threshold")
+
+    @property
+    def predicate(self) -> str:
+        """The threshold in words."""
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        if self.at_least is None:
+            return f"at most {self.at_most:g}{unit}"
+        if self.at_most is None:
+            return f"at least {self.at_least:g}{unit}"
+        return f"{self.at_least:g} to {self.at_most:g}{unit}"
+
+    def holds(self, value: float | None) -> bool:
+        """Whether a value meets the threshold; False for None and NaN."""
+        if value is None:
+            return False
+        low, high = (-np.inf if self.at_least is None else self.at_least), self.at_most
+        return bool(low <= value <= (np.inf if high is None else high))
+
+
+@dataclass(frozen=True)
+class Row:
+    """A claim with its measured value and verdict."""
+
+    claim: Claim
+    measured: Measured
+    verdict: Verdict
+
+    @classmethod
+    def of(cls, claim: Claim, runs: Runs) -> "Row":
+        """Measure and judge a claim. A claim that can't be measured fails, e.g. if a run is too short."""
+        try:
+            measured = claim.measure(runs)
+        except (ArithmeticError, AttributeError, LookupError, ValueError) as error:
+            measured = Measured(None, f"can't be measured: {error}")
+        if claim.holds(measured.value):
+            return cls(claim, measured, Verdict.holds)
+        return cls(claim, measured, Verdict.explained if claim.explanation and measured.explained else Verdict.fails)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Row for JSON and CSV. A value that is not finite becomes None."""
+        value = self.measured.value
+        claim = self.claim
+        return {
+            "id": claim.id,
+            "claim": claim.text,
+            "where": claim.where,
+            "quantity": claim.quantity,
+            "unit": claim.unit,
+            "paper": claim.paper or None,
+            "ours": value if value is not None and np.isfinite(value) else None,
+            "detail": self.measured.detail,
+            "predicate": claim.predicate,
+            "because": claim.because,
+            "verdict": self.verdict.name,
+            "reason": claim.explanation if self.verdict is Verdict.explained else "",
+        }
+
+
+def number(value: float | None) -> str:
+    """Format a number with four digits, a minus sign and powers of ten; a dash for None, nan and infinity.
+
+    Values below 1e-9, in SI units, come from rounding in sums over 1e5 steps and are shown as 0.
+    """
+    if value is None or not np.isfinite(value):
+        return "–"
+    if abs(value) < 1e-9:
+        return "0"
+    if value == round(value) and abs(value) < 1e4:
+        return f"{value:.0f}".replace("-", "−")
+    mantissa, e, exponent = f"{value:.4g}".partition("e")
+    raised = str(int(exponent)).translate(_RAISED) if e else ""
+    return (f"{mantissa}·10{raised}" if e else mantissa).replace("-", "−")
+
+
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

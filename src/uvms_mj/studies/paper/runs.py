@@ -1,0 +1,190 @@
+"""The paper's section 5 as a set of runs: plans the runs, executes them on all cores and reads their logs."""
+
+import dataclasses
+import os
+import threading
+import time
+import warnings
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from ...analysis.sampling import SamplingWarning
+from ...control import Gsta
+from ...engine.run import SinkError, simulate
+from ...errors import InputError
+from ...records.header import Status
+from ...records.mcap import McapLog
+from ...records.trace import Trace
+from ...scenario import Scenario
+from .claims import Runs
+
+FINE_S = 0.2
+"""Length of the beginning of each run that is recorded at every step [s]."""
+SHORT_S = 1.0
+"""Duration that shows whether a law chatters, before the reference moves [s]."""
+LAWS: Mapping[str, tuple[str, Mapping[str, object]]] = {
+    "impedance": ("impedance", {}),
+    "fosm": ("fosm", {}),
+    "gsta": ("gsta", {"controller.nominal": True}),
+    "gsta_alone": ("gsta", {"controller.nominal": False}),
+}
+"""The paper's runs: law and gains by name."""
+FINE, SWEEP = "_fine", "sweep_"
+"""Suffix and prefix of the names of the other logs."""
+
+
+def plan(scenario: Scenario, gains: Mapping[str, Mapping[str, Any]] = MappingProxyType({})) -> dict[str, Scenario]:
+    """Scenarios of all runs of the study, by the name of their log; the longest first.
+
+    Args:
+        scenario: the common settings. Its gains apply to the runs of the same law.
+        gains: dotted keys and values for the runs of a law, by its name: ``{"fosm": {"controller.K_s": 24.0}}``.
+    """
+    tables = scenario.to_dict()
+    base = {name: Scenario.from_dict(tables, {**gains.get(law, {}), **own}, law) for name, (law, own) in LAWS.items()}
+    impedance, fosm, gsta = base["impedance"], base["fosm"], base["gsta"]
+    h, wall = scenario.simulation.timestep, scenario.wall.position
+    K_x, *K_rest = scenario.impedance.K_d
+    short = {"simulation.duration": min(SHORT_S, scenario.simulation.duration)}
+    fine = {"simulation.duration": min(FINE_S, scenario.simulation.duration)}
+    sweep = {
+        "impedance_still": impedance.updated({"current.speed": 0.0}),
+        "impedance_nearer": impedance.updated({"wall.position": wall - 0.02}),
+        "impedance_stiffer": impedance.updated({"impedance.K_d": [10.0 * K_x, *K_rest]}),
+        "fosm_half_epsilon": fosm.updated(short | {"controller.epsilon": 0.5 * _gain(fosm, "epsilon")}),
+        "fosm_double_K_s": fosm.updated(short | {"controller.K_s": 2.0 * _gain(fosm, "K_s")}),
+        "gsta_quarter_step": gsta.updated({"simulation.timestep": 0.25 * h}),
+        "gsta_overestimated": gsta.updated(_estimates(inertia=1.5, others=1.5)),
+        "gsta_underestimated": gsta.updated(_estimates(inertia=0.8, others=0.5)),
+        "gsta_half_inertia": gsta.updated(_estimates(inertia=0.5, others=1.0)),
+    }
+    return (
+        base
+        | {f"{SWEEP}{name}": varied for name, varied in sweep.items()}
+        | {f"{name}{FINE}": each.updated(fine) for name, each in base.items()}
+    )
+
+
+def _estimates(inertia: float, others: float) -> dict[str, float]:
+    """Settings for the law's estimates of M, and of C, D and g, relative to the true values."""
+    return {"estimates.inertia": inertia} | {
+        f"estimates.{name}": others for name in ("coriolis", "damping", "restoring")
+    }
+
+
+def _gain(scenario: Scenario, name: str) -> float:
+    return float(getattr(scenario.controller, name))
+
+
+def run(
+    jobs: Mapping[str, Scenario],
+    folder: Path,
+    progress: Callable[[int, int], None],
+    workers: int | None = None,
+) -> None:
+    """Run every job and write ``folder/<name>.mcap``.
+
+    The jobs run in threads. A run is native code and gives the same result as on its own.
+
+    Args:
+        jobs: scenarios by name.
+        folder: folder for the logs. The logs must not exist yet.
+        progress: called on this thread ten times per second with the steps done in all runs and their total. An
+            exception that it raises stops all runs.
+        workers: number of simultaneous runs; default: one per core.
+
+    Raises:
+        InputError: a job can't run. The other jobs are stopped.
+    """
+    done = dict.fromkeys(jobs, 0)
+    total = sum(scenario.steps for scenario in jobs.values())
+    stop = threading.Event()
+
+    def one(name: str, scenario: Scenario) -> None:
+        def advance(steps: int, _: int) -> None:
+            done[name] = steps
+            if stop.is_set():
+                raise KeyboardInterrupt  # lets the run complete its log
+
+        if stop.is_set():
+            return
+        log_rate = "full" if name.endswith(FINE) else None
+        try:
+            simulate(
+                scenario, sinks=[McapLog(folder / f"{name}.mcap")], log_rate=log_rate, progress=advance, keep_s=0.0
+            )
+        except InputError as error:
+            raise InputError(error.faults, name) from None
+        except (OSError, SinkError) as error:
+            raise InputError(f"{name}: {error}") from None
+
+    ended: list[BaseException | None] = []
+
+    def guarded(name: str, scenario: Scenario) -> None:
+        try:
+            one(name, scenario)
+            ended.append(None)
+        except BaseException as error:
+            ended.append(error)
+
+    with warnings.catch_warnings(), ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
+        warnings.simplefilter("ignore", SamplingWarning)  # some runs chatter by intention; the logs contain the notes
+        for name, scenario in jobs.items():
+            pool.submit(guarded, name, scenario)
+        try:
+            seen: list[BaseException | None] = []
+            while len(seen) < len(jobs):  # not wait(): an interrupt inside its locks would block the workers forever
+                time.sleep(0.1)
+                seen = list(ended)
+                for error in filter(None, seen):
+                    raise error
+                progress(sum(done.values()), total)
+        except BaseException:
+            stop.set()
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def load(folder: Path, names: Iterable[str]) -> Runs:
+    """Load the runs from a folder of logs.
+
+    Raises:
+        InputError: a log is missing, damaged or incomplete, or its scenario does not match its name.
+    """
+    names = list(names)
+    missing = [name for name in names if not (folder / f"{name}.mcap").is_file()]
+    if missing:
+        raise InputError(f"{folder}: missing logs: {', '.join(f'{name}.mcap' for name in missing)}")
+    with ThreadPoolExecutor() as pool:
+        loaded = dict(zip(names, pool.map(lambda name: Trace.load(folder / f"{name}.mcap"), names), strict=True))
+    cut = [
+        name
+        for name, each in loaded.items()
+        if each.status in (Status.interrupted, Status.failed, Status.truncated) or not len(each)
+    ]
+    if cut:
+        raise InputError(f"{folder}: incomplete logs: {', '.join(f'{name}.mcap' for name in cut)}")
+    _check_names(folder, {name: each.scenario for name, each in loaded.items()})
+    return Runs(
+        traces={name: loaded[name] for name in LAWS},
+        fine={name: loaded[f"{name}{FINE}"] for name in LAWS},
+        sweep={name.removeprefix(SWEEP): loaded[name] for name in names if name.startswith(SWEEP)},
+    )
+
+
+def _check_names(folder: Path, found: Mapping[str, Scenario]) -> None:
+    """Raise InputError if the scenario of a log does not match its name.
+
+    The runs of the laws differ only in the law. Every other run is a variation of one of them.
+    """
+    plans = [plan(found[name]) for name in LAWS]
+    worlds = {name: dataclasses.replace(found[name], controller=Gsta()) for name in LAWS}
+    most = max(worlds.values(), key=list(worlds.values()).count)
+    for name, scenario in found.items():
+        alike = worlds.get(name, most) == most
+        if not alike or all(each[name] != scenario for each in plans):
+            what = f"{scenario.controller.label()} for {scenario.simulation.duration:g} s"
+            raise InputError(f"{folder / name}.mcap: contains a run of {what}, which does not match the name")

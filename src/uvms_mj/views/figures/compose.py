@@ -1,0 +1,283 @@
+"""Composes panels into figures: the paper's twelve, an overview of them, and the same quantities of any logs."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.gridspec import GridSpec
+from matplotlib.lines import Line2D
+
+from ...errors import InputError, suggestion
+from ...records.header import Status
+from ...records.trace import Trace
+from ..figures import contact, panels
+from .insets import place
+from .lines import size_in, ticks
+from .overlay import Overlay
+from .panels import ANGULAR, LINEAR, Panel
+from .scales import logarithmic, number, prefix_of
+from .style import COLUMN_IN, PAGE_IN, styled
+
+WHATS = ("position", "force", "sliding", "tau", "integral", "summary")
+"""Quantities that :func:`plot` can draw."""
+RUNS = ("impedance", "fosm", "gsta", "gsta_alone")
+"""The paper's runs."""
+MOST_ROWS = 30
+"""Most rows of panels in one figure."""
+LONGEST_NAME = 30
+"""Most characters of a run's name in a legend; of longer names the end is shown."""
+_HEIGHT_IN = 1.75
+_COLUMNS = 6
+"""Columns of the grid, so that one, two, three or six panels fill the width of a figure."""
+
+Rows = Sequence[Sequence[Panel]]
+
+
+def paper(traces: Mapping[str, Trace], fine: Mapping[str, Trace]) -> dict[str, Figure]:
+    """Draw the paper's figures 1-12, ``fig01`` to ``fig12``, and all of them on one page, ``overview``.
+
+    Args:
+        traces: the paper's runs by the names in :data:`RUNS`.
+        fine: at least the first :data:`SWITCHING_S` of the same runs at every step, for the insets of tau; not needed
+            for the impedance law.
+
+    Raises:
+        InputError: a run is missing or too short, or a trace of ``fine`` is not at every step.
+    """
+    _check(traces, fine)
+    with styled():
+        numbered = _numbered(traces, fine)
+        figures = {}
+        for i, (_, panel) in numbered.items():
+            figure = Figure(figsize=(COLUMN_IN, 0.55 + _HEIGHT_IN * panel.height))
+            cells = [(figure.subplots(), panel)]
+            _fill(cells)
+            _finish(figure, cells, panels.pair_handles() if i in (11, 12) else ())
+            figures[f"fig{i:02d}"] = figure
+        figures["overview"] = _overview(numbered)
+    return figures
+
+
+def plot(traces: Mapping[str, Trace], what: str) -> Figure:
+    """Draw one figure of a run, or of several runs on the same axes.
+
+    For one run, components with the same unit share a panel. For several runs, each component has a panel and each run
+    has the colour of its law. The size of the figure does not depend on the number of runs.
+
+    Args:
+        traces: traces by the names shown in the figure.
+        what: one of :data:`WHATS`.
+
+    Raises:
+        InputError: a trace has fewer than two samples, no law has a state to draw, or there are too many panels.
+    """
+    if what not in WHATS:
+        raise InputError(f"{what}: is not a quantity to draw; {suggestion(what, WHATS)}")
+    _drawable(traces)
+    with styled():
+        named = _named(traces)
+        if len(named) == 1:
+            ((name, trace),) = named.items()
+            return _grid(_of_one(name, trace, what), COLUMN_IN if what != "summary" else PAGE_IN, name)
+        return _grid(_of_several(Overlay(named), what), PAGE_IN, "")
+
+
+# The paper
+
+
+def _check(traces: Mapping[str, Trace], fine: Mapping[str, Trace]) -> None:
+    for what, given, needed in (("traces", traces, RUNS), ("fine", fine, RUNS[1:])):
+        missing = [name for name in needed if name not in given]
+        if missing:
+            raise InputError(f"{what}: {', '.join(missing)} is missing")
+        _drawable(given)
+    for name, trace in fine.items():
+        if trace.header.row_steps != 1:
+            raise InputError(f"fine: {name} is not at every step; run it with log_rate 'full'")
+        if trace.t[-1] < panels.SWITCHING_S - 1e-9:
+            raise InputError(f"fine: {name} ends at {trace.t[-1]:g} s; it must last at least {panels.SWITCHING_S:g} s")
+
+
+def _drawable(traces: Mapping[str, Trace]) -> None:
+    if not traces:
+        raise InputError("there is no log to draw")
+    for label, trace in traces.items():
+        if len(trace) < 2:
+            raise InputError(f"{label}: has fewer than two samples; a line needs two")
+
+
+def _numbered(traces: Mapping[str, Trace], fine: Mapping[str, Trace]) -> dict[int, tuple[str, Panel]]:
+    """Title and panel by the number of the figure in the paper."""
+    impedance, fosm, gsta, alone = (traces[name] for name in RUNS)
+    return {
+        1: ("impedance", panels.position(impedance)),
+        2: ("impedance", panels.vector(impedance, "s")),
+        3: ("impedance", panels.tau(impedance, None)),
+        4: ("first order", panels.position(fosm)),
+        5: ("first order", contact.force(fosm)),
+        6: ("first order", panels.vector(fosm, "s")),
+        7: ("first order", panels.tau(fosm, fine["fosm"])),
+        8: ("GSTA", panels.position(gsta)),
+        9: ("GSTA", contact.force(gsta)),
+        10: ("GSTA", panels.vector(gsta, "s")),
+        11: ("GSTA", panels.tau(gsta, fine["gsta"], alone, fine["gsta_alone"])),
+        12: ("GSTA", panels.integral(gsta, alone)),
+    }
+
+
+def _overview(numbered: Mapping[int, tuple[str, Panel]]) -> Figure:
+    """One row per quantity, one column per law. z takes the place of the force of the law that makes no contact."""
+    order = (1, 4, 8, 2, 6, 10, 3, 7, 11, 12, 5, 9)
+    rows = [order[i : i + 3] for i in range(0, len(order), 3)]
+    heights = [max(numbered[i][1].height for i in row) for row in rows]
+    figure = Figure(figsize=(PAGE_IN, 0.6 + _HEIGHT_IN * sum(heights)))
+    axes = list(figure.subplots(4, 3, height_ratios=heights).flat)
+    for ax, i in zip(axes, order, strict=True):
+        title, _ = numbered[i]
+        ax.set_title(f"{i}  {title}")
+    cells = [(ax, numbered[i][1]) for ax, i in zip(axes, order, strict=True)]
+    _fill(cells)
+    for ax in axes[:-3]:
+        ax.set_xlabel("")
+    _finish(figure, cells, panels.pair_handles()[3:])
+    return figure
+
+
+# Any log
+
+
+def _of_one(label: str, trace: Trace, what: str) -> Rows:
+    """Linear and angular components in one column; side by side in a summary."""
+    fine = trace if trace.header.row_steps == 1 and trace.t[-1] > 10.0 * panels.SWITCHING_S else None
+
+    def halves(name: str) -> list[Panel]:
+        return [panels.vector(trace, name, part) for part in (LINEAR, ANGULAR)]
+
+    def states() -> Rows:
+        return [
+            halves(signal.name) if signal.size == 6 else [panels.state(trace, signal)]
+            for signal in panels.states_of(trace)
+        ]
+
+    rows: dict[str, Callable[[], Rows]] = {
+        "position": lambda: [[panels.position(trace)]],
+        "force": lambda: [[contact.force(trace)]],
+        "sliding": lambda: [halves("s")],
+        "tau": lambda: [[panels.tau(trace, fine), panels.vector(trace, "tau", ANGULAR)]],
+        "integral": states,
+    }
+    if what == "summary":
+        return [[panels.position(trace), contact.force(trace)], *rows["sliding"](), *rows["tau"](), *states()]
+    if what == "integral" and not states():
+        others = ", ".join(each for each in WHATS if each != what)
+        raise InputError(f"{label}: its law has no integral term and no other state; draw one of {others}")
+    return [[panel] for row in rows[what]() for panel in row]
+
+
+def _of_several(runs: Overlay, what: str) -> Rows:
+    states = [row for name in runs.states() for row in runs.signal(name)]
+    if what == "integral":
+        if not states:
+            raise InputError(f"{', '.join(runs.traces)}: no law has an integral term or another state")
+        return states
+    rows = {"position": runs.position, "force": runs.force}
+    if what in rows:
+        return rows[what]()
+    if what in ("sliding", "tau"):
+        return runs.signal("s" if what == "sliding" else "tau")
+    return [*runs.position(), *runs.force(), *runs.signal("s"), *runs.signal("tau"), *states]
+
+
+def _grid(rows: Rows, width: float, title: str) -> Figure:
+    """A figure of rows of panels; each row fills the width of the figure."""
+    if len(rows) > MOST_ROWS:
+        raise InputError(f"{len(rows)} rows of panels are too many for one figure; draw one quantity at a time")
+    heights = [max(panel.height for panel in row) for row in rows]
+    figure = Figure(figsize=(width, 0.55 + _HEIGHT_IN * sum(heights)))
+    grid = GridSpec(len(rows), _COLUMNS, figure=figure, height_ratios=heights)
+    drawn = []
+    for i, row in enumerate(rows):
+        wide = max(1, _COLUMNS // len(row))
+        drawn += [(figure.add_subplot(grid[i, wide * j : wide * (j + 1)]), panel) for j, panel in enumerate(row)]
+    if title:
+        _entitle(drawn[0][0], title)
+    _fill(drawn)
+    for ax, _ in drawn[: -len(rows[-1])]:
+        ax.set_xlabel("")
+    _finish(figure, drawn)
+    return figure
+
+
+def _named(traces: Mapping[str, Trace]) -> dict[str, Trace]:
+    """Traces by unique names that fit into a figure, with the status of runs that did not complete."""
+    named: dict[str, Trace] = {}
+    for i, (label, trace) in enumerate(traces.items()):
+        name = label if len(label) <= LONGEST_NAME else f"...{label[3 - LONGEST_NAME :]}"
+        name = name if trace.status is Status.completed else f"{name} ({trace.status.name})"
+        named[name if name not in named else f"{name} {i + 1}"] = trace
+    return named
+
+
+def _entitle(ax: Axes, text: str) -> None:
+    """Set a title no wider than its panel; of a longer title the end is shown."""
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    room = size_in(ax)[0] * figure.dpi
+    title = ax.set_title(text, parse_math=False)
+    while text and title.get_window_extent().width > room:
+        text = text[1 + len(text) // 20 :]
+        title.set_text(f"...{text}")
+
+
+# All figures
+
+
+def _fill(cells: Sequence[tuple[Axes, Panel]]) -> None:
+    """Draw panels, each with its own range and prefix. All panels of a figure share range and prefix of time."""
+    end = 0.0
+    for ax, panel in cells:
+        power, prefix = prefix_of(panel.largest)
+        ticks(ax, 6)
+        panel.draw(ax)
+        end = max(end, ax.get_xlim()[1])
+        if panel.within is None:
+            number(ax.yaxis, power)
+        else:
+            logarithmic(ax, panel.within, panel.unit, power, prefix)
+        ax.set_ylabel(panel.label(prefix))
+    power, prefix = prefix_of(end)
+    for ax, _ in cells:
+        ax.set_xlim(right=end)
+        number(ax.xaxis, power)
+        ax.set_xlabel(f"time [{prefix}s]")
+
+
+def _finish(figure: Figure, cells: Sequence[tuple[Axes, Panel]], more: Sequence[Line2D] = ()) -> None:
+    """Add the legend, then the insets, which need the final sizes, and the name of each line in the SVG."""
+    _legend(figure, [ax for ax, _ in cells], more)
+    engine = figure.get_layout_engine()
+    assert engine is not None
+    engine.execute(figure)
+    for ax, panel in cells:
+        place(ax, panel.insets, prefix_of(panel.largest)[0])
+    for i, each in enumerate(figure.findobj(lambda artist: isinstance(artist, Line2D) and bool(artist.get_gid()))):
+        each.set_gid(f"{each.get_gid()}-{i}")
+
+
+def _legend(figure: Figure, axes: Iterable[Axes], more: Sequence[Line2D]) -> None:
+    """Add one legend above all axes, ordered by rows, in as few rows as the width allows."""
+    found: dict[str, Artist] = {}
+    for ax in axes:
+        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, handle)
+    found |= {str(handle.get_label()): handle for handle in more}
+    for rows in range(1, len(found) + 1):
+        columns = -(-len(found) // rows)
+        labels = [label for i in range(columns) for label in list(found)[i::columns]]
+        legend = figure.legend(
+            handles=[found[label] for label in labels], labels=labels, loc="outside upper center", ncols=columns
+        )
+        if columns == 1 or legend.get_window_extent().width < 0.97 * figure.bbox.width:
+            break
+        legend.remove()

@@ -1,0 +1,146 @@
+"""Several runs on the same axes: one panel for each component, each run in the colour of its law.
+
+If one run would make the others look flat, the axis is logarithmic beyond a limit that the panel shows.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
+
+from ...records.trace import Trace
+from ...stages.signals import Signal
+from ...views import colours
+from .contact import forces
+from .insets import Inset
+from .lines import line
+from .panels import (
+    ANGULAR,
+    AXES,
+    LINEAR,
+    MOST_LINES,
+    REFERENCE,
+    Panel,
+    near_wall,
+    states_of,
+    unit_of,
+    wall,
+)
+from .scales import fills, largest, linear_within
+from .style import stripe
+
+MOST_NAMES = 30
+"""Most runs named in the legend; more runs are named by their laws only."""
+_BELOW = 1.9
+"""zorder of a line that would hide others."""
+
+
+class Overlay:
+    """Panels of several runs.
+
+    Args:
+        traces: traces by the names shown in the legend.
+    """
+
+    def __init__(self, traces: Mapping[str, Trace]) -> None:
+        self.traces = dict(traces)
+        laws = [trace.header.law.source for trace in traces.values()]
+        shades = colours.of_runs(laws)
+        names = list(traces) if len(traces) <= MOST_NAMES else [f"{law} ({laws.count(law)} runs)" for law in laws]
+        self.looks: dict[str, dict[str, Any]] = {}
+        for i, (label, name, shade) in enumerate(zip(traces, names, shades, strict=True)):
+            red, green, blue = shade
+            colour = to_hex((red / 255, green / 255, blue / 255))
+            self.looks[label] = {"color": colour, "label": name, **stripe(i, len(traces))}
+
+    def position(self) -> list[list[Panel]]:
+        """x, y and z, with references and walls."""
+        return [[self._position(i) for i in range(3)]]
+
+    def _position(self, i: int) -> Panel:
+        values = {label: trace.p_WB[:, i] for label, trace in self.traces.items()}
+        wholes = [largest(trace.p_WB) for trace in self.traces.values()]
+
+        def draw(ax: Axes) -> None:
+            for label, trace in self.traces.items():
+                line(ax, trace.t, values[label], f"p_WB.{AXES[i]}", **self.looks[label])
+            for trace in self.traces.values():
+                line(ax, trace.t, trace.p_d[:, i], f"p_d.{AXES[i]}", **REFERENCE | {"label": "reference"})
+                if i == 0:
+                    wall(ax, trace, np.concatenate([trace.p_WB[:, 0], trace.p_d[:, 0]]))
+
+        unlabelled = {label: {**look, "label": None} for label, look in self.looks.items()}
+        inset = near_wall(self.traces, unlabelled) if i == 0 else ()
+        return _panel(f"position {AXES[i]}", "m", draw, values, wholes, inset)
+
+    def force(self) -> list[list[Panel]]:
+        """The push of all runs, with insets of the impacts and of the force at rest."""
+        return [[forces(self.traces, self.looks)]]
+
+    def signal(self, name: str) -> list[list[Panel]]:
+        """A signal of the runs that have it: one row of linear and one row of angular components."""
+        owners = {
+            label: trace for label, trace in self.traces.items() if any(each.name == name for each in trace.signals)
+        }
+        signals = {label: next(s for s in trace.signals if s.name == name) for label, trace in owners.items()}
+        size = max(signal.size for signal in signals.values())
+        if size > MOST_LINES:
+            return [[self._range(name, owners)]]
+        rows = [LINEAR, ANGULAR] if size == 6 else [slice(0, size)]
+        return [[self._component(name, i, part, owners, signals) for i in range(size)[part]] for part in rows]
+
+    def _component(
+        self, name: str, i: int, part: slice, owners: Mapping[str, Trace], signals: Mapping[str, Signal]
+    ) -> Panel:
+        having = {label: trace for label, trace in owners.items() if signals[label].size > i}
+        flat = {label: trace[name].reshape(len(trace), -1) for label, trace in having.items()}
+        values = {label: each[:, i] for label, each in flat.items()}
+        wholes = [largest(each[:, part]) for each in flat.values()]
+        label = next(iter(having))
+        component = signals[label].components[i]
+
+        def draw(ax: Axes) -> None:
+            for label, trace in having.items():
+                look = self.looks[label] | ({"zorder": _BELOW} if fills(values[label]) else {})
+                line(ax, trace.t, values[label], f"{name}.{component}", **look)
+
+        symbol = {"tau": "τ"}.get(name, name)
+        return _panel(
+            f"{symbol}.{component}" if component else symbol,
+            unit_of(signals[label], slice(i, i + 1)),
+            draw,
+            values,
+            wholes,
+        )
+
+    def _range(self, name: str, owners: Mapping[str, Trace]) -> Panel:
+        """The range of the numbers of a large state."""
+        flat = {label: trace[name].reshape(len(trace), -1) for label, trace in owners.items()}
+
+        def draw(ax: Axes) -> None:
+            for label, trace in owners.items():
+                for edge in (flat[label].min(axis=1), flat[label].max(axis=1)):
+                    line(ax, trace.t, edge, f"{name}.range", **self.looks[label])
+
+        signal = next(s for s in next(iter(owners.values())).signals if s.name == name)
+        wholes = [largest(each) for each in flat.values()]
+        return _panel(f"range of state {name}", unit_of(signal, slice(0, 1)), draw, flat, wholes)
+
+    def states(self) -> list[str]:
+        """The names of all states of all runs' laws."""
+        return list(dict.fromkeys(signal.name for trace in self.traces.values() for signal in states_of(trace)))
+
+
+def _panel(
+    what: str,
+    unit: str,
+    draw: Callable[[Axes], None],
+    values: Mapping[str, np.ndarray],
+    wholes: Sequence[float],
+    insets: Sequence[Inset] = (),
+) -> Panel:
+    """A panel with one line for each run; ``wholes`` are the largest magnitudes of the complete signals."""
+    sizes = [largest(each) for each in values.values()]
+    return Panel(what, unit, draw, max(sizes), tuple(insets), within=linear_within(sizes, wholes))

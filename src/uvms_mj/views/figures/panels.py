@@ -1,0 +1,244 @@
+"""Panels of one run: position, sliding variable, actuation force, and the states of its law.
+
+Linear and angular components have separate panels, because their units differ.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from ...records.trace import Trace
+from ...stages.signals import OWN_UNIT, Signal
+from .insets import Inset
+from .lines import line
+from .scales import early, largest, number
+from .style import BLACK, COLOURS, GREY, LINE, stripe
+
+LINEAR, ANGULAR = slice(0, 3), slice(3, 6)
+"""Components of a signal of six numbers."""
+AXES = ("x", "y", "z")
+SWITCHING_S = 0.01
+"""Time that the insets of tau show from the start of a run [s]. The first-order law's chatter dies out within it."""
+MOST_LINES = 6
+"""Most lines for one state; a state with more numbers is drawn as the range of its numbers."""
+COMPONENT_COLOURS = [COLOURS[name] for name in (*AXES, "roll", "pitch", "yaw")]
+REFERENCE: dict[str, Any] = {"color": BLACK, "linestyle": "dashed", "linewidth": 0.8, "zorder": 4}
+LEVELS: dict[str, dict[str, Any]] = {
+    "expected": REFERENCE | {"linestyle": (0, (9, 3))},
+    "analytic": {"color": BLACK, "linestyle": "dotted", "linewidth": LINE, "zorder": 5},
+}
+"""Line styles of the expected forces."""
+WALL: dict[str, Any] = {"color": GREY, "linestyle": "dashdot", "linewidth": 0.8, "zorder": 1.5}
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Contents of one panel, independent of its axes.
+
+    Attributes:
+        quantity: name of y.
+        unit: unit of y; empty if unknown.
+        draw: draws the lines, in SI.
+        largest: magnitude that determines the SI prefix of y; the default, 1, gives no prefix.
+        insets: enlarged parts of the panel.
+        height: in heights of an ordinary panel.
+        within: y is logarithmic beyond +-within; None for a linear axis.
+    """
+
+    quantity: str
+    unit: str
+    draw: Callable[[Axes], None]
+    largest: float = 1.0
+    insets: tuple[Inset, ...] = ()
+    height: float = 1.0
+    within: float | None = None
+
+    def label(self, prefix: str) -> str:
+        """Label of y: quantity and unit with an SI prefix."""
+        return f"{self.quantity} [{prefix}{self.unit}]" if self.unit else self.quantity
+
+
+# Position
+
+
+def position(trace: Trace) -> Panel:
+    """Position in W, reference and wall; with an inset of x near the wall if the run ends there."""
+    reach = np.concatenate([trace.p_WB, trace.p_d])
+
+    def draw(ax: Axes) -> None:
+        for i, axis in enumerate(AXES):
+            line(ax, trace.t, trace.p_WB[:, i], f"p_WB.{axis}", label=axis, color=COLOURS[axis], **stripe(i, 3))
+        for i, axis in enumerate(AXES):
+            line(ax, trace.t, trace.p_d[:, i], f"p_d.{axis}", label="reference", **REFERENCE)
+        wall(ax, trace, reach)
+
+    return Panel("position", "m", draw, largest(reach), near_wall({"": trace}, {"": {"color": COLOURS["x"]}}))
+
+
+def wall(ax: Axes, trace: Trace, reach: np.ndarray) -> None:
+    """Draw the wall's position if positions or references, ``reach``, come near it."""
+    x_c, span = trace.scenario.wall.position, float(np.ptp(reach))
+    if reach.min() - 0.1 * span <= x_c <= reach.max() + 0.1 * span:
+        level(ax, trace.t, x_c, "wall", WALL)
+
+
+def near_wall(traces: dict[str, Trace], looks: dict[str, dict[str, Any]]) -> tuple[Inset, ...]:
+    """Inset of x and its reference near the wall, if all runs end close to the same wall."""
+    walls = {trace.scenario.wall.position for trace in traces.values()}
+    depth = max(max(abs(float(trace.p_d[-1, 0]) - min(walls)) for trace in traces.values()), 2e-3)
+    x_c = min(walls)
+    ends = [float(trace.p_WB[-1, 0]) for trace in traces.values()]
+    low, high = min(x_c - 0.9 * depth, *ends), x_c + 1.3 * depth
+    seen = [trace for trace in traces.values() if np.ptp(trace.p_WB[:, 0]) > 5.0 * (high - low)]
+    if len(walls) > 1 or not x_c - 3.0 * depth < min(ends) <= max(ends) < high or len(seen) < len(traces):
+        return ()
+    low -= 0.1 * depth
+    first = min(float(trace.t[np.argmax(trace.p_WB[:, 0] > low)]) for trace in seen)
+
+    def draw(ax: Axes, power: float) -> None:
+        for label, trace in traces.items():
+            rest = slice(int(np.searchsorted(trace.t, first)), None)
+            line(ax, trace.t[rest], trace.p_WB[rest, 0], "p_WB.x", **looks[label])
+            line(ax, trace.t[rest], trace.p_d[rest, 0], "p_d.x", **REFERENCE)
+        last = max(float(trace.t[-1]) for trace in traces.values())
+        level(ax, np.array([first, last]), x_c, "wall", WALL)
+        ax.set(xlim=(first, last), ylim=(low, high))
+        number(ax.yaxis, power)
+
+    return (Inset(draw, "x at the wall"),)
+
+
+# Components: sliding variable, actuation, states
+
+
+def vector(trace: Trace, name: str, part: slice = LINEAR) -> Panel:
+    """Three components of a signal of six numbers, all with the same unit.
+
+    If an initial transient is much larger than the rest of the run, an inset shows the transient and the panel has the
+    range of the rest.
+    """
+    signal = next(signal for signal in trace.signals if signal.name == name)
+    values = trace[name].reshape(len(trace), signal.size)[:, part]
+    window = early(trace.t, values)
+    late = values[trace.t >= trace.t[0] + window]
+    low, high = float(late.min()), float(late.max())
+
+    def draw(ax: Axes) -> None:
+        components(ax, trace, signal, part)
+        if window:
+            margin = 0.06 * (high - low)
+            ax.set_ylim(low - margin, high + margin)
+
+    def beginning(ax: Axes, power: float) -> None:
+        components(ax, trace, signal, part, trace.t[0] + window)
+        _until(ax, window, power)
+
+    inset = (Inset(beginning, f"first {1e3 * window:g} ms", height=0.38),) if window else ()
+    return Panel(quantity(trace, name, part), unit_of(signal, part), draw, largest(late), inset)
+
+
+def quantity(trace: Trace, name: str, part: slice = LINEAR) -> str:
+    """Name of the linear or angular components of a signal, for the axis label."""
+    if name == "tau":
+        return "actuation moment τ" if part == ANGULAR else "actuation force τ"
+    if name == "s":
+        return "sliding variable s"
+    return "integral term z" if name == "z" and trace.header.law.source in ("gsta", "sta") else f"state {name}"
+
+
+def tau(trace: Trace, fine: Trace | None, other: Trace | None = None, other_fine: Trace | None = None) -> Panel:
+    """Force part of tau, with an inset of its beginning at every step from ``fine``; ``other`` is dashed."""
+
+    def beginning(ax: Axes, power: float) -> None:
+        assert fine is not None
+        pair(ax, fine, other_fine, "tau", SWITCHING_S)
+        _until(ax, SWITCHING_S, power)
+
+    inset = (Inset(beginning, f"first {1e3 * SWITCHING_S:g} ms", height=0.38),) if fine else ()
+    size = largest(trace.tau[:, :3])
+    return Panel(quantity(trace, "tau"), "N", lambda ax: pair(ax, trace, other, "tau"), size, inset)
+
+
+def _until(ax: Axes, window: float, power: float) -> None:
+    """Set limits and numbers of an inset that shows the beginning of a run."""
+    ax.margins(y=0.08)
+    ax.set_xlim(0.0, window)
+    number(ax.yaxis, power)
+    number(ax.xaxis, 1e-3)
+
+
+def integral(trace: Trace, other: Trace | None = None) -> Panel:
+    """Force part of the integral term of a super-twisting law; ``other`` is dashed."""
+    return Panel("integral term z", "m/s²", lambda ax: pair(ax, trace, other, "z"), largest(trace.z[:, :3]))
+
+
+def state(trace: Trace, signal: Signal) -> Panel:
+    """A state of a law that is not a vector of six: its numbers, or the range of more than six numbers."""
+    values = trace[signal.name].reshape(len(trace), signal.size)
+
+    def draw(ax: Axes) -> None:
+        if signal.size > MOST_LINES:
+            label = f"range of the {signal.size} numbers of {signal.name}"
+            for edge, text in ((values.min(axis=1), label), (values.max(axis=1), None)):
+                line(ax, trace.t, edge, f"{signal.name}.range", color=GREY, label=text)
+            return
+        for i, component in enumerate(signal.components):
+            name = f"{signal.name}.{component}" if component else signal.name
+            look = {"color": COMPONENT_COLOURS[i], **stripe(i, signal.size)}
+            line(ax, trace.t, values[:, i], name, label=component or signal.name, **look)
+
+    return Panel(f"state {signal.name}", unit_of(signal, slice(0, signal.size)), draw, largest(values))
+
+
+def unit_of(signal: Signal, part: slice) -> str:
+    """Unit of some components in the format of a label; empty if a law does not declare the unit of its state."""
+    unit = signal.units[part.start or 0]
+    return "" if unit == OWN_UNIT else unit.replace("^2", "²").replace("^3", "³")
+
+
+def components(ax: Axes, trace: Trace, signal: Signal, part: slice, until: float = np.inf) -> None:
+    """Draw three components of a signal of six numbers, until a time [s]."""
+    n = int(np.searchsorted(trace.t, until + 1e-9, side="right"))
+    for i, component in enumerate(signal.components[part]):
+        values = trace[signal.name][:n, part.start + i]
+        look = {"color": COLOURS[component], "label": component, **stripe(i, 3)}
+        line(ax, trace.t[:n], values, f"{signal.name}.{component}", **look)
+
+
+def pair(ax: Axes, trace: Trace, other: Trace | None, name: str, until: float = np.inf) -> None:
+    """Draw x, y and z of a signal. With another trace, the first is solid and pale and the other dashed above it."""
+    # dashes would hide reversals at every sample
+    alone: dict[str, Any] = {"linestyle": "solid"} if np.isfinite(until) else {}
+    runs: list[tuple[Trace, dict[str, Any]]] = [(trace, {"alpha": 0.45, "linestyle": "solid"} if other else alone)]
+    if other is not None:
+        runs.append((other, {"linestyle": "dashed", "zorder": 2.5}))
+    for run, look in runs:
+        n = int(np.searchsorted(run.t, until + 1e-9, side="right"))
+        for i, axis in enumerate(AXES):
+            label = axis if run is trace else None
+            whole = {"color": COLOURS[axis], "label": label, **stripe(i, 3), **look}
+            line(ax, run.t[:n], run[name][:n, i], f"{name}.{axis}", **whole)
+
+
+def pair_handles() -> list[Line2D]:
+    """Legend entries for colours, solid lines and dashed lines."""
+    return [
+        *(Line2D([], [], color=COLOURS[axis], linewidth=LINE, label=axis) for axis in AXES),
+        Line2D([], [], color=GREY, linewidth=LINE, alpha=0.6, label="with nominal control"),
+        Line2D([], [], color=GREY, linewidth=LINE, linestyle="dashed", label="without"),
+    ]
+
+
+def level(ax: Axes, t: np.ndarray, value: float, label: str, look: dict[str, Any]) -> None:
+    """Draw a horizontal line over the time of a run."""
+    ax.plot(t[[0, -1]], [value, value], label=label, gid=label, **look)
+
+
+def states_of(trace: Trace) -> Sequence[Signal]:
+    """Signals of the law's states; empty for a law without states."""
+    names = trace.header.law.states
+    return [signal for signal in trace.signals if signal.name in names]

@@ -1,0 +1,305 @@
+"""A run as Rerun entities: its appearance, and its samples as columns.
+
+The entities below the root of a run are ``world/...``, the contents of the 3-D view in W; ``signals/<name>``, every
+recorded signal with all its components, or ``signals/<name>/<component>`` for plotted signals; and ``push``, the force
+on the wall, with ``push/analytic``. Scalars keep full precision. Poses are float32, because Rerun stores them so.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import rerun as rr
+
+from ...control.rest import SteadyState
+from ...physics.frames import quat_from_euler_deg, rotation_matrices
+from ...records.header import Header
+from ...records.scene import (
+    FORCE_SCALE,
+    WALL_RGBA,
+    WALL_SIZE,
+    WALL_THICKNESS,
+    arrows,
+    current_arrow,
+    magnitudes,
+    span,
+    wall_face,
+)
+from ...stages.signals import Signal
+from ..colours import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, Colour, mixed
+from .extents import Extents
+from .solids import Solid, solids
+
+TIMELINE = "sim_time"
+"""Simulated time [s]."""
+POSE_HZ = 50.0
+"""Most poses and arrows per simulated second [Hz]."""
+TRAJECTORY_PIECES = 1000
+"""Approximate number of straight pieces of a trajectory, for a run of any length."""
+_ABOVE = np.array([0.0, 0.0, 0.25])
+"""Position of the contact force's text relative to the contact point [m]."""
+
+LIGHT, GREY = (235, 235, 235), (160, 160, 160)
+COMPONENTS = (ORANGE, SKY, GREEN, YELLOW, BLUE, PURPLE)
+"""Colours of x, y, z, roll, pitch and yaw of any signal."""
+CONTACT, THRUST, CURRENT, REFERENCE = VERMILLION, ORANGE, SKY, GREY
+
+
+@dataclass(frozen=True)
+class Place:
+    """Lane of a run among others, and scale of its force arrows.
+
+    Attributes:
+        y: offset of the lane to the left of W's origin [m].
+        width: width of the lane [m].
+        force_scale: length of the force arrows [m/N].
+    """
+
+    y: float = 0.0
+    width: float = WALL_SIZE
+    force_scale: float = FORCE_SCALE
+
+
+_ALONE = Place()
+
+
+class Run:
+    """Writes one run to a Rerun stream.
+
+    Args:
+        header: header of the run.
+        label: prefix of the run's paths and names among several runs; empty for a single run.
+        colour: colour of the run among several runs; None for a single run.
+        row_steps: rows between two samples that are sent.
+        place: lane of the run and scale of its arrows.
+        extents: ranges of the signals of a finished run; None while the run is in progress.
+    """
+
+    def __init__(
+        self,
+        header: Header,
+        label: str = "",
+        colour: Colour | None = None,
+        row_steps: int = 1,
+        place: Place = _ALONE,
+        extents: Extents | None = None,
+    ) -> None:
+        self.header, self.label, self.colour = header, label, colour
+        self.place, self.extents = place, extents
+        row_s = header.row_steps * header.scenario.simulation.timestep
+        duration = header.scenario.steps * header.scenario.simulation.timestep
+        self.row_steps = row_steps
+        self.pose_steps = max(1, round(1.0 / (POSE_HZ * row_s)))
+        self.piece_steps = self.pose_steps * max(1, round(duration / TRAJECTORY_PIECES / (self.pose_steps * row_s)))
+        self.plotted = ("p_WB", "p_d", "tau", "s", *header.law.states)
+        """Signals that the layout plots."""
+        self._rows = 0
+        self._last_p: np.ndarray | None = None
+
+    def path(self, *parts: str) -> str:
+        """Path of an entity of this run."""
+        return rr.new_entity_path([self.label, *parts] if self.label else list(parts))
+
+    def has(self, name: str) -> bool:
+        return any(signal.name == name for signal in self.header.signals)
+
+    def signal(self, name: str) -> Signal:
+        return next(signal for signal in self.header.signals if signal.name == name)
+
+    def line(self, name: str, component: int) -> str:
+        """Path of one component of a plotted signal."""
+        signal = self.signal(name)
+        return self.path("signals", name, *([signal.components[component]] if signal.size > 1 else []))
+
+    def named(self, what: str) -> str:
+        return f"{self.label}: {what}" if self.label else what
+
+    def columns(self) -> Iterator[tuple[tuple[str, ...], Signal, slice]]:
+        """Entities of all signals: parts of the path, the signal, and the components stored there."""
+        for signal in self.header.signals:
+            if signal.name in self.plotted and signal.size > 1:
+                for i, component in enumerate(signal.components):
+                    yield ("signals", signal.name, component), signal, slice(i, i + 1)
+            elif signal.name != "t":
+                yield ("signals", signal.name), signal, slice(None)
+
+    def begin(self, stream: rr.RecordingStream) -> None:
+        """Set the stream, and send the static entities."""
+        self.stream = stream
+        self._things()
+        self._series()
+
+    def write(self, values: Mapping[str, np.ndarray]) -> None:
+        """Send the next rows: t (n,) and each signal (n, size)."""
+        t, first = values["t"].reshape(-1), self._rows
+        self._rows += len(t)
+
+        def every(steps: int) -> slice:
+            return slice(-first % steps, None, steps)
+
+        rows = every(self.row_steps)
+        if len(t[rows]):
+            for parts, signal, place in self.columns():
+                self._scalars(parts, t[rows], values[signal.name][rows, place])
+            push = np.maximum(0.0, 0.0 - values["f_contact_W"][rows, :1])
+            self._scalars(("push",), t[rows], push)
+            if isinstance(self.header.analytic, SteadyState):
+                ends = t[rows][[0, -1]]
+                self._scalars(("push", "analytic"), ends, np.full((2, 1), self.header.analytic.force))
+        self._poses({name: value[every(self.pose_steps)] for name, value in values.items()})
+        self._trajectory(t[every(self.piece_steps)], values["p_WB"][every(self.piece_steps)])
+
+    def _send(self, parts: tuple[str, ...], t: np.ndarray, columns: Iterable[rr.ComponentColumn]) -> None:
+        ns = np.rint(t * 1e9).astype("timedelta64[ns]")
+        rr.send_columns(
+            self.path(*parts), [rr.TimeColumn(TIMELINE, duration=ns)], columns, recording=self.stream, strict=True
+        )
+
+    def _log(self, parts: tuple[str, ...], what: rr.AsComponents) -> None:
+        rr.log(self.path(*parts), what, static=True, recording=self.stream, strict=True)
+
+    def _scalars(self, parts: tuple[str, ...], t: np.ndarray, values: np.ndarray) -> None:
+        n, size = values.shape
+        flat = np.ascontiguousarray(values).reshape(-1)
+        self._send(parts, t, rr.Scalars.columns(scalars=flat).partition(np.full(n, size)))
+
+    def _poses(self, values: Mapping[str, np.ndarray]) -> None:
+        t = values["t"].reshape(-1)
+        if not len(t):
+            return
+        p, quat, p_d = values["p_WB"], values["quat_WB"], values["p_d"]
+        xyzw = quat[:, [1, 2, 3, 0]]
+        self._send(("world", "vehicle"), t, rr.Transform3D.columns(translation=p, quaternion=xyzw))
+        quat_d = quat_from_euler_deg(*self.header.scenario.reference.attitude_deg)[[1, 2, 3, 0]]
+        reference = rr.Transform3D.columns(translation=p_d, quaternion=np.broadcast_to(quat_d, (len(t), 4)))
+        self._send(("world", "reference"), t, reference)
+        f_W = values["f_contact_W"]
+        tip = p + np.array([self.header.geometry.reach, 0.0, 0.0])
+        contact = self._vectors(f_W)
+        # the head is at the contact point; an arrow that starts there would be inside the vehicle
+        self._arrow("contact force", t, tip - contact, f_W, tip + _ABOVE)
+        thrust_W = np.einsum("nij,nj->ni", rotation_matrices(quat), values["tau"][:, :3])
+        self._arrow("thrust", t, p, thrust_W, p + self._vectors(thrust_W) - 0.4 * _ABOVE)
+
+    def _vectors(self, force: np.ndarray) -> np.ndarray:
+        """Arrows (n, 3) of forces (n, 3)."""
+        return arrows(force, self.place.force_scale, span(self.header))
+
+    def _arrow(self, name: str, t: np.ndarray, start: np.ndarray, force: np.ndarray, text_at: np.ndarray) -> None:
+        """Send arrows of a force with its magnitude, for samples with a non-zero force. Vectors are (n, 3), in W."""
+        newtons = magnitudes(force)
+        some = newtons > 0.0
+        drawn = rr.Arrows3D.columns(origins=start[some], vectors=self._vectors(force[some]))
+        self._send(("world", name), t, drawn.partition(some.astype(int)))
+        if not self.label:
+            fits = span(self.header) / self.place.force_scale
+            labels = [f"{name} {n:.2f} N{' (arrow cut)' if n > fits else ''}" for n in newtons[some]]
+            text = rr.Points3D.columns(positions=text_at[some], labels=labels)
+            self._send(("world", name, "text"), t, text.partition(some.astype(int)))
+
+    def _trajectory(self, t: np.ndarray, p: np.ndarray) -> None:
+        """Send the trajectory as straight pieces. The layout shows all pieces up to the time cursor."""
+        if not len(t):
+            return
+        way = np.concatenate([p[:1] if self._last_p is None else self._last_p[None], p])
+        self._last_p = p[-1].copy()
+        pieces = np.stack([way[:-1], way[1:]], axis=1)
+        self._send(("world", "trajectory"), t, rr.LineStrips3D.columns(strips=list(pieces)))
+
+    def _things(self) -> None:
+        scenario, geometry = self.header.scenario, self.header.geometry
+        self._log(("world",), rr.Transform3D(translation=[0.0, self.place.y, 0.0]))
+        shapes = list(solids(geometry))
+        for i, solid in enumerate(shapes):
+            mesh = rr.Mesh3D(
+                vertex_positions=solid.vertices,
+                vertex_normals=solid.normals,
+                triangle_indices=solid.triangles,
+                albedo_factor=self._tinted(solid.rgba),
+            )
+            self._log(("world", "vehicle", f"part {i + 1}"), mesh)
+        half = np.array([WALL_THICKNESS, self.place.width, WALL_SIZE]) / 2
+        centre = (wall_face(self.header) + half[0], 0.0, 0.0)
+        wall = rr.Boxes3D(
+            centers=[centre], half_sizes=[half], colors=[_rgba8((*WALL_RGBA[:3], 0.35))], fill_mode="solid"
+        )
+        self._log(("world", "wall"), wall)
+        self._arrow_style("contact force", self.colour or CONTACT)
+        self._arrow_style("thrust", self.colour or THRUST)
+        if scenario.current.speed:
+            start, tip = current_arrow(self.header)
+            arrow = rr.Arrows3D(
+                origins=[start],
+                vectors=[tip - start],
+                colors=[CURRENT],
+                radii=[0.014],
+                labels=[f"current {scenario.current.speed:g} m/s"],
+            )
+            self._log(("world", "current"), arrow)
+        self._log(("world", "trajectory"), rr.LineStrips3D.from_fields(colors=[self.colour or PURPLE], radii=[0.007]))
+        self._names(*bounds(shapes, geometry.reach))
+
+    def _names(self, low: np.ndarray, high: np.ndarray) -> None:
+        """Send the reference as a box between the vehicle's corners (3,), and the name of the run or the reference."""
+        box = rr.Boxes3D(
+            centers=[(low + high) / 2],
+            half_sizes=[(high - low) / 2],
+            colors=[LIGHT],
+            radii=[0.003],
+            fill_mode="majorwireframe",
+        )
+        self._log(("world", "reference"), box)
+        if self.label:
+            above = (0.0, 0.0, high[2] + 0.5 * float(_ABOVE[2]))
+            name = rr.Points3D([above], radii=[0.0], colors=[mixed(self.colour or LIGHT, 0.5)], labels=[self.label])
+            self._log(("world", "vehicle", "name"), name)
+        else:
+            label = rr.Points3D([(low[0], 0.0, high[2])], radii=[0.0], colors=[LIGHT], labels=["reference"])
+            self._log(("world", "reference", "label"), label)
+
+    def _arrow_style(self, name: str, colour: Colour) -> None:
+        self._log(("world", name), rr.Arrows3D.from_fields(colors=[colour], radii=[0.018]))
+        self._log(("world", name, "text"), rr.Points3D.from_fields(colors=[mixed(colour, 0.25)], radii=[0.0]))
+
+    def _tinted(self, rgba: tuple[float, float, float, float]) -> tuple[int, int, int, int]:
+        r, g, b, a = _rgba8(rgba)
+        if self.colour is not None:
+            r, g, b = (round(0.4 * own + 0.6 * tint) for own, tint in zip((r, g, b), self.colour, strict=True))
+        return r, g, b, a
+
+    def _series(self) -> None:
+        for parts, signal, place in self.columns():
+            names, colours = zip(*(self.series(signal, i) for i in range(signal.size)[place]), strict=True)
+            self._log(parts, _series(list(names), list(colours)))
+        force = _series([self.named("push [N]")], [self.colour or CONTACT])
+        self._log(("push",), force)
+        if isinstance(self.header.analytic, SteadyState):
+            name = self.named("analytic [N]")
+            line = _series([name], [mixed(self.colour, 0.45) if self.colour else REFERENCE])
+            self._log(("push", "analytic"), line)
+
+    def series(self, signal: Signal, component: int) -> tuple[str, Colour]:
+        """Name and colour of one component of a signal."""
+        part, unit = signal.components[component], signal.units[component]
+        name = f"{signal.name}.{part}" if part else signal.name
+        colour = self.colour or COMPONENTS[component % len(COMPONENTS)]
+        return self.named(f"{name} [{unit}]"), REFERENCE if signal.name == "p_d" else colour
+
+
+def _rgba8(rgba: tuple[float, ...]) -> tuple[int, int, int, int]:
+    r, g, b, a = (min(255, round(255 * c)) for c in rgba)
+    return r, g, b, a
+
+
+def bounds(shapes: Sequence[Solid], reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest corner (3,) of a vehicle in B [m]; plus and minus its reach for a vehicle without shapes."""
+    if not shapes:
+        return np.full(3, -reach), np.full(3, reach)
+    corners = np.concatenate([solid.vertices for solid in shapes])
+    return corners.min(axis=0), corners.max(axis=0)
+
+
+def _series(names: list[str], colours: list[Colour]) -> rr.SeriesLines:
+    """Lines that keep every peak at any zoom. Rerun's default, the mean, would halve an impact."""
+    policy = rr.components.AggregationPolicy.MinMax
+    return rr.SeriesLines(names=names, colors=colours, aggregation_policy=policy)
