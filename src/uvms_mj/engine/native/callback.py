@@ -12,7 +12,8 @@ from ...physics.frames import body_velocity, to_world
 from ...physics.hydrodynamics import added_inertia, factor, water_wrench
 from ...physics.kernels import kernel
 from .compilation import NativeFunction, native_function
-from .loop import begin_step, finish_step, hold, sense
+from .layouts import STOP_NONE
+from .loop import begin_step, finish_step, hold, observe, run_stages
 from .memory import context_at, floats, loop_at, mj_factorM, registered, triples
 
 
@@ -96,14 +97,17 @@ def _callback(model, data):
             evaluate(context_at(table[i, 1]), model, data)
 
 
-def _sense(address):
+def _advance(address, end):
+    """Prepare step k: complete the step before it, and run its stages up to index ``end``. Returns the index of a stage
+    that waits for Python to call it, otherwise -1."""
     context = context_at(address)
     loop = loop_at(context.loop_at)
     finish_step(context, loop)
-    if loop.step % loop.period_steps == 0:
-        sense(context, loop)
-        return 1
-    return 0
+    if loop.stop == STOP_NONE:
+        observe(context, loop)
+    if loop.stop == STOP_NONE:
+        return run_stages(loop, end)
+    return -1
 
 
 def _finish(address):
@@ -115,7 +119,7 @@ class EntryPoints(NamedTuple):
     """Machine code called by MuJoCo, or by Python between chunks."""
 
     control: NativeFunction
-    sense: NativeFunction
+    advance: NativeFunction
     finish: NativeFunction
 
 
@@ -124,6 +128,6 @@ def entry_points() -> EntryPoints:
     """The entry points, loaded or compiled at first use."""
     return EntryPoints(
         native_function(_callback, 2, False),
-        native_function(_sense, 1, True),
+        native_function(_advance, 2, True),
         native_function(_finish, 1, False),
     )

@@ -9,7 +9,7 @@ from numba.core.cgutils import get_or_insert_function
 from numba.extending import intrinsic, overload
 
 from ..native import memory
-from .layouts import CONTEXT, LOOP
+from .layouts import CLOCKS, CONTEXT, LOOP, STAGE
 
 _mj_factorM = types.ExternalFunction("mj_factorM", types.void(types.intp, types.intp))
 _CAPACITY = memory.CAPACITY
@@ -38,7 +38,7 @@ def pointer(typing_context, address):
 
 
 @intrinsic
-def _call_law(typing_context, function, gains, state, signals, state_dot, tau_cmd):
+def _call_stage(typing_context, function, settings, state, given, state_dot, out):
     def generate(context, builder, signature, arguments):
         word, flag = context.get_value_type(types.int64), ir.IntType(32)
         target = builder.inttoptr(arguments[0], ir.FunctionType(word, [word] * 5).as_pointer())
@@ -92,8 +92,16 @@ def register() -> None:
     def _():
         return lambda: carray(pointer(_registry_address()), (_CAPACITY, 2), np.int64)
 
-    @overload(memory.call_law)
-    def _(function, gains, state, signals, state_dot, tau_cmd):
-        return lambda function, gains, state, signals, state_dot, tau_cmd: _call_law(
-            function, gains, state, signals, state_dot, tau_cmd
+    @overload(memory.stage_at)
+    def _(address):
+        return lambda address: carray(pointer(address), (1,), STAGE)[0]
+
+    @overload(memory.clock_at)
+    def _(address):
+        return lambda address: carray(pointer(address), (1,), CLOCKS)[0]
+
+    @overload(memory.call_stage)
+    def _(function, settings, state, given, state_dot, out):
+        return lambda function, settings, state, given, state_dot, out: _call_stage(
+            function, settings, state, given, state_dot, out
         )
