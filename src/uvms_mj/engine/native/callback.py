@@ -12,7 +12,7 @@ from ...physics.frames import body_velocity, to_world
 from ...physics.hydrodynamics import added_inertia, factor, water_wrench
 from ...physics.kernels import kernel
 from .compilation import NativeFunction, native_function
-from .layouts import STOP_NONE
+from .layouts import CONTEXT, STOP_NONE
 from .loop import begin_step, finish_step, hold, observe, run_stages
 from .memory import context_at, floats, loop_at, mj_factorM, registered, triples
 
@@ -97,10 +97,9 @@ def _callback(model, data):
             evaluate(context_at(table[i, 1]), model, data)
 
 
-def _advance(address, end):
+def _advance(context, end) -> int:
     """Prepare step k: complete the step before it, and run its stages up to index ``end``. Returns the index of a stage
     that waits for Python to call it, otherwise -1."""
-    context = context_at(address)
     loop = loop_at(context.loop_at)
     finish_step(context, loop)
     if loop.stop == STOP_NONE:
@@ -110,8 +109,7 @@ def _advance(address, end):
     return -1
 
 
-def _finish(address):
-    context = context_at(address)
+def _finish(context):
     finish_step(context, loop_at(context.loop_at))
 
 
@@ -127,7 +125,7 @@ class EntryPoints(NamedTuple):
 def entry_points() -> EntryPoints:
     """The entry points, loaded or compiled at first use."""
     return EntryPoints(
-        native_function(_callback, 2, False),
-        native_function(_advance, 2, True),
-        native_function(_finish, 1, False),
+        native_function(_callback, ["i8", "i8"]),
+        native_function(_advance, [CONTEXT, "i8"]),
+        native_function(_finish, [CONTEXT]),
     )

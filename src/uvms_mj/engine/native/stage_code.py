@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .arena import NEAR, PATTERN, REGIONS, offsets, spread
-from .compilation import NativeFunction, native_function
+from .compilation import NativeFunction, native_function, native_law
 from .memory import floats, integers
 from .sources import global_values, source_files
 
@@ -97,12 +97,11 @@ def _call_in_arena(arena_at, state_at, given_at, state_dot_at, out_at):
 def compile_stage(
     stage: types.FunctionType, settings: np.dtype, state: np.dtype, given: np.dtype, out: np.dtype, guarded: bool
 ) -> NativeFunction:
-    """Compile a stage to a function of five addresses (settings, state, given, state_dot, out) that returns one of the
-    codes above.
+    """Compile a stage to a function of five addresses (settings, state, given, state_dot, out).
 
-    For a user's stage, which is ``guarded``, the address of its arena takes the place of the settings' one. The stage
-    and the functions that it calls check indices and shapes and raise on a division by zero, so that a mistake raises
-    an exception.
+    A user's stage, which is ``guarded``, returns one of the codes above, and the address of its arena takes the place
+    of the settings' one. It and the functions that it calls check indices and shapes and raise on a division by zero,
+    so that a mistake raises an exception. A shipped stage returns 0.
 
     Args:
         stage: the stage's function.
@@ -113,7 +112,9 @@ def compile_stage(
     Raises:
         NotCompiled: numba can't compile the stage.
     """
-    layout = (stage.__qualname__, settings.descr, state.descr, given.descr, str(out), guarded)
+    if not guarded:
+        return native_function(stage, [settings, state, given, state, out])
+    layout = (stage.__qualname__, settings.descr, state.descr, given.descr, str(out))
     parts = [repr(layout).encode(), stage.__code__.co_code]
     module = inspect.getmodule(stage)
     if module is not None and getattr(module, "__file__", None):
@@ -125,32 +126,29 @@ def compile_stage(
         import numba
 
         from .guarded import guarded_function
-        from .intrinsics import pointer
+        from .numba_code import pointer
 
         names = {
             "carray": numba.carray,
             "np": np,
             "pointer": pointer,
             "SETTINGS": settings,
-            "STATE": spread(state) if guarded else state,
+            "STATE": spread(state),
             "GIVEN": given,
             "OUT": out,
             "N_OUT": out.itemsize // 8,
             "RAISED": RAISED,
             "RETURNED": RETURNED,
-            "function": (guarded_function if guarded else numba.njit)(stage, error_model="python"),
+            "function": guarded_function(stage, error_model="python"),
             "__name__": __name__,
         }
         view = _array if out.names is None else _record
         names["output"] = numba.njit(types.FunctionType(view.__code__, names, view.__name__))
         call = types.FunctionType(_call.__code__, names, _call.__name__)
-        if not guarded:
-            return call
         places = _places(settings.itemsize, state, given.itemsize, out.itemsize) | {"call": numba.njit(call)}
         return types.FunctionType(_call_in_arena.__code__, globals() | places, _call_in_arena.__name__)
 
-    # a shipped stage neither raises nor allocates; a user's stage may do both
-    return native_function(_call, 5, True, parts=parts, prepare=prepare, self_contained=not guarded, law=guarded)
+    return native_law(5, parts, prepare)
 
 
 def _places(settings: int, state: np.dtype, given: int, out: int) -> dict[str, Any]:
