@@ -165,13 +165,23 @@ def immerse(
     water["buoyancy_W"] = -vehicle.displaced_mass * model.opt.gravity
     water["r_b"] = vehicle.r_b
     given = {"current_W": current_W, "bias": bias, "amplitude": amplitude, "frequency_hz": frequency_hz}
-    numbers = _finite_numbers(given, {name: WATER[field].shape[0] for name, field in _WATER_FIELDS.items()})
-    for name, field in _WATER_FIELDS.items():
-        water[field] = numbers[name]
+    set_water(context[0], **_finite_numbers(given, {name: WATER[field].shape[0] for name, field in _WATER.items()}))
     return Attachment(vehicle, context, data, body_id)
 
 
-_WATER_FIELDS = {"current_W": "v_c_W", "bias": "bias", "amplitude": "amplitude", "frequency_hz": "frequency"}
+def set_water(
+    context: np.void,
+    current_W: Sequence[float],
+    bias: Sequence[float],
+    amplitude: Sequence[float],
+    frequency_hz: Sequence[float],
+) -> None:
+    """Set the current and the disturbance in a CONTEXT record. The arguments are those of :func:`attach`."""
+    water = context["water"]
+    water["v_c_W"], water["bias"], water["amplitude"], water["frequency"] = current_W, bias, amplitude, frequency_hz
+
+
+_WATER = {"current_W": "v_c_W", "bias": "bias", "amplitude": "amplitude", "frequency_hz": "frequency"}
 
 
 def _finite_numbers(given: Mapping[str, Any], sizes: Mapping[str, int]) -> dict[str, np.ndarray]:

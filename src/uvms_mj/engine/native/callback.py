@@ -80,11 +80,13 @@ def evaluate(context, model, data):
     contact = context.no_contact
     if context.loop_at != 0:
         loop = loop_at(context.loop_at)
-        if not begin_step(context, loop):
-            hold(context, loop)
-            return
-        t = loop.t
         contact = loop.contact
+        if loop.remaining > 0:  # otherwise somebody evaluates the state between two steps
+            loop.remaining -= 1
+            if not begin_step(context, loop):
+                hold(context, loop)
+                return
+            t = loop.t
     body_velocity(R_WB, floats(context.qvel_at, 6), context.nu)
     water_wrench(context.water, t, R_WB, context.nu, context.nu_r, context.work, context.wrench)
     apply_wrench(context, R_WB, contact)

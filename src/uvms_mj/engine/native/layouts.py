@@ -100,6 +100,7 @@ LOOP = np.dtype(
         ("saturated", "i8"),  # whether a thruster is at its limit
         ("tau_before", "f8", (6,)),
         # the current step
+        ("remaining", "i8"),  # evaluations that are steps, before Simulation has the next word
         ("step", "i8"),  # number of steps begun
         ("observed", "i8"),  # the step for which state and contact were read, plus one
         ("pending", "i8"),  # whether the last step still lacks its contact force and acceleration

@@ -4,7 +4,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from ...control.task import ImpedanceTask
 from ...errors import Fault, InputError
+from ...navigation import Navigation, Perfect
 from ...stages.base import Stage
 from ...stages.signals import MEASURED, OWN_UNIT, RECORDED, Signal, thruster_signal
 from .stage_table import StageTable
@@ -19,34 +21,55 @@ _ATTRIBUTES = {
 _OF_THE_TASK = ("s", "zeta", "tau_nom", "boundary_layer_time")
 
 
-def recorded(loop: np.ndarray, stages: StageTable, u: np.ndarray, measured: bool) -> list[tuple[Signal, np.ndarray]]:
+def recorded(
+    loop: np.ndarray, stages: StageTable, u: np.ndarray, navigation: Navigation
+) -> list[tuple[Signal, np.ndarray]]:
     """The signals of a row in order, each with its memory.
 
     Args:
         loop: the LOOP record (1,).
         stages: the run's stages.
         u: (n,) thrusts.
-        measured: whether the measurements differ from the truth.
+        navigation: the measurements are recorded unless it is perfect.
 
     Raises:
         InputError: two states have one name, or a state's name is taken or is not an identifier.
     """
     records = [loop["row"], loop["true"], loop["contact"], stages.signals, stages.allocation]
-    places = {name: record[name][0:1] for record in reversed(records) for name in record.dtype.names or ()}
+    places = {name: record[name] for record in reversed(records) for name in record.dtype.names or ()}
     found = [
         (signal, places[signal.name])
         for signal in RECORDED
         if "task" in stages.entries or signal.name not in _OF_THE_TASK
     ]
-    if measured:
+    if not isinstance(navigation, Perfect):
         found += [(signal, stages.signals[signal.name.removesuffix("_m")]) for signal in MEASURED]
     found.append((thruster_signal(len(u)), u))
-    taken = {signal.name for signal, _ in found}
-    check_states([stage for stage, name, _ in stages.states() if name not in taken])
-    for stage, name, memory in stages.states():
-        if name not in taken:
-            found.append((state_signal(stage, name, memory.size), memory))
-    return found
+    own = [each for each in stages.states() if each[1] != "zeta" or not isinstance(each[0], ImpedanceTask)]
+    check_states(own)
+    return found + [(state_signal(stage, name, memory.size), memory) for stage, name, memory in own]
+
+
+def check_states(states: Sequence[tuple[Stage, str, np.ndarray]]) -> None:
+    """Refuse states that can't be recorded under their names.
+
+    Raises:
+        InputError: two states have one name, or a state's name is taken or is not an identifier.
+    """
+    taken = {signal.name for signal in (*RECORDED, *MEASURED, thruster_signal(0))} | _ATTRIBUTES
+    faults: dict[Stage, list[Fault]] = {}
+    for stage, name, _ in states:
+        if name in taken:
+            wrong = "is the name of a recorded signal or of an attribute; choose another"
+        elif not name.isidentifier():
+            wrong = "is not an identifier"
+        else:
+            others = [other.label() for other, same, _ in states if same == name and other is not stage]
+            wrong = f"is also the name of a state of {others[0]}; choose another" if others else ""
+        if wrong:
+            faults.setdefault(stage, []).append(Fault(f"states[{name!r}]", wrong))
+    for stage, found in faults.items():
+        raise InputError(found, f"the {stage.room.noun} {stage.label()}")
 
 
 def state_signal(stage: Stage, name: str, size: int) -> Signal:

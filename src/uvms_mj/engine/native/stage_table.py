@@ -173,12 +173,20 @@ class StageTable:
     def running(self) -> tuple[Entry, ...]:
         return tuple(self.entries.values())
 
-    def write_clocks(self, setup: Setup) -> None:
-        """Set the periods and the keys of all stages."""
+    def settings(self, setup: Setup) -> dict[str, np.ndarray]:
+        """The settings of all stages of the run as records (1,), by table."""
+        scenario = setup.scenario
+        inner = {"tracking": Tracking(), "truth": Truth()}
+        return {table: (inner.get(table) or getattr(scenario, table)).record(setup) for table in self.entries}
+
+    def write(self, setup: Setup) -> None:
+        """Set settings, periods and keys of all stages."""
         scenario, h = setup.scenario, setup.scenario.simulation.timestep
         control = scenario.controller.period or h
+        for table, record in self.settings(setup).items():
+            self.entries[table].settings[:] = record
         for row, (table, entry) in zip(self.rows, self.entries.items(), strict=True):
-            own = entry.stage.period if table not in ("tracking", "task", "truth") else None
+            own = getattr(getattr(scenario, table, None), "period", None) if table != "task" else None
             row["period_steps"] = round((own or (h if table == "actuation" else control)) / h)
             row["period"] = row["period_steps"] * h
             row["key"] = random_key(scenario.simulation.seed, entry.stage)

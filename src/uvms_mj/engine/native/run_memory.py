@@ -1,0 +1,178 @@
+"""The memory of one run: the records that the loop works on, and the numbers of a scenario in them."""
+
+from collections.abc import Callable, Collection, Mapping
+
+import mujoco
+import numpy as np
+
+from ...analysis.setup import Setup
+from ...errors import Fault, InputError
+from ...plant.wall import contact_settings
+from ...stages.signals import FINAL_WINDOW_S
+from .attachment import Attachment, set_water
+from .layouts import LOOP
+from .rows import recorded, spans
+from .stage_table import StageTable
+
+SPEED_BOUND = (100.0,) * 3 + (200.0,) * 3
+"""Speeds above this mean that the simulation has diverged [m/s, rad/s]."""
+POSITION_BOUND = 1e4
+"""A larger distance from the start along any axis means that the simulation has diverged [m]."""
+TAU_BOUND = 1e7
+"""A larger entry of tau_cmd means that the simulation has diverged [N, N m]."""
+DEFAULT_EPSILON = 1e-3
+"""Width of the boundary layer for controllers without a gain of that name: the paper's value."""
+
+
+class RunMemory:
+    """The LOOP record of a run, its stages and its rows.
+
+    Args:
+        setup: the run's.
+        data: MuJoCo's data of the setup's model, with the initial state.
+        attachment: the attached vehicle.
+
+    Attributes:
+        loop: the LOOP record (1,).
+        stages: the table of stages.
+        u: (n,) thrusts within the limits.
+        recorded: the recorded signals in the order of a row, each with its memory.
+        rows: (capacity, width) rows.
+    """
+
+    def __init__(self, setup: Setup, data: mujoco.MjData, attachment: Attachment) -> None:
+        self.data, self.context, self.loop = data, attachment.context, np.zeros(1, LOOP)
+        vehicle, plant = setup.vehicle, setup.plant
+        n = len(vehicle.thrusters)
+        self.stages = stages = StageTable(setup, self.loop["true"], self.context["water"])
+        self.u = np.zeros(n)
+        self.recorded = recorded(self.loop, stages, self.u, setup.scenario.navigation)
+        self._spans = np.array(list(spans([memory for _, memory in self.recorded])))
+        self.rows = np.zeros((0, sum(signal.size for signal, _ in self.recorded)))
+        allocation, dof = stages.allocation, plant.model.body_dofadr[plant.body_id]
+        allocation["B"], allocation["B_pinv"] = vehicle.B, np.linalg.pinv(vehicle.B)
+        allocation["u_min"], allocation["u_max"] = vehicle.u_min, vehicle.u_max
+        sizes = {"stages": len(stages.rows), "actuation": stages.actuation, "controls": plant.model.nu, "thrusters": n}
+        sizes |= {"spans": len(self._spans), "row_width": self.rows.shape[1], "row_steps": 1}
+        bounds = {"speed_bound": SPEED_BOUND, "position_bound": POSITION_BOUND, "tau_bound": TAU_BOUND}
+        for name, value in (sizes | bounds).items():
+            self.loop[name] = value
+        self.loop["row"]["first_contact"] = -1.0
+        # _reached keeps every array alive whose address is in the record
+        self._reached = {
+            "stages_at": stages.rows,
+            "tau_cmd_at": allocation["tau_cmd"],
+            "B_at": allocation["B"],
+            "u_min_at": allocation["u_min"],
+            "u_max_at": allocation["u_max"],
+            "thrust_of_ctrl_at": vehicle.thrust_of_ctrl,
+            "ctrl_index_at": np.array(vehicle.actuator_ids, dtype=np.int64),
+            "u_cmd_at": stages.u_cmd,
+            "u_at": self.u,
+            "spans_at": self._spans,
+            "rows_at": self.rows,
+            "qacc_at": data.qacc[dof:],
+            "ctrl_at": data.ctrl,
+            **{f"{name}_at": data.sensordata[address:] for name, address in plant.sensors.items()},
+        }
+        if "task" in stages.entries:
+            self._reached["s_at"] = stages.signals["s"]
+        for name, array in self._reached.items():
+            self.loop[name] = array.ctypes.data
+        for _, write in WRITERS:
+            write(self, setup)
+        arrays = [self.loop, self.context, stages.signals, allocation, stages.u_cmd, self.u, stages.rows]
+        arrays += [each for entry in stages.running if entry.states for each in (entry.state, entry.state_dot)]
+        arrays += [data.qpos, data.qvel]
+        self.context["loop_at"] = self.loop.ctypes.data
+        self._start = [(array, array.copy()) for array in arrays]
+
+    def record(self, row_steps: int, capacity: int) -> None:
+        """Record a row every so many time steps, at most ``capacity`` of them before they are taken."""
+        self.rows = np.zeros((capacity, self.rows.shape[1]))
+        self.loop["row_steps"], self.loop["row_capacity"] = row_steps, capacity
+        self.loop["rows_at"] = self.rows.ctypes.data
+        self._start[0] = self.loop, self.loop.copy()
+
+    def restart(self, setup: Setup, touched: Collection[str]) -> None:
+        """Return to the start, with the numbers of the tables of a scenario that ``touched`` names from ``setup``."""
+        mujoco.mj_resetData(setup.plant.model, self.data)
+        for array, start in self._start:
+            array[:] = start
+        for tables, write in WRITERS:
+            if not touched.isdisjoint(tables):
+                write(self, setup)
+        for entry in self.stages.running:
+            entry.start()
+
+    def check(self, settings: Mapping[str, np.ndarray]) -> None:
+        """Refuse settings that have no room in the memory of their stage.
+
+        Raises:
+            InputError: for example, a setting was None and is a number now.
+        """
+        faults = [
+            Fault(table, "reset can't change which settings are given, nor their lengths; make a new Simulation")
+            for table, record in settings.items()
+            if record.dtype != self.stages.entries[table].settings.dtype
+        ]
+        if faults:
+            raise InputError(faults, "reset")
+
+
+def write_time(memory: RunMemory, setup: Setup) -> None:
+    scenario, option = setup.scenario, setup.plant.model.opt
+    h = scenario.simulation.timestep
+    option.timestep = h
+    memory.loop["timestep"], memory.loop["steps"] = h, scenario.steps
+    memory.loop["window_step"] = max(0, scenario.steps - round(FINAL_WINDOW_S / h))
+
+
+def write_water(memory: RunMemory, setup: Setup) -> None:
+    current, disturbance = setup.scenario.current, setup.scenario.disturbance
+    set_water(
+        memory.context[0], current.velocity_W, disturbance.bias, disturbance.amplitude, disturbance.frequency_hz
+    )
+
+
+def write_wall(memory: RunMemory, setup: Setup) -> None:
+    setup.plant.set_wall(setup.scenario.wall)
+    contact = memory.loop["contact"]
+    for name, value in contact_settings(
+        setup.scenario.wall, setup.design.M, setup.design.normal, setup.reach
+    ).items():
+        contact[name] = value
+
+
+def write_initial(memory: RunMemory, setup: Setup) -> None:
+    setup.plant.place(memory.data, setup.scenario.initial)
+    joint = setup.plant.model.body_jntadr[setup.plant.body_id]
+    qpos = setup.plant.model.jnt_qposadr[joint]
+    memory.loop["qpos_safe"] = memory.data.qpos[qpos : qpos + 7]
+
+
+def write_design(memory: RunMemory, setup: Setup) -> None:
+    signals, design, impedance = memory.stages.signals, setup.design, setup.scenario.impedance
+    signals["M_hat"], signals["M_d"], signals["D_d"] = design.M_hat, design.M_d, design.D_d
+    signals["K_d"] = np.diag(design.K_d)
+    signals["K_f"], signals["F_d"] = impedance.K_f, impedance.F_d
+    if "truth" in memory.stages.entries:
+        signals["M"] = design.M
+
+
+def write_stages(memory: RunMemory, setup: Setup) -> None:
+    memory.stages.write(setup)
+    memory.loop["epsilon"] = getattr(setup.scenario.controller, "epsilon", DEFAULT_EPSILON)  # of each axis
+
+
+STAGES = ("navigation", "reference", "task", "controller", "actuation")
+WRITERS: tuple[tuple[tuple[str, ...], Callable[[RunMemory, Setup], None]], ...] = (
+    (("simulation",), write_time),
+    (("current", "disturbance"), write_water),
+    (("wall", "design"), write_wall),
+    (("initial",), write_initial),
+    (("design",), write_design),
+    (("simulation", "initial", "design", *STAGES), write_stages),
+)
+"""The tables of a scenario, and the function that writes the numbers that depend on them. ``design`` is not a table: it
+stands for the design matrices, which depend on several."""
