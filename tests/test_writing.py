@@ -28,7 +28,8 @@ class Kept:
 STORM = """if True:
     import random, signal, sys
     import numpy as np
-    from uvms_mj import Scenario, Status, simulate, simulation
+    from uvms_mj import Scenario, Status, simulate
+    from uvms_mj.engine import run as simulation
     from test_writing import Kept
 
     simulation.CHUNK_STEPS = 1  # rows are passed on at every step, so that interrupts often come at that moment
