@@ -11,12 +11,13 @@ import pytest
 from click.testing import CliRunner
 from matplotlib.figure import Figure
 
-from uvms_mj import McapLog, Scenario, Trace, report, simulate
+from uvms_mj import McapLog, Scenario, Trace, simulate
 from uvms_mj.analysis.metrics import final_force
 from uvms_mj.analysis.summary import summary
 from uvms_mj.cli.compare import compare
 from uvms_mj.cli.console import Console
 from uvms_mj.cli.paper import paper
+from uvms_mj.studies.paper import report
 from uvms_mj.studies.paper.claims import CLAIMS, Measured, Row, Verdict
 
 SHORT = ("simulation.duration=0.25", "wall.position=0.002", "reference.step_time=0")

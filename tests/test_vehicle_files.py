@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from twin import TwinParameters
-from uvms_mj import InputError, McapLog, Scenario, mjcf_files, simulate
+from uvms_mj import InputError, McapLog, Scenario, simulate
 from uvms_mj.analysis.setup import set_up
+from uvms_mj.plant import mjcf_files
 from uvms_mj.plant.build import Plant
 from uvms_mj.plant.mjcf import Mjcf
 from uvms_mj.plant.mjcf_elements import ELEMENTS, MOST_ELEMENTS
