@@ -180,7 +180,7 @@ def test_a_heading_counts_many_runs_and_names_few(trace):
 def test_no_folder_of_the_user_stands_on_the_page(tmp_path, picture):
     model = tmp_path / "secret" / "mine.xml"
     model.parent.mkdir()
-    model.write_bytes((Path(__file__).parents[1] / "models" / "bluerov1.xml").read_bytes())
+    model.write_bytes((Path(__file__).parents[2] / "models" / "bluerov1.xml").read_bytes())
     settings = {"vehicle.model": str(model), "simulation.duration": 0.01}
     text = report.page("t", {"a": simulate(Scenario.load("push_wall", settings))}, [picture])
     assert "mine.xml" in text

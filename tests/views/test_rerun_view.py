@@ -500,8 +500,8 @@ class Server:
     """``serve`` in a separate process."""
 
     def __init__(self, log: Path, home: Path) -> None:
-        code = "import sys; from uvms_mj import Trace; from uvms_mj.views import rerun; "
-        code += "rerun.serve({'run': Trace.load(sys.argv[1])})"
+        code = "import sys; from uvms_mj import Trace; from uvms_mj.views.rerun import serve\n"
+        code += "serve({'run': Trace.load(sys.argv[1])})"
         command = [sys.executable, "-c", code, log]
         self.process = subprocess.Popen(
             command, stdout=subprocess.PIPE, text=True, env={**os.environ, "HOME": str(home)}

@@ -22,7 +22,7 @@ from uvms_mj.plant.vehicle import Vehicle
 from uvms_mj.plant.vehicle_files import check_elements
 from vehicles import vehicle_xml
 
-SHIPPED = (Path(__file__).parents[1] / "models" / "bluerov1.xml").read_text()
+SHIPPED = (Path(__file__).parents[2] / "models" / "bluerov1.xml").read_text()
 BLUEROV = re.sub("<!--.*?-->", "", SHIPPED, flags=re.DOTALL)
 MOTOR = '<motor name="surge_left" site="surge_left" gear="1 0 0 0 0 0"'
 BODY = '<body name="bluerov1" childclass="bluerov1" simple="false"'
