@@ -1,56 +1,68 @@
 """Checks of a run before its first step: errors, and warnings of a sampled loop that chatters or limit-cycles."""
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 
 import numpy as np
 
 from ..control import Controller, Fosm, Gsta, Ideal, Impedance, Sta
 from ..control.design import Design
-from ..control.loader import has_built_in_law
 from ..errors import Fault, InputError
 from ..physics.dissipation import damping_notes
 from ..plant.vehicle import Vehicle
 from ..scenario import Scenario
+from ..stages.base import is_shipped
 from .ranges import aliased
+from .setup import Setup
 from .wall import wall_faults, wall_notes
 
 DEFAULT_LOG_RATE = 1000.0
+_ALL = ("wall", "design", "simulation", "disturbance")
 
 
 class SamplingWarning(UserWarning):
     """The controller chatters or limit-cycles at this time step or with these gains."""
 
 
-def check(scenario: Scenario, vehicle: Vehicle, design: Design, reach: float) -> list[str]:
-    """Raise for a scenario that cannot run; return warnings for one that runs badly.
+def refuse(setup: Setup, touched: Container[str] = _ALL) -> None:
+    """Raise for a scenario that cannot run.
 
     Args:
-        scenario: the scenario.
-        vehicle: its vehicle.
-        design: the design for both.
-        reach: distance of the contact point from B's origin [m].
+        setup: the scenario, its vehicle and the design.
+        touched: tables of the scenario, or "design", to which the checks are limited.
 
     Raises:
-        InputError: for example, the wall is too stiff for the time step, or the control period is not a multiple of it.
+        InputError: for example, the wall is too stiff for the time step, or a period is not a multiple of it.
     """
-    h = scenario.simulation.timestep
-    faults = list(wall_faults(scenario, design, reach))
-    if scenario.controller.uses_truth and not has_built_in_law(scenario.controller):
+    scenario = setup.scenario
+    faults = []
+    if any(table in touched for table in ("wall", "design", "simulation")):
+        faults += wall_faults(scenario, setup.design, setup.reach)
+    if scenario.controller.uses_truth and not is_shipped(scenario.controller):
         faults.append(Fault("controller.uses_truth", "is reserved for ideal, the yardstick law"))
-    faults += aliased(scenario)
-    period = scenario.controller.period
-    if period is not None and (round(period / h) < 1 or abs(period / h - round(period / h)) > 1e-6):
-        n = max(1, int(period / h))
-        faults.append(
-            Fault(
-                "controller.period",
+    if any(table in touched for table in ("disturbance", "simulation")):
+        faults += aliased(scenario)
+    faults += _period_faults(scenario)
+    if faults:
+        raise InputError(faults, "scenario")
+
+
+def _period_faults(scenario: Scenario) -> Iterator[Fault]:
+    h = scenario.simulation.timestep
+    for stage in scenario.stages:
+        period = getattr(stage, "period", None)
+        if period is not None and (round(period / h) < 1 or abs(period / h - round(period / h)) > 1e-6):
+            n = max(1, int(period / h))
+            yield Fault(
+                f"{stage.room.table}.period",
                 f"{period:g} s is not a multiple of the time step {h:g} s; "
                 f"the nearest are {n * h:g} and {(n + 1) * h:g} s",
             )
-        )
-    if faults:
-        raise InputError(faults, "scenario")
-    notes = [*wall_notes(scenario, design, reach), *_sampling(scenario, vehicle, design)]
+
+
+def notes(setup: Setup) -> list[str]:
+    """Warnings for a scenario that runs badly."""
+    scenario, vehicle, design = setup.scenario, setup.vehicle, setup.design
+    notes = [*wall_notes(scenario, design, setup.reach), *_sampling(scenario, vehicle, design)]
     rank = np.linalg.matrix_rank(vehicle.B)
     if rank < 6:
         notes.append(
@@ -204,7 +216,7 @@ def _sampling(scenario: Scenario, vehicle: Vehicle, design: Design) -> Iterator[
             f"zeta, and with it s, grows without bound at a control period of {h:g} s: A = {min(controller.A):g} 1/s "
             f"in eq. (15) needs a period of at most {limit:.4g} s"
         )
-    if not has_built_in_law(controller):
+    if not is_shipped(controller):
         return
     if held_growth(scenario, design) > 1.0:
         yield (

@@ -104,13 +104,13 @@ def _load(
 def _super_twisting(scenario: "Scenario", log: str | None) -> "Gsta | Sta":
     from ..control import Gsta, Sta
     from ..control.loader import has_built_in_law
-    from ..control.recorded import RecordedLaw
+    from ..stages.recorded import Recorded
     from ..errors import InputError
 
     law = scenario.controller
     if not (isinstance(law, Gsta | Sta) and has_built_in_law(law)):
         hint = "" if log is not None else "; choose one with --controller gsta"
-        if isinstance(law, RecordedLaw):
+        if isinstance(law, Recorded):
             hint = ", and code from a log is never executed: omit --from, give scenario and --controller FILE.py:LAW"
         raise InputError(f"{law.label()}: the certificate covers only the laws gsta and sta{hint}")
     return law

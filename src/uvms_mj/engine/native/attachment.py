@@ -76,6 +76,15 @@ class Attachment:
         """Set the current. Raises InputError unless the value is three finite numbers."""
         self.context["water"]["v_c_W"] = _finite_numbers({"current_W": value}, {"current_W": 3})["current_W"]
 
+    @property
+    def detached(self) -> bool:
+        """Whether the hydrodynamics were removed."""
+        return not self._finalizer.alive
+
+    def release(self) -> None:
+        """Remove the hydrodynamics without a word about a callback that was replaced."""
+        self._finalizer()
+
     def detach(self) -> None:
         """Remove the hydrodynamics, from the next forward evaluation on. Calling it again has no effect.
 

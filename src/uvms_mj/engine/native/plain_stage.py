@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ...control.contract import field_suggestion
+from ...stages.contract import field_suggestion
 from ...stages.base import Stage, is_shipped
 from .arena import NEARBY, Arena
 

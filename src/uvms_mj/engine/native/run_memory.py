@@ -10,16 +10,13 @@ from ...errors import Fault, InputError
 from ...plant.wall import contact_settings
 from ...stages.signals import FINAL_WINDOW_S
 from .attachment import Attachment, set_water
-from .layouts import LOOP
+from .callback import entry_points
+from .layouts import LOOP, STOP_STAGE
+from .memory import stopped
 from .rows import recorded, spans
 from .stage_table import StageTable
+from .verdict import POSITION_BOUND, SPEED_BOUND, TAU_BOUND
 
-SPEED_BOUND = (100.0,) * 3 + (200.0,) * 3
-"""Speeds above this mean that the simulation has diverged [m/s, rad/s]."""
-POSITION_BOUND = 1e4
-"""A larger distance from the start along any axis means that the simulation has diverged [m]."""
-TAU_BOUND = 1e7
-"""A larger entry of tau_cmd means that the simulation has diverged [N, N m]."""
 DEFAULT_EPSILON = 1e-3
 """Width of the boundary layer for controllers without a gain of that name: the paper's value."""
 
@@ -94,6 +91,15 @@ class RunMemory:
         self.loop["rows_at"] = self.rows.ctypes.data
         self._start[0] = self.loop, self.loop.copy()
 
+    def taken(self) -> np.ndarray:
+        """The rows (n, width) written since :meth:`clear`, the last step's included. A view."""
+        entry_points().finish.ctypes(self.context.ctypes.data)
+        return self.rows[: int(self.loop["rows"][0])]
+
+    def clear(self) -> None:
+        """Discard the rows, to make room for the next chunk."""
+        self.loop["rows"] = 0
+
     def restart(self, setup: Setup, touched: Collection[str]) -> None:
         """Return to the start, with the numbers of the tables of a scenario that ``touched`` names from ``setup``."""
         mujoco.mj_resetData(setup.plant.model, self.data)
@@ -105,7 +111,7 @@ class RunMemory:
         for entry in self.stages.running:
             entry.start()
 
-    def check(self, settings: Mapping[str, np.ndarray]) -> None:
+    def refuse(self, settings: Mapping[str, np.ndarray]) -> None:
         """Refuse settings that have no room in the memory of their stage.
 
         Raises:
@@ -118,6 +124,32 @@ class RunMemory:
         ]
         if faults:
             raise InputError(faults, "reset")
+
+    def check_stages(self, last: bool) -> None:
+        """Report a failure of a user's stage, with ``last`` after searching all of its margins.
+
+        Raises:
+            StageFault: a stage raised or violated its contract.
+            KeyboardInterrupt: a signal arrived during a loop of the stage.
+        """
+        failed = self.loop["stop"][0] == STOP_STAGE
+        for entry in self.stages.running:
+            if entry.guarded:
+                entry.check(bool(failed or last))
+        if failed:
+            if stopped[0]:
+                stopped[0] = 0
+                raise KeyboardInterrupt
+            raise self.stages.running[int(self.loop["next"][0])].explain(int(self.loop["stop_index"][0]))
+
+    def views(self) -> dict[str, np.ndarray]:
+        """Every signal by name as a read-only view: those that the law is given, and the recorded ones."""
+        found = {signal.name: memory.reshape(signal.shape) for signal, memory in self.recorded}
+        signals = self.stages.signals
+        found = {name: signals[name][0:1].reshape(signals.dtype[name].shape) for name in signals.dtype.names} | found
+        for view in found.values():
+            view.flags.writeable = False
+        return found
 
 
 def write_time(memory: RunMemory, setup: Setup) -> None:
