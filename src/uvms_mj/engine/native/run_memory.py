@@ -87,9 +87,8 @@ class RunMemory:
     def record(self, row_steps: int, capacity: int) -> None:
         """Record a row every so many time steps, at most ``capacity`` of them before they are taken."""
         self.rows = np.zeros((capacity, self.rows.shape[1]))
-        self.loop["row_steps"], self.loop["row_capacity"] = row_steps, capacity
-        self.loop["rows_at"] = self.rows.ctypes.data
-        self._start[0] = self.loop, self.loop.copy()
+        for loop in (self.loop, self._start[0][1]):
+            loop["row_steps"], loop["row_capacity"], loop["rows_at"] = row_steps, capacity, self.rows.ctypes.data
 
     def taken(self) -> np.ndarray:
         """The rows (n, width) written since :meth:`clear`, the last step's included. A view."""
