@@ -59,6 +59,11 @@ class Scenario:
         """Number of time steps: the duration rounded to whole steps, at least one."""
         return max(1, round(self.simulation.duration / self.simulation.timestep))
 
+    @property
+    def control_period(self) -> float:
+        """Time between control instants [s]."""
+        return self.controller.period or self.simulation.timestep
+
     @classmethod
     def load(
         cls,

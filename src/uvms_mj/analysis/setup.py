@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..control import Controller
 from ..control.design import Design
 from ..plant.build import Plant, build
 from ..plant.mjcf import Mjcf
@@ -22,6 +23,11 @@ class Setup:
     @property
     def vehicle(self) -> Vehicle:
         return self.plant.vehicle
+
+    @property
+    def task(self) -> Controller:
+        """The gains of the impedance task: F_1, F_2, A, integral."""
+        return self.scenario.controller
 
     @property
     def reach(self) -> float:

@@ -24,8 +24,8 @@ from __future__ import annotations  # so that help(Controller) shows short type 
 import dataclasses
 import functools
 import sys
-from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, get_type_hints
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_type_hints
 
 import numpy as np
 from pydantic import (
@@ -40,6 +40,10 @@ from typing_extensions import TypedDict
 
 from ..errors import Fault, InputError, faults_of
 from ..quantities import NonNegative, Positive, Real, Step, Vector6
+
+if TYPE_CHECKING:
+    from .certificate import Certificate
+    from .rest import SteadyState
 
 
 def _six(value: Any) -> Any:
@@ -127,6 +131,27 @@ class Controller:
     def law(gains, state, signals, state_dot, tau_cmd):
         """Set tau_cmd (6,) and state_dot from gains, state and signals."""
         raise NotImplementedError
+
+    def at_rest(self, setup: Any) -> float | str | SteadyState:
+        """Theory of the law: the vehicle at rest at the end of the run. A law may override it.
+
+        Args:
+            setup: the run's :class:`uvms_mj.analysis.setup.Setup`: scenario, vehicle, design, task, gravity_W.
+
+        Returns:
+            The pushing force on the wall [N], the whole state, or a text with the reason why there is no closed form.
+        """
+        return "no closed form is known for this law"
+
+    def notes(self, setup: Any) -> Iterable[str]:
+        """Theory of the law: warnings for a run with these settings, given before the first step. A law may override
+        it."""
+        return ()
+
+    def certificate(self, setup: Any) -> Certificate | None:
+        """Theory of the law: the rate of disturbance that the gains certainly reject, or None. A law may override
+        it."""
+        return None
 
     @classmethod
     def label(cls) -> str:

@@ -18,7 +18,7 @@ from .base import Controller
 _MOST_STATES = 10_000
 _LONGEST_NAME = 100
 _ARGUMENTS = ("gains", "state", "signals", "state_dot", "tau_cmd")
-_OVERRIDDEN = ("law", "name", "states", "units", "uses_truth")
+_OVERRIDDEN = ("law", "name", "states", "units", "uses_truth", "at_rest", "notes", "certificate")
 
 
 def check_contract(cls: type[Controller], file: str = "") -> None:
