@@ -1,6 +1,7 @@
 """``simulate(scenario) -> Trace`` runs a scenario in chunks at native speed."""
 
 import dataclasses
+import functools
 import time
 import warnings
 from collections import deque
@@ -10,10 +11,10 @@ import mujoco
 import numpy as np
 
 from ..analysis.ranges import no_overflow
-from ..analysis.rest import steady_state
 from ..analysis.sampling import SamplingWarning, check, row_steps_of
 from ..analysis.setup import set_up
 from ..control import Controller
+from ..control.theory import steady_state
 from ..errors import InputError
 from ..plant.mjcf import Mjcf
 from ..plant.mujoco_warnings import mujoco_warnings
@@ -127,8 +128,8 @@ class _Run:
         with no_overflow(scenario):
             setup = set_up(scenario, mjcf)
             self.plant, self.design = setup.plant, setup.design
-            self.notes = list(check(scenario, setup.vehicle, setup.design, setup.reach))
-            self.analytic = steady_state(scenario, setup.vehicle, setup.design, setup.gravity_W)
+            self.notes = check(setup)
+        self.rest = functools.partial(steady_state, setup)
         self.data = self.plant.initial_data(scenario.initial)
         self.blocks: deque[np.ndarray] = deque()
 
@@ -164,7 +165,7 @@ class _Run:
                 scenario=self.scenario,
                 signals=loop.signals,
                 row_steps=self.row_steps,
-                analytic=self.analytic,
+                rest=self.rest,
                 notes=tuple(self.notes),
                 mjcf=plant.mjcf,
                 geometry=plant.geometry,

@@ -11,7 +11,10 @@ SIGNALS = record_dtype(GIVEN)
 TRUE_SIGNALS = record_dtype(TRUTH)
 SIGNALS_AND_TRUTH = record_dtype(GIVEN + TRUTH)
 """Record given to the ideal law: signals and truth of LOOP, one directly after the other."""
-TASK = np.dtype([("F_1", "f8", (6,)), ("F_2", "f8", (6,)), ("A", "f8", (6,)), ("integral", "?"), ("M_d_inv", "f8", (6, 6))], align=True)
+TASK = np.dtype(
+    [("F_1", "f8", (6,)), ("F_2", "f8", (6,)), ("A", "f8", (6,)), ("integral", "?"), ("M_d_inv", "f8", (6, 6))],
+    align=True,
+)
 """Settings of the impedance task."""
 ROW = record_dtype(STATE + RUNNING)
 ROW_SIZE = ROW.itemsize // 8

@@ -98,9 +98,7 @@ class PlainLaw:
         records = [self.arena.arrays[name][0] for name in ("gains", "state", "signals", "state_dot")]
         try:
             with guarded(True):
-                guarded_function(type(self.controller).function(), error_model="python")(
-                    *records, self._arguments[4]
-                )
+                guarded_function(type(self.controller).function(), error_model="python")(*records, self._arguments[4])
         except Exception as error:
             return _named_error(error)
         return "an exception"
