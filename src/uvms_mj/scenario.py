@@ -81,6 +81,11 @@ class Scenario:
         """Number of time steps: the duration rounded to whole steps, at least one."""
         return max(1, round(self.simulation.duration / self.simulation.timestep))
 
+    @property
+    def control_period(self) -> float:
+        """Time between control instants [s]."""
+        return self.controller.period or self.simulation.timestep
+
     @classmethod
     def load(
         cls,
@@ -196,10 +201,9 @@ _VALIDATOR = TypeAdapter(Scenario)
 _TABLES: dict[str, Any] = {
     f.name: type(f.default) for f in dataclasses.fields(Scenario) if dataclasses.is_dataclass(f.default)
 }
-_KEYS: dict[str, list[str]] = (
-    {"": [f.name for f in dataclasses.fields(Scenario)]}
-    | {name: [f.name for f in dataclasses.fields(table)] for name, table in _TABLES.items()}
-)
+_KEYS: dict[str, list[str]] = {"": [f.name for f in dataclasses.fields(Scenario)]} | {
+    name: [f.name for f in dataclasses.fields(table)] for name, table in _TABLES.items()
+}
 
 
 def _scenario_path(scenario: str | os.PathLike) -> Path:
@@ -244,7 +248,9 @@ def _move_task_keys(law: dict[str, Any], task: dict[str, Any], faults: list[Faul
     for key in moved:
         value = law.pop(key)
         if task.setdefault(key, value) != value:
-            other = f"is {task[key]!r}, but controller.{key}, the earlier name of this key, is {value!r}; give one of them"
+            other = (
+                f"is {task[key]!r}, but controller.{key}, the earlier name of this key, is {value!r}; give one of them"
+            )
             faults.append(Fault(f"task.{key}", other))
     return moved
 

@@ -20,8 +20,8 @@ ACTUATION = Room(
 
 @dataclasses.dataclass(frozen=True)
 class Actuation(Stage):
-    """Base class of all actuation. ``given`` has :func:`uvms_mj.stages.signals.actuation_given`; u (n,) is the thrust of
-    each thruster [N]."""
+    """Base class of all actuation. ``given`` has the signals of :func:`uvms_mj.stages.signals.actuation_given`, and
+    u (n,) is the thrust of each thruster [N]."""
 
     room: ClassVar[Room] = ACTUATION
 

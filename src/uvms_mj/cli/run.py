@@ -104,11 +104,11 @@ def from_log(
     log: str, overrides: dict[str, Any], controller: str | None, log_rate: str | None
 ) -> "tuple[Scenario, Mjcf | None, str | None]":
     """Scenario, vehicle and log rate of a log. Warns if a repetition may differ from the original."""
-    from ..stages.recorded import Recorded
     from ..errors import InputError
     from ..records.header import StageSource, versions
     from ..records.mcap import read_files
     from ..scenario import Scenario
+    from ..stages.recorded import Recorded
 
     header, _ = read_files(log)
     recorded = header.law.source

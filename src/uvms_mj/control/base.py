@@ -22,13 +22,18 @@ held until the next instant. The function is compiled; if numba cannot compile i
 from __future__ import annotations  # so that help(Controller) shows short type names
 
 import dataclasses
-from typing import Annotated, Any, ClassVar
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from pydantic import BeforeValidator
 
 from ..quantities import NonNegative, Positive, Real, Step, Vector6
 from ..stages.base import Room, Stage, setting, shared
 from ..stages.signals import GIVEN, TASK_GIVEN, TRUTH, WRENCH_COMMAND, Signal
+
+if TYPE_CHECKING:
+    from .certificate import Certificate
+    from .rest import SteadyState
 
 
 def _six(value: Any) -> Any:
@@ -74,6 +79,27 @@ class Controller(Stage):
     def law(gains, state, signals, state_dot, tau_cmd):
         """Set tau_cmd (6,) and state_dot from gains, state and signals."""
         raise NotImplementedError
+
+    def at_rest(self, setup: Any) -> float | str | SteadyState:
+        """Theory of the law: the vehicle at rest at the end of the run. A law may override it.
+
+        Args:
+            setup: the run's :class:`uvms_mj.analysis.setup.Setup`: scenario, vehicle, design, task, gravity_W.
+
+        Returns:
+            The pushing force on the wall [N], the whole state, or a text with the reason why there is no closed form.
+        """
+        return "no closed form is known for this law"
+
+    def notes(self, setup: Any) -> Iterable[str]:
+        """Theory of the law: warnings for a run with these settings, given before the first step. A law may override
+        it."""
+        return ()
+
+    def certificate(self, setup: Any) -> Certificate | None:
+        """Theory of the law: the rate of disturbance that the gains certainly reject, or None. A law may override
+        it."""
+        return None
 
     @classmethod
     def given(cls, thrusters: int = 0) -> tuple[Signal, ...]:

@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from . import super_twisting
 from .base import Controller, NonNegative, gain
 
 
@@ -21,6 +22,9 @@ class Sta(Controller):
     name = "sta"
     states: ClassVar = {"z": 6}
     units: ClassVar = {"z": "m/s^2, rad/s^2"}
+    at_rest = super_twisting.at_rest
+    notes = super_twisting.notes
+    certificate = super_twisting.certificate
 
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):

@@ -1,6 +1,7 @@
 """``simulate(scenario) -> Trace`` runs a scenario in chunks at native speed."""
 
 import dataclasses
+import functools
 import time
 import warnings
 from collections import deque
@@ -8,9 +9,9 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from ..analysis.rest import steady_state
 from ..analysis.sampling import SamplingWarning, row_steps_of
 from ..control import Controller
+from ..control.theory import steady_state
 from ..errors import InputError
 from ..plant.mjcf import Mjcf
 from ..plant.mujoco_warnings import mujoco_warnings
@@ -116,7 +117,7 @@ class _Run:
             scenario=self.scenario,
             signals=sim.recorded,
             row_steps=self.row_steps,
-            analytic=steady_state(self.scenario, setup.vehicle, setup.design, setup.gravity_W),
+            rest=functools.partial(steady_state, setup),
             notes=notes,
             mjcf=setup.plant.mjcf,
             geometry=setup.plant.geometry,

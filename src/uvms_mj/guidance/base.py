@@ -12,7 +12,8 @@ from ..stages.signals import CLOCK, KNOWN, REFERENCE
 
 @dataclasses.dataclass(frozen=True)
 class Guidance(Stage):
-    """Base class of all guidance. ``given`` has :data:`uvms_mj.stages.signals.CLOCK` and KNOWN, ``out`` has REFERENCE."""
+    """Base class of all guidance. ``given`` has the signals CLOCK and KNOWN of :mod:`uvms_mj.stages.signals`, and ``out``
+    has REFERENCE."""
 
     room: ClassVar[Room] = Room("guidance", "reference", lambda thrusters: CLOCK + KNOWN, REFERENCE, "guidance stage")
 

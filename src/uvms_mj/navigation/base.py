@@ -11,7 +11,8 @@ from ..stages.signals import CLOCK, KNOWN, TRUE
 
 @dataclasses.dataclass(frozen=True)
 class Navigation(Stage):
-    """Base class of all navigation. ``given`` has :data:`uvms_mj.stages.signals.CLOCK` and TRUE, ``out`` has KNOWN."""
+    """Base class of all navigation. ``given`` has the signals CLOCK and TRUE of :mod:`uvms_mj.stages.signals`, and
+    ``out`` has KNOWN."""
 
     room: ClassVar[Room] = Room("navigation", "navigation", lambda thrusters: CLOCK + TRUE, KNOWN, "navigation stage")
 

@@ -7,7 +7,7 @@ import importlib.metadata
 import inspect
 import itertools
 import platform
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -69,6 +69,15 @@ class StageSource:
         return cls(f"{path.name}:{kind.__name__}", digest, code.decode(errors="replace"), states)
 
 
+def solved(analytic: SteadyState | NoClosedForm) -> Callable[[], SteadyState | NoClosedForm]:
+    """The function of a rest state that is solved already."""
+    return functools.partial(_same, analytic)
+
+
+def _same(analytic: SteadyState | NoClosedForm) -> SteadyState | NoClosedForm:
+    return analytic
+
+
 @dataclass(frozen=True, eq=False)
 class Header:
     """The part of a run's record that is known before the first step.
@@ -77,7 +86,7 @@ class Header:
         scenario: the scenario with all defaults.
         signals: the signals of a row, in order.
         row_steps: time steps from one row to the next.
-        analytic: the predicted rest state, or the reason why there is no closed form.
+        rest: function that gives :attr:`analytic`; it is called when somebody asks.
         notes: the warnings that the user was given.
         mjcf: the vehicle's model.
         geometry: the vehicle's shape, for pictures.
@@ -88,7 +97,7 @@ class Header:
     scenario: Scenario
     signals: tuple[Signal, ...]
     row_steps: int
-    analytic: SteadyState | NoClosedForm
+    rest: Callable[[], SteadyState | NoClosedForm] = field(repr=False)
     notes: tuple[str, ...]
     mjcf: Mjcf
     geometry: Geometry
@@ -99,6 +108,15 @@ class Header:
     def law(self) -> StageSource:
         """Source of the law."""
         return self.sources["controller"]
+
+    @functools.cached_property
+    def analytic(self) -> SteadyState | NoClosedForm:
+        """The predicted rest state, or the reason why there is no closed form."""
+        return self.rest()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The fields, with the rest state solved, as copy and pickle need them."""
+        return {**self.__dict__, "rest": solved(self.analytic)}
 
     @functools.cached_property
     def places(self) -> dict[str, slice]:

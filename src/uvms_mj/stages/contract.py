@@ -17,7 +17,7 @@ from .signals import TASK, TRUTH
 
 _MOST_STATES = 10_000
 _LONGEST_NAME = 100
-_OVERRIDDEN = ("name", "states", "units", "uses_task", "uses_truth")
+_OVERRIDDEN = ("name", "states", "units", "uses_task", "uses_truth", "at_rest", "notes", "certificate")
 
 
 def check_contract(cls: type[Stage], file: str = "") -> None:
@@ -47,7 +47,9 @@ def _wrong(cls: type[Stage]) -> Iterator[str]:
     if "__dataclass_fields__" not in cls.__dict__:
         yield "the class must be decorated with @dataclass(frozen=True)"
     taken = [f.name for f in dataclasses.fields(cls) if hasattr(base, f.name) and f.name not in shared]
-    yield from (f"{name!r} is an attribute of every {room.noun}; give the {room.setting} another name" for name in taken)
+    yield from (
+        f"{name!r} is an attribute of every {room.noun}; give the {room.setting} another name" for name in taken
+    )
     yield from (
         f"{f.name!r} {room.reserved[f.name]}; give the {room.setting} another name"
         for f in dataclasses.fields(cls)

@@ -1,4 +1,4 @@
-"""Placeholder for a user's stage in a loaded log. It has settings and states, and can be shown and compared but not run."""
+"""Placeholder for a user's stage in a loaded log. It has settings and states; it can be shown and compared, not run."""
 
 import dataclasses
 from collections.abc import Mapping

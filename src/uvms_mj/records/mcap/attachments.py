@@ -24,7 +24,7 @@ from ...quantities import STRICT, NonNegative, Real
 from ...scenario import STAGES, Scenario
 from ...stages.recorded import recorded_stage
 from ...stages.signals import RECORDED, Signal
-from ..header import Header, Outcome, StageSource, Status
+from ..header import Header, Outcome, StageSource, Status, solved
 
 MOST_BYTES = 256_000_000
 """Largest total size of a log's attached files [bytes]."""
@@ -46,11 +46,11 @@ class _SignalEntry:
 
 @checked(frozen=True, config=STRICT)
 class _Rest:
-    position: Annotated[tuple[Real, ...], Field(min_length=3, max_length=3)]
-    quat: Annotated[tuple[Real, ...], Field(min_length=4, max_length=4)]
     force: NonNegative
-    s: Annotated[tuple[Real, ...], Field(min_length=6, max_length=6)]
-    tau: Annotated[tuple[Real, ...], Field(min_length=6, max_length=6)]
+    position: Annotated[tuple[Real, ...], Field(min_length=3, max_length=3)] | None
+    quat: Annotated[tuple[Real, ...], Field(min_length=4, max_length=4)] | None
+    s: Annotated[tuple[Real, ...], Field(min_length=6, max_length=6)] | None
+    tau: Annotated[tuple[Real, ...], Field(min_length=6, max_length=6)] | None
 
 
 @checked(frozen=True, config=STRICT)
@@ -96,13 +96,7 @@ def header_files(header: Header) -> dict[str, bytes]:
         stages={name: _StageEntry(s.source, s.sha256, dict(s.states)) for name, s in header.sources.items()},
         analytic=None
         if isinstance(rest, NoClosedForm)
-        else _Rest(
-            tuple(rest.position.tolist()),
-            tuple(rest.quat.tolist()),
-            rest.force,
-            tuple(rest.s.tolist()),
-            tuple(rest.tau.tolist()),
-        ),
+        else _Rest(rest.force, *map(_tuple, (rest.position, rest.quat, rest.s, rest.tau))),
         no_analytic_because=rest.reason if isinstance(rest, NoClosedForm) else "",
         notes=tuple(without_paths(note) for note in header.notes),
         versions=dict(header.versions),
@@ -184,10 +178,10 @@ def header_of(files: Mapping[str, bytes]) -> Header:
         scenario=scenario,
         signals=signals,
         row_steps=run.row_steps,
-        analytic=NoClosedForm(run.no_analytic_because)
-        if rest is None
-        else SteadyState(
-            np.array(rest.position), np.array(rest.quat), rest.force, np.array(rest.s), np.array(rest.tau)
+        rest=solved(
+            NoClosedForm(run.no_analytic_because)
+            if rest is None
+            else SteadyState(rest.force, *map(_array, (rest.position, rest.quat, rest.s, rest.tau)))
         ),
         notes=run.notes,
         mjcf=Mjcf(run.vehicle, models),
@@ -216,6 +210,14 @@ def _run_of(data: bytes) -> _Run:
     except (ValueError, RecursionError) as error:
         faults = faults_of(error) if isinstance(error, ValidationError) else f"is not JSON: {error}"
         raise InputError(faults, "run.json") from None
+
+
+def _tuple(array: np.ndarray | None) -> tuple[float, ...] | None:
+    return None if array is None else tuple(array.tolist())
+
+
+def _array(values: tuple[float, ...] | None) -> np.ndarray | None:
+    return None if values is None else np.array(values)
 
 
 def _are_recorded(signals: tuple[Signal, ...], states: Mapping[str, int]) -> bool:
