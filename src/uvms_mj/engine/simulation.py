@@ -10,7 +10,7 @@ import numpy as np
 
 from ..analysis.ranges import no_overflow
 from ..analysis.sampling import notes, refuse
-from ..analysis.setup import Setup, set_up
+from ..analysis.setup import set_up
 from ..errors import InputError, suggestion
 from ..plant.mjcf import Mjcf
 from ..scenario import Scenario

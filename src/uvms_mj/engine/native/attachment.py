@@ -180,10 +180,10 @@ def immerse(
 
 def set_water(
     context: np.void,
-    current_W: Sequence[float],
-    bias: Sequence[float],
-    amplitude: Sequence[float],
-    frequency_hz: Sequence[float],
+    current_W: Sequence[float] | np.ndarray,
+    bias: Sequence[float] | np.ndarray,
+    amplitude: Sequence[float] | np.ndarray,
+    frequency_hz: Sequence[float] | np.ndarray,
 ) -> None:
     """Set the current and the disturbance in a CONTEXT record. The arguments are those of :func:`attach`."""
     water = context["water"]

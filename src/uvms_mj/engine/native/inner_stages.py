@@ -36,6 +36,7 @@ class Tracking(Stage):
     """Tracking errors and estimates. ``out`` is the beginning of the law's signals, and has the measurements too."""
 
     name = "tracking"
+    needs: ClassVar = ("estimates",)
     room: ClassVar[Room] = Room("control", "tracking", lambda thrusters: CLOCK, TASK_GIVEN)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
@@ -53,6 +54,7 @@ class Truth(Stage):
     """The truth for the ideal law. ``state`` is the vehicle's WATER record."""
 
     name = "truth"
+    needs: ClassVar = ()
     room: ClassVar[Room] = Room("navigation", "truth", lambda thrusters: CLOCK + TRUE, TRUTH)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ...stages.contract import field_suggestion
 from ...stages.base import Stage, is_shipped
+from ...stages.contract import field_suggestion
 from .arena import NEARBY, Arena
 
 
@@ -92,7 +92,7 @@ class PlainStage:
 
         arrays = [self.arena.arrays[name] for name in self.arena.names]
         try:
-            with guarded(True):
+            with guarded():
                 compiled = guarded_function(type(self.stage).function(), error_model="python")
                 compiled(*(array if array.dtype.names is None else array[0] for array in arrays))
         except Exception as error:
@@ -171,7 +171,7 @@ def _guarded(function: Any, compiled: Any) -> Any:
     @functools.wraps(function)
     def call(*arguments: Any) -> Any:
         try:
-            with guarded(True):
+            with guarded():
                 return twin(compiled)(*arguments)
         except NumbaError:
             return function(*arguments)

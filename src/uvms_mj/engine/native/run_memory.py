@@ -1,12 +1,11 @@
 """The memory of one run: the records that the loop works on, and the numbers of a scenario in them."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Set
 
 import mujoco
 import numpy as np
 
 from ...analysis.setup import Setup
-from ...errors import Fault, InputError
 from ...plant.wall import contact_settings
 from ...stages.signals import FINAL_WINDOW_S
 from .attachment import Attachment, set_water
@@ -82,12 +81,12 @@ class RunMemory:
         arrays += [each for entry in stages.running if entry.states for each in (entry.state, entry.state_dot)]
         arrays += [data.qpos, data.qvel]
         self.context["loop_at"] = self.loop.ctypes.data
-        self._start = [(array, array.copy()) for array in arrays]
+        self._start = [(array.view(np.uint8), array.view(np.uint8).copy()) for array in arrays]
 
     def record(self, row_steps: int, capacity: int) -> None:
         """Record a row every so many time steps, at most ``capacity`` of them before they are taken."""
         self.rows = np.zeros((capacity, self.rows.shape[1]))
-        for loop in (self.loop, self._start[0][1]):
+        for loop in (self.loop, self._start[0][1].view(LOOP)):
             loop["row_steps"], loop["row_capacity"], loop["rows_at"] = row_steps, capacity, self.rows.ctypes.data
 
     def taken(self) -> np.ndarray:
@@ -99,30 +98,22 @@ class RunMemory:
         """Discard the rows, to make room for the next chunk."""
         self.loop["rows"] = 0
 
-    def restart(self, setup: Setup, touched: Collection[str]) -> None:
-        """Return to the start, with the numbers of the tables of a scenario that ``touched`` names from ``setup``."""
+    def restart(self, setup: Setup, touched: Set[str]) -> None:
+        """Return to the start, with the numbers of the tables of a scenario that ``touched`` names from ``setup``.
+
+        Raises:
+            InputError: a stage has other constants than its memory has room for. Nothing is changed then.
+        """
+        constants = self.stages.constants(setup, touched)
         mujoco.mj_resetData(setup.plant.model, self.data)
         for array, start in self._start:
             array[:] = start
         for tables, write in WRITERS:
             if not touched.isdisjoint(tables):
                 write(self, setup)
+        self.stages.write(constants)
         for entry in self.stages.running:
             entry.start()
-
-    def refuse(self, settings: Mapping[str, np.ndarray]) -> None:
-        """Refuse settings that have no room in the memory of their stage.
-
-        Raises:
-            InputError: for example, a setting was None and is a number now.
-        """
-        faults = [
-            Fault(table, "reset can't change which settings are given, nor their lengths; make a new Simulation")
-            for table, record in settings.items()
-            if record.dtype != self.stages.entries[table].settings.dtype
-        ]
-        if faults:
-            raise InputError(faults, "reset")
 
     def check_stages(self, last: bool) -> None:
         """Report a failure of a user's stage, with ``last`` after searching all of its margins.
@@ -161,17 +152,13 @@ def write_time(memory: RunMemory, setup: Setup) -> None:
 
 def write_water(memory: RunMemory, setup: Setup) -> None:
     current, disturbance = setup.scenario.current, setup.scenario.disturbance
-    set_water(
-        memory.context[0], current.velocity_W, disturbance.bias, disturbance.amplitude, disturbance.frequency_hz
-    )
+    set_water(memory.context[0], current.velocity_W, disturbance.bias, disturbance.amplitude, disturbance.frequency_hz)
 
 
 def write_wall(memory: RunMemory, setup: Setup) -> None:
     setup.plant.set_wall(setup.scenario.wall)
     contact = memory.loop["contact"]
-    for name, value in contact_settings(
-        setup.scenario.wall, setup.design.M, setup.design.normal, setup.reach
-    ).items():
+    for name, value in contact_settings(setup.scenario.wall, setup.masses_at_contact[1]).items():
         contact[name] = value
 
 
@@ -191,19 +178,23 @@ def write_design(memory: RunMemory, setup: Setup) -> None:
         signals["M"] = design.M
 
 
-def write_stages(memory: RunMemory, setup: Setup) -> None:
-    memory.stages.write(setup)
+def write_control(memory: RunMemory, setup: Setup) -> None:
+    memory.stages.write_periods(setup.scenario)
     memory.loop["epsilon"] = getattr(setup.scenario.controller, "epsilon", DEFAULT_EPSILON)  # of each axis
 
 
-STAGES = ("navigation", "reference", "task", "controller", "actuation")
+def write_keys(memory: RunMemory, setup: Setup) -> None:
+    memory.stages.write_keys(setup.scenario)
+
+
 WRITERS: tuple[tuple[tuple[str, ...], Callable[[RunMemory, Setup], None]], ...] = (
     (("simulation",), write_time),
     (("current", "disturbance"), write_water),
     (("wall", "design"), write_wall),
     (("initial",), write_initial),
     (("design",), write_design),
-    (("simulation", "initial", "design", *STAGES), write_stages),
+    (("simulation",), write_keys),
+    (("simulation", "navigation", "reference", "controller", "actuation"), write_control),
 )
 """The tables of a scenario, and the function that writes the numbers that depend on them. ``design`` is not a table: it
 stands for the design matrices, which depend on several."""

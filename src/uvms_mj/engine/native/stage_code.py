@@ -46,7 +46,9 @@ def _call(settings_at, state_at, given_at, state_dot_at, out_at):
     out = output(out_at)
     try:
         function(settings, state, given, state_dot, out)
-    except Exception:  # the only class that numba can catch; the stage is then run again as plain Python for the details
+    except (
+        Exception
+    ):  # the only class that numba can catch; the stage is then run again as plain Python for the details
         return RAISED
     return RETURNED
 

@@ -2,12 +2,15 @@
 
 import functools
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Set
+from typing import Any
 
 import numpy as np
 
 from ...analysis.setup import Setup
-from ...stages.base import Stage, is_shipped, random_key
+from ...errors import Fault, InputError
+from ...scenario import Scenario
+from ...stages.base import Stage, is_shipped, packs_itself, random_key
 from ...stages.signals import CLOCK, KNOWN, REFERENCE, TASK, TASK_GIVEN, TRUTH, Signal, record_dtype
 from .arena import MARGIN, NEARBY, Arena
 from .compilation import NotCompiled
@@ -109,13 +112,31 @@ class Entry:
         """A note on a stage that runs as plain Python; empty for a compiled one."""
         if self.code is not None:
             return ""
-        return f"{self.stage.label()} runs as plain Python, which is slow, because numba can't compile it: {self.not_compiled}"
+        slow = "runs as plain Python, which is slow, because numba can't compile it"
+        return f"{self.stage.label()} {slow}: {self.not_compiled}"
 
 
 def part(record: np.ndarray, signals: tuple[Signal, ...]) -> np.ndarray:
     """Consecutive fields of a record (1,) as a record of their own (1,), in the same memory."""
     offset = record.dtype.fields[signals[0].name][1]  # type: ignore[index]
     return np.ndarray(1, record_dtype(signals), record.view(np.uint8), offset)
+
+
+def padded(record: np.ndarray) -> np.ndarray:
+    """A record (1,) whose size is a multiple of 8 bytes, as an arena needs it. Flags alone are shorter."""
+    kind = record.dtype
+    size = -(-kind.itemsize // 8) * 8
+    if size == kind.itemsize:
+        return record
+    names = kind.names or ()
+    places = [kind.fields[name][1] for name in names] if kind.fields else []
+    formats = [kind[name] for name in names]
+    longer = np.zeros(
+        1, np.dtype({"names": names, "formats": formats, "offsets": places, "itemsize": size}, align=True)
+    )
+    for name in names:
+        longer[name] = record[name]
+    return longer
 
 
 class StageTable:
@@ -147,7 +168,9 @@ class StageTable:
                 return
             own = type(stage).state_record(n)
             states = own.nbytes // 8 if state is None else 0
-            self.entries[table] = Entry(stage, stage.record(setup), own if state is None else state, given, out, states)
+            self.entries[table] = Entry(
+                stage, padded(stage.record(setup)), own if state is None else state, given, out, states
+            )
 
         add("navigation", scenario.navigation, true, part(self.signals, KNOWN))
         add("reference", scenario.reference, part(self.signals, CLOCK + KNOWN), part(self.signals, REFERENCE))
@@ -173,23 +196,50 @@ class StageTable:
     def running(self) -> tuple[Entry, ...]:
         return tuple(self.entries.values())
 
-    def settings(self, setup: Setup) -> dict[str, np.ndarray]:
-        """The settings of all stages of the run as records (1,), by table."""
-        scenario = setup.scenario
-        inner = {"tracking": Tracking(), "truth": Truth()}
-        return {table: (inner.get(table) or getattr(scenario, table)).record(setup) for table in self.entries}
+    def constants(self, setup: Setup, touched: Set[str]) -> dict[str, dict[str, Any]]:
+        """The constants of the stages that depend on the tables of a scenario that ``touched`` names, by table.
 
-    def write(self, setup: Setup) -> None:
-        """Set settings, periods and keys of all stages."""
-        scenario, h = setup.scenario, setup.scenario.simulation.timestep
-        control = scenario.controller.period or h
-        for table, record in self.settings(setup).items():
-            self.entries[table].settings[:] = record
-        for row, (table, entry) in zip(self.rows, self.entries.items(), strict=True):
-            own = getattr(getattr(scenario, table, None), "period", None) if table != "task" else None
-            row["period_steps"] = round((own or (h if table == "actuation" else control)) / h)
-            row["period"] = row["period_steps"] * h
-            row["key"] = random_key(scenario.simulation.seed, entry.stage)
+        Raises:
+            InputError: a stage has other constants than its memory has room for.
+        """
+        found, faults = {}, []
+        for table, entry in self.entries.items():
+            stage = getattr(setup.scenario, table, entry.stage)
+            needs = type(stage).needs
+            anything = needs is None and packs_itself(type(stage))
+            if table in touched or anything or not touched.isdisjoint(needs or ()):
+                constants = {name: value for name, value in stage.constants(setup).items() if name != "period"}
+                found[table] = given = {name: value for name, value in constants.items() if value is not None}
+                kind = entry.settings.dtype
+                room = {name: kind[name].shape for name in kind.names or () if name != "none"}
+                if {name: np.shape(value) for name, value in given.items()} != room:
+                    faults.append(Fault(table, "reset can't change which settings are given, nor their lengths"))
+        if faults:
+            raise InputError(faults, "a new Simulation is needed")
+        return found
+
+    def write(self, constants: Mapping[str, Mapping[str, Any]]) -> None:
+        """Set the constants of stages, by table."""
+        for table, values in constants.items():
+            settings = self.entries[table].settings
+            for name, value in values.items():
+                settings[name] = value
+
+    def write_periods(self, scenario: Scenario) -> None:
+        """Set the periods of all stages."""
+        h, control = scenario.simulation.timestep, scenario.control_period
+        periods = {"actuation": h} | {
+            table: stage.period
+            for table in ("navigation", "reference", "actuation")
+            for stage in [getattr(scenario, table)]
+            if stage.period is not None
+        }
+        steps = [round(periods.get(table, control) / h) for table in self.entries]
+        self.rows["period_steps"], self.rows["period"] = steps, [n * h for n in steps]
+
+    def write_keys(self, scenario: Scenario) -> None:
+        """Set the keys of the random numbers of all stages."""
+        self.rows["key"] = [random_key(scenario.simulation.seed, entry.stage) for entry in self.entries.values()]
 
     def states(self) -> Iterator[tuple[Stage, str, np.ndarray]]:
         """The recorded states: their stage, their name and their memory."""

@@ -3,7 +3,6 @@
 The contents of the attachments are never executed and never written to disk.
 """
 
-import dataclasses
 import json
 import re
 from collections.abc import Mapping
