@@ -5,7 +5,7 @@ from collections.abc import Container, Iterator
 import numpy as np
 
 from ..control.sampled import zeta_limit
-from ..control.theory import law_notes
+from ..control.theory import stage_notes
 from ..errors import Fault, InputError
 from ..physics.dissipation import damping_notes
 from ..scenario import Scenario
@@ -16,8 +16,6 @@ from .wall import wall_faults, wall_notes
 
 DEFAULT_LOG_RATE = 1000.0
 _CHECKED = ("wall", "design", "simulation", "disturbance")
-_FASTEST = 0.5
-"""Largest bandwidth times control period [rad] at which the law sees the reference as a motion, not as a jump."""
 
 
 class SamplingWarning(UserWarning):
@@ -43,10 +41,15 @@ def refuse(setup: Setup, touched: Container[str] = _CHECKED) -> None:
         raise InputError(faults, "scenario")
 
 
-def notes(setup: Setup) -> list[str]:
+def warnings_of(setup: Setup) -> list[str]:
     """Warnings for a scenario that runs badly."""
-    vehicle = setup.vehicle
-    notes = [*wall_notes(setup), *_sampling_notes(setup), *law_notes(setup)]
+    scenario, vehicle = setup.scenario, setup.vehicle
+    notes = [
+        *wall_notes(setup),
+        *stage_notes(scenario.reference, setup),
+        *_sampling_notes(setup),
+        *stage_notes(scenario.controller, setup),
+    ]
     rank = np.linalg.matrix_rank(vehicle.B)
     if rank < 6:
         notes.append(
@@ -57,29 +60,23 @@ def notes(setup: Setup) -> list[str]:
 
 
 def _stage_faults(scenario: Scenario) -> Iterator[Fault]:
-    controller, h = scenario.controller, scenario.simulation.timestep
-    if controller.uses_truth and not is_shipped(controller):
+    if scenario.controller.uses_truth and not is_shipped(scenario.controller):
         yield Fault("controller.uses_truth", "is reserved for ideal, the yardstick law")
+    h = scenario.simulation.timestep
     for stage in scenario.stages:
-        period = getattr(stage, "period", None)
+        period = stage.period
         if period is not None and (round(period / h) < 1 or abs(period / h - round(period / h)) > 1e-6):
             n = max(1, int(period / h))
+            nearest = f"the nearest are {n * h:g} and {(n + 1) * h:g} s"
             yield Fault(
-                f"{stage.room.table}.period",
-                f"{period:g} s is not a multiple of the time step {h:g} s; "
-                f"the nearest are {n * h:g} and {(n + 1) * h:g} s",
+                f"{stage.room.table}.period", f"{period:g} s is not a multiple of the time step {h:g} s; {nearest}"
             )
 
 
 def _sampling_notes(setup: Setup) -> Iterator[str]:
-    """Warnings for any law: a reference that is too fast for it, and a zeta that grows."""
-    period, bandwidth = setup.scenario.control_period, getattr(setup.scenario.reference, "bandwidth", 0.0)
-    if bandwidth * period > _FASTEST:
-        yield (
-            f"the law sees the reference as a jump: with reference.bandwidth = {bandwidth:g} rad/s "
-            f"it ends within a few control periods of {period:g} s; choose less than {_FASTEST / period:g} rad/s"
-        )
-    if period > (limit := zeta_limit(setup)):
+    """Warnings for any law that uses the task: a zeta that grows."""
+    period = setup.scenario.control_period
+    if setup.scenario.controller.uses_task and period > (limit := zeta_limit(setup)):
         yield (
             f"zeta, and with it s, grows without bound at a control period of {period:g} s: A = "
             f"{min(setup.task.A):g} 1/s in eq. (15) needs a period of at most {limit:.4g} s"

@@ -83,9 +83,13 @@ def simulate(
     if controller is not None:
         scenario = dataclasses.replace(scenario, controller=controller)
     row_steps = row_steps_of(scenario.simulation.timestep, log_rate)
-    for table in ("controller", "actuation"):
-        if getattr(scenario, table).external:
-            raise InputError(f"{table}.name: external needs a caller that sets its output: use Simulation")
+    for stage in (scenario.controller, scenario.actuation):
+        if stage.external:
+            table, sets = stage.room.table, stage.room.out[0].name
+            raise InputError(
+                f"{table}.name: {stage.label()} leaves {sets} to the caller of a Simulation; "
+                f"a run needs another {stage.room.noun}"
+            )
     with mujoco_warnings(), Simulation(scenario, mjcf=mjcf) as sim:
         notes = sim.notes
         for note in notes:

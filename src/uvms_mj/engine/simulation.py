@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from ..analysis.ranges import no_overflow
-from ..analysis.sampling import notes, refuse
+from ..analysis.sampling import refuse, warnings_of
 from ..analysis.setup import set_up
 from ..errors import InputError, suggestion
 from ..plant.mjcf import Mjcf
@@ -148,7 +148,7 @@ class Simulation:
     @property
     def notes(self) -> tuple[str, ...]:
         """Warnings about the scenario, computed at each call."""
-        return (*notes(self.setup), *self.slow_stages)
+        return (*warnings_of(self.setup), *self.slow_stages)
 
     @property
     def slow_stages(self) -> tuple[str, ...]:

@@ -122,23 +122,6 @@ def part(record: np.ndarray, signals: tuple[Signal, ...]) -> np.ndarray:
     return np.ndarray(1, record_dtype(signals), record.view(np.uint8), offset)
 
 
-def padded(record: np.ndarray) -> np.ndarray:
-    """A record (1,) whose size is a multiple of 8 bytes, as an arena needs it. Flags alone are shorter."""
-    kind = record.dtype
-    size = -(-kind.itemsize // 8) * 8
-    if size == kind.itemsize:
-        return record
-    names = kind.names or ()
-    places = [kind.fields[name][1] for name in names] if kind.fields else []
-    formats = [kind[name] for name in names]
-    longer = np.zeros(
-        1, np.dtype({"names": names, "formats": formats, "offsets": places, "itemsize": size}, align=True)
-    )
-    for name in names:
-        longer[name] = record[name]
-    return longer
-
-
 class StageTable:
     """The stages of a run and their memory.
 
@@ -169,7 +152,7 @@ class StageTable:
             own = type(stage).state_record(n)
             states = own.nbytes // 8 if state is None else 0
             self.entries[table] = Entry(
-                stage, padded(stage.record(setup)), own if state is None else state, given, out, states
+                stage, stage.record(setup), own if state is None else state, given, out, states
             )
 
         add("navigation", scenario.navigation, true, part(self.signals, KNOWN))
@@ -211,7 +194,7 @@ class StageTable:
                 constants = {name: value for name, value in stage.constants(setup).items() if name != "period"}
                 found[table] = given = {name: value for name, value in constants.items() if value is not None}
                 kind = entry.settings.dtype
-                room = {name: kind[name].shape for name in kind.names or () if name != "none"}
+                room = {name: kind[name].shape for name in kind.names or () if name != "_"}
                 if {name: np.shape(value) for name, value in given.items()} != room:
                     faults.append(Fault(table, "reset can't change which settings are given, nor their lengths"))
         if faults:
