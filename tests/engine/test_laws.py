@@ -16,7 +16,7 @@ import pytest
 from uvms_mj import Controller, Gsta, InputError, LawError, Scenario, Trace, simulate
 from uvms_mj.control import BUILT_IN, Ideal, Impedance, ImpedanceTask
 from uvms_mj.engine.native import compilation
-from uvms_mj.engine.native.closed_loop import law_signals
+from uvms_mj.engine.native.rows import check_states
 from uvms_mj.engine.run import PlainPythonWarning, SamplingWarning
 from uvms_mj.physics.kernels import kernels
 
@@ -118,10 +118,10 @@ def test_a_law_as_plain_python_gives_what_it_gives_compiled(monkeypatch):
     )
     compiled = simulate(scenario)
 
-    def refuse(controller):
+    def refuse(*_, **__):
         raise compilation.NotCompiled("for the test")
 
-    monkeypatch.setattr("uvms_mj.engine.native.closed_loop.compile_law", refuse)
+    monkeypatch.setattr("uvms_mj.engine.native.stage_table.compile_stage", refuse)
     with pytest.warns(PlainPythonWarning, match="for the test"):
         plain = simulate(scenario)
     assert plain.touches[-1] > 0
@@ -310,7 +310,7 @@ def test_a_state_may_not_take_the_name_of_a_recorded_signal(tmp_path):
 @pytest.mark.parametrize("name", sorted({name for name in dir(Trace) if name[0] != "_"}))
 def test_a_state_may_not_hide_what_a_trace_has(name):
     with pytest.raises(InputError, match=f"'{name}'.*is the name of"):
-        law_signals(type("Hiding", (Controller,), {"states": {name: 1}})())
+        check_states([(type("Hiding", (Controller,), {"states": {name: 1}})(), name)])
 
 
 def test_a_law_derived_from_one_of_ours_is_a_users_law(tmp_path):
@@ -341,10 +341,10 @@ def test_what_a_law_writes_on_its_signals_is_not_recorded_nor_kept(tmp_path, mon
     path = law_file(tmp_path, careful + "\n\n" + one_liner("Careless", slip))
     if not compiled:
 
-        def refuse(controller):
+        def refuse(*_, **__):
             raise compilation.NotCompiled("for the test")
 
-        monkeypatch.setattr("uvms_mj.engine.native.closed_loop.compile_law", refuse)
+        monkeypatch.setattr("uvms_mj.engine.native.stage_table.compile_stage", refuse)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PlainPythonWarning)
         ours, theirs = (simulate(Scenario.load("push_wall", SHORT, f"{path}:{n}")) for n in ("Careful", "Careless"))
