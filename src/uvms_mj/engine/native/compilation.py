@@ -1,8 +1,8 @@
 """Compilation of pure Python functions to machine code before the run.
 
-A function marked as a kernel (:mod:`uvms_mj.physics.kernels`) stays a plain Python function. The package's own functions
-are translated by :mod:`.translator`, users' laws are compiled by numba (:mod:`.numba_code`). Both are kept on disk
-(:mod:`.objects`), so that a warm start compiles nothing and does not import numba.
+A function marked as a kernel (:mod:`uvms_mj.physics.kernels`) stays a plain Python function. The package's own
+functions are translated by :mod:`.translator`; numba compiles users' laws (:mod:`.numba_code`). Both are kept on disk
+(:mod:`.objects`), so a warm start compiles nothing, and imports numba only for a user's law.
 """
 
 import ctypes
@@ -53,9 +53,7 @@ def native_function(function: Any, parameters: Sequence[np.dtype | str]) -> Nati
     return _callable(address, len(dtypes))
 
 
-def native_law(
-    arguments: int, parts: Iterable[bytes], prepare: Callable[[], Callable[..., int]]
-) -> NativeFunction:
+def native_law(arguments: int, parts: Iterable[bytes], prepare: Callable[[], Callable[..., int]]) -> NativeFunction:
     """A C function of 64-bit integers from a user's law, loaded from disk or compiled by numba with checks.
 
     Args:
