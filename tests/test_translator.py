@@ -39,7 +39,7 @@ def integers(data, out):
     for i in range(a, -3, -2):
         total -= i
     out.i[10] = total
-    out.i[11] = data.a.shape[0] if a > b and not b == 3 else -1
+    out.i[11] = data.a.shape[0] if a > b and not (b == 3 or a == 4) else -1
 
 
 def numbers(data, out):
