@@ -35,6 +35,7 @@ from ...physics.kernels import kernels
 _PACKAGE = Path(__file__).parents[2]
 _CORE = (
     "physics/contact.py",
+    "actuation/pseudo_inverse.py",
     "control/task.py",
     "control/tracking.py",
     "physics/model.py",
@@ -53,7 +54,10 @@ _CORE = (
     "engine/native/loop.py",
     "engine/native/memory.py",
     "engine/native/sources.py",
+    "guidance/base.py",
     "guidance/filtered_steps.py",
+    "navigation/perfect.py",
+    "physics/random.py",
     "stages/signals.py",
     "navigation/truth.py",
 )

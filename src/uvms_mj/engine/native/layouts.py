@@ -12,7 +12,14 @@ TRUE_SIGNALS = record_dtype(TRUTH)
 SIGNALS_AND_TRUTH = record_dtype(GIVEN + TRUTH)
 """Record given to the ideal law: signals and truth of LOOP, one directly after the other."""
 TASK = np.dtype(
-    [("F_1", "f8", (6,)), ("F_2", "f8", (6,)), ("A", "f8", (6,)), ("integral", "?"), ("M_d_inv", "f8", (6, 6))],
+    [
+        ("F_1", "f8", (6,)),
+        ("F_2", "f8", (6,)),
+        ("A", "f8", (6,)),
+        ("integral", "?"),
+        ("M_d_inv", "f8", (6, 6)),
+        ("_", "f8"),
+    ],
     align=True,
 )
 """Settings of the impedance task."""
