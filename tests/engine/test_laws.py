@@ -279,8 +279,6 @@ def test_a_cache_that_takes_nothing_stops_no_run(monkeypatch):
     assert simulate(Scenario.load("push_wall", SHORT)).status.name == "completed"
 
 
-_CONTRACT = ("base", "contract", "recorded", "loader")
-"""Modules of the contract of stages. Settings and states are in the fingerprint of each stage."""
 
 
 def test_the_fingerprint_covers_all_that_reaches_the_machine_code():
@@ -324,7 +322,7 @@ def test_a_law_derived_from_one_of_ours_is_a_users_law(tmp_path):
     path = law_file(tmp_path, body)
     scenario = Scenario.load("push_wall", SHORT, f"{path}:Mine")
     assert scenario.controller.label() == "Mine"
-    assert simulate(scenario).analytic.reason == "closed forms are known for the shipped laws only"
+    assert simulate(scenario).analytic.reason == "no closed form is known for this law"
     late = scenario.updated({"wall.stiffness": 1e6, "controller.period": 1e-3})  # of gsta, "limit-cycles"
     with warnings.catch_warnings():
         warnings.simplefilter("error")
