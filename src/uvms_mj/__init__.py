@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .engine.native import Attachment, attach
     from .engine.run import LawError, SinkError, simulate
     from .engine.simulation import Diverged, Simulation
+    from .engine.native.plain_stage import StageFault
     from .errors import InputError
     from .records.header import Status
     from .records.mcap import McapLog
@@ -36,6 +37,7 @@ _HOME = {
     "Simulation": "engine.simulation",
     "SinkError": "engine.run",
     "Sta": "control",
+    "StageFault": "engine.native.plain_stage",
     "Status": "records.header",
     "Trace": "records.trace",
     "attach": "engine.native",
@@ -59,6 +61,7 @@ __all__ = [
     "Simulation",
     "SinkError",
     "Sta",
+    "StageFault",
     "Status",
     "Trace",
     "attach",
