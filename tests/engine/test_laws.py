@@ -279,8 +279,6 @@ def test_a_cache_that_takes_nothing_stops_no_run(monkeypatch):
     assert simulate(Scenario.load("push_wall", SHORT)).status.name == "completed"
 
 
-
-
 def test_the_fingerprint_covers_all_that_reaches_the_machine_code():
     """Every kernel's file is in the fingerprint, and every file of the package that such a file imports, directly or
     not. Errors and validated types of settings aside, which compute nothing in a kernel."""
