@@ -1,5 +1,6 @@
 """Bad input, streams, signals and folders: one message, the right exit status, bounded time and memory."""
 
+import dataclasses
 import os
 import signal
 import subprocess
@@ -81,8 +82,8 @@ def test_an_error_names_the_number_of_the_wall_that_is_too_large_for_the_step():
     h, m = 1e-4, setup.design.along_normal(setup.design.M)
 
     def found(k, b):
-        wall = Scenario.load("push_wall", {"wall.stiffness": k, "wall.damping": b})
-        return list(wall_faults(wall, setup.design, setup.reach))
+        scenario = Scenario.load("push_wall", {"wall.stiffness": k, "wall.damping": b})
+        return list(wall_faults(dataclasses.replace(setup, scenario=scenario)))
 
     for k, b in [(1.0, 1e9), (1e5, 2.6e5), (5.2e9, 0.0), (2e9, 1.7e5), (1e5, 2.5e5), (5.1e9, 0.0)]:
         assert (h * h * k + 2.0 * h * b >= 4.0 * m) == bool(found(k, b))

@@ -320,7 +320,7 @@ def test_a_law_derived_from_one_of_ours_is_a_users_law(tmp_path):
     path = law_file(tmp_path, body)
     scenario = Scenario.load("push_wall", SHORT, f"{path}:Mine")
     assert scenario.controller.label() == "Mine"
-    assert simulate(scenario).analytic.reason == "closed forms are known for the shipped laws only"
+    assert simulate(scenario).analytic.reason == "no closed form is known for this law"
     late = scenario.updated({"wall.stiffness": 1e6, "controller.period": 1e-3})  # of gsta, "limit-cycles"
     with warnings.catch_warnings():
         warnings.simplefilter("error")
