@@ -26,7 +26,7 @@ from uvms_mj.control.rest import NoClosedForm, SteadyState
 from uvms_mj.control.theory import TheoryWarning
 from uvms_mj.views.figures import contact
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 SHORT = {"simulation.duration": 1e-3}
 HEADER = """
 from dataclasses import dataclass
