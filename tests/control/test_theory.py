@@ -120,9 +120,9 @@ def test_a_law_may_predict_its_whole_state(write):
         ("def at_rest(self, setup): return SteadyState('x')", "returned SteadyState"),
         ("def at_rest(self, setup): return SteadyState(1.0, position=np.zeros(2))", "returned SteadyState"),
         ("def at_rest(self, setup): return SteadyState(1.0, tau=np.full(6, np.inf))", "returned SteadyState"),
-        ("def at_rest(self, setup): return 1.0 / 0", r"failed: mine.py, line 18: ZeroDivisionError: float division"),
-        ("def at_rest(self, setup): return setup.nothing", "failed: mine.py, line 18: AttributeError"),
-        ("def at_rest(self, setup): raise SystemExit(3)", "failed: mine.py, line 18: SystemExit: 3"),
+        ("def at_rest(self, setup): return 1.0 / 0", r"failed: mine.py, line 17: ZeroDivisionError: float division"),
+        ("def at_rest(self, setup): return setup.nothing", "failed: mine.py, line 17: AttributeError"),
+        ("def at_rest(self, setup): raise SystemExit(3)", "failed: mine.py, line 17: SystemExit: 3"),
         ("def at_rest(self): return 1.0", "failed: TypeError"),
         ("at_rest = 3.0", "failed: TypeError"),
     ],
@@ -150,7 +150,7 @@ def test_the_command_says_what_is_wrong_with_a_theory_without_a_traceback(write,
         ],
     )
     assert done.exit_code == 0
-    assert done.stderr.count("warning: Mine.at_rest failed: mine.py, line 18: ZeroDivisionError") == 1
+    assert done.stderr.count("warning: Mine.at_rest failed: mine.py, line 17: ZeroDivisionError") == 1
     assert "Traceback" not in done.output
 
 
@@ -163,7 +163,7 @@ def test_the_command_says_what_is_wrong_with_a_theory_without_a_traceback(write,
         ("def notes(self, setup): return [1]", ("Mine.notes must give warnings as texts, not [1]",)),
         (
             "def notes(self, setup): raise ValueError('no')",
-            ("Mine.notes failed: mine.py, line 18: ValueError: no",),
+            ("Mine.notes failed: mine.py, line 17: ValueError: no",),
         ),
         ("def notes(self, setup): return None", ("Mine.notes failed: TypeError: 'NoneType' object is not iterable",)),
     ],
