@@ -24,7 +24,7 @@ import math
 
 import numpy as np
 
-from .frames import cross, to_body, to_world
+from .frames import to_body, to_world
 from .kernels import kernel
 
 CONTACT = np.dtype(
@@ -135,4 +135,6 @@ def wrench_at_origin(R_WB, arm_W, f_W, work, tau):
     """Set tau (6,) [N, N m], the wrench in B at its origin of a force f_W (3,) at arm_W (3,); work is (3,) scratch."""
     to_body(R_WB, f_W, tau)
     to_body(R_WB, arm_W, work)
-    tau[3], tau[4], tau[5] = cross(work[0], work[1], work[2], tau[0], tau[1], tau[2])
+    tau[3] = work[1] * tau[2] - work[2] * tau[1]
+    tau[4] = work[2] * tau[0] - work[0] * tau[2]
+    tau[5] = work[0] * tau[1] - work[1] * tau[0]

@@ -28,7 +28,6 @@ C_RB does not contain the linear velocity. For a constant irrotational current M
 equals M_RB nu_dot + C_RB(nu) nu, which MuJoCo integrates.
 """
 
-from .frames import cross
 from .kernels import kernel
 
 
@@ -36,7 +35,9 @@ from .kernels import kernel
 def coriolis_rigid_body(M_RB, nu, out):
     """out = C_RB(nu) nu (6,) [N, N m], Fossen (2021), eq. (3.63), with the blocks of M_RB (6, 6) [kg, kg m, kg m^2]."""
     m = M_RB[0, 0]
-    a_x, a_y, a_z = cross(nu[3], nu[4], nu[5], nu[0], nu[1], nu[2])  # omega x v
+    a_x = nu[4] * nu[2] - nu[5] * nu[1]  # omega x v
+    a_y = nu[5] * nu[0] - nu[3] * nu[2]
+    a_z = nu[3] * nu[1] - nu[4] * nu[0]
     b_x = M_RB[0, 3] * nu[3] + M_RB[0, 4] * nu[4] + M_RB[0, 5] * nu[5]  # -m S(r_g) omega
     b_y = M_RB[1, 3] * nu[3] + M_RB[1, 4] * nu[4] + M_RB[1, 5] * nu[5]
     b_z = M_RB[2, 3] * nu[3] + M_RB[2, 4] * nu[4] + M_RB[2, 5] * nu[5]
@@ -56,14 +57,14 @@ def coriolis_added_mass(M_A, nu, out):
     """out = C_A(nu) nu (6,) [N, N m], Fossen (2021), eq. (6.44), M_A (6, 6) symmetric [kg, kg m, kg m^2]."""
     matvec(M_A, nu, out)
     a_0, a_1, a_2, a_3, a_4, a_5 = out[0], out[1], out[2], out[3], out[4], out[5]
-    force = cross(nu[3], nu[4], nu[5], a_0, a_1, a_2)
-    moment = (
+    out[0], out[1], out[2], out[3], out[4], out[5] = (  # at once: of columns (6, n), a_0 to a_5 are views of out
+        nu[4] * a_2 - nu[5] * a_1,
+        nu[5] * a_0 - nu[3] * a_2,
+        nu[3] * a_1 - nu[4] * a_0,
         nu[1] * a_2 - nu[2] * a_1 + nu[4] * a_5 - nu[5] * a_4,  # the first two terms are the Munk moment
         nu[2] * a_0 - nu[0] * a_2 + nu[5] * a_3 - nu[3] * a_5,
         nu[0] * a_1 - nu[1] * a_0 + nu[3] * a_4 - nu[4] * a_3,
     )
-    out[0], out[1], out[2] = force  # at the end: of (6, n) arrays, a_0 to a_5 are views of out
-    out[3], out[4], out[5] = moment
 
 
 @kernel
@@ -93,7 +94,9 @@ def restoring(mass, displaced_mass, r_g, r_b, gravity_W, R_WB, out):
     out[0] = (mass - displaced_mass) * k_x
     out[1] = (mass - displaced_mass) * k_y
     out[2] = (mass - displaced_mass) * k_z
-    out[3], out[4], out[5] = cross(m_x, m_y, m_z, k_x, k_y, k_z)
+    out[3] = m_y * k_z - m_z * k_y
+    out[4] = m_z * k_x - m_x * k_z
+    out[5] = m_x * k_y - m_y * k_x
 
 
 @kernel

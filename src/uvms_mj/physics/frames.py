@@ -12,12 +12,6 @@ from .kernels import kernel
 
 
 @kernel
-def cross(a_x, a_y, a_z, b_x, b_y, b_z):
-    """The three components of a x b."""
-    return a_y * b_z - a_z * b_y, a_z * b_x - a_x * b_z, a_x * b_y - a_y * b_x
-
-
-@kernel
 def to_world(R_WB, a_B, a_W):
     """Set the first three components of a_W = R_WB a_B."""
     x, y, z = a_B[0], a_B[1], a_B[2]
@@ -48,10 +42,9 @@ def body_acceleration(R_WB, qacc, nu, nu_dot):
     B rotates, so v_dot = R_WB^T a_W - omega x v. omega_dot is already in B.
     """
     to_body(R_WB, qacc, nu_dot)
-    x, y, z = cross(nu[3], nu[4], nu[5], nu[0], nu[1], nu[2])
-    nu_dot[0] -= x
-    nu_dot[1] -= y
-    nu_dot[2] -= z
+    nu_dot[0] -= nu[4] * nu[2] - nu[5] * nu[1]
+    nu_dot[1] -= nu[5] * nu[0] - nu[3] * nu[2]
+    nu_dot[2] -= nu[3] * nu[1] - nu[4] * nu[0]
     for i in range(3, 6):
         nu_dot[i] = qacc[i]
 

@@ -22,7 +22,7 @@ MuJoCo itself computes rigid-body Coriolis forces, weight and thrust.
 import numpy as np
 
 from .fossen import coriolis_added_mass, damping
-from .frames import cross, to_body
+from .frames import to_body
 from .kernels import kernel
 
 WATER = np.dtype(
@@ -117,14 +117,15 @@ def water_wrench(water, t, R_WB, nu, nu_r, work, out):
     damping(water.D_linear, water.D_quadratic, nu_r, work)
     for i in range(6):
         out[i] -= work[i]
-    a_x, a_y, a_z = cross(nu_r[3], nu_r[4], nu_r[5], nu_r[0], nu_r[1], nu_r[2])  # omega x v_r
+    a_x = nu_r[4] * nu_r[2] - nu_r[5] * nu_r[1]  # omega x v_r
+    a_y = nu_r[5] * nu_r[0] - nu_r[3] * nu_r[2]
+    a_z = nu_r[3] * nu_r[1] - nu_r[4] * nu_r[0]
     for i in range(6):
         out[i] += water.M_A[i, 0] * a_x + water.M_A[i, 1] * a_y + water.M_A[i, 2] * a_z
     to_body(R_WB, water.buoyancy_W, work)
     r_b = water.r_b
     for i in range(3):
         out[i] += work[i]
-    x, y, z = cross(r_b[0], r_b[1], r_b[2], work[0], work[1], work[2])
-    out[3] += x
-    out[4] += y
-    out[5] += z
+    out[3] += r_b[1] * work[2] - r_b[2] * work[1]
+    out[4] += r_b[2] * work[0] - r_b[0] * work[2]
+    out[5] += r_b[0] * work[1] - r_b[1] * work[0]
