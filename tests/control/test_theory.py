@@ -7,7 +7,6 @@ import re
 import subprocess
 import sys
 import textwrap
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from click.testing import CliRunner
 
 from uvms_mj import McapLog, Scenario, Trace, simulate
 from uvms_mj.analysis.metrics import final_force
-from uvms_mj.analysis.sampling import SamplingWarning
+from uvms_mj.analysis.sampling import SamplingWarning, check
 from uvms_mj.analysis.setup import set_up
 from uvms_mj.analysis.summary import summary
 from uvms_mj.cli.certify import certify
@@ -127,18 +126,16 @@ def test_a_law_may_predict_its_whole_state(write):
         ("at_rest = 3.0", "failed: TypeError"),
     ],
 )
-def test_a_wrong_theory_is_one_sentence_and_the_run_goes_on(write, method, words):
-    trace = simulate(Scenario.load("push_wall", SHORT, write(method)))
+def test_a_wrong_theory_is_one_sentence(write, method, words):
+    setup = set_up(Scenario.load("push_wall", SHORT, write(method)))
     with pytest.warns(TheoryWarning, match=rf"^Mine.at_rest {words}.*; the run has no closed form$") as given:
-        assert isinstance(trace.analytic, NoClosedForm)
+        found = theory.steady_state(setup)
     assert len(given) == 1
-    assert trace.status.name == "completed"
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")  # said once
-        assert re.match(f"Mine.at_rest {words}", trace.analytic.reason)
+    assert isinstance(found, NoClosedForm)
+    assert re.match(f"Mine.at_rest {words}", found.reason)
 
 
-def test_the_command_says_what_is_wrong_with_a_theory_without_a_traceback(write, tmp_path):
+def test_a_wrong_theory_does_not_stop_the_run_and_is_said_once(write, tmp_path):
     done = CliRunner().invoke(
         run,
         [
@@ -168,13 +165,14 @@ def test_the_command_says_what_is_wrong_with_a_theory_without_a_traceback(write,
         ("def notes(self, setup): return None", ("Mine.notes failed: TypeError: 'NoneType' object is not iterable",)),
     ],
 )
-def test_the_notes_of_a_users_law_are_warnings_before_the_run(write, method, notes):
-    with warnings.catch_warnings(record=True) as given:
-        warnings.simplefilter("always")
-        trace = simulate(Scenario.load("push_wall", SHORT, write(method)))
-    assert trace.notes == notes
-    assert tuple(str(each.message) for each in given) == notes
-    assert all(each.category is SamplingWarning for each in given)
+def test_the_notes_of_a_users_law_are_warnings(write, method, notes):
+    assert tuple(check(set_up(Scenario.load("push_wall", SHORT, write(method))))) == notes
+
+
+def test_the_notes_are_given_before_the_run_and_recorded(write):
+    scenario = Scenario.load("push_wall", SHORT, write("def notes(self, setup): yield 'beware'"))
+    with pytest.warns(SamplingWarning, match="^beware$"):
+        assert simulate(scenario).notes == ("beware",)
 
 
 DERIVED = """
@@ -230,8 +228,22 @@ class Mine(Controller):
     assert mine["controller"] == "Mine"
     assert mine["gains"] == shipped["gains"]
     assert mine["certified"] == shipped["certified"]
-    assert mine["is_certified"]
+    assert mine["is_certified"] == shipped["is_certified"]
     assert mine["experienced"]["rate"] == pytest.approx(shipped["experienced"]["rate"], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("method", "words"),
+    [
+        ("def certificate(self, setup): return 5.0", "Mine.certificate must return a Certificate or None, not 5.0"),
+        ("def certificate(self, setup): return 1 / 0", "Mine.certificate failed: mine.py, line 17: ZeroDivisionError"),
+    ],
+)
+def test_a_wrong_certificate_is_bad_input(write, method, words):
+    done = CliRunner().invoke(certify, ["-c", write(method), "simulation.duration=0.001"])
+    assert done.exit_code == 2
+    assert words in done.stderr
+    assert "Traceback" not in done.output
 
 
 COUNTED = """
