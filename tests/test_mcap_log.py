@@ -22,6 +22,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Statistics
@@ -29,12 +30,18 @@ from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 
 from uvms_mj import InputError, McapLog, Scenario, SinkError, Status, Trace, simulate
+from uvms_mj.cli import main
 from uvms_mj.control.recorded import recorded_law
+from uvms_mj.physics.frames import rotation_matrices
 from uvms_mj.plant.mjcf import Mjcf
+from uvms_mj.records import scene
+from uvms_mj.records.export import export
+from uvms_mj.records.mcap import attachments, read_files
+from uvms_mj.records.mcap import topics as topics_module
 from uvms_mj.records.mcap.attachments import refuse_large, without_paths
 from uvms_mj.records.mcap.layout import Format
 from uvms_mj.records.scene import span
-from uvms_mj.stages.signals import RUNNING
+from uvms_mj.stages.signals import GIVEN, RECORDED, RUNNING, Signal
 
 ROOT = Path(__file__).parents[1]
 COMMAND = [sys.executable, "-X", "faulthandler", "-m", "uvms_mj"]
@@ -168,6 +175,150 @@ def test_the_contact_wrench_in_base_link_is_the_force_at_the_vehicles_front(logg
     assert np.abs(moment).max() > 0.01  # friction
     depth = np.maximum(0, trace.p_WB[:, 0] - trace.scenario.wall.position).max()
     assert np.abs(ros[:, 3:] - moment).max() <= depth * np.abs(trace.f_contact_W).max()
+
+
+def test_any_signal_reaches_trace_log_and_export_without_a_topic_of_its_own(logged, tmp_path):
+    """A number, a vector and a matrix with names that no topic knows, and signals that have a message type."""
+    trace, _ = logged
+    added = (
+        Signal("depth", (), "m", "W", "depth of something"),
+        Signal("wind_W", (3,), "m/s", "W", "a wind"),
+        Signal("J_foot", (2, 6), "1", "B", "a Jacobian"),
+        Signal("quat_d", (4,), "1", "W", "desired attitude, w x y z"),
+        Signal("p_WB_m", (3,), "m", "W", "measured position"),
+        Signal("quat_WB_m", (4,), "1", "W", "measured attitude"),
+        Signal("nu_m", (6,), "m/s, rad/s", "B", "measured velocity"),
+    )
+    rng = np.random.default_rng(7)
+    rows = np.hstack([trace.rows(), rng.normal(size=(len(trace), sum(signal.size for signal in added)))])
+    more = Trace.of(dataclasses.replace(trace.header, signals=(*trace.signals, *added)), rows, trace.outcome)
+    more.save(tmp_path / "run.mcap")
+    loaded = Trace.load(tmp_path / "run.mcap")
+    same(more, loaded)
+    assert loaded.signals == more.signals
+    topics = decoded(tmp_path / "run.mcap")
+    assert np.array_equal([m.data for _, m in topics["/signals/depth"]], more.depth)
+    assert np.array_equal([m.data for _, m in topics["/signals/wind_W"]], more.wind_W)
+    assert np.array_equal([m.data for _, m in topics["/signals/J_foot"]], more.J_foot.reshape(len(more), 12))
+    measured = [xyz(m.pose.position) for _, m in topics["/measured/pose"]]
+    assert np.array_equal(measured, more.p_WB_m)
+    assert np.array_equal([xyz(m.twist.angular) for _, m in topics["/measured/twist"]], more.nu_m[:, 3:])
+    for pose in ([m.transforms[1].transform.rotation for _, m in topics["/tf"]],):
+        assert np.array_equal([[q.w, q.x, q.y, q.z] for q in pose], more.quat_d)
+    assert np.array_equal([m.pose.orientation.w for _, m in topics["/measured/pose"]], more.quat_WB_m[:, 0])
+    export(loaded, "npz", tmp_path / "run.npz")
+    assert np.array_equal(np.load(tmp_path / "run.npz")["J_foot"], more.J_foot)
+    export(loaded, "csv", tmp_path / "run.csv")
+    assert "wind_W.y [m/s]" in (tmp_path / "run.csv").read_text().partition("\n")[0]
+
+
+def test_a_signal_that_is_not_recorded_has_no_topic(logged, tmp_path):
+    """A law without the impedance task has no s, zeta and tau_nom."""
+    trace, _ = logged
+    absent = {"s", "zeta", "tau_nom", "boundary_layer_time", "f_contact_m_W", "stretch_W", "tau_dist"}
+    left = tuple(signal for signal in trace.signals if signal.name not in absent)
+    rows = np.hstack([trace[signal.name].reshape(len(trace), -1) for signal in left])
+    less = Trace.of(dataclasses.replace(trace.header, signals=left), rows, trace.outcome)
+    less.save(tmp_path / "run.mcap")
+    same(less, Trace.load(tmp_path / "run.mcap"))
+    assert not {"/s", "/zeta", "/tau_nom", "/running/boundary_layer_time"} & set(decoded(tmp_path / "run.mcap"))
+    lacking = tuple(signal for signal in left if signal.name != "touches")
+    rows = np.hstack([trace[signal.name].reshape(len(trace), -1) for signal in lacking])
+    Trace.of(dataclasses.replace(trace.header, signals=lacking), rows, trace.outcome).save(tmp_path / "bad.mcap")
+    with pytest.raises(InputError, match="signals differ"):
+        Trace.load(tmp_path / "bad.mcap")
+
+
+def test_every_signal_is_in_the_table_of_the_command():
+    shown = CliRunner().invoke(main, ["signals"], env={"COLUMNS": "200"}).output
+    for each in (*GIVEN, *RECORDED):
+        assert re.search(rf"\b{each.name}\b", shown), each.name
+
+
+# Formats
+
+
+def test_a_log_of_format_1_is_read_to_the_last_bit():
+    """The numbers are those of an independent decoder, and satisfy the equations of the run."""
+    path = ROOT / "tests" / "data" / "format_1.mcap"
+    trace, topics = Trace.load(path), decoded(path)
+    assert json.loads(read_files(path)[1]["run.json"])["format"] == 1
+    assert trace.status is Status.completed
+    assert np.array_equal(trace.t, np.arange(21) * 10 * 1e-4)
+    for name in ("tau", "tau_nom", "tau_cmd", "tau_dist"):
+        read = [xyz(m.wrench.force) + xyz(m.wrench.torque) for _, m in topics[f"/{name}"]]
+        assert np.array_equal(read, trace[name]), name
+    for topic, name in (("/s", "s"), ("/zeta", "zeta"), ("/law/z", "z"), ("/thrusters", "u"), ("/error/pose", "eta_e")):
+        assert np.array_equal([m.data for _, m in topics[topic]], trace[name]), name
+    odometry = [m for _, m in topics["/odom"]]
+    assert np.array_equal([xyz(m.pose.pose.position) for m in odometry], trace.p_WB)
+    assert np.array_equal([m.pose.pose.orientation.w for m in odometry], trace.quat_WB[:, 0])
+    assert np.array_equal([xyz(m.twist.twist.linear) for m in odometry], trace.nu[:, :3])
+    law, wall = trace.scenario.controller, trace.scenario.wall
+    s = trace.nu_e + np.array(law.F_1) * trace.eta_e + np.array(law.F_2) * trace.zeta  # paper eq. (14)
+    np.testing.assert_allclose(trace.s, s, rtol=0, atol=1e-15)
+    v_W = np.einsum("nij,nj->ni", rotation_matrices(trace.quat_WB), trace.nu[:, :3])
+    push = wall.stiffness * (trace.p_WB[:, 0] - wall.position) + wall.damping * v_W[:, 0]
+    np.testing.assert_allclose(trace.push, push, rtol=1e-3)  # the contact point is not B's origin
+    assert trace.force_peak[-1] == trace.push.max() > 19.0
+
+
+def test_a_run_of_format_1_repeats_from_its_log():
+    trace = Trace.load(ROOT / "tests" / "data" / "format_1.mcap")
+    again = simulate(trace.scenario, mjcf=trace.header.mjcf)
+    for name in trace:
+        np.testing.assert_allclose(again[name], trace[name], rtol=1e-9, atol=1e-9, err_msg=name)
+
+
+def test_an_older_format_is_upgraded_and_another_is_refused_with_the_version_that_reads_it(
+    logged, tmp_path, monkeypatch
+):
+    trace, path = logged
+    old = path.read_bytes()
+    now = attachments.FORMAT
+
+    def forged(number):
+        (tmp_path / "x.mcap").write_bytes(
+            rewritten(path, lambda n, d: (n, re.sub(rb'("format": )\d+', rb"\g<1>%d" % number, d)))
+        )
+        return tmp_path / "x.mcap"
+
+    for number in (0, -3):
+        with pytest.raises(
+            InputError, match=rf"has log format {number}, which uvms-mj [\d.]+ reads; this version reads"
+        ):
+            Trace.load(forged(number))
+    with pytest.raises(InputError, match=rf"has log format {now + 1}, which uvms-mj [\d.]+ or later reads"):
+        Trace.load(forged(now + 1))
+
+    def renamed(run):
+        return {("ship" if name == "vehicle" else name): value for name, value in run.items()}
+
+    def named_back(run):
+        return {("vehicle" if name == "ship" else name): value for name, value in run.items()}
+
+    # the log of today, if today's format came after one with another name for a key
+    older = attachments._UPGRADES | {now: named_back}
+    monkeypatch.setattr(attachments, "FORMAT", now + 1)
+    monkeypatch.setattr(attachments, "_UPGRADES", older)
+
+    def change(name, data):
+        return name, json.dumps(renamed(json.loads(data))).encode() if name == "run.json" else data
+
+    (tmp_path / "older.mcap").write_bytes(rewritten(path, change))
+    same(trace, Trace.load(tmp_path / "older.mcap"))
+    assert path.read_bytes() == old
+
+
+def test_a_log_is_read_whatever_the_order_of_its_topics_and_the_looks_of_its_markers(logged, tmp_path, monkeypatch):
+    """They may change from version to version."""
+    trace, _ = logged
+    sampled = topics_module.sampled
+    monkeypatch.setattr(topics_module, "sampled", lambda header: sampled(header)[::-1])
+    monkeypatch.setattr(scene, "WALL_RGBA", (1.0, 0.0, 0.0, 1.0))
+    trace.save(tmp_path / "run.mcap")
+    monkeypatch.undo()
+    same(trace, Trace.load(tmp_path / "run.mcap"))
 
 
 def test_the_files_structure_is_what_rosbag2_and_others_need(logged):

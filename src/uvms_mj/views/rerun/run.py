@@ -91,11 +91,8 @@ class Run:
         """Path of an entity of this run."""
         return rr.new_entity_path([self.label, *parts] if self.label else list(parts))
 
-    def has(self, name: str) -> bool:
-        return any(signal.name == name for signal in self.header.signals)
-
     def signal(self, name: str) -> Signal:
-        return next(signal for signal in self.header.signals if signal.name == name)
+        return self.header.by_name[name]
 
     def line(self, name: str, component: int) -> str:
         """Path of one component of a plotted signal."""
