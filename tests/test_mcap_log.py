@@ -29,6 +29,7 @@ from mcap.records import Statistics
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 
+from traces import TASK, without
 from uvms_mj import InputError, McapLog, Scenario, SinkError, Status, Trace, simulate
 from uvms_mj.cli import main
 from uvms_mj.control.recorded import recorded_law
@@ -215,16 +216,11 @@ def test_any_signal_reaches_trace_log_and_export_without_a_topic_of_its_own(logg
 def test_a_signal_that_is_not_recorded_has_no_topic(logged, tmp_path):
     """A law without the impedance task has no s, zeta and tau_nom."""
     trace, _ = logged
-    absent = {"s", "zeta", "tau_nom", "boundary_layer_time", "f_contact_m_W", "stretch_W", "tau_dist"}
-    left = tuple(signal for signal in trace.signals if signal.name not in absent)
-    rows = np.hstack([trace[signal.name].reshape(len(trace), -1) for signal in left])
-    less = Trace.of(dataclasses.replace(trace.header, signals=left), rows, trace.outcome)
+    less = without(trace, *TASK, "f_contact_m_W", "stretch_W", "tau_dist")
     less.save(tmp_path / "run.mcap")
     same(less, Trace.load(tmp_path / "run.mcap"))
     assert not {"/s", "/zeta", "/tau_nom", "/running/boundary_layer_time"} & set(decoded(tmp_path / "run.mcap"))
-    lacking = tuple(signal for signal in left if signal.name != "touches")
-    rows = np.hstack([trace[signal.name].reshape(len(trace), -1) for signal in lacking])
-    Trace.of(dataclasses.replace(trace.header, signals=lacking), rows, trace.outcome).save(tmp_path / "bad.mcap")
+    without(less, "touches").save(tmp_path / "bad.mcap")
     with pytest.raises(InputError, match="signals differ"):
         Trace.load(tmp_path / "bad.mcap")
 

@@ -172,7 +172,7 @@ def _of_one(label: str, trace: Trace, what: str) -> Rows:
         drawn = [[panels.position(trace), contact.force(trace)], *rows["sliding"](), *rows["tau"](), *states()]
         return [row for row in drawn if row]
     drawn = [[panel] for row in rows[what]() for panel in row]
-    return drawn or _refuse(label, what)
+    return drawn or _refuse([label], what)
 
 
 def _of_several(runs: Overlay, what: str) -> Rows:
@@ -185,13 +185,22 @@ def _of_several(runs: Overlay, what: str) -> Rows:
     }
     if what == "summary":
         return [row for each in rows.values() for row in each()]
-    return rows[what]() or _refuse(", ".join(runs.traces), what)
+    return rows[what]() or _refuse(list(runs.traces), what)
 
 
-def _refuse(label: str, what: str) -> Never:
-    missing = {"sliding": "sliding variable", "integral": "integral term and no other state"}[what]
+_MISSING = {
+    "sliding": ("no sliding variable", "a sliding variable"),
+    "integral": ("no integral term and no other state", "an integral term or another state"),
+}
+"""Words for a quantity that not every run has: of one run, and of several."""
+
+
+def _refuse(names: Sequence[str], what: str) -> Never:
+    one, several = _MISSING[what]
+    if len(names) > 1:
+        raise InputError(f"{', '.join(names)}: no law has {several}")
     others = ", ".join(each for each in WHATS if each != what)
-    raise InputError(f"{label}: its law has no {missing}; draw one of {others}")
+    raise InputError(f"{names[0]}: its law has {one}; draw one of {others}")
 
 
 def _grid(rows: Rows, width: float, title: str) -> Figure:

@@ -79,7 +79,7 @@ class Overlay:
         return [[forces(self.traces, self.looks)]]
 
     def signal(self, name: str) -> list[list[Panel]]:
-        """A signal of the runs that have it: a row of linear and a row of angular components; no rows if none has it."""
+        """A signal of the runs that have it: a row of linear and a row of angular components; no rows without it."""
         owners = {label: trace for label, trace in self.traces.items() if name in trace.arrays}
         if not owners:
             return []
