@@ -1,0 +1,587 @@
+"""Figures: lines agree with the recorded signals, colours are consistent, and nothing overlaps."""
+
+import dataclasses
+import itertools
+import subprocess
+import sys
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import ClassVar
+from unittest.mock import patch
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_hex
+from matplotlib.lines import Line2D
+from matplotlib.text import Text
+
+from traces import TASK, without
+from uvms_mj import Controller, InputError, Scenario, simulate
+from uvms_mj.cli.plot import FORMATS
+from uvms_mj.stages.signals import AXES
+from uvms_mj.views import colours, figures
+from uvms_mj.views.figures.lines import thin
+from uvms_mj.views.figures.scales import early, rebounds
+from uvms_mj.views.figures.style import COLOURS, stripe
+
+PAPER = [*(f"fig{i:02d}" for i in range(1, 13)), "overview"]
+LEVELS = ("expected", "analytic", "wall")
+LAWS = {"impedance": {}, "fosm": {}, "gsta": {}, "gsta_alone": {"nominal": False}}
+
+
+@pytest.fixture(scope="module")
+def traces(paper_run):
+    return {name: paper_run(name.removesuffix("_alone"), **gains) for name, gains in LAWS.items()}
+
+
+@pytest.fixture(scope="module")
+def fine():
+    def start(name, gains):
+        overrides = {"simulation.duration": 0.02} | {f"controller.{key}": value for key, value in gains.items()}
+        return simulate(Scenario.load("push_wall", overrides, name.removesuffix("_alone")), log_rate="full")
+
+    return {name: start(name, gains) for name, gains in LAWS.items()}
+
+
+@pytest.fixture(scope="module")
+def drawn(traces, fine):
+    """The paper's figures, and plots of one log, of several logs and of unusual logs, by name."""
+    plots = {f"{what} of one": figures.plot({"gsta": traces["gsta"]}, what) for what in figures.WHATS}
+    for what in figures.WHATS:
+        plots[f"{what} of four"] = figures.plot(traces, what)
+    plots["summary at every step"] = figures.plot({"a $name_ that is too long " * 5: fine["fosm"]}, "summary")
+    plots["states of a user's law"] = figures.plot({"Odd": odd_run()}, "integral")
+    plots["states of laws of four"] = figures.plot({"Odd": odd_run(), **traces}, "integral")
+    plots["summary of twenty of four"] = figures.plot(many(traces, 20), "summary")
+    return figures.paper(traces, fine) | plots
+
+
+def many(traces, n):
+    """n runs with long names, of the paper's laws in turn."""
+    laws = list(traces)
+    return {f"a run of a sweep, number {i} of {n}: {laws[i % 4]}": traces[laws[i % 4]] for i in range(n)}
+
+
+@dataclass(frozen=True)
+class Odd(Controller):
+    """A law with states of all sizes."""
+
+    states: ClassVar = {"xi": 6, "w_": 1, "four": 4, "many": 40}
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        for i in range(40):
+            state_dot.many[i] = i
+        for i in range(6):
+            state_dot.xi[i] = signals.eta_e[i]
+            tau_cmd[i] = signals.tau_nom[i]
+
+
+def odd_run():
+    return simulate(Scenario.load("push_wall", {"simulation.duration": 0.2}), controller=Odd())
+
+
+def lines_of(figure, ax=None):
+    """Signal name and line of all lines with data in a figure, or in one of its axes."""
+    found = (ax or figure).findobj(lambda artist: isinstance(artist, Line2D) and bool(artist.get_gid()))
+    return [(each.get_gid().rpartition("-")[0], each) for each in found]
+
+
+def inset_of(figure):
+    (ax,) = figure.axes
+    (inset,) = ax.child_axes
+    return inset
+
+
+def values_of(trace, name):
+    """Samples (n,) from which the line ``name`` is drawn."""
+    if name == "push":
+        return trace.push
+    signal, _, component = name.partition(".")
+    return trace[signal][:, "xyz".index(component)]
+
+
+# Appearance
+
+
+@pytest.mark.parametrize("name", [*PAPER, "plots"])
+def test_no_text_lies_on_another_or_leaves_the_picture(drawn, name):
+    for which in [name] if name in drawn else [each for each in drawn if each not in PAPER]:
+        figure, boxes, draw = drawn[which], [], Text.draw
+
+        def record(text, renderer, draw=draw, boxes=boxes):
+            draw(text, renderer)
+            if text.get_visible() and text.get_text().strip():
+                boxes.append((text.get_text(), text.get_window_extent(renderer).padded(-0.5)))
+
+        with patch.object(Text, "draw", record):
+            FigureCanvasAgg(figure).draw()
+        assert len(boxes) > 10
+        for text, box in boxes:
+            inside = box.x0 >= 0 and box.y0 >= 0 and box.x1 <= figure.bbox.x1 and box.y1 <= figure.bbox.y1
+            assert inside, f"{which}: {text!r} leaves the picture"
+        for (a, box_a), (b, box_b) in itertools.combinations(boxes, 2):
+            assert not box_a.overlaps(box_b), f"{which}: {a!r} overlaps {b!r}"
+
+
+def test_neither_insets_nor_legends_lie_on_lines(drawn):
+    insets = 0
+    for name, figure in drawn.items():
+        FigureCanvasAgg(figure).draw()
+        (legend,) = figure.legends
+        for ax in figure.axes:
+            assert not legend.get_window_extent().overlaps(ax.get_window_extent()), name
+            for inset in ax.child_axes:
+                insets += 1
+                box = inset.get_tightbbox()
+                for signal, line in lines_of(figure, ax):
+                    if line.axes is ax:
+                        path = line.get_path().transformed(ax.transData)
+                        assert not path.intersects_bbox(box, filled=False), f"{name}: an inset hides {signal}"
+                for text in inset.findobj(Text):
+                    assert text.get_fontsize() >= 6.0
+    assert insets > 20
+
+
+def test_a_signal_has_the_same_colour_everywhere(drawn):
+    okabe_ito = {"#0072b2", "#009e73", "#e69f00", "#d55e00", "#cc79a7", "#56b4e9", "#999999"}
+    assert {colour.lower() for colour in COLOURS.values()} == okabe_ito
+    seen = set()
+    for name, figure in drawn.items():
+        for signal, line in lines_of(figure):
+            quantity, _, component = signal.partition(".")
+            if quantity in ("p_d", "expected", "analytic"):
+                assert to_hex(line.get_color()) == "#000000", (name, signal)
+                assert line.is_dashed(), (name, signal)
+            elif "of four" not in name and quantity in ("p_WB", "s", "tau", "z", "xi"):
+                assert to_hex(line.get_color()) == COLOURS[component].lower(), (name, signal)
+            elif "of four" not in name and quantity == "push":
+                assert to_hex(line.get_color()) == COLOURS["force"].lower(), name
+            seen.add(quantity)
+    assert seen >= {"p_WB", "p_d", "wall", "push", "expected", "analytic", "s", "tau", "z", "xi", "many"}
+
+
+def test_no_line_is_louder_than_another(drawn):
+    for name, figure in drawn.items():
+        for ax in figure.findobj(Axes):
+            lines = [line for signal, line in lines_of(figure, ax) if line.axes is ax and signal not in LEVELS]
+            lines = [line for line in lines if to_hex(line.get_color()) != "#000000"]
+            assert len({line.get_linewidth() for line in lines}) <= 1, name
+
+
+@pytest.mark.parametrize("n", [2, 3, 6])
+def test_of_lines_that_coincide_each_shows_a_part(n):
+    """The dashes of all lines are drawn on top of each other in order."""
+    at = np.linspace(0.0, 600.0, 60_001)
+    top = np.zeros(len(at), dtype=int)
+    orders = []
+    for i in range(n):
+        look = stripe(i, n)
+        orders.append(look["zorder"])
+        if look["linestyle"] == "solid":
+            top[:] = i
+        else:
+            offset, (on, off) = look["linestyle"]
+            top[(at + offset) % (on + off) < on] = i
+    assert orders == sorted(orders)
+    assert np.bincount(top, minlength=n).min() / len(at) > 0.4 / n
+
+
+def test_linear_and_angular_components_have_axes_of_their_own(drawn):
+    """All lines of an axes have the unit of its label."""
+    angular = {"roll", "pitch", "yaw"}
+    units = {"s": ("m/s", "rad/s"), "tau": ("N", "N m"), "z": ("m/s²", "rad/s²")}
+    seen = set()
+    for name, figure in drawn.items():
+        for ax in figure.axes:
+            parts = {signal for signal, line in lines_of(figure, ax) if "." in signal}
+            kinds = {signal.partition(".")[2] in angular for signal in parts}
+            assert len(kinds) <= 1, (name, parts)
+            for signal in {signal.partition(".")[0] for signal in parts} & set(units):
+                unit = ax.get_ylabel().rpartition("[")[2].rstrip("]").lstrip("mµn" if kinds == {True} else "µn")
+                assert unit.endswith(units[signal][kinds == {True}]), (name, ax.get_ylabel())
+                assert "," not in unit
+                seen.add((signal, *kinds))
+    assert len(seen) == 6
+
+
+def test_axes_have_labels_with_units_and_nothing_is_wider_than_its_column(drawn):
+    for name in PAPER:
+        figure = drawn[name]
+        assert figure.get_figwidth() == (7.1 if name == "overview" else 3.4)
+        for ax in figure.axes:
+            assert ax.get_ylabel().endswith("]"), name
+        assert figure.axes[-1].get_xlabel() == "time [s]"
+
+
+def test_small_numbers_are_read_in_small_units_and_the_data_stay_in_si(drawn, traces):
+    ax = drawn["fig06"].axes[0]
+    assert "µm/s" in ax.get_ylabel()
+    texts = ax.yaxis.get_major_formatter().format_ticks(ax.get_yticks())
+    assert [float(text.replace("\N{MINUS SIGN}", "-")) for text in texts] == pytest.approx(1e6 * ax.get_yticks())
+    assert ax.dataLim.y0 == traces["fosm"].s[:, :3].min()
+
+
+# Agreement with the recorded signals
+
+
+FIGURES = {
+    1: ("impedance", ("p_WB", "p_d")),
+    2: ("impedance", ("s",)),
+    3: ("impedance", ("tau",)),
+    4: ("fosm", ("p_WB", "p_d")),
+    5: ("fosm", ("push",)),
+    6: ("fosm", ("s",)),
+    7: ("fosm", ("tau",)),
+    8: ("gsta", ("p_WB", "p_d")),
+    9: ("gsta", ("push",)),
+    10: ("gsta", ("s",)),
+    11: ("gsta", ("tau",)),
+    12: ("gsta", ("z",)),
+}
+
+
+@pytest.mark.parametrize("number", FIGURES)
+def test_each_of_the_papers_figures_has_its_run_and_its_quantity(drawn, traces, number):
+    run, quantities = FIGURES[number]
+    ax = drawn[f"fig{number:02d}"].axes[0]
+    expected = {q if q == "push" else f"{q}.{axis}" for q in quantities for axis in "xyz"}
+    main = [(name, line) for name, line in lines_of(drawn[f"fig{number:02d}"], ax) if line.axes is ax]
+    assert expected == {name for name, _ in main} - {"wall", "expected", "analytic"}
+    for name, line in main:
+        if name in expected:
+            alone = number in (11, 12) and line.is_dashed()
+            check_samples(line, traces["gsta_alone" if alone else run], name)
+
+
+def check_samples(line, trace, name):
+    """The line's points are samples and include the extremes of every block of 40 samples."""
+    t, y = line.get_data()
+    values = values_of(trace, name)
+    rows = np.searchsorted(trace.t, t)
+    assert np.array_equal(trace.t[rows], t)
+    assert np.array_equal(values[rows], y)
+    assert (t[0], t[-1]) == (trace.t[0], trace.t[-1])
+    for start in range(0, len(values) - 80, 40):
+        near = y[(rows >= start - 40) & (rows < start + 80)]
+        assert near.min() <= values[start : start + 40].min()
+        assert near.max() >= values[start : start + 40].max()
+
+
+def test_with_nominal_control_is_solid_and_without_is_dashed(drawn, traces):
+    for name, signal in (("fig11", "tau"), ("fig12", "z")):
+        ax = drawn[name].axes[0]
+        for axis in "xyz":
+            pair = [line for each, line in lines_of(drawn[name], ax) if each == f"{signal}.{axis}" and line.axes is ax]
+            assert [line.get_linestyle() for line in pair] == ["-", "--"]
+            largest = [np.abs(line.get_ydata()).max() for line in pair]
+            runs = [traces[run] for run in ("gsta", "gsta_alone")]
+            assert largest == [np.abs(values_of(run, f"{signal}.{axis}")).max() for run in runs]
+    texts = [text.get_text() for text in drawn["fig11"].legends[0].get_texts()]
+    assert texts == ["x", "y", "z", "with nominal control", "without"]
+
+
+def turns(values):
+    """Number of reversals of a signal."""
+    steps = np.diff(values)
+    return int((steps[1:] * steps[:-1] < 0).sum())
+
+
+def test_the_insets_of_tau_show_every_step_of_the_first_orders_chatter(drawn, fine, traces):
+    until = round(figures.SWITCHING_S / 1e-4) + 1
+    for name, run in (("fig07", "fosm"), ("fig11", "gsta")):
+        shown = dict(reversed(lines_of(drawn[name], inset_of(drawn[name]))))
+        for axis in "xyz":
+            values = fine[run].tau[:until, "xyz".index(axis)]
+            assert np.array_equal(shown[f"tau.{axis}"].get_ydata(), values)
+            assert turns(shown[f"tau.{axis}"].get_ydata()) == turns(values)
+    assert turns(fine["fosm"].tau[:until, 0]) > 80  # a period of two steps
+    assert turns(fine["gsta"].tau[:until, 0]) < 5
+    coarse = traces["fosm"].t <= figures.SWITCHING_S
+    assert turns(traces["fosm"].tau[coarse, 0]) < 9
+
+
+def test_impacts_and_rest_of_the_contact_force_can_both_be_read(drawn, traces):
+    for name, run in (("fig05", "fosm"), ("fig09", "gsta")):
+        figure, trace = drawn[name], traces[run]
+        ax, rest = figure.axes[0], trace.analytic.force
+        impacts, at_rest = ax.child_axes
+        low, high = at_rest.get_ylim()
+        assert ax.get_ylim()[0] < 0.0 < trace.push.max() < ax.get_ylim()[1]
+        assert low < rest < 1.5 < high < 1.6
+        levels = {signal: line.get_ydata()[0] for signal, line in lines_of(figure, at_rest)}
+        assert levels["expected"] == pytest.approx(1.5)
+        assert levels["analytic"] == pytest.approx(rest, rel=1e-5)
+        first, last = impacts.get_xlim()
+        gaps = trace.t[(trace.push <= 0.0) & (trace.t > trace.first_contact[-1])]
+        assert first < trace.first_contact[-1] < gaps[-1] < last < 8.0
+        (shown,) = [line for signal, line in lines_of(figure, impacts) if signal == "push"]
+        inside = (trace.t >= first) & (trace.t <= last)
+        assert shown.get_ydata().max() == trace.push[inside].max() == trace.push.max()
+        touches = (np.diff((trace.push[inside] > 0.0).astype(int)) == 1).sum()
+        assert (np.diff((shown.get_ydata() > 0.0).astype(int)) == 1).sum() == touches > 5
+
+
+def test_the_window_of_the_impacts_comes_from_the_trace():
+    t = np.linspace(0.0, 10.0, 10_001)
+    bounces = np.where((t > 3.0) & (t < 4.0), np.maximum(0.0, np.sin(40.0 * (t - 3.0))), np.where(t >= 4.0, 0.7, 0.0))
+    first, last = rebounds(t, bounces)
+    gaps = t[(bounces <= 0.0) & (t > 3.05)]
+    assert 2.9 < first < 3.0
+    assert gaps[-1] < last < 4.6
+    assert rebounds(t, np.zeros_like(t)) is None
+    assert rebounds(t, np.where(t > 3.0, 1.0, 0.0)) is None  # stays in contact
+    assert rebounds(t, np.where(t > 3.0, 1.0 + np.sin(40.0 * t) - 0.5, 0.0)) is None  # never comes to rest
+
+
+def test_a_panel_shows_what_follows_a_transient_and_its_inset_the_transient(drawn, traces):
+    """In fig. 10, s is of the order of mm/s for 50 ms and of um/s for the rest of the run."""
+    trace, ax, inset = traces["gsta"], drawn["fig10"].axes[0], inset_of(drawn["fig10"])
+    window = inset.get_xlim()[1]
+    late = trace.s[trace.t >= window, :3]
+    low, high = ax.get_ylim()
+    assert low < late.min() < late.max() < high
+    assert high - low < 2.0 * np.ptp(late) + 1e-9
+    assert inset.get_ylim()[1] > trace.s[:, :3].max() > 100.0 * high
+    own = dataclasses.replace(traces["gsta"].header.law, source="my.py:Mine")
+    mine = dataclasses.replace(trace, header=dataclasses.replace(trace.header, law=own))
+    (first, _) = figures.plot({"mine": mine}, "sliding").axes
+    assert first.child_axes[0].get_xlim() == inset.get_xlim()
+
+
+def test_a_transient_is_found_where_there_is_one():
+    t = np.linspace(0.0, 20.0, 20_001)
+    decay = np.exp(-t / 0.01)[:, None]
+    window = early(t, decay + 1e-3 * np.sin(t)[:, None])
+    assert window in (0.1, 0.05)
+    assert early(t, np.exp(-t / 5.0)[:, None]) == 0.0
+    assert early(t, np.sin(t)[:, None]) == 0.0
+    assert early(t, np.zeros((len(t), 3))) == 0.0
+
+
+def test_the_force_that_is_expected_knows_a_force_reference():
+    """Eq. (7) at a rigid wall against a value derived from GSTA's force at rest at a compliant wall."""
+    impedance = {"impedance.K_f": [0.5, 1.0, 1.0, 1.0, 1.0, 1.0], "impedance.F_d": [-4.0, 0.0, 0.0, 0.0, 0.0, 0.0]}
+    trace = simulate(Scenario.load("push_wall", impedance | {"simulation.duration": 1e-3}))
+    levels = {name: line.get_ydata()[0] for name, line in lines_of(figures.plot({"gsta": trace}, "force"))}
+    give = 0.5 / 150.0
+    rigid = trace.analytic.force * (give + 1e-5) / give  # two springs in series; the wall's compliance is 1e-5 m/N
+    assert levels["expected"] == pytest.approx(rigid, rel=1e-9)
+    assert levels["expected"] == pytest.approx((0.01 + 4.0 * give) / give)
+
+
+def test_positions_show_the_reference_and_how_far_from_the_wall_the_vehicle_rests(drawn):
+    for name in ("fig01", "fig04", "fig08"):
+        figure = drawn[name]
+        shown = dict(lines_of(figure, inset_of(figure)))
+        low, high = inset_of(figure).get_ylim()
+        assert set(shown) == {"p_WB.x", "p_d.x", "wall"}
+        assert list(shown["wall"].get_ydata()) == [1.0, 1.0]
+        assert low < shown["p_WB.x"].get_ydata()[-1] < shown["p_d.x"].get_ydata()[-1] < high
+    assert dict(lines_of(drawn["fig01"]))["p_WB.x"].get_ydata()[-1] == pytest.approx(0.9967, abs=1e-4)
+
+
+@given(st.integers(1, 5000), st.integers(1, 700), st.integers(0, 2**32 - 1))
+def test_thinning_keeps_the_extremes_of_every_column(n, columns, seed):
+    values = np.random.default_rng(seed).normal(size=n)
+    values[seed % n] = np.nan
+    t = np.arange(n) * 1e-3
+    few_t, few = thin(t, values, columns)
+    assert len(few) <= 2 * columns + 2
+    assert (np.diff(few_t) > 0).all()
+    rows = np.searchsorted(t, few_t)
+    assert np.array_equal(values[rows], few, equal_nan=True)
+    assert {0, n - 1} <= set(rows)
+    if len(few) == n:
+        return
+    width = -(-n // columns)
+    for start in range(0, n, width):
+        block = values[start : start + width]
+        if np.isfinite(block).any():
+            kept = values[rows[(rows >= start) & (rows < start + width)]]
+            assert (np.nanmin(kept), np.nanmax(kept)) == (np.nanmin(block), np.nanmax(block))
+
+
+# Any log
+
+
+def test_a_users_states_are_drawn_whatever_their_sizes(drawn):
+    trace = odd_run()
+    figure = drawn["states of a user's law"]
+    assert [ax.get_ylabel() for ax in figure.axes] == ["state xi", "state xi", "state w_", "state four", "state many"]
+    linear, angular, w, four, many = ([line for _, line in lines_of(figure, ax)] for ax in figure.axes)
+    xi = [*linear, *angular]
+    assert (len(linear), len(angular), len(w), len(four), len(many)) == (3, 3, 1, 4, 2)
+    assert len({line.get_color() for line in xi}) == 6
+    for i, line in enumerate(xi):
+        assert np.array_equal(line.get_ydata(), trace.xi[:, i])
+    assert np.array_equal(many[1].get_ydata(), trace.many.max(axis=1))
+    assert "range of the 40 numbers of many" in [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_runs_lie_on_the_same_axes_each_in_the_colour_of_its_law_everywhere(drawn, traces):
+    laws = [trace.header.law.source for trace in traces.values()]
+    expected = {label: to_hex([c / 255 for c in rgb]) for label, rgb in zip(traces, colours.of_runs(laws), strict=True)}
+    assert len(set(expected.values())) == 4
+    for what in figures.WHATS:
+        for ax in drawn[f"{what} of four"].axes:
+            for signal, line in lines_of(drawn[f"{what} of four"], ax):
+                if line.get_label() in expected:
+                    assert to_hex(line.get_color()) == expected[line.get_label()], (what, signal)
+    force = drawn["force of four"]
+    assert [line.get_label() for s, line in lines_of(force, force.axes[0]) if s == "push"][:4] == list(traces)
+
+
+def test_every_run_can_be_seen_beside_one_that_is_a_thousand_times_as_large(traces):
+    """Every line stays inside its axes and is visibly different from zero."""
+    gsta = traces["gsta"]
+    loud = dataclasses.replace(
+        gsta, arrays={**gsta.arrays, "tau": 1e3 * gsta.tau, "f_contact_W": 1e3 * gsta.f_contact_W}
+    )
+    runs = {"loud": loud, "quiet": gsta}
+    for what in ("tau", "force"):
+        for ax in figures.plot(runs, what).axes:
+            for signal, line in lines_of(ax.figure, ax):
+                if line.axes is not ax or line.get_label() not in runs:
+                    continue
+                y = (ax.transData - ax.transAxes).transform(line.get_xydata())[:, 1]
+                assert y.min() >= 0.0, signal
+                assert y.max() <= 1.0, signal
+                if np.abs(line.get_ydata()).max() > 1e-3:
+                    zero = (ax.transData - ax.transAxes).transform((0.0, 0.0))[1]
+                    assert np.abs(y - zero).max() > 0.08, (signal, line.get_label())
+            if ax.get_yscale() == "symlog":
+                assert "log beyond" in ax.get_title(loc="right")
+
+
+def test_a_run_that_diverged_is_drawn_with_others(traces, tmp_path):
+    gsta = traces["gsta"]
+    wild = {name: np.array(values) for name, values in gsta.arrays.items()}
+    growth = np.geomspace(1.0, 1e200, len(gsta))
+    for name in ("tau", "s", "p_WB", "f_contact_W", "z"):
+        wild[name] *= growth[:, None]
+        wild[name][-3:] = np.nan
+    wild = dataclasses.replace(gsta, arrays=wild)
+    for what in figures.WHATS:
+        for runs in ({"wild": wild}, {"wild": wild, "tame": gsta}):
+            figures.save(figures.plot(runs, what), tmp_path / what, ("png",))
+
+
+def test_a_range_holds_every_runs_rest(drawn, traces):
+    for what in ("force", "sliding", "tau", "position"):
+        for ax in drawn[f"{what} of four"].axes:
+            low, high = ax.get_ylim()
+            for signal, line in lines_of(ax.figure, ax):
+                if line.get_label() in traces and line.axes is ax:
+                    assert low <= line.get_ydata()[-1] <= high, (what, signal)
+
+
+def test_a_figure_of_many_runs_is_as_large_as_one_of_few(drawn, traces):
+    few, twenty = drawn["summary of four"], drawn["summary of twenty of four"]
+    assert tuple(twenty.get_size_inches()) == tuple(few.get_size_inches())
+    assert twenty.get_size_inches()[1] < 16.0
+    names = [text.get_text() for text in twenty.legends[0].get_texts()]
+    assert len([name for name in names if name.startswith("...")]) == 20
+    assert all(len(name) <= 34 for name in names)
+    crowd = figures.plot(many(traces, 60), "force")
+    names = [text.get_text() for text in crowd.legends[0].get_texts()]
+    assert names[:3] == ["impedance (15 runs)", "fosm (15 runs)", "gsta (30 runs)"]
+
+
+def test_a_long_log_of_noise_draws_quickly_and_small(traces, tmp_path, rng):
+    n = 200_000
+    noise = rng.normal(size=(n, 6))
+    arrays = MappingProxyType({"t": np.arange(n) * 1e-4, "tau": noise})
+    figure = figures.plot({"noise": dataclasses.replace(traces["gsta"], arrays=arrays)}, "tau")
+    for i, axis in enumerate("xyz"):
+        drawn = dict(lines_of(figure))[f"tau.{axis}"].get_ydata()
+        assert (drawn.min(), drawn.max()) == (noise[:, i].min(), noise[:, i].max())
+        assert len(drawn) < 3000
+    (svg,) = figures.save(figure, tmp_path / "noise", ("svg",))
+    assert svg.stat().st_size < 500_000
+
+
+def test_what_is_wrong_is_said(traces, fine):
+    with pytest.raises(InputError, match="did you mean 'sliding'"):
+        figures.plot(traces, "slidng")
+    with pytest.raises(InputError, match="fosm: its law has no integral term"):
+        figures.plot({"fosm": traces["fosm"]}, "integral")
+    with pytest.raises(InputError, match="impedance, fosm: no law has an integral term"):
+        figures.plot({"impedance": traces["impedance"], "fosm": traces["fosm"]}, "integral")
+    nothing = dataclasses.replace(traces["gsta"], arrays={"t": np.empty(0)})
+    with pytest.raises(InputError, match="gsta: has fewer than two samples"):
+        figures.plot({"gsta": nothing}, "tau")
+    with pytest.raises(InputError, match="traces: fosm is missing"):
+        figures.paper({name: trace for name, trace in traces.items() if name != "fosm"}, fine)
+    with pytest.raises(InputError, match="gsta is not at every step"):
+        figures.paper(traces, fine | {"gsta": traces["gsta"]})
+    shorter = simulate(Scenario.load("push_wall", {"simulation.duration": 0.005}), log_rate="full")
+    with pytest.raises(InputError, match=r"gsta ends at 0.005 s; it must last at least 0.01 s"):
+        figures.paper(traces, fine | {"gsta": shorter})
+    with pytest.raises(InputError, match="no log"):
+        figures.plot({}, "tau")
+
+
+def test_a_law_without_the_impedance_task_has_no_sliding_variable_to_draw(traces):
+    less = without(traces["gsta"], *TASK)
+    for runs in ({"a": less}, {"a": less, "b": less}):
+        summary = {name for name, _ in lines_of(figures.plot(runs, "summary"))}
+        assert {"p_WB.x", "push", "tau.x", "z.x"} <= summary
+        assert "s.x" not in summary
+        with pytest.raises(InputError, match=r"a: its law has no sliding variable; draw|a, b: no law has a sliding"):
+            figures.plot(runs, "sliding")
+    both = figures.plot({"with": traces["gsta"], "without": less}, "sliding")
+    assert [name for name, _ in lines_of(both)] == [f"s.{axis}" for axis in AXES]
+
+
+def test_an_inset_gets_some_room_and_is_left_out_where_that_is_not_enough(traces, rng):
+    n = 20_000
+    header = dataclasses.replace(traces["gsta"].header, row_steps=1)
+
+    def drawn(highest):
+        """A panel filled with lines, first up to 1 and later up to ``highest``."""
+        tau = rng.uniform(-1.0, 1.0, size=(n, 6))
+        tau[n // 4 :] = rng.uniform(-1.0, highest, size=(n - n // 4, 6))
+        arrays = MappingProxyType({"t": np.arange(n) * 1e-4, "tau": tau})
+        full = dataclasses.replace(traces["gsta"], header=header, arrays=arrays)
+        return figures.plot({"full": full}, "tau").axes[0]
+
+    for highest, top in ((-0.5, 1.2), (0.1, 2.2)):
+        ax = drawn(highest)
+        (inset,) = ax.child_axes
+        assert inset.get_xlim() == (0.0, figures.SWITCHING_S)
+        assert 1.0 < ax.get_ylim()[1] < top
+    assert drawn(0.1).get_ylim()[1] > 1.2
+    full = drawn(1.0)
+    assert not full.child_axes
+    assert full.get_ylim()[1] < 1.2
+
+
+# Files
+
+
+def test_the_same_figure_gives_the_same_files_whatever_the_users_settings(traces, tmp_path):
+    def files(name):
+        (tmp_path / name).mkdir()
+        figure = figures.plot({"gsta": traces["gsta"]}, "force")
+        return [path.read_bytes() for path in figures.save(figure, tmp_path / name / "v1.force", FORMATS)]
+
+    ours = files("a")
+    with mpl.rc_context({"font.size": 20, "lines.linewidth": 9, "svg.fonttype": "path", "svg.hashsalt": None}):
+        assert files("b") == ours
+    assert sorted(path.name for path in (tmp_path / "b").iterdir()) == ["v1.force.pdf", "v1.force.png", "v1.force.svg"]
+    svg = ours[FORMATS.index("svg")].decode()
+    assert ">time [s]</text>" in svg
+    assert "date" not in svg
+    ids = [part.split('"')[0] for part in svg.split(' id="')[1:]]
+    assert len(ids) == len(set(ids))
+
+
+def test_figures_need_no_display_and_no_global_state():
+    code = "import sys, uvms_mj.views.figures; sys.exit('matplotlib.pyplot' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0
