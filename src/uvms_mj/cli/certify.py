@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from ..records.trace import Trace
     from ..scenario import Scenario
 
-_AXES = ("x", "y", "z", "roll", "pitch", "yaw")
-
 
 @command(
     epilog="Exit status: 0 whatever the verdict, 2 bad input, 3 the run was unstable, 130 interrupted (143 by SIGTERM)."
@@ -176,7 +174,7 @@ def _report(certificate: "Certificate", trace: "Trace", console: Console) -> Non
     else:
         import numpy as np
 
-        from ..stages.signals import FINAL_WINDOW_S
+        from ..stages.signals import AXES, FINAL_WINDOW_S
 
         first = float(trace.first_contact[-1])
         free = found.largest_rate(end=first) if first >= 0.0 else found.largest_rate()
@@ -191,7 +189,7 @@ def _report(certificate: "Certificate", trace: "Trace", console: Console) -> Non
             "time_beyond_s": beyond,
             "contact_lag": found.contact_lag,
         }
-        report["experienced"] = {"axes": list(_AXES)} | {name: values.tolist() for name, values in columns.items()}
+        report["experienced"] = {"axes": list(AXES)} | {name: values.tolist() for name, values in columns.items()}
         report["is_certified"] = bool(certificate.rate > 0.0 and not beyond.any())
         report["verdict"] = _verdict(certificate, largest * found.doubt, beyond, report["saturated_s"])
     if console.as_json:
@@ -212,7 +210,9 @@ def _verdict(certificate: "Certificate", largest: Any, beyond: Any, saturated: f
             f"certified: the disturbance changed slowly enough on each axis{by_state}; "
             "s converges in finite time to a band that shrinks with the step"
         )
-    axes = ", ".join(axis for axis, time in zip(_AXES, beyond, strict=True) if time > 0.0)
+    from ..stages.signals import AXES
+
+    axes = ", ".join(axis for axis, time in zip(AXES, beyond, strict=True) if time > 0.0)
     sentence = (
         f"not certified: in {axes} the disturbance changed faster than the bound, for up to {beyond.max():.3g} s in "
         "total; s may have left zero during that time"
@@ -257,7 +257,7 @@ def _tables(report: dict[str, Any]) -> None:
     table.add_column("axis", no_wrap=True)
     for head in heads.values():
         table.add_column(head, justify="right", overflow="fold")
-    for i, axis in enumerate(_AXES):
+    for i, axis in enumerate(found["axes"]):
         values = (found[name][i] for name in heads)
         table.add_row(axis, *(f"{value:.3g}" if abs(value) >= ROUNDING else "0" for value in values))
     print_table(table)

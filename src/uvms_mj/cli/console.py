@@ -163,7 +163,8 @@ def _motion_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]
     if analytic_m and report["status"] != "unstable":
         yield "analytic position", f"{_vector(analytic_m, 5)} m"
     if len(trace):
-        yield "final sliding variable", " ".join(f"{value: .1e}" for value in final["s"])
+        if final["s"]:
+            yield "final sliding variable", " ".join(f"{value: .1e}" for value in final["s"])
         yield "largest tau", f"{'  '.join(f'{value:#.3g}' for value in trace.tau_max[-1])} N, N m"
 
 

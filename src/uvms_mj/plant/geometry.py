@@ -50,6 +50,10 @@ class Mesh:
         if not np.isfinite(self.vertices).all() or self.triangles.max(initial=0) >= max(1, len(self.vertices)):
             raise ValueError("vertices must be finite, and triangles must refer to existing vertices")
 
+    def corners(self) -> np.ndarray:
+        """Corners (3 m, 3) of the triangles, one triangle after the other [m]."""
+        return self.vertices[self.triangles.reshape(-1)]
+
 
 @dataclass(frozen=True, config=_PLAIN)
 class Shape:

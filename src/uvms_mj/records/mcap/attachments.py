@@ -3,16 +3,16 @@
 The contents of the attachments are never executed and never written to disk.
 """
 
-import dataclasses
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import PurePath
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import tomli_w
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
+from pydantic_core import from_json, to_json
 
 from ...control.loader import BUILT_IN
 from ...control.recorded import recorded_law
@@ -32,7 +32,34 @@ _MOST_VALUES = 200_000
 """Largest number of values (numbers, texts, lists) in one JSON file. Reading takes some 100 bytes of memory for each. A
 mesh is one text."""
 FORMAT = 1
-"""Version of the log format."""
+"""Version of the log format, for a change of run.json or of the topic of a signal. A new signal is not a change."""
+_UPGRADES: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {}
+"""By format: a function that makes run.json one of the next format. Logs of these formats and of FORMAT are read."""
+_NEEDED = frozenset(
+    (
+        *("t", "p_WB", "quat_WB", "nu", "p_d", "p_d_dot", "eta_e", "nu_e", "tau", "u", "f_contact_W"),
+        *(
+            "tau_variation",
+            "tau_step_max",
+            "tau_max",
+            "effort",
+            "saturation_time",
+            "force_peak",
+            "impulse",
+            "wall_work",
+        ),
+        *("touches", "first_contact", "final_impulse", "final_low", "final_high"),
+    )
+)
+"""Signals that every log has. Metrics and views work without the others."""
+
+
+@checked(frozen=True, config=STRICT | ConfigDict(extra="ignore"))
+class _Version:
+    """The part of run.json that every format has."""
+
+    format: int
+    versions: dict[str, str]
 
 
 @checked(frozen=True, config=STRICT)
@@ -81,8 +108,8 @@ class _End:
     wall_time_s: NonNegative
 
 
-_RUN, _END = TypeAdapter(_Run), TypeAdapter(_End)
-"""Validators of run.json and outcome.json."""
+_VERSION, _RUN, _END = TypeAdapter(_Version), TypeAdapter(_Run), TypeAdapter(_End)
+"""Validators of run.json, of any format and of this one, and of outcome.json."""
 
 
 def header_files(header: Header) -> dict[str, bytes]:
@@ -92,7 +119,7 @@ def header_files(header: Header) -> dict[str, bytes]:
         format=FORMAT,
         vehicle=header.mjcf.name,
         row_steps=header.row_steps,
-        signals=tuple(_SignalEntry(**dataclasses.asdict(signal)) for signal in header.signals),
+        signals=tuple(_SignalEntry(s.name, s.shape, s.unit, s.frame, s.meaning) for s in header.signals),
         law=_LawEntry(header.law.source, header.law.sha256, dict(header.law.states)),
         analytic=None
         if isinstance(rest, NoClosedForm)
@@ -139,12 +166,7 @@ def header_of(files: Mapping[str, bytes]) -> Header:
     missing = [name for name in ("run.json", "scenario.toml", "geometry.json") if name not in files]
     if missing:
         raise InputError(f"{', '.join(missing)} is missing")
-    try:
-        run = _RUN.validate_json(files["run.json"])
-    except ValidationError as error:
-        raise InputError(faults_of(error), "run.json") from None
-    if run.format != FORMAT:
-        raise InputError(f"has log format {run.format}, of another version of uvms-mj; this one reads {FORMAT}")
+    run = _run_of(files["run.json"])
     try:
         tables = parsed_toml(files["scenario.toml"].decode())
     except ValueError as error:
@@ -159,7 +181,7 @@ def header_of(files: Mapping[str, bytes]) -> Header:
     if scenario.vehicle.model != PurePath(scenario.vehicle.model).name:
         raise InputError(f"scenario.toml: vehicle.model {scenario.vehicle.model!r} is not in the log")
     signals = tuple(Signal(s.name, s.shape, s.unit, s.frame, s.meaning) for s in run.signals)
-    if dict(scenario.controller.states) != dict(law.states) or not _are_recorded(signals, law.states):
+    if dict(scenario.controller.states) != dict(law.states) or not _are_sound(signals, law.states):
         version = run.versions.get("uvms-mj", "of another version")
         raise InputError(f"run.json: its signals differ from this version's; the log was written by uvms-mj {version}")
     models = {name.removeprefix("model/"): data for name, data in files.items() if name.startswith("model/")}
@@ -194,13 +216,40 @@ def _array(values: tuple[float, ...] | None) -> np.ndarray | None:
     return None if values is None else np.array(values)
 
 
-def _are_recorded(signals: tuple[Signal, ...], states: Mapping[str, int]) -> bool:
-    """Whether the signals are those of a run, in order: the common ones, the thrusters' and the law's states."""
-    fixed, rest = signals[: len(RECORDED)], signals[len(RECORDED) :]
-    known = tuple((s.name, s.shape, s.unit, s.frame) for s in RECORDED)
-    own = [("u", (rest[0].size,)) if rest else None, *((name, (size,)) for name, size in states.items())]
+def _run_of(data: bytes) -> _Run:
+    """The contents of run.json, of this format or of an older one.
+
+    Raises:
+        InputError: they are invalid, or of a format that is not read.
+    """
+    try:
+        version = _VERSION.validate_json(data)
+        oldest = min((*_UPGRADES, FORMAT))
+        if not oldest <= version.format <= FORMAT:
+            readable = f"formats {oldest} to {FORMAT}" if oldest < FORMAT else f"format {FORMAT}"
+            writer = f"uvms-mj {version.versions.get('uvms-mj', 'of another version')}"
+            later = " or later" if version.format > FORMAT else ""
+            raise InputError(
+                f"has log format {version.format}, which {writer}{later} reads; this version reads {readable}"
+            )
+        for format in range(version.format, FORMAT):
+            data = to_json(_UPGRADES[format](from_json(data)) | {"format": format + 1})
+        return _RUN.validate_json(data)
+    except ValidationError as error:
+        raise InputError(faults_of(error), "run.json") from None
+
+
+def _are_sound(signals: tuple[Signal, ...], states: Mapping[str, int]) -> bool:
+    """Whether signals begin with t, are all there that a log needs, and are those of this version's table."""
+    found = {s.name: (s.shape, s.unit, s.frame) for s in signals}
+    table = {s.name: (s.shape, s.unit, s.frame) for s in RECORDED}
     return (
-        tuple((s.name, s.shape, s.unit, s.frame) for s in fixed) == known and [(s.name, s.shape) for s in rest] == own
+        len(found) == len(signals) > 0
+        and signals[0].name == "t"
+        and found.keys() >= {*_NEEDED, *states}
+        and all(name.isidentifier() and facts == table.get(name, facts) for name, facts in found.items())
+        and all(found[name][0] == (size,) for name, size in states.items())
+        and len(found["u"][0]) == 1
     )
 
 
