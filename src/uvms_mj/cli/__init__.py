@@ -63,6 +63,7 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):  # for terminals whose encoding lacks a character
             stream.reconfigure(errors="backslashreplace")
     os.environ["MUJOCO_GL"] = "disable"  # no rendering here, and the search for a display takes time
+    os.environ["PYDANTIC_DISABLE_PLUGINS"] = "__all__"  # none is used, and the search takes time
 
 
 for command in (run, paper, replay, plot, compare, info, export, converge, certify, controllers, keys, signals):
