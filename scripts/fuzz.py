@@ -1,4 +1,6 @@
-"""Long fuzzing campaign: thousands of mutated inputs, in processes with time and memory limits; see tests/fuzzer.py.
+"""Long fuzzing campaign: thousands of mutated inputs, in processes with time and memory limits.
+
+See tests/helpers/fuzzer.py.
 
 python scripts/fuzz.py                        20,000 inputs
 python scripts/fuzz.py --first 5000 --n 500   other seeds
@@ -11,7 +13,7 @@ from pathlib import Path
 
 import click
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
 
 @click.command()

@@ -1,4 +1,4 @@
-"""Run ``uvms-mj run`` with every law of ``tests/misbehaving_laws.py``, each in a separate process.
+"""Run ``uvms-mj run`` with every law of ``tests/helpers/misbehaving_laws.py``, each in a separate process.
 
     python scripts/misbehave.py              all laws
     python scripts/misbehave.py gain flat    laws whose names contain one of these words
@@ -18,7 +18,7 @@ from pathlib import Path
 
 import click
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
 from misbehaving_laws import Case, cases
 from uvms_mj import Trace

@@ -20,7 +20,7 @@ from uvms_mj.engine.native.closed_loop import law_signals
 from uvms_mj.engine.run import PlainPythonWarning, SamplingWarning
 from uvms_mj.physics.kernels import kernels
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 SHORT = {"simulation.duration": 0.2}
 
 HEADER = """
@@ -281,7 +281,7 @@ def test_a_cache_that_takes_nothing_stops_no_run(monkeypatch):
 
 def test_the_fingerprint_covers_all_that_reaches_the_machine_code():
     """The fingerprint has every kernel's file, and every file of the package that such a file imports."""
-    package, core = Path(compilation.__file__).parents[1], set(compilation._CORE)
+    package, core = compilation._PACKAGE, set(compilation._CORE)
     for function in kernels:
         assert str(Path(function.__code__.co_filename).relative_to(package)) in core, function
     for name in core:

@@ -21,8 +21,9 @@ from matplotlib.colors import to_hex
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
-from uvms_mj import Controller, InputError, McapLog, Scenario, colours, figures, simulate
+from uvms_mj import Controller, InputError, McapLog, Scenario, simulate
 from uvms_mj.cli.plot import FORMATS, WHATS, plot
+from uvms_mj.views import colours, figures
 from uvms_mj.views.figures.lines import thin
 from uvms_mj.views.figures.scales import early, rebounds
 from uvms_mj.views.figures.style import COLOURS, stripe

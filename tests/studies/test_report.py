@@ -11,12 +11,13 @@ import pytest
 from click.testing import CliRunner
 from matplotlib.figure import Figure
 
-from uvms_mj import McapLog, Scenario, Trace, report, simulate
+from uvms_mj import McapLog, Scenario, Trace, simulate
 from uvms_mj.analysis.metrics import final_force
 from uvms_mj.analysis.summary import summary
 from uvms_mj.cli.compare import compare
 from uvms_mj.cli.console import Console
 from uvms_mj.cli.paper import paper
+from uvms_mj.studies.paper import report
 from uvms_mj.studies.paper.claims import CLAIMS, Measured, Row, Verdict
 
 SHORT = ("simulation.duration=0.25", "wall.position=0.002", "reference.step_time=0")
@@ -179,7 +180,7 @@ def test_a_heading_counts_many_runs_and_names_few(trace):
 def test_no_folder_of_the_user_stands_on_the_page(tmp_path, picture):
     model = tmp_path / "secret" / "mine.xml"
     model.parent.mkdir()
-    model.write_bytes((Path(__file__).parents[1] / "models" / "bluerov1.xml").read_bytes())
+    model.write_bytes((Path(__file__).parents[2] / "models" / "bluerov1.xml").read_bytes())
     settings = {"vehicle.model": str(model), "simulation.duration": 0.01}
     text = report.page("t", {"a": simulate(Scenario.load("push_wall", settings))}, [picture])
     assert "mine.xml" in text

@@ -17,7 +17,7 @@ from click.testing import CliRunner
 from uvms_mj import Status, Trace
 from uvms_mj.cli import main
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 COMMAND = [sys.executable, "-m", "uvms_mj"]
 SHORT = ("--set", "simulation.duration=0.05")
 

@@ -28,10 +28,11 @@ class Kept:
 STORM = """if True:
     import random, signal, sys
     import numpy as np
-    from uvms_mj import Scenario, Status, simulate, simulation
+    from uvms_mj import Scenario, Status, simulate
+    from uvms_mj.engine import run
     from test_writing import Kept
 
-    simulation.CHUNK_STEPS = 1  # rows are passed on at every step, so that interrupts often come at that moment
+    run.CHUNK_STEPS = 1  # rows are passed on at every step, so that interrupts often come at that moment
     scenario = Scenario.load("push_wall", {"simulation.duration": 2000.0})
     dice = random.Random(int(sys.argv[1]))
 

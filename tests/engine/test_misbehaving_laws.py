@@ -5,23 +5,19 @@ in a separate process.
 """
 
 import re
-import sys
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.lib.stride_tricks import as_strided
 
+from misbehave import trouble
 from misbehaving_laws import LATE, SET, cases, law
 from uvms_mj import Gsta, InputError, LawError, McapLog, Scenario, Trace, simulate
 from uvms_mj.engine.native.arena import MARGIN, Arena
 from uvms_mj.engine.native.layouts import SIGNALS
 from uvms_mj.engine.run import PlainPythonWarning
 from uvms_mj.records.header import Status
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
-from misbehave import trouble
 
 ALL = cases()
 HERE = [

@@ -1,8 +1,8 @@
 """Fuzzer for ``uvms-mj``: runs mutated inputs in processes with limits, and checks what must hold for any input.
 
-:func:`campaign` distributes seeds to workers. A worker, ``python tests/fuzzer.py FIRST STEP LAST``, prints one line
-before and one line after each input. The parent kills a worker that prints nothing for too long and starts another one
-at the next seed.
+:func:`campaign` distributes seeds to workers. A worker, ``python fuzzer.py FIRST STEP LAST``, prints one line before
+and one line after each input. The parent kills a worker that prints nothing for too long and starts another one at the
+next seed.
 """
 
 import contextlib

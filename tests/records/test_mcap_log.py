@@ -36,7 +36,7 @@ from uvms_mj.records.mcap.layout import Format
 from uvms_mj.records.scene import span
 from uvms_mj.stages.signals import RUNNING
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 COMMAND = [sys.executable, "-X", "faulthandler", "-m", "uvms_mj"]
 TOUCHING = {
     "simulation.duration": 0.4,

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from uvms_mj import Fosm, Impedance, InputError, Scenario, converge, metrics, simulate
+from uvms_mj import Fosm, Impedance, InputError, Scenario, converge, simulate
+from uvms_mj.analysis import metrics
 from uvms_mj.analysis.summary import summary
 from uvms_mj.cli import main
 from uvms_mj.cli.converge import with_error

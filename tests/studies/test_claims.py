@@ -8,9 +8,11 @@ import warnings
 import numpy as np
 import pytest
 
-from uvms_mj import Gsta, InputError, Scenario, Trace, report, simulate, study
+from uvms_mj import Gsta, InputError, Scenario, Trace, simulate
 from uvms_mj.analysis.sampling import SamplingWarning
 from uvms_mj.records.mcap import McapLog
+from uvms_mj.studies.paper import report
+from uvms_mj.studies.paper import runs as study
 from uvms_mj.studies.paper.claims import CLAIMS, Claim, Measured, Runs, Verdict, judge, number
 
 EXPLAINED = {"gsta-whole-variation", "gsta-half-inertia"}

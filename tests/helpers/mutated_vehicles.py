@@ -143,7 +143,7 @@ def _attribute(rng: Random) -> str:
 
 def vehicle(rng: Random) -> Case:
     """A run with a vehicle file that is mutated as text or by elements."""
-    root = Path(__file__).parents[1] / "models" / "bluerov1.xml"
+    root = Path(__file__).parents[2] / "models" / "bluerov1.xml"
     data = root.read_bytes() if rng.random() < 0.2 else _BOX.encode()
     if rng.random() < 0.3:
         data = mutated_bytes(

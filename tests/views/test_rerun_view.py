@@ -27,8 +27,11 @@ from PIL import Image
 from rerun.chunk import RrdReader
 from rerun.experimental import ViewerClient
 
-from uvms_mj import InputError, Scenario, Status, Trace, colours, rerun_view, scene, simulate
+from uvms_mj import InputError, Scenario, Status, Trace, simulate
 from uvms_mj.physics.frames import quat_from_euler_deg
+from uvms_mj.records import scene
+from uvms_mj.views import colours
+from uvms_mj.views import rerun as rerun_view
 from uvms_mj.views.rerun import process, viewer
 from uvms_mj.views.rerun.extents import MOST_STEPS, Extents, readable
 from uvms_mj.views.rerun.layout import layout
@@ -327,7 +330,8 @@ def test_a_recording_is_written_whole_or_not_at_all(trace, tmp_path):
     code = """if True:
         import resource, sys
         from pathlib import Path
-        from uvms_mj import InputError, rerun_view, simulate, Scenario
+        from uvms_mj import InputError, simulate, Scenario
+        from uvms_mj.views import rerun as rerun_view
         trace = simulate(Scenario.load("push_wall", {"simulation.duration": 3.0}))
         resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, 1_000_000))
         try:
@@ -496,7 +500,8 @@ class Server:
     """``serve`` in a separate process."""
 
     def __init__(self, log: Path, home: Path) -> None:
-        code = "import sys; from uvms_mj import Trace, rerun_view; rerun_view.serve({'run': Trace.load(sys.argv[1])})"
+        code = "import sys; from uvms_mj import Trace; from uvms_mj.views.rerun import serve\n"
+        code += "serve({'run': Trace.load(sys.argv[1])})"
         command = [sys.executable, "-c", code, log]
         self.process = subprocess.Popen(
             command, stdout=subprocess.PIPE, text=True, env={**os.environ, "HOME": str(home)}

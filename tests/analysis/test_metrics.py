@@ -6,7 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from uvms_mj import Gsta, Scenario, Trace, metrics, simulate
+from uvms_mj import Gsta, Scenario, Trace, simulate
+from uvms_mj.analysis import metrics
 from uvms_mj.records.header import Outcome, Status
 
 H = 1e-3

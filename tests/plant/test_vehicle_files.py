@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from twin import TwinParameters
-from uvms_mj import InputError, McapLog, Scenario, mjcf_files, simulate
+from uvms_mj import InputError, McapLog, Scenario, simulate
 from uvms_mj.analysis.setup import set_up
+from uvms_mj.plant import mjcf_files
 from uvms_mj.plant.build import Plant
 from uvms_mj.plant.mjcf import Mjcf
 from uvms_mj.plant.mjcf_elements import ELEMENTS, MOST_ELEMENTS
@@ -21,7 +22,7 @@ from uvms_mj.plant.vehicle import Vehicle
 from uvms_mj.plant.vehicle_files import check_elements
 from vehicles import vehicle_xml
 
-SHIPPED = (Path(__file__).parents[1] / "models" / "bluerov1.xml").read_text()
+SHIPPED = (Path(__file__).parents[2] / "models" / "bluerov1.xml").read_text()
 BLUEROV = re.sub("<!--.*?-->", "", SHIPPED, flags=re.DOTALL)
 MOTOR = '<motor name="surge_left" site="surge_left" gear="1 0 0 0 0 0"'
 BODY = '<body name="bluerov1" childclass="bluerov1" simple="false"'

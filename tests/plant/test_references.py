@@ -17,7 +17,7 @@ from uvms_mj.physics.dissipation import damping_notes
 from uvms_mj.physics.frames import body_acceleration, quat_from_euler_deg
 from vehicles import load, place, vehicle_xml
 
-DATA = Path(__file__).parent / "data"
+DATA = Path(__file__).parents[1] / "data"
 ELLIPSOIDS = tomllib.loads((DATA / "gz_sim_ellipsoids.toml").read_text())
 FLIP = np.diag([1.0, -1.0, -1.0])
 """From forward, right, down (north, east, down) to forward, left, up (north, west, up), and back."""
