@@ -11,7 +11,6 @@ from .common import (
     bad_input,
     command,
     end,
-    exit_interrupted,
     force_option,
     json_option,
     path_argument,
@@ -19,6 +18,7 @@ from .common import (
     refuse_existing,
 )
 from .console import Console, log_tables, printable
+from .stop import exit_interrupted
 
 if TYPE_CHECKING:
     from ..records.trace import Trace

@@ -9,6 +9,7 @@ from ....analysis import metrics
 from ....analysis.rest import demanded_force
 from ....control.rest import SteadyState
 from ....records.trace import Trace
+from ..laws import LABELS
 from .base import Measured, Runs, number
 
 TRANSIENT_S = 0.1
@@ -81,9 +82,6 @@ def ratio(
         )
 
     return ratio
-
-
-LABELS = {"impedance": "impedance", "fosm": "first-order", "gsta": "GSTA", "gsta_alone": "GSTA alone"}
 
 
 def largest_s(runs: Runs) -> Measured:
