@@ -123,7 +123,7 @@ def draw_to_files() -> None:
 
 @contextlib.contextmanager
 def progress_bar(what: str, hidden: bool, stop: Stop) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar on terminals. Yields a function of the numbers done and total, which also checks for signals."""
+    """A progress bar on terminals. Yields a function of the counts done and in total, which also checks for signals."""
     if hidden or not sys.stderr.isatty():
         yield lambda done, total: stop.check()
         return

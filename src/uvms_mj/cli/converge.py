@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     "metrics",
     multiple=True,
     metavar="NAME",
-    help="A number, by its key in the JSON of uvms-mj run, such as contact.peak_N or final.s; may be repeated; "
+    help="A result, by its key in the JSON of uvms-mj run, such as contact.peak_N or final.s; may be repeated; "
     "`list` prints all.",
 )
 @output_options
@@ -46,7 +46,7 @@ def converge(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Compute error bars for a run's numbers: repeat the run at h, h/2 and h/4, and extrapolate.
+    """Compute error bars for a run's results: repeat the run at h, h/2 and h/4, and extrapolate.
 
     h is the scenario's time step. The three runs take seven times as long as the first one and write no files.
 

@@ -12,6 +12,7 @@ from ...physics.frames import body_velocity, to_world
 from ...physics.hydrodynamics import added_inertia, factor, water_wrench
 from ...physics.kernels import kernel
 from .compilation import NativeFunction, native_function
+from .layouts import CONTEXT
 from .loop import begin_step, finish_step, hold, sense
 from .memory import context_at, floats, loop_at, mj_factorM, registered, triples
 
@@ -96,18 +97,16 @@ def _callback(model, data):
             evaluate(context_at(table[i, 1]), model, data)
 
 
-def _sense(address):
-    context = context_at(address)
+def _sense(context) -> bool:
     loop = loop_at(context.loop_at)
     finish_step(context, loop)
     if loop.step % loop.period_steps == 0:
         sense(context, loop)
-        return 1
-    return 0
+        return True
+    return False
 
 
-def _finish(address):
-    context = context_at(address)
+def _finish(context):
     finish_step(context, loop_at(context.loop_at))
 
 
@@ -123,7 +122,7 @@ class EntryPoints(NamedTuple):
 def entry_points() -> EntryPoints:
     """The entry points, loaded or compiled at first use."""
     return EntryPoints(
-        native_function(_callback, 2, False),
-        native_function(_sense, 1, True),
-        native_function(_finish, 1, False),
+        native_function(_callback, ["i8", "i8"]),
+        native_function(_sense, [CONTEXT]),
+        native_function(_finish, [CONTEXT]),
     )

@@ -10,7 +10,7 @@ from ...control.base import Controller
 from ...control.contract import law_function
 from ...control.loader import has_built_in_law
 from .arena import NEAR, PATTERN, REGIONS, offsets, spread
-from .compilation import NativeFunction, native_function
+from .compilation import NativeFunction, native_function, native_law
 from .layouts import SIGNALS, SIGNALS_AND_TRUTH
 from .memory import floats, integers
 from .sources import global_values, source_files
@@ -27,6 +27,7 @@ if TYPE_CHECKING:  # global names of the templates below, set for each law
     call: Any = None
     law: Any = None
 
+TAU_CMD = np.dtype(("f8", (6,)))
 RETURNED, RAISED, OVERRAN, CHANGED_GAINS, NOT_FINITE = range(5)
 """Return codes of a law's machine code."""
 
@@ -96,10 +97,12 @@ def compile_law(controller: Controller) -> NativeFunction:
     Raises:
         NotCompiled: numba can't compile the law.
     """
-    law, guarded = law_function(type(controller)), not has_built_in_law(controller)
+    law = law_function(type(controller))
     gains, state = controller.record().dtype, type(controller).state_record().dtype
     signals = SIGNALS_AND_TRUTH if controller.uses_truth else SIGNALS
-    layout = (law.__qualname__, gains.descr, state.descr, signals.descr, guarded)
+    if has_built_in_law(controller):
+        return native_function(law, [gains, state, signals, state, TAU_CMD])
+    layout = (law.__qualname__, gains.descr, state.descr, signals.descr)
     parts = [repr(layout).encode(), law.__code__.co_code]
     module = inspect.getmodule(law)
     if module is not None and getattr(module, "__file__", None):
@@ -111,28 +114,25 @@ def compile_law(controller: Controller) -> NativeFunction:
         import numba
 
         from .guarded import guarded_function
-        from .intrinsics import pointer
+        from .numba_code import pointer
 
         names = {
             "carray": numba.carray,
             "np": np,
             "pointer": pointer,
             "GAINS": gains,
-            "STATE": spread(state) if guarded else state,
+            "STATE": spread(state),
             "SIGNALS": signals,
             "RAISED": RAISED,
             "RETURNED": RETURNED,
-            "law": (guarded_function if guarded else numba.njit)(law, error_model="python"),
+            "law": guarded_function(law, error_model="python"),
             "__name__": __name__,
         }
         call = types.FunctionType(_call.__code__, names, _call.__name__)
-        if not guarded:
-            return call
         names = _places(gains.itemsize, state, signals.itemsize) | {"call": numba.njit(call)}
         return types.FunctionType(_call_in_arena.__code__, globals() | names, _call_in_arena.__name__)
 
-    # a built-in law neither raises nor allocates; a user's law may do both
-    return native_function(_call, 5, True, parts=parts, prepare=prepare, self_contained=not guarded, law=guarded)
+    return native_law(5, parts, prepare)
 
 
 def _places(gains: int, state: np.dtype, signals: int) -> dict[str, Any]:

@@ -179,7 +179,7 @@ def hold(context, loop):
 
 
 @kernel
-def begin_step(context, loop):
+def begin_step(context, loop) -> bool:
     """Do everything up to the thrust of step k. Returns True if the step may continue."""
     finish_step(context, loop)
     if loop.stop != STOP_NONE:
