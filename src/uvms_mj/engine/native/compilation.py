@@ -53,7 +53,9 @@ def native_function(function: Any, parameters: Sequence[np.dtype | str]) -> Nati
     return _callable(address, len(dtypes))
 
 
-def native_law(arguments: int, parts: Iterable[bytes], prepare: Callable[[], Callable[..., int]]) -> NativeFunction:
+def native_law(
+    arguments: int, parts: Iterable[bytes], prepare: Callable[[], Callable[..., int]]
+) -> NativeFunction:
     """A C function of 64-bit integers from a user's law, loaded from disk or compiled by numba with checks.
 
     Args:

@@ -69,7 +69,9 @@ class _Unit:
 class _Function(Expressions):
     """One function for one combination of its arguments' types."""
 
-    def __init__(self, unit: _Unit, function: types.FunctionType, code: ir.Function, returns: np.dtype | None) -> None:
+    def __init__(
+        self, unit: _Unit, function: types.FunctionType, code: ir.Function, returns: np.dtype | None
+    ) -> None:
         super().__init__(function, unit.call)
         self.code, self.returns = code, returns
         self.entry = ir.IRBuilder(code.append_basic_block())  # has the variables, which LLVM moves to registers
