@@ -45,9 +45,7 @@ def target_machine() -> llvm.TargetMachine:
     target = llvm.Target.from_default_triple()
     reloc = "static" if target.name.startswith("x86") else "default"
     features = llvm.get_host_cpu_features().flatten()
-    return target.create_target_machine(
-        llvm.get_host_cpu_name(), features, 3, reloc, codemodel="jitdefault", jit=True
-    )
+    return target.create_target_machine(llvm.get_host_cpu_name(), features, 3, reloc, codemodel="jitdefault", jit=True)
 
 
 def object_name(parts: Iterable[bytes]) -> str:

@@ -97,7 +97,7 @@ class PlainLaw:
 
         records = [self.arena.arrays[name][0] for name in ("gains", "state", "signals", "state_dot")]
         try:
-            with guarded(True):
+            with guarded():
                 guarded_function(law_function(type(self.controller)), error_model="python")(
                     *records, self._arguments[4]
                 )
@@ -172,7 +172,7 @@ def _guarded(function: Any, compiled: Any) -> Any:
     @functools.wraps(function)
     def call(*arguments: Any) -> Any:
         try:
-            with guarded(True):
+            with guarded():
                 return twin(compiled)(*arguments)
         except NumbaError:
             return function(*arguments)
