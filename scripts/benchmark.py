@@ -29,8 +29,8 @@ from rich.table import Table
 
 from numpy_loop import NumpyLoop
 from uvms_mj import McapLog, Scenario, Trace, simulate
+from uvms_mj.analysis.metrics import AROUND_THE_END_S
 from uvms_mj.analysis.setup import set_up
-from uvms_mj.analysis.summary import AROUND_THE_END_S
 from uvms_mj.control import BUILT_IN, Gsta
 from uvms_mj.engine.native.attachment import attach
 from uvms_mj.engine.native.closed_loop import ClosedLoop

@@ -8,18 +8,6 @@ print(trace.push[-1])
 
 from importlib import import_module
 
-TYPE_CHECKING = False  # same as typing.TYPE_CHECKING, without the time to import typing
-if TYPE_CHECKING:
-    from .control import Controller, Fosm, Gsta, Ideal, Impedance, Sta, gain
-    from .engine.native import Attachment, attach
-    from .engine.run import LawError, SinkError, simulate
-    from .errors import InputError
-    from .records.header import Status
-    from .records.mcap import McapLog
-    from .records.trace import Trace
-    from .scenario import Scenario
-    from .studies.convergence import converge
-
 _HOME = {
     "Attachment": "engine.native",
     "Controller": "control",
@@ -40,27 +28,30 @@ _HOME = {
     "gain": "control",
     "simulate": "engine.run",
 }
+"""The public names, each with its module."""
 
-__all__ = [
-    "Attachment",
-    "Controller",
-    "Fosm",
-    "Gsta",
-    "Ideal",
-    "Impedance",
-    "InputError",
-    "LawError",
-    "McapLog",
-    "Scenario",
-    "SinkError",
-    "Sta",
-    "Status",
-    "Trace",
-    "attach",
-    "converge",
-    "gain",
-    "simulate",
-]
+__all__ = sorted(_HOME)
+
+TYPE_CHECKING = False  # same as typing.TYPE_CHECKING, without the time to import typing
+if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the name is public
+    from .control import Controller as Controller
+    from .control import Fosm as Fosm
+    from .control import Gsta as Gsta
+    from .control import Ideal as Ideal
+    from .control import Impedance as Impedance
+    from .control import Sta as Sta
+    from .control import gain as gain
+    from .engine.native import Attachment as Attachment
+    from .engine.native import attach as attach
+    from .engine.run import LawError as LawError
+    from .engine.run import SinkError as SinkError
+    from .engine.run import simulate as simulate
+    from .errors import InputError as InputError
+    from .records.header import Status as Status
+    from .records.mcap import McapLog as McapLog
+    from .records.trace import Trace as Trace
+    from .scenario import Scenario as Scenario
+    from .studies.convergence import converge as converge
 
 
 def __getattr__(name: str) -> object:

@@ -6,21 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import (
-    EXIT_UNSTABLE,
-    Stop,
-    asked_for,
-    bad_input,
-    command,
-    end,
-    exit_interrupted,
-    json_option,
-    path_option,
-    quiet_option,
-    scenario_argument,
-    set_option,
-)
+from .common import EXIT_UNSTABLE, asked_for, bad_input, command, end, output_options, run_options
 from .console import ROUNDING, Console, print_table
+from .stop import Stop, exit_interrupted
 
 if TYPE_CHECKING:
     from ..control.certificate import Certificate
@@ -31,14 +19,13 @@ if TYPE_CHECKING:
 @command(
     epilog="Exit status: 0 whatever the verdict, 2 bad input, 3 the run was unstable, 130 interrupted (143 by SIGTERM)."
 )
-@scenario_argument
-@click.option("-c", "--controller", metavar="LAW", help="gsta, sta, or your own law with a certificate.")
-@set_option
-@path_option("--from", "log", metavar="LOG", help="Use the samples and gains of a log, run.mcap, instead of a new run.")
+@run_options(
+    "Use the samples and gains of a log, run.mcap, instead of a new run.",
+    laws="gsta, sta, or your own law with a certificate.",
+)
 @click.option("--rate", type=float, metavar="L", help="Print gains for a rate of disturbance [m/s^3], without a run.")
 @click.option("--state", type=float, metavar="L_S", help="Part of the rate that grows with |s| [1/s^2]; needs beta.")
-@json_option
-@quiet_option
+@output_options
 def certify(
     arguments: tuple[str, ...],
     controller: str | None,
@@ -65,8 +52,6 @@ def certify(
     console = Console(as_json, quiet)
     try:
         with bad_input():
-            from ..records.header import Status
-
             scenario, trace = _load(arguments, controller, settings, log)
             certificate = _certificate(scenario, trace)
             if rate is not None or state is not None:
@@ -76,9 +61,10 @@ def certify(
             _report(certificate, trace, console)
     except KeyboardInterrupt:
         end("interrupted before the first step", exit_interrupted())
-    if trace.status is not Status.completed:
-        click.echo(f"{trace.status.name}: {trace.message}", err=True)
-    sys.exit({Status.unstable: EXIT_UNSTABLE, Status.interrupted: exit_interrupted()}.get(trace.status, 0))
+    status = trace.status.name
+    if status != "completed":
+        click.echo(f"{status}: {trace.message}", err=True)
+    sys.exit({"unstable": EXIT_UNSTABLE, "interrupted": exit_interrupted()}.get(status, 0))
 
 
 def _load(
@@ -117,17 +103,9 @@ def _certificate(scenario: "Scenario", trace: "Trace | None") -> "Certificate":
 
 
 def _run(scenario: "Scenario", console: Console, stop: Stop) -> "Trace":
-    import warnings
-
     from ..engine.run import simulate
 
-    with warnings.catch_warnings(), console.progress(scenario) as bar:
-        warnings.showwarning = console.warn
-
-        def progress(done: int, total: int) -> None:
-            stop.check()
-            bar(done, total)
-
+    with console.running(scenario, stop) as progress:
         return simulate(scenario, progress=progress)
 
 

@@ -67,5 +67,5 @@ def signals() -> None:
             table.add_column(column, no_wrap=column in ("name", "shape"))
         for signal in listed:
             shape = " x ".join(map(str, signal.shape)) if signal.size else "thrusters"
-            table.add_row(signal.name, shape or "number", signal.unit, signal.frame, signal.meaning)
+            table.add_row(signal.name, shape or "scalar", signal.unit, signal.frame, signal.meaning)
         print_table(table)

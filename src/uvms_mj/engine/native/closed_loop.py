@@ -12,7 +12,7 @@ from ...control.design import Design, Estimates
 from ...control.loader import has_built_in_law
 from ...errors import Fault, InputError
 from ...physics.model import COEFFICIENTS
-from ...plant.vehicle import Vehicle
+from ...plant.vehicle import Vehicle, free_joint_addresses
 from ...plant.wall import contact_settings
 from ...scenario import Scenario
 from ...stages.signals import FINAL_WINDOW_S, OWN_UNIT, RECORDED, Signal, thruster_signal
@@ -114,8 +114,7 @@ class ClosedLoop:
         signals["K_d"], signals["quat_d"] = np.diag(design.K_d), design.quat_d
         signals["K_f"], signals["F_d"] = scenario.impedance.K_f, scenario.impedance.F_d
         self._loop["truth"]["M"] = design.M
-        joint = model.body_jntadr[attachment.body_id]
-        qpos, dof = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
+        qpos, dof = free_joint_addresses(model, attachment.body_id)
         self._loop["qpos_safe"] = data.qpos[qpos : qpos + 7]
         # _memory keeps every array alive whose address is in the record
         memory = {
