@@ -1,16 +1,24 @@
 """The lumped disturbance of eq. (11): from the water and from eq. (10), and the plant's response to it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from uvms_mj import Gsta, Scenario, simulate
 from uvms_mj.analysis.disturbance import Experienced, NotGiven, experienced, lumped_disturbance
 from uvms_mj.analysis.setup import set_up
-from uvms_mj.control.certificate import Certificate, gains_for
+from uvms_mj.control.certificate import gains_for
+from uvms_mj.control.theory import certificate
 from uvms_mj.physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.plant.mjcf import Mjcf
 from vehicles import random_parameters, vehicle_xml
+
+
+def certificate_of(law):
+    return certificate(SimpleNamespace(scenario=Scenario(controller=law), task=law))
+
 
 FREE = {"wall.position": 50.0, "reference.target": [0.0, 0.0, 0.0], "current.speed": 0.0}
 
@@ -107,7 +115,7 @@ def test_what_is_experienced_is_what_moves_s(case):
 
 def test_the_time_beyond_counts_with_s_where_it_is_least():
     """Between two rows s may pass zero, where the allowed rate is smallest."""
-    certificate = Certificate.of(Gsta())
+    certificate = certificate_of(Gsta())
     s = np.zeros((4, 6))
     s[:, 0], s[:, 1] = [1.0, 1.0, 0.0, 0.0], [1.0, -1.0, -1.0, 2.0]
     rate = np.full((3, 6), 6.0)  # the allowed rate is 5 at s = 0 and 330 at s = 1
@@ -138,7 +146,7 @@ def sinusoid(factor, timestep=1e-4, frequency=0.5):
 
 
 def test_the_plant_rejects_a_sinusoid_just_below_the_bound_and_not_one_above():
-    certificate = Certificate.of(Gsta())
+    certificate = certificate_of(Gsta())
     below, fine, above, higher = sinusoid(0.95), sinusoid(0.95, 2.5e-5), sinusoid(1.15), sinusoid(1.4)
     rates = [experienced(trace).largest_rate()[0] for trace in (below, above, higher)]
     assert rates == pytest.approx([4.75, 5.75, 7.0], rel=0.02)
@@ -170,11 +178,11 @@ def test_the_papers_gains_are_not_certified_in_yaw_and_gains_for_its_rate_are(pa
     rate = found.largest_rate()
     assert found.t[np.abs(found.rate[:, 5]).argmax()] == pytest.approx(trace.first_contact[-1], abs=0.03)
     assert (rate[:5] < 1.0).all()
-    beyond = found.time_beyond(Certificate.of(Gsta()), trace.s)
+    beyond = found.time_beyond(certificate_of(Gsta()), trace.s)
     assert not beyond[:5].any()
     assert beyond[5] > 0.1
     k_1, k_2 = gains_for(rate.max())
     again = paper_run("gsta", k_1=k_1, k_2=k_2)
     law = again.scenario.controller
-    assert not experienced(again).time_beyond(Certificate.of(law), again.s).any()
+    assert not experienced(again).time_beyond(certificate_of(law), again.s).any()
     assert np.abs(again.s[1000:, 5]).max() < 0.1 * np.abs(trace.s[1000:, 5]).max()

@@ -1,18 +1,24 @@
 """The gain certificate: closed form against an LMI, and the error system against many disturbances."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from uvms_mj import Gsta, InputError
+from uvms_mj import Gsta, InputError, Scenario
 from uvms_mj.control.certificate import Certificate, gains_for, lyapunov_matrix, rate_bound
+from uvms_mj.control.theory import certificate
 
 PAPER = (5.0, 10.0)
 GAINS = [(5.0, 10.0), (2.0, 10.0), (0.7, 3.0), (12.0, 40.0), (1.5, 2.0)]
 gains = st.tuples(st.floats(0.1, 30.0), st.floats(0.1, 100.0))
+
+
+def certificate_of(law):
+    return certificate(SimpleNamespace(scenario=Scenario(controller=law), task=law))
 
 
 # The closed form
@@ -102,19 +108,19 @@ def test_the_lyapunov_matrix_is_one(k, share, part, below):
 
 
 def test_the_papers_gains_reach_the_limit():
-    certificate = Certificate.of(Gsta())
-    assert certificate == Certificate(rate=5.0, state=250.0, limit=5.0, beta=5.0)
+    certificate = certificate_of(Gsta())
+    assert certificate == Certificate(*PAPER, beta=5.0, nominal=True, rate=5.0, state=250.0, limit=5.0)
     assert rate_bound(2.0, 10.0) == 3.0
-    alone = Certificate.of(Gsta(nominal=False))
+    alone = certificate_of(Gsta(nominal=False))
     assert alone.rate == rate_bound(*PAPER, (-20.0, 0.0)) < 5.0
-    assert Certificate.of(Gsta(nominal=False, beta=0.0)).rate == 0.0
-    assert Certificate.of(Gsta(k_1=0.0)).rate == Certificate.of(Gsta(k_2=0.0)).rate == 0.0
+    assert certificate_of(Gsta(nominal=False, beta=0.0)).rate == 0.0
+    assert certificate_of(Gsta(k_1=0.0)).rate == certificate_of(Gsta(k_2=0.0)).rate == 0.0
 
 
 @given(st.floats(1e-3, 1e3), st.floats(0.0, 1e3), st.floats(0.1, 10.0), st.floats(0.0, 2.0))
 def test_gains_for_a_bound_have_it_certified_with_the_margin_and_no_k_2_to_spare(rate, state, beta, margin):
     k_1, k_2 = gains_for(rate, state, beta, margin)
-    certificate = Certificate.of(Gsta(k_1=k_1, k_2=k_2, beta=beta))
+    certificate = certificate_of(Gsta(k_1=k_1, k_2=k_2, beta=beta))
     assert certificate.rate >= (1 + margin) * rate * (1 - 1e-12)
     assert certificate.state >= (1 + margin) * state * (1 - 1e-12)
     tight = (certificate.rate / rate, certificate.state / state if state else np.inf)
@@ -242,7 +248,7 @@ def test_the_lyapunov_function_falls_along_every_solution(k_1, k_2, beta, rng):
 
 def test_the_state_dependent_part_is_certified_with_the_rate_and_not_beyond():
     """A rate of L + L_s |s| pushes outwards, starting far away, where the second term dominates."""
-    certificate = Certificate.of(Gsta())
+    certificate = certificate_of(Gsta())
     s = np.array([4.0, -6.0])
     w = 5.0 * (np.sqrt(np.abs(s)) * np.sign(s) + 5.0 * s)  # s_dot = 0
 

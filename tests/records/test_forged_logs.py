@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 from mcap.stream_reader import StreamReader
+from uvms_mj.control.recorded import recorded_law
 
 from command import run
 from uvms_mj import InputError, Trace
-from uvms_mj.control.recorded import recorded_law
 from uvms_mj.records.mcap.attachments import refuse_large
 
 

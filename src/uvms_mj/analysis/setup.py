@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..control import ImpedanceTask
 from ..control.design import Design
 from ..plant.build import Plant, build
 from ..plant.mjcf import Mjcf
@@ -22,6 +23,11 @@ class Setup:
     @property
     def vehicle(self) -> Vehicle:
         return self.plant.vehicle
+
+    @property
+    def task(self) -> ImpedanceTask:
+        """The impedance task with its gains F_1, F_2, A, integral."""
+        return self.scenario.task
 
     @property
     def reach(self) -> float:

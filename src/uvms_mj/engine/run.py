@@ -1,6 +1,7 @@
 """``simulate(scenario) -> Trace`` runs a scenario in chunks at native speed."""
 
 import dataclasses
+import functools
 import time
 import warnings
 from collections import deque
@@ -10,20 +11,20 @@ import mujoco
 import numpy as np
 
 from ..analysis.ranges import no_overflow
-from ..analysis.rest import steady_state
 from ..analysis.sampling import SamplingWarning, check, row_steps_of
 from ..analysis.setup import set_up
 from ..control import Controller
-from ..control.contract import check_contract
-from ..control.loader import has_built_in_law
-from ..control.recorded import RecordedLaw
+from ..control.theory import steady_state
 from ..errors import InputError
 from ..plant.mjcf import Mjcf
 from ..plant.mujoco_warnings import mujoco_warnings
-from ..records.header import Header, LawSource, Outcome, Sink, Status, versions
+from ..records.header import Header, Outcome, Sink, Status, sources_of, versions
 from ..records.trace import Trace
 from ..records.writing import Writing
 from ..scenario import Scenario
+from ..stages.base import is_shipped
+from ..stages.contract import check_contract
+from ..stages.recorded import Recorded
 from .native.attachment import immerse
 from .native.closed_loop import ClosedLoop
 from .native.plain_law import LawFault
@@ -115,20 +116,20 @@ class _Run:
         keep_s: float | None,
         mjcf: Mjcf | None,
     ) -> None:
-        if isinstance(scenario.controller, RecordedLaw):
+        if isinstance(scenario.controller, Recorded):
             source = scenario.controller.source()
             raise InputError(
                 f"the law {source} is in the log as text, which is never run: pass the controller from the law's file"
             )
-        if not has_built_in_law(scenario.controller):
+        if not is_shipped(scenario.controller):
             check_contract(type(scenario.controller))
         self.scenario, self.row_steps, self.progress = scenario, row_steps, progress
         self.sinks, self.keep_s = sinks, np.inf if keep_s is None else keep_s
         with no_overflow(scenario):
             setup = set_up(scenario, mjcf)
             self.plant, self.design = setup.plant, setup.design
-            self.notes = list(check(scenario, setup.vehicle, setup.design, setup.reach))
-            self.analytic = steady_state(scenario, setup.vehicle, setup.design, setup.gravity_W)
+            self.notes = check(setup)
+        self.rest = functools.partial(steady_state, setup)
         self.data = self.plant.initial_data(scenario.initial)
         self.blocks: deque[np.ndarray] = deque()
 
@@ -164,11 +165,11 @@ class _Run:
                 scenario=self.scenario,
                 signals=loop.signals,
                 row_steps=self.row_steps,
-                analytic=self.analytic,
+                rest=self.rest,
                 notes=tuple(self.notes),
                 mjcf=plant.mjcf,
                 geometry=plant.geometry,
-                law=LawSource.of(self.scenario.controller),
+                sources=sources_of(self.scenario, len(plant.vehicle.thrusters)),
                 versions=versions(),
             )
             with Writing(self.sinks, self.header) as self.writing:

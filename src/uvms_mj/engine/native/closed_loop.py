@@ -9,12 +9,12 @@ import numpy as np
 
 from ...control.base import Controller
 from ...control.design import Design, Estimates
-from ...control.loader import has_built_in_law
 from ...errors import Fault, InputError
 from ...physics.model import COEFFICIENTS
 from ...plant.vehicle import Vehicle
 from ...plant.wall import contact_settings
 from ...scenario import Scenario
+from ...stages.base import is_shipped
 from ...stages.signals import FINAL_WINDOW_S, OWN_UNIT, RECORDED, Signal, thruster_signal
 from .arena import MARGIN, NEARBY, Arena
 from .attachment import Attachment
@@ -65,7 +65,7 @@ class ClosedLoop:
         row_steps: int,
         chunk: int,
     ) -> None:
-        self._model, self._data = model, data
+        self._model, self._data, self.design = model, data, design
         self.controller = scenario.controller
         self.timestep = scenario.simulation.timestep
         vehicle, n = attachment.vehicle, len(attachment.vehicle.thrusters)
@@ -93,7 +93,6 @@ class ClosedLoop:
             "position_bound": POSITION_BOUND,
             "tau_bound": TAU_BOUND,
             "reveals": self.controller.uses_truth,
-            "integral": self.controller.integral,
             "controls": model.nu,
             "thrusters": n,
             "states": self._state.nbytes // 8,
@@ -105,7 +104,7 @@ class ClosedLoop:
         self._loop["row"]["first_contact"] = -1.0
         for name, value in contact_settings(scenario.wall, design.M, design.normal, reach).items():
             self._loop["contact"][name] = value
-        self._set_task(design)
+        self._loop["task"] = scenario.task.record(self)
         self._set_coefficients("estimates", vehicle, scenario.estimates, model.opt.gravity)
         self._set_coefficients("true_coefficients", vehicle, Estimates(), model.opt.gravity)
         signals = self._loop["signals"]
@@ -145,7 +144,7 @@ class ClosedLoop:
         for name in ("signals", "tau_cmd", "row"):
             self._loop[f"{name}_at"] = self._loop[name].ctypes.data
         self._law, self.not_compiled = None, ""
-        self._guarded, self._searched = not has_built_in_law(self.controller), time.monotonic()
+        self._guarded, self._searched = not is_shipped(self.controller), time.monotonic()
         if self._guarded:
             self._loop["gains_at"] = self._arena.address
         try:
@@ -154,11 +153,6 @@ class ClosedLoop:
         except NotCompiled as reason:
             self.not_compiled = str(reason)
         self._context["loop_at"] = base
-
-    def _set_task(self, design: Design) -> None:
-        task = self._loop["task"]
-        task["M_d_inv"] = np.linalg.inv(design.M_d)
-        task["F_1"], task["F_2"], task["A"] = self.controller.F_1, self.controller.F_2, self.controller.A
 
     def _set_coefficients(self, record: str, vehicle: Vehicle, factors: Estimates, gravity: np.ndarray) -> None:
         values = {

@@ -36,6 +36,7 @@ _PACKAGE = Path(__file__).parents[2]
 _CORE = (
     "physics/contact.py",
     "control/task.py",
+    "control/tracking.py",
     "physics/model.py",
     "physics/fossen.py",
     "physics/frames.py",
@@ -52,7 +53,7 @@ _CORE = (
     "engine/native/loop.py",
     "engine/native/memory.py",
     "engine/native/sources.py",
-    "guidance/reference.py",
+    "guidance/filtered_steps.py",
     "stages/signals.py",
     "navigation/truth.py",
 )

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...control.base import Controller
-from ...control.contract import law_function
-from ...control.loader import has_built_in_law
+from ...stages.base import is_shipped
 from .arena import NEAR, PATTERN, REGIONS, offsets, spread
 from .compilation import NativeFunction, native_function
 from .layouts import SIGNALS, SIGNALS_AND_TRUTH
@@ -96,7 +95,7 @@ def compile_law(controller: Controller) -> NativeFunction:
     Raises:
         NotCompiled: numba can't compile the law.
     """
-    law, guarded = law_function(type(controller)), not has_built_in_law(controller)
+    law, guarded = type(controller).function(), not is_shipped(controller)
     gains, state = controller.record().dtype, type(controller).state_record().dtype
     signals = SIGNALS_AND_TRUTH if controller.uses_truth else SIGNALS
     layout = (law.__qualname__, gains.descr, state.descr, signals.descr, guarded)

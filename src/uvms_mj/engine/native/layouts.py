@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from ...control.task import TASK
 from ...physics.contact import CONTACT
 from ...physics.hydrodynamics import WATER
 from ...physics.model import COEFFICIENTS
@@ -12,6 +11,11 @@ SIGNALS = record_dtype(GIVEN)
 TRUE_SIGNALS = record_dtype(TRUTH)
 SIGNALS_AND_TRUTH = record_dtype(GIVEN + TRUTH)
 """Record given to the ideal law: signals and truth of LOOP, one directly after the other."""
+TASK = np.dtype(
+    [("F_1", "f8", (6,)), ("F_2", "f8", (6,)), ("A", "f8", (6,)), ("integral", "?"), ("M_d_inv", "f8", (6, 6))],
+    align=True,
+)
+"""Settings of the impedance task."""
 ROW = record_dtype(STATE + RUNNING)
 ROW_SIZE = ROW.itemsize // 8
 
@@ -93,8 +97,8 @@ LOOP = np.dtype(
         ("truth", TRUE_SIGNALS),  # directly after signals
         ("true_coefficients", COEFFICIENTS),
         ("reveals", "i8"),  # whether the law is given the truth
-        ("integral", "i8"),  # whether s begins at zero: integral sliding variable
         ("zeta_dot", "f8", (6,)),
+        ("work", "f8", (6,)),  # scratch memory
         ("tau_cmd", "f8", (6,)),
         ("tau", "f8", (6,)),
         ("tau_before", "f8", (6,)),

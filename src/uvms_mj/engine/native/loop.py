@@ -7,8 +7,9 @@ the rows are read.
 
 import math
 
-from ...control.task import nominal_control, pose_errors, sliding_variable
-from ...guidance.reference import filtered_steps
+from ...control.task import impedance_task
+from ...control.tracking import tracking_errors
+from ...guidance.filtered_steps import filtered_steps
 from ...navigation.truth import reveal
 from ...physics.contact import contact_force
 from ...physics.frames import body_acceleration, body_velocity, rotation
@@ -60,6 +61,7 @@ def sense(context, loop):
         signals.zeta[i] += signals.period * loop.zeta_dot[i]
         signals.nu[i] = loop.nu[i]
     signals.t = loop.t
+    signals.instant = loop.step // loop.period_steps
     for i in range(4):
         signals.quat_WB[i] = loop.quat[i]
     for i in range(3):
@@ -80,16 +82,11 @@ def sense(context, loop):
         signals.f_contact_m_W[i] = loop.contact.f_W[i]
         signals.tau_contact_m_B[i] = loop.contact.tau_B[i]
         signals.tau_contact_m_B[i + 3] = loop.contact.tau_B[i + 3]
-    pose_errors(signals)
-    work = loop.task.work
-    model_wrenches(loop.estimates, signals.nu, signals.R_WB, signals.C_hat_nu, signals.D_hat_nu, signals.g_hat, work)
-    if loop.integral != 0 and loop.step == 0:
-        for i in range(6):  # s = 0 in eq. (14)
-            signals.zeta[i] = -(signals.nu_e[i] + loop.task.F_1[i] * signals.eta_e[i]) / loop.task.F_2[i]
-    sliding_variable(loop.task, signals, loop.zeta_dot)
-    nominal_control(loop.task, signals)
+    tracking_errors(signals)
+    model_wrenches(loop.estimates, signals.nu, signals.R_WB, signals.C_hat_nu, signals.D_hat_nu, signals.g_hat)
+    impedance_task(loop.task, signals.zeta, signals, loop.zeta_dot, signals)
     if loop.reveals != 0:
-        reveal(loop.true_coefficients, context.water, signals, loop.truth, work)
+        reveal(loop.true_coefficients, context.water, signals, loop.truth, loop.work)
 
 
 @kernel

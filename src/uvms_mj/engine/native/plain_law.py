@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from ...control.base import Controller
-from ...control.contract import field_suggestion, law_function
-from ...control.loader import has_built_in_law
+from ...stages.base import is_shipped
+from ...stages.contract import field_suggestion
 from .arena import NEARBY, Arena
 
 
@@ -46,7 +46,7 @@ class PlainLaw:
 
     @functools.cached_property
     def _function(self) -> Callable:
-        return _with_helpers(law_function(type(self.controller)), _guarded)
+        return _with_helpers(type(self.controller).function(), _guarded)
 
     def __call__(self) -> None:
         """Call the law once.
@@ -75,7 +75,7 @@ class PlainLaw:
         Args:
             fault: the law's violation as a predicate; empty if the law raised.
         """
-        function, line = _with_helpers(law_function(type(self.controller)), _plain), ""
+        function, line = _with_helpers(type(self.controller).function(), _plain), ""
         try:
             with np.errstate(divide="raise", invalid="raise" if not fault else "ignore"):
                 with _first_not_finite(self._file) as found:
@@ -98,22 +98,20 @@ class PlainLaw:
         records = [self.arena.arrays[name][0] for name in ("gains", "state", "signals", "state_dot")]
         try:
             with guarded(True):
-                guarded_function(law_function(type(self.controller)), error_model="python")(
-                    *records, self._arguments[4]
-                )
+                guarded_function(type(self.controller).function(), error_model="python")(*records, self._arguments[4])
         except Exception as error:
             return _named_error(error)
         return "an exception"
 
     @functools.cached_property
     def _file(self) -> str:
-        return law_function(type(self.controller)).__code__.co_filename
+        return type(self.controller).function().__code__.co_filename
 
     @property
     def who(self) -> str:
         """The law's name in messages."""
         label = self.controller.label()
-        if has_built_in_law(self.controller):
+        if is_shipped(self.controller):
             return f"the law {label}"
         return f"your law {label} ({Path(self._file).name})"
 
