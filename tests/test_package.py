@@ -12,7 +12,7 @@ import numpy as np
 from command import run
 from uvms_mj import Trace
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[1]
 SHORT = ("--set", "simulation.duration=0.05")
 
 
