@@ -7,7 +7,12 @@ import numpy as np
 
 from uvms_mj import Scenario, Simulation
 
-SETTINGS = {"controller.name": "external", "wall.position": 5.0, "current.speed": 0.0, "reference.target": [1.0, 0.5, 0.0]}
+SETTINGS = {
+    "controller.name": "external",
+    "wall.position": 5.0,
+    "current.speed": 0.0,
+    "reference.target": [1.0, 0.5, 0.0],
+}
 STIFFNESS = np.array([20.0, 20.0, 20.0, 2.0, 2.0, 2.0])
 DAMPING = np.array([40.0, 40.0, 40.0, 2.0, 2.0, 2.0])
 

@@ -137,11 +137,11 @@ class Scenario:
             if not isinstance(tables.setdefault(name, {}), dict):
                 faults.append(Fault(name, f"{tables[name]!r} is not a table"))
                 tables[name] = {}
-        old = _move_task_keys(tables["controller"], tables["task"], faults)
         if controller is not None and not _is_that_laws(tables["controller"], controller):
             tables["controller"] = {}
         if controller is not None:
             tables["controller"]["name"] = controller
+        old = _move_task_keys(tables["controller"], tables["task"], faults)
         settings, replaced = _task_settings(overrides or {}, faults)
         for key, value in settings.items():
             faults += _override(tables, key, value)
@@ -236,7 +236,7 @@ def _is_that_laws(table: Mapping[str, Any], controller: str) -> bool:
     if "name" in table:
         return _absolute(table["name"]) == _absolute(controller)
     gains = {field.name for field in STAGES["controller"].stage_class(controller).setting_fields()}
-    return set(table) <= gains
+    return set(table) <= {*gains, *_TASK}
 
 
 _TASK = tuple(f.name for f in dataclasses.fields(ImpedanceTask) if f.name != "period")

@@ -125,8 +125,12 @@ def test_a_cache_that_takes_nothing_stops_no_run(monkeypatch):
     assert simulate(Scenario.load("push_wall", SHORT)).status.name == "completed"
 
 
+_CONTRACT = ("base", "contract", "recorded", "loader")
+"""Modules of the contract of stages. Settings and states are in the fingerprint of each stage."""
+
+
 def test_the_fingerprint_covers_all_that_reaches_the_machine_code():
-    """The fingerprint has every kernel's file, and every file of the package that such a file imports."""
+    """The fingerprint has every kernel's file, and every file that such a file imports kernels or layouts from."""
     package, core = compilation._PACKAGE, set(compilation._CORE)
     for function in kernels:
         assert str(Path(function.__code__.co_filename).relative_to(package)) in core, function
@@ -139,9 +143,5 @@ def test_the_fingerprint_covers_all_that_reaches_the_machine_code():
                 targets = [file] if file.is_file() else [module / f"{a.name}.py" for a in node.names]
                 for target in targets:
                     imported = str(target.relative_to(package))
-                    # gains and states are in the law's own fingerprint
-                    assert imported in core or imported in (
-                        "control/base.py",
-                        "control/contract.py",
-                        "control/loader.py",
-                    ), (name, imported)
+                    settings = imported in ("errors.py", "files.py", "quantities.py") or target.stem in _CONTRACT
+                    assert imported in core or settings, (name, imported)

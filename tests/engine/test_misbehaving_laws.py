@@ -22,7 +22,7 @@ from uvms_mj.records.header import Status
 ALL = cases()
 HERE = [
     "overruns: tau_cmd[131071]",
-    "overruns: gains.A[7]",
+    "overruns: gains.three[7]",
     "helpers: put(state.xi, 100)",
     "helpers: compiled at once",
     "shapes: tau_cmd += np.ones(7)",

@@ -31,7 +31,7 @@ class MyGsta(Controller):
         root = np.sqrt(np.abs(s)) * np.sign(s)
         tau_gsta = -gains.k_1 * (root + gains.beta * s) + state.z
         state_dot.z[:] = -gains.k_2 * (0.5 * np.sign(s) + 1.5 * gains.beta * root + gains.beta**2 * s)
-        tau_cmd[:] = signals.tau_nom + signals.M_hat @ (tau_gsta - gains.A * s)
+        tau_cmd[:] = signals.tau_nom + signals.M_hat @ (tau_gsta - signals.A * s)
 '''
 
 

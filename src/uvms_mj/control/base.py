@@ -54,6 +54,7 @@ CONTROL = Room(
     setting="gain",
     method="law",
     arguments=("gains", "state", "signals", "state_dot", "tau_cmd"),
+    theory=("at_rest", "notes", "certificate"),
     reserved=dict.fromkeys(("F_1", "F_2", "A", "integral"), "is a gain of the impedance task, in [task]"),
 )
 

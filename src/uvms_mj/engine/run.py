@@ -22,7 +22,7 @@ from ..records.header import Header, Outcome, Sink, Status, sources_of, versions
 from ..records.trace import Trace
 from ..records.writing import Writing
 from ..scenario import Scenario
-from ..stages.base import is_shipped
+from ..stages.base import Stage, is_shipped
 from ..stages.contract import check_contract
 from ..stages.recorded import Recorded
 from .native.attachment import immerse
@@ -104,6 +104,29 @@ def simulate(
         return run.go()
 
 
+def _check_stage(stage: Stage) -> None:
+    """Check that a stage can run by itself.
+
+    Raises:
+        InputError: its code is from a log, it violates its contract, or its outputs are set by a caller.
+    """
+    room, label = stage.room, stage.label()
+    if isinstance(stage, Recorded):
+        raise InputError(
+            f"the {room.noun} {stage.source()} is in the log as text, which is never run: "
+            f"pass the controller from the {room.noun}'s file"
+        )
+    if stage.external:
+        raise InputError(
+            f"{room.table}.name: {label} leaves {room.out[0].name} to the caller of a Simulation; "
+            f"a run needs another {room.noun}"
+        )
+    if not is_shipped(stage):
+        check_contract(type(stage))
+        if room.table != "controller":
+            raise InputError(f"{room.table}.name: {label}: a run with your own {room.noun} is not possible yet")
+
+
 class _Run:
     """One run, from the initial state to the trace."""
 
@@ -116,13 +139,8 @@ class _Run:
         keep_s: float | None,
         mjcf: Mjcf | None,
     ) -> None:
-        if isinstance(scenario.controller, Recorded):
-            source = scenario.controller.source()
-            raise InputError(
-                f"the law {source} is in the log as text, which is never run: pass the controller from the law's file"
-            )
-        if not is_shipped(scenario.controller):
-            check_contract(type(scenario.controller))
+        for stage in scenario.stages:
+            _check_stage(stage)
         self.scenario, self.row_steps, self.progress = scenario, row_steps, progress
         self.sinks, self.keep_s = sinks, np.inf if keep_s is None else keep_s
         with no_overflow(scenario):

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
@@ -22,13 +22,14 @@ import numpy as np
 from pydantic import AfterValidator
 from pydantic.dataclasses import dataclass as table
 
-from ..physics.frames import quat_from_euler_deg
 from ..physics.kernels import kernel
-from ..quantities import STRICT, Angles, Number, Position, Time, within
+from ..quantities import STRICT, Number, Position, Time, within
 from ..stages.base import setting
 from .base import Guidance
 
 MOST_WAYPOINTS = 1000
+_FASTEST = 0.5
+"""Largest bandwidth times control period [rad] at which the law sees the reference as a motion, not as a jump."""
 
 _SETTLED = 60.0  # for larger x, 1 - g(x) is below the rounding error of 1
 
@@ -90,7 +91,6 @@ class FilteredSteps(Guidance):
     bandwidth: Annotated[Number, within(1e-6, 1e6, "rad/s")] = setting(
         2.0, "rad/s", "omega_n of the third-order filter (omega_n / (p + omega_n))^3"
     )
-    attitude_deg: Angles = setting((0.0, 0.0, 0.0), "deg", "constant desired roll, pitch, yaw")
     start: Position | None = setting(None, "m", "position before the first step; default: initial.position")
     waypoints: Annotated[tuple[Waypoint, ...], AfterValidator(_increasing)] = setting(
         (),
@@ -112,10 +112,20 @@ class FilteredSteps(Guidance):
         times, positions = np.full(MOST_WAYPOINTS, np.inf), np.zeros((MOST_WAYPOINTS, 3))
         for n, step in enumerate(self.steps):
             times[n], positions[n] = step.time, step.position
-        own = {name: value for name, value in super().constants(setup).items() if name not in _REPLACED}
+        values = {**super().constants(setup), "target": None, "step_time": None, "waypoints": None}
         start = self.start or setup.scenario.initial.position
-        quat_d = quat_from_euler_deg(*self.attitude_deg)
-        return {**own, "start": start, "times": times, "positions": positions, "quat_d": quat_d}
+        return {**values, "start": start, "times": times, "positions": positions}
+
+    def rests_at(self) -> tuple[float, ...]:
+        return self.steps[-1].position
+
+    def notes(self, setup: Any) -> Iterable[str]:
+        period = setup.scenario.control_period
+        if self.bandwidth * period > _FASTEST:
+            yield (
+                f"the law sees the reference as a jump: with reference.bandwidth = {self.bandwidth:g} rad/s "
+                f"it ends within a few control periods of {period:g} s; choose less than {_FASTEST / period:g} rad/s"
+            )
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
@@ -123,6 +133,3 @@ class FilteredSteps(Guidance):
         filtered_steps(given.t, start, times, positions, settings.bandwidth, out.p_d, out.p_d_dot, out.p_d_ddot)
         for i in range(4):
             out.quat_d[i] = settings.quat_d[i]
-
-
-_REPLACED = ("target", "step_time", "attitude_deg", "start", "waypoints")

@@ -11,7 +11,7 @@ A stage is a frozen dataclass of settings that derives from the base class of it
 
         @staticmethod
         def step(settings, state, given, state_dot, out):
-            hold(given, out)
+            hold(settings, given, out)
             out.p_d[0] = settings.radius * math.cos(settings.omega * given.t)
             ...
 
@@ -63,6 +63,8 @@ class Room:
         setting: a setting in messages.
         method: name of the function.
         arguments: names of the function's arguments.
+        constants: names of constants that the function gets besides its settings.
+        theory: methods beside the function that a stage may override.
         reserved: names that a setting must not have, each with the reason.
     """
 
@@ -74,6 +76,8 @@ class Room:
     setting: str = "setting"
     method: str = "step"
     arguments: tuple[str, ...] = ("settings", "state", "given", "state_dot", "out")
+    constants: tuple[str, ...] = ()
+    theory: tuple[str, ...] = ()
     reserved: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
 
@@ -164,7 +168,7 @@ class Stage:
         values = self.constants(setup).items()
         kept = {name: np.asarray(value) for name, value in values if value is not None and name != "period"}
         kinds = [(name, "?" if a.dtype == bool else "f8", a.shape) for name, a in kept.items()]
-        record = np.zeros(1, np.dtype(kinds or _EMPTY, align=True))
+        record = np.zeros(1, np.dtype([*kinds, ("_", "f8")], align=True))  # at least 8 bytes, and a multiple of 8
         for name, array in kept.items():
             record[name] = array
         return record
@@ -174,11 +178,10 @@ class Stage:
         """The states, all zero, as a record array (1,) of float64 vectors."""
         sizes = {name: thrusters if size == THRUSTERS else size for name, size in cls.states.items()}
         fields = [(name, "f8", (size,)) for name, size in sizes.items()]
-        return np.zeros(1, np.dtype(fields or _EMPTY, align=True))
+        return np.zeros(1, np.dtype(fields or [("none", "f8", (0,))], align=True))
 
 
 THRUSTERS = "thrusters"
-_EMPTY = [("none", "f8", (0,))]
 
 
 def base_of(cls: type[Stage]) -> type[Stage]:
@@ -207,7 +210,7 @@ def is_shipped(stage: Stage) -> bool:
 
 def packs_itself(cls: type[Stage]) -> bool:
     """Whether the class computes the constants of its function, so that its settings may be of any type."""
-    return cls.constants is not Stage.constants
+    return cls.constants is not base_of(cls).constants
 
 
 def random_key(seed: int, stage: Stage) -> int:

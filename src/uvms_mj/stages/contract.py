@@ -17,7 +17,7 @@ from .signals import TASK, TRUTH
 
 _MOST_STATES = 10_000
 _LONGEST_NAME = 100
-_OVERRIDDEN = ("name", "states", "units", "uses_task", "uses_truth", "at_rest", "notes", "certificate")
+_OVERRIDDEN = ("name", "states", "units", "uses_task", "uses_truth")
 
 
 def check_contract(cls: type[Stage], file: str = "") -> None:
@@ -56,8 +56,8 @@ def _wrong(cls: type[Stage]) -> Iterator[str]:
         if f.name in room.reserved
     )
     own = [base for base in cls.__mro__ if not base.__module__.startswith("uvms_mj.") and base is not object]
-    ours = {name for each in (Stage, base) for name in vars(each) if name[0] != "_"}
-    ours -= {*_OVERRIDDEN, room.method, *shared}
+    ours = {name for each in {Stage, base} for name in vars(each) if name[0] != "_"}
+    ours -= {*_OVERRIDDEN, room.method, *room.theory, *shared}
     yield from (
         f"{name!r} is a method of every {room.noun}; give yours another name"
         for name in sorted(ours)
@@ -140,7 +140,7 @@ def _unknown_fields(cls: type[Stage]) -> Iterator[str]:
         return
     if not isinstance(tree, ast.FunctionDef):
         return
-    settings = [f.name for f in dataclasses.fields(cls) if f.name != "period"]
+    settings = [*cls.room.constants, *(f.name for f in dataclasses.fields(cls) if f.name != "period")]
     given, out = ([signal.name for signal in signals] for signals in (cls.given(), cls.room.out))
     fields: list[list[str] | None] = [settings, list(cls.states), given, list(cls.states), out]
     fields[0] = None if packs_itself(cls) else settings

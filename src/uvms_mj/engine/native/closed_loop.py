@@ -10,6 +10,7 @@ import numpy as np
 from ...control.base import Controller
 from ...control.design import Design, Estimates
 from ...errors import Fault, InputError
+from ...guidance import FilteredSteps
 from ...physics.model import COEFFICIENTS
 from ...plant.vehicle import Vehicle
 from ...plant.wall import contact_settings
@@ -78,15 +79,17 @@ class ClosedLoop:
         period_steps = 1 if period is None else round(period / self.timestep)
         width = ROW_SIZE + n + self._state.nbytes // 8
         self._rows = np.zeros((chunk // row_steps + 2, width))
-        waypoints = scenario.reference.steps
+        reference = scenario.reference
+        assert isinstance(reference, FilteredSteps)
+        waypoints = reference.steps
         settings = {
             "timestep": self.timestep,
             "period_steps": period_steps,
             "row_steps": row_steps,
             "steps": scenario.steps,
             "window_step": max(0, scenario.steps - round(FINAL_WINDOW_S / self.timestep)),
-            "bandwidth": scenario.reference.bandwidth,
-            "start": scenario.reference.start or scenario.initial.position,
+            "bandwidth": reference.bandwidth,
+            "start": reference.start or scenario.initial.position,
             "waypoints": len(waypoints),
             "epsilon": getattr(self.controller, "epsilon", DEFAULT_EPSILON),  # of each axis
             "speed_bound": SPEED_BOUND,

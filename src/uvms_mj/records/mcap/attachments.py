@@ -3,7 +3,6 @@
 The contents of the attachments are never executed and never written to disk.
 """
 
-import dataclasses
 import json
 import re
 from collections.abc import Mapping
@@ -92,7 +91,7 @@ def header_files(header: Header) -> dict[str, bytes]:
         format=FORMAT,
         vehicle=header.mjcf.name,
         row_steps=header.row_steps,
-        signals=tuple(_SignalEntry(**dataclasses.asdict(signal)) for signal in header.signals),
+        signals=tuple(_SignalEntry(s.name, s.shape, s.unit, s.frame, s.meaning) for s in header.signals),
         stages={name: _StageEntry(s.source, s.sha256, dict(s.states)) for name, s in header.sources.items()},
         analytic=None
         if isinstance(rest, NoClosedForm)
