@@ -141,5 +141,5 @@ def test_commands_of_the_docs_run(arguments, tmp_path):
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.name)
 def test_the_docs_show_the_examples_as_they_are(path):
-    code = path.read_text().split('"""\n\n', 1)[1].partition('\n\nif __name__')[0].strip()
+    code = path.read_text().split('"""\n\n', 1)[1].partition("\n\nif __name__")[0].strip()
     assert code in (ROOT / "docs" / "extending.md").read_text()
