@@ -16,7 +16,7 @@ import itertools
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, ClassVar
 
 import numpy as np
 from pydantic import AfterValidator
@@ -99,6 +99,7 @@ class FilteredSteps(Guidance):
     )
 
     name = "filtered_steps"
+    needs: ClassVar = ("initial",)
     _inner_keys: ClassVar = {"reference.waypoints": ("time", "position")}
 
     @property
