@@ -6,7 +6,7 @@ uvms-mj run --controller examples/integral_impedance.py:IntegralImpedance --set 
 from dataclasses import dataclass
 
 from uvms_mj import Controller, gain
-from uvms_mj.control.base import Positive
+from uvms_mj.quantities import Positive
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from uvms_mj import Actuation, setting
 from uvms_mj.actuation import pseudo_inverse
-from uvms_mj.control.base import Positive
+from uvms_mj.quantities import Positive
 
 
 @dataclass(frozen=True)

@@ -10,28 +10,35 @@ from importlib import import_module
 
 TYPE_CHECKING = False  # same as typing.TYPE_CHECKING, without the time to import typing
 if TYPE_CHECKING:
+    from .actuation import Actuation
     from .control import Controller, Fosm, Gsta, Ideal, Impedance, Sta, gain
     from .engine.native import Attachment, attach
     from .engine.run import LawError, SinkError, simulate
     from .engine.simulation import Diverged, Simulation
     from .errors import InputError
+    from .guidance import Guidance
+    from .navigation import Navigation
     from .records.header import Status
     from .records.mcap import McapLog
     from .records.trace import Trace
     from .scenario import Scenario
+    from .stages.base import setting
     from .studies.convergence import converge
 
 _HOME = {
+    "Actuation": "actuation",
     "Attachment": "engine.native",
     "Controller": "control",
     "Diverged": "engine.simulation",
     "Fosm": "control",
     "Gsta": "control",
+    "Guidance": "guidance",
     "Ideal": "control",
     "Impedance": "control",
     "InputError": "errors",
     "LawError": "engine.run",
     "McapLog": "records.mcap",
+    "Navigation": "navigation",
     "Scenario": "scenario",
     "Simulation": "engine.simulation",
     "SinkError": "engine.run",
@@ -41,20 +48,24 @@ _HOME = {
     "attach": "engine.native",
     "converge": "studies.convergence",
     "gain": "control",
+    "setting": "stages.base",
     "simulate": "engine.run",
 }
 
 __all__ = [
+    "Actuation",
     "Attachment",
     "Controller",
     "Diverged",
     "Fosm",
     "Gsta",
+    "Guidance",
     "Ideal",
     "Impedance",
     "InputError",
     "LawError",
     "McapLog",
+    "Navigation",
     "Scenario",
     "Simulation",
     "SinkError",
@@ -64,6 +75,7 @@ __all__ = [
     "attach",
     "converge",
     "gain",
+    "setting",
     "simulate",
 ]
 

@@ -151,9 +151,7 @@ class StageTable:
                 return
             own = type(stage).state_record(n)
             states = own.nbytes // 8 if state is None else 0
-            self.entries[table] = Entry(
-                stage, stage.record(setup), own if state is None else state, given, out, states
-            )
+            self.entries[table] = Entry(stage, stage.record(setup), own if state is None else state, given, out, states)
 
         add("navigation", scenario.navigation, true, part(self.signals, KNOWN))
         add("reference", scenario.reference, part(self.signals, CLOCK + KNOWN), part(self.signals, REFERENCE))
