@@ -1,6 +1,6 @@
-"""A reference: a horizontal circle through the start, at the attitude of the start.
+"""A reference: a horizontal circle through the start.
 
-uvms-mj run --set reference.name=examples/circle.py:Circle --set wall.position=5 --set simulation.duration=60
+uvms-mj run --set reference.name=examples/circle.py:Circle --set wall.position=5
 """
 
 import math
@@ -22,13 +22,13 @@ class Circle(Guidance):
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        hold(given, out)
+        hold(settings, given, out)
         radius, omega = settings.radius, settings.omega
         if given.instant == 0:
-            state.centre[0], state.centre[1], state.centre[2] = given.p_WB[0], given.p_WB[1] + radius, given.p_WB[2]
+            state.centre[:] = given.p_WB
+            state.centre[1] += radius
         sine, cosine = math.sin(omega * given.t), math.cos(omega * given.t)
         out.p_d[0] = state.centre[0] + radius * sine
         out.p_d[1] = state.centre[1] - radius * cosine
-        out.p_d[2] = state.centre[2]
         out.p_d_dot[0], out.p_d_dot[1] = radius * omega * cosine, radius * omega * sine
         out.p_d_ddot[0], out.p_d_ddot[1] = -radius * omega**2 * sine, radius * omega**2 * cosine

@@ -25,11 +25,11 @@ class IntegralImpedance(Controller):
         tau_cmd[:] = signals.tau_nom - gains.k_i * state.e
 
     def at_rest(self, setup):
-        """The pushing force at rest [N]. The state e is constant at rest, so that the residual is zero:
-        K_x (x_d - x) = F, with the wall's spring F = k_c (x - x_c)."""
-        scenario = setup.scenario
-        if any(scenario.reference.attitude_deg):
-            return "the formula is for a desired attitude along W"
-        x_d, x_c = scenario.reference.steps[-1].position[0], scenario.wall.position
-        K_x, k_c = scenario.impedance.K_d[0], scenario.wall.stiffness
-        return max(0.0, K_x * (x_d - x_c) / (1.0 + K_x / k_c))
+        """The pushing force at rest [N], with perfect sensing. The state e is constant at rest, so that the residual is
+        zero: K_x (x_d - x) = F, with the wall's spring F = k_c (x - x_c)."""
+        reference, wall = setup.scenario.reference, setup.scenario.wall
+        p_d = reference.rests_at()
+        if p_d is None or any(reference.attitude_deg):
+            return "the formula is for a reference that comes to rest with its attitude along W"
+        K_x = setup.scenario.impedance.K_d[0]
+        return max(0.0, K_x * (p_d[0] - wall.position) / (1.0 + K_x / wall.stiffness))

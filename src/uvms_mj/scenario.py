@@ -97,9 +97,9 @@ class Scenario:
 
         Args:
             scenario: path of a TOML file, or the name of a built-in scenario.
-            overrides: dotted keys with values that replace the file's, ``{"wall.stiffness": 1e4}``.
-            controller: name of a law, or ``path/to/my_law.py:MyLaw``; replaces the file's law. The file's gains are
-                kept only if they belong to this law.
+            overrides: dotted keys with values that replace the file's, ``{"wall.stiffness": 1e4}``. A stage's name
+                replaces the file's stage; the file's settings are kept only if they belong to it.
+            controller: name of a law, or ``path/to/my_law.py:MyLaw``: the same as ``controller.name``.
         """
         path = _scenario_path(scenario)
         try:
@@ -137,8 +137,11 @@ class Scenario:
             if not isinstance(tables.setdefault(name, {}), dict):
                 faults.append(Fault(name, f"{tables[name]!r} is not a table"))
                 tables[name] = {}
-        if controller is not None and not _is_that_laws(tables["controller"], controller):
-            tables["controller"] = {}
+        chosen = {name: (overrides or {}).get(f"{name}.name") for name in STAGES}
+        chosen["controller"] = chosen["controller"] or controller
+        for name, source in chosen.items():
+            if isinstance(source, str) and not _is_of(tables[name], name, source):
+                tables[name] = {}
         if controller is not None:
             tables["controller"]["name"] = controller
         old = _move_task_keys(tables["controller"], tables["task"], faults)
@@ -231,12 +234,16 @@ def _anchor(tables: dict[str, Any], folder: Path | None) -> None:
             tables[table][key] = str((folder / value).absolute())
 
 
-def _is_that_laws(table: Mapping[str, Any], controller: str) -> bool:
-    """Whether a [controller] table belongs to the law: by its name, or by its gains if it has no name."""
+def _is_of(table: Mapping[str, Any], name: str, source: str) -> bool:
+    """Whether a table of a file belongs to the stage of that name or path: by its name, or by its settings if it has no
+    name."""
     if "name" in table:
-        return _absolute(table["name"]) == _absolute(controller)
-    gains = {field.name for field in STAGES["controller"].stage_class(controller).setting_fields()}
-    return set(table) <= {*gains, *_TASK}
+        return _absolute(table["name"]) == _absolute(source)
+    try:
+        settings = {field.name for field in STAGES[name].stage_class(source).setting_fields()}
+    except InputError:
+        return False  # reported where the stage is loaded
+    return set(table) <= {*settings, *(_TASK if name == "controller" else ())}
 
 
 _TASK = tuple(f.name for f in dataclasses.fields(ImpedanceTask) if f.name != "period")
