@@ -15,9 +15,9 @@ from misbehave import trouble
 from misbehaving_laws import LATE, SET, cases, law
 from uvms_mj import Gsta, InputError, LawError, McapLog, Scenario, Trace, simulate
 from uvms_mj.engine.native.arena import MARGIN, Arena
-from uvms_mj.stages.signals import GIVEN, record_dtype
 from uvms_mj.engine.run import PlainPythonWarning
 from uvms_mj.records.header import Status
+from uvms_mj.stages.signals import GIVEN, record_dtype
 
 ALL = cases()
 SIGNALS, TAU_CMD = record_dtype(GIVEN), np.dtype(("f8", (6,)))
