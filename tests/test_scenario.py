@@ -183,6 +183,8 @@ def test_the_tasks_gains_keep_their_earlier_keys(tmp_path):
     assert scenario.task == wanted
     assert scenario.updated({"controller.F_1": 3.0}).task == ImpedanceTask(F_1=3.0, integral=True)
     assert scenario.updated({}, "fosm").task == wanted
+    with pytest.raises(InputError, match=r"task.period: 0.01 must be omitted: the task runs at controller.period"):
+        Scenario.load("push_wall", {"task.period": 0.01})
     for key in ("controller.F_2", "task.F_2"):
         with pytest.raises(InputError, match=f"{key}: .*invertible"):
             Scenario.load("push_wall", {key: 0.0})

@@ -97,9 +97,9 @@ class Scenario:
 
         Args:
             scenario: path of a TOML file, or the name of a built-in scenario.
-            overrides: dotted keys with values that replace the file's, ``{"wall.stiffness": 1e4}``. A stage's name
-                replaces the file's stage; the file's settings are kept only if they belong to it.
-            controller: name of a law, or ``path/to/my_law.py:MyLaw``: the same as ``controller.name``.
+            overrides: dotted keys with values that replace the file's, ``{"wall.stiffness": 1e4}``.
+            controller: name of a law, or ``path/to/my_law.py:MyLaw``; replaces the file's law. The file's gains are
+                kept only if they belong to this law, as are a table's settings if an override replaces its ``name``.
         """
         path = _scenario_path(scenario)
         try:
@@ -138,12 +138,11 @@ class Scenario:
                 faults.append(Fault(name, f"{tables[name]!r} is not a table"))
                 tables[name] = {}
         chosen = {name: (overrides or {}).get(f"{name}.name") for name in STAGES}
-        chosen["controller"] = chosen["controller"] or controller
-        for name, source in chosen.items():
-            if isinstance(source, str) and not _is_of(tables[name], name, source):
+        for name, source in (chosen | {"controller": chosen["controller"] or controller}).items():
+            if source is not None and not _is_of(tables[name], STAGES[name], source):
                 tables[name] = {}
-        if controller is not None:
-            tables["controller"]["name"] = controller
+            if source is not None:
+                tables[name]["name"] = source
         old = _move_task_keys(tables["controller"], tables["task"], faults)
         settings, replaced = _task_settings(overrides or {}, faults)
         for key, value in settings.items():
@@ -234,16 +233,15 @@ def _anchor(tables: dict[str, Any], folder: Path | None) -> None:
             tables[table][key] = str((folder / value).absolute())
 
 
-def _is_of(table: Mapping[str, Any], name: str, source: str) -> bool:
-    """Whether a table of a file belongs to the stage of that name or path: by its name, or by its settings if it has no
-    name."""
+def _is_of(table: Mapping[str, Any], choice: Choice, source: Any) -> bool:
+    """Whether a table belongs to a stage: by its name, or by its settings if it has no name."""
     if "name" in table:
         return _absolute(table["name"]) == _absolute(source)
     try:
-        settings = {field.name for field in STAGES[name].stage_class(source).setting_fields()}
-    except InputError:
-        return False  # reported where the stage is loaded
-    return set(table) <= {*settings, *(_TASK if name == "controller" else ())}
+        settings = {field.name for field in choice.stage_class(source).setting_fields()}
+    except InputError:  # reported when the stage is loaded
+        return True
+    return set(table) <= {*settings, *_TASK}
 
 
 _TASK = tuple(f.name for f in dataclasses.fields(ImpedanceTask) if f.name != "period")
@@ -273,9 +271,9 @@ def _task_settings(overrides: Mapping[str, Any], faults: list[Fault]) -> tuple[d
     return settings | {f"task.{key}": task[key] for key in replaced}, replaced
 
 
-def _absolute(law: Any) -> Any:
-    """The law with an absolute path, so that two spellings of one file compare equal."""
-    return str(Path(law).absolute()) if isinstance(law, str) and ".py:" in law else law
+def _absolute(source: Any) -> Any:
+    """The source with an absolute path, so that two spellings of one file compare equal."""
+    return str(Path(source).absolute()) if isinstance(source, str) and ".py:" in source else source
 
 
 def _override(tables: dict[str, Any], key: str, value: Any) -> list[Fault]:

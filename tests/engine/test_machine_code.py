@@ -11,7 +11,8 @@ import pytest
 
 from law_files import law_file, one_liner
 from uvms_mj import Scenario, simulate
-from uvms_mj.engine.native import compilation
+from uvms_mj.control import BUILT_IN
+from uvms_mj.engine.native import objects
 from uvms_mj.physics.kernels import kernels
 
 
@@ -20,11 +21,11 @@ def test_a_cache_folder_that_cannot_be_written_is_named_and_leaves_nothing(monke
     (tmp_path / "temporary").mkdir()
     code = """if True:
         import os, warnings
-        from uvms_mj.engine.native import compilation
+        from uvms_mj.engine.native import objects
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
-            folder = compilation._folder()
-            assert compilation._folder() == folder
+            folder = objects._folder()
+            assert objects._folder() == folder
         assert len(said) == 1, said
         assert folder.is_dir() and os.environ["UVMS_MJ_CACHE_DIR"] == str(folder)
         print(said[0].message)
@@ -40,17 +41,15 @@ def test_a_cache_folder_that_cannot_be_written_is_named_and_leaves_nothing(monke
 def test_numba_disable_jit_leaves_the_core_compiled(tmp_path):
     """Users set NUMBA_DISABLE_JIT to debug their laws. The core must compile even with an empty cache."""
     code = """if True:
-        import numba
-        assert numba.config.DISABLE_JIT == 1
-        from uvms_mj.engine.native.compilation import NotCompiled, native_function
-        def twice(a):
-            return 2 * a
-        assert native_function(twice, 1, True).ctypes(21) == 42
+        import sys
+        from uvms_mj import Scenario, simulate
+        from uvms_mj.engine.native.compilation import NotCompiled, native_law
+        assert simulate(Scenario.load("push_wall", {"simulation.duration": 0.01})).status.name == "completed"
+        assert "numba" not in sys.modules
         try:
-            native_function(twice, 1, True, self_contained=False)
+            native_law(1, [], lambda: None)
         except NotCompiled as error:
             print(error)
-        assert numba.config.DISABLE_JIT == 1
     """
     environment = os.environ | {"UVMS_MJ_CACHE_DIR": str(tmp_path), "NUMBA_DISABLE_JIT": "1"}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=120)
@@ -95,53 +94,53 @@ def test_an_edit_to_any_file_that_a_law_uses_is_seen_at_the_next_run(tmp_path):
 )
 def test_torn_facts_about_machine_code_are_compiled_again(tmp_path, monkeypatch, change):
     simulate(Scenario.load("push_wall", SHORT))
-    for file in compilation._folder().glob("*.json"):
+    for file in objects._folder().glob("*.json"):
         code, facts = file.with_suffix(".o").read_bytes(), json.loads(file.read_bytes())
-        if facts["externals"] and facts["sha256"] == compilation._digest(code, facts):
+        if facts["externals"] and facts["sha256"] == objects._digest(code, facts):
             break
-    monkeypatch.setattr(compilation, "_folder", lambda: tmp_path)
+    monkeypatch.setattr(objects, "_folder", lambda: tmp_path)
     (tmp_path / f"{file.stem}.o").write_bytes(code)
     (tmp_path / file.name).write_text(json.dumps(facts))
-    assert compilation._load(file.stem, True)
+    assert objects.load(file.stem)
     (tmp_path / file.name).write_text(json.dumps(change(facts)))
-    assert compilation._load(file.stem, True) is None
+    assert objects.load(file.stem) is None
 
 
 def test_what_a_killed_process_left_in_the_cache_is_forgotten_in_time(tmp_path, monkeypatch):
-    monkeypatch.setattr(compilation, "_folder", lambda: tmp_path)
-    monkeypatch.setattr(compilation, "_KEPT_OBJECTS", 1)
+    monkeypatch.setattr(objects, "_folder", lambda: tmp_path)
+    monkeypatch.setattr(objects, "_KEPT_OBJECTS", 1)
     left = tmp_path / "new-left"
     for name in ("new-left", "new-now", "new-then"):
         (tmp_path / name).mkdir()
     (left / "torn.o").write_bytes(b"x")
     os.utime(left, (0.0, 0.0))
-    compilation._keep("name", b"code", {})
+    objects.keep("name", b"code", "symbol", [])
     assert sorted(path.name for path in tmp_path.iterdir()) == ["name.json", "name.o", "new-now", "new-then"]
 
 
 def test_a_cache_that_takes_nothing_stops_no_run(monkeypatch):
     """In a missing folder, as on a full disk, no file can be written."""
-    monkeypatch.setattr(compilation, "_folder", lambda: Path("/nowhere/at/all"))
+    monkeypatch.setattr(objects, "_folder", lambda: Path("/nowhere/at/all"))
     assert simulate(Scenario.load("push_wall", SHORT)).status.name == "completed"
 
 
-_CONTRACT = ("base", "contract", "recorded", "loader")
-"""Modules of the contract of stages. Settings and states are in the fingerprint of each stage."""
-
-
 def test_the_fingerprint_covers_all_that_reaches_the_machine_code():
-    """The fingerprint has every kernel's file, and every file that such a file imports kernels or layouts from."""
-    package, core = compilation._PACKAGE, set(compilation._CORE)
-    for function in kernels:
-        assert str(Path(function.__code__.co_filename).relative_to(package)) in core, function
-    for name in core:
-        for node in ast.walk(ast.parse((package / name).read_text())):
+    """Every kernel's file is in the fingerprint, and every file of the package that such a file imports, directly or
+    not. Errors and validated types of settings aside, which compute nothing in a kernel."""
+    package = Path(objects.__file__).parents[2]
+    covered = {path for room in objects._ROOMS for path in (package / room).glob("*.py")}
+    found: set[Path] = set()
+    todo = [Path(function.__code__.co_filename) for function in kernels]
+    todo += [Path(law.law.__code__.co_filename) for law in BUILT_IN.values()]
+    assert len(todo) > 30
+    while todo:
+        path = todo.pop()
+        if path in found:
+            continue
+        found.add(path)
+        for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.ImportFrom) and node.level:
-                folder = (package / name).parents[node.level - 1]
-                module = folder / (node.module or "").replace(".", "/")
-                file = module.with_suffix(".py")
-                targets = [file] if file.is_file() else [module / f"{a.name}.py" for a in node.names]
-                for target in targets:
-                    imported = str(target.relative_to(package))
-                    settings = imported in ("errors.py", "files.py", "quantities.py") or target.stem in _CONTRACT
-                    assert imported in core or settings, (name, imported)
+                folder = path.parents[node.level - 1] / (node.module or "").replace(".", "/")
+                file = folder.with_suffix(".py")
+                todo += [file] if file.is_file() else [folder / f"{a.name}.py" for a in node.names]
+    assert {str(path.relative_to(package)) for path in found - covered} <= {"errors.py", "quantities.py", "files.py"}

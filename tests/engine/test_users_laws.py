@@ -94,10 +94,10 @@ def test_a_law_as_plain_python_gives_what_it_gives_compiled(monkeypatch):
     )
     compiled = simulate(scenario)
 
-    def refuse(controller):
+    def refuse(*_, **__):
         raise compilation.NotCompiled("for the test")
 
-    monkeypatch.setattr("uvms_mj.engine.native.closed_loop.compile_law", refuse)
+    monkeypatch.setattr("uvms_mj.engine.native.stage_table.compile_stage", refuse)
     with pytest.warns(PlainPythonWarning, match="for the test"):
         plain = simulate(scenario)
     assert plain.touches[-1] > 0
@@ -164,7 +164,7 @@ def test_a_law_derived_from_one_of_ours_is_a_users_law(tmp_path):
     path = law_file(tmp_path, body)
     scenario = Scenario.load("push_wall", SHORT, f"{path}:Mine")
     assert scenario.controller.label() == "Mine"
-    assert simulate(scenario).analytic.reason == "closed forms are known for the shipped laws only"
+    assert simulate(scenario).analytic.reason == "no closed form is known for this law"
     late = scenario.updated({"wall.stiffness": 1e6, "controller.period": 1e-3})  # of gsta, "limit-cycles"
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -185,10 +185,10 @@ def test_what_a_law_writes_on_its_signals_is_not_recorded_nor_kept(tmp_path, mon
     path = law_file(tmp_path, careful + "\n\n" + one_liner("Careless", slip))
     if not compiled:
 
-        def refuse(controller):
+        def refuse(*_, **__):
             raise compilation.NotCompiled("for the test")
 
-        monkeypatch.setattr("uvms_mj.engine.native.closed_loop.compile_law", refuse)
+        monkeypatch.setattr("uvms_mj.engine.native.stage_table.compile_stage", refuse)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PlainPythonWarning)
         ours, theirs = (simulate(Scenario.load("push_wall", SHORT, f"{path}:{n}")) for n in ("Careful", "Careless"))

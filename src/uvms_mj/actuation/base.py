@@ -5,7 +5,8 @@ from __future__ import annotations  # so that help(Actuation) shows short type n
 import dataclasses
 from typing import ClassVar
 
-from ..stages.base import Room, Stage
+from ..quantities import Step
+from ..stages.base import Room, Stage, shared
 from ..stages.signals import actuation_given, thruster_signal
 
 ACTUATION = Room(
@@ -22,6 +23,8 @@ ACTUATION = Room(
 class Actuation(Stage):
     """Base class of all actuation. ``given`` has the signals of :func:`uvms_mj.stages.signals.actuation_given`, and
     u (n,) is the thrust of each thruster [N]."""
+
+    period: Step | None = shared(None, "s", "period, a multiple of the time step; default: every step")
 
     room: ClassVar[Room] = ACTUATION
 

@@ -30,6 +30,7 @@ from pydantic import AfterValidator
 from ..errors import Fault, InputError
 from ..physics.fossen import matvec
 from ..physics.kernels import kernel
+from ..quantities import Step
 from ..stages.base import Room, Stage, shared
 from ..stages.signals import TASK, TASK_GIVEN
 from .base import Diagonal
@@ -55,12 +56,11 @@ _NegativeDiagonal = Annotated[Diagonal, AfterValidator(_not_positive)]
 class ImpedanceTask(Stage):
     """The impedance task: sliding variable s, state zeta and nominal control of the desired impedance.
 
-    Its period is that of the law.
-
     Raises:
         InputError: a gain has the wrong type or is out of range; all errors are reported together.
     """
 
+    period: Step | None = shared(None, "s", "must be omitted: the task runs at the control period")
     F_1: Diagonal = shared(1.0, "1/s", "gain of the pose error in s, eq. (14)")
     F_2: _NonzeroDiagonal = shared(1.0, "1", "gain of zeta in s, eq. (14)")
     A: _NegativeDiagonal = shared(-100.0, "1/s", "pole of zeta, eq. (15)")
@@ -74,6 +74,9 @@ class ImpedanceTask(Stage):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.period is not None:
+            fault = Fault("task.period", f"{self.period!r} must be omitted: the task runs at controller.period")
+            raise InputError([fault], "the gains of the task")
         if self.integral:  # with A = 0, eq. (20) integrates the impedance's residual
             if any(self.A) and self.A != (-100.0,) * 6:
                 fault = Fault("task.A", f"{list(self.A)!r} must be 0 or omitted if integral is true")

@@ -76,7 +76,7 @@ def _with(scenario: Scenario, tables: Mapping[str, Any]) -> Scenario:
 
 
 def _design_inputs(scenario: Scenario) -> tuple[Any, ...]:
-    return scenario.impedance, scenario.estimates, getattr(scenario.reference, "attitude_deg", None)
+    return scenario.impedance, scenario.estimates, scenario.reference.attitude_deg
 
 
 def _refuse_other_code(base: Scenario, scenario: Scenario) -> None:

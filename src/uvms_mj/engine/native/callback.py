@@ -5,7 +5,6 @@ joint-space inertia and before it uses it. The callback returns immediately if t
 """
 
 import functools
-from typing import NamedTuple
 
 from ...physics.contact import wrench_at_origin
 from ...physics.frames import body_velocity, to_world
@@ -115,19 +114,23 @@ def _finish(context):
     finish_step(context, loop_at(context.loop_at))
 
 
-class EntryPoints(NamedTuple):
-    """Machine code called by MuJoCo, or by Python between chunks."""
+class EntryPoints:
+    """Machine code called by MuJoCo, or by Python between chunks; each loaded or compiled at first use."""
 
-    control: NativeFunction
-    advance: NativeFunction
-    finish: NativeFunction
+    @functools.cached_property
+    def control(self) -> NativeFunction:
+        return native_function(_callback, ["i8", "i8"])
+
+    @functools.cached_property
+    def advance(self) -> NativeFunction:
+        return native_function(_advance, [CONTEXT, "i8"])
+
+    @functools.cached_property
+    def finish(self) -> NativeFunction:
+        return native_function(_finish, [CONTEXT])
 
 
 @functools.cache
 def entry_points() -> EntryPoints:
-    """The entry points, loaded or compiled at first use."""
-    return EntryPoints(
-        native_function(_callback, ["i8", "i8"]),
-        native_function(_advance, [CONTEXT, "i8"]),
-        native_function(_finish, [CONTEXT]),
-    )
+    """The entry points of this process."""
+    return EntryPoints()

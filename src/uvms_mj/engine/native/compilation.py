@@ -1,8 +1,8 @@
 """Compilation of pure Python functions to machine code before the run.
 
-A function marked as a kernel (:mod:`uvms_mj.physics.kernels`) stays a plain Python function. The package's own functions
-are translated by :mod:`.translator`, users' laws are compiled by numba (:mod:`.numba_code`). Both are kept on disk
-(:mod:`.objects`), so that a warm start compiles nothing and does not import numba.
+A function marked as a kernel (:mod:`uvms_mj.physics.kernels`) stays a plain Python function. The package's own
+functions are translated by :mod:`.translator`; numba compiles users' laws (:mod:`.numba_code`). Both are kept on disk
+(:mod:`.objects`), so a warm start compiles nothing, and imports numba only for a user's law.
 """
 
 import ctypes
@@ -10,6 +10,7 @@ import os
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import llvmlite.binding as llvm
@@ -47,7 +48,8 @@ def native_function(function: Any, parameters: Sequence[np.dtype | str]) -> Nati
     """
     dtypes = [np.dtype(each) for each in parameters]
     layout = [repr((each.descr, each.shape, each.isalignedstruct)) for each in dtypes]
-    name = object_name([f"{function.__module__}.{function.__qualname__}".encode(), *(each.encode() for each in layout)])
+    source = Path(function.__code__.co_filename).read_bytes()
+    name = object_name([source, function.__qualname__.encode(), *(each.encode() for each in layout)])
     with _lock:
         address = load(name) or _translated(function, dtypes, name)
     return _callable(address, len(dtypes))

@@ -5,15 +5,12 @@ import inspect
 import math
 import types
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any, NoReturn
 
 import numpy as np
 from llvmlite import ir
 
-POINTER, BYTE, WORD, DOUBLE, FLAG = ir.PointerType(), ir.IntType(8), ir.IntType(64), ir.DoubleType(), ir.IntType(1)
-INT, FLOAT, BOOL = np.dtype("i8"), np.dtype("f8"), np.dtype("?")
-SCALARS = {INT: WORD, FLOAT: DOUBLE, BOOL: FLAG}
+from .values import BOOL, BYTE, DOUBLE, FLAG, FLOAT, INT, NUMBERS, SCALARS, WORD, Kind, Value, scalar, view
 
 _MATH = {math.sqrt: "sqrt", math.exp: "exp", math.log: "log", math.sin: "sin", math.cos: "cos", np.sin: "sin"}
 _BITS = {"BitAnd": "and_", "BitXor": "xor", "LShift": "shl", "RShift": "ashr"}
@@ -22,44 +19,6 @@ _COMPARISONS = {"Lt": "<", "LtE": "<=", "Gt": ">", "GtE": ">=", "Eq": "==", "Not
 
 class Untranslatable(TypeError):
     """A kernel uses Python beyond the language of kernels."""
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A number or a record (structured dtype); with ``inner`` an array of them: its dimensions after the first."""
-
-    base: np.dtype
-    inner: tuple[int, ...] | None = None
-
-    @property
-    def llvm(self) -> list[ir.Type]:
-        """The types of the LLVM values that represent it: of an array, pointer and length."""
-        return [SCALARS.get(self.base, POINTER)] if self.inner is None else [POINTER, WORD]
-
-    @property
-    def is_number(self) -> bool:
-        return self.inner is None and self.base in SCALARS
-
-
-@dataclass(frozen=True)
-class Value:
-    """The LLVM values of a number, a record or an array."""
-
-    kind: Kind
-    llvm: tuple[ir.Value, ...]
-
-
-def scalar(value: ir.Value, base: np.dtype) -> Value:
-    """A number."""
-    return Value(Kind(base), (value,))
-
-
-def view(pointer: ir.Value, dtype: np.dtype) -> Value:
-    """The record or, if the dtype has a shape, the array at a pointer."""
-    if dtype.subdtype is None:
-        return Value(Kind(dtype), (pointer,))
-    base, shape = dtype.subdtype
-    return Value(Kind(base, tuple(shape[1:])), (pointer, WORD(shape[0])))
 
 
 INTRINSICS: dict[Any, Callable[[ir.IRBuilder, Sequence[ir.Value]], Value | None]] = {}
@@ -151,10 +110,10 @@ class Expressions:
         return getattr(self.known(node.value), node.attr, None) if isinstance(node, ast.Attribute) else None
 
     def constant(self, value: Any) -> Value:
-        for kinds, base in ((bool, BOOL), (int, INT), (float, FLOAT)):
-            if isinstance(value, kinds):
-                return scalar(SCALARS[base](value), base)
-        self.refuse(f"{value!r} is not a number")
+        base = NUMBERS.get(type(value))
+        if base is None:
+            self.refuse(f"{value!r} is not a number")
+        return scalar(SCALARS[base](value), base)
 
     def _Constant(self, node: ast.Constant) -> Value:
         return self.constant(node.value)
@@ -215,12 +174,12 @@ class Expressions:
             return scalar(self.at.not_(self.number(node.operand, BOOL)), BOOL)
         if not isinstance(node.op, ast.USub):
             self.refuse(f"kernels have no {type(node.op).__name__}")
-        if isinstance(node.operand, ast.Constant):
-            return self.constant(-node.operand.value)
         value = self.value(node.operand)
-        if value.kind.base == FLOAT:
-            return scalar(self.at.fneg(self.converted(value, FLOAT)), FLOAT)
-        return scalar(self.at.neg(self.converted(value, INT)), INT)
+        base = FLOAT if value.kind.base == FLOAT else INT
+        number = self.converted(value, base)
+        if isinstance(number, ir.Constant):
+            return self.constant(-number.constant)
+        return scalar((self.at.fneg if base == FLOAT else self.at.neg)(number), base)
 
     def _Compare(self, node: ast.Compare) -> Value:
         if len(node.ops) != 1 or type(node.ops[0]).__name__ not in _COMPARISONS:

@@ -12,7 +12,7 @@ from ...control.tracking import tracking_errors
 from ...navigation.truth import reveal
 from ...physics.model import model_wrenches
 from ...stages.base import Room, Stage
-from ...stages.signals import CLOCK, TASK_GIVEN, TRUE, TRUTH
+from ...stages.signals import CLOCK, ERRORS, ESTIMATES, KNOWN, REFERENCE, TRUE, TRUTH
 
 
 def coefficients(setup: Any, coriolis: float = 1.0, damping: float = 1.0, restoring: float = 1.0) -> dict[str, Any]:
@@ -33,20 +33,26 @@ def coefficients(setup: Any, coriolis: float = 1.0, damping: float = 1.0, restor
 
 @dataclass(frozen=True)
 class Tracking(Stage):
-    """Tracking errors and estimates. ``out`` is the beginning of the law's signals, and has the measurements too."""
+    """Tracking errors and estimates."""
 
     name = "tracking"
-    needs: ClassVar = ("estimates",)
-    room: ClassVar[Room] = Room("control", "tracking", lambda thrusters: CLOCK, TASK_GIVEN)
+    needs: ClassVar = ("estimates", "design")
+    room: ClassVar[Room] = Room("control", "tracking", lambda thrusters: CLOCK + KNOWN + REFERENCE, ERRORS + ESTIMATES)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
         factors = setup.scenario.estimates
-        return coefficients(setup, factors.coriolis, factors.damping, factors.restoring)
+        return {
+            **coefficients(setup, factors.coriolis, factors.damping, factors.restoring),
+            "M_hat": setup.design.M_hat,
+        }
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        tracking_errors(out)
-        model_wrenches(settings, out.nu, out.R_WB, out.C_hat_nu, out.D_hat_nu, out.g_hat)
+        tracking_errors(given, out)
+        for i in range(6):
+            for j in range(6):
+                out.M_hat[i, j] = settings.M_hat[i, j]
+        model_wrenches(settings, given.nu, given.R_WB, out.C_hat_nu, out.D_hat_nu, out.g_hat)
 
 
 @dataclass(frozen=True)
@@ -58,8 +64,11 @@ class Truth(Stage):
     room: ClassVar[Room] = Room("navigation", "truth", lambda thrusters: CLOCK + TRUE, TRUTH)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
-        return coefficients(setup)
+        return {**coefficients(setup), "M": setup.design.M}
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
+        for i in range(6):
+            for j in range(6):
+                out.M[i, j] = settings.M[i, j]
         reveal(settings, state, given, out, out.g_eta)

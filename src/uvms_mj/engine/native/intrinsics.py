@@ -6,9 +6,10 @@ import numpy as np
 from llvmlite import ir
 
 from . import memory
-from .expressions import FLOAT, INT, INTRINSICS, POINTER, WORD, Kind, Value, scalar
+from .expressions import INTRINSICS
 from .layouts import CLOCKS, CONTEXT, LOOP, STAGE
 from .translator import translate
+from .values import FLOAT, INT, POINTER, WORD, Kind, Value, scalar
 
 __all__ = ["translate"]
 

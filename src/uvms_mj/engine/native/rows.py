@@ -46,11 +46,11 @@ def recorded(
         found += [(signal, stages.signals[signal.name.removesuffix("_m")]) for signal in MEASURED]
     found.append((thruster_signal(len(u)), u))
     own = [each for each in stages.states() if each[1] != "zeta" or not isinstance(each[0], ImpedanceTask)]
-    check_states(own)
+    check_states([(stage, name) for stage, name, _ in own])
     return found + [(state_signal(stage, name, memory.size), memory) for stage, name, memory in own]
 
 
-def check_states(states: Sequence[tuple[Stage, str, np.ndarray]]) -> None:
+def check_states(states: Sequence[tuple[Stage, str]]) -> None:
     """Refuse states that can't be recorded under their names.
 
     Raises:
@@ -58,13 +58,13 @@ def check_states(states: Sequence[tuple[Stage, str, np.ndarray]]) -> None:
     """
     taken = {signal.name for signal in (*RECORDED, *MEASURED, thruster_signal(0))} | _ATTRIBUTES
     faults: dict[Stage, list[Fault]] = {}
-    for stage, name, _ in states:
+    for stage, name in states:
         if name in taken:
             wrong = "is the name of a recorded signal or of an attribute; choose another"
         elif not name.isidentifier():
             wrong = "is not an identifier"
         else:
-            others = [other.label() for other, same, _ in states if same == name and other is not stage]
+            others = [other.label() for other, same in states if same == name and other is not stage]
             wrong = f"is also the name of a state of {others[0]}; choose another" if others else ""
         if wrong:
             faults.setdefault(stage, []).append(Fault(f"states[{name!r}]", wrong))

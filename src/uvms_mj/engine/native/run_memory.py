@@ -171,11 +171,8 @@ def write_initial(memory: RunMemory, setup: Setup) -> None:
 
 def write_design(memory: RunMemory, setup: Setup) -> None:
     signals, design, impedance = memory.stages.signals, setup.design, setup.scenario.impedance
-    signals["M_hat"], signals["M_d"], signals["D_d"] = design.M_hat, design.M_d, design.D_d
-    signals["K_d"] = np.diag(design.K_d)
+    signals["M_d"], signals["D_d"], signals["K_d"] = design.M_d, design.D_d, np.diag(design.K_d)
     signals["K_f"], signals["F_d"] = impedance.K_f, impedance.F_d
-    if "truth" in memory.stages.entries:
-        signals["M"] = design.M
 
 
 def write_control(memory: RunMemory, setup: Setup) -> None:

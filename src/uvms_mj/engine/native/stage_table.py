@@ -11,7 +11,7 @@ from ...analysis.setup import Setup
 from ...errors import Fault, InputError
 from ...scenario import Scenario
 from ...stages.base import Stage, is_shipped, packs_itself, random_key
-from ...stages.signals import CLOCK, KNOWN, REFERENCE, TASK, TASK_GIVEN, TRUTH, Signal, record_dtype
+from ...stages.signals import CLOCK, ERRORS, ESTIMATES, KNOWN, REFERENCE, TASK, TASK_GIVEN, TRUTH, Signal, record_dtype
 from .arena import MARGIN, NEARBY, Arena
 from .compilation import NotCompiled
 from .inner_stages import Tracking, Truth
@@ -155,7 +155,12 @@ class StageTable:
 
         add("navigation", scenario.navigation, true, part(self.signals, KNOWN))
         add("reference", scenario.reference, part(self.signals, CLOCK + KNOWN), part(self.signals, REFERENCE))
-        add("tracking", Tracking(), part(self.signals, CLOCK), part(self.signals, TASK_GIVEN))
+        add(
+            "tracking",
+            Tracking(),
+            part(self.signals, CLOCK + KNOWN + REFERENCE),
+            part(self.signals, ERRORS + ESTIMATES),
+        )
         if type(controller).uses_task:
             add("task", scenario.task, part(self.signals, TASK_GIVEN), part(self.signals, TASK))
         if type(controller).uses_truth:

@@ -18,9 +18,8 @@ from collections.abc import Sequence
 import numpy as np
 from llvmlite import ir
 
-from .expressions import BOOL, BYTE, FLAG, FLOAT, INT, POINTER, SCALARS, WORD, Expressions, Kind, Value, scalar, view
-
-_RETURNS = {int: INT, float: FLOAT, bool: BOOL}
+from .expressions import Expressions
+from .values import BOOL, BYTE, FLAG, INT, NUMBERS, POINTER, SCALARS, WORD, Kind, Value, scalar, view
 
 
 def translate(function: types.FunctionType, parameters: Sequence[np.dtype], name: str) -> ir.Module:
@@ -54,7 +53,7 @@ class _Unit:
     def call(self, builder: ir.IRBuilder, function: types.FunctionType, arguments: Sequence[Value]) -> Value | None:
         kinds = tuple(argument.kind for argument in arguments)
         if (function, kinds) not in self._done:
-            returns = _RETURNS.get(inspect.get_annotations(function, eval_str=True).get("return"))
+            returns = NUMBERS.get(inspect.get_annotations(function, eval_str=True).get("return"))
             result = ir.VoidType() if returns is None else SCALARS[returns]
             signature = ir.FunctionType(result, [each for kind in kinds for each in kind.llvm])
             code = ir.Function(self.module, signature, self.module.get_unique_name(f"{function.__name__}."))
