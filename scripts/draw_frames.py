@@ -18,6 +18,7 @@ from matplotlib.transforms import Affine2D
 
 from uvms_mj import Scenario
 from uvms_mj.analysis.setup import set_up
+from uvms_mj.guidance import FilteredSteps
 
 OUT = Path(__file__).parents[1] / "docs" / "frames.svg"
 INK, BODY, MOVE = "#1f2933", "#0b5cad", "#7b4fa3"
@@ -110,7 +111,7 @@ def poses(ax: Axes, scenario: Scenario, reach: float) -> None:
 
 def contact(ax: Axes, scenario: Scenario, reach: float) -> None:
     """Draw the vehicle in contact. The depth of the target, a centimetre, is drawn larger than to scale."""
-    x_c, face, target = scenario.wall.position, scenario.wall.position + reach, scenario.reference.target[0]
+    x_c, face, target = scenario.wall.position, scenario.wall.position + reach, FilteredSteps().target[0]
     drawn_target = x_c + 0.05
     wall(ax, face, -0.5, 0.5)
     vehicle(ax, (x_c, 0), 0.0, reach)

@@ -7,6 +7,7 @@ import numpy as np
 
 from uvms_mj import Gsta, Scenario
 from uvms_mj.analysis.setup import set_up
+from uvms_mj.guidance import FilteredSteps
 
 
 def skew(a):
@@ -29,8 +30,9 @@ class NumpyLoop:
         self.v_c_W = np.array(scenario.current.velocity_W)
         self.M_d_inv, self.B_pinv = np.linalg.inv(self.design.M_d), np.linalg.pinv(self.vehicle.B)
         self.k_c = scenario.wall.stiffness
-        self.start, self.omega_n = np.array(scenario.initial.position), scenario.reference.bandwidth
-        self.target = np.array(scenario.reference.target) - self.start
+        reference = FilteredSteps()
+        self.start, self.omega_n = np.array(scenario.initial.position), reference.bandwidth
+        self.target, self.A = np.array(reference.target) - self.start, np.array(scenario.task.A)
         self.buoyancy_W = -self.vehicle.displaced_mass * self.model.opt.gravity
         self.zeta, self.z = np.zeros(6), np.zeros(6)
         self.chunk(warm_up_steps)
@@ -67,7 +69,7 @@ class NumpyLoop:
         U = 0.5 * (quat[0] * np.eye(3) + skew(quat[1:]))
         eta_e_dot = np.concatenate([nu_e[:3], U @ nu_e[3:]])
         s = nu_e + eta_e + self.zeta
-        A = np.array(g.A)
+        A = self.A
         zeta_dot = A * self.zeta + w + A * eta_e + A * nu_e - eta_e_dot
         C_A, C_RB = self.C(nu)
         g_eta = -np.concatenate([R.T @ (self.buoyancy_W + v.mass * model.opt.gravity), np.zeros(3)])

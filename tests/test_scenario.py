@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from uvms_mj import Fosm, Gsta, InputError, Scenario
+from uvms_mj.control import ImpedanceTask
 from uvms_mj.files import parse_setting
 from uvms_mj.scenario import keys
 
@@ -123,9 +124,13 @@ def test_a_scenario_that_does_not_exist_is_said_so():
 
 def test_the_files_gains_are_kept_only_if_they_are_that_laws(tmp_path):
     path = write(tmp_path, "[controller]\nname = 'gsta'\nk_1 = 8.0\nA = -50.0")
-    assert Scenario.load(path).controller == Gsta(k_1=8.0, A=-50.0)
-    assert Scenario.load(path, controller="gsta").controller == Gsta(k_1=8.0, A=-50.0)
-    assert Scenario.load(path, controller="fosm").controller == Fosm()
+    for controller in (None, "gsta"):
+        scenario = Scenario.load(path, controller=controller)
+        assert scenario.controller == Gsta(k_1=8.0)
+        assert scenario.task == ImpedanceTask(A=-50.0)
+    other = Scenario.load(path, controller="fosm")
+    assert other.controller == Fosm()
+    assert other.task == ImpedanceTask()
     assert Scenario.load(path, {"controller.K_s": 3.0}, "fosm").controller == Fosm(K_s=3.0)
 
 
@@ -165,8 +170,42 @@ def test_gains_are_checked_at_construction():
     with pytest.raises(InputError, match="k_1"):
         Gsta(k_1=float("nan"))
     with pytest.raises(InputError, match="has 2 values; 6 are needed"):
-        Gsta(A=(-1.0, -2.0))
-    assert Gsta(A=-50.0).A == (-50.0,) * 6
+        ImpedanceTask(A=(-1.0, -2.0))
+    assert ImpedanceTask(A=-50.0).A == (-50.0,) * 6
+
+
+def test_the_tasks_gains_keep_their_earlier_keys(tmp_path):
+    """controller.F_1 is the earlier name of task.F_1: in a file, as an override of either, and in messages."""
+    old, new = (write(tmp_path, f"[{table}]\nF_1 = 2.0\nintegral = true") for table in ("controller", "task"))
+    wanted = ImpedanceTask(F_1=2.0, integral=True)
+    assert Scenario.load(old).task == Scenario.load(new).task == wanted
+    scenario = Scenario.load("push_wall", {"controller.F_1": 2.0, "task.integral": True})
+    assert scenario.task == wanted
+    assert scenario.updated({"controller.F_1": 3.0}).task == ImpedanceTask(F_1=3.0, integral=True)
+    assert scenario.updated({}, "fosm").task == wanted
+    with pytest.raises(InputError, match=r"task.period: 0.01 must be omitted: the task runs at controller.period"):
+        Scenario.load("push_wall", {"task.period": 0.01})
+    for key in ("controller.F_2", "task.F_2"):
+        with pytest.raises(InputError, match=f"{key}: .*invertible"):
+            Scenario.load("push_wall", {key: 0.0})
+
+
+def test_a_task_key_under_both_names_must_have_one_value(tmp_path):
+    both = "[controller]\nA = -50.0\n[task]\nA = {}"
+    assert Scenario.load(write(tmp_path, both.format(-50.0))).task == ImpedanceTask(A=-50.0)
+    with pytest.raises(InputError, match=r"task.A: is -60.0, but controller.A, the earlier name.*is -50.0"):
+        Scenario.load(write(tmp_path, both.format(-60.0)))
+    with pytest.raises(InputError, match=r"task.F_1: is 3.0, but controller.F_1.*is 2.0"):
+        Scenario.load("push_wall", {"controller.F_1": 2.0, "task.F_1": 3.0})
+    path = write(tmp_path, "[controller]\nA = -50.0")
+    assert Scenario.load(path, {"task.A": -60.0}).task == ImpedanceTask(A=-60.0)
+
+
+def test_the_seed_is_a_whole_number():
+    assert Scenario.load("push_wall", {"simulation.seed": 7}).simulation.seed == 7
+    for seed in (-1, 1.5, "x", True):
+        with pytest.raises(InputError, match=r"simulation\.seed"):
+            Scenario.load("push_wall", {"simulation.seed": seed})
 
 
 def test_a_message_stays_short():

@@ -9,16 +9,21 @@ print(trace.push[-1])
 from importlib import import_module
 
 _HOME = {
+    "Actuation": "actuation",
     "Attachment": "engine.native",
     "Controller": "control",
+    "Diverged": "engine.simulation",
     "Fosm": "control",
     "Gsta": "control",
+    "Guidance": "guidance",
     "Ideal": "control",
     "Impedance": "control",
     "InputError": "errors",
     "LawError": "engine.run",
     "McapLog": "records.mcap",
+    "Navigation": "navigation",
     "Scenario": "scenario",
+    "Simulation": "engine.simulation",
     "SinkError": "engine.run",
     "Sta": "control",
     "Status": "records.header",
@@ -26,6 +31,7 @@ _HOME = {
     "attach": "engine.native",
     "converge": "studies.convergence",
     "gain": "control",
+    "setting": "stages.base",
     "simulate": "engine.run",
 }
 """The public names, each with its module."""
@@ -34,6 +40,7 @@ __all__ = sorted(_HOME)
 
 TYPE_CHECKING = False  # same as typing.TYPE_CHECKING, without the time to import typing
 if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the name is public
+    from .actuation import Actuation as Actuation
     from .control import Controller as Controller
     from .control import Fosm as Fosm
     from .control import Gsta as Gsta
@@ -46,11 +53,16 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .engine.run import LawError as LawError
     from .engine.run import SinkError as SinkError
     from .engine.run import simulate as simulate
+    from .engine.simulation import Diverged as Diverged
+    from .engine.simulation import Simulation as Simulation
     from .errors import InputError as InputError
+    from .guidance import Guidance as Guidance
+    from .navigation import Navigation as Navigation
     from .records.header import Status as Status
     from .records.mcap import McapLog as McapLog
     from .records.trace import Trace as Trace
     from .scenario import Scenario as Scenario
+    from .stages.base import setting as setting
     from .studies.convergence import converge as converge
 
 

@@ -9,14 +9,14 @@ import pytest
 
 from law_files import law_file, one_liner
 from uvms_mj import Gsta, InputError, Scenario, simulate
-from uvms_mj.control import BUILT_IN, Ideal, Impedance
+from uvms_mj.control import BUILT_IN, Ideal, Impedance, ImpedanceTask
 
 SHORT = {"simulation.duration": 0.2}
 
 
 @pytest.mark.parametrize("law", BUILT_IN)
 def test_built_in_laws_have_documented_gains(law):
-    for field in BUILT_IN[law].gain_fields():
+    for field in BUILT_IN[law].setting_fields():
         assert field.metadata["unit"], field.name
         assert field.metadata["meaning"], field.name
 
@@ -75,7 +75,7 @@ def test_standard_super_twisting_is_gsta_without_linear_terms():
 
 @pytest.mark.parametrize("A", [0.0, [0.0] * 6])
 def test_the_integral_sliding_variable_has_no_pole(A):
-    assert Gsta(integral=True, A=A).A == (0.0,) * 6
-    assert Gsta(integral=True) == Gsta(integral=True, A=A)
+    assert ImpedanceTask(integral=True, A=A).A == (0.0,) * 6
+    assert ImpedanceTask(integral=True) == ImpedanceTask(integral=True, A=A)
     with pytest.raises(InputError, match="if integral is true"):
-        Gsta(integral=True, A=-50.0)
+        ImpedanceTask(integral=True, A=-50.0)

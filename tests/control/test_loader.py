@@ -4,7 +4,7 @@ import pytest
 
 from law_files import law_file, one_liner
 from uvms_mj import Controller, Gsta, InputError, Scenario, Trace, simulate
-from uvms_mj.engine.native.closed_loop import law_signals
+from uvms_mj.engine.native.rows import check_states
 
 SHORT = {"simulation.duration": 0.2}
 
@@ -52,7 +52,7 @@ def test_a_state_may_not_take_the_name_of_a_recorded_signal(tmp_path):
 @pytest.mark.parametrize("name", sorted({name for name in dir(Trace) if name[0] != "_"}))
 def test_a_state_may_not_hide_what_a_trace_has(name):
     with pytest.raises(InputError, match=f"'{name}'.*is the name of"):
-        law_signals(type("Hiding", (Controller,), {"states": {name: 1}})())
+        check_states([(type("Hiding", (Controller,), {"states": {name: 1}})(), name)])
 
 
 def test_updating_a_scenario_keeps_a_law_that_has_no_file():

@@ -5,12 +5,12 @@ import re
 
 import numpy as np
 import pytest
+from uvms_mj.engine.native.laws import TAU_CMD
 
 from uvms_mj.control import BUILT_IN
 from uvms_mj.engine.native.compilation import native_function
 from uvms_mj.engine.native.expressions import Untranslatable
 from uvms_mj.engine.native.intrinsics import translate
-from uvms_mj.engine.native.laws import TAU_CMD
 from uvms_mj.engine.native.layouts import SIGNALS, SIGNALS_AND_TRUTH
 from uvms_mj.scenario import Scenario
 

@@ -31,7 +31,7 @@ class MyGsta(Controller):
         root = np.sqrt(np.abs(s)) * np.sign(s)
         tau_gsta = -gains.k_1 * (root + gains.beta * s) + state.z
         state_dot.z[:] = -gains.k_2 * (0.5 * np.sign(s) + 1.5 * gains.beta * root + gains.beta**2 * s)
-        tau_cmd[:] = signals.tau_nom + signals.M_hat @ (tau_gsta - gains.A * s)
+        tau_cmd[:] = signals.tau_nom + signals.M_hat @ (tau_gsta - signals.A * s)
 '''
 
 
@@ -94,10 +94,10 @@ def test_a_law_as_plain_python_gives_what_it_gives_compiled(monkeypatch):
     )
     compiled = simulate(scenario)
 
-    def refuse(controller):
+    def refuse(*_, **__):
         raise compilation.NotCompiled("for the test")
 
-    monkeypatch.setattr("uvms_mj.engine.native.closed_loop.compile_law", refuse)
+    monkeypatch.setattr("uvms_mj.engine.native.stage_table.compile_stage", refuse)
     with pytest.warns(PlainPythonWarning, match="for the test"):
         plain = simulate(scenario)
     assert plain.touches[-1] > 0
@@ -185,10 +185,10 @@ def test_what_a_law_writes_on_its_signals_is_not_recorded_nor_kept(tmp_path, mon
     path = law_file(tmp_path, careful + "\n\n" + one_liner("Careless", slip))
     if not compiled:
 
-        def refuse(controller):
+        def refuse(*_, **__):
             raise compilation.NotCompiled("for the test")
 
-        monkeypatch.setattr("uvms_mj.engine.native.closed_loop.compile_law", refuse)
+        monkeypatch.setattr("uvms_mj.engine.native.stage_table.compile_stage", refuse)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PlainPythonWarning)
         ours, theirs = (simulate(Scenario.load("push_wall", SHORT, f"{path}:{n}")) for n in ("Careful", "Careless"))

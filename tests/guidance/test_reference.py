@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from uvms_mj.guidance.reference import filtered_steps
+from uvms_mj.guidance.filtered_steps import filtered_steps
 
 
 def evaluate(t, start, times, positions, bandwidth):

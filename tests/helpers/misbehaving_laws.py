@@ -107,12 +107,12 @@ def overruns() -> dict[str, Case]:
         ("state.eta", (3, 4, 2000, 130_000)),
         ("state_dot.eta", (3, 12, 600, 131_000)),
         ("signals.zeta", (400, 10_000, 131_000)),
-        ("gains.A", (7, 50, 131_000)),
+        ("gains.three", (7, 50, 131_000)),
         ("tau_cmd", (-1, -8, -300, -131_071)),
         ("state.xi", (-1, -9, -4000, -131_000)),
         ("state_dot.xi", (-1, -70, -131_000)),
         ("signals.p_WB", (-3, -90, -131_000)),
-        ("gains.F_1", (-1, -2, -500, -131_000)),
+        ("gains.three", (-1, -2, -500, -131_000)),
     ]
     found = {}
     for array, reaches in places:
@@ -205,7 +205,7 @@ def numbers() -> dict[str, Case]:
         "rebound": ("tau_cmd = signals.tau_nom", "must fill all six entries"),
         "empty array read": (f"{SET}tau_cmd[0] = np.max(np.zeros(0))", "your law Law .*raised"),
         "gain": (f"{LATE}gains.k = 3.0", "changed its gain k from 5.0 to 3.0"),
-        "gain of all": (f"{LATE}gains.F_1[2] = 3.0", "changed its gain F_1"),
+        "number of a gain": (f"{LATE}gains.three[2] = 0.0", "changed its gain three"),
         "gains of an array": (f"{LATE}gains.three[:] = 0.0", "changed its gain three"),
         "flag": (f"{LATE}gains.flag = False", "changed its gain flag"),
         "gain to nan": (f"{LATE}gains.k = np.nan", "changed its gain k"),

@@ -9,7 +9,7 @@ from mutated_logs import log
 from mutated_values import TOKENS, Case, Random, mild, mutated_bytes, value
 from mutated_vehicles import vehicle
 from uvms_mj import Scenario
-from uvms_mj.control.loader import BUILT_IN
+from uvms_mj.control import BUILT_IN
 from uvms_mj.scenario import keys
 
 SHORT = {"simulation.duration": 0.004}
@@ -30,7 +30,7 @@ def _key(rng: Random, law: str) -> str:
     """A key of a scenario, in most cases one that exists."""
     if rng.random() < 0.1:
         return rng.choice(_UNKNOWN)
-    gains = tuple(f"controller.{f.name}" for f in BUILT_IN[law].gain_fields())
+    gains = tuple(f"controller.{f.name}" for f in BUILT_IN[law].setting_fields())
     return rng.choice((*_KEYS, *gains, "name", "description"))
 
 

@@ -14,9 +14,9 @@ import pytest
 
 from command import run
 from recorded import rewritten
-from uvms_mj import InputError, Trace
-from uvms_mj.control.recorded import recorded_law
+from uvms_mj import Controller, InputError, Trace
 from uvms_mj.records.mcap.attachments import refuse_large
+from uvms_mj.stages.recorded import recorded_stage
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_a_forged_log_is_refused_and_writes_nothing(logged, tmp_path, change):
 def test_a_recorded_law_has_gains_with_names_that_python_can_tell_apart():
     for table in ({"ℯ": 1.0, "e": 1.0}, {"class": 1.0}, {"__init__": 1.0}, {"x": "text"}, {"1": 1.0}):
         with pytest.raises(InputError, match=r"a\.py:B"):
-            recorded_law("a.py:B", table, {})
+            recorded_stage(Controller, "a.py:B", table, {})
 
 
 def test_opening_a_forged_log_imports_no_file_that_it_names(logged, tmp_path, monkeypatch):

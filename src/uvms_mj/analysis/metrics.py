@@ -1,6 +1,7 @@
 """Metrics of a trace. All are pure functions."""
 
 import itertools
+import math
 
 import numpy as np
 
@@ -123,9 +124,10 @@ def impact_impulse(trace: Trace) -> float | None:
 
 
 def steady_force_error(trace: Trace) -> float | None:
-    """:func:`final_force` minus :func:`.rest.demanded_force` [N]."""
+    """:func:`final_force` minus :func:`.rest.demanded_force` [N]; None if there is no final force or no demand."""
     final, _ = final_force(trace)
-    return None if final is None else final - demanded_force(trace.scenario)
+    error = math.nan if final is None else final - demanded_force(trace.scenario)
+    return None if math.isnan(error) else error
 
 
 def control_effort(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndarray:

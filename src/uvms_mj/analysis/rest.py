@@ -18,7 +18,7 @@ def demanded_force(scenario: Scenario, k_c: float | None = None) -> float:
 
     For the paper's K_f = I, F_d = 0 this is K_x (x_d - x_c) / (1 + K_x / k_c), and K_x (x_d - x_c) for a rigid wall. If
     K_d is zero along n, it is the force demanded by F_d. F_d must be without moments. The result is infinite for a
-    rigid wall and K_f = 0.
+    rigid wall and K_f = 0, and NaN for a reference that does not come to rest.
 
     Args:
         scenario: with reference, wall and impedance.
@@ -34,6 +34,9 @@ def demanded_force(scenario: Scenario, k_c: float | None = None) -> float:
         forces = -F_d[limp] / n[limp]
         return max(0.0, float(forces[0])) if K_f[limp].all() and np.ptp(forces) < 1e-9 else 0.0
     give = K_f / K_d
-    distance = reference.steps[-1].position[0] - wall.position - float(n @ (give * F_d))
+    target = reference.rests_at()
+    if target is None:
+        return math.nan
+    distance = target[0] - wall.position - float(n @ (give * F_d))
     yielding = float(n @ (give * n)) + 1.0 / (wall.stiffness if k_c is None else k_c)
     return max(0.0, distance / yielding) if yielding > 0.0 else math.inf if distance > 0.0 else 0.0

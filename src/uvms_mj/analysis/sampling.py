@@ -1,39 +1,55 @@
 """Checks of a run before its first step: errors, and warnings of a sampled loop that chatters or limit-cycles."""
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 
 import numpy as np
 
-from ..control.loader import has_built_in_law
 from ..control.sampled import zeta_limit
-from ..control.theory import law_notes
+from ..control.theory import stage_notes
 from ..errors import Fault, InputError
 from ..physics.dissipation import damping_notes
 from ..scenario import Scenario
+from ..stages.base import is_shipped
 from .ranges import aliased
 from .setup import Setup
 from .wall import wall_faults, wall_notes
 
 DEFAULT_LOG_RATE = 1000.0
-_FASTEST = 0.5
-"""Largest bandwidth times control period [rad] at which the law sees the reference as a motion, not as a jump."""
+_CHECKED = ("wall", "design", "simulation", "disturbance")
 
 
 class SamplingWarning(UserWarning):
     """The controller chatters or limit-cycles at this time step or with these gains."""
 
 
-def check(setup: Setup) -> list[str]:
-    """Raise for a scenario that cannot run; return warnings for one that runs badly.
+def refuse(setup: Setup, touched: Container[str] = _CHECKED) -> None:
+    """Raise for a scenario that cannot run.
+
+    Args:
+        setup: the scenario, its plant and its design.
+        touched: what has changed since the last check: tables of the scenario, or "design".
 
     Raises:
-        InputError: for example, the wall is too stiff for the time step, or the control period is not a multiple of it.
+        InputError: for example, the wall is too stiff for the time step, or a period is not a multiple of it.
     """
-    scenario, vehicle = setup.scenario, setup.vehicle
-    faults = [*wall_faults(setup), *_law_faults(scenario), *aliased(scenario)]
+    scenario, faults = setup.scenario, list(_stage_faults(setup.scenario))
+    if any(table in touched for table in ("wall", "design", "simulation")):
+        faults += wall_faults(setup)
+    if any(table in touched for table in ("disturbance", "simulation")):
+        faults += aliased(scenario)
     if faults:
         raise InputError(faults, "scenario")
-    notes = [*wall_notes(setup), *_sampling_notes(setup), *law_notes(setup)]
+
+
+def warnings_of(setup: Setup) -> list[str]:
+    """Warnings for a scenario that runs badly."""
+    scenario, vehicle = setup.scenario, setup.vehicle
+    notes = [
+        *wall_notes(setup),
+        *stage_notes(scenario.reference, setup),
+        *_sampling_notes(setup),
+        *stage_notes(scenario.controller, setup),
+    ]
     rank = np.linalg.matrix_rank(vehicle.B)
     if rank < 6:
         notes.append(
@@ -43,28 +59,24 @@ def check(setup: Setup) -> list[str]:
     return notes + damping_notes(vehicle.body, vehicle.D_linear, vehicle.D_quadratic)
 
 
-def _law_faults(scenario: Scenario) -> Iterator[Fault]:
-    controller, h = scenario.controller, scenario.simulation.timestep
-    if controller.uses_truth and not has_built_in_law(controller):
+def _stage_faults(scenario: Scenario) -> Iterator[Fault]:
+    if scenario.controller.uses_truth and not is_shipped(scenario.controller):
         yield Fault("controller.uses_truth", "is reserved for ideal, the yardstick law")
-    period = controller.period
-    if period is not None and (round(period / h) < 1 or abs(period / h - round(period / h)) > 1e-6):
-        n = max(1, int(period / h))
-        yield Fault(
-            "controller.period",
-            f"{period:g} s is not a multiple of the time step {h:g} s; the nearest are {n * h:g} and {(n + 1) * h:g} s",
-        )
+    h = scenario.simulation.timestep
+    for stage in scenario.stages:
+        period = stage.period
+        if period is not None and (round(period / h) < 1 or abs(period / h - round(period / h)) > 1e-6):
+            n = max(1, int(period / h))
+            nearest = f"the nearest are {n * h:g} and {(n + 1) * h:g} s"
+            yield Fault(
+                f"{stage.room.table}.period", f"{period:g} s is not a multiple of the time step {h:g} s; {nearest}"
+            )
 
 
 def _sampling_notes(setup: Setup) -> Iterator[str]:
-    """Warnings for any law: a reference that is too fast for it, and a zeta that grows."""
-    period, bandwidth = setup.scenario.control_period, setup.scenario.reference.bandwidth
-    if bandwidth * period > _FASTEST:
-        yield (
-            f"the law sees the reference as a jump: with reference.bandwidth = {bandwidth:g} rad/s "
-            f"it ends within a few control periods of {period:g} s; choose less than {_FASTEST / period:g} rad/s"
-        )
-    if period > (limit := zeta_limit(setup)):
+    """Warnings for any law that uses the task: a zeta that grows."""
+    period = setup.scenario.control_period
+    if setup.scenario.controller.uses_task and period > (limit := zeta_limit(setup)):
         yield (
             f"zeta, and with it s, grows without bound at a control period of {period:g} s: A = "
             f"{min(setup.task.A):g} 1/s in eq. (15) needs a period of at most {limit:.4g} s"

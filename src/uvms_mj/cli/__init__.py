@@ -12,7 +12,7 @@ from .certify import certify
 from .common import EXIT_BAD_INPUT, end
 from .compare import compare
 from .converge import converge
-from .listing import controllers, keys, signals
+from .listing import controllers, keys, signals, stages
 from .logs import export, info, replay
 from .paper import paper
 from .plot import plot
@@ -57,6 +57,7 @@ def main() -> None:
     uvms-mj converge                      error bars from runs at h, h/2 and h/4
     uvms-mj certify                       allowed and actual rate of change of the disturbance
     uvms-mj controllers                   the laws, their gains, units and defaults
+    uvms-mj stages                        guidance, navigation, task, laws and actuation with their settings
     uvms-mj keys                          all keys of a scenario
     uvms-mj signals                       signals that a law receives, signals that a run records
     """
@@ -67,7 +68,7 @@ def main() -> None:
     os.environ["PYDANTIC_DISABLE_PLUGINS"] = "__all__"  # none is used, and the search takes time
 
 
-for command in (run, paper, replay, plot, compare, info, export, converge, certify, controllers, keys, signals):
+for command in (run, paper, replay, plot, compare, info, export, converge, certify, controllers, stages, keys, signals):
     main.add_command(command)
 
 __all__ = ["main"]

@@ -89,14 +89,14 @@ def _certificate(scenario: "Scenario", trace: "Trace | None") -> "Certificate":
     """The certificate of the law. Raises InputError if the law has none."""
     from ..analysis.setup import set_up
     from ..control import theory
-    from ..control.recorded import RecordedLaw
     from ..errors import InputError
+    from ..stages.recorded import Recorded
 
     law = scenario.controller
     certificate = theory.certificate(set_up(scenario, None if trace is None else trace.header.mjcf))
     if certificate is None:
         hint = "" if trace is not None else "; choose one with --controller gsta"
-        if isinstance(law, RecordedLaw):
+        if isinstance(law, Recorded):
             hint = ", and code from a log is never executed: omit --from, give scenario and --controller FILE.py:LAW"
         raise InputError(f"{law.label()}: the certificate covers only the laws gsta and sta{hint}")
     return certificate

@@ -1,11 +1,15 @@
 """``uvms-mj controllers``, ``keys`` and ``signals``: lists of laws, scenario keys and signals."""
 
 import dataclasses
+from typing import TYPE_CHECKING
 
 import click
 
 from .common import bad_input, command, toml_value
 from .console import print_table
+
+if TYPE_CHECKING:
+    from ..stages.base import Stage
 
 
 @command()
@@ -13,26 +17,48 @@ from .console import print_table
 def controllers(laws: tuple[str, ...]) -> None:
     """List the laws with their gains, units and defaults; LAW may be path/to/my_law.py:MyLaw."""
     with bad_input():
-        from rich.table import Table
+        from ..scenario import STAGES
 
-        from ..control.loader import BUILT_IN, controller_class
+        choice = STAGES["controller"]
+        for law in laws or choice.shipped:
+            _print_stage(choice.stage_class(law))
 
-        for law in laws or BUILT_IN:
-            cls = controller_class(law)
-            written = "" if (cls.__doc__ or "").startswith(f"{cls.__name__}(") else cls.__doc__  # not dataclass's own
-            summary_line = (written or "").strip().splitlines()
-            table = Table(
-                title=f"{cls.label()}: {summary_line[0] if summary_line else ''}", title_justify="left", min_width=80
-            )
-            for column in ("gain", "default", "unit", "meaning"):
-                table.add_column(column)
-            for field in cls.gain_fields():
-                default = "required" if field.default is dataclasses.MISSING else toml_value(field.default)
-                table.add_row(field.name, default, field.metadata.get("unit", ""), field.metadata.get("meaning", ""))
-            if cls.states:
-                states = ", ".join(f"{name} ({size})" for name, size in cls.states.items())
-                table.add_row("", "", "", f"states: {states}", style="dim")
-            print_table(table)
+
+@command()
+@click.argument("room", required=False, type=click.Choice(("guidance", "navigation", "control", "actuation")))
+@click.argument("names", nargs=-1, metavar="[STAGE]...")
+def stages(room: str | None, names: tuple[str, ...]) -> None:
+    """List the stages of all rooms, or of ROOM, with their settings, units, defaults and states; STAGE may be
+    path/to/file.py:ClassName."""
+    with bad_input():
+        from ..control import ImpedanceTask
+        from ..scenario import STAGES
+
+        for table, choice in STAGES.items():
+            if room in (None, choice.base.room.name):
+                if table == "controller" and not names:
+                    _print_stage(ImpedanceTask)
+                for name in names or choice.shipped:
+                    _print_stage(choice.stage_class(name))
+
+
+def _print_stage(cls: "type[Stage]") -> None:
+    from rich.table import Table
+
+    room = cls.room
+    written = "" if (cls.__doc__ or "").startswith(f"{cls.__name__}(") else cls.__doc__  # not dataclass's own
+    summary_line = (written or "").strip().splitlines()
+    title = f"{cls.label()}: {summary_line[0] if summary_line else ''}"
+    table = Table(title=title, title_justify="left", caption=f"[{room.table}]", caption_justify="left", min_width=80)
+    for column in (room.setting, "default", "unit", "meaning"):
+        table.add_column(column)
+    for field in cls.setting_fields():
+        default = "required" if field.default is dataclasses.MISSING else toml_value(field.default)
+        table.add_row(field.name, default, field.metadata.get("unit", ""), field.metadata.get("meaning", ""))
+    if cls.states:
+        states = ", ".join(f"{name} ({size})" for name, size in cls.states.items())
+        table.add_row("", "", "", f"states: {states}", style="dim")
+    print_table(table)
 
 
 @command()
@@ -42,7 +68,7 @@ def keys() -> None:
 
     from ..scenario import keys as scenario_keys
 
-    table = Table(title="Keys of a scenario; `uvms-mj controllers` lists the gains of each law", title_justify="left")
+    table = Table(title="Keys of a scenario; `uvms-mj stages` lists the settings of each stage", title_justify="left")
     for column in ("key", "default", "meaning"):
         table.add_column(column)
     for key, default, meaning in scenario_keys():
@@ -52,20 +78,26 @@ def keys() -> None:
 
 @command()
 def signals() -> None:
-    """List the signals that a law receives and the signals that a run records."""
+    """List the signals that each stage receives and sets, and the signals that a run records."""
     from rich.table import Table
 
-    from ..stages.signals import GIVEN, RECORDED, thruster_signal
+    from ..scenario import STAGES
+    from ..stages.signals import RECORDED, thruster_signal
 
-    recorded = (*RECORDED, thruster_signal(0))
-    for title, listed in (
-        ("Inputs of a law: signals.<name>", GIVEN),
-        ("Recorded signals: trace.<name>; the states of the law are recorded too", recorded),
-    ):
+    rooms = [choice.base.room for choice in STAGES.values()]
+    inputs = [(f"Inputs of a {room.noun}: {room.arguments[2]}.<name>", room.given(0)) for room in rooms]
+    outputs = [
+        (f"Outputs of a {room.noun}: {room.arguments[4]}.<name>", room.out) for room in rooms if len(room.out) > 1
+    ]
+    recorded = (
+        "Recorded signals: trace.<name>; the states of the stages are recorded too",
+        (*RECORDED, thruster_signal(0)),
+    )
+    for title, listed in (*inputs, *outputs, recorded):
         table = Table(title=title, title_justify="left", min_width=80)
         for column in ("name", "shape", "unit", "frame", "meaning"):
             table.add_column(column, no_wrap=column in ("name", "shape"))
         for signal in listed:
-            shape = " x ".join(map(str, signal.shape)) if signal.size else "thrusters"
+            shape = " x ".join(str(length) if length else "thrusters" for length in signal.shape)
             table.add_row(signal.name, shape or "scalar", signal.unit, signal.frame, signal.meaning)
         print_table(table)

@@ -26,6 +26,7 @@ import numpy as np
 
 from ..physics.fossen import coriolis_added_mass, damping, restoring
 from ..physics.frames import quat_error, rotation_matrix
+from ..stages.base import is_shipped
 from .rest import SteadyState
 
 
@@ -39,7 +40,11 @@ def static_balance(setup: Any, K: float) -> SteadyState | str:
     Returns:
         The state, or the reason why there is none.
     """
-    vehicle = setup.vehicle
+    vehicle, scenario = setup.vehicle, setup.scenario
+    if scenario.reference.rests_at() is None:
+        return "the reference does not come to rest"
+    if not (is_shipped(scenario.navigation) and is_shipped(scenario.actuation)):
+        return "closed forms are known for the shipped navigation and actuation only"
     if K == 0.0 and 0.0 in setup.task.A:
         return "with a zero in A, zeta is not constant at rest: it integrates the remaining error"
     if np.linalg.matrix_rank(vehicle.B) < 6:
@@ -93,7 +98,7 @@ class _Balance:
         scenario, design = setup.scenario, setup.design
         self.setup, self.K, self.in_contact = setup, K, in_contact
         self.v_c_W = np.array(scenario.current.velocity_W)
-        self.target = np.array(scenario.reference.steps[-1].position)
+        self.target = np.array(scenario.reference.rests_at())
         self.tau_dist = np.array(scenario.disturbance.bias)
         self.A = np.array(setup.task.A)
         self.M_d_inv = np.linalg.inv(design.M_d)

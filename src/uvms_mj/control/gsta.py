@@ -41,6 +41,6 @@ class Gsta(Controller):
             a = -gains.k_1 * phi_1 + state.z[j]  # eq. (24a)
             state_dot.z[j] = -gains.k_2 * phi_2  # eq. (24b)
             if gains.nominal:
-                a -= gains.A[j] * s  # eq. (22); F_2 A F_2^-1 = A for diagonal matrices
+                a -= signals.A[j] * s  # eq. (22); F_2 A F_2^-1 = A for diagonal matrices
             for i in range(6):
                 tau_cmd[i] += signals.M_hat[i, j] * a

@@ -32,7 +32,7 @@ class Sta(Controller):
             tau_cmd[i] = signals.tau_nom[i]
         for j in range(6):
             s = signals.s[j]
-            a = -gains.k_1 * math.sqrt(abs(s)) * np.sign(s) + state.z[j] - gains.A[j] * s  # eqs. (22), (24a)
+            a = -gains.k_1 * math.sqrt(abs(s)) * np.sign(s) + state.z[j] - signals.A[j] * s  # eqs. (22), (24a)
             state_dot.z[j] = -0.5 * gains.k_2 * np.sign(s)  # eq. (24b)
             for i in range(6):
                 tau_cmd[i] += signals.M_hat[i, j] * a

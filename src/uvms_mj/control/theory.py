@@ -14,6 +14,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..files import shortened
+from ..stages.base import Stage, base_of
 from .base import Controller
 from .rest import NoClosedForm, SteadyState
 
@@ -49,15 +50,14 @@ def steady_state(setup: Any) -> SteadyState | NoClosedForm:
         return NoClosedForm(str(error))
 
 
-def law_notes(setup: Any) -> list[str]:
-    """The warnings that a run's law gives before the first step."""
-    controller = setup.scenario.controller
+def stage_notes(stage: Stage, setup: Any) -> list[str]:
+    """The warnings that the law or the guidance of a run gives before the first step."""
     try:
-        found = _ask(controller, "notes", setup)
+        found = _ask(stage, "notes", setup)
     except _TheoryError as error:
         return [str(error)]
     if any(not isinstance(note, str) for note in found):
-        return [f"{controller.label()}.notes must give warnings as texts, not {shortened(found)}"]
+        return [f"{stage.label()}.notes must give warnings as texts, not {shortened(found)}"]
     return found
 
 
@@ -81,23 +81,23 @@ def certificate(setup: Any) -> "Certificate | None":
     return found
 
 
-def _ask(controller: Controller, name: str, setup: Any) -> Any:
-    """The result of a method of a law's theory, with notes as a list. Raises _TheoryError if a user's method fails."""
-    owner: Any = next(cls for cls in type(controller).__mro__ if name in vars(cls))
-    of_this_law = (
-        controller.law is owner.law and controller.uses_truth == owner.uses_truth and controller.states == owner.states
-    )
+def _ask(stage: Stage, name: str, setup: Any) -> Any:
+    """The result of a method of a stage's theory, notes as a list. Raises _TheoryError if a user's method fails."""
+    kind = type(stage)
+    owner: Any = next(cls for cls in kind.__mro__ if name in vars(cls))
+    if kind.function() is not owner.function() or kind.given() != owner.given() or kind.states != owner.states:
+        owner = base_of(kind)
     try:
-        found = getattr(controller, name)(setup) if of_this_law else getattr(Controller, name)(controller, setup)
+        found = getattr(owner, name)(stage, setup)
         return ([found] if isinstance(found, str) else list(found)) if name == "notes" else found
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # a user's method may raise anything, also SystemExit
-        if owner.__module__.startswith(f"{__package__}."):
+        if owner.__module__.startswith(f"{__name__.partition('.')[0]}."):
             raise
         lines = [f"{Path(f.filename).name}, line {f.lineno}" for f in traceback.extract_tb(error.__traceback__)[1:]]
         where = f"{lines[0]}: " if lines else ""
-        raise _TheoryError(f"{controller.label()}.{name} failed: {where}{type(error).__name__}: {error}") from None
+        raise _TheoryError(f"{stage.label()}.{name} failed: {where}{type(error).__name__}: {error}") from None
 
 
 def _checked(found: Any, controller: Controller) -> SteadyState | NoClosedForm:

@@ -7,7 +7,7 @@ from llvmlite import ir
 
 from . import memory
 from .expressions import INTRINSICS
-from .layouts import CONTEXT, LOOP
+from .layouts import CLOCKS, CONTEXT, LOOP, STAGE
 from .translator import translate
 from .values import FLOAT, INT, POINTER, WORD, Kind, Value, scalar
 
@@ -51,7 +51,7 @@ def _registered(builder: ir.IRBuilder, arguments: Sequence[ir.Value]) -> Value:
     return Value(Kind(INT, size[1:]), (table, WORD(size[0])))
 
 
-def _call_law(builder: ir.IRBuilder, arguments: Sequence[ir.Value]) -> Value:
+def _call_stage(builder: ir.IRBuilder, arguments: Sequence[ir.Value]) -> Value:
     function, *addresses = arguments
     kind = ir.FunctionType(WORD, [WORD] * len(addresses))
     raised = builder.call(builder.inttoptr(function, kind.as_pointer()), addresses)
@@ -73,5 +73,7 @@ INTRINSICS |= {
     memory.loop_at: _record(LOOP),
     memory.registered: _registered,
     memory.mj_factorM: _mj_factorM,
-    memory.call_law: _call_law,
+    memory.stage_at: _record(STAGE),
+    memory.clock_at: _record(CLOCKS),
+    memory.call_stage: _call_stage,
 }

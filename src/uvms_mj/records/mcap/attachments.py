@@ -14,26 +14,35 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 from pydantic_core import from_json, to_json
 
-from ...control.loader import BUILT_IN
-from ...control.recorded import recorded_law
 from ...control.rest import NoClosedForm, SteadyState
 from ...errors import InputError, faults_of
 from ...files import parsed_toml
 from ...plant.geometry import Geometry
 from ...plant.mjcf import Mjcf
 from ...quantities import STRICT, NonNegative, Real
-from ...scenario import Scenario
+from ...scenario import STAGES, Scenario
+from ...stages.recorded import recorded_stage
 from ...stages.signals import RECORDED, Signal
-from ..header import Header, LawSource, Outcome, Status, solved
+from ..header import Header, Outcome, StageSource, Status, solved
 
 MOST_BYTES = 256_000_000
 """Largest total size of a log's attached files [bytes]."""
 _MOST_VALUES = 200_000
 """Largest number of values (numbers, texts, lists) in one JSON file. Reading takes some 100 bytes of memory for each. A
 mesh is one text."""
-FORMAT = 1
+FORMAT = 2
 """Version of the log format, for a change of run.json or of the topic of a signal. A new signal is not a change."""
-_UPGRADES: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {}
+
+
+def _stages_of_law(run: dict[str, Any]) -> dict[str, Any]:
+    """Format 1 has the source of the law only; the other stages were those of today's defaults."""
+    others = {name: {"source": each.default.name, "sha256": None, "states": {}} for name, each in STAGES.items()}
+    return {name: value for name, value in run.items() if name != "law"} | {
+        "stages": others | {"controller": run.get("law")}
+    }
+
+
+_UPGRADES: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {1: _stages_of_law}
 """By format: a function that makes run.json one of the next format. Logs of these formats and of FORMAT are read."""
 _NEEDED = frozenset(
     (
@@ -81,7 +90,7 @@ class _Rest:
 
 
 @checked(frozen=True, config=STRICT)
-class _LawEntry:
+class _StageEntry:
     source: str
     sha256: str | None
     states: dict[str, Annotated[int, Field(ge=1, le=100_000)]]
@@ -93,7 +102,7 @@ class _Run:
     vehicle: str
     row_steps: Annotated[int, Field(ge=1)]
     signals: tuple[_SignalEntry, ...]
-    law: _LawEntry
+    stages: dict[str, _StageEntry]
     analytic: _Rest | None
     no_analytic_because: str
     notes: tuple[str, ...]
@@ -120,7 +129,7 @@ def header_files(header: Header) -> dict[str, bytes]:
         vehicle=header.mjcf.name,
         row_steps=header.row_steps,
         signals=tuple(_SignalEntry(s.name, s.shape, s.unit, s.frame, s.meaning) for s in header.signals),
-        law=_LawEntry(header.law.source, header.law.sha256, dict(header.law.states)),
+        stages={name: _StageEntry(s.source, s.sha256, dict(s.states)) for name, s in header.sources.items()},
         analytic=None
         if isinstance(rest, NoClosedForm)
         else _Rest(rest.force, *map(_tuple, (rest.position, rest.quat, rest.s, rest.tau))),
@@ -134,10 +143,14 @@ def header_files(header: Header) -> dict[str, bytes]:
         "geometry.json": header.geometry.to_json(),
     }
     files |= {f"model/{name}": data for name, data in header.mjcf.files.items()}
-    if header.law.code:
-        files[f"law/{header.law.source.rpartition(':')[0]}"] = header.law.code.encode()
+    files |= {_code_file(name, s.source): s.code.encode() for name, s in header.sources.items() if s.code}
     refuse_large(files)
     return files
+
+
+def _code_file(table: str, source: str) -> str:
+    """Name of the attachment with the code of a table's stage."""
+    return f"{'law' if table == 'controller' else table}/{source.rpartition(':')[0]}"
 
 
 def refuse_large(files: Mapping[str, bytes]) -> None:
@@ -171,17 +184,23 @@ def header_of(files: Mapping[str, bytes]) -> Header:
         tables = parsed_toml(files["scenario.toml"].decode())
     except ValueError as error:
         raise InputError(f"scenario.toml: {error}") from None
-    table = tables.get("controller")
-    if not isinstance(table, dict) or table.get("name") != run.law.source:  # checked before the name is used
-        raise InputError("scenario.toml and run.json name different laws")
-    code = files.get(f"law/{run.law.source.rpartition(':')[0]}", b"").decode(errors="replace")
-    law = LawSource(run.law.source, run.law.sha256, code, run.law.states)
-    known = None if law.source in BUILT_IN else recorded_law(law.source, table, law.states)
+    sources, known = {}, {}
+    for name, choice in STAGES.items():
+        table = tables.get(name, {})  # of format 1: some tables are missing, or have no name
+        entry, noun = run.stages.get(name), choice.base.room.noun
+        if entry is None or not isinstance(table, dict) or table.get("name", choice.default.name) != entry.source:
+            raise InputError(f"scenario.toml and run.json name different {noun}s")
+        code = files.get(_code_file(name, entry.source), b"").decode(errors="replace")
+        sources[name] = StageSource(entry.source, entry.sha256, code, entry.states)
+        if entry.source not in choice.shipped:
+            known[name] = recorded_stage(choice.base, entry.source, table, entry.states)
     scenario = Scenario.from_dict(tables, place="scenario.toml", known=known)
     if scenario.vehicle.model != PurePath(scenario.vehicle.model).name:
         raise InputError(f"scenario.toml: vehicle.model {scenario.vehicle.model!r} is not in the log")
     signals = tuple(Signal(s.name, s.shape, s.unit, s.frame, s.meaning) for s in run.signals)
-    if dict(scenario.controller.states) != dict(law.states) or not _are_sound(signals, law.states):
+    differ = any(dict(getattr(scenario, name).states) != dict(source.states) for name, source in sources.items())
+    states = {name: size for source in sources.values() for name, size in source.states.items()}
+    if differ or not _are_sound(signals, states):
         version = run.versions.get("uvms-mj", "of another version")
         raise InputError(f"run.json: its signals differ from this version's; the log was written by uvms-mj {version}")
     models = {name.removeprefix("model/"): data for name, data in files.items() if name.startswith("model/")}
@@ -203,7 +222,7 @@ def header_of(files: Mapping[str, bytes]) -> Header:
         notes=run.notes,
         mjcf=Mjcf(run.vehicle, models),
         geometry=Geometry.from_json(files["geometry.json"]),
-        law=law,
+        sources=sources,
         versions=run.versions,
     )
 

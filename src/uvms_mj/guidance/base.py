@@ -1,0 +1,80 @@
+"""The contract of guidance: a stage that sets the reference."""
+
+from __future__ import annotations  # so that help(Guidance) shows short type names
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..errors import Fault, InputError
+from ..files import shortened
+from ..physics.frames import quat_from_euler_deg
+from ..physics.kernels import kernel
+from ..quantities import Angles
+from ..stages.base import Room, Stage, shared
+from ..stages.signals import CLOCK, KNOWN, REFERENCE
+
+GUIDANCE = Room(
+    name="guidance",
+    table="reference",
+    given=lambda thrusters: CLOCK + KNOWN,
+    out=REFERENCE,
+    noun="guidance stage",
+    constants=("quat_d",),
+    theory=("rests_at", "notes"),
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Guidance(Stage):
+    """Base class of all guidance. ``given`` has the signals CLOCK and KNOWN of :mod:`uvms_mj.stages.signals`, and
+    ``out`` has REFERENCE. Besides its fields, ``settings`` has quat_d (4,), the quaternion of attitude_deg.
+    """
+
+    attitude_deg: Angles = shared((0.0, 0.0, 0.0), "deg", "constant desired roll, pitch, yaw")
+
+    room: ClassVar[Room] = GUIDANCE
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        position = self.rests_at()
+        if position is not None and not (np.shape(position) == (3,) and np.isfinite(position).all()):
+            what = f"rests_at returned {shortened(position)}: it must return three numbers [m] or None"
+            raise InputError([Fault("reference", f"{self.label()}.{what}")])
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        """Set p_d, p_d_dot, p_d_ddot and quat_d of out, and state_dot, from settings, state and given."""
+        raise NotImplementedError
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        values = dict(super().constants(setup))
+        return values | {"attitude_deg": None, "quat_d": quat_from_euler_deg(*self.attitude_deg)}
+
+    def rests_at(self) -> tuple[float, ...] | None:
+        """Theory of the reference: its position at the end of the run, in W [m], or None if it does not come to rest. A
+        stage may override it."""
+        return None
+
+    def notes(self, setup: Any) -> Iterable[str]:
+        """Theory of the reference: warnings for a run with these settings. A stage may override it.
+
+        Args:
+            setup: the run's :class:`uvms_mj.analysis.setup.Setup`.
+        """
+        return ()
+
+
+@kernel
+def hold(settings, given, out):
+    """Rest at the position of the first instant with the attitude attitude_deg. A stage that calls it first sets only
+    the rest of its reference."""
+    for i in range(3):
+        out.p_d_dot[i] = 0.0
+        out.p_d_ddot[i] = 0.0
+        if given.instant == 0:
+            out.p_d[i] = given.p_WB[i]
+    for i in range(4):
+        out.quat_d[i] = settings.quat_d[i]

@@ -1,0 +1,471 @@
+"""The contract of a stage in the four rooms: loading, checks, records, and each shipped function as plain Python."""
+
+import dataclasses
+import re
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from uvms_mj import Gsta, InputError, Scenario
+from uvms_mj.actuation import Actuation, PseudoInverse
+from uvms_mj.analysis.setup import set_up
+from uvms_mj.control import External, Ideal, ImpedanceTask
+from uvms_mj.control.tracking import tracking_errors
+from uvms_mj.guidance import FilteredSteps, Guidance, hold
+from uvms_mj.guidance.filtered_steps import MOST_WAYPOINTS, filtered_steps
+from uvms_mj.navigation import Navigation, Perfect
+from uvms_mj.scenario import STAGES
+from uvms_mj.stages.base import is_shipped
+from uvms_mj.stages.loader import table_of
+from uvms_mj.stages.signals import (
+    CLOCK,
+    GIVEN,
+    KNOWN,
+    REFERENCE,
+    TASK,
+    TASK_GIVEN,
+    TRUE,
+    TRUTH,
+    actuation_given,
+    record_dtype,
+)
+
+HEADER = """
+from dataclasses import dataclass
+import math
+import numpy as np
+from uvms_mj.guidance import Guidance, hold
+from uvms_mj.navigation import Navigation, Perfect
+from uvms_mj.navigation.perfect import perfect
+from uvms_mj.actuation import Actuation
+from uvms_mj.actuation.pseudo_inverse import pseudo_inverse
+from uvms_mj.control import Controller
+from uvms_mj.physics.random import standard_normal
+from uvms_mj.stages.base import setting
+"""
+GOOD = {
+    "reference": """
+class Own(Guidance):
+    "A horizontal circle."
+    radius: float = setting(0.5, "m", "radius")
+    omega: float = setting(0.2, "rad/s", "angular velocity")
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        hold(settings, given, out)
+        c, s = math.cos(settings.omega * given.t), math.sin(settings.omega * given.t)
+        out.p_d[0], out.p_d[1] = settings.radius * c, settings.radius * s
+        out.p_d_dot[0], out.p_d_dot[1] = -settings.radius * settings.omega * s, settings.radius * settings.omega * c
+""",
+    "navigation": """
+class Own(Navigation):
+    "A force sensor with noise and a drifting bias."
+    radius: float = setting(0.1, "N", "standard deviation")
+    states = {"bias": 3}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        perfect(given, out)
+        for i in range(3):
+            state_dot.bias[i] = 0.01
+            noise = standard_normal(given.key, given.instant, i)
+            out.f_contact_m_W[i] += state.bias[i] + settings.radius * noise
+""",
+    "controller": """
+class Own(Controller):
+    "PD."
+    radius: float = setting(0.1, "N", "gain")
+    uses_task = False
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        for i in range(6):
+            tau_cmd[i] = signals.g_hat[i] - gains.radius * signals.nu_e[i]
+""",
+    "actuation": """
+class Own(Actuation):
+    "Thrusters with a first-order lag."
+    radius: float = setting(0.1, "s", "time constant")
+    states = {"thrust": "thrusters"}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, u):
+        pseudo_inverse(given, u)
+        for k in range(u.shape[0]):
+            state_dot.thrust[k] = (u[k] - state.thrust[k]) / settings.radius
+            u[k] = state.thrust[k]
+""",
+}
+
+
+def record(signals, **values):
+    """A record of signals, zero except for the given values."""
+    array = np.zeros(1, record_dtype(signals)).view(np.recarray)
+    for name, value in values.items():
+        array[name] = value
+    return array[0]
+
+
+def settings_of(stage, setup=None):
+    return stage.record(setup).view(np.recarray)[0]
+
+
+def states_of(stage, n=6):
+    return tuple(type(stage).state_record(n).view(np.recarray)[0] for _ in range(2))
+
+
+def file_with(tmp_path, body, frozen="@dataclass(frozen=True)"):
+    path = tmp_path / "own.py"
+    path.write_text(f"{HEADER}\n{frozen}{body}")
+    return f"{path}:Own"
+
+
+@pytest.fixture(scope="module")
+def setup():
+    return set_up(
+        Scenario.load("push_wall", {"initial.position": [0.1, 0.2, -0.3], "reference.attitude_deg": [0, 0, 9]})
+    )
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(11)
+
+
+# the contract in the four rooms
+
+
+@pytest.mark.parametrize("table", STAGES)
+def test_a_users_stage_is_loaded_validated_and_written_back(tmp_path, table):
+    source = file_with(tmp_path, GOOD[table])
+    scenario = Scenario.load("push_wall", {f"{table}.name": source, f"{table}.radius": 2})
+    stage = getattr(scenario, table)
+    assert stage.radius == 2.0
+    assert stage.label() == "Own"
+    assert not is_shipped(stage)
+    assert Scenario.from_dict(scenario.to_dict()).to_dict() == scenario.to_dict()
+    again = scenario.updated({f"{table}.radius": 3.0})
+    assert type(getattr(again, table)) is type(stage)
+    assert getattr(again, table).radius == 3.0
+    with pytest.raises(InputError, match=rf"{table}.radios: Own has no such .*did you mean 'radius'"):
+        Scenario.load("push_wall", {f"{table}.name": source, f"{table}.radios": 2})
+    with pytest.raises(InputError, match=rf"{table}.radius: 'x' is not a finite number"):
+        Scenario.load("push_wall", {f"{table}.name": source, f"{table}.radius": "x"})
+
+
+@pytest.mark.parametrize("table", STAGES)
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("radius: float", "label: float", "'label' is an attribute of every"),
+        ("@staticmethod", "", "must be a @staticmethod"),
+        ("state_dot,", "", r"must take \("),
+        ('    "', '    states = {"x": 0}\n    "', "from 1 to 10000.*'x': 0"),
+        ('    "', '    name = 3\n    "', "name = 3 must be a text"),
+        (".radius", ".radios", r"own.py, line \d+: (settings|gains) has no 'radios'; did you mean 'radius'"),
+    ],
+)
+def test_a_stage_that_violates_the_contract_is_refused_with_its_place(tmp_path, table, old, new, said):
+    body = GOOD[table].replace("    states", "    _states") if "states" in new else GOOD[table]
+    assert old in body
+    with pytest.raises(InputError, match=said) as caught:
+        Scenario.load("push_wall", {f"{table}.name": file_with(tmp_path, body.replace(old, new))})
+    assert f"{table}.name: " in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("table", "old", "new", "said"),
+    [
+        ("reference", "given.t)", "given.tau_nom)", "given has no 'tau_nom'"),
+        ("reference", "out.p_d[0]", "out.p_D[0]", "out has no 'p_D'; did you mean 'p_d'"),
+        ("navigation", "given.key", "given.p_d", "given has no 'p_d'; choose from .*p_WB"),
+        ("navigation", "out.f_contact_m_W[i]", "out.f_contact_W[i]", "out has no 'f_contact_W'.*'f_contact_m_W'"),
+        ("navigation", "state_dot.bias[i]", "state_dot.bia[i]", "state_dot has no 'bia'; did you mean 'bias'"),
+        ("controller", "signals.nu_e[i]", "signals.s[i]", "signals has no 's'; the class has uses_task = False"),
+        ("controller", "signals.nu_e[i]", "signals.M[i]", "yardstick"),
+        ("controller", "gains.radius", "gains.nu_e[i]", "gains has no 'nu_e'; signals.nu_e is a signal"),
+        ("controller", "radius", "integral", "'integral' is a gain of the impedance task"),
+        ("controller", "uses_task = False", "uses_task = 0", "uses_task = 0 must be true or false"),
+        ("actuation", "settings.radius", "settings.period", "given.period is the period"),
+        ("actuation", "(given, u)", "(given.tau, u)", "given has no 'tau'; did you mean 'tau_cmd'"),
+        ("actuation", '"thrusters"', '"thruster"', "'thrust': 'thruster' is not"),
+    ],
+)
+def test_wrong_fields_are_found_in_each_room(tmp_path, table, old, new, said):
+    with pytest.raises(InputError, match=said):
+        Scenario.load("push_wall", {f"{table}.name": file_with(tmp_path, GOOD[table].replace(old, new))})
+
+
+@pytest.mark.parametrize("table", STAGES)
+def test_a_wrong_name_is_answered_with_the_right_ones(tmp_path, table):
+    choice = STAGES[table]
+    default = choice.default.name
+    cases = {
+        default[:-1]: f"did you mean '{default}'",
+        3: "3 is not the name of a",
+        "nowhere.py:Own": "no file 'nowhere.py'",
+        file_with(tmp_path, GOOD[table]).replace(":Own", ":Other"): "no .* 'Other' in .*its .* are .*Own",
+    }
+    for name, said in cases.items():
+        with pytest.raises(InputError, match=f"{table}.name: .*{said}"):
+            Scenario.load("push_wall", {f"{table}.name": name})
+
+
+def test_every_stage_has_documented_settings_and_states():
+    for cls in (ImpedanceTask, *(cls for choice in STAGES.values() for cls in choice.shipped.values())):
+        assert cls.__doc__, cls
+        assert set(cls.units) == set(cls.states), cls
+        for field in cls.setting_fields():
+            assert field.metadata["unit"], (cls, field.name)
+            assert field.metadata["meaning"], (cls, field.name)
+
+
+def test_a_table_makes_an_equal_stage():
+    stages = (
+        FilteredSteps(waypoints=({"time": 1.0, "position": (1.0, 2.0, 3.0)},)),
+        Perfect(period=0.01),
+        Gsta(k_1=3.0),
+    )
+    for stage in (*stages, PseudoInverse()):
+        assert STAGES[stage.room.table].load(table_of(stage)) == stage
+
+
+def test_a_derived_class_is_shipped_if_it_differs_in_its_settings_only():
+    @dataclass(frozen=True)
+    class Strong(Gsta):
+        k_1: float = 50.0
+
+    @dataclass(frozen=True)
+    class Greedy(Gsta):
+        uses_truth = True
+
+    @dataclass(frozen=True)
+    class Other(PseudoInverse):
+        @staticmethod
+        def step(settings, state, given, state_dot, u):
+            u[:] = 0.0
+
+    assert is_shipped(Strong())
+    assert not is_shipped(Greedy())
+    assert not is_shipped(Other())
+
+
+def test_groups_share_their_memory():
+    """Each stage is given the beginning of the record that the stages before it have filled."""
+    whole = record_dtype(GIVEN + TRUTH)
+    for signals in (CLOCK + KNOWN, TASK_GIVEN, GIVEN, CLOCK + KNOWN + REFERENCE):
+        part = record_dtype(signals)
+        assert [whole.fields[name][:2] for name in part.names] == [part.fields[name][:2] for name in part.names]
+    assert External.given() == TASK_GIVEN
+    assert Gsta.given() == GIVEN
+    assert Ideal.given() == GIVEN + TRUTH
+    names = [signal.name for signal in GIVEN + TRUTH]
+    assert len(set(names)) == len(names)
+
+
+@pytest.mark.parametrize("stage", [Perfect(), Gsta(), ImpedanceTask(), PseudoInverse(), FilteredSteps()])
+def test_a_record_of_settings_is_never_empty_and_whole_numbers_long(stage, setup):
+    made = stage.record(setup)
+    assert made.dtype.itemsize >= 8
+    assert made.dtype.itemsize % 8 == 0
+
+
+def test_states_of_the_thrusters_have_their_number(tmp_path):
+    stage = Scenario.load("push_wall", {"actuation.name": file_with(tmp_path, GOOD["actuation"])}).actuation
+    assert type(stage).state_record(8)["thrust"].shape == (1, 8)
+
+
+def test_what_is_not_allowed_in_a_setting_is_named():
+    @dataclass(frozen=True)
+    class Texts(Navigation):
+        text: str = "x"
+
+    with pytest.raises(InputError, match=r"navigation.text: 'x': a setting is a number, true or false"):
+        Texts()
+
+
+# the shipped stages
+
+
+def test_perfect_navigation_gives_the_truth(rng):
+    given = record(CLOCK + TRUE, **{s.name: rng.normal(size=s.shape) for s in TRUE})
+    out = record(KNOWN)
+    Perfect.step(settings_of(Perfect()), *states_of(Perfect())[:1], given, None, out)
+    for known, true in zip(KNOWN, TRUE, strict=True):
+        assert np.array_equal(out[known.name], given[true.name])
+
+
+@pytest.mark.parametrize("n", [0, 1, 3, MOST_WAYPOINTS])
+def test_the_reference_does_not_depend_on_the_room_for_its_steps(setup, n, rng):
+    """The same numbers as from arrays of the steps' own length, for any number of steps with one record."""
+    times = np.sort(rng.uniform(0.0, 5.0, n))
+    waypoints = [
+        {"time": t, "position": p} for t, p in zip(times.tolist(), rng.normal(size=(n, 3)).tolist(), strict=True)
+    ]
+    stage = FilteredSteps(waypoints=waypoints, attitude_deg=(0.0, 0.0, 30.0))
+    settings, steps = settings_of(stage, setup), stage.steps
+    assert settings.dtype == settings_of(FilteredSteps(), setup).dtype
+    for t in (0.0, 0.5, 1.2, 4.0, 60.0):
+        out, wanted = record(REFERENCE), np.zeros((3, 3))
+        FilteredSteps.step(settings, None, record(CLOCK + KNOWN, t=t), None, out)
+        arrays = (np.array([w.time for w in steps]), np.array([w.position for w in steps]))
+        filtered_steps(t, np.array(setup.scenario.initial.position), *arrays, stage.bandwidth, *wanted)
+        assert np.array_equal([out.p_d, out.p_d_dot, out.p_d_ddot], wanted)
+        assert np.allclose(out.quat_d, Rotation.from_euler("z", 30.0, degrees=True).as_quat(scalar_first=True))
+    assert stage.rests_at() == steps[-1].position
+
+
+def test_hold_keeps_the_first_position(setup):
+    @dataclass(frozen=True)
+    class Still(Guidance):
+        @staticmethod
+        def step(settings, state, given, state_dot, out):
+            hold(settings, given, out)
+
+    out, stage = record(REFERENCE, p_d_dot=1.0, p_d_ddot=1.0), Still(attitude_deg=(0.0, 0.0, 180.0))
+    for instant, p_WB in enumerate(([1.0, 2.0, 3.0], [4.0, 5.0, 6.0])):
+        Still.step(settings_of(stage), None, record(CLOCK + KNOWN, p_WB=p_WB, instant=instant), None, out)
+        assert np.array_equal(out.p_d, [1.0, 2.0, 3.0])
+        assert not out.p_d_dot.any()
+        assert not out.p_d_ddot.any()
+        assert np.allclose(out.quat_d, [0.0, 0.0, 0.0, 1.0])
+    assert stage.rests_at() is None
+
+
+@pytest.mark.parametrize("wrong", [(1.0, 2.0), (1.0, 2.0, np.nan), "x"])
+def test_a_rest_that_is_no_position_is_refused(wrong):
+    @dataclass(frozen=True)
+    class Odd(Guidance):
+        def rests_at(self):
+            return wrong
+
+    with pytest.raises(InputError, match=r"Odd.rests_at returned .*three numbers"):
+        Odd()
+
+
+def test_allocation_solves_for_the_wrench_within_the_limits(setup, rng):
+    vehicle = setup.vehicle
+    B, n = vehicle.B, len(vehicle.thrusters)
+    limits = {"u_min": vehicle.u_min, "u_max": vehicle.u_max}
+    for size in (1.0, 1e4):
+        tau_cmd = B @ rng.normal(size=n) * size
+        given = record(actuation_given(n), tau_cmd=tau_cmd, B=B, B_pinv=np.linalg.pinv(B), **limits)
+        u = np.zeros(n)
+        PseudoInverse.step(None, None, given, None, u)
+        assert np.allclose(u, np.clip(np.linalg.lstsq(B, tau_cmd, rcond=None)[0], vehicle.u_min, vehicle.u_max))
+    given = record(actuation_given(n), tau_cmd=B @ np.ones(n), B=B, B_pinv=np.linalg.pinv(B), u_min=-1e9, u_max=1e9)
+    PseudoInverse.step(None, None, given, None, u)
+    assert np.allclose(B @ u, B @ np.ones(n))
+
+
+def test_external_stages_leave_what_the_caller_has_set():
+    for choice in (STAGES["controller"], STAGES["actuation"]):
+        cls = choice.shipped["external"]
+        out = np.arange(6.0)
+        cls.function()(None, None, None, None, out)
+        assert np.array_equal(out, np.arange(6.0))
+        assert cls.external
+        assert not choice.default.external
+
+
+def task_inputs(rng, setup):
+    design, impedance = setup.design, setup.scenario.impedance
+    quat = Rotation.random(random_state=4).as_quat(scalar_first=True)
+    given = record(
+        TASK_GIVEN,
+        **{s.name: rng.normal(size=s.shape) for s in TASK_GIVEN if s.kind == "f8"},
+    )
+    for name, value in {"M_hat": design.M_hat, "M_d": design.M_d, "D_d": design.D_d, "quat_WB": quat}.items():
+        given[name][:] = value
+    given.K_d[:], given.K_f[:], given.F_d[:] = impedance.K_d, impedance.K_f, impedance.F_d
+    given.R_WB[:] = Rotation.from_quat(quat, scalar_first=True).as_matrix()
+    given.quat_d[:] = Rotation.random(random_state=5).as_quat(scalar_first=True)
+    tracking_errors(given)
+    return given
+
+
+def test_the_task_is_equations_7_14_15_and_23(setup, rng):
+    task = ImpedanceTask(F_1=2.0, F_2=(0.5, 1.0, 2.0, 3.0, 4.0, 5.0), A=(-1.0, -2.0, -3.0, -4.0, -5.0, -6.0))
+    given, out = task_inputs(rng, setup), record(TASK)
+    state, state_dot = states_of(task)
+    state.zeta[:] = rng.normal(size=6)
+    ImpedanceTask.step(settings_of(task, setup), state, given, state_dot, out)
+    F_1, F_2, A, zeta = (np.array(x) for x in (task.F_1, task.F_2, task.A, state.zeta))
+    pull = given.K_d * given.eta_e + given.D_d @ given.nu_e - given.K_f * (given.tau_contact_m_B - given.F_d)
+    w = np.linalg.solve(given.M_d, pull)
+    q_w, q_v = given.quat_e[0], given.quat_e[1:]
+    omega_e = given.nu_e[3:]
+    eta_e_dot = np.concatenate([given.nu_e[:3], 0.5 * (q_w * omega_e + np.cross(q_v, omega_e))])
+    wrenches = given.C_hat_nu + given.D_hat_nu + given.g_hat - given.tau_contact_m_B
+    assert np.allclose(out.w, w)
+    assert np.allclose(out.s, given.nu_e + F_1 * given.eta_e + F_2 * zeta)
+    assert np.allclose(out.tau_nom, given.M_hat @ (given.nu_d_dot - w) + wrenches)
+    inside = w + A * F_1 * given.eta_e + A * given.nu_e - F_1 * eta_e_dot
+    assert np.allclose(state_dot.zeta, A * zeta + inside / F_2)
+    for name, value in {"F_1": F_1, "F_2": F_2, "A": A, "zeta": zeta}.items():
+        assert np.array_equal(out[name], value)
+
+
+def test_the_integral_task_begins_with_s_zero_and_integrates_the_impedance(setup, rng):
+    """With A = 0 and F_1 = F_2 = 1, s_dot = nu_e_dot + w: eq. (20), whatever the poses."""
+    task = ImpedanceTask(integral=True, F_2=2.0)
+    given, out = task_inputs(rng, setup), record(TASK)
+    state, state_dot = states_of(task)
+    ImpedanceTask.step(settings_of(task, setup), state, given, state_dot, out)
+    assert np.abs(out.s).max() < 1e-14
+    kept = state.zeta.copy()
+    given.instant = 1
+    given.nu_e[:] += 1.0
+    ImpedanceTask.step(settings_of(task, setup), state, given, state_dot, out)
+    assert np.array_equal(state.zeta, kept)
+    assert np.allclose(out.s, 1.0)
+
+
+def test_tracking_errors_are_those_of_the_motion(rng):
+    """eta_e_dot of a finite difference is nu_e, and nu_d_dot the derivative of nu_d, both in the rotating B."""
+    p, v, p_d, v_d, a_d, omega = rng.normal(size=(6, 3))
+    R_0, h = Rotation.random(random_state=6), 1e-6
+
+    def at(t):
+        R = R_0 * Rotation.from_rotvec(omega * t)  # omega in B
+        quat = R.as_quat(scalar_first=True)
+        given = record(
+            TASK_GIVEN,
+            p_WB=p + v * t,
+            quat_WB=quat,
+            R_WB=R.as_matrix(),
+            nu=np.concatenate([R.inv().apply(v), omega]),
+            p_d=p_d + v_d * t + 0.5 * a_d * t * t,
+            p_d_dot=v_d + a_d * t,
+            p_d_ddot=a_d,
+            quat_d=[1.0, 0.0, 0.0, 0.0],
+        )
+        tracking_errors(given)
+        return given
+
+    before, here, after = at(-h), at(0.0), at(h)
+    p_e_dot = (after.eta_e[:3] - before.eta_e[:3]) / (2 * h)
+    assert np.allclose(p_e_dot + np.cross(omega, here.eta_e[:3]), here.nu_e[:3], atol=1e-8)
+    v_d_dot = ((after.nu - after.nu_e) - (before.nu - before.nu_e))[:3] / (2 * h)
+    assert np.allclose(v_d_dot, here.nu_d_dot[:3], atol=1e-8)
+    assert np.array_equal(here.nu_e[3:], omega)
+    sign = 1.0 if R_0.as_quat(scalar_first=True)[0] >= 0.0 else -1.0
+    assert np.allclose(here.quat_e, sign * R_0.as_quat(scalar_first=True))
+
+
+def test_a_stages_functions_change_only_their_outputs(setup, rng):
+    given, out = task_inputs(rng, setup), record(TASK)
+    before = given.copy()
+    task = ImpedanceTask()
+    ImpedanceTask.step(settings_of(task, setup), states_of(task)[0], given, states_of(task)[1], out)
+    assert given.tobytes() == before.tobytes()
+
+
+def test_the_base_classes_are_not_stages_to_choose():
+    for base in (Guidance, Navigation, Actuation):
+        with pytest.raises(NotImplementedError):
+            base.step(None, None, None, None, None)
+        assert re.search(r"given", base.__doc__)
+    assert dataclasses.is_dataclass(Guidance)
