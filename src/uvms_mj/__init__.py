@@ -26,6 +26,7 @@ _HOME = {
     "Simulation": "engine.simulation",
     "SinkError": "engine.run",
     "Sta": "control",
+    "StageFault": "engine.native.plain_stage",
     "Status": "records.header",
     "Trace": "records.trace",
     "attach": "engine.native",
@@ -50,6 +51,7 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .control import gain as gain
     from .engine.native import Attachment as Attachment
     from .engine.native import attach as attach
+    from .engine.native.plain_stage import StageFault as StageFault
     from .engine.run import LawError as LawError
     from .engine.run import SinkError as SinkError
     from .engine.run import simulate as simulate
