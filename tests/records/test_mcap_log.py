@@ -15,6 +15,7 @@ import struct
 import subprocess
 import sys
 import time
+import tomllib
 import zlib
 from collections import defaultdict
 from pathlib import Path
@@ -22,6 +23,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+import tomli_w
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Statistics
@@ -30,7 +32,7 @@ from mcap_ros2.decoder import DecoderFactory
 
 from uvms_mj import Controller, InputError, McapLog, Scenario, SinkError, Status, Trace, simulate
 from uvms_mj.plant.mjcf import Mjcf
-from uvms_mj.records.mcap.attachments import refuse_large, without_paths
+from uvms_mj.records.mcap.attachments import header_files, header_of, refuse_large, without_paths
 from uvms_mj.records.mcap.layout import Format
 from uvms_mj.records.scene import span
 from uvms_mj.stages.recorded import recorded_stage
@@ -739,6 +741,9 @@ def rewritten(path, change):
         lambda name, data: (name, data.replace(b'"row_steps": 10', b'"row_steps": 20')),
         lambda name, data: (name, data.replace(b'"gsta"', b'"/bin/sh.py:Law"')),
         lambda name, data: (name, data.replace(b'name = "gsta"', b'name = "os.py:Law"')),
+        lambda name, data: (name, data.replace(b'"perfect"', b'"/bin/sh.py:Law"')),
+        lambda name, data: (name, data.replace(b'name = "perfect"', b'name = "os.py:Law"')),
+        lambda name, data: (name, data.replace(b'"navigation": {', b'"sensors": {')),
         lambda name, data: (name, b"[" * 100_000 if name == "run.json" else data),
         lambda name, data: (name, b'{"a":' * 50_000 if name == "geometry.json" else data),
         lambda name, data: (name, b"a = " + b"[" * 50_000 if name == "scenario.toml" else data),
@@ -1067,3 +1072,28 @@ def test_a_chunk_that_is_too_short_is_damage_whatever_its_checksum(logged, tmp_p
     (tmp_path / "x.mcap").write_bytes(out)
     with pytest.raises(InputError, match="damaged"):
         Trace.load(tmp_path / "x.mcap")
+
+
+def test_a_header_of_format_1_is_read(tmp_path):
+    """The earlier format has one law's source, and the task's gains among the law's."""
+    path = tmp_path / "my_law.py"
+    path.write_text(LAW)
+    settings = {"simulation.duration": 0.01, "task.F_1": 2.0, "task.integral": True}
+    trace = simulate(Scenario.load("push_wall", settings, f"{path}:Mine"))
+    files = header_files(trace.header)
+    run, tables = json.loads(files["run.json"]), tomllib.loads(files["scenario.toml"].decode())
+    run |= {"format": 1, "law": run.pop("stages")["controller"]}
+    tables["controller"] |= tables.pop("task")
+    for table in ("navigation", "actuation"):
+        del tables[table]
+    del tables["reference"]["name"], tables["simulation"]["seed"]
+    files |= {"run.json": json.dumps(run).encode(), "scenario.toml": tomli_w.dumps(tables).encode()}
+    read, now = header_of(files), header_of(header_files(trace.header))
+    assert read.scenario.to_dict() == now.scenario.to_dict()
+    assert read.scenario.task == trace.scenario.task
+    assert read.sources == now.sources
+    assert read.law.code == LAW
+    with pytest.raises(InputError, match=r"log format 3, of another version.*reads 1 and 2"):
+        header_of(files | {"run.json": json.dumps(run | {"format": 3}).encode()})
+    with pytest.raises(InputError, match=r"run\.json: stages\.controller: 1 is not a table"):
+        header_of(files | {"run.json": json.dumps(run | {"law": 1}).encode()})

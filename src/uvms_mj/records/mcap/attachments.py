@@ -23,7 +23,7 @@ from ...quantities import STRICT, NonNegative, Real
 from ...scenario import STAGES, Scenario
 from ...stages.recorded import recorded_stage
 from ...stages.signals import RECORDED, Signal
-from ..header import Header, Outcome, StageSource, Status, solved
+from ..header import Header, Outcome, StageSource, Status, code_file, solved
 
 MOST_BYTES = 256_000_000
 """Largest total size of a log's attached files [bytes]."""
@@ -106,14 +106,9 @@ def header_files(header: Header) -> dict[str, bytes]:
         "geometry.json": header.geometry.to_json(),
     }
     files |= {f"model/{name}": data for name, data in header.mjcf.files.items()}
-    files |= {_code_file(name, s.source): s.code.encode() for name, s in header.sources.items() if s.code}
+    files |= {code_file(name, s.source): s.code.encode() for name, s in header.sources.items() if s.code}
     refuse_large(files)
     return files
-
-
-def _code_file(table: str, source: str) -> str:
-    """Name of the attachment with the code of a table's stage."""
-    return f"{'law' if table == 'controller' else table}/{source.rpartition(':')[0]}"
 
 
 def refuse_large(files: Mapping[str, bytes]) -> None:
@@ -147,13 +142,15 @@ def header_of(files: Mapping[str, bytes]) -> Header:
         tables = parsed_toml(files["scenario.toml"].decode())
     except ValueError as error:
         raise InputError(f"scenario.toml: {error}") from None
+    if set(run.stages) != set(STAGES):
+        raise InputError(f"run.json: stages must have the entries {', '.join(STAGES)}")
     sources, known = {}, {}
     for name, choice in STAGES.items():
         table = tables.get(name) if run.format == FORMAT or name == "controller" else {"name": choice.default.name}
         entry, noun = run.stages.get(name), choice.base.room.noun
         if entry is None or not isinstance(table, dict) or table.get("name") != entry.source:  # before the name is used
             raise InputError(f"scenario.toml and run.json name different {noun}s")
-        code = files.get(_code_file(name, entry.source), b"").decode(errors="replace")
+        code = files.get(code_file(name, entry.source), b"").decode(errors="replace")
         sources[name] = StageSource(entry.source, entry.sha256, code, entry.states)
         if entry.source not in choice.shipped:
             known[name] = recorded_stage(choice.base, entry.source, table, entry.states)
@@ -198,17 +195,18 @@ def _run_of(data: bytes) -> _Run:
     """
     try:
         text = json.loads(data)
-        format = text.get("format") if isinstance(text, dict) else None
-        if type(format) is int and format not in (1, FORMAT):
-            raise InputError(f"has log format {format}, of another version of uvms-mj; this one reads 1 and {FORMAT}")
-        if format == 1 and "law" in text and "stages" not in text:
-            others = {name: choice.default.name for name, choice in STAGES.items()}
-            text["stages"] = {name: {"source": source, "sha256": None, "states": {}} for name, source in others.items()}
-            text["stages"]["controller"] = text.pop("law")
-        return _RUN.validate_json(json.dumps(text))
     except (ValueError, RecursionError) as error:
-        faults = faults_of(error) if isinstance(error, ValidationError) else f"is not JSON: {error}"
-        raise InputError(faults, "run.json") from None
+        raise InputError(f"run.json: is not JSON: {error}") from None
+    format = text.get("format") if isinstance(text, dict) else None
+    if type(format) is int and format not in (1, FORMAT):
+        raise InputError(f"has log format {format}, of another version of uvms-mj; this one reads 1 and {FORMAT}")
+    if format == 1 and "law" in text:
+        others = {name: {"source": c.default.name, "sha256": None, "states": {}} for name, c in STAGES.items()}
+        text["stages"] = others | {"controller": text.pop("law")}
+    try:
+        return _RUN.validate_json(json.dumps(text))
+    except ValidationError as error:
+        raise InputError(faults_of(error), "run.json") from None
 
 
 def _tuple(array: np.ndarray | None) -> tuple[float, ...] | None:
