@@ -14,6 +14,7 @@ from uvms_mj import Gsta, InputError, McapLog, Scenario, simulate
 from uvms_mj.analysis.disturbance import Experienced, NotGiven, experienced, lumped_disturbance
 from uvms_mj.analysis.setup import set_up
 from uvms_mj.cli.certify import certify
+from uvms_mj.control import ImpedanceTask
 from uvms_mj.control.certificate import Certificate, gains_for, lyapunov_matrix, rate_bound
 from uvms_mj.control.theory import certificate
 from uvms_mj.physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
@@ -27,7 +28,7 @@ gains = st.tuples(st.floats(0.1, 30.0), st.floats(0.1, 100.0))
 
 
 def certificate_of(law):
-    return certificate(SimpleNamespace(scenario=Scenario(controller=law), task=law))
+    return certificate(SimpleNamespace(scenario=Scenario(controller=law), task=ImpedanceTask()))
 
 
 # The closed form
