@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from .control import Controller, Fosm, Gsta, Ideal, Impedance, Sta, gain
     from .engine.native import Attachment, attach
     from .engine.run import LawError, SinkError, simulate
+    from .engine.simulation import Diverged, Simulation
+    from .engine.native.plain_stage import StageFault
     from .errors import InputError
     from .records.header import Status
     from .records.mcap import McapLog
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
 _HOME = {
     "Attachment": "engine.native",
     "Controller": "control",
+    "Diverged": "engine.simulation",
     "Fosm": "control",
     "Gsta": "control",
     "Ideal": "control",
@@ -31,8 +34,10 @@ _HOME = {
     "LawError": "engine.run",
     "McapLog": "records.mcap",
     "Scenario": "scenario",
+    "Simulation": "engine.simulation",
     "SinkError": "engine.run",
     "Sta": "control",
+    "StageFault": "engine.native.plain_stage",
     "Status": "records.header",
     "Trace": "records.trace",
     "attach": "engine.native",
@@ -44,6 +49,7 @@ _HOME = {
 __all__ = [
     "Attachment",
     "Controller",
+    "Diverged",
     "Fosm",
     "Gsta",
     "Ideal",
@@ -52,8 +58,10 @@ __all__ = [
     "LawError",
     "McapLog",
     "Scenario",
+    "Simulation",
     "SinkError",
     "Sta",
+    "StageFault",
     "Status",
     "Trace",
     "attach",

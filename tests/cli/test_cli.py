@@ -370,7 +370,7 @@ def test_an_empty_name_is_no_place(here, tmp_path, arguments):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("where", ["ClosedLoop", "_Run._outcome"])
+@pytest.mark.parametrize("where", ["Simulation", "_Run._outcome"])
 def test_a_run_that_never_began_reports_in_the_same_words_and_what_it_left(here, monkeypatch, where):
     def shape(report):
         return {key: shape(value) for key, value in report.items()} if isinstance(report, dict) else None

@@ -15,8 +15,8 @@ import pytest
 
 from uvms_mj import Controller, Gsta, InputError, LawError, Scenario, Trace, simulate
 from uvms_mj.control import BUILT_IN, Ideal, Impedance, ImpedanceTask
-from uvms_mj.engine.native import compilation
-from uvms_mj.engine.native.closed_loop import law_signals
+from uvms_mj.engine.native import compilation, objects
+from uvms_mj.engine.native.rows import check_states
 from uvms_mj.engine.run import PlainPythonWarning, SamplingWarning
 from uvms_mj.physics.kernels import kernels
 
@@ -118,10 +118,10 @@ def test_a_law_as_plain_python_gives_what_it_gives_compiled(monkeypatch):
     )
     compiled = simulate(scenario)
 
-    def refuse(controller):
+    def refuse(*_, **__):
         raise compilation.NotCompiled("for the test")
 
-    monkeypatch.setattr("uvms_mj.engine.native.closed_loop.compile_law", refuse)
+    monkeypatch.setattr("uvms_mj.engine.native.stage_table.compile_stage", refuse)
     with pytest.warns(PlainPythonWarning, match="for the test"):
         plain = simulate(scenario)
     assert plain.touches[-1] > 0
@@ -227,16 +227,16 @@ def test_an_edit_to_any_file_that_a_law_uses_is_seen_at_the_next_run(tmp_path):
 )
 def test_torn_facts_about_machine_code_are_compiled_again(tmp_path, monkeypatch, change):
     simulate(Scenario.load("push_wall", SHORT))
-    for file in compilation._folder().glob("*.json"):
+    for file in objects._folder().glob("*.json"):
         code, facts = file.with_suffix(".o").read_bytes(), json.loads(file.read_bytes())
-        if facts["externals"] and facts["sha256"] == compilation._digest(code, facts):
+        if facts["externals"] and facts["sha256"] == objects._digest(code, facts):
             break
-    monkeypatch.setattr(compilation, "_folder", lambda: tmp_path)
+    monkeypatch.setattr(objects, "_folder", lambda: tmp_path)
     (tmp_path / f"{file.stem}.o").write_bytes(code)
     (tmp_path / file.name).write_text(json.dumps(facts))
-    assert compilation._load(file.stem, True)
+    assert objects.load(file.stem)
     (tmp_path / file.name).write_text(json.dumps(change(facts)))
-    assert compilation._load(file.stem, True) is None
+    assert objects.load(file.stem) is None
 
 
 SPEAKS = "tau_cmd[:] = 0.0\nif signals.t < 0.00015:\n    print(signals.t, signals.s)"
@@ -262,43 +262,43 @@ def test_a_law_that_prints_or_raises_does_so_from_disk_too(tmp_path, body, statu
 
 
 def test_what_a_killed_process_left_in_the_cache_is_forgotten_in_time(tmp_path, monkeypatch):
-    monkeypatch.setattr(compilation, "_folder", lambda: tmp_path)
-    monkeypatch.setattr(compilation, "_KEPT_OBJECTS", 1)
+    monkeypatch.setattr(objects, "_folder", lambda: tmp_path)
+    monkeypatch.setattr(objects, "_KEPT_OBJECTS", 1)
     left = tmp_path / "new-left"
     for name in ("new-left", "new-now", "new-then"):
         (tmp_path / name).mkdir()
     (left / "torn.o").write_bytes(b"x")
     os.utime(left, (0.0, 0.0))
-    compilation._keep("name", b"code", {})
+    objects.keep("name", b"code", "symbol", [])
     assert sorted(path.name for path in tmp_path.iterdir()) == ["name.json", "name.o", "new-now", "new-then"]
 
 
 def test_a_cache_that_takes_nothing_stops_no_run(monkeypatch):
     """In a missing folder, as on a full disk, no file can be written."""
-    monkeypatch.setattr(compilation, "_folder", lambda: Path("/nowhere/at/all"))
+    monkeypatch.setattr(objects, "_folder", lambda: Path("/nowhere/at/all"))
     assert simulate(Scenario.load("push_wall", SHORT)).status.name == "completed"
 
 
-_CONTRACT = ("base", "contract", "recorded", "loader")
-"""Modules of the contract of stages. Settings and states are in the fingerprint of each stage."""
-
-
 def test_the_fingerprint_covers_all_that_reaches_the_machine_code():
-    """The fingerprint has every kernel's file, and every file that such a file imports kernels or layouts from."""
-    package, core = compilation._PACKAGE, set(compilation._CORE)
-    for function in kernels:
-        assert str(Path(function.__code__.co_filename).relative_to(package)) in core, function
-    for name in core:
-        for node in ast.walk(ast.parse((package / name).read_text())):
+    """Every kernel's file is in the fingerprint, and every file of the package that such a file imports, directly or
+    not. Errors and validated types of settings aside, which compute nothing in a kernel."""
+    package = Path(objects.__file__).parents[2]
+    covered = {path for room in objects._ROOMS for path in (package / room).glob("*.py")}
+    found: set[Path] = set()
+    todo = [Path(function.__code__.co_filename) for function in kernels]
+    todo += [Path(law.law.__code__.co_filename) for law in BUILT_IN.values()]
+    assert len(todo) > 30
+    while todo:
+        path = todo.pop()
+        if path in found:
+            continue
+        found.add(path)
+        for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.ImportFrom) and node.level:
-                folder = (package / name).parents[node.level - 1]
-                module = folder / (node.module or "").replace(".", "/")
-                file = module.with_suffix(".py")
-                targets = [file] if file.is_file() else [module / f"{a.name}.py" for a in node.names]
-                for target in targets:
-                    imported = str(target.relative_to(package))
-                    settings = imported in ("errors.py", "files.py", "quantities.py") or target.stem in _CONTRACT
-                    assert imported in core or settings, (name, imported)
+                folder = path.parents[node.level - 1] / (node.module or "").replace(".", "/")
+                file = folder.with_suffix(".py")
+                todo += [file] if file.is_file() else [folder / f"{a.name}.py" for a in node.names]
+    assert {str(path.relative_to(package)) for path in found - covered} <= {"errors.py", "quantities.py", "files.py"}
 
 
 def test_a_state_may_not_take_the_name_of_a_recorded_signal(tmp_path):
@@ -310,7 +310,7 @@ def test_a_state_may_not_take_the_name_of_a_recorded_signal(tmp_path):
 @pytest.mark.parametrize("name", sorted({name for name in dir(Trace) if name[0] != "_"}))
 def test_a_state_may_not_hide_what_a_trace_has(name):
     with pytest.raises(InputError, match=f"'{name}'.*is the name of"):
-        law_signals(type("Hiding", (Controller,), {"states": {name: 1}})())
+        check_states([(type("Hiding", (Controller,), {"states": {name: 1}})(), name)])
 
 
 def test_a_law_derived_from_one_of_ours_is_a_users_law(tmp_path):
@@ -341,10 +341,10 @@ def test_what_a_law_writes_on_its_signals_is_not_recorded_nor_kept(tmp_path, mon
     path = law_file(tmp_path, careful + "\n\n" + one_liner("Careless", slip))
     if not compiled:
 
-        def refuse(controller):
+        def refuse(*_, **__):
             raise compilation.NotCompiled("for the test")
 
-        monkeypatch.setattr("uvms_mj.engine.native.closed_loop.compile_law", refuse)
+        monkeypatch.setattr("uvms_mj.engine.native.stage_table.compile_stage", refuse)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PlainPythonWarning)
         ours, theirs = (simulate(Scenario.load("push_wall", SHORT, f"{path}:{n}")) for n in ("Careful", "Careless"))

@@ -15,11 +15,12 @@ from misbehave import trouble
 from misbehaving_laws import LATE, SET, cases, law
 from uvms_mj import Gsta, InputError, LawError, McapLog, Scenario, Trace, simulate
 from uvms_mj.engine.native.arena import MARGIN, Arena
-from uvms_mj.engine.native.layouts import SIGNALS
 from uvms_mj.engine.run import PlainPythonWarning
 from uvms_mj.records.header import Status
+from uvms_mj.stages.signals import GIVEN, record_dtype
 
 ALL = cases()
+SIGNALS, TAU_CMD = record_dtype(GIVEN), np.dtype(("f8", (6,)))
 HERE = [
     "overruns: tau_cmd[131071]",
     "overruns: gains.three[7]",
@@ -121,10 +122,11 @@ def test_compiled_code_raises_where_numpy_does_and_nowhere_else(tmp_path, statem
 def test_an_overrun_is_measured(name, places, before):
     """Written zeros are detected too, because the margins are not filled with zeros."""
     gains = Gsta()
-    arena = Arena(gains.record(), gains.state_record(), SIGNALS)
+    arena = Arena(Gsta.room, gains.record(), gains.state_record(), SIGNALS, TAU_CMD)
     assert arena.overrun() == ""
-    start = arena.offsets[name] // 8
-    first = start - 1 if before else start + arena.sizes[name] // 8
+    part = next(part for part, called in arena.names.items() if called == name)
+    start = arena.offsets[part] // 8
+    first = start - 1 if before else start + arena.sizes[part] // 8
     for place in places:
         arena._words[first - place if before else first + place] = 0
     said = arena.overrun()
@@ -161,8 +163,8 @@ def test_a_write_from_one_state_into_the_next_is_found():
     """Each state has margins of its own, and both its neighbours keep their values."""
     state = np.zeros(1, np.dtype([("xi", "f8", (6,)), ("yo", "f8", (3,)), ("w", "f8", (1,))], align=True))
     state["yo"], state["w"] = 2.0, 3.0
-    arena = Arena(Gsta().record(), state, SIGNALS)
-    arena.fill(np.zeros(1, SIGNALS).view(np.uint8), state)
+    arena = Arena(Gsta.room, Gsta().record(), state, SIGNALS, TAU_CMD)
+    arena.fill(np.zeros(1, SIGNALS), state)
     assert arena.overrun() == ""
     assert all(np.array_equal(arena.arrays["state"][name], state[name]) for name in ("xi", "yo", "w"))
     beyond = as_strided(arena.arrays["state"]["xi"][0], (131_078,), (8,))

@@ -1,6 +1,6 @@
 """Checks of a run before its first step: errors, and warnings of a sampled loop that chatters or limit-cycles."""
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 
 import numpy as np
 
@@ -15,22 +15,35 @@ from .setup import Setup
 from .wall import wall_faults, wall_notes
 
 DEFAULT_LOG_RATE = 1000.0
+_CHECKED = ("wall", "design", "simulation", "disturbance")
 
 
 class SamplingWarning(UserWarning):
     """The controller chatters or limit-cycles at this time step or with these gains."""
 
 
-def check(setup: Setup) -> list[str]:
-    """Raise for a scenario that cannot run; return warnings for one that runs badly.
+def refuse(setup: Setup, touched: Container[str] = _CHECKED) -> None:
+    """Raise for a scenario that cannot run.
+
+    Args:
+        setup: the scenario, its plant and its design.
+        touched: what has changed since the last check: tables of the scenario, or "design".
 
     Raises:
-        InputError: for example, the wall is too stiff for the time step, or the control period is not a multiple of it.
+        InputError: for example, the wall is too stiff for the time step, or a period is not a multiple of it.
     """
-    scenario, vehicle = setup.scenario, setup.vehicle
-    faults = [*wall_faults(setup), *_stage_faults(scenario), *aliased(scenario)]
+    scenario, faults = setup.scenario, list(_stage_faults(setup.scenario))
+    if any(table in touched for table in ("wall", "design", "simulation")):
+        faults += wall_faults(setup)
+    if any(table in touched for table in ("disturbance", "simulation")):
+        faults += aliased(scenario)
     if faults:
         raise InputError(faults, "scenario")
+
+
+def warnings_of(setup: Setup) -> list[str]:
+    """Warnings for a scenario that runs badly."""
+    scenario, vehicle = setup.scenario, setup.vehicle
     notes = [
         *wall_notes(setup),
         *stage_notes(scenario.reference, setup),

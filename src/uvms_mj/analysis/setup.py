@@ -1,5 +1,6 @@
 """A scenario with its plant and design: the basis of a run, and of everything that is computed about it."""
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ from ..control.design import Design
 from ..plant.build import Plant, build
 from ..plant.mjcf import Mjcf
 from ..plant.vehicle import Vehicle
+from ..plant.wall import lightest_along_face
 from ..scenario import Scenario
 
 
@@ -39,6 +41,16 @@ class Setup:
         """(3,) acceleration of gravity [m/s^2]."""
         return self.plant.model.opt.gravity
 
+    @property
+    def masses_at_contact(self) -> tuple[float, float]:
+        """Effective mass at the contact point along the wall's normal, and the least one along its face [kg]."""
+        return _masses(self.design, self.reach)
+
+
+@functools.lru_cache(maxsize=64)
+def _masses(design: Design, reach: float) -> tuple[float, float]:
+    return design.along_normal(design.M), lightest_along_face(design.M, design.normal, reach)
+
 
 def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
     """Build the plant of a scenario and compute its design.
@@ -58,4 +70,6 @@ def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
 
 def design_of(scenario: Scenario, vehicle: Vehicle) -> Design:
     """The design matrices of a scenario and its vehicle. Raises InputError if the desired impedance is not physical."""
-    return Design.of(scenario.impedance, scenario.estimates, vehicle.M, scenario.reference.attitude_deg)
+    return Design.of(
+        scenario.impedance, scenario.estimates, vehicle.M, scenario.reference.attitude_deg
+    )

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator
 
 from ..errors import Fault
-from ..plant.wall import contact_settings, lightest_along_face
+from ..plant.wall import contact_settings
 from .setup import Setup
 
 RESOLVED = 0.3
@@ -71,9 +71,9 @@ START_FORCE = 100.0
 
 def _directions(setup: Setup) -> Iterator[tuple[str, float, float, float]]:
     """Prefix of the keys, spring [N/m], damper [N s/m] and mass at the contact [kg] of each direction in use."""
-    design, reach = setup.design, setup.reach
-    settings = contact_settings(setup.scenario.wall, design.M, design.normal, reach)
-    yield "", settings["stiffness"], settings["damping"], design.along_normal(design.M)
+    along_normal, along_face = setup.masses_at_contact
+    settings = contact_settings(setup.scenario.wall, along_face)
+    yield "", settings["stiffness"], settings["damping"], along_normal
     if settings["friction"] > 0.0:
         k_t, b_t = settings["tangential_stiffness"], settings["tangential_damping"]
-        yield "tangential_", k_t, b_t, lightest_along_face(design.M, design.normal, reach)
+        yield "tangential_", k_t, b_t, along_face

@@ -67,6 +67,7 @@ class ImpedanceTask(Stage):
     integral: bool = shared(False, "-", "true: s is M_d^-1 times the integral of eq. (6): A is 0, and s(0) is 0")
 
     name = "impedance_task"
+    needs: ClassVar = ("design",)
     states: ClassVar = {"zeta": 6}
     units: ClassVar = {"zeta": "m/s, rad/s"}
     room: ClassVar[Room] = Room("control", "task", lambda thrusters: TASK_GIVEN, TASK, "task", "gain")

@@ -5,22 +5,24 @@ from ..physics.kernels import kernel
 
 
 @kernel
-def tracking_errors(signals):
-    """Set quat_e, eta_e, nu_e and nu_d_dot of signals. Errors are actual minus desired, in B."""
-    R_WB, nu, eta_e, nu_e = signals.R_WB, signals.nu, signals.eta_e, signals.nu_e
-    x = signals.p_WB[0] - signals.p_d[0]
-    y = signals.p_WB[1] - signals.p_d[1]
-    z = signals.p_WB[2] - signals.p_d[2]
+def tracking_errors(given, out):
+    """Set quat_e, eta_e, nu_e and nu_d_dot of out from the measurements and the reference."""
+    R_WB, nu, eta_e, nu_e = given.R_WB, given.nu, out.eta_e, out.nu_e
+    x = given.p_WB[0] - given.p_d[0]
+    y = given.p_WB[1] - given.p_d[1]
+    z = given.p_WB[2] - given.p_d[2]
     for i in range(3):
         eta_e[i] = R_WB[0, i] * x + R_WB[1, i] * y + R_WB[2, i] * z
-    quat_error(signals.quat_d, signals.quat_WB, signals.quat_e)
+    quat_error(given.quat_d, given.quat_WB, out.quat_e)
     for i in range(3):
-        eta_e[i + 3] = signals.quat_e[i + 1]  # below eq. (12)
-    to_body(R_WB, signals.p_d_dot, nu_e)  # v_d in B, for now
-    to_body(R_WB, signals.p_d_ddot, signals.nu_d_dot)
-    signals.nu_d_dot[0] -= nu[4] * nu_e[2] - nu[5] * nu_e[1]  # a_d = R^T p_d_ddot - omega x R^T p_d_dot
-    signals.nu_d_dot[1] -= nu[5] * nu_e[0] - nu[3] * nu_e[2]
-    signals.nu_d_dot[2] -= nu[3] * nu_e[1] - nu[4] * nu_e[0]
+        eta_e[i + 3] = out.quat_e[i + 1]  # below eq. (12)
+    v_d = nu_e  # in B; nu_e is set from it below
+    to_body(R_WB, given.p_d_dot, v_d)
+    to_body(R_WB, given.p_d_ddot, out.nu_d_dot)
+    out.nu_d_dot[0] -= nu[4] * v_d[2] - nu[5] * v_d[1]  # a_d = R^T p_d_ddot - omega x R^T p_d_dot
+    out.nu_d_dot[1] -= nu[5] * v_d[0] - nu[3] * v_d[2]
+    out.nu_d_dot[2] -= nu[3] * v_d[1] - nu[4] * v_d[0]
     for i in range(3):
-        nu_e[i] = nu[i] - nu_e[i]
+        nu_e[i] = nu[i] - v_d[i]
         nu_e[i + 3] = nu[i + 3]  # the desired attitude is constant
+        out.nu_d_dot[i + 3] = 0.0

@@ -99,6 +99,7 @@ class FilteredSteps(Guidance):
     )
 
     name = "filtered_steps"
+    needs: ClassVar = ("initial",)
     _inner_keys: ClassVar = {"reference.waypoints": ("time", "position")}
 
     @property

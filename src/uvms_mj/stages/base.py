@@ -99,6 +99,9 @@ class Stage:
     room: ClassVar[Room]
     _inner_keys: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     """Keys of the tables within a setting, by the setting's key."""
+    needs: ClassVar[tuple[str, ...] | None] = None
+    """Tables of the scenario that :meth:`constants` reads besides the stage's own; "design" stands for the design
+    matrices. None: any, or none if the class does not override it."""
     external: ClassVar[bool] = False
     """Whether the caller of a Simulation sets the outputs."""
 

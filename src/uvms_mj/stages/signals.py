@@ -157,6 +157,7 @@ STATE = (
     Signal("nu_dot", (6,), "m/s^2, rad/s^2", "B", "acceleration, time derivative of nu"),
     Signal("p_d", (3,), "m", "W", "desired position"),
     Signal("p_d_dot", (3,), "m/s", "W", "desired velocity"),
+    Signal("quat_d", (4,), "1", "W", "desired attitude, w x y z"),
     Signal("eta_e", (6,), "m, 1", "B", "pose error [R_WB^T (p_WB - p_d); vector part of quat_e]"),
     Signal("nu_e", (6,), _TWIST, "B", "velocity error nu - nu_d"),
     Signal("s", (6,), _TWIST, "B", "sliding variable, eq. (14)"),
@@ -188,6 +189,13 @@ RUNNING = (
     Signal("boundary_layer_time", (6,), "s", "B", "time with |s_i| < epsilon (1e-3 if the law has no epsilon)"),
 )
 """Accumulated at every step, at any log rate, and recorded as running signals."""
+
+MEASURED = (
+    Signal("p_WB_m", (3,), "m", "W", "measured position of B's origin"),
+    Signal("quat_WB_m", (4,), "1", "W", "measured attitude, w x y z"),
+    Signal("nu_m", (6,), _TWIST, "B", "measured velocity"),
+)
+"""Recorded unless navigation is perfect."""
 
 FINAL_WINDOW_S = 0.5
 """Length of the window at the end of a run that gives its final values [s]."""

@@ -1,0 +1,205 @@
+"""Machine code of kernels against the same functions as plain Python, and the limits of their language."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+from uvms_mj.engine.native.laws import TAU_CMD
+
+from uvms_mj.control import BUILT_IN
+from uvms_mj.engine.native.compilation import native_function
+from uvms_mj.engine.native.expressions import Untranslatable
+from uvms_mj.engine.native.intrinsics import translate
+from uvms_mj.engine.native.layouts import SIGNALS, SIGNALS_AND_TRUTH
+from uvms_mj.scenario import Scenario
+
+PART = np.dtype([("flag", "?"), ("n", "i8"), ("x", "f8"), ("v", "f8", (4,))], align=True)
+DATA = np.dtype([("i", "i8", (4,)), ("a", "f8", (5,)), ("A", "f8", (2, 3)), ("parts", PART, (2,))], align=True)
+OUT = np.dtype([("i", "i8", (12,)), ("x", "f8", (16,)), ("flag", "?")], align=True)
+ODD = [0.0, -0.0, 1.5, -2.25, math.inf, -math.inf, math.nan]
+
+
+def integers(data, out):
+    a, b = data.i[0], data.i[1]
+    out.i[0], out.i[1], out.i[2], out.i[3] = a + b, a - b, a * b, -a
+    if b != 0:
+        out.i[4] = a // b
+        out.i[5] = a % b
+    out.i[6] = (a & b) ^ (a << 3) ^ (b >> 2)
+    out.i[7], out.i[8] = min(a, b, data.i[2]), max(a, b, data.i[2])
+    out.i[9] = int(data.parts[1].x)
+    total = 0
+    for i in range(b, a, 3):
+        if i == 7:
+            continue
+        total += i
+        if total > 40:
+            break
+    for i in range(a, -3, -2):
+        total -= i
+    out.i[10] = total
+    out.i[11] = data.a.shape[0] if a > b and not (b == 3 or a == 4) else -1
+
+
+def numbers(data, out):
+    x, y = data.a[0], data.a[1]
+    x, y = y, x
+    out.x[0], out.x[1], out.x[2] = x + y, x - y, x * y / 3.0
+    out.x[3], out.x[4] = min(x, y), max(x, y)
+    out.x[5], out.x[6] = abs(x), np.sign(y)
+    out.x[7] = math.sqrt(data.parts[1].v[2]) + math.exp(-data.parts[1].v[2]) * math.sin(0.5 * data.parts[1].v[3])
+    chosen = data.parts[0]
+    if x < y or x != x:
+        chosen = data.parts[1]
+    out.x[8] = chosen.v[3] if chosen.flag else -chosen.x
+    for i in range(2):
+        for j in range(3):
+            out.x[9 + i] += data.A[i, j] * data.a[j + 2]
+    out.x[11] = first_above(data.a, 1.0)
+    out.x[12] = 1.0 if x == y else (2.0 if x <= y else (3.0 if x >= y else 4.0))
+    out.x[13] = data.i[3]
+    out.flag = is_inside(x, -2.0, 2.0)
+
+
+def is_inside(x, low, high) -> bool:
+    if x < low:
+        return False
+    return x <= high
+
+
+def first_above(values, limit) -> float:
+    for i in range(values.shape[0]):
+        if values[i] > limit:
+            return values[i]
+    return 0.0
+
+
+@pytest.mark.parametrize("kernel", [integers, numbers])
+def test_machine_code_is_plain_python_bit_for_bit(kernel):
+    native = native_function(kernel, [DATA, OUT])
+    random = np.random.default_rng(1)
+    for _ in range(500):
+        data, out, expected = np.zeros(1, DATA), np.zeros(1, OUT), np.zeros(1, OUT)
+        data["i"], data["a"] = random.integers(-20, 20, 4), random.normal(size=5)
+        data["a"][0, :2] = random.choice(ODD, 2) if random.random() < 0.5 else random.normal(size=2)
+        data["A"] = random.normal(size=(2, 3))
+        for part in data["parts"][0]:
+            part["flag"], part["n"], part["x"] = random.random() < 0.5, 3, 100.0 * random.normal()
+            part["v"] = random.random(4)
+        native.ctypes(data.ctypes.data, out.ctypes.data)
+        with np.errstate(all="ignore"):
+            kernel(data.view(np.recarray)[0], expected.view(np.recarray)[0])
+        for name in OUT.names:
+            np.testing.assert_array_equal(out[name], expected[name])
+            if name == "x":
+                np.testing.assert_array_equal(np.signbit(out[name]), np.signbit(expected[name]), str(data))
+
+
+@pytest.mark.parametrize("name", sorted(BUILT_IN))
+def test_each_shipped_law_gives_the_same_as_machine_code_and_as_plain_python(name):
+    law, gains = BUILT_IN[name], Scenario.load("push_wall", {}, name).controller.record()
+    state = law.state_record()
+    kind = SIGNALS_AND_TRUTH if law.uses_truth else SIGNALS
+    native = native_function(law.law, [gains.dtype, state.dtype, kind, state.dtype, TAU_CMD])
+    random = np.random.default_rng(2)
+    for _ in range(50):
+        signals = random.normal(size=kind.itemsize // 8).view(kind)
+        state.view(float)[:] = random.normal(size=state.nbytes // 8)
+        made = []
+        for run in (native.ctypes, law.law):
+            state_dot, tau_cmd = np.zeros(1, state.dtype), np.zeros(6)
+            given = (gains, state, signals, state_dot)
+            if run is law.law:
+                run(*(each.view(np.recarray)[0] for each in given), tau_cmd)
+            else:
+                assert run(*(each.ctypes.data for each in (*given, tau_cmd))) == 0
+            made.append((state_dot, tau_cmd))
+        np.testing.assert_array_equal(made[0][0], made[1][0])
+        np.testing.assert_array_equal(made[0][1], made[1][1])
+
+
+def power(data):
+    data.a[0] = data.a[1] ** 2
+
+
+def slices(data):
+    data.a[0] = data.a[1:2]
+
+
+def backwards(data):
+    data.a[-1] = 0.0
+
+
+def one_index(data):
+    data.A[0] = 1.0
+
+
+def unknown_field(data):
+    data.b[0] = 1.0
+
+
+def narrows(data):
+    n = 0
+    n += 0.5
+    data.a[0] = n
+
+
+def changes(data):
+    a = data.a
+    a = data.parts[0]
+    a.x = 1.0
+
+
+def chain(data):
+    if 0.0 < data.a[0] < 1.0:
+        data.a[0] = 0.0
+
+
+def endless(data):
+    while True:
+        pass
+
+
+def says(data):
+    print(data.a[0])
+
+
+def unannotated(data):
+    return data.a[0]
+
+
+def nothing(data):
+    pass
+
+
+def uses_nothing(data):
+    data.a[0] = nothing(data)
+
+
+def names(data):
+    data.a[0] = missing  # noqa: F821
+
+
+@pytest.mark.parametrize(
+    ("kernel", "line", "reason"),
+    [
+        (power, 1, "no Pow of float64"),
+        (slices, 1, "kernels have no Slice: 1:2"),
+        (backwards, 1, "an index counts from the front"),
+        (one_index, 1, "as many indices as dimensions"),
+        (unknown_field, 1, "data has no field b"),
+        (narrows, 2, "a number of type int64 is needed"),
+        (changes, 2, "a is of another type before"),
+        (chain, 1, "a comparison is one of"),
+        (endless, 1, "kernels have no While"),
+        (says, 1, "kernels can't call print"),
+        (unannotated, 1, "has an annotation"),
+        (uses_nothing, 1, "nothing returns nothing"),
+        (names, 1, "missing has no value"),
+    ],
+)
+def test_python_beyond_the_language_of_kernels_is_refused_with_its_line(kernel, line, reason):
+    place = f"{__file__}:{kernel.__code__.co_firstlineno + line}, {kernel.__name__}: "
+    with pytest.raises(Untranslatable, match=f"^{re.escape(place)}.*{re.escape(reason)}"):
+        translate(kernel, [DATA], "refused")
