@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from .control import Controller, Fosm, Gsta, Ideal, Impedance, Sta, gain
     from .engine.native import Attachment, attach
     from .engine.run import LawError, SinkError, simulate
+    from .engine.simulation import Diverged, Simulation
     from .errors import InputError
     from .records.header import Status
     from .records.mcap import McapLog
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 _HOME = {
     "Attachment": "engine.native",
     "Controller": "control",
+    "Diverged": "engine.simulation",
     "Fosm": "control",
     "Gsta": "control",
     "Ideal": "control",
@@ -31,6 +33,7 @@ _HOME = {
     "LawError": "engine.run",
     "McapLog": "records.mcap",
     "Scenario": "scenario",
+    "Simulation": "engine.simulation",
     "SinkError": "engine.run",
     "Sta": "control",
     "Status": "records.header",
@@ -44,6 +47,7 @@ _HOME = {
 __all__ = [
     "Attachment",
     "Controller",
+    "Diverged",
     "Fosm",
     "Gsta",
     "Ideal",
@@ -52,6 +56,7 @@ __all__ = [
     "LawError",
     "McapLog",
     "Scenario",
+    "Simulation",
     "SinkError",
     "Sta",
     "Status",

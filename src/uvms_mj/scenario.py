@@ -11,19 +11,31 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tomli_w
-from pydantic import TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
-from .control import Controller, Gsta
+from . import actuation, control, guidance, navigation
+from .actuation import Actuation, PseudoInverse
+from .control import Controller, Gsta, ImpedanceTask
 from .control.design import Estimates, Impedance
-from .control.loader import controller_class, load_controller, table_of
 from .errors import Fault, InputError, faults_of, suggestion
 from .files import names, parsed_toml, resource, shortened, text_of
-from .guidance.steps import Reference
+from .guidance import FilteredSteps, Guidance
+from .navigation import Navigation, Perfect
 from .plant.settings import Initial, VehicleChoice
 from .plant.wall import Wall
 from .plant.water import Current, Disturbance
 from .quantities import STRICT, Duration, Lowercase, Step, doc
+from .stages.base import Stage
+from .stages.loader import Choice, stage_of, table_of
+
+STAGES: dict[str, Choice] = {
+    "reference": Choice(Guidance, guidance.SHIPPED, FilteredSteps),
+    "navigation": Choice(Navigation, navigation.SHIPPED, Perfect),
+    "controller": Choice(Controller, control.SHIPPED, Gsta),
+    "actuation": Choice(Actuation, actuation.SHIPPED, PseudoInverse),
+}
+"""The tables that name a stage."""
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -31,6 +43,7 @@ class Stepping:
     timestep: Step = doc("time step [s]", 1e-4)
     duration: Duration = doc("simulated time [s]", 20.0)
     integrator: Annotated[Literal["euler", "implicitfast"], Lowercase] = doc("MuJoCo's integrator", "euler")
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = doc("seed of the random numbers of the stages", 0)
 
 
 @dataclass(frozen=True, repr=False, config=STRICT)
@@ -49,15 +62,29 @@ class Scenario:
     current: Current = Current()
     disturbance: Disturbance = Disturbance()
     wall: Wall = Wall()
-    reference: Reference = Reference()
+    reference: Guidance = FilteredSteps()
     impedance: Impedance = Impedance()
     estimates: Estimates = Estimates()
+    navigation: Navigation = Perfect()
+    task: ImpedanceTask = ImpedanceTask()
     controller: Controller = Gsta()
+    actuation: Actuation = PseudoInverse()
+
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """The stages of the loop in the order of an instant."""
+        task = (self.task,) if self.controller.uses_task else ()
+        return (self.navigation, self.reference, *task, self.controller, self.actuation)
 
     @property
     def steps(self) -> int:
         """Number of time steps: the duration rounded to whole steps, at least one."""
         return max(1, round(self.simulation.duration / self.simulation.timestep))
+
+    @property
+    def control_period(self) -> float:
+        """Time between control instants [s]."""
+        return self.controller.period or self.simulation.timestep
 
     @classmethod
     def load(
@@ -90,7 +117,7 @@ class Scenario:
         controller: str | None = None,
         folder: Path | None = None,
         place: str = "scenario",
-        known: type[Controller] | None = None,
+        known: Mapping[str, type[Stage]] | None = None,
     ) -> "Scenario":
         """Make a scenario from nested tables, as TOML has them.
 
@@ -101,25 +128,39 @@ class Scenario:
             folder: paths in ``tables`` are relative to this folder; paths in ``overrides`` are relative to the working
                 directory.
             place: name of the tables in error messages.
-            known: class of the law, if it is already loaded.
+            known: classes of stages that are already loaded, by table.
         """
         tables = {k: dict(v) if isinstance(v, Mapping) else v for k, v in tables.items()}
         faults: list[Fault] = []
         _anchor(tables, folder)
-        law = tables.get("controller", {})
-        if not isinstance(law, Mapping):
-            faults.append(Fault("controller", f"{law!r} is not a table"))
-            law = {}
-        if controller is not None and not _is_that_laws(law, controller):
-            law = {}
-        tables["controller"] = law = {**law, **({"name": controller} if controller is not None else {})}
-        for key, value in (overrides or {}).items():
+        for name in (*STAGES, "task"):
+            if not isinstance(tables.setdefault(name, {}), dict):
+                faults.append(Fault(name, f"{tables[name]!r} is not a table"))
+                tables[name] = {}
+        old = _move_task_keys(tables["controller"], tables["task"], faults)
+        if controller is not None and not _is_that_laws(tables["controller"], controller):
+            tables["controller"] = {}
+        if controller is not None:
+            tables["controller"]["name"] = controller
+        settings, replaced = _task_settings(overrides or {}, faults)
+        for key, value in settings.items():
             faults += _override(tables, key, value)
-        law = tables.pop("controller")
+        old = {key for key in old if f"task.{key}" not in settings} | replaced
         try:
-            tables["controller"] = load_controller(law, known)
+            tables["task"] = stage_of(ImpedanceTask, tables["task"])
         except InputError as error:
-            faults += error.faults
+            del tables["task"]
+            faults += [
+                Fault(f"controller.{word}" if word in old else f.key, f.message)
+                for f in error.faults
+                for word in [f.key.removeprefix("task.").partition("[")[0]]
+            ]
+        for name, choice in STAGES.items():
+            try:
+                tables[name] = choice.load(tables[name], (known or {}).get(name))
+            except InputError as error:
+                del tables[name]
+                faults += error.faults
         try:
             scenario = _VALIDATOR.validate_python(tables)
         except ValidationError as error:
@@ -130,13 +171,14 @@ class Scenario:
 
     def updated(self, overrides: Mapping[str, Any], controller: str | None = None) -> "Scenario":
         """Return a copy with dotted keys replaced, ``{"wall.stiffness": 1e4, "controller.k_1": 8.0}``."""
-        return Scenario.from_dict(self.to_dict(), overrides, controller, known=type(self.controller))
+        known = {name: type(getattr(self, name)) for name in STAGES}
+        return Scenario.from_dict(self.to_dict(), overrides, controller, known=known)
 
     def to_dict(self) -> dict[str, Any]:
         """Nested tables with every default. Keys whose value is None are left out, since TOML has no null."""
-        tables = _plain(dataclasses.asdict(dataclasses.replace(self, controller=Gsta())))
-        tables["controller"] = _plain(table_of(self.controller))
-        return tables
+        tables: dict[str, Any] = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        tables |= {name: table_of(tables[name]) for name in STAGES}
+        return _plain(tables)
 
     def to_toml(self) -> str:
         """The tables of :meth:`to_dict` as TOML text."""
@@ -159,11 +201,9 @@ _VALIDATOR = TypeAdapter(Scenario)
 _TABLES: dict[str, Any] = {
     f.name: type(f.default) for f in dataclasses.fields(Scenario) if dataclasses.is_dataclass(f.default)
 }
-_KEYS: dict[str, list[str]] = (
-    {"": [f.name for f in dataclasses.fields(Scenario)]}
-    | {name: [f.name for f in dataclasses.fields(table)] for name, table in _TABLES.items()}
-    | {"reference.waypoints": ["time", "position"]}
-)
+_KEYS: dict[str, list[str]] = {"": [f.name for f in dataclasses.fields(Scenario)]} | {
+    name: [f.name for f in dataclasses.fields(table)] for name, table in _TABLES.items()
+}
 
 
 def _scenario_path(scenario: str | os.PathLike) -> Path:
@@ -185,7 +225,7 @@ def _anchor(tables: dict[str, Any], folder: Path | None) -> None:
     """Make paths absolute that are relative to the folder of the scenario file."""
     if folder is None:
         return
-    for table, key in (("vehicle", "model"), ("controller", "name")):
+    for table, key in (("vehicle", "model"), *((name, "name") for name in STAGES)):
         value = tables.get(table, {}).get(key) if isinstance(tables.get(table), dict) else None
         if isinstance(value, str) and (folder / value.split(":")[0]).is_file():
             tables[table][key] = str((folder / value).absolute())
@@ -195,8 +235,35 @@ def _is_that_laws(table: Mapping[str, Any], controller: str) -> bool:
     """Whether a [controller] table belongs to the law: by its name, or by its gains if it has no name."""
     if "name" in table:
         return _absolute(table["name"]) == _absolute(controller)
-    gains = {field.name for field in controller_class(controller).gain_fields()}
+    gains = {field.name for field in STAGES["controller"].stage_class(controller).setting_fields()}
     return set(table) <= gains
+
+
+_TASK = tuple(f.name for f in dataclasses.fields(ImpedanceTask) if f.name != "period")
+
+
+def _move_task_keys(law: dict[str, Any], task: dict[str, Any], faults: list[Fault]) -> set[str]:
+    """Move the gains of the task that have their earlier place in [controller] to [task]. Returns their names."""
+    moved = {key for key in _TASK if key in law}
+    for key in moved:
+        value = law.pop(key)
+        if task.setdefault(key, value) != value:
+            other = (
+                f"is {task[key]!r}, but controller.{key}, the earlier name of this key, is {value!r}; give one of them"
+            )
+            faults.append(Fault(f"task.{key}", other))
+    return moved
+
+
+def _task_settings(overrides: Mapping[str, Any], faults: list[Fault]) -> tuple[dict[str, Any], set[str]]:
+    """The overrides, with the task's keys in place of their earlier names, and the keys that were replaced."""
+    law, task = (
+        {word: value for key, value in overrides.items() for head, _, word in [key.partition(".")] if head == table}
+        for table in ("controller", "task")
+    )
+    replaced = _move_task_keys(law, task, faults)
+    settings = {key: value for key, value in overrides.items() if key.removeprefix("controller.") not in replaced}
+    return settings | {f"task.{key}": task[key] for key in replaced}, replaced
 
 
 def _absolute(law: Any) -> Any:
@@ -211,7 +278,7 @@ def _override(tables: dict[str, Any], key: str, value: Any) -> list[Fault]:
             tables[table] = value
             return []
         if table in _TABLES:
-            known = ["name", *_KEYS[table]] if table == "controller" else _KEYS[table]
+            known = ["name", *_KEYS[table]] if table in STAGES else _KEYS[table]
             return [Fault(key, f"is a table; its keys are {', '.join(f'{table}.{k}' for k in known)}")]
         meant = [f"{t}.{table}" for t, keys in _KEYS.items() if t and table in keys]
         law_key = [f"controller.{table}"] if not meant and table not in _KEYS else []
@@ -227,6 +294,8 @@ def _override(tables: dict[str, Any], key: str, value: Any) -> list[Fault]:
 
 
 def _plain(value: Any) -> Any:
+    if dataclasses.is_dataclass(value):
+        return _plain({f.name: getattr(value, f.name) for f in dataclasses.fields(value)})
     if isinstance(value, Mapping):
         return {k: _plain(v) for k, v in value.items() if v is not None}
     if isinstance(value, list | tuple):
@@ -237,9 +306,9 @@ def _plain(value: Any) -> Any:
 def keys() -> Iterable[tuple[str, Any, str]]:
     """Every key of a scenario with default and meaning. Of [controller], only the keys common to all laws."""
     for name, table in _TABLES.items():
-        if name != "controller":
-            for field in dataclasses.fields(table):
-                yield f"{name}.{field.name}", field.default, field.metadata.get("meaning", "")
-    yield "controller.name", Gsta.name, "name of a law, or path/to/my_law.py:MyLaw"
-    for field in dataclasses.fields(Controller):
-        yield f"controller.{field.name}", field.default, f"{field.metadata['meaning']} [{field.metadata['unit']}]"
+        if name in STAGES:
+            noun = STAGES[name].base.room.noun
+            yield f"{name}.name", table.name, f"name of a {noun}, or path/to/file.py:ClassName"
+        for field in dataclasses.fields(Controller if name == "controller" else table):
+            unit = f" [{field.metadata['unit']}]" if "unit" in field.metadata else ""
+            yield f"{name}.{field.name}", field.default, field.metadata.get("meaning", "") + unit

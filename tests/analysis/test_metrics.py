@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from uvms_mj import Gsta, Scenario, Trace, simulate
-from uvms_mj.analysis import metrics
+from uvms_mj.analysis import metrics, rest
 from uvms_mj.records.header import Outcome, Status
 
 H = 1e-3
@@ -264,7 +264,7 @@ def test_impedance_error_at_rest_is_that_of_eq_20(paper_run):
 
 def test_the_force_that_is_demanded_is_where_gsta_rests(paper_run):
     trace = paper_run("gsta")
-    assert metrics.demanded_force(trace) == pytest.approx(trace.analytic.force, rel=1e-9)
+    assert rest.demanded_force(trace.scenario) == pytest.approx(trace.analytic.force, rel=1e-9)
     assert abs(metrics.steady_force_error(trace)) < 1e-6
     fosm = paper_run("fosm")
     assert metrics.steady_force_error(fosm) == pytest.approx(1.486551 - 1.497753, abs=1e-6)
@@ -274,15 +274,15 @@ def test_the_force_that_is_demanded_is_where_gsta_rests(paper_run):
 def test_the_force_that_is_demanded_does_not_need_a_straight_attitude(attitude):
     settings = {"simulation.duration": 1e-3, "reference.attitude_deg": attitude}
     trace = simulate(Scenario.load("push_wall", settings), Gsta())
-    assert metrics.demanded_force(trace) == pytest.approx(trace.analytic.force, rel=1e-6)
+    assert rest.demanded_force(trace.scenario) == pytest.approx(trace.analytic.force, rel=1e-6)
 
 
 def test_generalised_impedance_is_what_is_demanded_and_judged():
     """Eq. (7) with a force reference against the force at rest of GSTA, which is computed independently."""
     settings = {"impedance.K_f": [0.5, 1.0, 1.0, 1.0, 1.0, 1.0], "impedance.F_d": [-2.0, 0.0, 0.0, 0.0, 0.0, 0.0]}
     trace = simulate(Scenario.load("push_wall", settings | {"simulation.duration": 10.0}), Gsta())
-    assert metrics.demanded_force(trace) == pytest.approx(trace.analytic.force, rel=1e-9)
-    assert metrics.demanded_force(trace) > 3.0
+    assert rest.demanded_force(trace.scenario) == pytest.approx(trace.analytic.force, rel=1e-9)
+    assert rest.demanded_force(trace.scenario) > 3.0
     assert abs(metrics.steady_force_error(trace)) < 1e-3  # it still settles
     assert metrics.impedance_error(trace, 9.0).max() < 1e-4
 
@@ -292,14 +292,14 @@ def test_without_stiffness_the_force_reference_alone_is_demanded():
     settings = stiffness | {"impedance.F_d": [-2.0, 0.0, 0.0, 0.0, 0.0, 0.0], "wall.stiffness": 1e4}
     trace = simulate(Scenario.load("push_wall", settings | {"simulation.duration": 1e-3}), Gsta())
     assert trace.analytic.force == pytest.approx(2.0)
-    assert metrics.demanded_force(trace) == pytest.approx(2.0)
+    assert rest.demanded_force(trace.scenario) == pytest.approx(2.0)
 
 
 def test_no_force_is_demanded_of_a_reference_in_the_water_or_without_stiffness(synthetic):
     for settings in ({"reference.target": [0.9, 0.0, 0.0]}, {"impedance.K_d": [0.0, 1.0, 1.0, 1.0, 1.0, 1.0]}):
         trace = synthetic(0.01)
         header = dataclasses.replace(trace.header, scenario=trace.scenario.updated(settings))
-        assert metrics.demanded_force(dataclasses.replace(trace, header=header)) == 0.0
+        assert rest.demanded_force(dataclasses.replace(trace, header=header).scenario) == 0.0
 
 
 def test_metrics_do_not_depend_on_the_log_rate():

@@ -2,6 +2,7 @@
 
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from uvms_mj.analysis.disturbance import Experienced, NotGiven, experienced, lum
 from uvms_mj.analysis.setup import set_up
 from uvms_mj.cli.certify import certify
 from uvms_mj.control.certificate import Certificate, gains_for, lyapunov_matrix, rate_bound
+from uvms_mj.control.theory import certificate
 from uvms_mj.physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.plant.mjcf import Mjcf
@@ -22,6 +24,10 @@ from vehicles import random_parameters, vehicle_xml
 PAPER = (5.0, 10.0)
 GAINS = [(5.0, 10.0), (2.0, 10.0), (0.7, 3.0), (12.0, 40.0), (1.5, 2.0)]
 gains = st.tuples(st.floats(0.1, 30.0), st.floats(0.1, 100.0))
+
+
+def certificate_of(law):
+    return certificate(SimpleNamespace(scenario=Scenario(controller=law), task=law))
 
 
 # The closed form
@@ -111,19 +117,19 @@ def test_the_lyapunov_matrix_is_one(k, share, part, below):
 
 
 def test_the_papers_gains_reach_the_limit():
-    certificate = Certificate.of(Gsta())
-    assert certificate == Certificate(rate=5.0, state=250.0, limit=5.0, beta=5.0)
+    certificate = certificate_of(Gsta())
+    assert certificate == Certificate(*PAPER, beta=5.0, nominal=True, rate=5.0, state=250.0, limit=5.0)
     assert rate_bound(2.0, 10.0) == 3.0
-    alone = Certificate.of(Gsta(nominal=False))
+    alone = certificate_of(Gsta(nominal=False))
     assert alone.rate == rate_bound(*PAPER, (-20.0, 0.0)) < 5.0
-    assert Certificate.of(Gsta(nominal=False, beta=0.0)).rate == 0.0
-    assert Certificate.of(Gsta(k_1=0.0)).rate == Certificate.of(Gsta(k_2=0.0)).rate == 0.0
+    assert certificate_of(Gsta(nominal=False, beta=0.0)).rate == 0.0
+    assert certificate_of(Gsta(k_1=0.0)).rate == certificate_of(Gsta(k_2=0.0)).rate == 0.0
 
 
 @given(st.floats(1e-3, 1e3), st.floats(0.0, 1e3), st.floats(0.1, 10.0), st.floats(0.0, 2.0))
 def test_gains_for_a_bound_have_it_certified_with_the_margin_and_no_k_2_to_spare(rate, state, beta, margin):
     k_1, k_2 = gains_for(rate, state, beta, margin)
-    certificate = Certificate.of(Gsta(k_1=k_1, k_2=k_2, beta=beta))
+    certificate = certificate_of(Gsta(k_1=k_1, k_2=k_2, beta=beta))
     assert certificate.rate >= (1 + margin) * rate * (1 - 1e-12)
     assert certificate.state >= (1 + margin) * state * (1 - 1e-12)
     tight = (certificate.rate / rate, certificate.state / state if state else np.inf)
@@ -250,7 +256,7 @@ def test_the_lyapunov_function_falls_along_every_solution(k_1, k_2, beta, rng):
 
 def test_the_state_dependent_part_is_certified_with_the_rate_and_not_beyond():
     """A rate of L + L_s |s| pushes outwards, starting far away, where the second term dominates."""
-    certificate = Certificate.of(Gsta())
+    certificate = certificate_of(Gsta())
     s = np.array([4.0, -6.0])
     w = 5.0 * (np.sqrt(np.abs(s)) * np.sign(s) + 5.0 * s)  # s_dot = 0
 
@@ -390,7 +396,7 @@ def test_what_is_experienced_is_what_moves_s(case):
 
 def test_the_time_beyond_counts_with_s_where_it_is_least():
     """Between two rows s may pass zero, where the allowed rate is smallest."""
-    certificate = Certificate.of(Gsta())
+    certificate = certificate_of(Gsta())
     s = np.zeros((4, 6))
     s[:, 0], s[:, 1] = [1.0, 1.0, 0.0, 0.0], [1.0, -1.0, -1.0, 2.0]
     rate = np.full((3, 6), 6.0)  # the allowed rate is 5 at s = 0 and 330 at s = 1
@@ -421,7 +427,7 @@ def sinusoid(factor, timestep=1e-4, frequency=0.5):
 
 
 def test_the_plant_rejects_a_sinusoid_just_below_the_bound_and_not_one_above():
-    certificate = Certificate.of(Gsta())
+    certificate = certificate_of(Gsta())
     below, fine, above, higher = sinusoid(0.95), sinusoid(0.95, 2.5e-5), sinusoid(1.15), sinusoid(1.4)
     rates = [experienced(trace).largest_rate()[0] for trace in (below, above, higher)]
     assert rates == pytest.approx([4.75, 5.75, 7.0], rel=0.02)
@@ -453,13 +459,13 @@ def test_the_papers_gains_are_not_certified_in_yaw_and_gains_for_its_rate_are(pa
     rate = found.largest_rate()
     assert found.t[np.abs(found.rate[:, 5]).argmax()] == pytest.approx(trace.first_contact[-1], abs=0.03)
     assert (rate[:5] < 1.0).all()
-    beyond = found.time_beyond(Certificate.of(Gsta()), trace.s)
+    beyond = found.time_beyond(certificate_of(Gsta()), trace.s)
     assert not beyond[:5].any()
     assert beyond[5] > 0.1
     k_1, k_2 = gains_for(rate.max())
     again = paper_run("gsta", k_1=k_1, k_2=k_2)
     law = again.scenario.controller
-    assert not experienced(again).time_beyond(Certificate.of(law), again.s).any()
+    assert not experienced(again).time_beyond(certificate_of(law), again.s).any()
     assert np.abs(again.s[1000:, 5]).max() < 0.1 * np.abs(trace.s[1000:, 5]).max()
 
 
@@ -563,7 +569,7 @@ def test_a_logs_own_disturbance(command, tmp_path):
 )
 def test_gains_that_no_computer_squares_are_refused(command, gains):
     with pytest.raises(InputError, match="must be"):
-        Certificate.of(Gsta(**gains))
+        certificate_of(Gsta(**gains))
     with pytest.raises(InputError, match="k_1 nan"):
         rate_bound(math.nan, 1.0)
 

@@ -7,9 +7,9 @@ from scipy.optimize import brentq
 from twin import TwinParameters
 from uvms_mj import Scenario, simulate
 from uvms_mj.analysis.metrics import final_force
-from uvms_mj.analysis.sampling import force_feedback_limit
 from uvms_mj.analysis.setup import set_up
 from uvms_mj.control.rest import NoClosedForm, SteadyState
+from uvms_mj.control.sampled import Vibration
 from vehicles import vehicle_xml
 
 OTHER_WORLD = {
@@ -321,7 +321,8 @@ def test_the_age_of_the_force_decides_whether_a_held_command_keeps_the_contact_d
         return Scenario.load("push_wall", overrides, "impedance")
 
     def limit(share):
-        return force_feedback_limit(shaped(share), set_up(shaped(share)).design)
+        setup = set_up(shaped(share))
+        return Vibration.of(setup, setup.design.M_hat).limit
 
     age, settled = 0.5e-4 * (periods - 1), []
     for factor in (1.05, 0.95):

@@ -2,7 +2,6 @@
 
 import numpy as np
 from scipy.integrate import solve_ivp
-
 from uvms_mj.guidance.reference import filtered_steps
 
 

@@ -27,9 +27,9 @@ from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Statistics
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
+from uvms_mj.control.recorded import recorded_law
 
 from uvms_mj import InputError, McapLog, Scenario, SinkError, Status, Trace, simulate
-from uvms_mj.control.recorded import recorded_law
 from uvms_mj.plant.mjcf import Mjcf
 from uvms_mj.records.mcap.attachments import refuse_large, without_paths
 from uvms_mj.records.mcap.layout import Format

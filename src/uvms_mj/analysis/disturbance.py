@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..control import Gsta
 from ..control.certificate import Certificate
-from ..control.loader import has_built_in_law
-from ..physics.frames import rotation_matrices
+from ..control.theory import certificate
+from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
+from ..physics.frames import rotation_matrices, to_body
 from ..records.header import Status
 from ..records.trace import Trace
 from .setup import Setup, set_up
@@ -66,7 +66,6 @@ def experienced(trace: Trace) -> Experienced | NotGiven:
     F_1 (omega x p_e), which eq. (18) omits and which arises because p_e is in B; and, for GSTA alone, the missing
     nominal control (23).
     """
-    controller = trace.scenario.controller
     if trace.scenario.estimates.inertia != 1.0:
         return NotGiven("M_hat is not M: varphi contains (M_hat - M) nu_dot and therefore the switching of the law")
     if trace.status is Status.unstable:
@@ -78,11 +77,12 @@ def experienced(trace: Trace) -> Experienced | NotGiven:
         return NotGiven(f"rows {apart:g} s apart may miss the fastest change: run with --log-rate 1000, or full")
     setup = set_up(trace.scenario, trace.header.mjcf)
     wrench = lumped_disturbance(trace, setup) + trace.tau - trace.tau_cmd
-    if isinstance(controller, Gsta) and has_built_in_law(controller) and not controller.nominal:
+    bound = certificate(setup)
+    if bound is not None and not bound.nominal:
         wrench -= trace.tau_nom
     M_hat_inv = np.linalg.inv(setup.design.M_hat)
     varphi = wrench @ M_hat_inv.T
-    varphi[:, :3] -= np.array(controller.F_1[:3]) * np.cross(trace.nu[:, 3:], trace.eta_e[:, :3])
+    varphi[:, :3] -= np.array(setup.task.F_1[:3]) * np.cross(trace.nu[:, 3:], trace.eta_e[:, :3])
     late = _in_body(trace, trace.f_contact_W - trace.f_contact_m_W)
     rate, coarser = _rate(trace.t, varphi), _rate(trace.t[::2], varphi[::2])
     largest, seen = (np.abs(each).max(axis=0, initial=1e-300) for each in (rate, coarser))
@@ -96,35 +96,37 @@ def _rate(t: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 def lumped_disturbance(trace: Trace, setup: Setup) -> np.ndarray:
     """tau_bar_dist (n, 6) of the paper's eq. (11), estimates minus truth [N, N m]."""
-    scenario, vehicle, gravity = trace.scenario, setup.vehicle, setup.gravity_W
-    factors = scenario.estimates
-    nu, nu_c = trace.nu, _in_body(trace, np.array(scenario.current.velocity_W))
+    vehicle, factors = setup.vehicle, trace.scenario.estimates
+    nu, nu_c = trace.nu, _in_body(trace, np.array(trace.scenario.current.velocity_W))
     nu_c_dot = np.zeros_like(nu_c)
     nu_c_dot[:, :3] = -np.cross(nu[:, 3:], nu_c[:, :3])  # constant in W
 
     def coriolis(nu: np.ndarray) -> np.ndarray:
-        a = nu @ vehicle.M.T  # Fossen (2021), eq. (6.44); C_RB of eq. (3.63) gives the same product
-        v, omega = nu[:, :3], nu[:, 3:]
-        return np.hstack([np.cross(omega, a[:, :3]), np.cross(v, a[:, :3]) + np.cross(omega, a[:, 3:])])
+        rigid_body, added_mass = np.empty(nu.T.shape), np.empty(nu.T.shape)
+        coriolis_rigid_body(vehicle.M_RB, nu.T, rigid_body)
+        coriolis_added_mass(vehicle.M_A, nu.T, added_mass)
+        return (rigid_body + added_mass).T
 
-    def damping(nu: np.ndarray) -> np.ndarray:
-        return nu @ vehicle.D_linear.T + (np.abs(nu) * nu) @ vehicle.D_quadratic.T  # eq. (33)
+    def damped(nu: np.ndarray) -> np.ndarray:
+        D_nu = np.empty(nu.T.shape)
+        damping(vehicle.D_linear, vehicle.D_quadratic, nu.T, D_nu)
+        return D_nu.T
 
-    g_B = _in_body(trace, gravity)[:, :3]
-    moment = np.cross(vehicle.mass * vehicle.r_g - vehicle.displaced_mass * vehicle.r_b, g_B)
-    g_eta = -np.hstack([(vehicle.mass - vehicle.displaced_mass) * g_B, moment])
+    g_eta = np.empty(nu.T.shape)
+    R_WB = np.moveaxis(rotation_matrices(trace.quat_WB), 0, 2)
+    restoring(vehicle.mass, vehicle.displaced_mass, vehicle.r_g, vehicle.r_b, setup.gravity_W, R_WB, g_eta)
     return (
         trace.tau_dist
         + nu_c_dot @ vehicle.M.T
         + (factors.coriolis * coriolis(nu) - coriolis(nu - nu_c))
-        + (factors.damping * damping(nu) - damping(nu - nu_c))
+        + (factors.damping * damped(nu) - damped(nu - nu_c))
         + (factors.inertia - 1.0) * (trace.nu_dot @ vehicle.M.T)
-        + (factors.restoring - 1.0) * g_eta
+        + (factors.restoring - 1.0) * g_eta.T
     )
 
 
 def _in_body(trace: Trace, a_W: np.ndarray) -> np.ndarray:
     """(n, 6): a_W, (3,) or (n, 3), resolved in B and followed by three zeros."""
-    a_B = np.zeros((len(trace), 6))
-    a_B[:, :3] = np.einsum("nij,ni->nj", rotation_matrices(trace.quat_WB), np.broadcast_to(a_W, (len(trace), 3)))
-    return a_B
+    a_B = np.zeros((6, len(trace)))
+    to_body(np.moveaxis(rotation_matrices(trace.quat_WB), 0, 2), a_W.T, a_B)
+    return a_B.T

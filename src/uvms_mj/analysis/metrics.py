@@ -1,18 +1,16 @@
 """Metrics of a trace. All are pure functions."""
 
-import functools
 import itertools
 
-import mujoco
 import numpy as np
 
-from ..control.design import Design
-from ..physics.frames import rotation_matrices
-from ..records.header import Header, Status
+from ..records.header import Status
 from ..records.trace import Trace
 from ..stages.signals import FINAL_WINDOW_S
-from . import rest, setup
-from .sampling import control_period
+from .residual import design_of as design_of
+from .residual import impedance_error as impedance_error
+from .rest import demanded_force
+from .windows import gain, grid, window
 
 SETTLED = 1e-3
 """Relative change over the final window below which a force counts as settled [1]."""
@@ -124,85 +122,20 @@ def impact_impulse(trace: Trace) -> float | None:
     return float(trace.impulse[begun[0] + free[0]] if len(free) else trace.impulse[-1])
 
 
-def demanded_force(trace: Trace) -> float:
-    """Pushing force at rest that the desired impedance demands, by :func:`.rest.demanded_force` [N]."""
-    return rest.demanded_force(trace.scenario, trace.scenario.wall.stiffness)
-
-
 def steady_force_error(trace: Trace) -> float | None:
-    """:func:`final_force` minus :func:`demanded_force` [N]."""
+    """:func:`final_force` minus :func:`.rest.demanded_force` [N]."""
     final, _ = final_force(trace)
-    return None if final is None else final - demanded_force(trace)
-
-
-def impedance_error(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndarray:
-    r"""Rms (6,) of the residual of eq. (12), or of eq. (7) with K_f and F_d, after averaging over 10 ms intervals.
-
-    .. math:: r_j = \frac{1}{T} \int_{t_j}^{t_j + T} (M_d \dot{\tilde\nu} + D_d \tilde\nu + K_d \tilde\eta
-              - K_f (\tau_c - F_d)) \, dt, \qquad \sqrt{\tfrac{1}{n} \sum_j r_j^2}
-
-    Accelerations, and steps between rows, are not sampled. Their integrals come from differences between rows: that of
-    nu_dot is the change of nu_e, that of the normal force the running impulse, that of nu_e the displacement. These
-    three are exact even if s changes its sign at every step. The sum over steps contains nu at the beginning of each
-    step, while the vehicle moves with nu at its end (correction h nu) and the reference with the mean of both
-    (correction h/2 nu_d). eta_e and the rotation of B are integrated over rows by the trapezoidal rule: at rest any log
-    rate is sufficient, an impact needs 1 kHz or more. Friction is integrated over rows as well, but may change its sign
-    at every step. With wall friction, a log without every step therefore gives nan in the components with friction.
-    """
-    design, h = design_of(trace), trace.scenario.simulation.timestep
-    rows = _grid(trace, start, end, FAST_S)
-    first, last = rows[:-1], rows[1:]
-    T = (trace.t[last] - trace.t[first])[:, None]
-    # A force acts from t_k on for one step, a left sum. The running impulse uses the trapezoidal rule.
-    f = np.array(trace.f_contact_W)
-    integral = _cumulative(trace.t, f)
-    integral[:, 0] = -trace.impulse
-    force_W = (integral[last] - integral[first] + 0.5 * h * (f[first] - f[last])) / T
-    arm_W = np.array([trace.header.geometry.reach, 0.0, 0.0])
-    R_WB = rotation_matrices(trace.quat_WB[rows])
-    R_BW = 0.5 * np.swapaxes(R_WB[:-1] + R_WB[1:], 1, 2)
-    tau_c = np.hstack([_turned(R_BW, force_W), _turned(R_BW, np.cross(arm_W, force_W))])
-    v_W = _turned(R_WB, trace.nu[rows, :3])
-    ahead_W = h * np.diff(v_W, axis=0) - 0.5 * h * np.diff(trace.p_d_dot[rows], axis=0)
-    way_W = np.diff((trace.p_WB - trace.p_d)[rows], axis=0) - ahead_W
-    change = np.diff(trace.nu_e[rows], axis=0)
-    turn = np.array([_turn(trace.quat_WB[a], trace.quat_WB[b]) for a, b in zip(first, last, strict=True)])
-    nu_e = np.hstack([_turned(R_BW, way_W), turn.reshape(-1, 3) - h * change[:, 3:]]) / T
-    sums = np.diff(_cumulative(trace.t, trace.eta_e)[rows], axis=0) - 0.5 * h * np.diff(trace.eta_e[rows], axis=0)
-    eta_e = sums / T
-    wanted = change / T @ design.M_d.T + nu_e @ design.D_d.T + eta_e @ design.K_d.T
-    impedance = trace.scenario.impedance
-    residual = wanted - np.array(impedance.K_f) * (tau_c - np.array(impedance.F_d))
-    if not len(residual):
-        return np.full(6, np.nan)
-    error = np.sqrt((residual**2).mean(axis=0))
-    rubbed = trace.scenario.wall.friction > 0.0 and bool(trace.touches[last[-1]] > 0.0)
-    if rubbed and trace.header.row_steps > 1:
-        error[np.abs(design.normal) < 1.0 - 1e-9] = np.nan
-    return error
-
-
-def _turned(R: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """(n, 3) vectors rotated by matrices (n, 3, 3)."""
-    return np.einsum("nij,nj->ni", R, a)
-
-
-def _turn(first: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Rotation vector (3,) in B from one attitude to the next, both unit quaternions [rad]."""
-    turn, inverse, difference = np.zeros(3), first * [1.0, -1.0, -1.0, -1.0], np.zeros(4)
-    mujoco.mju_mulQuat(difference, inverse, last)
-    mujoco.mju_quat2Vel(turn, difference, 1.0)
-    return turn
+    return None if final is None else final - demanded_force(trace.scenario)
 
 
 def control_effort(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndarray:
     r"""Integral (6,) of tau_i^2 over every step [N^2 s, N^2 m^2 s]."""
-    return _gain(trace, "effort", start, end)[0]
+    return gain(trace, "effort", start, end)[0]
 
 
 def total_variation(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndarray:
     r"""Sum (6,) of |tau_k - tau_(k-1)| over every step."""
-    return _gain(trace, "tau_variation", start, end)[0]
+    return gain(trace, "tau_variation", start, end)[0]
 
 
 def chattering(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndarray:
@@ -215,7 +148,7 @@ def chattering(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndar
     a smooth input is small, because it reverses only a few times. The index of an input that alternates at every
     control instant is its total variation per second. The result is nan if the part of the run is shorter than T.
     """
-    rows = _grid(trace, start, end, max(FAST_S, FAST_PERIODS * control_period(trace.scenario)))
+    rows = grid(trace, start, end, max(FAST_S, FAST_PERIODS * trace.scenario.control_period))
     if len(rows) < 2:
         return np.full(6, np.nan)
     variation = trace.tau_variation[rows[-1]] - trace.tau_variation[rows[0]]
@@ -228,13 +161,13 @@ def mean_change(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.nda
 
     .. math:: \frac{T_c}{t_b - t_a} \sum_k |\tau_k - \tau_{k-1}|
     """
-    variation, duration = _gain(trace, "tau_variation", start, end)
-    return variation * control_period(trace.scenario) / max(duration, 1e-300)
+    variation, duration = gain(trace, "tau_variation", start, end)
+    return variation * trace.scenario.control_period / max(duration, 1e-300)
 
 
 def largest_change(trace: Trace, end: float = np.inf) -> np.ndarray:
     """Largest change (6,) of tau from one control instant to the next until ``end``, over every step."""
-    return trace.tau_step_max[_window(trace, 0.0, end)[1]]
+    return trace.tau_step_max[window(trace, 0.0, end)[1]]
 
 
 def reversals(trace: Trace, threshold: float, start: float = 0.0, end: float = np.inf) -> np.ndarray:
@@ -243,9 +176,9 @@ def reversals(trace: Trace, threshold: float, start: float = 0.0, end: float = n
     A reversal is a pair of successive changes in opposite directions, each larger than ``threshold`` from one control
     instant to the next. The count uses rows, so the log should contain every step.
     """
-    first, last = _window(trace, start, end)
+    first, last = window(trace, start, end)
     steps = np.rint(trace.t[first : last + 1] / trace.scenario.simulation.timestep)
-    period_steps = round(control_period(trace.scenario) / trace.scenario.simulation.timestep)
+    period_steps = round(trace.scenario.control_period / trace.scenario.simulation.timestep)
     at_control = steps % period_steps == 0
     change = np.diff(trace.tau[first : last + 1][at_control], axis=0)
     change[np.abs(change) <= threshold] = 0.0
@@ -264,47 +197,9 @@ def energy_from_wall(trace: Trace) -> float:
 
 def boundary_layer_share(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndarray:
     """Fraction (6,) of the time with |s_i| < epsilon, over every step [1]; epsilon = 1e-3 for laws without epsilon."""
-    inside, duration = _gain(trace, "boundary_layer_time", start, end)
+    inside, duration = gain(trace, "boundary_layer_time", start, end)
     return inside / max(duration, 1e-300)
-
-
-def _window(trace: Trace, start: float, end: float) -> tuple[int, int]:
-    """First and last row of a part of a run."""
-    first = int(np.searchsorted(trace.t, start - 1e-9))
-    last = int(np.searchsorted(trace.t, end + 1e-9, side="right")) - 1
-    first = min(first, len(trace) - 1)
-    return first, max(first, last)
-
-
-def _gain(trace: Trace, name: str, start: float, end: float) -> tuple[np.ndarray, float]:
-    """Increase of a running signal over a part of a run, and the duration of that part [s]."""
-    first, last = _window(trace, start, end)
-    return trace[name][last] - trace[name][first], float(trace.t[last] - trace.t[first])
-
-
-def _grid(trace: Trace, start: float, end: float, apart: float) -> np.ndarray:
-    """Indices of rows at intervals of ``apart`` [s]; of all rows if the log is slower than that."""
-    first, last = _window(trace, start, end)
-    instants = np.arange(trace.t[first], trace.t[last] + 1e-9, apart)
-    rows = np.searchsorted(trace.t, instants - 1e-9)
-    return np.unique(np.minimum(rows, last))
-
-
-def _cumulative(t: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Running integral (n, m) of y (n, m) over t by the trapezoidal rule."""
-    steps = 0.5 * np.diff(t)[:, None] * (y[1:] + y[:-1])
-    return np.concatenate([np.zeros((1, y.shape[1])), np.cumsum(steps, axis=0)])
 
 
 def _final_mean(trace: Trace, y: np.ndarray) -> float:
     return float(y[trace.t >= trace.t[-1] - FINAL_WINDOW_S].mean())
-
-
-def design_of(trace: Trace) -> Design:
-    """Design of a run's controller, from the header of its log."""
-    return _design(trace.header)
-
-
-@functools.lru_cache(maxsize=32)
-def _design(header: Header) -> Design:
-    return setup.design_of(header.scenario, header.mjcf.vehicle)

@@ -1,13 +1,16 @@
 """A scenario with its plant and design: the basis of a run, and of everything that is computed about it."""
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
 
+from ..control import ImpedanceTask
 from ..control.design import Design
 from ..plant.build import Plant, build
 from ..plant.mjcf import Mjcf
 from ..plant.vehicle import Vehicle
+from ..plant.wall import lightest_along_face
 from ..scenario import Scenario
 
 
@@ -24,6 +27,11 @@ class Setup:
         return self.plant.vehicle
 
     @property
+    def task(self) -> ImpedanceTask:
+        """The impedance task with its gains F_1, F_2, A, integral."""
+        return self.scenario.task
+
+    @property
     def reach(self) -> float:
         """Distance of the contact point from B's origin [m]."""
         return self.plant.geometry.reach
@@ -32,6 +40,16 @@ class Setup:
     def gravity_W(self) -> np.ndarray:
         """(3,) acceleration of gravity [m/s^2]."""
         return self.plant.model.opt.gravity
+
+    @property
+    def masses_at_contact(self) -> tuple[float, float]:
+        """Effective mass at the contact point along the wall's normal, and the least one along its face [kg]."""
+        return _masses(self.design, self.reach)
+
+
+@functools.lru_cache(maxsize=64)
+def _masses(design: Design, reach: float) -> tuple[float, float]:
+    return design.along_normal(design.M), lightest_along_face(design.M, design.normal, reach)
 
 
 def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
@@ -52,4 +70,6 @@ def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
 
 def design_of(scenario: Scenario, vehicle: Vehicle) -> Design:
     """The design matrices of a scenario and its vehicle. Raises InputError if the desired impedance is not physical."""
-    return Design.of(scenario.impedance, scenario.estimates, vehicle.M, scenario.reference.attitude_deg)
+    return Design.of(
+        scenario.impedance, scenario.estimates, vehicle.M, getattr(scenario.reference, "attitude_deg", (0.0,) * 3)
+    )

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from ..control.rest import NoClosedForm, SteadyState
 from ..records.trace import Trace
 from ..stages.signals import FINAL_WINDOW_S
 from .metrics import final_force
-from .rest import NoClosedForm, SteadyState
 
 AROUND_THE_END_S = 2.0 * FINAL_WINDOW_S
 """Length of the end of a run that :func:`summary` needs [s]. The running signals cover the rest."""
@@ -64,7 +64,7 @@ def summary(trace: Trace, files: dict[str, str]) -> dict[str, Any]:
             "tau": last("tau"),
         },
         "analytic": {
-            "position_m": _plain(analytic.position) if isinstance(analytic, SteadyState) else None,
+            "position_m": None if (position := getattr(analytic, "position", None)) is None else _plain(position),
             "none_because": analytic.reason if isinstance(analytic, NoClosedForm) else None,
         },
         "files": files,

@@ -8,19 +8,18 @@ this limit the forces are accurate. With w = sqrt(k/m), the relative error of pe
 import math
 from collections.abc import Iterator
 
-from ..control.design import Design
 from ..errors import Fault
-from ..plant.wall import contact_settings, lightest_along_face
-from ..scenario import Scenario
+from ..plant.wall import contact_settings
+from .setup import Setup
 
 RESOLVED = 0.3
 """Largest h w for which the error of an impact stays below about 1 %."""
 
 
-def wall_faults(scenario: Scenario, design: Design, reach: float) -> Iterator[Fault]:
+def wall_faults(setup: Setup) -> Iterator[Fault]:
     """Errors for springs and dampers of the wall, normal or tangential, with which the time step is unstable."""
-    h, wall = scenario.simulation.timestep, scenario.wall
-    for prefix, k, b, m in _directions(scenario, design, reach):
+    h, wall = setup.scenario.simulation.timestep, setup.scenario.wall
+    for prefix, k, b, m in _directions(setup):
         given = prefix == "" or getattr(wall, f"{prefix}stiffness") is not None
         if h * h * k / m >= 4.0:
             stiffest = 4.0 * m / (h * h)
@@ -42,10 +41,10 @@ def wall_faults(scenario: Scenario, design: Design, reach: float) -> Iterator[Fa
             )
 
 
-def wall_notes(scenario: Scenario, design: Design, reach: float) -> Iterator[str]:
+def wall_notes(setup: Setup) -> Iterator[str]:
     """Warnings for a wall that the time step resolves badly, and for a start inside the wall."""
-    h, wall = scenario.simulation.timestep, scenario.wall
-    for prefix, k, _, m in _directions(scenario, design, reach):
+    h, wall = setup.scenario.simulation.timestep, setup.scenario.wall
+    for prefix, k, _, m in _directions(setup):
         w = math.sqrt(k / m)
         if h * w > RESOLVED:
             what = "sticking friction" if prefix else "an impact"
@@ -56,11 +55,12 @@ def wall_notes(scenario: Scenario, design: Design, reach: float) -> Iterator[str
             )
     if wall.friction == 0.0 and (wall.tangential_stiffness is not None or wall.tangential_damping is not None):
         yield "wall.tangential_stiffness and wall.tangential_damping have no effect: wall.friction is 0"
-    depth = scenario.initial.position[0] - wall.position
+    start = setup.scenario.initial.position[0]
+    depth = start - wall.position
     if depth > 0.0 and wall.stiffness * depth > START_FORCE:
         yield (
             f"the vehicle starts {depth:.4g} m inside the wall, which pushes it out with "
-            f"{wall.stiffness * depth:.4g} N at once: initial.position[0] is {scenario.initial.position[0]:g} m, "
+            f"{wall.stiffness * depth:.4g} N at once: initial.position[0] is {start:g} m, "
             f"wall.position {wall.position:g} m"
         )
 
@@ -69,10 +69,11 @@ START_FORCE = 100.0
 """Force [N] below which a start inside the wall counts as a start in contact."""
 
 
-def _directions(scenario: Scenario, design: Design, reach: float) -> Iterator[tuple[str, float, float, float]]:
+def _directions(setup: Setup) -> Iterator[tuple[str, float, float, float]]:
     """Prefix of the keys, spring [N/m], damper [N s/m] and mass at the contact [kg] of each direction in use."""
-    settings = contact_settings(scenario.wall, design.M, design.normal, reach)
-    yield "", settings["stiffness"], settings["damping"], design.along_normal(design.M)
+    along_normal, along_face = setup.masses_at_contact
+    settings = contact_settings(setup.scenario.wall, along_face)
+    yield "", settings["stiffness"], settings["damping"], along_normal
     if settings["friction"] > 0.0:
         k_t, b_t = settings["tangential_stiffness"], settings["tangential_damping"]
-        yield "tangential_", k_t, b_t, lightest_along_face(design.M, design.normal, reach)
+        yield "tangential_", k_t, b_t, along_face

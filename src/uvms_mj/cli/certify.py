@@ -23,7 +23,7 @@ from .common import (
 from .console import ROUNDING, Console, print_table
 
 if TYPE_CHECKING:
-    from ..control import Gsta, Sta
+    from ..control.certificate import Certificate
     from ..records.trace import Trace
     from ..scenario import Scenario
 
@@ -70,12 +70,12 @@ def certify(
             from ..records.header import Status
 
             scenario, trace = _load(arguments, controller, settings, log)
-            law = _super_twisting(scenario, log)
+            certificate = _certificate(scenario, trace)
             if rate is not None or state is not None:
-                _report_gains(law, rate or 0.0, state or 0.0, console)
+                _report_gains(certificate, rate or 0.0, state or 0.0, console)
                 return
             trace = trace if trace is not None else _run(scenario, console, stop)
-            _report(law, trace, console)
+            _report(certificate, trace, console)
     except KeyboardInterrupt:
         end("interrupted before the first step", exit_interrupted())
     if trace.status is not Status.completed:
@@ -101,19 +101,21 @@ def _load(
     return Scenario.load(name or "push_wall", overrides, controller), None
 
 
-def _super_twisting(scenario: "Scenario", log: str | None) -> "Gsta | Sta":
-    from ..control import Gsta, Sta
-    from ..control.loader import has_built_in_law
-    from ..control.recorded import RecordedLaw
+def _certificate(scenario: "Scenario", trace: "Trace | None") -> "Certificate":
+    """The certificate of the law. Raises InputError if the law has none."""
+    from ..analysis.setup import set_up
+    from ..control import theory
     from ..errors import InputError
+    from ..stages.recorded import Recorded
 
     law = scenario.controller
-    if not (isinstance(law, Gsta | Sta) and has_built_in_law(law)):
-        hint = "" if log is not None else "; choose one with --controller gsta"
-        if isinstance(law, RecordedLaw):
+    certificate = theory.certificate(set_up(scenario, None if trace is None else trace.header.mjcf))
+    if certificate is None:
+        hint = "" if trace is not None else "; choose one with --controller gsta"
+        if isinstance(law, Recorded):
             hint = ", and code from a log is never executed: omit --from, give scenario and --controller FILE.py:LAW"
         raise InputError(f"{law.label()}: the certificate covers only the laws gsta and sta{hint}")
-    return law
+    return certificate
 
 
 def _run(scenario: "Scenario", console: Console, stop: Stop) -> "Trace":
@@ -131,15 +133,15 @@ def _run(scenario: "Scenario", console: Console, stop: Stop) -> "Trace":
         return simulate(scenario, progress=progress)
 
 
-def _report_gains(law: "Gsta | Sta", rate: float, state: float, console: Console) -> None:
+def _report_gains(gains: "Certificate", rate: float, state: float, console: Console) -> None:
     from rich.table import Table
 
     from ..control.certificate import MARGIN, gains_for, rate_bound
     from ..errors import InputError
 
-    if not _nominal(law):
+    if not gains.nominal:
         raise InputError("--rate: gains are available only for the law with nominal control; omit controller.nominal")
-    beta = getattr(law, "beta", 0.0)
+    beta = gains.beta
     k_1, k_2 = gains_for(rate, state, beta)
     bound = rate_bound(k_1, k_2)
     if console.as_json:
@@ -156,17 +158,16 @@ def _report_gains(law: "Gsta | Sta", rate: float, state: float, console: Console
         print_table(table)
 
 
-def _report(law: "Gsta | Sta", trace: "Trace", console: Console) -> None:
+def _report(certificate: "Certificate", trace: "Trace", console: Console) -> None:
     from ..analysis.disturbance import NotGiven, experienced
-    from ..control.certificate import Certificate
 
-    certificate, found = Certificate.of(law), experienced(trace)
+    found = experienced(trace)
     report: dict[str, Any] = {
         "scenario": trace.scenario.name,
         "status": trace.status.name,
-        "controller": law.label(),
-        "gains": {"k_1": law.k_1, "k_2": law.k_2, "beta": certificate.beta, "nominal": _nominal(law)},
-        "certified": {"rate": certificate.rate, "state": certificate.state, "limit": certificate.limit},
+        "controller": trace.scenario.controller.label(),
+        "gains": {name: getattr(certificate, name) for name in ("k_1", "k_2", "beta", "nominal")},
+        "certified": {name: getattr(certificate, name) for name in ("rate", "state", "limit")},
         "experienced": None,
         "saturated_s": float(trace.saturation_time[-1]) if len(trace) else None,
     }
@@ -192,21 +193,17 @@ def _report(law: "Gsta | Sta", trace: "Trace", console: Console) -> None:
         }
         report["experienced"] = {"axes": list(_AXES)} | {name: values.tolist() for name, values in columns.items()}
         report["is_certified"] = bool(certificate.rate > 0.0 and not beyond.any())
-        report["verdict"] = _verdict(law, certificate.rate, largest * found.doubt, beyond, report["saturated_s"])
+        report["verdict"] = _verdict(certificate, largest * found.doubt, beyond, report["saturated_s"])
     if console.as_json:
         click.echo(json.dumps(report, allow_nan=False))
     elif not console.quiet:
         _tables(report)
 
 
-def _nominal(law: "Gsta | Sta") -> bool:
-    """Whether the law contains the nominal control (23). sta always does."""
-    return getattr(law, "nominal", True)
-
-
-def _verdict(law: "Gsta | Sta", bound: float, largest: Any, beyond: Any, saturated: float) -> str:
+def _verdict(certificate: "Certificate", largest: Any, beyond: Any, saturated: float) -> str:
     from ..control.certificate import MARGIN, gains_for
 
+    bound = certificate.rate
     if bound == 0.0:
         return "not certified: these gains are not certified for any disturbance"
     if not beyond.any():
@@ -225,7 +222,7 @@ def _verdict(law: "Gsta | Sta", bound: float, largest: Any, beyond: Any, saturat
             f"{sentence}; thrusters were at their limits for {saturated:.3g} s: the missing thrust counts as "
             "disturbance, and no gain compensates it"
         )
-    if not _nominal(law):
+    if not certificate.nominal:
         return sentence
     k_1, k_2 = gains_for(float(largest.max()))
     return f"{sentence}; k_1 = {k_1:.3g} and k_2 = {k_2:.3g} are certified for this rate plus {MARGIN:.0%}"

@@ -145,7 +145,9 @@ def _contact_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str
             yield "final force", f"{contact['final_N']:.{max(4, digits)}g} N (settled)"
         elif contact["final_N"] is not None:
             yield "final force", f"{contact['final_N']:.4g} N (not settled)"
-    if contact["analytic_N"] is not None:
+    if report["status"] == "unstable":
+        yield "analytic force", "not compared: the run diverged"
+    elif contact["analytic_N"] is not None:
         yield "analytic force", f"{contact['analytic_N']:.7g} N"
     elif report["analytic"]["none_because"]:
         yield "analytic force", f"none: {report['analytic']['none_because']}"
@@ -158,7 +160,7 @@ def _motion_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]
     final, analytic_m = report["final"], report["analytic"]["position_m"]
     if len(trace):
         yield "final position", f"{_vector(final['position_m'], 5)} m"
-    if analytic_m:
+    if analytic_m and report["status"] != "unstable":
         yield "analytic position", f"{_vector(analytic_m, 5)} m"
     if len(trace):
         yield "final sliding variable", " ".join(f"{value: .1e}" for value in final["s"])

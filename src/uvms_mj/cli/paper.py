@@ -110,14 +110,15 @@ def paper(
 
 def _gains(overrides: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """Remove the gains of single laws, such as ``fosm.K_s``, from the settings and return them by law."""
-    from ..control import BUILT_IN
+    from ..control import BUILT_IN, ImpedanceTask
     from ..errors import Fault, InputError, suggestion
 
     gains: dict[str, dict[str, Any]] = {law: {} for law in ("fosm", "gsta")}
     for key in list(overrides):
         law, _, gain = key.partition(".")
         if law in gains:
-            choices = [field.name for field in BUILT_IN[law].gain_fields() if field.name != "nominal"]
+            fields = (*BUILT_IN[law].setting_fields(), *ImpedanceTask.setting_fields())
+            choices = sorted({field.name for field in fields} - {"nominal"})
             if gain == "nominal":
                 raise InputError([Fault(key, "cannot be set; the law is run both with and without nominal control")])
             if gain not in choices:

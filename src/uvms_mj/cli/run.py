@@ -104,16 +104,16 @@ def from_log(
     log: str, overrides: dict[str, Any], controller: str | None, log_rate: str | None
 ) -> "tuple[Scenario, Mjcf | None, str | None]":
     """Scenario, vehicle and log rate of a log. Warns if a repetition may differ from the original."""
-    from ..control.recorded import RecordedLaw
     from ..errors import InputError
-    from ..records.header import LawSource, versions
+    from ..records.header import StageSource, versions
     from ..records.mcap import read_files
     from ..scenario import Scenario
+    from ..stages.recorded import Recorded
 
     header, _ = read_files(log)
     recorded = header.law.source
     tables = header.scenario.to_dict()
-    if isinstance(header.scenario.controller, RecordedLaw):
+    if isinstance(header.scenario.controller, Recorded):
         if controller is None:
             raise InputError(
                 f"{log} was made by the law {recorded}. Code from a log is never executed: name the law's file with "
@@ -123,7 +123,7 @@ def from_log(
         if controller.rpartition(":")[2] == recorded.rpartition(":")[2]:
             tables["controller"]["name"] = controller  # the same class: keep its recorded gains
     scenario = Scenario.from_dict(tables, overrides, controller, place=log)
-    law = LawSource.of(scenario.controller)
+    law = StageSource.of(scenario.controller)
     if header.law.sha256 and law.sha256 and law.sha256 != header.law.sha256:
         click.echo(
             f"warning: {law.source} differs from the recorded code: sha256 {header.law.sha256[:12]}... then, "

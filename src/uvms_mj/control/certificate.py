@@ -89,7 +89,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-from ..control import Gsta, Sta
 from ..errors import InputError
 
 MARGIN = 0.25
@@ -102,37 +101,41 @@ class Certificate:
     """Bounds for finite-time convergence of GSTA: |varphi_dot| <= L + L_s |s| with any L < rate and L_s < state.
 
     Attributes:
+        k_1, k_2, beta: the gains; beta in [(s/m)^(1/2)].
+        nominal: whether the law contains the nominal control (23). If not, varphi contains the lack of it.
         rate: bound on L [m/s^3, rad/s^3].
         state: bound on L_s [1/s^2]; zero for beta = 0.
         limit: k_2/2, the upper limit of rate for any k_1 and beta [m/s^3, rad/s^3].
-        beta: gain beta [(s/m)^(1/2)].
     """
 
+    k_1: float
+    k_2: float
+    beta: float
+    nominal: bool
     rate: float
     state: float
     limit: float
-    beta: float
 
     @classmethod
-    def of(cls, controller: Gsta | Sta) -> "Certificate":
-        """The certificate of a controller's gains, for its worst axis. Standard super-twisting has beta = 0.
+    def of(cls, k_1: float, k_2: float, beta: float = 0.0, A: float | None = None) -> "Certificate":
+        """The certificate of a law's gains.
 
-        Without nominal control, eq. (22) does not cancel the term A s in s_dot. It is a vanishing part with G_1 in
-        [A / beta, 0].
+        Args:
+            k_1: gain of phi_1 [m^(1/2)/s^(3/2)].
+            k_2: gain of phi_2 [m/s^3].
+            beta: gain beta [(s/m)^(1/2)]; 0 for standard super-twisting.
+            A: for a law without nominal control, the pole of zeta of the worst axis [1/s]. Eq. (22) then does not
+                cancel the term A s in s_dot, which is a vanishing part with G_1 in [A / beta, 0].
 
         Raises:
             InputError: a gain is too large or too small to compute with.
         """
-        _in_range(k_1=controller.k_1, k_2=controller.k_2, beta=getattr(controller, "beta", 0.0))
-        if isinstance(controller, Sta):
-            rate = rate_bound(controller.k_1, controller.k_2)
-            return cls(rate, 0.0, controller.k_2 / 2.0, 0.0)
-        least_A, beta = min(controller.A), controller.beta
+        _in_range(k_1=k_1, k_2=k_2, beta=beta)
         least = 0.0
-        if not controller.nominal and least_A < 0.0:
-            least = least_A / beta if beta > 0.0 else -math.inf
-        rate = rate_bound(controller.k_1, controller.k_2, (least, 0.0))
-        return cls(rate, 2.0 * beta**2 * rate, controller.k_2 / 2.0, beta)
+        if A is not None and A < 0.0:
+            least = A / beta if beta > 0.0 else -math.inf
+        rate = rate_bound(k_1, k_2, (least, 0.0))
+        return cls(k_1, k_2, beta, A is None, rate, 2.0 * beta**2 * rate, k_2 / 2.0)
 
     def allowed(self, s: np.ndarray) -> np.ndarray:
         """Largest |varphi_dot| at s for which V decreases: delta_2 |phi_2(s)|."""

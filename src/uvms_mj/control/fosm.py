@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
+
+from .balance import static_balance
 from .base import Controller, NonNegative, Positive, gain
+from .rest import SteadyState
+from .sampled import Vibration, not_constant, zeta_grows
 
 
 @dataclass(frozen=True)
@@ -24,3 +31,37 @@ class Fosm(Controller):
             sat = min(1.0, max(-1.0, signals.s[j] / gains.epsilon))  # eq. (32)
             for i in range(6):
                 tau_cmd[i] -= signals.M_hat[i, j] * gains.K_s * sat  # eq. (31)
+
+    def at_rest(self, setup: Any) -> SteadyState | str:
+        """The static balance inside the boundary layer."""
+        if reason := not_constant(setup):
+            return reason
+        if self.K_s == 0.0 and 0.0 in setup.task.A:
+            return "with a zero in A and K_s = 0, s drifts"
+        if setup.scenario.control_period >= boundary_layer_limit(self, setup):
+            return "the sampled first-order law chatters at this step"
+        state = zeta_grows(setup) or static_balance(setup, self.K_s / self.epsilon)
+        if isinstance(state, SteadyState) and np.abs(np.asarray(state.s)).max() >= self.epsilon:
+            return "the first-order law is outside its boundary layer"
+        return Vibration.of(setup).checked(state)
+
+    def notes(self, setup: Any) -> Iterator[str]:
+        """Warnings if the sampled law chatters, or vibrates against the wall."""
+        period = setup.scenario.control_period
+        if period >= (limit := boundary_layer_limit(self, setup)):
+            yield (
+                f"{self.label()} chatters at a control period of {period:g} s: K_s = {self.K_s:g} and epsilon = "
+                f"{self.epsilon:g} need a period below {limit:.4g} s"
+            )
+        yield from Vibration.of(setup).notes(self.label())
+
+
+def boundary_layer_limit(law: Fosm, setup: Any) -> float:
+    """Largest control period at which the first-order law does not chatter inside its boundary layer [s].
+
+    In the layer, s_dot = -(M^-1 M_hat K_s/epsilon - A) s + ... With explicit sampling this is stable if the period is
+    below 2 divided by the fastest rate.
+    """
+    gain = np.linalg.solve(setup.design.M, setup.design.M_hat) * law.K_s / law.epsilon
+    rate = float(np.abs(np.linalg.eigvals(gain - np.diag(setup.task.A))).max())
+    return 2.0 / rate if rate > 0 else np.inf

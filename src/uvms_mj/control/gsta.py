@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from . import super_twisting
 from .base import Controller, NonNegative, gain
 
 
@@ -23,6 +24,9 @@ class Gsta(Controller):
     name = "gsta"
     states: ClassVar = {"z": 6}
     units: ClassVar = {"z": "m/s^2, rad/s^2"}
+    at_rest = super_twisting.at_rest
+    notes = super_twisting.notes
+    certificate = super_twisting.certificate
 
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):
@@ -37,6 +41,6 @@ class Gsta(Controller):
             a = -gains.k_1 * phi_1 + state.z[j]  # eq. (24a)
             state_dot.z[j] = -gains.k_2 * phi_2  # eq. (24b)
             if gains.nominal:
-                a -= gains.A[j] * s  # eq. (22); F_2 A F_2^-1 = A for diagonal matrices
+                a -= signals.A[j] * s  # eq. (22); F_2 A F_2^-1 = A for diagonal matrices
             for i in range(6):
                 tau_cmd[i] += signals.M_hat[i, j] * a

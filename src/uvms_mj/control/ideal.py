@@ -1,9 +1,15 @@
 """The ideal law, a yardstick: it uses true current and disturbance, which a real vehicle can't measure."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
+import numpy as np
+
+from .balance import static_balance
 from .base import Controller
+from .rest import SteadyState
+from .sampled import Vibration
 
 TOLD_THE_TRUTH = "the truth, current and disturbance included: a yardstick, not a law for a real vehicle"
 """Text in all outputs that describes the signals given to the ideal law."""
@@ -23,3 +29,11 @@ class Ideal(Controller):
             tau_cmd[i] -= signals.tau_contact_m_B[i]
             for j in range(6):  # w has the desired impedance and K_f (tau_c - F_d) in it
                 tau_cmd[i] += signals.M[i, j] * (signals.nu_d_dot[j] - signals.nu_c_dot[j] - signals.w[j])
+
+    def at_rest(self, setup: Any) -> SteadyState | str:
+        """The static balance with s = 0."""
+        return Vibration.of(setup, setup.design.M).checked(static_balance(setup, np.inf))
+
+    def notes(self, setup: Any) -> Iterator[str]:
+        """Warnings if the sampled law vibrates against the wall."""
+        return Vibration.of(setup, setup.design.M).notes(self.label())

@@ -1,8 +1,13 @@
 """Impedance control: the nominal control alone."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
+from .balance import static_balance
 from .base import Controller
+from .rest import SteadyState
+from .sampled import Vibration, not_constant
 
 
 @dataclass(frozen=True)
@@ -15,3 +20,11 @@ class Impedance(Controller):
     def law(gains, state, signals, state_dot, tau_cmd):
         for i in range(6):
             tau_cmd[i] = signals.tau_nom[i]  # eq. (23)
+
+    def at_rest(self, setup: Any) -> SteadyState | str:
+        """The static balance of eq. (5)."""
+        return not_constant(setup) or Vibration.of(setup, setup.design.M_hat).checked(static_balance(setup, 0.0))
+
+    def notes(self, setup: Any) -> Iterator[str]:
+        """Warnings if the sampled law vibrates against the wall."""
+        return Vibration.of(setup, setup.design.M_hat).notes(self.label())

@@ -7,21 +7,21 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class SteadyState:
-    """A vehicle at rest.
+    """A vehicle at rest. A theory that predicts the force alone leaves out the rest.
 
     Attributes:
+        force: pushing force on the wall [N], zero if the vehicle rests short of it.
         position: (3,) position of B's origin in W [m].
         quat: (4,) attitude.
-        force: pushing force on the wall [N], zero if the vehicle rests short of it.
         s: (6,) sliding variable.
         tau: (6,) wrench of the thrusters in B [N, N m].
     """
 
-    position: np.ndarray
-    quat: np.ndarray
     force: float
-    s: np.ndarray
-    tau: np.ndarray
+    position: np.ndarray | None = None
+    quat: np.ndarray | None = None
+    s: np.ndarray | None = None
+    tau: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

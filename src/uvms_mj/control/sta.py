@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from . import super_twisting
 from .base import Controller, NonNegative, gain
 
 
@@ -21,6 +22,9 @@ class Sta(Controller):
     name = "sta"
     states: ClassVar = {"z": 6}
     units: ClassVar = {"z": "m/s^2, rad/s^2"}
+    at_rest = super_twisting.at_rest
+    notes = super_twisting.notes
+    certificate = super_twisting.certificate
 
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):
@@ -28,7 +32,7 @@ class Sta(Controller):
             tau_cmd[i] = signals.tau_nom[i]
         for j in range(6):
             s = signals.s[j]
-            a = -gains.k_1 * math.sqrt(abs(s)) * np.sign(s) + state.z[j] - gains.A[j] * s  # eqs. (22), (24a)
+            a = -gains.k_1 * math.sqrt(abs(s)) * np.sign(s) + state.z[j] - signals.A[j] * s  # eqs. (22), (24a)
             state_dot.z[j] = -0.5 * gains.k_2 * np.sign(s)  # eq. (24b)
             for i in range(6):
                 tau_cmd[i] += signals.M_hat[i, j] * a

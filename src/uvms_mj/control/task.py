@@ -1,4 +1,4 @@
-r"""The terms that all laws share: pose errors, sliding variable, nominal control.
+r"""The impedance task, a stage before the law: sliding variable and nominal control, which most laws share.
 
 The paper's eqs. (14), (15), (21) and (23) share one term, the acceleration of the desired impedance,
 
@@ -18,75 +18,110 @@ where :math:`A' = F_2 A F_2^{-1} = A` for diagonal matrices. The nominal control
 :math:`\hat M (\dot\nu_d - w) - \tau_c + \hat C \nu + \hat D \nu + \hat g`.
 """
 
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar
+
 import numpy as np
+from pydantic import AfterValidator
 
+from ..errors import Fault, InputError
 from ..physics.fossen import matvec
-from ..physics.frames import quat_error, to_body
 from ..physics.kernels import kernel
+from ..stages.base import Room, Stage, shared
+from ..stages.signals import TASK, TASK_GIVEN
+from .base import Diagonal
 
-TASK = np.dtype(
-    [
-        ("M_d_inv", "f8", (6, 6)),
-        ("F_1", "f8", (6,)),
-        ("F_2", "f8", (6,)),
-        ("A", "f8", (6,)),
-        ("work", "f8", (6,)),
-    ],
-    align=True,
-)
-"""Constants of the desired impedance and of the sliding variable, and scratch memory."""
+
+def _nonzero(value: tuple[float, ...]) -> tuple[float, ...]:
+    if 0.0 in value:
+        raise ValueError("must not have a zero: F_2 has to be invertible")
+    return value
+
+
+def _not_positive(value: tuple[float, ...]) -> tuple[float, ...]:
+    if max(value) > 0.0:
+        raise ValueError("must not have a positive entry: A is negative semi-definite (eq. 8)")
+    return value
+
+
+_NonzeroDiagonal = Annotated[Diagonal, AfterValidator(_nonzero)]
+_NegativeDiagonal = Annotated[Diagonal, AfterValidator(_not_positive)]
+
+
+@dataclasses.dataclass(frozen=True)
+class ImpedanceTask(Stage):
+    """The impedance task: sliding variable s, state zeta and nominal control of the desired impedance.
+
+    Its period is that of the law.
+
+    Raises:
+        InputError: a gain has the wrong type or is out of range; all errors are reported together.
+    """
+
+    F_1: Diagonal = shared(1.0, "1/s", "gain of the pose error in s, eq. (14)")
+    F_2: _NonzeroDiagonal = shared(1.0, "1", "gain of zeta in s, eq. (14)")
+    A: _NegativeDiagonal = shared(-100.0, "1/s", "pole of zeta, eq. (15)")
+    integral: bool = shared(False, "-", "true: s is M_d^-1 times the integral of eq. (6): A is 0, and s(0) is 0")
+
+    name = "impedance_task"
+    needs: ClassVar = ("design",)
+    states: ClassVar = {"zeta": 6}
+    units: ClassVar = {"zeta": "m/s, rad/s"}
+    room: ClassVar[Room] = Room("control", "task", lambda thrusters: TASK_GIVEN, TASK, "task", "gain")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.integral:  # with A = 0, eq. (20) integrates the impedance's residual
+            if any(self.A) and self.A != (-100.0,) * 6:
+                fault = Fault("task.A", f"{list(self.A)!r} must be 0 or omitted if integral is true")
+                raise InputError([fault], "the gains of the task")
+            object.__setattr__(self, "A", (0.0,) * 6)
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        return {**super().constants(setup), "M_d_inv": np.linalg.inv(setup.design.M_d)}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        impedance_task(settings, state.zeta, given, state_dot.zeta, out)
 
 
 @kernel
-def pose_errors(signals):
-    """Set quat_e, eta_e, nu_e and nu_d_dot of signals. Errors are actual minus desired, in B."""
-    R_WB, nu, eta_e, nu_e = signals.R_WB, signals.nu, signals.eta_e, signals.nu_e
-    x = signals.p_WB[0] - signals.p_d[0]
-    y = signals.p_WB[1] - signals.p_d[1]
-    z = signals.p_WB[2] - signals.p_d[2]
-    for i in range(3):
-        eta_e[i] = R_WB[0, i] * x + R_WB[1, i] * y + R_WB[2, i] * z
-    quat_error(signals.quat_d, signals.quat_WB, signals.quat_e)
-    for i in range(3):
-        eta_e[i + 3] = signals.quat_e[i + 1]  # below eq. (12)
-    to_body(R_WB, signals.p_d_dot, nu_e)  # v_d in B, for now
-    to_body(R_WB, signals.p_d_ddot, signals.nu_d_dot)
-    signals.nu_d_dot[0] -= nu[4] * nu_e[2] - nu[5] * nu_e[1]  # a_d = R^T p_d_ddot - omega x R^T p_d_dot
-    signals.nu_d_dot[1] -= nu[5] * nu_e[0] - nu[3] * nu_e[2]
-    signals.nu_d_dot[2] -= nu[3] * nu_e[1] - nu[4] * nu_e[0]
-    for i in range(3):
-        nu_e[i] = nu[i] - nu_e[i]
-        nu_e[i + 3] = nu[i + 3]  # the desired attitude is constant
+def impedance_task(task, zeta, given, zeta_dot, out):
+    """Set the signals :data:`uvms_mj.stages.signals.TASK` and zeta_dot.
 
-
-@kernel
-def sliding_variable(task, signals, zeta_dot):
-    """Set signals.s, eq. (14), signals.w, and zeta_dot, eq. (15) with the gains of eq. (21)."""
-    eta_e, nu_e, w, work = signals.eta_e, signals.nu_e, signals.w, task.work
+    Args:
+        task: record with F_1, F_2, A, integral and M_d_inv.
+        zeta: (6,) state of eq. (15).
+        given: record of :data:`uvms_mj.stages.signals.TASK_GIVEN`.
+        zeta_dot: (6,) time derivative of zeta, eq. (15) with the gains of eq. (21).
+        out: record with F_1, F_2, A, w, tau_nom, s and zeta.
+    """
+    eta_e, nu_e, quat_e, w = given.eta_e, given.nu_e, given.quat_e, out.w
     F_1, F_2, A = task.F_1, task.F_2, task.A
-    matvec(signals.D_d, nu_e, work)
+    if task.integral and given.instant == 0:
+        for i in range(6):  # s = 0 in eq. (14)
+            zeta[i] = -(nu_e[i] + F_1[i] * eta_e[i]) / F_2[i]
+    work = out.s  # set below
+    matvec(given.D_d, nu_e, work)
     for i in range(6):
-        work[i] += signals.K_d[i] * eta_e[i] - signals.K_f[i] * (signals.tau_contact_m_B[i] - signals.F_d[i])
+        work[i] += given.K_d[i] * eta_e[i] - given.K_f[i] * (given.tau_contact_m_B[i] - given.F_d[i])
     matvec(task.M_d_inv, work, w)
-    q_w, q_x, q_y, q_z = signals.quat_e[0], signals.quat_e[1], signals.quat_e[2], signals.quat_e[3]
+    for i in range(6):
+        work[i] = given.nu_d_dot[i] - w[i]
+    matvec(given.M_hat, work, out.tau_nom)  # eq. (23)
+    for i in range(6):
+        out.tau_nom[i] += given.C_hat_nu[i] + given.D_hat_nu[i] + given.g_hat[i] - given.tau_contact_m_B[i]
+    q_w, q_x, q_y, q_z = quat_e[0], quat_e[1], quat_e[2], quat_e[3]
     for i in range(3):
         work[i] = nu_e[i]  # eta_e_dot, eq. (18)
     work[3] = 0.5 * (q_w * nu_e[3] + q_y * nu_e[5] - q_z * nu_e[4])  # U(q_e) omega_e, eq. (17)
     work[4] = 0.5 * (q_w * nu_e[4] + q_z * nu_e[3] - q_x * nu_e[5])
     work[5] = 0.5 * (q_w * nu_e[5] + q_x * nu_e[4] - q_y * nu_e[3])
     for i in range(6):
-        signals.s[i] = nu_e[i] + F_1[i] * eta_e[i] + F_2[i] * signals.zeta[i]  # eq. (14)
-        zeta_dot[i] = (
-            A[i] * signals.zeta[i] + (w[i] + A[i] * F_1[i] * eta_e[i] + A[i] * nu_e[i] - F_1[i] * work[i]) / F_2[i]
-        )
-
-
-@kernel
-def nominal_control(task, signals):
-    """Set signals.tau_nom, eq. (23), from the estimates. Call it after sliding_variable."""
-    work = task.work
+        zeta_dot[i] = A[i] * zeta[i] + (w[i] + A[i] * F_1[i] * eta_e[i] + A[i] * nu_e[i] - F_1[i] * work[i]) / F_2[i]
     for i in range(6):
-        work[i] = signals.nu_d_dot[i] - signals.w[i]
-    matvec(signals.M_hat, work, signals.tau_nom)
-    for i in range(6):
-        signals.tau_nom[i] += signals.C_hat_nu[i] + signals.D_hat_nu[i] + signals.g_hat[i] - signals.tau_contact_m_B[i]
+        out.s[i] = nu_e[i] + F_1[i] * eta_e[i] + F_2[i] * zeta[i]  # eq. (14)
+        out.zeta[i], out.F_1[i], out.F_2[i], out.A[i] = zeta[i], F_1[i], F_2[i], A[i]

@@ -1,39 +1,26 @@
 """``simulate(scenario) -> Trace`` runs a scenario in chunks at native speed."""
 
 import dataclasses
+import functools
 import time
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 
-import mujoco
 import numpy as np
 
-from ..analysis.ranges import no_overflow
-from ..analysis.rest import steady_state
-from ..analysis.sampling import SamplingWarning, check, row_steps_of
-from ..analysis.setup import set_up
+from ..analysis.sampling import SamplingWarning, row_steps_of
 from ..control import Controller
-from ..control.contract import check_contract
-from ..control.loader import has_built_in_law
-from ..control.recorded import RecordedLaw
+from ..control.theory import steady_state
 from ..errors import InputError
 from ..plant.mjcf import Mjcf
 from ..plant.mujoco_warnings import mujoco_warnings
-from ..records.header import Header, LawSource, Outcome, Sink, Status, versions
+from ..records.header import Header, Outcome, Sink, Status, sources_of, versions
 from ..records.trace import Trace
 from ..records.writing import Writing
 from ..scenario import Scenario
-from .native.attachment import immerse
-from .native.closed_loop import ClosedLoop
-from .native.plain_law import LawFault
-
-CHUNK_STEPS = 1000
-"""Largest number of steps in a chunk: a few milliseconds of wall time."""
-CHUNK_S = 0.25
-"""Wall time after which a chunk ends early, for slow laws [s]."""
-SLICE_STEPS = 50
-"""Largest number of steps from one reading of the clock to the next: a law may become slow at any step."""
+from .native.plain_stage import StageFault
+from .simulation import CHUNK_S, CHUNK_STEPS, Simulation
 
 
 class LawError(RuntimeError):
@@ -96,11 +83,15 @@ def simulate(
     if controller is not None:
         scenario = dataclasses.replace(scenario, controller=controller)
     row_steps = row_steps_of(scenario.simulation.timestep, log_rate)
-    with mujoco_warnings():
-        run = _Run(scenario, row_steps, progress, sinks, keep_s, mjcf)
-        for note in run.notes:
-            warnings.warn(note, SamplingWarning, stacklevel=2)
-        return run.go()
+    for table in ("controller", "actuation"):
+        if getattr(scenario, table).external:
+            raise InputError(f"{table}.name: external needs a caller that sets its output: use Simulation")
+    with mujoco_warnings(), Simulation(scenario, mjcf=mjcf) as sim:
+        notes = sim.notes
+        for note in notes:
+            slow = note in sim.slow_stages
+            warnings.warn(note, PlainPythonWarning if slow else SamplingWarning, stacklevel=2)
+        return _Run(sim, row_steps, progress, sinks, keep_s).go(notes)
 
 
 class _Run:
@@ -108,133 +99,85 @@ class _Run:
 
     def __init__(
         self,
-        scenario: Scenario,
+        sim: Simulation,
         row_steps: int,
         progress: Callable[[int, int], None] | None,
         sinks: Sequence[Sink],
         keep_s: float | None,
-        mjcf: Mjcf | None,
     ) -> None:
-        if isinstance(scenario.controller, RecordedLaw):
-            source = scenario.controller.source()
-            raise InputError(
-                f"the law {source} is in the log as text, which is never run: pass the controller from the law's file"
-            )
-        if not has_built_in_law(scenario.controller):
-            check_contract(type(scenario.controller))
-        self.scenario, self.row_steps, self.progress = scenario, row_steps, progress
+        self.sim, self.scenario, self.row_steps, self.progress = sim, sim.scenario, row_steps, progress
         self.sinks, self.keep_s = sinks, np.inf if keep_s is None else keep_s
-        with no_overflow(scenario):
-            setup = set_up(scenario, mjcf)
-            self.plant, self.design = setup.plant, setup.design
-            self.notes = list(check(scenario, setup.vehicle, setup.design, setup.reach))
-            self.analytic = steady_state(scenario, setup.vehicle, setup.design, setup.gravity_W)
-        self.data = self.plant.initial_data(scenario.initial)
+        self.memory = sim.record(row_steps)
         self.blocks: deque[np.ndarray] = deque()
 
-    def go(self) -> Trace:
-        """Attach the vehicle, step until the run ends or is stopped, and make the trace."""
-        plant, disturbance = self.plant, self.scenario.disturbance
-        with immerse(
-            plant.model,
-            self.data,
-            plant.vehicle,
-            current_W=self.scenario.current.velocity_W,
-            bias=disturbance.bias,
-            amplitude=disturbance.amplitude,
-            frequency_hz=disturbance.frequency_hz,
-        ) as attachment:
-            loop = ClosedLoop(
-                plant.model,
-                self.data,
-                attachment,
-                self.design,
-                plant.sensors,
-                plant.geometry.reach,
-                self.scenario,
-                self.row_steps,
-                CHUNK_STEPS,
-            )
-            if not loop.compiled:
-                law = self.scenario.controller.label()
-                note = f"{law} runs as plain Python, which is slow, because numba can't compile it: {loop.not_compiled}"
-                self.notes.append(note)
-                warnings.warn(note, PlainPythonWarning, stacklevel=4)
-            self.header = Header(
-                scenario=self.scenario,
-                signals=loop.signals,
-                row_steps=self.row_steps,
-                analytic=self.analytic,
-                notes=tuple(self.notes),
-                mjcf=plant.mjcf,
-                geometry=plant.geometry,
-                law=LawSource.of(self.scenario.controller),
-                versions=versions(),
-            )
-            with Writing(self.sinks, self.header) as self.writing:
-                outcome, raised = self._outcome(loop)
-                self._take_rows(loop)
-                self.writing.end(outcome)
-            kept = np.concatenate(self.blocks) if self.blocks else np.zeros((0, loop.width))
-            trace = Trace.of(self.header, kept, outcome)
-            if isinstance(raised, LawFault):
-                raise LawError(outcome.message, trace) from raised.__cause__
-            if raised is not None:
-                raise raised
-            if self.writing.error is not None:
-                raise SinkError(self.writing.message, trace) from self.writing.error
-            return trace
+    def go(self, notes: tuple[str, ...]) -> Trace:
+        """Step until the run ends or is stopped, and make the trace."""
+        sim, setup = self.sim, self.sim.setup
+        header = Header(
+            scenario=self.scenario,
+            signals=sim.recorded,
+            row_steps=self.row_steps,
+            rest=functools.partial(steady_state, setup),
+            notes=notes,
+            mjcf=setup.plant.mjcf,
+            geometry=setup.plant.geometry,
+            sources=sources_of(self.scenario, len(setup.vehicle.thrusters)),
+            versions=versions(),
+        )
+        with Writing(self.sinks, header) as self.writing:
+            outcome, raised = self._outcome()
+            self._take_rows()
+            self.writing.end(outcome)
+        kept = np.concatenate(self.blocks) if self.blocks else np.zeros((0, header.width))
+        trace = Trace.of(header, kept, outcome)
+        if isinstance(raised, StageFault):
+            raise LawError(outcome.message, trace) from raised.__cause__
+        if raised is not None:
+            raise raised
+        if self.writing.error is not None:
+            raise SinkError(self.writing.message, trace) from self.writing.error
+        return trace
 
-    def _outcome(self, loop: ClosedLoop) -> tuple[Outcome, Exception | None]:
-        """Step to the end. Returns the outcome, and the exception of the law or of another part, if any."""
-        status, message = Status.completed, ""
+    def _outcome(self) -> tuple[Outcome, Exception | None]:
+        """Step to the end. Returns the outcome, and the exception of a stage or of another part, if any."""
+        sim, status, message = self.sim, Status.completed, ""
         raised: Exception | None = None
         start = time.perf_counter()
         try:
-            for done in self._chunks(loop):
+            for done in self._chunks():
                 if self.progress is not None:
                     self.progress(done, self.scenario.steps)
-                if loop.divergence:
-                    status, message = Status.unstable, f"t = {loop.time:.6g} s: {loop.divergence}. {_HINT}"
+                if sim.divergence:
+                    status, message = Status.unstable, f"t = {sim.t:.6g} s: {sim.divergence}. {_HINT}"
                     break
                 if self.writing.error is not None:
-                    status, message = Status.failed, f"t = {loop.time:.6g} s: {self.writing.message}"
+                    status, message = Status.failed, f"t = {sim.t:.6g} s: {self.writing.message}"
                     break
         except KeyboardInterrupt:
-            status, message = Status.interrupted, f"t = {loop.time:.6g} s: stopped from outside"
-        except Exception as error:  # a LawFault, or an error of this package
-            status, raised, message = Status.failed, error, f"t = {loop.time:.6g} s: {error}"
+            status, message = Status.interrupted, f"t = {sim.t:.6g} s: stopped from outside"
+        except Exception as error:  # a StageFault, or an error of this package
+            status, raised, message = Status.failed, error, f"t = {sim.t:.6g} s: {error}"
         wall_time_s = time.perf_counter() - start
-        return Outcome(status, message, min(loop.step, self.scenario.steps), wall_time_s), raised
+        return Outcome(status, message, min(sim.steps, self.scenario.steps), wall_time_s), raised
 
-    def _chunks(self, loop: ClosedLoop) -> Iterator[int]:
+    def _chunks(self) -> Iterator[int]:
         """Step through the run. The rows of a chunk are taken even if it raises."""
-        model, data, steps = self.plant.model, self.data, self.scenario.steps
-        done, n = 0, 1
+        sim, steps, done = self.sim, self.scenario.steps, 0
         while done < steps:
-            end = min(done + CHUNK_STEPS - done % CHUNK_STEPS, steps)
-            start = now = time.perf_counter()
             try:
-                while done < end and now - start < CHUNK_S and not loop.divergence:
-                    n, begun = min(n, end - done), now
-                    if loop.compiled:
-                        mujoco.mj_step(model, data, n)
-                    else:
-                        self._python_step(loop)
-                    done, now = done + n, time.perf_counter()
-                    n = max(1, min(SLICE_STEPS, int(CHUNK_S * n / max(now - begun, 1e-9)))) if loop.compiled else 1
+                done += sim.run(min(CHUNK_STEPS - done % CHUNK_STEPS, steps - done), CHUNK_S)
             finally:
-                self._take_rows(loop)
-            self._after(loop, done)
-            if not loop.divergence and done == steps:  # the final state, from which no step begins
-                self._forward(loop)
-                self._take_rows(loop)
-                self._after(loop, done + 1)
+                self._take_rows()
+            sim.check(last=done == steps)
+            if not sim.divergence and done == steps:  # the final state, from which no step begins
+                sim.finish()
+                self._take_rows()
+                sim.check(last=True)
             yield done
 
-    def _take_rows(self, loop: ClosedLoop) -> None:
+    def _take_rows(self) -> None:
         """Pass the rows on. An interrupt between any two lines, or a second call, neither loses nor repeats a row."""
-        rows = loop.rows()
+        rows = self.memory.taken()
         if len(rows) and (not self.blocks or rows[0, 0] > self.blocks[-1][-1, 0]):
             block = rows.copy()
             block.setflags(write=False)  # sinks and trace share it
@@ -243,26 +186,7 @@ class _Run:
             self.blocks.append(block)
         while len(self.blocks) > 1 and self.blocks[-1][-1, 0] - self.blocks[1][0, 0] >= self.keep_s:
             self.blocks.popleft()
-        loop.clear_rows()
-
-    def _python_step(self, loop: ClosedLoop) -> None:
-        self._python_law(loop)
-        mujoco.mj_step(self.plant.model, self.data)
-
-    def _python_law(self, loop: ClosedLoop) -> None:
-        if loop.prepare():
-            loop.call_law()
-
-    def _forward(self, loop: ClosedLoop) -> None:
-        if not loop.compiled:
-            self._python_law(loop)
-        mujoco.mj_forward(self.plant.model, self.data)
-
-    def _after(self, loop: ClosedLoop, evaluations: int) -> None:
-        """Raise on failures that compiled code can only record: of the law, or by a replaced callback."""
-        loop.check_law(last=loop.step >= self.scenario.steps)
-        if not loop.divergence and loop.evaluations != evaluations:
-            raise RuntimeError("mjcb_control was replaced during the run: hydrodynamics were no longer applied")
+        self.memory.clear()
 
 
 _HINT = "Try a smaller simulation.timestep, smaller gains, or a softer wall."

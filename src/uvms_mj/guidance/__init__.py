@@ -1,0 +1,8 @@
+"""Guidance: the reference. :mod:`uvms_mj.guidance.base` has the contract of a stage."""
+
+from .base import Guidance, hold
+from .filtered_steps import FilteredSteps
+
+SHIPPED: dict[str, type[Guidance]] = {cls.name: cls for cls in (FilteredSteps,)}
+
+__all__ = ["SHIPPED", "FilteredSteps", "Guidance", "hold"]

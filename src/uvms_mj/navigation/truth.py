@@ -17,5 +17,5 @@ def reveal(coefficients, water, signals, truth, work):
     nu_c_dot[0] = nu[5] * work[1] - nu[4] * work[2]  # -omega x v_c: constant in W
     nu_c_dot[1] = nu[3] * work[2] - nu[5] * work[0]
     nu_c_dot[2] = nu[4] * work[0] - nu[3] * work[1]
-    model_wrenches(coefficients, nu_r, signals.R_WB, truth.C_nu_r, truth.D_nu_r, truth.g_eta, work)
+    model_wrenches(coefficients, nu_r, signals.R_WB, truth.C_nu_r, truth.D_nu_r, truth.g_eta)
     disturbance(water, signals.t, truth.tau_dist)

@@ -28,12 +28,12 @@ already scaled."""
 
 
 @kernel
-def model_wrenches(coefficients, nu, R_WB, C_nu, D_nu, g_eta, work):
-    """Set C(nu) nu, D(nu) nu and g(eta), (6,) each [N, N m, B], from nu (6,) and R_WB (3, 3); work is (6,) scratch."""
+def model_wrenches(coefficients, nu, R_WB, C_nu, D_nu, g_eta):
+    """Set C(nu) nu, D(nu) nu and g(eta), (6,) each [N, N m, B], from nu (6,) and R_WB (3, 3)."""
     coriolis_rigid_body(coefficients.M_RB, nu, C_nu)
-    coriolis_added_mass(coefficients.M_A, nu, work)
+    coriolis_added_mass(coefficients.M_A, nu, g_eta)  # scratch until restoring sets it
     for i in range(6):
-        C_nu[i] += work[i]
+        C_nu[i] += g_eta[i]
     damping(coefficients.D_linear, coefficients.D_quadratic, nu, D_nu)
     mass, displaced_mass = coefficients.mass, coefficients.displaced_mass
     restoring(mass, displaced_mass, coefficients.r_g, coefficients.r_b, coefficients.gravity_W, R_WB, g_eta)

@@ -12,6 +12,7 @@ The probe is centred on B's origin, so that the wall's normal force gives no mom
 forward. Contact begins when the origin is at x_c, and in pictures the vehicle's front is then at the wall's face.
 """
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -56,6 +57,11 @@ class Plant:
     def initial_data(self, initial: Initial) -> mujoco.MjData:
         """Data at an initial state."""
         data = mujoco.MjData(self.model)
+        self.place(data, initial)
+        return data
+
+    def place(self, data: mujoco.MjData, initial: Initial) -> None:
+        """Put the vehicle at an initial state."""
         joint = self.model.body_jntadr[self.body_id]
         qpos, dof = self.model.jnt_qposadr[joint], self.model.jnt_dofadr[joint]
         quat = quat_from_euler_deg(*initial.attitude_deg)
@@ -65,7 +71,20 @@ class Plant:
         mujoco.mju_rotVecQuat(v_W, np.array(initial.velocity[:3]), quat)
         data.qvel[dof : dof + 3] = v_W
         data.qvel[dof + 3 : dof + 6] = initial.velocity[3:]
-        return data
+
+    def set_wall(self, wall: Wall) -> None:
+        """Move the wall, and set stiffness and damping of the contact pair in N/m and N s/m."""
+        scale = self.model.body_invweight0[self.body_id, 0] * (1.0 - IMPEDANCE)
+        self.model.pair_solref[self._pair] = -wall.stiffness * scale, -wall.damping * scale
+        self.model.geom_pos[self._face, 0] = wall.position + self.geometry.reach
+
+    @functools.cached_property
+    def _pair(self) -> int:
+        return self.model.pair(f"{_OURS}contact").id
+
+    @functools.cached_property
+    def _face(self) -> int:
+        return self.model.geom(f"{_OURS}wall").id
 
 
 def build(mjcf: Mjcf, wall: Wall, timestep: float, integrator: str) -> Plant:
@@ -85,9 +104,10 @@ def build(mjcf: Mjcf, wall: Wall, timestep: float, integrator: str) -> Plant:
     spec.option.integrator = getattr(mujoco.mjtIntegrator, _INTEGRATORS[integrator])
     _add_surroundings(spec, vehicle.body, wall, geometry.reach)
     model = mjcf.compiled(spec)
-    _calibrate(model, vehicle, wall)
     sensors = {name: int(model.sensor(f"{_OURS}{name}").adr[0]) for name in _SENSORS}
-    return Plant(model, vehicle, free_body_id(model, vehicle.body), sensors, mjcf, geometry)
+    plant = Plant(model, vehicle, free_body_id(model, vehicle.body), sensors, mjcf, geometry)
+    plant.set_wall(wall)
+    return plant
 
 
 def _plain_class(spec: mujoco.MjSpec) -> mujoco.MjsDefault:
@@ -150,11 +170,3 @@ def _add_surroundings(spec: mujoco.MjSpec, body_name: str, wall: Wall, reach: fl
             sensor.intprm[:3] = [sum(1 << int(bit) for bit in wanted), 3, 1]
         else:
             sensor.cutoff = _SENSOR_RANGE
-
-
-def _calibrate(model: mujoco.MjModel, vehicle: Vehicle, wall: Wall) -> None:
-    """Set stiffness and damping of the compiled contact pair in N/m and N s/m."""
-    w = model.body_invweight0[free_body_id(model, vehicle.body), 0]
-    scale = w * (1.0 - IMPEDANCE)
-    pair = model.pair(f"{_OURS}contact").id
-    model.pair_solref[pair] = -wall.stiffness * scale, -wall.damping * scale

@@ -38,17 +38,17 @@ def lightest_along_face(M: np.ndarray, normal: np.ndarray, reach: float) -> floa
     return 1.0 / float(np.linalg.eigvalsh(J @ np.linalg.solve(M, J.T))[-1])
 
 
-def contact_settings(wall: Wall, M: np.ndarray, normal: np.ndarray, reach: float) -> dict[str, float]:
+def contact_settings(wall: Wall, mass_along_face: float) -> dict[str, float]:
     """Settings of the wall for a :data:`uvms_mj.physics.contact.CONTACT` record, with the defaults of sticking
     friction.
 
     The default damping is critical for the lightest motion along the face, so that a contact that sticks comes to rest.
-    The arguments are those of :func:`lightest_along_face`.
+    ``mass_along_face`` is that of :func:`lightest_along_face` [kg].
     """
     k_t = wall.stiffness if wall.tangential_stiffness is None else wall.tangential_stiffness
     b_t = wall.tangential_damping
     if b_t is None:
-        b_t = 2.0 * math.sqrt(k_t * lightest_along_face(M, normal, reach))
+        b_t = 2.0 * math.sqrt(k_t * mass_along_face)
     return {
         "stiffness": wall.stiffness,
         "damping": wall.damping,

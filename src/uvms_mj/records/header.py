@@ -7,19 +7,18 @@ import importlib.metadata
 import inspect
 import itertools
 import platform
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
-from ..control import Controller
-from ..control.loader import BUILT_IN
 from ..control.rest import NoClosedForm, SteadyState
 from ..plant.geometry import Geometry
 from ..plant.mjcf import Mjcf
-from ..scenario import Scenario
+from ..scenario import STAGES, Scenario
+from ..stages.base import Stage
 from ..stages.signals import Signal
 
 _PACKAGES = ("uvms-mj", "mujoco", "numpy", "numba", "llvmlite", "mcap")
@@ -36,13 +35,13 @@ class Status(enum.Enum):
 
 
 @dataclass(frozen=True)
-class LawSource:
-    """Source of a law.
+class StageSource:
+    """Source of a stage.
 
     Attributes:
-        source: name of a built-in law, or ``file.py:ClassName``.
-        sha256: digest of the code; None for a built-in law or without code.
-        code: text of the file, or of the class if there is no file; empty for a built-in law.
+        source: name of a shipped stage, or ``file.py:ClassName``.
+        sha256: digest of the code; None for a shipped stage or without code.
+        code: text of the file, or of the class if there is no file; empty for a shipped stage.
         states: sizes of the states by name.
     """
 
@@ -52,20 +51,31 @@ class LawSource:
     states: Mapping[str, int]
 
     @classmethod
-    def of(cls, controller: Controller) -> "LawSource":
-        law, source = type(controller), type(controller).source()
-        states = dict(law.states)
-        if source in BUILT_IN:
+    def of(cls, stage: Stage, thrusters: int = 0) -> "StageSource":
+        """The source of a stage for a vehicle with so many thrusters."""
+        kind, source = type(stage), type(stage).source()
+        record = kind.state_record(thrusters).dtype
+        states = {name: record[name].itemsize // 8 for name in kind.states}
+        if source in STAGES[kind.room.table].shipped:
             return cls(source, None, "", states)
         path = Path(source.rpartition(":")[0])
         code = path.read_bytes() if path.is_file() else b""
         if not code:
             try:
-                code = inspect.getsource(law).encode()
+                code = inspect.getsource(kind).encode()
             except (OSError, TypeError):  # defined at a prompt
-                return cls(f"{path.name}:{law.__name__}", None, "", states)
+                return cls(f"{path.name}:{kind.__name__}", None, "", states)
         digest = hashlib.sha256(code).hexdigest()
-        return cls(f"{path.name}:{law.__name__}", digest, code.decode(errors="replace"), states)
+        return cls(f"{path.name}:{kind.__name__}", digest, code.decode(errors="replace"), states)
+
+
+def solved(analytic: SteadyState | NoClosedForm) -> Callable[[], SteadyState | NoClosedForm]:
+    """The function of a rest state that is solved already."""
+    return functools.partial(_same, analytic)
+
+
+def _same(analytic: SteadyState | NoClosedForm) -> SteadyState | NoClosedForm:
+    return analytic
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,23 +86,37 @@ class Header:
         scenario: the scenario with all defaults.
         signals: the signals of a row, in order.
         row_steps: time steps from one row to the next.
-        analytic: the predicted rest state, or the reason why there is no closed form.
+        rest: function that gives :attr:`analytic`; it is called when somebody asks.
         notes: the warnings that the user was given.
         mjcf: the vehicle's model.
         geometry: the vehicle's shape, for pictures.
-        law: source of the law.
+        sources: sources of the stages by their table in the scenario: reference, navigation, controller, actuation.
         versions: versions of the packages that made the run, by name.
     """
 
     scenario: Scenario
     signals: tuple[Signal, ...]
     row_steps: int
-    analytic: SteadyState | NoClosedForm
+    rest: Callable[[], SteadyState | NoClosedForm] = field(repr=False)
     notes: tuple[str, ...]
     mjcf: Mjcf
     geometry: Geometry
-    law: LawSource
+    sources: Mapping[str, StageSource]
     versions: Mapping[str, str]
+
+    @property
+    def law(self) -> StageSource:
+        """Source of the law."""
+        return self.sources["controller"]
+
+    @functools.cached_property
+    def analytic(self) -> SteadyState | NoClosedForm:
+        """The predicted rest state, or the reason why there is no closed form."""
+        return self.rest()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The fields, with the rest state solved, as copy and pickle need them."""
+        return {**self.__dict__, "rest": solved(self.analytic)}
 
     @functools.cached_property
     def places(self) -> dict[str, slice]:
@@ -110,7 +134,8 @@ class Header:
         tables = self.scenario.to_dict()
         if Path(tables["vehicle"]["model"]).name != tables["vehicle"]["model"]:
             tables["vehicle"]["model"] = self.mjcf.name
-        tables["controller"]["name"] = self.law.source
+        for name, stage in self.sources.items():
+            tables[name]["name"] = stage.source
         return tables
 
     def step_of_row(self, row: int) -> int:
@@ -146,6 +171,11 @@ class Sink(Protocol):
 
     def end(self, outcome: Outcome) -> None:
         """Called after the last row, however the run ended."""
+
+
+def sources_of(scenario: Scenario, thrusters: int) -> dict[str, StageSource]:
+    """The sources of a scenario's stages by table."""
+    return {name: StageSource.of(getattr(scenario, name), thrusters) for name in STAGES}
 
 
 def versions() -> dict[str, str]:

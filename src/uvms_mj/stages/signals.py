@@ -15,13 +15,15 @@ OWN_UNIT = "law's own"
 
 @dataclass(frozen=True)
 class Signal:
-    """One named signal: its shape for one instant, unit, frame (W, B, or - without a frame) and meaning."""
+    """One named signal: its shape for one instant, unit, frame (W, B, or - without a frame), meaning and kind (f8 for
+    float64, i8 for int64)."""
 
     name: str
     shape: tuple[int, ...]
     unit: str
     frame: str
     meaning: str
+    kind: str = "f8"
 
     @property
     def size(self) -> int:
@@ -51,21 +53,19 @@ _COMPONENTS = {
 _WRENCH = "N, N m"
 _TWIST = "m/s, rad/s"
 
-GIVEN = (
-    Signal("t", (), "s", "-", "time of the control instant"),
-    Signal("period", (), "s", "-", "control period"),
+CLOCK = (
+    Signal("t", (), "s", "-", "time of the instant"),
+    Signal("period", (), "s", "-", "period of the stage; of a law, the control period"),
+    Signal("instant", (), "1", "-", "number of the stage's instant: 0, 1, 2, ...", "i8"),
+    Signal("key", (), "1", "-", "key of the stage's random numbers, from the seed", "i8"),
+)
+"""Given to every stage."""
+
+KNOWN = (
     Signal("p_WB", (3,), "m", "W", "position of B's origin"),
     Signal("quat_WB", (4,), "1", "W", "attitude, unit quaternion w x y z"),
     Signal("R_WB", (3, 3), "1", "W", "attitude, rotation matrix: a_W = R_WB a_B"),
     Signal("nu", (6,), _TWIST, "B", "velocity [v; omega]"),
-    Signal("p_d", (3,), "m", "W", "desired position"),
-    Signal("p_d_dot", (3,), "m/s", "W", "desired velocity"),
-    Signal("p_d_ddot", (3,), "m/s^2", "W", "desired acceleration"),
-    Signal("quat_d", (4,), "1", "W", "desired attitude, w x y z"),
-    Signal("quat_e", (4,), "1", "B", "error quaternion conj(quat_d) quat_WB with w >= 0"),
-    Signal("eta_e", (6,), "m, 1", "B", "pose error [R_WB^T (p_WB - p_d); vector part of quat_e]"),
-    Signal("nu_e", (6,), _TWIST, "B", "velocity error nu - nu_d"),
-    Signal("nu_d_dot", (6,), "m/s^2, rad/s^2", "B", "desired acceleration"),
     Signal(
         "f_contact_m_W",
         (3,),
@@ -74,22 +74,69 @@ GIVEN = (
         "measured force of the wall on the vehicle, of the same instant: k_c depth + b_c v",
     ),
     Signal("tau_contact_m_B", (6,), _WRENCH, "B", "f_contact_m_W as a wrench at B's origin"),
+)
+"""Set by navigation: the measurements."""
+
+TRUE = (
+    *KNOWN[:4],
+    Signal("f_contact_W", (3,), "N", "W", "force of the wall on the vehicle, of the same instant: k_c depth + b_c v"),
+    Signal("tau_contact_B", (6,), _WRENCH, "B", "f_contact_W as a wrench at B's origin"),
+)
+"""Given to navigation: the truth of the instant that its sensors measure."""
+
+REFERENCE = (
+    Signal("p_d", (3,), "m", "W", "desired position"),
+    Signal("p_d_dot", (3,), "m/s", "W", "desired velocity"),
+    Signal("p_d_ddot", (3,), "m/s^2", "W", "desired acceleration"),
+    Signal("quat_d", (4,), "1", "W", "desired attitude, w x y z"),
+)
+"""Set by guidance."""
+
+ERRORS = (
+    Signal("quat_e", (4,), "1", "B", "error quaternion conj(quat_d) quat_WB with w >= 0"),
+    Signal("eta_e", (6,), "m, 1", "B", "pose error [R_WB^T (p_WB - p_d); vector part of quat_e]"),
+    Signal("nu_e", (6,), _TWIST, "B", "velocity error nu - nu_d"),
+    Signal("nu_d_dot", (6,), "m/s^2, rad/s^2", "B", "desired acceleration"),
+)
+"""Tracking errors: measurement minus reference."""
+
+ESTIMATES = (
     Signal("M_hat", (6, 6), "kg, kg m, kg m^2", "B", "estimated inertia, added mass included"),
     Signal("C_hat_nu", (6,), _WRENCH, "B", "estimated Coriolis and centripetal wrench C_hat(nu) nu"),
     Signal("D_hat_nu", (6,), _WRENCH, "B", "estimated damping wrench D_hat(nu) nu"),
     Signal("g_hat", (6,), _WRENCH, "B", "estimated restoring wrench"),
+)
+"""The controller's model of the vehicle."""
+
+IMPEDANCE = (
     Signal("M_d", (6, 6), "kg, kg m, kg m^2", "B", "desired inertia"),
     Signal("D_d", (6, 6), "N s/m, N s, N m s", "B", "desired damping"),
     Signal("K_d", (6,), "N/m, N m", "B", "desired stiffness, a diagonal"),
     Signal("K_f", (6,), "1", "B", "desired force gain, a diagonal, eq. (7)"),
     Signal("F_d", (6,), _WRENCH, "B", "desired wrench of the wall on the vehicle, eq. (7)"),
+)
+"""The desired impedance of the scenario."""
+
+TASK = (
+    Signal("F_1", (6,), "1/s", "B", "gain of the pose error in s, eq. (14), a diagonal"),
+    Signal("F_2", (6,), "1", "B", "gain of zeta in s, eq. (14), a diagonal"),
+    Signal("A", (6,), "1/s", "B", "pole of zeta, eq. (15), a diagonal"),
     Signal("w", (6,), "m/s^2, rad/s^2", "B", "M_d^-1 (K_d eta_e + D_d nu_e - K_f (tau_c - F_d)), eq. (7)"),
     Signal("tau_nom", (6,), _WRENCH, "B", "nominal control, eq. (23)"),
     Signal("s", (6,), _TWIST, "B", "sliding variable, eq. (14)"),
     Signal("zeta", (6,), _TWIST, "B", "state of the dynamic compensator, eq. (15)"),
 )
+"""Set by the impedance task."""
+
+WRENCH_COMMAND = Signal("tau_cmd", (6,), _WRENCH, "B", "wrench commanded by the law")
+"""Set by the law."""
+
+TASK_GIVEN = CLOCK + KNOWN + REFERENCE + ERRORS + ESTIMATES + IMPEDANCE
+"""Given to the impedance task, and to a law that does not use it."""
+
+GIVEN = TASK_GIVEN + TASK
 """Fields of the record ``signals`` that a law is given: measurements, reference, estimates and task, without the
-truth."""
+truth. Each stage is given the beginning of this record, and fills the part that follows it."""
 
 TRUTH = (
     Signal("M", (6, 6), "kg, kg m, kg m^2", "B", "inertia, added mass included"),
@@ -110,12 +157,13 @@ STATE = (
     Signal("nu_dot", (6,), "m/s^2, rad/s^2", "B", "acceleration, time derivative of nu"),
     Signal("p_d", (3,), "m", "W", "desired position"),
     Signal("p_d_dot", (3,), "m/s", "W", "desired velocity"),
+    Signal("quat_d", (4,), "1", "W", "desired attitude, w x y z"),
     Signal("eta_e", (6,), "m, 1", "B", "pose error [R_WB^T (p_WB - p_d); vector part of quat_e]"),
     Signal("nu_e", (6,), _TWIST, "B", "velocity error nu - nu_d"),
     Signal("s", (6,), _TWIST, "B", "sliding variable, eq. (14)"),
     Signal("zeta", (6,), _TWIST, "B", "state of the dynamic compensator, eq. (15)"),
     Signal("tau_nom", (6,), _WRENCH, "B", "nominal control, eq. (23)"),
-    Signal("tau_cmd", (6,), _WRENCH, "B", "wrench commanded by the law"),
+    WRENCH_COMMAND,
     Signal("tau", (6,), _WRENCH, "B", "wrench produced by the thrusters, B u"),
     Signal("tau_dist", (6,), _WRENCH, "B", "disturbance wrench, eq. (10)"),
     Signal("f_contact_W", (3,), "N", "W", "force of the wall on the vehicle"),
@@ -142,10 +190,29 @@ RUNNING = (
 )
 """Accumulated at every step, at any log rate, and recorded as running signals."""
 
+MEASURED = (
+    Signal("p_WB_m", (3,), "m", "W", "measured position of B's origin"),
+    Signal("quat_WB_m", (4,), "1", "W", "measured attitude, w x y z"),
+    Signal("nu_m", (6,), _TWIST, "B", "measured velocity"),
+)
+"""Recorded unless navigation is perfect."""
+
 FINAL_WINDOW_S = 0.5
 """Length of the window at the end of a run that gives its final values [s]."""
 
 RECORDED = STATE + RUNNING
+
+
+def actuation_given(n: int) -> tuple[Signal, ...]:
+    """Given to the actuation of a vehicle with n thrusters."""
+    return (
+        *CLOCK,
+        WRENCH_COMMAND,
+        Signal("B", (6, n), "1, m", "B", "allocation matrix: tau = B u"),
+        Signal("B_pinv", (n, 6), "1, 1/m", "B", "pseudoinverse of B"),
+        Signal("u_min", (n,), "N", "-", "least thrust of each thruster"),
+        Signal("u_max", (n,), "N", "-", "greatest thrust of each thruster"),
+    )
 
 
 def thruster_signal(n: int) -> Signal:
@@ -154,8 +221,8 @@ def thruster_signal(n: int) -> Signal:
 
 
 def record_dtype(signals: tuple[Signal, ...]) -> np.dtype:
-    """Structured dtype with one float64 field per signal."""
-    return np.dtype([(s.name, "f8", s.shape) for s in signals], align=True)
+    """Structured dtype with one field per signal, of 8 bytes a number."""
+    return np.dtype([(s.name, s.kind, s.shape) for s in signals], align=True)
 
 
 def split_rows(rows: np.ndarray, signals: tuple[Signal, ...]) -> Mapping[str, np.ndarray]:

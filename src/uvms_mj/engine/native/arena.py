@@ -1,4 +1,4 @@
-"""Memory for a user's law: copies of its arguments, each with a guarded margin on either side.
+"""Memory for a user's stage: copies of its arguments, each with a guarded margin on either side.
 
 A write that misses an array by up to a megabyte hits a margin and not the loop's own records. The margins are filled
 with a NaN, which propagates through all arithmetic with a number read from there and is then detected.
@@ -11,27 +11,29 @@ from typing import Any
 
 import numpy as np
 
+from ...stages.base import Room
+
 MARGIN = (1 << 20) + 4096
 """Size of the margin on either side of an array [bytes]."""
 PATTERN = 0x7FF8DECADE0FACED
 """Contents of the margins: a quiet NaN that no computation produces."""
 UNSET = PATTERN + 1
-"""Contents of tau_cmd before the first call: a second NaN, which shows that the law did not set an entry."""
+"""Contents of the output before the first call: a second NaN, which shows that the stage did not set an entry."""
 NEAR = 8
-"""Numbers of each margin, next to its array, that are checked after each call of a compiled law."""
+"""Numbers of each margin, next to its array, that are checked after each call of a compiled stage."""
 NEARBY = 4096
-"""Bytes on either side of an array that are checked after each chunk, and after each call of a plain Python law."""
-REGIONS = ("gains", "signals", "state", "state_dot", "tau_cmd")
+"""Bytes on either side of an array that are checked after each chunk, and after each call of a plain Python stage."""
+REGIONS = ("settings", "given", "state", "state_dot", "out")
 
 
 def offsets(sizes: Mapping[str, int]) -> dict[str, int]:
-    """Offset of each array [bytes] from the arrays' sizes [bytes]; also of ``own_gains``, the copy of the gains to
-    compare with, and of ``end``."""
+    """Offset of each array [bytes] from the arrays' sizes [bytes]; also of ``own_settings``, the copy of the settings
+    to compare with, and of ``end``."""
     found, place = {}, 0
     for name in REGIONS:
         found[name] = place + MARGIN
         place = found[name] + sizes[name] + MARGIN
-    return found | {"own_gains": place, "end": place + sizes["gains"]}
+    return found | {"own_settings": place, "end": place + sizes["settings"]}
 
 
 def spread(states: np.dtype) -> np.dtype:
@@ -46,63 +48,75 @@ def spread(states: np.dtype) -> np.dtype:
 
 
 class Arena:
-    """The arguments of a law: gains, signals, states, their derivatives and tau_cmd.
+    """The arguments of a stage: settings, what it is given, states, their derivatives and its output.
 
     Args:
-        gains: record of the gains (1,).
+        room: the stage's room, whose words the messages use.
+        settings: record of the settings (1,).
         state: record of the states (1,).
-        signals: dtype of the record of signals.
+        given: dtype of the record that it is given.
+        out: dtype of its output: a record, or an array of float64.
     """
 
-    def __init__(self, gains: np.ndarray, state: np.ndarray, signals: np.dtype) -> None:
+    def __init__(self, room: Room, settings: np.ndarray, state: np.ndarray, given: np.dtype, out: np.dtype) -> None:
+        self.room = room
+        names = room.arguments
+        self.names = dict(zip(("settings", "state", "given", "state_dot", "out"), names, strict=True))
         states = spread(state.dtype)
-        kinds = {"gains": gains.dtype, "signals": signals, "state": states, "state_dot": states}
-        self.sizes = {name: kind.itemsize for name, kind in kinds.items()} | {"tau_cmd": 48}
+        kinds = {"settings": settings.dtype, "given": given, "state": states, "state_dot": states, "out": out}
+        self.sizes = {name: kind.itemsize for name, kind in kinds.items()}
         self.offsets = offsets(self.sizes)
         memory = mmap.mmap(-1, self.offsets["end"])
         self._words = np.frombuffer(memory, np.int64)
         self._words[:] = PATTERN
         self.arrays = {name: np.ndarray(1, kind, memory, self.offsets[name]) for name, kind in kinds.items()}
-        self._part("tau_cmd")[:] = UNSET
-        self.arrays["tau_cmd"] = self._part("tau_cmd").view(float)
-        self._own_gains = self._words[self.offsets["own_gains"] // 8 :].view(gains.dtype)
-        self.arrays["gains"][:] = self._own_gains[:] = gains
-        self._part("signals")[:] = 0
+        if out.names is None:
+            self.arrays["out"] = self.arrays["out"][0]
+        self._own_settings = self._words[self.offsets["own_settings"] // 8 :].view(settings.dtype)
+        self.part("given")[:] = 0
+        self.start(settings)
+
+    def start(self, settings: np.ndarray) -> None:
+        """Prepare for a run with these settings (1,)."""
+        self.arrays["settings"][:] = self._own_settings[:] = settings
+        self.part("out")[:] = UNSET
         for record in ("state", "state_dot"):
-            self._set(record, dict.fromkeys(states.names or (), 0.0))
+            self._set(record, dict.fromkeys(self.arrays[record].dtype.names or (), 0.0))
 
     @property
     def address(self) -> int:
         """Address of the first byte."""
         return int(self._words.ctypes.data)
 
-    def fill(self, signals: np.ndarray, state: np.ndarray) -> None:
-        """Copy the signals and states of a control instant into the arena.
-
-        Args:
-            signals: record of the signals, as bytes.
-            state: record of the states (1,).
-        """
-        self._part("signals")[:] = signals.view(np.int64)
+    def fill(self, given: np.ndarray, state: np.ndarray) -> None:
+        """Copy what a stage is given at an instant, a record (1,), and its states (1,) into the arena."""
+        self.part("given")[:] = given.view(np.int64)
         self._set("state", {name: state[name] for name in state.dtype.names or ()})
 
+    def take(self, state: np.ndarray, state_dot: np.ndarray, out: np.ndarray) -> None:
+        """Copy states (1,), their derivatives (1,) and the output out of the arena."""
+        for name in state.dtype.names or ():
+            state[name], state_dot[name] = self.arrays["state"][name], self.arrays["state_dot"][name]
+        out.view(np.int64)[:] = self.part("out")
+
     def reset(self) -> None:
-        """Restore the gains, and set state_dot and tau_cmd to zero."""
-        self.arrays["gains"][:] = self._own_gains
-        self._part("tau_cmd")[:] = 0
+        """Restore the settings, and set state_dot and the output to zero."""
+        self.arrays["settings"][:] = self._own_settings
+        self.part("out")[:] = 0
         self._set("state_dot", dict.fromkeys(self.arrays["state_dot"].dtype.names or (), 0.0))
 
     def _set(self, record: str, values: Mapping[str, Any]) -> None:
         for name, value in values.items():  # field by field: the margins between them stay as they are
             self.arrays[record][name] = value
 
-    def _part(self, name: str) -> np.ndarray:
+    def part(self, name: str) -> np.ndarray:
+        """The numbers of an argument as integers."""
         start = self.offsets[name] // 8
         return self._words[start : start + self.sizes[name] // 8]
 
     def fault(self) -> str:
-        """The law's violation as a predicate, e.g. "changed its gain k_1 from ..."; empty if there is none."""
-        return self.overrun() or self.changed_gain() or self.not_finite()
+        """The violation as a predicate, e.g. "changed its gain k_1 from ..."; empty if there is none."""
+        return self.overrun() or self.changed_setting() or self.not_finite()
 
     def overrun(self, margin: int = MARGIN) -> str:
         """The array that was overrun, the direction and the distance, as a predicate; empty if there is none.
@@ -121,39 +135,44 @@ class Arena:
         return ""
 
     def _arrays(self) -> Iterator[tuple[str, str, int, int]]:
-        """Each guarded array: what a law calls its beginning and its end, and where they are [numbers]."""
+        """Each guarded array: what the stage calls its beginning and its end, and where they are [numbers]."""
         for name in REGIONS:
             start = self.offsets[name] // 8
             fields = self.arrays[name].dtype.fields
             if name in ("state", "state_dot") and fields and self.sizes[name]:
                 for state, (kind, place, *_) in fields.items():
-                    called, first = f"{name}.{state}", start + place // 8
+                    called, first = f"{self.names[name]}.{state}", start + place // 8
                     yield called, called, first, first + kind.itemsize // 8
             else:
                 yield self._called(name, 0), self._called(name, -1), start, start + self.sizes[name] // 8
 
     def _called(self, name: str, field: int) -> str:
-        """Name of an array as a law writes it; of a record, the name of its first (0) or last (-1) field."""
+        """Name of an array as the stage writes it; of a record, the name of its first (0) or last (-1) field."""
         names = self.arrays[name].dtype.names
-        return f"{name}.{names[field]}" if names and self.sizes[name] else name
+        called = self.names[name]
+        return f"{called}.{names[field]}" if names and self.sizes[name] else called
 
-    def changed_gain(self) -> str:
-        """The first gain that the law changed, as a predicate; empty if there is none."""
-        for name in self._own_gains.dtype.names or ():
-            now, was = self.arrays["gains"][name][0], self._own_gains[name][0]
+    def changed_setting(self) -> str:
+        """The first setting that the stage changed, as a predicate; empty if there is none."""
+        noun = self.room.setting
+        for name in self._own_settings.dtype.names or ():
+            now, was = self.arrays["settings"][name][0], self._own_settings[name][0]
             if np.asarray(now).tobytes() != np.asarray(was).tobytes():
-                return f"changed its gain {name} from {_shown(was)} to {_shown(now)}; gains are constant during a run"
+                change = f"from {_shown(was)} to {_shown(now)}"
+                return f"changed its {noun} {name} {change}; {noun}s are constant during a run"
         return ""
 
     def not_finite(self) -> str:
-        """The first entry of tau_cmd, state_dot or state that is not finite or was never set, as a predicate; empty
-        if there is none."""
-        tau_cmd = self.arrays["tau_cmd"]
-        for i in range(6):
-            if not math.isfinite(tau_cmd[i]):
-                if tau_cmd.view(np.int64)[i] == UNSET:
-                    return f"left tau_cmd[{i}] unset: a law must fill all six entries of tau_cmd; {_IGNORED}"
-                return f"set tau_cmd[{i}] to {tau_cmd[i]}"
+        """The first entry of the output, of state_dot or of state that is not finite or was never set, as a predicate;
+        empty if there is none."""
+        out, called = self.arrays["out"], self.names["out"]
+        fields = {f"{called}.{name}": out[name].reshape(-1) for name in out.dtype.names or ()} or {called: out}
+        for name, values in fields.items():
+            for i, value in enumerate(values):
+                if values.view(np.int64)[i] == UNSET:
+                    return f"left {name}[{i}] unset: {self._demand()}; its return value is ignored"
+                if not math.isfinite(value):
+                    return f"set {name}[{i}] to {value}"
         for record in ("state_dot", "state"):
             for name in self.arrays[record].dtype.names or ():
                 for i, value in enumerate(self.arrays[record][name][0]):
@@ -162,8 +181,12 @@ class Arena:
                         return f"{verb} {record}.{name}[{i}] {'to' if verb == 'set' else 'become'} {value}"
         return ""
 
-
-_IGNORED = "its return value is ignored"
+    def _demand(self) -> str:
+        fields, called = self.arrays["out"].dtype.names, self.names["out"]
+        if fields:
+            return f"a {self.room.noun} must set {', '.join(fields)} of {called}"
+        number = {6: "six"}.get(len(self.arrays["out"]), len(self.arrays["out"]))
+        return f"a {self.room.noun} must fill all {number} entries of {called}"
 
 
 def _overrun(array: str, count: int, reach: int, side: str) -> str:

@@ -76,6 +76,15 @@ class Attachment:
         """Set the current. Raises InputError unless the value is three finite numbers."""
         self.context["water"]["v_c_W"] = _finite_numbers({"current_W": value}, {"current_W": 3})["current_W"]
 
+    @property
+    def detached(self) -> bool:
+        """Whether the hydrodynamics were removed."""
+        return not self._finalizer.alive
+
+    def release(self) -> None:
+        """Remove the hydrodynamics without a word about a callback that was replaced."""
+        self._finalizer()
+
     def detach(self) -> None:
         """Remove the hydrodynamics, from the next forward evaluation on. Calling it again has no effect.
 
@@ -165,13 +174,23 @@ def immerse(
     water["buoyancy_W"] = -vehicle.displaced_mass * model.opt.gravity
     water["r_b"] = vehicle.r_b
     given = {"current_W": current_W, "bias": bias, "amplitude": amplitude, "frequency_hz": frequency_hz}
-    numbers = _finite_numbers(given, {name: WATER[field].shape[0] for name, field in _WATER_FIELDS.items()})
-    for name, field in _WATER_FIELDS.items():
-        water[field] = numbers[name]
+    set_water(context[0], **_finite_numbers(given, {name: WATER[field].shape[0] for name, field in _WATER.items()}))
     return Attachment(vehicle, context, data, body_id)
 
 
-_WATER_FIELDS = {"current_W": "v_c_W", "bias": "bias", "amplitude": "amplitude", "frequency_hz": "frequency"}
+def set_water(
+    context: np.void,
+    current_W: Sequence[float] | np.ndarray,
+    bias: Sequence[float] | np.ndarray,
+    amplitude: Sequence[float] | np.ndarray,
+    frequency_hz: Sequence[float] | np.ndarray,
+) -> None:
+    """Set the current and the disturbance in a CONTEXT record. The arguments are those of :func:`attach`."""
+    water = context["water"]
+    water["v_c_W"], water["bias"], water["amplitude"], water["frequency"] = current_W, bias, amplitude, frequency_hz
+
+
+_WATER = {"current_W": "v_c_W", "bias": "bias", "amplitude": "amplitude", "frequency_hz": "frequency"}
 
 
 def _finite_numbers(given: Mapping[str, Any], sizes: Mapping[str, int]) -> dict[str, np.ndarray]:

@@ -12,7 +12,8 @@ from ...physics.frames import body_velocity, to_world
 from ...physics.hydrodynamics import added_inertia, factor, water_wrench
 from ...physics.kernels import kernel
 from .compilation import NativeFunction, native_function
-from .loop import begin_step, finish_step, hold, sense
+from .layouts import CONTEXT, STOP_NONE
+from .loop import begin_step, finish_step, hold, observe, run_stages
 from .memory import context_at, floats, loop_at, mj_factorM, registered, triples
 
 
@@ -79,11 +80,13 @@ def evaluate(context, model, data):
     contact = context.no_contact
     if context.loop_at != 0:
         loop = loop_at(context.loop_at)
-        if not begin_step(context, loop):
-            hold(context, loop)
-            return
-        t = loop.t
         contact = loop.contact
+        if loop.remaining > 0:  # otherwise somebody evaluates the state between two steps
+            loop.remaining -= 1
+            if not begin_step(context, loop):
+                hold(context, loop)
+                return
+            t = loop.t
     body_velocity(R_WB, floats(context.qvel_at, 6), context.nu)
     water_wrench(context.water, t, R_WB, context.nu, context.nu_r, context.work, context.wrench)
     apply_wrench(context, R_WB, contact)
@@ -96,18 +99,19 @@ def _callback(model, data):
             evaluate(context_at(table[i, 1]), model, data)
 
 
-def _sense(address):
-    context = context_at(address)
+def _advance(context, end) -> int:
+    """Prepare step k: complete the step before it, and run its stages up to index ``end``. Returns the index of a stage
+    that waits for Python to call it, otherwise -1."""
     loop = loop_at(context.loop_at)
     finish_step(context, loop)
-    if loop.step % loop.period_steps == 0:
-        sense(context, loop)
-        return 1
-    return 0
+    if loop.stop == STOP_NONE:
+        observe(context, loop)
+    if loop.stop == STOP_NONE:
+        return run_stages(loop, end)
+    return -1
 
 
-def _finish(address):
-    context = context_at(address)
+def _finish(context):
     finish_step(context, loop_at(context.loop_at))
 
 
@@ -115,7 +119,7 @@ class EntryPoints(NamedTuple):
     """Machine code called by MuJoCo, or by Python between chunks."""
 
     control: NativeFunction
-    sense: NativeFunction
+    advance: NativeFunction
     finish: NativeFunction
 
 
@@ -123,7 +127,7 @@ class EntryPoints(NamedTuple):
 def entry_points() -> EntryPoints:
     """The entry points, loaded or compiled at first use."""
     return EntryPoints(
-        native_function(_callback, 2, False),
-        native_function(_sense, 1, True),
-        native_function(_finish, 1, False),
+        native_function(_callback, ["i8", "i8"]),
+        native_function(_advance, [CONTEXT, "i8"]),
+        native_function(_finish, [CONTEXT]),
     )

@@ -36,17 +36,16 @@ _PATIENCE = 1 << 20
 
 
 @contextlib.contextmanager
-def guarded(law: bool) -> Iterator[None]:
-    """Within this context numba checks indices and shapes in all code that it compiles if ``law`` is true, and in none
-    otherwise. NUMBA_BOUNDSCHECK has no effect."""
+def guarded() -> Iterator[None]:
+    """Within this context numba checks indices and shapes in all code that it compiles. NUMBA_BOUNDSCHECK has no
+    effect."""
     names = ((config, "BOUNDSCHECK"), (npyimpl, "numpy_ufunc_kernel"), (arrayobj, "make_array_flat_cls"))
     with _lock:
         config.reload_config()  # numba does this before it compiles, which would undo the settings below
         before = [getattr(module, name) for module, name in names]
-        config.BOUNDSCHECK = int(law)  # type: ignore[attr-defined]  # numba sets it at import
-        if law:
-            npyimpl.numpy_ufunc_kernel = same_shapes(npyimpl.numpy_ufunc_kernel)
-            arrayobj.make_array_flat_cls = within_bounds(arrayobj.make_array_flat_cls)
+        config.BOUNDSCHECK = 1  # type: ignore[attr-defined]  # numba sets it at import
+        npyimpl.numpy_ufunc_kernel = same_shapes(npyimpl.numpy_ufunc_kernel)
+        arrayobj.make_array_flat_cls = within_bounds(arrayobj.make_array_flat_cls)
         try:
             yield
         finally:

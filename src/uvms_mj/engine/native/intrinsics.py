@@ -1,99 +1,78 @@
 """Machine code for the functions of :mod:`.memory`. Imported only when something has to be compiled."""
 
-import functools
+from collections.abc import Sequence
 
 import numpy as np
 from llvmlite import ir
-from numba import carray, types
-from numba.core.cgutils import get_or_insert_function
-from numba.extending import intrinsic, overload
 
-from ..native import memory
-from .layouts import CONTEXT, LOOP
+from . import memory
+from .expressions import FLOAT, INT, INTRINSICS, POINTER, WORD, Kind, Value, scalar
+from .layouts import CLOCKS, CONTEXT, LOOP, STAGE
+from .translator import translate
 
-_mj_factorM = types.ExternalFunction("mj_factorM", types.void(types.intp, types.intp))
-_CAPACITY = memory.CAPACITY
+__all__ = ["translate"]
+
 _UNLOCKED = 1
 """PyGILState_UNLOCKED."""
+_FLAG = ir.IntType(32)
 
 
-@intrinsic
-def _registry_address(typing_context):
-    def generate(context, builder, signature, arguments):
-        name = "uvms_mj_registry"
-        symbol = builder.module.globals.get(name) or ir.GlobalVariable(builder.module, ir.IntType(8), name)
-        return builder.ptrtoint(symbol, context.get_value_type(types.intp))
+def _array(base: np.dtype, *inner: int):
+    def generate(builder, arguments):
+        address, n = arguments
+        return Value(Kind(base, inner), (builder.inttoptr(address, POINTER), n))
 
-    return types.intp(), generate
+    return generate
 
 
-@intrinsic
-def pointer(typing_context, address):
-    """An address as the pointer that numba.carray takes."""
+def _record(dtype: np.dtype):
+    def generate(builder, arguments):
+        return Value(Kind(dtype), (builder.inttoptr(arguments[0], POINTER),))
 
-    def generate(context, builder, signature, arguments):
-        return builder.inttoptr(arguments[0], context.get_value_type(types.voidptr))
-
-    return types.voidptr(types.intp), generate
+    return generate
 
 
-@intrinsic
-def _call_law(typing_context, function, gains, state, signals, state_dot, tau_cmd):
-    def generate(context, builder, signature, arguments):
-        word, flag = context.get_value_type(types.int64), ir.IntType(32)
-        target = builder.inttoptr(arguments[0], ir.FunctionType(word, [word] * 5).as_pointer())
-        raised = builder.call(target, arguments[1:])
-
-        def python(name, returns, *given):
-            kind = ir.FunctionType(returns, [value.type for value in given])
-            return builder.call(get_or_insert_function(builder.module, kind, name), given)
-
-        # numba takes the GIL to raise an exception whose text is made at run time. Without its environment, which code
-        # from disk lacks, it does not release the GIL, and the run would deadlock. The loop is called without the GIL.
-        with builder.if_then(builder.icmp_signed("!=", raised, word(0)), likely=False):
-            holds = builder.icmp_signed("!=", python("PyGILState_Check", flag), flag(0))
-            with builder.if_then(holds, likely=False):
-                python("PyErr_Clear", ir.VoidType())
-                python("PyGILState_Release", ir.VoidType(), flag(_UNLOCKED))
-        return raised
-
-    return types.int64(*[types.int64] * 6), generate
+def _external(builder: ir.IRBuilder, name: str, returns: ir.Type, *given: ir.Value) -> ir.Value:
+    """A call of a C function."""
+    code = builder.module.globals.get(name) or ir.Function(
+        builder.module, ir.FunctionType(returns, [value.type for value in given]), name
+    )
+    return builder.call(code, given)
 
 
-@functools.cache
-def register() -> None:
-    """Register with numba, once, the code to compile in place of the plain functions."""
+def _mj_factorM(builder: ir.IRBuilder, arguments: Sequence[ir.Value]) -> None:
+    _external(builder, "mj_factorM", ir.VoidType(), *arguments)
 
-    @overload(memory.mj_factorM)
-    def _(model, data):
-        return lambda model, data: _mj_factorM(model, data)
 
-    @overload(memory.floats)
-    def _(address, n):
-        return lambda address, n: carray(pointer(address), (n,), np.float64)
+def _registered(builder: ir.IRBuilder, arguments: Sequence[ir.Value]) -> Value:
+    name, size = "uvms_mj_registry", memory.registry.shape
+    table = builder.module.globals.get(name) or ir.GlobalVariable(builder.module, ir.IntType(8), name)
+    return Value(Kind(INT, size[1:]), (table, WORD(size[0])))
 
-    @overload(memory.triples)
-    def _(address, n):
-        return lambda address, n: carray(pointer(address), (n, 3), np.float64)
 
-    @overload(memory.integers)
-    def _(address, n):
-        return lambda address, n: carray(pointer(address), (n,), np.int64)
+def _call_stage(builder: ir.IRBuilder, arguments: Sequence[ir.Value]) -> Value:
+    function, *addresses = arguments
+    kind = ir.FunctionType(WORD, [WORD] * len(addresses))
+    raised = builder.call(builder.inttoptr(function, kind.as_pointer()), addresses)
+    # numba takes the GIL to raise an exception whose text is made at run time. Without its environment, which code
+    # from disk lacks, it does not release the GIL, and the run would deadlock. The loop is called without the GIL.
+    with builder.if_then(builder.icmp_signed("!=", raised, WORD(0)), likely=False):
+        holds = builder.icmp_signed("!=", _external(builder, "PyGILState_Check", _FLAG), _FLAG(0))
+        with builder.if_then(holds, likely=False):
+            _external(builder, "PyErr_Clear", ir.VoidType())
+            _external(builder, "PyGILState_Release", ir.VoidType(), _FLAG(_UNLOCKED))
+    return scalar(raised, INT)
 
-    @overload(memory.context_at)
-    def _(address):
-        return lambda address: carray(pointer(address), (1,), CONTEXT)[0]
 
-    @overload(memory.loop_at)
-    def _(address):
-        return lambda address: carray(pointer(address), (1,), LOOP)[0]
-
-    @overload(memory.registered)
-    def _():
-        return lambda: carray(pointer(_registry_address()), (_CAPACITY, 2), np.int64)
-
-    @overload(memory.call_law)
-    def _(function, gains, state, signals, state_dot, tau_cmd):
-        return lambda function, gains, state, signals, state_dot, tau_cmd: _call_law(
-            function, gains, state, signals, state_dot, tau_cmd
-        )
+INTRINSICS |= {
+    memory.floats: _array(FLOAT),
+    memory.triples: _array(FLOAT, 3),
+    memory.integers: _array(INT),
+    memory.context_at: _record(CONTEXT),
+    memory.loop_at: _record(LOOP),
+    memory.registered: _registered,
+    memory.mj_factorM: _mj_factorM,
+    memory.stage_at: _record(STAGE),
+    memory.clock_at: _record(CLOCKS),
+    memory.call_stage: _call_stage,
+}

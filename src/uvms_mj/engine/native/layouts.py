@@ -2,18 +2,18 @@
 
 import numpy as np
 
-from ...control.task import TASK
 from ...physics.contact import CONTACT
 from ...physics.hydrodynamics import WATER
-from ...physics.model import COEFFICIENTS
-from ...stages.signals import GIVEN, RUNNING, STATE, TRUTH, record_dtype
+from ...stages.signals import CLOCK, GIVEN, KNOWN, RECORDED, TRUE, record_dtype
 
-SIGNALS = record_dtype(GIVEN)
-TRUE_SIGNALS = record_dtype(TRUTH)
-SIGNALS_AND_TRUTH = record_dtype(GIVEN + TRUTH)
-"""Record given to the ideal law: signals and truth of LOOP, one directly after the other."""
-ROW = record_dtype(STATE + RUNNING)
-ROW_SIZE = ROW.itemsize // 8
+CLOCKS = record_dtype(CLOCK)
+"""The beginning of every record that a stage is given."""
+TRUTHS = record_dtype(CLOCK + TRUE)
+"""Record given to navigation: the state and the contact force of the instant."""
+_OTHERS = {s.name for s in GIVEN + TRUE} - {s.name for s in KNOWN} | {s.name for s in TRUE[:4]}
+_OTHERS |= {"tau_cmd", "f_contact_m_W", *(CONTACT.names or ())}
+ROW = record_dtype(tuple(s for s in RECORDED if s.name in ("t", "f_contact_W") or s.name not in _OTHERS))
+"""The recorded signals that the core computes; all others lie where a stage or the contact has set them."""
 
 CONTEXT = np.dtype(
     [
@@ -42,28 +42,37 @@ CONTEXT = np.dtype(
 )
 """One vehicle attached to one mjData."""
 
-STOP_NONE, STOP_STATE, STOP_COMMAND, STOP_LAW = 0, 1, 2, 3
+STAGE = np.dtype(
+    [
+        ("code_at", "i8"),  # machine code, or 0 if the stage runs as plain Python
+        ("settings_at", "i8"),  # or, of a user's stage, its arena
+        ("state_at", "i8"),
+        ("given_at", "i8"),  # begins with CLOCKS
+        ("state_dot_at", "i8"),
+        ("out_at", "i8"),
+        ("states", "i8"),  # numbers in state
+        ("period_steps", "i8"),
+        ("period", "f8"),
+        ("instant", "i8"),  # number of its calls
+        ("key", "i8"),  # of its random numbers
+    ],
+    align=True,
+)
+"""One stage of the loop."""
+STAGE_SIZE = STAGE.itemsize
+
+STOP_NONE, STOP_STATE, STOP_COMMAND, STOP_THRUST, STOP_STAGE, STOP_WAITING = range(6)
 
 LOOP = np.dtype(
     [
         # settings
         ("timestep", "f8"),
-        ("period_steps", "i8"),
-        ("row_steps", "i8"),  # time steps from row to row
         ("steps", "i8"),  # number of time steps of the run
         ("window_step", "i8"),  # first step of the final window
-        ("law_at", "i8"),  # the compiled law, or 0 if tau_cmd is set from outside before the step
-        ("bandwidth", "f8"),
-        ("start", "f8", (3,)),
-        ("times_at", "i8"),
-        ("positions_at", "i8"),
-        ("waypoints", "i8"),
         ("epsilon", "f8", (6,)),
         ("speed_bound", "f8", (6,)),
         ("position_bound", "f8"),
         ("tau_bound", "f8"),
-        ("task", TASK),
-        ("estimates", COEFFICIENTS),
         # MuJoCo's memory
         ("qacc_at", "i8"),
         ("ctrl_at", "i8"),
@@ -71,62 +80,51 @@ LOOP = np.dtype(
         ("distance_at", "i8"),  # the distance sensor, of the same instant as qpos
         ("fromto_at", "i8"),  # the sensor of the nearest points (6) in W
         ("contact", CONTACT),
+        # stages
+        ("stages_at", "i8"),  # STAGE, one after the other
+        ("stages", "i8"),  # their number
+        ("actuation", "i8"),  # index of the first one that is given tau_cmd
+        ("next", "i8"),  # the next one to run at this instant
+        ("s_at", "i8"),  # the sliding variable, or 0 without the impedance task
+        ("tau_cmd_at", "i8"),
         # thrusters
         ("controls", "i8"),  # entries of ctrl
         ("thrusters", "i8"),
-        ("B_at", "i8"),  # B^T and B^+: a row for each thruster
-        ("B_pinv_at", "i8"),
+        ("B_at", "i8"),  # (6, n)
         ("u_min_at", "i8"),
         ("u_max_at", "i8"),
         ("ctrl_index_at", "i8"),
         ("thrust_of_ctrl_at", "i8"),
-        ("u_at", "i8"),
+        ("u_cmd_at", "i8"),  # as the actuation sets it
+        ("u_at", "i8"),  # within the limits
         ("saturated", "i8"),  # whether a thruster is at its limit
-        # the law
-        ("gains_at", "i8"),  # or, of a user's law, its arena
-        ("state_at", "i8"),
-        ("state_dot_at", "i8"),
-        ("states", "i8"),
-        ("signals_at", "i8"),
-        ("tau_cmd_at", "i8"),
-        ("signals", SIGNALS),
-        ("truth", TRUE_SIGNALS),  # directly after signals
-        ("true_coefficients", COEFFICIENTS),
-        ("reveals", "i8"),  # whether the law is given the truth
-        ("integral", "i8"),  # whether s begins at zero: integral sliding variable
-        ("zeta_dot", "f8", (6,)),
-        ("tau_cmd", "f8", (6,)),
-        ("tau", "f8", (6,)),
         ("tau_before", "f8", (6,)),
         # the current step
+        ("remaining", "i8"),  # evaluations that are steps, before Simulation has the next word
         ("step", "i8"),  # number of steps begun
         ("observed", "i8"),  # the step for which state and contact were read, plus one
-        ("sensed", "i8"),  # the step for which signals were sensed, plus one
         ("pending", "i8"),  # whether the last step still lacks its contact force and acceleration
         ("t", "f8"),
-        ("p", "f8", (3,)),
-        ("quat", "f8", (4,)),
+        ("true", TRUTHS),
         ("p_before", "f8", (3,)),
-        ("nu", "f8", (6,)),
-        ("nu_dot", "f8", (6,)),
-        ("R_WB", "f8", (3, 3)),
-        ("f_contact_W", "f8", (3,)),
         ("f_before_W", "f8", (3,)),
         ("moment_B", "f8", (3,)),  # of the contact force about B's origin, at t_k and at t_(k-1)
         ("moment_before_B", "f8", (3,)),
         ("qpos_safe", "f8", (7,)),  # initial pose
         # rows
+        ("row", ROW),
+        ("row_steps", "i8"),  # time steps from row to row
+        ("spans_at", "i8"),  # address and size [numbers] of each part of a row
+        ("spans", "i8"),
         ("rows_at", "i8"),
         ("row_width", "i8"),
         ("row_capacity", "i8"),
         ("rows", "i8"),  # rows written
-        ("row_at", "i8"),
-        ("row", ROW),
-        # why the run stops: divergence or an error of the law
+        # why the run stops: divergence or an error of a stage
         ("stop", "i8"),
         ("stop_index", "i8"),
         ("stop_value", "f8"),
     ],
     align=True,
 )
-"""The closed loop of one vehicle: settings, memory of the law, current step, rows, divergence and errors."""
+"""The closed loop of one vehicle: settings, table of stages, current step, rows, divergence and errors."""

@@ -9,7 +9,7 @@ import llvmlite.binding as llvm
 import mujoco
 import numpy as np
 
-from .layouts import CONTEXT, LOOP
+from .layouts import CLOCKS, CONTEXT, LOOP, STAGE
 
 CAPACITY = 1024
 """Rows of the registry: one more than the number of vehicles that a process can have attached at once."""
@@ -32,7 +32,7 @@ _factorM = _mujoco_library().mj_factorM
 _factorM.argtypes, _factorM.restype = [ctypes.c_void_p] * 2, None
 
 stopped = np.zeros(1, dtype=np.int64)
-"""Set by the machine code of a law in whose loop a signal handler raised, as it does at Ctrl-C."""
+"""Set by the machine code of a stage in whose loop a signal handler raised, as it does at Ctrl-C."""
 
 llvm.add_symbol("uvms_mj_registry", registry.ctypes.data)
 llvm.add_symbol("uvms_mj_stopped", stopped.ctypes.data)
@@ -74,12 +74,22 @@ def loop_at(address: int) -> Any:
     return _record(address, LOOP)
 
 
+def stage_at(address: int) -> Any:
+    """The STAGE at an address."""
+    return _record(address, STAGE)
+
+
+def clock_at(address: int) -> Any:
+    """The CLOCKS at an address."""
+    return _record(address, CLOCKS)
+
+
 def registered() -> np.ndarray:
     """The registry."""
     return registry
 
 
-def call_law(function: int, gains: int, state: int, signals: int, state_dot: int, tau_cmd: int) -> int:
-    """Call a compiled law by its address with the addresses of its records; 0 if it returned, 1 if it raised."""
-    law = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 5)(function)
-    return law(gains, state, signals, state_dot, tau_cmd)
+def call_stage(function: int, settings: int, state: int, given: int, state_dot: int, out: int) -> int:
+    """Call a compiled stage by its address with the addresses of its records; 0 if it returned, 1 if it raised."""
+    stage = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 5)(function)
+    return stage(settings, state, given, state_dot, out)

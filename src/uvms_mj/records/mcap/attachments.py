@@ -3,7 +3,7 @@
 The contents of the attachments are never executed and never written to disk.
 """
 
-import dataclasses
+import json
 import re
 from collections.abc import Mapping
 from pathlib import PurePath
@@ -14,25 +14,24 @@ import tomli_w
 from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
-from ...control.loader import BUILT_IN
-from ...control.recorded import recorded_law
 from ...control.rest import NoClosedForm, SteadyState
 from ...errors import InputError, faults_of
 from ...files import parsed_toml
 from ...plant.geometry import Geometry
 from ...plant.mjcf import Mjcf
 from ...quantities import STRICT, NonNegative, Real
-from ...scenario import Scenario
+from ...scenario import STAGES, Scenario
+from ...stages.recorded import recorded_stage
 from ...stages.signals import RECORDED, Signal
-from ..header import Header, LawSource, Outcome, Status
+from ..header import Header, Outcome, StageSource, Status, solved
 
 MOST_BYTES = 256_000_000
 """Largest total size of a log's attached files [bytes]."""
 _MOST_VALUES = 200_000
 """Largest number of values (numbers, texts, lists) in one JSON file. Reading takes some 100 bytes of memory for each. A
 mesh is one text."""
-FORMAT = 1
-"""Version of the log format."""
+FORMAT = 2
+"""Version of the log format. Logs of version 1 are read too: they have the source of the law only."""
 
 
 @checked(frozen=True, config=STRICT)
@@ -46,15 +45,15 @@ class _SignalEntry:
 
 @checked(frozen=True, config=STRICT)
 class _Rest:
-    position: Annotated[tuple[Real, ...], Field(min_length=3, max_length=3)]
-    quat: Annotated[tuple[Real, ...], Field(min_length=4, max_length=4)]
     force: NonNegative
-    s: Annotated[tuple[Real, ...], Field(min_length=6, max_length=6)]
-    tau: Annotated[tuple[Real, ...], Field(min_length=6, max_length=6)]
+    position: Annotated[tuple[Real, ...], Field(min_length=3, max_length=3)] | None
+    quat: Annotated[tuple[Real, ...], Field(min_length=4, max_length=4)] | None
+    s: Annotated[tuple[Real, ...], Field(min_length=6, max_length=6)] | None
+    tau: Annotated[tuple[Real, ...], Field(min_length=6, max_length=6)] | None
 
 
 @checked(frozen=True, config=STRICT)
-class _LawEntry:
+class _StageEntry:
     source: str
     sha256: str | None
     states: dict[str, Annotated[int, Field(ge=1, le=100_000)]]
@@ -66,7 +65,7 @@ class _Run:
     vehicle: str
     row_steps: Annotated[int, Field(ge=1)]
     signals: tuple[_SignalEntry, ...]
-    law: _LawEntry
+    stages: dict[str, _StageEntry]
     analytic: _Rest | None
     no_analytic_because: str
     notes: tuple[str, ...]
@@ -92,17 +91,11 @@ def header_files(header: Header) -> dict[str, bytes]:
         format=FORMAT,
         vehicle=header.mjcf.name,
         row_steps=header.row_steps,
-        signals=tuple(_SignalEntry(**dataclasses.asdict(signal)) for signal in header.signals),
-        law=_LawEntry(header.law.source, header.law.sha256, dict(header.law.states)),
+        signals=tuple(_SignalEntry(s.name, s.shape, s.unit, s.frame, s.meaning) for s in header.signals),
+        stages={name: _StageEntry(s.source, s.sha256, dict(s.states)) for name, s in header.sources.items()},
         analytic=None
         if isinstance(rest, NoClosedForm)
-        else _Rest(
-            tuple(rest.position.tolist()),
-            tuple(rest.quat.tolist()),
-            rest.force,
-            tuple(rest.s.tolist()),
-            tuple(rest.tau.tolist()),
-        ),
+        else _Rest(rest.force, *map(_tuple, (rest.position, rest.quat, rest.s, rest.tau))),
         no_analytic_because=rest.reason if isinstance(rest, NoClosedForm) else "",
         notes=tuple(without_paths(note) for note in header.notes),
         versions=dict(header.versions),
@@ -113,10 +106,14 @@ def header_files(header: Header) -> dict[str, bytes]:
         "geometry.json": header.geometry.to_json(),
     }
     files |= {f"model/{name}": data for name, data in header.mjcf.files.items()}
-    if header.law.code:
-        files[f"law/{header.law.source.rpartition(':')[0]}"] = header.law.code.encode()
+    files |= {_code_file(name, s.source): s.code.encode() for name, s in header.sources.items() if s.code}
     refuse_large(files)
     return files
+
+
+def _code_file(table: str, source: str) -> str:
+    """Name of the attachment with the code of a table's stage."""
+    return f"{'law' if table == 'controller' else table}/{source.rpartition(':')[0]}"
 
 
 def refuse_large(files: Mapping[str, bytes]) -> None:
@@ -145,27 +142,28 @@ def header_of(files: Mapping[str, bytes]) -> Header:
     missing = [name for name in ("run.json", "scenario.toml", "geometry.json") if name not in files]
     if missing:
         raise InputError(f"{', '.join(missing)} is missing")
-    try:
-        run = _RUN.validate_json(files["run.json"])
-    except ValidationError as error:
-        raise InputError(faults_of(error), "run.json") from None
-    if run.format != FORMAT:
-        raise InputError(f"has log format {run.format}, of another version of uvms-mj; this one reads {FORMAT}")
+    run = _run_of(files["run.json"])
     try:
         tables = parsed_toml(files["scenario.toml"].decode())
     except ValueError as error:
         raise InputError(f"scenario.toml: {error}") from None
-    table = tables.get("controller")
-    if not isinstance(table, dict) or table.get("name") != run.law.source:  # checked before the name is used
-        raise InputError("scenario.toml and run.json name different laws")
-    code = files.get(f"law/{run.law.source.rpartition(':')[0]}", b"").decode(errors="replace")
-    law = LawSource(run.law.source, run.law.sha256, code, run.law.states)
-    known = None if law.source in BUILT_IN else recorded_law(law.source, table, law.states)
+    sources, known = {}, {}
+    for name, choice in STAGES.items():
+        table = tables.get(name) if run.format == FORMAT or name == "controller" else {"name": choice.default.name}
+        entry, noun = run.stages.get(name), choice.base.room.noun
+        if entry is None or not isinstance(table, dict) or table.get("name") != entry.source:  # before the name is used
+            raise InputError(f"scenario.toml and run.json name different {noun}s")
+        code = files.get(_code_file(name, entry.source), b"").decode(errors="replace")
+        sources[name] = StageSource(entry.source, entry.sha256, code, entry.states)
+        if entry.source not in choice.shipped:
+            known[name] = recorded_stage(choice.base, entry.source, table, entry.states)
     scenario = Scenario.from_dict(tables, place="scenario.toml", known=known)
     if scenario.vehicle.model != PurePath(scenario.vehicle.model).name:
         raise InputError(f"scenario.toml: vehicle.model {scenario.vehicle.model!r} is not in the log")
     signals = tuple(Signal(s.name, s.shape, s.unit, s.frame, s.meaning) for s in run.signals)
-    if dict(scenario.controller.states) != dict(law.states) or not _are_recorded(signals, law.states):
+    differ = any(dict(getattr(scenario, name).states) != dict(source.states) for name, source in sources.items())
+    states = {name: size for source in sources.values() for name, size in source.states.items()}
+    if differ or not _are_recorded(signals, states):
         version = run.versions.get("uvms-mj", "of another version")
         raise InputError(f"run.json: its signals differ from this version's; the log was written by uvms-mj {version}")
     models = {name.removeprefix("model/"): data for name, data in files.items() if name.startswith("model/")}
@@ -179,21 +177,50 @@ def header_of(files: Mapping[str, bytes]) -> Header:
         scenario=scenario,
         signals=signals,
         row_steps=run.row_steps,
-        analytic=NoClosedForm(run.no_analytic_because)
-        if rest is None
-        else SteadyState(
-            np.array(rest.position), np.array(rest.quat), rest.force, np.array(rest.s), np.array(rest.tau)
+        rest=solved(
+            NoClosedForm(run.no_analytic_because)
+            if rest is None
+            else SteadyState(rest.force, *map(_array, (rest.position, rest.quat, rest.s, rest.tau)))
         ),
         notes=run.notes,
         mjcf=Mjcf(run.vehicle, models),
         geometry=Geometry.from_json(files["geometry.json"]),
-        law=law,
+        sources=sources,
         versions=run.versions,
     )
 
 
+def _run_of(data: bytes) -> _Run:
+    """The contents of run.json of this version or of version 1.
+
+    Raises:
+        InputError: the contents are invalid, or of another version.
+    """
+    try:
+        text = json.loads(data)
+        format = text.get("format") if isinstance(text, dict) else None
+        if type(format) is int and format not in (1, FORMAT):
+            raise InputError(f"has log format {format}, of another version of uvms-mj; this one reads 1 and {FORMAT}")
+        if format == 1 and "law" in text and "stages" not in text:
+            others = {name: choice.default.name for name, choice in STAGES.items()}
+            text["stages"] = {name: {"source": source, "sha256": None, "states": {}} for name, source in others.items()}
+            text["stages"]["controller"] = text.pop("law")
+        return _RUN.validate_json(json.dumps(text))
+    except (ValueError, RecursionError) as error:
+        faults = faults_of(error) if isinstance(error, ValidationError) else f"is not JSON: {error}"
+        raise InputError(faults, "run.json") from None
+
+
+def _tuple(array: np.ndarray | None) -> tuple[float, ...] | None:
+    return None if array is None else tuple(array.tolist())
+
+
+def _array(values: tuple[float, ...] | None) -> np.ndarray | None:
+    return None if values is None else np.array(values)
+
+
 def _are_recorded(signals: tuple[Signal, ...], states: Mapping[str, int]) -> bool:
-    """Whether the signals are those of a run, in order: the common ones, the thrusters' and the law's states."""
+    """Whether the signals are those of a run, in order: the common ones, the thrusters' and the stages' states."""
     fixed, rest = signals[: len(RECORDED)], signals[len(RECORDED) :]
     known = tuple((s.name, s.shape, s.unit, s.frame) for s in RECORDED)
     own = [("u", (rest[0].size,)) if rest else None, *((name, (size,)) for name, size in states.items())]

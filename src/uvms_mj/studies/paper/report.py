@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...analysis import metrics
+from ...analysis import metrics, rest
 from ...control.ideal import TOLD_THE_TRUTH
 from ...files import whole
 from ...records.header import Status
@@ -137,7 +137,7 @@ def _percent(part: float | None) -> float | None:
 
 MEASURES: tuple[tuple[str, str, Callable[[Trace], Any]], ...] = (
     ("contact force at rest", "N", lambda trace: metrics.final_force(trace)[0]),
-    ("force that the desired impedance demands", "N", metrics.demanded_force),
+    ("force that the desired impedance demands", "N", lambda trace: rest.demanded_force(trace.scenario)),
     ("steady force error", "N", metrics.steady_force_error),
     ("first contact", "s", lambda trace: trace.first_contact[-1] if trace.touches[-1] else None),
     ("touches", "1", lambda trace: int(trace.touches[-1])),

@@ -5,8 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ....analysis import metrics
-from ....analysis.rest import demanded_force
+from ....analysis import metrics, rest
 from ....control.rest import SteadyState
 from ....records.trace import Trace
 from .base import Measured, Runs, number
@@ -35,7 +34,7 @@ def force(run: str) -> Callable[[Runs], Measured]:
     def measure(runs: Runs) -> Measured:
         trace = runs.traces[run]
         force, settled = metrics.final_force(trace)
-        demanded = metrics.demanded_force(trace)
+        demanded = rest.demanded_force(trace.scenario)
         return Measured(force, f"{'settled' if settled else 'not settled'}; eq. (12) demands {demanded:.4f} N")
 
     return measure
@@ -97,8 +96,8 @@ def largest_s(runs: Runs) -> Measured:
 
 def demanded(runs: Runs) -> Measured:
     trace = runs.traces["gsta"]
-    rigid = demanded_force(trace.scenario, math.inf)
-    return Measured(metrics.demanded_force(trace), f"{number(rigid)} N for a rigid wall")
+    rigid = rest.demanded_force(trace.scenario, math.inf)
+    return Measured(rest.demanded_force(trace.scenario), f"{number(rigid)} N for a rigid wall")
 
 
 def reference_jump(runs: Runs) -> Measured:
@@ -142,7 +141,7 @@ def retuned(runs: Runs) -> Measured:
 
 
 def still_missing(runs: Runs) -> Measured:
-    asked = {name: metrics.demanded_force(runs.sweep[name]) for name in _RETUNED}
+    asked = {name: rest.demanded_force(runs.sweep[name].scenario) for name in _RETUNED}
     forces = {name: metrics.final_force(runs.sweep[name])[0] or 0.0 for name in _RETUNED}
     detail = ", ".join(f"{forces[name]:.3f} of {asked[name]:.3f} N {what}" for name, what in _RETUNED.items())
     if not all(asked.values()):
@@ -170,7 +169,7 @@ def unexplained(runs: Runs) -> Measured:
     force, _ = metrics.final_force(trace)
     if force is None or not isinstance(trace.analytic, SteadyState):
         return Measured(None, "no closed form")
-    missing, balance = metrics.demanded_force(trace) - force, trace.analytic.force
+    missing, balance = rest.demanded_force(trace.scenario) - force, trace.analytic.force
     detail = f"{number(1e3 * missing)} mN missing; the balance gives {balance:.6f} N, the run {force:.6f} N"
     return Measured(over(100.0 * abs(balance - force), abs(missing)), detail)
 
@@ -223,9 +222,9 @@ def whole_variation(runs: Runs) -> Measured:
         return measured
     cycle = 0.25 * (k_1 + np.sqrt(k_1**2 - 2.0 * k_2)) ** 2 * linear_sum(np.diag(metrics.design_of(trace).M_hat))
     start = max(0.0, trace.t[-1] - REST_S)
-    rest = linear_sum(metrics.total_variation(trace, start)) / (trace.t[-1] - start) if len(trace) > 1 else 0.0
-    detail = f"{measured.detail}; at rest {rest:.1f} N/s, from the cycle of sgn(s) {cycle:.1f} N/s"
-    return Measured(measured.value, detail, explained=abs(rest - cycle) < 0.05 * cycle)
+    still = linear_sum(metrics.total_variation(trace, start)) / (trace.t[-1] - start) if len(trace) > 1 else 0.0
+    detail = f"{measured.detail}; at rest {still:.1f} N/s, from the cycle of sgn(s) {cycle:.1f} N/s"
+    return Measured(measured.value, detail, explained=abs(still - cycle) < 0.05 * cycle)
 
 
 def continuity(runs: Runs) -> Measured:

@@ -1,4 +1,4 @@
-"""Checks of a user's class against the contract of :mod:`uvms_mj.control.base`, before its law runs."""
+"""Checks of a user's class against the contract of :mod:`uvms_mj.stages.base`, before its function runs."""
 
 import ast
 import dataclasses
@@ -12,17 +12,16 @@ from typing import Any
 import numpy as np
 
 from ..errors import Fault, InputError, suggestion
-from ..stages.signals import GIVEN, TRUTH
-from .base import Controller
+from .base import THRUSTERS, Stage, base_of, packs_itself
+from .signals import TASK, TRUTH
 
 _MOST_STATES = 10_000
 _LONGEST_NAME = 100
-_ARGUMENTS = ("gains", "state", "signals", "state_dot", "tau_cmd")
-_OVERRIDDEN = ("law", "name", "states", "units", "uses_truth")
+_OVERRIDDEN = ("name", "states", "units", "uses_task", "uses_truth", "at_rest", "notes", "certificate")
 
 
-def check_contract(cls: type[Controller], file: str = "") -> None:
-    """Check that a class satisfies the contract of a controller.
+def check_contract(cls: type[Stage], file: str = "") -> None:
+    """Check that a class satisfies the contract of a stage of its room.
 
     Args:
         cls: the class.
@@ -39,27 +38,38 @@ def check_contract(cls: type[Controller], file: str = "") -> None:
     except BaseException as error:  # a user's attributes may raise anything
         wrong = [f"{type(error).__name__}: {error}"]
     if wrong:
-        raise InputError([Fault("controller.name", f"{place}: {each}") for each in wrong])
+        raise InputError([Fault(f"{cls.room.table}.name", f"{place}: {each}") for each in wrong])
 
 
-def _wrong(cls: type[Controller]) -> Iterator[str]:
-    shared = {f.name for f in dataclasses.fields(Controller)}
+def _wrong(cls: type[Stage]) -> Iterator[str]:
+    base, room = base_of(cls), cls.room
+    shared = {f.name for f in dataclasses.fields(base)}
     if "__dataclass_fields__" not in cls.__dict__:
         yield "the class must be decorated with @dataclass(frozen=True)"
-    taken = [f.name for f in dataclasses.fields(cls) if hasattr(Controller, f.name) and f.name not in shared]
-    yield from (f"{name!r} is an attribute of every law; give the gain another name" for name in taken)
-    own = [base for base in cls.__mro__ if not base.__module__.startswith("uvms_mj.") and base is not object]
-    ours = [name for name in vars(Controller) if name[0] != "_" and name not in (*_OVERRIDDEN, *shared)]
+    taken = [f.name for f in dataclasses.fields(cls) if hasattr(base, f.name) and f.name not in shared]
     yield from (
-        f"{name!r} is a method of every law; give yours another name"
-        for name in ours
+        f"{name!r} is an attribute of every {room.noun}; give the {room.setting} another name" for name in taken
+    )
+    yield from (
+        f"{f.name!r} {room.reserved[f.name]}; give the {room.setting} another name"
+        for f in dataclasses.fields(cls)
+        if f.name in room.reserved
+    )
+    own = [base for base in cls.__mro__ if not base.__module__.startswith("uvms_mj.") and base is not object]
+    ours = {name for each in (Stage, base) for name in vars(each) if name[0] != "_"}
+    ours -= {*_OVERRIDDEN, room.method, *shared}
+    yield from (
+        f"{name!r} is a method of every {room.noun}; give yours another name"
+        for name in sorted(ours)
         if name not in taken and any(name in vars(base) for base in own)
     )
     name = cls.name
     if not (isinstance(name, str) and name.isprintable() and len(name) <= _LONGEST_NAME):
         yield f"name = {_shown(name)} must be a text of at most {_LONGEST_NAME} printable characters"
-    if not isinstance(cls.uses_truth, bool):
-        yield f"uses_truth = {_shown(cls.uses_truth)} must be true or false"
+    for name in ("uses_task", "uses_truth"):
+        flag = getattr(cls, name, False)
+        if not isinstance(flag, bool):
+            yield f"{name} = {_shown(flag)} must be true or false"
     states = list(_wrong_states(cls.states))
     yield from states
     if not states:
@@ -76,17 +86,20 @@ def _wrong_states(states: Any) -> Iterator[str]:
         yield f"{wanted}; {_shown(states)} is not"
         return
     good = [
-        isinstance(name, str) and name.isidentifier() and type(size) is int and 0 < size <= _MOST_STATES
+        isinstance(name, str)
+        and name.isidentifier()
+        and (size == THRUSTERS or (type(size) is int and 0 < size <= _MOST_STATES))
         for name, size in states.items()
     ]
     for (name, size), fits in zip(states.items(), good, strict=True):
         if not fits:
             yield f"{wanted}; {_shown(name)}: {_shown(size)} is not"
-    if all(good) and sum(states.values()) > _MOST_STATES:
-        yield f"states has {sum(states.values())} numbers in all; at most {_MOST_STATES} are allowed"
+    total = sum(size for size in states.values() if size != THRUSTERS) if all(good) else 0
+    if total > _MOST_STATES:
+        yield f"states has {total} numbers in all; at most {_MOST_STATES} are allowed"
 
 
-def _wrong_units(cls: type[Controller]) -> Iterator[str]:
+def _wrong_units(cls: type[Stage]) -> Iterator[str]:
     units = cls.units
     if not isinstance(units, Mapping):
         yield f"units must give each state's unit as a text, as in {{'xi': 'm s'}}; {_shown(units)} does not"
@@ -98,51 +111,46 @@ def _wrong_units(cls: type[Controller]) -> Iterator[str]:
             yield f"units must give each state's unit as a text, as in {{'xi': 'm s'}}; {_shown(unit)} is not a text"
 
 
-def _wrong_function(cls: type[Controller]) -> Iterator[str]:
-    if all("law" not in vars(base) for base in cls.__mro__ if base not in (Controller, object)):
-        yield "it has no method 'law'"
+def _wrong_function(cls: type[Stage]) -> Iterator[str]:
+    method, arguments = cls.room.method, cls.room.arguments
+    if all(method not in vars(each) for each in cls.__mro__ if each not in (base_of(cls), Stage, object)):
+        yield f"it has no method {method!r}"
         return
-    found = inspect.getattr_static(cls, "law")
-    if not isinstance(found, staticmethod):
-        yield "law must be a @staticmethod"
+    if not isinstance(inspect.getattr_static(cls, method), staticmethod):
+        yield f"{method} must be a @staticmethod"
         return
-    function = law_function(cls)
+    function = cls.function()
     if not isinstance(function, types.FunctionType):
-        yield f"law must be a Python function, written with def; {_shown(cls.law)} is not"
+        yield f"{method} must be a Python function, written with def; {_shown(getattr(cls, method))} is not"
         return
     if inspect.iscoroutinefunction(function) or inspect.isgeneratorfunction(function):
-        yield "law must be a plain function: no async, no yield"
+        yield f"{method} must be a plain function: no async, no yield"
     try:
-        inspect.signature(function).bind(*_ARGUMENTS)
+        inspect.signature(function).bind(*arguments)
     except TypeError:
-        yield f"law must take ({', '.join(_ARGUMENTS)})"
+        yield f"{method} must take ({', '.join(arguments)})"
 
 
-def law_function(cls: type[Controller]) -> types.FunctionType:
-    """The law as a plain Python function, even if the user has marked it with ``numba.njit``."""
-    law: Any = cls.law
-    return getattr(law, "py_func", law)
-
-
-def _unknown_fields(cls: type[Controller]) -> Iterator[str]:
-    """Errors for fields of its arguments that the law uses but that do not exist."""
-    function = law_function(cls)
+def _unknown_fields(cls: type[Stage]) -> Iterator[str]:
+    """Errors for fields of its arguments that the function uses but that do not exist."""
+    function = cls.function()
     try:
         tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
     except (OSError, TypeError, SyntaxError, IndexError):  # typed at a prompt, or a lambda
         return
     if not isinstance(tree, ast.FunctionDef):
         return
-    gains = [f.name for f in dataclasses.fields(cls) if f.name != "period"]
-    given = [signal.name for signal in (GIVEN + TRUTH if cls.uses_truth else GIVEN)]
-    fields = (gains, list(cls.states), given, list(cls.states))
-    arguments = dict(
-        zip(
-            (a.arg for a in (*tree.args.posonlyargs, *tree.args.args)),
-            zip(_ARGUMENTS, fields, strict=False),
-            strict=False,
-        )
-    )
+    settings = [f.name for f in dataclasses.fields(cls) if f.name != "period"]
+    given, out = ([signal.name for signal in signals] for signals in (cls.given(), cls.room.out))
+    fields: list[list[str] | None] = [settings, list(cls.states), given, list(cls.states), out]
+    fields[0] = None if packs_itself(cls) else settings
+    fields[4] = out if cls.room.arguments[4] == "out" else None  # otherwise an array
+    names = (a.arg for a in (*tree.args.posonlyargs, *tree.args.args))
+    arguments = {
+        name: (role, known)
+        for name, role, known in zip(names, cls.room.arguments, fields, strict=False)
+        if known is not None
+    }
     nodes = list(ast.walk(tree))
     for node in nodes:
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
@@ -158,15 +166,22 @@ def _unknown_fields(cls: type[Controller]) -> Iterator[str]:
             continue
         said.add((role, word))
         line = function.__code__.co_firstlineno + node.lineno - 1
-        yield f"{file}, line {line}: {role} has no {word!r}; {_hint(role, word, known)}"
+        yield f"{file}, line {line}: {role} has no {word!r}; {_hint(cls, role, word, known)}"
 
 
-def _hint(role: str, word: str, known: list[str]) -> str:
+def _hint(cls: type[Stage], role: str, word: str, known: list[str]) -> str:
+    settings, _, given, *_ = cls.room.arguments
     if role == "signals" and word in {signal.name for signal in TRUTH}:
         return "only the yardstick 'ideal' may use the truth"
-    if role == "gains" and word == "period":
-        return "signals.period is the control period"
-    return field_suggestion(word, known) if known else "the class declares no states"
+    if role == "signals" and word in {signal.name for signal in TASK}:
+        return "the class has uses_task = False"
+    if role == settings and word == "period":
+        return f"{given}.period is the {'control ' if given == 'signals' else ''}period"
+    if role == settings and word in {signal.name for signal in cls.given()}:
+        return f"{given}.{word} is a signal"
+    if known:
+        return field_suggestion(word, known)
+    return f"the class declares no {cls.room.setting if role == settings else 'state'}s"
 
 
 def field_suggestion(word: str, known: Sequence[str]) -> str:

@@ -1,4 +1,4 @@
-"""A law as plain Python: used if numba can't compile it, and to find the line in which a compiled law failed."""
+"""A stage as plain Python: used if numba can't compile it, and to find the line in which a compiled one failed."""
 
 import contextlib
 import functools
@@ -13,14 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from ...control.base import Controller
-from ...control.contract import field_suggestion, law_function
-from ...control.loader import has_built_in_law
+from ...stages.base import Stage, is_shipped
+from ...stages.contract import field_suggestion
 from .arena import NEARBY, Arena
 
 
-class LawFault(Exception):
-    """A law raised or violated its contract. The message names the law and, where it is known, the line."""
+class StageFault(Exception):
+    """A stage raised or violated its contract. The message names the stage and, where it is known, the line."""
 
 
 class _Record(np.record):  # type: ignore[misc]  # NumPy's stubs have it as Any
@@ -30,52 +29,48 @@ class _Record(np.record):  # type: ignore[misc]  # NumPy's stubs have it as Any
         raise AttributeError(f"{type(self).__name__} has no {name!r}; {field_suggestion(name, self.dtype.names or ())}")
 
 
-class PlainLaw:
-    """A controller's law, called from Python with the arrays of an arena."""
+class PlainStage:
+    """A stage's function, called from Python with the arrays of an arena."""
 
-    def __init__(self, controller: Controller, arena: Arena) -> None:
-        self.controller, self.arena = controller, arena
-        gains = arena.arrays["gains"].view()
-        gains.flags.writeable = False  # writing to a gain raises
-        records = {**arena.arrays, "gains": gains}
-        given = ("gains", "state", "signals", "state_dot")
-        self._arguments = [
-            records[name].view(np.dtype((type(name, (_Record,), {}), records[name].dtype)))[0] for name in given
-        ]
-        self._arguments.append(arena.arrays["tau_cmd"])
+    def __init__(self, stage: Stage, arena: Arena) -> None:
+        self.stage, self.arena = stage, arena
+        settings = arena.arrays["settings"].view()
+        settings.flags.writeable = False  # writing to a setting raises
+        records = {**arena.arrays, "settings": settings}
+        self._arguments = [_argument(called, records[name]) for name, called in arena.names.items()]
 
     @functools.cached_property
     def _function(self) -> Callable:
-        return _with_helpers(law_function(type(self.controller)), _guarded)
+        return _with_helpers(type(self.stage).function(), _guarded)
 
     def __call__(self) -> None:
-        """Call the law once.
+        """Call the stage once.
 
         Raises:
-            LawFault: the law raised or violated its contract.
+            StageFault: the stage raised or violated its contract.
         """
         try:
             self._function(*self._arguments)
         except KeyboardInterrupt:
             raise
-        except BaseException as error:  # a law may raise anything, also SystemExit
-            raise LawFault(self._raised(error)) from error
-        did = self.arena.overrun(NEARBY) or self.arena.changed_gain() or self.arena.not_finite()
+        except BaseException as error:  # a stage may raise anything, also SystemExit
+            raise StageFault(self._raised(error)) from error
+        did = self.arena.overrun(NEARBY) or self.arena.changed_setting() or self.arena.not_finite()
         if did:
             raise self.fault(did)
 
-    def fault(self, did: str) -> LawFault:
+    def fault(self, did: str) -> StageFault:
         """The exception for a violation, which ``did`` describes as a predicate."""
-        return LawFault(f"{self.who} {did}")
+        return StageFault(f"{self.who} {did}")
 
-    def explain(self, fault: str) -> LawFault:
-        """The exception for a compiled law that stopped the run. The law is run again as plain Python with the same
+    def explain(self, fault: str) -> StageFault:
+        """The exception for a compiled stage that stopped the run. The stage is run again as plain Python with the same
         numbers, to find the line.
 
         Args:
-            fault: the law's violation as a predicate; empty if the law raised.
+            fault: the stage's violation as a predicate; empty if the stage raised.
         """
-        function, line = _with_helpers(law_function(type(self.controller)), _plain), ""
+        function, line = _with_helpers(type(self.stage).function(), _plain), ""
         try:
             with np.errstate(divide="raise", invalid="raise" if not fault else "ignore"):
                 with _first_not_finite(self._file) as found:
@@ -84,7 +79,7 @@ class PlainLaw:
         except KeyboardInterrupt:
             raise
         except BaseException as error:
-            cause = LawFault(self._raised(error, fault))
+            cause = StageFault(self._raised(error, fault))
             cause.__cause__ = error
             return cause
         if not fault:
@@ -92,30 +87,27 @@ class PlainLaw:
         return self.fault(fault + (f"; the first number that is not finite arises in {line}" if line else ""))
 
     def _compiled_exception(self) -> str:
-        """The exception that the compiled law raises, as text."""
+        """The exception that the compiled stage raises, as text."""
         from .guarded import guarded, guarded_function
 
-        records = [self.arena.arrays[name][0] for name in ("gains", "state", "signals", "state_dot")]
+        arrays = [self.arena.arrays[name] for name in self.arena.names]
         try:
-            with guarded(True):
-                guarded_function(law_function(type(self.controller)), error_model="python")(
-                    *records, self._arguments[4]
-                )
+            with guarded():
+                compiled = guarded_function(type(self.stage).function(), error_model="python")
+                compiled(*(array if array.dtype.names is None else array[0] for array in arrays))
         except Exception as error:
             return _named_error(error)
         return "an exception"
 
     @functools.cached_property
     def _file(self) -> str:
-        return law_function(type(self.controller)).__code__.co_filename
+        return type(self.stage).function().__code__.co_filename
 
     @property
     def who(self) -> str:
-        """The law's name in messages."""
-        label = self.controller.label()
-        if has_built_in_law(self.controller):
-            return f"the law {label}"
-        return f"your law {label} ({Path(self._file).name})"
+        """The stage's name in messages."""
+        called = f"{self.stage.room.noun} {self.stage.label()}"
+        return f"the {called}" if is_shipped(self.stage) else f"your {called} ({Path(self._file).name})"
 
     def _raised(self, error: BaseException, fault: str = "") -> str:
         frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename == self._file]
@@ -124,6 +116,13 @@ class PlainLaw:
             return what
         last = frames[-1]
         return f"{what} in {Path(last.filename).name}, line {last.lineno}: {last.line}"
+
+
+def _argument(name: str, array: np.ndarray) -> Any:
+    """An array of the arena as the stage gets it: a record with its own name, or the array."""
+    if array.dtype.names is None:
+        return array
+    return array.view(np.dtype((type(name, (_Record,), {}), array.dtype)))[0]
 
 
 def _named_error(error: BaseException) -> str:
@@ -172,7 +171,7 @@ def _guarded(function: Any, compiled: Any) -> Any:
     @functools.wraps(function)
     def call(*arguments: Any) -> Any:
         try:
-            with guarded(True):
+            with guarded():
                 return twin(compiled)(*arguments)
         except NumbaError:
             return function(*arguments)

@@ -1,0 +1,152 @@
+"""Limits of a sampled law: a command that is held for a control period against the wall, and zeta of eq. (15).
+
+The limits take the run's :class:`uvms_mj.analysis.setup.Setup`.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .rest import SteadyState
+
+SLOWLY_DAMPED = 0.75
+"""If more than this fraction of the damping against the wall is lost, a vibration lasts for many seconds."""
+
+
+@dataclass(frozen=True)
+class Vibration:
+    """The vibration of a vehicle against the wall under a sampled law, along v = G K_f n.
+
+    Against a spring k_c, feedback of the contact force with unit gain and age T acts as a negative damping k_c T. The
+    sliding mode laws impose M_d and D_d on any vehicle: G, the matrix before D_d v in v_dot, is M_d^-1. The laws
+    impedance and ideal answer to the contact force with their own M as well: G is M^-1 M_hat M_d^-1, and they feed back
+    only M M_d^-1 K_f - I, which is inertia shaping, eq. (4).
+
+    Attributes:
+        setup: the run's :class:`uvms_mj.analysis.setup.Setup`.
+        shaped: whether the law answers to the contact force through its own inertia, as impedance and ideal do.
+        compliant: n^T v [1/kg]. Without a positive one there is no such vibration.
+        fed_back: part of it that the law feeds back [1/kg].
+        damping: n^T G D_d v / n^T v [1/s].
+        stiffness: n^T G K_d v / n^T v [1/s^2].
+    """
+
+    setup: Any
+    shaped: bool
+    compliant: float
+    fed_back: float
+    damping: float
+    stiffness: float
+
+    @classmethod
+    def of(cls, setup: Any, M_hat: np.ndarray | None = None) -> "Vibration":
+        """The vibration under a law that imposes M_d, or that answers through its own inertia with M_hat (6, 6)."""
+        design = setup.design
+        n, M_d_inv = design.normal, np.linalg.inv(design.M_d)
+        G = M_d_inv if M_hat is None else np.linalg.solve(design.M, M_hat @ M_d_inv)
+        v = G @ (np.array(setup.scenario.impedance.K_f) * n)
+        compliant = float(n @ v)
+        fed_back = compliant - (0.0 if M_hat is None else 1.0 / design.along_normal(design.M))
+        if compliant <= 0.0:
+            return cls(setup, M_hat is not None, compliant, fed_back, 0.0, 0.0)
+        damping, stiffness = float(n @ G @ design.D_d @ v) / compliant, float(n @ G @ design.K_d @ v) / compliant
+        return cls(setup, M_hat is not None, compliant, fed_back, damping, stiffness)
+
+    @property
+    def limit(self) -> float:
+        """Largest mean age of the fed back contact force at which the contact stays damped [s]; see :attr:`age`.
+
+        For a sliding mode law it is D_d/(K_f k_c). For M_d < M, inertia shaping takes (M/M_d - 1) k_c T from a damping
+        of M/M_d D_d.
+        """
+        if self.compliant <= 0.0 or self.fed_back <= 1e-9 * self.compliant:
+            return np.inf
+        return self.damping / (self.fed_back * self.setup.scenario.wall.stiffness)
+
+    @property
+    def age(self) -> float:
+        """Mean age of the contact force in tau relative to the force in the contact itself [s].
+
+        The law gets the force of the same instant. tau is held for a control period T, a mean age of T/2. The contact
+        force itself is held for a time step h, a mean age of h/2. A law that runs at every step feeds back the force
+        that acts.
+        """
+        return 0.5 * (self.setup.scenario.control_period - self.setup.scenario.simulation.timestep)
+
+    @property
+    def growth(self) -> float:
+        """Growth per control period of the vibration under a held command [1]; 0 for a law that imposes M_d.
+
+        Between two control instants
+
+            a = -w^2 x + u_k,    u_k = -(stiffness + fed back k_c) x_k - damping v_k,    w^2 = k_c n^T M^-1 n,
+
+        which symplectic Euler takes over the steps of a period: the spectral radius of Phi + Gamma (du/dx, du/dv).
+        Above 1 the vibration grows. The hold of D_d alone has this effect if the contact makes half a vibration in a
+        period.
+        """
+        if not self.shaped or self.compliant <= 0.0:
+            return 0.0
+        scenario, design = self.setup.scenario, self.setup.design
+        h, k_c = scenario.simulation.timestep, scenario.wall.stiffness
+        gains = [self.stiffness + self.fed_back * k_c, self.damping]
+        stiff = h * k_c * (1.0 / design.along_normal(design.M))  # h w^2
+        step, force = np.array([[1.0 - h * stiff, h], [-stiff, 1.0]]), np.array([h * h, h])
+        free = np.linalg.matrix_power(step, round(scenario.control_period / h))
+        forced = np.linalg.solve(np.eye(2) - step, (np.eye(2) - free) @ force)
+        return float(np.abs(np.linalg.eigvals(free - np.outer(forced, gains))).max())
+
+    def checked(self, state: SteadyState | str) -> SteadyState | str:
+        """The state at rest, or the reason why the sampled law does not come to rest against the wall."""
+        if isinstance(state, SteadyState) and state.force > 0.0:
+            if self.age >= self.limit:
+                return "the sampled law limit-cycles against this wall"
+            if self.growth > 1.0:
+                return "the held command does not damp the vibration against this wall"
+        return state
+
+    def notes(self, label: str) -> Iterator[str]:
+        """Warnings if the sampled law damps the vibration slowly, or not at all."""
+        period, k_c = self.setup.scenario.control_period, self.setup.scenario.wall.stiffness
+        if self.growth > 1.0:
+            w = np.sqrt(k_c / self.setup.design.along_normal(self.setup.design.M))
+            yield (
+                f"{label} oscillates against the wall at a control period of {period:g} s: at wall.stiffness {k_c:g} "
+                f"N/m the contact vibrates faster than a held command can damp; a period below {2.5 / w:.2g} s usually "
+                "suffices"
+            )
+        limit, age = self.limit, self.age
+        if age > SLOWLY_DAMPED * limit or (age == limit == 0.0):
+            longest = 2.0 * limit + self.setup.scenario.simulation.timestep
+            what = "limit-cycles against the wall" if age >= limit else "hardly damps the vibration against the wall"
+            yield (
+                f"{label} {what} at a control period of {period:g} s: it holds the contact force so long that "
+                f"{min(1.0, age / limit) if limit else 1.0:.0%} of the damping D_d is lost at wall.stiffness {k_c:g} "
+                f"N/m; all is lost at a period of {longest:.4g} s"
+            )
+
+
+def zeta_limit(setup: Any) -> float:
+    """Control period above which the explicit Euler steps of zeta, eq. (15), grow: |1 + A T| > 1 [s]."""
+    fastest = max(abs(a) for a in setup.task.A)
+    return 2.0 / fastest if fastest > 0.0 else np.inf
+
+
+def zeta_grows(setup: Any) -> str:
+    """The reason why there is no rest if zeta grows at the control period; empty if it does not."""
+    grows = setup.scenario.control_period > zeta_limit(setup)
+    return "the sampled zeta, eq. (15), grows without bound at this control period" if grows else ""
+
+
+def disturbance_rate(setup: Any) -> np.ndarray:
+    """Bound (6,) on the rate of M_hat^-1 tau_dist, which eq. (28) has to follow [m/s^3, rad/s^3]."""
+    disturbance = setup.scenario.disturbance
+    rate = 2.0 * np.pi * np.abs(np.array(disturbance.amplitude) * np.array(disturbance.frequency_hz))
+    return np.abs(np.linalg.inv(setup.design.M_hat)) @ rate
+
+
+def not_constant(setup: Any) -> str:
+    """The reason why a law without an integral term does not rest under a disturbance; empty if it is constant."""
+    return "the disturbance is not constant" if disturbance_rate(setup).any() else ""

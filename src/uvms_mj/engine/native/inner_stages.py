@@ -1,0 +1,65 @@
+"""Stages of every run that no scenario chooses: tracking errors with estimates, and the truth for the ideal law."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ...control.tracking import tracking_errors
+from ...navigation.truth import reveal
+from ...physics.model import model_wrenches
+from ...stages.base import Room, Stage
+from ...stages.signals import CLOCK, TASK_GIVEN, TRUE, TRUTH
+
+
+def coefficients(setup: Any, coriolis: float = 1.0, damping: float = 1.0, restoring: float = 1.0) -> dict[str, Any]:
+    """The fields of a :data:`uvms_mj.physics.model.COEFFICIENTS` record, with factors of C, D and g."""
+    vehicle = setup.vehicle
+    return {
+        "M_RB": coriolis * vehicle.M_RB,
+        "M_A": coriolis * vehicle.M_A,
+        "D_linear": damping * vehicle.D_linear,
+        "D_quadratic": damping * vehicle.D_quadratic,
+        "mass": restoring * vehicle.mass,
+        "displaced_mass": restoring * vehicle.displaced_mass,
+        "r_g": vehicle.r_g,
+        "r_b": vehicle.r_b,
+        "gravity_W": np.array(setup.gravity_W),
+    }
+
+
+@dataclass(frozen=True)
+class Tracking(Stage):
+    """Tracking errors and estimates. ``out`` is the beginning of the law's signals, and has the measurements too."""
+
+    name = "tracking"
+    needs: ClassVar = ("estimates",)
+    room: ClassVar[Room] = Room("control", "tracking", lambda thrusters: CLOCK, TASK_GIVEN)
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        factors = setup.scenario.estimates
+        return coefficients(setup, factors.coriolis, factors.damping, factors.restoring)
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        tracking_errors(out)
+        model_wrenches(settings, out.nu, out.R_WB, out.C_hat_nu, out.D_hat_nu, out.g_hat)
+
+
+@dataclass(frozen=True)
+class Truth(Stage):
+    """The truth for the ideal law. ``state`` is the vehicle's WATER record."""
+
+    name = "truth"
+    needs: ClassVar = ()
+    room: ClassVar[Room] = Room("navigation", "truth", lambda thrusters: CLOCK + TRUE, TRUTH)
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        return coefficients(setup)
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        reveal(settings, state, given, out, out.g_eta)

@@ -1,0 +1,91 @@
+"""The recorded signals of a run, and where in memory each of them lies."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ...control.task import ImpedanceTask
+from ...errors import Fault, InputError
+from ...navigation import Navigation, Perfect
+from ...stages.base import Stage
+from ...stages.signals import MEASURED, OWN_UNIT, RECORDED, Signal, thruster_signal
+from .stage_table import StageTable
+
+_ATTRIBUTES = {
+    *dir(np.recarray),
+    *("arrays", "duration_s", "file", "message", "notes", "push", "save", "scenario", "columns", "load", "of"),
+    *("header", "outcome", "rows", "to_dataframe", "signals", "status", "steps", "wall_time_s", "analytic"),
+    "allow_pickle",
+}
+"""Attributes of a trace, and of the formats to which it is exported."""
+_OF_THE_TASK = ("s", "zeta", "tau_nom", "boundary_layer_time")
+
+
+def recorded(
+    loop: np.ndarray, stages: StageTable, u: np.ndarray, navigation: Navigation
+) -> list[tuple[Signal, np.ndarray]]:
+    """The signals of a row in order, each with its memory.
+
+    Args:
+        loop: the LOOP record (1,).
+        stages: the run's stages.
+        u: (n,) thrusts.
+        navigation: the measurements are recorded unless it is perfect.
+
+    Raises:
+        InputError: two states have one name, or a state's name is taken or is not an identifier.
+    """
+    records = [loop["row"], loop["true"], loop["contact"], stages.signals, stages.allocation]
+    places = {name: record[name] for record in reversed(records) for name in record.dtype.names or ()}
+    found = [
+        (signal, places[signal.name])
+        for signal in RECORDED
+        if "task" in stages.entries or signal.name not in _OF_THE_TASK
+    ]
+    if not isinstance(navigation, Perfect):
+        found += [(signal, stages.signals[signal.name.removesuffix("_m")]) for signal in MEASURED]
+    found.append((thruster_signal(len(u)), u))
+    own = [each for each in stages.states() if each[1] != "zeta" or not isinstance(each[0], ImpedanceTask)]
+    check_states(own)
+    return found + [(state_signal(stage, name, memory.size), memory) for stage, name, memory in own]
+
+
+def check_states(states: Sequence[tuple[Stage, str, np.ndarray]]) -> None:
+    """Refuse states that can't be recorded under their names.
+
+    Raises:
+        InputError: two states have one name, or a state's name is taken or is not an identifier.
+    """
+    taken = {signal.name for signal in (*RECORDED, *MEASURED, thruster_signal(0))} | _ATTRIBUTES
+    faults: dict[Stage, list[Fault]] = {}
+    for stage, name, _ in states:
+        if name in taken:
+            wrong = "is the name of a recorded signal or of an attribute; choose another"
+        elif not name.isidentifier():
+            wrong = "is not an identifier"
+        else:
+            others = [other.label() for other, same, _ in states if same == name and other is not stage]
+            wrong = f"is also the name of a state of {others[0]}; choose another" if others else ""
+        if wrong:
+            faults.setdefault(stage, []).append(Fault(f"states[{name!r}]", wrong))
+    for stage, found in faults.items():
+        raise InputError(found, f"the {stage.room.noun} {stage.label()}")
+
+
+def state_signal(stage: Stage, name: str, size: int) -> Signal:
+    """A state of a stage as a recorded signal."""
+    return Signal(name, (size,), type(stage).units.get(name, OWN_UNIT), "B", f"state {name} of {stage.label()}")
+
+
+def spans(memories: Sequence[np.ndarray]) -> Iterator[tuple[int, int]]:
+    """Address and size [numbers] of each part of a row; neighbours in memory are one part."""
+    address, size = 0, 0
+    for memory in memories:
+        here = memory.ctypes.data
+        if size and here == address + 8 * size:
+            size += memory.size
+            continue
+        if size:
+            yield address, size
+        address, size = here, memory.size
+    yield address, size

@@ -1,0 +1,200 @@
+"""The memory of one run: the records that the loop works on, and the numbers of a scenario in them."""
+
+from collections.abc import Callable, Set
+
+import mujoco
+import numpy as np
+
+from ...analysis.setup import Setup
+from ...plant.wall import contact_settings
+from ...stages.signals import FINAL_WINDOW_S
+from .attachment import Attachment, set_water
+from .callback import entry_points
+from .layouts import LOOP, STOP_STAGE
+from .memory import stopped
+from .rows import recorded, spans
+from .stage_table import StageTable
+from .verdict import POSITION_BOUND, SPEED_BOUND, TAU_BOUND
+
+DEFAULT_EPSILON = 1e-3
+"""Width of the boundary layer for controllers without a gain of that name: the paper's value."""
+
+
+class RunMemory:
+    """The LOOP record of a run, its stages and its rows.
+
+    Args:
+        setup: the run's.
+        data: MuJoCo's data of the setup's model, with the initial state.
+        attachment: the attached vehicle.
+
+    Attributes:
+        loop: the LOOP record (1,).
+        stages: the table of stages.
+        u: (n,) thrusts within the limits.
+        recorded: the recorded signals in the order of a row, each with its memory.
+        rows: (capacity, width) rows.
+    """
+
+    def __init__(self, setup: Setup, data: mujoco.MjData, attachment: Attachment) -> None:
+        self.data, self.context, self.loop = data, attachment.context, np.zeros(1, LOOP)
+        vehicle, plant = setup.vehicle, setup.plant
+        n = len(vehicle.thrusters)
+        self.stages = stages = StageTable(setup, self.loop["true"], self.context["water"])
+        self.u = np.zeros(n)
+        self.recorded = recorded(self.loop, stages, self.u, setup.scenario.navigation)
+        self._spans = np.array(list(spans([memory for _, memory in self.recorded])))
+        self.rows = np.zeros((0, sum(signal.size for signal, _ in self.recorded)))
+        allocation, dof = stages.allocation, plant.model.body_dofadr[plant.body_id]
+        allocation["B"], allocation["B_pinv"] = vehicle.B, np.linalg.pinv(vehicle.B)
+        allocation["u_min"], allocation["u_max"] = vehicle.u_min, vehicle.u_max
+        sizes = {"stages": len(stages.rows), "actuation": stages.actuation, "controls": plant.model.nu, "thrusters": n}
+        sizes |= {"spans": len(self._spans), "row_width": self.rows.shape[1], "row_steps": 1}
+        bounds = {"speed_bound": SPEED_BOUND, "position_bound": POSITION_BOUND, "tau_bound": TAU_BOUND}
+        for name, value in (sizes | bounds).items():
+            self.loop[name] = value
+        self.loop["row"]["first_contact"] = -1.0
+        # _reached keeps every array alive whose address is in the record
+        self._reached = {
+            "stages_at": stages.rows,
+            "tau_cmd_at": allocation["tau_cmd"],
+            "B_at": allocation["B"],
+            "u_min_at": allocation["u_min"],
+            "u_max_at": allocation["u_max"],
+            "thrust_of_ctrl_at": vehicle.thrust_of_ctrl,
+            "ctrl_index_at": np.array(vehicle.actuator_ids, dtype=np.int64),
+            "u_cmd_at": stages.u_cmd,
+            "u_at": self.u,
+            "spans_at": self._spans,
+            "rows_at": self.rows,
+            "qacc_at": data.qacc[dof:],
+            "ctrl_at": data.ctrl,
+            **{f"{name}_at": data.sensordata[address:] for name, address in plant.sensors.items()},
+        }
+        if "task" in stages.entries:
+            self._reached["s_at"] = stages.signals["s"]
+        for name, array in self._reached.items():
+            self.loop[name] = array.ctypes.data
+        for _, write in WRITERS:
+            write(self, setup)
+        arrays = [self.loop, self.context, stages.signals, allocation, stages.u_cmd, self.u, stages.rows]
+        arrays += [each for entry in stages.running if entry.states for each in (entry.state, entry.state_dot)]
+        arrays += [data.qpos, data.qvel]
+        self.context["loop_at"] = self.loop.ctypes.data
+        self._start = [(array.view(np.uint8), array.view(np.uint8).copy()) for array in arrays]
+
+    def record(self, row_steps: int, capacity: int) -> None:
+        """Record a row every so many time steps, at most ``capacity`` of them before they are taken."""
+        self.rows = np.zeros((capacity, self.rows.shape[1]))
+        for loop in (self.loop, self._start[0][1].view(LOOP)):
+            loop["row_steps"], loop["row_capacity"], loop["rows_at"] = row_steps, capacity, self.rows.ctypes.data
+
+    def taken(self) -> np.ndarray:
+        """The rows (n, width) written since :meth:`clear`, the last step's included. A view."""
+        entry_points().finish.ctypes(self.context.ctypes.data)
+        return self.rows[: int(self.loop["rows"][0])]
+
+    def clear(self) -> None:
+        """Discard the rows, to make room for the next chunk."""
+        self.loop["rows"] = 0
+
+    def restart(self, setup: Setup, touched: Set[str]) -> None:
+        """Return to the start, with the numbers of the tables of a scenario that ``touched`` names from ``setup``.
+
+        Raises:
+            InputError: a stage has other constants than its memory has room for. Nothing is changed then.
+        """
+        constants = self.stages.constants(setup, touched)
+        mujoco.mj_resetData(setup.plant.model, self.data)
+        for array, start in self._start:
+            array[:] = start
+        for tables, write in WRITERS:
+            if not touched.isdisjoint(tables):
+                write(self, setup)
+        self.stages.write(constants)
+        for entry in self.stages.running:
+            entry.start()
+
+    def check_stages(self, last: bool) -> None:
+        """Report a failure of a user's stage, with ``last`` after searching all of its margins.
+
+        Raises:
+            StageFault: a stage raised or violated its contract.
+            KeyboardInterrupt: a signal arrived during a loop of the stage.
+        """
+        failed = self.loop["stop"][0] == STOP_STAGE
+        for entry in self.stages.running:
+            if entry.guarded:
+                entry.check(bool(failed or last))
+        if failed:
+            if stopped[0]:
+                stopped[0] = 0
+                raise KeyboardInterrupt
+            raise self.stages.running[int(self.loop["next"][0])].explain(int(self.loop["stop_index"][0]))
+
+    def views(self) -> dict[str, np.ndarray]:
+        """Every signal by name as a read-only view: those that the law is given, and the recorded ones."""
+        found = {signal.name: memory.reshape(signal.shape) for signal, memory in self.recorded}
+        signals = self.stages.signals
+        found = {name: signals[name][0:1].reshape(signals.dtype[name].shape) for name in signals.dtype.names} | found
+        for view in found.values():
+            view.flags.writeable = False
+        return found
+
+
+def write_time(memory: RunMemory, setup: Setup) -> None:
+    scenario, option = setup.scenario, setup.plant.model.opt
+    h = scenario.simulation.timestep
+    option.timestep = h
+    memory.loop["timestep"], memory.loop["steps"] = h, scenario.steps
+    memory.loop["window_step"] = max(0, scenario.steps - round(FINAL_WINDOW_S / h))
+
+
+def write_water(memory: RunMemory, setup: Setup) -> None:
+    current, disturbance = setup.scenario.current, setup.scenario.disturbance
+    set_water(memory.context[0], current.velocity_W, disturbance.bias, disturbance.amplitude, disturbance.frequency_hz)
+
+
+def write_wall(memory: RunMemory, setup: Setup) -> None:
+    setup.plant.set_wall(setup.scenario.wall)
+    contact = memory.loop["contact"]
+    for name, value in contact_settings(setup.scenario.wall, setup.masses_at_contact[1]).items():
+        contact[name] = value
+
+
+def write_initial(memory: RunMemory, setup: Setup) -> None:
+    setup.plant.place(memory.data, setup.scenario.initial)
+    joint = setup.plant.model.body_jntadr[setup.plant.body_id]
+    qpos = setup.plant.model.jnt_qposadr[joint]
+    memory.loop["qpos_safe"] = memory.data.qpos[qpos : qpos + 7]
+
+
+def write_design(memory: RunMemory, setup: Setup) -> None:
+    signals, design, impedance = memory.stages.signals, setup.design, setup.scenario.impedance
+    signals["M_hat"], signals["M_d"], signals["D_d"] = design.M_hat, design.M_d, design.D_d
+    signals["K_d"] = np.diag(design.K_d)
+    signals["K_f"], signals["F_d"] = impedance.K_f, impedance.F_d
+    if "truth" in memory.stages.entries:
+        signals["M"] = design.M
+
+
+def write_control(memory: RunMemory, setup: Setup) -> None:
+    memory.stages.write_periods(setup.scenario)
+    memory.loop["epsilon"] = getattr(setup.scenario.controller, "epsilon", DEFAULT_EPSILON)  # of each axis
+
+
+def write_keys(memory: RunMemory, setup: Setup) -> None:
+    memory.stages.write_keys(setup.scenario)
+
+
+WRITERS: tuple[tuple[tuple[str, ...], Callable[[RunMemory, Setup], None]], ...] = (
+    (("simulation",), write_time),
+    (("current", "disturbance"), write_water),
+    (("wall", "design"), write_wall),
+    (("initial",), write_initial),
+    (("design",), write_design),
+    (("simulation",), write_keys),
+    (("simulation", "navigation", "reference", "controller", "actuation"), write_control),
+)
+"""The tables of a scenario, and the function that writes the numbers that depend on them. ``design`` is not a table: it
+stands for the design matrices, which depend on several."""

@@ -1,0 +1,174 @@
+"""Compilation of a stage, shipped or a user's, to one function that the loop calls by its address."""
+
+import inspect
+import types
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .arena import NEAR, PATTERN, REGIONS, offsets, spread
+from .compilation import NativeFunction, native_function, native_law
+from .memory import floats, integers
+from .sources import global_values, source_files
+
+if TYPE_CHECKING:  # global names of the templates below, set for each stage
+    carray: Any = None
+    pointer: Any = None
+    function: Any = None
+    output: Any = None
+    call: Any = None
+    SETTINGS: Any = None
+    STATE: Any = None
+    GIVEN: Any = None
+    OUT: Any = None
+    N_SETTINGS, N_GIVEN, N_STATE, N_OUT = 0, 0, 0, 0  # numbers
+    OWN_SETTINGS, SETTINGS_, GIVEN_, STATE_, STATE_DOT_, OUT_ = 0, 0, 0, 0, 0, 0  # offsets in the arena
+    STATES: Any = ()  # of each state: place in the arena's record [bytes], first number in the loop's, size
+    ENDS: Any = ()
+
+RETURNED, RAISED, OVERRAN, CHANGED_SETTINGS, NOT_FINITE = range(5)
+"""Return codes of a stage's machine code."""
+
+
+def _record(address):
+    return carray(pointer(address), (1,), OUT)[0]
+
+
+def _array(address):
+    return carray(pointer(address), (N_OUT,), np.float64)
+
+
+def _call(settings_at, state_at, given_at, state_dot_at, out_at):
+    settings = carray(pointer(settings_at), (1,), SETTINGS)[0]
+    state = carray(pointer(state_at), (1,), STATE)[0]
+    state_dot = carray(pointer(state_dot_at), (1,), STATE)[0]
+    given = carray(pointer(given_at), (1,), GIVEN)[0]
+    out = output(out_at)
+    try:
+        function(settings, state, given, state_dot, out)
+    except (
+        Exception
+    ):  # the only class that numba can catch; the stage is then run again as plain Python for the details
+        return RAISED
+    return RETURNED
+
+
+def _call_in_arena(arena_at, state_at, given_at, state_dot_at, out_at):
+    state, state_dot, out = floats(state_at, N_STATE), floats(state_dot_at, N_STATE), integers(out_at, N_OUT)
+    its_out = floats(arena_at + OUT_, N_OUT)
+    given, its_given = integers(given_at, N_GIVEN), integers(arena_at + GIVEN_, N_GIVEN)
+    for i in range(N_GIVEN):
+        its_given[i] = given[i]
+    for place, first, n in STATES:
+        its_state = floats(arena_at + STATE_ + place, n)
+        for i in range(n):
+            its_state[i] = state[first + i]
+    settings_at = arena_at + SETTINGS_
+    done = call(settings_at, arena_at + STATE_, arena_at + GIVEN_, arena_at + STATE_DOT_, arena_at + OUT_)
+    for end in ENDS:
+        near = integers(arena_at + end, NEAR)
+        for i in range(NEAR):
+            if near[i] != PATTERN:
+                return OVERRAN
+    settings, own_settings = integers(settings_at, N_SETTINGS), integers(arena_at + OWN_SETTINGS, N_SETTINGS)
+    for i in range(N_SETTINGS):
+        if settings[i] != own_settings[i]:
+            return CHANGED_SETTINGS
+    if done != RETURNED:
+        return done
+    odd = 0.0  # becomes NaN with the first number that is not finite
+    for place, _, n in STATES:
+        its_state, its_state_dot = floats(arena_at + STATE_ + place, n), floats(arena_at + STATE_DOT_ + place, n)
+        for i in range(n):
+            odd += 0.0 * its_state[i] + 0.0 * its_state_dot[i]
+    for i in range(N_OUT):
+        odd += 0.0 * its_out[i]
+    if odd != 0.0:
+        return NOT_FINITE
+    for place, first, n in STATES:
+        its_state, its_state_dot = floats(arena_at + STATE_ + place, n), floats(arena_at + STATE_DOT_ + place, n)
+        for i in range(n):
+            state[first + i] = its_state[i]
+            state_dot[first + i] = its_state_dot[i]
+    bits = integers(arena_at + OUT_, N_OUT)
+    for i in range(N_OUT):
+        out[i] = bits[i]
+    return RETURNED
+
+
+def compile_stage(
+    stage: types.FunctionType, settings: np.dtype, state: np.dtype, given: np.dtype, out: np.dtype, guarded: bool
+) -> NativeFunction:
+    """Compile a stage to a function of five addresses (settings, state, given, state_dot, out).
+
+    A user's stage, which is ``guarded``, returns one of the codes above, and the address of its arena takes the place
+    of the settings' one. It and the functions that it calls check indices and shapes and raise on a division by zero,
+    so that a mistake raises an exception. A shipped stage returns 0.
+
+    Args:
+        stage: the stage's function.
+        settings, state, given: dtypes of its records.
+        out: dtype of its output: a record, or an array of float64.
+        guarded: whether it is a user's.
+
+    Raises:
+        NotCompiled: numba can't compile the stage.
+    """
+    if not guarded:
+        return native_function(stage, [settings, state, given, state, out])
+    layout = (stage.__qualname__, settings.descr, state.descr, given.descr, str(out))
+    parts = [repr(layout).encode(), stage.__code__.co_code]
+    module = inspect.getmodule(stage)
+    if module is not None and getattr(module, "__file__", None):
+        parts += [path.read_bytes() for path in source_files(module)] + [global_values(module)]
+    else:
+        parts.append(repr((stage.__code__.co_consts, stage.__code__.co_names)).encode())
+
+    def prepare():
+        import numba
+
+        from .guarded import guarded_function
+        from .numba_code import pointer
+
+        names = {
+            "carray": numba.carray,
+            "np": np,
+            "pointer": pointer,
+            "SETTINGS": settings,
+            "STATE": spread(state),
+            "GIVEN": given,
+            "OUT": out,
+            "N_OUT": out.itemsize // 8,
+            "RAISED": RAISED,
+            "RETURNED": RETURNED,
+            "function": guarded_function(stage, error_model="python"),
+            "__name__": __name__,
+        }
+        view = _array if out.names is None else _record
+        names["output"] = numba.njit(types.FunctionType(view.__code__, names, view.__name__))
+        call = types.FunctionType(_call.__code__, names, _call.__name__)
+        places = _places(settings.itemsize, state, given.itemsize, out.itemsize) | {"call": numba.njit(call)}
+        return types.FunctionType(_call_in_arena.__code__, globals() | places, _call_in_arena.__name__)
+
+    return native_law(5, parts, prepare)
+
+
+def _places(settings: int, state: np.dtype, given: int, out: int) -> dict[str, Any]:
+    """The constants of :func:`_call_in_arena`, from the record of states and the sizes of the others [bytes]."""
+    states = spread(state)
+    sizes = {"settings": settings, "given": given, "state": states.itemsize, "state_dot": states.itemsize, "out": out}
+    at = offsets(sizes)
+    names, packed, spaced = state.names or (), dict(state.fields or {}), dict(states.fields or {})
+    fields = [(spaced[name][1], packed[name][1], packed[name][0].itemsize) for name in names]
+    spans = [(at[name], sizes[name]) for name in ("settings", "given", "out")]
+    spans += [(at[name] + place, size) for name in ("state", "state_dot") for place, _, size in fields]
+    return {
+        "N_SETTINGS": settings // 8,
+        "N_GIVEN": given // 8,
+        "N_STATE": state.itemsize // 8,
+        "N_OUT": out // 8,
+        "STATES": tuple((place, first // 8, size // 8) for place, first, size in fields),
+        "ENDS": tuple(end for place, size in spans for end in (place - 8 * NEAR, place + size)),
+        "OWN_SETTINGS": at["own_settings"],
+        **{f"{name.upper()}_": at[name] for name in REGIONS},
+    }

@@ -1,0 +1,249 @@
+"""The stages of a run in the order of an instant, as the loop calls them."""
+
+import functools
+import time
+from collections.abc import Iterator, Mapping, Set
+from typing import Any
+
+import numpy as np
+
+from ...analysis.setup import Setup
+from ...errors import Fault, InputError
+from ...scenario import Scenario
+from ...stages.base import Stage, is_shipped, packs_itself, random_key
+from ...stages.signals import CLOCK, KNOWN, REFERENCE, TASK, TASK_GIVEN, TRUTH, Signal, record_dtype
+from .arena import MARGIN, NEARBY, Arena
+from .compilation import NotCompiled
+from .inner_stages import Tracking, Truth
+from .layouts import STAGE
+from .plain_stage import PlainStage, StageFault
+from .stage_code import RAISED, compile_stage
+
+SEARCH_S = 0.25
+"""Wall time from one search of a stage's margins to the next [s]. A search takes a few milliseconds."""
+
+
+class Entry:
+    """One stage of the loop with its records.
+
+    Args:
+        stage: the stage.
+        settings: record of its settings (1,).
+        state: record of its states (1,).
+        given: the record (1,) that it is given, in the loop's memory.
+        out: its output in the loop's memory: a record (1,), or an array.
+        states: numbers in state that advance.
+    """
+
+    def __init__(
+        self, stage: Stage, settings: np.ndarray, state: np.ndarray, given: np.ndarray, out: np.ndarray, states: int
+    ) -> None:
+        self.stage, self.settings, self.state, self.given, self.out, self.states = (
+            stage,
+            settings,
+            state,
+            given,
+            out,
+            states,
+        )
+        self.state_dot = np.zeros_like(state)
+        self.guarded, self._searched = not is_shipped(stage), time.monotonic()
+        self._out_kind = out.dtype if out.dtype.names else np.dtype(("f8", out.shape))
+        self.code, self.not_compiled = None, ""
+        try:
+            kinds = settings.dtype, state.dtype, given.dtype, self._out_kind
+            self.code = compile_stage(type(stage).function(), *kinds, guarded=self.guarded)
+        except NotCompiled as reason:
+            self.not_compiled = str(reason)
+
+    @functools.cached_property
+    def arena(self) -> Arena:
+        return Arena(self.stage.room, self.settings, self.state, self.given.dtype, self._out_kind)
+
+    @functools.cached_property
+    def _plain(self) -> PlainStage:
+        return PlainStage(self.stage, self.arena)
+
+    def fill(self, row: np.void) -> None:
+        """Set the addresses of a STAGE record."""
+        row["code_at"] = self.code.address if self.code is not None else 0
+        row["settings_at"] = self.arena.address if self.guarded else self.settings.ctypes.data
+        row["state_at"], row["state_dot_at"] = self.state.ctypes.data, self.state_dot.ctypes.data
+        row["given_at"], row["out_at"], row["states"] = self.given.ctypes.data, self.out.ctypes.data, self.states
+
+    def start(self) -> None:
+        """Prepare for a run with the present settings, from states of zero."""
+        if "arena" in self.__dict__:
+            self.arena.start(self.settings)
+
+    def call_plain(self) -> None:
+        """Run the stage as plain Python.
+
+        Raises:
+            StageFault: the stage raised or violated its contract.
+        """
+        self.arena.fill(self.given, self.state)
+        self._plain()
+        self.arena.take(self.state, self.state_dot, self.out)
+
+    def check(self, everything: bool) -> None:
+        """Search the arena's margins, all of them from time to time or if ``everything`` is true.
+
+        Raises:
+            StageFault: the stage wrote beyond one of its arrays.
+        """
+        now = time.monotonic()
+        everything = everything or now - self._searched > SEARCH_S
+        if everything:
+            self._searched = now
+        fault = self.arena.overrun(MARGIN if everything else NEARBY)
+        if fault:
+            raise self._plain.fault(fault)
+
+    def explain(self, code: int) -> StageFault:
+        """The exception for a compiled stage that stopped the run with this return code."""
+        fault = self.arena.fault() if code != RAISED else ""
+        self.arena.reset()
+        self.arena.fill(self.given, self.state)
+        return self._plain.explain(fault)
+
+    @property
+    def slow(self) -> str:
+        """A note on a stage that runs as plain Python; empty for a compiled one."""
+        if self.code is not None:
+            return ""
+        slow = "runs as plain Python, which is slow, because numba can't compile it"
+        return f"{self.stage.label()} {slow}: {self.not_compiled}"
+
+
+def part(record: np.ndarray, signals: tuple[Signal, ...]) -> np.ndarray:
+    """Consecutive fields of a record (1,) as a record of their own (1,), in the same memory."""
+    offset = record.dtype.fields[signals[0].name][1]  # type: ignore[index]
+    return np.ndarray(1, record_dtype(signals), record.view(np.uint8), offset)
+
+
+def padded(record: np.ndarray) -> np.ndarray:
+    """A record (1,) whose size is a multiple of 8 bytes, as an arena needs it. Flags alone are shorter."""
+    kind = record.dtype
+    size = -(-kind.itemsize // 8) * 8
+    if size == kind.itemsize:
+        return record
+    names = kind.names or ()
+    places = [kind.fields[name][1] for name in names] if kind.fields else []
+    formats = [kind[name] for name in names]
+    longer = np.zeros(
+        1, np.dtype({"names": names, "formats": formats, "offsets": places, "itemsize": size}, align=True)
+    )
+    for name in names:
+        longer[name] = record[name]
+    return longer
+
+
+class StageTable:
+    """The stages of a run and their memory.
+
+    Args:
+        setup: the run's.
+        true: record given to navigation (1,).
+        water: the vehicle's WATER record (1,).
+
+    Attributes:
+        signals: the record of the signals that the law is given (1,); each stage fills its part.
+        allocation: the record that actuation is given (1,).
+        u_cmd: (n,) thrusts that actuation sets.
+        rows: the table (n,) of STAGE records.
+        control: index of the law, or of the stage that would follow it.
+    """
+
+    def __init__(self, setup: Setup, true: np.ndarray, water: np.ndarray) -> None:
+        scenario, n = setup.scenario, len(setup.vehicle.thrusters)
+        controller, actuation = scenario.controller, scenario.actuation
+        self.signals = np.zeros(1, record_dtype(type(controller).given()))
+        self.allocation = np.zeros(1, record_dtype(type(actuation).given(n)))
+        self.u_cmd = np.zeros(n)
+        self.entries: dict[str, Entry] = {}
+
+        def add(table: str, stage: Stage, given: np.ndarray, out: np.ndarray, state: np.ndarray | None = None) -> None:
+            if getattr(stage, "external", False):
+                return
+            own = type(stage).state_record(n)
+            states = own.nbytes // 8 if state is None else 0
+            self.entries[table] = Entry(
+                stage, padded(stage.record(setup)), own if state is None else state, given, out, states
+            )
+
+        add("navigation", scenario.navigation, true, part(self.signals, KNOWN))
+        add("reference", scenario.reference, part(self.signals, CLOCK + KNOWN), part(self.signals, REFERENCE))
+        add("tracking", Tracking(), part(self.signals, CLOCK), part(self.signals, TASK_GIVEN))
+        if type(controller).uses_task:
+            add("task", scenario.task, part(self.signals, TASK_GIVEN), part(self.signals, TASK))
+        if type(controller).uses_truth:
+            add("truth", Truth(), true, part(self.signals, TRUTH), water)
+        self.control = len(self.entries)
+        add("controller", controller, self.signals, self.tau_cmd)
+        self.actuation = len(self.entries)
+        add("actuation", actuation, self.allocation, self.u_cmd)
+        self.rows = np.zeros(len(self.entries), STAGE)
+        for row, entry in zip(self.rows, self.entries.values(), strict=True):
+            entry.fill(row)
+
+    @property
+    def tau_cmd(self) -> np.ndarray:
+        """(6,) wrench that the law commands."""
+        return self.allocation["tau_cmd"][0]
+
+    @property
+    def running(self) -> tuple[Entry, ...]:
+        return tuple(self.entries.values())
+
+    def constants(self, setup: Setup, touched: Set[str]) -> dict[str, dict[str, Any]]:
+        """The constants of the stages that depend on the tables of a scenario that ``touched`` names, by table.
+
+        Raises:
+            InputError: a stage has other constants than its memory has room for.
+        """
+        found, faults = {}, []
+        for table, entry in self.entries.items():
+            stage = getattr(setup.scenario, table, entry.stage)
+            needs = type(stage).needs
+            anything = needs is None and packs_itself(type(stage))
+            if table in touched or anything or not touched.isdisjoint(needs or ()):
+                constants = {name: value for name, value in stage.constants(setup).items() if name != "period"}
+                found[table] = given = {name: value for name, value in constants.items() if value is not None}
+                kind = entry.settings.dtype
+                room = {name: kind[name].shape for name in kind.names or () if name != "none"}
+                if {name: np.shape(value) for name, value in given.items()} != room:
+                    faults.append(Fault(table, "reset can't change which settings are given, nor their lengths"))
+        if faults:
+            raise InputError(faults, "a new Simulation is needed")
+        return found
+
+    def write(self, constants: Mapping[str, Mapping[str, Any]]) -> None:
+        """Set the constants of stages, by table."""
+        for table, values in constants.items():
+            settings = self.entries[table].settings
+            for name, value in values.items():
+                settings[name] = value
+
+    def write_periods(self, scenario: Scenario) -> None:
+        """Set the periods of all stages."""
+        h, control = scenario.simulation.timestep, scenario.control_period
+        periods = {"actuation": h} | {
+            table: stage.period
+            for table in ("navigation", "reference", "actuation")
+            for stage in [getattr(scenario, table)]
+            if stage.period is not None
+        }
+        steps = [round(periods.get(table, control) / h) for table in self.entries]
+        self.rows["period_steps"], self.rows["period"] = steps, [n * h for n in steps]
+
+    def write_keys(self, scenario: Scenario) -> None:
+        """Set the keys of the random numbers of all stages."""
+        self.rows["key"] = [random_key(scenario.simulation.seed, entry.stage) for entry in self.entries.values()]
+
+    def states(self) -> Iterator[tuple[Stage, str, np.ndarray]]:
+        """The recorded states: their stage, their name and their memory."""
+        for table, entry in self.entries.items():
+            if table != "truth":
+                for name in type(entry.stage).states:
+                    yield entry.stage, name, entry.state[name][0]

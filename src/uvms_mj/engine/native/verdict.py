@@ -1,0 +1,36 @@
+"""Why a run stopped: the first variable that left its bounds, as text."""
+
+import numpy as np
+
+from .layouts import STOP_COMMAND, STOP_STATE, STOP_THRUST, STOP_WAITING
+
+SPEED_BOUND = (100.0,) * 3 + (200.0,) * 3
+"""Speeds above this mean that the simulation has diverged [m/s, rad/s]."""
+POSITION_BOUND = 1e4
+"""A larger distance from the start along any axis means that the simulation has diverged [m]."""
+TAU_BOUND = 1e7
+"""A larger entry of tau_cmd means that the simulation has diverged [N, N m]."""
+
+_AXES = ["u", "v", "w", "p", "q", "r"]
+
+
+class Diverged(RuntimeError):
+    """The state, tau_cmd or u left its bounds. The message names the time, the variable and the bound."""
+
+
+def verdict(loop: np.void) -> str:
+    """The first variable of a LOOP record to leave its bound, as text; empty if there is none."""
+    i, value = int(loop["stop_index"]), float(loop["stop_value"])
+    if loop["stop"] == STOP_STATE and i < 3:
+        return f"position {'xyz'[i]} = {value:.6g} m, more than {POSITION_BOUND:g} m from where it began"
+    if loop["stop"] == STOP_STATE:
+        unit = "m/s" if i < 6 else "rad/s"
+        return f"velocity {_AXES[i - 3]} = {value:.6g} {unit}, beyond {SPEED_BOUND[i - 3]:g} {unit}"
+    if loop["stop"] == STOP_COMMAND:
+        unit = "N" if i < 3 else "N m"
+        what = f"beyond {TAU_BOUND:g} {unit}" if np.isfinite(value) else "not a finite number"
+        return f"tau_cmd[{i}] = {value:.6g} {unit}, {what}"
+    if loop["stop"] == STOP_THRUST:
+        return f"u[{i}] = {value:.6g} N, not a finite number"
+    assert loop["stop"] != STOP_WAITING, "a stage in plain Python was not called"
+    return ""

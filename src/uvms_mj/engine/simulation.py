@@ -1,0 +1,288 @@
+"""``Simulation``: a scenario that its caller steps. ``simulate`` is built on it."""
+
+import time
+import weakref
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ..analysis.ranges import no_overflow
+from ..analysis.sampling import notes, refuse
+from ..analysis.setup import set_up
+from ..errors import InputError, suggestion
+from ..plant.mjcf import Mjcf
+from ..scenario import Scenario
+from ..stages.base import is_shipped
+from ..stages.contract import check_contract
+from ..stages.recorded import Recorded
+from ..stages.signals import Signal
+from .changes import changed
+from .native.attachment import immerse
+from .native.callback import entry_points
+from .native.run_memory import RunMemory
+from .native.verdict import Diverged, verdict
+
+CHUNK_STEPS = 1000
+"""Largest number of steps from one reading of the clock to the next: a few milliseconds of wall time."""
+CHUNK_S = 0.25
+"""Wall time after which a chunk ends early, for slow stages [s]."""
+SLICE_STEPS = 50
+"""As CHUNK_STEPS, for a user's stage: it may become slow at any step."""
+
+
+class Signals:
+    """The signals of a Simulation as read-only views by name: ``signals.nu``, ``signals["nu"]``.
+
+    The views are live. Between steps the state, the measurements, the reference, the errors and the task are those of
+    the instant in hand; tau_cmd, u, tau, nu_dot, f_contact_W and the running signals are those of the step before it.
+    """
+
+    def __init__(self, memories: Mapping[str, np.ndarray]) -> None:
+        self.__dict__["_views"] = memories
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        try:
+            return self._views[name]
+        except KeyError:
+            raise KeyError(f"no signal {name!r}; {suggestion(name, self._views)}") from None
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        views = self.__dict__.get("_views", {})
+        if name not in views:
+            raise AttributeError(f"no signal {name!r}; {suggestion(name, views)}")
+        return views[name]
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise AttributeError(f"signals.{name} can't be assigned: signals are read-only")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._views)
+
+    def __len__(self) -> int:
+        return len(self._views)
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self._views]
+
+
+class Simulation:
+    """A scenario that is compiled and built once, and then stepped by the caller::
+
+        with Simulation(Scenario.load("push_wall")) as sim:
+            for seed in range(10):
+                sim.reset(seed=seed, overrides={"wall.position": 1.0 + 0.01 * seed})
+                sim.step(1000)
+                print(sim.t, sim.signals.nu)
+
+    With ``controller.name = "external"`` the caller sets ``tau_cmd``, with ``actuation.name = "external"`` the thrusts
+    ``u``, before a step. Several simulations may run in threads of one process.
+
+    Args:
+        scenario: the scenario; default: the paper's.
+        mjcf: the vehicle's model, in place of the file of ``scenario.vehicle.model``.
+
+    Attributes:
+        model: MuJoCo's model.
+        data: MuJoCo's data. ``mujoco.mj_forward`` may be called with it; only :meth:`step` takes steps.
+        setup: the scenario with the plant and the design matrices.
+        signals: the signals as read-only views.
+
+    Raises:
+        InputError: the input is invalid.
+    """
+
+    def __init__(self, scenario: Scenario | None = None, *, mjcf: Mjcf | None = None) -> None:
+        scenario = scenario if scenario is not None else Scenario()
+        if not isinstance(scenario, Scenario):
+            raise InputError(f"scenario: expected a Scenario, got {scenario!r}; use Scenario.load(name or path)")
+        for stage in scenario.stages:
+            if isinstance(stage, Recorded):
+                raise InputError(
+                    f"the {stage.room.noun} {stage.source()} is in the log as text, which is never run: pass the "
+                    f"{'controller' if stage.room.noun == 'law' else 'stage'} from the {stage.room.noun}'s file"
+                )
+            if not is_shipped(stage):
+                check_contract(type(stage))
+        with no_overflow(scenario):
+            self.setup = set_up(scenario, mjcf)
+            refuse(self.setup)
+        self._base = self.setup
+        self.model, plant = self.setup.plant.model, self.setup.plant
+        self.data = plant.initial_data(scenario.initial)
+        disturbance = scenario.disturbance
+        self._attachment = immerse(
+            self.model,
+            self.data,
+            plant.vehicle,
+            current_W=scenario.current.velocity_W,
+            bias=disturbance.bias,
+            amplitude=disturbance.amplitude,
+            frequency_hz=disturbance.frequency_hz,
+        )
+        self._finalizer = weakref.finalize(self, self._attachment.release)
+        self._memory = RunMemory(self.setup, self.data, self._attachment)
+        self._stages = self._memory.stages
+        self._plain = [entry for entry in self._stages.running if entry.code is None]
+        self._guarded = [entry for entry in self._stages.running if entry.guarded]
+        self._slice = 1
+        self.signals = Signals(self._memory.views())
+        self._prepare()
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario with the overrides of the last reset."""
+        return self.setup.scenario
+
+    @property
+    def steps(self) -> int:
+        """Number of time steps done."""
+        return int(self._memory.loop["step"][0])
+
+    @property
+    def t(self) -> float:
+        """Time of the instant in hand [s]."""
+        return self.steps * self.scenario.simulation.timestep
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Warnings about the scenario, computed at each call."""
+        return (*notes(self.setup), *self.slow_stages)
+
+    @property
+    def slow_stages(self) -> tuple[str, ...]:
+        """Notes on the stages that run as plain Python."""
+        return tuple(entry.slow for entry in self._plain)
+
+    @property
+    def recorded(self) -> tuple[Signal, ...]:
+        """The signals that a run of this scenario records."""
+        return tuple(signal for signal, _ in self._memory.recorded)
+
+    @property
+    def tau_cmd(self) -> np.ndarray:
+        """(6,) commanded wrench [N, N m]. With the controller ``external`` the caller sets it before a step."""
+        return _view(self._stages.tau_cmd, self.scenario.controller.external)
+
+    @property
+    def u(self) -> np.ndarray:
+        """(n,) commanded thrusts [N]. With the actuation ``external`` the caller sets it before a step."""
+        return _view(self._stages.u_cmd, self.scenario.actuation.external)
+
+    def reset(self, seed: int | None = None, overrides: Mapping[str, Any] | None = None) -> None:
+        """Return to the start without compiling or building anything.
+
+        Args:
+            seed: replaces ``simulation.seed``.
+            overrides: dotted keys with values that replace those of the scenario that the Simulation was made with,
+                ``{"wall.position": 1.2, "controller.k_1": 8.0}``, until the next reset. All keys of a scenario but
+                ``vehicle.model`` and the names of stages.
+
+        Raises:
+            InputError: a key or value is invalid, or needs a new Simulation. The Simulation is as it was before.
+        """
+        given = dict(overrides or {})
+        if seed is not None:
+            given["simulation.seed"] = seed
+        setup, touched = changed(self._base, self.setup, given)
+        self._memory.restart(setup, touched)
+        self.setup = setup
+        self._prepare()
+
+    def step(self, n: int = 1) -> None:
+        """Take n time steps, at native speed and without Python's global lock.
+
+        Raises:
+            Diverged: the state or a command left its bounds. The message names it. Only reset goes on.
+            StageFault: a user's stage raised or violated its contract.
+            RuntimeError: mjcb_control was replaced, or somebody else has stepped ``data``.
+        """
+        if not isinstance(n, int | np.integer) or n < 0:
+            raise InputError(f"step: {n!r} is not a number of steps")
+        self.run(n, np.inf)
+        self._prepare()
+        self.check()
+        divergence = self.divergence
+        if divergence:
+            raise Diverged(f"t = {self.t:.6g} s: {divergence}")
+
+    def run(self, n: int, seconds: float) -> int:
+        """Take at most n steps for about so many seconds of wall time, and return how many were taken.
+
+        Unlike :meth:`step`, it neither prepares the next instant nor raises if the run diverges: see :meth:`check` and
+        :attr:`divergence`.
+        """
+        if self._attachment.detached:
+            raise RuntimeError("the Simulation is closed")
+        loop, most = self._memory.loop, SLICE_STEPS if self._guarded else CHUNK_STEPS
+        done, start = 0, time.perf_counter()
+        now = start
+        while done < n and now - start < seconds and not loop["stop"][0]:
+            size, begun = min(self._slice, n - done), now
+            if self._plain:
+                size = 1
+                self._run_stages(len(self._stages.rows))
+            loop["remaining"] = size
+            mujoco.mj_step(self.model, self.data, size)
+            if loop["remaining"][0]:
+                loop["remaining"] = 0
+                raise RuntimeError("mjcb_control was replaced during the run: hydrodynamics were no longer applied")
+            done, now = done + size, time.perf_counter()
+            self._slice = max(1, min(most, int(CHUNK_S * size / max(now - begun, 1e-9))))
+        return done
+
+    def record(self, row_steps: int) -> RunMemory:
+        """Record a row every so many time steps, from the start of the run. The memory must be emptied at least once in
+        CHUNK_STEPS steps."""
+        self._memory.record(row_steps, CHUNK_STEPS // row_steps + 2)
+        return self._memory
+
+    def finish(self) -> None:
+        """Evaluate the instant in hand without a step, so that its row is complete."""
+        if self._plain:
+            self._run_stages(len(self._stages.rows))
+        self._memory.loop["remaining"] = 1
+        mujoco.mj_forward(self.model, self.data)
+
+    def _prepare(self) -> None:
+        """Run the stages before the law at the instant in hand."""
+        self._run_stages(self._stages.control)
+
+    def _run_stages(self, end: int) -> None:
+        context, loop = self._memory.context.ctypes.data, self._memory.loop
+        mujoco.mj_kinematics(self.model, self.data)  # the wall's sensors get the values of the coming step
+        mujoco.mj_sensorPos(self.model, self.data)
+        while (waiting := entry_points().advance.ctypes(context, end)) >= 0:
+            self._stages.running[waiting].call_plain()
+            loop["next"] = waiting + 1
+
+    def check(self, last: bool = False) -> None:
+        """Report a failure of a user's stage, with ``last`` after searching all of its margins.
+
+        Raises:
+            StageFault: a stage raised or violated its contract.
+            KeyboardInterrupt: a signal arrived during a loop of the stage.
+        """
+        self._memory.check_stages(last)
+
+    @property
+    def divergence(self) -> str:
+        """The first variable to leave its bound, as text; empty if there is none."""
+        return verdict(self._memory.loop[0])
+
+    def close(self) -> None:
+        """Detach the hydrodynamics. Calling it again has no effect."""
+        self._finalizer()
+
+    def __enter__(self) -> "Simulation":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+def _view(array: np.ndarray, writable: bool) -> np.ndarray:
+    view = array.view()
+    view.flags.writeable = writable
+    return view

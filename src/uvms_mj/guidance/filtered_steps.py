@@ -1,0 +1,129 @@
+r"""Reference model: position steps smoothed by a third-order filter, at a constant attitude.
+
+Each step of height Delta at time t_i passes through (omega_n / (p + omega_n))^3 (paper sec. 5). Its step response has
+the closed form
+
+.. math::
+
+    g(x) = 1 - e^{-x}(1 + x + x^2/2), \quad x = \omega_n (t - t_i),
+
+so the reference has no state and no discretisation error.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, ClassVar
+
+import numpy as np
+from pydantic import AfterValidator
+from pydantic.dataclasses import dataclass as table
+
+from ..physics.frames import quat_from_euler_deg
+from ..physics.kernels import kernel
+from ..quantities import STRICT, Angles, Number, Position, Time, within
+from ..stages.base import setting
+from .base import Guidance
+
+MOST_WAYPOINTS = 1000
+
+_SETTLED = 60.0  # for larger x, 1 - g(x) is below the rounding error of 1
+
+
+@kernel
+def filtered_steps(t, start, times, positions, bandwidth, p_d, p_d_dot, p_d_ddot):
+    """Set p_d, p_d_dot, p_d_ddot (3,) [m, m/s, m/s^2, W] at time t [s].
+
+    Args:
+        t: time [s].
+        start: (3,) position before the first step [m].
+        times: (n,) increasing times of the steps [s].
+        positions: (n, 3) positions after the steps [m].
+        bandwidth: omega_n [rad/s].
+        p_d, p_d_dot, p_d_ddot: (3,) outputs.
+    """
+    for i in range(3):
+        p_d[i] = start[i]
+        p_d_dot[i] = 0.0
+        p_d_ddot[i] = 0.0
+    for n in range(times.shape[0]):
+        x = bandwidth * (t - times[n])
+        if x <= 0.0:
+            break
+        g, g_dot, g_ddot = 1.0, 0.0, 0.0
+        if x < _SETTLED:
+            decay = math.exp(-x)
+            g = 1.0 - decay * (1.0 + x + 0.5 * x * x)
+            g_dot = bandwidth * decay * 0.5 * x * x
+            g_ddot = bandwidth * bandwidth * decay * (x - 0.5 * x * x)
+        for i in range(3):
+            height = positions[n, i] - (start[i] if n == 0 else positions[n - 1, i])
+            p_d[i] += height * g
+            p_d_dot[i] += height * g_dot
+            p_d_ddot[i] += height * g_ddot
+
+
+@table(frozen=True, config=STRICT)
+class Waypoint:
+    time: Time
+    position: Position
+
+
+def _increasing(waypoints: tuple[Waypoint, ...]) -> tuple[Waypoint, ...]:
+    if len(waypoints) > MOST_WAYPOINTS:
+        raise ValueError(f"has {len(waypoints)} steps; at most {MOST_WAYPOINTS} are allowed")
+    times = [w.time for w in waypoints]
+    if any(b <= a for a, b in itertools.pairwise(times)):
+        raise ValueError(f"times {times} must increase")
+    return waypoints
+
+
+@dataclass(frozen=True)
+class FilteredSteps(Guidance):
+    """Position steps through a third-order filter, at a constant attitude."""
+
+    target: Position = setting((1.01, 0.0, 0.0), "m", "position after the step, in W")
+    step_time: Time = setting(1.0, "s", "time of the step")
+    bandwidth: Annotated[Number, within(1e-6, 1e6, "rad/s")] = setting(
+        2.0, "rad/s", "omega_n of the third-order filter (omega_n / (p + omega_n))^3"
+    )
+    attitude_deg: Angles = setting((0.0, 0.0, 0.0), "deg", "constant desired roll, pitch, yaw")
+    start: Position | None = setting(None, "m", "position before the first step; default: initial.position")
+    waypoints: Annotated[tuple[Waypoint, ...], AfterValidator(_increasing)] = setting(
+        (),
+        "s, m",
+        "steps that replace target and step_time: [{time = 1.0, position = [1.01, 0.0, 0.0]}, ...]; at most 1000",
+    )
+
+    name = "filtered_steps"
+    needs: ClassVar = ("initial",)
+    _inner_keys: ClassVar = {"reference.waypoints": ("time", "position")}
+
+    @property
+    def steps(self) -> tuple[Waypoint, ...]:
+        """Position steps at the input of the filter."""
+        return self.waypoints or (Waypoint(time=self.step_time, position=self.target),)
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        """Times and positions of the steps have room for :data:`MOST_WAYPOINTS`, so that the machine code is the same
+        for any number of them. A step at infinity never comes."""
+        times, positions = np.full(MOST_WAYPOINTS, np.inf), np.zeros((MOST_WAYPOINTS, 3))
+        for n, step in enumerate(self.steps):
+            times[n], positions[n] = step.time, step.position
+        own = {name: value for name, value in super().constants(setup).items() if name not in _REPLACED}
+        start = self.start or setup.scenario.initial.position
+        quat_d = quat_from_euler_deg(*self.attitude_deg)
+        return {**own, "start": start, "times": times, "positions": positions, "quat_d": quat_d}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        start, times, positions = settings.start, settings.times, settings.positions
+        filtered_steps(given.t, start, times, positions, settings.bandwidth, out.p_d, out.p_d_dot, out.p_d_ddot)
+        for i in range(4):
+            out.quat_d[i] = settings.quat_d[i]
+
+
+_REPLACED = ("target", "step_time", "attitude_deg", "start", "waypoints")

@@ -1,0 +1,235 @@
+"""The contract of a stage: settings, states, one function.
+
+A stage is a frozen dataclass of settings that derives from the base class of its room: ``Guidance``, ``Navigation``,
+``Controller`` or ``Actuation``. Its static method sets ``out`` from what it is given::
+
+    @dataclass(frozen=True)
+    class Circle(Guidance):
+        "A horizontal circle about the origin."
+        radius: float = setting(0.5, "m", "radius")
+        omega: float = setting(0.2, "rad/s", "angular velocity")
+
+        @staticmethod
+        def step(settings, state, given, state_dot, out):
+            hold(given, out)
+            out.p_d[0] = settings.radius * math.cos(settings.omega * given.t)
+            ...
+
+``given`` and ``out`` have the fields of the room's groups in :mod:`.signals`. At each instant of the stage, ``out`` is
+computed from the current states; then the states advance by explicit Euler over the stage's period with ``state_dot``,
+and ``out`` is held until the next instant. A stage may also set its states directly. The function is compiled; if
+numba cannot compile it, it runs as plain Python.
+"""
+
+from __future__ import annotations  # so that help(Stage) shows short type names
+
+import dataclasses
+import functools
+import hashlib
+import sys
+import types
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, get_type_hints
+
+import numpy as np
+from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
+from typing_extensions import TypedDict
+
+from ..errors import Fault, InputError, faults_of
+from ..quantities import Step
+from .signals import Signal
+
+
+def setting(default: Any, unit: str, meaning: str) -> Any:
+    """A dataclass field for a setting, with its default value, unit and meaning."""
+    return dataclasses.field(default=default, metadata={"unit": unit, "meaning": meaning})
+
+
+def shared(default: Any, unit: str, meaning: str) -> Any:
+    """A setting that every stage of a room has: it is given by its name only."""
+    return dataclasses.field(default=default, kw_only=True, metadata={"unit": unit, "meaning": meaning})
+
+
+@dataclasses.dataclass(frozen=True)
+class Room:
+    """A room of stages.
+
+    Attributes:
+        name: name of the package.
+        table: the table of a scenario that has the stage's name and settings.
+        given: the signals that a stage is given, from the number of thrusters.
+        out: the signals that it sets; one without a name's record is the array of the last argument.
+        noun: a stage in messages.
+        setting: a setting in messages.
+        method: name of the function.
+        arguments: names of the function's arguments.
+        reserved: names that a setting must not have, each with the reason.
+    """
+
+    name: str
+    table: str
+    given: Callable[[int], tuple[Signal, ...]]
+    out: tuple[Signal, ...]
+    noun: str = "stage"
+    setting: str = "setting"
+    method: str = "step"
+    arguments: tuple[str, ...] = ("settings", "state", "given", "state_dot", "out")
+    reserved: Mapping[str, str] = dataclasses.field(default_factory=dict)
+
+
+@dataclasses.dataclass(frozen=True)
+class Stage:
+    """Base class of all stages.
+
+    Raises:
+        InputError: a setting has the wrong type or is out of range; all errors are reported together.
+    """
+
+    period: Step | None = shared(None, "s", "period, a multiple of the time step; default: the control period")
+
+    name: ClassVar[str] = ""
+    states: ClassVar[Mapping[str, Any]] = {}
+    """Sizes of the states by name; ``"thrusters"`` is the number of the vehicle's thrusters."""
+    units: ClassVar[Mapping[str, str]] = {}
+    """Units of the states, for logs and plots. A state with two units has the linear one first."""
+    room: ClassVar[Room]
+    _inner_keys: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    """Keys of the tables within a setting, by the setting's key."""
+    needs: ClassVar[tuple[str, ...] | None] = None
+    """Tables of the scenario that :meth:`constants` reads besides the stage's own; "design" stands for the design
+    matrices. None: any, or none if the class does not override it."""
+    external: ClassVar[bool] = False
+    """Whether the caller of a Simulation sets the outputs."""
+
+    def __post_init__(self) -> None:
+        given = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        table, noun = self.room.table, self.room.setting
+        place = f"the {noun}s of {self.label()}"
+        try:
+            kind: Any = type(self)  # mypy does not see that the class is hashable
+            valid = _adapter(kind).validate_python(given)
+        except ValidationError as error:
+            raise InputError(faults_of(error, table, self._inner_keys), place) from None
+        except Exception as error:  # pydantic and evaluating an annotation raise exceptions of many types
+            reason = " ".join(str(error).split("\n\n")[0].split()) or type(error).__name__
+            raise InputError(f"an annotation is not a valid type of a {noun}: {reason}", place) from None
+        faults = [
+            Fault(f"{table}.{name}", f"{value!r}: a {noun} is a number, true or false, or a tuple of numbers")
+            for name, value in valid.items()
+            if not _is_number(value) and not packs_itself(type(self))
+        ]
+        if faults:
+            raise InputError(faults, place)
+        for name, value in valid.items():
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def label(cls) -> str:
+        """The name in logs and tables: ``name`` if the class sets it, otherwise the class's own name."""
+        return cls.__dict__.get("name") or cls.__name__
+
+    @classmethod
+    def source(cls) -> str:
+        """Where to load this class from: the name of a shipped stage, or ``path/to/file.py:ClassName``."""
+        if is_of_the_package(cls):
+            return cls.name
+        return f"{getattr(sys.modules.get(cls.__module__), '__file__', None) or '<session>'}:{cls.__name__}"
+
+    @classmethod
+    def function(cls) -> types.FunctionType:
+        """The stage's function as a plain Python function, even if the user has marked it with ``numba.njit``."""
+        function: Any = getattr(cls, cls.room.method)
+        return getattr(function, "py_func", function)
+
+    @classmethod
+    def setting_fields(cls) -> tuple[dataclasses.Field, ...]:
+        """The fields of the settings: the class's own first, then those of the room's base class."""
+        base = {f.name for f in dataclasses.fields(base_of(cls))}
+        own = [f for f in dataclasses.fields(cls) if f.name not in base]
+        return (*own, *(f for f in dataclasses.fields(cls) if f.name in base))
+
+    @classmethod
+    def given(cls, thrusters: int = 0) -> tuple[Signal, ...]:
+        """The signals that the function is given, for a vehicle with so many thrusters."""
+        return cls.room.given(thrusters)
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        """The constants of a run that the function gets as its settings, by name.
+
+        Args:
+            setup: the run's :class:`uvms_mj.analysis.setup.Setup`. A user's settings do not depend on it.
+        """
+        return {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+
+    def record(self, setup: Any = None) -> np.ndarray:
+        """The constants as a record array (1,): numbers as float64, flags as booleans, tuples as float64 vectors. The
+        period and settings that are None are left out."""
+        values = self.constants(setup).items()
+        kept = {name: np.asarray(value) for name, value in values if value is not None and name != "period"}
+        kinds = [(name, "?" if a.dtype == bool else "f8", a.shape) for name, a in kept.items()]
+        record = np.zeros(1, np.dtype(kinds or _EMPTY, align=True))
+        for name, array in kept.items():
+            record[name] = array
+        return record
+
+    @classmethod
+    def state_record(cls, thrusters: int = 0) -> np.ndarray:
+        """The states, all zero, as a record array (1,) of float64 vectors."""
+        sizes = {name: thrusters if size == THRUSTERS else size for name, size in cls.states.items()}
+        fields = [(name, "f8", (size,)) for name, size in sizes.items()]
+        return np.zeros(1, np.dtype(fields or _EMPTY, align=True))
+
+
+THRUSTERS = "thrusters"
+_EMPTY = [("none", "f8", (0,))]
+
+
+def base_of(cls: type[Stage]) -> type[Stage]:
+    """The base class of the stage's room."""
+    return next(each for each in reversed(cls.__mro__) if "room" in vars(each))
+
+
+def is_of_the_package(cls: type[Stage]) -> bool:
+    """Whether the class is a shipped stage itself, with a name and in this package."""
+    return bool(cls.__dict__.get("name")) and cls.__module__.startswith(f"{__name__.partition('.')[0]}.")
+
+
+def is_shipped(stage: Stage) -> bool:
+    """Whether a stage has the function, states and signals of a shipped class. A derived class may differ in its
+    settings only."""
+    kind = type(stage)
+    return any(
+        is_of_the_package(cls)
+        and kind.function() is cls.function()
+        and kind.states == cls.states
+        and kind.given() == cls.given()
+        for cls in kind.__mro__
+        if issubclass(cls, Stage)
+    )
+
+
+def packs_itself(cls: type[Stage]) -> bool:
+    """Whether the class computes the constants of its function, so that its settings may be of any type."""
+    return cls.constants is not Stage.constants
+
+
+def random_key(seed: int, stage: Stage) -> int:
+    """The key of a stage's random numbers, at least 0, from ``simulation.seed`` and the stage's table."""
+    digest = hashlib.sha256(f"{seed} {stage.room.table}".encode()).digest()
+    return int.from_bytes(digest[:8]) >> 2
+
+
+def _is_number(value: Any) -> bool:
+    if isinstance(value, tuple):
+        return bool(value) and all(isinstance(each, int | float) for each in value)
+    return value is None or isinstance(value, bool | int | float)
+
+
+@functools.cache
+def _adapter(cls: type[Stage]) -> TypeAdapter:
+    """The validator of a class, made once. Settings are checked at construction and never in the loop."""
+    hints = get_type_hints(cls, include_extras=True)
+    # Any: the fields of this type are known only at run time
+    make: Any = TypedDict
+    shape = make("shape", {f.name: hints[f.name] for f in dataclasses.fields(cls)})
+    return TypeAdapter(with_config(ConfigDict(allow_inf_nan=False))(shape))

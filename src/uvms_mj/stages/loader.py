@@ -1,0 +1,154 @@
+"""Loading of stages: a shipped class by its name, or a user's class from a file."""
+
+import dataclasses
+import hashlib
+import importlib.util
+import os
+import sys
+import traceback
+from collections.abc import Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Generic, TypeVar
+
+from ..errors import Fault, InputError, suggestion
+from .base import Stage
+from .contract import check_contract
+
+_Stage = TypeVar("_Stage", bound=Stage)
+
+
+@dataclasses.dataclass(frozen=True)
+class Choice(Generic[_Stage]):
+    """The stages to choose from in a table of a scenario.
+
+    Attributes:
+        base: base class of the stages.
+        shipped: the shipped stages by name.
+        default: the stage of a table without a name.
+    """
+
+    base: type[_Stage]
+    shipped: Mapping[str, type[_Stage]]
+    default: type[_Stage]
+
+    def load(self, table: Mapping[str, Any], known: type[_Stage] | None = None) -> _Stage:
+        """Make the stage of a table.
+
+        Args:
+            table: ``name`` is a shipped stage or ``path/to/file.py:ClassName``; every other key is a setting.
+            known: a class to use without loading it, if ``name`` is its source.
+
+        Raises:
+            InputError: the stage is not found, or a setting is unknown, missing or out of range; names every such
+                setting.
+        """
+        settings = dict(table)
+        source = settings.pop("name", self.default.name)
+        cls = known if known is not None and source == known.source() else self.stage_class(source)
+        return stage_of(cls, settings)
+
+    def stage_class(self, source: Any) -> type[_Stage]:
+        """The class of a shipped name or of ``path/to/file.py:ClassName``.
+
+        Raises:
+            InputError: there is no such class, or it violates the contract.
+        """
+        noun, key = self.base.room.noun, f"{self.base.room.table}.name"
+        if not isinstance(source, str):
+            known = f"choose from {', '.join(self.shipped)}"
+            raise InputError([Fault(key, f"{source!r} is not the name of a {noun}; {known}")])
+        if source in self.shipped:
+            return self.shipped[source]
+        file, colon, class_name = source.rpartition(":")
+        if not colon or not file.endswith(".py"):
+            hint = suggestion(source, self.shipped)
+            own = f"for your own {noun} give path/to/file.py:ClassName"
+            raise InputError([Fault(key, f"no {noun} {source!r}; {hint}; {own}")])
+        path = Path(file)
+        if not path.is_file():
+            raise InputError([Fault(key, f"no file {file!r} (looked in {Path.cwd()})")])
+        found = {
+            name: value
+            for name, value in vars(_load(path.absolute(), key)).items()
+            if isinstance(value, type) and issubclass(value, self.base) and value is not self.base
+        }
+        if class_name not in found:
+            there = f"its {noun}s are {', '.join(sorted(found))}"
+            if not found:
+                there = f"it has no class derived from {self.base.__name__}"
+            raise InputError([Fault(key, f"no {noun} {class_name!r} in {file}; {there}")])
+        cls = found[class_name]
+        check_contract(cls, file)
+        return cls
+
+
+def stage_of(cls: type[_Stage], settings: Mapping[str, Any]) -> _Stage:
+    """Make a stage of a class.
+
+    Raises:
+        InputError: a setting is unknown, missing or out of range; names every such setting.
+    """
+    table, noun = cls.room.table, cls.room.setting
+    fields = cls.setting_fields()
+    choices = [f.name for f in fields]
+    faults = [
+        Fault(f"{table}.{key}", f"{cls.label()} has no such {noun}; {suggestion(key, choices)}")
+        for key in settings
+        if key not in choices
+    ]
+    missing = [
+        f.name
+        for f in fields
+        if f.name not in settings and f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
+    ]
+    if missing:
+        raise InputError([*faults, *(Fault(f"{table}.{key}", f"{cls.label()} needs this {noun}") for key in missing)])
+    try:
+        stage = cls(**{key: value for key, value in settings.items() if key in choices})
+    except InputError as error:
+        raise InputError([*faults, *error.faults]) from None
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # a user's __post_init__ may raise anything, also SystemExit
+        raise InputError([*faults, Fault(table, f"{cls.label()}: {type(error).__name__}: {error}")]) from error
+    if faults:
+        raise InputError(faults)
+    return stage
+
+
+def _load(path: Path, key: str) -> ModuleType:
+    """Import a user's file anew, with its folder on sys.path for the file's imports."""
+    name = f"uvms_mj_stage_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None  # the suffix is .py
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look up their module there
+    if str(path.parent) not in sys.path:
+        sys.path.insert(0, str(path.parent))
+    # Python's byte-code cache misses the second of two edits within a second
+    before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
+    # functions that numba compiles during the import, e.g. by numba.guvectorize, must check their indices
+    bounds, os.environ["NUMBA_BOUNDSCHECK"] = os.environ.get("NUMBA_BOUNDSCHECK"), "1"
+    try:
+        spec.loader.exec_module(module)
+    except BaseException as error:  # the file may raise anything, also SystemExit
+        del sys.modules[name]
+        if isinstance(error, KeyboardInterrupt):
+            raise
+        frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
+        line = frames[-1].lineno if frames else getattr(error, "lineno", None)
+        where = f"{path.name}, line {line}" if line else path.name
+        raise InputError([Fault(key, f"{where}: {type(error).__name__}: {error}")]) from error
+    finally:
+        sys.dont_write_bytecode = before
+        del os.environ["NUMBA_BOUNDSCHECK"]
+        if bounds is not None:
+            os.environ["NUMBA_BOUNDSCHECK"] = bounds
+    return module
+
+
+def table_of(stage: Stage) -> dict[str, Any]:
+    """The table from which :meth:`Choice.load` makes an equal stage."""
+    return {"name": stage.source(), **{f.name: getattr(stage, f.name) for f in dataclasses.fields(stage)}}
