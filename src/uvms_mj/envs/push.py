@@ -23,6 +23,7 @@ exp(-1) = 0.37 less its effort. A run that diverges ends with the reward -1.
 **Randomisation**: ``randomise = {"current.speed": (0.0, 0.5), ...}`` draws each key uniformly at every reset.
 """
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
@@ -79,7 +80,9 @@ class Push:
         randomise: Mapping[str, tuple[Any, Any]] | None = None,
         seed: int | None = None,
     ) -> None:
-        chosen = scenario.updated(overrides or {}) if isinstance(scenario, Scenario) else Scenario.load(scenario, overrides)
+        chosen = (
+            scenario.updated(overrides or {}) if isinstance(scenario, Scenario) else Scenario.load(scenario, overrides)
+        )
         self.scenario = _with_action(chosen, action)
         self.randomise = _bounds(self.scenario, randomise or {})
         self.wrench_scale = np.array(wrench_scale, dtype=float)
@@ -96,14 +99,21 @@ class Push:
             choices = list(self.simulation.signals)
             raise InputError([Fault("observe", f"no signal {name!r}; {suggestion(name, choices)}") for name in unknown])
         self._observed = {name: self.simulation.signals[name] for name in observe}
-        self.size = {"wrench": 6, "thrusts": len(self.simulation.setup.vehicle.thrusters), "gains": len(self._base)}[action]
+        self.size = {"wrench": 6, "thrusts": len(self.simulation.setup.vehicle.thrusters), "gains": len(self._base)}[
+            action
+        ]
 
     def _refuse(self, action: str) -> None:
         wrong = [
             Fault(name, f"{value!r}: must be {wanted}")
             for name, value, good, wanted in (
                 ("action", action, action in ("wrench", "thrusts", "gains"), "'wrench', 'thrusts' or 'gains'"),
-                ("force_d", float(self.force_d[0]), 0.0 < self.force_d[0] < math.inf, "a positive force [N]"),
+                (
+                    "force_d",
+                    float(self.force_d[0]),
+                    0.0 < self.force_d[0] < math.inf,
+                    "a positive force [N]; without it, it is the one that the scenario's impedance demands",
+                ),
                 (
                     "wrench_scale",
                     self.wrench_scale.tolist(),
@@ -151,7 +161,9 @@ class Push:
             self.simulation.u[:] = self.thrust_scale * clipped
         else:
             factors = SPAN**clipped
-            self.simulation.set({key: value * float(f) for (key, value), f in zip(self._base.items(), factors, strict=True)})
+            self.simulation.set(
+                {key: value * float(f) for (key, value), f in zip(self._base.items(), factors, strict=True)}
+            )
 
     def advance(self, steps: int) -> float:
         """Do time steps and return the reward. Raises Diverged if a bound is left."""
@@ -204,7 +216,7 @@ def _drawn(value: np.ndarray | float) -> Any:
 def _base_gains(scenario: Scenario, gains: Sequence[str]) -> dict[str, float]:
     """The scenario's values of the gains by dotted key."""
     law = scenario.controller
-    known = [field.name for field in type(law).fields() if isinstance(getattr(law, field.name), float)]
+    known = [field.name for field in dataclasses.fields(law) if isinstance(getattr(law, field.name), float)]
     wrong = [name for name in gains if name not in known]
     if wrong or not gains:
         hint = suggestion(wrong[0], known) if wrong else f"choose from {', '.join(known)}"
@@ -221,4 +233,4 @@ def _steps_each(timestep: float, control_rate: float) -> int:
     return steps
 
 
-__all__ = ["Diverged", "OBSERVED", "Push"]
+__all__ = ["OBSERVED", "Diverged", "Push"]
