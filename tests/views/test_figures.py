@@ -12,7 +12,6 @@ from unittest.mock import patch
 import matplotlib as mpl
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.axes import Axes
@@ -21,8 +20,10 @@ from matplotlib.colors import to_hex
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
-from uvms_mj import Controller, InputError, McapLog, Scenario, simulate
-from uvms_mj.cli.plot import FORMATS, WHATS, plot
+from traces import TASK, without
+from uvms_mj import Controller, InputError, Scenario, simulate
+from uvms_mj.cli.plot import FORMATS
+from uvms_mj.stages.signals import AXES
 from uvms_mj.views import colours, figures
 from uvms_mj.views.figures.lines import thin
 from uvms_mj.views.figures.scales import early, rebounds
@@ -436,15 +437,6 @@ def test_runs_lie_on_the_same_axes_each_in_the_colour_of_its_law_everywhere(draw
     assert [line.get_label() for s, line in lines_of(force, force.axes[0]) if s == "push"][:4] == list(traces)
 
 
-def test_colours_of_runs_are_different_and_a_law_keeps_its_own():
-    alone = {law: colours.of_runs([law])[0] for law in colours.LAWS}
-    assert len(set(alone.values())) == len(alone)
-    assert dict(zip(alone, colours.of_runs(list(alone)), strict=True)) == alone
-    sweep = colours.of_runs(["gsta"] * 20 + ["a.py:A", "b.py:B"] + ["fosm"])
-    assert len(set(sweep)) == 23
-    assert sweep[-1] == alone["fosm"]
-
-
 def test_every_run_can_be_seen_beside_one_that_is_a_thousand_times_as_large(traces):
     """Every line stays inside its axes and is visibly different from zero."""
     gsta = traces["gsta"]
@@ -535,6 +527,18 @@ def test_what_is_wrong_is_said(traces, fine):
         figures.plot({}, "tau")
 
 
+def test_a_law_without_the_impedance_task_has_no_sliding_variable_to_draw(traces):
+    less = without(traces["gsta"], *TASK)
+    for runs in ({"a": less}, {"a": less, "b": less}):
+        summary = {name for name, _ in lines_of(figures.plot(runs, "summary"))}
+        assert {"p_WB.x", "push", "tau.x", "z.x"} <= summary
+        assert "s.x" not in summary
+        with pytest.raises(InputError, match=r"a: its law has no sliding variable; draw|a, b: no law has a sliding"):
+            figures.plot(runs, "sliding")
+    both = figures.plot({"with": traces["gsta"], "without": less}, "sliding")
+    assert [name for name, _ in lines_of(both)] == [f"s.{axis}" for axis in AXES]
+
+
 def test_an_inset_gets_some_room_and_is_left_out_where_that_is_not_enough(traces, rng):
     n = 20_000
     header = dataclasses.replace(traces["gsta"].header, row_steps=1)
@@ -581,59 +585,3 @@ def test_the_same_figure_gives_the_same_files_whatever_the_users_settings(traces
 def test_figures_need_no_display_and_no_global_state():
     code = "import sys, uvms_mj.views.figures; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
-
-
-@pytest.fixture(scope="module")
-def log(tmp_path_factory):
-    path = tmp_path_factory.mktemp("logs") / "run.mcap"
-    simulate(Scenario.load("push_wall", {"simulation.duration": 1.0}), sinks=[McapLog(path)])
-    return path
-
-
-def command(*arguments):
-    return CliRunner().invoke(plot, [str(each) for each in arguments])
-
-
-def test_the_command_draws_beside_the_log_and_never_over_a_file(log, tmp_path):
-    assert WHATS == figures.WHATS
-    assert FORMATS == figures.FORMATS
-    done = command(log)
-    assert done.exit_code == 0, done.output
-    assert done.stdout == f"{log.parent / 'summary.png'}\n"
-    picture = (log.parent / "summary.png").read_bytes()
-    assert picture.startswith(b"\x89PNG")
-    done = command(log)
-    assert done.exit_code == 2
-    assert "exists; choose another name" in done.stderr
-    assert (log.parent / "summary.png").read_bytes() == picture
-    done = command(log, log, "--what", "tau", "--out", tmp_path / "x.svg")
-    assert done.exit_code == 0, done.output
-    assert (tmp_path / "x.svg").read_text().count(">gsta 2<") == 1
-
-
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        (["LOG", "--out", "x.gif"], "the name must end in one of .png, .svg, .pdf"),
-        (["LOG", "--out", "nowhere/x.png"], "can't write it"),
-        (["nowhere.mcap"], "No such file"),
-        (["LOG", "--what", "colour"], "'colour' is not one of"),
-        ([], "Missing argument"),
-    ],
-)
-def test_bad_input_gives_one_message_and_status_2(log, tmp_path, monkeypatch, arguments, expected):
-    monkeypatch.chdir(tmp_path)
-    done = command(*(log if each == "LOG" else each for each in arguments))
-    assert done.exit_code == 2
-    assert expected in done.stderr
-    assert "Traceback" not in done.stderr
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_log_that_was_cut_off_is_drawn_with_a_warning(log, tmp_path):
-    data = log.read_bytes()
-    (tmp_path / "cut.mcap").write_bytes(data[: len(data) * 9 // 10])
-    done = command(tmp_path / "cut.mcap", "--what", "force", "--out", tmp_path / "cut.svg")
-    assert done.exit_code == 0, done.output
-    assert "cut off" in done.stderr
-    assert "(truncated)" in (tmp_path / "cut.svg").read_text()

@@ -11,7 +11,6 @@ from .common import (
     bad_input,
     command,
     end,
-    exit_interrupted,
     force_option,
     json_option,
     path_argument,
@@ -19,6 +18,7 @@ from .common import (
     refuse_existing,
 )
 from .console import Console, log_tables, printable
+from .stop import exit_interrupted
 
 if TYPE_CHECKING:
     from ..records.trace import Trace
@@ -54,8 +54,8 @@ def info(log: str, show: str | None, as_json: bool) -> None:
         say_if_truncated(log, trace)
         report = summary(trace, {"mcap": log})
         if as_json:
-            law = {"source": header.law.source, "sha256": header.law.sha256}
-            about = {"versions": dict(header.versions), "law": law}
+            stages = {name: {"source": s.source, "sha256": s.sha256} for name, s in header.sources.items()}
+            about = {"versions": dict(header.versions), "law": stages["controller"], "stages": stages}
             signals = {s.name: {"shape": list(s.shape), "unit": s.unit, "frame": s.frame} for s in trace.signals}
             attached = {name: len(data) for name, data in files.items()}
             click.echo(json.dumps(report | about | {"rows": len(trace), "signals": signals, "attachments": attached}))
@@ -96,7 +96,7 @@ def export(log: str, kind: str | None, out: str | None, force: bool) -> None:
 
 @command()
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...")
-@path_option("--save", metavar="FILE.rrd", help="Write a Rerun recording with its layout; open no window.")
+@path_option("--save", metavar="FILE.rrd", help="Write a Rerun recording with its views; open no window.")
 @click.option("--web", is_flag=True, help="Serve the web viewer on 127.0.0.1 until Ctrl-C; open no window.")
 @force_option
 def replay(logs: tuple[str, ...], save: str | None, web: bool, force: bool) -> None:

@@ -124,6 +124,11 @@ class Header:
         ends = itertools.accumulate(signal.size for signal in self.signals)
         return {s.name: slice(end - s.size, end) for s, end in zip(self.signals, ends, strict=True)}
 
+    @functools.cached_property
+    def by_name(self) -> dict[str, Signal]:
+        """The signals by name."""
+        return {signal.name: signal for signal in self.signals}
+
     @property
     def width(self) -> int:
         """Numbers in a row."""
@@ -171,6 +176,11 @@ class Sink(Protocol):
 
     def end(self, outcome: Outcome) -> None:
         """Called after the last row, however the run ended."""
+
+
+def code_file(table: str, source: str) -> str:
+    """Name of a log's attachment with the code of the stage of a table."""
+    return f"{'law' if table == 'controller' else table}/{source.rpartition(':')[0]}"
 
 
 def sources_of(scenario: Scenario, thrusters: int) -> dict[str, StageSource]:
