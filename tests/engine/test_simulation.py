@@ -62,6 +62,7 @@ CHANGES = {
     "attitude": {"reference.attitude_deg": [0.0, 10.0, 0.0]},
     "waypoints": {"reference.waypoints": [{"time": t, "position": [t, 0.0, 0.0]} for t in (0.01, 0.02, 0.03)]},
     "impedance": {"impedance.K_d": [100.0, 900.0, 900.0, 40.0, 40.0, 40.0], "impedance.F_d": [-1.0, 0, 0, 0, 0, 0]},
+    "inertia": {"impedance.M_d": [20.0, 25.0, 25.0, 2.0, 2.0, 2.0], "estimates.coriolis": 0.0},
     "estimates": {"estimates.inertia": 1.2, "estimates.damping": 0.5},
     "task": {"task.F_1": 2.0, "task.A": -50.0},
     "integral": {"task.integral": True},

@@ -40,7 +40,8 @@ class Entry:
     ) -> None:
         self.stage, self.settings, self.state = stage, settings, state
         self.given, self.out, self.states = given, out, states
-        self.needs = type(stage).needs if packs_itself(type(stage)) else ()
+        needs = type(stage).needs
+        self.needs = () if needs is None and not packs_itself(type(stage)) else needs
         self.shapes = {name: settings.dtype[name].shape for name in settings.dtype.names or () if name != "_"}
         self.state_dot = np.zeros_like(state)
         self.guarded, self._searched = not is_shipped(stage), time.monotonic()
