@@ -26,6 +26,7 @@ import click
 import mujoco
 from rich.console import Console
 from rich.table import Table
+from uvms_mj.engine.native.closed_loop import ClosedLoop
 
 from numpy_loop import NumpyLoop
 from uvms_mj import McapLog, Scenario, Trace, simulate
@@ -33,7 +34,6 @@ from uvms_mj.analysis.setup import set_up
 from uvms_mj.analysis.summary import AROUND_THE_END_S
 from uvms_mj.control import BUILT_IN, Gsta
 from uvms_mj.engine.native.attachment import attach
-from uvms_mj.engine.native.closed_loop import ClosedLoop
 from uvms_mj.engine.run import SLICE_STEPS
 
 CHUNK = 1000
