@@ -29,6 +29,7 @@ $(VENV)/.installed: pyproject.toml
 	  { echo "uvms-mj needs Python 3.11 or newer; name one with make PYTHON=python3.12" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --disable-pip-version-check --quiet --editable '.[dev]'
+	$(BIN)/python -m compileall -q src # a quick start, also where Python is told to keep no byte code
 	touch $@
 
 clean:

@@ -1,4 +1,4 @@
-"""Time per step, logging cost, memory and start-up time.
+"""Time per step and reset, gain of two threads, logging cost, memory and start-up time.
 
     python scripts/benchmark.py                 print tables
     python scripts/benchmark.py --json FILE     also write the same figures as JSON
@@ -20,21 +20,20 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import click
 import mujoco
+import numpy as np
 from rich.console import Console
 from rich.table import Table
-from uvms_mj.engine.native.closed_loop import ClosedLoop
 
 from numpy_loop import NumpyLoop
-from uvms_mj import McapLog, Scenario, Trace, simulate
+from uvms_mj import McapLog, Scenario, Simulation, Trace, simulate
+from uvms_mj.analysis.metrics import AROUND_THE_END_S
 from uvms_mj.analysis.setup import set_up
-from uvms_mj.analysis.summary import AROUND_THE_END_S
 from uvms_mj.control import BUILT_IN, Gsta
-from uvms_mj.engine.native.attachment import attach
-from uvms_mj.engine.run import SLICE_STEPS
 
 CHUNK = 1000
 NUMPY_CHUNK = 100
@@ -42,34 +41,19 @@ OWN_LAW = "gsta from a user's file"
 
 
 class Native:
-    """The package's closed loop as used by ``simulate``, advanced chunk by chunk."""
+    """A Simulation that records as ``simulate`` does, advanced chunk by chunk."""
 
     def __init__(self, scenario: Scenario, law: str, warm_up_s: float) -> None:
-        scenario = scenario.updated({}, controller=law)
-        setup = set_up(scenario)
-        plant = setup.plant
-        self.model, self.data = plant.model, plant.initial_data(scenario.initial)
-        self.attachment = attach(self.model, self.data, current_W=scenario.current.velocity_W)
-        self.loop = ClosedLoop(
-            self.model,
-            self.data,
-            self.attachment,
-            setup.design,
-            plant.sensors,
-            plant.geometry.reach,
-            scenario,
-            row_steps=10,
-            chunk=CHUNK,
-        )
+        self.sim = Simulation(scenario.updated({}, controller=law))
+        self.memory = self.sim.record(row_steps=10)
         for _ in range(round(warm_up_s / scenario.simulation.timestep / CHUNK)):
             self.chunk()
 
     def chunk(self) -> float:
         start = time.perf_counter()
-        for _ in range(CHUNK // SLICE_STEPS):
-            mujoco.mj_step(self.model, self.data, SLICE_STEPS)
-        self.loop.rows().copy()
-        self.loop.clear_rows()
+        self.sim.run(CHUNK, np.inf)
+        self.memory.taken().copy()
+        self.memory.clear()
         return (time.perf_counter() - start) / CHUNK
 
 
@@ -99,7 +83,9 @@ def own_law() -> str:
     """GSTA as a user's law: the same source in a separate file, so that it runs in an arena, with checks."""
     path = Path(tempfile.mkdtemp(), "own.py")
     text = inspect.getsource(inspect.getmodule(Gsta) or Gsta)
-    path.write_text(text.replace("from .base", "from uvms_mj.control.base").replace('name = "gsta"', ""))
+    for relative, absolute in (("from . ", "from uvms_mj.control "), ("from .", "from uvms_mj.control.")):
+        text = text.replace(relative, absolute)
+    path.write_text(text.replace('name = "gsta"', ""))
     return f"{path}:Gsta"
 
 
@@ -139,6 +125,75 @@ def measure(rounds: int) -> list[dict]:
                 }
             )
     return rows
+
+
+RESETS = {
+    "no override": {},
+    "initial.position": {"initial.position": [0.1, 0.0, 0.0]},
+    "current.speed": {"current.speed": 0.3},
+    "disturbance.bias": {"disturbance.bias": [1.0] * 6},
+    "wall.position": {"wall.position": 1.1},
+    "wall.stiffness": {"wall.stiffness": 2e4},
+    "reference.target": {"reference.target": [1.02, 0.0, 0.0]},
+    "controller.k_1": {"controller.k_1": 6.0},
+    "simulation.seed": {"simulation.seed": 1},
+}
+
+
+def resets(rounds: int) -> list[dict]:
+    """Time of a reset with an override, and of a call of step [us]."""
+    rows = []
+    with Simulation(Scenario.load("push_wall")) as sim:
+        times: dict[str, list[float]] = {name: [] for name in RESETS}
+        for _ in range(10 * rounds):
+            for name, overrides in RESETS.items():
+                start = time.perf_counter()
+                sim.reset(overrides=overrides)
+                times[name].append(time.perf_counter() - start)
+        rows = [{"what": name, "us": statistics.median(samples) * 1e6} for name, samples in times.items()]
+        sim.reset()
+        one, many = [], []
+        for _ in range(10 * rounds):
+            start = time.perf_counter()
+            sim.step(1)
+            middle = time.perf_counter()
+            sim.step(101)
+            one.append(middle - start)
+            many.append(time.perf_counter() - middle)
+    beside = statistics.median(one) - (statistics.median(many) - statistics.median(one)) / 100.0
+    rows.append({"what": "(a call of step, beside its time steps)", "us": beside * 1e6})
+    return rows
+
+
+def threads(rounds: int) -> dict:
+    """Gain of two threads over one: two bare ``mj_step`` loops, and two simulations, in turn."""
+    scenario = Scenario.load("push_wall").updated({"wall.position": 5.0})
+    pairs: dict[str, list] = {
+        "bare": [Bare(scenario, False) for _ in range(2)],
+        "simulation": [Native(scenario, "gsta", warm_up_s=0.1) for _ in range(2)],
+    }
+    gains: dict[str, list[float]] = {name: [] for name in pairs}
+
+    def work(subject: Bare | Native) -> None:
+        for _ in range(40):
+            subject.chunk()
+
+    with ThreadPoolExecutor(2) as pool:
+        for _ in range(rounds):
+            for name, pair in pairs.items():
+                start = time.perf_counter()
+                work(pair[0])
+                work(pair[1])
+                alone = time.perf_counter() - start
+                start = time.perf_counter()
+                list(pool.map(work, pair))
+                gains[name].append(alone / (time.perf_counter() - start))
+    bare, ours = gains["bare"], gains["simulation"]
+    return {
+        "bare": statistics.median(bare),
+        "simulation": statistics.median(ours),
+        "ratio": statistics.median(o / b for o, b in zip(ours, bare, strict=True)),
+    }
 
 
 def logs(rounds: int) -> list[dict]:
@@ -243,6 +298,16 @@ def main(rounds: int, json_file: Path | None, start: bool, hour: bool) -> None:
             f"{row['real_time_factor']:.1f}",
         )
     Console().print(table)
+    resetting = resets(rounds)
+    table = Table("reset with", "us")
+    for row in resetting:
+        table.add_row(row["what"], f"{row['us']:.1f}")
+    Console().print(table)
+    gain = threads(max(3, rounds // 4))
+    Console().print(
+        f"two threads gain {gain['bare']:.2f} with bare mj_step and {gain['simulation']:.2f} with simulations: "
+        f"ratio {gain['ratio']:.3f}"
+    )
     logging = logs(max(1, rounds // 5))
     table = Table("log", "run s", "added s", "load s", "MB")
     for row in logging:
@@ -260,9 +325,15 @@ def main(rounds: int, json_file: Path | None, start: bool, hour: bool) -> None:
             table.add_row(row["what"], f"{row['seconds']:.2f}")
         Console().print(table)
     if json_file:
-        json_file.write_text(
-            json.dumps({"steps": steps, "logs": logging, "long_run": memory, "starts": processes}, indent=2) + "\n"
-        )
+        figures = {
+            "steps": steps,
+            "resets": resetting,
+            "threads": gain,
+            "logs": logging,
+            "long_run": memory,
+            "starts": processes,
+        }
+        json_file.write_text(json.dumps(figures, indent=2) + "\n")
 
 
 if __name__ == "__main__":

@@ -8,23 +8,6 @@ print(trace.push[-1])
 
 from importlib import import_module
 
-TYPE_CHECKING = False  # same as typing.TYPE_CHECKING, without the time to import typing
-if TYPE_CHECKING:
-    from .actuation import Actuation
-    from .control import Controller, Fosm, Gsta, Ideal, Impedance, Sta, gain
-    from .engine.native import Attachment, attach
-    from .engine.run import LawError, SinkError, simulate
-    from .engine.simulation import Diverged, Simulation
-    from .errors import InputError
-    from .guidance import Guidance
-    from .navigation import Navigation
-    from .records.header import Status
-    from .records.mcap import McapLog
-    from .records.trace import Trace
-    from .scenario import Scenario
-    from .stages.base import setting
-    from .studies.convergence import converge
-
 _HOME = {
     "Actuation": "actuation",
     "Attachment": "engine.native",
@@ -43,6 +26,7 @@ _HOME = {
     "Simulation": "engine.simulation",
     "SinkError": "engine.run",
     "Sta": "control",
+    "StageFault": "engine.native.plain_stage",
     "Status": "records.header",
     "Trace": "records.trace",
     "attach": "engine.native",
@@ -51,33 +35,37 @@ _HOME = {
     "setting": "stages.base",
     "simulate": "engine.run",
 }
+"""The public names, each with its module."""
 
-__all__ = [
-    "Actuation",
-    "Attachment",
-    "Controller",
-    "Diverged",
-    "Fosm",
-    "Gsta",
-    "Guidance",
-    "Ideal",
-    "Impedance",
-    "InputError",
-    "LawError",
-    "McapLog",
-    "Navigation",
-    "Scenario",
-    "Simulation",
-    "SinkError",
-    "Sta",
-    "Status",
-    "Trace",
-    "attach",
-    "converge",
-    "gain",
-    "setting",
-    "simulate",
-]
+__all__ = sorted(_HOME)
+
+TYPE_CHECKING = False  # same as typing.TYPE_CHECKING, without the time to import typing
+if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the name is public
+    from .actuation import Actuation as Actuation
+    from .control import Controller as Controller
+    from .control import Fosm as Fosm
+    from .control import Gsta as Gsta
+    from .control import Ideal as Ideal
+    from .control import Impedance as Impedance
+    from .control import Sta as Sta
+    from .control import gain as gain
+    from .engine.native import Attachment as Attachment
+    from .engine.native import attach as attach
+    from .engine.native.plain_stage import StageFault as StageFault
+    from .engine.run import LawError as LawError
+    from .engine.run import SinkError as SinkError
+    from .engine.run import simulate as simulate
+    from .engine.simulation import Diverged as Diverged
+    from .engine.simulation import Simulation as Simulation
+    from .errors import InputError as InputError
+    from .guidance import Guidance as Guidance
+    from .navigation import Navigation as Navigation
+    from .records.header import Status as Status
+    from .records.mcap import McapLog as McapLog
+    from .records.trace import Trace as Trace
+    from .scenario import Scenario as Scenario
+    from .stages.base import setting as setting
+    from .studies.convergence import converge as converge
 
 
 def __getattr__(name: str) -> object:

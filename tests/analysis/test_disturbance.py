@@ -1,24 +1,17 @@
 """The lumped disturbance of eq. (11): from the water and from eq. (10), and the plant's response to it."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
+from certified import certificate_of
 from uvms_mj import Gsta, Scenario, simulate
 from uvms_mj.analysis.disturbance import Experienced, NotGiven, experienced, lumped_disturbance
 from uvms_mj.analysis.setup import set_up
 from uvms_mj.control.certificate import gains_for
-from uvms_mj.control.theory import certificate
 from uvms_mj.physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.plant.mjcf import Mjcf
 from vehicles import random_parameters, vehicle_xml
-
-
-def certificate_of(law):
-    return certificate(SimpleNamespace(scenario=Scenario(controller=law), task=law))
-
 
 FREE = {"wall.position": 50.0, "reference.target": [0.0, 0.0, 0.0], "current.speed": 0.0}
 

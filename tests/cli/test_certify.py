@@ -2,25 +2,20 @@
 
 import json
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from hypothesis import strategies as st
 
+from certified import certificate_of
 from uvms_mj import Gsta, InputError, McapLog, Scenario, simulate
 from uvms_mj.analysis.disturbance import NotGiven, experienced
 from uvms_mj.cli.certify import certify
 from uvms_mj.control.certificate import gains_for, rate_bound
-from uvms_mj.control.theory import certificate
 from vehicles import random_parameters, vehicle_xml
 
 gains = st.tuples(st.floats(0.1, 30.0), st.floats(0.1, 100.0))
-
-
-def certificate_of(law):
-    return certificate(SimpleNamespace(scenario=Scenario(controller=law), task=law))
 
 
 @pytest.fixture

@@ -1,24 +1,19 @@
 """The gain certificate: closed form against an LMI, and the error system against many disturbances."""
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from uvms_mj import Gsta, InputError, Scenario
+from certified import certificate_of
+from uvms_mj import Gsta, InputError
 from uvms_mj.control.certificate import Certificate, gains_for, lyapunov_matrix, rate_bound
-from uvms_mj.control.theory import certificate
 
 PAPER = (5.0, 10.0)
 GAINS = [(5.0, 10.0), (2.0, 10.0), (0.7, 3.0), (12.0, 40.0), (1.5, 2.0)]
 gains = st.tuples(st.floats(0.1, 30.0), st.floats(0.1, 100.0))
-
-
-def certificate_of(law):
-    return certificate(SimpleNamespace(scenario=Scenario(controller=law), task=law))
 
 
 # The closed form

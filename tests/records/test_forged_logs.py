@@ -11,31 +11,12 @@ import time
 from pathlib import Path
 
 import pytest
-from mcap.stream_reader import StreamReader
 
 from command import run
+from recorded import rewritten
 from uvms_mj import Controller, InputError, Trace
 from uvms_mj.records.mcap.attachments import refuse_large
 from uvms_mj.stages.recorded import recorded_stage
-
-
-def rewritten(path, change):
-    """A log with changed attachments and correct checksums."""
-    from mcap.opcode import Opcode
-    from mcap.records import Attachment, DataEnd
-
-    from uvms_mj.records.mcap.sink import record_bytes
-
-    out = bytearray(path.read_bytes()[:8])
-    with open(path, "rb") as file:
-        for record in StreamReader(file, emit_chunks=True).records:
-            if isinstance(record, DataEnd):
-                break
-            if isinstance(record, Attachment):
-                record.name, record.data = change(record.name, record.data)
-            out += record_bytes(record)
-    assert out[8] == Opcode.HEADER
-    return bytes(out)
 
 
 @pytest.mark.parametrize(

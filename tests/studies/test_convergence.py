@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from uvms_mj import Fosm, Impedance, InputError, Scenario, converge, simulate
-from uvms_mj.analysis import metrics
+from uvms_mj.analysis import residual
 from uvms_mj.cli.converge import with_error
 from uvms_mj.studies.convergence import Estimate, NotCompletedError, extrapolated
 
@@ -103,7 +103,7 @@ def test_the_impact_of_a_mass_on_a_spring_is_where_it_tends_to(timestep):
     """The closed form gives the peak v (k m)^(1/2), the impulse 2 m v, and the instant of contact."""
     scenario = Scenario.load("push_wall", MASS_ALONE | {"simulation.timestep": timestep}, "impedance")
     found = by_name(converge(scenario))
-    m = float(metrics.design_of(simulate(scenario.updated({"simulation.duration": 0.01}))).M[0, 0])
+    m = float(residual.design_of(simulate(scenario.updated({"simulation.duration": 0.01}))).M[0, 0])
     v, k = 0.3, scenario.wall.stiffness
     expected = {
         "contact.peak_N": v * math.sqrt(k * m),

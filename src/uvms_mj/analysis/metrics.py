@@ -8,8 +8,6 @@ import numpy as np
 from ..records.header import Status
 from ..records.trace import Trace
 from ..stages.signals import FINAL_WINDOW_S
-from .residual import design_of as design_of
-from .residual import impedance_error as impedance_error
 from .rest import demanded_force
 from .windows import gain, grid, window
 
@@ -17,6 +15,8 @@ SETTLED = 1e-3
 """Relative change over the final window below which a force counts as settled [1]."""
 AT_REST = 1e-4
 """Speed below which a vehicle without contact counts as settled [m/s, rad/s]."""
+AROUND_THE_END_S = 2.0 * FINAL_WINDOW_S
+"""Length of the end of a run that :func:`final_force` needs [s]. The running signals cover the rest."""
 FAST_S = 0.01
 """Variation of tau that cancels within this time counts as chattering, not as control [s]."""
 FAST_PERIODS = 10

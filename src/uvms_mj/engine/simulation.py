@@ -87,7 +87,6 @@ class Simulation:
         model: MuJoCo's model.
         data: MuJoCo's data. ``mujoco.mj_forward`` may be called with it; only :meth:`step` takes steps.
         setup: the scenario with the plant and the design matrices.
-        signals: the signals as read-only views.
 
     Raises:
         InputError: the input is invalid.
@@ -127,13 +126,19 @@ class Simulation:
         self._plain = [entry for entry in self._stages.running if entry.code is None]
         self._guarded = [entry for entry in self._stages.running if entry.guarded]
         self._slice = 1
-        self.signals = Signals(self._memory.views())
-        self._prepare()
+        self._signals, self._ready = Signals(self._memory.views()), False
 
     @property
     def scenario(self) -> Scenario:
         """The scenario with the overrides of the last reset."""
         return self.setup.scenario
+
+    @property
+    def signals(self) -> Signals:
+        """The signals as read-only views."""
+        if not self._ready:
+            self._prepare()
+        return self._signals
 
     @property
     def steps(self) -> int:
@@ -202,7 +207,6 @@ class Simulation:
             raise InputError(f"step: {n!r} is not a number of steps")
         self.run(n, np.inf)
         self._prepare()
-        self.check()
         divergence = self.divergence
         if divergence:
             raise Diverged(f"t = {self.t:.6g} s: {divergence}")
@@ -216,6 +220,9 @@ class Simulation:
         if self._attachment.detached:
             raise RuntimeError("the Simulation is closed")
         loop, most = self._memory.loop, SLICE_STEPS if self._guarded else CHUNK_STEPS
+        h = self.scenario.simulation.timestep
+        if abs(self.data.time - self.t) > 0.5 * h and not loop["stop"][0]:
+            raise RuntimeError("somebody else has stepped sim.data: reset the Simulation, and step it with step only")
         done, start = 0, time.perf_counter()
         now = start
         while done < n and now - start < seconds and not loop["stop"][0]:
@@ -246,8 +253,14 @@ class Simulation:
         mujoco.mj_forward(self.model, self.data)
 
     def _prepare(self) -> None:
-        """Run the stages before the law at the instant in hand."""
+        """Run the stages before the law at the instant in hand.
+
+        Raises:
+            StageFault: a stage raised or violated its contract.
+        """
         self._run_stages(self._stages.control)
+        self._ready = True
+        self.check()
 
     def _run_stages(self, end: int) -> None:
         context, loop = self._memory.context.ctypes.data, self._memory.loop

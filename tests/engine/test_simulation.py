@@ -1,0 +1,330 @@
+"""A scenario that its caller steps: the same run whole, in parts and after a reset; users' stages of every room."""
+
+import gc
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from uvms_mj import Diverged, InputError, LawError, Scenario, Simulation, simulate
+from uvms_mj.engine.native import stage_table
+from uvms_mj.engine.native.compilation import NotCompiled
+from uvms_mj.engine.run import PlainPythonWarning
+
+WALL = {"simulation.duration": 0.2, "wall.position": -1e-5, "wall.friction": 0.3}
+MOVING = {**WALL, "reference.step_time": 0.0, "reference.target": [0.05, 0.02, 0.0]}
+USERS = Path(__file__).parents[1] / "data" / "users_stages.py"
+OF_EACH_ROOM = {
+    "navigation.name": f"{USERS}:Noisy",
+    "reference.name": f"{USERS}:Circle",
+    "controller.name": f"{USERS}:Pid",
+    "actuation.name": f"{USERS}:Lag",
+}
+
+
+def state(sim):
+    """All that a run has come to: the state, and every signal."""
+    return np.concatenate([sim.data.qpos, sim.data.qvel, *(np.ravel(sim.signals[name]) for name in sim.signals)])
+
+
+def after(scenario, steps):
+    """All that a fresh Simulation has come to."""
+    with Simulation(scenario) as sim:
+        sim.step(steps)
+        return state(sim)
+
+
+def test_one_step_at_a_time_and_all_at_once_are_the_run():
+    scenario = Scenario.load("push_wall", MOVING)
+    trace = simulate(scenario, log_rate="full")
+    assert trace.touches[-1] > 0
+    with Simulation(scenario) as sim, Simulation(scenario) as whole:
+        for k in range(1000):
+            assert np.array_equal(sim.signals.p_WB, trace.p_WB[k])
+            assert np.array_equal(sim.signals.s, trace.s[k])
+            sim.step()
+            for name in ("tau_cmd", "tau", "u", "nu_dot", "f_contact_W", "wall_work", "z"):
+                assert np.array_equal(sim.signals[name], trace[name][k]), name
+        whole.step(1000)
+        assert np.array_equal(state(sim), state(whole))
+        assert (sim.steps, whole.t) == (1000, 0.1)
+
+
+CHANGES = {
+    "initial": {"initial.position": [-0.01, 0.02, 0.0], "initial.attitude_deg": [3.0, 2.0, 1.0]},
+    "velocity": {"initial.velocity": [0.1, 0.0, 0.0, 0.0, 0.1, 0.0]},
+    "current": {"current.speed": 0.2, "current.direction_deg": 20.0},
+    "disturbance": {"disturbance.amplitude": [1.0] * 6, "disturbance.frequency_hz": [5.0] * 6},
+    "wall": {"wall.position": 5e-5, "wall.stiffness": 2e4, "wall.damping": 10.0, "wall.friction": 0.1},
+    "target": {"reference.target": [0.06, 0.0, 0.01], "reference.bandwidth": 3.0},
+    "attitude": {"reference.attitude_deg": [0.0, 10.0, 0.0]},
+    "waypoints": {"reference.waypoints": [{"time": t, "position": [t, 0.0, 0.0]} for t in (0.01, 0.02, 0.03)]},
+    "impedance": {"impedance.K_d": [100.0, 900.0, 900.0, 40.0, 40.0, 40.0], "impedance.F_d": [-1.0, 0, 0, 0, 0, 0]},
+    "estimates": {"estimates.inertia": 1.2, "estimates.damping": 0.5},
+    "task": {"task.F_1": 2.0, "task.A": -50.0},
+    "integral": {"task.integral": True},
+    "an old key of the task": {"controller.F_1": 2.0},
+    "controller": {"controller.k_1": 7.0, "controller.nominal": False, "controller.period": 1e-3},
+    "simulation": {"simulation.timestep": 2e-4, "simulation.duration": 0.1, "simulation.seed": 3},
+    "period": {"navigation.period": 1e-3, "actuation.period": 5e-4},
+}
+
+
+@pytest.fixture(scope="module")
+def sim():
+    with Simulation(Scenario.load("push_wall", MOVING)) as sim:
+        yield sim
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_reset_with_overrides_is_a_fresh_simulation_of_the_updated_scenario(sim, change):
+    """And the next reset is again the start of the scenario, bit for bit, whatever was overridden before."""
+    overrides, base = CHANGES[change], Scenario.load("push_wall", MOVING)
+    sim.reset(overrides=overrides)
+    assert sim.scenario == base.updated(overrides)
+    assert (sim.steps, sim.t) == (0, 0.0)
+    sim.step(300)
+    changed = state(sim)
+    assert np.array_equal(changed, after(base.updated(overrides), 300))
+    sim.reset()
+    assert sim.scenario == base
+    sim.step(300)
+    assert sim.signals.touches > 0
+    assert np.array_equal(state(sim), after(base, 300))
+    assert not np.array_equal(state(sim), changed)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "said"),
+    [
+        ({"wall.stiffness": 1e9}, "is too much for a time step"),
+        ({"disturbance.frequency_hz": [6e3, 0, 0, 0, 0, 0]}, "must be below half the step rate"),
+        ({"controller.period": 1.5e-4}, "not a multiple of the time step"),
+        ({"wall.stifness": 1.0, "current.speed": -1.0}, r"(?s)stiffness.*current.speed|current.speed.*stiffness"),
+        ({"impedance.M_d": [-1.0] * 6}, "not positive definite"),
+        ({"vehicle.model": "bluerov2_heavy"}, "vehicle.model: reset can't change the vehicle; make a new Simulation"),
+        ({"controller.name": "fosm"}, "controller.name: reset can't change a stage"),
+        ({"position": 1.0}, "is not a dotted key"),
+    ],
+)
+def test_a_reset_refuses_what_a_run_refuses_and_changes_nothing(sim, overrides, said):
+    sim.reset(overrides={"current.speed": 0.1})
+    sim.step(50)
+    before = state(sim)
+    with pytest.raises(InputError, match=said):
+        sim.reset(overrides=overrides)
+    assert np.array_equal(state(sim), before)
+    assert sim.scenario.current.speed == 0.1
+    sim.step(50)
+    assert np.array_equal(state(sim), after(Scenario.load("push_wall", {**MOVING, "current.speed": 0.1}), 100))
+
+
+def test_two_simulations_side_by_side_are_each_as_alone():
+    scenarios = [Scenario.load("push_wall", MOVING, law) for law in ("gsta", "fosm")]
+    alone = [after(scenario, 500) for scenario in scenarios]
+    with Simulation(scenarios[0]) as a, Simulation(scenarios[1]) as b:
+        for _ in range(50):  # in turn
+            a.step(10)
+            b.step(10)
+        assert np.array_equal(state(a), alone[0])
+        assert np.array_equal(state(b), alone[1])
+    with ThreadPoolExecutor(2) as pool:
+        for one, other in zip(pool.map(lambda scenario: after(scenario, 500), scenarios), alone, strict=True):
+            assert np.array_equal(one, other)
+
+
+def test_a_wrench_and_thrusts_from_outside_do_what_a_law_and_its_allocation_do():
+    law = Scenario.load("push_wall", MOVING, "fosm")
+    wrench = Scenario.load("push_wall", MOVING, "external")
+    thrusts = law.updated({"actuation.name": "external"})
+    with Simulation(law) as ours, Simulation(wrench) as theirs, Simulation(thrusts) as direct:
+        assert "s" not in theirs.signals
+        for _ in range(300):
+            ours.step()
+            theirs.tau_cmd[:] = ours.signals.tau_cmd
+            theirs.step()
+            direct.u[:] = ours.u
+            direct.step()
+            for name in ("p_WB", "nu", "u", "tau", "f_contact_W", "eta_e"):
+                assert np.array_equal(ours.signals[name], theirs.signals[name]), name
+                assert np.array_equal(ours.signals[name], direct.signals[name]), name
+        with pytest.raises(ValueError, match="read-only"):
+            ours.tau_cmd[0] = 1.0
+        with pytest.raises(ValueError, match="read-only"):
+            ours.signals.nu[0] = 1.0
+        direct.u[2] = np.nan
+        with pytest.raises(Diverged, match=r"t = 0.03 s: u\[2\] = nan N, not a finite number"):
+            direct.step()
+        theirs.tau_cmd[1] = np.inf
+        with pytest.raises(Diverged, match=r"tau_cmd\[1\] = inf N, not a finite number"):
+            theirs.step()
+    for scenario in (wrench, thrusts):
+        with pytest.raises(InputError, match="to the caller of a Simulation"):
+            simulate(scenario)
+
+
+def test_a_diverged_simulation_says_so_at_every_step_until_its_reset(sim):
+    sim.reset(overrides={"controller.period": 0.1})
+    with pytest.raises(Diverged, match="beyond") as first:
+        sim.step(200_000)
+    with pytest.raises(Diverged) as again:
+        sim.step()
+    assert str(first.value) == str(again.value)
+    sim.reset()
+    sim.step(300)
+    assert np.array_equal(state(sim), after(Scenario.load("push_wall", MOVING), 300))
+
+
+def test_only_the_simulation_steps_its_data(sim):
+    """A forward evaluation between two steps changes nothing; a step is noticed."""
+    sim.reset()
+    for _ in range(10):
+        sim.step(10)
+        mujoco.mj_forward(sim.model, sim.data)
+    assert np.array_equal(sim.data.qpos, after(Scenario.load("push_wall", MOVING), 100)[:7])
+    mujoco.mj_step(sim.model, sim.data)
+    with pytest.raises(RuntimeError, match=r"somebody else has stepped sim\.data"):
+        sim.step()
+    sim.reset()
+    sim.step()
+
+
+def in_water(model, data):
+    mujoco.mj_forward(model, data)
+    return bool(data.qfrc_passive.any())
+
+
+def test_a_closed_simulation_and_a_forgotten_one_detach():
+    sim = Simulation(Scenario.load("push_wall", MOVING))
+    sim.close()
+    sim.close()
+    with pytest.raises(RuntimeError, match="closed"):
+        sim.step()
+    assert not in_water(sim.model, sim.data)
+    forgotten = Simulation(Scenario.load("push_wall", MOVING))
+    model, data = forgotten.model, forgotten.data
+    assert in_water(model, data)
+    del forgotten
+    gc.collect()
+    assert not in_water(model, data)
+
+
+def test_an_unknown_signal_is_suggested(sim):
+    with pytest.raises(AttributeError, match="no signal 'tau_cmdd'; did you mean 'tau_cmd'"):
+        sim.signals.tau_cmdd  # noqa: B018
+    with pytest.raises(KeyError, match="no signal"):
+        sim.signals["etae"]
+
+
+def test_the_notes_are_those_of_the_scenario_in_hand(sim):
+    sim.reset()
+    assert sim.notes == ()
+    sim.reset(overrides={"controller.period": 0.1})
+    assert any("limit-cycles" in note for note in sim.notes)
+
+
+@pytest.fixture
+def no_numba(monkeypatch):
+    """Numba compiles no user's stage."""
+    compile_stage = stage_table.compile_stage
+
+    def refuse(*arguments, guarded):
+        if guarded:
+            raise NotCompiled("for the test")
+        return compile_stage(*arguments, guarded=guarded)
+
+    monkeypatch.setattr(stage_table, "compile_stage", refuse)
+
+
+PERIODS = {"navigation.period": 2e-3, "reference.period": 1e-3, "controller.period": 4e-4, "actuation.period": 5e-4}
+
+
+def test_a_users_stage_of_each_room_gives_the_same_as_machine_code_and_as_plain_python(request):
+    scenario = Scenario.load("push_wall", {**WALL, **OF_EACH_ROOM, **PERIODS, "simulation.duration": 0.1})
+    compiled = simulate(scenario, log_rate="full")
+    assert compiled.notes == ()
+    request.getfixturevalue("no_numba")
+    with pytest.warns(PlainPythonWarning, match="for the test"):
+        plain = simulate(scenario, log_rate="full")
+    assert len(plain.notes) == 4
+    assert list(plain) == list(compiled)
+    for name in compiled:
+        assert np.array_equal(plain[name], compiled[name]), name
+
+
+def test_each_stage_keeps_its_own_period():
+    """Outputs are held for the period of their stage, and states advance by explicit Euler over it."""
+    trace = simulate(Scenario.load("push_wall", {**WALL, **OF_EACH_ROOM, **PERIODS}), log_rate="full")
+    for name, n in (("p_WB_m", 20), ("drift", 20), ("p_d", 10), ("phase", 10), ("tau_cmd", 4), ("xi", 4), ("u", 5)):
+        values = trace[name][:2000].reshape(2000 // n, n, -1)
+        assert np.array_equal(values, np.repeat(values[:, :1], n, axis=1)), name
+        assert np.any(np.diff(values[:, 0], axis=0) != 0.0), name
+    assert np.allclose(trace.phase[::10, 0], 0.5 * trace.t[::10], rtol=1e-12)
+    wanted = trace.u_wanted[:2000:5]  # the state of a lag follows what the pseudoinverse asks for
+    assert np.allclose(np.diff(trace.thrust[:2000:5], axis=0), 5e-4 * (wanted - trace.thrust[:2000:5])[:-1] / 0.02)
+    assert np.array_equal(trace.u[:2000:5], trace.thrust[:2000:5])
+    assert {"s", "zeta", "tau_nom", "boundary_layer_time"}.isdisjoint(trace)  # the law does not use the task
+
+
+def test_random_numbers_depend_on_seed_and_instant_alone(no_numba):
+    """Neither on how a run is cut into steps, nor on other runs, nor on machine code or plain Python."""
+    noisy = Scenario.load("push_wall", {**MOVING, "navigation.name": OF_EACH_ROOM["navigation.name"]})
+    with Simulation(noisy) as sim, Simulation(noisy) as other:
+        seen = []
+        for seed in (0, 1, 0):
+            sim.reset(seed=seed)
+            noise = []
+            for k in range(40):
+                if seed == 0 and k % 7 == 0:
+                    other.step(3)
+                noise.append(sim.signals.p_WB_m - sim.signals.p_WB - sim.signals.drift)
+                sim.step(1)
+            seen.append(np.array(noise))
+        assert np.array_equal(seen[0], seen[2])
+        assert not np.isclose(seen[0], seen[1]).any()
+        assert 0.5 < seen[0].std() / 1e-3 < 1.5
+
+
+def test_stages_on_two_threads_draw_the_numbers_of_one():
+    noisy = Scenario.load("push_wall", {**MOVING, "navigation.name": OF_EACH_ROOM["navigation.name"]})
+    seeds = [noisy.updated({"simulation.seed": seed}) for seed in range(4)]
+    alone = [simulate(scenario) for scenario in seeds]
+    with ThreadPoolExecutor(2) as pool:
+        beside = list(pool.map(simulate, seeds))
+    for one, other in zip(alone, beside, strict=True):
+        assert np.array_equal(one.p_WB_m, other.p_WB_m)
+    assert not np.array_equal(alone[0].p_WB_m, alone[1].p_WB_m)
+
+
+MISTAKES = {
+    "navigation": ("Navigation", "out.nu[6] = 1.0", r"your navigation stage Wrong \(wrong.py\) raised IndexError"),
+    "reference": ("Guidance", "out.p_d[0] = np.inf - np.inf", r"your guidance stage Wrong .* set out.p_d\[0\]"),
+    "actuation": ("Actuation", "pass", r"your actuation stage Wrong .* left u\[0\] unset: .* must fill all 6|six"),
+}
+
+
+@pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
+@pytest.mark.parametrize("plain", [False, True])
+@pytest.mark.parametrize("table", MISTAKES)
+def test_a_mistake_in_a_stage_is_named_with_its_room_and_its_file(tmp_path, request, table, plain):
+    base, line, said = MISTAKES[table]
+    room = {"reference": "guidance"}.get(table, table)
+    (tmp_path / "wrong.py").write_text(
+        f"from dataclasses import dataclass\nimport numpy as np\nfrom uvms_mj.{room} import {base}\n\n"
+        f"@dataclass(frozen=True)\nclass Wrong({base}):\n    @staticmethod\n"
+        f"    def step(settings, state, given, state_dot, {'u' if table == 'actuation' else 'out'}):\n        {line}\n"
+    )
+    scenario = Scenario.load("push_wall", {f"{table}.name": f"{tmp_path / 'wrong.py'}:Wrong"})
+    if plain:
+        request.getfixturevalue("no_numba")
+    with pytest.raises(LawError, match=said):
+        simulate(scenario)
+
+
+def test_two_stages_with_one_name_of_a_state_are_refused(tmp_path):
+    (tmp_path / "same.py").write_text(USERS.read_text().replace('"drift"', '"xi"').replace(".drift", ".xi"))
+    same = {"navigation.name": f"{tmp_path / 'same.py'}:Noisy", "controller.name": f"{tmp_path / 'same.py'}:Pid"}
+    with pytest.raises(InputError, match=r"states\['xi'\]: is also the name of a state of"):
+        simulate(Scenario.load("push_wall", {**MOVING, **same}))
