@@ -24,8 +24,10 @@ class Pd(Controller):
     def at_rest(self, setup):
         """The pushing force at rest [N]: k_p (x_d - x) = k_c (x - x_c)."""
         scenario = setup.scenario
+        if scenario.current.speed > 0.0:
+            return "the current pushes a PD law off the reference"
         p_d = scenario.reference.rests_at()
-        if p_d is None or scenario.current.speed > 0.0:
-            return "the formula is for still water and a reference that comes to rest"
+        if p_d is None:
+            return "the reference does not come to rest"
         distance = p_d[0] - scenario.wall.position
         return max(0.0, self.k_p * distance / (1.0 + self.k_p / scenario.wall.stiffness))

@@ -51,6 +51,7 @@ def test_paper_writes_what_it_says(results):
     assert str(folder) not in (folder / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_paper_redraws_the_same_from_logs(results, command, tmp_path):
     folder, _ = results
     done = command(paper, "--from", folder, "--out", "again", "--json")
@@ -63,6 +64,7 @@ def test_paper_redraws_the_same_from_logs(results, command, tmp_path):
         assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes(), name
 
 
+@pytest.mark.slow
 def test_paper_moves_aside_what_is_there(command, tmp_path):
     (tmp_path / "r" / "logs").mkdir(parents=True)
     (tmp_path / "r" / "logs" / "gsta.mcap").write_text("old")

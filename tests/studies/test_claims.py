@@ -258,6 +258,7 @@ FRICTION = {"wall.friction": 0.3, "wall.position": 0.002, "reference.step_time":
 """Friction is unknown between two rows, so that the residual of eq. (12) can't be computed."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings", [{"current.speed": 0.0}, {"impedance.K_d": [0.0] * 6}, {"current.speed": 3.0}, FRICTION]
 )
