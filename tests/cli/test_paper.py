@@ -11,6 +11,8 @@ from pages import complete_by_itself
 from uvms_mj.cli.paper import paper
 from uvms_mj.studies.paper.claims import CLAIMS
 
+pytestmark = pytest.mark.slow  # the runs of the whole study
+
 SHORT = ("simulation.duration=0.25", "wall.position=0.002", "reference.step_time=0")
 
 
@@ -51,7 +53,6 @@ def test_paper_writes_what_it_says(results):
     assert str(folder) not in (folder / "report.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.slow
 def test_paper_redraws_the_same_from_logs(results, command, tmp_path):
     folder, _ = results
     done = command(paper, "--from", folder, "--out", "again", "--json")
@@ -64,7 +65,6 @@ def test_paper_redraws_the_same_from_logs(results, command, tmp_path):
         assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes(), name
 
 
-@pytest.mark.slow
 def test_paper_moves_aside_what_is_there(command, tmp_path):
     (tmp_path / "r" / "logs").mkdir(parents=True)
     (tmp_path / "r" / "logs" / "gsta.mcap").write_text("old")

@@ -14,6 +14,8 @@ from uvms_mj.studies.paper import report
 from uvms_mj.studies.paper import runs as study
 from uvms_mj.studies.paper.claims import CLAIMS, Claim, Measured, Runs, Verdict, judge, number
 
+pytestmark = pytest.mark.slow  # the runs of the whole study
+
 EXPLAINED = {"gsta-whole-variation", "gsta-half-inertia"}
 
 
@@ -258,7 +260,6 @@ FRICTION = {"wall.friction": 0.3, "wall.position": 0.002, "reference.step_time":
 """Friction is unknown between two rows, so that the residual of eq. (12) can't be computed."""
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings", [{"current.speed": 0.0}, {"impedance.K_d": [0.0] * 6}, {"current.speed": 3.0}, FRICTION]
 )

@@ -29,6 +29,8 @@ from uvms_mj.views.figures.lines import thin
 from uvms_mj.views.figures.scales import early, rebounds
 from uvms_mj.views.figures.style import COLOURS, stripe
 
+pytestmark = pytest.mark.slow  # the runs of the paper's figures
+
 PAPER = [*(f"fig{i:02d}" for i in range(1, 13)), "overview"]
 LEVELS = ("expected", "analytic", "wall")
 LAWS = {"impedance": {}, "fosm": {}, "gsta": {}, "gsta_alone": {"nominal": False}}
@@ -129,7 +131,6 @@ def test_no_text_lies_on_another_or_leaves_the_picture(drawn, name):
             assert not box_a.overlaps(box_b), f"{which}: {a!r} overlaps {b!r}"
 
 
-@pytest.mark.slow
 def test_neither_insets_nor_legends_lie_on_lines(drawn):
     insets = 0
     for name, figure in drawn.items():
@@ -460,7 +461,6 @@ def test_every_run_can_be_seen_beside_one_that_is_a_thousand_times_as_large(trac
                 assert "log beyond" in ax.get_title(loc="right")
 
 
-@pytest.mark.slow
 def test_a_run_that_diverged_is_drawn_with_others(traces, tmp_path):
     gsta = traces["gsta"]
     wild = {name: np.array(values) for name, values in gsta.arrays.items()}
