@@ -95,8 +95,10 @@ def log_tables(path: Any, trace: Any, files: Mapping[str, bytes]) -> None:
     table.add_row("file", f"{printable(str(path))}, {path.stat().st_size / 1e6:.1f} MB")
     rate = 1.0 / (header.row_steps * header.scenario.simulation.timestep)
     table.add_row("rows", f"{len(trace)} at {rate:g} Hz, {trace.t[0]:g} to {trace.t[-1]:g} s" if len(trace) else "0")
-    digest = f", sha256 {header.law.sha256}" if header.law.sha256 else ""
-    table.add_row("law", printable(f"{header.law.source}{digest}"))
+    for name, stage in header.sources.items():
+        if stage.sha256 or name == "controller":
+            digest = f", sha256 {stage.sha256}" if stage.sha256 else ""
+            table.add_row("law" if name == "controller" else name, printable(f"{stage.source}{digest}"))
     table.add_row("vehicle", printable(header.mjcf.name))
     attachments = "\n".join(f"{printable(name)}, {len(data) / 1e3:.1f} kB" for name, data in files.items())
     table.add_row("attachments", attachments)

@@ -54,8 +54,8 @@ def info(log: str, show: str | None, as_json: bool) -> None:
         say_if_truncated(log, trace)
         report = summary(trace, {"mcap": log})
         if as_json:
-            law = {"source": header.law.source, "sha256": header.law.sha256}
-            about = {"versions": dict(header.versions), "law": law}
+            stages = {name: {"source": s.source, "sha256": s.sha256} for name, s in header.sources.items()}
+            about = {"versions": dict(header.versions), "law": stages["controller"], "stages": stages}
             signals = {s.name: {"shape": list(s.shape), "unit": s.unit, "frame": s.frame} for s in trace.signals}
             attached = {name: len(data) for name, data in files.items()}
             click.echo(json.dumps(report | about | {"rows": len(trace), "signals": signals, "attachments": attached}))

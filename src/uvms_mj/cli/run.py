@@ -24,7 +24,7 @@ from .stop import Stop, exit_interrupted
 
 if TYPE_CHECKING:
     from ..plant.mjcf import Mjcf
-    from ..records.header import Sink
+    from ..records.header import Header, Sink
     from ..scenario import Scenario
 
 
@@ -102,38 +102,49 @@ def _from_log(
 ) -> "tuple[Scenario, Mjcf | None, str | None]":
     """Scenario, vehicle and log rate of a log. Warns if a repetition may differ from the original."""
     from ..errors import InputError
-    from ..records.header import StageSource, versions
+    from ..records.header import code_file
     from ..records.mcap import read_files
-    from ..scenario import Scenario
+    from ..scenario import STAGES, Scenario
     from ..stages.recorded import Recorded
 
     header, _ = read_files(log)
-    recorded = header.law.source
     tables = header.scenario.to_dict()
-    if isinstance(header.scenario.controller, Recorded):
-        if controller is None:
+    for name, then in header.sources.items():
+        if not isinstance(getattr(header.scenario, name), Recorded):
+            continue
+        own = overrides.get(f"{name}.name", controller if name == "controller" else None)
+        if own is None:
+            noun, code = STAGES[name].base.room.noun, code_file(name, then.source)
+            option = "--controller " if name == "controller" else f"--set {name}.name="
             raise InputError(
-                f"{log} was made by the law {recorded}. Code from a log is never executed: name the law's file with "
-                f"--controller path/to/{recorded} (`uvms-mj info {log} --show law/{recorded.partition(':')[0]}` prints "
-                "the recorded code)"
+                f"{log} was made by the {noun} {then.source}. Code from a log is never executed: name the {noun}'s "
+                f"file with {option}path/to/{then.source} (`uvms-mj info {log} --show {code}` prints the recorded code)"
             )
-        if controller.rpartition(":")[2] == recorded.rpartition(":")[2]:
-            tables["controller"]["name"] = controller  # the same class: keep its recorded gains
+        if str(own).rpartition(":")[2] == then.source.rpartition(":")[2]:
+            tables[name]["name"] = own  # the same class: keep its recorded settings
     scenario = Scenario.from_dict(tables, overrides, controller, place=log)
-    law = StageSource.of(scenario.controller)
-    if header.law.sha256 and law.sha256 and law.sha256 != header.law.sha256:
-        click.echo(
-            f"warning: {law.source} differs from the recorded code: sha256 {header.law.sha256[:12]}... then, "
-            f"{law.sha256[:12]}... now",
-            err=True,
-        )
-    now = versions()
-    changed = [f"{k} {then} then, {now[k]} now" for k, then in header.versions.items() if now.get(k, then) != then]
-    if changed:
-        click.echo(f"warning: the repetition may differ in its last bits: {'; '.join(changed)}", err=True)
+    _warn_of_changes(header, scenario)
     if log_rate is None and "simulation.timestep" not in overrides:
         log_rate = repr(1.0 / (header.row_steps * scenario.simulation.timestep))
     return scenario, None if "vehicle.model" in overrides else header.mjcf, log_rate
+
+
+def _warn_of_changes(header: "Header", scenario: "Scenario") -> None:
+    """Warn of code of stages and of versions that are not those of a log."""
+    from ..records.header import StageSource, versions
+
+    for name, then in header.sources.items():
+        now = StageSource.of(getattr(scenario, name))
+        if then.sha256 and now.sha256 and now.sha256 != then.sha256:
+            click.echo(
+                f"warning: {now.source} differs from the recorded code: sha256 {then.sha256[:12]}... then, "
+                f"{now.sha256[:12]}... now",
+                err=True,
+            )
+    ours = versions()
+    changed = [f"{k} {v} then, {ours[k]} now" for k, v in header.versions.items() if ours.get(k, v) != v]
+    if changed:
+        click.echo(f"warning: the repetition may differ in its last bits: {'; '.join(changed)}", err=True)
 
 
 def _simulate(

@@ -178,6 +178,11 @@ class Sink(Protocol):
         """Called after the last row, however the run ended."""
 
 
+def code_file(table: str, source: str) -> str:
+    """Name of a log's attachment with the code of the stage of a table."""
+    return f"{'law' if table == 'controller' else table}/{source.rpartition(':')[0]}"
+
+
 def sources_of(scenario: Scenario, thrusters: int) -> dict[str, StageSource]:
     """The sources of a scenario's stages by table."""
     return {name: StageSource.of(getattr(scenario, name), thrusters) for name in STAGES}

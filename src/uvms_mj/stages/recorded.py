@@ -34,7 +34,7 @@ def recorded_stage(
     file, _, label = source.rpartition(":")
     if not file or Path(file).name != file or not label.isidentifier() or not isinstance(table, Mapping):
         raise InputError(f"the {room.noun} is {source!r}: must be file.py:ClassName")
-    shared = {f.name for f in dataclasses.fields(base)} | {"name"}
+    shared = {f.name for f in dataclasses.fields(base)} | {"name", *room.reserved}
     fields = []
     for name, value in table.items():
         if name in shared:

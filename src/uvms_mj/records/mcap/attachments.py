@@ -23,7 +23,7 @@ from ...quantities import STRICT, NonNegative, Real
 from ...scenario import STAGES, Scenario
 from ...stages.recorded import recorded_stage
 from ...stages.signals import RECORDED, Signal
-from ..header import Header, Outcome, StageSource, Status, solved
+from ..header import Header, Outcome, StageSource, Status, code_file, solved
 
 MOST_BYTES = 256_000_000
 """Largest total size of a log's attached files [bytes]."""
@@ -143,14 +143,9 @@ def header_files(header: Header) -> dict[str, bytes]:
         "geometry.json": header.geometry.to_json(),
     }
     files |= {f"model/{name}": data for name, data in header.mjcf.files.items()}
-    files |= {_code_file(name, s.source): s.code.encode() for name, s in header.sources.items() if s.code}
+    files |= {code_file(name, s.source): s.code.encode() for name, s in header.sources.items() if s.code}
     refuse_large(files)
     return files
-
-
-def _code_file(table: str, source: str) -> str:
-    """Name of the attachment with the code of a table's stage."""
-    return f"{'law' if table == 'controller' else table}/{source.rpartition(':')[0]}"
 
 
 def refuse_large(files: Mapping[str, bytes]) -> None:
@@ -184,13 +179,15 @@ def header_of(files: Mapping[str, bytes]) -> Header:
         tables = parsed_toml(files["scenario.toml"].decode())
     except ValueError as error:
         raise InputError(f"scenario.toml: {error}") from None
+    if set(run.stages) != set(STAGES):
+        raise InputError(f"run.json: stages must have the entries {', '.join(STAGES)}")
     sources, known = {}, {}
     for name, choice in STAGES.items():
         table = tables.get(name, {})  # of format 1: some tables are missing, or have no name
         entry, noun = run.stages.get(name), choice.base.room.noun
         if entry is None or not isinstance(table, dict) or table.get("name", choice.default.name) != entry.source:
             raise InputError(f"scenario.toml and run.json name different {noun}s")
-        code = files.get(_code_file(name, entry.source), b"").decode(errors="replace")
+        code = files.get(code_file(name, entry.source), b"").decode(errors="replace")
         sources[name] = StageSource(entry.source, entry.sha256, code, entry.states)
         if entry.source not in choice.shipped:
             known[name] = recorded_stage(choice.base, entry.source, table, entry.states)
