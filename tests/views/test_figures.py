@@ -29,6 +29,8 @@ from uvms_mj.views.figures.lines import thin
 from uvms_mj.views.figures.scales import early, rebounds
 from uvms_mj.views.figures.style import COLOURS, stripe
 
+pytestmark = pytest.mark.slow  # the runs of the paper's figures
+
 PAPER = [*(f"fig{i:02d}" for i in range(1, 13)), "overview"]
 LEVELS = ("expected", "analytic", "wall")
 LAWS = {"impedance": {}, "fosm": {}, "gsta": {}, "gsta_alone": {"nominal": False}}
