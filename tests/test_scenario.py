@@ -206,3 +206,20 @@ def test_the_seed_is_a_whole_number():
     for seed in (-1, 1.5, "x", True):
         with pytest.raises(InputError, match=r"simulation\.seed"):
             Scenario.load("push_wall", {"simulation.seed": seed})
+
+
+def test_a_message_stays_short():
+    with pytest.raises(InputError) as caught:
+        Scenario.from_dict({f"a{i}": 1 for i in range(1000)})
+    assert len(str(caught.value).splitlines()) == 52
+    assert "1000 errors" in str(caught.value)
+    assert "and 950 more" in str(caught.value)
+    with pytest.raises(InputError) as caught:
+        Scenario.from_dict({"a" * 5000: 1})
+    assert len(str(caught.value)) < 500
+
+
+def test_a_scenario_prints_what_differs_from_the_defaults():
+    assert repr(Scenario()) == "<Scenario 'push_wall', gsta, defaults>"
+    other = Scenario.load("push_wall", {"wall.stiffness": 2e4, "controller.K_s": 3.0}, "fosm")
+    assert repr(other).splitlines()[1:] == ["    wall.stiffness = 20000.0", "    controller.K_s = 3.0>"]

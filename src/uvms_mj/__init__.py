@@ -12,9 +12,9 @@ TYPE_CHECKING = False  # same as typing.TYPE_CHECKING, without the time to impor
 if TYPE_CHECKING:
     from .control import Controller, Fosm, Gsta, Ideal, Impedance, Sta, gain
     from .engine.native import Attachment, attach
+    from .engine.native.plain_stage import StageFault
     from .engine.run import LawError, SinkError, simulate
     from .engine.simulation import Diverged, Simulation
-    from .engine.native.plain_stage import StageFault
     from .errors import InputError
     from .records.header import Status
     from .records.mcap import McapLog

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from uvms_mj import Gsta, Scenario, Trace, simulate
-from uvms_mj.analysis import metrics, rest
+from uvms_mj.analysis import metrics, residual, rest
 from uvms_mj.records.header import Outcome, Status
 
 H = 1e-3
@@ -150,7 +150,7 @@ def test_energy_drawn_from_a_wall_is_what_its_work_fell_below_zero(synthetic):
 
 
 def test_impedance_error_of_a_motion_that_obeys_eq_12_up_to_a_known_force(synthetic, header):
-    design = metrics.design_of(synthetic(0.01))
+    design = residual.design_of(synthetic(0.01))
     w, a, off = 3.0, 0.05, 0.25
 
     def f_x(t):
@@ -166,9 +166,9 @@ def test_impedance_error_of_a_motion_that_obeys_eq_12_up_to_a_known_force(synthe
         impulse=lambda t: running(-0.5 * H * (f_x(t)[1:] + f_x(t)[:-1])),
     )
     # first order in H: a force of the simulation is constant over a step, the synthetic force is not
-    assert metrics.impedance_error(trace)[0] == pytest.approx(off, abs=0.02)
-    assert metrics.impedance_error(decimated(trace, 10))[0] == pytest.approx(
-        metrics.impedance_error(trace)[0], abs=2e-3
+    assert residual.impedance_error(trace)[0] == pytest.approx(off, abs=0.02)
+    assert residual.impedance_error(decimated(trace, 10))[0] == pytest.approx(
+        residual.impedance_error(trace)[0], abs=2e-3
     )
 
 
@@ -179,10 +179,10 @@ def test_impedance_error_does_not_take_a_switching_velocity_for_a_motion(synthet
         p_WB=lambda t: axis(np.arange(len(t)) % 2 * H * 1e-3, 0, 3),
         nu_e=lambda t: axis(np.where(np.arange(len(t)) % 2, 1e-3, -1e-3), 0),
     )
-    D = metrics.design_of(trace).D_d[0, 0]
+    D = residual.design_of(trace).D_d[0, 0]
     assert D * 1e-3 > 0.05
     for each in (trace, decimated(trace, 2), decimated(trace, 10)):
-        assert metrics.impedance_error(each)[0] < 1e-9
+        assert residual.impedance_error(each)[0] < 1e-9
 
 
 def test_impedance_error_of_a_steady_turn_is_what_damps_it(synthetic):
@@ -192,9 +192,9 @@ def test_impedance_error_of_a_steady_turn_is_what_damps_it(synthetic):
         quat_WB=lambda t: np.stack([np.cos(rate * t / 2), 0 * t, 0 * t, np.sin(rate * t / 2)], axis=1),
         nu_e=lambda t: axis(np.full(len(t), rate), 5),
     )
-    D_d = metrics.design_of(trace).D_d
+    D_d = residual.design_of(trace).D_d
     for each in (trace, decimated(trace, 100)):
-        assert metrics.impedance_error(each) == pytest.approx(np.abs(D_d[:, 5]) * rate, rel=1e-9, abs=1e-12)
+        assert residual.impedance_error(each) == pytest.approx(np.abs(D_d[:, 5]) * rate, rel=1e-9, abs=1e-12)
 
 
 def test_impedance_error_is_not_given_where_friction_between_rows_is_unknown():
@@ -207,10 +207,10 @@ def test_impedance_error_is_not_given_where_friction_between_rows_is_unknown():
         "simulation.duration": 3.0,
     }
     every, some = (simulate(Scenario.load("push_wall", rough), log_rate=rate) for rate in ("full", 1000))
-    assert np.isfinite(metrics.impedance_error(every)).all()
-    assert np.array_equal(np.isfinite(metrics.impedance_error(some)), [True] + [False] * 5)
-    assert metrics.impedance_error(some)[0] == pytest.approx(metrics.impedance_error(every)[0], rel=0.2)
-    assert np.isfinite(metrics.impedance_error(some, 0.0, 0.5 * float(some.first_contact[-1]))).all()
+    assert np.isfinite(residual.impedance_error(every)).all()
+    assert np.array_equal(np.isfinite(residual.impedance_error(some)), [True] + [False] * 5)
+    assert residual.impedance_error(some)[0] == pytest.approx(residual.impedance_error(every)[0], rel=0.2)
+    assert np.isfinite(residual.impedance_error(some, 0.0, 0.5 * float(some.first_contact[-1]))).all()
 
 
 @pytest.mark.parametrize("start", [1.23, 1.6, 2.9])
@@ -218,21 +218,21 @@ def test_impedance_error_is_the_mean_of_eq_12_at_every_step_also_while_the_refer
     scenario = Scenario.load("push_wall", {"simulation.duration": 3.0, "reference.bandwidth": 3.0})
     trace = simulate(scenario, Gsta(), log_rate="full")
     h = scenario.simulation.timestep
-    design, first = metrics.design_of(trace), round(start / h)
+    design, first = residual.design_of(trace), round(start / h)
     window = slice(first, first + 100)
     nu_e_dot = np.diff(trace.nu_e, axis=0)[window] / h
-    residual = nu_e_dot @ design.M_d.T + trace.nu_e[window] @ design.D_d.T + trace.eta_e[window] @ design.K_d.T
-    expected = np.abs(residual.mean(axis=0))
-    assert np.abs(residual).max() > 1e-3
+    left = nu_e_dot @ design.M_d.T + trace.nu_e[window] @ design.D_d.T + trace.eta_e[window] @ design.K_d.T
+    expected = np.abs(left.mean(axis=0))
+    assert np.abs(left).max() > 1e-3
     for each in (trace, decimated(trace, 10)):
-        error = metrics.impedance_error(each, trace.t[first], trace.t[first + 100])
+        error = residual.impedance_error(each, trace.t[first], trace.t[first + 100])
         assert error[:3] == pytest.approx(expected[:3], abs=2e-5)
 
 
 def test_at_rest_super_twisting_leaves_nothing_of_eq_12_over_at_any_log_rate(paper_run):
     trace = paper_run("gsta")
     for each in (trace, decimated(trace, 10), decimated(trace, 100)):
-        assert metrics.impedance_error(each, 19.0).max() < 1e-7
+        assert residual.impedance_error(each, 19.0).max() < 1e-7
 
 
 def test_impedance_error_is_exact_where_eq_12_is_stepped_as_the_plant_steps(synthetic):
@@ -252,14 +252,14 @@ def test_impedance_error_is_exact_where_eq_12_is_stepped_as_the_plant_steps(synt
     )
     trace = dataclasses.replace(trace, header=dataclasses.replace(trace.header, scenario=scenario))
     for each in (trace, decimated(trace, 5)):
-        assert metrics.impedance_error(each).max() < 1e-9
+        assert residual.impedance_error(each).max() < 1e-9
 
 
 def test_impedance_error_at_rest_is_that_of_eq_20(paper_run):
     """The first-order law comes to rest inside its boundary layer, where the residual of eq. (12) is -M_d A s."""
     trace = paper_run("fosm")
-    expected = np.abs(metrics.design_of(trace).M_d @ (100.0 * trace.s[-1]))
-    assert metrics.impedance_error(trace, 19.0)[[0, 1, 5]] == pytest.approx(expected[[0, 1, 5]], rel=1e-3)
+    expected = np.abs(residual.design_of(trace).M_d @ (100.0 * trace.s[-1]))
+    assert residual.impedance_error(trace, 19.0)[[0, 1, 5]] == pytest.approx(expected[[0, 1, 5]], rel=1e-3)
 
 
 def test_the_force_that_is_demanded_is_where_gsta_rests(paper_run):
@@ -284,7 +284,7 @@ def test_generalised_impedance_is_what_is_demanded_and_judged():
     assert rest.demanded_force(trace.scenario) == pytest.approx(trace.analytic.force, rel=1e-9)
     assert rest.demanded_force(trace.scenario) > 3.0
     assert abs(metrics.steady_force_error(trace)) < 1e-3  # it still settles
-    assert metrics.impedance_error(trace, 9.0).max() < 1e-4
+    assert residual.impedance_error(trace, 9.0).max() < 1e-4
 
 
 def test_without_stiffness_the_force_reference_alone_is_demanded():
@@ -320,9 +320,9 @@ def test_metrics_do_not_depend_on_the_log_rate():
     for trace in others:
         for metric in exact:
             assert metric(trace) == pytest.approx(metric(full), rel=1e-12)
-    error = metrics.impedance_error(full)
+    error = residual.impedance_error(full)
     # nu_e and eta_e are known at rows only, so that the accuracy of their mean over 10 ms depends on the log rate
-    assert metrics.impedance_error(others[0]) == pytest.approx(error, rel=5e-3, abs=2e-5)
+    assert residual.impedance_error(others[0]) == pytest.approx(error, rel=5e-3, abs=2e-5)
 
 
 def test_what_a_window_has_is_the_difference_of_two_runs_ends():

@@ -1,55 +1,32 @@
-"""Vehicle files: supported elements are used, all others are refused by name; only regular files are read."""
+"""Vehicle files: supported elements are used, all others are refused by name."""
 
-import os
 import re
-import struct
 from collections.abc import Iterator
-from pathlib import Path
 from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 import pytest
 
+from edited_vehicles import BLUEROV, CUBE, INERTIAL, SHIPPED, edited, mjcf, plant, with_end
 from twin import TwinParameters
 from uvms_mj import InputError, McapLog, Scenario, simulate
-from uvms_mj.analysis.setup import set_up
-from uvms_mj.plant import mjcf_files
-from uvms_mj.plant.build import Plant
 from uvms_mj.plant.mjcf import Mjcf
 from uvms_mj.plant.mjcf_elements import ELEMENTS, MOST_ELEMENTS
 from uvms_mj.plant.vehicle import Vehicle
 from uvms_mj.plant.vehicle_files import check_elements
 from vehicles import vehicle_xml
 
-SHIPPED = (Path(__file__).parents[2] / "models" / "bluerov1.xml").read_text()
-BLUEROV = re.sub("<!--.*?-->", "", SHIPPED, flags=re.DOTALL)
 MOTOR = '<motor name="surge_left" site="surge_left" gear="1 0 0 0 0 0"'
 BODY = '<body name="bluerov1" childclass="bluerov1" simple="false"'
-INERTIAL = '<inertial mass="7.31"'
-END = "</mujoco>"
-
-
-def edited(before: str, after: str) -> str:
-    assert BLUEROV.count(before) == 1, before
-    return BLUEROV.replace(before, after)
-
-
-def with_end(text: str) -> str:
-    return edited(END, text + END)
-
-
-def mjcf(text: str, **others: bytes) -> Mjcf:
-    return Mjcf("mine.xml", {"mine.xml": text.encode()} | {f"{k}.xml": v for k, v in others.items()})
-
-
-def plant(text: str, overrides: dict | None = None, **others: bytes) -> Plant:
-    return set_up(Scenario.load("push_wall", overrides or {}), mjcf(text, **others)).plant
 
 
 # Refused files
 
+
 OPTION = '<option integrator="Euler"'
+
+
 REFUSED = {
     "solver tolerance": (edited(OPTION, '<option tolerance="1" integrator="Euler"'), '<option tolerance="1">'),
     "iterations": (edited(OPTION, '<option iterations="3" integrator="Euler"'), '<option iterations="3">'),
@@ -277,9 +254,6 @@ def test_everything_in_the_table_is_mujocos():
         assert tag in later or set(rules or ()) - old <= known[tag], tag
 
 
-# Accepted files
-
-CUBE = b"v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 LOOKS = {
     "as it ships": SHIPPED,
     "visual": with_end('<visual><map stiffness="9" znear=".1"/><quality shadowsize="64"/></visual>'),
@@ -365,104 +339,3 @@ def test_the_plant_has_the_vehicles_inertia_and_the_wall_and_probe_their_place(t
     normal = np.zeros(3)
     mujoco.mju_rotVecQuat(normal, np.array([0.0, 0, 1]), wall.quat)
     assert np.allclose(normal, [-1, 0, 0])
-
-
-def test_a_part_from_another_file_is_checked_and_counted():
-    part = '<mujoco model="p"><worldbody><body name="p"><geom size=".1" mass="1"/>{}</body></worldbody></mujoco>'
-    text = edited("<asset>", '<asset><model name="p" file="p.xml"/>')
-    text = text.replace(INERTIAL, '<attach model="p" body="p" prefix="a_"/>' + INERTIAL)
-    assert plant(text, p=part.format("").encode()).vehicle.mass == pytest.approx(8.31)
-    with pytest.raises(InputError, match=r'<joint axis="0 1 0"> in p\.xml'):
-        plant(text, p=part.format('<joint axis="0 1 0"/>').encode())
-    numeric = b'<mujoco><custom><numeric name="X_u" data="-1"/></custom>'
-    with pytest.raises(InputError, match="a_X_u: is not a coefficient"):
-        plant(
-            text, p=part.format("").encode().replace(b'<mujoco model="p">', numeric.replace(b"jo>", b'jo model="p">'))
-        )
-    many = '<replicate count="90" sep="-"><attach model="p" body="p" prefix="b_"/></replicate>' + INERTIAL
-    with pytest.raises(InputError, match="counting each copy by <replicate> and <attach>"):
-        plant(text.replace(INERTIAL, many), p=part.format("<site/>" * 200).encode())
-    with pytest.raises(InputError, match="must not have sub-models itself"):
-        plant(text, p=b'<mujoco><asset><model file="q.xml"/></asset></mujoco>', q=b"<mujoco/>")
-
-
-# Files that are read
-
-
-def reading(path: Path, text: str) -> Mjcf:
-    (path / "mine.xml").write_text(text)
-    return Mjcf.find(str(path / "mine.xml"))
-
-
-@pytest.fixture
-def odd(tmp_path):
-    """A folder with files that are not regular, or are too large."""
-    os.mkfifo(tmp_path / "pipe")
-    (tmp_path / "link").symlink_to(tmp_path / "pipe")
-    (tmp_path / "zero").symlink_to("/dev/zero")
-    (tmp_path / "folder").mkdir()
-    with open(tmp_path / "sparse", "wb") as file:
-        file.truncate(2**40)
-    return tmp_path
-
-
-@pytest.mark.parametrize("element", ['<include file="{}"/>', '<asset><mesh name="m" file="{}"/></asset>'])
-@pytest.mark.parametrize("name", ["pipe", "link", "zero", "/dev/zero", "/dev/tty", "folder", "sparse", "gone"])
-def test_only_regular_files_of_a_sane_size_are_read(odd, name, element):
-    """Other files may be endless, or block for ever."""
-    with pytest.raises(InputError, match=f"can't read .*{name}: (it is not a regular|it is larger|Is a dir|No such)"):
-        reading(odd, with_end(element.format(name)))
-
-
-def test_a_pipe_is_not_passed_over_for_a_file_of_its_name_elsewhere(odd):
-    """MuJoCo would open the pipe and block."""
-    (odd / "meshes").mkdir()
-    os.mkfifo(odd / "meshes" / "a.obj")
-    (odd / "a.obj").write_bytes(CUBE)
-    text = edited("</asset>", '<mesh name="m" file="a.obj"/></asset>').replace(
-        "<compiler ", '<compiler meshdir="meshes" '
-    )
-    with pytest.raises(InputError, match=r"a\.obj: it is not a regular file"):
-        reading(odd, text)
-
-
-@pytest.mark.parametrize("name", ["pipe", "link", "zero", "folder", "sparse"])
-def test_a_vehicle_is_a_regular_file(odd, name):
-    with pytest.raises(InputError, match=r"is not a regular file|it is larger than 64 MiB"):
-        Mjcf.find(str(odd / name))
-
-
-def test_all_files_together_have_a_sane_size(tmp_path, monkeypatch):
-    meshes = "".join(f'<mesh name="m{i}" file="m{i}.obj"/>' for i in range(4))
-    for i in range(4):
-        (tmp_path / f"m{i}.obj").write_bytes(CUBE + b"#" * 30_000)
-    text = edited("</asset>", f"{meshes}</asset>")
-    assert len(reading(tmp_path, text).files) == 5
-    monkeypatch.setattr(mjcf_files, "LARGEST_MODEL", 100_000)
-    with pytest.raises(InputError, match="are together larger"):
-        reading(tmp_path, text)
-    monkeypatch.setattr(mjcf_files, "LARGEST_XML", 10_000)
-    with pytest.raises(InputError, match="too large for an XML file"):
-        mjcf(SHIPPED).spec()
-
-
-def test_a_picture_of_billions_of_pixels_is_not_unpacked():
-    head = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + struct.pack(">II5B", 99_000, 99_000, 8, 2, 0, 0, 0)
-    text = edited("<asset>", '<asset><texture name="t" type="2d" file="t.png"/>')
-    with pytest.raises(InputError, match=r"t\.png: has 99000 x 99000 pixels"):
-        Mjcf("mine.xml", {"mine.xml": text.encode(), "t.png": head}).spec()
-
-
-@pytest.mark.parametrize(
-    ("element", "expected"),
-    [('<include file="{0}"/><include file="{0}"/>', "included twice"), ("<asset>{}</asset>", "not have sub-models")],
-)
-def test_files_that_name_each_other_again_and_again_are_refused_at_once(tmp_path, element, expected):
-    """If 40 files each name the next one twice, following every reference would read 2^40 files."""
-    if "asset" in element:
-        element = element.format('<model name="a" file="{0}"/><model name="b" file="{0}"/>')
-    for i in range(40):
-        (tmp_path / f"{i}.xml").write_text(f"<mujoco>{element.format(f'{i + 1}.xml')}</mujoco>")
-    (tmp_path / "40.xml").write_text("<mujoco/>")
-    with pytest.raises(InputError, match=expected):
-        reading(tmp_path, with_end(element.format("0.xml"))).spec()

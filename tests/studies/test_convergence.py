@@ -1,19 +1,15 @@
 """Error bars: orders and limits of synthetic sequences, of an impact in closed form, and of runs against finer runs."""
 
 import dataclasses
-import json
 import math
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from uvms_mj import Fosm, Impedance, InputError, Scenario, converge, simulate
-from uvms_mj.analysis import metrics
-from uvms_mj.analysis.summary import summary
-from uvms_mj.cli import main
+from uvms_mj.analysis import residual
 from uvms_mj.cli.converge import with_error
-from uvms_mj.studies.convergence import DEFAULT, METRICS, Estimate, NotCompletedError, extrapolated
+from uvms_mj.studies.convergence import Estimate, NotCompletedError, extrapolated
 
 MASS_ALONE = {
     "current.speed": 0.0,
@@ -107,7 +103,7 @@ def test_the_impact_of_a_mass_on_a_spring_is_where_it_tends_to(timestep):
     """The closed form gives the peak v (k m)^(1/2), the impulse 2 m v, and the instant of contact."""
     scenario = Scenario.load("push_wall", MASS_ALONE | {"simulation.timestep": timestep}, "impedance")
     found = by_name(converge(scenario))
-    m = float(metrics.design_of(simulate(scenario.updated({"simulation.duration": 0.01}))).M[0, 0])
+    m = float(residual.design_of(simulate(scenario.updated({"simulation.duration": 0.01}))).M[0, 0])
     v, k = 0.3, scenario.wall.stiffness
     expected = {
         "contact.peak_N": v * math.sqrt(k * m),
@@ -167,20 +163,6 @@ def test_the_runs_end_at_one_instant_also_where_the_duration_is_no_multiple_of_t
     assert by_name(found)["final.position_m[0]"].values == pytest.approx((at_end,) * 3, rel=1e-9)
 
 
-def test_every_metric_is_a_number_of_the_runs_json(paper_run):
-    report = summary(paper_run("gsta"), {})
-
-    def places(node, name=""):
-        if isinstance(node, dict):
-            return {p for key, each in node.items() for p in places(each, f"{name}.{key}" if name else key)}
-        if isinstance(node, list):
-            return {p for i, each in enumerate(node) for p in places(each, f"{name}[{i}]")}
-        return {name}
-
-    assert set(METRICS) <= places(report)
-    assert {p for p in places(report) if p.startswith("final.")} <= set(METRICS)
-
-
 def test_an_unknown_metric_is_refused_before_any_run():
     with pytest.raises(InputError, match=r"2 errors\n.*did you mean 'contact.peak_N'(.|\n)*final\.s") as raised:
         converge(Scenario(), ["contact.peak", "contact.final_N", "final.sz"])
@@ -207,35 +189,3 @@ def test_warnings_of_each_run_are_notes_with_its_step():
     held = Scenario.load("push_wall", {"controller.period": 1e-2, "simulation.duration": 0.02}, "fosm")
     notes = converge(held).notes  # the warning occurs at all three steps but is listed once
     assert len([note for note in notes if "chatters" in note]) == 1
-
-
-SHORT = ("--set", "simulation.duration=0.02", "--set", "wall.position=1e-4", "--set", "reference.step_time=0")
-
-
-def test_the_command_prints_a_table_or_json():
-    done = CliRunner().invoke(main, ["converge", *SHORT])
-    assert done.exit_code == 0, done.output
-    assert all(name.split("[")[0] in done.output for name in DEFAULT)
-    assert "h = 2.5e-05 s" in done.output
-    done = CliRunner().invoke(main, ["converge", "--json", "-m", "final.s", "-c", "fosm", *SHORT])
-    report = json.loads(done.stdout)
-    assert report["controller"] == "fosm"
-    assert report["timesteps_s"] == [1e-4, 5e-5, 2.5e-5]
-    assert [each["name"] for each in report["metrics"]] == [f"final.s[{i}]" for i in range(6)]
-    assert all(len(each["values"]) == 3 for each in report["metrics"])
-
-
-@pytest.mark.parametrize(
-    ("arguments", "status", "said"),
-    [
-        (("-m", "contact.peak"), 2, "did you mean 'contact.peak_N'?"),
-        (("push_wall", "other"), 2, "one scenario at a time"),
-        (("wall.stifness=1",), 2, "did you mean 'stiffness'"),
-        (("-m", "list"), 0, "contact.peak_N"),
-        (("--from", "nowhere.mcap"), 2, "nowhere.mcap"),
-    ],
-)
-def test_the_command_says_what_is_wrong(arguments, status, said):
-    done = CliRunner().invoke(main, ["converge", *arguments])
-    assert done.exit_code == status
-    assert said in done.output

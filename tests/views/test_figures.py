@@ -12,7 +12,6 @@ from unittest.mock import patch
 import matplotlib as mpl
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.axes import Axes
@@ -21,8 +20,8 @@ from matplotlib.colors import to_hex
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
-from uvms_mj import Controller, InputError, McapLog, Scenario, simulate
-from uvms_mj.cli.plot import FORMATS, WHATS, plot
+from uvms_mj import Controller, InputError, Scenario, simulate
+from uvms_mj.cli.plot import FORMATS
 from uvms_mj.views import colours, figures
 from uvms_mj.views.figures.lines import thin
 from uvms_mj.views.figures.scales import early, rebounds
@@ -348,7 +347,8 @@ def test_a_panel_shows_what_follows_a_transient_and_its_inset_the_transient(draw
     assert high - low < 2.0 * np.ptp(late) + 1e-9
     assert inset.get_ylim()[1] > trace.s[:, :3].max() > 100.0 * high
     own = dataclasses.replace(traces["gsta"].header.law, source="my.py:Mine")
-    mine = dataclasses.replace(trace, header=dataclasses.replace(trace.header, law=own))
+    sources = {**trace.header.sources, "controller": own}
+    mine = dataclasses.replace(trace, header=dataclasses.replace(trace.header, sources=sources))
     (first, _) = figures.plot({"mine": mine}, "sliding").axes
     assert first.child_axes[0].get_xlim() == inset.get_xlim()
 
@@ -434,15 +434,6 @@ def test_runs_lie_on_the_same_axes_each_in_the_colour_of_its_law_everywhere(draw
                     assert to_hex(line.get_color()) == expected[line.get_label()], (what, signal)
     force = drawn["force of four"]
     assert [line.get_label() for s, line in lines_of(force, force.axes[0]) if s == "push"][:4] == list(traces)
-
-
-def test_colours_of_runs_are_different_and_a_law_keeps_its_own():
-    alone = {law: colours.of_runs([law])[0] for law in colours.LAWS}
-    assert len(set(alone.values())) == len(alone)
-    assert dict(zip(alone, colours.of_runs(list(alone)), strict=True)) == alone
-    sweep = colours.of_runs(["gsta"] * 20 + ["a.py:A", "b.py:B"] + ["fosm"])
-    assert len(set(sweep)) == 23
-    assert sweep[-1] == alone["fosm"]
 
 
 def test_every_run_can_be_seen_beside_one_that_is_a_thousand_times_as_large(traces):
@@ -581,59 +572,3 @@ def test_the_same_figure_gives_the_same_files_whatever_the_users_settings(traces
 def test_figures_need_no_display_and_no_global_state():
     code = "import sys, uvms_mj.views.figures; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
-
-
-@pytest.fixture(scope="module")
-def log(tmp_path_factory):
-    path = tmp_path_factory.mktemp("logs") / "run.mcap"
-    simulate(Scenario.load("push_wall", {"simulation.duration": 1.0}), sinks=[McapLog(path)])
-    return path
-
-
-def command(*arguments):
-    return CliRunner().invoke(plot, [str(each) for each in arguments])
-
-
-def test_the_command_draws_beside_the_log_and_never_over_a_file(log, tmp_path):
-    assert WHATS == figures.WHATS
-    assert FORMATS == figures.FORMATS
-    done = command(log)
-    assert done.exit_code == 0, done.output
-    assert done.stdout == f"{log.parent / 'summary.png'}\n"
-    picture = (log.parent / "summary.png").read_bytes()
-    assert picture.startswith(b"\x89PNG")
-    done = command(log)
-    assert done.exit_code == 2
-    assert "exists; choose another name" in done.stderr
-    assert (log.parent / "summary.png").read_bytes() == picture
-    done = command(log, log, "--what", "tau", "--out", tmp_path / "x.svg")
-    assert done.exit_code == 0, done.output
-    assert (tmp_path / "x.svg").read_text().count(">gsta 2<") == 1
-
-
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        (["LOG", "--out", "x.gif"], "the name must end in one of .png, .svg, .pdf"),
-        (["LOG", "--out", "nowhere/x.png"], "can't write it"),
-        (["nowhere.mcap"], "No such file"),
-        (["LOG", "--what", "colour"], "'colour' is not one of"),
-        ([], "Missing argument"),
-    ],
-)
-def test_bad_input_gives_one_message_and_status_2(log, tmp_path, monkeypatch, arguments, expected):
-    monkeypatch.chdir(tmp_path)
-    done = command(*(log if each == "LOG" else each for each in arguments))
-    assert done.exit_code == 2
-    assert expected in done.stderr
-    assert "Traceback" not in done.stderr
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_log_that_was_cut_off_is_drawn_with_a_warning(log, tmp_path):
-    data = log.read_bytes()
-    (tmp_path / "cut.mcap").write_bytes(data[: len(data) * 9 // 10])
-    done = command(tmp_path / "cut.mcap", "--what", "force", "--out", tmp_path / "cut.svg")
-    assert done.exit_code == 0, done.output
-    assert "cut off" in done.stderr
-    assert "(truncated)" in (tmp_path / "cut.svg").read_text()

@@ -8,8 +8,6 @@ import numpy as np
 from ..records.header import Status
 from ..records.trace import Trace
 from ..stages.signals import FINAL_WINDOW_S
-from .residual import design_of as design_of
-from .residual import impedance_error as impedance_error
 from .rest import demanded_force
 from .windows import gain, grid, window
 

@@ -70,6 +70,4 @@ def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
 
 def design_of(scenario: Scenario, vehicle: Vehicle) -> Design:
     """The design matrices of a scenario and its vehicle. Raises InputError if the desired impedance is not physical."""
-    return Design.of(
-        scenario.impedance, scenario.estimates, vehicle.M, scenario.reference.attitude_deg
-    )
+    return Design.of(scenario.impedance, scenario.estimates, vehicle.M, scenario.reference.attitude_deg)

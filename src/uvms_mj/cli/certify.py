@@ -34,7 +34,7 @@ _AXES = ("x", "y", "z", "roll", "pitch", "yaw")
     epilog="Exit status: 0 whatever the verdict, 2 bad input, 3 the run was unstable, 130 interrupted (143 by SIGTERM)."
 )
 @scenario_argument
-@click.option("-c", "--controller", metavar="LAW", help="gsta or sta; the certificate covers only these laws.")
+@click.option("-c", "--controller", metavar="LAW", help="gsta, sta, or your own law with a certificate.")
 @set_option
 @path_option("--from", "log", metavar="LOG", help="Use the samples and gains of a log, run.mcap, instead of a new run.")
 @click.option("--rate", type=float, metavar="L", help="Print gains for a rate of disturbance [m/s^3], without a run.")

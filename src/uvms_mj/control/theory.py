@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..errors import InputError
 from ..files import shortened
 from ..stages.base import Stage, base_of
 from .base import Controller
@@ -64,9 +65,20 @@ def certificate(setup: Any) -> "Certificate | None":
     """The certificate of a run's law, or None if it has none.
 
     Raises:
-        InputError: a gain is too large or too small to compute with.
+        InputError: a gain is too large or too small to compute with, or the method of a user's law fails.
     """
-    return _ask(setup.scenario.controller, "certificate", setup)
+    controller = setup.scenario.controller
+    try:
+        found = _ask(controller, "certificate", setup)
+    except _TheoryError as error:
+        raise InputError(str(error)) from None
+    if found is None:
+        return None
+    from .certificate import Certificate
+
+    if not isinstance(found, Certificate):
+        raise InputError(f"{controller.label()}.certificate must return a Certificate or None, not {shortened(found)}")
+    return found
 
 
 def _ask(stage: Stage, name: str, setup: Any) -> Any:

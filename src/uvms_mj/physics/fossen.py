@@ -57,12 +57,14 @@ def coriolis_added_mass(M_A, nu, out):
     """out = C_A(nu) nu (6,) [N, N m], Fossen (2021), eq. (6.44), M_A (6, 6) symmetric [kg, kg m, kg m^2]."""
     matvec(M_A, nu, out)
     a_0, a_1, a_2, a_3, a_4, a_5 = out[0], out[1], out[2], out[3], out[4], out[5]
-    out[0] = nu[4] * a_2 - nu[5] * a_1
-    out[1] = nu[5] * a_0 - nu[3] * a_2
-    out[2] = nu[3] * a_1 - nu[4] * a_0
-    out[3] = nu[1] * a_2 - nu[2] * a_1 + nu[4] * a_5 - nu[5] * a_4  # the first two terms are the Munk moment
-    out[4] = nu[2] * a_0 - nu[0] * a_2 + nu[5] * a_3 - nu[3] * a_5
-    out[5] = nu[0] * a_1 - nu[1] * a_0 + nu[3] * a_4 - nu[4] * a_3
+    out[0], out[1], out[2], out[3], out[4], out[5] = (  # at once: of columns (6, n), a_0 to a_5 are views of out
+        nu[4] * a_2 - nu[5] * a_1,
+        nu[5] * a_0 - nu[3] * a_2,
+        nu[3] * a_1 - nu[4] * a_0,
+        nu[1] * a_2 - nu[2] * a_1 + nu[4] * a_5 - nu[5] * a_4,  # the first two terms are the Munk moment
+        nu[2] * a_0 - nu[0] * a_2 + nu[5] * a_3 - nu[3] * a_5,
+        nu[0] * a_1 - nu[1] * a_0 + nu[3] * a_4 - nu[4] * a_3,
+    )
 
 
 @kernel

@@ -180,15 +180,16 @@ def once(header: Header) -> tuple[tuple[Topic, ...], dict[str, np.ndarray]]:
         message = ros2.force("map", "force")
         text = "closed form of the contact force at rest"
         topics.append(Topic("/analytic/contact", "geometry_msgs/WrenchStamped", "map", "N", text, message))
-    if isinstance(analytic, SteadyState) and analytic.position is not None:
+    position = getattr(analytic, "position", None)
+    if position is not None:
         message = ros2.stamped("map", "position", 3)
         text = "closed form of B's position at rest"
         topics.append(Topic("/analytic/position", "geometry_msgs/PointStamped", "map", "m", text, message))
     values = {"face": np.array([face, 0.0, 0.0]), "turn.xyzw": np.array([0.0, 0.0, 1.0, 0.0]), "v_c_W": v_c_W}
     if isinstance(analytic, SteadyState):
         values["force"] = np.array([-analytic.force, 0.0, 0.0])
-        if analytic.position is not None:
-            values["position"] = analytic.position
+    if position is not None:
+        values["position"] = position
     return tuple(Topic(t.name, t.type, t.frame, t.unit, t.meaning, t.message, latched=True) for t in topics), values
 
 

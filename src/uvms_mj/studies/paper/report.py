@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...analysis import metrics, rest
+from ...analysis import metrics, residual, rest
 from ...control.ideal import TOLD_THE_TRUTH
 from ...files import whole
 from ...records.header import Status
@@ -146,11 +146,11 @@ MEASURES: tuple[tuple[str, str, Callable[[Trace], Any]], ...] = (
     ("position settled to 2 %", "s", metrics.position_settling_time),
     ("force settled to 2 %", "s", metrics.force_settling_time),
     ("overshoot of position", "%", lambda trace: _percent(metrics.overshoot(trace))),
-    ("impedance error, rms, whole run", "N", lambda trace: np.linalg.norm(metrics.impedance_error(trace)[:3])),
+    ("impedance error, rms, whole run", "N", lambda trace: np.linalg.norm(residual.impedance_error(trace)[:3])),
     (
         f"impedance error, rms, last {REST_S:g} s",
         "N",
-        lambda trace: np.linalg.norm(metrics.impedance_error(trace, _rest(trace))[:3]),
+        lambda trace: np.linalg.norm(residual.impedance_error(trace, _rest(trace))[:3]),
     ),
     ("control effort", "N² s", lambda trace: linear_sum(metrics.control_effort(trace))),
     ("total variation of thrust", "N", lambda trace: linear_sum(metrics.total_variation(trace))),

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ....analysis import metrics, rest
+from ....analysis import metrics, residual, rest
 from ....control.rest import SteadyState
 from ....records.trace import Trace
 from .base import Measured, Runs, number
@@ -42,7 +42,7 @@ def force(run: str) -> Callable[[Runs], Measured]:
 
 def at_rest(trace: Trace) -> np.ndarray:
     """Impedance error at rest: rms (6,) of the residual of eq. (12) [N, N m]."""
-    return metrics.impedance_error(trace, trace.t[-1] - REST_S)
+    return residual.impedance_error(trace, trace.t[-1] - REST_S)
 
 
 def norm(values: np.ndarray) -> float:
@@ -220,7 +220,7 @@ def whole_variation(runs: Runs) -> Measured:
     k_1, k_2 = gain(trace, "k_1"), gain(trace, "k_2")
     if k_1**2 < 2.0 * k_2:
         return measured
-    cycle = 0.25 * (k_1 + np.sqrt(k_1**2 - 2.0 * k_2)) ** 2 * linear_sum(np.diag(metrics.design_of(trace).M_hat))
+    cycle = 0.25 * (k_1 + np.sqrt(k_1**2 - 2.0 * k_2)) ** 2 * linear_sum(np.diag(residual.design_of(trace).M_hat))
     start = max(0.0, trace.t[-1] - REST_S)
     still = linear_sum(metrics.total_variation(trace, start)) / (trace.t[-1] - start) if len(trace) > 1 else 0.0
     detail = f"{measured.detail}; at rest {still:.1f} N/s, from the cycle of sgn(s) {cycle:.1f} N/s"
@@ -258,7 +258,7 @@ def compliance(runs: Runs) -> Measured:
         return Measured(None, "no contact")
     start = float(trace.first_contact[-1])
     force = float(np.sqrt((trace.push[trace.t >= start] ** 2).mean()))
-    error = float(metrics.impedance_error(trace, start)[0])
+    error = float(residual.impedance_error(trace, start)[0])
     return Measured(over(100.0 * error, force), f"{number(error)} N of {number(force)} N")
 
 

@@ -1,6 +1,5 @@
-"""Impact and friction at the wall: Coulomb's law in slip, a spring in stick, no gain of energy, accurate impacts."""
+"""Friction at the wall: Coulomb's law in slip, a spring in stick, no gain of energy."""
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,14 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pressed import K_C, PUSH, M, pressed
 from twin import TwinParameters, matrix_acceleration, rotation
 from uvms_mj import Controller, InputError, Scenario, Trace, gain, simulate
 from uvms_mj.analysis.sampling import SamplingWarning
-from uvms_mj.physics.contact import CONTACT, contact_force
-
-M = np.array([7.31 + 5.5, 7.31 + 12.7, 7.31 + 14.57])
-"""Inertia of the BlueROV1 along x, y and z, added mass included [kg]."""
-PUSH, K_C = 7.5, 1e5
+from uvms_mj.physics.contact import contact_force
 
 
 @dataclass(frozen=True)
@@ -33,19 +29,6 @@ class Push(Controller):
         tau_cmd[1], tau_cmd[2] = gains.along[0], gains.along[1]
         for i in range(3, 6):
             tau_cmd[i] = -signals.tau_contact_m_B[i] - 2000.0 * signals.eta_e[i] - 40.0 * signals.nu[i]
-
-
-@pytest.fixture(scope="module")
-def slippery(tmp_path_factory) -> Path:
-    """A BlueROV1 without hydrodynamic damping, so that only friction slows it down."""
-    xml = (Path(__file__).parents[2] / "models" / "bluerov1.xml").read_text()
-    for derivative in ("X_u", "Y_v", "Z_w", "K_p", "M_q", "N_r"):
-        for name in (derivative, derivative + derivative[-1]):
-            xml, n = re.subn(rf'(<numeric name="{name}" data=)"[^"]*"', r'\1"0"', xml)
-            assert n == 1
-    path = tmp_path_factory.mktemp("vehicle") / "slippery.xml"
-    path.write_text(xml)
-    return path
 
 
 def at_the_wall(vehicle: Path, law: Controller, overrides: dict) -> Trace:
@@ -123,14 +106,6 @@ def test_friction_acts_at_the_contact_point_with_its_moment_about_b():
     assert np.allclose(trace.nu_dot[0], expected, rtol=1e-9, atol=1e-9)
 
 
-def pressed(k_t: float, b_t: float, mu: float, depth: float) -> tuple[np.recarray, np.ndarray]:
-    """A contact point ``depth`` inside a wall of normal -x, and the nearest points of the sensors."""
-    contact = np.zeros(1, CONTACT).view(np.recarray)[0]
-    contact.stiffness, contact.friction = K_C, mu
-    contact.tangential_stiffness, contact.tangential_damping = k_t, b_t
-    return contact, np.array([0.0, 0.0, 0.0, depth, 0.0, 0.0])
-
-
 def test_a_reversal_of_the_slip_gives_the_textbooks_loop():
     """Force over displacement is a parallelogram of slope k_t between +-mu F_n (Jenkins element).
 
@@ -199,28 +174,6 @@ def test_gsta_slides_along_the_wall_without_spikes(mu, speed):
     assert trace.force_peak[-1] == trace.force_peak[trace.t > 7.5][0]
 
 
-def test_the_push_after_the_impact_does_not_depend_on_the_step():
-    """Under GSTA the vehicle hits the wall while it moves along it: it sticks, slips and turns."""
-    peaks = []
-    for timestep in (2e-4, 1e-4, 5e-5):
-        overrides = {
-            "simulation.timestep": timestep,
-            "simulation.duration": 4.0,
-            "wall.friction": 0.2,
-            "initial.position": [0.97, 0.0, 0.0],
-            "reference.step_time": 0.0,
-            "reference.waypoints": [
-                {"time": 0.0, "position": [1.05, 0.2, 0.0]},
-                {"time": 2.0, "position": [1.05, 0.0, 0.1]},
-            ],
-        }
-        trace = simulate(Scenario.load("push_wall", overrides), log_rate="full")
-        late = trace.t > trace.first_contact[-1] + 1.0
-        assert (trace.push[late] > 0.0).all()
-        peaks.append(trace.push[late].max())
-    assert np.ptp(peaks) < 0.01 * peaks[-1]
-
-
 def test_friction_too_stiff_for_the_step_is_refused_and_badly_resolved_friction_noted():
     base = Scenario.load("push_wall", {"wall.friction": 0.2, "simulation.duration": 0.01})
     with pytest.raises(InputError, match=r"wall\.tangential_stiffness: 1e\+10 N/m is too stiff"):
@@ -229,95 +182,6 @@ def test_friction_too_stiff_for_the_step_is_refused_and_badly_resolved_friction_
         simulate(base.updated({"wall.tangential_damping": 1e7}))
     with pytest.warns(SamplingWarning, match="sticking friction is badly resolved"):
         simulate(base.updated({"wall.tangential_stiffness": 6e7, "wall.tangential_damping": 0.0}))
-
-
-def test_the_impact_is_that_of_the_continuous_loop():
-    """Peak force and impulse of the paper's scenario converge with order 1 and are accurate at the default step.
-
-    17.872 N is the peak force of an independent integration of the continuous loop.
-    """
-    peak, impulse = [], []
-    for timestep in (1e-4, 5e-5, 2.5e-5):
-        overrides = {"simulation.timestep": timestep, "simulation.duration": 8.0}
-        trace = simulate(Scenario.load("push_wall", overrides), log_rate=100)
-        peak.append(trace.force_peak[-1])
-        impulse.append(trace.impulse[-1])
-    assert peak[0] == pytest.approx(17.872, rel=5e-4)
-    for values, tolerance in ((peak, 5e-4), (impulse, 5e-5)):
-        limit = 2.0 * values[2] - values[1]
-        assert values[0] == pytest.approx(limit, rel=tolerance)
-        assert (values[0] - limit) / (values[1] - limit) == pytest.approx(2.0, rel=0.05)  # order 1
-
-
-@pytest.mark.parametrize("stiffness", [8e5, 8.5e5, 3e6])
-def test_a_stiff_wall_comes_to_rest_where_the_law_runs_at_every_step(stiffness):
-    trace = simulate(Scenario.load("push_wall", {"wall.stiffness": stiffness}), log_rate=100)
-    assert trace.notes == ()
-    assert trace.final_high[-1] - trace.final_low[-1] < 1e-4
-    assert trace.push[-1] == pytest.approx(trace.analytic.force, rel=1e-5)
-
-
-@dataclass(frozen=True)
-class Coast(Controller):
-    """A law without thrust."""
-
-    @staticmethod
-    def law(gains, state, signals, state_dot, tau_cmd):
-        tau_cmd[:] = 0.0
-
-
-def rebound(vehicle: Path, timestep: float, start: float) -> float:
-    """Coefficient of restitution of an impact on a wall of 1e5 N/m without damping."""
-    overrides = {
-        "vehicle.model": str(vehicle),
-        "current.speed": 0.0,
-        "wall.position": 0.0,
-        "initial.position": [start, 0.0, 0.0],
-        "initial.velocity": [0.1, 0.0, 0.0, 0.0, 0.0, 0.0],
-        "simulation.timestep": timestep,
-        "simulation.duration": 0.2,
-    }
-    trace = simulate(Scenario.load("push_wall", overrides), Coast(), log_rate="full")
-    assert trace.touches[-1] == 1
-    return float(-trace.nu[-1, 0] / 0.1)
-
-
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
-def test_a_wall_that_the_step_resolves_badly_is_noted(slippery):
-    """The warning is given exactly if the rebound has an error of more than about 1 %."""
-    w = np.sqrt(K_C / M[0])
-    for h_w, noted in ((0.05, False), (0.28, False), (0.5, True), (1.3, True)):
-        timestep = round(h_w / w, 6)
-        errors = [abs(rebound(slippery, timestep, -0.01 - phase * 0.1 * timestep) - 1.0) for phase in (0.0, 0.25, 0.6)]
-        assert (max(errors) > 0.012) == noted
-        overrides = {"simulation.timestep": timestep, "simulation.duration": timestep}
-        notes = simulate(Scenario.load("push_wall", overrides, "impedance"), log_rate="full").notes
-        assert any("an impact is badly resolved" in note for note in notes) == noted
-
-
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
-def test_a_start_inside_the_wall_is_noted():
-    start = {"initial.position": [1.2, 0.0, 0.0], "simulation.duration": 1e-3}
-    (note,) = simulate(Scenario.load("push_wall", start)).notes
-    assert "starts 0.2 m inside the wall, which pushes it out with 2e+04 N" in note
-    resting = {"initial.position": [1.000015, 0.0, 0.0], "simulation.duration": 1e-3}
-    assert simulate(Scenario.load("push_wall", resting)).notes == ()
-
-
-@pytest.mark.parametrize("depth", [1e-17, 2.2e-16, 1e-12, 1e-8, 1e-3])
-def test_the_normal_is_the_walls_at_any_depth(depth):
-    """The nearest points of a contact that has just begun differ by rounding alone."""
-    face = 0.7 + 0.241
-    p = np.array([0.7 + depth, 0.1, -0.2])
-    fromto = np.array([face, *p[1:], p[0] + 0.241, *p[1:]])
-    contact, _ = pressed(1e5, 0.0, 0.3, depth)
-    contact.damping = 100.0
-    nu = np.array([0.5, 0.3, 0.1, 0.0, 0.0, 0.0])
-    contact_force(contact, -depth, fromto, p, np.eye(3), nu, 1e-4)
-    normal = K_C * depth + 100.0 * 0.5
-    assert contact.f_W[0] == pytest.approx(-normal, rel=1e-9)
-    assert np.hypot(*contact.f_W[1:]) <= 0.3 * normal * (1.0 + 1e-9)
-    assert contact.normal_W == pytest.approx([-1.0, 0.0, 0.0], abs=1e-9)
 
 
 def test_settings_of_friction_without_friction_are_noted_and_a_default_is_named():

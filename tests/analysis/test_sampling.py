@@ -1,0 +1,131 @@
+"""Limits of the sampled loop: where vibration grows, and what a run is warned of."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from uvms_mj import Scenario, simulate
+from uvms_mj.analysis.metrics import final_force
+from uvms_mj.analysis.setup import set_up
+from uvms_mj.control.rest import NoClosedForm
+from uvms_mj.control.sampled import Vibration
+
+
+@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+def test_inertia_shaping_is_stable_up_to_the_step_that_is_said():
+    """Under eq. (4) with M_d = M/3, a force held for 2 h acts as negative damping of (M/M_d - 1) k_c h/2."""
+    M = np.array([7.31 + 5.5, 7.31 + 12.7, 7.31 + 14.57, 0.28, 0.28, 0.28])
+    D_d = 30.0
+    limit = 2.0 * 3.0 * D_d / (2.0 * 1e5)
+    swing = []
+    for factor in (0.7, 1.4):
+        overrides = {
+            "current.speed": 0.0,
+            "initial.position": [1.0, 0.0, 0.0],
+            "reference.step_time": 0.0,
+            "reference.target": [1.05, 0.0, 0.0],
+            "impedance.M_d": (M / 3.0).tolist(),
+            "impedance.D_d": [D_d, 280.0, 280.0, 10.0, 8.0, 8.0],
+            "simulation.timestep": factor * limit,
+            "controller.period": 2.0 * factor * limit,
+            "simulation.duration": 8.0,
+        }
+        trace = simulate(Scenario.load("push_wall", overrides, "impedance"))
+        assert bool(trace.notes) == (factor > 1.0)
+        swing.append(np.ptp(trace.push[trace.t > 7.0]))
+    assert swing[0] < 0.01
+    assert swing[1] > 1.0
+
+
+INERTIA = [12.81, 20.01, 21.88, 0.28, 0.28, 0.28]
+
+
+@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.parametrize(
+    ("overrides", "bounces"),
+    [
+        ({"estimates.inertia": 0.5}, True),
+        ({"controller.nominal": False, "impedance.M_d": [0.4 * m for m in INERTIA]}, True),
+        ({"estimates.inertia": 0.95}, False),
+        ({"estimates.inertia": 1.25}, False),
+        ({"controller.nominal": False}, False),
+        ({"controller.nominal": False, "impedance.M_d": [2.0 * m for m in INERTIA]}, False),
+        ({"controller.k_1": 20.0, "controller.k_2": 200.0, "estimates.inertia": 0.9}, False),
+    ],
+)
+def test_super_twisting_that_would_bounce_on_the_wall_is_warned_of(overrides, bounces):
+    """The linear prediction agrees with the run. A run without a warning reaches the closed form."""
+    trace = simulate(Scenario.load("push_wall", {**overrides, "simulation.duration": 30.0}, "gsta"), log_rate=100)
+    assert any("bounce" in note for note in trace.notes) == bounces
+    force, settled = final_force(trace)
+    assert settled != bounces
+    if not bounces:
+        assert force == pytest.approx(trace.analytic.force, rel=1e-4)
+
+
+@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.parametrize(("periods", "yaw_deg"), [(4, 0.0), (7, 0.0), (4, 40.0)])
+def test_the_age_of_the_force_decides_whether_a_held_command_keeps_the_contact_damped(periods, yaw_deg):
+    """The limit of inertia shaping is 5 % above the mean age of the force, then 5 % below."""
+
+    def shaped(share):
+        overrides = {"controller.period": periods * 1e-4, "impedance.M_d": [share * m for m in INERTIA]}
+        overrides |= {f"{where}.attitude_deg": [0.0, 0.0, yaw_deg] for where in ("reference", "initial")}
+        overrides |= {"current.speed": 0.0, "simulation.duration": 50.0}
+        return Scenario.load("push_wall", overrides, "impedance")
+
+    def limit(share):
+        setup = set_up(shaped(share))
+        return Vibration.of(setup, setup.design.M_hat).limit
+
+    age, settled = 0.5e-4 * (periods - 1), []
+    for factor in (1.05, 0.95):
+        scenario = shaped(brentq(lambda share, wanted=factor * age: limit(share) - wanted, 1e-3, 0.5))
+        trace = simulate(scenario, log_rate=100)
+        settled.append(final_force(trace)[1])
+        assert any("limit-cycles" in note for note in trace.notes) != settled[-1]
+    assert settled == [True, False]
+
+
+@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+def test_the_limits_of_the_sampled_loop_are_where_they_are_said_to_be():
+    """The first-order law is quiet 2 % below its limit and chatters 2 % above it."""
+    limit = 2.0 / (19.0 / 1e-3 + 100.0)
+    variation = []
+    for factor in (0.98, 1.02):
+        overrides = {"simulation.timestep": factor * limit, "simulation.duration": 3.0, "reference.step_time": 0.0}
+        trace = simulate(Scenario.load("push_wall", overrides, "fosm"))
+        rest = trace.t > 2.0
+        variation.append(np.ptp(trace.tau_variation[rest][:, 0]))
+        assert bool(trace.notes) == (factor > 1.0)
+    assert variation[1] > 100.0 * variation[0]
+
+
+@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.parametrize(
+    ("stiffness", "period", "rests"),
+    [(1e5, 0.0328, True), (1e5, 0.034, False), (1e6, 0.0107, True), (1e6, 0.0112, False), (1e4, 0.11, False)],
+)
+def test_a_held_impedance_law_oscillates_where_the_sampled_vibration_grows(stiffness, period, rests):
+    """The hold of D_d alone: with M_d = M no contact force is fed back. The prediction and the run agree."""
+    overrides = {
+        "current.speed": 0.0,
+        "wall.stiffness": stiffness,
+        "controller.period": period,
+        "simulation.duration": 40.0,
+    }
+    trace = simulate(Scenario.load("push_wall", overrides, "impedance"), log_rate=100)
+    swing = float(trace.final_high[-1] - trace.final_low[-1])
+    assert (swing < 1e-2) == rests
+    assert isinstance(trace.analytic, NoClosedForm) != rests
+    assert any("oscillates against the wall" in note for note in trace.notes) != rests
+
+
+@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+def test_a_control_period_at_which_zeta_grows_is_noted_and_has_no_closed_form():
+    """|1 + A T| > 1 in the explicit Euler steps of eq. (15)."""
+    for period, grows in ((0.019, False), (0.021, True)):
+        overrides = {"wall.stiffness": 1e3, "controller.period": period, "simulation.duration": 1.0}
+        trace = simulate(Scenario.load("push_wall", overrides), log_rate=100)
+        assert any("zeta" in note for note in trace.notes) == grows
+        assert (isinstance(trace.analytic, NoClosedForm) and "zeta" in trace.analytic.reason) == grows

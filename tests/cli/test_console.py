@@ -1,0 +1,81 @@
+"""The table of a run: digits that the run supports, and a relative error only where it exists."""
+
+import re
+
+import pytest
+
+from uvms_mj import Scenario, Trace, simulate
+from uvms_mj.analysis.metrics import final_force
+from uvms_mj.analysis.summary import summary
+from uvms_mj.cli.console import Console
+
+SHORT = ("simulation.duration=0.25", "wall.position=0.002", "reference.step_time=0")
+
+
+@pytest.fixture(scope="module")
+def trace():
+    overrides = dict(setting.split("=") for setting in SHORT)
+    return simulate(Scenario.load("push_wall", {key: float(value) for key, value in overrides.items()}))
+
+
+def table_of(trace, capsys) -> dict[str, str]:
+    """Lines of the table that ``uvms-mj run`` prints, by name."""
+    Console(as_json=False, quiet=False).report(trace, summary(trace, {"mcap": "run.mcap"}))
+    lines = [line.split("│") for line in capsys.readouterr().out.splitlines() if line.startswith("│")]
+    return {name.strip(): value.rstrip() for _, name, value, _ in lines}
+
+
+def test_a_run_too_short_for_the_wall_has_no_relative_error(capsys):
+    trace = simulate(Scenario.load("push_wall", {"simulation.duration": 0.6}))
+    assert trace.analytic.force > 0.0
+    assert summary(trace, {})["contact"]["relative_error"] is None
+    table = table_of(trace, capsys)
+    assert "relative error" not in table
+    assert table["contact"].strip() == "none"
+
+
+def test_a_run_in_contact_that_has_not_settled_has_no_relative_error(trace, capsys):
+    assert trace.touches[-1] > 0
+    assert not final_force(trace)[1]
+    assert "relative error" not in table_of(trace, capsys)
+
+
+def test_the_table_prints_the_digits_that_a_run_supports(paper_run, capsys):
+    trace = paper_run("gsta")
+    table = table_of(trace, capsys)
+    peak, first = table["peak force"].split()[0], table["first contact"].split()[0]
+    assert peak == f"{trace.force_peak[-1]:.4g}"
+    assert first == f"{trace.first_contact[-1]:.4g}"
+    assert table["final force"].split()[0] == table["analytic force"].split()[0] == "1.497753"
+    assert table["relative error"].strip() == "below 1e-9"  # and not -3.7e-11
+    assert "converge" in table["error bars"]
+    early = Trace.of(trace.header, trace.rows(), trace.outcome)
+    early.arrays["final_high"].setflags(write=True)
+    early.arrays["final_high"][-1] = early.final_low[-1] + 2e-4
+    assert table_of(early, capsys)["final force"].split()[0] == "1.498"
+
+
+def test_a_vehicle_that_touched_and_left_rests_with_zero_force(capsys):
+    settings = {"initial.velocity": [0.2, 0, 0, 0, 0, 0], "wall.position": 0.01, "reference.target": [-0.05, 0.0, 0.0]}
+    settings |= {"current.speed": 0.0, "simulation.duration": 8.0, "reference.step_time": 0.0}
+    trace = simulate(Scenario.load("push_wall", settings, "impedance"))
+    assert trace.touches[-1] > 0
+    assert final_force(trace) == (0.0, True)
+    table = table_of(trace, capsys)
+    assert table["final force"].strip() == "0 N (settled)"
+    assert "relative error" not in table
+
+
+def test_vectors_of_the_table_stand_under_each_other(paper_run, capsys):
+    table = table_of(paper_run("gsta"), capsys)
+    points = [[i for i, c in enumerate(table[name]) if c == "."] for name in ("final position", "analytic position")]
+    assert points[0] == points[1]
+    assert len({len(number.partition(".")[2]) for number in re.findall(r"\d+\.\d+", table["final position"])}) == 1
+    assert "-0.00000" not in table["final position"]
+
+
+def test_each_component_of_the_largest_tau_has_three_digits(paper_run, capsys):
+    """Moments are a thousand times smaller than forces, and are not 0.00 for that."""
+    trace = paper_run("gsta")
+    shown = [float(number) for number in table_of(trace, capsys)["largest tau"].split("N")[0].split()]
+    assert shown == pytest.approx(trace.tau_max[-1], rel=5e-3)

@@ -1,0 +1,191 @@
+"""Interrupts, signals and closed streams: commands end soon, in one line, and keep what they have."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from command import COMMAND, no_constants
+from uvms_mj import Trace
+
+SHORT = ("--set", "simulation.duration=0.05")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_ends_soon_and_keeps_what_it_had(tmp_path, number):
+    process = subprocess.Popen(
+        [*COMMAND, "run", "--set", "simulation.duration=2000", "--json", "--out", "here"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    time.sleep(5.0)
+    assert process.poll() is None
+    process.send_signal(number)
+    start = time.monotonic()
+    out, _ = process.communicate(timeout=30)
+    assert time.monotonic() - start < 2.0
+    assert process.returncode == 128 + number
+    report = json.loads(out, parse_constant=no_constants)
+    assert report["status"] == "interrupted"
+    if report["steps"]:
+        t = Trace.load(tmp_path / "here" / "run.mcap").t
+        assert np.allclose(np.diff(t), 1e-3)
+        assert abs(t[-1] - report["duration_s"]) < 2e-3
+
+
+def test_what_hangs_at_its_end_can_be_stopped(tmp_path):
+    """A second signal is ignored while the run is written. A signal that comes much later ends the program."""
+    code = """if True:
+        import signal, time
+        from uvms_mj.cli.common import Stop
+        Stop._PATIENCE_S = 1.5
+        stop = Stop()
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            signal.raise_signal(signal.SIGTERM)
+            time.sleep(2.5)
+            print("still here", flush=True)
+            signal.raise_signal(signal.SIGINT)
+            time.sleep(30.0)
+            print("not here")
+    """
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 128 + signal.SIGINT
+    assert done.stdout == "still here\n"
+
+
+ENDLESS = """
+from dataclasses import dataclass
+
+from uvms_mj import Controller
+
+
+@dataclass(frozen=True)
+class Endless(Controller):
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        tau_cmd[:] = 0.0
+        while signals.t > 0.02:
+            tau_cmd[0] += 1.0
+"""
+
+
+def test_a_law_that_loops_for_ever_can_be_stopped(tmp_path):
+    """The machine code never returns to Python. A second thread handles the second signal."""
+    (tmp_path / "law.py").write_text(ENDLESS)
+    code = """if True:
+        import os, signal, sys, threading, time
+        from uvms_mj.cli import main
+        from uvms_mj.cli.common import Stop
+        Stop._PATIENCE_S = 0.5
+
+        def send():
+            while not os.path.exists("here/run.mcap"):
+                time.sleep(0.1)
+            for _ in range(2):
+                time.sleep(2.0)
+                os.kill(os.getpid(), signal.SIGTERM)
+
+        threading.Thread(target=send, daemon=True).start()
+        main(["run", "-c", "law.py:Endless", "-o", "here"])
+    """
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, timeout=120)
+    assert done.returncode == 128 + signal.SIGTERM, done.stderr
+
+
+@pytest.mark.parametrize("where", ["ClosedLoop", "_Run._outcome"])
+def test_a_run_that_never_began_reports_in_the_same_words_and_what_it_left(here, monkeypatch, where):
+    def shape(report):
+        return {key: shape(value) for key, value in report.items()} if isinstance(report, dict) else None
+
+    ran = json.loads(here("run", *SHORT, "--json", "-o", "a").stdout)
+
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(f"uvms_mj.engine.run.{where}", interrupted)
+    done = here("run", *SHORT, "--json", "-o", "b")
+    assert done.exit_code == 130
+    report = json.loads(done.stdout)
+    assert shape(report | {"files": ran["files"]}) == shape(ran)
+    assert sorted(report["files"].values()) == sorted(map(str, Path().glob("b/*")))
+    assert Path("b").exists() == bool(report["files"])
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
+def test_an_output_that_takes_nothing_is_said_in_one_line(tmp_path):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([*COMMAND, "keys"], stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert done.returncode == 2
+    assert done.stderr == "error: No space left on device\n"
+
+
+@pytest.mark.parametrize("command", ["info", "export", "plot", "compare", "replay"])
+def test_an_interrupt_of_any_command_is_no_failure(here, monkeypatch, command):
+    def interrupted(path):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("uvms_mj.records.mcap.read", interrupted)
+    monkeypatch.setattr(Trace, "load", interrupted)
+    done = here(command, "run.mcap", *(("--to", "csv") if command == "export" else ()))
+    assert done.exit_code == 130
+    assert done.stderr.strip() in ("interrupted", "stopped")
+
+
+@pytest.mark.parametrize("closed", [">&-", ">&- 2>&-", "<&-", "<&- >&- 2>&-"])
+def test_closed_streams_stop_nothing(tmp_path, closed):
+    """Closed standard streams do not stop a run, and no file of the run gets the descriptor of a stream."""
+    command = f"{sys.executable} -m uvms_mj run simulation.duration=0.005 --out here {closed}"
+    assert subprocess.run(["bash", "-c", command], cwd=tmp_path, timeout=120).returncode == 0
+    assert Trace.load(tmp_path / "here" / "run.mcap").status.name == "completed"
+    keys_ = f"{sys.executable} -m uvms_mj keys {closed}"
+    assert subprocess.run(["bash", "-c", keys_], stdout=subprocess.DEVNULL, timeout=60).returncode == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "place", ["uvms_mj.cli", "click", "uvms_mj.scenario", "mujoco", "uvms_mj.engine.run", "llvmlite"]
+)
+def test_a_signal_during_an_import_ends_with_one_line(tmp_path, number, place):
+    """The signal arrives exactly when the import of a module begins, as one of a user may in the first half second."""
+    code = f"""if True:
+        import os, sys
+        class Sends:
+            def find_spec(self, name, path=None, target=None):
+                if name == {place!r}:
+                    sys.meta_path.remove(self)
+                    os.kill(os.getpid(), {int(number)})
+        sys.argv = ["uvms-mj", "run", "-q", "--out", "here"]
+        from uvms_mj.__main__ import main
+        sys.meta_path.insert(0, Sends())
+        main()
+    """
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 128 + number, done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert "interrupted" in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_exception_that_a_signal_became_is_still_the_signal(here, monkeypatch):
+    """An import in C replaces KeyboardInterrupt by ImportError."""
+
+    def interrupted(*_, **__):
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise ImportError("numpy._core failed to import") from None
+
+    monkeypatch.setattr("uvms_mj.engine.run.set_up", interrupted)
+    done = here("run", "-q")
+    assert done.exit_code == 130
+    assert done.stderr == "interrupted before the first step\n"

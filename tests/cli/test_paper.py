@@ -1,0 +1,96 @@
+"""The command `paper`."""
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from pages import complete_by_itself
+from uvms_mj.cli.paper import paper
+from uvms_mj.studies.paper.claims import CLAIMS
+
+SHORT = ("simulation.duration=0.25", "wall.position=0.002", "reference.step_time=0")
+
+
+@pytest.fixture
+def command(tmp_path, monkeypatch):
+    """A function that runs a command with arguments in this process, in a separate folder."""
+    monkeypatch.chdir(tmp_path)
+    return lambda which, *arguments: CliRunner().invoke(which, [str(a) for a in arguments])
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """Output of ``uvms-mj paper`` with runs too short for any event of the paper."""
+    folder = tmp_path_factory.mktemp("paper") / "results"
+    return folder, CliRunner().invoke(paper, ["--out", str(folder), *SHORT])
+
+
+def test_paper_writes_what_it_says(results):
+    folder, done = results
+    assert done.exit_code == 1, done.output  # claims about rest cannot hold after a quarter of a second
+    assert done.stdout.splitlines()[-1] == str(folder / "report.html")
+    assert "fails" in done.stdout
+    drawn = [*(f"fig{n:02d}" for n in range(1, 13)), "overview"]
+    names = {f"{name}.{kind}" for name in drawn for kind in ("png", "svg")}
+    assert names | {"claims.csv", "claims.json", "report.html", "logs"} == {path.name for path in folder.iterdir()}
+    runs = ("impedance", "fosm", "gsta", "gsta_alone")
+    assert {f"{run}{suffix}.mcap" for run in runs for suffix in ("", "_fine")} <= {
+        p.name for p in folder.glob("logs/*")
+    }
+    rows = json.loads((folder / "claims.json").read_text())
+    assert [row["id"] for row in rows] == [claim.id for claim in CLAIMS]
+    with (folder / "claims.csv").open(newline="") as file:
+        assert [row["verdict"] for row in csv.DictReader(file)] == [row["verdict"] for row in rows]
+    page = complete_by_itself((folder / "report.html").read_text(encoding="utf-8"))
+    text = " ".join(page.text)
+    assert all(claim.text in text for claim in CLAIMS)
+    assert len(page.of("img")) == 13
+    assert str(folder) not in (folder / "report.html").read_text(encoding="utf-8")
+
+
+def test_paper_redraws_the_same_from_logs(results, command, tmp_path):
+    folder, _ = results
+    done = command(paper, "--from", folder, "--out", "again", "--json")
+    assert done.exit_code == 1, done.output
+    answer = json.loads(done.stdout)
+    assert answer["failed"] == [row["id"] for row in answer["claims"] if row["verdict"] == "fails"]
+    assert Path(answer["files"]["report"]).is_file()
+    assert not (tmp_path / "again" / "logs").exists()
+    for name in ("report.html", "claims.json", "claims.csv", "fig07.png", "fig07.svg"):
+        assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes(), name
+
+
+def test_paper_moves_aside_what_is_there(command, tmp_path):
+    (tmp_path / "r" / "logs").mkdir(parents=True)
+    (tmp_path / "r" / "logs" / "gsta.mcap").write_text("old")
+    (tmp_path / "r" / "report.html").write_text("old")
+    (tmp_path / "r" / "notes.txt").write_text("mine")
+    done = command(paper, "--out", "r", "simulation.duration=0.02")
+    assert done.exit_code == 1, done.output
+    assert "was moved to r/earlier-1" in done.stderr
+    assert (tmp_path / "r" / "earlier-1" / "logs" / "gsta.mcap").read_text() == "old"
+    assert (tmp_path / "r" / "earlier-1" / "report.html").read_text() == "old"
+    assert (tmp_path / "r" / "notes.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        ((), "--out DIR is missing"),
+        (("--from", "nowhere"), "impedance.mcap"),
+        (("--from", "nowhere", "wall.stiffness=1e4"), "only redraws existing runs; omit wall.stiffness=1e4"),
+        (("--out", "r", "a", "b"), "one scenario at a time"),
+        (("--out", "r", "wall.stifness=1e4"), "did you mean 'stiffness'"),
+        (("--out", "file/r"), "can't write there"),
+    ],
+)
+def test_paper_refuses_in_one_sentence(command, tmp_path, arguments, complaint):
+    (tmp_path / "file").write_text("")
+    done = command(paper, *arguments)
+    assert done.exit_code == 2
+    assert complaint in done.stderr
+    assert not (tmp_path / "r").exists()
+    assert not (tmp_path / "nowhere").exists()

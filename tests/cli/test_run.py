@@ -1,0 +1,147 @@
+"""The command `run`: files, table, JSON, and ends of a run."""
+
+import json
+import subprocess
+import sys
+import tomllib
+
+import numpy as np
+import pytest
+
+from command import no_constants, run
+from uvms_mj import Status, Trace
+
+SHORT = ("--set", "simulation.duration=0.05")
+
+
+def test_a_run_writes_what_it_says_and_says_it_as_json(tmp_path):
+    done = run("run", "--controller", "gsta", "--json", "--out", "here", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout, parse_constant=no_constants)
+    assert (report["scenario"], report["controller"], report["status"]) == ("push_wall", "gsta", "completed")
+    assert report["steps"] == 200_000
+    assert report["duration_s"] == pytest.approx(20.0)
+    assert report["real_time_factor"] == pytest.approx(20.0 / report["wall_time_s"])
+    contact = report["contact"]
+    assert contact["settled"] is True
+    assert abs(contact["relative_error"]) < 1e-4
+    assert contact["final_N"] == pytest.approx(1.497753, abs=1e-6)
+    assert contact["first_s"] == pytest.approx(5.21, abs=0.01)
+    assert 17.8 < contact["peak_N"] < 18.1
+    sizes = {"position_m": 3, "attitude_wxyz": 4, "s": 6, "z": 6, "tau": 6}
+    assert {name: len(value) for name, value in report["final"].items()} == sizes
+    trace = Trace.load(tmp_path / report["files"]["mcap"])
+    n = len(trace)
+    shapes = {
+        "p_WB": 3,
+        "quat_WB": 4,
+        "nu": 6,
+        "nu_dot": 6,
+        "p_d": 3,
+        "tau_cmd": 6,
+        "tau": 6,
+        "s": 6,
+        "z": 6,
+        "zeta": 6,
+    }
+    for name, size in (shapes | {"u": 6, "f_contact_W": 3, "f_contact_m_W": 3}).items():
+        assert trace[name].shape == (n, size), name
+    assert np.allclose(np.diff(trace["t"]), 1e-3)
+    assert np.array_equal(trace["p_WB"][-1], report["final"]["position_m"])
+    written = tomllib.loads((tmp_path / "here" / "scenario.toml").read_text())
+    assert written["controller"]["k_1"] == 5.0
+    assert written["impedance"]["damping_ratio"] == 1.0
+    again = run("run", "here/scenario.toml", "--json", "--out", "again", cwd=tmp_path)
+    repeated = Trace.load(tmp_path / "again" / "run.mcap")
+    assert again.returncode == 0
+    for name in trace:
+        assert np.array_equal(trace[name], repeated[name]), name
+
+
+def test_without_contact_what_does_not_exist_is_null(tmp_path):
+    report = json.loads(run("run", "-c", "impedance", "--json", *SHORT, cwd=tmp_path).stdout)
+    assert report["contact"]["first_s"] is None
+    assert report["contact"]["analytic_N"] is None
+    assert report["contact"]["relative_error"] is None
+    assert report["contact"]["touches"] == 0
+    assert report["final"]["z"] is None
+    folders = list((tmp_path / "runs").iterdir())
+    assert len(folders) == 1
+    assert folders[0].name.endswith("-push_wall-impedance")
+
+
+def test_the_table_has_what_a_user_looks_for(here):
+    done = here("run", *SHORT, "wall.position=1e-4", "reference.step_time=0")
+    for text in ("first contact", "peak force", "final force", "analytic force", "sliding variable"):
+        assert text in done.stdout
+    for text in ("largest tau", "real-time factor", "run.mcap"):
+        assert text in done.stdout
+    assert here("run", *SHORT, "--quiet").stdout == ""
+
+
+def test_a_second_run_into_a_folder_keeps_the_first(tmp_path):
+    run("run", *SHORT, "-q", "--out", "here", cwd=tmp_path)
+    first = (tmp_path / "here" / "run.mcap").read_bytes()
+    done = run("run", "--set", "simulation.duration=0.02", "-q", "--out", "here", cwd=tmp_path)
+    assert "moved" in done.stderr
+    assert (tmp_path / "here" / "earlier-1" / "run.mcap").read_bytes() == first
+
+
+def test_a_full_disk_stops_the_run_and_keeps_what_was_written(tmp_path):
+    limited = f"ulimit -f 3000; {sys.executable} -m uvms_mj run --json --out here"
+    done = subprocess.run(["bash", "-c", limited], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "can't write" in done.stderr
+    assert "Traceback" not in done.stderr
+    report = json.loads(done.stdout)
+    assert report["status"] == "failed"
+    assert report["steps"] < 200_000
+    trace = Trace.load(tmp_path / report["files"]["mcap"])
+    assert trace.status is Status.truncated
+    assert 100 < len(trace) <= report["steps"] // 10 + 1
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_a_law_that_prints_leaves_json_alone(tmp_path, compiled):
+    text = (
+        "from dataclasses import dataclass\nfrom uvms_mj import Controller\nprint('loading')\n\n"
+        "@dataclass(frozen=True)\nclass Loud(Controller):\n"
+        "    @staticmethod\n    def law(gains, state, signals, state_dot, tau_cmd):\n"
+        "        tau_cmd[:] = 0.0\n        print('stepping')\n"
+        + ("" if compiled else "        {}.clear()\n        open(__file__).close()\n")
+    )
+    (tmp_path / "loud.py").write_text(text)
+    done = run("run", "-c", "loud.py:Loud", "simulation.duration=0.0003", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["steps"] == 3
+    assert "loading" in done.stderr
+    assert "stepping" in done.stderr
+    assert ("plain Python" in done.stderr) != compiled
+
+
+def test_an_unstable_run_says_when_and_what_and_keeps_the_trace(tmp_path):
+    done = run("run", "--set", "controller.period=0.1", "--json", "--out", "here", cwd=tmp_path)
+    assert done.returncode == 3
+    report = json.loads(done.stdout, parse_constant=no_constants)
+    assert report["status"] == "unstable"
+    assert "t = " in report["message"]
+    assert "limit-cycles" in done.stderr
+    trace = Trace.load(tmp_path / "here" / "run.mcap")
+    assert len(trace) > 10
+    assert (trace.status, trace.message) == (Status.unstable, report["message"])
+
+
+def test_a_law_that_chatters_is_warned_of(tmp_path):
+    done = run("run", "-c", "fosm", "--set", "controller.K_s=25", *SHORT, "--json", cwd=tmp_path)
+    assert done.returncode == 0
+    assert "chatters" in done.stderr
+    assert json.loads(done.stdout)["contact"]["analytic_N"] is None
+    assert len(json.loads(done.stdout)["warnings"]) == 1
+
+
+def test_a_run_that_can_not_start_leaves_every_folder_as_it_was(here, tmp_path):
+    (tmp_path / "mine").mkdir()
+    for out in ("mine/new/run", "mine"):
+        done = here("run", "simulation.timestep=0.1", "--set", "wall.stiffness=1e9", "-o", out)
+        assert done.exit_code == 2
+        assert list(tmp_path.rglob("*")) == [tmp_path / "mine"]

@@ -1,0 +1,70 @@
+"""Files with laws: what cannot be loaded is explained, and names of states are checked."""
+
+import pytest
+
+from law_files import law_file, one_liner
+from uvms_mj import Controller, Gsta, InputError, Scenario, Trace, simulate
+from uvms_mj.engine.native.rows import check_states
+
+SHORT = {"simulation.duration": 0.2}
+
+
+@pytest.mark.parametrize(
+    ("source", "reason"),
+    [
+        ("nowhere.py:Law", "no file"),
+        ("{path}:Lew", "its laws are Law"),
+        ("{path}", "give path/to/file.py:ClassName"),
+        ("{broken}:Law", "line 3"),
+        ("{failing}:Law", "line 2: ZeroDivisionError"),
+        ("{undecorated}:Law", "@dataclass"),
+        ("{empty}:Law", "no method 'law'"),
+        ("{sizeless}:Law", "states must be names with sizes"),
+        ("{named}:Law", "'label' is an attribute of every law"),
+        ("{short}:Law", "must take (gains, state, signals, state_dot, tau_cmd)"),
+    ],
+)
+def test_a_law_that_cannot_be_loaded_is_explained(tmp_path, source, reason):
+    good = one_liner("Law", "tau_cmd[:] = 0.0")
+    files = {
+        "path": law_file(tmp_path, good),
+        "broken": law_file(tmp_path, "\n\ndef (:\n", "broken.py", ""),
+        "failing": law_file(tmp_path, "\n1 / 0\n", "failing.py", ""),
+        "undecorated": law_file(tmp_path, good.replace("@dataclass(frozen=True)", ""), "undecorated.py"),
+        "named": law_file(tmp_path, good.replace("    @static", "    label: float = 1.0\n\n    @static"), "named.py"),
+        "short": law_file(tmp_path, good.replace("state_dot, ", ""), "short.py"),
+        "sizeless": law_file(tmp_path, f"{good}    states = {{'x': 0}}\n", "sizeless.py"),
+        "empty": law_file(
+            tmp_path, "@dataclass(frozen=True)\nclass Law(Controller):\n    k: float = 1.0\n", "empty.py"
+        ),
+    }
+    with pytest.raises(InputError) as caught:
+        Scenario.load("push_wall", controller=source.format(**files))
+    assert reason in str(caught.value)
+
+
+def test_a_state_may_not_take_the_name_of_a_recorded_signal(tmp_path):
+    path = law_file(tmp_path, one_liner("Taken", "tau_cmd[:] = 0.0") + "    states = {'s': 6}\n")
+    with pytest.raises(InputError, match="name of a recorded signal"):
+        simulate(Scenario.load("push_wall", SHORT, f"{path}:Taken"))
+
+
+@pytest.mark.parametrize("name", sorted({name for name in dir(Trace) if name[0] != "_"}))
+def test_a_state_may_not_hide_what_a_trace_has(name):
+    with pytest.raises(InputError, match=f"'{name}'.*is the name of"):
+        check_states([(type("Hiding", (Controller,), {"states": {name: 1}})(), name)])
+
+
+def test_updating_a_scenario_keeps_a_law_that_has_no_file():
+    import dataclasses
+
+    @dataclasses.dataclass(frozen=True)
+    class Local(Gsta):
+        pass
+
+    Local.name = ""
+    scenario = Scenario.load("push_wall").updated({"wall.position": 2.0})
+    assert scenario.controller == Gsta()
+    mine = dataclasses.replace(scenario, controller=Local(k_1=3.0)).updated({"controller.k_2": 4.0})
+    assert mine.controller == Local(k_1=3.0, k_2=4.0)
+    assert isinstance(mine.controller, Controller)

@@ -1,0 +1,146 @@
+"""Machine code: files in the cache, their fingerprint, and edits that are seen."""
+
+import ast
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from law_files import law_file, one_liner
+from uvms_mj import Scenario, simulate
+from uvms_mj.control import BUILT_IN
+from uvms_mj.engine.native import objects
+from uvms_mj.physics.kernels import kernels
+
+
+def test_a_cache_folder_that_cannot_be_written_is_named_and_leaves_nothing(monkeypatch, tmp_path):
+    (tmp_path / "file").write_text("")
+    (tmp_path / "temporary").mkdir()
+    code = """if True:
+        import os, warnings
+        from uvms_mj.engine.native import objects
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            folder = objects._folder()
+            assert objects._folder() == folder
+        assert len(said) == 1, said
+        assert folder.is_dir() and os.environ["UVMS_MJ_CACHE_DIR"] == str(folder)
+        print(said[0].message)
+    """
+    environment = os.environ | {"UVMS_MJ_CACHE_DIR": str(tmp_path / "file"), "TMPDIR": str(tmp_path / "temporary")}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert str(tmp_path / "file") in done.stdout
+    assert "set UVMS_MJ_CACHE_DIR" in done.stdout
+    assert not list((tmp_path / "temporary").iterdir())
+
+
+def test_numba_disable_jit_leaves_the_core_compiled(tmp_path):
+    """Users set NUMBA_DISABLE_JIT to debug their laws. The core must compile even with an empty cache."""
+    code = """if True:
+        import sys
+        from uvms_mj import Scenario, simulate
+        from uvms_mj.engine.native.compilation import NotCompiled, native_law
+        assert simulate(Scenario.load("push_wall", {"simulation.duration": 0.01})).status.name == "completed"
+        assert "numba" not in sys.modules
+        try:
+            native_law(1, [], lambda: None)
+        except NotCompiled as error:
+            print(error)
+    """
+    environment = os.environ | {"UVMS_MJ_CACHE_DIR": str(tmp_path), "NUMBA_DISABLE_JIT": "1"}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "NUMBA_DISABLE_JIT is set\n"
+
+
+SHORT = {"simulation.duration": 0.2}
+
+
+def test_an_edit_to_any_file_that_a_law_uses_is_seen_at_the_next_run(tmp_path):
+    """A constant and a compiled function are edited within a second, in a file that the law's file imports."""
+    body = "from helper import FACTOR, double\n" + one_liner(
+        "Scaled", "for i in range(6):\n    tau_cmd[i] = FACTOR * double(1.0)"
+    )
+    law_file(tmp_path, body)
+
+    def tau_with(factor, product):
+        (tmp_path / "helper.py").write_text(
+            f"import numba\nFACTOR = {factor}\n@numba.njit\ndef double(x):\n    return {product} * x\n"
+        )
+        command = [sys.executable, "-m", "uvms_mj", "run", "--controller", "my_law.py:Scaled", "--json"]
+        command += ["--set", "simulation.duration=0.001", "--out", f"out-{factor}-{product}"]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+        return json.loads(done.stdout)["final"]["tau"][0]
+
+    assert tau_with(1.0, 2.0) == pytest.approx(2.0)
+    assert tau_with(3.0, 2.0) == pytest.approx(6.0)
+    assert tau_with(3.0, 5.0) == pytest.approx(15.0)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda facts: {},
+        lambda facts: None,
+        lambda facts: facts | {"symbol": ""},
+        lambda facts: facts | {"externals": []},
+        lambda facts: facts | {"sha256": 1},
+        lambda facts: {name: value for name, value in facts.items() if name != "symbol"},
+    ],
+)
+def test_torn_facts_about_machine_code_are_compiled_again(tmp_path, monkeypatch, change):
+    simulate(Scenario.load("push_wall", SHORT))
+    for file in objects._folder().glob("*.json"):
+        code, facts = file.with_suffix(".o").read_bytes(), json.loads(file.read_bytes())
+        if facts["externals"] and facts["sha256"] == objects._digest(code, facts):
+            break
+    monkeypatch.setattr(objects, "_folder", lambda: tmp_path)
+    (tmp_path / f"{file.stem}.o").write_bytes(code)
+    (tmp_path / file.name).write_text(json.dumps(facts))
+    assert objects.load(file.stem)
+    (tmp_path / file.name).write_text(json.dumps(change(facts)))
+    assert objects.load(file.stem) is None
+
+
+def test_what_a_killed_process_left_in_the_cache_is_forgotten_in_time(tmp_path, monkeypatch):
+    monkeypatch.setattr(objects, "_folder", lambda: tmp_path)
+    monkeypatch.setattr(objects, "_KEPT_OBJECTS", 1)
+    left = tmp_path / "new-left"
+    for name in ("new-left", "new-now", "new-then"):
+        (tmp_path / name).mkdir()
+    (left / "torn.o").write_bytes(b"x")
+    os.utime(left, (0.0, 0.0))
+    objects.keep("name", b"code", "symbol", [])
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["name.json", "name.o", "new-now", "new-then"]
+
+
+def test_a_cache_that_takes_nothing_stops_no_run(monkeypatch):
+    """In a missing folder, as on a full disk, no file can be written."""
+    monkeypatch.setattr(objects, "_folder", lambda: Path("/nowhere/at/all"))
+    assert simulate(Scenario.load("push_wall", SHORT)).status.name == "completed"
+
+
+def test_the_fingerprint_covers_all_that_reaches_the_machine_code():
+    """Every kernel's file is in the fingerprint, and every file of the package that such a file imports, directly or
+    not. Errors and validated types of settings aside, which compute nothing in a kernel."""
+    package = Path(objects.__file__).parents[2]
+    covered = {path for room in objects._ROOMS for path in (package / room).glob("*.py")}
+    found: set[Path] = set()
+    todo = [Path(function.__code__.co_filename) for function in kernels]
+    todo += [Path(law.law.__code__.co_filename) for law in BUILT_IN.values()]
+    assert len(todo) > 30
+    while todo:
+        path = todo.pop()
+        if path in found:
+            continue
+        found.add(path)
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and node.level:
+                folder = path.parents[node.level - 1] / (node.module or "").replace(".", "/")
+                file = folder.with_suffix(".py")
+                todo += [file] if file.is_file() else [folder / f"{a.name}.py" for a in node.names]
+    assert {str(path.relative_to(package)) for path in found - covered} <= {"errors.py", "quantities.py"}

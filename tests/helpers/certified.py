@@ -1,0 +1,11 @@
+"""Certificates of laws without a run."""
+
+from types import SimpleNamespace
+
+from uvms_mj.control import ImpedanceTask
+from uvms_mj.control.certificate import Certificate
+
+
+def certificate_of(law) -> Certificate:
+    """The certificate of a law with the default gains of s."""
+    return law.certificate(SimpleNamespace(task=ImpedanceTask()))

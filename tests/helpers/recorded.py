@@ -1,0 +1,53 @@
+"""Helpers for tests of logs: a scenario with everything in it, a user's law, an independent decoder."""
+
+from collections import defaultdict
+
+import numpy as np
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+
+TOUCHING = {
+    "simulation.duration": 0.4,
+    "wall.position": 0.002,
+    "wall.friction": 0.3,
+    "reference.step_time": 0.0,
+    "reference.target": [0.05, 0.02, 0.0],
+    "disturbance.amplitude": [1.0, 0.5, 0.2, 0.1, 0.1, 0.1],
+    "disturbance.frequency_hz": [1.0, 2.0, 3.0, 1.0, 2.0, 3.0],
+    "initial.attitude_deg": [5.0, -4.0, 8.0],
+    "reference.bandwidth": 10.0,
+}
+LAW = '''
+from dataclasses import dataclass
+from uvms_mj import Controller, gain
+
+@dataclass(frozen=True)
+class Mine(Controller):
+    """Integral action, and a state that does not have six components."""
+    k: float = gain(2.0, "1/s", "integral gain")
+    weights: tuple[float, ...] = gain((1.0, 2.0, 3.0), "1", "weights")
+    flag: bool = gain(True, "1", "a flag")
+    states = {"xi": 6, "odom": 2}
+    name = "mine"
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        state_dot.xi[:] = signals.eta_e
+        state_dot.odom[0] = 1.0
+        tau_cmd[:] = signals.tau_nom - gains.k * state.xi
+'''
+
+
+def same(a, b):
+    assert list(a) == list(b)
+    for name in a:
+        assert np.array_equal(a[name], b[name]), name
+
+
+def decoded(path):
+    """Every message of a log by topic, decoded by mcap-ros2-support: (log time, message) in file order."""
+    messages = defaultdict(list)
+    with open(path, "rb") as file:
+        for _, channel, message, ros in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+            messages[channel.topic].append((message.log_time, ros))
+    return messages

@@ -1,0 +1,107 @@
+"""A log on disk while its run goes on: slow laws, a full disk, a killed process."""
+
+import contextlib
+import io
+import random
+import signal
+import struct
+import subprocess
+import time
+
+import numpy as np
+import pytest
+from mcap.exceptions import EndOfFile
+from mcap.reader import NonSeekingReader
+
+from command import COMMAND
+from recorded import LAW
+from uvms_mj import McapLog, Scenario, SinkError, Status, Trace, simulate
+
+
+def test_a_law_that_becomes_slow_reaches_the_disk_every_second_too(tmp_path):
+    """The loop knows the duration of a step only after the step."""
+
+    class Log(McapLog):
+        def write(self, rows):
+            instants.append(time.monotonic())
+            super().write(rows)
+
+    (tmp_path / "slow.py").write_text(
+        "import time\nfrom dataclasses import dataclass\nfrom uvms_mj import Controller\n\n"
+        "@dataclass(frozen=True)\nclass Slow(Controller):\n"
+        "    @staticmethod\n    def law(gains, state, signals, state_dot, tau_cmd):\n"
+        "        tau_cmd[:] = 0.0\n        if signals.t > 0.25:\n            time.sleep(0.01)\n"
+    )
+    instants = []
+    scenario = Scenario.load("push_wall", {"simulation.duration": 0.27}, f"{tmp_path}/slow.py:Slow")
+    with pytest.warns(UserWarning, match="plain Python"):
+        simulate(scenario, log_rate="full", sinks=[Log(tmp_path / "run.mcap")])
+    assert len(instants) > 5
+    assert np.diff(instants).max() < 1.0
+
+
+def test_a_slow_law_still_reaches_the_disk_every_second(tmp_path):
+    """A law in plain Python takes 20 ms. Rows are in the file long before 1000 steps are done."""
+    (tmp_path / "slow.py").write_text(
+        LAW.replace("state_dot.odom[0] = 1.0", "import time; time.sleep(0.02); state_dot.odom[0] = 1.0")
+    )
+    command = [*COMMAND, "run", "-c", "slow.py:Mine", "--log-rate", "full", "-q", "-o", "a"]
+    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL)
+    log = tmp_path / "a" / "run.mcap"
+    try:
+        deadline = time.monotonic() + 60
+        while not (log.exists() and log.stat().st_size) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        time.sleep(3.0)
+    finally:
+        process.kill()
+        process.wait(60.0)
+    rows = len(Trace.load(log))
+    assert 20 < rows < 200
+
+
+def test_a_file_that_takes_nothing_ends_the_run(tmp_path, monkeypatch):
+    class Full(io.FileIO):
+        def write(self, data):
+            return super().write(data) if self.tell() < 1_000_000 else 0
+
+    monkeypatch.setattr("uvms_mj.records.mcap.sink.FileIO", Full)
+    with pytest.raises(SinkError, match=r"can't write .*run\.mcap: Input/output error") as caught:
+        simulate(Scenario.load("push_wall", {"simulation.duration": 2.0}), sinks=[McapLog(tmp_path / "run.mcap")])
+    assert caught.value.trace.status is Status.failed
+    assert 0 < len(Trace.load(tmp_path / "run.mcap")) < 1000
+
+
+def test_kill_9_at_twenty_random_moments_loses_no_chunk(tmp_path):
+    """The beginning of the run can be read, in order, without duplicates, up to the last complete chunk of the file."""
+    whole = simulate(Scenario.load("push_wall", {"simulation.duration": 20.0}))
+    dice = random.Random(3)
+    lengths = []
+    for i in range(20):
+        command = [*COMMAND, "run", "simulation.duration=2000", "-q", "-o", f"{i}"]
+        process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL)
+        log = tmp_path / f"{i}" / "run.mcap"
+        deadline = time.monotonic() + 60.0
+        while not (log.exists() and log.stat().st_size > 1_200_000):
+            assert process.poll() is None
+            if time.monotonic() > deadline:
+                process.send_signal(signal.SIGABRT)  # prints where it hangs
+                process.wait(10.0)
+            time.sleep(0.002)
+        time.sleep(dice.uniform(0.0, 0.3))
+        process.send_signal(signal.SIGKILL)
+        process.wait(60.0)
+        trace = Trace.load(log)
+        assert trace.status is Status.truncated
+        n = min(len(trace), len(whole) - 1)
+        assert np.array_equal(trace.t[:n], whole.t[:n])
+        assert np.array_equal(trace.tau[:n], whole.tau[:n])
+        assert np.all(np.diff(trace.t) > 0)
+        others = 0  # counted by another reader
+        with open(log, "rb") as file, contextlib.suppress(EndOfFile, struct.error):
+            for _, channel, _ in NonSeekingReader(file).iter_messages(log_time_order=False):
+                others += channel.topic == "/tau"
+        assert others == len(trace)
+        lengths.append(len(trace))
+        log.unlink()
+    assert len(set(lengths)) > 5

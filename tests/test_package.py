@@ -1,0 +1,52 @@
+"""The installed package: the wheel is complete, and a cold and a warm start give the same bits."""
+
+import json
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from command import run
+from uvms_mj import Trace
+
+ROOT = Path(__file__).parents[1]
+SHORT = ("--set", "simulation.duration=0.05")
+
+
+def test_cold_and_warm_machine_code_give_the_same_bits(tmp_path):
+    """The first run compiles everything, the second loads it from the cache. A broken cache entry is recompiled."""
+    environment = os.environ | {"UVMS_MJ_CACHE_DIR": str(tmp_path / "cache")}
+    for name in ("cold", "warm"):
+        done = run("run", "--set", "simulation.duration=0.5", "wall.position=0.001", "reference.step_time=0",
+                   "-q", "--log-rate", "full", "--out", name, cwd=tmp_path, env=environment)  # fmt: skip
+        assert done.returncode == 0, done.stderr
+    cold, warm = (Trace.load(tmp_path / name / "run.mcap") for name in ("cold", "warm"))
+    assert cold["touches"][-1] > 0
+    for name in cold:
+        assert np.array_equal(cold[name], warm[name]), name
+    broken = next((tmp_path / "cache").glob("*.o"))
+    broken.write_bytes(broken.read_bytes()[:100])
+    assert run("run", *SHORT, "-q", cwd=tmp_path, env=environment).returncode == 0
+
+
+def test_the_wheel_has_everything_and_runs_from_anywhere(tmp_path):
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "-q"]
+    wheel = [*pip, "wheel", "--no-deps", "--no-build-isolation", "-w", str(tmp_path / "dist"), str(ROOT)]
+    subprocess.run(wheel, check=True, capture_output=True)
+    (file,) = (tmp_path / "dist").glob("*.whl")
+    with zipfile.ZipFile(file) as archive:
+        names = archive.namelist()
+    assert "uvms_mj/models/bluerov1.xml" in names
+    assert "uvms_mj/scenarios/push_wall.toml" in names
+    site = tmp_path / "site"
+    subprocess.run([*pip, "install", "--no-deps", "--target", str(site), str(file)], check=True, capture_output=True)
+    environment = os.environ | {"PYTHONPATH": str(site)}
+    python = [sys.executable, "-c"]
+    where = run("import uvms_mj; print(uvms_mj.__file__)", cwd=tmp_path, command=python, env=environment)
+    assert where.stdout.startswith(str(site))
+    done = run("run", *SHORT, "--json", cwd=tmp_path, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["status"] == "completed"

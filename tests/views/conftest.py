@@ -1,0 +1,28 @@
+"""Traces and a recording, for all tests of views."""
+
+from pathlib import Path
+
+import pytest
+
+from uvms_mj import Scenario, Trace, simulate
+from uvms_mj.views import rerun as rerun_view
+
+
+@pytest.fixture(scope="module")
+def trace(tmp_path_factory) -> Trace:
+    """A run that touches the wall, from its log."""
+    log = tmp_path_factory.mktemp("log") / "run.mcap"
+    simulate(Scenario.load("push_wall", {"simulation.duration": 7.0})).save(log)
+    return Trace.load(log)
+
+
+@pytest.fixture(scope="module")
+def other() -> Trace:
+    return simulate(Scenario.load("push_wall", {"simulation.duration": 2.0}, "impedance"))
+
+
+@pytest.fixture(scope="module")
+def recording(trace, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("rrd") / "run.rrd"
+    rerun_view.save({"run": trace}, path)
+    return path
