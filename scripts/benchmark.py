@@ -127,7 +127,7 @@ def measure(rounds: int) -> list[dict]:
     return rows
 
 
-RESETS = {
+RESETS: dict[str, dict] = {
     "no override": {},
     "initial.position": {"initial.position": [0.1, 0.0, 0.0]},
     "current.speed": {"current.speed": 0.3},
