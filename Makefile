@@ -1,5 +1,5 @@
 # make run    the paper's scenario
-# make test   lint, types, import contracts, tests
+# make test   lint, types, import contracts, tests; `.venv/bin/pytest -m "not slow"` for a quick check
 # make system-packages   (Debian, as root) a browser and a software renderer; without them, the viewer tests are skipped
 PYTHON ?= python3
 VENV := .venv
@@ -11,8 +11,8 @@ run: setup
 	$(BIN)/uvms-mj run --controller gsta
 
 test: setup $(if $(CI),system-packages)
-	$(BIN)/ruff check src tests scripts
-	$(BIN)/ruff format --check src tests scripts
+	$(BIN)/ruff check src tests scripts examples
+	$(BIN)/ruff format --check src tests scripts examples
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/pytest -n 2
@@ -29,6 +29,7 @@ $(VENV)/.installed: pyproject.toml
 	  { echo "uvms-mj needs Python 3.11 or newer; name one with make PYTHON=python3.12" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --disable-pip-version-check --quiet --editable '.[dev]'
+	$(BIN)/python -m compileall -q src # a quick start, also where Python is told to keep no byte code
 	touch $@
 
 clean:

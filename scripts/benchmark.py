@@ -31,8 +31,8 @@ from rich.table import Table
 
 from numpy_loop import NumpyLoop
 from uvms_mj import McapLog, Scenario, Simulation, Trace, simulate
+from uvms_mj.analysis.metrics import AROUND_THE_END_S
 from uvms_mj.analysis.setup import set_up
-from uvms_mj.analysis.summary import AROUND_THE_END_S
 from uvms_mj.control import BUILT_IN, Gsta
 
 CHUNK = 1000

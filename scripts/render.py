@@ -3,12 +3,14 @@
     python scripts/render.py                                a PNG of 1280x720, docs/push_wall.png
     python scripts/render.py --out FILE.png --size 1920 1080
 
-Pose and force are those at the end of a run. The surroundings are decoration. The red arrow is the force of the wall on
-the vehicle, the blue arrows are the ocean current. Arrows are drawn above everything else.
+Wall, force and current are those of the run's scene at its end. Water, floor and textures are decoration. The orange
+arrow is the force of the wall on the vehicle, the blue arrows are the ocean current. Arrows are drawn above everything
+else.
 """
 
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 if sys.platform == "linux":
@@ -22,19 +24,18 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from uvms_mj import Scenario, Trace, simulate
-from uvms_mj.analysis.setup import set_up
 from uvms_mj.files import resource
+from uvms_mj.plant.geometry import Shape
+from uvms_mj.records.palette import Colour
+from uvms_mj.records.scene import FORCES, scene_of
 
 OUT = Path(__file__).parents[1] / "docs" / "push_wall.png"
 DURATION_S = 8.0
 FINER = 2
 """Factor of supersampling, for smooth edges."""
 FORCE_SCALE = 0.15
-"""Length of the force's arrow per force [m/N]."""
-CURRENT_SCALE = 0.4
-"""Length of the current's arrows per speed [s]."""
+"""Length of the force's arrow in this close view [m/N]."""
 FLOOR = -0.42
-RED, BLUE = (0.95, 0.16, 0.12, 1.0), (0.35, 0.72, 1.0, 1.0)
 
 
 def noise(seed: int, slope: float, n: int = 1024) -> np.ndarray:
@@ -67,8 +68,8 @@ def to_pixels(brightness: np.ndarray, rgb: tuple[float, float, float]) -> np.nda
     return (255 * np.clip(brightness[..., None] * np.array(rgb), 0, 1)).astype(np.uint8)
 
 
-def picture(scenario: Scenario, reach: float) -> mujoco.MjModel:
-    """The vehicle under water, between a floor and the wall: a model for rendering only."""
+def picture(scenario: Scenario, walls: Sequence[Shape]) -> mujoco.MjModel:
+    """The vehicle under water, between a floor and the walls: a model for rendering only."""
     spec = mujoco.MjSpec.from_file(str(resource("models", f"{scenario.vehicle.model}.xml")))
     spec.add_texture(
         name="water",
@@ -86,15 +87,15 @@ def picture(scenario: Scenario, reach: float) -> mujoco.MjModel:
         material = spec.add_material(name=name, texuniform=True, specular=0.05)
         material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
     spec.material("acrylic").rgba = [0.75, 0.93, 1.0, 0.36]
-    thin = 0.06
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[20, 20, 1], pos=[0, 0, FLOOR], material="sand")
-    spec.worldbody.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        size=[0.75, 0.75, thin],
-        pos=[scenario.wall.position + reach + thin, 0, FLOOR + 0.5],
-        quat=[0.5, 0.5, -0.5, -0.5],  # the texture is mapped to x and y, which must be the axes of the wall's face
-        material="concrete",
-    )
+    for wall in walls:
+        spec.worldbody.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=np.roll(wall.size, -1),
+            pos=wall.position,
+            quat=[0.5, 0.5, -0.5, -0.5],  # the texture is mapped to x and y, which must be the axes of the wall's face
+            material="concrete",
+        )
     sun = spec.light("sun")
     sun.castshadow, sun.dir, sun.diffuse = True, [0.35, -0.25, -1.0], [0.85, 0.90, 0.90]
     visual = spec.visual
@@ -106,11 +107,15 @@ def picture(scenario: Scenario, reach: float) -> mujoco.MjModel:
     return spec.compile()
 
 
-def add_arrow(scene: mujoco.MjvScene, start: np.ndarray, vector: np.ndarray, width: float, rgba) -> None:
-    """Draw a vector, both it and its start in W."""
+def add_arrow(scene: mujoco.MjvScene, start: np.ndarray, tip: np.ndarray, width: float, colour: Colour) -> None:
+    """Draw an arrow between two points in W."""
     geom, arrow = scene.geoms[scene.ngeom], mujoco.mjtGeom.mjGEOM_ARROW
-    mujoco.mjv_initGeom(geom, arrow, np.zeros(3), np.zeros(3), np.zeros(9), np.array(rgba, dtype=np.float32))
-    mujoco.mjv_connector(geom, arrow, width, start, start + 2 * vector)  # MuJoCo draws arrows at half their length
+    mujoco.mjv_initGeom(
+        geom, arrow, np.zeros(3), np.zeros(3), np.zeros(9), np.array((*np.array(colour) / 255, 1.0), "f4")
+    )
+    mujoco.mjv_connector(
+        geom, arrow, width, start, start + 2 * (tip - start)
+    )  # MuJoCo draws arrows at half their length
     geom.emission = 0.3
     scene.ngeom += 1
 
@@ -125,12 +130,13 @@ def pixel(scene: mujoco.MjvScene, point_W: np.ndarray, width: int, height: int) 
 
 def render(trace: Trace, width: int, height: int) -> Image.Image:
     """The picture of the last instant of a trace, with labels."""
-    scenario, f_contact_W = trace.scenario, trace.f_contact_W[-1]
-    reach, v_c_W = set_up(scenario).reach, np.array(scenario.current.velocity_W)
-    tip_W = trace.p_WB[-1] + [reach, 0.0, 0.0]
+    scenario, drawn = trace.scenario, scene_of(trace.header)
+    contact, (current,) = FORCES[0], drawn.arrows
+    last = {name: trace[name][-1:] for name in trace}
+    start_W, tip_W = (ends[0] for ends in contact.ends(trace.header, last, FORCE_SCALE))
     streams_W = np.array([[0.74, -0.16, 0.0], [0.66, 0.03, 0.0], [0.82, 0.24, 0.0]])
 
-    model = picture(scenario, reach)
+    model = picture(scenario, drawn.walls)
     model.vis.global_.offwidth, model.vis.global_.offheight = FINER * width, FINER * height
     data = mujoco.MjData(model)
     data.qpos[:] = *trace.p_WB[-1], *trace.quat_WB[-1]
@@ -143,9 +149,9 @@ def render(trace: Trace, width: int, height: int) -> Image.Image:
         scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = 1
         under_water = renderer.render()
         scene.ngeom = 0
-        add_arrow(scene, tip_W, FORCE_SCALE * f_contact_W, 0.013, RED)
+        add_arrow(scene, start_W, tip_W, 0.013, contact.colour)
         for start in streams_W:
-            add_arrow(scene, start, CURRENT_SCALE * v_c_W, 0.006, BLUE)
+            add_arrow(scene, start, start + current.tip - current.start, 0.006, current.colour)
         scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = 0
         arrows = renderer.render()
         renderer.enable_segmentation_rendering()
@@ -156,8 +162,8 @@ def render(trace: Trace, width: int, height: int) -> Image.Image:
     canvas = FigureCanvasAgg(figure)
     figure.figimage(fine.mean(axis=(1, 3)) / 255)
     for (x, y), right, up, text in (
-        (at_force, 22, 22, f"contact force {np.linalg.norm(f_contact_W):.1f} N"),
-        (at_current, -150, -34, f"current {scenario.current.speed:g} m/s"),
+        (at_force, 22, 48, f"{contact.name} {np.linalg.norm(trace.f_contact_W[-1]):.1f} N"),
+        (at_current, -150, -34, current.label),
     ):
         size = height / 720
         figure.text((x + right * size) / width, (y + up * size) / height, text, color="white", size=17 * size)

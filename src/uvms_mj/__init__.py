@@ -8,31 +8,20 @@ print(trace.push[-1])
 
 from importlib import import_module
 
-TYPE_CHECKING = False  # same as typing.TYPE_CHECKING, without the time to import typing
-if TYPE_CHECKING:
-    from .control import Controller, Fosm, Gsta, Ideal, Impedance, Sta, gain
-    from .engine.native import Attachment, attach
-    from .engine.native.plain_stage import StageFault
-    from .engine.run import LawError, SinkError, simulate
-    from .engine.simulation import Diverged, Simulation
-    from .errors import InputError
-    from .records.header import Status
-    from .records.mcap import McapLog
-    from .records.trace import Trace
-    from .scenario import Scenario
-    from .studies.convergence import converge
-
 _HOME = {
+    "Actuation": "actuation",
     "Attachment": "engine.native",
     "Controller": "control",
     "Diverged": "engine.simulation",
     "Fosm": "control",
     "Gsta": "control",
+    "Guidance": "guidance",
     "Ideal": "control",
     "Impedance": "control",
     "InputError": "errors",
     "LawError": "engine.run",
     "McapLog": "records.mcap",
+    "Navigation": "navigation",
     "Scenario": "scenario",
     "Simulation": "engine.simulation",
     "SinkError": "engine.run",
@@ -43,32 +32,40 @@ _HOME = {
     "attach": "engine.native",
     "converge": "studies.convergence",
     "gain": "control",
+    "setting": "stages.base",
     "simulate": "engine.run",
 }
+"""The public names, each with its module."""
 
-__all__ = [
-    "Attachment",
-    "Controller",
-    "Diverged",
-    "Fosm",
-    "Gsta",
-    "Ideal",
-    "Impedance",
-    "InputError",
-    "LawError",
-    "McapLog",
-    "Scenario",
-    "Simulation",
-    "SinkError",
-    "Sta",
-    "StageFault",
-    "Status",
-    "Trace",
-    "attach",
-    "converge",
-    "gain",
-    "simulate",
-]
+__all__ = sorted(_HOME)
+
+TYPE_CHECKING = False  # same as typing.TYPE_CHECKING, without the time to import typing
+if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the name is public
+    from .actuation import Actuation as Actuation
+    from .control import Controller as Controller
+    from .control import Fosm as Fosm
+    from .control import Gsta as Gsta
+    from .control import Ideal as Ideal
+    from .control import Impedance as Impedance
+    from .control import Sta as Sta
+    from .control import gain as gain
+    from .engine.native import Attachment as Attachment
+    from .engine.native import attach as attach
+    from .engine.native.plain_stage import StageFault as StageFault
+    from .engine.run import LawError as LawError
+    from .engine.run import SinkError as SinkError
+    from .engine.run import simulate as simulate
+    from .engine.simulation import Diverged as Diverged
+    from .engine.simulation import Simulation as Simulation
+    from .errors import InputError as InputError
+    from .guidance import Guidance as Guidance
+    from .navigation import Navigation as Navigation
+    from .records.header import Status as Status
+    from .records.mcap import McapLog as McapLog
+    from .records.trace import Trace as Trace
+    from .scenario import Scenario as Scenario
+    from .stages.base import setting as setting
+    from .studies.convergence import converge as converge
 
 
 def __getattr__(name: str) -> object:

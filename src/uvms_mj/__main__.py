@@ -5,7 +5,7 @@ these imports also ends the command with one line.
 """
 
 import atexit
-import contextlib
+import gc
 import os
 import signal
 import sys
@@ -27,25 +27,34 @@ def _open_streams() -> None:
             setattr(sys, name, os.fdopen(number, "w" if number else "r", encoding="utf-8", closefd=False))
 
 
-def _keep_status() -> None:
-    """Exit with 128 + signal. Without this, a SIGINT during a callback from C would end Python by the signal itself."""
-    from .cli.common import Stop
+def _leave(status: list[int]) -> None:
+    """End the process with its status, 128 + signal after a signal. Python would take a tenth of a second to free what
+    it has loaded, and after a SIGINT during a callback from C it would end by the signal itself."""
+    from .cli.stop import Stop
 
-    if Stop.received is not None:
+    try:
         for stream in (sys.stdout, sys.stderr):
-            with contextlib.suppress(OSError):
-                stream.flush()
-        os._exit(128 + Stop.received)
+            stream.flush()
+    except OSError:
+        if Stop.received is None:
+            return  # Python reports it
+    os._exit(status[0] if Stop.received is None else 128 + Stop.received)
 
 
 def main() -> None:
+    gc.set_threshold(100_000)  # imports make many objects and no garbage: collecting took a tenth of their time
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _end_at_once)
     _open_streams()
     from .cli import main as command
 
-    atexit.register(_keep_status)  # registered first, so called last
-    command()
+    status = [1]  # of an exception
+    atexit.register(_leave, status)  # registered first, so called last
+    try:
+        command()
+    except SystemExit as end:
+        status[0] = end.code if isinstance(end.code, int) else int(end.code is not None)
+        raise
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """Errors in the input: all are reported at once, each with its place, its value and the valid choices."""
 
+import contextlib
 import difflib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,6 +40,24 @@ class InputError(ValueError):
         else:
             text = "\n".join(lines)
         super().__init__(text)
+
+
+EXTRAS: Mapping[str, str] = {"dm": "dm-control, for Python up to 3.12", "gym": "gymnasium"}
+"""Packages that only some users need, by the extra that installs them."""
+
+
+@contextlib.contextmanager
+def needs_extra(extra: str) -> Iterator[None]:
+    """Context for the imports of an extra's package: ``with needs_extra("gym"): import gymnasium``.
+
+    Raises:
+        InputError: the package is not installed; the message names the extra.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        install = f"install {EXTRAS[extra]}, with pip install 'uvms-mj[{extra}]'"
+        raise InputError(f"no module {error.name!r}: {install}") from None
 
 
 def suggestion(word: str, choices: Iterable[str]) -> str:

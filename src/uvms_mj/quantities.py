@@ -89,7 +89,8 @@ Damping = _matrix(1e9, "N s/m, N s, N m s")
 
 
 STRICT = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
-"""Configuration of the dataclasses that are tables of a scenario: an unknown key is an error."""
+"""Configuration of all validated dataclasses, tables of a scenario or files of a log: an unknown key is an error. Only
+controllers are validated in another way, because a user writes them as dataclasses of the standard library."""
 Lowercase = BeforeValidator(lambda value: value.lower() if isinstance(value, str) else value)
 
 

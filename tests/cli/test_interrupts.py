@@ -45,7 +45,7 @@ def test_what_hangs_at_its_end_can_be_stopped(tmp_path):
     """A second signal is ignored while the run is written. A signal that comes much later ends the program."""
     code = """if True:
         import signal, time
-        from uvms_mj.cli.common import Stop
+        from uvms_mj.cli.stop import Stop
         Stop._PATIENCE_S = 1.5
         stop = Stop()
         try:
@@ -85,7 +85,7 @@ def test_a_law_that_loops_for_ever_can_be_stopped(tmp_path):
     code = """if True:
         import os, signal, sys, threading, time
         from uvms_mj.cli import main
-        from uvms_mj.cli.common import Stop
+        from uvms_mj.cli.stop import Stop
         Stop._PATIENCE_S = 0.5
 
         def send():
@@ -102,7 +102,7 @@ def test_a_law_that_loops_for_ever_can_be_stopped(tmp_path):
     assert done.returncode == 128 + signal.SIGTERM, done.stderr
 
 
-@pytest.mark.parametrize("where", ["ClosedLoop", "_Run._outcome"])
+@pytest.mark.parametrize("where", ["Simulation", "_Run._outcome"])
 def test_a_run_that_never_began_reports_in_the_same_words_and_what_it_left(here, monkeypatch, where):
     def shape(report):
         return {key: shape(value) for key, value in report.items()} if isinstance(report, dict) else None

@@ -1,4 +1,4 @@
-"""Commands that list keys, signals and stages."""
+"""The commands that list stages, keys and signals."""
 
 from uvms_mj.scenario import STAGES
 from uvms_mj.stages.signals import GIVEN, RECORDED, TRUE, actuation_given

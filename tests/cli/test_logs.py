@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 from scipy.io import loadmat
 
+from traces import TASK, without
 from uvms_mj import McapLog, Scenario, Trace, simulate
 from uvms_mj.cli import main
 from uvms_mj.cli.logs import labels
@@ -43,6 +44,19 @@ def test_info_prints_the_runs_table_again_and_what_the_log_holds(command, log):
     assert "run.json" in report["attachments"]
     assert command("info", log, "--show", "scenario.toml").stdout == trace.scenario.to_toml()
     assert "did you mean 'scenario.toml'" in command("info", log, "--show", "scenaro.toml").stderr
+
+
+def test_info_and_compare_do_without_the_signals_of_the_impedance_task(command, log, tmp_path):
+    without(Trace.load(log), *TASK).save(tmp_path / "less.mcap")
+    shown = command("info", "less.mcap")
+    assert shown.exit_code == 0, shown.output
+    assert "largest tau" in shown.stdout
+    assert "sliding" not in shown.stdout
+    assert json.loads(command("info", "less.mcap", "--json").stdout)["final"]["s"] is None
+    done = command("compare", "less.mcap", log, "--out", "both.html")
+    assert done.exit_code == 0, done.output
+    assert command("compare", "less.mcap", "less.mcap", "--out", "less.html").exit_code == 0
+    assert "Sliding variable" not in (tmp_path / "less.html").read_text()
 
 
 def test_csv_has_every_number_and_its_unit(command, log, tmp_path):

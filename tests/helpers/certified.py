@@ -2,8 +2,8 @@
 
 from types import SimpleNamespace
 
-from uvms_mj.control import ImpedanceTask
 from uvms_mj.control.certificate import Certificate
+from uvms_mj.control.task import ImpedanceTask
 
 
 def certificate_of(law) -> Certificate:

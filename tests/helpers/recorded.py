@@ -3,8 +3,13 @@
 from collections import defaultdict
 
 import numpy as np
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
+from mcap.records import Attachment, DataEnd
+from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
+
+from uvms_mj.records.mcap.sink import record_bytes
 
 TOUCHING = {
     "simulation.duration": 0.4,
@@ -51,3 +56,17 @@ def decoded(path):
         for _, channel, message, ros in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
             messages[channel.topic].append((message.log_time, ros))
     return messages
+
+
+def rewritten(path, change):
+    """A log with changed attachments and correct checksums."""
+    out = bytearray(path.read_bytes()[:8])
+    with open(path, "rb") as file:
+        for record in StreamReader(file, emit_chunks=True).records:
+            if isinstance(record, DataEnd):
+                break
+            if isinstance(record, Attachment):
+                record.name, record.data = change(record.name, record.data)
+            out += record_bytes(record)
+    assert out[8] == Opcode.HEADER
+    return bytes(out)

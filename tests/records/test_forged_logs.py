@@ -11,31 +11,12 @@ import time
 from pathlib import Path
 
 import pytest
-from mcap.stream_reader import StreamReader
 
 from command import run
+from recorded import rewritten
 from uvms_mj import Controller, InputError, Trace
 from uvms_mj.records.mcap.attachments import refuse_large
 from uvms_mj.stages.recorded import recorded_stage
-
-
-def rewritten(path, change):
-    """A log with changed attachments and correct checksums."""
-    from mcap.opcode import Opcode
-    from mcap.records import Attachment, DataEnd
-
-    from uvms_mj.records.mcap.sink import record_bytes
-
-    out = bytearray(path.read_bytes()[:8])
-    with open(path, "rb") as file:
-        for record in StreamReader(file, emit_chunks=True).records:
-            if isinstance(record, DataEnd):
-                break
-            if isinstance(record, Attachment):
-                record.name, record.data = change(record.name, record.data)
-            out += record_bytes(record)
-    assert out[8] == Opcode.HEADER
-    return bytes(out)
 
 
 @pytest.mark.parametrize(
@@ -210,7 +191,7 @@ def test_a_sparse_file_of_50_gib_is_read_in_bounded_time_and_memory(logged, tmp_
     sparse(path, *contents[where])
     code = f"""if True:
         import resource
-        from uvms_mj import Controller, InputError, Trace
+        from uvms_mj import InputError, Trace
         limit = 2 << 30
         used = 4096 * int(open("/proc/self/statm").read().split()[0]) if __import__("sys").platform == "linux" else 0
         resource.setrlimit(resource.RLIMIT_AS, (used + limit, -1) if used else (-1, -1))

@@ -30,7 +30,7 @@ def test_a_header_of_format_1_is_read(tmp_path):
     assert read.scenario.task == trace.scenario.task
     assert read.sources == now.sources
     assert read.law.code == LAW
-    with pytest.raises(InputError, match=r"log format 3, of another version.*reads 1 and 2"):
+    with pytest.raises(InputError, match=r"log format 3, which .* or later reads; this version reads formats 1 to 2"):
         header_of(files | {"run.json": json.dumps(run | {"format": 3}).encode()})
     with pytest.raises(InputError, match=r"run\.json: stages\.controller: 1 is not a table"):
         header_of(files | {"run.json": json.dumps(run | {"law": 1}).encode()})

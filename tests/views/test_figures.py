@@ -20,8 +20,10 @@ from matplotlib.colors import to_hex
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
+from traces import TASK, without
 from uvms_mj import Controller, InputError, Scenario, simulate
 from uvms_mj.cli.plot import FORMATS
+from uvms_mj.stages.signals import AXES
 from uvms_mj.views import colours, figures
 from uvms_mj.views.figures.lines import thin
 from uvms_mj.views.figures.scales import early, rebounds
@@ -524,6 +526,18 @@ def test_what_is_wrong_is_said(traces, fine):
         figures.paper(traces, fine | {"gsta": shorter})
     with pytest.raises(InputError, match="no log"):
         figures.plot({}, "tau")
+
+
+def test_a_law_without_the_impedance_task_has_no_sliding_variable_to_draw(traces):
+    less = without(traces["gsta"], *TASK)
+    for runs in ({"a": less}, {"a": less, "b": less}):
+        summary = {name for name, _ in lines_of(figures.plot(runs, "summary"))}
+        assert {"p_WB.x", "push", "tau.x", "z.x"} <= summary
+        assert "s.x" not in summary
+        with pytest.raises(InputError, match=r"a: its law has no sliding variable; draw|a, b: no law has a sliding"):
+            figures.plot(runs, "sliding")
+    both = figures.plot({"with": traces["gsta"], "without": less}, "sliding")
+    assert [name for name, _ in lines_of(both)] == [f"s.{axis}" for axis in AXES]
 
 
 def test_an_inset_gets_some_room_and_is_left_out_where_that_is_not_enough(traces, rng):

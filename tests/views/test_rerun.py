@@ -7,12 +7,15 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 
+from traces import TASK, without
 from uvms_mj import Trace
 from uvms_mj.physics.frames import quat_from_euler_deg
 from uvms_mj.records import scene
+from uvms_mj.stages.signals import Signal
 from uvms_mj.views import colours
 from uvms_mj.views import rerun as rerun_view
 from uvms_mj.views.rerun import viewer
@@ -121,6 +124,41 @@ def test_an_axis_holds_what_it_should_and_has_two_numbers_at_least(rng):
     for point in (0.0, 2.0, -3e-4):
         low, high = readable([(point, point)])
         assert low < point < high
+
+
+def test_a_run_without_the_impedance_task_is_replayed_without_its_signals(trace, other, tmp_path):
+    less = without(trace, *TASK, "f_contact_m_W", "stretch_W")
+    for traces in ({"a": less}, {"a": less, "b": without(other, *TASK)}, {"a": less, "b": other}):
+        rerun_view.save(traces, tmp_path / "less.rrd")
+        found = columns(tmp_path / "less.rrd")
+        assert any(path.endswith("/tau/x") for path in found)
+        assert any(path.endswith("/s/x") for path in found) == any("s" in each.arrays for each in traces.values())
+
+
+def test_a_reference_that_turns_is_drawn_as_recorded(trace, tmp_path):
+    quat_d = np.roll(trace.quat_WB, 7, axis=0)
+    signal = Signal("quat_d", (4,), "1", "W", "desired attitude, w x y z")
+    header = dataclasses.replace(trace.header, signals=(*trace.signals, signal))
+    turning = Trace.of(header, np.hstack([trace.rows(), quat_d]), trace.outcome)
+    rerun_view.save({"run": turning}, tmp_path / "turning.rrd")
+    every = round(1.0 / (POSE_HZ * (trace.t[1] - trace.t[0])))
+    shown = np.array(columns(tmp_path / "turning.rrd")["/world/reference"]["Transform3D:quaternion"])[:, 0]
+    np.testing.assert_array_equal(shown, quat_d[::every][:, [1, 2, 3, 0]].astype("f4"))
+
+
+def test_markers_and_viewer_draw_one_scene(trace, recording):
+    """The wall, the current and the colours of the arrows come from records/scene.py."""
+    found, drawn = columns(recording), scene.scene_of(trace.header)
+    (wall,), (current,) = drawn.walls, drawn.arrows
+    box = found["/world/wall"]
+    np.testing.assert_allclose(box["Boxes3D:centers"][0], [wall.position], rtol=1e-6)
+    np.testing.assert_allclose(box["Boxes3D:half_sizes"][0], [wall.size], rtol=1e-6)
+    assert wall.position[0] - wall.size[0] == pytest.approx(scene.wall_face(trace.header), abs=1e-12)
+    arrow = found["/world/current"]
+    np.testing.assert_allclose(arrow["Arrows3D:vectors"][0], [current.tip - current.start], rtol=1e-6)
+    for force in scene.FORCES:
+        (colour,) = found[f"/world/{force.name}".replace(" ", "\\ ")]["Arrows3D:colors"][0]
+        assert colour >> 8 == int.from_bytes(bytes(force.colour))
 
 
 def test_the_force_plot_shows_where_each_run_comes_to_rest(trace):

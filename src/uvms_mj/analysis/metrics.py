@@ -15,6 +15,8 @@ SETTLED = 1e-3
 """Relative change over the final window below which a force counts as settled [1]."""
 AT_REST = 1e-4
 """Speed below which a vehicle without contact counts as settled [m/s, rad/s]."""
+AROUND_THE_END_S = 2.0 * FINAL_WINDOW_S
+"""Length of the end of a run that :func:`final_force` needs [s]. The running signals cover the rest."""
 FAST_S = 0.01
 """Variation of tau that cancels within this time counts as chattering, not as control [s]."""
 FAST_PERIODS = 10

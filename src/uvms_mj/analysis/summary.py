@@ -1,87 +1,103 @@
-"""Summary of a run, as printed by ``uvms-mj run`` and ``uvms-mj info``."""
+"""Summary of a run, as printed by ``uvms-mj run`` and ``uvms-mj info``.
+
+The module imports little: its numbers are also listed for a run that was interrupted during the imports.
+"""
 
 import math
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from ..control.rest import NoClosedForm, SteadyState
-from ..records.trace import Trace
-from ..stages.signals import FINAL_WINDOW_S
-from .metrics import final_force
-
-AROUND_THE_END_S = 2.0 * FINAL_WINDOW_S
-"""Length of the end of a run that :func:`summary` needs [s]. The running signals cover the rest."""
+if TYPE_CHECKING:
+    from ..records.trace import Trace
 
 
-def summary(trace: Trace, files: dict[str, str]) -> dict[str, Any]:
+def _last(name: str) -> "Callable[[Trace], Any]":
+    """The last value of a signal; None if the run has no row, or no such signal."""
+    return lambda trace: trace[name][-1].tolist() if len(trace) and name in trace.arrays else None
+
+
+def _force(trace: "Trace") -> tuple[float | None, bool]:
+    from .metrics import final_force
+
+    return final_force(trace)
+
+
+def _analytic_N(trace: "Trace") -> float | None:
+    """The closed form's force [N]; None without a closed form, or if the vehicle rests away from the wall."""
+    return getattr(trace.analytic, "force", 0.0) or None
+
+
+def _relative_error(trace: "Trace") -> float | None:
+    """None unless the force has settled, because the closed form describes the state at rest."""
+    (final_N, settled), analytic_N = _force(trace), _analytic_N(trace)
+    return (final_N - analytic_N) / analytic_N if settled and final_N and analytic_N else None
+
+
+def _position(trace: "Trace") -> list[float] | None:
+    position = getattr(trace.analytic, "position", None)
+    return None if position is None else position.tolist()
+
+
+_NUMBERS: "Mapping[str, Callable[[Trace], Any]]" = {
+    "scenario": lambda trace: trace.scenario.name,
+    "controller": lambda trace: trace.scenario.controller.label(),
+    "status": lambda trace: trace.status.name,
+    "message": lambda trace: trace.message or None,
+    "warnings": lambda trace: list(trace.notes),
+    "steps": lambda trace: trace.steps,
+    "timestep_s": lambda trace: trace.scenario.simulation.timestep,
+    "duration_s": lambda trace: trace.duration_s,
+    "wall_time_s": lambda trace: trace.wall_time_s,
+    "real_time_factor": lambda trace: trace.duration_s / trace.wall_time_s if trace.wall_time_s > 0 else None,
+    "contact.first_s": lambda trace: _last("first_contact")(trace) if len(trace) and trace.touches[-1] > 0 else None,
+    "contact.touches": lambda trace: int(trace.touches[-1]) if len(trace) else 0,
+    "contact.peak_N": _last("force_peak"),
+    "contact.impulse_Ns": _last("impulse"),
+    "contact.final_N": lambda trace: _force(trace)[0],
+    "contact.settled": lambda trace: _force(trace)[1],
+    "contact.analytic_N": _analytic_N,
+    "contact.relative_error": _relative_error,
+    "effort_N2s": lambda trace: float(trace.effort[-1][:3].sum()) if len(trace) else None,
+    "saturated_s": _last("saturation_time"),
+    "final.position_m": _last("p_WB"),
+    "final.attitude_wxyz": _last("quat_WB"),
+    "final.s": _last("s"),
+    "final.z": _last("z"),
+    "final.tau": _last("tau"),
+    "analytic.position_m": _position,
+    "analytic.none_because": lambda trace: getattr(trace.analytic, "reason", None),
+}
+"""The numbers of a summary, by their place in it."""
+
+
+def summary(trace: "Trace", files: dict[str, str]) -> dict[str, Any]:
     """The numbers that ``uvms-mj run --json`` prints. Missing numbers and numbers that are not finite are None.
 
-    The relative error is None unless the force has settled, because the closed form describes the state at rest.
-
     Args:
-        trace: the run.
+        trace: the run; its last :data:`.metrics.AROUND_THE_END_S` are enough.
         files: paths of the written files, by kind.
     """
-    final_N, settled = final_force(trace)
-    analytic = trace.analytic
-    rests_on_wall = isinstance(analytic, SteadyState) and analytic.force > 0.0
-    analytic_N = analytic.force if rests_on_wall and isinstance(analytic, SteadyState) else None
-    error = (final_N - analytic_N) / analytic_N if settled and final_N and analytic_N else None
-    some = len(trace) > 0
+    return _tree({place: _finite(number(trace)) for place, number in _NUMBERS.items()}) | {"files": files}
 
-    def last(name: str) -> Any:
-        return _plain(trace[name][-1]) if some and name in trace.arrays else None
 
-    report = {
-        "scenario": trace.scenario.name,
-        "controller": trace.scenario.controller.label(),
-        "status": trace.status.name,
-        "message": trace.message or None,
-        "warnings": list(trace.notes),
-        "steps": trace.steps,
-        "timestep_s": trace.scenario.simulation.timestep,
-        "duration_s": trace.duration_s,
-        "wall_time_s": trace.wall_time_s,
-        "real_time_factor": trace.duration_s / trace.wall_time_s if trace.wall_time_s > 0 else None,
-        "contact": {
-            "first_s": last("first_contact") if some and trace.touches[-1] > 0 else None,
-            "touches": int(trace.touches[-1]) if some else 0,
-            "peak_N": last("force_peak"),
-            "impulse_Ns": last("impulse"),
-            "final_N": final_N,
-            "settled": settled,
-            "analytic_N": analytic_N,
-            "relative_error": error,
-        },
-        "effort_N2s": float(trace.effort[-1][:3].sum()) if some else None,
-        "saturated_s": last("saturation_time"),
-        "final": {
-            "position_m": last("p_WB"),
-            "attitude_wxyz": last("quat_WB"),
-            "s": last("s"),
-            "z": last("z"),
-            "tau": last("tau"),
-        },
-        "analytic": {
-            "position_m": None if (position := getattr(analytic, "position", None)) is None else _plain(position),
-            "none_because": analytic.reason if isinstance(analytic, NoClosedForm) else None,
-        },
-        "files": files,
-    }
-    return _finite(report)
+def summary_of_none(values: Mapping[str, Any], files: dict[str, str]) -> dict[str, Any]:
+    """The summary of a run without a step. All other numbers than the given ones, by their places, are zero or None."""
+    nothing = dict.fromkeys(("steps", "contact.touches"), 0) | dict.fromkeys(("duration_s", "wall_time_s"), 0.0)
+    blank = dict.fromkeys(_NUMBERS) | nothing | {"warnings": [], "contact.settled": False}
+    return _tree(blank | dict(values)) | {"files": files}
+
+
+def _tree(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Nested dictionaries from values by dotted places."""
+    tree: dict[str, Any] = {}
+    for place, value in values.items():
+        table, _, name = place.rpartition(".")
+        (tree.setdefault(table, {}) if table else tree)[name] = value
+    return tree
 
 
 def _finite(value: Any) -> Any:
     """The same value with None in place of numbers that are not finite, which JSON lacks."""
-    if isinstance(value, dict):
-        return {key: _finite(each) for key, each in value.items()}
     if isinstance(value, list):
         return [_finite(each) for each in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray) and value.ndim:
-        return [_plain(v) for v in value]
-    return float(value)

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from .certify import certify
-from .common import EXIT_BAD_INPUT, Stop, end, exit_interrupted
+from .common import EXIT_BAD_INPUT, end
 from .compare import compare
 from .converge import converge
 from .listing import controllers, keys, signals, stages
@@ -17,6 +17,7 @@ from .logs import export, info, replay
 from .paper import paper
 from .plot import plot
 from .run import run
+from .stop import Stop, exit_interrupted
 
 
 class _Commands(click.Group):
@@ -64,6 +65,7 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):  # for terminals whose encoding lacks a character
             stream.reconfigure(errors="backslashreplace")
     os.environ["MUJOCO_GL"] = "disable"  # no rendering here, and the search for a display takes time
+    os.environ["PYDANTIC_DISABLE_PLUGINS"] = "__all__"  # none is used, and the search takes time
 
 
 for command in (run, paper, replay, plot, compare, info, export, converge, certify, controllers, stages, keys, signals):

@@ -6,41 +6,26 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import (
-    EXIT_UNSTABLE,
-    Stop,
-    asked_for,
-    bad_input,
-    command,
-    end,
-    exit_interrupted,
-    json_option,
-    path_option,
-    quiet_option,
-    scenario_argument,
-    set_option,
-)
+from .common import EXIT_UNSTABLE, asked_for, bad_input, command, end, output_options, run_options
 from .console import ROUNDING, Console, print_table
+from .stop import Stop, exit_interrupted
 
 if TYPE_CHECKING:
     from ..control.certificate import Certificate
     from ..records.trace import Trace
     from ..scenario import Scenario
 
-_AXES = ("x", "y", "z", "roll", "pitch", "yaw")
-
 
 @command(
     epilog="Exit status: 0 whatever the verdict, 2 bad input, 3 the run was unstable, 130 interrupted (143 by SIGTERM)."
 )
-@scenario_argument
-@click.option("-c", "--controller", metavar="LAW", help="gsta, sta, or your own law with a certificate.")
-@set_option
-@path_option("--from", "log", metavar="LOG", help="Use the samples and gains of a log, run.mcap, instead of a new run.")
+@run_options(
+    "Use the samples and gains of a log, run.mcap, instead of a new run.",
+    laws="gsta, sta, or your own law with a certificate.",
+)
 @click.option("--rate", type=float, metavar="L", help="Print gains for a rate of disturbance [m/s^3], without a run.")
 @click.option("--state", type=float, metavar="L_S", help="Part of the rate that grows with |s| [1/s^2]; needs beta.")
-@json_option
-@quiet_option
+@output_options
 def certify(
     arguments: tuple[str, ...],
     controller: str | None,
@@ -67,8 +52,6 @@ def certify(
     console = Console(as_json, quiet)
     try:
         with bad_input():
-            from ..records.header import Status
-
             scenario, trace = _load(arguments, controller, settings, log)
             certificate = _certificate(scenario, trace)
             if rate is not None or state is not None:
@@ -78,9 +61,10 @@ def certify(
             _report(certificate, trace, console)
     except KeyboardInterrupt:
         end("interrupted before the first step", exit_interrupted())
-    if trace.status is not Status.completed:
-        click.echo(f"{trace.status.name}: {trace.message}", err=True)
-    sys.exit({Status.unstable: EXIT_UNSTABLE, Status.interrupted: exit_interrupted()}.get(trace.status, 0))
+    status = trace.status.name
+    if status != "completed":
+        click.echo(f"{status}: {trace.message}", err=True)
+    sys.exit({"unstable": EXIT_UNSTABLE, "interrupted": exit_interrupted()}.get(status, 0))
 
 
 def _load(
@@ -119,17 +103,9 @@ def _certificate(scenario: "Scenario", trace: "Trace | None") -> "Certificate":
 
 
 def _run(scenario: "Scenario", console: Console, stop: Stop) -> "Trace":
-    import warnings
-
     from ..engine.run import simulate
 
-    with warnings.catch_warnings(), console.progress(scenario) as bar:
-        warnings.showwarning = console.warn
-
-        def progress(done: int, total: int) -> None:
-            stop.check()
-            bar(done, total)
-
+    with console.running(scenario, stop) as progress:
         return simulate(scenario, progress=progress)
 
 
@@ -176,7 +152,7 @@ def _report(certificate: "Certificate", trace: "Trace", console: Console) -> Non
     else:
         import numpy as np
 
-        from ..stages.signals import FINAL_WINDOW_S
+        from ..stages.signals import AXES, FINAL_WINDOW_S
 
         first = float(trace.first_contact[-1])
         free = found.largest_rate(end=first) if first >= 0.0 else found.largest_rate()
@@ -191,7 +167,7 @@ def _report(certificate: "Certificate", trace: "Trace", console: Console) -> Non
             "time_beyond_s": beyond,
             "contact_lag": found.contact_lag,
         }
-        report["experienced"] = {"axes": list(_AXES)} | {name: values.tolist() for name, values in columns.items()}
+        report["experienced"] = {"axes": list(AXES)} | {name: values.tolist() for name, values in columns.items()}
         report["is_certified"] = bool(certificate.rate > 0.0 and not beyond.any())
         report["verdict"] = _verdict(certificate, largest * found.doubt, beyond, report["saturated_s"])
     if console.as_json:
@@ -212,7 +188,9 @@ def _verdict(certificate: "Certificate", largest: Any, beyond: Any, saturated: f
             f"certified: the disturbance changed slowly enough on each axis{by_state}; "
             "s converges in finite time to a band that shrinks with the step"
         )
-    axes = ", ".join(axis for axis, time in zip(_AXES, beyond, strict=True) if time > 0.0)
+    from ..stages.signals import AXES
+
+    axes = ", ".join(axis for axis, time in zip(AXES, beyond, strict=True) if time > 0.0)
     sentence = (
         f"not certified: in {axes} the disturbance changed faster than the bound, for up to {beyond.max():.3g} s in "
         "total; s may have left zero during that time"
@@ -257,7 +235,7 @@ def _tables(report: dict[str, Any]) -> None:
     table.add_column("axis", no_wrap=True)
     for head in heads.values():
         table.add_column(head, justify="right", overflow="fold")
-    for i, axis in enumerate(_AXES):
+    for i, axis in enumerate(found["axes"]):
         values = (found[name][i] for name in heads)
         table.add_row(axis, *(f"{value:.3g}" if abs(value) >= ROUNDING else "0" for value in values))
     print_table(table)

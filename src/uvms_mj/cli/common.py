@@ -1,22 +1,19 @@
-"""Shared parts of the commands: exit status, messages for bad input, signals, folders."""
+"""Shared parts of the commands: options, exit status, messages for bad input, a progress bar."""
 
 import contextlib
 import functools
 import json
 import logging
 import os
-import signal
 import sys
-import tempfile
-import threading
-import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
 import click
 
 from .console import printable
+from .stop import Stop
 
 EXIT_BAD_INPUT, EXIT_UNSTABLE = 2, 3
 
@@ -45,7 +42,7 @@ set_option = click.option(
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON object on standard output and nothing else."
 )
-quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print no progress bar and no table.")
+_quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print no progress bar and no table.")
 
 
 def _named(context: click.Context, option: click.Parameter, value: Any) -> Any:
@@ -62,6 +59,26 @@ def path_argument(name: str, **attributes: Any) -> Any:
 def path_option(*names: str, **attributes: Any) -> Any:
     """An option with the path of a file or folder; it must not be empty."""
     return click.option(*names, callback=_named, **attributes)
+
+
+_LAWS = "gsta, sta, fosm, impedance, ideal, or path/to/my_law.py:MyLaw."
+
+
+def run_options(from_help: str, laws: str = _LAWS) -> Callable[[Any], Any]:
+    """The options of all commands that run one scenario.
+
+    Args:
+        from_help: effect of ``--from LOG``.
+        laws: choices of ``--controller``.
+    """
+    law_option = click.option("-c", "--controller", metavar="LAW", help=laws)
+    from_option = path_option("--from", "log", metavar="LOG", help=from_help)
+    return lambda function: scenario_argument(law_option(set_option(from_option(function))))
+
+
+def output_options(function: Any) -> Any:
+    """The options ``--json`` and ``--quiet``."""
+    return json_option(_quiet_option(function))
 
 
 force_option = click.option("-f", "--force", is_flag=True, help="Replace FILE if it exists.")
@@ -97,121 +114,6 @@ def asked_for(arguments: Sequence[str], settings: Sequence[str]) -> tuple[str | 
     return (names[0] if names else None), overrides
 
 
-class Stop:
-    """Handler of Ctrl-C and SIGTERM.
-
-    The first signal raises KeyboardInterrupt in the main thread. If the program still runs 5 s later, for example
-    because a disk hangs, the next signal ends it immediately.
-
-    The exception is lost if Python runs in a callback from C, as when LLVM reports a finished object; :meth:`check`
-    raises it again. If the main thread is in machine code that never returns, such as a law with an endless loop, a
-    second thread ends the program.
-    """
-
-    _PATIENCE_S = 5.0
-    _first: float | None = None
-    """Time of the first signal since the last Stop was made [s]."""
-    received: int | None = None
-    """Number of the signal that was received since the last Stop was made."""
-
-    def __init__(self) -> None:
-        self.requested = False
-        Stop._first = Stop.received = None
-        signal.set_wakeup_fd(_watched(), warn_on_full_buffer=False)
-        for each in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(each, self._on_signal)
-
-    def _on_signal(self, number: int, frame: Any) -> None:
-        if not self.requested:
-            self.requested = True
-            Stop.received = number
-            raise KeyboardInterrupt
-
-    @classmethod
-    def watch(cls, read_end: int) -> None:
-        """End the program at a late second signal. C writes signals to the pipe even if the main thread is busy."""
-        while number := os.read(read_end, 1):
-            if number[0] in (signal.SIGINT, signal.SIGTERM):
-                now = time.monotonic()
-                if cls._first is None:
-                    cls._first = now
-                elif now - cls._first > cls._PATIENCE_S:
-                    os._exit(128 + number[0])
-
-    def check(self) -> None:
-        if self.requested:
-            raise KeyboardInterrupt
-
-    def ignore(self) -> None:
-        """Ignore signals while the last results are written. :meth:`watch` still ends a write that hangs."""
-        for each in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(each, signal.SIG_IGN)
-
-
-@functools.cache
-def _watched() -> int:
-    """Write end of the pipe on which C reports signals to the watching thread."""
-    read_end, write_end = os.pipe()
-    os.set_blocking(write_end, False)
-    threading.Thread(target=Stop.watch, args=(read_end,), name="uvms-mj signals", daemon=True).start()
-    return write_end
-
-
-def folder_for(name: str) -> Path:
-    """Create a folder if needed and check that it is writable, before anything is computed.
-
-    Raises:
-        InputError: the folder cannot be created or written to.
-    """
-    from ..errors import InputError
-
-    folder = Path(name)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise InputError(f"--out {name}: can't write there: {error.strerror}") from None
-    return folder
-
-
-@contextlib.contextmanager
-def alone_in(folder: Path) -> Iterator[None]:
-    """Lock a folder against other runs. The lock belongs to the process and leaves no file.
-
-    Raises:
-        InputError: another run is writing there.
-    """
-    import fcntl
-
-    from ..errors import InputError
-
-    place = os.open(folder, os.O_RDONLY)
-    try:
-        try:
-            fcntl.flock(place, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise InputError(f"--out {folder}: another run is writing there; choose another folder") from None
-        except OSError:  # the file system has no locks
-            pass
-        yield
-    finally:
-        os.close(place)
-
-
-def move_aside(folder: Path, paths: Iterable[Path], what: str) -> None:
-    """Move earlier results to a subfolder: logs are not overwritten, and old pictures not mixed with new logs."""
-    earlier = [path for path in paths if path.exists()]
-    if earlier:
-        n = 1
-        while (aside := folder / f"earlier-{n}").exists():
-            n += 1
-        aside.mkdir()
-        for path in earlier:
-            path.rename(aside / path.name)
-        click.echo(f"note: {what} in {folder} was moved to {aside}", err=True)
-
-
 def draw_to_files() -> None:
     """Make matplotlib draw to files only, whatever window system is set, and hide its warnings, such as those about its
     cache. Call this before matplotlib is imported."""
@@ -221,7 +123,7 @@ def draw_to_files() -> None:
 
 @contextlib.contextmanager
 def progress_bar(what: str, hidden: bool, stop: Stop) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar on terminals. Yields a function of the numbers done and total, which also checks for signals."""
+    """A progress bar on terminals. Yields a function of the counts done and in total, which also checks for signals."""
     if hidden or not sys.stderr.isatty():
         yield lambda done, total: stop.check()
         return
@@ -261,11 +163,6 @@ def bad_input() -> Iterator[None]:
 def end(message: str, status: int) -> NoReturn:
     click.echo(printable(message), err=True)
     sys.exit(status)
-
-
-def exit_interrupted() -> int:
-    """Exit status after a signal, as in shells: 130 for Ctrl-C, 143 for SIGTERM."""
-    return 128 + (Stop.received or signal.SIGINT)
 
 
 def toml_value(value: Any) -> str:

@@ -47,6 +47,7 @@ def compare(logs: tuple[str, ...], out: str, force: bool) -> None:
         pictures = [
             report.Picture(what, f"{caption}: {report.named(traces)}.", figures.plot(traces, what))
             for what, caption in captions.items()
+            if what != "sliding" or any("s" in trace.arrays for trace in loaded)
         ]
         names = ", ".join(dict.fromkeys(trace.scenario.name for trace in loaded))
         report.write(Path(out), report.page(f"{names}: {report.named(traces)}", traces, pictures))

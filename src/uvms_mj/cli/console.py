@@ -4,10 +4,13 @@ import contextlib
 import json
 import math
 import sys
-from collections.abc import Iterator, Mapping
+import warnings
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import click
+
+from .stop import Stop
 
 ROUNDING = 1e-9
 """Numbers smaller than this, relative or in SI units, come from rounding and are shown as zero."""
@@ -32,14 +35,22 @@ class Console:
     def warn(self, message: Any, category: Any, *_: Any, **__: Any) -> None:
         click.echo(f"warning: {printable(str(message))}", err=True)
 
-    def progress(self, scenario: Any) -> Any:
-        """A context manager that returns a function of the steps done and their total.
+    @contextlib.contextmanager
+    def running(self, scenario: Any, stop: Stop) -> Iterator[Callable[[int, int], None]]:
+        """Context of a run: prints warnings as lines, and yields a function of the steps done and their total.
 
-        The function draws a progress bar if standard error is a terminal.
+        The function draws a progress bar if standard error is a terminal, and checks for signals.
         """
-        if self.quiet or not sys.stderr.isatty():
-            return contextlib.nullcontext(lambda done, total: None)
-        return _bar(scenario)
+        drawn = not self.quiet and sys.stderr.isatty()
+        with warnings.catch_warnings(), _bar(scenario) if drawn else contextlib.nullcontext() as bar:
+            warnings.showwarning = self.warn  # Python's own hook; catch_warnings restores it
+
+            def progress(done: int, total: int) -> None:
+                stop.check()
+                if bar is not None:
+                    bar(done, total)
+
+            yield progress
 
     def report(self, trace: Any, report: dict[str, Any]) -> None:
         if self.as_json:
@@ -165,7 +176,8 @@ def _motion_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]
     if analytic_m and report["status"] != "unstable":
         yield "analytic position", f"{_vector(analytic_m, 5)} m"
     if len(trace):
-        yield "final sliding variable", " ".join(f"{value: .1e}" for value in final["s"])
+        if final["s"]:
+            yield "final sliding variable", " ".join(f"{value: .1e}" for value in final["s"])
         yield "largest tau", f"{'  '.join(f'{value:#.3g}' for value in trace.tau_max[-1])} N, N m"
 
 

@@ -10,44 +10,33 @@ import click
 from .common import (
     EXIT_BAD_INPUT,
     EXIT_UNSTABLE,
-    Stop,
-    asked_for,
     bad_input,
     command,
     end,
-    exit_interrupted,
-    json_option,
-    path_option,
+    output_options,
     progress_bar,
-    quiet_option,
-    scenario_argument,
-    set_option,
+    run_options,
 )
 from .console import Console, print_table
-from .run import from_log
+from .run import chosen
+from .stop import Stop, exit_interrupted
 
 if TYPE_CHECKING:
     from ..studies.convergence import Convergence, Estimate
 
 
 @command(epilog="Exit status: 0 completed, 2 bad input, 3 a run was unstable, 130 interrupted (143 by SIGTERM).")
-@scenario_argument
-@click.option(
-    "-c", "--controller", metavar="LAW", help="gsta, sta, fosm, impedance, ideal, or path/to/my_law.py:MyLaw."
-)
-@set_option
-@path_option("--from", "log", metavar="LOG", help="Use scenario and vehicle of a log, run.mcap.")
+@run_options("Use scenario and vehicle of a log, run.mcap.")
 @click.option(
     "-m",
     "--metric",
     "metrics",
     multiple=True,
     metavar="NAME",
-    help="A number, by its key in the JSON of uvms-mj run, such as contact.peak_N or final.s; may be repeated; "
+    help="A result, by its key in the JSON of uvms-mj run, such as contact.peak_N or final.s; may be repeated; "
     "`list` prints all.",
 )
-@json_option
-@quiet_option
+@output_options
 def converge(
     arguments: tuple[str, ...],
     controller: str | None,
@@ -57,7 +46,7 @@ def converge(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Compute error bars for a run's numbers: repeat the run at h, h/2 and h/4, and extrapolate.
+    """Compute error bars for a run's results: repeat the run at h, h/2 and h/4, and extrapolate.
 
     h is the scenario's time step. The three runs take seven times as long as the first one and write no files.
 
@@ -72,22 +61,13 @@ def converge(
     try:
         with bad_input():
             from ..engine.run import LawError
-            from ..errors import InputError
-            from ..scenario import Scenario
             from ..studies.convergence import DEFAULT, METRICS, NotCompletedError
             from ..studies.convergence import converge as runs_of
 
             if "list" in metrics:
                 click.echo("\n".join(METRICS))
                 return
-            name, overrides = asked_for(arguments, settings)
-            if name is not None and log is not None:
-                raise InputError(f"one scenario at a time, please: {name}, {log}")
-            mjcf = None
-            if log is not None:
-                scenario, mjcf, _ = from_log(log, overrides, controller, None)
-            else:
-                scenario = Scenario.load(name or "push_wall", overrides, controller)
+            scenario, mjcf, _ = chosen(arguments, settings, controller, log, None)
             try:
                 with console.alone(), progress_bar("running", as_json or quiet, stop) as bar:
                     found = runs_of(scenario, metrics or DEFAULT, mjcf=mjcf, progress=bar)

@@ -99,5 +99,5 @@ def signals() -> None:
             table.add_column(column, no_wrap=column in ("name", "shape"))
         for signal in listed:
             shape = " x ".join(str(length) if length else "thrusters" for length in signal.shape)
-            table.add_row(signal.name, shape or "number", signal.unit, signal.frame, signal.meaning)
+            table.add_row(signal.name, shape or "scalar", signal.unit, signal.frame, signal.meaning)
         print_table(table)

@@ -11,7 +11,6 @@ from .common import (
     bad_input,
     command,
     end,
-    exit_interrupted,
     force_option,
     json_option,
     path_argument,
@@ -19,6 +18,7 @@ from .common import (
     refuse_existing,
 )
 from .console import Console, log_tables, printable
+from .stop import exit_interrupted
 
 if TYPE_CHECKING:
     from ..records.trace import Trace
@@ -96,7 +96,7 @@ def export(log: str, kind: str | None, out: str | None, force: bool) -> None:
 
 @command()
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...")
-@path_option("--save", metavar="FILE.rrd", help="Write a Rerun recording with its layout; open no window.")
+@path_option("--save", metavar="FILE.rrd", help="Write a Rerun recording with its views; open no window.")
 @click.option("--web", is_flag=True, help="Serve the web viewer on 127.0.0.1 until Ctrl-C; open no window.")
 @force_option
 def replay(logs: tuple[str, ...], save: str | None, web: bool, force: bool) -> None:

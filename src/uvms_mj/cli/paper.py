@@ -1,6 +1,5 @@
 """``uvms-mj paper``: runs, figures and claims of the paper's section 5."""
 
-import contextlib
 import csv
 import io
 import json
@@ -12,25 +11,23 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import (
-    Stop,
-    alone_in,
     asked_for,
     bad_input,
     command,
     draw_to_files,
     end,
-    exit_interrupted,
-    folder_for,
     json_option,
-    move_aside,
     path_option,
     progress_bar,
     scenario_argument,
     set_option,
 )
 from .console import print_table
+from .folders import alone_in, folder_for, move_aside
+from .stop import Stop, exit_interrupted
 
 if TYPE_CHECKING:
+    from ..scenario import Scenario
     from ..studies.paper.claims import Row, Runs
 
 EXIT_CLAIM_FAILS = 1
@@ -62,39 +59,26 @@ def paper(
     """
     stop = Stop()
     draw_to_files()
-    running = True
+    running = source is None
     try:
-        with bad_input(), contextlib.ExitStack() as held:
-            from ..errors import InputError
-            from ..scenario import Scenario
+        with bad_input():
+            jobs = _jobs(arguments, settings, out, source)
             from ..studies.paper import runs as study
 
+            logs = Path(source or out or "") / "logs"
             if source is not None:
-                if arguments or settings:
-                    other = " ".join((*arguments, *settings))
-                    raise InputError(f"--from only redraws existing runs; omit {other}")
-                logs = Path(source) / "logs"
-                runs = study.load(logs, study.plan(Scenario()))
-                running = False
-                folder = folder_for(out if out is not None else source)
-                held.enter_context(alone_in(folder))
-            else:
-                if out is None:
-                    raise InputError("--out DIR is missing; it is the folder for the logs and the report")
-                name, overrides = asked_for(arguments, settings)
-                gains = _gains(overrides)
-                jobs = study.plan(Scenario.load(name or "push_wall", overrides), gains)
-                folder = folder_for(out)
-                held.enter_context(alone_in(folder))
-                logs = folder / "logs"
-                _move_aside(folder)
-                logs.mkdir()
-                with progress_bar("running", as_json, stop) as bar:
-                    study.run(jobs, logs, bar)
-                running = False
                 runs = study.load(logs, jobs)
-            with progress_bar("drawing", as_json, stop) as bar:
-                rows = _write(folder, runs, bar)
+            folder = folder_for(out or source or "")
+            with alone_in(folder):
+                if running:
+                    _move_aside(folder)
+                    logs.mkdir()
+                    with progress_bar("running", as_json, stop) as bar:
+                        study.run(jobs, logs, bar)
+                    running = False
+                    runs = study.load(logs, jobs)
+                with progress_bar("drawing", as_json, stop) as bar:
+                    rows = _write(folder, runs, bar)
     except KeyboardInterrupt:
         end("interrupted" if running else "interrupted; the logs are complete: redraw with --from", exit_interrupted())
     failed = [row.claim.id for row in rows if row.verdict.name == "fails"]
@@ -108,12 +92,30 @@ def paper(
     sys.exit(EXIT_CLAIM_FAILS if failed else 0)
 
 
+def _jobs(
+    arguments: tuple[str, ...], settings: tuple[str, ...], out: str | None, source: str | None
+) -> "dict[str, Scenario]":
+    """The runs of the study by name. Raises InputError if the arguments of the command are invalid."""
+    from ..errors import InputError
+    from ..scenario import Scenario
+    from ..studies.paper.runs import plan
+
+    if source is not None and (arguments or settings):
+        raise InputError(f"--from only redraws existing runs; omit {' '.join((*arguments, *settings))}")
+    if source is None and out is None:
+        raise InputError("--out DIR is missing; it is the folder for the logs and the report")
+    name, overrides = asked_for(arguments, settings)
+    gains = _gains(overrides)
+    return plan(Scenario.load(name or "push_wall", overrides), gains)
+
+
 def _gains(overrides: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """Remove the gains of single laws, such as ``fosm.K_s``, from the settings and return them by law."""
     from ..control import BUILT_IN, ImpedanceTask
     from ..errors import Fault, InputError, suggestion
+    from ..studies.paper.laws import TUNED
 
-    gains: dict[str, dict[str, Any]] = {law: {} for law in ("fosm", "gsta")}
+    gains: dict[str, dict[str, Any]] = {law: {} for law in TUNED}
     for key in list(overrides):
         law, _, gain = key.partition(".")
         if law in gains:
@@ -130,6 +132,7 @@ def _gains(overrides: dict[str, Any]) -> dict[str, dict[str, Any]]:
 def _write(folder: Path, runs: "Runs", progress: Callable[[int, int], None]) -> "list[Row]":
     """Write figures, claims and the page, from the logs only."""
     from ..studies.paper import claims, report
+    from ..studies.paper.laws import LABELS
     from ..views import figures
 
     rows = claims.judge(runs)
@@ -144,7 +147,7 @@ def _write(folder: Path, runs: "Runs", progress: Callable[[int, int], None]) -> 
     writer.writeheader()
     writer.writerows(dicts)
     report.write(folder / "claims.csv", table.getvalue())
-    traces = {claims.LABELS[name]: trace for name, trace in runs.traces.items()}
+    traces = {LABELS[name]: trace for name, trace in runs.traces.items()}
     pictures = [report.Picture(name, report.CAPTIONS[name], drawn[name]) for name in report.CAPTIONS]
     title = "Super-twisting impedance control: the paper’s section 5, run again"
     report.write(folder / "report.html", report.page(title, traces, pictures, rows))

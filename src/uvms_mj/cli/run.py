@@ -1,8 +1,6 @@
 """``uvms-mj run``."""
 
 import json
-import os
-import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,22 +10,17 @@ import click
 from .common import (
     EXIT_BAD_INPUT,
     EXIT_UNSTABLE,
-    Stop,
-    alone_in,
     asked_for,
     bad_input,
     command,
     end,
-    exit_interrupted,
-    folder_for,
-    json_option,
-    move_aside,
+    output_options,
     path_option,
-    quiet_option,
-    scenario_argument,
-    set_option,
+    run_options,
 )
 from .console import Console
+from .folders import LOG, RunFolder, alone_in, output_folder, remove_if_empty
+from .stop import Stop, exit_interrupted
 
 if TYPE_CHECKING:
     from ..plant.mjcf import Mjcf
@@ -38,17 +31,11 @@ if TYPE_CHECKING:
 @command(
     epilog="Exit status: 0 completed, 2 bad input or a law that failed, 3 unstable, 130 interrupted (143 by SIGTERM)."
 )
-@scenario_argument
-@click.option(
-    "-c", "--controller", metavar="LAW", help="gsta, sta, fosm, impedance, ideal, or path/to/my_law.py:MyLaw."
-)
-@set_option
-@path_option("--from", "log", metavar="LOG", help="Repeat the run of a log, run.mcap, with its scenario and vehicle.")
+@run_options("Repeat the run of a log, run.mcap, with its scenario and vehicle.")
 @path_option("-o", "--out", metavar="DIR", help="Output folder [default: runs/<time>-<scenario>-<controller>].")
 @click.option("--log-rate", metavar="HZ|full", help="Samples per second; must divide the step rate [default: 1 kHz].")
 @click.option("--viewer", is_flag=True, help="Open the Rerun viewer and stream to it during the run.")
-@json_option
-@quiet_option
+@output_options
 def run(
     arguments: tuple[str, ...],
     controller: str | None,
@@ -76,31 +63,41 @@ def run(
     files: dict[str, Path] = {}
     try:
         with bad_input(), console.alone():
-            from ..errors import InputError
-            from ..scenario import Scenario
-
-            name, overrides = asked_for(arguments, settings)
-            if name is not None and log is not None:
-                raise InputError(f"one scenario at a time, please: {name}, {log}")
-            mjcf: Mjcf | None = None
-            if log is not None:
-                scenario, mjcf, log_rate = from_log(log, overrides, controller, log_rate)
-            else:
-                scenario = Scenario.load(name or "push_wall", overrides, controller)
-            folder, made = _output_folder(out, scenario)
+            scenario, mjcf, log_rate = chosen(arguments, settings, controller, log, log_rate)
+            folder, made = output_folder(out, scenario)
             try:
                 with alone_in(folder):
                     status = _simulate(scenario, mjcf, folder, files, log_rate, viewer, console, stop)
             finally:
-                _remove_if_empty(made)
+                remove_if_empty(made)
     except KeyboardInterrupt:
         if as_json:
-            click.echo(json.dumps(_nothing_ran(scenario, controller) | {"files": _existing(files)}))
+            click.echo(json.dumps(_nothing_ran(scenario, controller, _existing(files))))
         end("interrupted before the first step", exit_interrupted())
     sys.exit(status)
 
 
-def from_log(
+def chosen(
+    arguments: tuple[str, ...], settings: tuple[str, ...], controller: str | None, log: str | None, log_rate: str | None
+) -> "tuple[Scenario, Mjcf | None, str | None]":
+    """Scenario, vehicle and log rate of a run, by the arguments of the command. The vehicle is None unless it is that
+    of a log.
+
+    Raises:
+        InputError: the input is invalid.
+    """
+    from ..errors import InputError
+    from ..scenario import Scenario
+
+    name, overrides = asked_for(arguments, settings)
+    if log is None:
+        return Scenario.load(name or "push_wall", overrides, controller), None, log_rate
+    if name is not None:
+        raise InputError(f"one scenario at a time, please: {name}, {log}")
+    return _from_log(log, overrides, controller, log_rate)
+
+
+def _from_log(
     log: str, overrides: dict[str, Any], controller: str | None, log_rate: str | None
 ) -> "tuple[Scenario, Mjcf | None, str | None]":
     """Scenario, vehicle and log rate of a log. Warns if a repetition may differ from the original."""
@@ -161,27 +158,20 @@ def _simulate(
     stop: Stop,
 ) -> int:
     """Run, write and report; return the exit status. The files that the run opens are added to ``files``."""
-    import warnings
-
-    from ..analysis.summary import AROUND_THE_END_S, summary
+    from ..analysis.metrics import AROUND_THE_END_S
+    from ..analysis.summary import summary
     from ..engine.run import LawError, SinkError, simulate
     from ..errors import InputError
     from ..records.header import Status
     from ..records.mcap import McapLog
 
-    sinks: list[Sink] = [_Folder(folder, files), McapLog(folder / _LOG)]
+    sinks: list[Sink] = [RunFolder(folder, files), McapLog(folder / LOG)]
     if viewer:
         from ..views.rerun import LiveView
 
         sinks.insert(0, LiveView())  # first: without a display it fails before anything is written
     error = None
-    with warnings.catch_warnings(), console.progress(scenario) as bar:
-        warnings.showwarning = console.warn
-
-        def progress(done: int, total: int) -> None:
-            stop.check()
-            bar(done, total)
-
+    with console.running(scenario, stop) as progress:
         try:
             trace = simulate(
                 scenario, log_rate=log_rate, progress=progress, sinks=sinks, keep_s=AROUND_THE_END_S, mjcf=mjcf
@@ -203,89 +193,23 @@ def _simulate(
     return {Status.unstable: EXIT_UNSTABLE, Status.interrupted: exit_interrupted()}.get(trace.status, 0)
 
 
-_LOG, _SCENARIO = "run.mcap", "scenario.toml"
-
-
 def _existing(files: dict[str, Path]) -> dict[str, str]:
     return {kind: str(path) for kind, path in files.items() if path.exists()}
 
 
-class _Folder:
-    """The first sink: moves the files of an earlier run to a subfolder and writes scenario.toml."""
-
-    def __init__(self, folder: Path, files: dict[str, Path]) -> None:
-        self.folder, self.files = folder, files
-
-    def begin(self, header: "Header") -> None:
-        paths = {"mcap": self.folder / _LOG, "scenario": self.folder / _SCENARIO}
-        move_aside(self.folder, paths.values(), "the earlier run")
-        self.files |= paths
-        paths["scenario"].write_text(header.scenario.to_toml(), encoding="utf-8")
-
-    def write(self, rows: Any) -> None:
-        pass
-
-    def end(self, outcome: Any) -> None:
-        pass
-
-
-def _output_folder(out: str | None, scenario: "Scenario") -> tuple[Path, list[Path]]:
-    """Create the folder of a run before anything is computed. Returns it and all new folders, inner first."""
-    import datetime
-    import itertools
-
-    if out is not None:
-        folder = Path(out)
-        made = _missing(folder)
-        return folder_for(out), made
-    now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
-    words = re.sub(r"[^\w.-]+", "_", f"{scenario.name}-{scenario.controller.label()}")[:100]
-    stem = folder = Path("runs") / f"{now}-{words}"
-    for n in itertools.count(2):
-        made = _missing(folder)
-        try:
-            folder.mkdir(parents=True)
-        except FileExistsError:  # another run started in the same second
-            folder = stem.with_name(f"{stem.name}-{n}")
-            continue
-        except OSError:
-            pass
-        break
-    return folder_for(str(folder)), made
-
-
-def _missing(folder: Path) -> list[Path]:
-    """The folder and its parents that do not exist yet, inner first."""
-    return [path for path in (folder, *folder.parents) if not os.path.exists(path)]
-
-
-def _remove_if_empty(folders: list[Path]) -> None:
-    import contextlib
-
-    with contextlib.suppress(OSError):
-        for folder in folders:
-            folder.rmdir()
-
-
-def _nothing_ran(scenario: "Scenario | None", controller: str | None) -> dict[str, Any]:
+def _nothing_ran(scenario: "Scenario | None", controller: str | None, files: dict[str, str]) -> dict[str, Any]:
     """The report of a run that was interrupted before its first step."""
-    name = scenario.name if scenario is not None else None
-    law = scenario.controller.label() if scenario is not None else controller
-    contact = dict.fromkeys(("first_s", "peak_N", "impulse_Ns", "final_N", "analytic_N", "relative_error"))
-    return {
-        "scenario": name,
-        "controller": law,
+    from ..analysis.summary import summary_of_none
+
+    known: dict[str, Any] = {
+        "controller": controller,
         "status": "interrupted",
         "message": "interrupted before the first step",
-        "warnings": [],
-        "steps": 0,
-        "timestep_s": scenario.simulation.timestep if scenario is not None else None,
-        "duration_s": 0.0,
-        "wall_time_s": 0.0,
-        "real_time_factor": None,
-        "contact": contact | {"touches": 0, "settled": False},
-        "effort_N2s": None,
-        "saturated_s": None,
-        "final": dict.fromkeys(("position_m", "attitude_wxyz", "s", "z", "tau")),
-        "analytic": dict.fromkeys(("position_m", "none_because")),
     }
+    if scenario is not None:
+        known |= {
+            "scenario": scenario.name,
+            "controller": scenario.controller.label(),
+            "timestep_s": scenario.simulation.timestep,
+        }
+    return summary_of_none(known, files)

@@ -11,7 +11,7 @@ import numpy as np
 from ..analysis.ranges import no_overflow
 from ..analysis.sampling import refuse, warnings_of
 from ..analysis.setup import set_up
-from ..errors import InputError, suggestion
+from ..errors import Fault, InputError, suggestion
 from ..plant.mjcf import Mjcf
 from ..scenario import Scenario
 from ..stages.base import is_shipped
@@ -194,6 +194,22 @@ class Simulation:
         self._memory.restart(setup, touched)
         self.setup = setup
         self._prepare()
+
+    def set(self, overrides: Mapping[str, Any]) -> None:
+        """Change numbers of the scenario during the run, from the next step on, until the next reset.
+
+        Args:
+            overrides: as in :meth:`reset`, without ``initial`` and ``simulation``.
+
+        Raises:
+            InputError: a key or value is invalid, or can't change during a run. Nothing is changed then.
+        """
+        setup, touched = changed(self.setup, self.setup, overrides)
+        fixed = sorted(touched & {"initial", "simulation"})
+        if fixed:
+            raise InputError([Fault(name, "can't change during a run; give it to reset") for name in fixed], "set")
+        self._memory.rewrite(setup, touched)
+        self.setup = setup
 
     def step(self, n: int = 1) -> None:
         """Take n time steps, at native speed and without Python's global lock.

@@ -23,7 +23,7 @@ from ..physics.frames import quat_from_euler_deg
 from .geometry import Geometry
 from .mjcf import Mjcf
 from .settings import Initial
-from .vehicle import Vehicle, free_body_id
+from .vehicle import Vehicle, free_body_id, free_joint_addresses
 from .wall import Wall
 
 IMPEDANCE = 1e-4
@@ -62,8 +62,7 @@ class Plant:
 
     def place(self, data: mujoco.MjData, initial: Initial) -> None:
         """Put the vehicle at an initial state."""
-        joint = self.model.body_jntadr[self.body_id]
-        qpos, dof = self.model.jnt_qposadr[joint], self.model.jnt_dofadr[joint]
+        qpos, dof = free_joint_addresses(self.model, self.body_id)
         quat = quat_from_euler_deg(*initial.attitude_deg)
         data.qpos[qpos : qpos + 3] = initial.position
         data.qpos[qpos + 3 : qpos + 7] = quat

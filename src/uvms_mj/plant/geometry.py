@@ -5,13 +5,12 @@ from typing import Annotated, Any, Literal, get_args
 
 import mujoco
 import numpy as np
-from pydantic import ConfigDict, Field, PlainSerializer, PlainValidator, TypeAdapter, ValidationError
+from pydantic import Field, PlainSerializer, PlainValidator, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from ..errors import InputError, faults_of
-from ..quantities import NonNegative, Positive, Real, Vector3
+from ..quantities import STRICT, NonNegative, Positive, Real, Vector3
 
-_PLAIN = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
 Kind = Literal["sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh"]
 LAST_VISIBLE_GROUP = 2
 """Geoms of higher groups are for collisions by MuJoCo's convention, and its viewer hides them."""
@@ -34,7 +33,7 @@ def _rows_of(kind: str) -> PlainValidator:
 _BASE64 = PlainSerializer(lambda array: base64.b64encode(array.tobytes()).decode(), when_used="json")
 
 
-@dataclass(frozen=True, eq=False, config=_PLAIN)
+@dataclass(frozen=True, eq=False, config=STRICT)
 class Mesh:
     """A triangle mesh.
 
@@ -50,8 +49,12 @@ class Mesh:
         if not np.isfinite(self.vertices).all() or self.triangles.max(initial=0) >= max(1, len(self.vertices)):
             raise ValueError("vertices must be finite, and triangles must refer to existing vertices")
 
+    def corners(self) -> np.ndarray:
+        """Corners (3 m, 3) of the triangles, one triangle after the other [m]."""
+        return self.vertices[self.triangles.reshape(-1)]
 
-@dataclass(frozen=True, config=_PLAIN)
+
+@dataclass(frozen=True, config=STRICT)
 class Shape:
     """One geom, in the body frame B.
 
@@ -73,7 +76,7 @@ class Shape:
     mesh: str | None = None
 
 
-@dataclass(frozen=True, eq=False, config=_PLAIN)
+@dataclass(frozen=True, eq=False, config=STRICT)
 class Geometry:
     """Shapes of a vehicle's body and of the bodies fixed to it.
 

@@ -144,6 +144,12 @@ def free_body_id(model: mujoco.MjModel, body: str) -> int:
     return body_id
 
 
+def free_joint_addresses(model: mujoco.MjModel, body_id: int) -> tuple[int, int]:
+    """Addresses of a free body's pose (7,) in qpos and of its velocity (6,) in qvel."""
+    joint = model.body_jntadr[body_id]
+    return int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+
+
 def _refuse_links(model: mujoco.MjModel, body_id: int) -> None:
     """Refuse bodies that move relative to the vehicle. Bodies fixed to it are part of its rigid body."""
     links = np.flatnonzero((model.body_rootid == body_id) & (model.body_dofnum > 0))

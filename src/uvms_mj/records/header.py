@@ -124,6 +124,11 @@ class Header:
         ends = itertools.accumulate(signal.size for signal in self.signals)
         return {s.name: slice(end - s.size, end) for s, end in zip(self.signals, ends, strict=True)}
 
+    @functools.cached_property
+    def by_name(self) -> dict[str, Signal]:
+        """The signals by name."""
+        return {signal.name: signal for signal in self.signals}
+
     @property
     def width(self) -> int:
         """Numbers in a row."""

@@ -1,27 +1,106 @@
-"""Geometry common to the two 3-D views, MCAP's markers and Rerun: scales of arrows, the wall, and the scene's size.
+"""The scene of a run: vehicles, walls, the current and the forces, with their sizes and colours.
 
+MCAP's markers, Rerun and the rendered pictures draw this scene and no shapes of their own, apart from decoration.
 Arrows longer than the scene are cut. Rerun's label of a cut arrow is marked.
 """
 
 import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..records.header import Header
+from ..physics.frames import rotation_matrices
+from ..plant.geometry import Geometry, Shape
+from .header import Header
+from .palette import ORANGE, SKY, VERMILLION, Colour
 
 FORCE_SCALE = 0.05
 """Default length of force arrows [m/N]."""
 CURRENT_SCALE = 0.5
 """Length of the current's arrow per speed [s]."""
 WALL_SIZE, WALL_THICKNESS = 1.5, 0.05
-"""Size of the drawn part of the wall [m]."""
-WALL_RGBA = (0.62, 0.64, 0.66, 1.0)
+"""Size of the drawn part of a wall [m]."""
+WALL_RGBA = (0.62, 0.64, 0.66, 0.35)
+"""Colour of a wall, through which the contact can be seen."""
+
+Values = Mapping[str, np.ndarray]
+"""Signals (n, size) by name."""
 
 
-def span(header: Header) -> float:
-    """Size of the scene: the distance from the start to the wall's face, at least the width of the wall [m]."""
-    start, face = np.array(header.scenario.initial.position), wall_face(header)
-    return max(WALL_SIZE, abs(face - float(start[0])) + header.geometry.reach)
+@dataclass(frozen=True, eq=False)
+class Arrow:
+    """A constant arrow in W.
+
+    Attributes:
+        name: name of the arrow.
+        label: text beside the arrow.
+        colour: red, green and blue, 0 to 255.
+        radius: radius of the shaft [m].
+        start: (3,) where the arrow begins [m].
+        tip: (3,) where it ends [m].
+    """
+
+    name: str
+    label: str
+    colour: Colour
+    radius: float
+    start: np.ndarray
+    tip: np.ndarray
+
+
+@dataclass(frozen=True)
+class Force:
+    """A force that changes with time, drawn as an arrow.
+
+    Attributes:
+        name: name of the force.
+        colour: red, green and blue, 0 to 255.
+        radius: radius of the shaft [m].
+        text_above: height of the arrow's text above its tip [m].
+        acts: points (n, 3) and forces (n, 3) in W, from a header and values.
+        ends_there: whether the arrow ends at the point; otherwise it begins there. An arrow from the contact point
+            would be inside the vehicle.
+    """
+
+    name: str
+    colour: Colour
+    radius: float
+    text_above: float
+    acts: Callable[[Header, Values], tuple[np.ndarray, np.ndarray]]
+    ends_there: bool
+
+    def ends(self, header: Header, values: Values, scale: float) -> tuple[np.ndarray, np.ndarray]:
+        """Starts and tips (n, 3) of the arrows in W [m] at the scale [m/N]."""
+        points, forces = self.acts(header, values)
+        vectors = arrows(forces, scale, span(header))
+        return (points - vectors, points) if self.ends_there else (points, points + vectors)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """The constant part of a scene.
+
+    Attributes:
+        vehicles: shapes of each vehicle, in its body frame B.
+        walls: walls as boxes in W; the face is at -x of the box.
+        arrows: constant arrows in W.
+    """
+
+    vehicles: tuple[Geometry, ...]
+    walls: tuple[Shape, ...]
+    arrows: tuple[Arrow, ...]
+
+
+def scene_of(header: Header) -> Scene:
+    """The scene of a run."""
+    current, face = header.scenario.current, wall_face(header)
+    start = np.array([0.4 * face, 0.0, 0.5])
+    tip = start + CURRENT_SCALE * np.array(current.velocity_W)
+    half = (WALL_THICKNESS / 2, WALL_SIZE / 2, WALL_SIZE / 2)
+    wall = Shape("box", half, (face + half[0], 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), WALL_RGBA)
+    arrow = Arrow("current", f"current {current.speed:g} m/s", SKY, 0.014, start, tip)
+    return Scene((header.geometry,), (wall,), (arrow,) if current.speed else ())
 
 
 def wall_face(header: Header) -> float:
@@ -29,10 +108,25 @@ def wall_face(header: Header) -> float:
     return header.scenario.wall.position + header.geometry.reach
 
 
-def current_arrow(header: Header) -> tuple[np.ndarray, np.ndarray]:
-    """Start and tip (3,) of the current's arrow in W [m]."""
-    start = np.array([0.4 * wall_face(header), 0.0, 0.5])
-    return start, start + CURRENT_SCALE * np.array(header.scenario.current.velocity_W)
+def _contact(header: Header, values: Values) -> tuple[np.ndarray, np.ndarray]:
+    return values["p_WB"] + [header.geometry.reach, 0.0, 0.0], values["f_contact_W"]
+
+
+def _thrust(_: Header, values: Values) -> tuple[np.ndarray, np.ndarray]:
+    return values["p_WB"], np.einsum("nij,nj->ni", rotation_matrices(values["quat_WB"]), values["tau"][:, :3])
+
+
+FORCES = (
+    Force("contact force", VERMILLION, 0.018, 0.25, _contact, ends_there=True),
+    Force("thrust", ORANGE, 0.018, -0.1, _thrust, ends_there=False),
+)
+"""The forces that are drawn."""
+
+
+def span(header: Header) -> float:
+    """Size of the scene: the distance from the start to the wall's face, at least the width of the wall [m]."""
+    start, face = np.array(header.scenario.initial.position), wall_face(header)
+    return max(WALL_SIZE, abs(face - float(start[0])) + header.geometry.reach)
 
 
 def force_scale(header: Header, largest: float = 0.0) -> float:

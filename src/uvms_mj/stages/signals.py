@@ -44,12 +44,9 @@ class Signal:
         return (linear,) * half + (angular,) * (self.size - half) if angular else (self.unit,) * self.size
 
 
-_COMPONENTS = {
-    1: ("",),
-    3: ("x", "y", "z"),
-    4: ("w", "x", "y", "z"),
-    6: ("x", "y", "z", "roll", "pitch", "yaw"),
-}
+AXES = ("x", "y", "z", "roll", "pitch", "yaw")
+"""Components of a signal of six numbers."""
+_COMPONENTS = {1: ("",), 3: AXES[:3], 4: ("w", *AXES[:3]), 6: AXES}
 _WRENCH = "N, N m"
 _TWIST = "m/s, rad/s"
 

@@ -28,8 +28,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ..analysis.metrics import AROUND_THE_END_S
 from ..analysis.sampling import SamplingWarning
-from ..analysis.summary import AROUND_THE_END_S, summary
+from ..analysis.summary import summary
 from ..control import Controller
 from ..engine.run import PlainPythonWarning, simulate
 from ..errors import Fault, InputError, suggestion

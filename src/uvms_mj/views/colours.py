@@ -1,4 +1,4 @@
-"""Colours of figures and viewers: the palette of Okabe and Ito, which colour-blind readers can distinguish.
+"""Colours of runs in figures and viewers.
 
 A run has the colour of its law in every picture. Several runs of one law have shades of this colour, from dark to
 light.
@@ -7,10 +7,8 @@ light.
 from collections import Counter
 from collections.abc import Sequence
 
-Colour = tuple[int, int, int]
-"""Red, green and blue, 0 to 255."""
-ORANGE, SKY, GREEN = (230, 159, 0), (86, 180, 233), (0, 158, 115)
-YELLOW, BLUE, VERMILLION, PURPLE = (240, 228, 66), (0, 114, 178), (213, 94, 0), (204, 121, 167)
+from ..records.palette import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, Colour
+
 LAWS: dict[str, Colour] = {"impedance": PURPLE, "fosm": ORANGE, "gsta": BLUE, "sta": SKY, "ideal": GREEN}
 """Colours of the built-in laws, by name."""
 _OTHERS: tuple[Colour, ...] = (VERMILLION, (120, 94, 60), (110, 110, 110), (150, 160, 30))

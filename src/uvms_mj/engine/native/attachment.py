@@ -13,7 +13,7 @@ import numpy as np
 from ...errors import Fault, InputError
 from ...physics.dissipation import damping_notes
 from ...physics.hydrodynamics import WATER, factor
-from ...plant.vehicle import Vehicle, free_body_id
+from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses
 from .callback import entry_points
 from .layouts import CONTEXT
 from .memory import CAPACITY, registry
@@ -243,8 +243,7 @@ def _installed() -> bool:
 
 def _fill(context: np.void, model: mujoco.MjModel, data: mujoco.MjData, body_id: int) -> None:
     """Set the addresses that the callback works on. They stay valid for the lifetime of mjData."""
-    joint = model.body_jntadr[body_id]
-    qpos, dof = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
+    qpos, dof = free_joint_addresses(model, body_id)
     time_at = data.energy.ctypes.data - 8  # mjData.time precedes mjData.energy
     before, data.time = data.time, 0.123456789
     found = ctypes.c_double.from_address(time_at).value

@@ -1,6 +1,7 @@
 """The memory of one run: the records that the loop works on, and the numbers of a scenario in them."""
 
 from collections.abc import Callable, Set
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -108,12 +109,19 @@ class RunMemory:
         mujoco.mj_resetData(setup.plant.model, self.data)
         for array, start in self._start:
             array[:] = start
+        self._write(setup, touched, constants)
+        for entry in self.stages.running:
+            entry.start()
+
+    def rewrite(self, setup: Setup, touched: Set[str]) -> None:
+        """As :meth:`restart`, but the run goes on."""
+        self._write(setup, touched, self.stages.constants(setup, touched))
+
+    def _write(self, setup: Setup, touched: Set[str], constants: Any) -> None:
         for tables, write in WRITERS:
             if not touched.isdisjoint(tables):
                 write(self, setup)
         self.stages.write(constants)
-        for entry in self.stages.running:
-            entry.start()
 
     def check_stages(self, last: bool) -> None:
         """Report a failure of a user's stage, with ``last`` after searching all of its margins.

@@ -3,16 +3,16 @@
 The contents of the attachments are never executed and never written to disk.
 """
 
-import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import PurePath
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import tomli_w
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
+from pydantic_core import from_json, to_json
 
 from ...control.rest import NoClosedForm, SteadyState
 from ...errors import InputError, faults_of
@@ -31,7 +31,44 @@ _MOST_VALUES = 200_000
 """Largest number of values (numbers, texts, lists) in one JSON file. Reading takes some 100 bytes of memory for each. A
 mesh is one text."""
 FORMAT = 2
-"""Version of the log format. Logs of version 1 are read too: they have the source of the law only."""
+"""Version of the log format, for a change of run.json or of the topic of a signal. A new signal is not a change."""
+
+
+def _stages_of_law(run: dict[str, Any]) -> dict[str, Any]:
+    """Format 1 has the source of the law only; the other stages were those of today's defaults."""
+    others = {name: {"source": each.default.name, "sha256": None, "states": {}} for name, each in STAGES.items()}
+    return {name: value for name, value in run.items() if name != "law"} | {
+        "stages": others | {"controller": run.get("law")}
+    }
+
+
+_UPGRADES: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {1: _stages_of_law}
+"""By format: a function that makes run.json one of the next format. Logs of these formats and of FORMAT are read."""
+_NEEDED = frozenset(
+    (
+        *("t", "p_WB", "quat_WB", "nu", "p_d", "p_d_dot", "eta_e", "nu_e", "tau", "u", "f_contact_W"),
+        *(
+            "tau_variation",
+            "tau_step_max",
+            "tau_max",
+            "effort",
+            "saturation_time",
+            "force_peak",
+            "impulse",
+            "wall_work",
+        ),
+        *("touches", "first_contact", "final_impulse", "final_low", "final_high"),
+    )
+)
+"""Signals that every log has. Metrics and views work without the others."""
+
+
+@checked(frozen=True, config=STRICT | ConfigDict(extra="ignore"))
+class _Version:
+    """The part of run.json that every format has."""
+
+    format: int
+    versions: dict[str, str]
 
 
 @checked(frozen=True, config=STRICT)
@@ -80,8 +117,8 @@ class _End:
     wall_time_s: NonNegative
 
 
-_RUN, _END = TypeAdapter(_Run), TypeAdapter(_End)
-"""Validators of run.json and outcome.json."""
+_VERSION, _RUN, _END = TypeAdapter(_Version), TypeAdapter(_Run), TypeAdapter(_End)
+"""Validators of run.json, of any format and of this one, and of outcome.json."""
 
 
 def header_files(header: Header) -> dict[str, bytes]:
@@ -146,9 +183,9 @@ def header_of(files: Mapping[str, bytes]) -> Header:
         raise InputError(f"run.json: stages must have the entries {', '.join(STAGES)}")
     sources, known = {}, {}
     for name, choice in STAGES.items():
-        table = tables.get(name) if run.format == FORMAT or name == "controller" else {"name": choice.default.name}
+        table = tables.get(name, {})  # of format 1: some tables are missing, or have no name
         entry, noun = run.stages.get(name), choice.base.room.noun
-        if entry is None or not isinstance(table, dict) or table.get("name") != entry.source:  # before the name is used
+        if entry is None or not isinstance(table, dict) or table.get("name", choice.default.name) != entry.source:
             raise InputError(f"scenario.toml and run.json name different {noun}s")
         code = files.get(code_file(name, entry.source), b"").decode(errors="replace")
         sources[name] = StageSource(entry.source, entry.sha256, code, entry.states)
@@ -160,7 +197,7 @@ def header_of(files: Mapping[str, bytes]) -> Header:
     signals = tuple(Signal(s.name, s.shape, s.unit, s.frame, s.meaning) for s in run.signals)
     differ = any(dict(getattr(scenario, name).states) != dict(source.states) for name, source in sources.items())
     states = {name: size for source in sources.values() for name, size in source.states.items()}
-    if differ or not _are_recorded(signals, states):
+    if differ or not _are_sound(signals, states):
         version = run.versions.get("uvms-mj", "of another version")
         raise InputError(f"run.json: its signals differ from this version's; the log was written by uvms-mj {version}")
     models = {name.removeprefix("model/"): data for name, data in files.items() if name.startswith("model/")}
@@ -187,28 +224,6 @@ def header_of(files: Mapping[str, bytes]) -> Header:
     )
 
 
-def _run_of(data: bytes) -> _Run:
-    """The contents of run.json of this version or of version 1.
-
-    Raises:
-        InputError: the contents are invalid, or of another version.
-    """
-    try:
-        text = json.loads(data)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"run.json: is not JSON: {error}") from None
-    format = text.get("format") if isinstance(text, dict) else None
-    if type(format) is int and format not in (1, FORMAT):
-        raise InputError(f"has log format {format}, of another version of uvms-mj; this one reads 1 and {FORMAT}")
-    if format == 1 and "law" in text:
-        others = {name: {"source": c.default.name, "sha256": None, "states": {}} for name, c in STAGES.items()}
-        text["stages"] = others | {"controller": text.pop("law")}
-    try:
-        return _RUN.validate_json(json.dumps(text))
-    except ValidationError as error:
-        raise InputError(faults_of(error), "run.json") from None
-
-
 def _tuple(array: np.ndarray | None) -> tuple[float, ...] | None:
     return None if array is None else tuple(array.tolist())
 
@@ -217,13 +232,40 @@ def _array(values: tuple[float, ...] | None) -> np.ndarray | None:
     return None if values is None else np.array(values)
 
 
-def _are_recorded(signals: tuple[Signal, ...], states: Mapping[str, int]) -> bool:
-    """Whether the signals are those of a run, in order: the common ones, the thrusters' and the stages' states."""
-    fixed, rest = signals[: len(RECORDED)], signals[len(RECORDED) :]
-    known = tuple((s.name, s.shape, s.unit, s.frame) for s in RECORDED)
-    own = [("u", (rest[0].size,)) if rest else None, *((name, (size,)) for name, size in states.items())]
+def _run_of(data: bytes) -> _Run:
+    """The contents of run.json, of this format or of an older one.
+
+    Raises:
+        InputError: they are invalid, or of a format that is not read.
+    """
+    try:
+        version = _VERSION.validate_json(data)
+        oldest = min((*_UPGRADES, FORMAT))
+        if not oldest <= version.format <= FORMAT:
+            readable = f"formats {oldest} to {FORMAT}" if oldest < FORMAT else f"format {FORMAT}"
+            writer = f"uvms-mj {version.versions.get('uvms-mj', 'of another version')}"
+            later = " or later" if version.format > FORMAT else ""
+            raise InputError(
+                f"has log format {version.format}, which {writer}{later} reads; this version reads {readable}"
+            )
+        for format in range(version.format, FORMAT):
+            data = to_json(_UPGRADES[format](from_json(data)) | {"format": format + 1})
+        return _RUN.validate_json(data)
+    except ValidationError as error:
+        raise InputError(faults_of(error), "run.json") from None
+
+
+def _are_sound(signals: tuple[Signal, ...], states: Mapping[str, int]) -> bool:
+    """Whether signals begin with t, are all there that a log needs, and are those of this version's table."""
+    found = {s.name: (s.shape, s.unit, s.frame) for s in signals}
+    table = {s.name: (s.shape, s.unit, s.frame) for s in RECORDED}
     return (
-        tuple((s.name, s.shape, s.unit, s.frame) for s in fixed) == known and [(s.name, s.shape) for s in rest] == own
+        len(found) == len(signals) > 0
+        and signals[0].name == "t"
+        and found.keys() >= {*_NEEDED, *states}
+        and all(name.isidentifier() and facts == table.get(name, facts) for name, facts in found.items())
+        and all(found[name][0] == (size,) for name, size in states.items())
+        and len(found["u"][0]) == 1
     )
 
 

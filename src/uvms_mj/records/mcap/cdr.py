@@ -12,6 +12,8 @@ from typing import Self
 import numpy as np
 
 HEADER = b"\x00\x01\x00\x00"
+_CODES = {"f8": "d", "f4": "f", "i4": "i", "u4": "I", "u1": "B"}
+"""Codes of the module struct."""
 STAMP = "stamp."
 """Prefix of the names of holes for stamps. States of a law are identifiers, so a name with a point is not a state."""
 
@@ -42,8 +44,9 @@ class Message:
 
     def put(self, kind: str, *values: float) -> Self:
         """Append constants of a NumPy type, "f8", "f4", "i4", "u4" or "u1"."""
-        array = np.asarray(values, f"<{kind}")
-        return self.array(array)
+        self._align(int(kind[1]))
+        self.data += struct.pack(f"<{len(values)}{_CODES[kind]}", *values)
+        return self
 
     def array(self, values: np.ndarray) -> Self:
         """Append constants, each aligned to its size, without their number."""

@@ -1,21 +1,26 @@
 """Byte layout of rows in an MCAP file. NumPy lays out the messages of a block of rows at a time.
 
 A row is one message of each sampled topic, side by side. At regular intervals, a message with the force arrows precedes
-a row. All messages of a topic have the same size, so that rows are a structured array.
+a row. All messages of a topic have the same size, so that rows are a structured array, and blocks of as many rows
+differ in their numbers only.
 """
 
+import functools
+import struct
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from mcap.opcode import Opcode
 
 from ..header import Header
-from ..mcap import topics
+from . import markers, topics
 from .cdr import STAMP
 from .topics import Topic
 
 _HEAD = np.dtype([("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("when", "u1", (20,))])
 _WHEN = np.dtype([("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")])
+_WHEN_AT = _HEAD.itemsize - 20
+_INDEX = [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("bytes", "<u4")]
 _NS = 1e9
 CHUNK_BYTES = 8 * 2**20
 """Largest size of a chunk before compression, unless a single row is larger."""
@@ -57,25 +62,28 @@ class Records:
         for (kind, shape), offset in fields.values():
             self._constant[offset : offset + np.dtype((kind, shape)).itemsize] = False
 
-    def lay_out(self, values: Mapping[str, np.ndarray], sequence: np.ndarray, log_ns: np.ndarray) -> np.ndarray:
-        """Bytes (n, size) of n rows.
+    def fill(
+        self, records: Sequence[np.ndarray], values: Mapping[str, np.ndarray], sequence: np.ndarray, log_ns: np.ndarray
+    ) -> None:
+        """Set the numbers of n rows in records of :attr:`dtype`, given in pieces that follow one another.
 
         Args:
+            records: pieces of n records in all.
             values: (n, count) for each hole.
             sequence: (n,) row numbers.
             log_ns: (n,) log times [ns].
         """
-        raw = np.empty((len(log_ns), self.size), np.uint8)
-        raw[:] = self.template
         when = np.empty(len(log_ns), _WHEN)
         when["sequence"], when["log"], when["publish"] = sequence & 0xFFFFFFFF, log_ns, log_ns
         given = dict(values)
         given[".when"] = when.view(np.uint8).reshape(-1, 20)
         given[STAMP] = np.stack(np.divmod(log_ns, 1_000_000_000), axis=1)
-        rows = raw.reshape(-1).view(self.dtype)
-        for field, name in self._from:
-            rows[field] = given[name]
-        return raw
+        first = 0
+        for piece in records:
+            rows = slice(first, first + len(piece))
+            for field, name in self._from:
+                piece[field] = given[name][rows]
+            first += len(piece)
 
     def rows(self, raw: np.ndarray) -> np.ndarray | None:
         """Bytes (n, size) as n records with the fields of :attr:`dtype`; None if their layout differs."""
@@ -84,25 +92,92 @@ class Records:
                 return None
         return raw.reshape(-1).view(self.dtype)
 
+    def place_of(self, signal: str) -> tuple[str, list[int] | slice]:
+        """Field with the numbers of a signal and their order in it. Raises KeyError without such a field."""
+        for field in self.dtype.names or ():
+            name = field.partition("/")[2]
+            if name in (signal, f"{signal}.xyzw"):
+                return field, slice(None) if name == signal else [3, 0, 1, 2]
+        raise KeyError(signal)
+
+
+class Block:
+    """The messages of n rows as bytes, with the force arrows between them, and the index of each channel.
+
+    Attributes:
+        data: the bytes; :meth:`fill` sets their numbers.
+        counts: number of messages by channel.
+        indexes: MessageIndex record of each channel: times and offsets of its messages.
+    """
+
+    def __init__(self, pieces: Sequence[tuple[Records, int]]) -> None:
+        self.data = np.concatenate([np.tile(records.template, n) for records, n in pieces])
+        self._views: dict[Records, list[np.ndarray]] = {}
+        places: dict[Records, list[np.ndarray]] = {}
+        base = 0
+        for records, n in pieces:
+            end = base + n * records.size
+            self._views.setdefault(records, []).append(self.data[base:end].view(records.dtype))
+            places.setdefault(records, []).append(base + np.arange(n) * records.size)
+            base = end
+        self.counts: dict[int, int] = {}
+        self._indexes: dict[Records, np.ndarray] = {}
+        for records, each in places.items():
+            place = np.concatenate(each)
+            n = len(place)
+            index = np.zeros(len(records.channels), np.dtype([*_INDEX, ("entries", "<u8", (n, 2))]))
+            index["opcode"], index["length"], index["bytes"] = Opcode.MESSAGE_INDEX, 6 + 16 * n, 16 * n
+            index["channel"] = records.channels
+            index["entries"][:, :, 1] = place + records.starts[:, None]
+            self._indexes[records] = index
+            self.counts |= dict.fromkeys(records.channels, n)
+
+    def fill(
+        self, records: Records, values: Mapping[str, np.ndarray], sequence: np.ndarray, log_ns: np.ndarray
+    ) -> None:
+        """Set the numbers of all messages of some records; arguments as of :meth:`Records.fill`."""
+        records.fill(self._views[records], values, sequence, log_ns)
+        self._indexes[records]["entries"][:, :, 0] = log_ns
+
+    def index_bytes(self) -> tuple[bytes, dict[int, int]]:
+        """The MessageIndex records, and where each channel's begins."""
+        offsets: dict[int, int] = {}
+        base = 0
+        for records, index in self._indexes.items():
+            offsets |= {channel: base + i * index.itemsize for i, channel in enumerate(records.channels)}
+            base += index.nbytes
+        return b"".join(index.tobytes() for index in self._indexes.values()), offsets
+
 
 class Format:
-    """The channels of a log and the layout of its rows, derived from its header alone."""
+    """The channels of a log and the layout of its rows.
 
-    def __init__(self, header: Header) -> None:
+    Args:
+        header: header of the run.
+        names: names of the topics in their order in a log; by default, those of a new log.
+
+    Raises:
+        KeyError: a topic is unknown, or no topic has a signal.
+    """
+
+    def __init__(self, header: Header, names: Sequence[str] | None = None) -> None:
         self.header = header
-        self.once, self.once_values = topics.once(header)
-        self.arrows = topics.arrows(header)
-        self.sampled = topics.sampled(header)
-        self.topics = (*self.once, self.arrows, *self.sampled)
-        number = {topic.name: i + 1 for i, topic in enumerate(self.topics)}
-        self.number = number
-        self.row_records = Records([(number[topic.name], topic) for topic in self.sampled])
-        self.arrow_records = Records([(number[self.arrows.name], self.arrows)])
-        self.once_records = Records([(number[topic.name], topic) for topic in self.once])
-        step = header.scenario.simulation.timestep
-        self.timestep = step
-        self.arrow_every = max(1, round(1.0 / (topics.ARROWS_HZ * step * header.row_steps)))
+        once, self.once_values = topics.once(header)
+        self.arrows, sampled = topics.arrows(), topics.sampled(header)
+        known = {topic.name: topic for topic in (*once, self.arrows, *sampled)}
+        self.topics = tuple(known.values()) if names is None else tuple(known[name] for name in names)
+        self.number = {topic.name: i + 1 for i, topic in enumerate(self.topics)}
+        self.row_records, self.once_records, self.arrow_records = (
+            Records([(self.number[topic.name], topic) for topic in self.topics if topic in group])
+            for group in (sampled, once, (self.arrows,))
+        )
+        self._places = [self.row_records.place_of(signal.name) for signal in header.signals[1:]]  # t is the log time
+        self.timestep, steps = header.scenario.simulation.timestep, header.scenario.steps
+        self.most_rows = -(-steps // header.row_steps) + 1
+        """Number of rows of a complete run."""
+        self.arrow_every = max(1, round(1.0 / (topics.ARROWS_HZ * self.timestep * header.row_steps)))
         """Number of rows from one message of force arrows to the next."""
+        self._block = functools.lru_cache(maxsize=2)(self._new_block)
 
     def times(self, first_row: int, n: int) -> tuple[np.ndarray, np.ndarray]:
         """Time [s] and log time [ns] of n rows (n,)."""
@@ -112,39 +187,39 @@ class Format:
         t = steps * self.timestep
         return t, np.rint(t * _NS).astype(np.int64)
 
-    def groups(self, first_row: int, n: int) -> Iterator[tuple[int, int, bool]]:
-        """n rows in groups (start, stop, whether force arrows precede the group), counted from first_row."""
-        start = 0
-        while start < n:
-            into = (first_row + start) % self.arrow_every
-            stop = min(n, start + self.arrow_every - into)
-            yield start, stop, into == 0
-            start = stop
+    def groups(self, into: int, n: int) -> Iterator[tuple[bool, int]]:
+        """n rows in groups: whether force arrows precede the group, and its size. ``into``: rows since the last."""
+        while n > 0:
+            size = min(n, self.arrow_every - into)
+            yield into == 0, size
+            into, n = 0, n - size
 
-    def once_bytes(self) -> np.ndarray:
+    def once_block(self) -> Block:
         """The messages of constant values, at time zero."""
         zero = np.zeros(1, np.int64)
-        values = {name: value[None] for name, value in self.once_values.items()}
-        return self.once_records.lay_out(values, zero, zero).reshape(-1)
+        block = Block([(self.once_records, 1)])
+        block.fill(self.once_records, {name: value[None] for name, value in self.once_values.items()}, zero, zero)
+        return block
 
-    def row_bytes(self, rows: np.ndarray, first_row: int) -> list[tuple[Records, int, np.ndarray, np.ndarray]]:
-        """Rows (n, width) as pieces: Records, number of rows n, bytes (n, size) and log times (n,) [ns] of each."""
+    def _new_block(self, into: int, n: int) -> Block:
+        pieces: list[tuple[Records, int]] = []
+        for with_arrows, size in self.groups(into, n):
+            pieces += [(self.arrow_records, 1)] * with_arrows + [(self.row_records, size)]
+        return Block(pieces)
+
+    def block(self, rows: np.ndarray, first_row: int) -> tuple[Block, np.ndarray]:
+        """The messages of rows (n, width), valid until the next call, and the log times (n,) of the rows [ns]."""
         _, log_ns = self.times(first_row, len(rows))
         sequence = np.arange(first_row, first_row + len(rows), dtype=np.int64)
-        raw = self.row_records.lay_out(topics.columns(self.header, rows), sequence, log_ns)
-        pieces = []
-        for start, stop, with_arrows in self.groups(first_row, len(rows)):
-            if with_arrows:
-                values = {k: v[None] for k, v in topics.arrow_columns(self.header, rows[start]).items()}
-                one = slice(start, start + 1)
-                count = sequence[one] // self.arrow_every
-                pieces.append(
-                    (self.arrow_records, 1, self.arrow_records.lay_out(values, count, log_ns[one]), log_ns[one])
-                )
-            pieces.append((self.row_records, stop - start, raw[start:stop], log_ns[start:stop]))
-        return pieces
+        block = self._block(first_row % self.arrow_every, len(rows))
+        block.fill(self.row_records, topics.columns(self.header, rows), sequence, log_ns)
+        some = sequence % self.arrow_every == 0
+        if some.any():
+            values = markers.force_columns(self.header, rows[some])
+            block.fill(self.arrow_records, values, sequence[some] // self.arrow_every, log_ns[some])
+        return block, log_ns
 
-    def belong(self, records: np.ndarray, first_row: int, log_ns: np.ndarray) -> bool:
+    def _belong(self, records: np.ndarray, first_row: int, log_ns: np.ndarray) -> bool:
         """Whether records have the expected row numbers and times, on every channel."""
         sequence = np.arange(first_row, first_row + len(log_ns)) & 0xFFFFFFFF
         for channel in self.row_records.channels:
@@ -154,39 +229,37 @@ class Format:
                 return False
         return True
 
-    def columns_of(self, records: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """Rows (n, width) from their records, equal bit for bit to those given to :meth:`row_bytes`."""
-        columns = []
-        for signal in self.header.signals:
-            if signal.name == "t":
-                columns.append(t[:, None])
-                continue
-            for name, order in ((signal.name, slice(None)), (f"{signal.name}.xyzw", [3, 0, 1, 2])):
-                field = next((f for f in self.row_records.dtype.names or () if f.partition("/")[2] == name), None)
-                if field is not None:
-                    columns.append(records[field][:, order])
-                    break
-        return np.concatenate(columns, axis=1)
+    def is_once(self, data: bytes) -> bool:
+        """Whether a chunk has the messages of constant values. What they draw may differ between versions."""
+        channels, at = [], 0
+        while at + _HEAD.itemsize <= len(data):
+            opcode, length, channel = struct.unpack_from("<BQH", data, at)
+            if opcode != Opcode.MESSAGE or length < _HEAD.itemsize - 9:
+                return False
+            channels.append(channel)
+            at += 9 + length
+        return at == len(data) and channels == list(self.once_records.channels)
 
+    def rows_of(self, raw: np.ndarray, first_row: int) -> np.ndarray | None:
+        """Rows (n, width) of a chunk's bytes, equal bit for bit to those given to :meth:`block`.
 
-def message_indexes(pieces: Sequence[tuple[Records, int, np.ndarray, np.ndarray]]) -> dict[int, bytes]:
-    """MessageIndex record of each channel of a chunk: times and offsets of its messages."""
-    times: dict[Records, list[np.ndarray]] = {}
-    places: dict[Records, list[np.ndarray]] = {}
-    base = 0
-    for records, n, _, log_ns in pieces:
-        times.setdefault(records, []).append(log_ns)
-        places.setdefault(records, []).append(base + np.arange(n) * records.size)
-        base += n * records.size
-    indexes: dict[int, bytes] = {}
-    for records, each in times.items():
-        log_ns, place = np.concatenate(each), np.concatenate(places[records])
-        n = len(log_ns)
-        head = [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("bytes", "<u4"), ("entries", "<u8", (n, 2))]
-        index = np.zeros(len(records.channels), np.dtype(head))
-        index["opcode"], index["length"], index["bytes"] = Opcode.MESSAGE_INDEX, 6 + 16 * n, 16 * n
-        index["channel"] = records.channels
-        index["entries"][:, :, 0] = log_ns
-        index["entries"][:, :, 1] = place + records.starts[:, None]
-        indexes |= {channel: index[i].tobytes() for i, channel in enumerate(records.channels)}
-    return indexes
+        None if the chunk's layout, row numbers or times are not those of rows from first_row on.
+        """
+        row, arrow = self.row_records, self.arrow_records
+        found, at = [], 0
+        while at < len(raw):
+            into = first_row % self.arrow_every
+            if into == 0:  # only the place of the arrows is checked, because their looks may differ between versions
+                if len(raw) - at < arrow.size or not np.array_equal(raw[at : at + _WHEN_AT], arrow.template[:_WHEN_AT]):
+                    return None
+                at += arrow.size
+            n = min(self.arrow_every - into, (len(raw) - at) // row.size, self.most_rows - first_row)
+            if n < 1:
+                return None
+            records = row.rows(raw[at : at + n * row.size].reshape(n, row.size))
+            t, log_ns = self.times(first_row, n)
+            if records is None or not self._belong(records, first_row, log_ns):
+                return None
+            found.append(np.concatenate([t[:, None], *(records[field][:, i] for field, i in self._places)], axis=1))
+            first_row, at = first_row + n, at + n * row.size
+        return np.concatenate(found) if found else None

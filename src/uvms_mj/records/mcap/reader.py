@@ -143,9 +143,10 @@ class _Reader:
         assert header is not None
         h, steps = header.scenario.simulation.timestep, header.scenario.steps
         if outcome is not None:
-            fewest = -(-outcome.steps // header.row_steps)  # one more with the state after the last step
             whole = outcome.status is Status.completed
-            if outcome.steps > steps or (whole and outcome.steps < steps) or not whole <= self.rows - fewest <= 1:
+            begun = -(-outcome.steps // header.row_steps)  # rows of steps; the state after the last step is one more
+            rows = (begun + 1,) if whole else (begun, begun + 1)
+            if outcome.steps > steps or (whole and outcome.steps < steps) or self.rows not in rows:
                 raise InputError(f"is damaged: {self.rows} rows do not fit {outcome.steps} steps")
             if not missing:
                 return outcome
@@ -229,8 +230,7 @@ class _Reader:
 
     def _chunk(self, format: Format, chunk: Chunk) -> None:
         """Read the rows of a chunk, which must continue the rows before it."""
-        row = format.row_records
-        limit = 2 * max(CHUNK_BYTES, row.size, format.once_records.size)
+        limit = 2 * max(CHUNK_BYTES, format.row_records.size, format.once_records.size)
         try:
             fits = chunk.compression == "zstd" and zstandard.frame_content_size(chunk.data) == chunk.uncompressed_size
             if not fits or chunk.uncompressed_size > limit:
@@ -240,30 +240,13 @@ class _Reader:
             raise InputError(f"is damaged: {error}") from None
         if zlib.crc32(data) != chunk.uncompressed_crc:
             raise InputError("is damaged: a chunk's checksum does not match")
-        raw = np.frombuffer(data, np.uint8)
-        if not self.blocks and not self.rows and np.array_equal(raw, format.once_bytes()):
+        if not self.rows and format.is_once(data):
             return
-        misplaced = f"is damaged: the chunk after row {self.rows} has a wrong layout"
-        most = -(-format.header.scenario.steps // format.header.row_steps) + 1
-        arrows, pos = format.arrow_records, 0
-        while pos < len(raw):
-            into = self.rows % format.arrow_every
-            if into == 0:
-                if len(raw) - pos < arrows.size:
-                    raise InputError(misplaced)
-                if format.arrow_records.rows(raw[pos : pos + arrows.size].reshape(-1, arrows.size)) is None:
-                    raise InputError(misplaced)
-                pos += arrows.size
-            n = min(format.arrow_every - into, (len(raw) - pos) // row.size)
-            if n < 1 or self.rows + n > most:
-                raise InputError(misplaced)
-            records = row.rows(raw[pos : pos + n * row.size].reshape(n, row.size))
-            t, log_ns = format.times(self.rows, n)
-            if records is None or not format.belong(records, self.rows, log_ns):
-                raise InputError(misplaced)
-            self.blocks.append(format.columns_of(records, t))
-            self.rows += n
-            pos += n * row.size
+        rows = format.rows_of(np.frombuffer(data, np.uint8), self.rows)
+        if rows is None:
+            raise InputError(f"is damaged: the chunk after row {self.rows} has a wrong layout")
+        self.blocks.append(rows)
+        self.rows += len(rows)
 
     def _summary(self) -> None:
         """Check the summary section after the data. It is not used, but damage to it is reported."""
@@ -289,7 +272,8 @@ def _format(header: Header, records: list[tuple[int, bytes]], notes: dict[str, s
     raw = b"".join(struct.pack("<BQ", opcode, len(content)) + content for opcode, content in records)
     if notes != sealed(notes) or notes.get("crc32 of channels") != f"{zlib.crc32(raw):08x}":
         raise InputError("is damaged: its metadata or channels are wrong")
-    format, kinds, found = Format(header), {}, []
+    kinds: dict[int, str] = {}
+    found: dict[str, tuple[int, str | None]] = {}
     for opcode, content in records:
         stream = ReadDataStream(BytesIO(content))
         if opcode == Opcode.SCHEMA:
@@ -297,8 +281,10 @@ def _format(header: Header, records: list[tuple[int, bytes]], notes: dict[str, s
             kinds[schema.id] = schema.name
         else:
             channel = Channel.read(stream)
-            found.append((channel.id, channel.topic, kinds.get(channel.schema_id)))
-    if found != [(format.number[t.name], t.name, t.type.replace("/", "/msg/")) for t in format.topics]:
-        version = header.versions.get("uvms-mj", "of another version")
-        raise InputError(f"was written by uvms-mj {version}, whose topics differ from this version's")
-    return format
+            found[channel.topic] = channel.id, kinds.get(channel.schema_id)
+    with contextlib.suppress(KeyError):  # of a topic or a signal
+        format = Format(header, list(found))
+        if found == {t.name: (format.number[t.name], t.type.replace("/", "/msg/")) for t in format.topics}:
+            return format
+    version = header.versions.get("uvms-mj", "of another version")
+    raise InputError(f"was written by uvms-mj {version}, whose topics differ from this version's")

@@ -85,19 +85,9 @@ def header(message: Message, frame: str) -> Message:
     return message.stamp().text(frame)
 
 
-def stamped(frame: str, name: str, count: int) -> Message:
-    """A PoseStamped, TwistStamped, ... with the numbers of one signal."""
-    return header(Message(), frame).hole(name, count=count)
-
-
-def wrench(frame: str, name: str) -> Message:
-    """A WrenchStamped of a signal of six numbers."""
-    return stamped(frame, name, 6)
-
-
-def force(frame: str, name: str) -> Message:
-    """A WrenchStamped of a force alone."""
-    return stamped(frame, name, 3).put("f8", 0, 0, 0)
+def stamped(frame: str, name: str, count: int, of: int = 0) -> Message:
+    """A PoseStamped, TwistStamped, ... of ``of`` numbers: those of one signal, then zeros."""
+    return header(Message(), frame).hole(name, count=count).put("f8", *(0.0,) * (of - count))
 
 
 def multi_array(label: str, name: str, size: int) -> Message:

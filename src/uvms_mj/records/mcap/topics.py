@@ -1,26 +1,33 @@
 """Topics of a log: the ROS 2 type, the frame and the signals of each.
 
+Every signal of a run is on a topic. :data:`_TYPES` and :data:`_TOGETHER` declare the signals with a ROS 2 message type
+of their own. All other signals have a topic of numbers, so a new signal needs no change here. A topic whose signals are
+not all recorded is left out.
+
 Frames follow REP 105: ``map`` is W and ``base_link`` is B; ``reference`` is the desired pose and ``wall`` the face of
 the wall, with x out of it. Each row of a run gives one message on each topic of :func:`sampled`.
 """
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...control.rest import SteadyState
-from ...physics.frames import quat_from_euler_deg, rotation_matrices, rotation_matrix
-from ...plant.geometry import Geometry, Shape
-from ...stages.signals import RUNNING, STATE, Signal
+from ...physics.frames import quat_from_euler_deg, rotation_matrices
+from ...stages.signals import RUNNING, Signal
 from ..header import Header
-from ..mcap import ros2
-from ..scene import FORCE_SCALE, WALL_RGBA, WALL_SIZE, WALL_THICKNESS, current_arrow, span, wall_face
-from ..scene import arrows as drawn
-from .cdr import Message
+from ..scene import FORCE_SCALE, scene_of, wall_face
+from . import markers, ros2
+from .cdr import STAMP, Message
 
 ARROWS_HZ = 20.0
 """Rate of the force arrows in simulated time [Hz], or the log rate if that is lower."""
-CONTACT_RGBA, THRUST_RGBA, CURRENT_RGBA = (0.85, 0.22, 0.18, 1.0), (0.95, 0.62, 0.10, 1.0), (0.25, 0.55, 0.95, 1.0)
+_ARRAY, _NUMBER = "std_msgs/Float64MultiArray", "std_msgs/Float64"
+_ACCEL, _TWIST = "geometry_msgs/AccelStamped", "geometry_msgs/TwistStamped"
+_POSE, _VECTOR, _WRENCH = "geometry_msgs/PoseStamped", "geometry_msgs/Vector3Stamped", "geometry_msgs/WrenchStamped"
+_TF, _MARKERS = "tf2_msgs/TFMessage", "visualization_msgs/MarkerArray"
+_FRAMES = {"W": "map", "B": "base_link", "-": "-"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,182 +43,109 @@ class Topic:
     latched: bool = False
 
 
+_TYPES = {
+    "nu_dot": ("/accel", _ACCEL),
+    "p_d_dot": ("/reference/twist", _TWIST),
+    "eta_e": ("/error/pose", _ARRAY),
+    "nu_e": ("/error/twist", _TWIST),
+    "nu_m": ("/measured/twist", _TWIST),
+    "s": ("/s", _ARRAY),
+    "zeta": ("/zeta", _ARRAY),
+    "tau_nom": ("/tau_nom", _WRENCH),
+    "tau_cmd": ("/tau_cmd", _WRENCH),
+    "tau": ("/tau", _WRENCH),
+    "tau_dist": ("/tau_dist", _WRENCH),
+    "u": ("/thrusters", _ARRAY),
+    "f_contact_W": ("/contact/map", _WRENCH),
+    "f_contact_m_W": ("/contact/measured", _WRENCH),
+    "stretch_W": ("/contact/stretch", _VECTOR),
+}
+"""Topic and type of a signal that is alone on its topic."""
+_SIZES = {_ACCEL: 6, _TWIST: 6, _WRENCH: 6, _VECTOR: 3}
+"""Numbers in a message of a type. A signal with fewer numbers is followed by zeros."""
+
+
+def _pose(position: str, quat: str) -> Message:
+    return ros2.header(Message(), "map").hole(position, count=3).hole(quat, count=4)
+
+
+_TOGETHER = (
+    Topic(
+        "/tf",
+        _TF,
+        "map",
+        "m, 1",
+        "pose of base_link and of reference in map",
+        ros2.transforms(("map", "base_link", "p_WB", "quat_WB.xyzw"), ("map", "reference", "p_d", "quat_d.xyzw")),
+    ),
+    Topic(
+        "/odom",
+        "nav_msgs/Odometry",
+        "map, base_link",
+        "m, 1; m/s, rad/s",
+        "pose of base_link in map; velocity nu in base_link",
+        ros2.odometry("map", "base_link", ("p_WB", "quat_WB.xyzw"), "nu"),
+    ),
+    Topic("/reference/pose", _POSE, "map", "m, 1", "desired pose", _pose("p_d", "quat_d.xyzw")),
+    Topic("/measured/pose", _POSE, "map", "m, 1", "measured pose", _pose("p_WB_m", "quat_WB_m.xyzw")),
+    Topic(
+        "/contact/base_link",
+        _WRENCH,
+        "base_link",
+        "N, N m",
+        "contact force as a wrench at B's origin",
+        ros2.stamped("base_link", "f_contact.wrench", 6),
+    ),
+)
+"""Topics with several signals, or with numbers that are computed from signals by :func:`columns`."""
+_COMPUTED = {"quat_d", "f_contact.wrench"}
+"""Values that need not be signals."""
+
+
 def sampled(header: Header) -> tuple[Topic, ...]:
     """The topics with one message per row, in their order in the log."""
-    known = {signal.name: signal for signal in header.signals}
-    fixed = {signal.name for signal in (*STATE, *RUNNING)}
-
-    def topic(name: str, kind: str, frame: str, signal: str, message: Message, meaning: str = "") -> Topic:
-        return Topic(name, kind, frame, known[signal].unit, meaning or known[signal].meaning, message)
-
-    def wrench(name: str, signal: str) -> Topic:
-        return topic(name, "geometry_msgs/WrenchStamped", "base_link", signal, ros2.wrench("base_link", signal))
-
-    def force(name: str, signal: str) -> Topic:
-        return topic(name, "geometry_msgs/WrenchStamped", "map", signal, ros2.force("map", signal))
-
-    def array(name: str, signal: str, meaning: str = "") -> Topic:
-        frame = "base_link" if known[signal].frame == "B" else "-"
-        message = ros2.multi_array(", ".join(known[signal].components), signal, known[signal].size)
-        return topic(name, "std_msgs/Float64MultiArray", frame, signal, message, meaning)
-
-    def running(signal: Signal) -> Topic:
-        if signal.size > 1:
-            return array(f"/running/{signal.name}", signal.name)
-        frame = "map" if signal.frame == "W" else "-"
-        return topic(f"/running/{signal.name}", "std_msgs/Float64", frame, signal.name, Message().hole(signal.name))
-
-    pose = "m, 1"
-    return (
-        Topic(
-            "/tf",
-            "tf2_msgs/TFMessage",
-            "map",
-            pose,
-            "pose of base_link and of reference in map",
-            ros2.transforms(("map", "base_link", "p_WB", "quat_WB.xyzw"), ("map", "reference", "p_d", "quat_d.xyzw")),
-        ),
-        Topic(
-            "/odom",
-            "nav_msgs/Odometry",
-            "map, base_link",
-            "m, 1; m/s, rad/s",
-            "pose of base_link in map; velocity nu in base_link",
-            ros2.odometry("map", "base_link", ("p_WB.odom", "quat_WB.odom"), "nu"),
-        ),
-        topic("/accel", "geometry_msgs/AccelStamped", "base_link", "nu_dot", ros2.stamped("base_link", "nu_dot", 6)),
-        Topic(
-            "/reference/pose",
-            "geometry_msgs/PoseStamped",
-            "map",
-            pose,
-            "desired pose",
-            ros2.header(Message(), "map").hole("p_d.pose", count=3).hole("quat_d.pose", count=4),
-        ),
-        topic(
-            "/reference/twist",
-            "geometry_msgs/TwistStamped",
-            "map",
-            "p_d_dot",
-            ros2.stamped("map", "p_d_dot", 3).put("f8", 0, 0, 0),
-        ),
-        array("/error/pose", "eta_e"),
-        topic("/error/twist", "geometry_msgs/TwistStamped", "base_link", "nu_e", ros2.stamped("base_link", "nu_e", 6)),
-        array("/s", "s"),
-        array("/zeta", "zeta"),
-        *(array(f"/law/{name}", name) for name in known if name not in fixed and name != "u"),
-        wrench("/tau_nom", "tau_nom"),
-        wrench("/tau_cmd", "tau_cmd"),
-        wrench("/tau", "tau"),
-        wrench("/tau_dist", "tau_dist"),
-        array("/thrusters", "u"),
-        force("/contact/map", "f_contact_W"),
-        Topic(
-            "/contact/base_link",
-            "geometry_msgs/WrenchStamped",
-            "base_link",
-            "N, N m",
-            "contact force as a wrench at B's origin",
-            ros2.wrench("base_link", "f_contact.wrench"),
-        ),
-        force("/contact/measured", "f_contact_m_W"),
-        topic(
-            "/contact/stretch",
-            "geometry_msgs/Vector3Stamped",
-            "map",
-            "stretch_W",
-            ros2.stamped("map", "stretch_W", 3),
-        ),
-        *map(running, RUNNING),
-    )
+    names = {*header.by_name} - {*header.law.states}
+    together, there = [], {"t"}
+    for topic in _TOGETHER:
+        needed = {hole.removesuffix(".xyzw") for hole in topic.message.holes if not hole.startswith(STAMP)}
+        if needed <= names | _COMPUTED:
+            together.append(topic)
+            there |= needed
+    return *together, *(_alone(header, signal) for signal in header.signals if signal.name not in there)
 
 
-def arrows(header: Header) -> Topic:
-    """The topic of contact force and thrust as arrows, at :data:`ARROWS_HZ`."""
-    message = Message().put("u4", 2)
-    ros2.marker(
-        message, "map", "contact force", 0, ros2.ARROW, (0.015, 0.03, 0.0), CONTACT_RGBA, points=("tip-f", "tip")
-    )
-    ros2.marker(message, "map", "thrust", 0, ros2.ARROW, (0.015, 0.03, 0.0), THRUST_RGBA, points=("p", "p+f"))
-    meaning = f"contact force and thrust as arrows, {FORCE_SCALE:g} m per newton, cut off at the size of the scene"
-    return Topic("/markers/forces", "visualization_msgs/MarkerArray", "map", "m", meaning, message)
-
-
-def once(header: Header) -> tuple[tuple[Topic, ...], dict[str, np.ndarray]]:
-    """The topics of constant values, with one message at the start, and the values for their holes."""
-    scenario, analytic = header.scenario, header.analytic
-    face = wall_face(header)
-    v_c_W = np.array(scenario.current.velocity_W)
-    topics = [
-        Topic(
-            "/tf_static",
-            "tf2_msgs/TFMessage",
-            "map",
-            "m, 1",
-            "pose of the wall's face in map",
-            ros2.transforms(("map", "wall", "face", "turn.xyzw")),
-        ),
-        Topic(
-            "/current",
-            "geometry_msgs/Vector3Stamped",
-            "map",
-            "m/s",
-            "velocity of the current",
-            ros2.stamped("map", "v_c_W", 3),
-        ),
-        Topic(
-            "/markers/vehicle",
-            "visualization_msgs/MarkerArray",
-            "base_link",
-            "m",
-            "geoms of the vehicle",
-            _vehicle(header.geometry),
-        ),
-        Topic(
-            "/markers/surroundings",
-            "visualization_msgs/MarkerArray",
-            "map",
-            "m",
-            "the wall, and the current as an arrow",
-            _surroundings(header),
-        ),
-    ]
-    if isinstance(analytic, SteadyState):
-        message = ros2.force("map", "force")
-        text = "closed form of the contact force at rest"
-        topics.append(Topic("/analytic/contact", "geometry_msgs/WrenchStamped", "map", "N", text, message))
-    position = getattr(analytic, "position", None)
-    if position is not None:
-        message = ros2.stamped("map", "position", 3)
-        text = "closed form of B's position at rest"
-        topics.append(Topic("/analytic/position", "geometry_msgs/PointStamped", "map", "m", text, message))
-    values = {"face": np.array([face, 0.0, 0.0]), "turn.xyzw": np.array([0.0, 0.0, 1.0, 0.0]), "v_c_W": v_c_W}
-    if isinstance(analytic, SteadyState):
-        values["force"] = np.array([-analytic.force, 0.0, 0.0])
-    if position is not None:
-        values["position"] = position
-    return tuple(Topic(t.name, t.type, t.frame, t.unit, t.meaning, t.message, latched=True) for t in topics), values
+def _alone(header: Header, signal: Signal) -> Topic:
+    """The topic of one signal."""
+    own = signal.name in header.law.states
+    if signal.name in _TYPES and not own:
+        name, kind = _TYPES[signal.name]
+    else:
+        running = any(signal.name == each.name for each in RUNNING)
+        room = "running" if running else "law" if own else "signals"
+        name, kind = f"/{room}/{signal.name}", _ARRAY if signal.shape else _NUMBER
+    frame = _FRAMES.get(signal.frame, "-")
+    if kind == _ARRAY:
+        message = ros2.multi_array(", ".join(signal.components), signal.name, signal.size)
+    elif kind == _NUMBER:
+        message = Message().hole(signal.name)
+    else:
+        message = ros2.stamped(frame, signal.name, signal.size, _SIZES[kind])
+    return Topic(name, kind, frame, signal.unit, signal.meaning, message)
 
 
 def columns(header: Header, rows: np.ndarray) -> dict[str, np.ndarray]:
-    """The values (n, size) for the holes of the sampled topics and of the arrows, from rows (n, width) of signals."""
+    """The values (n, size) for the holes of the sampled topics, from rows (n, width) of signals."""
     values = {name: rows[:, place] for name, place in header.places.items()}
-    p, quat = values["p_WB"], values["quat_WB"]
-    quat_d = quat_from_euler_deg(*header.scenario.reference.attitude_deg)
-    values["quat_WB.xyzw"] = values["quat_WB.odom"] = quat[:, [1, 2, 3, 0]]
-    values["p_WB.odom"], values["p_d.pose"] = p, values["p_d"]
-    values["quat_d.xyzw"] = values["quat_d.pose"] = np.broadcast_to(quat_d[[1, 2, 3, 0]], (len(rows), 4))
-    depth = np.maximum(0.0, p[:, 0] - header.scenario.wall.position)
-    values["f_contact.wrench"] = _contact_wrench(values["f_contact_W"], quat, header.geometry.reach - 0.5 * depth)
+    if "quat_d" not in values:
+        quat_d = quat_from_euler_deg(*header.scenario.reference.attitude_deg)
+        values["quat_d"] = np.broadcast_to(quat_d, (len(rows), 4))
+    for name in ("quat_WB", "quat_d", "quat_WB_m"):
+        if name in values:
+            values[f"{name}.xyzw"] = values[name][:, [1, 2, 3, 0]]
+    depth = np.maximum(0.0, values["p_WB"][:, 0] - header.scenario.wall.position)
+    arm = header.geometry.reach - 0.5 * depth
+    values["f_contact.wrench"] = _contact_wrench(values["f_contact_W"], values["quat_WB"], arm)
     return values
-
-
-def arrow_columns(header: Header, row: np.ndarray) -> dict[str, np.ndarray]:
-    """Values for the arrows at one row (width,). The force ends at the contact point, the thrust begins at B."""
-    p, quat, tau, f_W = (row[header.places[name]] for name in ("p_WB", "quat_WB", "tau", "f_contact_W"))
-    tip = p + np.array([header.geometry.reach, 0.0, 0.0])
-    force, thrust = drawn(np.array([f_W, rotation_matrix(quat) @ tau[:3]]), FORCE_SCALE, span(header))
-    return {"tip-f": tip - force, "tip": tip, "p": p, "p+f": p + thrust}
 
 
 def _contact_wrench(f_W: np.ndarray, quat: np.ndarray, arm: np.ndarray) -> np.ndarray:
@@ -221,51 +155,38 @@ def _contact_wrench(f_W: np.ndarray, quat: np.ndarray, arm: np.ndarray) -> np.nd
     return np.concatenate([np.einsum("nij,ni->nj", R, f_W), np.einsum("nij,ni->nj", R, moment_W)], axis=1)
 
 
-def _vehicle(geometry: Geometry) -> Message:
-    markers: list[tuple[Shape, int, tuple[float, float, float], np.ndarray, tuple[float, ...]]] = []
-    none = np.zeros((0, 3))
-    for shape in geometry.shapes:
-        a, b, c = shape.size
-        centre = shape.position
-        if shape.kind == "box":
-            markers.append((shape, ros2.CUBE, (2 * a, 2 * b, 2 * c), none, centre))
-        elif shape.kind == "sphere":
-            markers.append((shape, ros2.SPHERE, (2 * a,) * 3, none, centre))
-        elif shape.kind == "ellipsoid":
-            markers.append((shape, ros2.SPHERE, (2 * a, 2 * b, 2 * c), none, centre))
-        elif shape.kind == "mesh":
-            mesh = geometry.meshes[str(shape.mesh)]
-            markers.append((shape, ros2.TRIANGLES, (1.0,) * 3, mesh.vertices[mesh.triangles.reshape(-1)], centre))
-        else:
-            markers.append((shape, ros2.CYLINDER, (2 * a, 2 * a, 2 * b), none, centre))
-            if shape.kind == "capsule":
-                along = b * rotation_matrix(np.array(shape.quat))[:, 2]
-                for sign in (-1, 1):
-                    end = tuple(map(float, np.array(centre) + sign * along))
-                    markers.append((shape, ros2.SPHERE, (2 * a,) * 3, none, end))
-    message = Message().put("u4", len(markers))
-    for i, (shape, kind, scale, points, position) in enumerate(markers):
-        w, x, y, z = shape.quat
-        ros2.marker(
-            message,
-            "base_link",
-            "vehicle",
-            i,
-            kind,
-            scale,
-            shape.rgba,
-            position=position,
-            quat_xyzw=(x, y, z, w),
-            points=points,
-            locked=True,
-        )
-    return message
+# Constant values and arrows
 
 
-def _surroundings(header: Header) -> Message:
-    message = Message().put("u4", 2)
-    size = (WALL_THICKNESS, WALL_SIZE, WALL_SIZE)
-    position = (wall_face(header) + WALL_THICKNESS / 2, 0.0, 0.0)
-    ros2.marker(message, "map", "wall", 0, ros2.CUBE, size, WALL_RGBA, position=position)
-    points = np.array(current_arrow(header))
-    return ros2.marker(message, "map", "current", 0, ros2.ARROW, (0.02, 0.05, 0.0), CURRENT_RGBA, points=points)
+def arrows() -> Topic:
+    """The topic of the forces as arrows, at :data:`ARROWS_HZ`."""
+    meaning = f"contact force and thrust as arrows, {FORCE_SCALE:g} m per newton, cut off at the size of the scene"
+    return Topic("/markers/forces", _MARKERS, "map", "m", meaning, markers.forces())
+
+
+def once(header: Header) -> tuple[tuple[Topic, ...], dict[str, np.ndarray]]:
+    """The topics of constant values, with one message at the start, and the values for their holes."""
+    scene, analytic = scene_of(header), header.analytic
+    wall = ros2.transforms(("map", "wall", "face", "turn.xyzw"))
+    current = ros2.stamped("map", "v_c_W", 3)
+    shapes, surroundings = markers.vehicles(scene), markers.surroundings(scene)
+    topics = [
+        Topic("/tf_static", _TF, "map", "m, 1", "pose of the wall's face in map", wall),
+        Topic("/current", _VECTOR, "map", "m/s", "velocity of the current", current),
+        Topic("/markers/vehicle", _MARKERS, "base_link", "m", "geoms of the vehicle", shapes),
+        Topic("/markers/surroundings", _MARKERS, "map", "m", "the wall, and the current as an arrow", surroundings),
+    ]
+    values = {
+        "face": np.array([wall_face(header), 0.0, 0.0]),
+        "turn.xyzw": np.array([0.0, 0.0, 1.0, 0.0]),
+        "v_c_W": np.array(header.scenario.current.velocity_W),
+    }
+    if isinstance(analytic, SteadyState):
+        text = "closed form of the contact force at rest"
+        topics.append(Topic("/analytic/contact", _WRENCH, "map", "N", text, ros2.stamped("map", "force", 3, 6)))
+        values["force"] = np.array([-analytic.force, 0.0, 0.0])
+        if analytic.position is not None:  # a user's law may predict the force only
+            text, kind = "closed form of B's position at rest", "geometry_msgs/PointStamped"
+            topics.append(Topic("/analytic/position", kind, "map", "m", text, ros2.stamped("map", "position", 3)))
+            values["position"] = analytic.position
+    return tuple(dataclasses.replace(topic, latched=True) for topic in topics), values

@@ -164,7 +164,7 @@ MEASURES: tuple[tuple[str, str, Callable[[Trace], Any]], ...] = (
     (
         "time with |s_i| < epsilon, worst axis",
         "%",
-        lambda trace: 100.0 * metrics.boundary_layer_share(trace).min(),
+        lambda trace: 100.0 * metrics.boundary_layer_share(trace).min() if "s" in trace.arrays else None,
     ),
     ("energy left in the wall at the end", "J", lambda trace: trace.wall_work[-1]),
     ("energy drawn from the wall, at most", "J", metrics.energy_from_wall),

@@ -20,18 +20,12 @@ from ...records.mcap import McapLog
 from ...records.trace import Trace
 from ...scenario import Scenario
 from .claims import Runs
+from .laws import RUNS
 
 FINE_S = 0.2
 """Length of the beginning of each run that is recorded at every step [s]."""
 SHORT_S = 1.0
 """Duration that shows whether a law chatters, before the reference moves [s]."""
-LAWS: Mapping[str, tuple[str, Mapping[str, object]]] = {
-    "impedance": ("impedance", {}),
-    "fosm": ("fosm", {}),
-    "gsta": ("gsta", {"controller.nominal": True}),
-    "gsta_alone": ("gsta", {"controller.nominal": False}),
-}
-"""The paper's runs: law and gains by name."""
 FINE, SWEEP = "_fine", "sweep_"
 """Suffix and prefix of the names of the other logs."""
 
@@ -44,7 +38,10 @@ def plan(scenario: Scenario, gains: Mapping[str, Mapping[str, Any]] = MappingPro
         gains: dotted keys and values for the runs of a law, by its name: ``{"fosm": {"controller.K_s": 24.0}}``.
     """
     tables = scenario.to_dict()
-    base = {name: Scenario.from_dict(tables, {**gains.get(law, {}), **own}, law) for name, (law, own) in LAWS.items()}
+    base = {
+        name: Scenario.from_dict(tables, {**gains.get(each.law, {}), **each.gains}, each.law)
+        for name, each in RUNS.items()
+    }
     impedance, fosm, gsta = base["impedance"], base["fosm"], base["gsta"]
     h, wall = scenario.simulation.timestep, scenario.wall.position
     K_x, *K_rest = scenario.impedance.K_d
@@ -103,29 +100,17 @@ def run(
     total = sum(scenario.steps for scenario in jobs.values())
     stop = threading.Event()
 
+    ended: list[BaseException | None] = []
+
     def one(name: str, scenario: Scenario) -> None:
         def advance(steps: int, _: int) -> None:
             done[name] = steps
             if stop.is_set():
                 raise KeyboardInterrupt  # lets the run complete its log
 
-        if stop.is_set():
-            return
-        log_rate = "full" if name.endswith(FINE) else None
         try:
-            simulate(
-                scenario, sinks=[McapLog(folder / f"{name}.mcap")], log_rate=log_rate, progress=advance, keep_s=0.0
-            )
-        except InputError as error:
-            raise InputError(error.faults, name) from None
-        except (OSError, SinkError) as error:
-            raise InputError(f"{name}: {error}") from None
-
-    ended: list[BaseException | None] = []
-
-    def guarded(name: str, scenario: Scenario) -> None:
-        try:
-            one(name, scenario)
+            if not stop.is_set():
+                _log_run(name, scenario, folder, advance)
             ended.append(None)
         except BaseException as error:
             ended.append(error)
@@ -133,7 +118,7 @@ def run(
     with warnings.catch_warnings(), ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
         warnings.simplefilter("ignore", SamplingWarning)  # some runs chatter by intention; the logs contain the notes
         for name, scenario in jobs.items():
-            pool.submit(guarded, name, scenario)
+            pool.submit(one, name, scenario)
         try:
             seen: list[BaseException | None] = []
             while len(seen) < len(jobs):  # not wait(): an interrupt inside its locks would block the workers forever
@@ -146,6 +131,17 @@ def run(
             stop.set()
             pool.shutdown(cancel_futures=True)
             raise
+
+
+def _log_run(name: str, scenario: Scenario, folder: Path, progress: Callable[[int, int], None]) -> None:
+    """Run a job and write its log. Raises InputError, with the job's name, if it can't run."""
+    log_rate = "full" if name.endswith(FINE) else None
+    try:
+        simulate(scenario, sinks=[McapLog(folder / f"{name}.mcap")], log_rate=log_rate, progress=progress, keep_s=0.0)
+    except InputError as error:
+        raise InputError(error.faults, name) from None
+    except (OSError, SinkError) as error:
+        raise InputError(f"{name}: {error}") from None
 
 
 def load(folder: Path, names: Iterable[str]) -> Runs:
@@ -169,8 +165,8 @@ def load(folder: Path, names: Iterable[str]) -> Runs:
         raise InputError(f"{folder}: incomplete logs: {', '.join(f'{name}.mcap' for name in cut)}")
     _check_names(folder, {name: each.scenario for name, each in loaded.items()})
     return Runs(
-        traces={name: loaded[name] for name in LAWS},
-        fine={name: loaded[f"{name}{FINE}"] for name in LAWS},
+        traces={name: loaded[name] for name in RUNS},
+        fine={name: loaded[f"{name}{FINE}"] for name in RUNS},
         sweep={name.removeprefix(SWEEP): loaded[name] for name in names if name.startswith(SWEEP)},
     )
 
@@ -180,8 +176,8 @@ def _check_names(folder: Path, found: Mapping[str, Scenario]) -> None:
 
     The runs of the laws differ only in the law. Every other run is a variation of one of them.
     """
-    plans = [plan(found[name]) for name in LAWS]
-    worlds = {name: dataclasses.replace(found[name], controller=Gsta()) for name in LAWS}
+    plans = [plan(found[name]) for name in RUNS]
+    worlds = {name: dataclasses.replace(found[name], controller=Gsta()) for name in RUNS}
     most = max(worlds.values(), key=list(worlds.values()).count)
     for name, scenario in found.items():
         alike = worlds.get(name, most) == most

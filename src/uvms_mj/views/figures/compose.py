@@ -1,6 +1,7 @@
 """Composes panels into figures: the paper's twelve, an overview of them, and the same quantities of any logs."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Never
 
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -70,7 +71,7 @@ def plot(traces: Mapping[str, Trace], what: str) -> Figure:
         what: one of :data:`WHATS`.
 
     Raises:
-        InputError: a trace has fewer than two samples, no law has a state to draw, or there are too many panels.
+        InputError: a trace has fewer than two samples, no law has the quantity, or there are too many panels.
     """
     if what not in WHATS:
         raise InputError(f"{what}: is not a quantity to draw; {suggestion(what, WHATS)}")
@@ -152,7 +153,7 @@ def _of_one(label: str, trace: Trace, what: str) -> Rows:
     fine = trace if trace.header.row_steps == 1 and trace.t[-1] > 10.0 * panels.SWITCHING_S else None
 
     def halves(name: str) -> list[Panel]:
-        return [panels.vector(trace, name, part) for part in (LINEAR, ANGULAR)]
+        return [panels.vector(trace, name, part) for part in (LINEAR, ANGULAR) if name in trace.arrays]
 
     def states() -> Rows:
         return [
@@ -168,25 +169,38 @@ def _of_one(label: str, trace: Trace, what: str) -> Rows:
         "integral": states,
     }
     if what == "summary":
-        return [[panels.position(trace), contact.force(trace)], *rows["sliding"](), *rows["tau"](), *states()]
-    if what == "integral" and not states():
-        others = ", ".join(each for each in WHATS if each != what)
-        raise InputError(f"{label}: its law has no integral term and no other state; draw one of {others}")
-    return [[panel] for row in rows[what]() for panel in row]
+        drawn = [[panels.position(trace), contact.force(trace)], *rows["sliding"](), *rows["tau"](), *states()]
+        return [row for row in drawn if row]
+    drawn = [[panel] for row in rows[what]() for panel in row]
+    return drawn or _refuse([label], what)
 
 
 def _of_several(runs: Overlay, what: str) -> Rows:
-    states = [row for name in runs.states() for row in runs.signal(name)]
-    if what == "integral":
-        if not states:
-            raise InputError(f"{', '.join(runs.traces)}: no law has an integral term or another state")
-        return states
-    rows = {"position": runs.position, "force": runs.force}
-    if what in rows:
-        return rows[what]()
-    if what in ("sliding", "tau"):
-        return runs.signal("s" if what == "sliding" else "tau")
-    return [*runs.position(), *runs.force(), *runs.signal("s"), *runs.signal("tau"), *states]
+    rows: dict[str, Callable[[], Rows]] = {
+        "position": runs.position,
+        "force": runs.force,
+        "sliding": lambda: runs.signal("s"),
+        "tau": lambda: runs.signal("tau"),
+        "integral": lambda: [row for name in runs.states() for row in runs.signal(name)],
+    }
+    if what == "summary":
+        return [row for each in rows.values() for row in each()]
+    return rows[what]() or _refuse(list(runs.traces), what)
+
+
+_MISSING = {
+    "sliding": ("no sliding variable", "a sliding variable"),
+    "integral": ("no integral term and no other state", "an integral term or another state"),
+}
+"""Words for a quantity that not every run has: of one run, and of several."""
+
+
+def _refuse(names: Sequence[str], what: str) -> Never:
+    one, several = _MISSING[what]
+    if len(names) > 1:
+        raise InputError(f"{', '.join(names)}: no law has {several}")
+    others = ", ".join(each for each in WHATS if each != what)
+    raise InputError(f"{names[0]}: its law has {one}; draw one of {others}")
 
 
 def _grid(rows: Rows, width: float, title: str) -> Figure:

@@ -11,14 +11,13 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 
 from ...records.trace import Trace
-from ...stages.signals import Signal
+from ...stages.signals import AXES, Signal
 from ...views import colours
 from .contact import forces
 from .insets import Inset
 from .lines import line
 from .panels import (
     ANGULAR,
-    AXES,
     LINEAR,
     MOST_LINES,
     REFERENCE,
@@ -80,11 +79,11 @@ class Overlay:
         return [[forces(self.traces, self.looks)]]
 
     def signal(self, name: str) -> list[list[Panel]]:
-        """A signal of the runs that have it: one row of linear and one row of angular components."""
-        owners = {
-            label: trace for label, trace in self.traces.items() if any(each.name == name for each in trace.signals)
-        }
-        signals = {label: next(s for s in trace.signals if s.name == name) for label, trace in owners.items()}
+        """A signal of the runs that have it: a row of linear and a row of angular components; no rows without it."""
+        owners = {label: trace for label, trace in self.traces.items() if name in trace.arrays}
+        if not owners:
+            return []
+        signals = {label: trace.header.by_name[name] for label, trace in owners.items()}
         size = max(signal.size for signal in signals.values())
         if size > MOST_LINES:
             return [[self._range(name, owners)]]
@@ -124,7 +123,7 @@ class Overlay:
                 for edge in (flat[label].min(axis=1), flat[label].max(axis=1)):
                     line(ax, trace.t, edge, f"{name}.range", **self.looks[label])
 
-        signal = next(s for s in next(iter(owners.values())).signals if s.name == name)
+        signal = next(iter(owners.values())).header.by_name[name]
         wholes = [largest(each) for each in flat.values()]
         return _panel(f"range of state {name}", unit_of(signal, slice(0, 1)), draw, flat, wholes)
 

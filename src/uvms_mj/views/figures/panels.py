@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from ...records.trace import Trace
-from ...stages.signals import OWN_UNIT, Signal
+from ...stages.signals import AXES, OWN_UNIT, Signal
 from .insets import Inset
 from .lines import line
 from .scales import early, largest, number
@@ -20,12 +20,11 @@ from .style import BLACK, COLOURS, GREY, LINE, stripe
 
 LINEAR, ANGULAR = slice(0, 3), slice(3, 6)
 """Components of a signal of six numbers."""
-AXES = ("x", "y", "z")
 SWITCHING_S = 0.01
 """Time that the insets of tau show from the start of a run [s]. The first-order law's chatter dies out within it."""
 MOST_LINES = 6
 """Most lines for one state; a state with more numbers is drawn as the range of its numbers."""
-COMPONENT_COLOURS = [COLOURS[name] for name in (*AXES, "roll", "pitch", "yaw")]
+COMPONENT_COLOURS = [COLOURS[name] for name in AXES]
 REFERENCE: dict[str, Any] = {"color": BLACK, "linestyle": "dashed", "linewidth": 0.8, "zorder": 4}
 LEVELS: dict[str, dict[str, Any]] = {
     "expected": REFERENCE | {"linestyle": (0, (9, 3))},
@@ -70,9 +69,9 @@ def position(trace: Trace) -> Panel:
     reach = np.concatenate([trace.p_WB, trace.p_d])
 
     def draw(ax: Axes) -> None:
-        for i, axis in enumerate(AXES):
+        for i, axis in enumerate(AXES[LINEAR]):
             line(ax, trace.t, trace.p_WB[:, i], f"p_WB.{axis}", label=axis, color=COLOURS[axis], **stripe(i, 3))
-        for i, axis in enumerate(AXES):
+        for i, axis in enumerate(AXES[LINEAR]):
             line(ax, trace.t, trace.p_d[:, i], f"p_d.{axis}", label="reference", **REFERENCE)
         wall(ax, trace, reach)
 
@@ -121,7 +120,7 @@ def vector(trace: Trace, name: str, part: slice = LINEAR) -> Panel:
     If an initial transient is much larger than the rest of the run, an inset shows the transient and the panel has the
     range of the rest.
     """
-    signal = next(signal for signal in trace.signals if signal.name == name)
+    signal = trace.header.by_name[name]
     values = trace[name].reshape(len(trace), signal.size)[:, part]
     window = early(trace.t, values)
     late = values[trace.t >= trace.t[0] + window]
@@ -218,7 +217,7 @@ def pair(ax: Axes, trace: Trace, other: Trace | None, name: str, until: float = 
         runs.append((other, {"linestyle": "dashed", "zorder": 2.5}))
     for run, look in runs:
         n = int(np.searchsorted(run.t, until + 1e-9, side="right"))
-        for i, axis in enumerate(AXES):
+        for i, axis in enumerate(AXES[LINEAR]):
             label = axis if run is trace else None
             whole = {"color": COLOURS[axis], "label": label, **stripe(i, 3), **look}
             line(ax, run.t[:n], run[name][:n, i], f"{name}.{axis}", **whole)
@@ -227,7 +226,7 @@ def pair(ax: Axes, trace: Trace, other: Trace | None, name: str, until: float = 
 def pair_handles() -> list[Line2D]:
     """Legend entries for colours, solid lines and dashed lines."""
     return [
-        *(Line2D([], [], color=COLOURS[axis], linewidth=LINE, label=axis) for axis in AXES),
+        *(Line2D([], [], color=COLOURS[axis], linewidth=LINE, label=axis) for axis in AXES[LINEAR]),
         Line2D([], [], color=GREY, linewidth=LINE, alpha=0.6, label="with nominal control"),
         Line2D([], [], color=GREY, linewidth=LINE, linestyle="dashed", label="without"),
     ]

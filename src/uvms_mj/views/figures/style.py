@@ -11,6 +11,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from ...files import whole
+from ...stages.signals import AXES
 
 STYLE = Path(__file__).with_name("uvms_mj.mplstyle")
 """Style file with fonts, widths and colours."""
@@ -22,7 +23,7 @@ BLACK, GREY = "#000000", "#777777"
 """Colours of references and expected values, and of the wall."""
 
 _CYCLE = mpl.rc_params_from_file(STYLE, use_default_template=False)["axes.prop_cycle"].by_key()["color"]
-COLOURS = dict(zip(("x", "y", "z", "force", "roll", "pitch", "yaw"), _CYCLE, strict=True))
+COLOURS = dict(zip((*AXES[:3], "force", *AXES[3:]), _CYCLE, strict=True))
 """Colours of the components and of the contact force, the same in every figure."""
 LINE = 1.0
 """Width of every line of samples [pt], so that no line dominates."""

@@ -39,10 +39,16 @@ def layout(runs: Sequence[Run]) -> rrb.Blueprint:
     states = dict.fromkeys(state for run in runs for state in run.header.law.states)
     plots = rrb.Vertical(
         _tabs(_contact(runs), 0 if _over(runs) else -1),
-        _tabs(_signal(runs, "Position", "p_WB", 1, reference="p_d")),
-        _tabs(_signal(runs, "Thrust", "tau", together)),
-        _tabs(_signal(runs, "Sliding variable", "s", together)),
-        *(_tabs(_signal(runs, "State", state, together)) for state in states),
+        *(
+            _tabs(views)
+            for views in (
+                _signal(runs, "Position", "p_WB", 1, reference="p_d"),
+                _signal(runs, "Thrust", "tau", together),
+                _signal(runs, "Sliding variable", "s", together),
+                *(_signal(runs, "State", state, together) for state in states),
+            )
+            if views
+        ),
     )
     return rrb.Blueprint(
         rrb.Horizontal(_scene(runs), plots, column_shares=[11, 9]),
@@ -101,10 +107,12 @@ def _contact(runs: Sequence[Run]) -> list[rrb.View]:
 
 
 def _signal(runs: Sequence[Run], what: str, name: str, together: int, reference: str = "") -> list[rrb.View]:
-    """Views of a signal, ``together`` components in each, with those components of the first run's reference."""
-    owners = [run for run in runs if run.has(name)]
-    signal = max((run.signal(name) for run in owners), key=lambda signal: signal.size)
+    """Views of a signal, ``together`` components in each, with those of the first run's reference; empty without it."""
+    owners = [run for run in runs if name in run.header.by_name]
     views: list[rrb.View] = []
+    if not owners:
+        return views
+    signal = max((run.signal(name) for run in owners), key=lambda signal: signal.size)
     for start in range(0, signal.size, together):
         these = range(start, min(start + together, signal.size))
         lines = [(run, name, i) for run in owners for i in these if i < run.signal(name).size]

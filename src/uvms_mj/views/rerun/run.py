@@ -12,21 +12,12 @@ import numpy as np
 import rerun as rr
 
 from ...control.rest import SteadyState
-from ...physics.frames import quat_from_euler_deg, rotation_matrices
+from ...physics.frames import quat_from_euler_deg
 from ...records.header import Header
-from ...records.scene import (
-    FORCE_SCALE,
-    WALL_RGBA,
-    WALL_SIZE,
-    WALL_THICKNESS,
-    arrows,
-    current_arrow,
-    magnitudes,
-    span,
-    wall_face,
-)
+from ...records.palette import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, Colour
+from ...records.scene import FORCE_SCALE, FORCES, WALL_SIZE, Force, magnitudes, scene_of, span
 from ...stages.signals import Signal
-from ..colours import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, Colour, mixed
+from ..colours import mixed
 from .extents import Extents
 from .solids import Solid, solids
 
@@ -36,13 +27,13 @@ POSE_HZ = 50.0
 """Most poses and arrows per simulated second [Hz]."""
 TRAJECTORY_PIECES = 1000
 """Approximate number of straight pieces of a trajectory, for a run of any length."""
-_ABOVE = np.array([0.0, 0.0, 0.25])
-"""Position of the contact force's text relative to the contact point [m]."""
+_ABOVE = 0.125
+"""Height of a run's name above its vehicle [m]."""
 
 LIGHT, GREY = (235, 235, 235), (160, 160, 160)
 COMPONENTS = (ORANGE, SKY, GREEN, YELLOW, BLUE, PURPLE)
 """Colours of x, y, z, roll, pitch and yaw of any signal."""
-CONTACT, THRUST, CURRENT, REFERENCE = VERMILLION, ORANGE, SKY, GREY
+CONTACT, REFERENCE = VERMILLION, GREY
 
 
 @dataclass(frozen=True)
@@ -100,11 +91,8 @@ class Run:
         """Path of an entity of this run."""
         return rr.new_entity_path([self.label, *parts] if self.label else list(parts))
 
-    def has(self, name: str) -> bool:
-        return any(signal.name == name for signal in self.header.signals)
-
     def signal(self, name: str) -> Signal:
-        return next(signal for signal in self.header.signals if signal.name == name)
+        return self.header.by_name[name]
 
     def line(self, name: str, component: int) -> str:
         """Path of one component of a plotted signal."""
@@ -167,35 +155,30 @@ class Run:
         t = values["t"].reshape(-1)
         if not len(t):
             return
-        p, quat, p_d = values["p_WB"], values["quat_WB"], values["p_d"]
-        xyzw = quat[:, [1, 2, 3, 0]]
-        self._send(("world", "vehicle"), t, rr.Transform3D.columns(translation=p, quaternion=xyzw))
-        quat_d = quat_from_euler_deg(*self.header.scenario.reference.attitude_deg)[[1, 2, 3, 0]]
-        reference = rr.Transform3D.columns(translation=p_d, quaternion=np.broadcast_to(quat_d, (len(t), 4)))
-        self._send(("world", "reference"), t, reference)
-        f_W = values["f_contact_W"]
-        tip = p + np.array([self.header.geometry.reach, 0.0, 0.0])
-        contact = self._vectors(f_W)
-        # the head is at the contact point; an arrow that starts there would be inside the vehicle
-        self._arrow("contact force", t, tip - contact, f_W, tip + _ABOVE)
-        thrust_W = np.einsum("nij,nj->ni", rotation_matrices(quat), values["tau"][:, :3])
-        self._arrow("thrust", t, p, thrust_W, p + self._vectors(thrust_W) - 0.4 * _ABOVE)
+        quat_d = values.get("quat_d")
+        if quat_d is None:
+            quat_d = np.tile(quat_from_euler_deg(*self.header.scenario.reference.attitude_deg), (len(t), 1))
+        for name, p, quat in (
+            ("vehicle", values["p_WB"], values["quat_WB"]),
+            ("reference", values["p_d"], quat_d),
+        ):
+            poses = rr.Transform3D.columns(translation=p, quaternion=quat[:, [1, 2, 3, 0]])
+            self._send(("world", name), t, poses)
+        for force in FORCES:
+            self._force(force, t, values)
 
-    def _vectors(self, force: np.ndarray) -> np.ndarray:
-        """Arrows (n, 3) of forces (n, 3)."""
-        return arrows(force, self.place.force_scale, span(self.header))
-
-    def _arrow(self, name: str, t: np.ndarray, start: np.ndarray, force: np.ndarray, text_at: np.ndarray) -> None:
-        """Send arrows of a force with its magnitude, for samples with a non-zero force. Vectors are (n, 3), in W."""
-        newtons = magnitudes(force)
+    def _force(self, force: Force, t: np.ndarray, values: Mapping[str, np.ndarray]) -> None:
+        """Send the arrows of a force with its magnitude, for samples with a non-zero force."""
+        newtons = magnitudes(force.acts(self.header, values)[1])
+        starts, tips = force.ends(self.header, values, self.place.force_scale)
         some = newtons > 0.0
-        drawn = rr.Arrows3D.columns(origins=start[some], vectors=self._vectors(force[some]))
-        self._send(("world", name), t, drawn.partition(some.astype(int)))
+        drawn = rr.Arrows3D.columns(origins=starts[some], vectors=(tips - starts)[some])
+        self._send(("world", force.name), t, drawn.partition(some.astype(int)))
         if not self.label:
             fits = span(self.header) / self.place.force_scale
-            labels = [f"{name} {n:.2f} N{' (arrow cut)' if n > fits else ''}" for n in newtons[some]]
-            text = rr.Points3D.columns(positions=text_at[some], labels=labels)
-            self._send(("world", name, "text"), t, text.partition(some.astype(int)))
+            labels = [f"{force.name} {n:.2f} N{' (arrow cut)' if n > fits else ''}" for n in newtons[some]]
+            text = rr.Points3D.columns(positions=tips[some] + [0.0, 0.0, force.text_above], labels=labels)
+            self._send(("world", force.name, "text"), t, text.partition(some.astype(int)))
 
     def _trajectory(self, t: np.ndarray, p: np.ndarray) -> None:
         """Send the trajectory as straight pieces. The layout shows all pieces up to the time cursor."""
@@ -207,9 +190,9 @@ class Run:
         self._send(("world", "trajectory"), t, rr.LineStrips3D.columns(strips=list(pieces)))
 
     def _things(self) -> None:
-        scenario, geometry = self.header.scenario, self.header.geometry
+        scene = scene_of(self.header)
         self._log(("world",), rr.Transform3D(translation=[0.0, self.place.y, 0.0]))
-        shapes = list(solids(geometry))
+        shapes = [solid for vehicle in scene.vehicles for solid in solids(vehicle)]
         for i, solid in enumerate(shapes):
             mesh = rr.Mesh3D(
                 vertex_positions=solid.vertices,
@@ -218,26 +201,28 @@ class Run:
                 albedo_factor=self._tinted(solid.rgba),
             )
             self._log(("world", "vehicle", f"part {i + 1}"), mesh)
-        half = np.array([WALL_THICKNESS, self.place.width, WALL_SIZE]) / 2
-        centre = (wall_face(self.header) + half[0], 0.0, 0.0)
-        wall = rr.Boxes3D(
-            centers=[centre], half_sizes=[half], colors=[_rgba8((*WALL_RGBA[:3], 0.35))], fill_mode="solid"
+        thick, wide, high = np.array([wall.size for wall in scene.walls]).T
+        walls = rr.Boxes3D(
+            centers=[wall.position for wall in scene.walls],
+            half_sizes=np.stack([thick, np.minimum(wide, self.place.width / 2), high], axis=1),
+            quaternions=[np.roll(wall.quat, -1) for wall in scene.walls],
+            colors=[_rgba8(wall.rgba) for wall in scene.walls],
+            fill_mode="solid",
         )
-        self._log(("world", "wall"), wall)
-        self._arrow_style("contact force", self.colour or CONTACT)
-        self._arrow_style("thrust", self.colour or THRUST)
-        if scenario.current.speed:
-            start, tip = current_arrow(self.header)
-            arrow = rr.Arrows3D(
-                origins=[start],
-                vectors=[tip - start],
-                colors=[CURRENT],
-                radii=[0.014],
-                labels=[f"current {scenario.current.speed:g} m/s"],
+        self._log(("world", "wall"), walls)
+        for force in FORCES:
+            self._arrow_style(force.name, self.colour or force.colour, force.radius)
+        for arrow in scene.arrows:
+            drawn = rr.Arrows3D(
+                origins=[arrow.start],
+                vectors=[arrow.tip - arrow.start],
+                colors=[arrow.colour],
+                radii=[arrow.radius],
+                labels=[arrow.label],
             )
-            self._log(("world", "current"), arrow)
+            self._log(("world", arrow.name), drawn)
         self._log(("world", "trajectory"), rr.LineStrips3D.from_fields(colors=[self.colour or PURPLE], radii=[0.007]))
-        self._names(*bounds(shapes, geometry.reach))
+        self._names(*bounds(shapes, self.header.geometry.reach))
 
     def _names(self, low: np.ndarray, high: np.ndarray) -> None:
         """Send the reference as a box between the vehicle's corners (3,), and the name of the run or the reference."""
@@ -250,15 +235,15 @@ class Run:
         )
         self._log(("world", "reference"), box)
         if self.label:
-            above = (0.0, 0.0, high[2] + 0.5 * float(_ABOVE[2]))
+            above = (0.0, 0.0, high[2] + _ABOVE)
             name = rr.Points3D([above], radii=[0.0], colors=[mixed(self.colour or LIGHT, 0.5)], labels=[self.label])
             self._log(("world", "vehicle", "name"), name)
         else:
             label = rr.Points3D([(low[0], 0.0, high[2])], radii=[0.0], colors=[LIGHT], labels=["reference"])
             self._log(("world", "reference", "label"), label)
 
-    def _arrow_style(self, name: str, colour: Colour) -> None:
-        self._log(("world", name), rr.Arrows3D.from_fields(colors=[colour], radii=[0.018]))
+    def _arrow_style(self, name: str, colour: Colour, radius: float) -> None:
+        self._log(("world", name), rr.Arrows3D.from_fields(colors=[colour], radii=[radius]))
         self._log(("world", name, "text"), rr.Points3D.from_fields(colors=[mixed(colour, 0.25)], radii=[0.0]))
 
     def _tinted(self, rgba: tuple[float, float, float, float]) -> tuple[int, int, int, int]:

@@ -1,12 +1,11 @@
 """Measures and judges the paper's claims in a set of runs."""
 
 from .base import Claim, Measured, Row, Runs, Verdict, number
-from .measures import LABELS, REST_S, TRANSIENT_S, linear_sum
+from .measures import REST_S, TRANSIENT_S, linear_sum
 from .paper import CLAIMS, judge
 
 __all__ = [
     "CLAIMS",
-    "LABELS",
     "REST_S",
     "TRANSIENT_S",
     "Claim",

@@ -15,7 +15,7 @@ class Runs:
     """Traces of the study's runs, by name.
 
     Attributes:
-        traces: impedance, fosm, gsta, gsta_alone.
+        traces: by the names in :data:`uvms_mj.studies.paper.laws.RUNS`.
         fine: the beginning of the same runs at every step.
         sweep: variations, with the names of :func:`uvms_mj.studies.paper.runs.plan`.
     """

@@ -8,6 +8,7 @@ import numpy as np
 from ....analysis import metrics, residual, rest
 from ....control.rest import SteadyState
 from ....records.trace import Trace
+from ..laws import LABELS
 from .base import Measured, Runs, number
 
 TRANSIENT_S = 0.1
@@ -80,9 +81,6 @@ def ratio(
         )
 
     return ratio
-
-
-LABELS = {"impedance": "impedance", "fosm": "first-order", "gsta": "GSTA", "gsta_alone": "GSTA alone"}
 
 
 def largest_s(runs: Runs) -> Measured:

@@ -4,8 +4,9 @@ import numpy as np
 
 from ....analysis import metrics, rest
 from ....records.trace import Trace
+from ..laws import LABELS
 from .base import Measured, Runs, number
-from .measures import LABELS, REST_S, at_rest, gain, norm, over
+from .measures import REST_S, at_rest, gain, norm, over
 
 
 def impedance_error_of_moments(runs: Runs) -> Measured:

@@ -1,0 +1,27 @@
+"""Thrusters with a first-order lag: T u_dot = u_cmd - u, where u_cmd is the thrust of ideal thrusters.
+
+uvms-mj run --set actuation.name=examples/lagging_thrusters.py:LaggingThrusters --set actuation.time_constant=0.05
+"""
+
+from dataclasses import dataclass
+
+from uvms_mj import Actuation, setting
+from uvms_mj.actuation import pseudo_inverse
+from uvms_mj.quantities import Positive
+
+
+@dataclass(frozen=True)
+class LaggingThrusters(Actuation):
+    """Thrusters that reach the commanded thrust with a first-order lag."""
+
+    time_constant: Positive = setting(0.02, "s", "time constant T")
+
+    states = {"thrust": "thrusters"}
+    units = {"thrust": "N"}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, u):
+        pseudo_inverse(given, u)
+        for i in range(u.shape[0]):
+            state_dot.thrust[i] = (u[i] - state.thrust[i]) / settings.time_constant
+            u[i] = state.thrust[i]

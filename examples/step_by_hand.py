@@ -1,0 +1,23 @@
+"""A run by hand: the same vehicle meets walls of different stiffness. Nothing is compiled again between them.
+
+python examples/step_by_hand.py
+"""
+
+from uvms_mj import Scenario, Simulation
+
+
+def impact(sim: Simulation, stiffness: float) -> tuple[float, float]:
+    """Time of the first contact [s], to 1 ms, and the largest force [N] in the 0.1 s after it."""
+    sim.reset(overrides={"wall.stiffness": stiffness})
+    while not sim.signals.touches:
+        sim.step(10)
+    first = sim.t
+    sim.step(1000)
+    return first, float(sim.signals.force_peak)
+
+
+if __name__ == "__main__":
+    with Simulation(Scenario.load("push_wall")) as sim:
+        for stiffness in (1e4, 3e4, 1e5):
+            first, peak = impact(sim, stiffness)
+            print(f"{stiffness:6.0f} N/m: contact at {first:.3f} s, {peak:.2f} N")

@@ -1,0 +1,196 @@
+"""Draw the house: the rooms with the way of one scenario, and one sample on its way through an instant.
+
+python scripts/draw_rooms.py             docs/rooms.svg and docs/instant.svg
+python scripts/draw_rooms.py --png DIR   the same as PNG in a folder, to look at them
+
+The floors are those of the import contract in pyproject.toml; a test of the docs compares them.
+"""
+
+import tomllib
+from pathlib import Path
+
+import click
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, FancyBboxPatch, Polygon
+
+ROOT = Path(__file__).parents[1]
+INK, GREY, LINE = "#1f2933", "#52606d", "#b8c2cc"
+PLAIN, STAGE, WATER, BASE = "#f4f6f8", "#e3edf7", "#dcf0f2", "#eceff2"
+EDGES = {PLAIN: LINE, STAGE: "#0b5cad", WATER: "#0f7f91", BASE: LINE}
+WAY, TRUE = "#d02a1e", "#0f7f91"
+STAGES = ("guidance", "navigation", "control", "actuation")
+EQUATION = (
+    r"$(M_{RB} + M_A)\,\dot\nu + C_{RB}(\nu)\,\nu"
+    r" + C_A(\nu_r)\,\nu_r + D(\nu_r)\,\nu_r + g(\eta) = B\,u + \tau_c + \tau_{dist}$"
+)
+"""Eq. (10) of the paper."""
+FLOOR = 0.62
+SIDES = {
+    "above": (0.0, 0.22, "center", "bottom"),
+    "below": (0.0, -0.22, "center", "top"),
+    "left": (-0.24, 0.12, "right", "center"),
+    "right": (0.24, -0.14, "left", "center"),
+}
+SUBJECTS = {
+    "cli": "commands",
+    "studies": "many runs: the paper, convergence",
+    "envs": "dm_env, Gymnasium",
+    "engine": "runs it: Simulation, machine code",
+    "views": "what is seen: figures, Rerun",
+    "analysis": "numbers from scenarios and traces: Setup, metrics",
+    "records": "what is kept: Trace, logs, export",
+    "scenario": "all inputs of a run",
+    "guidance": "what is wanted",
+    "navigation": "what is known",
+    "control": "what is commanded",
+    "actuation": "what comes out",
+    "plant": "what is in the water",
+    "stages": "the contract of a stage, the table of signals",
+    "physics": "Fossen's equations, frames, contact, random numbers",
+    "quantities": "units and ranges",
+    "files": "reading, writing",
+    "errors": "bad input",
+}
+
+
+def floors() -> list[list[str]]:
+    """The rooms of each floor, from the top, as the import contract has them."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    layers = project["tool"]["importlinter"]["contracts"][0]["layers"]
+    return [[name.strip() for name in layer.split("|")] for layer in layers]
+
+
+def box(ax: Axes, x: float, y: float, width: float, height: float, fill: str) -> None:
+    style = "round,pad=0,rounding_size=0.06"
+    ax.add_patch(FancyBboxPatch((x, y), width, height, style, fc=fill, ec=EDGES[fill], lw=1.1, zorder=2))
+
+
+def arrow(ax: Axes, start, end, colour: str = INK, bend: str = "arc3", width: float = 1.4) -> None:
+    style = {"arrowstyle": "-|>", "color": colour, "lw": width, "mutation_scale": 12, "connectionstyle": bend}
+    ax.annotate("", end, start, arrowprops={**style, "shrinkA": 0, "shrinkB": 0}, zorder=3)
+
+
+def house(ax: Axes, plan: list[list[str]], width: float) -> dict[str, float]:
+    """Draw the floors. Returns the height of each room's centre."""
+    heights = {}
+    for n, rooms in enumerate(plan):
+        y, gap = (len(plan) - 1 - n) * FLOOR, 0.07
+        share = width / len(rooms)
+        for k, room in enumerate(rooms):
+            fill = STAGE if room in STAGES else WATER if room == "plant" else BASE if n >= len(plan) - 2 else PLAIN
+            box(ax, k * share + gap / 2, y + gap / 2, share - gap, FLOOR - gap, fill)
+            heights[room] = y + FLOOR / 2
+            centre = (k + 0.5) * share
+            ax.text(centre, y + 0.40, room, ha="center", va="center", weight="bold", zorder=4)
+            ax.text(centre, y + 0.19, SUBJECTS[room], ha="center", va="center", size=7.0 if len(rooms) > 3 else 8.2,
+                    color=GREY, zorder=4)  # fmt: skip
+    top = len(plan) * FLOOR
+    ax.add_patch(Polygon([(-0.18, top + 0.03), (width / 2, top + 0.62), (width + 0.18, top + 0.03)],
+                         fc="#e9ecef", ec=LINE, lw=1.1, joinstyle="round"))  # fmt: skip
+    ax.text(width / 2, top + 0.22, "uvms_mj", ha="center", va="center", weight="bold", color=GREY, size=11)
+    return heights
+
+
+def way(ax: Axes, heights: dict[str, float], left: float) -> None:
+    """Draw the way of a scenario: to the right in time, at the height of the room where it happens."""
+    stations = [
+        ("scenario", "1", "TOML becomes\na Scenario", "below"),
+        ("analysis", "2", "Setup: plant\nand design ", "left"),
+        ("engine", "3", "Simulation: steps,\nrows", "above"),
+        ("records", "4", "rows become\na Trace, a log", "below"),
+        ("analysis", "5", "metrics,\nclaims", "right"),
+        ("views", "6", "figures,\nreplay", "above"),
+    ]
+    points = [(left + 0.7 + 0.9 * n, heights[room]) for n, (room, *_) in enumerate(stations)]
+    ax.plot(
+        *zip((left - 0.3, points[0][1]), *points, strict=True), color=WAY, lw=2.2, solid_joinstyle="round", zorder=3
+    )
+    for (x, y), (_, number, words, side) in zip(points, stations, strict=True):
+        ax.add_patch(Circle((x, y), 0.15, fc="white", ec=WAY, lw=1.8, zorder=5))
+        ax.text(x, y - 0.01, number, ha="center", va="center", size=9, weight="bold", color=WAY, zorder=6)
+        dx, dy, ha, va = SIDES[side]
+        ax.text(x + dx, y + dy, words, ha=ha, va=va, size=8.6, zorder=6)
+
+
+def rooms() -> Figure:
+    """The rooms by floor, and the way of one scenario beside them."""
+    plan, width = floors(), 8.9
+    figure = Figure(figsize=(10.2, 5.6), facecolor="white")
+    ax = figure.add_axes((0, 0, 1, 1))
+    top = len(plan) * FLOOR
+    heights = house(ax, plan, width)
+    left = width + 0.45
+    way(ax, heights, left)
+    ax.text(left + 2.75, top + 0.22, "the way of one scenario", ha="center", va="center", weight="bold", color=WAY)
+    y = heights["plant"]
+    arrow(ax, (left + 0.9, y - 0.62), (width + 0.06, y - 0.1), EDGES[STAGE], "arc3,rad=-0.2")
+    ax.text(left + 1.0, y - 0.62, "Stages and vehicles: a file of yours\ncan take the place of a shipped one.",
+            va="center", color=EDGES[STAGE], size=9)  # fmt: skip
+    ax.annotate("", (-0.32, 0.1), (-0.32, top - 0.1), arrowprops={"arrowstyle": "-|>", "color": GREY, "lw": 1.2})
+    ax.text(-0.48, top / 2, "a room imports only from the rooms below it", rotation=90, ha="center", va="center",
+            size=8.5, color=GREY)  # fmt: skip
+    ax.set(xlim=(-0.7, left + 5.6), ylim=(-0.12, top + 0.75))
+    ax.axis("off")
+    return figure
+
+
+def instant() -> Figure:
+    """One sample on its way through an instant: the stages in their order, around the plant."""
+    figure = Figure(figsize=(10.2, 3.3), facecolor="white")
+    ax = figure.add_axes((0, 0, 1, 1))
+    chain = [
+        ("navigation", "[navigation]", STAGE, "KNOWN", "pose, velocity,\nforce"),
+        ("guidance", "[reference]", STAGE, "REFERENCE", "position,\nattitude"),
+        ("tracking", "[estimates]", PLAIN, "ERRORS\nESTIMATES", "to the reference;\nM, C, D, g"),
+        ("task", "[impedance] [task]", PLAIN, "TASK", "s, zeta,\ntau_nom"),
+        ("law", "[controller]", STAGE, "tau_cmd", "wrench\nin B"),
+        ("actuation", "[actuation]", STAGE, "", ""),
+    ]
+    width, pitch, low, high = 1.3, 2.14, 2.3, 2.9
+    for n, (name, table, fill, signals, meaning) in enumerate(chain):
+        x, between = n * pitch, n * pitch + (width + pitch) / 2
+        box(ax, x, low, width, high - low, fill)
+        ax.text(x + width / 2, high - 0.21, name, ha="center", va="center", weight="bold", zorder=4)
+        ax.text(x + width / 2, low + 0.17, table, ha="center", va="center", size=7.5, color=GREY, zorder=4)
+        ax.text(between, high + 0.06, signals, ha="center", va="bottom", weight="bold", size=8.6, color=EDGES[STAGE])
+        ax.text(between, low - 0.06, meaning, ha="center", va="top", size=8, color=GREY)
+        if signals:
+            arrow(ax, (x + width + 0.05, (low + high) / 2), (x + pitch - 0.05, (low + high) / 2))
+    right = (len(chain) - 1) * pitch + width
+    box(ax, 0.0, 0.72, right, 0.7, WATER)
+    ax.text(right / 2, 1.2, "plant: MuJoCo with the water and the wall, one time step", ha="center", va="center",
+            weight="bold", zorder=4)  # fmt: skip
+    ax.text(right / 2, 0.92, EQUATION, ha="center", va="center", size=9.5, zorder=4)
+    arrow(ax, (right - width / 2, low - 0.05), (right - width / 2, 1.48))
+    arrow(ax, (width / 2, 1.48), (width / 2, low - 0.05), TRUE)
+    ax.text(width / 2 + 0.1, 1.64, "TRUE", color=TRUE, weight="bold", size=8.6, va="center")
+    ax.text(width / 2 + 0.55, 1.64, "state and contact force of this instant", color=GREY, size=8, va="center")
+    ax.text(right - width / 2 - 0.1, 1.88, "u", color=EDGES[STAGE], weight="bold", size=8.6, ha="right", va="center")
+    ax.text(right - width / 2 - 0.28, 1.88, "thrusts", color=GREY, size=8, ha="right", va="center")
+    box(ax, 3.2, 0.02, right - 6.4, 0.34, PLAIN)
+    ax.text(right / 2, 0.19, "row: state, reference, task, states of the stages, u, contact, sums so far", ha="center",
+            va="center", size=8.6, zorder=4)  # fmt: skip
+    arrow(ax, (right / 2, 0.68), (right / 2, 0.4), WAY)
+    arrow(ax, (right - 3.14, 0.19), (right - 2.3, 0.19), WAY)
+    ax.text(right - 2.2, 0.19, "Trace, log, viewer", color=WAY, weight="bold", size=8.6, va="center")
+    ax.set(xlim=(-0.15, right + 0.15), ylim=(-0.06, high + 0.48))
+    ax.axis("off")
+    return figure
+
+
+@click.command()
+@click.option("--png", type=click.Path(file_okay=False, path_type=Path), help="Write PNG files to this folder instead.")
+def main(png: Path | None) -> None:
+    """Draw docs/rooms.svg and docs/instant.svg."""
+    matplotlib.rcParams.update({"font.size": 10, "svg.hashsalt": "rooms", "text.color": INK})
+    for name, figure in (("rooms", rooms()), ("instant", instant())):
+        if png:
+            figure.savefig(png / f"{name}.png", dpi=120)
+        else:
+            figure.savefig(ROOT / "docs" / f"{name}.svg", metadata={"Date": None})
+
+
+if __name__ == "__main__":
+    main()

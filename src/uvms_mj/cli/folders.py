@@ -1,0 +1,128 @@
+"""Output folders: created before anything is computed, locked, and without a mixture of two runs."""
+
+import contextlib
+import datetime
+import itertools
+import os
+import re
+import tempfile
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from ..records.header import Header
+    from ..scenario import Scenario
+
+LOG, SCENARIO = "run.mcap", "scenario.toml"
+"""Names of a run's files in its folder."""
+
+
+def folder_for(name: str) -> Path:
+    """Create a folder if needed and check that it is writable, before anything is computed.
+
+    Raises:
+        InputError: the folder cannot be created or written to.
+    """
+    from ..errors import InputError
+
+    folder = Path(name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise InputError(f"--out {name}: can't write there: {error.strerror}") from None
+    return folder
+
+
+@contextlib.contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Lock a folder against other runs. The lock belongs to the process and leaves no file.
+
+    Raises:
+        InputError: another run is writing there.
+    """
+    import fcntl
+
+    from ..errors import InputError
+
+    place = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(place, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(f"--out {folder}: another run is writing there; choose another folder") from None
+        except OSError:  # the file system has no locks
+            pass
+        yield
+    finally:
+        os.close(place)
+
+
+def move_aside(folder: Path, paths: Iterable[Path], what: str) -> None:
+    """Move earlier results to a subfolder: logs are not overwritten, and old pictures not mixed with new logs."""
+    earlier = [path for path in paths if path.exists()]
+    if earlier:
+        n = 1
+        while (aside := folder / f"earlier-{n}").exists():
+            n += 1
+        aside.mkdir()
+        for path in earlier:
+            path.rename(aside / path.name)
+        click.echo(f"note: {what} in {folder} was moved to {aside}", err=True)
+
+
+class RunFolder:
+    """The first sink: moves the files of an earlier run to a subfolder and writes scenario.toml."""
+
+    def __init__(self, folder: Path, files: dict[str, Path]) -> None:
+        """``files`` gets the paths of the run's files, by kind, when these may be overwritten."""
+        self.folder, self.files = folder, files
+
+    def begin(self, header: "Header") -> None:
+        paths = {"mcap": self.folder / LOG, "scenario": self.folder / SCENARIO}
+        move_aside(self.folder, paths.values(), "the earlier run")
+        self.files |= paths
+        paths["scenario"].write_text(header.scenario.to_toml(), encoding="utf-8")
+
+    def write(self, rows: Any) -> None:
+        pass
+
+    def end(self, outcome: Any) -> None:
+        pass
+
+
+def output_folder(out: str | None, scenario: "Scenario") -> tuple[Path, list[Path]]:
+    """Create the folder of a run before anything is computed. Returns it and all new folders, inner first."""
+    if out is not None:
+        folder = Path(out)
+        made = _missing(folder)
+        return folder_for(out), made
+    now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
+    words = re.sub(r"[^\w.-]+", "_", f"{scenario.name}-{scenario.controller.label()}")[:100]
+    stem = folder = Path("runs") / f"{now}-{words}"
+    for n in itertools.count(2):
+        made = _missing(folder)
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:  # another run started in the same second
+            folder = stem.with_name(f"{stem.name}-{n}")
+            continue
+        except OSError:
+            pass
+        break
+    return folder_for(str(folder)), made
+
+
+def _missing(folder: Path) -> list[Path]:
+    """The folder and its parents that do not exist yet, inner first."""
+    return [path for path in (folder, *folder.parents) if not os.path.exists(path)]
+
+
+def remove_if_empty(folders: list[Path]) -> None:
+    with contextlib.suppress(OSError):
+        for folder in folders:
+            folder.rmdir()

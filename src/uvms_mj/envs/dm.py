@@ -1,0 +1,75 @@
+"""The task for dm_control: a physics with the water attached, and dm_env's interface."""
+
+from typing import Any
+
+import numpy as np
+from dm_control.mujoco import Physics
+from dm_control.mujoco.wrapper import MjData
+from dm_control.rl import control
+from dm_env import specs
+
+from .push import Diverged, Observation, Push
+
+
+class WaterPhysics(Physics):
+    """dm_control's view of a :class:`uvms_mj.Simulation`: the same MjModel and MjData, stepped by the simulation."""
+
+    def __init__(self, push: Push) -> None:
+        self.push = push
+        self.divergence = ""
+        super().__init__(MjData(push.simulation.data))
+
+    def step(self, nstep: int = 1) -> None:
+        """Do time steps of the closed loop. A divergence ends the episode."""
+        try:
+            self.reward = self.push.advance(nstep)
+        except Diverged as divergence:
+            self.reward, self.divergence = -1.0, str(divergence)
+
+    def reset(self, keyframe_id: int | None = None) -> None:
+        """Begin an episode. Keyframes are not used."""
+        self.push.reset()
+        self.reward, self.divergence = 0.0, ""
+
+    def after_reset(self) -> None:
+        """Nothing: the simulation has evaluated the state, with the actuation that dm_control would disable."""
+
+
+class PushTask(control.Task):
+    """The task of :mod:`uvms_mj.envs.push`."""
+
+    def __init__(self, push: Push) -> None:
+        self.push = push
+
+    def initialize_episode(self, physics: WaterPhysics) -> None:
+        """Nothing: the physics' reset draws the episode."""
+
+    def before_step(self, action: np.ndarray, physics: WaterPhysics) -> None:
+        self.push.apply(np.asarray(action))
+
+    def after_step(self, physics: WaterPhysics) -> None:
+        """Nothing."""
+
+    def action_spec(self, physics: WaterPhysics) -> specs.BoundedArray:
+        return specs.BoundedArray((self.push.size,), np.float64, -1.0, 1.0, name=self.push.action)
+
+    def get_observation(self, physics: WaterPhysics) -> Observation:
+        return self.push.observation()
+
+    def get_reward(self, physics: WaterPhysics) -> float:
+        return physics.reward
+
+    def get_termination(self, physics: WaterPhysics) -> float | None:
+        """Discount at the end of an episode: 0 after a divergence, 1 at the scenario's duration."""
+        if physics.divergence:
+            return 0.0
+        return 1.0 if self.push.over else None
+
+
+def environment(scenario: str, **settings: Any) -> control.Environment:
+    """The environment of :func:`uvms_mj.envs.load`."""
+    push = Push(scenario, **settings)
+    return control.Environment(WaterPhysics(push), PushTask(push), n_sub_steps=push.steps_each)
+
+
+__all__ = ["PushTask", "WaterPhysics", "environment"]

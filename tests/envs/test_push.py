@@ -1,0 +1,145 @@
+"""The task of the environments: actions, observations, reward, randomisation."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+from uvms_mj import InputError, Scenario, simulate
+from uvms_mj.analysis.rest import demanded_force
+from uvms_mj.envs.push import OBSERVED, Push
+
+SHORT = {"simulation.duration": 0.3, "simulation.timestep": 5e-4, "initial.position": [0.9995, 0.0, 0.0]}
+CONSTANT = """
+from dataclasses import dataclass
+from uvms_mj import Controller
+
+@dataclass(frozen=True)
+class Constant(Controller):
+    uses_task = False
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        tau_cmd[:] = 0.0
+        tau_cmd[0] = 20.0
+        tau_cmd[5] = 0.5
+"""
+
+
+def episode(push, action):
+    """Observations and rewards of an episode with one action."""
+    seen, rewards = [push.reset(seed=0)], []
+    while not push.over:
+        push.apply(np.asarray(action, dtype=float))
+        rewards.append(push.advance(push.steps_each))
+        seen.append(push.observation())
+    return seen, rewards
+
+
+def test_an_action_is_the_wrench_of_a_law_and_the_reward_is_its_formula(tmp_path):
+    """Observations and rewards follow from the trace of a law with the same constant wrench."""
+    (tmp_path / "constant.py").write_text(CONSTANT)
+    trace = simulate(Scenario.load("push_wall", SHORT, f"{tmp_path / 'constant.py'}:Constant"), log_rate="full")
+    push = Push("push_wall", overrides=SHORT)
+    seen, rewards = episode(push, [0.5, 0.0, 0.0, 0.0, 0.0, 0.05])
+    every = push.steps_each
+    assert every == 40
+    assert trace.touches[-1] > 0
+    assert len(rewards) == (len(trace) - 1) // every
+    for name in OBSERVED:
+        assert np.array_equal([each[name] for each in seen], trace[name][::every]), name
+    T, force_d = push.control_s, demanded_force(push.scenario, push.scenario.wall.stiffness)
+    mean_force = np.diff(trace.impulse[::every]) / T
+    effort = np.diff(trace.effort[::every], axis=0) / (T * np.array([40.0, 40, 40, 10, 10, 10]) ** 2)
+    expected = np.exp(-(((mean_force - force_d) / force_d) ** 2)) - 0.1 * effort.mean(axis=1)
+    assert rewards == pytest.approx(expected.tolist(), abs=1e-9)
+    assert np.ptp(rewards) > 0.1
+
+
+def test_thrusts_go_through_the_thrusters_own_matrix():
+    push = Push("push_wall", overrides=SHORT, action="thrusts")
+    push.reset(seed=0)
+    action = np.linspace(-1.0, 1.0, push.size)
+    push.apply(action)
+    push.advance(1)
+    B = push.simulation.setup.vehicle.B
+    assert push.simulation.signals.tau == pytest.approx(B @ (20.0 * action), rel=1e-12)
+
+
+def test_gains_at_action_zero_are_the_scenarios_and_at_one_four_times_those():
+    overrides = SHORT | {"reference.step_time": 0.0}
+    for action, factor in ((0.0, 1.0), (1.0, 4.0), (-1.0, 0.25)):
+        push = Push("push_wall", overrides=overrides, action="gains", gains=("k_1", "beta"))
+        seen, _ = episode(push, [action, action])
+        gains = {"controller.k_1": 5.0 * factor, "controller.beta": 5.0 * factor}
+        trace = simulate(Scenario.load("push_wall", overrides | gains), log_rate="full")
+        assert np.array_equal([each["nu"] for each in seen], trace.nu[:: push.steps_each])
+
+
+def test_actions_beyond_one_are_cut():
+    one, ten = (Push("push_wall", overrides=SHORT) for _ in range(2))
+    assert episode(one, np.ones(6))[1] == episode(ten, 10.0 * np.ones(6))[1]
+
+
+def test_draws_are_uniform_within_their_bounds_and_repeat_with_the_seed():
+    bounds = {"current.speed": (0.1, 0.4), "initial.position": ([-0.1, 0.0, 0.5], [0.1, 0.0, 0.6])}
+    push = Push("push_wall", overrides=SHORT, randomise=bounds)
+
+    def draws(seed, n):
+        push.reset(seed=seed)
+        found = []
+        for _ in range(n):
+            push.reset()
+            scenario = push.simulation.scenario
+            found.append([scenario.current.speed, *scenario.initial.position])
+        return np.array(found)
+
+    drawn = draws(3, 400)
+    assert np.array_equal(drawn, draws(3, 400))
+    assert not np.array_equal(drawn[0], draws(4, 1)[0])
+    assert (drawn[:, 2] == 0.0).all()
+    for column, low, high in ((0, 0.1, 0.4), (1, -0.1, 0.1), (3, 0.5, 0.6)):
+        assert kstest(drawn[:, column], "uniform", (low, high - low)).pvalue > 1e-3
+    assert np.array_equal(push.observation()["p_WB"], push.simulation.scenario.initial.position)
+
+
+def test_an_episodes_own_keys_come_after_the_random_ones():
+    push = Push("push_wall", overrides=SHORT, randomise={"current.speed": (0.1, 0.4)})
+    push.reset(seed=0, overrides={"current.speed": 0.77})
+    assert push.simulation.scenario.current.speed == 0.77
+    push.reset()
+    assert 0.1 <= push.simulation.scenario.current.speed <= 0.4
+
+
+def test_the_desired_force_is_the_impedances_unless_given():
+    assert Push("push_wall", overrides=SHORT).force_d == pytest.approx(1.5 / (1.0 + 150.0 / 1e5))
+    assert Push("push_wall", overrides=SHORT, force_d=7.0).observation()["force_d"] == [7.0]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"action": "forces"}, "action: 'forces': must be 'wrench', 'thrusts' or 'gains'"),
+        ({"control_rate": 30.0}, "control_rate: 30.0 Hz: must divide the step rate of 2000 Hz"),
+        ({"control_rate": math.nan}, "control_rate"),
+        ({"force_d": -1.0}, "force_d: -1.0: must be a positive force"),
+        ({"wrench_scale": (1.0, 2.0)}, "six positive numbers"),
+        ({"observe": ("nuu",)}, "no signal 'nuu'; did you mean 'nu'"),
+        ({"action": "gains", "gains": ("k_3",)}, "k_3"),
+        ({"action": "gains", "gains": ("nominal",)}, "that are numbers"),
+        ({"randomise": {"current.sped": (0.0, 1.0)}}, "did you mean 'speed'"),
+        ({"randomise": {"current.speed": (0.0, -1.0)}}, "must be a lower and an upper bound"),
+        ({"randomise": {"current.speed": (0.0, 1e9)}}, "must be from 0 to 100 m/s"),
+        ({"overrides": {"wall.stifness": 1.0}}, "did you mean 'stiffness'"),
+    ],
+)
+def test_a_wrong_argument_is_named(wrong, message):
+    with pytest.raises(InputError, match=message):
+        Push("push_wall", **({"overrides": SHORT} | wrong))
+
+
+def test_all_wrong_arguments_at_once():
+    with pytest.raises(InputError) as caught:
+        Push("push_wall", overrides=SHORT, force_d=0.0, thrust_scale=0.0, effort_weight=-1.0)
+    assert len(caught.value.faults) == 3

@@ -1,0 +1,72 @@
+"""Every signal of a run reaches trace, log, export and table by itself, and an absent one is left out."""
+
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from recorded import decoded, same
+from traces import TASK, without
+from uvms_mj import InputError, Trace
+from uvms_mj.cli import main
+from uvms_mj.records.export import export
+from uvms_mj.stages.signals import GIVEN, RECORDED, Signal
+
+
+def xyz(v):
+    return [v.x, v.y, v.z]
+
+
+def test_any_signal_reaches_trace_log_and_export_without_a_topic_of_its_own(logged, tmp_path):
+    """A number, a vector and a matrix with names that no topic knows, and signals that have a message type."""
+    trace, _ = logged
+    added = (
+        Signal("depth", (), "m", "W", "depth of something"),
+        Signal("wind_W", (3,), "m/s", "W", "a wind"),
+        Signal("J_foot", (2, 6), "1", "B", "a Jacobian"),
+        Signal("quat_d", (4,), "1", "W", "desired attitude, w x y z"),
+        Signal("p_WB_m", (3,), "m", "W", "measured position"),
+        Signal("quat_WB_m", (4,), "1", "W", "measured attitude"),
+        Signal("nu_m", (6,), "m/s, rad/s", "B", "measured velocity"),
+    )
+    rng = np.random.default_rng(7)
+    rows = np.hstack([trace.rows(), rng.normal(size=(len(trace), sum(signal.size for signal in added)))])
+    more = Trace.of(dataclasses.replace(trace.header, signals=(*trace.signals, *added)), rows, trace.outcome)
+    more.save(tmp_path / "run.mcap")
+    loaded = Trace.load(tmp_path / "run.mcap")
+    same(more, loaded)
+    assert loaded.signals == more.signals
+    topics = decoded(tmp_path / "run.mcap")
+    assert np.array_equal([m.data for _, m in topics["/signals/depth"]], more.depth)
+    assert np.array_equal([m.data for _, m in topics["/signals/wind_W"]], more.wind_W)
+    assert np.array_equal([m.data for _, m in topics["/signals/J_foot"]], more.J_foot.reshape(len(more), 12))
+    measured = [xyz(m.pose.position) for _, m in topics["/measured/pose"]]
+    assert np.array_equal(measured, more.p_WB_m)
+    assert np.array_equal([xyz(m.twist.angular) for _, m in topics["/measured/twist"]], more.nu_m[:, 3:])
+    for pose in ([m.transforms[1].transform.rotation for _, m in topics["/tf"]],):
+        assert np.array_equal([[q.w, q.x, q.y, q.z] for q in pose], more.quat_d)
+    assert np.array_equal([m.pose.orientation.w for _, m in topics["/measured/pose"]], more.quat_WB_m[:, 0])
+    export(loaded, "npz", tmp_path / "run.npz")
+    assert np.array_equal(np.load(tmp_path / "run.npz")["J_foot"], more.J_foot)
+    export(loaded, "csv", tmp_path / "run.csv")
+    assert "wind_W.y [m/s]" in (tmp_path / "run.csv").read_text().partition("\n")[0]
+
+
+def test_a_signal_that_is_not_recorded_has_no_topic(logged, tmp_path):
+    """A law without the impedance task has no s, zeta and tau_nom."""
+    trace, _ = logged
+    less = without(trace, *TASK, "f_contact_m_W", "stretch_W", "tau_dist")
+    less.save(tmp_path / "run.mcap")
+    same(less, Trace.load(tmp_path / "run.mcap"))
+    assert not {"/s", "/zeta", "/tau_nom", "/running/boundary_layer_time"} & set(decoded(tmp_path / "run.mcap"))
+    without(less, "touches").save(tmp_path / "bad.mcap")
+    with pytest.raises(InputError, match="signals differ"):
+        Trace.load(tmp_path / "bad.mcap")
+
+
+def test_every_signal_is_in_the_table_of_the_command():
+    shown = CliRunner().invoke(main, ["signals"], env={"COLUMNS": "200"}).output
+    for each in (*GIVEN, *RECORDED):
+        assert re.search(rf"\b{each.name}\b", shown), each.name

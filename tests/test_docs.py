@@ -1,0 +1,63 @@
+"""The guides show the examples as they are, and agree with the program."""
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from draw_rooms import SUBJECTS, floors
+from uvms_mj.stages import signals
+
+ROOT = Path(__file__).parents[1]
+EXAMPLES = ROOT / "examples"
+EXTENDING = (ROOT / "docs" / "extending.md").read_text()
+GROUPS = ("CLOCK", "KNOWN", "TRUE", "REFERENCE", "ERRORS", "ESTIMATES", "IMPEDANCE", "TASK")
+
+
+@pytest.mark.parametrize("arguments", re.findall(r"^uvms-mj run (.*examples/.*)$", EXTENDING, re.MULTILINE))
+def test_commands_run(arguments, tmp_path):
+    short = ["--set", "simulation.duration=0.01", "-q", "--out", str(tmp_path / "out")]
+    command = [sys.executable, "-m", "uvms_mj", "run", *shlex.split(arguments), *short]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=240.0)
+    assert done.returncode == 0, done.stderr
+    assert "plain Python" not in done.stderr, "an example must compile"
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.name)
+def test_examples_are_shown_as_they_are(path):
+    """From the imports to the command line: the docstring of the file is text of the guide."""
+    code = path.read_text().split('"""\n\n', 1)[1].partition("\n\nif __name__")[0].strip()
+    assert code in EXTENDING
+
+
+@pytest.mark.parametrize("group", GROUPS)
+def test_signals_are_those_of_the_program(group):
+    part = EXTENDING.split(f"**{group}**")[1].split("\n\n")[1]
+    rows = [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in part.splitlines()[2:]]
+    expected = [
+        [f"`{s.name}`", " x ".join(map(str, s.shape)) or "number", s.unit, s.frame, s.meaning.replace("|", "\\|")]
+        for s in getattr(signals, group)
+    ]
+    assert rows == expected
+
+
+def test_allocation_is_that_of_the_program():
+    for signal in signals.actuation_given(99)[-4:]:
+        shape = " x ".join(str(size).replace("99", "n") for size in signal.shape)
+        assert f"| `{signal.name}` | {shape} | {signal.unit} | {signal.frame} | {signal.meaning} |" in EXTENDING
+
+
+def test_the_drawing_has_the_rooms_of_the_import_contract():
+    rooms = [room for floor in floors() for room in floor]
+    assert sorted(rooms) == sorted(SUBJECTS)
+    package = {path.stem for path in (ROOT / "src" / "uvms_mj").iterdir() if path.suffix in ("", ".py")}
+    assert set(rooms) == package - {"__init__", "__main__", "scenarios", "__pycache__", "py.typed"}
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "docs").glob("*.md")), ids=lambda page: page.name)
+def test_links_lead_somewhere(page):
+    for target in re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text()):
+        assert (page.parent / target).exists(), target

@@ -1,0 +1,120 @@
+"""The examples run as the docs say, and each has the closed form that is known of it."""
+
+import math
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uvms_mj import Scenario, simulate
+from uvms_mj.analysis.metrics import final_force
+
+ROOT = Path(__file__).parents[1]
+EXAMPLES = ROOT / "examples"
+WALL = Scenario.load("push_wall").wall
+
+
+def spring(bias: float = 0.0) -> float:
+    """The force [N] of the spring of the desired impedance against the wall's, with a sensor that adds a bias [N]."""
+    K_x, x_d = Scenario().impedance.K_d[0], 1.01
+    return (K_x * (x_d - WALL.position) + bias) / (1.0 + K_x / WALL.stiffness)
+
+
+def test_the_law_rests_at_its_own_closed_form():
+    law = f"{EXAMPLES / 'integral_impedance.py'}:IntegralImpedance"
+    trace = simulate(Scenario.load("push_wall", {}, law))
+    assert trace.analytic.force == pytest.approx(spring(), rel=1e-12)
+    assert final_force(trace)[0] == pytest.approx(trace.analytic.force, rel=1e-6)
+    turned = Scenario.load("push_wall", {"reference.attitude_deg": [0.0, 0.0, 10.0], "simulation.duration": 0.01}, law)
+    assert "attitude" in simulate(turned).analytic.reason
+
+
+@pytest.mark.parametrize("bias", [0.5, -0.4])
+def test_a_biased_sensor_shifts_the_force_by_the_balance_of_the_springs(bias):
+    sensor = f"{EXAMPLES / 'biased_force.py'}:BiasedForce"
+    trace = simulate(Scenario.load("push_wall", {"navigation.name": sensor, "navigation.bias": [bias, 0.0, 0.0]}))
+    assert trace.push[-1] == pytest.approx(spring(bias), rel=1e-6)
+    assert np.array_equal(trace.force_error, np.tile([bias, 0.0, 0.0], (len(trace), 1)))
+    assert trace.f_contact_m_W[-1, 0] == pytest.approx(bias - trace.push[-1], rel=1e-6)
+
+
+def test_noise_has_the_given_deviation_and_repeats_with_the_seed():
+    settings = {
+        "navigation.name": f"{EXAMPLES / 'biased_force.py'}:BiasedForce",
+        "navigation.bias": [0.0, 0.0, 0.0],
+        "navigation.noise": 0.2,
+        "simulation.duration": 1.0,
+    }
+    first, again, other = (
+        simulate(Scenario.load("push_wall", settings | {"simulation.seed": seed}), log_rate="full").force_error
+        for seed in (1, 1, 2)
+    )
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)
+    n = first.size
+    assert abs(first.mean()) < 4 * 0.2 / math.sqrt(n)
+    assert first.std() == pytest.approx(0.2, rel=4 / math.sqrt(2 * n))
+
+
+def test_a_thruster_answers_a_step_as_a_first_order_lag(tmp_path):
+    """Thrust under a constant command: u_k = u (1 - (1 - h/T)^k) by explicit Euler."""
+    law = tmp_path / "constant.py"
+    law.write_text(
+        "from dataclasses import dataclass\nfrom uvms_mj import Controller\n\n\n"
+        "@dataclass(frozen=True)\nclass Constant(Controller):\n    uses_task = False\n\n"
+        "    @staticmethod\n    def law(gains, state, signals, state_dot, tau_cmd):\n"
+        "        tau_cmd[:] = 0.0\n        tau_cmd[0] = 6.0\n"
+    )
+    T, h = 0.05, 1e-4
+    settings = {
+        "actuation.name": f"{EXAMPLES / 'lagging_thrusters.py'}:LaggingThrusters",
+        "actuation.time_constant": T,
+        "simulation.duration": 0.3,
+    }
+    trace = simulate(Scenario.load("push_wall", settings, f"{law}:Constant"), log_rate="full")
+    k = np.arange(len(trace))
+    assert trace.u[:, 0] == pytest.approx(3.0 * (1.0 - (1.0 - h / T) ** k), abs=1e-12)
+    assert np.abs(trace.u[:, 0] - 3.0 * (1.0 - np.exp(-trace.t / T))).max() < 3.0 * h / T
+    assert np.array_equal(trace.thrust, trace.u)
+    assert trace.tau[:, 0] == pytest.approx(trace.u[:, 0] + trace.u[:, 1])
+
+
+def test_the_reference_is_a_circle_and_the_vehicle_follows_it():
+    settings = {
+        "reference.name": f"{EXAMPLES / 'circle.py'}:Circle",
+        "wall.position": 5.0,
+        "initial.position": [0.1, 0.2, -0.3],
+        "simulation.duration": 20.0,
+    }
+    trace = simulate(Scenario.load("push_wall", settings))
+    t, angle = trace.t, 0.2 * trace.t
+    circle = np.stack([0.1 + 0.5 * np.sin(angle), 0.7 - 0.5 * np.cos(angle), np.full_like(t, -0.3)], axis=1)
+    assert trace.p_d == pytest.approx(circle, abs=1e-12)
+    slope = (trace.p_d[2:] - trace.p_d[:-2]) / (t[2:] - t[:-2])[:, None]
+    assert trace.p_d_dot[1:-1] == pytest.approx(slope, abs=1e-7)
+    assert np.abs(trace.eta_e[t > 10.0]).max() < 1e-4
+
+
+def test_the_vehicle_pushes_with_the_closed_forms_force():
+    trace = simulate(Scenario.load("push_wall", {"vehicle.model": str(EXAMPLES / "cube.xml")}))
+    assert trace.header.geometry.reach == pytest.approx(0.2)
+    assert trace.push[-1] == pytest.approx(spring(), rel=1e-6)
+    assert trace.tau[-1, 0] < 40.0
+
+
+def test_steps_by_hand_find_the_contact_that_a_run_finds():
+    example = runpy.run_path(str(EXAMPLES / "step_by_hand.py"))
+    with example["Simulation"](Scenario.load("push_wall")) as sim:
+        for stiffness in (1e4, 1e5):
+            first, peak = example["impact"](sim, stiffness)
+            trace = simulate(Scenario.load("push_wall", {"wall.stiffness": stiffness, "simulation.duration": 5.6}))
+            assert trace.first_contact[-1] <= first <= trace.first_contact[-1] + 1e-3
+            assert peak == trace.force_peak[-1]
+
+
+def test_control_from_outside_reaches_its_target():
+    example = runpy.run_path(str(EXAMPLES / "external_control.py"))
+    with example["Simulation"](Scenario.load("push_wall", example["SETTINGS"])) as sim:
+        example["drive"](sim, 20.0)
+        assert sim.signals.p_WB == pytest.approx([1.0, 0.5, 0.0], abs=1e-3)

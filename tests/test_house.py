@@ -1,0 +1,106 @@
+"""Limits on the layout of the source: sizes, entries at the top, the import contract, public names, extras."""
+
+import ast
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import uvms_mj
+from uvms_mj.errors import EXTRAS, InputError, needs_extra
+
+ROOT = Path(__file__).parents[1]
+HOUSE = ROOT / "src" / "uvms_mj"
+MODULES = sorted(HOUSE.rglob("*.py"))
+PROJECT = ROOT / "pyproject.toml"
+HEAVY = ("matplotlib", "mujoco", "numba", "numpy", "pandas", "pyarrow", "pydantic", "rerun", "rich", "scipy")
+
+
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def test_no_module_has_more_than_300_lines():
+    lines = {str(path.relative_to(HOUSE)): len(path.read_text(encoding="utf-8").splitlines()) for path in MODULES}
+    assert len(lines) > 100
+    assert {name: n for name, n in lines.items() if n > 300} == {}
+
+
+def test_no_function_has_more_than_60_lines():
+    functions = {
+        f"{path.relative_to(HOUSE)}:{node.name}": (node.end_lineno or 0) - node.lineno + 1
+        for path in MODULES
+        for node in ast.walk(tree(path))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+    }
+    assert len(functions) > 500
+    assert {name: n for name, n in functions.items() if n > 60} == {}
+
+
+def test_the_top_of_the_package_has_at_most_18_entries():
+    code = {path.parent for path in HOUSE.glob("*/*.py")} | set(HOUSE.glob("*.py"))
+    assert len([path for path in code if not path.name.startswith("__")]) <= 18
+
+
+def test_the_import_contract_is_short():
+    _, contract, *_ = PROJECT.read_text(encoding="utf-8").split("[[tool.importlinter.contracts]]\n")
+    assert 'type = "layers"' in contract
+    assert len(contract.strip().splitlines()) <= 25
+
+
+def test_type_checkers_see_every_public_name_where_it_is():
+    (block,) = (node for node in tree(HOUSE / "__init__.py").body if isinstance(node, ast.If))
+    seen = {
+        (f"uvms_mj.{node.module}", alias.name, alias.asname)
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert seen == {(f"uvms_mj.{module}", name, name) for name, module in uvms_mj._HOME.items()}
+    assert all(getattr(uvms_mj, name) is not None for name in uvms_mj.__all__)
+
+
+def test_a_missing_extra_is_one_line_that_names_it():
+    extras = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    assert set(extras) == {*EXTRAS, "dev"}
+    for extra, packages in EXTRAS.items():
+        assert extras[extra][0].startswith(packages.split(",")[0])
+        with pytest.raises(InputError) as raised, needs_extra(extra):
+            import a_package_that_is_not_installed  # noqa: F401
+        assert str(raised.value).count("\n") == 0
+        assert f"pip install 'uvms-mj[{extra}]'" in str(raised.value)
+        assert "a_package_that_is_not_installed" in str(raised.value)
+
+
+def test_another_error_inside_an_extra_is_not_hidden():
+    with pytest.raises(ZeroDivisionError), needs_extra("gym"):
+        raise ZeroDivisionError
+
+
+@pytest.mark.parametrize(
+    ("arguments", "needed"),
+    [
+        (["--help"], set()),
+        (["run", "--help"], set()),
+        (["signals"], {"numpy", "rich"}),
+        (["controllers"], {"numpy", "pydantic", "rich"}),
+        (["keys"], {"numpy", "pydantic", "rich"}),
+        (["run", "-q", "--out", "run", "simulation.duration=1e-3"], {"mujoco", "numpy", "pydantic"}),
+    ],
+    ids=" ".join,
+)
+def test_a_command_imports_only_what_it_uses(tmp_path, arguments, needed):
+    code = f"""if True:
+        import sys
+        from uvms_mj.cli import main
+        sys.argv = ["uvms-mj", *{arguments}]
+        try:
+            main()
+        finally:
+            print([name for name in {HEAVY} if name in sys.modules], file=sys.stderr)
+    """
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert set(ast.literal_eval(done.stderr.splitlines()[-1])) == needed
