@@ -15,6 +15,7 @@ ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
 EXTENDING = (ROOT / "docs" / "extending.md").read_text()
 GUIDES = EXTENDING + (ROOT / "README.md").read_text()
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 GROUPS = ("CLOCK", "KNOWN", "TRUE", "REFERENCE", "ERRORS", "ESTIMATES", "IMPEDANCE", "TASK")
 
 
@@ -58,7 +59,7 @@ def test_the_drawing_has_the_rooms_of_the_import_contract():
     assert set(rooms) == package - {"__init__", "__main__", "scenarios", "__pycache__", "py.typed"}
 
 
-@pytest.mark.parametrize("page", [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))], ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text()):
         assert (page.parent / target).exists(), target
