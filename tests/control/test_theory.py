@@ -16,7 +16,7 @@ from click.testing import CliRunner
 
 from uvms_mj import McapLog, Scenario, Trace, simulate
 from uvms_mj.analysis.metrics import final_force
-from uvms_mj.analysis.sampling import SamplingWarning, check
+from uvms_mj.analysis.sampling import SamplingWarning, warnings_of
 from uvms_mj.analysis.setup import set_up
 from uvms_mj.analysis.summary import summary
 from uvms_mj.cli.certify import certify
@@ -165,7 +165,7 @@ def test_a_wrong_theory_does_not_stop_the_run_and_is_said_once(write, tmp_path):
     ],
 )
 def test_the_notes_of_a_users_law_are_warnings(write, method, notes):
-    assert tuple(check(set_up(Scenario.load("push_wall", SHORT, write(method))))) == notes
+    assert tuple(warnings_of(set_up(Scenario.load("push_wall", SHORT, write(method))))) == notes
 
 
 def test_the_notes_are_given_before_the_run_and_recorded(write):

@@ -82,7 +82,7 @@ def signals() -> None:
     from rich.table import Table
 
     from ..scenario import STAGES
-    from ..stages.signals import RECORDED, thruster_signal
+    from ..stages.signals import MEASURED, RECORDED, thruster_signal
 
     rooms = [choice.base.room for choice in STAGES.values()]
     inputs = [(f"Inputs of the {room.noun}: {room.arguments[2]}.<name>", room.given(0)) for room in rooms]
@@ -91,7 +91,7 @@ def signals() -> None:
     ]
     recorded = (
         "Recorded signals: trace.<name>; the states of the stages are recorded too",
-        (*RECORDED, thruster_signal(0)),
+        (*RECORDED, *MEASURED, thruster_signal(0)),
     )
     for title, listed in (*inputs, *outputs, recorded):
         table = Table(title=title, title_justify="left", min_width=80)

@@ -111,7 +111,8 @@ class FilteredSteps(Guidance):
         """Times and positions of the steps have room for :data:`MOST_WAYPOINTS`, so that the machine code is the same
         for any number of them. A step at infinity never comes."""
         times, positions = np.full(MOST_WAYPOINTS, np.inf), np.zeros((MOST_WAYPOINTS, 3))
-        for n, step in enumerate(self.steps):
+        times[0], positions[0] = self.step_time, self.target
+        for n, step in enumerate(self.waypoints):
             times[n], positions[n] = step.time, step.position
         values = {**super().constants(setup), "target": None, "step_time": None, "waypoints": None}
         start = self.start or setup.scenario.initial.position

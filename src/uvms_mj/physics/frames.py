@@ -6,6 +6,8 @@ rotation matrix ``R_WB`` maps components in B to components in W; a quaternion i
 ``T = blockdiag(R_WB^T, I)``.
 """
 
+import functools
+
 import numpy as np
 
 from .kernels import kernel
@@ -77,15 +79,18 @@ def quat_error(quat_d, quat, out):
 
 def quat_from_euler_deg(roll: float, pitch: float, yaw: float) -> np.ndarray:
     """Unit quaternion (4,) of the attitude R_WB = R_z(yaw) R_y(pitch) R_x(roll); angles in degrees, z up."""
+    return np.array(_quat_from_euler_deg(roll, pitch, yaw))
+
+
+@functools.lru_cache(maxsize=64)  # a Simulation computes the same ones at each reset
+def _quat_from_euler_deg(roll: float, pitch: float, yaw: float) -> tuple[float, ...]:
     half = np.deg2rad([roll, pitch, yaw]) / 2.0
     (c_x, c_y, c_z), (s_x, s_y, s_z) = np.cos(half), np.sin(half)
-    return np.array(
-        [
-            c_x * c_y * c_z + s_x * s_y * s_z,
-            s_x * c_y * c_z - c_x * s_y * s_z,
-            c_x * s_y * c_z + s_x * c_y * s_z,
-            c_x * c_y * s_z - s_x * s_y * c_z,
-        ]
+    return (
+        c_x * c_y * c_z + s_x * s_y * s_z,
+        s_x * c_y * c_z - c_x * s_y * s_z,
+        c_x * s_y * c_z + s_x * c_y * s_z,
+        c_x * c_y * s_z - s_x * s_y * c_z,
     )
 
 

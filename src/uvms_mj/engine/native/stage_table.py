@@ -38,14 +38,10 @@ class Entry:
     def __init__(
         self, stage: Stage, settings: np.ndarray, state: np.ndarray, given: np.ndarray, out: np.ndarray, states: int
     ) -> None:
-        self.stage, self.settings, self.state, self.given, self.out, self.states = (
-            stage,
-            settings,
-            state,
-            given,
-            out,
-            states,
-        )
+        self.stage, self.settings, self.state = stage, settings, state
+        self.given, self.out, self.states = given, out, states
+        self.needs = type(stage).needs if packs_itself(type(stage)) else ()
+        self.shapes = {name: settings.dtype[name].shape for name in settings.dtype.names or () if name != "_"}
         self.state_dot = np.zeros_like(state)
         self.guarded, self._searched = not is_shipped(stage), time.monotonic()
         self._out_kind = out.dtype if out.dtype.names else np.dtype(("f8", out.shape))
@@ -122,6 +118,10 @@ def part(record: np.ndarray, signals: tuple[Signal, ...]) -> np.ndarray:
     return np.ndarray(1, record_dtype(signals), record.view(np.uint8), offset)
 
 
+def _shape(value: Any) -> tuple[int, ...]:
+    return value.shape if isinstance(value, np.ndarray) else (len(value),) if isinstance(value, tuple) else ()
+
+
 class StageTable:
     """The stages of a run and their memory.
 
@@ -190,15 +190,11 @@ class StageTable:
         """
         found, faults = {}, []
         for table, entry in self.entries.items():
-            stage = getattr(setup.scenario, table, entry.stage)
-            needs = type(stage).needs
-            anything = needs is None and packs_itself(type(stage))
-            if table in touched or anything or not touched.isdisjoint(needs or ()):
-                constants = {name: value for name, value in stage.constants(setup).items() if name != "period"}
-                found[table] = given = {name: value for name, value in constants.items() if value is not None}
-                kind = entry.settings.dtype
-                room = {name: kind[name].shape for name in kind.names or () if name != "_"}
-                if {name: np.shape(value) for name, value in given.items()} != room:
+            if table in touched or entry.needs is None or not touched.isdisjoint(entry.needs):
+                stage = getattr(setup.scenario, table, entry.stage)
+                constants = stage.constants(setup).items()
+                found[table] = {name: value for name, value in constants if value is not None and name != "period"}
+                if {name: _shape(value) for name, value in found[table].items()} != entry.shapes:
                     faults.append(Fault(table, "reset can't change which settings are given, nor their lengths"))
         if faults:
             raise InputError(faults, "a new Simulation is needed")
