@@ -31,7 +31,7 @@ def main(seconds: float = 20.0, rate: float = 100.0) -> float:
             error[0], rates[0] = 0.0, seen["force_d"][0] - force
         integral += rates / rate
         seen, reward, ended, truncated, _ = env.step((K * error + integral - D * seen["nu"]) / SCALE)
-        rewards.append(reward)
+        rewards.append(float(reward))
         over = ended or truncated
     env.close()
     return float(np.mean(rewards[-int(rate) :]))

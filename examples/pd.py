@@ -1,19 +1,20 @@
-"""PD about the reference, with compensation of gravity and buoyancy, and its closed form in still water.
+"""A control law with a closed form: two springs in a row.
 
-uvms-mj run --controller examples/pd.py:Pd current.speed=0
+uvms-mj run --controller examples/pd.py:Pd --set controller.k_p=300 --set current.speed=0
 """
 
 from dataclasses import dataclass
 
 from uvms_mj import Controller, gain
+from uvms_mj.quantities import Positive
 
 
 @dataclass(frozen=True)
 class Pd(Controller):
     """PD about the reference, with compensation of gravity and buoyancy."""
 
-    k_p: float = gain(200.0, "N/m, N m", "stiffness")
-    k_d: float = gain(150.0, "N s/m, N m s", "damping")
+    k_p: Positive = gain(200.0, "N/m, N m", "stiffness")
+    k_d: Positive = gain(150.0, "N s/m, N m s", "damping")
 
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):
@@ -21,9 +22,12 @@ class Pd(Controller):
             tau_cmd[i] = signals.g_hat[i] - gains.k_p * signals.eta_e[i] - gains.k_d * signals.nu_e[i]
 
     def at_rest(self, setup):
-        """Two springs in a row: k_p (x_d - x) = k_c (x - x_c)."""
+        """The pushing force at rest [N]: k_p (x_d - x) = k_c (x - x_c)."""
         scenario = setup.scenario
         if scenario.current.speed > 0.0:
             return "the current pushes a PD law off the reference"
-        distance = scenario.reference.target[0] - scenario.wall.position
+        p_d = scenario.reference.rests_at()
+        if p_d is None:
+            return "the reference does not come to rest"
+        distance = p_d[0] - scenario.wall.position
         return max(0.0, self.k_p * distance / (1.0 + self.k_p / scenario.wall.stiffness))

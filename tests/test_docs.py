@@ -14,10 +14,12 @@ from uvms_mj.stages import signals
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
 EXTENDING = (ROOT / "docs" / "extending.md").read_text()
+GUIDES = EXTENDING + (ROOT / "README.md").read_text()
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 GROUPS = ("CLOCK", "KNOWN", "TRUE", "REFERENCE", "ERRORS", "ESTIMATES", "IMPEDANCE", "TASK")
 
 
-@pytest.mark.parametrize("arguments", re.findall(r"^uvms-mj run (.*examples/.*)$", EXTENDING, re.MULTILINE))
+@pytest.mark.parametrize("arguments", sorted(set(re.findall(r"^uvms-mj run (.*examples/.*)$", GUIDES, re.MULTILINE))))
 def test_commands_run(arguments, tmp_path):
     short = ["--set", "simulation.duration=0.01", "-q", "--out", str(tmp_path / "out")]
     command = [sys.executable, "-m", "uvms_mj", "run", *shlex.split(arguments), *short]
@@ -26,10 +28,10 @@ def test_commands_run(arguments, tmp_path):
     assert "plain Python" not in done.stderr, "an example must compile"
 
 
-@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.name)
-def test_examples_are_shown_as_they_are(path):
+@pytest.mark.parametrize("name", sorted(set(re.findall(r"\(\.\./examples/(\w+\.py)\)", EXTENDING))))
+def test_examples_are_shown_as_they_are(name):
     """From the imports to the command line: the docstring of the file is text of the guide."""
-    code = path.read_text().split('"""\n\n', 1)[1].partition("\n\nif __name__")[0].strip()
+    code = (EXAMPLES / name).read_text().split('"""\n\n', 1)[1].partition("\n\nif __name__")[0].strip()
     assert code in EXTENDING
 
 
@@ -57,7 +59,7 @@ def test_the_drawing_has_the_rooms_of_the_import_contract():
     assert set(rooms) == package - {"__init__", "__main__", "scenarios", "__pycache__", "py.typed"}
 
 
-@pytest.mark.parametrize("page", sorted((ROOT / "docs").glob("*.md")), ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text()):
         assert (page.parent / target).exists(), target

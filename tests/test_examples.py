@@ -22,12 +22,13 @@ def spring(bias: float = 0.0) -> float:
 
 
 def test_the_law_rests_at_its_own_closed_form():
-    law = f"{EXAMPLES / 'integral_impedance.py'}:IntegralImpedance"
-    trace = simulate(Scenario.load("push_wall", {}, law))
-    assert trace.analytic.force == pytest.approx(spring(), rel=1e-12)
+    """Two springs in a row, in still water. In a current, the law has no closed form and says why."""
+    law = f"{EXAMPLES / 'pd.py'}:Pd"
+    trace = simulate(Scenario.load("push_wall", {"controller.k_p": 300.0, "current.speed": 0.0}, law))
+    assert trace.analytic.force == pytest.approx(300.0 * 0.01 / (1.0 + 300.0 / WALL.stiffness), rel=1e-12)
     assert final_force(trace)[0] == pytest.approx(trace.analytic.force, rel=1e-6)
-    turned = Scenario.load("push_wall", {"reference.attitude_deg": [0.0, 0.0, 10.0], "simulation.duration": 0.01}, law)
-    assert "attitude" in simulate(turned).analytic.reason
+    flowing = simulate(Scenario.load("push_wall", {"simulation.duration": 0.01}, law))
+    assert "current" in flowing.analytic.reason
 
 
 @pytest.mark.parametrize("bias", [0.5, -0.4])

@@ -61,6 +61,7 @@ LIMITED = Mjcf(
 """A different vehicle, with all degrees of freedom coupled and with weak thrusters."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mjcf", [None, LIMITED], ids=["bluerov1", "any vehicle"])
 @pytest.mark.parametrize("overrides", [{}, {"estimates.inertia": 0.9}], ids=["M_hat = M", "M_hat = 0.9 M"])
 def test_eq_11_from_the_water_is_what_eq_10_leaves_unexplained(overrides, mjcf):

@@ -63,6 +63,7 @@ def test_super_twisting_that_would_bounce_on_the_wall_is_warned_of(overrides, bo
         assert force == pytest.approx(trace.analytic.force, rel=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
 @pytest.mark.parametrize(("periods", "yaw_deg"), [(4, 0.0), (7, 0.0), (4, 40.0)])
 def test_the_age_of_the_force_decides_whether_a_held_command_keeps_the_contact_damped(periods, yaw_deg):

@@ -14,6 +14,7 @@ from uvms_mj import Status, Trace
 SHORT = ("--set", "simulation.duration=0.05")
 
 
+@pytest.mark.slow
 def test_a_run_writes_what_it_says_and_says_it_as_json(tmp_path):
     done = run("run", "--controller", "gsta", "--json", "--out", "here", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -73,6 +73,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_a_settled_run_rests_where_the_closed_form_says(case):
     law, overrides = CASES[case]

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 
 from uvms_mj import McapLog, Scenario, Trace, simulate
 from uvms_mj.analysis.metrics import final_force
-from uvms_mj.analysis.sampling import SamplingWarning, check
+from uvms_mj.analysis.sampling import SamplingWarning, warnings_of
 from uvms_mj.analysis.setup import set_up
 from uvms_mj.analysis.summary import summary
 from uvms_mj.cli.certify import certify
@@ -165,7 +165,7 @@ def test_a_wrong_theory_does_not_stop_the_run_and_is_said_once(write, tmp_path):
     ],
 )
 def test_the_notes_of_a_users_law_are_warnings(write, method, notes):
-    assert tuple(check(set_up(Scenario.load("push_wall", SHORT, write(method))))) == notes
+    assert tuple(warnings_of(set_up(Scenario.load("push_wall", SHORT, write(method))))) == notes
 
 
 def test_the_notes_are_given_before_the_run_and_recorded(write):
@@ -201,7 +201,8 @@ def test_a_theory_holds_for_the_law_beside_which_it_is_defined(write, law, metho
     setup = set_up(scenario)
     assert isinstance(theory.steady_state(setup), SteadyState) == closed
     own = "def law" in law or "states" in methods
-    assert bool(theory.law_notes(set_up(scenario.updated(late)))) != own
+    setup = set_up(scenario.updated(late))
+    assert bool(theory.stage_notes(setup.scenario.controller, setup)) != own
     assert (theory.certificate(setup) is None) == own
 
 

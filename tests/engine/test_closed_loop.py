@@ -73,6 +73,7 @@ LAWS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", LAWS)
 def test_the_loop_is_the_twins(case):
     """Position agrees within 1e-4 m at all times, the peak force within 2 %, from free motion to rest at the wall."""

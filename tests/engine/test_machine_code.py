@@ -60,6 +60,7 @@ def test_numba_disable_jit_leaves_the_core_compiled(tmp_path):
 SHORT = {"simulation.duration": 0.2}
 
 
+@pytest.mark.slow
 def test_an_edit_to_any_file_that_a_law_uses_is_seen_at_the_next_run(tmp_path):
     """A constant and a compiled function are edited within a second, in a file that the law's file imports."""
     body = "from helper import FACTOR, double\n" + one_liner(

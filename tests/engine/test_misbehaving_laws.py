@@ -54,6 +54,7 @@ def quiet_run(tmp_path_factory):
     return simulate(scenario(tmp_path_factory.mktemp("quiet"), law(SET)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HERE)
 @pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
 def test_a_law_that_misbehaves_is_named_with_what_it_did(tmp_path, quiet_run, name):
@@ -70,6 +71,7 @@ def test_a_law_that_misbehaves_is_named_with_what_it_did(tmp_path, quiet_run, na
             assert np.array_equal(trace[each], quiet_run[each][: len(trace)]), each
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", APART)
 def test_a_process_ends_with_a_sentence_and_a_status(name):
     assert trouble(ALL[name]) == ""

@@ -48,6 +48,7 @@ def test_a_users_law_is_compiled_and_does_what_ours_does(tmp_path):
     assert theirs.z.shape == ours.z.shape
 
 
+@pytest.mark.slow
 def test_the_readmes_law_reaches_its_own_closed_form(tmp_path):
     """Integral action makes K_d eta_e = tau_c exactly, as GSTA does: F = K_x (x_d - x_c)/(1 + K_x/k_c)."""
     example = re.search(r"```python\n(# my_law\.py\n.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
@@ -140,6 +141,7 @@ RAISES = "tau_cmd[:] = signals.tau_nom[: 5 if signals.t > 0.01 else 6]"
 INSTANT = ("run", "-q", "simulation.duration=0.05")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("body", "status", "said"), [(SPEAKS, 0, "0.0001"), (RAISES, 2, "could not broadcast")])
 def test_a_law_that_prints_or_raises_does_so_from_disk_too(tmp_path, body, status, said):
     """A process that loads the machine code prints and raises like the process that compiled it, although numba keeps
@@ -175,6 +177,7 @@ def test_a_law_derived_from_one_of_ours_is_a_users_law(tmp_path):
     assert Scenario.load(tmp_path / "again.toml").controller.label() == "Mine"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiled", [True, False])
 def test_what_a_law_writes_on_its_signals_is_not_recorded_nor_kept(tmp_path, monkeypatch, compiled):
     """``tau = signals.tau_nom; tau -= ...`` writes on a signal. The run's own s, zeta and estimates do not change."""

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 pytest.importorskip("dm_control", reason="needs the extra dm (Python up to 3.12)")
-from dm_env import test_utils  # noqa: E402
+from dm_env import test_utils
 
-from uvms_mj import envs  # noqa: E402
-from uvms_mj.envs.push import Push  # noqa: E402
+from uvms_mj import envs
+from uvms_mj.envs.push import Push
 
 SHORT = {"simulation.duration": 0.2, "simulation.timestep": 1e-3}
 

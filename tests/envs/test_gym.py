@@ -8,6 +8,8 @@ import pytest
 gymnasium = pytest.importorskip("gymnasium", reason="needs the extra gym")
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
+import uvms_mj.envs  # noqa: E402, F401  # registers the environment
+
 SHORT = {"simulation.duration": 0.2, "simulation.timestep": 1e-3}
 
 

@@ -131,6 +131,7 @@ def test_a_reversal_of_the_slip_gives_the_textbooks_loop():
     assert area == pytest.approx(4.0 * limit * (amplitude - limit / k_t), rel=1e-5)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1))
 def test_the_contact_never_gives_back_more_energy_than_its_spring_holds(seed):
     """Spring, damper and slider are passive under any motion along the face and any normal force."""
@@ -154,6 +155,7 @@ def test_the_contact_never_gives_back_more_energy_than_its_spring_holds(seed):
     assert dissipated > 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mu", [0.05, 0.5])
 @pytest.mark.parametrize("speed", [0.05, 0.4])
 def test_gsta_slides_along_the_wall_without_spikes(mu, speed):

@@ -73,6 +73,7 @@ def test_gazebos_ellipsoids_end_in_its_expected_state(body):
         assert error <= 0.2 * ELLIPSOIDS["tolerance"][name], name
 
 
+@pytest.mark.slow
 def test_accelerations_are_those_of_the_python_vehicle_simulator():
     """300 random vehicles with full M_A and D, full inertia, r_g and r_b, in a state and a current.
 

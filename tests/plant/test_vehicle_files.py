@@ -296,6 +296,7 @@ def plain():
     return simulate(Scenario.load("push_wall", DURATION | {"initial.velocity": [0.1, 0, 0, 0, 0, 0]}))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", LOOKS)
 def test_what_is_for_the_eye_changes_nothing_that_moves(case, plain):
     """The motion is the same bit for bit, in contact with the wall."""

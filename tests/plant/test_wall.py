@@ -84,6 +84,7 @@ def rebound(vehicle: Path, timestep: float, start: float) -> float:
     return float(-trace.nu[-1, 0] / 0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
 def test_a_wall_that_the_step_resolves_badly_is_noted(slippery):
     """The warning is given exactly if the rebound has an error of more than about 1 %."""

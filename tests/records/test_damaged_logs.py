@@ -37,6 +37,7 @@ def tried(path):
         return None, str(error)
 
 
+@pytest.mark.slow
 def test_every_truncation_gives_a_beginning_or_one_clear_error(logged, tmp_path):
     trace, path = logged
     data = path.read_bytes()
@@ -61,6 +62,7 @@ def test_every_truncation_gives_a_beginning_or_one_clear_error(logged, tmp_path)
     assert len(set(lengths)) > 3
 
 
+@pytest.mark.slow
 def test_500_damaged_logs_never_pass_for_what_they_are_not(tmp_path):
     """Bits are flipped and logs truncated anywhere, including metadata and attachments."""
     log = tmp_path / "run.mcap"
@@ -113,6 +115,7 @@ def ends_of_chunks(data: bytes) -> list[int]:
     return ends
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", [512, 4096])
 def test_a_tail_of_zeros_is_what_a_power_cut_left_unwritten(logged, tmp_path, block):
     trace, path = logged
@@ -149,6 +152,7 @@ def test_a_record_that_is_whole_is_kept_though_only_zeros_follow(logged, tmp_pat
         assert len(Trace.load(cut)) == len(expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("content", "message"),
     [

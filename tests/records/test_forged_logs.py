@@ -65,6 +65,7 @@ def test_a_recorded_law_has_gains_with_names_that_python_can_tell_apart():
             recorded_stage(Controller, "a.py:B", table, {})
 
 
+@pytest.mark.slow
 def test_opening_a_forged_log_imports_no_file_that_it_names(logged, tmp_path, monkeypatch):
     (tmp_path / "evil.py").write_text("from pathlib import Path\nPath('ran').touch()\n")
     monkeypatch.chdir(tmp_path)
@@ -154,6 +155,7 @@ def test_a_model_in_a_log_reaches_no_file_of_the_readers(logged, tmp_path):
     assert not (tmp_path / "x").exists()
 
 
+@pytest.mark.slow
 def test_a_model_in_a_log_is_checked_as_any_vehicles_file(logged, tmp_path):
     """The checks are the same as for a file on disk."""
     changes = ((b"<option ", b'<option tolerance="1" '), (b"</mujoco>", b"<equality/></mujoco>"))

@@ -72,6 +72,7 @@ def test_a_file_that_takes_nothing_ends_the_run(tmp_path, monkeypatch):
     assert 0 < len(Trace.load(tmp_path / "run.mcap")) < 1000
 
 
+@pytest.mark.slow
 def test_kill_9_at_twenty_random_moments_loses_no_chunk(tmp_path):
     """The beginning of the run can be read, in order, without duplicates, up to the last complete chunk of the file."""
     whole = simulate(Scenario.load("push_wall", {"simulation.duration": 20.0}))

@@ -160,6 +160,12 @@ def test_a_users_stage_is_loaded_validated_and_written_back(tmp_path, table):
     ("old", "new", "said"),
     [
         ("radius: float", "label: float", "'label' is an attribute of every"),
+        ("radius: float", "T: float", "'T' is an attribute of NumPy's records; give the (setting|gain) another name"),
+        (
+            '    "',
+            '    states = {"std": 1}\n    "',
+            "'std' is an attribute of NumPy's records; give the state another name",
+        ),
         ("@staticmethod", "", "must be a @staticmethod"),
         ("state_dot,", "", r"must take \("),
         ('    "', '    states = {"x": 0}\n    "', "from 1 to 10000.*'x': 0"),
@@ -382,7 +388,7 @@ def task_inputs(rng, setup):
     given.K_d[:], given.K_f[:], given.F_d[:] = impedance.K_d, impedance.K_f, impedance.F_d
     given.R_WB[:] = Rotation.from_quat(quat, scalar_first=True).as_matrix()
     given.quat_d[:] = Rotation.random(random_state=5).as_quat(scalar_first=True)
-    tracking_errors(given)
+    tracking_errors(given, given)
     return given
 
 
@@ -442,7 +448,7 @@ def test_tracking_errors_are_those_of_the_motion(rng):
             p_d_ddot=a_d,
             quat_d=[1.0, 0.0, 0.0, 0.0],
         )
-        tracking_errors(given)
+        tracking_errors(given, given)
         return given
 
     before, here, after = at(-h), at(0.0), at(h)

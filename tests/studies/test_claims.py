@@ -14,6 +14,8 @@ from uvms_mj.studies.paper import report
 from uvms_mj.studies.paper import runs as study
 from uvms_mj.studies.paper.claims import CLAIMS, Claim, Measured, Runs, Verdict, judge, number
 
+pytestmark = pytest.mark.slow  # the runs of the whole study
+
 EXPLAINED = {"gsta-whole-variation", "gsta-half-inertia"}
 
 

@@ -140,6 +140,7 @@ def test_the_first_impact_of_gsta_is_inside_its_error_bars():
     assert 0.0 < each.uncertainty < 0.05 * each.value
 
 
+@pytest.mark.slow
 def test_a_given_control_period_stays_and_its_limit_is_that_of_the_sampled_law(smooth_overrides):
     settings = smooth_overrides(1.0) | {"simulation.timestep": 2e-3}
     law = Impedance(period=0.1)
@@ -155,6 +156,7 @@ def test_a_given_control_period_stays_and_its_limit_is_that_of_the_sampled_law(s
         assert abs(sampled[name].value - continuous[name].value) > both
 
 
+@pytest.mark.slow
 def test_the_runs_end_at_one_instant_also_where_the_duration_is_no_multiple_of_the_step():
     overrides = MASS_ALONE | {"simulation.timestep": 3e-4, "simulation.duration": 0.1}
     found = converge(Scenario.load("push_wall", overrides, "impedance"), ["final.position_m"])

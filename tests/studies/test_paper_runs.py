@@ -34,6 +34,7 @@ def test_a_study_needs_its_logs_whole(tmp_path):
         study.load(tmp_path, ["impedance"])
 
 
+@pytest.mark.slow
 def test_a_log_of_another_run_than_its_name_says_is_refused(tmp_path):
     jobs = study.plan(Scenario.load("push_wall", {"simulation.duration": 0.02, "controller.k_1": 8.0}))
     (tmp_path / "logs").mkdir()

@@ -85,9 +85,9 @@ def signals() -> None:
     from ..stages.signals import MEASURED, RECORDED, thruster_signal
 
     rooms = [choice.base.room for choice in STAGES.values()]
-    inputs = [(f"Inputs of a {room.noun}: {room.arguments[2]}.<name>", room.given(0)) for room in rooms]
+    inputs = [(f"Inputs of the {room.noun}: {room.arguments[2]}.<name>", room.given(0)) for room in rooms]
     outputs = [
-        (f"Outputs of a {room.noun}: {room.arguments[4]}.<name>", room.out) for room in rooms if len(room.out) > 1
+        (f"Outputs of the {room.noun}: {room.arguments[4]}.<name>", room.out) for room in rooms if len(room.out) > 1
     ]
     recorded = (
         "Recorded signals: trace.<name>; the states of the stages are recorded too",

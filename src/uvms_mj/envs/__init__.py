@@ -1,10 +1,14 @@
 """Environments for reinforcement learning and for agents of any kind, on :class:`uvms_mj.Simulation`.
 
-:func:`load` gives a ``dm_control.rl.control.Environment`` (dm_env's interface; extra ``dm``). Gymnasium finds the same
-task as ``uvms_mj/PushWall-v0`` (extra ``gym``). :mod:`.push` describes actions, observations and reward.
+:func:`load` gives a ``dm_control.rl.control.Environment`` (dm_env's interface; extra ``dm``). Importing this module
+registers the same task with Gymnasium as ``uvms_mj/PushWall-v0`` (extra ``gym``). :mod:`.push` describes actions,
+observations and reward.
 """
 
+import contextlib
 from typing import TYPE_CHECKING, Any
+
+from ..errors import needs_extra
 
 if TYPE_CHECKING:
     from dm_control.rl.control import Environment
@@ -20,16 +24,15 @@ def load(name: str = "push_wall", **settings: Any) -> "Environment":
     Raises:
         InputError: an argument is wrong, or the extra ``dm`` is not installed.
     """
-    from .dm import environment
+    with needs_extra("dm"):
+        from .dm import environment
 
     return environment(name, **settings)
 
 
-def register() -> None:
-    """Register the environments with Gymnasium, which calls this at import. It sets the prefix ``uvms_mj/``."""
-    from gymnasium.envs.registration import register as add
+with contextlib.suppress(ModuleNotFoundError):  # without Gymnasium there is nothing to register with
+    from gymnasium.envs.registration import register
 
-    add("PushWall-v0", entry_point="uvms_mj.envs.gym:PushWall")
+    register("uvms_mj/PushWall-v0", entry_point="uvms_mj.envs.gym:PushWall")
 
-
-__all__ = ["load", "register"]
+__all__ = ["load"]

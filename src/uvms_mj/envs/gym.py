@@ -2,11 +2,14 @@
 
 from typing import Any
 
-import gymnasium
 import numpy as np
-from gymnasium.spaces import Box, Dict
 
+from ..errors import needs_extra
 from .push import Diverged, Observation, Push
+
+with needs_extra("gym"):
+    import gymnasium
+    from gymnasium.spaces import Box, Dict
 
 
 class PushWall(gymnasium.Env):

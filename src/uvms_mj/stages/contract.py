@@ -55,6 +55,11 @@ def _wrong(cls: type[Stage]) -> Iterator[str]:
         for f in dataclasses.fields(cls)
         if f.name in room.reserved
     )
+    yield from (
+        f"{f.name!r} is an attribute of NumPy's records; give the {room.setting} another name"
+        for f in dataclasses.fields(cls)
+        if hasattr(np.record, f.name)
+    )
     own = [base for base in cls.__mro__ if not base.__module__.startswith("uvms_mj.") and base is not object]
     ours = {name for each in {Stage, base} for name in vars(each) if name[0] != "_"}
     ours -= {*_OVERRIDDEN, room.method, *room.theory, *shared}
@@ -94,6 +99,8 @@ def _wrong_states(states: Any) -> Iterator[str]:
     for (name, size), fits in zip(states.items(), good, strict=True):
         if not fits:
             yield f"{wanted}; {_shown(name)}: {_shown(size)} is not"
+        elif hasattr(np.record, name):
+            yield f"{name!r} is an attribute of NumPy's records; give the state another name"
     total = sum(size for size in states.values() if size != THRUSTERS) if all(good) else 0
     if total > _MOST_STATES:
         yield f"states has {total} numbers in all; at most {_MOST_STATES} are allowed"
