@@ -30,12 +30,8 @@ def changed(base: Setup, current: Setup, overrides: Mapping[str, Any]) -> tuple[
     scenario = _updated(base.scenario, overrides)
     _refuse_other_code(base.scenario, scenario)
     before, now = current.scenario, base.scenario
-    touched = {
-        name
-        for name in _TABLES
-        for new in [getattr(scenario, name)]
-        if new is not getattr(now, name) or new is not getattr(before, name)
-    }
+    tables, old, oldest = scenario.__dict__, before.__dict__, now.__dict__
+    touched = {name for name in _TABLES if tables[name] is not old[name] or tables[name] is not oldest[name]}
     design = base.design
     if _design_inputs(scenario) != _design_inputs(base.scenario):
         with no_overflow(scenario):
