@@ -18,6 +18,7 @@ from . import actuation, control, guidance, navigation
 from .actuation import Actuation, PseudoInverse
 from .control import Controller, Gsta, ImpedanceTask
 from .control.design import Estimates, Impedance
+from .control.earlier_keys import TASK_KEYS, move_task_keys, task_settings
 from .errors import Fault, InputError, faults_of, suggestion
 from .files import names, parsed_toml, resource, shortened, text_of
 from .guidance import FilteredSteps, Guidance
@@ -143,8 +144,8 @@ class Scenario:
                 tables[name] = {}
             if source is not None:
                 tables[name]["name"] = source
-        old = _move_task_keys(tables["controller"], tables["task"], faults)
-        settings, replaced = _task_settings(overrides or {}, faults)
+        old = move_task_keys(tables["controller"], tables["task"], faults)
+        settings, replaced = task_settings(overrides or {}, faults)
         for key, value in settings.items():
             faults += _override(tables, key, value)
         old = {key for key in old if f"task.{key}" not in settings} | replaced
@@ -241,34 +242,7 @@ def _is_of(table: Mapping[str, Any], choice: Choice, source: Any) -> bool:
         settings = {field.name for field in choice.stage_class(source).setting_fields()}
     except InputError:  # reported when the stage is loaded
         return True
-    return set(table) <= {*settings, *_TASK}
-
-
-_TASK = tuple(f.name for f in dataclasses.fields(ImpedanceTask) if f.name != "period")
-
-
-def _move_task_keys(law: dict[str, Any], task: dict[str, Any], faults: list[Fault]) -> set[str]:
-    """Move the gains of the task that have their earlier place in [controller] to [task]. Returns their names."""
-    moved = {key for key in _TASK if key in law}
-    for key in moved:
-        value = law.pop(key)
-        if task.setdefault(key, value) != value:
-            other = (
-                f"is {task[key]!r}, but controller.{key}, the earlier name of this key, is {value!r}; give one of them"
-            )
-            faults.append(Fault(f"task.{key}", other))
-    return moved
-
-
-def _task_settings(overrides: Mapping[str, Any], faults: list[Fault]) -> tuple[dict[str, Any], set[str]]:
-    """The overrides, with the task's keys in place of their earlier names, and the keys that were replaced."""
-    law, task = (
-        {word: value for key, value in overrides.items() for head, _, word in [key.partition(".")] if head == table}
-        for table in ("controller", "task")
-    )
-    replaced = _move_task_keys(law, task, faults)
-    settings = {key: value for key, value in overrides.items() if key.removeprefix("controller.") not in replaced}
-    return settings | {f"task.{key}": task[key] for key in replaced}, replaced
+    return set(table) <= {*settings, *TASK_KEYS}
 
 
 def _absolute(source: Any) -> Any:

@@ -201,7 +201,8 @@ def test_a_theory_holds_for_the_law_beside_which_it_is_defined(write, law, metho
     setup = set_up(scenario)
     assert isinstance(theory.steady_state(setup), SteadyState) == closed
     own = "def law" in law or "states" in methods
-    assert bool(theory.law_notes(set_up(scenario.updated(late)))) != own
+    setup = set_up(scenario.updated(late))
+    assert bool(theory.stage_notes(setup.scenario.controller, setup)) != own
     assert (theory.certificate(setup) is None) == own
 
 

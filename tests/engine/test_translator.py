@@ -5,14 +5,13 @@ import re
 
 import numpy as np
 import pytest
-from uvms_mj.engine.native.laws import TAU_CMD
 
 from uvms_mj.control import BUILT_IN
 from uvms_mj.engine.native.compilation import native_function
 from uvms_mj.engine.native.expressions import Untranslatable
 from uvms_mj.engine.native.intrinsics import translate
-from uvms_mj.engine.native.layouts import SIGNALS, SIGNALS_AND_TRUTH
 from uvms_mj.scenario import Scenario
+from uvms_mj.stages.signals import record_dtype
 
 PART = np.dtype([("flag", "?"), ("n", "i8"), ("x", "f8"), ("v", "f8", (4,))], align=True)
 DATA = np.dtype([("i", "i8", (4,)), ("a", "f8", (5,)), ("A", "f8", (2, 3)), ("parts", PART, (2,))], align=True)
@@ -100,8 +99,8 @@ def test_machine_code_is_plain_python_bit_for_bit(kernel):
 def test_each_shipped_law_gives_the_same_as_machine_code_and_as_plain_python(name):
     law, gains = BUILT_IN[name], Scenario.load("push_wall", {}, name).controller.record()
     state = law.state_record()
-    kind = SIGNALS_AND_TRUTH if law.uses_truth else SIGNALS
-    native = native_function(law.law, [gains.dtype, state.dtype, kind, state.dtype, TAU_CMD])
+    kind = record_dtype(law.given())
+    native = native_function(law.law, [gains.dtype, state.dtype, kind, state.dtype, np.dtype(("f8", (6,)))])
     random = np.random.default_rng(2)
     for _ in range(50):
         signals = random.normal(size=kind.itemsize // 8).view(kind)

@@ -388,7 +388,7 @@ def task_inputs(rng, setup):
     given.K_d[:], given.K_f[:], given.F_d[:] = impedance.K_d, impedance.K_f, impedance.F_d
     given.R_WB[:] = Rotation.from_quat(quat, scalar_first=True).as_matrix()
     given.quat_d[:] = Rotation.random(random_state=5).as_quat(scalar_first=True)
-    tracking_errors(given)
+    tracking_errors(given, given)
     return given
 
 
@@ -448,7 +448,7 @@ def test_tracking_errors_are_those_of_the_motion(rng):
             p_d_ddot=a_d,
             quat_d=[1.0, 0.0, 0.0, 0.0],
         )
-        tracking_errors(given)
+        tracking_errors(given, given)
         return given
 
     before, here, after = at(-h), at(0.0), at(h)

@@ -351,7 +351,8 @@ def test_a_panel_shows_what_follows_a_transient_and_its_inset_the_transient(draw
     assert high - low < 2.0 * np.ptp(late) + 1e-9
     assert inset.get_ylim()[1] > trace.s[:, :3].max() > 100.0 * high
     own = dataclasses.replace(traces["gsta"].header.law, source="my.py:Mine")
-    mine = dataclasses.replace(trace, header=dataclasses.replace(trace.header, law=own))
+    sources = {**trace.header.sources, "controller": own}
+    mine = dataclasses.replace(trace, header=dataclasses.replace(trace.header, sources=sources))
     (first, _) = figures.plot({"mine": mine}, "sliding").axes
     assert first.child_axes[0].get_xlim() == inset.get_xlim()
 

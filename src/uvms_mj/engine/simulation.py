@@ -2,7 +2,7 @@
 
 import time
 import weakref
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import mujoco
@@ -11,7 +11,7 @@ import numpy as np
 from ..analysis.ranges import no_overflow
 from ..analysis.sampling import refuse, warnings_of
 from ..analysis.setup import set_up
-from ..errors import Fault, InputError, suggestion
+from ..errors import Fault, InputError
 from ..plant.mjcf import Mjcf
 from ..scenario import Scenario
 from ..stages.base import is_shipped
@@ -19,6 +19,7 @@ from ..stages.contract import check_contract
 from ..stages.recorded import Recorded
 from ..stages.signals import Signal
 from .changes import changed
+from .live import Signals
 from .native.attachment import immerse
 from .native.callback import entry_points
 from .native.run_memory import RunMemory
@@ -30,41 +31,6 @@ CHUNK_S = 0.25
 """Wall time after which a chunk ends early, for slow stages [s]."""
 SLICE_STEPS = 50
 """As CHUNK_STEPS, for a user's stage: it may become slow at any step."""
-
-
-class Signals:
-    """The signals of a Simulation as read-only views by name: ``signals.nu``, ``signals["nu"]``.
-
-    The views are live. Between steps the state, the measurements, the reference, the errors and the task are those of
-    the instant in hand; tau_cmd, u, tau, nu_dot, f_contact_W and the running signals are those of the step before it.
-    """
-
-    def __init__(self, memories: Mapping[str, np.ndarray]) -> None:
-        self.__dict__["_views"] = memories
-
-    def __getitem__(self, name: str) -> np.ndarray:
-        try:
-            return self._views[name]
-        except KeyError:
-            raise KeyError(f"no signal {name!r}; {suggestion(name, self._views)}") from None
-
-    def __getattr__(self, name: str) -> np.ndarray:
-        views = self.__dict__.get("_views", {})
-        if name not in views:
-            raise AttributeError(f"no signal {name!r}; {suggestion(name, views)}")
-        return views[name]
-
-    def __setattr__(self, name: str, value: object) -> None:
-        raise AttributeError(f"signals.{name} can't be assigned: signals are read-only")
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._views)
-
-    def __len__(self) -> int:
-        return len(self._views)
-
-    def __dir__(self) -> list[str]:
-        return [*super().__dir__(), *self._views]
 
 
 class Simulation:
@@ -121,7 +87,11 @@ class Simulation:
             frequency_hz=disturbance.frequency_hz,
         )
         self._finalizer = weakref.finalize(self, self._attachment.release)
-        self._memory = RunMemory(self.setup, self.data, self._attachment)
+        try:
+            self._memory = RunMemory(self.setup, self.data, self._attachment)
+        except BaseException:
+            self.close()
+            raise
         self._stages = self._memory.stages
         self._plain = [entry for entry in self._stages.running if entry.code is None]
         self._guarded = [entry for entry in self._stages.running if entry.guarded]
@@ -239,7 +209,7 @@ class Simulation:
         h = self.scenario.simulation.timestep
         if abs(self.data.time - self.t) > 0.5 * h and not loop["stop"][0]:
             raise RuntimeError("somebody else has stepped sim.data: reset the Simulation, and step it with step only")
-        done, start = 0, time.perf_counter()
+        self._ready, done, start = False, 0, time.perf_counter()
         now = start
         while done < n and now - start < seconds and not loop["stop"][0]:
             size, begun = min(self._slice, n - done), now

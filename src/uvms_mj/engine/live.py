@@ -1,0 +1,42 @@
+"""The signals of a Simulation between its steps."""
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from ..errors import suggestion
+
+
+class Signals:
+    """The signals of a Simulation as read-only views by name: ``signals.nu``, ``signals["nu"]``.
+
+    The views are live. Between steps the state, the measurements, the reference, the errors and the task are those of
+    the instant in hand; tau_cmd, u, tau, nu_dot, f_contact_W and the running signals are those of the step before it.
+    """
+
+    def __init__(self, memories: Mapping[str, np.ndarray]) -> None:
+        self.__dict__["_views"] = memories
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        try:
+            return self._views[name]
+        except KeyError:
+            raise KeyError(f"no signal {name!r}; {suggestion(name, self._views)}") from None
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        views = self.__dict__.get("_views", {})
+        if name not in views:
+            raise AttributeError(f"no signal {name!r}; {suggestion(name, views)}")
+        return views[name]
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise AttributeError(f"signals.{name} can't be assigned: signals are read-only")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._views)
+
+    def __len__(self) -> int:
+        return len(self._views)
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self._views]

@@ -1,0 +1,36 @@
+"""Headers of logs of an earlier format."""
+
+import json
+import tomllib
+
+import pytest
+import tomli_w
+
+from recorded import LAW
+from uvms_mj import InputError, Scenario, simulate
+from uvms_mj.records.mcap.attachments import header_files, header_of
+
+
+def test_a_header_of_format_1_is_read(tmp_path):
+    """The earlier format has one law's source, and the task's gains among the law's."""
+    path = tmp_path / "my_law.py"
+    path.write_text(LAW)
+    settings = {"simulation.duration": 0.01, "task.F_1": 2.0, "task.integral": True}
+    trace = simulate(Scenario.load("push_wall", settings, f"{path}:Mine"))
+    files = header_files(trace.header)
+    run, tables = json.loads(files["run.json"]), tomllib.loads(files["scenario.toml"].decode())
+    run |= {"format": 1, "law": run.pop("stages")["controller"]}
+    tables["controller"] |= tables.pop("task")
+    for table in ("navigation", "actuation"):
+        del tables[table]
+    del tables["reference"]["name"], tables["simulation"]["seed"]
+    files |= {"run.json": json.dumps(run).encode(), "scenario.toml": tomli_w.dumps(tables).encode()}
+    read, now = header_of(files), header_of(header_files(trace.header))
+    assert read.scenario.to_dict() == now.scenario.to_dict()
+    assert read.scenario.task == trace.scenario.task
+    assert read.sources == now.sources
+    assert read.law.code == LAW
+    with pytest.raises(InputError, match=r"log format 3, which .* or later reads; this version reads formats 1 to 2"):
+        header_of(files | {"run.json": json.dumps(run | {"format": 3}).encode()})
+    with pytest.raises(InputError, match=r"run\.json: stages\.controller: 1 is not a table"):
+        header_of(files | {"run.json": json.dumps(run | {"law": 1}).encode()})
