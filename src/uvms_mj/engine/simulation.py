@@ -8,15 +8,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ..analysis.ranges import no_overflow
-from ..analysis.sampling import refuse, warnings_of
-from ..analysis.setup import set_up
+from ..analysis.sampling import checked, warnings_of
 from ..errors import Fault, InputError
 from ..plant.mjcf import Mjcf
 from ..scenario import Scenario
-from ..stages.base import is_shipped
-from ..stages.contract import check_contract
-from ..stages.recorded import Recorded
+from ..stages.contract import check_stage
 from ..stages.signals import Signal
 from .changes import changed
 from .live import Signals
@@ -63,16 +59,8 @@ class Simulation:
         if not isinstance(scenario, Scenario):
             raise InputError(f"scenario: expected a Scenario, got {scenario!r}; use Scenario.load(name or path)")
         for stage in scenario.stages:
-            if isinstance(stage, Recorded):
-                raise InputError(
-                    f"the {stage.room.noun} {stage.source()} is in the log as text, which is never run: pass the "
-                    f"{'controller' if stage.room.noun == 'law' else 'stage'} from the {stage.room.noun}'s file"
-                )
-            if not is_shipped(stage):
-                check_contract(type(stage))
-        with no_overflow(scenario):
-            self.setup = set_up(scenario, mjcf)
-            refuse(self.setup)
+            check_stage(stage)
+        self.setup = checked(scenario, mjcf)
         self._base = self.setup
         self.model, plant = self.setup.plant.model, self.setup.plant
         self.data = plant.initial_data(scenario.initial)
