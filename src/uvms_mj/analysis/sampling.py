@@ -53,14 +53,19 @@ def refuse(setup: Setup, touched: Container[str] = _CHECKED) -> None:
 
 
 def warnings_of(setup: Setup) -> list[str]:
-    """Warnings for a scenario that runs badly."""
+    """Warnings for a scenario that runs badly.
+
+    Raises:
+        InputError: numbers are so extreme that an equation overflows.
+    """
     scenario, vehicle = setup.scenario, setup.vehicle
-    notes = [
-        *wall_notes(setup),
-        *stage_notes(scenario.reference, setup),
-        *_sampling_notes(setup),
-        *stage_notes(scenario.controller, setup),
-    ]
+    with no_overflow(scenario):
+        notes = [
+            *wall_notes(setup),
+            *stage_notes(scenario.reference, setup),
+            *_sampling_notes(setup),
+            *stage_notes(scenario.controller, setup),
+        ]
     rank = np.linalg.matrix_rank(vehicle.B)
     if rank < 6:
         notes.append(
