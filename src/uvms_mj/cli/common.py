@@ -32,12 +32,7 @@ command = functools.partial(click.command, cls=_Command)
 
 scenario_argument = click.argument("arguments", nargs=-1, metavar="[SCENARIO] [KEY=VALUE]...")
 set_option = click.option(
-    "-s",
-    "--set",
-    "settings",
-    multiple=True,
-    metavar="KEY=VALUE",
-    help="Set a key of the scenario; may be repeated.",
+    "-s", "--set", "settings", multiple=True, metavar="KEY=VALUE", help="Set a key of the scenario; may be repeated."
 )
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON object on standard output and nothing else."

@@ -10,14 +10,7 @@ from .logs import labels, say_if_truncated
 
 @command()
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...")
-@path_option(
-    "-o",
-    "--out",
-    default="compare.html",
-    show_default=True,
-    metavar="FILE.html",
-    help="File for the page.",
-)
+@path_option("-o", "--out", default="compare.html", show_default=True, metavar="FILE.html", help="File for the page.")
 @force_option
 def compare(logs: tuple[str, ...], out: str, force: bool) -> None:
     """Write one HTML page about one or several logs: numbers, figures, differences, versions.

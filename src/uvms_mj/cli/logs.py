@@ -7,16 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .common import (
-    bad_input,
-    command,
-    end,
-    force_option,
-    json_option,
-    path_argument,
-    path_option,
-    refuse_existing,
-)
+from .common import bad_input, command, end, force_option, json_option, path_argument, path_option, refuse_existing
 from .console import Console, log_tables, printable
 from .stop import exit_interrupted
 

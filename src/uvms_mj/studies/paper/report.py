@@ -172,12 +172,7 @@ MEASURES: tuple[tuple[str, str, Callable[[Trace], Any]], ...] = (
 """Compared quantities: name, unit and measure. Sums and norms are taken over the three force components."""
 
 
-def page(
-    title: str,
-    traces: Mapping[str, Trace],
-    pictures: Sequence[Picture],
-    rows: Sequence[Row] = (),
-) -> str:
+def page(title: str, traces: Mapping[str, Trace], pictures: Sequence[Picture], rows: Sequence[Row] = ()) -> str:
     """The report as HTML.
 
     Args:

@@ -16,17 +16,7 @@ from ...views import colours
 from .contact import forces
 from .insets import Inset
 from .lines import line
-from .panels import (
-    ANGULAR,
-    LINEAR,
-    MOST_LINES,
-    REFERENCE,
-    Panel,
-    near_wall,
-    states_of,
-    unit_of,
-    wall,
-)
+from .panels import ANGULAR, LINEAR, MOST_LINES, REFERENCE, Panel, near_wall, states_of, unit_of, wall
 from .scales import fills, largest, linear_within
 from .style import stripe
 
