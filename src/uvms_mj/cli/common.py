@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 import click
 
-from .console import printable
+from .console import bar, printable
 from .stop import Stop
 
 EXIT_BAD_INPUT, EXIT_UNSTABLE = 2, 3
@@ -122,16 +122,13 @@ def progress_bar(what: str, hidden: bool, stop: Stop) -> Iterator[Callable[[int,
     if hidden or not sys.stderr.isatty():
         yield lambda done, total: stop.check()
         return
-    import rich.console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import TaskProgressColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=rich.console.Console(stderr=True), transient=True) as progress:
-        task = progress.add_task(what, total=None)
+    with bar(what, TaskProgressColumn()) as update:
 
         def advance(done: int, total: int) -> None:
             stop.check()
-            progress.update(task, completed=done, total=total)
+            update(completed=done, total=total)
 
         yield advance
 
