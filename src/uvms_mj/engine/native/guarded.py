@@ -91,6 +91,9 @@ class _Guards(FunctionPass):
 
     _name = "uvms_mj_guards"
 
+    def __init__(self) -> None:  # abstract in numba
+        super().__init__()
+
     def run_pass(self, state: Any) -> bool:
         code = state.func_ir
         for block in code.blocks.values():
@@ -139,6 +142,9 @@ class _NoRecursion(FunctionPass):
     """Refuses recursion: it could overflow the stack and kill the process. As plain Python it raises."""
 
     _name = "uvms_mj_no_recursion"
+
+    def __init__(self) -> None:  # abstract in numba
+        super().__init__()
 
     def run_pass(self, state: Any) -> bool:
         if any(isinstance(kind, types.RecursiveCall) for kind in state.typemap.values()):
