@@ -60,12 +60,7 @@ _LAWS = "gsta, sta, fosm, impedance, ideal, or path/to/my_law.py:MyLaw."
 
 
 def run_options(from_help: str, laws: str = _LAWS) -> Callable[[Any], Any]:
-    """The options of all commands that run one scenario.
-
-    Args:
-        from_help: effect of ``--from LOG``.
-        laws: choices of ``--controller``.
-    """
+    """The options of all commands that run one scenario: effect of ``--from LOG``, choices of ``--controller``."""
     law_option = click.option("-c", "--controller", metavar="LAW", help=laws)
     from_option = path_option("--from", "log", metavar="LOG", help=from_help)
     return lambda function: scenario_argument(law_option(set_option(from_option(function))))

@@ -55,9 +55,7 @@ def _references(element: Element) -> list[tuple[str, str]]:
 
 def flattened(main: Path) -> dict[str, bytes]:
     """A model and every file that it refers to, by names without folders, so that a log contains no path of the user.
-
-    Args:
-        main: the model's file. It is the first of the result and keeps its name.
+    The main file is the first and keeps its name.
 
     Raises:
         InputError: a file is missing, or must be XML and is not.

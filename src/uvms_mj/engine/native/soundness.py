@@ -11,11 +11,7 @@ _INTEGRATORS = {getattr(mujoco.mjtIntegrator, f"mjINT_{name}") for name in ("EUL
 
 
 def refuse_unsound(model: mujoco.MjModel, body_id: int) -> None:
-    """Refuse settings that would use a stale or doubled inertia, or skip the hydrodynamics.
-
-    Args:
-        model: a compiled model.
-        body_id: the vehicle's body, on a free joint.
+    """Refuse settings that would use a stale or doubled inertia, or skip the hydrodynamics of a body on a free joint.
 
     Raises:
         InputError: with every setting that is not sound.

@@ -27,11 +27,7 @@ _BELOW = 1.9
 
 
 class Overlay:
-    """Panels of several runs.
-
-    Args:
-        traces: traces by the names shown in the legend.
-    """
+    """Panels of several runs, whose traces are given by the names shown in the legend."""
 
     def __init__(self, traces: Mapping[str, Trace]) -> None:
         self.traces = dict(traces)
