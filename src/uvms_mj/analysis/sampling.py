@@ -34,11 +34,7 @@ def checked(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
 
 
 def refuse(setup: Setup, touched: Container[str] = _CHECKED) -> None:
-    """Raise for a scenario that cannot run.
-
-    Args:
-        setup: the scenario, its plant and its design.
-        touched: what has changed since the last check: tables of the scenario, or "design".
+    """Raise for a scenario that cannot run. Only checks of the tables in ``touched``, or of the "design", are made.
 
     Raises:
         InputError: for example, the wall is too stiff for the time step, or a period is not a multiple of it.

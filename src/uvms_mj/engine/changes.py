@@ -16,13 +16,8 @@ _TABLES = [field.name for field in dataclasses.fields(Scenario)]
 
 
 def changed(base: Setup, current: Setup, overrides: Mapping[str, Any]) -> tuple[Setup, frozenset[str]]:
-    """A setup with overrides, and what differs from ``current`` or ``base``: tables of the scenario, and ``design`` if
-    the design matrices differ.
-
-    Args:
-        base: the setup to which the overrides apply.
-        current: the setup of the run before the reset.
-        overrides: dotted keys with values.
+    """``base`` with overrides by dotted keys, and what differs from it or from ``current``, the setup of the run before
+    the reset: tables of the scenario, and ``design`` if the design matrices differ.
 
     Raises:
         InputError: a key or value is invalid, or needs another plant or other machine code.

@@ -23,21 +23,21 @@ from .native.plain_stage import StageFault
 from .simulation import CHUNK_S, CHUNK_STEPS, Simulation
 
 
-class LawError(RuntimeError):
+class _Stopped(RuntimeError):
+    """An exception that stopped a run after its first step. ``trace`` has the samples kept in memory."""
+
+    def __init__(self, message: str, trace: Trace) -> None:
+        super().__init__(message)
+        self.trace = trace
+
+
+class LawError(_Stopped):
     """A law raised, wrote outside its arrays, changed a gain or gave a number that is not finite. The message names the
     law and, where it is known, the line; ``trace`` has the samples up to then."""
 
-    def __init__(self, message: str, trace: Trace) -> None:
-        super().__init__(message)
-        self.trace = trace
 
-
-class SinkError(RuntimeError):
+class SinkError(_Stopped):
     """A sink raised and stopped the run. ``trace`` has the samples kept in memory, ``__cause__`` the exception."""
-
-    def __init__(self, message: str, trace: Trace) -> None:
-        super().__init__(message)
-        self.trace = trace
 
 
 class PlainPythonWarning(UserWarning):

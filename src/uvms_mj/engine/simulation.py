@@ -18,7 +18,7 @@ from .changes import changed
 from .live import Signals
 from .native.attachment import immerse
 from .native.callback import entry_points
-from .native.run_memory import RunMemory
+from .native.run_memory import RunMemory, motion_of_water
 from .native.verdict import Diverged, verdict
 
 CHUNK_STEPS = 1000
@@ -64,16 +64,7 @@ class Simulation:
         self._base = self.setup
         self.model, plant = self.setup.plant.model, self.setup.plant
         self.data = plant.initial_data(scenario.initial)
-        disturbance = scenario.disturbance
-        self._attachment = immerse(
-            self.model,
-            self.data,
-            plant.vehicle,
-            current_W=scenario.current.velocity_W,
-            bias=disturbance.bias,
-            amplitude=disturbance.amplitude,
-            frequency_hz=disturbance.frequency_hz,
-        )
+        self._attachment = immerse(self.model, self.data, plant.vehicle, motion_of_water(scenario))
         self._finalizer = weakref.finalize(self, self._attachment.release)
         try:
             self._memory = RunMemory(self.setup, self.data, self._attachment)

@@ -39,11 +39,7 @@ def check_stage(stage: Stage) -> None:
 
 
 def check_contract(cls: type[Stage], file: str = "") -> None:
-    """Check that a class satisfies the contract of a stage of its room.
-
-    Args:
-        cls: the class.
-        file: its file, for the message.
+    """Check that a class satisfies the contract of a stage of its room. The message names the file.
 
     Raises:
         InputError: the class violates the contract; lists every error.
