@@ -81,8 +81,10 @@ def faults_of(
     """
     faults: dict[str, Fault] = {}
     for item in error.errors(include_url=False):
-        key = prefix
-        for part in item["loc"]:
+        key, loc = prefix, item["loc"]
+        if item["type"] == "missing" and isinstance(loc[-1], int):  # a number of a list is missing, not a key
+            loc = loc[:-1]
+        for part in loc:
             if isinstance(part, int):
                 key += f"[{part}]"
             elif not (
@@ -94,7 +96,8 @@ def faults_of(
             message = f"no such key; {suggestion(word, (choices or {}).get(table.partition('[')[0], ()))}"
         else:
             message = f"{_shown(item['input'])} {_sentence(item)}"
-        faults.setdefault(key, Fault(key, message))
+        if item["type"] == "missing" or key not in faults:  # the last missing number gives a list's length
+            faults[key] = Fault(key, message)
     return list(faults.values())
 
 
@@ -106,6 +109,10 @@ def _shown(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
+def _of_length(values: Sequence[Any], n: int) -> str:
+    return f"has {len(values)} values; {n} are needed"
+
+
 def _sentence(item: Any) -> str:
     """The requirement that was violated, by pydantic's error type."""
     kind, context = item["type"], item.get("ctx", {})
@@ -115,8 +122,14 @@ def _sentence(item: Any) -> str:
         return "is not a list of numbers"
     if kind == "dataclass_type":
         return "is not a table"
+    if kind == "missing" and isinstance(item["loc"][-1], int):
+        return _of_length(item["input"], item["loc"][-1] + 1)
+    if kind == "too_long" and isinstance(item["input"], list | tuple):
+        return _of_length(item["input"], context["max_length"])
     if kind == "missing":
         return "lacks this key"
+    if kind == "greater_than_equal" and 0.0 < context["ge"] <= 1e-9:
+        return "must be positive"
     if kind == "greater_than":
         return f"must be greater than {context['gt']:g}"
     if kind == "greater_than_equal":

@@ -3,6 +3,7 @@
 Units are SI; angles are in degrees where a key ends in ``_deg``. The defaults are the paper's scenario (sec. 5).
 """
 
+import contextlib
 import dataclasses
 import difflib
 import os
@@ -253,10 +254,14 @@ def _override(tables: dict[str, Any], key: str, value: Any) -> list[Fault]:
         if table in ("name", "description"):
             tables[table] = value
             return []
+        if isinstance(value, Stage):
+            return [
+                Fault(key, f"is a stage; give it to simulate(scenario, controller=...) or replace(scenario, {key}=...)")
+            ]
         if table in _TABLES:
             known = ["name", *_KEYS[table]] if table in STAGES else _KEYS[table]
             return [Fault(key, f"is a table; its keys are {', '.join(f'{table}.{k}' for k in known)}")]
-        meant = [f"{t}.{table}" for t, keys in _KEYS.items() if t and table in keys]
+        meant = [f"{t}.{table}" for t, keys in (_KEYS | _settings_of(tables)).items() if t and table in keys]
         law_key = [f"controller.{table}"] if not meant and table not in _KEYS else []
         close = difflib.get_close_matches(table, [f"{t}.{k}" for t, keys in _KEYS.items() if t for k in keys], 1)
         hint = " or ".join(repr(m) for m in meant or close or law_key)
@@ -267,6 +272,16 @@ def _override(tables: dict[str, Any], key: str, value: Any) -> list[Fault]:
         return []  # the validator reports it
     tables.setdefault(table, {})[word] = value
     return []
+
+
+def _settings_of(tables: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Names of the settings of the stages that the tables name."""
+    found = {}
+    for name, choice in STAGES.items():
+        with contextlib.suppress(InputError):  # reported when the stage is loaded
+            source = tables.get(name, {}).get("name", choice.default.name)
+            found[name] = [field.name for field in choice.stage_class(source).setting_fields()]
+    return found
 
 
 def _plain(value: Any) -> Any:

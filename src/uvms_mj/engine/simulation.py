@@ -139,7 +139,7 @@ class Simulation:
         given = dict(overrides or {})
         if seed is not None:
             given["simulation.seed"] = seed
-        setup, touched = changed(self._base, self.setup, given)
+        setup, touched = changed(self._base, self.setup, given, "reset")
         self._memory.restart(setup, touched)
         self.setup = setup
         self._prepare()
@@ -153,7 +153,7 @@ class Simulation:
         Raises:
             InputError: a key or value is invalid, or can't change during a run. Nothing is changed then.
         """
-        setup, touched = changed(self.setup, self.setup, overrides)
+        setup, touched = changed(self.setup, self.setup, overrides, "set")
         fixed = sorted(touched & {"initial", "simulation"})
         if fixed:
             raise InputError([Fault(name, "can't change during a run; give it to reset") for name in fixed], "set")
