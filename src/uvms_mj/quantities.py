@@ -4,6 +4,7 @@ The ranges are far wider than any vehicle needs. Within them, no product in the 
 """
 
 import dataclasses
+from collections.abc import Iterator
 from typing import Annotated, Any
 
 from annotated_types import Ge, Le
@@ -92,6 +93,18 @@ STRICT = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
 """Configuration of all validated dataclasses, tables of a scenario or files of a log: an unknown key is an error. Only
 controllers are validated in another way, because a user writes them as dataclasses of the standard library."""
 Lowercase = BeforeValidator(lambda value: value.lower() if isinstance(value, str) else value)
+
+
+def leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+    """Every leaf of nested tables and lists by its place, e.g. ``contact.peak_N`` or ``final.s[0]``."""
+    if isinstance(value, dict):
+        for name, each in value.items():
+            yield from leaves(each, f"{key}.{name}" if key else name)
+    elif isinstance(value, list | tuple):
+        for i, each in enumerate(value):
+            yield from leaves(each, f"{key}[{i}]")
+    else:
+        yield key, value
 
 
 def doc(meaning: str, default: Any) -> Any:

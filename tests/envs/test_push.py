@@ -49,7 +49,10 @@ def test_an_action_is_the_wrench_of_a_law_and_the_reward_is_its_formula(tmp_path
     assert len(rewards) == (len(trace) - 1) // every
     for name in OBSERVED:
         assert np.array_equal([each[name] for each in seen], trace[name][::every]), name
-    T, force_d = push.control_s, demanded_force(push.scenario, push.scenario.wall.stiffness)
+    T, force_d = (
+        push.steps_each * push.scenario.simulation.timestep,
+        demanded_force(push.scenario, push.scenario.wall.stiffness),
+    )
     # between steps the impulse is that of the steps that are done; a row has the force of its own instant in addition
     mean_force = np.diff(trace.impulse[every - 1 :: every], prepend=0.0) / T
     effort = np.diff(trace.effort[::every], axis=0) / (T * np.array([40.0, 40, 40, 10, 10, 10]) ** 2)

@@ -33,11 +33,7 @@ class _TheoryError(Exception):
 
 
 def steady_state(setup: Any) -> SteadyState | NoClosedForm:
-    """The steady state that a run's law predicts, or the reason why it has no closed form.
-
-    Args:
-        setup: the run's :class:`uvms_mj.analysis.setup.Setup`.
-    """
+    """The steady state that a run's law predicts, or the reason why it has no closed form."""
     controller = setup.scenario.controller
     try:
         with np.errstate(over="raise", invalid="raise", divide="raise"):

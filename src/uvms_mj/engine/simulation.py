@@ -21,7 +21,7 @@ from ..stages.signals import Signal
 from .changes import changed
 from .live import Signals
 from .native.attachment import immerse
-from .native.callback import entry_points
+from .native.callback import entry_point
 from .native.run_memory import RunMemory, motion_of_water
 from .native.verdict import Diverged, verdict
 
@@ -243,7 +243,7 @@ class Simulation:
         context, loop = self._memory.context.ctypes.data, self._memory.loop
         mujoco.mj_kinematics(self.model, self.data)  # the wall's sensors get the values of the coming step
         mujoco.mj_sensorPos(self.model, self.data)
-        while (waiting := entry_points().advance.ctypes(context, end)) >= 0:
+        while (waiting := entry_point("advance")(context, end)) >= 0:
             self._stages.running[waiting].call_plain()
             loop["next"] = waiting + 1
 

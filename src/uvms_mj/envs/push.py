@@ -104,27 +104,17 @@ class Push:
         ]
 
     def _refuse(self, action: str) -> None:
-        wrong = [
-            Fault(name, f"{value!r}: must be {wanted}")
-            for name, value, good, wanted in (
-                ("action", action, action in ("wrench", "thrusts", "gains"), "'wrench', 'thrusts' or 'gains'"),
-                (
-                    "force_d",
-                    float(self.force_d[0]),
-                    0.0 < self.force_d[0] < math.inf,
-                    "a positive force [N]; without it, it is the one that the scenario's impedance demands",
-                ),
-                (
-                    "wrench_scale",
-                    self.wrench_scale.tolist(),
-                    self.wrench_scale.shape == (6,) and bool((self.wrench_scale > 0.0).all()),
-                    "six positive numbers [N, N m]",
-                ),
-                ("thrust_scale", self.thrust_scale, 0.0 < self.thrust_scale < math.inf, "a positive thrust [N]"),
-                ("effort_weight", self.effort_weight, 0.0 <= self.effort_weight < math.inf, "zero or positive"),
-            )
-            if not good
-        ]
+        force_d, scale, thrust, weight = self.force_d[0], self.wrench_scale, self.thrust_scale, self.effort_weight
+        force = "a positive force [N]; without it, it is the one that the scenario's impedance demands"
+        six = scale.shape == (6,) and bool((scale > 0.0).all())
+        checks = (
+            ("action", action, action in ("wrench", "thrusts", "gains"), "'wrench', 'thrusts' or 'gains'"),
+            ("force_d", float(force_d), 0.0 < force_d < math.inf, force),
+            ("wrench_scale", scale.tolist(), six, "six positive numbers [N, N m]"),
+            ("thrust_scale", thrust, 0.0 < thrust < math.inf, "a positive thrust [N]"),
+            ("effort_weight", weight, 0.0 <= weight < math.inf, "zero or positive"),
+        )
+        wrong = [Fault(name, f"{value!r}: must be {wanted}") for name, value, good, wanted in checks if not good]
         if wrong:
             raise InputError(wrong, "push")
 
@@ -132,11 +122,6 @@ class Push:
     def over(self) -> bool:
         """Whether the episode has reached the scenario's duration."""
         return self.simulation.steps >= self.scenario.steps
-
-    @property
-    def control_s(self) -> float:
-        """Length of a control step [s]."""
-        return self.steps_each * self.scenario.simulation.timestep
 
     def reset(self, seed: int | None = None, overrides: Mapping[str, Any] | None = None) -> Observation:
         """Begin an episode.

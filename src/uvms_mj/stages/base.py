@@ -158,11 +158,8 @@ class Stage:
         return cls.room.given(thrusters)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
-        """The constants of a run that the function gets as its settings, by name.
-
-        Args:
-            setup: the run's :class:`uvms_mj.analysis.setup.Setup`. A user's settings do not depend on it.
-        """
+        """The constants of a run that the function gets as its settings, by name, from the run's
+        :class:`uvms_mj.analysis.setup.Setup`. A user's settings do not depend on it."""
         return {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
 
     def record(self, setup: Any = None) -> np.ndarray:

@@ -61,7 +61,7 @@ def paper(traces: Mapping[str, Trace], fine: Mapping[str, Trace]) -> dict[str, F
 
 
 def plot(traces: Mapping[str, Trace], what: str) -> Figure:
-    """Draw one figure of a run, or of several runs on the same axes.
+    """Draw one figure, one of :data:`WHATS`, of a run or of several runs on the same axes, by their names in it.
 
     For one run, components with the same unit share a panel. For several runs, each component has a panel and each run
     has the colour of its law. The size of the figure does not depend on the number of runs.
