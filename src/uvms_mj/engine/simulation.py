@@ -186,7 +186,8 @@ class Simulation:
             raise RuntimeError("the Simulation is closed")
         loop, most = self._memory.loop, SLICE_STEPS if self._guarded else CHUNK_STEPS
         h = self.scenario.simulation.timestep
-        if abs(self.data.time - self.t) > 0.5 * h and not loop["stop"][0]:
+        taken = self.steps + int(loop["pending"][0])
+        if abs(self.data.time - taken * h) > 0.5 * h and not loop["stop"][0]:
             raise RuntimeError("somebody else has stepped sim.data: reset the Simulation, and step it with step only")
         self._ready, done, start = False, 0, time.perf_counter()
         now = start
