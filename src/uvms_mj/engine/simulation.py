@@ -8,15 +8,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ..analysis.ranges import no_overflow
-from ..analysis.sampling import refuse, warnings_of
-from ..analysis.setup import set_up
+from ..analysis.sampling import checked, warnings_of
 from ..errors import Fault, InputError
 from ..plant.mjcf import Mjcf
 from ..scenario import Scenario
-from ..stages.base import is_shipped
-from ..stages.contract import check_contract
-from ..stages.recorded import Recorded
+from ..stages.contract import check_stage
 from ..stages.signals import Signal
 from .changes import changed
 from .live import Signals
@@ -63,16 +59,8 @@ class Simulation:
         if not isinstance(scenario, Scenario):
             raise InputError(f"scenario: expected a Scenario, got {scenario!r}; use Scenario.load(name or path)")
         for stage in scenario.stages:
-            if isinstance(stage, Recorded):
-                raise InputError(
-                    f"the {stage.room.noun} {stage.source()} is in the log as text, which is never run: pass the "
-                    f"{'controller' if stage.room.noun == 'law' else 'stage'} from the {stage.room.noun}'s file"
-                )
-            if not is_shipped(stage):
-                check_contract(type(stage))
-        with no_overflow(scenario):
-            self.setup = set_up(scenario, mjcf)
-            refuse(self.setup)
+            check_stage(stage)
+        self.setup = checked(scenario, mjcf)
         self._base = self.setup
         self.model, plant = self.setup.plant.model, self.setup.plant
         self.data = plant.initial_data(scenario.initial)
@@ -198,7 +186,8 @@ class Simulation:
             raise RuntimeError("the Simulation is closed")
         loop, most = self._memory.loop, SLICE_STEPS if self._guarded else CHUNK_STEPS
         h = self.scenario.simulation.timestep
-        if abs(self.data.time - self.t) > 0.5 * h and not loop["stop"][0]:
+        taken = self.steps + int(loop["pending"][0])
+        if abs(self.data.time - taken * h) > 0.5 * h and not loop["stop"][0]:
             raise RuntimeError("somebody else has stepped sim.data: reset the Simulation, and step it with step only")
         self._ready, done, start = False, 0, time.perf_counter()
         now = start
