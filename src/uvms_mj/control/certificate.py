@@ -182,11 +182,7 @@ def gains_for(rate: float, state: float = 0.0, beta: float = 0.0, margin: float 
     k_2 is the smallest possible value, because z_dot can't follow a rate above k_2 / 2. It is also the size of the
     jumps of z_dot about s = 0. k_1 = (2 k_2)^(1/2) is the smallest value for which the certificate reaches k_2 / 2.
 
-    Args:
-        rate: L [m/s^3, rad/s^3].
-        state: L_s [1/s^2].
-        beta: gain beta [(s/m)^(1/2)].
-        margin: margin relative to the bound [1].
+    Units: rate [m/s^3, rad/s^3], state [1/s^2], beta [(s/m)^(1/2)].
 
     Raises:
         InputError: a bound is negative, too large or too small to compute with, or no gains exist.

@@ -62,13 +62,7 @@ class Design:
 
     @classmethod
     def of(cls, impedance: Impedance, estimates: Estimates, M: np.ndarray, attitude_deg: Sequence[float]) -> "Design":
-        """Matrices of a run.
-
-        Args:
-            impedance: desired impedance.
-            estimates: factors of the law's estimates.
-            M: (6, 6) true inertia of the vehicle, added mass included.
-            attitude_deg: desired roll, pitch, yaw [deg].
+        """Matrices of a run, from the vehicle's true inertia M (6, 6) and the desired roll, pitch, yaw [deg].
 
         Raises:
             InputError: M_d is not symmetric positive definite, or D_d is not dissipative.

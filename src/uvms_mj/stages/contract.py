@@ -163,15 +163,10 @@ def _unknown_fields(cls: type[Stage]) -> Iterator[str]:
         return
     settings = [*cls.room.constants, *(f.name for f in dataclasses.fields(cls) if f.name != "period")]
     given, out = ([signal.name for signal in signals] for signals in (cls.given(), cls.room.out))
-    fields: list[list[str] | None] = [settings, list(cls.states), given, list(cls.states), out]
-    fields[0] = None if packs_itself(cls) else settings
-    fields[4] = out if cls.room.arguments[4] == "out" else None  # otherwise an array
+    roles = zip(cls.room.arguments, (settings, list(cls.states), given, list(cls.states), out), strict=True)
+    free = {"tau_cmd", "u", *(cls.room.arguments[:1] if packs_itself(cls) else ())}  # arrays, and settings of any type
     names = (a.arg for a in (*tree.args.posonlyargs, *tree.args.args))
-    arguments = {
-        name: (role, known)
-        for name, role, known in zip(names, cls.room.arguments, fields, strict=False)
-        if known is not None
-    }
+    arguments = {name: each for name, each in zip(names, roles, strict=False) if each[0] not in free}
     nodes = list(ast.walk(tree))
     for node in nodes:
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):

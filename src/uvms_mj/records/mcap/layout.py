@@ -144,11 +144,7 @@ class Block:
 
 
 class Format:
-    """The channels of a log and the layout of its rows.
-
-    Args:
-        header: header of the run.
-        names: names of the topics in their order in a log; by default, those of a new log.
+    """The channels of a log and the layout of its rows. ``names`` are the topics in their order; default: a new log's.
 
     Raises:
         KeyError: a topic is unknown, or no topic has a signal.
