@@ -33,7 +33,7 @@ def changed(base: Setup, current: Setup, overrides: Mapping[str, Any]) -> tuple[
             design = design_of(scenario, base.vehicle)
     if design is not base.design or design is not current.design:
         touched.add("design")
-    setup = dataclasses.replace(base, scenario=scenario, design=design)
+    setup = Setup(scenario, base.plant, design)
     if touched:
         refuse(setup, touched)
     return setup, frozenset(touched)
@@ -49,9 +49,7 @@ def _updated(scenario: Scenario, overrides: Mapping[str, Any]) -> Scenario:
         made = {}
         for name, values in tables.items():
             old = getattr(scenario, name)
-            if not values.keys() <= {field.name for field in dataclasses.fields(old)}:
-                raise KeyError(name)
-            made[name] = dataclasses.replace(old, **values)
+            made[name] = type(old)(**(vars(old) | values))
         return _with(scenario, made)
     except (AttributeError, KeyError, TypeError, ValidationError, InputError):  # said in full, or a key of another kind
         full = scenario.updated(overrides)
