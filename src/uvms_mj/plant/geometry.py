@@ -35,12 +35,8 @@ _BASE64 = PlainSerializer(lambda array: base64.b64encode(array.tobytes()).decode
 
 @dataclass(frozen=True, eq=False, config=STRICT)
 class Mesh:
-    """A triangle mesh.
-
-    Attributes:
-        vertices: (n, 3) [m].
-        triangles: (m, 3) indices of vertices, counter-clockwise seen from outside.
-    """
+    """A triangle mesh: vertices (n, 3) [m], and triangles (m, 3) as indices of vertices, counter-clockwise seen from
+    outside."""
 
     vertices: Annotated[np.ndarray, _rows_of("<f4"), _BASE64]
     triangles: Annotated[np.ndarray, _rows_of("<u4"), _BASE64]
@@ -78,13 +74,8 @@ class Shape:
 
 @dataclass(frozen=True, eq=False, config=STRICT)
 class Geometry:
-    """Shapes of a vehicle's body and of the bodies fixed to it.
-
-    Attributes:
-        shapes: the geoms, in the order of the MJCF.
-        meshes: the meshes of the shapes, by name.
-        reach: distance of the vehicle's front from B's origin along x [m]; the wall's face is at x_c + reach.
-    """
+    """Shapes of a vehicle's body and of the bodies fixed to it, in the order of the MJCF, and their meshes by name.
+    ``reach`` is the distance of the vehicle's front from B's origin along x [m]; the wall's face is at x_c + reach."""
 
     shapes: tuple[Shape, ...]
     meshes: dict[str, Mesh]

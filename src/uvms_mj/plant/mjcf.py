@@ -23,12 +23,8 @@ _COMPARED = ("mesh_vert", "mesh_face", "tex_data", "geom_size", "body_mass", "na
 
 @dataclass(frozen=True)
 class Mjcf:
-    """An MJCF model with all its files.
-
-    Attributes:
-        name: file name of the model.
-        files: contents by file name, without folders: the model's file, and all includes, meshes and textures.
-    """
+    """An MJCF model: its file name, and the contents of all its files by name, without folders: the model's file, and
+    all includes, meshes and textures."""
 
     name: str
     files: Mapping[str, bytes] = field(repr=False)

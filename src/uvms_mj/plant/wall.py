@@ -49,10 +49,5 @@ def contact_settings(wall: Wall, mass_along_face: float) -> dict[str, float]:
     b_t = wall.tangential_damping
     if b_t is None:
         b_t = 2.0 * math.sqrt(k_t * mass_along_face)
-    return {
-        "stiffness": wall.stiffness,
-        "damping": wall.damping,
-        "friction": wall.friction,
-        "tangential_stiffness": k_t,
-        "tangential_damping": b_t,
-    }
+    given = {name: getattr(wall, name) for name in ("stiffness", "damping", "friction")}
+    return given | {"tangential_stiffness": k_t, "tangential_damping": b_t}

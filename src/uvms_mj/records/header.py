@@ -39,14 +39,8 @@ class Status(enum.Enum):
 
 @dataclass(frozen=True)
 class StageSource:
-    """Source of a stage.
-
-    Attributes:
-        source: name of a shipped stage, or ``file.py:ClassName``.
-        sha256: digest of the code; None for a shipped stage or without code.
-        code: text of the file, or of the class if there is no file; empty for a shipped stage.
-        states: sizes of the states by name.
-    """
+    """Source of a stage: name of a shipped one, or ``file.py:ClassName`` with the text of the file, or of the class if
+    there is no file, and its digest; and the sizes of its states by name."""
 
     source: str
     sha256: str | None

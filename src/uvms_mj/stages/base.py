@@ -52,17 +52,11 @@ def shared(default: Any, unit: str, meaning: str) -> Any:
 
 @dataclasses.dataclass(frozen=True)
 class Room:
-    """A room of stages.
+    """A room of stages: its package, its table in a scenario, its words in messages, and its stages' function.
 
     Attributes:
-        name: name of the package.
-        table: the table of a scenario that has the stage's name and settings.
         given: the signals that a stage is given, from the number of thrusters.
         out: the signals that it sets; one without a name's record is the array of the last argument.
-        noun: a stage in messages.
-        setting: a setting in messages.
-        method: name of the function.
-        arguments: names of the function's arguments.
         constants: names of constants that the function gets besides its settings.
         theory: methods beside the function that a stage may override.
         reserved: names that a setting must not have, each with the reason.

@@ -60,20 +60,12 @@ def _wrong(cls: type[Stage]) -> Iterator[str]:
     shared = {f.name for f in dataclasses.fields(base)}
     if "__dataclass_fields__" not in cls.__dict__:
         yield "the class must be decorated with @dataclass(frozen=True)"
-    taken = [f.name for f in dataclasses.fields(cls) if hasattr(base, f.name) and f.name not in shared]
-    yield from (
-        f"{name!r} is an attribute of every {room.noun}; give the {room.setting} another name" for name in taken
-    )
-    yield from (
-        f"{f.name!r} {room.reserved[f.name]}; give the {room.setting} another name"
-        for f in dataclasses.fields(cls)
-        if f.name in room.reserved
-    )
-    yield from (
-        f"{f.name!r} is an attribute of NumPy's records; give the {room.setting} another name"
-        for f in dataclasses.fields(cls)
-        if hasattr(np.record, f.name)
-    )
+    names = [f.name for f in dataclasses.fields(cls)]
+    taken = [name for name in names if hasattr(base, name) and name not in shared]
+    reasons = [(name, f"is an attribute of every {room.noun}") for name in taken]
+    reasons += [(name, room.reserved[name]) for name in names if name in room.reserved]
+    reasons += [(name, "is an attribute of NumPy's records") for name in names if hasattr(np.record, name)]
+    yield from (f"{name!r} {reason}; give the {room.setting} another name" for name, reason in reasons)
     own = [base for base in cls.__mro__ if not base.__module__.startswith("uvms_mj.") and base is not object]
     ours = {name for each in {Stage, base} for name in vars(each) if name[0] != "_"}
     ours -= {*_OVERRIDDEN, room.method, *room.theory, *shared}

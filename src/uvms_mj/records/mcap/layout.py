@@ -96,13 +96,8 @@ class Records:
 
 
 class Block:
-    """The messages of n rows as bytes, with the force arrows between them, and the index of each channel.
-
-    Attributes:
-        data: the bytes; :meth:`fill` sets their numbers.
-        counts: number of messages by channel.
-        indexes: MessageIndex record of each channel: times and offsets of its messages.
-    """
+    """The messages of n rows as bytes, ``data``, with the force arrows between them, and the number of messages and the
+    MessageIndex record of each channel."""
 
     def __init__(self, pieces: Sequence[tuple[Records, int]]) -> None:
         self.data = np.concatenate([np.tile(records.template, n) for records, n in pieces])

@@ -38,13 +38,8 @@ CONTACT, REFERENCE = VERMILLION, GREY
 
 @dataclass(frozen=True)
 class Place:
-    """Lane of a run among others, and scale of its force arrows.
-
-    Attributes:
-        y: offset of the lane to the left of W's origin [m].
-        width: width of the lane [m].
-        force_scale: length of the force arrows [m/N].
-    """
+    """Lane of a run among others: its offset y to the left of W's origin [m], its width [m], and the length of the
+    force arrows [m/N]."""
 
     y: float = 0.0
     width: float = WALL_SIZE

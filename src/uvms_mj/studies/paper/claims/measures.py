@@ -63,8 +63,8 @@ def linear_sum(values: np.ndarray) -> float:
 def ratio(
     measure: Callable[[Trace], np.ndarray], reduce: Callable[[np.ndarray], float], of: str, to: str, unit: str
 ) -> Callable[[Runs], Measured]:
-    """Ratio of the same quantity, a vector (6,) with forces first, in the runs ``of`` and ``to``. The value is that of the
-    three forces, reduced to one number with a unit; the detail gives that of the moments."""
+    """Ratio of the same quantity, a vector (6,) with forces first, in the runs ``of`` and ``to``. The value is that of
+    the three forces, reduced to one number with a unit; the detail gives that of the moments."""
 
     def ratio(runs: Runs) -> Measured:
         vectors = [measure(runs.traces[name]) for name in (of, to)]
