@@ -46,8 +46,7 @@ class Simulation:
         mjcf: the vehicle's model, in place of the file of ``scenario.vehicle.model``.
 
     Attributes:
-        model: MuJoCo's model.
-        data: MuJoCo's data. ``mujoco.mj_forward`` may be called with it; only :meth:`step` takes steps.
+        model, data: MuJoCo's. ``mujoco.mj_forward`` may be called with them; only :meth:`step` takes steps.
         setup: the scenario with the plant and the design matrices.
 
     Raises:
