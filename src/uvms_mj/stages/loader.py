@@ -27,11 +27,8 @@ class Choice(Generic[_Stage]):
     default: type[_Stage]
 
     def load(self, table: Mapping[str, Any], known: type[_Stage] | None = None) -> _Stage:
-        """Make the stage of a table.
-
-        Args:
-            table: ``name`` is a shipped stage or ``path/to/file.py:ClassName``; every other key is a setting.
-            known: a class to use without loading it, if ``name`` is its source.
+        """Make the stage of a table: ``name`` is a shipped stage or ``path/to/file.py:ClassName``, and every other key
+        is a setting. ``known`` is a class to use without loading it, if ``name`` is its source.
 
         Raises:
             InputError: the stage is not found, or a setting is unknown, missing or out of range; names every such
