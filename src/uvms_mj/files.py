@@ -39,11 +39,8 @@ for 100 kB."""
 
 
 def parsed_toml(text: str) -> dict[str, Any]:
-    """Parse TOML text into tables, in bounded time.
-
-    Raises:
-        ValueError: the text is not TOML, is too long, or is nested too deeply.
-    """
+    """Parse TOML text into tables, in bounded time. Raises ValueError if the text is not TOML, is too long, or is
+    nested too deeply."""
     if len(text) > _MOST_BYTES:
         raise ValueError(f"it has more than {_MOST_BYTES} characters")
     if _LONG_KEY.search(text):
@@ -75,11 +72,8 @@ _BARE_POINT = re.compile(r"[+-]?(\d+\.|\.\d+)([eE][+-]?\d+)?")
 
 
 def parse_setting(text: str) -> tuple[str, Any]:
-    """Parse ``key=value``. The value is TOML, or a string without quotes.
-
-    Raises:
-        InputError: there is no ``=``, or the value begins like a list, a table or a string and is not valid TOML.
-    """
+    """Parse ``key=value``. The value is TOML, or a string without quotes. Raises InputError if there is no ``=``, or
+    the value begins like a list, a table or a string and is not valid TOML."""
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
         raise InputError(f"--set {shortened(text)}: must be key=value, for example --set wall.stiffness=2e4")

@@ -22,11 +22,8 @@ class SamplingWarning(UserWarning):
 
 
 def checked(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
-    """Check a scenario, and build its plant and its design. The arguments are those of :func:`.setup.set_up`.
-
-    Raises:
-        InputError: the scenario cannot run.
-    """
+    """Check a scenario, and build its plant and its design. The arguments are those of :func:`.setup.set_up`. Raises
+    InputError if the scenario cannot run."""
     with no_overflow(scenario):
         setup = set_up(scenario, mjcf)
         refuse(setup)

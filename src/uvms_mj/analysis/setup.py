@@ -54,10 +54,7 @@ def _masses(design: Design, reach: float) -> tuple[float, float]:
 
 def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
     """Build the plant of a scenario and compute its design. ``mjcf`` replaces the model of ``scenario.vehicle.model``.
-
-    Raises:
-        InputError: the vehicle's file can't be used or is not physical, or the desired impedance is not.
-    """
+    Raises InputError if the vehicle's file can't be used or is not physical, or the desired impedance is not."""
     mjcf = mjcf if mjcf is not None else Mjcf.find(scenario.vehicle.model)
     design = design_of(scenario, mjcf.vehicle)
     plant = build(mjcf, scenario.wall, scenario.simulation.timestep, scenario.simulation.integrator)

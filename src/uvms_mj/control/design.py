@@ -61,11 +61,8 @@ class Design:
 
     @classmethod
     def of(cls, impedance: Impedance, estimates: Estimates, M: np.ndarray, attitude_deg: Sequence[float]) -> "Design":
-        """Matrices of a run, from the vehicle's true inertia M (6, 6) and the desired roll, pitch, yaw [deg].
-
-        Raises:
-            InputError: M_d is not symmetric positive definite, or D_d is not dissipative.
-        """
+        """Matrices of a run, from the vehicle's true inertia M (6, 6) and the desired roll, pitch, yaw [deg]. Raises
+        InputError if M_d is not symmetric positive definite, or D_d is not dissipative."""
         M_d = M if impedance.M_d is None else _square(impedance.M_d)
         K_d = np.diag(impedance.K_d)
         faults = []

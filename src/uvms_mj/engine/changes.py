@@ -17,11 +17,8 @@ _TABLES = [field.name for field in dataclasses.fields(Scenario)]
 
 def changed(base: Setup, current: Setup, overrides: Mapping[str, Any]) -> tuple[Setup, frozenset[str]]:
     """``base`` with overrides by dotted keys, and what differs from it or from ``current``, the setup of the run before
-    the reset: tables of the scenario, and ``design`` if the design matrices differ.
-
-    Raises:
-        InputError: a key or value is invalid, or needs another plant or other machine code.
-    """
+    the reset: tables of the scenario, and ``design`` if the design matrices differ. Raises InputError if a key or value
+    is invalid, or needs another plant or other machine code."""
     scenario = _updated(base.scenario, overrides)
     _refuse_other_code(base.scenario, scenario)
     before, now = current.scenario, base.scenario

@@ -218,11 +218,8 @@ class Simulation:
         mujoco.mj_forward(self.model, self.data)
 
     def _prepare(self) -> None:
-        """Run the stages before the law at the instant in hand.
-
-        Raises:
-            StageFault: a stage raised or violated its contract.
-        """
+        """Run the stages before the law at the instant in hand. Raises StageFault if a stage raised or violated its
+        contract."""
         self._run_stages(self._stages.control)
         self._ready = True
         self.check()

@@ -88,10 +88,7 @@ class Geometry:
     @classmethod
     def of(cls, model: mujoco.MjModel, body_id: int) -> "Geometry":
         """Geometry of a compiled model's body. Shapes are those that MuJoCo's viewer shows; reach counts all geoms.
-
-        Raises:
-            InputError: a geom's size, position or colour is out of range.
-        """
+        Raises InputError if a geom's size, position or colour is out of range."""
         shapes, meshes, seen = [], {}, []
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)

@@ -22,11 +22,7 @@ _OVERRIDDEN = ("name", "states", "units", "uses_task", "uses_truth")
 
 
 def check_stage(stage: Stage) -> None:
-    """Check that a stage may run.
-
-    Raises:
-        InputError: it is of a log, or its class violates the contract.
-    """
+    """Check that a stage may run. Raises InputError if it is of a log, or its class violates the contract."""
     if isinstance(stage, Recorded):
         raise InputError(
             f"the {stage.room.noun} {stage.source()} is in the log as text, which is never run: pass the "

@@ -40,11 +40,8 @@ class Choice(Generic[_Stage]):
         return stage_of(cls, settings)
 
     def stage_class(self, source: Any) -> type[_Stage]:
-        """The class of a shipped name or of ``path/to/file.py:ClassName``.
-
-        Raises:
-            InputError: there is no such class, or it violates the contract.
-        """
+        """The class of a shipped name or of ``path/to/file.py:ClassName``. Raises InputError if there is no such class,
+        or it violates the contract."""
         noun, key = self.base.room.noun, f"{self.base.room.table}.name"
         if not isinstance(source, str):
             known = f"choose from {', '.join(self.shipped)}"

@@ -150,11 +150,7 @@ def refuse_large(files: Mapping[str, bytes]) -> None:
 
 
 def header_of(files: Mapping[str, bytes]) -> Header:
-    """The header from the files of :func:`header_files`.
-
-    Raises:
-        InputError: a file is missing or invalid.
-    """
+    """The header from the files of :func:`header_files`. Raises InputError if a file is missing or invalid."""
     missing = [name for name in ("run.json", "scenario.toml", "geometry.json") if name not in files]
     if missing:
         raise InputError(f"{', '.join(missing)} is missing")
