@@ -54,10 +54,8 @@ def native_law(arguments: int, parts: Iterable[bytes], prepare: Callable[[], Cal
     """A C function of 64-bit integers from a user's law, loaded from disk or compiled by numba with checks.
 
     ``parts`` are the contents that the machine code depends on, besides the package's sources. ``prepare`` returns the
-    function to compile; it is called only if no object is on disk.
-
-    Raises:
-        NotCompiled: numba can't compile the function.
+    function to compile; it is called only if no object is on disk. Raises NotCompiled if numba can't compile the
+    function.
     """
     if os.environ.get(_DISABLE, "0") not in ("", "0"):
         raise NotCompiled(f"{_DISABLE} is set")

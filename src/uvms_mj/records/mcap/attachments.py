@@ -211,11 +211,8 @@ def _array(values: tuple[float, ...] | None) -> np.ndarray | None:
 
 
 def _run_of(data: bytes) -> _Run:
-    """The contents of run.json, of this format or of an older one.
-
-    Raises:
-        InputError: they are invalid, or of a format that is not read.
-    """
+    """The contents of run.json, of this format or of an older one. Raises InputError if they are invalid, or of a
+    format that is not read."""
     try:
         version = _VERSION.validate_json(data)
         oldest = min((*_UPGRADES, FORMAT))

@@ -57,10 +57,8 @@ def read(path: str | os.PathLike) -> Recording:
     """Read a log.
 
     A log that was cut off is read up to the cut. The outcome's message describes the missing part; its status is
-    ``truncated`` unless the log contains the outcome.
-
-    Raises:
-        InputError: the file can't be read, is not a log of uvms-mj, or is damaged.
+    ``truncated`` unless the log contains the outcome. Raises InputError if the file can't be read, is not a log of
+    uvms-mj, or is damaged.
     """
     with _opened(path) as reader:
         return reader.read()

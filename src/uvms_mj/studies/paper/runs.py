@@ -137,11 +137,8 @@ def _log_run(name: str, scenario: Scenario, folder: Path, progress: Callable[[in
 
 
 def load(folder: Path, names: Iterable[str]) -> Runs:
-    """Load the runs from a folder of logs.
-
-    Raises:
-        InputError: a log is missing, damaged or incomplete, or its scenario does not match its name.
-    """
+    """Load the runs from a folder of logs. Raises InputError if a log is missing, damaged or incomplete, or its
+    scenario does not match its name."""
     names = list(names)
     missing = [name for name in names if not (folder / f"{name}.mcap").is_file()]
     if missing:
