@@ -97,14 +97,14 @@ controllers are validated in another way, because a user writes them as dataclas
 Lowercase = BeforeValidator(lambda value: value.lower() if isinstance(value, str) else value)
 
 
-def overrides_of(given: Any) -> dict[str, Any]:
+def overrides_of(given: Any, place: str = "overrides") -> dict[str, Any]:
     """Overrides by dotted key, with numbers and lists in place of NumPy's scalars and arrays. None has no overrides.
 
     Raises:
         InputError: ``given`` is not a mapping, or a key is not a text.
     """
     if not isinstance(given, Mapping | None) or not all(isinstance(key, str) for key in given or ()):
-        raise InputError(f"overrides: {given!r} is not a mapping from dotted keys to values, {{'wall.stiffness': 1e4}}")
+        raise InputError(f"{place}: {given!r} is not a mapping from dotted keys to values, {{'wall.stiffness': 1e4}}")
     return {key: value.tolist() if hasattr(value, "tolist") else value for key, value in (given or {}).items()}
 
 

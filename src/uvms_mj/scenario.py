@@ -211,6 +211,8 @@ _KEYS: dict[str, list[str]] = {"": [f.name for f in dataclasses.fields(Scenario)
 
 
 def _scenario_path(scenario: str | os.PathLike) -> Path:
+    if not isinstance(scenario, str | os.PathLike):
+        raise InputError(f"scenario {shortened(scenario)}: must be a name, or the path of a TOML file")
     path = Path(scenario)
     if path.is_file():
         return path
