@@ -7,6 +7,8 @@ python examples/gym_push.py
 import gymnasium
 import numpy as np
 
+import uvms_mj.envs  # noqa: F401  # registers the environment
+
 K = np.array([150.0, 150.0, 150.0, 10.0, 10.0, 10.0])  # N/m, N m
 D = np.array([80.0, 80.0, 80.0, 4.0, 4.0, 4.0])  # N s/m, N m s
 SCALE = np.array([40.0, 40.0, 40.0, 10.0, 10.0, 10.0])  # wrench_scale of the environment [N, N m]

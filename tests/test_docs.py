@@ -1,5 +1,6 @@
 """The guides show the examples as they are, and agree with the program."""
 
+import inspect
 import re
 import shlex
 import subprocess
@@ -9,12 +10,14 @@ from pathlib import Path
 import pytest
 
 from draw_rooms import SUBJECTS, floors
+from uvms_mj.envs.push import OBSERVED, Push
 from uvms_mj.stages import signals
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
 EXTENDING = (ROOT / "docs" / "extending.md").read_text()
-GUIDES = EXTENDING + (ROOT / "README.md").read_text()
+ENVIRONMENTS = (ROOT / "docs" / "environments.md").read_text()
+GUIDES = EXTENDING + ENVIRONMENTS + (ROOT / "README.md").read_text()
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 GROUPS = ("CLOCK", "KNOWN", "TRUE", "REFERENCE", "ERRORS", "ESTIMATES", "IMPEDANCE", "TASK")
 
@@ -28,11 +31,21 @@ def test_commands_run(arguments, tmp_path):
     assert "plain Python" not in done.stderr, "an example must compile"
 
 
-@pytest.mark.parametrize("name", sorted(set(re.findall(r"\(\.\./examples/(\w+\.py)\)", EXTENDING))))
+@pytest.mark.parametrize("name", sorted(set(re.findall(r"\(\.\./examples/(\w+\.py)\)", GUIDES))))
 def test_examples_are_shown_as_they_are(name):
     """From the imports to the command line: the docstring of the file is text of the guide."""
     code = (EXAMPLES / name).read_text().split('"""\n\n', 1)[1].partition("\n\nif __name__")[0].strip()
-    assert code in EXTENDING
+    assert code in GUIDES
+
+
+def test_every_example_is_in_a_guide():
+    assert [path.name for path in EXAMPLES.iterdir() if path.is_file() and path.name not in GUIDES] == []
+
+
+def test_the_arguments_of_an_environment_are_those_of_the_program():
+    rows = re.findall(r"^\| `(\w+)` \|", ENVIRONMENTS, re.MULTILINE)
+    assert rows == list(inspect.signature(Push).parameters)
+    assert all(f"`{name}`" in ENVIRONMENTS for name in OBSERVED)
 
 
 @pytest.mark.parametrize("group", GROUPS)

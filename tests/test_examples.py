@@ -114,6 +114,18 @@ def test_steps_by_hand_find_the_contact_that_a_run_finds():
             assert peak == trace.force_peak[-1]
 
 
+def test_a_policy_on_gymnasium_finds_the_force():
+    pytest.importorskip("gymnasium", reason="needs the extra gym")
+    assert runpy.run_path(str(EXAMPLES / "gym_push.py"))["main"]() > 0.99
+
+
+def test_gains_are_tried_on_dm_control():
+    pytest.importorskip("dm_control", reason="needs the extra dm (Python up to 3.12)")
+    rewards = runpy.run_path(str(EXAMPLES / "dm_push.py"))["main"](2)
+    assert len(set(rewards)) == 2
+    assert all(math.exp(-1.0) < reward < 1.0 for reward in rewards)
+
+
 def test_control_from_outside_reaches_its_target():
     example = runpy.run_path(str(EXAMPLES / "external_control.py"))
     with example["Simulation"](Scenario.load("push_wall", example["SETTINGS"])) as sim:

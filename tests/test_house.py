@@ -89,7 +89,7 @@ def test_another_error_inside_an_extra_is_not_hidden():
         (["keys"], {"numpy", "pydantic", "rich"}),
         (["run", "-q", "--out", "run", "simulation.duration=1e-3"], {"mujoco", "numpy", "pydantic"}),
     ],
-    ids=" ".join,
+    ids=lambda given: " ".join(sorted(given)),
 )
 def test_a_command_imports_only_what_it_uses(tmp_path, arguments, needed):
     code = f"""if True:

@@ -120,12 +120,9 @@ class Scenario:
         place: str = "scenario",
         known: Mapping[str, type[Stage]] | None = None,
     ) -> "Scenario":
-        """Make a scenario from nested tables, as TOML has them.
+        """Make a scenario from nested tables, as TOML has them, with overrides and controller as in :meth:`load`.
 
         Args:
-            tables: nested tables.
-            overrides: as in :meth:`load`.
-            controller: as in :meth:`load`.
             folder: paths in ``tables`` are relative to this folder; paths in ``overrides`` are relative to the working
                 directory.
             place: name of the tables in error messages.

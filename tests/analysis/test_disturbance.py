@@ -98,7 +98,7 @@ def test_what_is_experienced_is_what_moves_s(case):
     s, h = trace.s, trace.scenario.simulation.timestep
     s_dot = -law.k_1 * (np.sqrt(np.abs(s)) * np.sign(s) + law.beta * s) + trace.z + found.varphi
     if not law.nominal:
-        s_dot += np.array(law.A) * s
+        s_dot += np.array(trace.scenario.task.A) * s
     apart = np.abs(np.diff(s, axis=0) / h - s_dot[:-1])
     free = (trace.f_contact_W[:-1, 0] == 0.0) & (trace.f_contact_m_W[:-1, 0] == 0.0)
     assert free.all() == (mjcf is LIMITED)

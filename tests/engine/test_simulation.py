@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from uvms_mj import Diverged, InputError, LawError, Scenario, Simulation, simulate
+from uvms_mj import Diverged, InputError, LawError, Scenario, Simulation, StageFault, simulate
 from uvms_mj.engine.native import stage_table
 from uvms_mj.engine.native.compilation import NotCompiled
 from uvms_mj.engine.run import PlainPythonWarning
@@ -62,6 +62,7 @@ CHANGES = {
     "attitude": {"reference.attitude_deg": [0.0, 10.0, 0.0]},
     "waypoints": {"reference.waypoints": [{"time": t, "position": [t, 0.0, 0.0]} for t in (0.01, 0.02, 0.03)]},
     "impedance": {"impedance.K_d": [100.0, 900.0, 900.0, 40.0, 40.0, 40.0], "impedance.F_d": [-1.0, 0, 0, 0, 0, 0]},
+    "inertia": {"impedance.M_d": [20.0, 25.0, 25.0, 2.0, 2.0, 2.0], "estimates.coriolis": 0.0},
     "estimates": {"estimates.inertia": 1.2, "estimates.damping": 0.5},
     "task": {"task.F_1": 2.0, "task.A": -50.0},
     "integral": {"task.integral": True},
@@ -328,3 +329,38 @@ def test_two_stages_with_one_name_of_a_state_are_refused(tmp_path):
     same = {"navigation.name": f"{tmp_path / 'same.py'}:Noisy", "controller.name": f"{tmp_path / 'same.py'}:Pid"}
     with pytest.raises(InputError, match=r"states\['xi'\]: is also the name of a state of"):
         simulate(Scenario.load("push_wall", {**MOVING, **same}))
+
+
+LATE = """
+from dataclasses import dataclass
+from uvms_mj import Controller, gain
+
+@dataclass(frozen=True)
+class Late(Controller):
+    when: float = gain(0.005, "s", "time of the mistake")
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        tau_cmd[:] = signals.tau_nom
+        if signals.t > gains.when:
+            tau_cmd[6] = 1.0
+"""
+
+
+@pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
+@pytest.mark.parametrize("plain", [False, True])
+def test_a_stage_that_fails_stops_the_simulation_until_its_reset(tmp_path, request, plain):
+    (tmp_path / "late.py").write_text(LATE)
+    if plain:
+        request.getfixturevalue("no_numba")
+    with Simulation(Scenario.load("push_wall", MOVING, f"{tmp_path / 'late.py'}:Late")) as sim:
+        for _ in range(2):
+            with pytest.raises(StageFault, match=r"your law Late \(late.py\) raised IndexError.*line 13"):
+                sim.step(200)
+            assert sim.steps == 51
+        sim.reset(overrides={"controller.when": 1.0})
+        sim.step(200)
+        changed = state(sim)
+        sim.reset()
+        sim.step(50)
+    assert np.array_equal(changed, after(sim.scenario.updated({"controller.when": 1.0}), 200))

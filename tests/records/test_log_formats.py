@@ -37,8 +37,8 @@ def test_a_log_of_format_1_is_read_to_the_last_bit():
     assert np.array_equal([xyz(m.pose.pose.position) for m in odometry], trace.p_WB)
     assert np.array_equal([m.pose.pose.orientation.w for m in odometry], trace.quat_WB[:, 0])
     assert np.array_equal([xyz(m.twist.twist.linear) for m in odometry], trace.nu[:, :3])
-    law, wall = trace.scenario.controller, trace.scenario.wall
-    s = trace.nu_e + np.array(law.F_1) * trace.eta_e + np.array(law.F_2) * trace.zeta  # paper eq. (14)
+    task, wall = trace.scenario.task, trace.scenario.wall
+    s = trace.nu_e + np.array(task.F_1) * trace.eta_e + np.array(task.F_2) * trace.zeta  # paper eq. (14)
     np.testing.assert_allclose(trace.s, s, rtol=0, atol=1e-15)
     v_W = np.einsum("nij,nj->ni", rotation_matrices(trace.quat_WB), trace.nu[:, :3])
     push = wall.stiffness * (trace.p_WB[:, 0] - wall.position) + wall.damping * v_W[:, 0]

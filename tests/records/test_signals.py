@@ -26,7 +26,6 @@ def test_any_signal_reaches_trace_log_and_export_without_a_topic_of_its_own(logg
         Signal("depth", (), "m", "W", "depth of something"),
         Signal("wind_W", (3,), "m/s", "W", "a wind"),
         Signal("J_foot", (2, 6), "1", "B", "a Jacobian"),
-        Signal("quat_d", (4,), "1", "W", "desired attitude, w x y z"),
         Signal("p_WB_m", (3,), "m", "W", "measured position"),
         Signal("quat_WB_m", (4,), "1", "W", "measured attitude"),
         Signal("nu_m", (6,), "m/s, rad/s", "B", "measured velocity"),

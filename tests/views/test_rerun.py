@@ -15,7 +15,6 @@ from traces import TASK, without
 from uvms_mj import Trace
 from uvms_mj.physics.frames import quat_from_euler_deg
 from uvms_mj.records import scene
-from uvms_mj.stages.signals import Signal
 from uvms_mj.views import colours
 from uvms_mj.views import rerun as rerun_view
 from uvms_mj.views.rerun import viewer
@@ -137,9 +136,9 @@ def test_a_run_without_the_impedance_task_is_replayed_without_its_signals(trace,
 
 def test_a_reference_that_turns_is_drawn_as_recorded(trace, tmp_path):
     quat_d = np.roll(trace.quat_WB, 7, axis=0)
-    signal = Signal("quat_d", (4,), "1", "W", "desired attitude, w x y z")
-    header = dataclasses.replace(trace.header, signals=(*trace.signals, signal))
-    turning = Trace.of(header, np.hstack([trace.rows(), quat_d]), trace.outcome)
+    rows = trace.rows()
+    rows[:, trace.header.places["quat_d"]] = quat_d
+    turning = Trace.of(trace.header, rows, trace.outcome)
     rerun_view.save({"run": turning}, tmp_path / "turning.rrd")
     every = round(1.0 / (POSE_HZ * (trace.t[1] - trace.t[0])))
     shown = np.array(columns(tmp_path / "turning.rrd")["/world/reference"]["Transform3D:quaternion"])[:, 0]

@@ -8,13 +8,12 @@ from ..control.sampled import zeta_limit
 from ..control.theory import stage_notes
 from ..errors import Fault, InputError
 from ..physics.dissipation import damping_notes
+from ..plant.mjcf import Mjcf
 from ..scenario import Scenario
-from ..stages.base import is_shipped
-from .ranges import aliased
-from .setup import Setup
+from .ranges import aliased, no_overflow
+from .setup import Setup, set_up
 from .wall import wall_faults, wall_notes
 
-DEFAULT_LOG_RATE = 1000.0
 _CHECKED = ("wall", "design", "simulation", "disturbance")
 
 
@@ -22,12 +21,20 @@ class SamplingWarning(UserWarning):
     """The controller chatters or limit-cycles at this time step or with these gains."""
 
 
-def refuse(setup: Setup, touched: Container[str] = _CHECKED) -> None:
-    """Raise for a scenario that cannot run.
+def checked(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
+    """Check a scenario, and build its plant and its design. The arguments are those of :func:`.setup.set_up`.
 
-    Args:
-        setup: the scenario, its plant and its design.
-        touched: what has changed since the last check: tables of the scenario, or "design".
+    Raises:
+        InputError: the scenario cannot run.
+    """
+    with no_overflow(scenario):
+        setup = set_up(scenario, mjcf)
+        refuse(setup)
+    return setup
+
+
+def refuse(setup: Setup, touched: Container[str] = _CHECKED) -> None:
+    """Raise for a scenario that cannot run. Only checks of the tables in ``touched``, or of the "design", are made.
 
     Raises:
         InputError: for example, the wall is too stiff for the time step, or a period is not a multiple of it.
@@ -42,14 +49,19 @@ def refuse(setup: Setup, touched: Container[str] = _CHECKED) -> None:
 
 
 def warnings_of(setup: Setup) -> list[str]:
-    """Warnings for a scenario that runs badly."""
+    """Warnings for a scenario that runs badly.
+
+    Raises:
+        InputError: numbers are so extreme that an equation overflows.
+    """
     scenario, vehicle = setup.scenario, setup.vehicle
-    notes = [
-        *wall_notes(setup),
-        *stage_notes(scenario.reference, setup),
-        *_sampling_notes(setup),
-        *stage_notes(scenario.controller, setup),
-    ]
+    with no_overflow(scenario):
+        notes = [
+            *wall_notes(setup),
+            *stage_notes(scenario.reference, setup),
+            *_sampling_notes(setup),
+            *stage_notes(scenario.controller, setup),
+        ]
     rank = np.linalg.matrix_rank(vehicle.B)
     if rank < 6:
         notes.append(
@@ -60,8 +72,6 @@ def warnings_of(setup: Setup) -> list[str]:
 
 
 def _stage_faults(scenario: Scenario) -> Iterator[Fault]:
-    if scenario.controller.uses_truth and not is_shipped(scenario.controller):
-        yield Fault("controller.uses_truth", "is reserved for ideal, the yardstick law")
     h = scenario.simulation.timestep
     for stage in scenario.stages:
         period = stage.period
@@ -81,36 +91,3 @@ def _sampling_notes(setup: Setup) -> Iterator[str]:
             f"zeta, and with it s, grows without bound at a control period of {period:g} s: A = "
             f"{min(setup.task.A):g} 1/s in eq. (15) needs a period of at most {limit:.4g} s"
         )
-
-
-def row_steps_of(timestep: float, log_rate: float | str | None) -> int:
-    """Number of time steps between recorded rows.
-
-    Args:
-        timestep: [s].
-        log_rate: [Hz], or "full" for every step, or None for the rate nearest to 1 kHz that divides the step rate.
-
-    Raises:
-        InputError: the rate does not divide the step rate; the message gives the nearest rates that do.
-    """
-    step_rate = 1.0 / timestep
-    if log_rate is None:
-        return max(1, round(step_rate / DEFAULT_LOG_RATE))
-    if log_rate == "full":
-        return 1
-    try:
-        rate = float(log_rate)
-    except ValueError:
-        rate = -1.0
-    if not 1e-9 < rate < np.inf:
-        raise InputError(f"log rate {log_rate!r}: must be a number of samples per second, or 'full'")
-    row_steps = max(1, round(step_rate / rate))
-    if abs(row_steps * rate - step_rate) > 1e-6 * step_rate:
-        above = max(1, int(step_rate / rate))
-        neighbours = f"{step_rate / (above + 1):.12g} and {step_rate / above:.12g} Hz"
-        if rate > step_rate:
-            neighbours = f"{step_rate:.6g} Hz, or 'full'"
-        raise InputError(
-            f"log rate {rate:g} Hz: must divide the step rate {step_rate:.6g} Hz; the nearest are {neighbours}"
-        )
-    return row_steps

@@ -54,11 +54,7 @@ def _masses(design: Design, reach: float) -> tuple[float, float]:
 
 
 def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
-    """Build the plant of a scenario and compute its design.
-
-    Args:
-        scenario: the scenario.
-        mjcf: the vehicle's model; by default the one that ``scenario.vehicle.model`` names.
+    """Build the plant of a scenario and compute its design. ``mjcf`` replaces the model of ``scenario.vehicle.model``.
 
     Raises:
         InputError: the vehicle's file can't be used or is not physical, or the desired impedance is not.

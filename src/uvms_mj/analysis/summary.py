@@ -71,12 +71,8 @@ _NUMBERS: "Mapping[str, Callable[[Trace], Any]]" = {
 
 
 def summary(trace: "Trace", files: dict[str, str]) -> dict[str, Any]:
-    """The numbers that ``uvms-mj run --json`` prints. Missing numbers and numbers that are not finite are None.
-
-    Args:
-        trace: the run; its last :data:`.metrics.AROUND_THE_END_S` are enough.
-        files: paths of the written files, by kind.
-    """
+    """The numbers that ``uvms-mj run --json`` prints, with the paths of the written files by kind. Missing numbers and
+    numbers that are not finite are None. The last :data:`.metrics.AROUND_THE_END_S` of a trace are enough."""
     return _tree({place: _finite(number(trace)) for place, number in _NUMBERS.items()}) | {"files": files}
 
 

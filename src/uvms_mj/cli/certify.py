@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import EXIT_UNSTABLE, asked_for, bad_input, command, end, output_options, run_options
-from .console import ROUNDING, Console, print_table
+from .console import ROUNDING, Console, facts, print_table
 from .stop import Stop, exit_interrupted
 
 if TYPE_CHECKING:
@@ -110,8 +110,6 @@ def _run(scenario: "Scenario", console: Console, stop: Stop) -> "Trace":
 
 
 def _report_gains(gains: "Certificate", rate: float, state: float, console: Console) -> None:
-    from rich.table import Table
-
     from ..control.certificate import MARGIN, gains_for, rate_bound
     from ..errors import InputError
 
@@ -125,7 +123,7 @@ def _report_gains(gains: "Certificate", rate: float, state: float, console: Cons
         certified = {"certified_rate": bound, "certified_state": 2.0 * beta**2 * bound}
         click.echo(json.dumps(asked | {"gains": {"k_1": k_1, "k_2": k_2}} | certified, allow_nan=False))
     elif not console.quiet:
-        table = Table(title="gains for a rate of disturbance", show_header=False, title_justify="left", min_width=60)
+        table = facts("gains for a rate of disturbance")
         table.add_row("rate", f"{rate:g} + {state:g} |s| m/s^3, rad/s^3")
         table.add_row("k_1", f"{k_1:.6g} m^(1/2)/s^(3/2), the smallest that certifies all of k_2/2")
         table.add_row("k_2", f"{k_2:.6g} m/s^3, the smallest for this rate plus {MARGIN:.0%}")
@@ -210,9 +208,7 @@ def _tables(report: dict[str, Any]) -> None:
     from rich.table import Table
 
     gains, certified, found = report["gains"], report["certified"], report["experienced"]
-    table = Table(
-        title=f"{report['scenario']} · {report['controller']}", show_header=False, title_justify="left", min_width=60
-    )
+    table = facts(f"{report['scenario']} · {report['controller']}")
     alone = "" if gains["nominal"] else ", without nominal control"
     table.add_row("gains", f"k_1 = {gains['k_1']:g}, k_2 = {gains['k_2']:g}, beta = {gains['beta']:g}{alone}")
     table.add_row("certified rate", f"|varphi_dot| < {certified['rate']:.6g} + {certified['state']:.6g} |s|")

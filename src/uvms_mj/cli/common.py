@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 import click
 
-from .console import printable
+from .console import bar, printable
 from .stop import Stop
 
 EXIT_BAD_INPUT, EXIT_UNSTABLE = 2, 3
@@ -32,12 +32,7 @@ command = functools.partial(click.command, cls=_Command)
 
 scenario_argument = click.argument("arguments", nargs=-1, metavar="[SCENARIO] [KEY=VALUE]...")
 set_option = click.option(
-    "-s",
-    "--set",
-    "settings",
-    multiple=True,
-    metavar="KEY=VALUE",
-    help="Set a key of the scenario; may be repeated.",
+    "-s", "--set", "settings", multiple=True, metavar="KEY=VALUE", help="Set a key of the scenario; may be repeated."
 )
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON object on standard output and nothing else."
@@ -65,12 +60,7 @@ _LAWS = "gsta, sta, fosm, impedance, ideal, or path/to/my_law.py:MyLaw."
 
 
 def run_options(from_help: str, laws: str = _LAWS) -> Callable[[Any], Any]:
-    """The options of all commands that run one scenario.
-
-    Args:
-        from_help: effect of ``--from LOG``.
-        laws: choices of ``--controller``.
-    """
+    """The options of all commands that run one scenario: effect of ``--from LOG``, choices of ``--controller``."""
     law_option = click.option("-c", "--controller", metavar="LAW", help=laws)
     from_option = path_option("--from", "log", metavar="LOG", help=from_help)
     return lambda function: scenario_argument(law_option(set_option(from_option(function))))
@@ -127,16 +117,13 @@ def progress_bar(what: str, hidden: bool, stop: Stop) -> Iterator[Callable[[int,
     if hidden or not sys.stderr.isatty():
         yield lambda done, total: stop.check()
         return
-    import rich.console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import TaskProgressColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=rich.console.Console(stderr=True), transient=True) as progress:
-        task = progress.add_task(what, total=None)
+    with bar(what, TaskProgressColumn()) as update:
 
         def advance(done: int, total: int) -> None:
             stop.check()
-            progress.update(task, completed=done, total=total)
+            update(completed=done, total=total)
 
         yield advance
 

@@ -5,19 +5,12 @@ from pathlib import Path
 import click
 
 from .common import bad_input, command, draw_to_files, force_option, path_option, refuse_existing
-from .logs import labels, say_if_truncated
+from .logs import loaded
 
 
 @command()
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...")
-@path_option(
-    "-o",
-    "--out",
-    default="compare.html",
-    show_default=True,
-    metavar="FILE.html",
-    help="File for the page.",
-)
+@path_option("-o", "--out", default="compare.html", show_default=True, metavar="FILE.html", help="File for the page.")
 @force_option
 def compare(logs: tuple[str, ...], out: str, force: bool) -> None:
     """Write one HTML page about one or several logs: numbers, figures, differences, versions.
@@ -33,23 +26,19 @@ def compare(logs: tuple[str, ...], out: str, force: bool) -> None:
         if Path(out).suffix.lower() not in (".html", ".htm"):
             raise InputError(f"--out {out!r}: the name must end in .html")
         refuse_existing("--out", Path(out), force)
-        from ..records.trace import Trace
         from ..studies.paper import report
         from ..views import figures
 
-        loaded = [Trace.load(log) for log in logs]
-        for log, trace in zip(logs, loaded, strict=True):
-            say_if_truncated(log, trace)
-        traces = dict(zip(labels(logs, loaded), loaded, strict=True))
+        traces = loaded(logs)
         captions = dict(_CAPTIONS)
-        if any(trace.header.law.states for trace in loaded):
+        if any(trace.header.law.states for trace in traces.values()):
             captions["integral"] = "The laws' own states"
         pictures = [
             report.Picture(what, f"{caption}: {report.named(traces)}.", figures.plot(traces, what))
             for what, caption in captions.items()
-            if what != "sliding" or any("s" in trace.arrays for trace in loaded)
+            if what != "sliding" or any("s" in trace.arrays for trace in traces.values())
         ]
-        names = ", ".join(dict.fromkeys(trace.scenario.name for trace in loaded))
+        names = ", ".join(dict.fromkeys(trace.scenario.name for trace in traces.values()))
         report.write(Path(out), report.page(f"{names}: {report.named(traces)}", traces, pictures))
         click.echo(out)
 

@@ -1,6 +1,7 @@
 """Terminal output: progress and warnings on standard error, results on standard output."""
 
 import contextlib
+import functools
 import json
 import math
 import sys
@@ -41,14 +42,18 @@ class Console:
 
         The function draws a progress bar if standard error is a terminal, and checks for signals.
         """
-        drawn = not self.quiet and sys.stderr.isatty()
-        with warnings.catch_warnings(), _bar(scenario) if drawn else contextlib.nullcontext() as bar:
+        label = f"{scenario.name} · {scenario.controller.label()}"
+        shown: contextlib.AbstractContextManager[Any] = contextlib.nullcontext()
+        if not self.quiet and sys.stderr.isatty():
+            shown = bar(f"{label} · compiling", "{task.fields[simulated]:.1f} s simulated")
+        with warnings.catch_warnings(), shown as update:
             warnings.showwarning = self.warn  # Python's own hook; catch_warnings restores it
 
             def progress(done: int, total: int) -> None:
                 stop.check()
-                if bar is not None:
-                    bar(done, total)
+                if update is not None:
+                    simulated = done * scenario.simulation.timestep
+                    update(description=label, completed=done, total=total, simulated=simulated)
 
             yield progress
 
@@ -59,29 +64,15 @@ class Console:
             _run_table(trace, report)
 
 
-def _bar(scenario: Any) -> Any:
+@contextlib.contextmanager
+def bar(what: str, column: Any) -> Iterator[Callable[..., None]]:
+    """A progress bar on standard error with one column beside the bar. Yields a function that updates it."""
     import rich.console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, TimeRemainingColumn
 
-    @contextlib.contextmanager
-    def bar() -> Any:
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.fields[simulated]:.1f} s simulated"),
-            TimeRemainingColumn(),
-        )
-        with Progress(*columns, console=rich.console.Console(stderr=True), transient=True) as progress:
-            label = f"{scenario.name} · {scenario.controller.label()}"
-            task = progress.add_task(f"{label} · compiling", total=None, simulated=0.0)
-
-            def advance(done: int, total: int) -> None:
-                simulated = done * scenario.simulation.timestep
-                progress.update(task, description=label, completed=done, total=total, simulated=simulated)
-
-            yield advance
-
-    return bar()
+    columns = ("{task.description}", BarColumn(), column, TimeRemainingColumn())
+    with Progress(*columns, console=rich.console.Console(stderr=True), transient=True) as progress:
+        yield functools.partial(progress.update, progress.add_task(what, total=None, simulated=0.0))
 
 
 def log_tables(path: Any, trace: Any, files: Mapping[str, bytes]) -> None:
@@ -91,7 +82,7 @@ def log_tables(path: Any, trace: Any, files: Mapping[str, bytes]) -> None:
     from ..records.mcap.layout import Format
 
     header = trace.header
-    table = Table(title="contents of the log", show_header=False, title_justify="left", min_width=60)
+    table = facts("contents of the log")
     table.add_row("file", f"{printable(str(path))}, {path.stat().st_size / 1e6:.1f} MB")
     rate = 1.0 / (header.row_steps * header.scenario.simulation.timestep)
     table.add_row("rows", f"{len(trace)} at {rate:g} Hz, {trace.t[0]:g} to {trace.t[-1]:g} s" if len(trace) else "0")
@@ -113,6 +104,13 @@ def log_tables(path: Any, trace: Any, files: Mapping[str, bytes]) -> None:
     print_table(table)
 
 
+def facts(title: str) -> Any:
+    """An empty table of names and values."""
+    from rich.table import Table
+
+    return Table(title=title, show_header=False, title_justify="left", min_width=60)
+
+
 def print_table(table: Any) -> None:
     """Print a table as wide as the terminal, or 120 columns without one. Brackets are units, not markup."""
     import rich.console
@@ -126,14 +124,7 @@ def _run_table(trace: Any, report: dict[str, Any]) -> None:
     Peaks and instants depend on the time step and get at most four digits. A force at rest does not depend on it and
     gets the digits that did not change in the final window, at most seven.
     """
-    from rich.table import Table
-
-    table = Table(
-        title=printable(f"{report['scenario']} · {report['controller']} · {report['status']}"),
-        show_header=False,
-        title_justify="left",
-        min_width=60,
-    )
+    table = facts(printable(f"{report['scenario']} · {report['controller']} · {report['status']}"))
     for name, value in (*_contact_rows(trace, report), *_motion_rows(trace, report), *_run_rows(trace, report)):
         table.add_row(name, value)
     table.add_row("error bars", "uvms-mj converge, with the same scenario and settings", style="dim")

@@ -7,16 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .common import (
-    EXIT_BAD_INPUT,
-    EXIT_UNSTABLE,
-    bad_input,
-    command,
-    end,
-    output_options,
-    progress_bar,
-    run_options,
-)
+from .common import EXIT_BAD_INPUT, EXIT_UNSTABLE, bad_input, command, end, output_options, progress_bar, run_options
 from .console import Console, print_table
 from .run import chosen
 from .stop import Stop, exit_interrupted

@@ -7,16 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .common import (
-    bad_input,
-    command,
-    end,
-    force_option,
-    json_option,
-    path_argument,
-    path_option,
-    refuse_existing,
-)
+from .common import bad_input, command, end, force_option, json_option, path_argument, path_option, refuse_existing
 from .console import Console, log_tables, printable
 from .stop import exit_interrupted
 
@@ -109,17 +100,12 @@ def replay(logs: tuple[str, ...], save: str | None, web: bool, force: bool) -> N
     """
     with bad_input():
         from ..errors import InputError
-        from ..records.trace import Trace
 
         if save is not None and web:
             raise InputError("--save and --web exclude each other; choose one")
         if save is not None:
             refuse_existing("--save", Path(save), force)
-        traces = {}
-        loaded = [Trace.load(log) for log in logs]
-        for log, label, trace in zip(logs, labels(logs, loaded), loaded, strict=True):
-            say_if_truncated(log, trace)
-            traces[label] = trace
+        traces = loaded(logs)
         from ..views import rerun as rerun_view
 
         try:
@@ -132,6 +118,16 @@ def replay(logs: tuple[str, ...], save: str | None, web: bool, force: bool) -> N
                 rerun_view.show(traces)
         except KeyboardInterrupt:
             end("stopped", exit_interrupted())
+
+
+def loaded(logs: tuple[str, ...]) -> "dict[str, Trace]":
+    """The traces of several logs by :func:`labels`. Warns of truncated logs."""
+    from ..records.trace import Trace
+
+    traces = [Trace.load(log) for log in logs]
+    for log, trace in zip(logs, traces, strict=True):
+        say_if_truncated(log, trace)
+    return dict(zip(labels(logs, traces), traces, strict=True))
 
 
 def labels(logs: "tuple[str, ...]", traces: "list[Trace]") -> list[str]:

@@ -27,18 +27,13 @@ def plot(logs: tuple[str, ...], what: str, out: str | None, force: bool) -> None
     draw_to_files()
     with bad_input():
         from ..errors import InputError
-        from ..records.trace import Trace
         from ..views import figures
-        from .logs import labels, say_if_truncated
+        from .logs import loaded
 
         path = Path(out) if out is not None else Path(logs[0]).parent / f"{what}.png"
         kind = path.suffix.removeprefix(".")
         if kind not in FORMATS:
             raise InputError(f"--out {path}: the name must end in one of .{', .'.join(FORMATS)}")
         refuse_existing("--out", path, force)
-        loaded = [Trace.load(log) for log in logs]
-        for log, trace in zip(logs, loaded, strict=True):
-            say_if_truncated(log, trace)
-        figure = figures.plot(dict(zip(labels(logs, loaded), loaded, strict=True)), what)
-        (written,) = figures.save(figure, path.with_suffix(""), (kind,))
+        (written,) = figures.save(figures.plot(loaded(logs), what), path.with_suffix(""), (kind,))
         click.echo(str(written))

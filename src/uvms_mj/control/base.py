@@ -1,12 +1,6 @@
 """The contract of a control law: gains, states, one function.
 
-A controller is a frozen dataclass of gains that derives from :class:`Controller`, with a static method ``law``::
-
-    @dataclass(frozen=True)
-    class Pid(Controller):
-        "PID about the reference."
-        k_i: float = gain(20.0, "N/(m s)", "integral gain")
-        states = {"xi": 6}
+A controller is a stage (:mod:`uvms_mj.stages.base`) with gains as settings and ``law`` as its static method::
 
         @staticmethod
         def law(gains, state, signals, state_dot, tau_cmd):
@@ -14,9 +8,7 @@ A controller is a frozen dataclass of gains that derives from :class:`Controller
                 state_dot.xi[i] = signals.eta_e[i]
                 tau_cmd[i] = signals.tau_nom[i] - gains.k_i * state.xi[i]
 
-``signals`` has the fields of :data:`uvms_mj.stages.signals.GIVEN`. At a control instant tau_cmd is computed from the
-current states; then the states advance by explicit Euler over the control period with ``state_dot``, and tau_cmd is
-held until the next instant. The function is compiled; if numba cannot compile it, it runs as plain Python.
+``signals`` has the fields of :data:`uvms_mj.stages.signals.GIVEN`.
 """
 
 from __future__ import annotations  # so that help(Controller) shows short type names

@@ -17,13 +17,8 @@ _TABLES = [field.name for field in dataclasses.fields(Scenario)]
 
 
 def changed(base: Setup, current: Setup, overrides: Mapping[str, Any]) -> tuple[Setup, frozenset[str]]:
-    """A setup with overrides, and what differs from ``current`` or ``base``: tables of the scenario, and ``design`` if
-    the design matrices differ.
-
-    Args:
-        base: the setup to which the overrides apply.
-        current: the setup of the run before the reset.
-        overrides: dotted keys with values.
+    """``base`` with overrides by dotted keys, and what differs from it or from ``current``, the setup of the run before
+    the reset: tables of the scenario, and ``design`` if the design matrices differ.
 
     Raises:
         InputError: a key or value is invalid, or needs another plant or other machine code.
@@ -31,19 +26,15 @@ def changed(base: Setup, current: Setup, overrides: Mapping[str, Any]) -> tuple[
     scenario = _updated(base.scenario, overrides_of(overrides))
     _refuse_other_code(base.scenario, scenario)
     before, now = current.scenario, base.scenario
-    touched = {
-        name
-        for name in _TABLES
-        for new in [getattr(scenario, name)]
-        if new is not getattr(now, name) or new is not getattr(before, name)
-    }
+    tables, old, oldest = scenario.__dict__, before.__dict__, now.__dict__
+    touched = {name for name in _TABLES if tables[name] is not old[name] or tables[name] is not oldest[name]}
     design = base.design
     if _design_inputs(scenario) != _design_inputs(base.scenario):
         with no_overflow(scenario):
             design = design_of(scenario, base.vehicle)
     if design is not base.design or design is not current.design:
         touched.add("design")
-    setup = dataclasses.replace(base, scenario=scenario, design=design)
+    setup = Setup(scenario, base.plant, design)
     if touched:
         refuse(setup, touched)
     return setup, frozenset(touched)
@@ -59,9 +50,7 @@ def _updated(scenario: Scenario, overrides: Mapping[str, Any]) -> Scenario:
         made = {}
         for name, values in tables.items():
             old = getattr(scenario, name)
-            if not values.keys() <= {field.name for field in dataclasses.fields(old)}:
-                raise KeyError(name)
-            made[name] = dataclasses.replace(old, **values)
+            made[name] = type(old)(**(vars(old) | values))
         return _with(scenario, made)
     except (AttributeError, KeyError, TypeError, ValidationError, InputError):  # said in full, or a key of another kind
         full = scenario.updated(overrides)

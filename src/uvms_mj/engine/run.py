@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from ..analysis.sampling import SamplingWarning, row_steps_of
+from ..analysis.sampling import SamplingWarning
 from ..control import Controller
 from ..control.theory import steady_state
 from ..errors import InputError
@@ -23,21 +23,21 @@ from .native.plain_stage import StageFault
 from .simulation import CHUNK_S, CHUNK_STEPS, Simulation
 
 
-class LawError(RuntimeError):
+class _Stopped(RuntimeError):
+    """An exception that stopped a run after its first step. ``trace`` has the samples kept in memory."""
+
+    def __init__(self, message: str, trace: Trace) -> None:
+        super().__init__(message)
+        self.trace = trace
+
+
+class LawError(_Stopped):
     """A law raised, wrote outside its arrays, changed a gain or gave a number that is not finite. The message names the
     law and, where it is known, the line; ``trace`` has the samples up to then."""
 
-    def __init__(self, message: str, trace: Trace) -> None:
-        super().__init__(message)
-        self.trace = trace
 
-
-class SinkError(RuntimeError):
+class SinkError(_Stopped):
     """A sink raised and stopped the run. ``trace`` has the samples kept in memory, ``__cause__`` the exception."""
-
-    def __init__(self, message: str, trace: Trace) -> None:
-        super().__init__(message)
-        self.trace = trace
 
 
 class PlainPythonWarning(UserWarning):
@@ -194,3 +194,39 @@ class _Run:
 
 
 _HINT = "Try a smaller simulation.timestep, smaller gains, or a softer wall."
+
+
+DEFAULT_LOG_RATE = 1000.0
+
+
+def row_steps_of(timestep: float, log_rate: float | str | None) -> int:
+    """Number of time steps between recorded rows.
+
+    Args:
+        timestep: [s].
+        log_rate: [Hz], or "full" for every step, or None for the rate nearest to 1 kHz that divides the step rate.
+
+    Raises:
+        InputError: the rate does not divide the step rate; the message gives the nearest rates that do.
+    """
+    step_rate = 1.0 / timestep
+    if log_rate is None:
+        return max(1, round(step_rate / DEFAULT_LOG_RATE))
+    if log_rate == "full":
+        return 1
+    try:
+        rate = float(log_rate)
+    except ValueError:
+        rate = -1.0
+    if not 1e-9 < rate < np.inf:
+        raise InputError(f"log rate {log_rate!r}: must be a number of samples per second, or 'full'")
+    row_steps = max(1, round(step_rate / rate))
+    if abs(row_steps * rate - step_rate) > 1e-6 * step_rate:
+        above = max(1, int(step_rate / rate))
+        neighbours = f"{step_rate / (above + 1):.12g} and {step_rate / above:.12g} Hz"
+        if rate > step_rate:
+            neighbours = f"{step_rate:.6g} Hz, or 'full'"
+        raise InputError(
+            f"log rate {rate:g} Hz: must divide the step rate {step_rate:.6g} Hz; the nearest are {neighbours}"
+        )
+    return row_steps

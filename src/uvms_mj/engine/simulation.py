@@ -8,22 +8,18 @@ from typing import Any, NoReturn
 import mujoco
 import numpy as np
 
-from ..analysis.ranges import no_overflow
-from ..analysis.sampling import refuse, warnings_of
-from ..analysis.setup import set_up
+from ..analysis.sampling import checked, warnings_of
 from ..errors import Fault, InputError
 from ..plant.mjcf import Mjcf
 from ..quantities import overrides_of
 from ..scenario import Scenario
-from ..stages.base import is_shipped
-from ..stages.contract import check_contract
-from ..stages.recorded import Recorded
+from ..stages.contract import check_stage
 from ..stages.signals import Signal
 from .changes import changed
 from .live import Signals
 from .native.attachment import immerse
 from .native.callback import entry_points
-from .native.run_memory import RunMemory
+from .native.run_memory import RunMemory, motion_of_water
 from .native.verdict import Diverged, verdict
 from .one_thread import OneThread
 
@@ -67,29 +63,12 @@ class Simulation:
         if not isinstance(scenario, Scenario):
             raise InputError(f"scenario: expected a Scenario, got {scenario!r}; use Scenario.load(name or path)")
         for stage in scenario.stages:
-            if isinstance(stage, Recorded):
-                raise InputError(
-                    f"the {stage.room.noun} {stage.source()} is in the log as text, which is never run: pass the "
-                    f"{'controller' if stage.room.noun == 'law' else 'stage'} from the {stage.room.noun}'s file"
-                )
-            if not is_shipped(stage):
-                check_contract(type(stage))
-        with no_overflow(scenario):
-            self.setup = set_up(scenario, mjcf)
-            refuse(self.setup)
+            check_stage(stage)
+        self.setup = checked(scenario, mjcf)
         self._base = self.setup
         self.model, plant = self.setup.plant.model, self.setup.plant
         self.data = plant.initial_data(scenario.initial)
-        disturbance = scenario.disturbance
-        self._attachment = immerse(
-            self.model,
-            self.data,
-            plant.vehicle,
-            current_W=scenario.current.velocity_W,
-            bias=disturbance.bias,
-            amplitude=disturbance.amplitude,
-            frequency_hz=disturbance.frequency_hz,
-        )
+        self._attachment = immerse(self.model, self.data, plant.vehicle, motion_of_water(scenario))
         self._finalizer = weakref.finalize(self, self._attachment.release)
         try:
             self._memory = RunMemory(self.setup, self.data, self._attachment)

@@ -3,6 +3,7 @@
 from __future__ import annotations  # so that help(Guidance) shows short type names
 
 import dataclasses
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar
 
@@ -40,7 +41,7 @@ class Guidance(Stage):
     def __post_init__(self) -> None:
         super().__post_init__()
         position = self.rests_at()
-        if position is not None and not (np.shape(position) == (3,) and np.isfinite(position).all()):
+        if position is not None and not (np.shape(position) == (3,) and all(map(math.isfinite, position))):
             what = f"rests_at returned {shortened(position)}: it must return three numbers [m] or None"
             raise InputError([Fault("reference", f"{self.label()}.{what}")])
 

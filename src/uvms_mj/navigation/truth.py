@@ -8,7 +8,7 @@ from ..physics.model import model_wrenches
 
 @kernel
 def reveal(coefficients, water, signals, truth, work):
-    """Set a :data:`uvms_mj.stages.signals.TRUTH` record, except M, from the true COEFFICIENTS; work is (6,) scratch."""
+    """Set a :data:`uvms_mj.stages.signals.TRUTH` record, except M, from the true coefficients; work is (6,) scratch."""
     nu, nu_r, nu_c_dot = signals.nu, truth.nu_r, truth.nu_c_dot
     to_body(signals.R_WB, water.v_c_W, work)
     for i in range(3):

@@ -4,32 +4,16 @@ The estimates use the same equations as the plant, with the true coefficients ti
 Their errors are terms of the lumped disturbance of the paper's eq. (11).
 """
 
-import numpy as np
-
 from .fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from .kernels import kernel
-
-COEFFICIENTS = np.dtype(
-    [
-        ("M_RB", "f8", (6, 6)),
-        ("M_A", "f8", (6, 6)),
-        ("D_linear", "f8", (6, 6)),
-        ("D_quadratic", "f8", (6, 6)),
-        ("mass", "f8"),
-        ("displaced_mass", "f8"),
-        ("r_g", "f8", (3,)),
-        ("r_b", "f8", (3,)),
-        ("gravity_W", "f8", (3,)),
-    ],
-    align=True,
-)
-"""Coefficients of C, D and g of a vehicle, in the units of :class:`.plant.vehicle.Vehicle`. Those of the estimates are
-already scaled."""
 
 
 @kernel
 def model_wrenches(coefficients, nu, R_WB, C_nu, D_nu, g_eta):
-    """Set C(nu) nu, D(nu) nu and g(eta), (6,) each [N, N m, B], from nu (6,) and R_WB (3, 3)."""
+    """Set C(nu) nu, D(nu) nu and g(eta), (6,) each [N, N m, B], from nu (6,) and R_WB (3, 3).
+
+    ``coefficients`` is a record with M_RB, M_A, D_linear, D_quadratic, mass, displaced_mass, r_g, r_b and gravity_W.
+    """
     coriolis_rigid_body(coefficients.M_RB, nu, C_nu)
     coriolis_added_mass(coefficients.M_A, nu, g_eta)  # scratch until restoring sets it
     for i in range(6):

@@ -87,13 +87,8 @@ class Plant:
 
 
 def build(mjcf: Mjcf, wall: Wall, timestep: float, integrator: str) -> Plant:
-    """Build a plant. It omits geoms for drawing only: a step is faster and its result is the same.
-
-    Args:
-        mjcf: the vehicle's model.
-        wall: the wall in front of it.
-        timestep: [s].
-        integrator: "euler" or "implicitfast".
+    """Build a plant with a time step [s] and an integrator, "euler" or "implicitfast". It omits geoms for drawing only:
+    a step is faster and its result is the same.
 
     Raises:
         InputError: the vehicle's file can't be used, or is not physical.

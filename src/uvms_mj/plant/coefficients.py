@@ -27,11 +27,7 @@ def _derivatives(suffix: str) -> np.ndarray:
     return np.array([[f"{wrench}_{suffix.format(v)}" for v in "uvwpqr"] for wrench in "XYZKMN"])
 
 
-DERIVATIVES = {
-    "M_A": _derivatives("{0}dot"),
-    "D_linear": _derivatives("{0}"),
-    "D_quadratic": _derivatives("{0}{0}"),
-}
+DERIVATIVES = {"M_A": _derivatives("{0}dot"), "D_linear": _derivatives("{0}"), "D_quadratic": _derivatives("{0}{0}")}
 """(6, 6) names of the derivatives of each matrix."""
 
 KNOWN_NUMERICS = frozenset(

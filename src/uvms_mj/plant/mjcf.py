@@ -1,8 +1,9 @@
 """A vehicle's MJCF with all files that it refers to, in memory. Runs are built from it, and logs contain it."""
 
+import contextlib
 import functools
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
@@ -58,10 +59,8 @@ class Mjcf:
         """Raise InputError unless MuJoCo compiles the same model from the files in their folders. MuJoCo decides which
         file a name means."""
         ours = self.compiled(self.spec())
-        try:
+        with _compiling(path):
             theirs = mujoco.MjModel.from_xml_path(str(path))
-        except (ValueError, RuntimeError, mujoco.FatalError) as error:
-            raise InputError(f"vehicle.model {path}: MuJoCo can't compile it: {_line(error)}") from None
         for name in _COMPARED:
             if not np.array_equal(getattr(ours, name), getattr(theirs, name)):
                 raise InputError(
@@ -98,18 +97,20 @@ class Mjcf:
         # MuJoCo also accepts malformed XML, so it gets the checked trees, written anew
         texts = {name: ElementTree.tostring(tree) for name, tree in parsed.items()}
         rest = {name: texts.get(name, data) for name, data in self.files.items() if name != self.name}
-        try:
+        with _compiling(self.name):
             return mujoco.MjSpec.from_string(texts[self.name].decode(), include=rest, assets=rest)
-        except (ValueError, RuntimeError, mujoco.FatalError) as error:
-            raise InputError(f"vehicle.model {self.name}: MuJoCo can't compile it: {_line(error)}") from None
 
     def compiled(self, spec: mujoco.MjSpec) -> mujoco.MjModel:
         """Compile a spec of this model; raises InputError if MuJoCo can't."""
-        try:
+        with _compiling(self.name):
             return spec.compile()
-        except (ValueError, RuntimeError, mujoco.FatalError) as error:
-            raise InputError(f"vehicle.model {self.name}: MuJoCo can't compile it: {_line(error)}") from None
 
 
-def _line(error: Exception) -> str:
-    return " ".join(str(error).split())
+@contextlib.contextmanager
+def _compiling(name: str | Path) -> Iterator[None]:
+    """Turn an error of MuJoCo's compiler into an InputError."""
+    try:
+        yield
+    except (ValueError, RuntimeError, mujoco.FatalError) as error:
+        line = " ".join(str(error).split())
+        raise InputError(f"vehicle.model {name}: MuJoCo can't compile it: {line}") from None

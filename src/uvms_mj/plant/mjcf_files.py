@@ -48,17 +48,14 @@ def parsed(name: str, data: bytes, comments: bool = False) -> Element:
     raise InputError(f"vehicle.model {name}: has elements nested more than {DEEPEST} deep")
 
 
-def references(tree: Element) -> Iterator[tuple[Element, str, str]]:
-    """Each reference of a tree to a file: the element, its attribute, and the file."""
-    for element in tree.iter():
-        yield from ((element, key, value) for key, value in element.attrib.items() if _FILE.fullmatch(key) and value)
+def _references(element: Element) -> list[tuple[str, str]]:
+    """The references of an element to files: attribute and file."""
+    return [(key, value) for key, value in element.attrib.items() if _FILE.fullmatch(key) and value]
 
 
 def flattened(main: Path) -> dict[str, bytes]:
     """A model and every file that it refers to, by names without folders, so that a log contains no path of the user.
-
-    Args:
-        main: the model's file. It is the first of the result and keeps its name.
+    The main file is the first and keeps its name.
 
     Raises:
         InputError: a file is missing, or must be XML and is not.
@@ -135,7 +132,7 @@ class _Folders:
                 if "assetdir" in element.attrib:
                     settings["meshdir"] = settings["texturedir"] = element.attrib["assetdir"]
                 settings |= {k: v for k, v in element.attrib.items() if k in ("meshdir", "texturedir", "strippath")}
-            for key, reference in [(k, v) for k, v in element.attrib.items() if _FILE.fullmatch(k) and v]:
+            for key, reference in _references(element):
                 if element.tag == "include":
                     target = self._place(reference, (folder, path.parent))
                     self.found.append((path, element, key, target))
@@ -193,12 +190,12 @@ def trees(files: Mapping[str, bytes], main: str) -> dict[str, Element]:
         for name in parts:  # grows in the loop
             if name not in found:
                 found[name] = parsed(name, files[name])
-            named = list(references(found[name]))
-            missing = sorted({reference for _, _, reference in named} - (files.keys() - {main}))
+            named = [(element.tag, file) for element in found[name].iter() for _, file in _references(element)]
+            missing = sorted({file for _, file in named} - (files.keys() - {main}))
             if missing:
                 raise InputError(f"vehicle.model {main}: refers to missing files: {', '.join(missing)}")
-            parts += [reference for element, _, reference in named if element.tag == "include"]
-            below += [reference for element, _, reference in named if element.tag == "model"]
+            parts += [file for tag, file in named if tag == "include"]
+            below += [file for tag, file in named if tag == "model"]
             if len(set(parts)) < len(parts) or len(parts) > DEEPEST:
                 reason = f"includes itself, or a file twice, or more than {DEEPEST} files"
                 raise InputError(f"vehicle.model {main}: {name} {reason}")

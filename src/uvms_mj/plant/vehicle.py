@@ -115,21 +115,8 @@ class Vehicle:
         arrays = (M_RB, M_A, D_linear, D_quadratic, r_b, thrust_of_ctrl, B, u_min, u_max)
         for array in arrays:
             array.setflags(write=False)
-        return cls(
-            body=body,
-            M_RB=M_RB,
-            M_A=M_A,
-            D_linear=D_linear,
-            D_quadratic=D_quadratic,
-            displaced_mass=displaced_mass,
-            r_b=r_b,
-            thrusters=thrusters,
-            actuator_ids=ids,
-            thrust_of_ctrl=thrust_of_ctrl,
-            B=B,
-            u_min=u_min,
-            u_max=u_max,
-        )
+        water = M_A, D_linear, D_quadratic, displaced_mass, r_b
+        return cls(body, M_RB, *water, thrusters, ids, thrust_of_ctrl, B, u_min, u_max)
 
 
 def free_body_id(model: mujoco.MjModel, body: str) -> int:

@@ -17,11 +17,7 @@ _CLOSE = 0.8
 
 
 def check_elements(trees: Mapping[str, Element], main: str) -> None:
-    """Check a model's XML files before MuJoCo reads them.
-
-    Args:
-        trees: the parsed files by name.
-        main: name of the main file.
+    """Check a model's parsed XML files, by name, before MuJoCo reads them.
 
     Raises:
         InputError: elements, attributes or values that are not allowed in a vehicle's file, all at once. An error that
@@ -110,10 +106,6 @@ def _too_many(trees: Mapping[str, Element]) -> Iterator[Fault]:
 
 def check_model(model: mujoco.MjModel, main: str) -> None:
     """Check the compiled model of a vehicle's file for errors that the XML does not show.
-
-    Args:
-        model: the compiled model.
-        main: name of the main file.
 
     Raises:
         InputError: the model is not one body on a free joint, has no thrusters or unknown numerics, or something other

@@ -86,13 +86,7 @@ MAT), and ``scenario`` in TOML."""
 
 
 def export(trace: Trace, kind: str, path: Path, replace: bool = False) -> None:
-    """Write a trace to a file. If writing fails, no file is left.
-
-    Args:
-        trace: the trace.
-        kind: a key of :data:`WRITERS`.
-        path: the file.
-        replace: whether an existing file is overwritten.
+    """Write a trace to a file in a format of :data:`WRITERS`. If writing fails, no file is left.
 
     Raises:
         InputError: the file exists or can't be written, or the format does not allow the name of a state.

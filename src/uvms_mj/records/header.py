@@ -10,13 +10,16 @@ import platform
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass as checked
 
 from ..control.rest import NoClosedForm, SteadyState
 from ..plant.geometry import Geometry
 from ..plant.mjcf import Mjcf
+from ..quantities import STRICT, NonNegative
 from ..scenario import STAGES, Scenario
 from ..stages.base import Stage
 from ..stages.signals import Signal
@@ -69,15 +72,6 @@ class StageSource:
         return cls(f"{path.name}:{kind.__name__}", digest, code.decode(errors="replace"), states)
 
 
-def solved(analytic: SteadyState | NoClosedForm) -> Callable[[], SteadyState | NoClosedForm]:
-    """The function of a rest state that is solved already."""
-    return functools.partial(_same, analytic)
-
-
-def _same(analytic: SteadyState | NoClosedForm) -> SteadyState | NoClosedForm:
-    return analytic
-
-
 @dataclass(frozen=True, eq=False)
 class Header:
     """The part of a run's record that is known before the first step.
@@ -86,7 +80,7 @@ class Header:
         scenario: the scenario with all defaults.
         signals: the signals of a row, in order.
         row_steps: time steps from one row to the next.
-        rest: function that gives :attr:`analytic`; it is called when somebody asks.
+        rest: :attr:`analytic`, or a function that gives it and is called when somebody asks.
         notes: the warnings that the user was given.
         mjcf: the vehicle's model.
         geometry: the vehicle's shape, for pictures.
@@ -97,7 +91,7 @@ class Header:
     scenario: Scenario
     signals: tuple[Signal, ...]
     row_steps: int
-    rest: Callable[[], SteadyState | NoClosedForm] = field(repr=False)
+    rest: SteadyState | NoClosedForm | Callable[[], SteadyState | NoClosedForm] = field(repr=False)
     notes: tuple[str, ...]
     mjcf: Mjcf
     geometry: Geometry
@@ -112,11 +106,11 @@ class Header:
     @functools.cached_property
     def analytic(self) -> SteadyState | NoClosedForm:
         """The predicted rest state, or the reason why there is no closed form."""
-        return self.rest()
+        return self.rest() if callable(self.rest) else self.rest
 
     def __getstate__(self) -> dict[str, Any]:
         """The fields, with the rest state solved, as copy and pickle need them."""
-        return {**self.__dict__, "rest": solved(self.analytic)}
+        return {**self.__dict__, "rest": self.analytic}
 
     @functools.cached_property
     def places(self) -> dict[str, slice]:
@@ -148,7 +142,7 @@ class Header:
         return min(row * self.row_steps, self.scenario.steps)
 
 
-@dataclass(frozen=True)
+@checked(frozen=True, config=STRICT)
 class Outcome:
     """How a run ended.
 
@@ -161,8 +155,8 @@ class Outcome:
 
     status: Status
     message: str
-    steps: int
-    wall_time_s: float
+    steps: Annotated[int, Field(ge=0)]
+    wall_time_s: NonNegative
 
 
 class Sink(Protocol):

@@ -30,16 +30,7 @@ Values = Mapping[str, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class Arrow:
-    """A constant arrow in W.
-
-    Attributes:
-        name: name of the arrow.
-        label: text beside the arrow.
-        colour: red, green and blue, 0 to 255.
-        radius: radius of the shaft [m].
-        start: (3,) where the arrow begins [m].
-        tip: (3,) where it ends [m].
-    """
+    """A constant arrow in W from start (3,) to tip (3,) [m], with the radius of its shaft [m] and a label beside it."""
 
     name: str
     label: str
@@ -54,8 +45,6 @@ class Force:
     """A force that changes with time, drawn as an arrow.
 
     Attributes:
-        name: name of the force.
-        colour: red, green and blue, 0 to 255.
         radius: radius of the shaft [m].
         text_above: height of the arrow's text above its tip [m].
         acts: points (n, 3) and forces (n, 3) in W, from a header and values.

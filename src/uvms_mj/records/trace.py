@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from ..control.rest import NoClosedForm, SteadyState
 from ..errors import InputError, suggestion
 from ..scenario import Scenario
-from ..stages.signals import Signal, split_rows
+from ..stages.signals import Signal
 from .header import Header, Outcome, Status
 from .mcap import McapLog, read
 
@@ -59,7 +60,12 @@ class Trace:
     @classmethod
     def of(cls, header: Header, rows: np.ndarray, outcome: Outcome) -> "Trace":
         """A trace of rows (n, width)."""
-        return cls(header, split_rows(rows, header.signals), outcome)
+        arrays = {}
+        for signal in header.signals:
+            block = np.ascontiguousarray(rows[:, header.places[signal.name]]).reshape(len(rows), *signal.shape)
+            block.setflags(write=False)
+            arrays[signal.name] = block
+        return cls(header, MappingProxyType(arrays), outcome)
 
     @classmethod
     def load(cls, path: str | os.PathLike) -> "Trace":

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import Fault, InputError, suggestion
-from .base import THRUSTERS, Stage, base_of, packs_itself
+from .base import THRUSTERS, Stage, base_of, is_shipped, packs_itself
+from .recorded import Recorded
 from .signals import TASK, TRUTH
 
 _MOST_STATES = 10_000
@@ -20,12 +21,25 @@ _LONGEST_NAME = 100
 _OVERRIDDEN = ("name", "states", "units", "uses_task", "uses_truth")
 
 
-def check_contract(cls: type[Stage], file: str = "") -> None:
-    """Check that a class satisfies the contract of a stage of its room.
+def check_stage(stage: Stage) -> None:
+    """Check that a stage may run.
 
-    Args:
-        cls: the class.
-        file: its file, for the message.
+    Raises:
+        InputError: it is of a log, or its class violates the contract.
+    """
+    if isinstance(stage, Recorded):
+        raise InputError(
+            f"the {stage.room.noun} {stage.source()} is in the log as text, which is never run: pass the "
+            f"{'controller' if stage.room.noun == 'law' else 'stage'} from the {stage.room.noun}'s file"
+        )
+    if not is_shipped(stage):
+        check_contract(type(stage))
+        if getattr(stage, "uses_truth", False):
+            raise InputError([Fault("controller.uses_truth", "is reserved for ideal, the yardstick law")])
+
+
+def check_contract(cls: type[Stage], file: str = "") -> None:
+    """Check that a class satisfies the contract of a stage of its room. The message names the file.
 
     Raises:
         InputError: the class violates the contract; lists every error.

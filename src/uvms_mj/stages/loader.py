@@ -20,13 +20,7 @@ _Stage = TypeVar("_Stage", bound=Stage)
 
 @dataclasses.dataclass(frozen=True)
 class Choice(Generic[_Stage]):
-    """The stages to choose from in a table of a scenario.
-
-    Attributes:
-        base: base class of the stages.
-        shipped: the shipped stages by name.
-        default: the stage of a table without a name.
-    """
+    """The stages to choose from in a table of a scenario; ``default`` is that of a table without a name."""
 
     base: type[_Stage]
     shipped: Mapping[str, type[_Stage]]

@@ -19,13 +19,7 @@ class Recorded:
 def recorded_stage(
     base: type[_Stage], source: str, table: Mapping[str, Any], states: Mapping[str, Any]
 ) -> type[_Stage]:
-    """Make a placeholder class with the settings of a table of a scenario.
-
-    Args:
-        base: base class of the stage's room.
-        source: ``file.py:ClassName``.
-        table: settings by name: numbers, flags and lists of numbers.
-        states: sizes of the states by name.
+    """Make a placeholder class with the settings of a table of a scenario, and the sizes of its states by name.
 
     Raises:
         InputError: a setting has another type, or its name is not a Python identifier.

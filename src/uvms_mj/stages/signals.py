@@ -3,9 +3,7 @@
 To add a signal, add a line to a table here and a line where it is computed.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 
@@ -146,23 +144,16 @@ TRUTH = (
 )
 """True values, given to the ideal law, eq. (13), only."""
 
+_SET = {signal.name: signal for signal in GIVEN + TRUTH}
+
 STATE = (
     Signal("t", (), "s", "-", "time"),
-    Signal("p_WB", (3,), "m", "W", "position of B's origin"),
-    Signal("quat_WB", (4,), "1", "W", "attitude, unit quaternion w x y z"),
-    Signal("nu", (6,), _TWIST, "B", "velocity [v; omega]"),
+    *(_SET[name] for name in ("p_WB", "quat_WB", "nu")),
     Signal("nu_dot", (6,), "m/s^2, rad/s^2", "B", "acceleration, time derivative of nu"),
-    Signal("p_d", (3,), "m", "W", "desired position"),
-    Signal("p_d_dot", (3,), "m/s", "W", "desired velocity"),
-    Signal("quat_d", (4,), "1", "W", "desired attitude, w x y z"),
-    Signal("eta_e", (6,), "m, 1", "B", "pose error [R_WB^T (p_WB - p_d); vector part of quat_e]"),
-    Signal("nu_e", (6,), _TWIST, "B", "velocity error nu - nu_d"),
-    Signal("s", (6,), _TWIST, "B", "sliding variable, eq. (14)"),
-    Signal("zeta", (6,), _TWIST, "B", "state of the dynamic compensator, eq. (15)"),
-    Signal("tau_nom", (6,), _WRENCH, "B", "nominal control, eq. (23)"),
+    *(_SET[name] for name in ("p_d", "p_d_dot", "quat_d", "eta_e", "nu_e", "s", "zeta", "tau_nom")),
     WRENCH_COMMAND,
     Signal("tau", (6,), _WRENCH, "B", "wrench produced by the thrusters, B u"),
-    Signal("tau_dist", (6,), _WRENCH, "B", "disturbance wrench, eq. (10)"),
+    _SET["tau_dist"],
     Signal("f_contact_W", (3,), "N", "W", "force of the wall on the vehicle"),
     Signal("f_contact_m_W", (3,), "N", "W", "measured contact force, given to the law"),
     Signal("stretch_W", (3,), "m", "W", "stretch of the wall's tangential spring"),
@@ -220,15 +211,3 @@ def thruster_signal(n: int) -> Signal:
 def record_dtype(signals: tuple[Signal, ...]) -> np.dtype:
     """Structured dtype with one field per signal, of 8 bytes a number."""
     return np.dtype([(s.name, s.kind, s.shape) for s in signals], align=True)
-
-
-def split_rows(rows: np.ndarray, signals: tuple[Signal, ...]) -> Mapping[str, np.ndarray]:
-    """Read-only arrays (n, *shape) by name from rows (n, width) of the signals side by side."""
-    arrays: dict[str, np.ndarray] = {}
-    start = 0
-    for signal in signals:
-        block = np.ascontiguousarray(rows[:, start : start + signal.size]).reshape(len(rows), *signal.shape)
-        block.setflags(write=False)
-        arrays[signal.name] = block
-        start += signal.size
-    return MappingProxyType(arrays)

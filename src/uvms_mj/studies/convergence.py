@@ -161,12 +161,9 @@ def converge(
 
 
 def extrapolated(name: str, values: tuple[float | None, ...], grain: float = 0.0) -> Estimate:
-    """Limit of a metric, by the formulas at the top of this module.
+    """Limit of a metric, by the formulas at the top of this module, from its values at h, h/2 and h/4.
 
-    Args:
-        name: name of the metric.
-        values: at h, h/2 and h/4.
-        grain: resolution of the values, e.g. one step for an instant; 0 if they are exact.
+    ``grain`` is the resolution of the values, e.g. one step for an instant; 0 if they are exact.
     """
     known = [value for value in values if value is not None]
     if not known:

@@ -27,11 +27,7 @@ def mixed(colour: Colour, share: float) -> Colour:
 
 
 def of_runs(laws: Sequence[str]) -> list[Colour]:
-    """One colour for each run, from the names of the laws.
-
-    Args:
-        laws: the law of each run: ``gsta``, or ``file.py:Class`` for a law that is not built in.
-    """
+    """One colour for each run, from the law of each: ``gsta``, or ``file.py:Class`` for a law that is not built in."""
     others = [law for law in dict.fromkeys(laws) if law not in LAWS]
     base = LAWS | {law: _OTHERS[i % len(_OTHERS)] for i, law in enumerate(others)}
     number, seen, colours = Counter(laws), Counter[str](), []

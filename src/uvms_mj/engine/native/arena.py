@@ -61,15 +61,8 @@ def spread(states: np.dtype) -> np.dtype:
 
 
 class Arena:
-    """The arguments of a stage: settings, what it is given, states, their derivatives and its output.
-
-    Args:
-        room: the stage's room, whose words the messages use.
-        settings: record of the settings (1,).
-        state: record of the states (1,).
-        given: dtype of the record that it is given.
-        out: dtype of its output: a record, or an array of float64.
-    """
+    """The arguments of a stage: settings (1,), what it is given, states (1,), their derivatives and its output, a
+    record or an array of float64. The messages use the words of the stage's room."""
 
     def __init__(self, room: Room, settings: np.ndarray, state: np.ndarray, given: np.dtype, out: np.dtype) -> None:
         self.room = room

@@ -151,18 +151,12 @@ def attach(
     vehicle = Vehicle.from_model(model, body)
     for note in damping_notes(vehicle.body, vehicle.D_linear, vehicle.D_quadratic):
         warnings.warn(note, stacklevel=2)
-    return immerse(model, data, vehicle, current_W=current_W, bias=bias, amplitude=amplitude, frequency_hz=frequency_hz)
+    motion = {"current_W": current_W, "bias": bias, "amplitude": amplitude, "frequency_hz": frequency_hz}
+    return immerse(model, data, vehicle, motion)
 
 
 def immerse(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    vehicle: Vehicle,
-    *,
-    current_W: Sequence[float],
-    bias: Sequence[float],
-    amplitude: Sequence[float],
-    frequency_hz: Sequence[float],
+    model: mujoco.MjModel, data: mujoco.MjData, vehicle: Vehicle, motion: Mapping[str, Sequence[float] | np.ndarray]
 ) -> Attachment:
     """:func:`attach` for a vehicle of the model that was read and checked already."""
     body_id = free_body_id(model, vehicle.body)
@@ -173,21 +167,14 @@ def immerse(
     water["M_A"], water["D_linear"], water["D_quadratic"] = vehicle.M_A, vehicle.D_linear, vehicle.D_quadratic
     water["buoyancy_W"] = -vehicle.displaced_mass * model.opt.gravity
     water["r_b"] = vehicle.r_b
-    given = {"current_W": current_W, "bias": bias, "amplitude": amplitude, "frequency_hz": frequency_hz}
-    set_water(context[0], **_finite_numbers(given, {name: WATER[field].shape[0] for name, field in _WATER.items()}))
+    set_water(context, _finite_numbers(motion, {name: WATER[field].shape[0] for name, field in _WATER.items()}))
     return Attachment(vehicle, context, data, body_id)
 
 
-def set_water(
-    context: np.void,
-    current_W: Sequence[float] | np.ndarray,
-    bias: Sequence[float] | np.ndarray,
-    amplitude: Sequence[float] | np.ndarray,
-    frequency_hz: Sequence[float] | np.ndarray,
-) -> None:
-    """Set the current and the disturbance in a CONTEXT record. The arguments are those of :func:`attach`."""
-    water = context["water"]
-    water["v_c_W"], water["bias"], water["amplitude"], water["frequency"] = current_W, bias, amplitude, frequency_hz
+def set_water(context: np.ndarray, motion: Mapping[str, Sequence[float] | np.ndarray]) -> None:
+    """Set the current and the disturbance in a CONTEXT record (1,), by the names of :func:`attach`'s arguments."""
+    for name, field in _WATER.items():
+        context["water"][field] = motion[name]
 
 
 _WATER = {"current_W": "v_c_W", "bias": "bias", "amplitude": "amplitude", "frequency_hz": "frequency"}

@@ -58,10 +58,8 @@ def native_function(function: Any, parameters: Sequence[np.dtype | str]) -> Nati
 def native_law(arguments: int, parts: Iterable[bytes], prepare: Callable[[], Callable[..., int]]) -> NativeFunction:
     """A C function of 64-bit integers from a user's law, loaded from disk or compiled by numba with checks.
 
-    Args:
-        arguments: the number of its arguments.
-        parts: contents that the machine code depends on, besides the package's sources.
-        prepare: returns the function to compile; called only if no object is on disk.
+    ``parts`` are the contents that the machine code depends on, besides the package's sources. ``prepare`` returns the
+    function to compile; it is called only if no object is on disk.
 
     Raises:
         NotCompiled: numba can't compile the function.

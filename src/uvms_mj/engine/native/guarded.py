@@ -91,7 +91,7 @@ class _Guards(FunctionPass):
 
     _name = "uvms_mj_guards"
 
-    def __init__(self) -> None:
+    def __init__(self) -> None:  # abstract in numba
         super().__init__()
 
     def run_pass(self, state: Any) -> bool:
@@ -143,7 +143,7 @@ class _NoRecursion(FunctionPass):
 
     _name = "uvms_mj_no_recursion"
 
-    def __init__(self) -> None:
+    def __init__(self) -> None:  # abstract in numba
         super().__init__()
 
     def run_pass(self, state: Any) -> bool:

@@ -16,7 +16,7 @@ from ...stages.signals import CLOCK, ERRORS, ESTIMATES, KNOWN, REFERENCE, TRUE, 
 
 
 def coefficients(setup: Any, coriolis: float = 1.0, damping: float = 1.0, restoring: float = 1.0) -> dict[str, Any]:
-    """The fields of a :data:`uvms_mj.physics.model.COEFFICIENTS` record, with factors of C, D and g."""
+    """The fields of the record for :func:`uvms_mj.physics.model.model_wrenches`, with factors of C, D and g."""
     vehicle = setup.vehicle
     return {
         "M_RB": coriolis * vehicle.M_RB,

@@ -64,12 +64,8 @@ class PlainStage:
         return StageFault(f"{self.who} {did}")
 
     def explain(self, fault: str) -> StageFault:
-        """The exception for a compiled stage that stopped the run. The stage is run again as plain Python with the same
-        numbers, to find the line.
-
-        Args:
-            fault: the stage's violation as a predicate; empty if the stage raised.
-        """
+        """The exception for a compiled stage that stopped the run, from its violation as a predicate, or an empty text
+        if it raised. The stage is run again as plain Python with the same numbers, to find the line."""
         function, line = _with_helpers(type(self.stage).function(), _plain), ""
         try:
             with np.errstate(divide="raise", invalid="raise" if not fault else "ignore"):

@@ -24,13 +24,7 @@ _OF_THE_TASK = ("s", "zeta", "tau_nom", "boundary_layer_time")
 def recorded(
     loop: np.ndarray, stages: StageTable, u: np.ndarray, navigation: Navigation
 ) -> list[tuple[Signal, np.ndarray]]:
-    """The signals of a row in order, each with its memory.
-
-    Args:
-        loop: the LOOP record (1,).
-        stages: the run's stages.
-        u: (n,) thrusts.
-        navigation: the measurements are recorded unless it is perfect.
+    """The signals of a row in order, each with its memory. The measurements are recorded unless navigation is perfect.
 
     Raises:
         InputError: two states have one name, or a state's name is taken or is not an identifier.

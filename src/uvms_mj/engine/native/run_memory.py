@@ -1,5 +1,6 @@
 """The memory of one run: the records that the loop works on, and the numbers of a scenario in them."""
 
+import dataclasses
 from collections.abc import Callable, Set
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 
 from ...analysis.setup import Setup
 from ...plant.wall import contact_settings
+from ...scenario import Scenario
 from ...stages.signals import FINAL_WINDOW_S
 from .attachment import Attachment, set_water
 from .callback import entry_points
@@ -22,12 +24,7 @@ DEFAULT_EPSILON = 1e-3
 
 
 class RunMemory:
-    """The LOOP record of a run, its stages and its rows.
-
-    Args:
-        setup: the run's.
-        data: MuJoCo's data of the setup's model, with the initial state.
-        attachment: the attached vehicle.
+    """The LOOP record of a run, its stages and its rows. ``data`` has the initial state.
 
     Attributes:
         loop: the LOOP record (1,).
@@ -158,9 +155,13 @@ def write_time(memory: RunMemory, setup: Setup) -> None:
     memory.loop["window_step"] = max(0, scenario.steps - round(FINAL_WINDOW_S / h))
 
 
+def motion_of_water(scenario: Scenario) -> dict[str, tuple[float, ...]]:
+    """The current and the disturbance of a scenario, by the names of :func:`.attachment.attach`'s arguments."""
+    return {"current_W": scenario.current.velocity_W, **dataclasses.asdict(scenario.disturbance)}
+
+
 def write_water(memory: RunMemory, setup: Setup) -> None:
-    current, disturbance = setup.scenario.current, setup.scenario.disturbance
-    set_water(memory.context[0], current.velocity_W, disturbance.bias, disturbance.amplitude, disturbance.frequency_hz)
+    set_water(memory.context, motion_of_water(setup.scenario))
 
 
 def write_wall(memory: RunMemory, setup: Setup) -> None:

@@ -24,23 +24,16 @@ SEARCH_S = 0.25
 
 
 class Entry:
-    """One stage of the loop with its records.
-
-    Args:
-        stage: the stage.
-        settings: record of its settings (1,).
-        state: record of its states (1,).
-        given: the record (1,) that it is given, in the loop's memory.
-        out: its output in the loop's memory: a record (1,), or an array.
-        states: numbers in state that advance.
-    """
+    """One stage of the loop with its records (1,). ``given`` and ``out``, a record or an array, are in the loop's
+    memory; ``states`` is how many numbers of ``state`` advance."""
 
     def __init__(
         self, stage: Stage, settings: np.ndarray, state: np.ndarray, given: np.ndarray, out: np.ndarray, states: int
     ) -> None:
         self.stage, self.settings, self.state = stage, settings, state
         self.given, self.out, self.states = given, out, states
-        self.needs = type(stage).needs if packs_itself(type(stage)) else ()
+        needs = type(stage).needs
+        self.needs = () if needs is None and not packs_itself(type(stage)) else needs
         self.shapes = {name: settings.dtype[name].shape for name in settings.dtype.names or () if name != "_"}
         self.state_dot = np.zeros_like(state)
         self.guarded, self._searched = not is_shipped(stage), time.monotonic()
@@ -123,12 +116,7 @@ def _shape(value: Any) -> tuple[int, ...]:
 
 
 class StageTable:
-    """The stages of a run and their memory.
-
-    Args:
-        setup: the run's.
-        true: record given to navigation (1,).
-        water: the vehicle's WATER record (1,).
+    """The stages of a run and their memory. ``true`` is the record (1,) given to navigation, ``water`` the vehicle's.
 
     Attributes:
         signals: the record of the signals that the law is given (1,); each stage fills its part.
@@ -155,12 +143,8 @@ class StageTable:
 
         add("navigation", scenario.navigation, true, part(self.signals, KNOWN))
         add("reference", scenario.reference, part(self.signals, CLOCK + KNOWN), part(self.signals, REFERENCE))
-        add(
-            "tracking",
-            Tracking(),
-            part(self.signals, CLOCK + KNOWN + REFERENCE),
-            part(self.signals, ERRORS + ESTIMATES),
-        )
+        known = part(self.signals, CLOCK + KNOWN + REFERENCE)
+        add("tracking", Tracking(), known, part(self.signals, ERRORS + ESTIMATES))
         if type(controller).uses_task:
             add("task", scenario.task, part(self.signals, TASK_GIVEN), part(self.signals, TASK))
         if type(controller).uses_truth:

@@ -3,6 +3,7 @@
 The contents of the attachments are never executed and never written to disk.
 """
 
+import dataclasses
 import re
 from collections.abc import Callable, Mapping
 from pathlib import PurePath
@@ -23,7 +24,7 @@ from ...quantities import STRICT, NonNegative, Real
 from ...scenario import STAGES, Scenario
 from ...stages.recorded import recorded_stage
 from ...stages.signals import RECORDED, Signal
-from ..header import Header, Outcome, StageSource, Status, code_file, solved
+from ..header import Header, Outcome, StageSource, code_file
 
 MOST_BYTES = 256_000_000
 """Largest total size of a log's attached files [bytes]."""
@@ -47,17 +48,8 @@ _UPGRADES: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {1: _stages_o
 _NEEDED = frozenset(
     (
         *("t", "p_WB", "quat_WB", "nu", "p_d", "p_d_dot", "eta_e", "nu_e", "tau", "u", "f_contact_W"),
-        *(
-            "tau_variation",
-            "tau_step_max",
-            "tau_max",
-            "effort",
-            "saturation_time",
-            "force_peak",
-            "impulse",
-            "wall_work",
-        ),
-        *("touches", "first_contact", "final_impulse", "final_low", "final_high"),
+        *("tau_variation", "tau_step_max", "tau_max", "effort", "saturation_time", "force_peak", "impulse"),
+        *("wall_work", "touches", "first_contact", "final_impulse", "final_low", "final_high"),
     )
 )
 """Signals that every log has. Metrics and views work without the others."""
@@ -109,15 +101,7 @@ class _Run:
     versions: dict[str, str]
 
 
-@checked(frozen=True, config=STRICT)
-class _End:
-    status: Status
-    message: str
-    steps: Annotated[int, Field(ge=0)]
-    wall_time_s: NonNegative
-
-
-_VERSION, _RUN, _END = TypeAdapter(_Version), TypeAdapter(_Run), TypeAdapter(_End)
+_VERSION, _RUN, _END = TypeAdapter(_Version), TypeAdapter(_Run), TypeAdapter(Outcome)
 """Validators of run.json, of any format and of this one, and of outcome.json."""
 
 
@@ -211,11 +195,9 @@ def header_of(files: Mapping[str, bytes]) -> Header:
         scenario=scenario,
         signals=signals,
         row_steps=run.row_steps,
-        rest=solved(
-            NoClosedForm(run.no_analytic_because)
-            if rest is None
-            else SteadyState(rest.force, *map(_array, (rest.position, rest.quat, rest.s, rest.tau)))
-        ),
+        rest=NoClosedForm(run.no_analytic_because)
+        if rest is None
+        else SteadyState(rest.force, *map(_array, (rest.position, rest.quat, rest.s, rest.tau))),
         notes=run.notes,
         mjcf=Mjcf(run.vehicle, models),
         geometry=Geometry.from_json(files["geometry.json"]),
@@ -271,17 +253,15 @@ def _are_sound(signals: tuple[Signal, ...], states: Mapping[str, int]) -> bool:
 
 def outcome_file(outcome: Outcome) -> bytes:
     """The contents of outcome.json."""
-    message = without_paths(outcome.message)
-    return _END.dump_json(_End(outcome.status, message, outcome.steps, outcome.wall_time_s))
+    return _END.dump_json(dataclasses.replace(outcome, message=without_paths(outcome.message)))
 
 
 def outcome_of(data: bytes) -> Outcome:
     """The outcome from the contents of outcome.json; raises InputError if they are invalid."""
     try:
-        end = _END.validate_json(data)
+        return _END.validate_json(data)
     except ValidationError as error:
         raise InputError(faults_of(error), "outcome.json") from None
-    return Outcome(end.status, end.message, end.steps, end.wall_time_s)
 
 
 _QUOTED = re.compile(r"""(['"])(?:file://)?(?:[A-Za-z]:[/\\]|[/\\]|~)[^'"\n]*[/\\]([^'"/\\\n]*\1)""")

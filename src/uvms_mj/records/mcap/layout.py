@@ -65,14 +65,8 @@ class Records:
     def fill(
         self, records: Sequence[np.ndarray], values: Mapping[str, np.ndarray], sequence: np.ndarray, log_ns: np.ndarray
     ) -> None:
-        """Set the numbers of n rows in records of :attr:`dtype`, given in pieces that follow one another.
-
-        Args:
-            records: pieces of n records in all.
-            values: (n, count) for each hole.
-            sequence: (n,) row numbers.
-            log_ns: (n,) log times [ns].
-        """
+        """Set the numbers of n rows in records of :attr:`dtype`, given in pieces that follow one another: values (n,
+        count) for each hole, row numbers (n,) and log times (n,) [ns]."""
         when = np.empty(len(log_ns), _WHEN)
         when["sequence"], when["log"], when["publish"] = sequence & 0xFFFFFFFF, log_ns, log_ns
         given = dict(values)

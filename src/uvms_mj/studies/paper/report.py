@@ -42,13 +42,7 @@ CAPTIONS: Mapping[str, str] = {
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure to embed.
-
-    Attributes:
-        name: its anchor, which contains its number if it has one: fig01.
-        caption: text below the figure.
-        figure: drawn as SVG with text as outlines, so that no font is needed.
-    """
+    """A figure to embed, as SVG with text as outlines, so that no font is needed. Its name, fig01, is its anchor."""
 
     name: str
     caption: str
@@ -84,13 +78,7 @@ MOST_NAMES = 4
 
 @dataclass(frozen=True)
 class Table:
-    """A table of the report.
-
-    Attributes:
-        corner: heading of the column of row names.
-        heads: names of the other columns.
-        rows: name and cells of each row.
-    """
+    """A table of the report: heading of the column of row names, names of the other columns, name and cells of rows."""
 
     corner: str
     heads: Sequence[str]
@@ -101,11 +89,7 @@ def tables(what: str, runs: Sequence[str], lines: Sequence[tuple[str, Sequence[A
     """Arrange values of runs in tables that fit on a page, for any number of runs.
 
     A few runs have one column each. More runs have one row each, and the quantities are spread over several tables.
-
-    Args:
-        what: heading for the names of the lines.
-        runs: names of the runs.
-        lines: name of a quantity and its value in each run.
+    ``lines`` are names of quantities with the value in each run, under the heading ``what``.
     """
     if len(runs) <= MOST_COLUMNS:
         return [Table(what, runs, lines)]
@@ -172,20 +156,8 @@ MEASURES: tuple[tuple[str, str, Callable[[Trace], Any]], ...] = (
 """Compared quantities: name, unit and measure. Sums and norms are taken over the three force components."""
 
 
-def page(
-    title: str,
-    traces: Mapping[str, Trace],
-    pictures: Sequence[Picture],
-    rows: Sequence[Row] = (),
-) -> str:
-    """The report as HTML.
-
-    Args:
-        title: title of the page.
-        traces: the runs by the names used in the tables; at least one.
-        pictures: figures in the order of the page.
-        rows: claims with their verdicts.
-    """
+def page(title: str, traces: Mapping[str, Trace], pictures: Sequence[Picture], rows: Sequence[Row] = ()) -> str:
+    """The report as HTML, with at least one run, by the names used in the tables, figures, and claims with verdicts."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(

@@ -77,10 +77,7 @@ def _gain(scenario: Scenario, name: str) -> float:
 
 
 def run(
-    jobs: Mapping[str, Scenario],
-    folder: Path,
-    progress: Callable[[int, int], None],
-    workers: int | None = None,
+    jobs: Mapping[str, Scenario], folder: Path, progress: Callable[[int, int], None], workers: int | None = None
 ) -> None:
     """Run every job and write ``folder/<name>.mcap``.
 

@@ -66,10 +66,6 @@ def plot(traces: Mapping[str, Trace], what: str) -> Figure:
     For one run, components with the same unit share a panel. For several runs, each component has a panel and each run
     has the colour of its law. The size of the figure does not depend on the number of runs.
 
-    Args:
-        traces: traces by the names shown in the figure.
-        what: one of :data:`WHATS`.
-
     Raises:
         InputError: a trace has fewer than two samples, no law has the quantity, or there are too many panels.
     """

@@ -30,11 +30,8 @@ def force(trace: Trace) -> Panel:
 def forces(traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]) -> Panel:
     """Panel of the forces with which vehicles push on the wall, and of the expected forces at rest.
 
-    Insets show the impacts, from the first contact to the end of the rebounds, and the force at rest.
-
-    Args:
-        traces: traces by name.
-        looks: colour, dashes and label of each trace.
+    Insets show the impacts, from the first contact to the end of the rebounds, and the force at rest. ``looks`` are
+    colour, dashes and label of each trace.
     """
 
     def draw(ax: Axes) -> None:

@@ -16,17 +16,7 @@ from ...views import colours
 from .contact import forces
 from .insets import Inset
 from .lines import line
-from .panels import (
-    ANGULAR,
-    LINEAR,
-    MOST_LINES,
-    REFERENCE,
-    Panel,
-    near_wall,
-    states_of,
-    unit_of,
-    wall,
-)
+from .panels import ANGULAR, LINEAR, MOST_LINES, REFERENCE, Panel, near_wall, states_of, unit_of, wall
 from .scales import fills, largest, linear_within
 from .style import stripe
 
@@ -37,11 +27,7 @@ _BELOW = 1.9
 
 
 class Overlay:
-    """Panels of several runs.
-
-    Args:
-        traces: traces by the names shown in the legend.
-    """
+    """Panels of several runs, whose traces are given by the names shown in the legend."""
 
     def __init__(self, traces: Mapping[str, Trace]) -> None:
         self.traces = dict(traces)

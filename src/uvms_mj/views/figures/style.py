@@ -59,15 +59,8 @@ def styled() -> Iterator[None]:
 
 
 def save(figure: Figure, path: str | os.PathLike, formats: Sequence[str] = ("png", "svg")) -> list[Path]:
-    """Write a figure to files. The same figure gives the same bytes. Existing files are replaced atomically.
-
-    Args:
-        figure: figure to write.
-        path: path without suffix.
-        formats: some of :data:`FORMATS`.
-
-    Returns:
-        The files, in the order of ``formats``.
+    """Write a figure to files, and return them in the order of ``formats``, some of :data:`FORMATS`. The path has no
+    suffix. The same figure gives the same bytes. Existing files are replaced atomically.
 
     Raises:
         InputError: a file can't be written.

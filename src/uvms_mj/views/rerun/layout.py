@@ -132,8 +132,7 @@ def _plot(
     end = max(run.header.scenario.steps * run.header.scenario.simulation.timestep for run in runs)
     room = _ENDS_ALONE if len(runs) == 1 else _ENDS_COMPARED
     time = rr.TimeRange(
-        start=rrb.TimeRangeBoundary.absolute(seconds=0.0),
-        end=rrb.TimeRangeBoundary.absolute(seconds=room * end),
+        start=rrb.TimeRangeBoundary.absolute(seconds=0.0), end=rrb.TimeRangeBoundary.absolute(seconds=room * end)
     )
     return rrb.TimeSeriesView(
         origin="/",

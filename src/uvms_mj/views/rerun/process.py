@@ -46,12 +46,9 @@ def free_port() -> int:
 
 
 def start(options: Sequence[str], port: int, lives_s: float = 0.0) -> subprocess.Popen:
-    """Start ``rerun`` in a new session and wait until it listens on a port.
+    """Start ``rerun`` with command-line options in a new session, and wait until it listens on a port.
 
-    Args:
-        options: command-line options.
-        port: port on which it will listen.
-        lives_s: time for which it must then keep running, because the viewer listens before it opens its window [s].
+    It must then keep running for ``lives_s`` [s], because the viewer listens before it opens its window.
 
     Raises:
         InputError: the process ended, or does not listen.
@@ -95,12 +92,8 @@ class Sender:
     """Sends a recording to a viewer, with a limited wait for a viewer that ended or hangs.
 
     Rerun's client waits forever once its buffers are full (rerun-io/rerun#12620). It therefore runs in a separate
-    process, ``rerun -``, which reads a recording's bytes from a pipe and forwards them.
-
-    Args:
-        viewer: process started by :func:`start`.
-        port: port on which the viewer listens.
-        patience_s: longest time for which the viewer may accept no data [s].
+    process, ``rerun -``, which reads a recording's bytes from a pipe and forwards them to the port of a viewer that
+    :func:`start` started. ``patience_s`` is the longest time for which the viewer may accept no data [s].
     """
 
     def __init__(self, viewer: subprocess.Popen, port: int, patience_s: float) -> None:

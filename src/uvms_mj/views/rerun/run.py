@@ -158,10 +158,7 @@ class Run:
         quat_d = values.get("quat_d")
         if quat_d is None:
             quat_d = np.tile(quat_from_euler_deg(*self.header.scenario.reference.attitude_deg), (len(t), 1))
-        for name, p, quat in (
-            ("vehicle", values["p_WB"], values["quat_WB"]),
-            ("reference", values["p_d"], quat_d),
-        ):
+        for name, p, quat in (("vehicle", values["p_WB"], values["quat_WB"]), ("reference", values["p_d"], quat_d)):
             poses = rr.Transform3D.columns(translation=p, quaternion=quat[:, [1, 2, 3, 0]])
             self._send(("world", name), t, poses)
         for force in FORCES:

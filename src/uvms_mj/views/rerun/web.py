@@ -30,11 +30,7 @@ _POLICY = (
 
 @contextmanager
 def web_viewer(recording: Path, port: int = 0) -> Iterator[str]:
-    """A context in which a recording is served. Its value is the address of the viewer with the recording.
-
-    Args:
-        recording: an .rrd file.
-        port: port of the server; 0 for any free port.
+    """A context in which an .rrd file is served on a port, 0 for any free one. Its value is the viewer's address.
 
     Raises:
         InputError: the port is in use, or Rerun's page can't be obtained.

@@ -12,13 +12,8 @@ from ....records.trace import Trace
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """Traces of the study's runs, by name.
-
-    Attributes:
-        traces: by the names in :data:`uvms_mj.studies.paper.laws.RUNS`.
-        fine: the beginning of the same runs at every step.
-        sweep: variations, with the names of :func:`uvms_mj.studies.paper.runs.plan`.
-    """
+    """Traces of the study's runs by the names of :func:`uvms_mj.studies.paper.runs.plan`; ``fine`` has the beginning of
+    the same runs as ``traces`` at every step, ``sweep`` the variations."""
 
     traces: Mapping[str, Trace]
     fine: Mapping[str, Trace]
@@ -27,13 +22,8 @@ class Runs:
 
 @dataclass(frozen=True)
 class Measured:
-    """A measured value and its details.
-
-    Attributes:
-        value: the number; None if it cannot be measured.
-        detail: the quantities it is computed from, in words.
-        explained: whether the runs show the reason given in the claim's explanation.
-    """
+    """A measured value, None if it cannot be measured, and the quantities it is computed from, in words. ``explained``
+    is whether the runs show the reason given in the claim's explanation."""
 
     value: float | None
     detail: str = ""

@@ -155,11 +155,7 @@ GSTA: tuple[Claim, ...] = (
         "total variation of thrust until 0.1 s, over the first-order law's",
         "1",
         measures.ratio(
-            lambda trace: metrics.total_variation(trace, 0.0, measures.TRANSIENT_S),
-            np.sum,
-            "gsta",
-            "fosm",
-            "N",
+            lambda trace: metrics.total_variation(trace, 0.0, measures.TRANSIENT_S), np.sum, "gsta", "fosm", "N"
         ),
         at_most=0.5,
         because="less than half",

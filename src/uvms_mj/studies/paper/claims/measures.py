@@ -119,8 +119,7 @@ def gap(runs: Runs) -> Measured:
     trace = runs.traces["impedance"]
     x = trace.p_WB[:, 0]
     return Measured(
-        1e3 * (trace.scenario.wall.position - float(x.max())),
-        f"x ends at {x[-1]:.4f} m, yaw at {yaw(trace):.2f} deg",
+        1e3 * (trace.scenario.wall.position - float(x.max())), f"x ends at {x[-1]:.4f} m, yaw at {yaw(trace):.2f} deg"
     )
 
 
