@@ -47,7 +47,8 @@ def refuse(setup: Setup, touched: Container[str] = _CHECKED) -> None:
 
 def warnings_of(setup: Setup) -> list[str]:
     """Warnings for a scenario that runs badly. Raises InputError if numbers are so extreme that an equation
-    overflows.""" scenario, vehicle = setup.scenario, setup.vehicle
+    overflows."""
+    scenario, vehicle = setup.scenario, setup.vehicle
     with no_overflow(scenario):
         notes = [
             *wall_notes(setup),
