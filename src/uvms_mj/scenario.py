@@ -23,9 +23,8 @@ from .errors import Fault, InputError, faults_of, suggestion
 from .files import names, parsed_toml, resource, shortened, text_of
 from .guidance import FilteredSteps, Guidance
 from .navigation import Navigation, Perfect
-from .plant.settings import Initial, VehicleChoice
+from .plant.settings import Current, Disturbance, Initial, VehicleChoice
 from .plant.wall import Wall
-from .plant.water import Current, Disturbance
 from .quantities import STRICT, Duration, Lowercase, Step, doc, overrides_of
 from .stages.base import Stage
 from .stages.loader import Choice, stage_of, table_of
