@@ -84,7 +84,7 @@ class Simulation:
 
     @property
     def signals(self) -> Signals:
-        """The signals as read-only views."""
+        """The signals by name: a float, or a live, read-only view; copy what you keep."""
         if not self._ready:
             self._prepare()
         return self._signals
