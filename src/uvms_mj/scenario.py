@@ -26,7 +26,7 @@ from .navigation import Navigation, Perfect
 from .plant.settings import Initial, VehicleChoice
 from .plant.wall import Wall
 from .plant.water import Current, Disturbance
-from .quantities import STRICT, Duration, Lowercase, Step, doc
+from .quantities import STRICT, Duration, Lowercase, Step, doc, overrides_of
 from .stages.base import Stage
 from .stages.loader import Choice, stage_of, table_of
 
@@ -130,19 +130,20 @@ class Scenario:
         """
         tables = {k: dict(v) if isinstance(v, Mapping) else v for k, v in tables.items()}
         faults: list[Fault] = []
+        overrides = overrides_of(overrides)
         _anchor(tables, folder)
         for name in (*STAGES, "task"):
             if not isinstance(tables.setdefault(name, {}), dict):
                 faults.append(Fault(name, f"{tables[name]!r} is not a table"))
                 tables[name] = {}
-        chosen = {name: (overrides or {}).get(f"{name}.name") for name in STAGES}
+        chosen = {name: overrides.get(f"{name}.name") for name in STAGES}
         for name, source in (chosen | {"controller": chosen["controller"] or controller}).items():
             if source is not None and not _is_of(tables[name], STAGES[name], source):
                 tables[name] = {}
             if source is not None:
                 tables[name]["name"] = source
         old = move_task_keys(tables["controller"], tables["task"], faults)
-        settings, replaced = task_settings(overrides or {}, faults)
+        settings, replaced = task_settings(overrides, faults)
         for key, value in settings.items():
             faults += _override(tables, key, value)
         old = {key for key in old if f"task.{key}" not in settings} | replaced
@@ -207,6 +208,8 @@ _KEYS: dict[str, list[str]] = {"": [f.name for f in dataclasses.fields(Scenario)
 
 
 def _scenario_path(scenario: str | os.PathLike) -> Path:
+    if not isinstance(scenario, str | os.PathLike):
+        raise InputError(f"scenario {shortened(scenario)}: must be a name, or the path of a TOML file")
     path = Path(scenario)
     if path.is_file():
         return path

@@ -10,6 +10,7 @@ from ..analysis.ranges import no_overflow
 from ..analysis.sampling import refuse
 from ..analysis.setup import Setup, design_of
 from ..errors import Fault, InputError
+from ..quantities import overrides_of
 from ..scenario import STAGES, Scenario
 
 _TABLES = [field.name for field in dataclasses.fields(Scenario)]
@@ -22,7 +23,7 @@ def changed(base: Setup, current: Setup, overrides: Mapping[str, Any]) -> tuple[
     Raises:
         InputError: a key or value is invalid, or needs another plant or other machine code.
     """
-    scenario = _updated(base.scenario, overrides)
+    scenario = _updated(base.scenario, overrides_of(overrides))
     _refuse_other_code(base.scenario, scenario)
     before, now = current.scenario, base.scenario
     tables, old, oldest = scenario.__dict__, before.__dict__, now.__dict__

@@ -23,7 +23,7 @@ class Signals:
         try:
             return _value(self._views[name])
         except KeyError:
-            raise KeyError(f"no signal {name!r}; {suggestion(name, self._views)}") from None
+            raise KeyError(f"no signal {name!r}; {suggestion(str(name), self._views)}") from None
 
     def __getattr__(self, name: str) -> Any:
         views = self.__dict__.get("_views", {})

@@ -60,7 +60,7 @@ class Choice(Generic[_Stage]):
             own = f"for your own {noun} give path/to/file.py:ClassName"
             raise InputError([Fault(key, f"no {noun} {source!r}; {hint}; {own}")])
         path = Path(file)
-        if not path.is_file():
+        if not os.path.isfile(path):  # Path.is_file raises for a name that is too long
             raise InputError([Fault(key, f"no file {file!r} (looked in {Path.cwd()})")])
         found = {
             name: value

@@ -55,7 +55,7 @@ class PlainStage:
             raise
         except BaseException as error:  # a stage may raise anything, also SystemExit
             raise StageFault(self._raised(error)) from error
-        did = self.arena.overrun(NEARBY) or self.arena.changed_setting() or self.arena.not_finite()
+        did = self.arena.overrun(NEARBY) or self.arena.wrong()
         if did:
             raise self.fault(did)
 

@@ -207,6 +207,11 @@ class StageTable:
         """Set the keys of the random numbers of all stages."""
         self.rows["key"] = [random_key(scenario.simulation.seed, entry.stage) for entry in self.entries.values()]
 
+    def take_back(self, index: int) -> None:
+        """Let a stage that was interrupted begin its instant again, without advancing its states twice."""
+        self.running[index].state_dot.view(np.uint8)[:] = 0
+        self.rows["instant"][index] -= 1
+
     def states(self) -> Iterator[tuple[Stage, str, np.ndarray]]:
         """The recorded states: their stage, their name and their memory."""
         for table, entry in self.entries.items():
