@@ -11,9 +11,9 @@ from ..errors import suggestion
 class Signals:
     """The signals of a Simulation by name: ``signals.nu``, ``signals["nu"]``.
 
-    A scalar is a float. A vector is a live, read-only view: copy what you keep. Between steps the state, the measurements,
-    the reference, the errors and the task are those of the instant in hand; tau_cmd, u, tau, nu_dot, f_contact_W and the
-    running signals are those of the step before it.
+    A scalar is a float. A vector is a live, read-only view: copy what you keep. Between steps the state, the
+    measurements, the reference, the errors and the task are those of the instant in hand; tau_cmd, u, tau, nu_dot,
+    f_contact_W and the running signals are those of the step before it.
     """
 
     def __init__(self, memories: Mapping[str, np.ndarray]) -> None:
