@@ -29,6 +29,7 @@ from .plant.water import Current, Disturbance
 from .quantities import STRICT, Duration, Lowercase, Step, doc, overrides_of
 from .stages.base import Stage
 from .stages.loader import Choice, stage_of, table_of
+from .stages.recorded import Recorded
 
 STAGES: dict[str, Choice] = {
     "reference": Choice(Guidance, guidance.SHIPPED, FilteredSteps),
@@ -170,10 +171,23 @@ class Scenario:
             raise InputError(faults, place)
         return scenario
 
-    def updated(self, overrides: Mapping[str, Any], controller: str | None = None) -> "Scenario":
-        """Return a copy with dotted keys replaced, ``{"wall.stiffness": 1e4, "controller.k_1": 8.0}``."""
+    def updated(
+        self, overrides: Mapping[str, Any], controller: str | None = None, place: str = "scenario"
+    ) -> "Scenario":
+        """Return a copy with dotted keys replaced, ``{"wall.stiffness": 1e4, "controller.k_1": 8.0}``.
+
+        A user's stage of a log is loaded from the file that an override of its ``name`` gives, with its recorded
+        settings if it is the same class. ``place`` names the scenario in error messages.
+        """
+        overrides, tables = overrides_of(overrides), self.to_dict()
         known = {name: type(getattr(self, name)) for name in STAGES}
-        return Scenario.from_dict(self.to_dict(), overrides, controller, known=known)
+        for name, kind in list(known.items()):
+            own = overrides.get(f"{name}.name", controller if name == "controller" else None)
+            if own is not None and issubclass(kind, Recorded):
+                del known[name]
+                if str(own).rpartition(":")[2] == kind.__name__:
+                    tables[name]["name"] = own
+        return Scenario.from_dict(tables, overrides, controller, place=place, known=known)
 
     def to_dict(self) -> dict[str, Any]:
         """Nested tables with every default. Keys whose value is None are left out, since TOML has no null."""
