@@ -20,7 +20,7 @@ from .control import Controller, Gsta, ImpedanceTask
 from .control.design import Estimates, Impedance
 from .control.earlier_keys import TASK_KEYS, move_task_keys, task_settings
 from .errors import Fault, InputError, faults_of, suggestion
-from .files import names, parsed_toml, resource, shortened, text_of
+from .files import names, parsed_toml, plain, resource, shortened, text_of
 from .guidance import FilteredSteps, Guidance
 from .navigation import Navigation, Perfect
 from .plant.settings import Initial, VehicleChoice
@@ -193,7 +193,7 @@ class Scenario:
         """Nested tables with every default. Keys whose value is None are left out, since TOML has no null."""
         tables: dict[str, Any] = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         tables |= {name: table_of(tables[name]) for name in STAGES}
-        return _plain(tables)
+        return plain(tables)
 
     def to_toml(self) -> str:
         """The tables of :meth:`to_dict` as TOML text."""
@@ -201,10 +201,12 @@ class Scenario:
 
     def __repr__(self) -> str:
         """Name, law, and every key that differs from its default."""
-        fields = [
-            (name, table, f) for name in _TABLES for table in [getattr(self, name)] for f in dataclasses.fields(table)
-        ]
-        values = [(f"{name}.{f.name}", getattr(table, f.name), f.default) for name, table, f in fields]
+        values: list[tuple[str, Any, Any]] = []
+        for name, kind in _TABLES.items():
+            table = getattr(self, name)
+            if name in STAGES and name != "controller":
+                values.append((f"{name}.name", Path(table.source()).name, kind.source()))
+            values += [(f"{name}.{f.name}", getattr(table, f.name), f.default) for f in dataclasses.fields(table)]
         other = [
             f"{key} = {shortened(value)}" for key, value, default in values if value not in (default, (default,) * 6)
         ]
@@ -284,16 +286,6 @@ def _override(tables: dict[str, Any], key: str, value: Any) -> list[Fault]:
         return []  # the validator reports it
     tables.setdefault(table, {})[word] = value
     return []
-
-
-def _plain(value: Any) -> Any:
-    if dataclasses.is_dataclass(value):
-        return _plain({f.name: getattr(value, f.name) for f in dataclasses.fields(value)})
-    if isinstance(value, Mapping):
-        return {k: _plain(v) for k, v in value.items() if v is not None}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    return value
 
 
 def keys() -> Iterable[tuple[str, Any, str]]:
