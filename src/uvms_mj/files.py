@@ -1,11 +1,12 @@
 """Files: those that the package ships, TOML read in bounded time, and atomic writing."""
 
 import contextlib
+import dataclasses
 import os
 import re
 import tempfile
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,17 @@ def shortened(value: Any) -> str:
     """A value for a message, cut to 60 characters."""
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..." + text[-1]
+
+
+def plain(value: Any) -> Any:
+    """Dataclasses, mappings and tuples as the tables and lists of TOML. A key whose value is None is left out."""
+    if dataclasses.is_dataclass(value):
+        return plain({f.name: getattr(value, f.name) for f in dataclasses.fields(value)})
+    if isinstance(value, Mapping):
+        return {k: plain(v) for k, v in value.items() if v is not None}
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    return value
 
 
 _BARE_POINT = re.compile(r"[+-]?(\d+\.|\.\d+)([eE][+-]?\d+)?")

@@ -20,7 +20,7 @@ from .control import Controller, Gsta, ImpedanceTask
 from .control.design import Estimates, Impedance
 from .control.earlier_keys import TASK_KEYS, move_task_keys, task_settings
 from .errors import Fault, InputError, faults_of, suggestion
-from .files import names, parsed_toml, resource, shortened, text_of
+from .files import names, parsed_toml, plain, resource, shortened, text_of
 from .guidance import FilteredSteps, Guidance
 from .navigation import Navigation, Perfect
 from .plant.settings import Current, Disturbance, Initial, VehicleChoice
@@ -28,6 +28,7 @@ from .plant.wall import Wall
 from .quantities import STRICT, Duration, Lowercase, Step, doc, overrides_of
 from .stages.base import Stage
 from .stages.loader import Choice, stage_of, table_of
+from .stages.recorded import Recorded
 
 STAGES: dict[str, Choice] = {
     "reference": Choice(Guidance, guidance.SHIPPED, FilteredSteps),
@@ -169,16 +170,29 @@ class Scenario:
             raise InputError(faults, place)
         return scenario
 
-    def updated(self, overrides: Mapping[str, Any], controller: str | None = None) -> "Scenario":
-        """Return a copy with dotted keys replaced, ``{"wall.stiffness": 1e4, "controller.k_1": 8.0}``."""
+    def updated(
+        self, overrides: Mapping[str, Any], controller: str | None = None, place: str = "scenario"
+    ) -> "Scenario":
+        """Return a copy with dotted keys replaced, ``{"wall.stiffness": 1e4, "controller.k_1": 8.0}``.
+
+        A user's stage of a log is loaded from the file that an override of its ``name`` gives, with its recorded
+        settings if it is the same class. ``place`` names the scenario in error messages.
+        """
+        overrides, tables = overrides_of(overrides), self.to_dict()
         known = {name: type(getattr(self, name)) for name in STAGES}
-        return Scenario.from_dict(self.to_dict(), overrides, controller, known=known)
+        for name, kind in list(known.items()):
+            own = overrides.get(f"{name}.name", controller if name == "controller" else None)
+            if own is not None and issubclass(kind, Recorded):
+                del known[name]
+                if str(own).rpartition(":")[2] == kind.__name__:
+                    tables[name]["name"] = own
+        return Scenario.from_dict(tables, overrides, controller, place=place, known=known)
 
     def to_dict(self) -> dict[str, Any]:
         """Nested tables with every default. Keys whose value is None are left out, since TOML has no null."""
         tables: dict[str, Any] = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         tables |= {name: table_of(tables[name]) for name in STAGES}
-        return _plain(tables)
+        return plain(tables)
 
     def to_toml(self) -> str:
         """The tables of :meth:`to_dict` as TOML text."""
@@ -186,10 +200,12 @@ class Scenario:
 
     def __repr__(self) -> str:
         """Name, law, and every key that differs from its default."""
-        fields = [
-            (name, table, f) for name in _TABLES for table in [getattr(self, name)] for f in dataclasses.fields(table)
-        ]
-        values = [(f"{name}.{f.name}", getattr(table, f.name), f.default) for name, table, f in fields]
+        values: list[tuple[str, Any, Any]] = []
+        for name, kind in _TABLES.items():
+            table = getattr(self, name)
+            if name in STAGES and name != "controller":
+                values.append((f"{name}.name", Path(table.source()).name, kind.source()))
+            values += [(f"{name}.{f.name}", getattr(table, f.name), f.default) for f in dataclasses.fields(table)]
         other = [
             f"{key} = {shortened(value)}" for key, value, default in values if value not in (default, (default,) * 6)
         ]
@@ -269,16 +285,6 @@ def _override(tables: dict[str, Any], key: str, value: Any) -> list[Fault]:
         return []  # the validator reports it
     tables.setdefault(table, {})[word] = value
     return []
-
-
-def _plain(value: Any) -> Any:
-    if dataclasses.is_dataclass(value):
-        return _plain({f.name: getattr(value, f.name) for f in dataclasses.fields(value)})
-    if isinstance(value, Mapping):
-        return {k: _plain(v) for k, v in value.items() if v is not None}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    return value
 
 
 def keys() -> Iterable[tuple[str, Any, str]]:

@@ -221,6 +221,19 @@ def test_an_unknown_signal_is_suggested(sim):
         sim.signals["etae"]
 
 
+def test_a_scalar_is_a_number_and_a_vector_a_live_view(sim):
+    sim.reset()
+    t, tau, peaks = sim.signals.t, sim.signals.tau, [sim.signals.force_peak]
+    sim.step(900)
+    peaks.append(sim.signals["force_peak"])
+    assert (t, peaks[0]) == (0.0, 0.0)
+    assert peaks[1] > 0.0
+    assert type(peaks[1]) is float
+    assert np.array_equal(tau, sim.signals.tau)
+    assert tau.any()
+    assert all(name in repr(sim.signals) for name in sim.signals)
+
+
 def test_the_notes_are_those_of_the_scenario_in_hand(sim):
     sim.reset()
     assert sim.notes == ()

@@ -88,7 +88,7 @@ class Simulation:
 
     @property
     def signals(self) -> Signals:
-        """The signals as read-only views."""
+        """The signals by name: a float, or a live, read-only view; copy what you keep."""
         if not self._ready:
             with self._alone:
                 self._prepare()

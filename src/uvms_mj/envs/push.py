@@ -101,7 +101,7 @@ class Push:
         if unknown:
             choices = list(self.simulation.signals)
             raise InputError([Fault("observe", f"no signal {name!r}; {suggestion(name, choices)}") for name in unknown])
-        self._observed = {name: self.simulation.signals[name] for name in observe}
+        self._observed = tuple(observe)
         self.size = {"wrench": 6, "thrusts": len(self.simulation.setup.vehicle.thrusters), "gains": len(self._base)}[
             action
         ]
@@ -158,9 +158,9 @@ class Push:
 
     def observation(self) -> Observation:
         """The observed signals as copies."""
-        return {name: np.array(values, dtype=float, ndmin=1) for name, values in self._observed.items()} | {
-            "force_d": self.force_d.copy()
-        }
+        row = self.simulation.signals
+        observed = {name: np.array(row[name], dtype=float, ndmin=1) for name in self._observed}
+        return observed | {"force_d": self.force_d.copy()}
 
 
 def _settings(action: Any, **given: Any) -> dict[str, np.ndarray]:

@@ -24,9 +24,10 @@ _OVERRIDDEN = ("name", "states", "units", "uses_task", "uses_truth")
 def check_stage(stage: Stage) -> None:
     """Check that a stage may run. Raises InputError if it is of a log, or its class violates the contract."""
     if isinstance(stage, Recorded):
+        key, file = f"{stage.room.table}.name", f"path/to/{stage.source()}"
         raise InputError(
-            f"the {stage.room.noun} {stage.source()} is in the log as text, which is never run: pass the "
-            f"{'controller' if stage.room.noun == 'law' else 'stage'} from the {stage.room.noun}'s file"
+            f"the {stage.room.noun} {stage.source()} is in the log as text, which is never run: name its file with "
+            f'scenario.updated({{"{key}": "{file}"}})'
         )
     if not is_shipped(stage):
         check_contract(type(stage))
