@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from .errors import InputError
+from .errors import InputError, suggestion
 
 _PACKAGE = Path(__file__).parent
 _FOLDERS = {
@@ -29,6 +29,24 @@ def resource(kind: str, file_name: str) -> Path | None:
 def names(kind: str, suffix: str) -> list[str]:
     """Names, without suffix, of the shipped files of a kind."""
     return sorted({path.stem for folder in _FOLDERS[kind] for path in folder.glob(f"*{suffix}")})
+
+
+def scenario_path(scenario: str | os.PathLike) -> Path:
+    """Path of a scenario from the path of its file, or from its name. Raises InputError if there is none."""
+    if not isinstance(scenario, str | os.PathLike):
+        raise InputError(f"scenario {shortened(scenario)}: must be a name, or the path of a TOML file")
+    path = Path(scenario)
+    if path.is_file():
+        return path
+    if path.is_dir():
+        raise InputError(f"scenario {str(scenario)!r}: is a folder; name a TOML file in it")
+    shipped = resource("scenarios", f"{scenario}.toml")
+    if shipped is not None:
+        return shipped
+    known = names("scenarios", ".toml")
+    if path.suffix == ".toml" or len(path.parts) > 1:
+        raise InputError(f"scenario {str(scenario)!r}: no such file; built-in scenarios: {', '.join(known)}")
+    raise InputError(f"scenario {str(scenario)!r}: neither a file nor built in; {suggestion(str(scenario), known)}")
 
 
 _MOST_BYTES = 1_000_000

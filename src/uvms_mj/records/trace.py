@@ -113,7 +113,7 @@ class Trace:
         for signal in self.signals:
             values = self[signal.name].reshape(len(self), signal.size)
             for i, (component, unit) in enumerate(zip(signal.components, signal.units, strict=True)):
-                name = f"{signal.name}.{component}" if signal.shape else signal.name
+                name = f"{signal.name}.{component}" if component else signal.name
                 yield Column(name, unit, signal, values[:, i])
 
     def rows(self) -> np.ndarray:

@@ -56,15 +56,19 @@ class Choice(Generic[_Stage]):
         path = Path(file)
         if not os.path.isfile(path):  # Path.is_file raises for a name that is too long
             raise InputError([Fault(key, f"no file {file!r} (looked in {Path.cwd()})")])
-        found = {
+        stages = {
             name: value
             for name, value in vars(_load(path.absolute(), key)).items()
-            if isinstance(value, type) and issubclass(value, self.base) and value is not self.base
+            if isinstance(value, type) and issubclass(value, Stage) and hasattr(value, "room")
         }
+        found = {n: cls for n, cls in stages.items() if issubclass(cls, self.base) and cls is not self.base}
         if class_name not in found:
             there = f"its {noun}s are {', '.join(sorted(found))}"
             if not found:
                 there = f"it has no class derived from {self.base.__name__}"
+            if class_name in stages:
+                room = stages[class_name].room
+                there = f"it is a {room.noun}: use {room.table}.name"
             raise InputError([Fault(key, f"no {noun} {class_name!r} in {file}; {there}")])
         cls = found[class_name]
         check_contract(cls, file)
@@ -128,7 +132,8 @@ def _load(path: Path, key: str) -> ModuleType:
         frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
         line = frames[-1].lineno if frames else getattr(error, "lineno", None)
         where = f"{path.name}, line {line}" if line else path.name
-        raise InputError([Fault(key, f"{where}: {type(error).__name__}: {error}")]) from error
+        hint = "; decorate with @dataclass(frozen=True)" if "non-frozen dataclass" in str(error) else ""
+        raise InputError([Fault(key, f"{where}: {type(error).__name__}: {error}{hint}")]) from error
     finally:
         sys.dont_write_bytecode = before
         del os.environ["NUMBA_BOUNDSCHECK"]

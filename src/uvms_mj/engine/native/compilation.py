@@ -7,6 +7,7 @@ functions are translated by :mod:`.translator`; numba compiles users' laws (:mod
 
 import ctypes
 import os
+import re
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from .objects import keep, link, load, object_name, target_machine
 
 _DISABLE = "NUMBA_DISABLE_JIT"
 """Environment variable for debugging: a user's law then runs as plain Python, the core still as machine code."""
+_PLACE = re.compile(r"^During: .* at (.+\.py) \((\d+)\)$")
 _lock = threading.RLock()
 
 
@@ -100,5 +102,11 @@ def _translated(function: Any, parameters: Sequence[np.dtype], name: str) -> int
 
 
 def _reason(error: Exception) -> str:
+    """Numba's reason in one line, with the place in the user's file where numba names one."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return next((line for line in lines if not line.startswith("Failed in")), type(error).__name__)
+    lines = [line for line in lines if not line.startswith("Failed in")]
+    if not lines:
+        return f"{type(error).__name__} without a reason; arrays of different lengths are a common cause"
+    reason = f"{lines[0]} {lines[1].removeprefix('>>> ')}" if lines[0].endswith(":") and lines[1:] else lines[0]
+    place = next((found for line in lines[1:] if (found := _PLACE.search(line))), None)
+    return f"{reason} ({Path(place[1]).name}, line {place[2]})" if place else reason

@@ -173,7 +173,7 @@ def integral(trace: Trace, other: Trace | None = None) -> Panel:
 
 
 def state(trace: Trace, signal: Signal) -> Panel:
-    """A state of a law that is not a vector of six: its numbers, or the range of more than six numbers."""
+    """A state of a stage that is not a vector of six: its numbers, or the range of more than six numbers."""
     values = trace[signal.name].reshape(len(trace), signal.size)
 
     def draw(ax: Axes) -> None:
@@ -235,6 +235,6 @@ def level(ax: Axes, t: np.ndarray, value: float, label: str, look: dict[str, Any
 
 
 def states_of(trace: Trace) -> Sequence[Signal]:
-    """Signals of the law's states; empty for a law without states."""
-    names = trace.header.law.states
+    """Signals of the states of all stages; empty if none has a state."""
+    names = {name for source in trace.header.sources.values() for name in source.states}
     return [signal for signal in trace.signals if signal.name in names]
