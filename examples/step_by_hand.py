@@ -13,7 +13,7 @@ def impact(sim: Simulation, stiffness: float) -> tuple[float, float]:
         sim.step(10)
     first = sim.t
     sim.step(1000)
-    return first, float(sim.signals.force_peak)
+    return first, sim.signals.force_peak
 
 
 if __name__ == "__main__":

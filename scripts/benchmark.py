@@ -194,6 +194,50 @@ def threads(rounds: int) -> dict:
     return gains | {"ratio": gains["simulation"] / gains["bare"]}
 
 
+def environments(rounds: int) -> list[dict]:
+    """Times of a reset and of a step of the environments at 50 Hz [us], and of the time steps alone in turn."""
+    import gymnasium
+
+    from uvms_mj import envs
+
+    rows, action = [], np.full(6, 0.1)
+    for timestep in (1e-4, 1e-3):
+        overrides = {"simulation.timestep": timestep, "simulation.duration": 1e4}
+        gym = gymnasium.make("uvms_mj/PushWall-v0", overrides=overrides)
+        dm = envs.load("push_wall", overrides=overrides)
+        subjects: dict[str, tuple[Callable, Callable]] = {
+            "Gymnasium": (gym.reset, gym.step),
+            "dm_control": (dm.reset, dm.step),
+        }
+        alone = Simulation(Scenario.load("push_wall", overrides, "external"))
+        for name, (reset, step) in subjects.items():
+            resets_s, steps_s, alone_s = [], [], []
+            for _ in range(max(2, rounds // 4)):
+                alone.reset()
+                resets_s.append(_seconds(reset))
+                for _ in range(50):
+                    steps_s.append(_seconds(step, action))
+                    alone_s.append(_seconds(alone.run, round(0.02 / timestep), np.inf))
+            median, within = statistics.median(steps_s), statistics.median(alone_s)
+            rows.append(
+                {
+                    "what": name,
+                    "timestep": timestep,
+                    "reset_us": statistics.median(resets_s) * 1e6,
+                    "step_us": median * 1e6,
+                    "beside_us": statistics.median(a - b for a, b in zip(steps_s, alone_s, strict=True)) * 1e6,
+                    "in_mj_step": within / median,
+                }
+            )
+    return rows
+
+
+def _seconds(call: Callable, *arguments: object) -> float:
+    start = time.perf_counter()
+    call(*arguments)
+    return time.perf_counter() - start
+
+
 def logs(rounds: int) -> list[dict]:
     """Cost of a log of the paper's run: additional time, time to load the log [s], and its size.
 
@@ -301,6 +345,12 @@ def main(rounds: int, json_file: Path | None, start: bool, hour: bool) -> None:
     for row in resetting:
         table.add_row(row["what"], f"{row['us']:.1f}")
     Console().print(table)
+    environment = environments(rounds)
+    table = Table("environment", "time step s", "reset us", "step us", "beside mj_step us", "in mj_step")
+    for row in environment:
+        times = (f"{row[key]:.0f}" for key in ("reset_us", "step_us", "beside_us"))
+        table.add_row(row["what"], f"{row['timestep']:g}", *times, f"{row['in_mj_step']:.0%}")
+    Console().print(table)
     gain = threads(max(3, rounds // 4))
     Console().print(
         f"two threads gain {gain['bare']:.2f} with bare mj_step and {gain['simulation']:.2f} with simulations: "
@@ -326,6 +376,7 @@ def main(rounds: int, json_file: Path | None, start: bool, hour: bool) -> None:
         figures = {
             "steps": steps,
             "resets": resetting,
+            "environments": environment,
             "threads": gain,
             "logs": logging,
             "long_run": memory,

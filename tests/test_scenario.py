@@ -1,6 +1,7 @@
 """Scenarios: TOML in and out, all errors at once, suggestions."""
 
 import dataclasses
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -223,3 +224,7 @@ def test_a_scenario_prints_what_differs_from_the_defaults():
     assert repr(Scenario()) == "<Scenario 'push_wall', gsta, defaults>"
     other = Scenario.load("push_wall", {"wall.stiffness": 2e4, "controller.K_s": 3.0}, "fosm")
     assert repr(other).splitlines()[1:] == ["    wall.stiffness = 20000.0", "    controller.K_s = 3.0>"]
+    circle = str(Path(__file__).parents[1] / "examples" / "circle.py") + ":Circle"
+    other = Scenario.load("push_wall", {"reference.name": circle, "reference.radius": 0.3})
+    shown = ["    reference.name = 'circle.py:Circle'", "    reference.radius = 0.3>"]
+    assert repr(other).splitlines()[1:] == shown

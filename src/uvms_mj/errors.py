@@ -72,13 +72,8 @@ def suggestion(word: str, choices: Iterable[str]) -> str:
 def faults_of(
     error: ValidationError, prefix: str = "", choices: Mapping[str, Iterable[str]] | None = None
 ) -> list[Fault]:
-    """Errors of a pydantic validator, as entries of an :class:`InputError`.
-
-    Args:
-        error: the exception that pydantic raised.
-        prefix: key of the table that was validated; all locations are relative to it.
-        choices: the known keys of each table, for suggestions.
-    """
+    """Errors of a pydantic validator, as entries of an :class:`InputError`. Locations are relative to the key of the
+    table that was validated, ``prefix``; the known keys of each table, ``choices``, are for suggestions."""
     faults: dict[str, Fault] = {}
     for item in error.errors(include_url=False):
         key, loc = prefix, item["loc"]
@@ -114,34 +109,29 @@ def _of_length(values: Sequence[Any], n: int) -> str:
 
 
 def _sentence(item: Any) -> str:
-    """The requirement that was violated, by pydantic's error type."""
+    """The requirement that was violated."""
     kind, context = item["type"], item.get("ctx", {})
-    if kind in ("float_type", "float_parsing", "finite_number"):
-        return "is not a finite number"
-    if kind in ("tuple_type", "list_type"):
-        return "is not a list of numbers"
-    if kind == "dataclass_type":
-        return "is not a table"
     if kind == "missing" and isinstance(item["loc"][-1], int):
         return _of_length(item["input"], item["loc"][-1] + 1)
     if kind == "too_long" and isinstance(item["input"], list | tuple):
         return _of_length(item["input"], context["max_length"])
-    if kind == "missing":
-        return "lacks this key"
     if kind == "greater_than_equal" and 0.0 < context["ge"] <= 1e-9:
         return "must be positive"
-    if kind == "greater_than":
-        return f"must be greater than {context['gt']:g}"
-    if kind == "greater_than_equal":
-        return f"must be at least {context['ge']:g}"
-    if kind == "less_than_equal":
-        return f"must be at most {context['le']:g}"
-    if kind == "literal_error":
-        return f"must be {context['expected']}"
-    if kind in ("bool_type", "bool_parsing"):
-        return "is not true or false"
-    if kind == "string_type":
-        return "is not a string"
-    if kind == "value_error":
-        return str(context["error"])
-    return f"is not valid: {item['msg']}"
+    sentence = _SENTENCES.get(kind)
+    return f"is not valid: {item['msg']}" if sentence is None else sentence.format(**context)
+
+
+_SENTENCES = {
+    **dict.fromkeys(("float_type", "float_parsing", "finite_number"), "is not a finite number"),
+    **dict.fromkeys(("tuple_type", "list_type"), "is not a list of numbers"),
+    **dict.fromkeys(("bool_type", "bool_parsing"), "is not true or false"),
+    "dataclass_type": "is not a table",
+    "missing": "lacks this key",
+    "greater_than": "must be greater than {gt:g}",
+    "greater_than_equal": "must be at least {ge:g}",
+    "less_than_equal": "must be at most {le:g}",
+    "literal_error": "must be {expected}",
+    "string_type": "is not a string",
+    "value_error": "{error}",
+}
+"""Requirements by pydantic's error type."""

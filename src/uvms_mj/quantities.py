@@ -4,10 +4,13 @@ The ranges are far wider than any vehicle needs. Within them, no product in the 
 """
 
 import dataclasses
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any
 
 from annotated_types import Ge, Le
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field
+
+from .errors import InputError
 
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e12, le=1e12)]
 """A finite number."""
@@ -92,6 +95,29 @@ STRICT = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
 """Configuration of all validated dataclasses, tables of a scenario or files of a log: an unknown key is an error. Only
 controllers are validated in another way, because a user writes them as dataclasses of the standard library."""
 Lowercase = BeforeValidator(lambda value: value.lower() if isinstance(value, str) else value)
+
+
+def leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+    """Every leaf of nested tables and lists by its place, e.g. ``contact.peak_N`` or ``final.s[0]``."""
+    if isinstance(value, dict):
+        for name, each in value.items():
+            yield from leaves(each, f"{key}.{name}" if key else name)
+    elif isinstance(value, list | tuple):
+        for i, each in enumerate(value):
+            yield from leaves(each, f"{key}[{i}]")
+    else:
+        yield key, value
+
+
+def overrides_of(given: Any, place: str = "overrides") -> dict[str, Any]:
+    """Overrides by dotted key, with numbers and lists in place of NumPy's scalars and arrays. None has no overrides.
+
+    Raises:
+        InputError: ``given`` is not a mapping, or a key is not a text.
+    """
+    if not isinstance(given, Mapping | None) or not all(isinstance(key, str) for key in given or ()):
+        raise InputError(f"{place}: {given!r} is not a mapping from dotted keys to values, {{'wall.stiffness': 1e4}}")
+    return {key: value.tolist() if hasattr(value, "tolist") else value for key, value in (given or {}).items()}
 
 
 def doc(meaning: str, default: Any) -> Any:

@@ -20,15 +20,15 @@ from .control import Controller, Gsta, ImpedanceTask
 from .control.design import Estimates, Impedance
 from .control.earlier_keys import TASK_KEYS, move_task_keys, task_settings
 from .errors import Fault, InputError, faults_of, suggestion
-from .files import names, parsed_toml, resource, shortened, text_of
+from .files import parsed_toml, plain, scenario_path, shortened, text_of
 from .guidance import FilteredSteps, Guidance
 from .navigation import Navigation, Perfect
-from .plant.settings import Initial, VehicleChoice
+from .plant.settings import Current, Disturbance, Initial, VehicleChoice
 from .plant.wall import Wall
-from .plant.water import Current, Disturbance
-from .quantities import STRICT, Duration, Lowercase, Step, doc
+from .quantities import STRICT, Duration, Lowercase, Step, doc, overrides_of
 from .stages.base import Stage
 from .stages.loader import Choice, stage_of, table_of
+from .stages.recorded import Recorded
 
 STAGES: dict[str, Choice] = {
     "reference": Choice(Guidance, guidance.SHIPPED, FilteredSteps),
@@ -102,7 +102,7 @@ class Scenario:
             controller: name of a law, or ``path/to/my_law.py:MyLaw``; replaces the file's law. The file's gains are
                 kept only if they belong to this law, as are a table's settings if an override replaces its ``name``.
         """
-        path = _scenario_path(scenario)
+        path = scenario_path(scenario)
         try:
             tables = parsed_toml(text_of(path))
         except (OSError, ValueError) as error:
@@ -130,19 +130,20 @@ class Scenario:
         """
         tables = {k: dict(v) if isinstance(v, Mapping) else v for k, v in tables.items()}
         faults: list[Fault] = []
+        overrides = overrides_of(overrides)
         _anchor(tables, folder)
         for name in (*STAGES, "task"):
             if not isinstance(tables.setdefault(name, {}), dict):
                 faults.append(Fault(name, f"{tables[name]!r} is not a table"))
                 tables[name] = {}
-        chosen = {name: (overrides or {}).get(f"{name}.name") for name in STAGES}
+        chosen = {name: overrides.get(f"{name}.name") for name in STAGES}
         for name, source in (chosen | {"controller": chosen["controller"] or controller}).items():
             if source is not None and not _is_of(tables[name], STAGES[name], source):
                 tables[name] = {}
             if source is not None:
                 tables[name]["name"] = source
         old = move_task_keys(tables["controller"], tables["task"], faults)
-        settings, replaced = task_settings(overrides or {}, faults)
+        settings, replaced = task_settings(overrides, faults)
         for key, value in settings.items():
             faults += _override(tables, key, value)
         old = {key for key in old if f"task.{key}" not in settings} | replaced
@@ -169,16 +170,29 @@ class Scenario:
             raise InputError(faults, place)
         return scenario
 
-    def updated(self, overrides: Mapping[str, Any], controller: str | None = None) -> "Scenario":
-        """Return a copy with dotted keys replaced, ``{"wall.stiffness": 1e4, "controller.k_1": 8.0}``."""
+    def updated(
+        self, overrides: Mapping[str, Any], controller: str | None = None, place: str = "scenario"
+    ) -> "Scenario":
+        """Return a copy with dotted keys replaced, ``{"wall.stiffness": 1e4, "controller.k_1": 8.0}``.
+
+        A user's stage of a log is loaded from the file that an override of its ``name`` gives, with its recorded
+        settings if it is the same class. ``place`` names the scenario in error messages.
+        """
+        overrides, tables = overrides_of(overrides), self.to_dict()
         known = {name: type(getattr(self, name)) for name in STAGES}
-        return Scenario.from_dict(self.to_dict(), overrides, controller, known=known)
+        for name, kind in list(known.items()):
+            own = overrides.get(f"{name}.name", controller if name == "controller" else None)
+            if own is not None and issubclass(kind, Recorded):
+                del known[name]
+                if str(own).rpartition(":")[2] == kind.__name__:
+                    tables[name]["name"] = own
+        return Scenario.from_dict(tables, overrides, controller, place=place, known=known)
 
     def to_dict(self) -> dict[str, Any]:
         """Nested tables with every default. Keys whose value is None are left out, since TOML has no null."""
         tables: dict[str, Any] = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         tables |= {name: table_of(tables[name]) for name in STAGES}
-        return _plain(tables)
+        return plain(tables)
 
     def to_toml(self) -> str:
         """The tables of :meth:`to_dict` as TOML text."""
@@ -186,10 +200,12 @@ class Scenario:
 
     def __repr__(self) -> str:
         """Name, law, and every key that differs from its default."""
-        fields = [
-            (name, table, f) for name in _TABLES for table in [getattr(self, name)] for f in dataclasses.fields(table)
-        ]
-        values = [(f"{name}.{f.name}", getattr(table, f.name), f.default) for name, table, f in fields]
+        values: list[tuple[str, Any, Any]] = []
+        for name, kind in _TABLES.items():
+            table = getattr(self, name)
+            if name in STAGES and name != "controller":
+                values.append((f"{name}.name", Path(table.source()).name, kind.source()))
+            values += [(f"{name}.{f.name}", getattr(table, f.name), f.default) for f in dataclasses.fields(table)]
         other = [
             f"{key} = {shortened(value)}" for key, value, default in values if value not in (default, (default,) * 6)
         ]
@@ -204,21 +220,6 @@ _TABLES: dict[str, Any] = {
 _KEYS: dict[str, list[str]] = {"": [f.name for f in dataclasses.fields(Scenario)]} | {
     name: [f.name for f in dataclasses.fields(table)] for name, table in _TABLES.items()
 }
-
-
-def _scenario_path(scenario: str | os.PathLike) -> Path:
-    path = Path(scenario)
-    if path.is_file():
-        return path
-    if path.is_dir():
-        raise InputError(f"scenario {str(scenario)!r}: is a folder; name a TOML file in it")
-    shipped = resource("scenarios", f"{scenario}.toml")
-    if shipped is not None:
-        return shipped
-    known = names("scenarios", ".toml")
-    if path.suffix == ".toml" or len(path.parts) > 1:
-        raise InputError(f"scenario {str(scenario)!r}: no such file; built-in scenarios: {', '.join(known)}")
-    raise InputError(f"scenario {str(scenario)!r}: neither a file nor built in; {suggestion(str(scenario), known)}")
 
 
 def _anchor(tables: dict[str, Any], folder: Path | None) -> None:
@@ -269,16 +270,6 @@ def _override(tables: dict[str, Any], key: str, value: Any) -> list[Fault]:
         return []  # the validator reports it
     tables.setdefault(table, {})[word] = value
     return []
-
-
-def _plain(value: Any) -> Any:
-    if dataclasses.is_dataclass(value):
-        return _plain({f.name: getattr(value, f.name) for f in dataclasses.fields(value)})
-    if isinstance(value, Mapping):
-        return {k: _plain(v) for k, v in value.items() if v is not None}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    return value
 
 
 def keys() -> Iterable[tuple[str, Any, str]]:

@@ -85,6 +85,24 @@ def test_a_users_law_is_recorded_and_never_run_from_a_log(tmp_path):
     assert "differs from the recorded code" in edited.stderr
 
 
+@pytest.mark.parametrize("folder", [".", "elsewhere"])
+def test_a_stage_of_a_log_is_armed_again_with_its_file(tmp_path, monkeypatch, folder):
+    """Also by the path that the log has; the recorded settings are kept."""
+    (tmp_path / folder).mkdir(exist_ok=True)
+    (tmp_path / folder / "mine.py").write_text(LAW)
+    monkeypatch.chdir(tmp_path)
+    law, settings = f"{folder}/mine.py:Mine", {"controller.k": 3.0, "simulation.duration": 0.02}
+    trace = simulate(Scenario.load("push_wall", settings, law), sinks=[McapLog("run.mcap")])
+    loaded = Trace.load("run.mcap").scenario
+    with pytest.raises(InputError, match=re.escape('updated({"controller.name": "path/to/mine.py:Mine"})')):
+        simulate(loaded)
+    for again in (loaded.updated({"controller.name": law}), loaded.updated({}, str(Path(law).absolute()))):
+        assert again.controller.k == 3.0
+        same(trace, simulate(again))
+    with pytest.raises(InputError, match="no file"):
+        loaded.updated({"controller.name": "nowhere/mine.py:Mine"})
+
+
 @pytest.mark.parametrize(
     "text", ["<mujoco", "\ufeff<mujoco", "<!-- hull -- and skids --><!-- <mesh file='/a/b.stl'/> --><mujoco"]
 )

@@ -294,7 +294,7 @@ def test_rows_are_data(runs):
     ],
 )
 def test_the_predicate_says_what_it_tests(limits, predicate, true, false):
-    claim = Claim("id", "text", "where", "quantity", "N", lambda runs: Measured(None), **limits)
+    claim = Claim("id", "text", "where", "quantity [N]", lambda runs: Measured(None), **limits)
     assert claim.predicate == predicate
     assert all(claim.holds(value) for value in true)
     assert not any(claim.holds(value) for value in false)
@@ -302,7 +302,7 @@ def test_the_predicate_says_what_it_tests(limits, predicate, true, false):
 
 def test_a_claim_needs_a_threshold():
     with pytest.raises(ValueError, match="no threshold"):
-        Claim("id", "text", "where", "quantity", "N", lambda runs: Measured(None))
+        Claim("id", "text", "where", "quantity [N]", lambda runs: Measured(None))
 
 
 def test_numbers_are_readable():

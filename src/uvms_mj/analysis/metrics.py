@@ -65,8 +65,7 @@ def position_settling_time(trace: Trace, band: float = 0.02) -> float | None:
     """
     x = trace.p_WB[:, 0]
     final = _final_mean(trace, x)
-    since = settling_time(trace.t, x, final, band * abs(final - x[0]))
-    return None if since is None or drifts(trace.t, x, since, band * abs(final - x[0])) else since
+    return _settled(trace.t, x, final, band * abs(final - x[0]))
 
 
 def force_settling_time(trace: Trace, band: float = 0.02) -> float | None:
@@ -79,8 +78,12 @@ def force_settling_time(trace: Trace, band: float = 0.02) -> float | None:
     final, settled = final_force(trace)
     if not final or not settled:
         return None
-    since = settling_time(trace.t, trace.push, final, band * final)
-    return None if since is None or drifts(trace.t, trace.push, since, band * final) else since
+    return _settled(trace.t, trace.push, final, band * final)
+
+
+def _settled(t: np.ndarray, y: np.ndarray, final: float, tolerance: float) -> float | None:
+    since = settling_time(t, y, final, tolerance)
+    return None if since is None or drifts(t, y, since, tolerance) else since
 
 
 def drifts(t: np.ndarray, y: np.ndarray, since: float, tolerance: float) -> bool:

@@ -3,11 +3,11 @@
 import contextlib
 import dataclasses
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
 from ..errors import Fault, InputError
+from ..quantities import leaves
 from ..scenario import Scenario
 
 _SMALL, _LARGE = 1e-6, 1e8
@@ -41,19 +41,8 @@ def no_overflow(scenario: Scenario) -> Iterator[None]:
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         extreme = [
             Fault(key, f"{value:g} is too {'large' if abs(value) > 1.0 else 'small'} relative to the other numbers")
-            for key, value in _numbers("", dataclasses.asdict(scenario))
-            if value and not _SMALL <= abs(value) <= _LARGE
+            for key, value in leaves(dataclasses.asdict(scenario))
+            if isinstance(value, int | float) and value and not _SMALL <= abs(value) <= _LARGE
         ]
         what = f"an equation of the design has no finite result: {error}"
         raise InputError(extreme or [Fault("", what)], what if extreme else "scenario") from None
-
-
-def _numbers(key: str, value: Any) -> Iterator[tuple[str, float]]:
-    if isinstance(value, dict):
-        for name, each in value.items():
-            yield from _numbers(f"{key}.{name}" if key else name, each)
-    elif isinstance(value, list | tuple):
-        for i, each in enumerate(value):
-            yield from _numbers(f"{key}[{i}]", each)
-    elif isinstance(value, int | float) and not isinstance(value, bool):
-        yield key, float(value)

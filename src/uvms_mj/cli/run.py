@@ -81,11 +81,7 @@ def chosen(
     arguments: tuple[str, ...], settings: tuple[str, ...], controller: str | None, log: str | None, log_rate: str | None
 ) -> "tuple[Scenario, Mjcf | None, str | None]":
     """Scenario, vehicle and log rate of a run, by the arguments of the command. The vehicle is None unless it is that
-    of a log.
-
-    Raises:
-        InputError: the input is invalid.
-    """
+    of a log. Raises InputError if the input is invalid."""
     from ..errors import InputError
     from ..scenario import Scenario
 
@@ -104,25 +100,21 @@ def _from_log(
     from ..errors import InputError
     from ..records.header import code_file
     from ..records.mcap import read_files
-    from ..scenario import STAGES, Scenario
+    from ..scenario import STAGES
     from ..stages.recorded import Recorded
 
     header, _ = read_files(log)
-    tables = header.scenario.to_dict()
     for name, then in header.sources.items():
         if not isinstance(getattr(header.scenario, name), Recorded):
             continue
-        own = overrides.get(f"{name}.name", controller if name == "controller" else None)
-        if own is None:
+        if overrides.get(f"{name}.name", controller if name == "controller" else None) is None:
             noun, code = STAGES[name].base.room.noun, code_file(name, then.source)
             option = "--controller " if name == "controller" else f"--set {name}.name="
             raise InputError(
                 f"{log} was made by the {noun} {then.source}. Code from a log is never executed: name the {noun}'s "
                 f"file with {option}path/to/{then.source} (`uvms-mj info {log} --show {code}` prints the recorded code)"
             )
-        if str(own).rpartition(":")[2] == then.source.rpartition(":")[2]:
-            tables[name]["name"] = own  # the same class: keep its recorded settings
-    scenario = Scenario.from_dict(tables, overrides, controller, place=log)
+    scenario = header.scenario.updated(overrides, controller, place=log)
     _warn_of_changes(header, scenario)
     if log_rate is None and "simulation.timestep" not in overrides:
         log_rate = repr(1.0 / (header.row_steps * scenario.simulation.timestep))

@@ -76,11 +76,8 @@ class Controller(Stage):
     def at_rest(self, setup: Any) -> float | str | SteadyState:
         """Theory of the law: the vehicle at rest at the end of the run. A law may override it.
 
-        Args:
-            setup: the run's :class:`uvms_mj.analysis.setup.Setup`: scenario, vehicle, design, task, gravity_W.
-
-        Returns:
-            The pushing force on the wall [N], the whole state, or a text with the reason why there is no closed form.
+        It gives the pushing force on the wall [N], the whole state, or a text with the reason why there is no closed
+        form, from the run's :class:`uvms_mj.analysis.setup.Setup`: scenario, vehicle, design, task, gravity_W.
         """
         return "no closed form is known for this law"
 

@@ -118,14 +118,10 @@ class Certificate:
 
     @classmethod
     def of(cls, k_1: float, k_2: float, beta: float = 0.0, A: float | None = None) -> "Certificate":
-        """The certificate of a law's gains.
+        """The certificate of a law's gains k_1 [m^(1/2)/s^(3/2)], k_2 [m/s^3] and beta [(s/m)^(1/2)].
 
-        Args:
-            k_1: gain of phi_1 [m^(1/2)/s^(3/2)].
-            k_2: gain of phi_2 [m/s^3].
-            beta: gain beta [(s/m)^(1/2)]; 0 for standard super-twisting.
-            A: for a law without nominal control, the pole of zeta of the worst axis [1/s]. Eq. (22) then does not
-                cancel the term A s in s_dot, which is a vanishing part with G_1 in [A / beta, 0].
+        For a law without nominal control, A is the pole of zeta of the worst axis [1/s]. Eq. (22) then does not cancel
+        the term A s in s_dot, which is a vanishing part with G_1 in [A / beta, 0].
 
         Raises:
             InputError: a gain is too large or too small to compute with.
@@ -180,39 +176,13 @@ def _second_condition(delta: float, a_min: float, spread: float, k_2: float) -> 
     return 2.0 * (k_2 - delta + root) - 0.5 * spread * two_p
 
 
-def lyapunov_matrix(k_1: float, k_2: float, rate: float, G_1: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
-    """P (2, 2) of a V = xi^T P xi that decreases for every disturbance up to the rate, midway in the admissible range.
-
-    Raises:
-        ValueError: the rate is not below :func:`rate_bound`.
-    """
-    if not 0.0 <= rate < rate_bound(k_1, k_2, G_1):
-        raise ValueError(f"rate {rate:g} is not below the certified {rate_bound(k_1, k_2, G_1):g}")
-    a_min, a_max = k_1 - G_1[1], k_1 - G_1[0]
-    low, high = math.sqrt(k_2 - 2.0 * rate), math.sqrt(k_2 + 2.0 * rate)
-
-    def excess(p: float) -> float:
-        """Slack of the second condition of the proof minus that of the first."""
-        return low + high - math.sqrt(p * (a_min - p)) - math.sqrt(p * (a_max - p))
-
-    p = a_min / 2.0
-    if excess(p) < 0.0:
-        p = brentq(excess, 0.0, p)
-    D = (0.5 * (low + high)) ** 2  # halfway between sqrt(b_max) - m_min, here the larger one, and sqrt(b_min) + m_min
-    return np.array([[D + p**2, -p], [-p, 1.0]])
-
-
 def gains_for(rate: float, state: float = 0.0, beta: float = 0.0, margin: float = MARGIN) -> tuple[float, float]:
     """Gains (k_1, k_2) whose certified bound is |varphi_dot| <= (1 + margin) (rate + state |s|).
 
     k_2 is the smallest possible value, because z_dot can't follow a rate above k_2 / 2. It is also the size of the
     jumps of z_dot about s = 0. k_1 = (2 k_2)^(1/2) is the smallest value for which the certificate reaches k_2 / 2.
 
-    Args:
-        rate: L [m/s^3, rad/s^3].
-        state: L_s [1/s^2].
-        beta: gain beta [(s/m)^(1/2)].
-        margin: margin relative to the bound [1].
+    Units: rate [m/s^3, rad/s^3], state [1/s^2], beta [(s/m)^(1/2)].
 
     Raises:
         InputError: a bound is negative, too large or too small to compute with, or no gains exist.

@@ -10,6 +10,7 @@ from ..analysis.ranges import no_overflow
 from ..analysis.sampling import refuse
 from ..analysis.setup import Setup, design_of
 from ..errors import Fault, InputError
+from ..quantities import overrides_of
 from ..scenario import STAGES, Scenario
 
 _TABLES = [field.name for field in dataclasses.fields(Scenario)]
@@ -25,12 +26,9 @@ def changed(base: Setup, current: Setup, overrides: Mapping[str, Any], place: st
 
 def _changed(base: Setup, current: Setup, overrides: Mapping[str, Any]) -> tuple[Setup, frozenset[str]]:
     """``base`` with overrides by dotted keys, and what differs from it or from ``current``, the setup of the run before
-    the reset: tables of the scenario, and ``design`` if the design matrices differ.
-
-    Raises:
-        InputError: a key or value is invalid, or needs another plant or other machine code.
-    """
-    scenario = _updated(base.scenario, overrides)
+    the reset: tables of the scenario, and ``design`` if the design matrices differ. Raises InputError if a key or value
+    is invalid, or needs another plant or other machine code."""
+    scenario = _updated(base.scenario, overrides_of(overrides))
     _refuse_other_code(base.scenario, scenario)
     before, now = current.scenario, base.scenario
     tables, old, oldest = scenario.__dict__, before.__dict__, now.__dict__
@@ -41,7 +39,7 @@ def _changed(base: Setup, current: Setup, overrides: Mapping[str, Any]) -> tuple
             design = design_of(scenario, base.vehicle)
     if design is not base.design or design is not current.design:
         touched.add("design")
-    setup = dataclasses.replace(base, scenario=scenario, design=design)
+    setup = Setup(scenario, base.plant, design)
     if touched:
         refuse(setup, touched)
     return setup, frozenset(touched)
@@ -57,9 +55,7 @@ def _updated(scenario: Scenario, overrides: Mapping[str, Any]) -> Scenario:
         made = {}
         for name, values in tables.items():
             old = getattr(scenario, name)
-            if not values.keys() <= {field.name for field in dataclasses.fields(old)}:
-                raise KeyError(name)
-            made[name] = dataclasses.replace(old, **values)
+            made[name] = type(old)(**(vars(old) | values))
         return _with(scenario, made)
     except (AttributeError, KeyError, TypeError, ValidationError, InputError):  # said in full, or a key of another kind
         full = scenario.updated(overrides)

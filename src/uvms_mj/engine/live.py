@@ -1,6 +1,7 @@
 """The signals of a Simulation between its steps."""
 
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -8,26 +9,27 @@ from ..errors import suggestion
 
 
 class Signals:
-    """The signals of a Simulation as read-only views by name: ``signals.nu``, ``signals["nu"]``.
+    """The signals of a Simulation by name: ``signals.nu``, ``signals["nu"]``.
 
-    The views are live. Between steps the state, the measurements, the reference, the errors and the task are those of
-    the instant in hand; tau_cmd, u, tau, nu_dot, f_contact_W and the running signals are those of the step before it.
+    A scalar is a float. A vector is a live, read-only view: copy what you keep. Between steps the state, the
+    measurements, the reference, the errors and the task are those of the instant in hand; tau_cmd, u, tau, nu_dot,
+    f_contact_W and the running signals are those of the step before it.
     """
 
     def __init__(self, memories: Mapping[str, np.ndarray]) -> None:
         self.__dict__["_views"] = memories
 
-    def __getitem__(self, name: str) -> np.ndarray:
+    def __getitem__(self, name: str) -> Any:  # an array or a float
         try:
-            return self._views[name]
+            return _value(self._views[name])
         except KeyError:
-            raise KeyError(f"no signal {name!r}; {suggestion(name, self._views)}") from None
+            raise KeyError(f"no signal {name!r}; {suggestion(str(name), self._views)}") from None
 
-    def __getattr__(self, name: str) -> np.ndarray:
+    def __getattr__(self, name: str) -> Any:
         views = self.__dict__.get("_views", {})
         if name not in views:
             raise AttributeError(f"no signal {name!r}; {suggestion(name, views)}")
-        return views[name]
+        return _value(views[name])
 
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError(f"signals.{name} can't be assigned: signals are read-only")
@@ -40,3 +42,10 @@ class Signals:
 
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), *self._views]
+
+    def __repr__(self) -> str:
+        return f"<Signals {', '.join(self._views)}>"
+
+
+def _value(view: np.ndarray) -> np.ndarray | float:
+    return view if view.ndim else float(view)

@@ -3,7 +3,7 @@
 import time
 import weakref
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NoReturn
 
 import mujoco
 import numpy as np
@@ -11,15 +11,17 @@ import numpy as np
 from ..analysis.sampling import checked, warnings_of
 from ..errors import Fault, InputError
 from ..plant.mjcf import Mjcf
+from ..quantities import overrides_of
 from ..scenario import Scenario
 from ..stages.contract import check_stage
 from ..stages.signals import Signal
 from .changes import changed
 from .live import Signals
 from .native.attachment import immerse
-from .native.callback import entry_points
+from .native.callback import entry_point
 from .native.run_memory import RunMemory, motion_of_water
 from .native.verdict import Diverged, verdict
+from .one_thread import OneThread
 
 CHUNK_STEPS = 1000
 """Largest number of steps from one reading of the clock to the next: a few milliseconds of wall time."""
@@ -27,6 +29,7 @@ CHUNK_S = 0.25
 """Wall time after which a chunk ends early, for slow stages [s]."""
 SLICE_STEPS = 50
 """As CHUNK_STEPS, for a user's stage: it may become slow at any step."""
+_STEPPED = "somebody else has stepped sim.data or changed its time step: reset the Simulation, and use step only"
 
 
 class Simulation:
@@ -47,7 +50,8 @@ class Simulation:
 
     Attributes:
         model: MuJoCo's model.
-        data: MuJoCo's data. ``mujoco.mj_forward`` may be called with it; only :meth:`step` takes steps.
+        data: MuJoCo's data. ``mujoco.mj_forward`` may be called with it; only :meth:`step` takes steps. If ``qpos`` or
+            ``qvel`` is changed between steps, navigation measures it from the following instant on.
         setup: the scenario with the plant and the design matrices.
 
     Raises:
@@ -74,7 +78,7 @@ class Simulation:
         self._stages = self._memory.stages
         self._plain = [entry for entry in self._stages.running if entry.code is None]
         self._guarded = [entry for entry in self._stages.running if entry.guarded]
-        self._slice = 1
+        self._slice, self._alone = 1, OneThread(self._attachment)
         self._signals, self._ready = Signals(self._memory.views()), False
 
     @property
@@ -84,15 +88,16 @@ class Simulation:
 
     @property
     def signals(self) -> Signals:
-        """The signals as read-only views."""
+        """The signals by name: a float, or a live, read-only view; copy what you keep."""
         if not self._ready:
-            self._prepare()
+            with self._alone:
+                self._prepare()
         return self._signals
 
     @property
     def steps(self) -> int:
         """Number of time steps done."""
-        return int(self._memory.loop["step"][0])
+        return int(self._memory.loop["step"][0] + self._memory.loop["pending"][0])
 
     @property
     def t(self) -> float:
@@ -136,13 +141,12 @@ class Simulation:
         Raises:
             InputError: a key or value is invalid, or needs a new Simulation. The Simulation is as it was before.
         """
-        given = dict(overrides or {})
-        if seed is not None:
-            given["simulation.seed"] = seed
-        setup, touched = changed(self._base, self.setup, given, "reset")
-        self._memory.restart(setup, touched)
-        self.setup = setup
-        self._prepare()
+        given = overrides_of(overrides) | ({} if seed is None else {"simulation.seed": seed})
+        with self._alone:
+            setup, touched = changed(self._base, self.setup, given, "reset")
+            self._memory.restart(setup, touched)
+            self.setup = setup
+            self._prepare()
 
     def set(self, overrides: Mapping[str, Any]) -> None:
         """Change numbers of the scenario during the run, from the next step on, until the next reset.
@@ -153,12 +157,13 @@ class Simulation:
         Raises:
             InputError: a key or value is invalid, or can't change during a run. Nothing is changed then.
         """
-        setup, touched = changed(self.setup, self.setup, overrides, "set")
-        fixed = sorted(touched & {"initial", "simulation"})
-        if fixed:
-            raise InputError([Fault(name, "can't change during a run; give it to reset") for name in fixed], "set")
-        self._memory.rewrite(setup, touched)
-        self.setup = setup
+        with self._alone:
+            setup, touched = changed(self.setup, self.setup, overrides, "set")
+            fixed = sorted(touched & {"initial", "simulation"})
+            if fixed:
+                raise InputError([Fault(name, "can't change during a run; give it to reset") for name in fixed], "set")
+            self._memory.rewrite(setup, touched)
+            self.setup = setup
 
     def step(self, n: int = 1) -> None:
         """Take n time steps, at native speed and without Python's global lock.
@@ -170,8 +175,9 @@ class Simulation:
         """
         if not isinstance(n, int | np.integer) or n < 0:
             raise InputError(f"step: {n!r} is not a number of steps")
-        self.run(n, np.inf)
-        self._prepare()
+        with self._alone:
+            self._run(n, np.inf)
+            self._prepare()
         divergence = self.divergence
         if divergence:
             raise Diverged(f"t = {self.t:.6g} s: {divergence}")
@@ -182,12 +188,14 @@ class Simulation:
         Unlike :meth:`step`, it neither prepares the next instant nor raises if the run diverges: see :meth:`check` and
         :attr:`divergence`.
         """
-        if self._attachment.detached:
-            raise RuntimeError("the Simulation is closed")
+        with self._alone:
+            return self._run(n, seconds)
+
+    def _run(self, n: int, seconds: float) -> int:
         loop, most = self._memory.loop, SLICE_STEPS if self._guarded else CHUNK_STEPS
         h = self.scenario.simulation.timestep
-        if abs(self.data.time - self.t) > 0.5 * h and not loop["stop"][0]:
-            raise RuntimeError("somebody else has stepped sim.data: reset the Simulation, and step it with step only")
+        if (abs(self.data.time - self.t) > 0.5 * h and not loop["stop"][0]) or self.model.opt.timestep != h:
+            raise RuntimeError(_STEPPED)
         self._ready, done, start = False, 0, time.perf_counter()
         now = start
         while done < n and now - start < seconds and not loop["stop"][0]:
@@ -218,11 +226,8 @@ class Simulation:
         mujoco.mj_forward(self.model, self.data)
 
     def _prepare(self) -> None:
-        """Run the stages before the law at the instant in hand.
-
-        Raises:
-            StageFault: a stage raised or violated its contract.
-        """
+        """Run the stages before the law at the instant in hand. Raises StageFault if a stage raised or violated its
+        contract."""
         self._run_stages(self._stages.control)
         self._ready = True
         self.check()
@@ -231,8 +236,12 @@ class Simulation:
         context, loop = self._memory.context.ctypes.data, self._memory.loop
         mujoco.mj_kinematics(self.model, self.data)  # the wall's sensors get the values of the coming step
         mujoco.mj_sensorPos(self.model, self.data)
-        while (waiting := entry_points().advance.ctypes(context, end)) >= 0:
-            self._stages.running[waiting].call_plain()
+        while (waiting := entry_point("advance")(context, end)) >= 0:
+            try:
+                self._stages.running[waiting].call_plain()
+            except BaseException:
+                self._stages.take_back(waiting)
+                raise
             loop["next"] = waiting + 1
 
     def check(self, last: bool = False) -> None:
@@ -248,6 +257,9 @@ class Simulation:
     def divergence(self) -> str:
         """The first variable to leave its bound, as text; empty if there is none."""
         return verdict(self._memory.loop[0])
+
+    def __reduce_ex__(self, protocol: object) -> NoReturn:
+        raise TypeError("a Simulation can't be copied or pickled: make another one, Simulation(sim.scenario)")
 
     def close(self) -> None:
         """Detach the hydrodynamics. Calling it again has no effect."""

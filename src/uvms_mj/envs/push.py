@@ -33,6 +33,7 @@ import numpy as np
 from ..analysis.rest import demanded_force
 from ..engine.simulation import Diverged, Simulation
 from ..errors import Fault, InputError, suggestion
+from ..quantities import overrides_of
 from ..scenario import Scenario
 
 OBSERVED = ("p_WB", "quat_WB", "nu", "f_contact_m_W", "p_d", "quat_d")
@@ -84,59 +85,31 @@ class Push:
             scenario.updated(overrides or {}) if isinstance(scenario, Scenario) else Scenario.load(scenario, overrides)
         )
         self.scenario = _with_action(chosen, action)
-        self.randomise = _bounds(self.scenario, randomise or {})
-        self.wrench_scale = np.array(wrench_scale, dtype=float)
-        self.thrust_scale, self.effort_weight = float(thrust_scale), float(effort_weight)
+        self.randomise = _bounds(self.scenario, overrides_of(randomise, "randomise"))
         demanded = demanded_force(self.scenario, self.scenario.wall.stiffness)
-        self.force_d = np.array([demanded if force_d is None else float(force_d)])
-        self._base = _base_gains(self.scenario, gains) if action == "gains" else {}
+        force = demanded if force_d is None else force_d
+        found = _settings(
+            action, force_d=force, wrench_scale=wrench_scale, thrust_scale=thrust_scale, effort_weight=effort_weight
+        )
+        self.force_d, self.wrench_scale = found["force_d"].reshape(1), found["wrench_scale"]
+        self.thrust_scale, self.effort_weight = float(found["thrust_scale"]), float(found["effort_weight"])
+        self._base = _base_gains(self.scenario, _names("gains", gains)) if action == "gains" else {}
         self.steps_each = _steps_each(self.scenario.simulation.timestep, control_rate)
-        self._refuse(action)
-        self.action, self.rng = action, np.random.default_rng(seed)
+        self.action, self.rng = action, _random(seed)
         self.simulation = Simulation(self.scenario)
-        unknown = [name for name in observe if name not in self.simulation.signals]
+        unknown = [name for name in _names("observe", observe) if name not in self.simulation.signals]
         if unknown:
             choices = list(self.simulation.signals)
             raise InputError([Fault("observe", f"no signal {name!r}; {suggestion(name, choices)}") for name in unknown])
-        self._observed = {name: self.simulation.signals[name] for name in observe}
+        self._observed = tuple(observe)
         self.size = {"wrench": 6, "thrusts": len(self.simulation.setup.vehicle.thrusters), "gains": len(self._base)}[
             action
         ]
-
-    def _refuse(self, action: str) -> None:
-        wrong = [
-            Fault(name, f"{value!r}: must be {wanted}")
-            for name, value, good, wanted in (
-                ("action", action, action in ("wrench", "thrusts", "gains"), "'wrench', 'thrusts' or 'gains'"),
-                (
-                    "force_d",
-                    float(self.force_d[0]),
-                    0.0 < self.force_d[0] < math.inf,
-                    "a positive force [N]; without it, it is the one that the scenario's impedance demands",
-                ),
-                (
-                    "wrench_scale",
-                    self.wrench_scale.tolist(),
-                    self.wrench_scale.shape == (6,) and bool((self.wrench_scale > 0.0).all()),
-                    "six positive numbers [N, N m]",
-                ),
-                ("thrust_scale", self.thrust_scale, 0.0 < self.thrust_scale < math.inf, "a positive thrust [N]"),
-                ("effort_weight", self.effort_weight, 0.0 <= self.effort_weight < math.inf, "zero or positive"),
-            )
-            if not good
-        ]
-        if wrong:
-            raise InputError(wrong, "push")
 
     @property
     def over(self) -> bool:
         """Whether the episode has reached the scenario's duration."""
         return self.simulation.steps >= self.scenario.steps
-
-    @property
-    def control_s(self) -> float:
-        """Length of a control step [s]."""
-        return self.steps_each * self.scenario.simulation.timestep
 
     def reset(self, seed: int | None = None, overrides: Mapping[str, Any] | None = None) -> Observation:
         """Begin an episode.
@@ -146,15 +119,22 @@ class Push:
             overrides: dotted keys and values for this episode, after the random ones.
         """
         if seed is not None:
-            self.rng = np.random.default_rng(seed)
+            self.rng = _random(seed)
         drawn = {key: _drawn(self.rng.uniform(low, high)) for key, (low, high) in self.randomise.items()}
         number = int(self.rng.integers(2**31))
-        self.simulation.reset(seed=number, overrides={**self._base, **drawn, **(overrides or {})})
+        self.simulation.reset(seed=number, overrides={**self._base, **drawn, **overrides_of(overrides)})
         return self.observation()
 
     def apply(self, action: np.ndarray) -> None:
-        """Set the command of the next control step from an action (size,)."""
-        clipped = np.clip(action, -1.0, 1.0)
+        """Set the command of the next control step from an action (size,).
+
+        Raises:
+            InputError: the action has another shape, or a number that is not finite.
+        """
+        numbers = _numbers(action)
+        if numbers.shape != (self.size,) or not np.isfinite(numbers).all():
+            raise InputError([Fault("action", f"{action!r}: must be {self.size} finite numbers")])
+        clipped = np.clip(numbers, -1.0, 1.0)
         if self.action == "wrench":
             self.simulation.tau_cmd[:] = self.wrench_scale * clipped
         elif self.action == "thrusts":
@@ -178,9 +158,69 @@ class Push:
 
     def observation(self) -> Observation:
         """The observed signals as copies."""
-        return {name: np.array(values, dtype=float, ndmin=1) for name, values in self._observed.items()} | {
-            "force_d": self.force_d.copy()
-        }
+        row = self.simulation.signals
+        observed = {name: np.array(row[name], dtype=float, ndmin=1) for name in self._observed}
+        return observed | {"force_d": self.force_d.copy()}
+
+
+def _settings(action: Any, **given: Any) -> dict[str, np.ndarray]:
+    """The numbers of the task. Raises InputError: a number or the action is wrong; lists every error."""
+    found = {name: _numbers(value) for name, value in given.items()}
+    positive = {name: bool((np.isfinite(each) & (each > 0.0)).all()) for name, each in found.items()}
+    wrong = [
+        Fault(name, f"{value!r}: must be {wanted}")
+        for name, value, good, wanted in (
+            ("action", action, action in ("wrench", "thrusts", "gains"), "'wrench', 'thrusts' or 'gains'"),
+            (
+                "force_d",
+                given["force_d"],
+                positive["force_d"] and found["force_d"].size == 1,
+                "a positive force [N]; without it, it is the one that the scenario's impedance demands",
+            ),
+            (
+                "wrench_scale",
+                given["wrench_scale"],
+                positive["wrench_scale"] and found["wrench_scale"].shape == (6,),
+                "six positive numbers [N, N m]",
+            ),
+            (
+                "thrust_scale",
+                given["thrust_scale"],
+                positive["thrust_scale"] and found["thrust_scale"].shape == (),
+                "a positive thrust [N]",
+            ),
+            (
+                "effort_weight",
+                given["effort_weight"],
+                found["effort_weight"].shape == () and 0.0 <= found["effort_weight"] < math.inf,
+                "zero or positive",
+            ),
+        )
+        if not good
+    ]
+    if wrong:
+        raise InputError(wrong, "push")
+    return found
+
+
+def _numbers(value: Any) -> np.ndarray:
+    """A value as an array of numbers; NaN if it is anything else."""
+    try:
+        return np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        return np.array(math.nan)
+
+
+def _names(key: str, given: Any) -> Sequence[str]:
+    if isinstance(given, str) or not isinstance(given, Sequence):
+        raise InputError([Fault(key, f"{given!r}: must be a list of names")])
+    return given
+
+
+def _random(seed: Any) -> np.random.Generator:
+    if not isinstance(seed, int | np.integer | None) or (seed is not None and seed < 0):
+        raise InputError([Fault("seed", f"{seed!r}: must be an integer, at least 0")])
+    return np.random.default_rng(seed)
 
 
 def _with_action(scenario: Scenario, action: str) -> Scenario:
@@ -224,9 +264,10 @@ def _base_gains(scenario: Scenario, gains: Sequence[str]) -> dict[str, float]:
     return {f"controller.{name}": float(getattr(law, name)) for name in gains}
 
 
-def _steps_each(timestep: float, control_rate: float) -> int:
-    steps = round(1.0 / (timestep * control_rate)) if 0.0 < control_rate < math.inf else 0
-    if steps < 1 or abs(steps * timestep * control_rate - 1.0) > 1e-6:
+def _steps_each(timestep: float, control_rate: Any) -> int:
+    rate = _numbers(control_rate)
+    steps = round(1.0 / (timestep * float(rate))) if rate.shape == () and 0.0 < rate < math.inf else 0
+    if steps < 1 or abs(steps * timestep * float(rate) - 1.0) > 1e-6:
         raise InputError(
             [Fault("control_rate", f"{control_rate!r} Hz: must divide the step rate of {1.0 / timestep:.6g} Hz")]
         )

@@ -60,11 +60,8 @@ class Guidance(Stage):
         return None
 
     def notes(self, setup: Any) -> Iterable[str]:
-        """Theory of the reference: warnings for a run with these settings. A stage may override it.
-
-        Args:
-            setup: the run's :class:`uvms_mj.analysis.setup.Setup`.
-        """
+        """Theory of the reference: warnings for a run, from its :class:`uvms_mj.analysis.setup.Setup`. A stage may
+        override it."""
         return ()
 
 

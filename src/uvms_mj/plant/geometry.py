@@ -35,12 +35,8 @@ _BASE64 = PlainSerializer(lambda array: base64.b64encode(array.tobytes()).decode
 
 @dataclass(frozen=True, eq=False, config=STRICT)
 class Mesh:
-    """A triangle mesh.
-
-    Attributes:
-        vertices: (n, 3) [m].
-        triangles: (m, 3) indices of vertices, counter-clockwise seen from outside.
-    """
+    """A triangle mesh: vertices (n, 3) [m], and triangles (m, 3) as indices of vertices, counter-clockwise seen from
+    outside."""
 
     vertices: Annotated[np.ndarray, _rows_of("<f4"), _BASE64]
     triangles: Annotated[np.ndarray, _rows_of("<u4"), _BASE64]
@@ -62,8 +58,7 @@ class Shape:
         kind: type of the geom.
         size: as in MJCF [m]: radius (sphere); radius, half length along z (capsule, cylinder); half axes (ellipsoid);
             half edges (box).
-        position: of its centre in B [m].
-        quat: attitude in B, w x y z.
+        position, quat: of its centre in B [m], w x y z.
         rgba: colour and opacity, 0 to 1.
         mesh: name of the mesh, if the geom is one.
     """
@@ -78,13 +73,8 @@ class Shape:
 
 @dataclass(frozen=True, eq=False, config=STRICT)
 class Geometry:
-    """Shapes of a vehicle's body and of the bodies fixed to it.
-
-    Attributes:
-        shapes: the geoms, in the order of the MJCF.
-        meshes: the meshes of the shapes, by name.
-        reach: distance of the vehicle's front from B's origin along x [m]; the wall's face is at x_c + reach.
-    """
+    """Shapes of a vehicle's body and of the bodies fixed to it, in the order of the MJCF, and their meshes by name.
+    ``reach`` is the distance of the vehicle's front from B's origin along x [m]; the wall's face is at x_c + reach."""
 
     shapes: tuple[Shape, ...]
     meshes: dict[str, Mesh]
@@ -98,10 +88,7 @@ class Geometry:
     @classmethod
     def of(cls, model: mujoco.MjModel, body_id: int) -> "Geometry":
         """Geometry of a compiled model's body. Shapes are those that MuJoCo's viewer shows; reach counts all geoms.
-
-        Raises:
-            InputError: a geom's size, position or colour is out of range.
-        """
+        Raises InputError if a geom's size, position or colour is out of range."""
         shapes, meshes, seen = [], {}, []
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)

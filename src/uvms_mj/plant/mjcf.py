@@ -23,24 +23,17 @@ _COMPARED = ("mesh_vert", "mesh_face", "tex_data", "geom_size", "body_mass", "na
 
 @dataclass(frozen=True)
 class Mjcf:
-    """An MJCF model with all its files.
-
-    Attributes:
-        name: file name of the model.
-        files: contents by file name, without folders: the model's file, and all includes, meshes and textures.
-    """
+    """An MJCF model: its file name, and the contents of all its files by name, without folders: the model's file, and
+    all includes, meshes and textures."""
 
     name: str
     files: Mapping[str, bytes] = field(repr=False)
 
     @classmethod
     def find(cls, model: str) -> "Mjcf":
-        """Read a model from the path of its file, or a shipped model by its name.
-
-        Raises:
-            InputError: there is no such model, or it or a file that it refers to can't be read or has something that is
-                not allowed in a vehicle's file.
-        """
+        """Read a model from the path of its file, or a shipped model by its name. Raises InputError if there is no such
+        model, or it or a file that it refers to can't be read or has something that is not allowed in a vehicle's
+        file."""
         path = Path(model)
         if not path.is_file():
             shipped = resource("models", f"{model}.xml")
@@ -86,12 +79,8 @@ class Mjcf:
         return self._read[1]
 
     def spec(self) -> mujoco.MjSpec:
-        """The parsed model. Only the files in ``files`` are read.
-
-        Raises:
-            InputError: the model has something that is not allowed in a vehicle's file, MuJoCo can't read it, or it
-                refers to a missing file.
-        """
+        """The parsed model. Only the files in ``files`` are read. Raises InputError if the model has something that is
+        not allowed in a vehicle's file, MuJoCo can't read it, or it refers to a missing file."""
         parsed = trees(self.files, self.name)
         check_elements(parsed, self.name)
         # MuJoCo also accepts malformed XML, so it gets the checked trees, written anew

@@ -27,10 +27,8 @@ class Wall:
 def lightest_along_face(M: np.ndarray, normal: np.ndarray, reach: float) -> float:
     """Least effective mass at the contact point along the wall's face, with all other directions free [kg].
 
-    Args:
-        M: (6, 6) inertia, added mass included.
-        normal: (6,) the wall's normal in B, as a wrench.
-        reach: distance of the contact point from B's origin along the wall's normal [m].
+    M is the inertia (6, 6), added mass included; ``normal`` (6,) the wall's in B, as a wrench; ``reach`` the distance
+    of the contact point from B's origin along it [m].
     """
     n = normal[:3]
     along = np.linalg.svd(n.reshape(1, 3))[2][1:]  # (2, 3) two directions along the face
@@ -49,10 +47,5 @@ def contact_settings(wall: Wall, mass_along_face: float) -> dict[str, float]:
     b_t = wall.tangential_damping
     if b_t is None:
         b_t = 2.0 * math.sqrt(k_t * mass_along_face)
-    return {
-        "stiffness": wall.stiffness,
-        "damping": wall.damping,
-        "friction": wall.friction,
-        "tangential_stiffness": k_t,
-        "tangential_damping": b_t,
-    }
+    given = {name: getattr(wall, name) for name in ("stiffness", "damping", "friction")}
+    return given | {"tangential_stiffness": k_t, "tangential_damping": b_t}

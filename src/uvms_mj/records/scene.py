@@ -68,13 +68,8 @@ class Force:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """The constant part of a scene.
-
-    Attributes:
-        vehicles: shapes of each vehicle, in its body frame B.
-        walls: walls as boxes in W; the face is at -x of the box.
-        arrows: constant arrows in W.
-    """
+    """The constant part of a scene: the shapes of each vehicle in its body frame B; walls as boxes in W, with the face
+    at -x of the box; constant arrows in W."""
 
     vehicles: tuple[Geometry, ...]
     walls: tuple[Shape, ...]
@@ -119,16 +114,8 @@ def span(header: Header) -> float:
 
 
 def force_scale(header: Header, largest: float = 0.0) -> float:
-    """Length of force arrows [m/N].
-
-    Args:
-        header: header of the run.
-        largest: the largest force of a finished run [N]; 0 while the run is in progress.
-
-    Returns:
-        FORCE_SCALE, or, if the arrow of the largest force would leave the scene, the largest of 1, 2 and 5 times a
-        power of ten at which it fits.
-    """
+    """Length of force arrows [m/N]: FORCE_SCALE, or, if the arrow of the largest force of a finished run [N] would
+    leave the scene, the largest of 1, 2 and 5 times a power of ten at which it fits."""
     scale = FORCE_SCALE
     if largest * scale > span(header):
         room = span(header) / largest

@@ -26,10 +26,7 @@ _LOOKS_EVERY_S = 0.0005
 class Writing:
     """Passes rows to the sinks in order, on a thread of its own. Leaving the context waits for the last row.
 
-    Args:
-        sinks: they begin on the calling thread, so that a sink that can't be opened fails before the first step.
-        header: the header that each sink begins with.
-    """
+    The sinks begin on the calling thread, so that a sink that can't be opened fails before the first step."""
 
     def __init__(self, sinks: Sequence[Sink], header: Header) -> None:
         self.error: BaseException | None = None

@@ -52,17 +52,11 @@ def shared(default: Any, unit: str, meaning: str) -> Any:
 
 @dataclasses.dataclass(frozen=True)
 class Room:
-    """A room of stages.
+    """A room of stages: its package, its table in a scenario, its words in messages, and its stages' function.
 
     Attributes:
-        name: name of the package.
-        table: the table of a scenario that has the stage's name and settings.
         given: the signals that a stage is given, from the number of thrusters.
         out: the signals that it sets; one without a name's record is the array of the last argument.
-        noun: a stage in messages.
-        setting: a setting in messages.
-        method: name of the function.
-        arguments: names of the function's arguments.
         constants: names of constants that the function gets besides its settings.
         theory: methods beside the function that a stage may override.
         reserved: names that a setting must not have, each with the reason.
@@ -106,7 +100,7 @@ class Stage:
     """Whether the caller of a Simulation sets the outputs."""
 
     def __post_init__(self) -> None:
-        given = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        given = dict(vars(self))  # the fields; dataclasses.fields would take most of the time of a reset
         table, noun = self.room.table, self.room.setting
         place = f"the {noun}s of {self.label()}"
         try:
@@ -167,11 +161,8 @@ class Stage:
         return cls.room.given(thrusters)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
-        """The constants of a run that the function gets as its settings, by name.
-
-        Args:
-            setup: the run's :class:`uvms_mj.analysis.setup.Setup`. A user's settings do not depend on it.
-        """
+        """The constants of a run that the function gets as its settings, by name, from the run's
+        :class:`uvms_mj.analysis.setup.Setup`. A user's settings do not depend on it."""
         return {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
 
     def record(self, setup: Any = None) -> np.ndarray:

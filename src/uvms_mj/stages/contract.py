@@ -25,15 +25,12 @@ _OVERRIDDEN = ("name", "states", "units", "uses_task", "uses_truth")
 
 
 def check_stage(stage: Stage) -> None:
-    """Check that a stage may run.
-
-    Raises:
-        InputError: it is of a log, or its class violates the contract.
-    """
+    """Check that a stage may run. Raises InputError if it is of a log, or its class violates the contract."""
     if isinstance(stage, Recorded):
+        key, file = f"{stage.room.table}.name", f"path/to/{stage.source()}"
         raise InputError(
-            f"the {stage.room.noun} {stage.source()} is in the log as text, which is never run: pass the "
-            f"{'controller' if stage.room.noun == 'law' else 'stage'} from the {stage.room.noun}'s file"
+            f"the {stage.room.noun} {stage.source()} is in the log as text, which is never run: name its file with "
+            f'scenario.updated({{"{key}": "{file}"}})'
         )
     if not is_shipped(stage):
         check_contract(type(stage))
@@ -64,20 +61,12 @@ def _wrong(cls: type[Stage]) -> Iterator[str]:
     if "__dataclass_fields__" not in cls.__dict__:
         yield "the class must be decorated with @dataclass(frozen=True)"
         return  # without its fields, the rest can't be judged
-    taken = [f.name for f in dataclasses.fields(cls) if hasattr(base, f.name) and f.name not in shared]
-    yield from (
-        f"{name!r} is an attribute of every {room.noun}; give the {room.setting} another name" for name in taken
-    )
-    yield from (
-        f"{f.name!r} {room.reserved[f.name]}; give the {room.setting} another name"
-        for f in dataclasses.fields(cls)
-        if f.name in room.reserved
-    )
-    yield from (
-        f"{f.name!r} is an attribute of NumPy's records; give the {room.setting} another name"
-        for f in dataclasses.fields(cls)
-        if hasattr(np.record, f.name)
-    )
+    names = [f.name for f in dataclasses.fields(cls)]
+    taken = [name for name in names if hasattr(base, name) and name not in shared]
+    reasons = [(name, f"is an attribute of every {room.noun}") for name in taken]
+    reasons += [(name, room.reserved[name]) for name in names if name in room.reserved]
+    reasons += [(name, "is an attribute of NumPy's records") for name in names if hasattr(np.record, name)]
+    yield from (f"{name!r} {reason}; give the {room.setting} another name" for name, reason in reasons)
     own = [base for base in cls.__mro__ if not base.__module__.startswith("uvms_mj.") and base is not object]
     ours = {name for each in {Stage, base} for name in vars(each) if name[0] != "_"}
     ours -= {*_OVERRIDDEN, room.method, *room.theory, *shared}
@@ -172,15 +161,10 @@ def _unknown_fields(cls: type[Stage]) -> Iterator[str]:
         return
     settings = [*cls.room.constants, *(f.name for f in dataclasses.fields(cls) if f.name != "period")]
     given, out = ([signal.name for signal in signals] for signals in (cls.given(), cls.room.out))
-    fields: list[list[str] | None] = [settings, list(cls.states), given, list(cls.states), out]
-    fields[0] = None if packs_itself(cls) else settings
-    fields[4] = out if cls.room.arguments[4] == "out" else None  # otherwise an array
+    roles = zip(cls.room.arguments, (settings, list(cls.states), given, list(cls.states), out), strict=True)
+    free = {"tau_cmd", "u", *(cls.room.arguments[:1] if packs_itself(cls) else ())}  # arrays, and settings of any type
     names = (a.arg for a in (*tree.args.posonlyargs, *tree.args.args))
-    arguments = {
-        name: (role, known)
-        for name, role, known in zip(names, cls.room.arguments, fields, strict=False)
-        if known is not None
-    }
+    arguments = {name: each for name, each in zip(names, roles, strict=False) if each[0] not in free}
     nodes = list(ast.walk(tree))
     for node in nodes:
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):

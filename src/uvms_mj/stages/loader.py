@@ -27,11 +27,8 @@ class Choice(Generic[_Stage]):
     default: type[_Stage]
 
     def load(self, table: Mapping[str, Any], known: type[_Stage] | None = None) -> _Stage:
-        """Make the stage of a table.
-
-        Args:
-            table: ``name`` is a shipped stage or ``path/to/file.py:ClassName``; every other key is a setting.
-            known: a class to use without loading it, if ``name`` is its source.
+        """Make the stage of a table: ``name`` is a shipped stage or ``path/to/file.py:ClassName``, and every other key
+        is a setting. ``known`` is a class to use without loading it, if ``name`` is its source.
 
         Raises:
             InputError: the stage is not found, or a setting is unknown, missing or out of range; names every such
@@ -43,11 +40,8 @@ class Choice(Generic[_Stage]):
         return stage_of(cls, settings)
 
     def stage_class(self, source: Any) -> type[_Stage]:
-        """The class of a shipped name or of ``path/to/file.py:ClassName``.
-
-        Raises:
-            InputError: there is no such class, or it violates the contract.
-        """
+        """The class of a shipped name or of ``path/to/file.py:ClassName``. Raises InputError if there is no such class,
+        or it violates the contract."""
         noun, key = self.base.room.noun, f"{self.base.room.table}.name"
         if not isinstance(source, str):
             known = f"choose from {', '.join(self.shipped)}"
@@ -60,7 +54,7 @@ class Choice(Generic[_Stage]):
             own = f"for your own {noun} give path/to/file.py:ClassName"
             raise InputError([Fault(key, f"no {noun} {source!r}; {hint}; {own}")])
         path = Path(file)
-        if not path.is_file():
+        if not os.path.isfile(path):  # Path.is_file raises for a name that is too long
             raise InputError([Fault(key, f"no file {file!r} (looked in {Path.cwd()})")])
         stages = {
             name: value

@@ -35,6 +35,7 @@ from ..control import Controller
 from ..engine.run import PlainPythonWarning, simulate
 from ..errors import Fault, InputError, suggestion
 from ..plant.mjcf import Mjcf
+from ..quantities import leaves
 from ..records.header import Status
 from ..scenario import Scenario
 
@@ -85,14 +86,8 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Convergence:
-    """Result of three runs of a scenario.
-
-    Attributes:
-        scenario: that of the coarsest run, with every default written out.
-        timesteps: h, h/2, h/4 [s].
-        estimates: one for each requested metric.
-        notes: warnings of the three runs, each with the coarsest time step at which it occurred.
-    """
+    """Result of three runs: the scenario of the coarsest one, the time steps h, h/2, h/4 [s], an estimate for each
+    metric, and the warnings of the runs, each with the coarsest time step at which it occurred."""
 
     scenario: Scenario
     timesteps: tuple[float, ...]
@@ -150,7 +145,7 @@ def converge(
             raise KeyboardInterrupt
         if trace.status is not Status.completed:
             raise NotCompletedError(f"the run with a time step of {h:g} s is {trace.status.name}: {trace.message}")
-        columns.append(_flat(summary(trace, {})))
+        columns.append(dict(leaves(summary(trace, {}))))
         for note in trace.notes:
             notes.setdefault(_words(note), f"at {h:g} s: {note}")
     estimates = tuple(
@@ -223,12 +218,3 @@ def _names(metrics: Sequence[str]) -> list[str]:
 def _words(note: str) -> str:
     """A warning without its numbers, which depend on the time step."""
     return re.sub(r"[\d.e+-]*\d", "", note)
-
-
-def _flat(report: Any, name: str = "") -> dict[str, Any]:
-    """Every leaf of a report by its place, e.g. ``contact.peak_N`` or ``final.s[0]``."""
-    if isinstance(report, dict):
-        return {k: v for key, each in report.items() for k, v in _flat(each, f"{name}.{key}" if name else key).items()}
-    if isinstance(report, list):
-        return {k: v for i, each in enumerate(report) for k, v in _flat(each, f"{name}[{i}]").items()}
-    return {name: report}

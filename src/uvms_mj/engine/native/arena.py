@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ...physics.frames import rotation_matrix
 from ...stages.base import Room
 
 MARGIN = (1 << 20) + 4096
@@ -23,17 +24,29 @@ NEAR = 8
 """Numbers of each margin, next to its array, that are checked after each call of a compiled stage."""
 NEARBY = 4096
 """Bytes on either side of an array that are checked after each chunk, and after each call of a plain Python stage."""
+UNIT = 1e-6
+"""Largest difference of a quaternion's squared length from 1."""
+SAME = 1e-5
+"""Largest difference of an entry of a rotation matrix from the matrix of its quaternion."""
 REGIONS = ("settings", "given", "state", "state_dot", "out")
 
 
 def offsets(sizes: Mapping[str, int]) -> dict[str, int]:
     """Offset of each array [bytes] from the arrays' sizes [bytes]; also of ``own_settings``, the copy of the settings
-    to compare with, and of ``end``."""
+    to compare with, of ``matrix``, nine numbers for a rotation matrix, and of ``end``."""
     found, place = {}, 0
     for name in REGIONS:
         found[name] = place + MARGIN
         place = found[name] + sizes[name] + MARGIN
-    return found | {"own_settings": place, "end": place + sizes["settings"]}
+    behind = place + sizes["settings"]
+    return found | {"own_settings": place, "matrix": behind, "end": behind + 72}
+
+
+def attitudes(out: np.dtype) -> tuple[tuple[str, str], ...]:
+    """The names of the quaternions of an output, each with the name of its rotation matrix, or empty."""
+    names = out.names or ()
+    found = [(name, name.replace("quat", "R")) for name in names if name.startswith("quat")]
+    return tuple((quat, R if R in names else "") for quat, R in found)
 
 
 def spread(states: np.dtype) -> np.dtype:
@@ -65,7 +78,9 @@ class Arena:
         self.arrays = {name: np.ndarray(1, kind, memory, self.offsets[name]) for name, kind in kinds.items()}
         if out.names is None:
             self.arrays["out"] = self.arrays["out"][0]
-        self._own_settings = self._words[self.offsets["own_settings"] // 8 :].view(settings.dtype)
+        self._own_settings = self._words[self.offsets["own_settings"] // 8 :][: settings.nbytes // 8].view(
+            settings.dtype
+        )
         self.part("given")[:] = 0
         self.start(settings)
 
@@ -109,7 +124,7 @@ class Arena:
 
     def fault(self) -> str:
         """The violation as a predicate, e.g. "changed its gain k_1 from ..."; empty if there is none."""
-        return self.overrun() or self.changed_setting() or self.not_finite()
+        return self.overrun() or self.wrong()
 
     def overrun(self, margin: int = MARGIN) -> str:
         """The array that was overrun, the direction and the distance, as a predicate; empty if there is none.
@@ -145,6 +160,10 @@ class Arena:
         called = self.names[name]
         return f"{called}.{names[field]}" if names and self.sizes[name] else called
 
+    def wrong(self) -> str:
+        """As :meth:`fault`, without the margins."""
+        return self.changed_setting() or self.not_finite() or self.wrong_attitude()
+
     def changed_setting(self) -> str:
         """The first setting that the stage changed, as a predicate; empty if there is none."""
         noun = self.room.setting
@@ -174,12 +193,26 @@ class Arena:
                         return f"{verb} {record}.{name}[{i}] {'to' if verb == 'set' else 'become'} {value}"
         return ""
 
+    def wrong_attitude(self) -> str:
+        """The first quaternion of the output that is not a unit quaternion, or the rotation matrix that has another
+        attitude, as a predicate; empty if there is none."""
+        out, called = self.arrays["out"], self.names["out"]
+        for name, R in attitudes(out.dtype):
+            quat = out[name][0]
+            if not abs(quat @ quat - 1.0) <= UNIT:
+                return f"set {called}.{name} to length {math.sqrt(quat @ quat):.9g}: it must be a unit quaternion"
+            if R and not (abs(out[R][0] - rotation_matrix(quat)) <= SAME).all():
+                same = f"uvms_mj.physics.frames.rotation({called}.{name}, {called}.{R}) sets it"
+                return f"set {called}.{R} to another attitude than {called}.{name}: {same}"
+        return ""
+
     def _demand(self) -> str:
         fields, called = self.arrays["out"].dtype.names, self.names["out"]
+        who = f"{'an' if self.room.noun[0] in 'aeiou' else 'a'} {self.room.noun}"
         if fields:
-            return f"a {self.room.noun} must set {', '.join(fields)} of {called}"
+            return f"{who} must set {', '.join(fields)} of {called}"
         number = {6: "six"}.get(len(self.arrays["out"]), len(self.arrays["out"]))
-        return f"a {self.room.noun} must fill all {number} entries of {called}, as in {called}[:] = ..."
+        return f"{who} must fill all {number} entries of {called}, as in {called}[:] = ..."
 
 
 def _overrun(array: str, count: int, reach: int, side: str) -> str:

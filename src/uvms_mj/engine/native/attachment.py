@@ -14,7 +14,7 @@ from ...errors import Fault, InputError
 from ...physics.dissipation import damping_notes
 from ...physics.hydrodynamics import WATER, factor
 from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses
-from .callback import entry_points
+from .callback import entry_point
 from .layouts import CONTEXT
 from .memory import CAPACITY, registry
 from .soundness import refuse_unsound
@@ -205,7 +205,7 @@ def _register(attachment: Attachment) -> int:
         if row is None:
             raise InputError(f"{CAPACITY - 1} vehicles are attached; one process can't have more")
         if mujoco.get_mjcb_control() is None:
-            mujoco.set_mjcb_control(entry_points().control.ctypes)
+            mujoco.set_mjcb_control(entry_point("control"))
         elif not _installed():
             raise InputError("another mjcb_control is installed; mujoco.set_mjcb_control(None) removes it")
         _attached[row] = attachment
@@ -225,7 +225,7 @@ def _unregister(row: int) -> None:
 
 def _installed() -> bool:
     """Whether mjcb_control is the callback of this package."""
-    return mujoco.get_mjcb_control() is entry_points().control.ctypes
+    return mujoco.get_mjcb_control() is entry_point("control")
 
 
 def _fill(context: np.void, model: mujoco.MjModel, data: mujoco.MjData, body_id: int) -> None:

@@ -5,12 +5,13 @@ joint-space inertia and before it uses it. The callback returns immediately if t
 """
 
 import functools
+from typing import Any
 
 from ...physics.contact import wrench_at_origin
 from ...physics.frames import body_velocity, to_world
 from ...physics.hydrodynamics import added_inertia, factor, water_wrench
 from ...physics.kernels import kernel
-from .compilation import NativeFunction, native_function
+from .compilation import native_function
 from .layouts import CONTEXT, STOP_NONE
 from .loop import begin_step, finish_step, hold, observe, run_stages
 from .memory import context_at, floats, loop_at, mj_factorM, registered, triples
@@ -114,23 +115,14 @@ def _finish(context):
     finish_step(context, loop_at(context.loop_at))
 
 
-class EntryPoints:
-    """Machine code called by MuJoCo, or by Python between chunks; each loaded or compiled at first use."""
-
-    @functools.cached_property
-    def control(self) -> NativeFunction:
-        return native_function(_callback, ["i8", "i8"])
-
-    @functools.cached_property
-    def advance(self) -> NativeFunction:
-        return native_function(_advance, [CONTEXT, "i8"])
-
-    @functools.cached_property
-    def finish(self) -> NativeFunction:
-        return native_function(_finish, [CONTEXT])
+_ENTRY_POINTS: dict[str, tuple[Any, list[Any]]] = {
+    "control": (_callback, ["i8", "i8"]),
+    "advance": (_advance, [CONTEXT, "i8"]),
+    "finish": (_finish, [CONTEXT]),
+}
 
 
 @functools.cache
-def entry_points() -> EntryPoints:
-    """The entry points of this process."""
-    return EntryPoints()
+def entry_point(name: str) -> Any:
+    """Machine code called by MuJoCo (control), or by Python between chunks; loaded or compiled at first use."""
+    return native_function(*_ENTRY_POINTS[name]).ctypes

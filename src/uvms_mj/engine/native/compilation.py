@@ -38,15 +38,10 @@ class NotCompiled(Exception):
 
 
 def native_function(function: Any, parameters: Sequence[np.dtype | str]) -> NativeFunction:
-    """A C function of 64-bit integers from one of the package's functions, loaded from disk or compiled.
+    """A C function of 64-bit integers from one of the package's functions (:mod:`.translator`), loaded from disk or
+    compiled. It returns the number that the function returns, or 0.
 
-    Args:
-        function: in the language of kernels, see :mod:`.translator`.
-        parameters: the types of its arguments: int64, or the dtype of a record or an array, which is passed by its
-            address.
-
-    Returns:
-        a function that returns what ``function`` returns, or 0 if that returns nothing.
+    ``parameters`` are int64 or dtypes: a record or an array is passed by its address.
     """
     dtypes = [np.dtype(each) for each in parameters]
     layout = [repr((each.descr, each.shape, each.isalignedstruct)) for each in dtypes]
@@ -61,10 +56,8 @@ def native_law(arguments: int, parts: Iterable[bytes], prepare: Callable[[], Cal
     """A C function of 64-bit integers from a user's law, loaded from disk or compiled by numba with checks.
 
     ``parts`` are the contents that the machine code depends on, besides the package's sources. ``prepare`` returns the
-    function to compile; it is called only if no object is on disk.
-
-    Raises:
-        NotCompiled: numba can't compile the function.
+    function to compile; it is called only if no object is on disk. Raises NotCompiled if numba can't compile the
+    function.
     """
     if os.environ.get(_DISABLE, "0") not in ("", "0"):
         raise NotCompiled(f"{_DISABLE} is set")

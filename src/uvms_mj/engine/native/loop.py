@@ -131,6 +131,8 @@ def limit_thrust(loop):
         if not abs(u_cmd[k]) <= _LARGEST:
             stop_run(loop, STOP_THRUST, k, u_cmd[k])
         thrust = min(u_max[k], max(u_min[k], u_cmd[k]))
+        if not abs(thrust) <= loop.tau_bound:  # MuJoCo would ignore it
+            stop_run(loop, STOP_THRUST, k, thrust)
         u[k] = thrust
         if thrust <= u_min[k] or thrust >= u_max[k]:
             loop.saturated = 1

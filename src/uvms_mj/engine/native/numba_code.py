@@ -87,6 +87,10 @@ def _register() -> None:
     def _(address, n):
         return lambda address, n: carray(pointer(address), (n,), np.float64)
 
+    @overload(memory.triples)
+    def _(address, n):
+        return lambda address, n: carray(pointer(address), (n, 3), np.float64)
+
     @overload(memory.integers)
     def _(address, n):
         return lambda address, n: carray(pointer(address), (n,), np.int64)

@@ -44,18 +44,14 @@ class PlainStage:
         return _with_helpers(type(self.stage).function(), _guarded)
 
     def __call__(self) -> None:
-        """Call the stage once.
-
-        Raises:
-            StageFault: the stage raised or violated its contract.
-        """
+        """Call the stage once. Raises StageFault if the stage raised or violated its contract."""
         try:
             self._function(*self._arguments)
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # a stage may raise anything, also SystemExit
             raise StageFault(self._raised(error)) from error
-        did = self.arena.overrun(NEARBY) or self.arena.changed_setting() or self.arena.not_finite()
+        did = self.arena.overrun(NEARBY) or self.arena.wrong()
         if did:
             raise self.fault(did)
 

@@ -12,7 +12,7 @@ from ...plant.wall import contact_settings
 from ...scenario import Scenario
 from ...stages.signals import FINAL_WINDOW_S
 from .attachment import Attachment, set_water
-from .callback import entry_points
+from .callback import entry_point
 from .layouts import LOOP, STOP_STAGE
 from .memory import stopped
 from .rows import recorded, spans
@@ -89,7 +89,7 @@ class RunMemory:
 
     def taken(self) -> np.ndarray:
         """The rows (n, width) written since :meth:`clear`, the last step's included. A view."""
-        entry_points().finish.ctypes(self.context.ctypes.data)
+        entry_point("finish")(self.context.ctypes.data)
         return self.rows[: int(self.loop["rows"][0])]
 
     def clear(self) -> None:

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .arena import NEAR, PATTERN, REGIONS, offsets, spread
+from ...physics.frames import rotation
+from .arena import NEAR, PATTERN, REGIONS, SAME, UNIT, attitudes, offsets, spread
 from .compilation import NativeFunction, native_function, native_law
-from .memory import floats, integers
+from .memory import floats, integers, triples
 from .sources import global_values, source_files
 
 if TYPE_CHECKING:  # global names of the templates below, set for each stage
@@ -25,8 +26,11 @@ if TYPE_CHECKING:  # global names of the templates below, set for each stage
     OWN_SETTINGS, SETTINGS_, GIVEN_, STATE_, STATE_DOT_, OUT_ = 0, 0, 0, 0, 0, 0  # offsets in the arena
     STATES: Any = ()  # of each state: place in the arena's record [bytes], first number in the loop's, size
     ENDS: Any = ()
+    QUATERNIONS: Any = np.zeros(0, int)  # places in the output [bytes]
+    ROTATIONS: Any = np.zeros((0, 2), int)  # places of a quaternion and of its rotation matrix
+    MATRIX = 0  # offset in the arena
 
-RETURNED, RAISED, OVERRAN, CHANGED_SETTINGS, NOT_FINITE = range(5)
+RETURNED, RAISED, OVERRAN, CHANGED_SETTINGS, NOT_FINITE, NOT_ATTITUDE = range(6)
 """Return codes of a stage's machine code."""
 
 
@@ -85,6 +89,17 @@ def _call_in_arena(arena_at, state_at, given_at, state_dot_at, out_at):
         odd += 0.0 * its_out[i]
     if odd != 0.0:
         return NOT_FINITE
+    for k in range(len(QUATERNIONS)):
+        q = floats(arena_at + OUT_ + QUATERNIONS[k], 4)
+        if abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0) > UNIT:
+            return NOT_ATTITUDE
+    for k in range(len(ROTATIONS)):
+        its_R, R = triples(arena_at + OUT_ + ROTATIONS[k, 1], 3), triples(arena_at + MATRIX, 3)
+        rotation(floats(arena_at + OUT_ + ROTATIONS[k, 0], 4), R)
+        for i in range(3):
+            for j in range(3):
+                if abs(its_R[i, j] - R[i, j]) > SAME:
+                    return NOT_ATTITUDE
     for place, first, n in STATES:
         its_state, its_state_dot = floats(arena_at + STATE_ + place, n), floats(arena_at + STATE_DOT_ + place, n)
         for i in range(n):
@@ -103,10 +118,8 @@ def compile_stage(
 
     A user's stage, which is ``guarded``, returns one of the codes above, and the address of its arena takes the place
     of the settings' one. It and the functions that it calls check indices and shapes and raise on a division by zero,
-    so that a mistake raises an exception. A shipped stage returns 0. ``out`` is a record or an array of float64.
-
-    Raises:
-        NotCompiled: numba can't compile the stage.
+    so that a mistake raises an exception. A shipped stage returns 0. ``out`` is a record or an array of float64. Raises
+    NotCompiled if numba can't compile the stage.
     """
     if not guarded:
         return native_function(stage, [settings, state, given, state, out])
@@ -141,17 +154,20 @@ def compile_stage(
         view = _array if out.names is None else _record
         names["output"] = numba.njit(types.FunctionType(view.__code__, names, view.__name__))
         call = types.FunctionType(_call.__code__, names, _call.__name__)
-        places = _places(settings.itemsize, state, given.itemsize, out.itemsize) | {"call": numba.njit(call)}
+        places = _places(settings.itemsize, state, given.itemsize, out) | {"call": numba.njit(call)}
         return types.FunctionType(_call_in_arena.__code__, globals() | places, _call_in_arena.__name__)
 
     return native_law(5, parts, prepare)
 
 
-def _places(settings: int, state: np.dtype, given: int, out: int) -> dict[str, Any]:
-    """The constants of :func:`_call_in_arena`, from the record of states and the sizes of the others [bytes]."""
+def _places(settings: int, state: np.dtype, given: int, out: np.dtype) -> dict[str, Any]:
+    """The constants of :func:`_call_in_arena`, from the record of states, the output and the sizes of the
+    others [bytes]."""
     states = spread(state)
-    sizes = {"settings": settings, "given": given, "state": states.itemsize, "state_dot": states.itemsize, "out": out}
+    sizes = {"settings": settings, "given": given, "state": states.itemsize, "state_dot": states.itemsize}
+    sizes["out"] = out.itemsize
     at = offsets(sizes)
+    in_out: Any = out.fields or {}
     names, packed, spaced = state.names or (), dict(state.fields or {}), dict(states.fields or {})
     fields = [(spaced[name][1], packed[name][1], packed[name][0].itemsize) for name in names]
     spans = [(at[name], sizes[name]) for name in ("settings", "given", "out")]
@@ -160,9 +176,12 @@ def _places(settings: int, state: np.dtype, given: int, out: int) -> dict[str, A
         "N_SETTINGS": settings // 8,
         "N_GIVEN": given // 8,
         "N_STATE": state.itemsize // 8,
-        "N_OUT": out // 8,
+        "N_OUT": out.itemsize // 8,
         "STATES": tuple((place, first // 8, size // 8) for place, first, size in fields),
         "ENDS": tuple(end for place, size in spans for end in (place - 8 * NEAR, place + size)),
         "OWN_SETTINGS": at["own_settings"],
+        "MATRIX": at["matrix"],
+        "QUATERNIONS": np.array([in_out[quat][1] for quat, _ in attitudes(out)], int),
+        "ROTATIONS": np.array([(in_out[quat][1], in_out[R][1]) for quat, R in attitudes(out) if R], int).reshape(-1, 2),
         **{f"{name.upper()}_": at[name] for name in REGIONS},
     }

@@ -9,7 +9,7 @@ SPEED_BOUND = (100.0,) * 3 + (200.0,) * 3
 POSITION_BOUND = 1e4
 """A larger distance from the start along any axis means that the simulation has diverged [m]."""
 TAU_BOUND = 1e7
-"""A larger entry of tau_cmd means that the simulation has diverged [N, N m]."""
+"""A larger entry of tau_cmd, or thrust, means that the simulation has diverged [N, N m]."""
 
 _AXES = ["u", "v", "w", "p", "q", "r"]
 
@@ -31,6 +31,6 @@ def verdict(loop: np.void) -> str:
         what = f"beyond {TAU_BOUND:g} {unit}" if np.isfinite(value) else "not a finite number"
         return f"tau_cmd[{i}] = {value:.6g} {unit}, {what}"
     if loop["stop"] == STOP_THRUST:
-        return f"u[{i}] = {value:.6g} N, not a finite number"
+        return f"u[{i}] = {value:.6g} N, {f'beyond {TAU_BOUND:g} N' if np.isfinite(value) else 'not a finite number'}"
     assert loop["stop"] != STOP_WAITING, "a stage in plain Python was not called"
     return ""

@@ -28,12 +28,8 @@ class Hole:
 
 
 class Message:
-    """A message under construction. Constants are written; numbers that change from row to row leave a hole.
-
-    Attributes:
-        data: the bytes, zero in the holes.
-        holes: the holes by name.
-    """
+    """A message under construction: its bytes, zero in the holes, and the holes by name. Constants are written; numbers
+    that change from row to row leave a hole."""
 
     def __init__(self) -> None:
         self.data = bytearray(HEADER)

@@ -96,13 +96,8 @@ class Records:
 
 
 class Block:
-    """The messages of n rows as bytes, with the force arrows between them, and the index of each channel.
-
-    Attributes:
-        data: the bytes; :meth:`fill` sets their numbers.
-        counts: number of messages by channel.
-        indexes: MessageIndex record of each channel: times and offsets of its messages.
-    """
+    """The messages of n rows as bytes, ``data``, with the force arrows between them, and the number of messages and the
+    MessageIndex record of each channel."""
 
     def __init__(self, pieces: Sequence[tuple[Records, int]]) -> None:
         self.data = np.concatenate([np.tile(records.template, n) for records, n in pieces])
@@ -144,15 +139,8 @@ class Block:
 
 
 class Format:
-    """The channels of a log and the layout of its rows.
-
-    Args:
-        header: header of the run.
-        names: names of the topics in their order in a log; by default, those of a new log.
-
-    Raises:
-        KeyError: a topic is unknown, or no topic has a signal.
-    """
+    """The channels of a log and the layout of its rows. ``names`` are the topics in their order; default: a new log's.
+    Raises KeyError if a topic is unknown, or no topic has a signal."""
 
     def __init__(self, header: Header, names: Sequence[str] | None = None) -> None:
         self.header = header

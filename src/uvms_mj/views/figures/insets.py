@@ -20,13 +20,8 @@ Corner = tuple[float, float]
 
 @dataclass(frozen=True)
 class Inset:
-    """An enlarged part of a panel.
-
-    Attributes:
-        draw: draws it into axes and sets their limits; the second argument is the power of ten of the axis numbers.
-        title: text above it.
-        height: as a fraction of the panel's height.
-    """
+    """An enlarged part of a panel, with a title above it and a height as a fraction of the panel's. ``draw`` draws it
+    into axes and sets their limits; its second argument is the power of ten of the axis numbers."""
 
     draw: Callable[[Axes, float], None]
     title: str

@@ -13,13 +13,7 @@ PIXELS_PER_INCH = 300
 def thin(t: np.ndarray, values: np.ndarray, columns: int) -> tuple[np.ndarray, np.ndarray]:
     """The least and the greatest sample of each pixel column, with their own times, and the first and last sample.
 
-    Args:
-        t: (n,) increasing.
-        values: (n,).
-        columns: number of pixel columns.
-
-    Returns:
-        Times (m,) and values (m,) of at most 2 columns + 2 samples; all samples if there are no more than that.
+    From times (n,) and values (n,), these are at most 2 columns + 2 samples; all samples if there are no more.
     """
     n = len(t)
     if n <= 2 * columns + 2:

@@ -39,11 +39,8 @@ class Panel:
     """Contents of one panel, independent of its axes.
 
     Attributes:
-        quantity: name of y.
-        unit: unit of y; empty if unknown.
         draw: draws the lines, in SI.
         largest: magnitude that determines the SI prefix of y; the default, 1, gives no prefix.
-        insets: enlarged parts of the panel.
         height: in heights of an ordinary panel.
         within: y is logarithmic beyond +-within; None for a linear axis.
     """

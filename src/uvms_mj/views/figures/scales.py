@@ -57,12 +57,8 @@ class _Multiples(ScalarFormatter):
 def linear_within(sizes: Sequence[float], wholes: Sequence[float]) -> float | None:
     """Limit of the linear part of an axis that several lines share; None for a linear axis.
 
-    Args:
-        sizes: largest magnitude of each line.
-        wholes: largest magnitude of the complete signal of each line.
-
-    Returns:
-        A power of ten at or below the smallest magnitude if that line would look flat on a linear axis, else None.
+    It is a power of ten at or below the smallest magnitude if that line would look flat on a linear axis. ``sizes`` are
+    the largest magnitudes of the lines, ``wholes`` those of their complete signals.
     """
     sizes = [size for size, whole in zip(sizes, wholes, strict=True) if size > _NOTHING * whole]
     if not sizes or max(sizes) < FLAT * min(sizes):

@@ -20,14 +20,8 @@ _RESTS = 0.1
 
 @dataclass(frozen=True)
 class Extents:
-    """Extents of one run.
-
-    Attributes:
-        ranges: (size, 2) least and greatest value of each component of each signal, by the signal's name.
-        rest: the largest push in the last tenth of the run [N].
-        peak: the largest push [N].
-        force: the largest of all forces that are drawn as arrows [N].
-    """
+    """Extents of one run: ranges (size, 2) of each signal's components by its name, the largest push in the last tenth
+    of the run [N], the largest push [N], and the largest of all forces that are drawn as arrows [N]."""
 
     ranges: Mapping[str, np.ndarray]
     rest: float

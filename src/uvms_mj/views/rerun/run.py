@@ -38,13 +38,8 @@ CONTACT, REFERENCE = VERMILLION, GREY
 
 @dataclass(frozen=True)
 class Place:
-    """Lane of a run among others, and scale of its force arrows.
-
-    Attributes:
-        y: offset of the lane to the left of W's origin [m].
-        width: width of the lane [m].
-        force_scale: length of the force arrows [m/N].
-    """
+    """Lane of a run among others: its offset y to the left of W's origin [m], its width [m], and the length of the
+    force arrows [m/N]."""
 
     y: float = 0.0
     width: float = WALL_SIZE
@@ -57,12 +52,10 @@ _ALONE = Place()
 class Run:
     """Writes one run to a Rerun stream.
 
+    Among several runs, one has a label, the prefix of its paths and names, and a colour.
+
     Args:
-        header: header of the run.
-        label: prefix of the run's paths and names among several runs; empty for a single run.
-        colour: colour of the run among several runs; None for a single run.
         row_steps: rows between two samples that are sent.
-        place: lane of the run and scale of its arrows.
         extents: ranges of the signals of a finished run; None while the run is in progress.
     """
 

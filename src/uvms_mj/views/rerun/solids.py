@@ -17,14 +17,8 @@ _AROUND, _ALONG = 28, 12
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """Triangles of one colour.
-
-    Attributes:
-        vertices: (n, 3) in B [m].
-        normals: (n, 3) unit vectors, outwards.
-        triangles: (m, 3) indices of vertices.
-        rgba: colour and opacity, 0 to 1.
-    """
+    """Triangles of one colour: vertices (n, 3) in B [m] with outward unit normals (n, 3), triangles (m, 3) as indices
+    of vertices, and rgba from 0 to 1."""
 
     vertices: np.ndarray
     normals: np.ndarray

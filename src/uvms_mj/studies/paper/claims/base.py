@@ -43,11 +43,9 @@ class Claim:
     """A sentence that can be checked.
 
     Attributes:
-        id: short name.
         text: the sentence, in this project's words.
         where: equation, figure or section of the paper.
-        quantity: name of the measured quantity.
-        unit: unit of the quantity.
+        measured: name and unit of the measured quantity, ``force at rest [N]``; without a unit it is a pure number.
         measure: function that measures the quantity.
         at_least, at_most: limits of the predicate. One of them is required.
         because: reason for the threshold.
@@ -59,8 +57,7 @@ class Claim:
     id: str
     text: str
     where: str
-    quantity: str
-    unit: str
+    measured: str
     measure: Callable[[Runs], Measured] = field(repr=False)
     at_least: float | None = None
     at_most: float | None = None
@@ -71,6 +68,16 @@ class Claim:
     def __post_init__(self) -> None:
         if self.at_least is None and self.at_most is None:
             raise ValueError(f"claim {self.id} has no threshold")
+
+    @property
+    def quantity(self) -> str:
+        """Name of the measured quantity."""
+        return self.measured.partition(" [")[0]
+
+    @property
+    def unit(self) -> str:
+        """Unit of the measured quantity; "1" for a pure number."""
+        return self.measured.partition(" [")[2].removesuffix("]") or "1"
 
     @property
     def predicate(self) -> str:

@@ -63,14 +63,8 @@ def linear_sum(values: np.ndarray) -> float:
 def ratio(
     measure: Callable[[Trace], np.ndarray], reduce: Callable[[np.ndarray], float], of: str, to: str, unit: str
 ) -> Callable[[Runs], Measured]:
-    """Ratio of the same quantity in two runs. The value is that of the forces; the detail gives that of the moments.
-
-    Args:
-        measure: returns a vector (6,) of a run, forces first.
-        reduce: reduces three components to one number.
-        of, to: names of the runs, numerator and denominator.
-        unit: unit of the forces' number.
-    """
+    """Ratio of the same quantity, a vector (6,) with forces first, in the runs ``of`` and ``to``. The value is that of
+    the three forces, reduced to one number with a unit; the detail gives that of the moments."""
 
     def ratio(runs: Runs) -> Measured:
         vectors = [measure(runs.traces[name]) for name in (of, to)]
