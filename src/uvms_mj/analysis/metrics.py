@@ -126,6 +126,23 @@ def impact_impulse(trace: Trace) -> float | None:
     return float(trace.impulse[begun[0] + free[0]] if len(free) else trace.impulse[-1])
 
 
+def astray(trace: Trace) -> float | None:
+    """Largest distance from the reference over the last 0.5 s of a completed run [m], if it is beyond the vehicle's
+    own reach and the vehicle still moves relative to the reference; otherwise None.
+
+    The distance along the wall's normal does not count in contact, where a target behind the wall is out of reach.
+    """
+    if len(trace) == 0 or trace.status is not Status.completed:
+        return None
+    late = trace.t >= trace.t[-1] - FINAL_WINDOW_S
+    error = trace.p_WB[late] - trace.p_d[late]
+    if trace.final_high[-1] > 0.0:
+        error[:, 0] = 0.0
+    distance = float(np.linalg.norm(error, axis=1).max())
+    moving = np.abs(trace.nu_e[late]).max() > AT_REST
+    return distance if moving and distance > trace.header.geometry.reach else None
+
+
 def steady_force_error(trace: Trace) -> float | None:
     """:func:`final_force` minus :func:`.rest.demanded_force` [N]; None if there is no final force or no demand."""
     final, _ = final_force(trace)
