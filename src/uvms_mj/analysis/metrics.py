@@ -42,6 +42,12 @@ def final_force(trace: Trace) -> tuple[float | None, bool]:
     return float(impulse[-1] - impulse[start]) / window if window > 0.0 else float(trace.push[-1]), False
 
 
+def rest_force(trace: Trace) -> float | None:
+    """:func:`final_force` if it has settled [N]; otherwise None."""
+    force, settled = final_force(trace)
+    return force if settled else None
+
+
 # Metrics of a whole run or a part of it. A part extends from the first row at or after `start` to the last row at or
 # before `end` [s]. Vectors (6,) are [N, N m] unless another unit is given. Quantities that accumulate at every step are
 # differences of a running signal between two rows, so that they do not depend on the log rate.
@@ -144,8 +150,8 @@ def astray(trace: Trace) -> float | None:
 
 
 def steady_force_error(trace: Trace) -> float | None:
-    """:func:`final_force` minus :func:`.rest.demanded_force` [N]; None if there is no final force or no demand."""
-    final, _ = final_force(trace)
+    """:func:`rest_force` minus :func:`.rest.demanded_force` [N]; None if the force has not settled or has no demand."""
+    final = rest_force(trace)
     error = math.nan if final is None else final - demanded_force(trace.scenario)
     return None if math.isnan(error) else error
 

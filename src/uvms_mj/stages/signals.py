@@ -173,7 +173,7 @@ RUNNING = (
     Signal("final_impulse", (), "N s", "W", "integral of the pushing force over the last 0.5 s of the run's duration"),
     Signal("final_low", (), "N", "W", "least pushing force over the last 0.5 s of the run's duration"),
     Signal("final_high", (), "N", "W", "greatest pushing force over the last 0.5 s of the run's duration"),
-    Signal("saturation_time", (), "s", "-", "time with a thruster at its limit, where tau differs from tau_cmd"),
+    Signal("saturation_time", (), "s", "-", "time with a thruster at u_min or u_max, where tau differs from tau_cmd"),
     Signal("boundary_layer_time", (6,), "s", "B", "time with |s_i| < epsilon (1e-3 if the law has no epsilon)"),
 )
 """Accumulated at every step, at any log rate, and recorded as running signals."""
