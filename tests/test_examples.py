@@ -31,6 +31,31 @@ def test_the_law_rests_at_its_own_closed_form():
     assert "current" in flowing.analytic.reason
 
 
+@pytest.mark.parametrize("bias", [2.0, -1.0])
+def test_the_pd_laws_closed_form_counts_a_constant_force(bias):
+    settings = {"current.speed": 0.0, "disturbance.bias": [bias, 0.3, 0.0, 0.0, 0.0, 0.0]}
+    trace = simulate(Scenario.load("push_wall", settings, f"{EXAMPLES / 'pd.py'}:Pd"))
+    assert final_force(trace)[0] == pytest.approx(trace.analytic.force, rel=1e-6)
+    assert "s" not in trace
+
+
+@pytest.mark.parametrize(
+    ("settings", "reason"),
+    [
+        ({"wall.friction": 0.2}, "friction"),
+        ({"reference.attitude_deg": [0.0, 0.0, 9.0]}, "aligned"),
+        ({"disturbance.bias": [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]}, "turns"),
+        ({"disturbance.amplitude": [1.0] * 6, "disturbance.frequency_hz": [1.0] * 6}, "constant"),
+        ({"navigation.name": f"{EXAMPLES / 'biased_force.py'}:BiasedForce"}, "measurements"),
+        ({"actuation.name": f"{EXAMPLES / 'lagging_thrusters.py'}:LaggingThrusters"}, "thrusters"),
+    ],
+)
+def test_the_pd_law_has_no_closed_form_where_it_does_not_know_it(settings, reason):
+    short = {"current.speed": 0.0, "simulation.duration": 0.001}
+    trace = simulate(Scenario.load("push_wall", short | settings, f"{EXAMPLES / 'pd.py'}:Pd"))
+    assert reason in trace.analytic.reason
+
+
 @pytest.mark.parametrize("bias", [0.5, -0.4])
 def test_a_biased_sensor_shifts_the_force_by_the_balance_of_the_springs(bias):
     sensor = f"{EXAMPLES / 'biased_force.py'}:BiasedForce"

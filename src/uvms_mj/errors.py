@@ -76,8 +76,10 @@ def faults_of(
     table that was validated, ``prefix``; the known keys of each table, ``choices``, are for suggestions."""
     faults: dict[str, Fault] = {}
     for item in error.errors(include_url=False):
-        key = prefix
-        for part in item["loc"]:
+        key, loc = prefix, item["loc"]
+        if item["type"] == "missing" and isinstance(loc[-1], int):  # a number of a list is missing, not a key
+            loc = loc[:-1]
+        for part in loc:
             if isinstance(part, int):
                 key += f"[{part}]"
             elif not (
@@ -89,7 +91,8 @@ def faults_of(
             message = f"no such key; {suggestion(word, (choices or {}).get(table.partition('[')[0], ()))}"
         else:
             message = f"{_shown(item['input'])} {_sentence(item)}"
-        faults.setdefault(key, Fault(key, message))
+        if item["type"] == "missing" or key not in faults:  # the last missing number gives a list's length
+            faults[key] = Fault(key, message)
     return list(faults.values())
 
 
@@ -101,10 +104,21 @@ def _shown(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
+def _of_length(values: Sequence[Any], n: int) -> str:
+    return f"has {len(values)} values; {n} are needed"
+
+
 def _sentence(item: Any) -> str:
     """The requirement that was violated."""
-    sentence = _SENTENCES.get(item["type"])
-    return f"is not valid: {item['msg']}" if sentence is None else sentence.format(**item.get("ctx", {}))
+    kind, context = item["type"], item.get("ctx", {})
+    if kind == "missing" and isinstance(item["loc"][-1], int):
+        return _of_length(item["input"], item["loc"][-1] + 1)
+    if kind == "too_long" and isinstance(item["input"], list | tuple):
+        return _of_length(item["input"], context["max_length"])
+    if kind == "greater_than_equal" and 0.0 < context["ge"] <= 1e-9:
+        return "must be positive"
+    sentence = _SENTENCES.get(kind)
+    return f"is not valid: {item['msg']}" if sentence is None else sentence.format(**context)
 
 
 _SENTENCES = {

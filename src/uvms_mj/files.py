@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from .errors import InputError
+from .errors import InputError, suggestion
 
 _PACKAGE = Path(__file__).parent
 _FOLDERS = {
@@ -31,6 +31,24 @@ def names(kind: str, suffix: str) -> list[str]:
     return sorted({path.stem for folder in _FOLDERS[kind] for path in folder.glob(f"*{suffix}")})
 
 
+def scenario_path(scenario: str | os.PathLike) -> Path:
+    """Path of a scenario from the path of its file, or from its name. Raises InputError if there is none."""
+    if not isinstance(scenario, str | os.PathLike):
+        raise InputError(f"scenario {shortened(scenario)}: must be a name, or the path of a TOML file")
+    path = Path(scenario)
+    if path.is_file():
+        return path
+    if path.is_dir():
+        raise InputError(f"scenario {str(scenario)!r}: is a folder; name a TOML file in it")
+    shipped = resource("scenarios", f"{scenario}.toml")
+    if shipped is not None:
+        return shipped
+    known = names("scenarios", ".toml")
+    if path.suffix == ".toml" or len(path.parts) > 1:
+        raise InputError(f"scenario {str(scenario)!r}: no such file; built-in scenarios: {', '.join(known)}")
+    raise InputError(f"scenario {str(scenario)!r}: neither a file nor built in; {suggestion(str(scenario), known)}")
+
+
 _MOST_BYTES = 1_000_000
 """Size limit of a scenario file. A scenario with every key has 2 kB."""
 _WORD = r"""(?:"[^"\n]*"|'[^'\n]*'|(?<![\w-])[\w-]++)"""
@@ -40,11 +58,8 @@ for 100 kB."""
 
 
 def parsed_toml(text: str) -> dict[str, Any]:
-    """Parse TOML text into tables, in bounded time.
-
-    Raises:
-        ValueError: the text is not TOML, is too long, or is nested too deeply.
-    """
+    """Parse TOML text into tables, in bounded time. Raises ValueError if the text is not TOML, is too long, or is
+    nested too deeply."""
     if len(text) > _MOST_BYTES:
         raise ValueError(f"it has more than {_MOST_BYTES} characters")
     if _LONG_KEY.search(text):
@@ -87,11 +102,8 @@ _BARE_POINT = re.compile(r"[+-]?(\d+\.|\.\d+)([eE][+-]?\d+)?")
 
 
 def parse_setting(text: str) -> tuple[str, Any]:
-    """Parse ``key=value``. The value is TOML, or a string without quotes.
-
-    Raises:
-        InputError: there is no ``=``, or the value begins like a list, a table or a string and is not valid TOML.
-    """
+    """Parse ``key=value``. The value is TOML, or a string without quotes. Raises InputError if there is no ``=``, or
+    the value begins like a list, a table or a string and is not valid TOML."""
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
         raise InputError(f"--set {shortened(text)}: must be key=value, for example --set wall.stiffness=2e4")
@@ -117,10 +129,7 @@ def whole(path: Path) -> Iterator[Path]:
     """Yield a temporary path to write to, then move that file to ``path`` and replace an existing one.
 
     If writing fails, ``path`` is unchanged. The temporary file is in a new folder beside ``path``, so that it can't
-    overwrite a file of the user's. The folder is removed at the end.
-
-    Raises:
-        InputError: the file can't be written.
+    overwrite a file of the user's. The folder is removed at the end. Raises InputError if the file can't be written.
     """
     try:
         with tempfile.TemporaryDirectory(prefix=".uvms-mj-", dir=path.parent) as folder:

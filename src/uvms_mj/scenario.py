@@ -3,6 +3,7 @@
 Units are SI; angles are in degrees where a key ends in ``_deg``. The defaults are the paper's scenario (sec. 5).
 """
 
+import contextlib
 import dataclasses
 import difflib
 import os
@@ -20,12 +21,11 @@ from .control import Controller, Gsta, ImpedanceTask
 from .control.design import Estimates, Impedance
 from .control.earlier_keys import TASK_KEYS, move_task_keys, task_settings
 from .errors import Fault, InputError, faults_of, suggestion
-from .files import names, parsed_toml, plain, resource, shortened, text_of
+from .files import parsed_toml, plain, scenario_path, shortened, text_of
 from .guidance import FilteredSteps, Guidance
 from .navigation import Navigation, Perfect
-from .plant.settings import Initial, VehicleChoice
+from .plant.settings import Current, Disturbance, Initial, VehicleChoice
 from .plant.wall import Wall
-from .plant.water import Current, Disturbance
 from .quantities import STRICT, Duration, Lowercase, Step, doc, overrides_of
 from .stages.base import Stage
 from .stages.loader import Choice, stage_of, table_of
@@ -103,7 +103,7 @@ class Scenario:
             controller: name of a law, or ``path/to/my_law.py:MyLaw``; replaces the file's law. The file's gains are
                 kept only if they belong to this law, as are a table's settings if an override replaces its ``name``.
         """
-        path = _scenario_path(scenario)
+        path = scenario_path(scenario)
         try:
             tables = parsed_toml(text_of(path))
         except (OSError, ValueError) as error:
@@ -223,23 +223,6 @@ _KEYS: dict[str, list[str]] = {"": [f.name for f in dataclasses.fields(Scenario)
 }
 
 
-def _scenario_path(scenario: str | os.PathLike) -> Path:
-    if not isinstance(scenario, str | os.PathLike):
-        raise InputError(f"scenario {shortened(scenario)}: must be a name, or the path of a TOML file")
-    path = Path(scenario)
-    if path.is_file():
-        return path
-    if path.is_dir():
-        raise InputError(f"scenario {str(scenario)!r}: is a folder; name a TOML file in it")
-    shipped = resource("scenarios", f"{scenario}.toml")
-    if shipped is not None:
-        return shipped
-    known = names("scenarios", ".toml")
-    if path.suffix == ".toml" or len(path.parts) > 1:
-        raise InputError(f"scenario {str(scenario)!r}: no such file; built-in scenarios: {', '.join(known)}")
-    raise InputError(f"scenario {str(scenario)!r}: neither a file nor built in; {suggestion(str(scenario), known)}")
-
-
 def _anchor(tables: dict[str, Any], folder: Path | None) -> None:
     """Make paths absolute that are relative to the folder of the scenario file."""
     if folder is None:
@@ -272,10 +255,14 @@ def _override(tables: dict[str, Any], key: str, value: Any) -> list[Fault]:
         if table in ("name", "description"):
             tables[table] = value
             return []
+        if isinstance(value, Stage):
+            return [
+                Fault(key, f"is a stage; give it to simulate(scenario, controller=...) or replace(scenario, {key}=...)")
+            ]
         if table in _TABLES:
             known = ["name", *_KEYS[table]] if table in STAGES else _KEYS[table]
             return [Fault(key, f"is a table; its keys are {', '.join(f'{table}.{k}' for k in known)}")]
-        meant = [f"{t}.{table}" for t, keys in _KEYS.items() if t and table in keys]
+        meant = [f"{t}.{table}" for t, keys in (_KEYS | _settings_of(tables)).items() if t and table in keys]
         law_key = [f"controller.{table}"] if not meant and table not in _KEYS else []
         close = difflib.get_close_matches(table, [f"{t}.{k}" for t, keys in _KEYS.items() if t for k in keys], 1)
         hint = " or ".join(repr(m) for m in meant or close or law_key)
@@ -286,6 +273,16 @@ def _override(tables: dict[str, Any], key: str, value: Any) -> list[Fault]:
         return []  # the validator reports it
     tables.setdefault(table, {})[word] = value
     return []
+
+
+def _settings_of(tables: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Names of the settings of the stages that the tables name."""
+    found = {}
+    for name, choice in STAGES.items():
+        with contextlib.suppress(InputError):  # reported when the stage is loaded
+            source = tables.get(name, {}).get("name", choice.default.name)
+            found[name] = [field.name for field in choice.stage_class(source).setting_fields()]
+    return found
 
 
 def keys() -> Iterable[tuple[str, Any, str]]:

@@ -7,7 +7,7 @@ from scipy.optimize import brentq
 from uvms_mj import Scenario, simulate
 from uvms_mj.analysis.metrics import final_force
 from uvms_mj.analysis.setup import set_up
-from uvms_mj.control.rest import NoClosedForm
+from uvms_mj.control.rest import NoClosedForm, SteadyState
 from uvms_mj.control.sampled import Vibration
 
 
@@ -65,12 +65,22 @@ def test_super_twisting_that_would_bounce_on_the_wall_is_warned_of(overrides, bo
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
-@pytest.mark.parametrize(("periods", "yaw_deg"), [(4, 0.0), (7, 0.0), (4, 40.0)])
+@pytest.mark.parametrize(
+    ("periods", "yaw_deg"),
+    [
+        ({"controller": 4}, 0.0),
+        ({"controller": 7}, 0.0),
+        ({"controller": 4}, 40.0),
+        ({"navigation": 4}, 0.0),
+        ({"navigation": 6, "controller": 3}, 0.0),
+    ],
+)
 def test_the_age_of_the_force_decides_whether_a_held_command_keeps_the_contact_damped(periods, yaw_deg):
     """The limit of inertia shaping is 5 % above the mean age of the force, then 5 % below."""
 
     def shaped(share):
-        overrides = {"controller.period": periods * 1e-4, "impedance.M_d": [share * m for m in INERTIA]}
+        overrides = {f"{table}.period": steps * 1e-4 for table, steps in periods.items()}
+        overrides |= {"impedance.M_d": [share * m for m in INERTIA]}
         overrides |= {f"{where}.attitude_deg": [0.0, 0.0, yaw_deg] for where in ("reference", "initial")}
         overrides |= {"current.speed": 0.0, "simulation.duration": 50.0}
         return Scenario.load("push_wall", overrides, "impedance")
@@ -79,13 +89,82 @@ def test_the_age_of_the_force_decides_whether_a_held_command_keeps_the_contact_d
         setup = set_up(shaped(share))
         return Vibration.of(setup, setup.design.M_hat).limit
 
-    age, settled = 0.5e-4 * (periods - 1), []
+    age, settled = 0.5e-4 * (max(periods.values()) - 1), []
     for factor in (1.05, 0.95):
         scenario = shaped(brentq(lambda share, wanted=factor * age: limit(share) - wanted, 1e-3, 0.5))
         trace = simulate(scenario, log_rate=100)
         settled.append(final_force(trace)[1])
         assert any("limit-cycles" in note for note in trace.notes) != settled[-1]
     assert settled == [True, False]
+
+
+HELD_FORCE = """
+from dataclasses import dataclass
+from uvms_mj import Navigation, setting
+from uvms_mj.navigation import perfect
+
+@dataclass(frozen=True)
+class HeldForce(Navigation):
+    "Everything is perfect but the force, which is measured at every n-th instant and held."
+    every: float = setting(1.0, "1", "instants from one measurement to the next")
+    states = {"held": 3}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        perfect(given, out)
+        if given.instant % int(settings.every) == 0:
+            state.held[:] = given.f_contact_W
+        for i in range(3):
+            out.f_contact_m_W[i] = state.held[i]
+            out.tau_contact_m_B[i] = state.held[i]  # B is parallel to W
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("damping", [0.0, 200.0])
+def test_a_force_that_is_sampled_slowly_needs_a_damped_wall(tmp_path, damping):
+    """GSTA rests if the age of the force is 15 % below the limit (D_d + b_c)/k_c, and vibrates if it is 15 % above."""
+    (tmp_path / "held.py").write_text(HELD_FORCE)
+    overrides = {"wall.damping": damping, "current.speed": 0.0, "simulation.duration": 30.0}
+    setup = set_up(Scenario.load("push_wall", overrides))
+    limit = Vibration.of(setup).limit
+    assert limit == pytest.approx((setup.design.D_d[0, 0] + damping) / 1e5, rel=1e-5)
+    swings = []
+    for factor in (0.85, 1.15):
+        sensor = {"navigation.name": f"{tmp_path / 'held.py'}:HeldForce"}
+        sensor["navigation.every"] = float(round(2e4 * factor * limit + 1.0))
+        trace = simulate(Scenario.load("push_wall", overrides | sensor), log_rate=100)
+        swings.append(float(trace.final_high[-1] - trace.final_low[-1]))
+    assert swings[0] < 1e-3
+    assert swings[1] > 1.0
+
+
+@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.parametrize(("period", "rests"), [(0.001, True), (0.003, False)])
+def test_measurements_that_are_held_for_long_are_warned_of_and_have_no_closed_form(period, rests):
+    trace = simulate(Scenario.load("push_wall", {"navigation.period": period}), log_rate=100)
+    assert final_force(trace)[1] == rests
+    assert isinstance(trace.analytic, SteadyState) == rests
+    assert any("limit-cycles" in note and "navigation period" in note for note in trace.notes) != rests
+
+
+@pytest.mark.parametrize(
+    ("navigation", "control", "actuation", "age"),
+    [(1, 1, 1, 0.0), (6, 3, 1, 2.5), (3, 6, 1, 2.5), (4, 6, 1, 3.5), (1, 1, 5, 2.0), (8, 4, 2, 3.5)],
+)
+def test_the_mean_age_of_the_force_is_that_of_a_list_of_instants(navigation, control, actuation, age):
+    """At each step: the thrust's instant, the command's instant at that instant, and the measurement's."""
+    h, ages = 1e-4, []
+    for step in range(240):
+        held = step
+        for period in (actuation, control, navigation):
+            held -= held % period
+        ages.append(step - held)
+    periods = {"navigation": navigation, "controller": control, "actuation": actuation}
+    overrides = {f"{table}.period": steps * h for table, steps in periods.items()}
+    found = Vibration.of(set_up(Scenario.load("push_wall", overrides))).age
+    assert found == pytest.approx(age * h)
+    assert found == pytest.approx(np.mean(ages) * h)
 
 
 @pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from uvms_mj.control.damping_design import ott_damping
+from uvms_mj.control.design import ott_damping
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 2.0))

@@ -1,6 +1,8 @@
 """A scenario that its caller steps: the same run whole, in parts and after a reset; users' stages of every room."""
 
+import copy
 import gc
+import pickle
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -377,3 +379,165 @@ def test_a_stage_that_fails_stops_the_simulation_until_its_reset(tmp_path, reque
         sim.reset()
         sim.step(50)
     assert np.array_equal(changed, after(sim.scenario.updated({"controller.when": 1.0}), 200))
+
+
+@pytest.mark.parametrize(
+    ("use", "error", "said"),
+    [
+        (lambda sim: sim.reset(overrides={1: 2.0}), InputError, "overrides: .* is not a mapping from dotted keys"),
+        (lambda sim: sim.reset(overrides="wall.position"), InputError, "overrides: 'wall.position' is not a mapping"),
+        (lambda sim: sim.set(5), InputError, "overrides: 5 is not a mapping"),
+        (lambda sim: sim.reset(seed=-1), InputError, "simulation.seed: -1 must be at least 0"),
+        (lambda sim: sim.reset(overrides={"controller.F_1": np.ones(5)}), InputError, "controller.F_1"),
+        (lambda sim: sim.step(-1), InputError, "step: -1 is not a number of steps"),
+        (lambda sim: sim.step(2.0), InputError, "step: 2.0 is not a number of steps"),
+        (lambda sim: sim.signals[5], KeyError, "no signal 5; choose from"),
+        (copy.copy, TypeError, "can't be copied or pickled"),
+        (pickle.dumps, TypeError, "can't be copied or pickled"),
+    ],
+)
+def test_a_wrong_call_has_one_message_and_changes_nothing(sim, use, error, said):
+    sim.reset()
+    sim.step(20)
+    before = state(sim)
+    with pytest.raises(error, match=said):
+        use(sim)
+    assert np.array_equal(state(sim), before)
+
+
+def test_numbers_of_numpy_are_numbers():
+    """Scalars and arrays, also under the earlier keys of the task."""
+    scenario = Scenario.load("push_wall", MOVING)
+    plain = {"wall.position": 0.5, "controller.F_1": [2.0] * 6, "initial.position": [0.0, 0.1, 0.0]}
+    arrays = {key: np.float32(value) if key == "wall.position" else np.array(value) for key, value in plain.items()}
+    assert scenario.updated(arrays) == scenario.updated(plain)
+    with Simulation(scenario) as sim:
+        sim.reset(seed=np.int64(7), overrides=arrays)
+        assert sim.scenario == scenario.updated(plain | {"simulation.seed": 7})
+
+
+def test_a_closed_simulation_says_so():
+    with Simulation(Scenario.load("push_wall", MOVING)) as sim:
+        sim.step(3)
+    assert sim.signals.nu.shape == (6,)  # what it has come to can be read
+    for use in (sim.step, sim.reset, lambda: sim.set({"wall.stiffness": 900.0})):
+        with pytest.raises(RuntimeError, match="is closed"):
+            use()
+
+
+def test_a_time_step_changed_by_hand_is_refused_until_the_reset():
+    with Simulation(Scenario.load("push_wall", MOVING)) as sim:
+        sim.step(3)
+        sim.model.opt.timestep = 1e-3
+        with pytest.raises(RuntimeError, match="changed its time step"):
+            sim.step()
+        assert sim.steps == 3
+
+
+def test_one_thread_at_a_time():
+    """Two threads in one Simulation are refused. They would overwrite MuJoCo's memory."""
+    scenario = Scenario.load("push_wall", MOVING)
+    with Simulation(scenario) as sim, ThreadPoolExecutor(1) as pool:
+        steps = pool.submit(sim.step, 20_000)
+        while not sim.steps:
+            assert not steps.done()
+        for use in (sim.reset, sim.step, lambda: sim.set({"wall.stiffness": 900.0})):
+            with pytest.raises(RuntimeError, match="another thread uses this Simulation"):
+                use()
+        steps.result()
+        assert np.array_equal(state(sim), after(scenario, 20_000))
+
+
+def test_an_interrupt_between_two_chunks_loses_no_step(monkeypatch):
+    scenario, calls = Scenario.load("push_wall", MOVING), []
+    with Simulation(scenario) as sim:
+        step = mujoco.mj_step
+
+        def interrupted(*arguments):
+            step(*arguments)
+            calls.append(arguments)
+            if len(calls) == 2:
+                raise KeyboardInterrupt
+
+        monkeypatch.setattr(mujoco, "mj_step", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            sim.step(2500)
+        assert 0 < sim.steps < 2500
+        sim.step(2500 - sim.steps)
+        assert np.array_equal(state(sim), after(scenario, 2500))
+
+
+INTERRUPTED = """
+from dataclasses import dataclass
+from uvms_mj.guidance import Guidance, hold
+
+interrupts = [10]
+
+@dataclass(frozen=True)
+class Interrupted(Guidance):
+    states = {"phase": 1}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        hold(settings, given, out)
+        state_dot.phase[0] = 1.0
+        out.p_d[0] = state.phase[0]
+        if interrupts[:1] == [given.instant]:
+            interrupts.clear()
+            raise KeyboardInterrupt
+"""
+
+
+@pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
+def test_a_plain_stage_that_was_interrupted_begins_its_instant_again(tmp_path, no_numba):
+    """Its states advance once."""
+    (tmp_path / "stage.py").write_text(INTERRUPTED)
+    scenario = Scenario.load("push_wall", {**WALL, "reference.name": f"{tmp_path / 'stage.py'}:Interrupted"})
+    with Simulation(scenario) as sim:
+        with pytest.raises(KeyboardInterrupt):
+            sim.step(30)
+        assert sim.steps == 10
+        sim.step(20)
+        assert sim.signals.phase == pytest.approx(30 * 1e-4, rel=1e-12)
+        assert np.array_equal(state(sim), after(scenario, 30))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300, -1e8])
+def test_a_thrust_that_mujoco_would_ignore_stops_the_run(value):
+    scenario = Scenario.load("push_wall", {"actuation.name": "external"})
+    with Simulation(scenario) as sim:
+        sim.u[1] = value
+        with pytest.raises(Diverged, match=r"t = 0 s: u\[1\] = .* N, (beyond 1e\+07 N|not a finite number)"):
+            sim.step()
+
+
+def test_a_model_of_another_type_is_refused():
+    with pytest.raises(InputError, match="mjcf: expected an Mjcf, got 'bluerov1'"):
+        Simulation(mjcf="bluerov1")
+
+
+ATTITUDES = {
+    "zero": ("reference", "out.quat_d[:] = 0.0", "set out.quat_d to length 0: it must be a unit quaternion"),
+    "long": ("navigation", "out.quat_WB[1] += 0.1", "set out.quat_WB to length 1.00.*: it must be a unit quaternion"),
+    "another": ("navigation", "out.R_WB[0, 1] += 0.1", "set out.R_WB to another attitude than out.quat_WB"),
+}
+
+
+@pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
+@pytest.mark.parametrize("plain", [False, True])
+@pytest.mark.parametrize("mistake", ATTITUDES)
+def test_an_attitude_that_is_none_is_named(tmp_path, request, mistake, plain):
+    table, line, said = ATTITUDES[mistake]
+    wrong = USERS.read_text().replace("perfect(given, out)\n", f"perfect(given, out)\n        {line}\n")
+    if table == "reference":
+        wrong = USERS.read_text().replace(
+            "hold(settings, given, out)\n", f"hold(settings, given, out)\n        {line}\n"
+        )
+    (tmp_path / "wrong.py").write_text(wrong)
+    name = "Noisy" if table == "navigation" else "Circle"
+    if plain:
+        request.getfixturevalue("no_numba")
+    with Simulation(Scenario.load("push_wall", {f"{table}.name": f"{tmp_path / 'wrong.py'}:{name}"})) as sim:
+        assert bool(sim.slow_stages) == plain
+        with pytest.raises(StageFault, match=said):
+            sim.step()

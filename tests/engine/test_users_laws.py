@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from law_files import HEADER, law_file, one_liner
-from uvms_mj import InputError, LawError, Scenario, simulate
+from uvms_mj import InputError, LawError, Scenario, Simulation, simulate
 from uvms_mj.engine.native import compilation
 from uvms_mj.engine.run import PlainPythonWarning, SamplingWarning
 
@@ -113,6 +113,19 @@ def test_a_law_that_numba_cannot_compile_runs_and_says_why(tmp_path):
         trace = simulate(Scenario.load("push_wall", SHORT, f"{path}:Odd"))
     ours = simulate(Scenario.load("push_wall", SHORT, "impedance"))
     assert np.allclose(trace.p_WB, ours.p_WB, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ("tau_cmd[:] = signals.M_hat @ signals.t", r"signature: matmul\(.*\) \(.*\.py, line \d+\)"),
+        ("state.z = signals.p_d", "AssertionError without a reason; arrays of different lengths are a common cause"),
+    ],
+)
+def test_numbas_reason_is_a_whole_sentence(tmp_path, body, words):
+    path = law_file(tmp_path, one_liner("Odd", body) + "    states = {'z': 2}\n")
+    with Simulation(Scenario.load("push_wall", SHORT, f"{path}:Odd")) as sim:
+        assert re.search(f"because numba can't compile it: .*{words}", " ".join(sim.notes))
 
 
 @pytest.mark.parametrize(

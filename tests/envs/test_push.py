@@ -136,14 +136,38 @@ def test_the_desired_force_is_the_impedances_unless_given():
         ({"randomise": {"current.speed": (0.0, -1.0)}}, "must be a lower and an upper bound"),
         ({"randomise": {"current.speed": (0.0, 1e9)}}, "must be from 0 to 100 m/s"),
         ({"overrides": {"wall.stifness": 1.0}}, "did you mean 'stiffness'"),
+        ({"overrides": 5}, "overrides: 5 is not a mapping"),
+        ({"scenario": 5}, "scenario 5: must be a name, or the path"),
+        ({"control_rate": "fast"}, "control_rate: 'fast' Hz: must divide"),
+        ({"force_d": "much"}, "force_d: 'much': must be a positive force"),
+        ({"wrench_scale": "abc"}, "wrench_scale: 'abc': must be six positive"),
+        ({"wrench_scale": [math.inf] * 6}, "must be six positive"),
+        ({"thrust_scale": None}, "thrust_scale: None: must be a positive thrust"),
+        ({"effort_weight": "x"}, "effort_weight: 'x': must be zero or positive"),
+        ({"randomise": 5}, "randomise: 5 is not a mapping"),
+        ({"observe": "nu"}, "observe: 'nu': must be a list of names"),
+        ({"action": "gains", "gains": 5}, "gains: 5: must be a list of names"),
+        ({"seed": -1}, "seed: -1: must be an integer, at least 0"),
     ],
 )
 def test_a_wrong_argument_is_named(wrong, message):
     with pytest.raises(InputError, match=message):
-        Push("push_wall", **({"overrides": SHORT} | wrong))
+        Push(**({"overrides": SHORT} | wrong))
 
 
 def test_all_wrong_arguments_at_once():
     with pytest.raises(InputError) as caught:
         Push("push_wall", overrides=SHORT, force_d=0.0, thrust_scale=0.0, effort_weight=-1.0)
     assert len(caught.value.faults) == 3
+
+
+@pytest.mark.parametrize("action", ["wrench", "thrusts", "gains"])
+def test_an_action_of_another_shape_or_without_a_value_is_refused(action):
+    """It is an error of the agent, and neither a divergence nor a number for all entries."""
+    push = Push("push_wall", overrides=SHORT, action=action)
+    n = push.size
+    for wrong in (np.zeros(n + 1), np.zeros((1, n)), 0.5, None, "abc", np.full(n, math.nan), np.full(n, math.inf)):
+        with pytest.raises(InputError, match=f"action: .*: must be {n} finite numbers"):
+            push.apply(wrong)
+    push.apply([0.0] * n)
+    assert push.advance(1) == pytest.approx(math.exp(-1.0), abs=0.01)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from uvms_mj import Gsta, InputError, Scenario
+from uvms_mj import Gsta, InputError, Scenario, Simulation
 from uvms_mj.actuation import Actuation, PseudoInverse
 from uvms_mj.analysis.setup import set_up
 from uvms_mj.control import External, Ideal, ImpedanceTask
@@ -475,3 +475,67 @@ def test_the_base_classes_are_not_stages_to_choose():
             base.step(None, None, None, None, None)
         assert re.search(r"given", base.__doc__)
     assert dataclasses.is_dataclass(Guidance)
+
+
+LIST = """
+class Own(Navigation):
+    bias: tuple[float, float, float] = setting({default}, "N", "bias")
+    states = {states}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        perfect(given, out)
+"""
+
+
+def list_stage(tmp_path, default="(0.3, 0.0, 0.0)", states="{}", frozen="@dataclass(frozen=True)"):
+    return file_with(tmp_path, LIST.replace("{default}", default).replace("{states}", states), frozen)
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        ([], "[] has 0 values; 3 are needed"),
+        ([0.3, 0], "[0.3, 0] has 2 values; 3 are needed"),
+        ([1, 2, 3, 4], "[1, 2, 3, 4] has 4 values; 3 are needed"),
+    ],
+)
+def test_a_list_of_the_wrong_length_is_one_sentence(tmp_path, value, words):
+    source = {"navigation.name": list_stage(tmp_path)}
+    with pytest.raises(InputError, match=re.escape(f"push_wall: navigation.bias: {words}") + "$"):
+        Scenario.load("push_wall", source | {"navigation.bias": value})
+    with (
+        Simulation(Scenario.load("push_wall", source)) as sim,
+        pytest.raises(InputError, match=re.escape(f"reset: navigation.bias: {words}") + "$"),
+    ):
+        sim.reset(overrides={"navigation.bias": value})
+
+
+def test_a_wrong_default_is_said_to_be_the_classs(tmp_path):
+    with pytest.raises(InputError, match=r"has 2 values; 3 are needed; it is the default in the class Own"):
+        Scenario.load("push_wall", {"navigation.name": list_stage(tmp_path, "(0.3, 0.0)")})
+
+
+@pytest.mark.parametrize("name", ["key", "period", "nu", "s", "tau_cmd", "quat_WB_m", "u", "class"])
+def test_a_state_may_not_take_the_name_of_a_signal_or_a_word_of_python(tmp_path, name):
+    with pytest.raises(InputError, match=rf"'{name}' is .*; give the state another name$"):
+        Scenario.load("push_wall", {"navigation.name": list_stage(tmp_path, states=repr({name: 3}))})
+
+
+def test_a_key_of_the_stage_in_use_is_suggested(tmp_path):
+    with pytest.raises(InputError, match=r"did you mean 'disturbance.bias' or 'navigation.bias'\?"):
+        Scenario.load("push_wall", {"navigation.name": list_stage(tmp_path), "bias": 3})
+
+
+def test_a_stage_in_the_wrong_table_is_sent_to_its_own(tmp_path):
+    with pytest.raises(InputError, match=r"Own.* is a navigation stage: use navigation.name|it is a navigation stage"):
+        Scenario.load("push_wall", controller=list_stage(tmp_path))
+    with pytest.raises(InputError, match=r"controller: is a stage; give it to simulate"):
+        Scenario.load("push_wall", {"controller": Gsta()})
+
+
+@pytest.mark.parametrize("frozen", ["", "@dataclass\n"])
+def test_a_missing_decorator_is_one_error(tmp_path, frozen):
+    with pytest.raises(InputError, match=r"@dataclass\(frozen=True\)") as caught:
+        Scenario.load("push_wall", {"navigation.name": list_stage(tmp_path, frozen=frozen)})
+    assert len(caught.value.faults) == 1

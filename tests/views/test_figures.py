@@ -5,6 +5,7 @@ import itertools
 import subprocess
 import sys
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 from typing import ClassVar
 from unittest.mock import patch
@@ -540,6 +541,23 @@ def test_a_law_without_the_impedance_task_has_no_sliding_variable_to_draw(traces
             figures.plot(runs, "sliding")
     both = figures.plot({"with": traces["gsta"], "without": less}, "sliding")
     assert [name for name, _ in lines_of(both)] == [f"s.{axis}" for axis in AXES]
+
+
+def test_a_law_without_the_impedance_task_has_no_expected_force(traces):
+    with_task, without_task = traces["gsta"], without(traces["gsta"], *TASK)
+    assert {"expected", "analytic"} <= {name for name, _ in lines_of(figures.plot({"a": with_task}, "force"))}
+    assert "expected" not in {name for name, _ in lines_of(figures.plot({"a": without_task}, "force"))}
+
+
+def test_the_states_of_every_stage_are_drawn_and_a_single_number_has_a_plain_name():
+    stages = Path(__file__).parents[1] / "data" / "users_stages.py"
+    sources = {"navigation.name": f"{stages}:Noisy", "reference.name": f"{stages}:Circle"}
+    trace = simulate(Scenario.load("push_wall", sources | {"simulation.duration": 0.01}))
+    names = {name for name, _ in lines_of(figures.plot({"a": trace}, "integral"))}
+    assert {"z.x", "drift.x", "phase"} < names
+    assert "phase" in trace.to_dataframe()
+    both = {name for name, _ in lines_of(figures.plot({"a": trace, "b": trace}, "integral"))}
+    assert {"z.x", "drift.x", "phase."} < both
 
 
 def test_an_inset_gets_some_room_and_is_left_out_where_that_is_not_enough(traces, rng):

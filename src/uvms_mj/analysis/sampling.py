@@ -22,11 +22,8 @@ class SamplingWarning(UserWarning):
 
 
 def checked(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
-    """Check a scenario, and build its plant and its design. The arguments are those of :func:`.setup.set_up`.
-
-    Raises:
-        InputError: the scenario cannot run.
-    """
+    """Check a scenario, and build its plant and its design. The arguments are those of :func:`.setup.set_up`. Raises
+    InputError if the scenario cannot run."""
     with no_overflow(scenario):
         setup = set_up(scenario, mjcf)
         refuse(setup)
@@ -49,11 +46,8 @@ def refuse(setup: Setup, touched: Container[str] = _CHECKED) -> None:
 
 
 def warnings_of(setup: Setup) -> list[str]:
-    """Warnings for a scenario that runs badly.
-
-    Raises:
-        InputError: numbers are so extreme that an equation overflows.
-    """
+    """Warnings for a scenario that runs badly. Raises InputError if numbers are so extreme that an equation
+    overflows."""
     scenario, vehicle = setup.scenario, setup.vehicle
     with no_overflow(scenario):
         notes = [

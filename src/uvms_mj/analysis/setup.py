@@ -55,10 +55,7 @@ def _masses(design: Design, reach: float) -> tuple[float, float]:
 
 def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
     """Build the plant of a scenario and compute its design. ``mjcf`` replaces the model of ``scenario.vehicle.model``.
-
-    Raises:
-        InputError: the vehicle's file can't be used or is not physical, or the desired impedance is not.
-    """
+    Raises InputError if the vehicle's file can't be used or is not physical, or the desired impedance is not."""
     if not isinstance(mjcf, Mjcf | None):
         raise InputError(f"mjcf: expected an Mjcf, got {mjcf!r}; use Mjcf.find(name or path)")
     mjcf = mjcf if mjcf is not None else Mjcf.find(scenario.vehicle.model)

@@ -95,10 +95,10 @@ def _certificate(scenario: "Scenario", trace: "Trace | None") -> "Certificate":
     law = scenario.controller
     certificate = theory.certificate(set_up(scenario, None if trace is None else trace.header.mjcf))
     if certificate is None:
-        hint = "" if trace is not None else "; choose one with --controller gsta"
+        hint = "" if trace is not None else "; choose a law that has one, as --controller gsta"
         if isinstance(law, Recorded):
-            hint = ", and code from a log is never executed: omit --from, give scenario and --controller FILE.py:LAW"
-        raise InputError(f"{law.label()}: the certificate covers only the laws gsta and sta{hint}")
+            hint = ": code from a log is never executed; omit --from, give scenario and --controller FILE.py:LAW"
+        raise InputError(f"{law.label()} defines no certificate{hint}")
     return certificate
 
 

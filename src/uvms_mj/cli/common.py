@@ -83,11 +83,8 @@ def refuse_existing(option: str, path: Path, force: bool) -> None:
 
 
 def asked_for(arguments: Sequence[str], settings: Sequence[str]) -> tuple[str | None, dict[str, Any]]:
-    """The name of the scenario, if one is given, and the settings by key.
-
-    Raises:
-        InputError: several scenarios are named, or a setting is not valid.
-    """
+    """The name of the scenario, if one is given, and the settings by key. Raises InputError if several scenarios are
+    named, or a setting is not valid."""
     from ..errors import InputError
     from ..files import parse_setting
 

@@ -21,11 +21,8 @@ LOG, SCENARIO = "run.mcap", "scenario.toml"
 
 
 def folder_for(name: str) -> Path:
-    """Create a folder if needed and check that it is writable, before anything is computed.
-
-    Raises:
-        InputError: the folder cannot be created or written to.
-    """
+    """Create a folder if needed and check that it is writable, before anything is computed. Raises InputError if the
+    folder cannot be created or written to."""
     from ..errors import InputError
 
     folder = Path(name)
@@ -40,11 +37,8 @@ def folder_for(name: str) -> Path:
 
 @contextlib.contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """Lock a folder against other runs. The lock belongs to the process and leaves no file.
-
-    Raises:
-        InputError: another run is writing there.
-    """
+    """Lock a folder against other runs. The lock belongs to the process and leaves no file. Raises InputError if
+    another run is writing there."""
     import fcntl
 
     from ..errors import InputError

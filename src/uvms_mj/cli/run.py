@@ -81,11 +81,7 @@ def chosen(
     arguments: tuple[str, ...], settings: tuple[str, ...], controller: str | None, log: str | None, log_rate: str | None
 ) -> "tuple[Scenario, Mjcf | None, str | None]":
     """Scenario, vehicle and log rate of a run, by the arguments of the command. The vehicle is None unless it is that
-    of a log.
-
-    Raises:
-        InputError: the input is invalid.
-    """
+    of a log. Raises InputError if the input is invalid."""
     from ..errors import InputError
     from ..scenario import Scenario
 

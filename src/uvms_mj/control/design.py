@@ -22,7 +22,6 @@ from ..quantities import (
     doc,
     within,
 )
-from .damping_design import ott_damping
 
 
 @table(frozen=True, config=STRICT)
@@ -62,11 +61,8 @@ class Design:
 
     @classmethod
     def of(cls, impedance: Impedance, estimates: Estimates, M: np.ndarray, attitude_deg: Sequence[float]) -> "Design":
-        """Matrices of a run, from the vehicle's true inertia M (6, 6) and the desired roll, pitch, yaw [deg].
-
-        Raises:
-            InputError: M_d is not symmetric positive definite, or D_d is not dissipative.
-        """
+        """Matrices of a run, from the vehicle's true inertia M (6, 6) and the desired roll, pitch, yaw [deg]. Raises
+        InputError if M_d is not symmetric positive definite, or D_d is not dissipative."""
         M_d = M if impedance.M_d is None else _square(impedance.M_d)
         K_d = np.diag(impedance.K_d)
         faults = []
@@ -90,6 +86,21 @@ class Design:
     def along_normal(self, inertia: np.ndarray) -> float:
         """Effective mass of an inertia (6, 6) along the wall's normal, with all other directions free [kg]."""
         return 1.0 / float(self.normal @ np.linalg.solve(inertia, self.normal))
+
+
+def ott_damping(M_d: np.ndarray, K_d: np.ndarray, damping_ratio: float) -> np.ndarray:
+    """Desired damping D_d (6, 6) [N s/m, N s, N m s] from the generalised eigenvalue problem of K_d and M_d.
+
+    With M_d = Q^T Q and K_d = Q^T diag(k) Q, D_d = Q^T diag(2 zeta sqrt(k)) Q gives every mode of M_d x'' + D_d x' +
+    K_d x = 0 the damping ratio zeta. Source: Ott (2008), sec. 3.3.
+    M_d is (6, 6) symmetric positive definite [kg, kg m, kg m^2], K_d (6, 6) symmetric positive semi-definite [N/m, N,
+    N m], and damping_ratio is zeta [1].
+    """
+    L = np.linalg.cholesky(M_d)  # M_d = L L^T
+    inner = np.linalg.solve(L, np.linalg.solve(L, K_d).T)  # L^-1 K_d L^-T
+    k, V = np.linalg.eigh((inner + inner.T) / 2.0)
+    Q_T = L @ V  # Q^T = L V: Q^T Q = M_d, Q^T diag(k) Q = K_d
+    return Q_T @ np.diag(2.0 * damping_ratio * np.sqrt(np.maximum(k, 0.0))) @ Q_T.T
 
 
 def wall_normal(quat_d: np.ndarray) -> np.ndarray:

@@ -1,8 +1,9 @@
-"""Limits of a sampled law: a command that is held for a control period against the wall, and zeta of eq. (15).
+"""Limits of a sampled loop: measurements and a command that are held against the wall, and zeta of eq. (15).
 
 The limits take the run's :class:`uvms_mj.analysis.setup.Setup`.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -58,28 +59,48 @@ class Vibration:
     def limit(self) -> float:
         """Largest mean age of the fed back contact force at which the contact stays damped [s]; see :attr:`age`.
 
-        For a sliding mode law it is D_d/(K_f k_c). For M_d < M, inertia shaping takes (M/M_d - 1) k_c T from a damping
-        of M/M_d D_d.
+        For a sliding mode law and a wall with the damping b_c it is (D_d/K_f + b_c)/k_c. For M_d < M, inertia shaping
+        takes (M/M_d - 1) k_c T from a damping of M/M_d (D_d + b_c).
         """
         if self.compliant <= 0.0 or self.fed_back <= 1e-9 * self.compliant:
             return np.inf
-        return self.damping / (self.fed_back * self.setup.scenario.wall.stiffness)
+        wall = self.setup.scenario.wall
+        return (self.damping + self.compliant * wall.damping) / (self.fed_back * wall.stiffness)
 
     @property
     def age(self) -> float:
         """Mean age of the contact force in tau relative to the force in the contact itself [s].
 
-        The law gets the force of the same instant. tau is held for a control period T, a mean age of T/2. The contact
-        force itself is held for a time step h, a mean age of h/2. A law that runs at every step feeds back the force
-        that acts.
+        Navigation, law and thrusters each hold their output for a period T. A stage that reads it at its own instants,
+        a period T' apart, finds it with a mean age of (T - gcd(T, T'))/2. The contact force itself is held for a time
+        step h. A law that runs at every step on measurements of every step feeds back the force that acts.
         """
-        return 0.5 * (self.setup.scenario.control_period - self.setup.scenario.simulation.timestep)
+        h = self.setup.scenario.simulation.timestep
+        steps = [round(period / h) for period in self._periods.values()]
+        return 0.5 * h * sum(held - math.gcd(held, read) for held, read in zip(steps, [*steps[1:], 1], strict=True))
+
+    @property
+    def _periods(self) -> dict[str, float]:
+        """Periods of the stages from the measurement to the thrust, by name [s]."""
+        scenario = self.setup.scenario
+        control = scenario.control_period
+        navigation = scenario.navigation.period or control
+        return {
+            "navigation": navigation,
+            "control": control,
+            "actuation": scenario.actuation.period or scenario.simulation.timestep,
+        }
+
+    @property
+    def _longest(self) -> str:
+        """Name of the longest period; of equal ones, the law's."""
+        return max(("control", "navigation", "actuation"), key=self._periods.__getitem__)
 
     @property
     def growth(self) -> float:
-        """Growth per control period of the vibration under a held command [1]; 0 for a law that imposes M_d.
+        """Growth of the vibration under a held command [1], in the longest period; 0 for a law that imposes M_d.
 
-        Between two control instants
+        Between two instants
 
             a = -w^2 x + u_k,    u_k = -(stiffness + fed back k_c) x_k - damping v_k,    w^2 = k_c n^T M^-1 n,
 
@@ -94,7 +115,7 @@ class Vibration:
         gains = [self.stiffness + self.fed_back * k_c, self.damping]
         stiff = h * k_c * (1.0 / design.along_normal(design.M))  # h w^2
         step, force = np.array([[1.0 - h * stiff, h], [-stiff, 1.0]]), np.array([h * h, h])
-        free = np.linalg.matrix_power(step, round(scenario.control_period / h))
+        free = np.linalg.matrix_power(step, round(self._periods[self._longest] / h))
         forced = np.linalg.solve(np.eye(2) - step, (np.eye(2) - free) @ force)
         return float(np.abs(np.linalg.eigvals(free - np.outer(forced, gains))).max())
 
@@ -109,22 +130,23 @@ class Vibration:
 
     def notes(self, label: str) -> Iterator[str]:
         """Warnings if the sampled law damps the vibration slowly, or not at all."""
-        period, k_c = self.setup.scenario.control_period, self.setup.scenario.wall.stiffness
+        longest, k_c = self._longest, self.setup.scenario.wall.stiffness
+        here = f"at {'an' if longest == 'actuation' else 'a'} {longest} period of {self._periods[longest]:g} s"
         if self.growth > 1.0:
             w = np.sqrt(k_c / self.setup.design.along_normal(self.setup.design.M))
             yield (
-                f"{label} oscillates against the wall at a control period of {period:g} s: at wall.stiffness {k_c:g} "
+                f"{label} oscillates against the wall {here}: at wall.stiffness {k_c:g} "
                 f"N/m the contact vibrates faster than a held command can damp; a period below {2.5 / w:.2g} s usually "
                 "suffices"
             )
         limit, age = self.limit, self.age
         if age > SLOWLY_DAMPED * limit or (age == limit == 0.0):
-            longest = 2.0 * limit + self.setup.scenario.simulation.timestep
+            lost = 2.0 * limit + self.setup.scenario.simulation.timestep
             what = "limit-cycles against the wall" if age >= limit else "hardly damps the vibration against the wall"
             yield (
-                f"{label} {what} at a control period of {period:g} s: it holds the contact force so long that "
+                f"{label} {what} {here}: it holds the contact force so long that "
                 f"{min(1.0, age / limit) if limit else 1.0:.0%} of the damping D_d is lost at wall.stiffness {k_c:g} "
-                f"N/m; all is lost at a period of {longest:.4g} s"
+                f"N/m; all is lost at a period of {lost:.4g} s"
             )
 
 

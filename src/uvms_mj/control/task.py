@@ -95,12 +95,8 @@ class ImpedanceTask(Stage):
 def impedance_task(task, zeta, given, zeta_dot, out):
     """Set the signals :data:`uvms_mj.stages.signals.TASK` and zeta_dot.
 
-    Args:
-        task: record with F_1, F_2, A, integral and M_d_inv.
-        zeta: (6,) state of eq. (15).
-        given: record of :data:`uvms_mj.stages.signals.TASK_GIVEN`.
-        zeta_dot: (6,) time derivative of zeta, eq. (15) with the gains of eq. (21).
-        out: record with F_1, F_2, A, w, tau_nom, s and zeta.
+    ``task`` is a record with F_1, F_2, A, integral and M_d_inv; zeta (6,) is the state of eq. (15), and zeta_dot (6,)
+    its time derivative with the gains of eq. (21).
     """
     eta_e, nu_e, quat_e, w = given.eta_e, given.nu_e, given.quat_e, out.w
     F_1, F_2, A = task.F_1, task.F_2, task.A

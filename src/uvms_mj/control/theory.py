@@ -58,11 +58,8 @@ def stage_notes(stage: Stage, setup: Any) -> list[str]:
 
 
 def certificate(setup: Any) -> "Certificate | None":
-    """The certificate of a run's law, or None if it has none.
-
-    Raises:
-        InputError: a gain is too large or too small to compute with, or the method of a user's law fails.
-    """
+    """The certificate of a run's law, or None if it has none. Raises InputError if a gain is too large or too small to
+    compute with, or the method of a user's law fails."""
     controller = setup.scenario.controller
     try:
         found = _ask(controller, "certificate", setup)

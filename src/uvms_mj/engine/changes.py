@@ -16,13 +16,18 @@ from ..scenario import STAGES, Scenario
 _TABLES = [field.name for field in dataclasses.fields(Scenario)]
 
 
-def changed(base: Setup, current: Setup, overrides: Mapping[str, Any]) -> tuple[Setup, frozenset[str]]:
-    """``base`` with overrides by dotted keys, and what differs from it or from ``current``, the setup of the run before
-    the reset: tables of the scenario, and ``design`` if the design matrices differ.
+def changed(base: Setup, current: Setup, overrides: Mapping[str, Any], place: str) -> tuple[Setup, frozenset[str]]:
+    """As :func:`_changed`; ``place`` is the caller's name in messages."""
+    try:
+        return _changed(base, current, overrides)
+    except InputError as error:
+        raise InputError(error.faults, place) from None
 
-    Raises:
-        InputError: a key or value is invalid, or needs another plant or other machine code.
-    """
+
+def _changed(base: Setup, current: Setup, overrides: Mapping[str, Any]) -> tuple[Setup, frozenset[str]]:
+    """``base`` with overrides by dotted keys, and what differs from it or from ``current``, the setup of the run before
+    the reset: tables of the scenario, and ``design`` if the design matrices differ. Raises InputError if a key or value
+    is invalid, or needs another plant or other machine code."""
     scenario = _updated(base.scenario, overrides_of(overrides))
     _refuse_other_code(base.scenario, scenario)
     before, now = current.scenario, base.scenario
@@ -81,4 +86,4 @@ def _refuse_other_code(base: Scenario, scenario: Scenario) -> None:
         if type(getattr(scenario, table)) is not type(getattr(base, table))
     ]
     if faults:
-        raise InputError(faults, "reset")
+        raise InputError(faults)

@@ -143,7 +143,7 @@ class Simulation:
         """
         given = overrides_of(overrides) | ({} if seed is None else {"simulation.seed": seed})
         with self._alone:
-            setup, touched = changed(self._base, self.setup, given)
+            setup, touched = changed(self._base, self.setup, given, "reset")
             self._memory.restart(setup, touched)
             self.setup = setup
             self._prepare()
@@ -158,7 +158,7 @@ class Simulation:
             InputError: a key or value is invalid, or can't change during a run. Nothing is changed then.
         """
         with self._alone:
-            setup, touched = changed(self.setup, self.setup, overrides)
+            setup, touched = changed(self.setup, self.setup, overrides, "set")
             fixed = sorted(touched & {"initial", "simulation"})
             if fixed:
                 raise InputError([Fault(name, "can't change during a run; give it to reset") for name in fixed], "set")
@@ -226,11 +226,8 @@ class Simulation:
         mujoco.mj_forward(self.model, self.data)
 
     def _prepare(self) -> None:
-        """Run the stages before the law at the instant in hand.
-
-        Raises:
-            StageFault: a stage raised or violated its contract.
-        """
+        """Run the stages before the law at the instant in hand. Raises StageFault if a stage raised or violated its
+        contract."""
         self._run_stages(self._stages.control)
         self._ready = True
         self.check()

@@ -15,11 +15,8 @@ if TYPE_CHECKING:
 
 
 def load(name: str = "push_wall", **settings: Any) -> "Environment":
-    """An environment of dm_control with the water attached.
-
-    Args:
-        name: name of a scenario, or path of its file.
-        settings: keyword arguments of :class:`uvms_mj.envs.push.Push`.
+    """An environment of dm_control with the water attached, of a scenario's name or the path of its file. The settings
+    are the keyword arguments of :class:`uvms_mj.envs.push.Push`.
 
     Raises:
         InputError: an argument is wrong, or the extra ``dm`` is not installed.

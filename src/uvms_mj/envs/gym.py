@@ -16,10 +16,8 @@ class PushWall(gymnasium.Env):
     """Push on the wall with a desired force; :mod:`uvms_mj.envs.push` describes actions, observations and reward.
 
     An episode is truncated at the scenario's duration and terminated if the run diverges. ``reset(options={...})``
-    takes dotted keys of the scenario with values for this episode.
-
-    Args:
-        settings: keyword arguments of :class:`uvms_mj.envs.push.Push`.
+    takes dotted keys of the scenario with values for this episode. The settings are the keyword arguments of
+    :class:`uvms_mj.envs.push.Push`.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012  # Gymnasium's own attribute

@@ -88,11 +88,8 @@ class Plant:
 
 def build(mjcf: Mjcf, wall: Wall, timestep: float, integrator: str) -> Plant:
     """Build a plant with a time step [s] and an integrator, "euler" or "implicitfast". It omits geoms for drawing only:
-    a step is faster and its result is the same.
-
-    Raises:
-        InputError: the vehicle's file can't be used, or is not physical.
-    """
+    a step is faster and its result is the same. Raises InputError if the vehicle's file can't be used, or is not
+    physical."""
     vehicle, geometry, spec = mjcf.vehicle, mjcf.geometry, mjcf.spec()
     spec.option.timestep = timestep
     spec.option.integrator = getattr(mujoco.mjtIntegrator, _INTEGRATORS[integrator])

@@ -58,8 +58,7 @@ class Shape:
         kind: type of the geom.
         size: as in MJCF [m]: radius (sphere); radius, half length along z (capsule, cylinder); half axes (ellipsoid);
             half edges (box).
-        position: of its centre in B [m].
-        quat: attitude in B, w x y z.
+        position, quat: of its centre in B [m], w x y z.
         rgba: colour and opacity, 0 to 1.
         mesh: name of the mesh, if the geom is one.
     """
@@ -89,10 +88,7 @@ class Geometry:
     @classmethod
     def of(cls, model: mujoco.MjModel, body_id: int) -> "Geometry":
         """Geometry of a compiled model's body. Shapes are those that MuJoCo's viewer shows; reach counts all geoms.
-
-        Raises:
-            InputError: a geom's size, position or colour is out of range.
-        """
+        Raises InputError if a geom's size, position or colour is out of range."""
         shapes, meshes, seen = [], {}, []
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)

@@ -31,12 +31,9 @@ class Mjcf:
 
     @classmethod
     def find(cls, model: str) -> "Mjcf":
-        """Read a model from the path of its file, or a shipped model by its name.
-
-        Raises:
-            InputError: there is no such model, or it or a file that it refers to can't be read or has something that is
-                not allowed in a vehicle's file.
-        """
+        """Read a model from the path of its file, or a shipped model by its name. Raises InputError if there is no such
+        model, or it or a file that it refers to can't be read or has something that is not allowed in a vehicle's
+        file."""
         path = Path(model)
         if not path.is_file():
             shipped = resource("models", f"{model}.xml")
@@ -82,12 +79,8 @@ class Mjcf:
         return self._read[1]
 
     def spec(self) -> mujoco.MjSpec:
-        """The parsed model. Only the files in ``files`` are read.
-
-        Raises:
-            InputError: the model has something that is not allowed in a vehicle's file, MuJoCo can't read it, or it
-                refers to a missing file.
-        """
+        """The parsed model. Only the files in ``files`` are read. Raises InputError if the model has something that is
+        not allowed in a vehicle's file, MuJoCo can't read it, or it refers to a missing file."""
         parsed = trees(self.files, self.name)
         check_elements(parsed, self.name)
         # MuJoCo also accepts malformed XML, so it gets the checked trees, written anew

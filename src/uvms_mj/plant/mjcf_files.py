@@ -55,11 +55,7 @@ def _references(element: Element) -> list[tuple[str, str]]:
 
 def flattened(main: Path) -> dict[str, bytes]:
     """A model and every file that it refers to, by names without folders, so that a log contains no path of the user.
-    The main file is the first and keeps its name.
-
-    Raises:
-        InputError: a file is missing, or must be XML and is not.
-    """
+    The main file is the first and keeps its name. Raises InputError if a file is missing, or must be XML and is not."""
     return _Folders(main).flat()
 
 
@@ -155,11 +151,8 @@ class _Folders:
 
 
 def read_regular(path: Path) -> bytes:
-    """The contents of a regular file. Devices and pipes are never read, as they may be endless or block.
-
-    Raises:
-        InputError: the path is not a regular file, is too large, or can't be read.
-    """
+    """The contents of a regular file. Devices and pipes are never read, as they may be endless or block. Raises
+    InputError if the path is not a regular file, is too large, or can't be read."""
     try:
         # without O_NONBLOCK, opening a pipe waits for a writer
         with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:

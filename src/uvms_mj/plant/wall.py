@@ -27,10 +27,8 @@ class Wall:
 def lightest_along_face(M: np.ndarray, normal: np.ndarray, reach: float) -> float:
     """Least effective mass at the contact point along the wall's face, with all other directions free [kg].
 
-    Args:
-        M: (6, 6) inertia, added mass included.
-        normal: (6,) the wall's normal in B, as a wrench.
-        reach: distance of the contact point from B's origin along the wall's normal [m].
+    M is the inertia (6, 6), added mass included; ``normal`` (6,) the wall's in B, as a wrench; ``reach`` the distance
+    of the contact point from B's origin along it [m].
     """
     n = normal[:3]
     along = np.linalg.svd(n.reshape(1, 3))[2][1:]  # (2, 3) two directions along the face

@@ -86,11 +86,8 @@ MAT), and ``scenario`` in TOML."""
 
 
 def export(trace: Trace, kind: str, path: Path, replace: bool = False) -> None:
-    """Write a trace to a file in a format of :data:`WRITERS`. If writing fails, no file is left.
-
-    Raises:
-        InputError: the file exists or can't be written, or the format does not allow the name of a state.
-    """
+    """Write a trace to a file in a format of :data:`WRITERS`. If writing fails, no file is left. Raises InputError if
+    the file exists or can't be written, or the format does not allow the name of a state."""
     if os.path.lexists(path) and not replace:
         raise InputError(f"{path}: exists; choose another name, or --force")
     with whole(path) as part:

@@ -71,13 +71,9 @@ class Header:
     """The part of a run's record that is known before the first step.
 
     Attributes:
-        scenario: the scenario with all defaults.
-        signals: the signals of a row, in order.
         row_steps: time steps from one row to the next.
         rest: :attr:`analytic`, or a function that gives it and is called when somebody asks.
         notes: the warnings that the user was given.
-        mjcf: the vehicle's model.
-        geometry: the vehicle's shape, for pictures.
         sources: sources of the stages by their table in the scenario: reference, navigation, controller, actuation.
         versions: versions of the packages that made the run, by name.
     """
@@ -138,14 +134,8 @@ class Header:
 
 @checked(frozen=True, config=STRICT)
 class Outcome:
-    """How a run ended.
-
-    Attributes:
-        status: completed, unstable, interrupted or failed; truncated if the log lacks it.
-        message: reason why a run stopped before its end.
-        steps: number of time steps done.
-        wall_time_s: wall time of the stepping [s].
-    """
+    """How a run ended: the status, truncated if the log lacks it; the reason why it stopped before its end; the number
+    of time steps done; and the wall time of the stepping [s]."""
 
     status: Status
     message: str

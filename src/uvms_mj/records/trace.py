@@ -45,12 +45,8 @@ class Trace:
     """The samples of a run: ``trace.s``, ``trace["f_contact_W"]``, each a read-only array (n, ...).
 
     Row k of every signal belongs to the same instant ``trace.t[k]``. ``trace.signals`` gives the shape, unit, frame and
-    meaning of each signal. A trace from memory and one from a log are the same.
-
-    Attributes:
-        header: the facts known before the first step: scenario, signals, model, geometry, versions and more.
-        arrays: the samples by name.
-        outcome: how the run ended.
+    meaning of each signal. A trace from memory and one from a log are the same. ``trace.header`` has the facts known
+    before the first step: scenario, signals, model, geometry, versions and more.
     """
 
     header: Header = field(repr=False)
@@ -117,7 +113,7 @@ class Trace:
         for signal in self.signals:
             values = self[signal.name].reshape(len(self), signal.size)
             for i, (component, unit) in enumerate(zip(signal.components, signal.units, strict=True)):
-                name = f"{signal.name}.{component}" if signal.shape else signal.name
+                name = f"{signal.name}.{component}" if component else signal.name
                 yield Column(name, unit, signal, values[:, i])
 
     def rows(self) -> np.ndarray:

@@ -107,7 +107,8 @@ class Stage:
             kind: Any = type(self)  # mypy does not see that the class is hashable
             valid = _adapter(kind).validate_python(given)
         except ValidationError as error:
-            raise InputError(faults_of(error, table, self._inner_keys), place) from None
+            faults = faults_of(error, table, self._inner_keys)
+            raise InputError([self._of_default(fault) for fault in faults], place) from None
         except Exception as error:  # pydantic and evaluating an annotation raise exceptions of many types
             reason = " ".join(str(error).split("\n\n")[0].split()) or type(error).__name__
             raise InputError(f"an annotation is not a valid type of a {noun}: {reason}", place) from None
@@ -120,6 +121,14 @@ class Stage:
             raise InputError(faults, place)
         for name, value in valid.items():
             object.__setattr__(self, name, value)
+
+    def _of_default(self, fault: Fault) -> Fault:
+        """The fault, with a hint if the value is the default of the class."""
+        name = fault.key.removeprefix(f"{self.room.table}.").partition("[")[0]
+        field = next((f for f in dataclasses.fields(self) if f.name == name), None)
+        if field is None or getattr(self, name) is not field.default:
+            return fault
+        return Fault(fault.key, f"{fault.message}; it is the default in the class {type(self).__name__}")
 
     @classmethod
     def label(cls) -> str:

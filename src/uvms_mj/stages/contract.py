@@ -3,6 +3,7 @@
 import ast
 import dataclasses
 import inspect
+import keyword
 import textwrap
 import types
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,19 +15,17 @@ import numpy as np
 from ..errors import Fault, InputError, suggestion
 from .base import THRUSTERS, Stage, base_of, is_shipped, packs_itself
 from .recorded import Recorded
-from .signals import TASK, TRUTH
+from .signals import GIVEN, MEASURED, RECORDED, TASK, TRUTH, thruster_signal
 
 _MOST_STATES = 10_000
 _LONGEST_NAME = 100
+_SIGNALS = {signal.name for signal in (*GIVEN, *RECORDED, *MEASURED, thruster_signal(1))}
+"""Signals of a Simulation or a trace, which a state would hide."""
 _OVERRIDDEN = ("name", "states", "units", "uses_task", "uses_truth")
 
 
 def check_stage(stage: Stage) -> None:
-    """Check that a stage may run.
-
-    Raises:
-        InputError: it is of a log, or its class violates the contract.
-    """
+    """Check that a stage may run. Raises InputError if it is of a log, or its class violates the contract."""
     if isinstance(stage, Recorded):
         key, file = f"{stage.room.table}.name", f"path/to/{stage.source()}"
         raise InputError(
@@ -61,6 +60,7 @@ def _wrong(cls: type[Stage]) -> Iterator[str]:
     shared = {f.name for f in dataclasses.fields(base)}
     if "__dataclass_fields__" not in cls.__dict__:
         yield "the class must be decorated with @dataclass(frozen=True)"
+        return  # without its fields, the rest can't be judged
     names = [f.name for f in dataclasses.fields(cls)]
     taken = [name for name in names if hasattr(base, name) and name not in shared]
     reasons = [(name, f"is an attribute of every {room.noun}") for name in taken]
@@ -106,8 +106,12 @@ def _wrong_states(states: Any) -> Iterator[str]:
     for (name, size), fits in zip(states.items(), good, strict=True):
         if not fits:
             yield f"{wanted}; {_shown(name)}: {_shown(size)} is not"
+        elif keyword.iskeyword(name):
+            yield f"{name!r} is a word of Python's grammar; give the state another name"
         elif hasattr(np.record, name):
             yield f"{name!r} is an attribute of NumPy's records; give the state another name"
+        elif name in _SIGNALS:
+            yield f"{name!r} is the name of a signal; give the state another name"
     total = sum(size for size in states.values() if size != THRUSTERS) if all(good) else 0
     if total > _MOST_STATES:
         yield f"states has {total} numbers in all; at most {_MOST_STATES} are allowed"
@@ -120,7 +124,8 @@ def _wrong_units(cls: type[Stage]) -> Iterator[str]:
         return
     for name, unit in units.items():
         if name not in cls.states:
-            yield f"units has {_shown(name)}, which is not a state; {suggestion(str(name), cls.states)}"
+            hint = suggestion(str(name), cls.states) if cls.states else "the class declares no states"
+            yield f"units has {_shown(name)}, which is not a state; {hint}"
         if not (isinstance(unit, str) and unit.isprintable()):
             yield f"units must give each state's unit as a text, as in {{'xi': 'm s'}}; {_shown(unit)} is not a text"
 

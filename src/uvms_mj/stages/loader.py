@@ -27,11 +27,8 @@ class Choice(Generic[_Stage]):
     default: type[_Stage]
 
     def load(self, table: Mapping[str, Any], known: type[_Stage] | None = None) -> _Stage:
-        """Make the stage of a table.
-
-        Args:
-            table: ``name`` is a shipped stage or ``path/to/file.py:ClassName``; every other key is a setting.
-            known: a class to use without loading it, if ``name`` is its source.
+        """Make the stage of a table: ``name`` is a shipped stage or ``path/to/file.py:ClassName``, and every other key
+        is a setting. ``known`` is a class to use without loading it, if ``name`` is its source.
 
         Raises:
             InputError: the stage is not found, or a setting is unknown, missing or out of range; names every such
@@ -43,11 +40,8 @@ class Choice(Generic[_Stage]):
         return stage_of(cls, settings)
 
     def stage_class(self, source: Any) -> type[_Stage]:
-        """The class of a shipped name or of ``path/to/file.py:ClassName``.
-
-        Raises:
-            InputError: there is no such class, or it violates the contract.
-        """
+        """The class of a shipped name or of ``path/to/file.py:ClassName``. Raises InputError if there is no such class,
+        or it violates the contract."""
         noun, key = self.base.room.noun, f"{self.base.room.table}.name"
         if not isinstance(source, str):
             known = f"choose from {', '.join(self.shipped)}"
@@ -62,15 +56,19 @@ class Choice(Generic[_Stage]):
         path = Path(file)
         if not os.path.isfile(path):  # Path.is_file raises for a name that is too long
             raise InputError([Fault(key, f"no file {file!r} (looked in {Path.cwd()})")])
-        found = {
+        stages = {
             name: value
             for name, value in vars(_load(path.absolute(), key)).items()
-            if isinstance(value, type) and issubclass(value, self.base) and value is not self.base
+            if isinstance(value, type) and issubclass(value, Stage) and hasattr(value, "room")
         }
+        found = {n: cls for n, cls in stages.items() if issubclass(cls, self.base) and cls is not self.base}
         if class_name not in found:
             there = f"its {noun}s are {', '.join(sorted(found))}"
             if not found:
                 there = f"it has no class derived from {self.base.__name__}"
+            if class_name in stages:
+                room = stages[class_name].room
+                there = f"it is a {room.noun}: use {room.table}.name"
             raise InputError([Fault(key, f"no {noun} {class_name!r} in {file}; {there}")])
         cls = found[class_name]
         check_contract(cls, file)
@@ -134,7 +132,8 @@ def _load(path: Path, key: str) -> ModuleType:
         frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
         line = frames[-1].lineno if frames else getattr(error, "lineno", None)
         where = f"{path.name}, line {line}" if line else path.name
-        raise InputError([Fault(key, f"{where}: {type(error).__name__}: {error}")]) from error
+        hint = "; decorate with @dataclass(frozen=True)" if "non-frozen dataclass" in str(error) else ""
+        raise InputError([Fault(key, f"{where}: {type(error).__name__}: {error}{hint}")]) from error
     finally:
         sys.dont_write_bytecode = before
         del os.environ["NUMBA_BOUNDSCHECK"]

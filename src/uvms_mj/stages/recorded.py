@@ -19,11 +19,8 @@ class Recorded:
 def recorded_stage(
     base: type[_Stage], source: str, table: Mapping[str, Any], states: Mapping[str, Any]
 ) -> type[_Stage]:
-    """Make a placeholder class with the settings of a table of a scenario, and the sizes of its states by name.
-
-    Raises:
-        InputError: a setting has another type, or its name is not a Python identifier.
-    """
+    """Make a placeholder class with the settings of a table of a scenario, and the sizes of its states by name. Raises
+    InputError if a setting has another type, or its name is not a Python identifier."""
     room = base.room
     file, _, label = source.rpartition(":")
     if not file or Path(file).name != file or not label.isidentifier() or not isinstance(table, Mapping):

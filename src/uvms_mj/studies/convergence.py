@@ -86,14 +86,8 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Convergence:
-    """Result of three runs of a scenario.
-
-    Attributes:
-        scenario: that of the coarsest run, with every default written out.
-        timesteps: h, h/2, h/4 [s].
-        estimates: one for each requested metric.
-        notes: warnings of the three runs, each with the coarsest time step at which it occurred.
-    """
+    """Result of three runs: the scenario of the coarsest one, the time steps h, h/2, h/4 [s], an estimate for each
+    metric, and the warnings of the runs, each with the coarsest time step at which it occurred."""
 
     scenario: Scenario
     timesteps: tuple[float, ...]

@@ -212,7 +212,7 @@ class Arena:
         if fields:
             return f"{who} must set {', '.join(fields)} of {called}"
         number = {6: "six"}.get(len(self.arrays["out"]), len(self.arrays["out"]))
-        return f"{who} must fill all {number} entries of {called}"
+        return f"{who} must fill all {number} entries of {called}, as in {called}[:] = ..."
 
 
 def _overrun(array: str, count: int, reach: int, side: str) -> str:

@@ -7,6 +7,7 @@ functions are translated by :mod:`.translator`; numba compiles users' laws (:mod
 
 import ctypes
 import os
+import re
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from .objects import keep, link, load, object_name, target_machine
 
 _DISABLE = "NUMBA_DISABLE_JIT"
 """Environment variable for debugging: a user's law then runs as plain Python, the core still as machine code."""
+_PLACE = re.compile(r"^During: .* at (.+\.py) \((\d+)\)$")
 _lock = threading.RLock()
 
 
@@ -36,15 +38,10 @@ class NotCompiled(Exception):
 
 
 def native_function(function: Any, parameters: Sequence[np.dtype | str]) -> NativeFunction:
-    """A C function of 64-bit integers from one of the package's functions, loaded from disk or compiled.
+    """A C function of 64-bit integers from one of the package's functions (:mod:`.translator`), loaded from disk or
+    compiled. It returns the number that the function returns, or 0.
 
-    Args:
-        function: in the language of kernels, see :mod:`.translator`.
-        parameters: the types of its arguments: int64, or the dtype of a record or an array, which is passed by its
-            address.
-
-    Returns:
-        a function that returns what ``function`` returns, or 0 if that returns nothing.
+    ``parameters`` are int64 or dtypes: a record or an array is passed by its address.
     """
     dtypes = [np.dtype(each) for each in parameters]
     layout = [repr((each.descr, each.shape, each.isalignedstruct)) for each in dtypes]
@@ -59,10 +56,8 @@ def native_law(arguments: int, parts: Iterable[bytes], prepare: Callable[[], Cal
     """A C function of 64-bit integers from a user's law, loaded from disk or compiled by numba with checks.
 
     ``parts`` are the contents that the machine code depends on, besides the package's sources. ``prepare`` returns the
-    function to compile; it is called only if no object is on disk.
-
-    Raises:
-        NotCompiled: numba can't compile the function.
+    function to compile; it is called only if no object is on disk. Raises NotCompiled if numba can't compile the
+    function.
     """
     if os.environ.get(_DISABLE, "0") not in ("", "0"):
         raise NotCompiled(f"{_DISABLE} is set")
@@ -107,5 +102,11 @@ def _translated(function: Any, parameters: Sequence[np.dtype], name: str) -> int
 
 
 def _reason(error: Exception) -> str:
+    """Numba's reason in one line, with the place in the user's file where numba names one."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return next((line for line in lines if not line.startswith("Failed in")), type(error).__name__)
+    lines = [line for line in lines if not line.startswith("Failed in")]
+    if not lines:
+        return f"{type(error).__name__} without a reason; arrays of different lengths are a common cause"
+    reason = f"{lines[0]} {lines[1].removeprefix('>>> ')}" if lines[0].endswith(":") and lines[1:] else lines[0]
+    place = next((found for line in lines[1:] if (found := _PLACE.search(line))), None)
+    return f"{reason} ({Path(place[1]).name}, line {place[2]})" if place else reason

@@ -63,11 +63,8 @@ _twins: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
 
 def twin(value: Any) -> Any:
     """A copy with checks of a function that the user marked with ``numba.njit`` or ``numba.vectorize``. The original
-    may have been compiled, or loaded from numba's cache, without checks. Any other value is returned unchanged.
-
-    Raises:
-        UnsupportedError: the function is marked with ``numba.guvectorize``.
-    """
+    may have been compiled, or loaded from numba's cache, without checks. Any other value is returned unchanged. Raises
+    UnsupportedError if the function is marked with ``numba.guvectorize``."""
     if isinstance(value, GUFunc):
         raise UnsupportedError("it calls a function of numba.guvectorize; numba drops its exceptions")
     if isinstance(value, DUFunc):

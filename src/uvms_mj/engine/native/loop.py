@@ -125,8 +125,7 @@ def limit_thrust(loop):
     u_cmd, u = floats(loop.u_cmd_at, n), floats(loop.u_at, n)
     u_min, u_max = floats(loop.u_min_at, n), floats(loop.u_max_at, n)
     B = floats(loop.B_at, 6 * n)
-    for i in range(6):
-        row.tau[i] = 0.0
+    x_0, x_1, x_2, x_3, x_4, x_5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     loop.saturated = 0
     for k in range(n):
         if not abs(u_cmd[k]) <= _LARGEST:
@@ -137,8 +136,14 @@ def limit_thrust(loop):
         u[k] = thrust
         if thrust <= u_min[k] or thrust >= u_max[k]:
             loop.saturated = 1
-        for i in range(6):
-            row.tau[i] += B[n * i + k] * thrust
+        x_0 += B[k] * thrust
+        x_1 += B[n + k] * thrust
+        x_2 += B[2 * n + k] * thrust
+        x_3 += B[3 * n + k] * thrust
+        x_4 += B[4 * n + k] * thrust
+        x_5 += B[5 * n + k] * thrust
+    row.tau[0], row.tau[1], row.tau[2] = x_0, x_1, x_2
+    row.tau[3], row.tau[4], row.tau[5] = x_3, x_4, x_5
 
 
 @kernel

@@ -44,11 +44,7 @@ class PlainStage:
         return _with_helpers(type(self.stage).function(), _guarded)
 
     def __call__(self) -> None:
-        """Call the stage once.
-
-        Raises:
-            StageFault: the stage raised or violated its contract.
-        """
+        """Call the stage once. Raises StageFault if the stage raised or violated its contract."""
         try:
             self._function(*self._arguments)
         except KeyboardInterrupt:

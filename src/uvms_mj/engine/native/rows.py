@@ -25,10 +25,7 @@ def recorded(
     loop: np.ndarray, stages: StageTable, u: np.ndarray, navigation: Navigation
 ) -> list[tuple[Signal, np.ndarray]]:
     """The signals of a row in order, each with its memory. The measurements are recorded unless navigation is perfect.
-
-    Raises:
-        InputError: two states have one name, or a state's name is taken or is not an identifier.
-    """
+    Raises InputError if two states have one name, or a state's name is taken or is not an identifier."""
     records = [loop["row"], loop["true"], loop["contact"], stages.signals, stages.allocation]
     places = {name: record[name] for record in reversed(records) for name in record.dtype.names or ()}
     found = [
@@ -45,11 +42,8 @@ def recorded(
 
 
 def check_states(states: Sequence[tuple[Stage, str]]) -> None:
-    """Refuse states that can't be recorded under their names.
-
-    Raises:
-        InputError: two states have one name, or a state's name is taken or is not an identifier.
-    """
+    """Refuse states that can't be recorded under their names. Raises InputError if two states have one name, or a
+    state's name is taken or is not an identifier."""
     taken = {signal.name for signal in (*RECORDED, *MEASURED, thruster_signal(0))} | _ATTRIBUTES
     faults: dict[Stage, list[Fault]] = {}
     for stage, name in states:

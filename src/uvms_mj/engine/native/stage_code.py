@@ -118,10 +118,8 @@ def compile_stage(
 
     A user's stage, which is ``guarded``, returns one of the codes above, and the address of its arena takes the place
     of the settings' one. It and the functions that it calls check indices and shapes and raise on a division by zero,
-    so that a mistake raises an exception. A shipped stage returns 0. ``out`` is a record or an array of float64.
-
-    Raises:
-        NotCompiled: numba can't compile the stage.
+    so that a mistake raises an exception. A shipped stage returns 0. ``out`` is a record or an array of float64. Raises
+    NotCompiled if numba can't compile the stage.
     """
     if not guarded:
         return native_function(stage, [settings, state, given, state, out])

@@ -66,21 +66,14 @@ class Entry:
             self.arena.start(self.settings)
 
     def call_plain(self) -> None:
-        """Run the stage as plain Python.
-
-        Raises:
-            StageFault: the stage raised or violated its contract.
-        """
+        """Run the stage as plain Python. Raises StageFault if the stage raised or violated its contract."""
         self.arena.fill(self.given, self.state)
         self._plain()
         self.arena.take(self.state, self.state_dot, self.out)
 
     def check(self, everything: bool) -> None:
-        """Search the arena's margins, all of them from time to time or if ``everything`` is true.
-
-        Raises:
-            StageFault: the stage wrote beyond one of its arrays.
-        """
+        """Search the arena's margins, all of them from time to time or if ``everything`` is true. Raises StageFault if
+        the stage wrote beyond one of its arrays."""
         now = time.monotonic()
         everything = everything or now - self._searched > SEARCH_S
         if everything:
@@ -167,11 +160,8 @@ class StageTable:
         return tuple(self.entries.values())
 
     def constants(self, setup: Setup, touched: Set[str]) -> dict[str, dict[str, Any]]:
-        """The constants of the stages that depend on the tables of a scenario that ``touched`` names, by table.
-
-        Raises:
-            InputError: a stage has other constants than its memory has room for.
-        """
+        """The constants of the stages that depend on the tables of a scenario that ``touched`` names, by table. Raises
+        InputError if a stage has other constants than its memory has room for."""
         found, faults = {}, []
         for table, entry in self.entries.items():
             if table in touched or entry.needs is None or not touched.isdisjoint(entry.needs):

@@ -25,10 +25,8 @@ from .values import BOOL, BYTE, FLAG, INT, NUMBERS, POINTER, SCALARS, WORD, Kind
 def translate(function: types.FunctionType, parameters: Sequence[np.dtype], name: str) -> ir.Module:
     """A module with one C function of 64-bit integers: each is a number or the address of a record or an array.
 
-    It returns what the Python function returns, or 0 if it returns nothing.
-
-    Raises:
-        Untranslatable: the function, or one that it calls, is not in the language of kernels.
+    It returns what the Python function returns, or 0 if it returns nothing. Raises Untranslatable if the function, or
+    one that it calls, is not in the language of kernels.
     """
     unit = _Unit(name)
     entry = ir.Function(unit.module, ir.FunctionType(WORD, [WORD] * len(parameters)), name)

@@ -150,11 +150,7 @@ def refuse_large(files: Mapping[str, bytes]) -> None:
 
 
 def header_of(files: Mapping[str, bytes]) -> Header:
-    """The header from the files of :func:`header_files`.
-
-    Raises:
-        InputError: a file is missing or invalid.
-    """
+    """The header from the files of :func:`header_files`. Raises InputError if a file is missing or invalid."""
     missing = [name for name in ("run.json", "scenario.toml", "geometry.json") if name not in files]
     if missing:
         raise InputError(f"{', '.join(missing)} is missing")
@@ -215,11 +211,8 @@ def _array(values: tuple[float, ...] | None) -> np.ndarray | None:
 
 
 def _run_of(data: bytes) -> _Run:
-    """The contents of run.json, of this format or of an older one.
-
-    Raises:
-        InputError: they are invalid, or of a format that is not read.
-    """
+    """The contents of run.json, of this format or of an older one. Raises InputError if they are invalid, or of a
+    format that is not read."""
     try:
         version = _VERSION.validate_json(data)
         oldest = min((*_UPGRADES, FORMAT))

@@ -140,10 +140,7 @@ class Block:
 
 class Format:
     """The channels of a log and the layout of its rows. ``names`` are the topics in their order; default: a new log's.
-
-    Raises:
-        KeyError: a topic is unknown, or no topic has a signal.
-    """
+    Raises KeyError if a topic is unknown, or no topic has a signal."""
 
     def __init__(self, header: Header, names: Sequence[str] | None = None) -> None:
         self.header = header

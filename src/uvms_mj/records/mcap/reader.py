@@ -57,10 +57,8 @@ def read(path: str | os.PathLike) -> Recording:
     """Read a log.
 
     A log that was cut off is read up to the cut. The outcome's message describes the missing part; its status is
-    ``truncated`` unless the log contains the outcome.
-
-    Raises:
-        InputError: the file can't be read, is not a log of uvms-mj, or is damaged.
+    ``truncated`` unless the log contains the outcome. Raises InputError if the file can't be read, is not a log of
+    uvms-mj, or is damaged.
     """
     with _opened(path) as reader:
         return reader.read()
@@ -264,11 +262,8 @@ class _Reader:
 
 
 def _format(header: Header, records: list[tuple[int, bytes]], notes: dict[str, str]) -> Format:
-    """The layout of a log's rows.
-
-    Raises:
-        InputError: the metadata or channels are damaged, or the topics are not those of a log with this header.
-    """
+    """The layout of a log's rows. Raises InputError if the metadata or channels are damaged, or the topics are not
+    those of a log with this header."""
     raw = b"".join(struct.pack("<BQ", opcode, len(content)) + content for opcode, content in records)
     if notes != sealed(notes) or notes.get("crc32 of channels") != f"{zlib.crc32(raw):08x}":
         raise InputError("is damaged: its metadata or channels are wrong")

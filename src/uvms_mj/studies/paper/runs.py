@@ -33,9 +33,8 @@ FINE, SWEEP = "_fine", "sweep_"
 def plan(scenario: Scenario, gains: Mapping[str, Mapping[str, Any]] = MappingProxyType({})) -> dict[str, Scenario]:
     """Scenarios of all runs of the study, by the name of their log; the longest first.
 
-    Args:
-        scenario: the common settings. Its gains apply to the runs of the same law.
-        gains: dotted keys and values for the runs of a law, by its name: ``{"fosm": {"controller.K_s": 24.0}}``.
+    The scenario has the common settings; its gains apply to the runs of the same law. ``gains`` are dotted keys and
+    values for the runs of a law, by its name: ``{"fosm": {"controller.K_s": 24.0}}``.
     """
     tables = scenario.to_dict()
     base = {
@@ -83,12 +82,8 @@ def run(
 
     The jobs run in threads. A run is native code and gives the same result as on its own.
 
-    Args:
-        jobs: scenarios by name.
-        folder: folder for the logs. The logs must not exist yet.
-        progress: called on this thread ten times per second with the steps done in all runs and their total. An
-            exception that it raises stops all runs.
-        workers: number of simultaneous runs; default: one per core.
+    ``progress`` is called on this thread ten times per second with the steps done in all runs and their total. An
+    exception that it raises stops all runs. ``workers`` is the number of simultaneous runs; default: one per core.
 
     Raises:
         InputError: a job can't run. The other jobs are stopped.
@@ -142,11 +137,8 @@ def _log_run(name: str, scenario: Scenario, folder: Path, progress: Callable[[in
 
 
 def load(folder: Path, names: Iterable[str]) -> Runs:
-    """Load the runs from a folder of logs.
-
-    Raises:
-        InputError: a log is missing, damaged or incomplete, or its scenario does not match its name.
-    """
+    """Load the runs from a folder of logs. Raises InputError if a log is missing, damaged or incomplete, or its
+    scenario does not match its name."""
     names = list(names)
     missing = [name for name in names if not (folder / f"{name}.mcap").is_file()]
     if missing:

@@ -64,10 +64,8 @@ def plot(traces: Mapping[str, Trace], what: str) -> Figure:
     """Draw one figure, one of :data:`WHATS`, of a run or of several runs on the same axes, by their names in it.
 
     For one run, components with the same unit share a panel. For several runs, each component has a panel and each run
-    has the colour of its law. The size of the figure does not depend on the number of runs.
-
-    Raises:
-        InputError: a trace has fewer than two samples, no law has the quantity, or there are too many panels.
+    has the colour of its law. The size of the figure does not depend on the number of runs. Raises InputError if a
+    trace has fewer than two samples, no law has the quantity, or there are too many panels.
     """
     if what not in WHATS:
         raise InputError(f"{what}: is not a quantity to draw; {suggestion(what, WHATS)}")

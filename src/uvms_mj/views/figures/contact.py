@@ -46,8 +46,10 @@ def forces(traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]) 
 
 
 def expected_forces(trace: Trace) -> list[tuple[str, float]]:
-    """Names and values of the force expected at a rigid wall and of the force of the closed form [N]."""
-    found = [("expected", demanded_force(trace.scenario, math.inf))]  # the paper neglects the wall's compliance
+    """Names and values of the force that the impedance task demands at a rigid wall, and of the closed form [N]."""
+    found = []
+    if "s" in trace.header.by_name:  # the law uses the task
+        found.append(("expected", demanded_force(trace.scenario, math.inf)))  # the paper neglects the wall's compliance
     if isinstance(trace.analytic, SteadyState):
         found.append(("analytic", trace.analytic.force))
     return [(name, force) for name, force in found if 0.0 < force < math.inf]

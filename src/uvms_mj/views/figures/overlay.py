@@ -114,7 +114,7 @@ class Overlay:
         return _panel(f"range of state {name}", unit_of(signal, slice(0, 1)), draw, flat, wholes)
 
     def states(self) -> list[str]:
-        """The names of all states of all runs' laws."""
+        """The names of all states of all runs' stages."""
         return list(dict.fromkeys(signal.name for trace in self.traces.values() for signal in states_of(trace)))
 
 

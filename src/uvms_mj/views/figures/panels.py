@@ -39,11 +39,8 @@ class Panel:
     """Contents of one panel, independent of its axes.
 
     Attributes:
-        quantity: name of y.
-        unit: unit of y; empty if unknown.
         draw: draws the lines, in SI.
         largest: magnitude that determines the SI prefix of y; the default, 1, gives no prefix.
-        insets: enlarged parts of the panel.
         height: in heights of an ordinary panel.
         within: y is logarithmic beyond +-within; None for a linear axis.
     """
@@ -176,7 +173,7 @@ def integral(trace: Trace, other: Trace | None = None) -> Panel:
 
 
 def state(trace: Trace, signal: Signal) -> Panel:
-    """A state of a law that is not a vector of six: its numbers, or the range of more than six numbers."""
+    """A state of a stage that is not a vector of six: its numbers, or the range of more than six numbers."""
     values = trace[signal.name].reshape(len(trace), signal.size)
 
     def draw(ax: Axes) -> None:
@@ -238,6 +235,6 @@ def level(ax: Axes, t: np.ndarray, value: float, label: str, look: dict[str, Any
 
 
 def states_of(trace: Trace) -> Sequence[Signal]:
-    """Signals of the law's states; empty for a law without states."""
-    names = trace.header.law.states
+    """Signals of the states of all stages; empty if none has a state."""
+    names = {name for source in trace.header.sources.values() for name in source.states}
     return [signal for signal in trace.signals if signal.name in names]

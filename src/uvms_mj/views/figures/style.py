@@ -60,11 +60,8 @@ def styled() -> Iterator[None]:
 
 def save(figure: Figure, path: str | os.PathLike, formats: Sequence[str] = ("png", "svg")) -> list[Path]:
     """Write a figure to files, and return them in the order of ``formats``, some of :data:`FORMATS`. The path has no
-    suffix. The same figure gives the same bytes. Existing files are replaced atomically.
-
-    Raises:
-        InputError: a file can't be written.
-    """
+    suffix. The same figure gives the same bytes. Existing files are replaced atomically. Raises InputError if a file
+    can't be written."""
     stem = Path(path)
     return [_write(figure, stem.with_name(f"{stem.name}.{kind}"), kind) for kind in formats]
 

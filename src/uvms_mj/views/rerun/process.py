@@ -48,10 +48,8 @@ def free_port() -> int:
 def start(options: Sequence[str], port: int, lives_s: float = 0.0) -> subprocess.Popen:
     """Start ``rerun`` with command-line options in a new session, and wait until it listens on a port.
 
-    It must then keep running for ``lives_s`` [s], because the viewer listens before it opens its window.
-
-    Raises:
-        InputError: the process ended, or does not listen.
+    It must then keep running for ``lives_s`` [s], because the viewer listens before it opens its window. Raises
+    InputError if the process ended, or does not listen.
     """
     with tempfile.TemporaryFile() as errors:
         process = _rerun(options, stdin=subprocess.DEVNULL, stderr=errors)

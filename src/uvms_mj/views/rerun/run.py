@@ -52,12 +52,10 @@ _ALONE = Place()
 class Run:
     """Writes one run to a Rerun stream.
 
+    Among several runs, one has a label, the prefix of its paths and names, and a colour.
+
     Args:
-        header: header of the run.
-        label: prefix of the run's paths and names among several runs; empty for a single run.
-        colour: colour of the run among several runs; None for a single run.
         row_steps: rows between two samples that are sent.
-        place: lane of the run and scale of its arrows.
         extents: ranges of the signals of a finished run; None while the run is in progress.
     """
 

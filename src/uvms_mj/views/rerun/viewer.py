@@ -85,11 +85,8 @@ class LiveView:
 
 
 def show(traces: Mapping[str, Trace]) -> None:
-    """Open the viewer with traces by label. The viewer remains open after the return.
-
-    Raises:
-        InputError: the viewer does not start, or was closed before it received all data.
-    """
+    """Open the viewer with traces by label. The viewer remains open after the return. Raises InputError if the viewer
+    does not start, or was closed before it received all data."""
     sender = _viewer()
     recording = _Recording(_runs(traces))
     try:
@@ -102,11 +99,8 @@ def show(traces: Mapping[str, Trace]) -> None:
 
 
 def save(traces: Mapping[str, Trace], path: Path) -> None:
-    """Write traces by label as a recording with its layout. The file is written atomically.
-
-    Raises:
-        InputError: the file can't be written.
-    """
+    """Write traces by label as a recording with its layout. The file is written atomically. Raises InputError if the
+    file can't be written."""
     with whole(path) as part:
         recording = _Recording(_runs(traces))
         for _ in recording.blocks(traces):
@@ -115,11 +109,8 @@ def save(traces: Mapping[str, Trace], path: Path) -> None:
 
 
 def serve(traces: Mapping[str, Trace]) -> None:
-    """Serve the web viewer with traces by label, on this machine only, until Ctrl-C. Prints the address.
-
-    Raises:
-        InputError: Rerun's page can't be obtained.
-    """
+    """Serve the web viewer with traces by label, on this machine only, until Ctrl-C. Prints the address. Raises
+    InputError if Rerun's page can't be obtained."""
     with tempfile.TemporaryDirectory() as folder:
         recording = Path(folder) / "run.rrd"
         save(traces, recording)

@@ -31,10 +31,7 @@ _POLICY = (
 @contextmanager
 def web_viewer(recording: Path, port: int = 0) -> Iterator[str]:
     """A context in which an .rrd file is served on a port, 0 for any free one. Its value is the viewer's address.
-
-    Raises:
-        InputError: the port is in use, or Rerun's page can't be obtained.
-    """
+    Raises InputError if the port is in use, or Rerun's page can't be obtained."""
     files = _page()
     try:
         server = _Server(port, files, recording)

@@ -43,7 +43,6 @@ class Claim:
     """A sentence that can be checked.
 
     Attributes:
-        id: short name.
         text: the sentence, in this project's words.
         where: equation, figure or section of the paper.
         measured: name and unit of the measured quantity, ``force at rest [N]``; without a unit it is a pure number.
