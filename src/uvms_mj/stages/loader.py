@@ -45,7 +45,7 @@ class Choice(Generic[_Stage]):
         noun, key = self.base.room.noun, f"{self.base.room.table}.name"
         if not isinstance(source, str):
             known = f"choose from {', '.join(self.shipped)}"
-            raise InputError([Fault(key, f"{source!r} is not the name of a {noun}; {known}")])
+            raise InputError([Fault(key, f"{source!r} is not the name of any {noun}; {known}")])
         if source in self.shipped:
             return self.shipped[source]
         file, colon, class_name = source.rpartition(":")
@@ -68,7 +68,7 @@ class Choice(Generic[_Stage]):
                 there = f"it has no class derived from {self.base.__name__}"
             if class_name in stages:
                 room = stages[class_name].room
-                there = f"it is a {room.noun}: use {room.table}.name"
+                there = f"it is {'an' if room.noun[0] == 'a' else 'a'} {room.noun}: use {room.table}.name"
             raise InputError([Fault(key, f"no {noun} {class_name!r} in {file}; {there}")])
         cls = found[class_name]
         check_contract(cls, file)

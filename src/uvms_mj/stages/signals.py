@@ -150,7 +150,7 @@ STATE = (
     Signal("t", (), "s", "-", "time"),
     *(_SET[name] for name in ("p_WB", "quat_WB", "nu")),
     Signal("nu_dot", (6,), "m/s^2, rad/s^2", "B", "acceleration, time derivative of nu"),
-    *(_SET[name] for name in ("p_d", "p_d_dot", "quat_d", "eta_e", "nu_e", "s", "zeta", "tau_nom")),
+    *(_SET[name] for name in ("p_d", "p_d_dot", "p_d_ddot", "quat_d", "eta_e", "nu_e", "s", "zeta", "tau_nom")),
     WRENCH_COMMAND,
     Signal("tau", (6,), _WRENCH, "B", "wrench produced by the thrusters, B u"),
     _SET["tau_dist"],
