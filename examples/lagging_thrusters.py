@@ -16,12 +16,13 @@ class LaggingThrusters(Actuation):
 
     time_constant: Positive = setting(0.02, "s", "time constant T")
 
-    states = {"thrust": "thrusters"}
-    units = {"thrust": "N"}
+    states = {"thrust": "thrusters", "u_cmd": "thrusters"}
+    units = {"thrust": "N", "u_cmd": "N"}
 
     @staticmethod
     def step(settings, state, given, state_dot, u):
         pseudo_inverse(given, u)
         for i in range(u.shape[0]):
+            state.u_cmd[i] = u[i]
             state_dot.thrust[i] = (u[i] - state.thrust[i]) / settings.time_constant
             u[i] = state.thrust[i]

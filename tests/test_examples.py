@@ -103,6 +103,7 @@ def test_a_thruster_answers_a_step_as_a_first_order_lag(tmp_path):
     assert trace.u[:, 0] == pytest.approx(3.0 * (1.0 - (1.0 - h / T) ** k), abs=1e-12)
     assert np.abs(trace.u[:, 0] - 3.0 * (1.0 - np.exp(-trace.t / T))).max() < 3.0 * h / T
     assert np.array_equal(trace.thrust, trace.u)
+    assert trace.u_cmd[:, 0] == pytest.approx(3.0)
     assert trace.tau[:, 0] == pytest.approx(trace.u[:, 0] + trace.u[:, 1])
 
 
@@ -114,11 +115,14 @@ def test_the_reference_is_a_circle_and_the_vehicle_follows_it():
         "simulation.duration": 20.0,
     }
     trace = simulate(Scenario.load("push_wall", settings))
-    t, angle = trace.t, 0.2 * trace.t
+    t, angle = trace.t, 0.2 * (trace.t - 1.0 + np.exp(-trace.t))
     circle = np.stack([0.1 + 0.5 * np.sin(angle), 0.7 - 0.5 * np.cos(angle), np.full_like(t, -0.3)], axis=1)
     assert trace.p_d == pytest.approx(circle, abs=1e-12)
     slope = (trace.p_d[2:] - trace.p_d[:-2]) / (t[2:] - t[:-2])[:, None]
     assert trace.p_d_dot[1:-1] == pytest.approx(slope, abs=1e-7)
+    slope = (trace.p_d_dot[2:] - trace.p_d_dot[:-2]) / (t[2:] - t[:-2])[:, None]
+    assert trace.p_d_ddot[1:-1] == pytest.approx(slope, abs=1e-6)
+    assert not trace.p_d_dot[0].any()
     assert np.abs(trace.eta_e[t > 10.0]).max() < 1e-4
 
 

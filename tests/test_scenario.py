@@ -84,7 +84,7 @@ def test_every_fault_is_named_at_once_with_key_value_and_what_would_be_right(tmp
     [
         ("wall = 3", "wall: 3 is not a table"),
         ("controller = 3", "controller: 3 is not a table"),
-        ("[controller]\nname = 3", "controller.name: 3 is not the name of a law"),
+        ("[controller]\nname = 3", "controller.name: 3 is not the name of any law"),
         ("[wall]\nposition = true", "wall.position: True is not a finite number"),
         ("[controller]\nname = 'gtsa'", "did you mean 'gsta'?"),
         ("[controller]\nF_2 = 0.0", "controller.F_2"),

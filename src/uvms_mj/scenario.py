@@ -277,7 +277,7 @@ def keys() -> Iterable[tuple[str, Any, str]]:
     for name, table in _TABLES.items():
         if name in STAGES:
             noun = STAGES[name].base.room.noun
-            yield f"{name}.name", table.name, f"name of a {noun}, or path/to/file.py:ClassName"
+            yield f"{name}.name", table.name, f"name of the {noun}, or path/to/file.py:ClassName"
         for field in dataclasses.fields(Controller if name == "controller" else table):
             unit = f" [{field.metadata['unit']}]" if "unit" in field.metadata else ""
             yield f"{name}.{field.name}", field.default, field.metadata.get("meaning", "") + unit

@@ -2,12 +2,14 @@
 
 import dataclasses
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from uvms_mj import Gsta, Scenario, Trace, simulate
 from uvms_mj.analysis import metrics, residual, rest
+from uvms_mj.analysis.summary import summary
 from uvms_mj.records.header import Outcome, Status
 
 H = 1e-3
@@ -53,6 +55,29 @@ def running(increments: np.ndarray) -> np.ndarray:
 def decimated(trace: Trace, n: int) -> Trace:
     header = dataclasses.replace(trace.header, row_steps=n * trace.header.row_steps)
     return Trace(header, {name: trace[name][::n] for name in trace}, trace.outcome)
+
+
+def far(t):
+    """3 m away from the reference, which is at 0."""
+    return axis(np.full(len(t), 3.0), 1, 3)
+
+
+def test_a_vehicle_that_leaves_its_reference_is_astray(synthetic):
+    moving, still = (lambda t, v=v: axis(np.full(len(t), v), 2) for v in (0.1, 0.0))
+    assert metrics.astray(synthetic(2.0, p_WB=far, nu_e=moving)) == 3.0
+    assert metrics.astray(synthetic(2.0, p_WB=far, nu_e=still)) is None
+    assert metrics.astray(synthetic(2.0, p_WB=far, p_d=far, nu_e=moving)) is None
+    ahead = synthetic(2.0, p_WB=lambda t: axis(np.full(len(t), -3.0), 0, 3), nu_e=moving, final_high=np.ones_like)
+    assert metrics.astray(ahead) is None
+
+
+def test_an_unstable_loop_that_stays_within_the_bounds_is_told():
+    lag = Path(__file__).parents[2] / "examples" / "lagging_thrusters.py"
+    slow = {"actuation.name": f"{lag}:LaggingThrusters", "actuation.time_constant": 0.2, "simulation.duration": 10.0}
+    trace = simulate(Scenario.load("push_wall", slow))
+    (warning,) = summary(trace, {})["warnings"]
+    assert trace.status is Status.completed
+    assert "from its reference: the loop may be unstable" in warning
 
 
 def test_settling_time_of_an_exponential(synthetic):

@@ -1,10 +1,11 @@
 """The table of a run: digits that the run supports, and a relative error only where it exists."""
 
+import dataclasses
 import re
 
 import pytest
 
-from uvms_mj import Scenario, Trace, simulate
+from uvms_mj import Scenario, Status, Trace, simulate
 from uvms_mj.analysis.metrics import final_force
 from uvms_mj.analysis.summary import summary
 from uvms_mj.cli.console import Console
@@ -38,6 +39,12 @@ def test_a_run_in_contact_that_has_not_settled_has_no_relative_error(trace, caps
     assert trace.touches[-1] > 0
     assert not final_force(trace)[1]
     assert "relative error" not in table_of(trace, capsys)
+
+
+def test_a_run_that_was_stopped_has_no_error_bars(trace, capsys):
+    assert "error bars" in table_of(trace, capsys)
+    stopped = dataclasses.replace(trace, outcome=dataclasses.replace(trace.outcome, status=Status.failed))
+    assert "error bars" not in table_of(stopped, capsys)
 
 
 def test_the_table_prints_the_digits_that_a_run_supports(paper_run, capsys):

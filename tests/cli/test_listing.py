@@ -21,6 +21,7 @@ def test_stages_lists_all_with_settings_and_states(here, tmp_path):
     for room, table in rooms.items():
         part = here("stages", room).stdout
         assert part in text
+        assert here("stages", table).stdout == part
         for name, cls in STAGES[table].shipped.items():
             assert f"{name}: " in part
             for word in (*(field.name for field in cls.setting_fields()), *cls.states):
@@ -33,7 +34,7 @@ def test_stages_lists_all_with_settings_and_states(here, tmp_path):
         assert word in own
     wrong = here("stages", "navigation", f"{tmp_path / 'lag.py'}:Lag")
     assert wrong.exit_code == 2
-    assert "no class derived from Navigation" in wrong.stderr
+    assert "it is an actuation stage: use actuation.name" in wrong.stderr
 
 
 LAG = """

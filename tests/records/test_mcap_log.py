@@ -63,6 +63,8 @@ def test_an_independent_decoder_reads_the_same_numbers(logged):
     assert np.array_equal(values("/reference/pose", lambda m: pose(m.pose))[:, :3], trace.p_d)
     assert np.array_equal(values("/reference/twist", twist), np.hstack([trace.p_d_dot, zeros]))
     assert np.array_equal(values("/error/twist", twist), trace.nu_e)
+    accelerations = values("/reference/accel", lambda m: xyz(m.accel.linear) + xyz(m.accel.angular))
+    assert np.array_equal(accelerations, np.hstack([trace.p_d_ddot, zeros]))
     assert np.array_equal(values("/accel", lambda m: xyz(m.accel.linear) + xyz(m.accel.angular)), trace.nu_dot)
     for topic in ("tau_nom", "tau_cmd", "tau", "tau_dist"):
         assert np.array_equal(values(f"/{topic}", wrench), trace[topic]), topic

@@ -210,7 +210,7 @@ def test_a_wrong_name_is_answered_with_the_right_ones(tmp_path, table):
     default = choice.default.name
     cases = {
         default[:-1]: f"did you mean '{default}'",
-        3: "3 is not the name of a",
+        3: "3 is not the name of any",
         "nowhere.py:Own": "no file 'nowhere.py'",
         file_with(tmp_path, GOOD[table]).replace(":Own", ":Other"): "no .* 'Other' in .*its .* are .*Own",
     }

@@ -42,6 +42,12 @@ def final_force(trace: Trace) -> tuple[float | None, bool]:
     return float(impulse[-1] - impulse[start]) / window if window > 0.0 else float(trace.push[-1]), False
 
 
+def rest_force(trace: Trace) -> float | None:
+    """:func:`final_force` if it has settled [N]; otherwise None."""
+    force, settled = final_force(trace)
+    return force if settled else None
+
+
 # Metrics of a whole run or a part of it. A part extends from the first row at or after `start` to the last row at or
 # before `end` [s]. Vectors (6,) are [N, N m] unless another unit is given. Quantities that accumulate at every step are
 # differences of a running signal between two rows, so that they do not depend on the log rate.
@@ -126,9 +132,26 @@ def impact_impulse(trace: Trace) -> float | None:
     return float(trace.impulse[begun[0] + free[0]] if len(free) else trace.impulse[-1])
 
 
+def astray(trace: Trace) -> float | None:
+    """Largest distance from the reference over the last 0.5 s of a completed run [m], if it is beyond the vehicle's
+    own reach and the vehicle still moves relative to the reference; otherwise None.
+
+    The distance along the wall's normal does not count in contact, where a target behind the wall is out of reach.
+    """
+    if len(trace) == 0 or trace.status is not Status.completed:
+        return None
+    late = trace.t >= trace.t[-1] - FINAL_WINDOW_S
+    error = trace.p_WB[late] - trace.p_d[late]
+    if trace.final_high[-1] > 0.0:
+        error[:, 0] = 0.0
+    distance = float(np.linalg.norm(error, axis=1).max())
+    moving = np.abs(trace.nu_e[late]).max() > AT_REST
+    return distance if moving and distance > trace.header.geometry.reach else None
+
+
 def steady_force_error(trace: Trace) -> float | None:
-    """:func:`final_force` minus :func:`.rest.demanded_force` [N]; None if there is no final force or no demand."""
-    final, _ = final_force(trace)
+    """:func:`rest_force` minus :func:`.rest.demanded_force` [N]; None if the force has not settled or has no demand."""
+    final = rest_force(trace)
     error = math.nan if final is None else final - demanded_force(trace.scenario)
     return None if math.isnan(error) else error
 

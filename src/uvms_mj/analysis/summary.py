@@ -33,6 +33,15 @@ def _relative_error(trace: "Trace") -> float | None:
     return (final_N - analytic_N) / analytic_N if settled and final_N and analytic_N else None
 
 
+def ending(trace: "Trace") -> tuple[str, ...]:
+    """Warnings about how a run ended, besides its status."""
+    from .metrics import astray
+
+    distance = astray(trace)
+    lost = "the vehicle is still moving at the end, up to {:.3g} m from its reference: the loop may be unstable"
+    return () if distance is None else (lost.format(distance),)
+
+
 def _position(trace: "Trace") -> list[float] | None:
     position = getattr(trace.analytic, "position", None)
     return None if position is None else position.tolist()
@@ -43,7 +52,7 @@ _NUMBERS: "Mapping[str, Callable[[Trace], Any]]" = {
     "controller": lambda trace: trace.scenario.controller.label(),
     "status": lambda trace: trace.status.name,
     "message": lambda trace: trace.message or None,
-    "warnings": lambda trace: list(trace.notes),
+    "warnings": lambda trace: [*trace.notes, *ending(trace)],
     "steps": lambda trace: trace.steps,
     "timestep_s": lambda trace: trace.scenario.simulation.timestep,
     "duration_s": lambda trace: trace.duration_s,

@@ -127,7 +127,8 @@ def _run_table(trace: Any, report: dict[str, Any]) -> None:
     table = facts(printable(f"{report['scenario']} · {report['controller']} · {report['status']}"))
     for name, value in (*_contact_rows(trace, report), *_motion_rows(trace, report), *_run_rows(trace, report)):
         table.add_row(name, value)
-    table.add_row("error bars", "uvms-mj converge, with the same scenario and settings", style="dim")
+    if report["status"] == "completed":
+        table.add_row("error bars", "uvms-mj converge, with the same scenario and settings", style="dim")
     print_table(table)
 
 

@@ -12,6 +12,10 @@ if TYPE_CHECKING:
     from ..stages.base import Stage
 
 
+ROOMS = ("guidance", "navigation", "control", "actuation", "reference", "controller")
+"""The rooms, and the tables of a scenario that are called otherwise."""
+
+
 @command()
 @click.argument("laws", nargs=-1, metavar="[LAW]...")
 def controllers(laws: tuple[str, ...]) -> None:
@@ -25,7 +29,7 @@ def controllers(laws: tuple[str, ...]) -> None:
 
 
 @command()
-@click.argument("room", required=False, type=click.Choice(("guidance", "navigation", "control", "actuation")))
+@click.argument("room", required=False, type=click.Choice(ROOMS))
 @click.argument("names", nargs=-1, metavar="[STAGE]...")
 def stages(room: str | None, names: tuple[str, ...]) -> None:
     """List the stages of all rooms, or of ROOM, with their settings, units, defaults and states; STAGE may be
@@ -35,7 +39,7 @@ def stages(room: str | None, names: tuple[str, ...]) -> None:
         from ..scenario import STAGES
 
         for table, choice in STAGES.items():
-            if room in (None, choice.base.room.name):
+            if room in (None, choice.base.room.name, table):
                 if table == "controller" and not names:
                     _print_stage(ImpedanceTask)
                 for name in names or choice.shipped:

@@ -151,7 +151,7 @@ def _simulate(
 ) -> int:
     """Run, write and report; return the exit status. The files that the run opens are added to ``files``."""
     from ..analysis.metrics import AROUND_THE_END_S
-    from ..analysis.summary import summary
+    from ..analysis.summary import ending, summary
     from ..engine.run import LawError, SinkError, simulate
     from ..errors import InputError
     from ..records.header import Status
@@ -180,6 +180,8 @@ def _simulate(
     if error is not None:
         click.echo(f"error: {error}", err=True)
         return EXIT_BAD_INPUT
+    for note in ending(trace):
+        click.echo(f"warning: {note}", err=True)
     if trace.status is not Status.completed:
         click.echo(f"{trace.status.name}: {trace.message}", err=True)
     return {Status.unstable: EXIT_UNSTABLE, Status.interrupted: exit_interrupted()}.get(trace.status, 0)

@@ -45,7 +45,7 @@ class Choice(Generic[_Stage]):
         noun, key = self.base.room.noun, f"{self.base.room.table}.name"
         if not isinstance(source, str):
             known = f"choose from {', '.join(self.shipped)}"
-            raise InputError([Fault(key, f"{source!r} is not the name of a {noun}; {known}")])
+            raise InputError([Fault(key, f"{source!r} is not the name of any {noun}; {known}")])
         if source in self.shipped:
             return self.shipped[source]
         file, colon, class_name = source.rpartition(":")
@@ -54,8 +54,12 @@ class Choice(Generic[_Stage]):
             own = f"for your own {noun} give path/to/file.py:ClassName"
             raise InputError([Fault(key, f"no {noun} {source!r}; {hint}; {own}")])
         path = Path(file)
-        if not os.path.isfile(path):  # Path.is_file raises for a name that is too long
-            raise InputError([Fault(key, f"no file {file!r} (looked in {Path.cwd()})")])
+        try:
+            there, reason = path.is_file(), f"looked in {Path.cwd()}"
+        except OSError as error:
+            there, reason = False, str(error.strerror)
+        if not there:
+            raise InputError([Fault(key, f"no file {file!r} ({reason})")])
         stages = {
             name: value
             for name, value in vars(_load(path.absolute(), key)).items()
@@ -68,7 +72,7 @@ class Choice(Generic[_Stage]):
                 there = f"it has no class derived from {self.base.__name__}"
             if class_name in stages:
                 room = stages[class_name].room
-                there = f"it is a {room.noun}: use {room.table}.name"
+                there = f"it is {'an' if room.noun[0] == 'a' else 'a'} {room.noun}: use {room.table}.name"
             raise InputError([Fault(key, f"no {noun} {class_name!r} in {file}; {there}")])
         cls = found[class_name]
         check_contract(cls, file)

@@ -150,7 +150,7 @@ STATE = (
     Signal("t", (), "s", "-", "time"),
     *(_SET[name] for name in ("p_WB", "quat_WB", "nu")),
     Signal("nu_dot", (6,), "m/s^2, rad/s^2", "B", "acceleration, time derivative of nu"),
-    *(_SET[name] for name in ("p_d", "p_d_dot", "quat_d", "eta_e", "nu_e", "s", "zeta", "tau_nom")),
+    *(_SET[name] for name in ("p_d", "p_d_dot", "p_d_ddot", "quat_d", "eta_e", "nu_e", "s", "zeta", "tau_nom")),
     WRENCH_COMMAND,
     Signal("tau", (6,), _WRENCH, "B", "wrench produced by the thrusters, B u"),
     _SET["tau_dist"],
@@ -173,7 +173,7 @@ RUNNING = (
     Signal("final_impulse", (), "N s", "W", "integral of the pushing force over the last 0.5 s of the run's duration"),
     Signal("final_low", (), "N", "W", "least pushing force over the last 0.5 s of the run's duration"),
     Signal("final_high", (), "N", "W", "greatest pushing force over the last 0.5 s of the run's duration"),
-    Signal("saturation_time", (), "s", "-", "time with a thruster at its limit, where tau differs from tau_cmd"),
+    Signal("saturation_time", (), "s", "-", "time with a thruster at u_min or u_max, where tau differs from tau_cmd"),
     Signal("boundary_layer_time", (6,), "s", "B", "time with |s_i| < epsilon (1e-3 if the law has no epsilon)"),
 )
 """Accumulated at every step, at any log rate, and recorded as running signals."""

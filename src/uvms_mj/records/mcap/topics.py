@@ -46,6 +46,7 @@ class Topic:
 _TYPES = {
     "nu_dot": ("/accel", _ACCEL),
     "p_d_dot": ("/reference/twist", _TWIST),
+    "p_d_ddot": ("/reference/accel", _ACCEL),
     "eta_e": ("/error/pose", _ARRAY),
     "nu_e": ("/error/twist", _TWIST),
     "nu_m": ("/measured/twist", _TWIST),

@@ -120,7 +120,7 @@ def _percent(part: float | None) -> float | None:
 
 
 MEASURES: tuple[tuple[str, str, Callable[[Trace], Any]], ...] = (
-    ("contact force at rest", "N", lambda trace: metrics.final_force(trace)[0]),
+    ("contact force at rest", "N", metrics.rest_force),
     ("force that the desired impedance demands", "N", lambda trace: rest.demanded_force(trace.scenario)),
     ("steady force error", "N", metrics.steady_force_error),
     ("first contact", "s", lambda trace: trace.first_contact[-1] if trace.touches[-1] else None),
