@@ -55,10 +55,10 @@ class Choice(Generic[_Stage]):
             raise InputError([Fault(key, f"no {noun} {source!r}; {hint}; {own}")])
         path = Path(file)
         try:
-            there, reason = path.is_file(), f"looked in {Path.cwd()}"
+            is_there, reason = path.is_file(), f"looked in {Path.cwd()}"
         except OSError as error:
-            there, reason = False, str(error.strerror)
-        if not there:
+            is_there, reason = False, str(error.strerror)
+        if not is_there:
             raise InputError([Fault(key, f"no file {file!r} ({reason})")])
         stages = {
             name: value
