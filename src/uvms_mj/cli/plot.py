@@ -14,7 +14,9 @@ FORMATS = ("png", "svg", "pdf")
 @command()
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...")
 @click.option("--what", type=click.Choice(WHATS), default="summary", show_default=True, help="Signals to plot.")
-@path_option("-o", "--out", metavar="FILE", help="Output file, .png, .svg or .pdf [default: WHAT.png beside the first LOG].")
+@path_option(
+    "-o", "--out", metavar="FILE", help="Output file, .png, .svg or .pdf [default: WHAT.png beside the first LOG]."
+)
 @force_option
 def plot(logs: tuple[str, ...], what: str, out: str | None, force: bool) -> None:
     """Plot a log, or several logs on the same axes, each in the colour of its law.
