@@ -3,7 +3,6 @@
 Units are SI; angles are in degrees where a key ends in ``_deg``. The defaults are the paper's scenario (sec. 5).
 """
 
-import contextlib
 import dataclasses
 import difflib
 import os
@@ -237,11 +236,8 @@ def _is_of(table: Mapping[str, Any], choice: Choice, source: Any) -> bool:
     """Whether a table belongs to a stage: by its name, or by its settings if it has no name."""
     if "name" in table:
         return _absolute(table["name"]) == _absolute(source)
-    try:
-        settings = {field.name for field in choice.stage_class(source).setting_fields()}
-    except InputError:  # reported when the stage is loaded
-        return True
-    return set(table) <= {*settings, *TASK_KEYS}
+    settings = choice.settings(source)
+    return settings is None or set(table) <= {*settings, *TASK_KEYS}
 
 
 def _absolute(source: Any) -> Any:
@@ -262,7 +258,8 @@ def _override(tables: dict[str, Any], key: str, value: Any) -> list[Fault]:
         if table in _TABLES:
             known = ["name", *_KEYS[table]] if table in STAGES else _KEYS[table]
             return [Fault(key, f"is a table; its keys are {', '.join(f'{table}.{k}' for k in known)}")]
-        meant = [f"{t}.{table}" for t, keys in (_KEYS | _settings_of(tables)).items() if t and table in keys]
+        in_use = {t: choice.settings(tables[t].get("name", choice.default.name)) or () for t, choice in STAGES.items()}
+        meant = [f"{t}.{table}" for t, keys in (_KEYS | in_use).items() if t and table in keys]
         law_key = [f"controller.{table}"] if not meant and table not in _KEYS else []
         close = difflib.get_close_matches(table, [f"{t}.{k}" for t, keys in _KEYS.items() if t for k in keys], 1)
         hint = " or ".join(repr(m) for m in meant or close or law_key)
@@ -273,16 +270,6 @@ def _override(tables: dict[str, Any], key: str, value: Any) -> list[Fault]:
         return []  # the validator reports it
     tables.setdefault(table, {})[word] = value
     return []
-
-
-def _settings_of(tables: Mapping[str, Any]) -> dict[str, list[str]]:
-    """Names of the settings of the stages that the tables name."""
-    found = {}
-    for name, choice in STAGES.items():
-        with contextlib.suppress(InputError):  # reported when the stage is loaded
-            source = tables.get(name, {}).get("name", choice.default.name)
-            found[name] = [field.name for field in choice.stage_class(source).setting_fields()]
-    return found
 
 
 def keys() -> Iterable[tuple[str, Any, str]]:

@@ -107,16 +107,14 @@ from uvms_mj.navigation import perfect
 class HeldForce(Navigation):
     "Everything is perfect but the force, which is measured at every n-th instant and held."
     every: float = setting(1.0, "1", "instants from one measurement to the next")
-    states = {"held": 3}
+    states = {"f_W": 3, "tau_B": 6}
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
         perfect(given, out)
         if given.instant % int(settings.every) == 0:
-            state.held[:] = given.f_contact_W
-        for i in range(3):
-            out.f_contact_m_W[i] = state.held[i]
-            out.tau_contact_m_B[i] = state.held[i]  # B is parallel to W
+            state.f_W[:], state.tau_B[:] = given.f_contact_W, given.tau_contact_B
+        out.f_contact_m_W[:], out.tau_contact_m_B[:] = state.f_W, state.tau_B
 """
 
 

@@ -292,7 +292,7 @@ def declarations() -> dict[str, Case]:
         "states: true": ("states = {'x': True}", "states must be"),
         "states: no name": ("states = {'a b': 6}", "states must be"),
         "states: a number's name": ("states = {5: 6}", "states must be"),
-        "states: of a signal": ("states = {'p_WB': 6}", "name of a recorded signal"),
+        "states: of a signal": ("states = {'p_WB': 6}", "is the name of a signal"),
         "states: a property": ("states = property(lambda self: {'x': 6})", "states must be"),
         "units: a number": ("states = {'xi': 6}\nunits = {'xi': 5}", "unit as a text"),
         "units: a text": ("units = 'm'", "unit as a text"),

@@ -557,7 +557,7 @@ def test_the_states_of_every_stage_are_drawn_and_a_single_number_has_a_plain_nam
     assert {"z.x", "drift.x", "phase"} < names
     assert "phase" in trace.to_dataframe()
     both = {name for name, _ in lines_of(figures.plot({"a": trace, "b": trace}, "integral"))}
-    assert {"z.x", "drift.x", "phase."} < both
+    assert {"z.x", "drift.x", "phase"} < both
 
 
 def test_an_inset_gets_some_room_and_is_left_out_where_that_is_not_enough(traces, rng):

@@ -44,9 +44,9 @@ def _unknown(name: object, arrays: Mapping[str, np.ndarray]) -> str:
 class Trace:
     """The samples of a run: ``trace.s``, ``trace["f_contact_W"]``, each a read-only array (n, ...).
 
-    Row k of every signal belongs to the same instant ``trace.t[k]``. ``trace.signals`` gives the shape, unit, frame and
-    meaning of each signal. A trace from memory and one from a log are the same. ``trace.header`` has the facts known
-    before the first step: scenario, signals, model, geometry, versions and more.
+    Row k of every signal belongs to the same instant ``trace.t[k]``. ``trace.signals`` is a tuple with the shape, unit,
+    frame and meaning of each signal. A trace from memory and one from a log are the same. ``trace.header`` has the
+    facts known before the first step: scenario, signals by name, model, geometry, versions and more.
     """
 
     header: Header = field(repr=False)

@@ -74,6 +74,13 @@ class Choice(Generic[_Stage]):
         check_contract(cls, file)
         return cls
 
+    def settings(self, source: Any) -> list[str] | None:
+        """Names of the settings of a stage; None if it can't be found, which is reported when it is loaded."""
+        try:
+            return [field.name for field in self.stage_class(source).setting_fields()]
+        except InputError:
+            return None
+
 
 def stage_of(cls: type[_Stage], settings: Mapping[str, Any]) -> _Stage:
     """Make a stage of a class.

@@ -89,7 +89,7 @@ class Overlay:
         def draw(ax: Axes) -> None:
             for label, trace in having.items():
                 look = self.looks[label] | ({"zorder": _BELOW} if fills(values[label]) else {})
-                line(ax, trace.t, values[label], f"{name}.{component}", **look)
+                line(ax, trace.t, values[label], f"{name}.{component}".rstrip("."), **look)
 
         symbol = {"tau": "τ"}.get(name, name)
         return _panel(
