@@ -171,3 +171,19 @@ def test_an_action_of_another_shape_or_without_a_value_is_refused(action):
             push.apply(wrong)
     push.apply([0.0] * n)
     assert push.advance(1) == pytest.approx(math.exp(-1.0), abs=0.01)
+
+
+def test_all_wrong_arguments_are_reported_together():
+    with pytest.raises(InputError) as caught:
+        Push(
+            action="gains",
+            gains=["k_9"],
+            control_rate=3.0,
+            rate=3,
+            force_d=-1.0,
+            seed=-1,
+            randomise={"wall.stiffness": 1},
+        )
+    keys = [fault.key for fault in caught.value.faults]
+    assert sorted(keys) == ["control_rate", "force_d", "gains", "randomise['wall.stiffness']", "rate", "seed"]
+    assert "did you mean" in str(caught.value) or "choose from" in str(caught.value)

@@ -129,7 +129,7 @@ class Simulation:
         """(n,) commanded thrusts [N]. With the actuation ``external`` the caller sets it before a step."""
         return _view(self._stages.u_cmd, self.scenario.actuation.external)
 
-    def reset(self, seed: int | None = None, overrides: Mapping[str, Any] | None = None) -> None:
+    def reset(self, *, seed: int | None = None, overrides: Mapping[str, Any] | None = None) -> None:
         """Return to the start without compiling or building anything.
 
         Args:

@@ -23,9 +23,11 @@ exp(-1) = 0.37 less its effort. A run that diverges ends with the reward -1.
 **Randomisation**: ``randomise = {"current.speed": (0.0, 0.5), ...}`` draws each key uniformly at every reset.
 """
 
+import contextlib
 import dataclasses
+import inspect
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -80,27 +82,36 @@ class Push:
         effort_weight: float = 0.1,
         randomise: Mapping[str, tuple[Any, Any]] | None = None,
         seed: int | None = None,
+        **unknown: Any,
     ) -> None:
+        faults = [Fault(name, f"no such argument; {suggestion(name, ARGUMENTS)}") for name in unknown]
         chosen = (
             scenario.updated(overrides or {}) if isinstance(scenario, Scenario) else Scenario.load(scenario, overrides)
         )
         self.scenario = _with_action(chosen, action)
-        self.randomise = _bounds(self.scenario, overrides_of(randomise, "randomise"))
+        with _added_to(faults):
+            self.randomise = _bounds(self.scenario, overrides_of(randomise, "randomise"))
         demanded = demanded_force(self.scenario, self.scenario.wall.stiffness)
         force = demanded if force_d is None else force_d
-        found = _settings(
-            action, force_d=force, wrench_scale=wrench_scale, thrust_scale=thrust_scale, effort_weight=effort_weight
-        )
+        with _added_to(faults):
+            found = _settings(
+                action, force_d=force, wrench_scale=wrench_scale, thrust_scale=thrust_scale, effort_weight=effort_weight
+            )
+        with _added_to(faults):
+            self._base = _base_gains(self.scenario, _names("gains", gains)) if action == "gains" else {}
+        with _added_to(faults):
+            self.steps_each = _steps_each(self.scenario.simulation.timestep, control_rate)
+        with _added_to(faults):
+            self.action, self.rng = action, _random(seed)
+        if faults:
+            raise InputError(faults, "push")
         self.force_d, self.wrench_scale = found["force_d"].reshape(1), found["wrench_scale"]
         self.thrust_scale, self.effort_weight = float(found["thrust_scale"]), float(found["effort_weight"])
-        self._base = _base_gains(self.scenario, _names("gains", gains)) if action == "gains" else {}
-        self.steps_each = _steps_each(self.scenario.simulation.timestep, control_rate)
-        self.action, self.rng = action, _random(seed)
         self.simulation = Simulation(self.scenario)
-        unknown = [name for name in _names("observe", observe) if name not in self.simulation.signals]
-        if unknown:
+        absent = [name for name in _names("observe", observe) if name not in self.simulation.signals]
+        if absent:
             choices = list(self.simulation.signals)
-            raise InputError([Fault("observe", f"no signal {name!r}; {suggestion(name, choices)}") for name in unknown])
+            raise InputError([Fault("observe", f"no signal {name!r}; {suggestion(name, choices)}") for name in absent])
         self._observed = tuple(observe)
         self.size = {"wrench": 6, "thrusts": len(self.simulation.setup.vehicle.thrusters), "gains": len(self._base)}[
             action
@@ -163,6 +174,18 @@ class Push:
         return observed | {"force_d": self.force_d.copy()}
 
 
+ARGUMENTS = [name for name in inspect.signature(Push).parameters if name != "unknown"]
+
+
+@contextlib.contextmanager
+def _added_to(faults: list[Fault]) -> Iterator[None]:
+    """Context that adds the errors of an InputError to a list."""
+    try:
+        yield
+    except InputError as error:
+        faults += error.faults
+
+
 def _settings(action: Any, **given: Any) -> dict[str, np.ndarray]:
     """The numbers of the task. Raises InputError: a number or the action is wrong; lists every error."""
     found = {name: _numbers(value) for name, value in given.items()}
@@ -199,7 +222,7 @@ def _settings(action: Any, **given: Any) -> dict[str, np.ndarray]:
         if not good
     ]
     if wrong:
-        raise InputError(wrong, "push")
+        raise InputError(wrong)
     return found
 
 
