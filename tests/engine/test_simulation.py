@@ -541,3 +541,24 @@ def test_an_attitude_that_is_none_is_named(tmp_path, request, mistake, plain):
         assert bool(sim.slow_stages) == plain
         with pytest.raises(StageFault, match=said):
             sim.step()
+
+
+def test_a_helper_that_is_not_marked_is_told_how(tmp_path):
+    (tmp_path / "mine.py").write_text(UNMARKED)
+    with Simulation(Scenario.load("push_wall", WALL, f"{tmp_path / 'mine.py'}:Mine")) as sim:
+        assert any(note.endswith("mark the called function with numba.njit") for note in sim.notes)
+
+
+UNMARKED = """
+from dataclasses import dataclass
+from uvms_mj import Controller
+
+def blend(x):
+    return 2.0 * x
+
+@dataclass(frozen=True)
+class Mine(Controller):
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        tau_cmd[:] = blend(0.0)
+"""

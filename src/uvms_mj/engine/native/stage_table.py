@@ -95,7 +95,8 @@ class Entry:
         if self.code is not None:
             return ""
         slow = "runs as plain Python, which is slow, because numba can't compile it"
-        return f"{self.stage.label()} {slow}: {self.not_compiled}"
+        hint = "; mark the called function with numba.njit" if "<class 'function'>" in str(self.not_compiled) else ""
+        return f"{self.stage.label()} {slow}: {self.not_compiled}{hint}"
 
 
 def part(record: np.ndarray, signals: tuple[Signal, ...]) -> np.ndarray:
