@@ -2,15 +2,13 @@
 
 import json
 import re
-import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
-import tomli_w
 
-from recorded import LAW, decoded, rewritten, same
-from uvms_mj import InputError, Scenario, Status, Trace, simulate
+from recorded import decoded, rewritten, same
+from uvms_mj import InputError, Status, Trace, simulate
 from uvms_mj.physics.frames import rotation_matrices
 from uvms_mj.records import scene
 from uvms_mj.records.mcap import attachments, read_files, topics
@@ -102,26 +100,3 @@ def test_a_log_is_read_whatever_the_order_of_its_topics_and_the_looks_of_its_mar
     trace.save(tmp_path / "run.mcap")
     monkeypatch.undo()
     same(trace, Trace.load(tmp_path / "run.mcap"))
-
-
-def test_a_header_of_format_1_is_read(tmp_path):
-    """The earlier format has one law's source, and the task's gains among the law's."""
-    path = tmp_path / "my_law.py"
-    path.write_text(LAW)
-    settings = {"simulation.duration": 0.01, "task.F_1": 2.0, "task.integral": True}
-    trace = simulate(Scenario.load("push_wall", settings, f"{path}:Mine"))
-    files = attachments.header_files(trace.header)
-    run, tables = json.loads(files["run.json"]), tomllib.loads(files["scenario.toml"].decode())
-    run |= {"format": 1, "law": run.pop("stages")["controller"]}
-    tables["controller"] |= tables.pop("task")
-    for table in ("navigation", "actuation"):
-        del tables[table]
-    del tables["reference"]["name"], tables["simulation"]["seed"]
-    files |= {"run.json": json.dumps(run).encode(), "scenario.toml": tomli_w.dumps(tables).encode()}
-    read, now = attachments.header_of(files), attachments.header_of(attachments.header_files(trace.header))
-    assert read.scenario.to_dict() == now.scenario.to_dict()
-    assert read.scenario.task == trace.scenario.task
-    assert read.sources == now.sources
-    assert read.law.code == LAW
-    with pytest.raises(InputError, match=r"run\.json: stages\.controller: 1 is not a table"):
-        attachments.header_of(files | {"run.json": json.dumps(run | {"law": 1}).encode()})
