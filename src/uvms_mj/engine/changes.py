@@ -26,13 +26,15 @@ def changed(base: Setup, current: Setup, overrides: Mapping[str, Any], place: st
 
 def _changed(base: Setup, current: Setup, overrides: Mapping[str, Any]) -> tuple[Setup, frozenset[str]]:
     """``base`` with overrides by dotted keys, and what differs from it or from ``current``, the setup of the run before
-    the reset: tables of the scenario, and ``design`` if the design matrices differ. Raises InputError if a key or value
-    is invalid, or needs another plant or other machine code."""
+    the reset: tables of the scenario, ``seed`` if nothing else of ``simulation`` differs, and ``design`` if the design
+    matrices differ. Raises InputError if a key or value is invalid, or needs another plant or other machine code."""
     scenario = _updated(base.scenario, overrides_of(overrides))
     _refuse_other_code(base.scenario, scenario)
     before, now = current.scenario, base.scenario
     tables, old, oldest = scenario.__dict__, before.__dict__, now.__dict__
     touched = {name for name in _TABLES if tables[name] is not old[name] or tables[name] is not oldest[name]}
+    if "simulation" in touched and _stepping(scenario) == _stepping(before) == _stepping(now):
+        touched = touched - {"simulation"} | {"seed"}
     design = base.design
     if _design_inputs(scenario) != _design_inputs(base.scenario):
         with no_overflow(scenario):
@@ -71,7 +73,12 @@ def _with(scenario: Scenario, tables: Mapping[str, Any]) -> Scenario:
 
 
 def _design_inputs(scenario: Scenario) -> tuple[Any, ...]:
-    return scenario.impedance, scenario.estimates, scenario.reference.attitude_deg
+    return scenario.impedance, scenario.estimates.inertia, scenario.reference.attitude_deg
+
+
+def _stepping(scenario: Scenario) -> tuple[Any, ...]:
+    table = scenario.simulation
+    return table.timestep, table.duration, table.integrator
 
 
 def _refuse_other_code(base: Scenario, scenario: Scenario) -> None:

@@ -159,7 +159,7 @@ class Simulation:
         """
         with self._alone:
             setup, touched = changed(self.setup, self.setup, overrides, "set")
-            fixed = sorted(touched & {"initial", "simulation"})
+            fixed = sorted(touched & {"initial", "simulation", "seed"})
             if fixed:
                 raise InputError([Fault(name, "can't change during a run; give it to reset") for name in fixed], "set")
             self._memory.rewrite(setup, touched)

@@ -12,6 +12,7 @@ so the reference has no state and no discretisation error.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Iterable, Mapping
@@ -82,6 +83,15 @@ def _increasing(waypoints: tuple[Waypoint, ...]) -> tuple[Waypoint, ...]:
     return waypoints
 
 
+@functools.lru_cache(maxsize=8)
+def _padded(step_time: float, target: tuple[float, ...], waypoints: tuple[Waypoint, ...]) -> tuple[np.ndarray, ...]:
+    times, positions = np.full(MOST_WAYPOINTS, np.inf), np.zeros((MOST_WAYPOINTS, 3))
+    times[0], positions[0] = step_time, target
+    for n, step in enumerate(waypoints):
+        times[n], positions[n] = step.time, step.position
+    return times, positions
+
+
 @dataclass(frozen=True)
 class FilteredSteps(Guidance):
     """Position steps through a third-order filter, at a constant attitude."""
@@ -110,10 +120,7 @@ class FilteredSteps(Guidance):
     def constants(self, setup: Any) -> Mapping[str, Any]:
         """Times and positions of the steps have room for :data:`MOST_WAYPOINTS`, so that the machine code is the same
         for any number of them. A step at infinity never comes."""
-        times, positions = np.full(MOST_WAYPOINTS, np.inf), np.zeros((MOST_WAYPOINTS, 3))
-        times[0], positions[0] = self.step_time, self.target
-        for n, step in enumerate(self.waypoints):
-            times[n], positions[n] = step.time, step.position
+        times, positions = _padded(self.step_time, self.target, self.waypoints)
         values = {**super().constants(setup), "target": None, "step_time": None, "waypoints": None}
         start = self.start or setup.scenario.initial.position
         return {**values, "start": start, "times": times, "positions": positions}

@@ -199,7 +199,7 @@ WRITERS: tuple[tuple[tuple[str, ...], Callable[[RunMemory, Setup], None]], ...] 
     (("wall", "design"), write_wall),
     (("initial",), write_initial),
     (("design",), write_design),
-    (("simulation",), write_keys),
+    (("simulation", "seed"), write_keys),
     (("simulation", "navigation", "reference", "controller", "actuation"), write_control),
 )
 """The tables of a scenario, and the function that writes the numbers that depend on them. ``design`` is not a table: it
