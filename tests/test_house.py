@@ -68,7 +68,7 @@ def test_a_missing_extra_is_one_line_that_names_it():
     for extra, packages in EXTRAS.items():
         assert extras[extra][0].startswith(packages.split(",")[0])
         with pytest.raises(InputError) as raised, needs_extra(extra):
-            import a_package_that_is_not_installed  # noqa: F401
+            import a_package_that_is_not_installed  # noqa: F401  # the import fails
         assert str(raised.value).count("\n") == 0
         assert f"pip install 'uvms-mj[{extra}]'" in str(raised.value)
         assert "a_package_that_is_not_installed" in str(raised.value)

@@ -216,7 +216,7 @@ def test_a_closed_simulation_and_a_forgotten_one_detach():
 
 def test_an_unknown_signal_is_suggested(sim):
     with pytest.raises(AttributeError, match="no signal 'tau_cmdd'; did you mean 'tau_cmd'"):
-        sim.signals.tau_cmdd  # noqa: B018
+        sim.signals.tau_cmdd  # noqa: B018  # reading it is the test
     with pytest.raises(KeyError, match="no signal"):
         sim.signals["etae"]
 

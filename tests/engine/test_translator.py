@@ -177,7 +177,7 @@ def uses_nothing(data):
 
 
 def names(data):
-    data.a[0] = missing  # noqa: F821
+    data.a[0] = missing  # noqa: F821  # undefined on purpose
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("dm_control", reason="needs the extra dm (Python up to 3.12)")
 from dm_env import test_utils
 
-from uvms_mj import envs
+from uvms_mj import InputError, envs
 from uvms_mj.envs.push import Push
 
 SHORT = {"simulation.duration": 0.2, "simulation.timestep": 1e-3}
@@ -62,3 +62,8 @@ def test_a_divergence_ends_an_episode_with_discount_zero():
     while not step.last():
         step = env.step(np.ones(6))
     assert (step.reward, step.discount) == (-1.0, 0.0)
+
+
+def test_a_picture_is_refused_and_not_empty():
+    with pytest.raises(InputError, match="no geoms for drawing"):
+        envs.load("push_wall", overrides=SHORT).physics.render()

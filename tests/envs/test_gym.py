@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 gymnasium = pytest.importorskip("gymnasium", reason="needs the extra gym")
-from gymnasium.utils.env_checker import check_env  # noqa: E402
+from gymnasium.utils.env_checker import check_env  # noqa: E402  # after the skip
 
 import uvms_mj.envs  # noqa: E402, F401  # registers the environment
 

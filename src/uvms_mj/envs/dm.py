@@ -8,6 +8,7 @@ from dm_control.mujoco.wrapper import MjData
 from dm_control.rl import control
 from dm_env import specs
 
+from ..errors import InputError
 from .push import Diverged, Observation, Push
 
 
@@ -30,6 +31,14 @@ class WaterPhysics(Physics):
         """Begin an episode. Keyframes are not used."""
         self.push.reset()
         self.reward, self.divergence = 0.0, ""
+
+    def render(self, *arguments: Any, **settings: Any) -> Any:
+        """Refuse to draw an empty picture: the stepping model has no geoms for drawing.
+
+        Raises:
+            InputError: always.
+        """
+        raise InputError("render: the environment's model has no geoms for drawing; uvms-mj replay draws a run")
 
     def after_reset(self) -> None:
         """Nothing: the simulation has evaluated the state, with the actuation that dm_control would disable."""

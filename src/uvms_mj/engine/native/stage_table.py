@@ -101,7 +101,7 @@ class Entry:
 
 def part(record: np.ndarray, signals: tuple[Signal, ...]) -> np.ndarray:
     """Consecutive fields of a record (1,) as a record of their own (1,), in the same memory."""
-    offset = record.dtype.fields[signals[0].name][1]  # type: ignore[index]
+    offset = record.dtype.fields[signals[0].name][1]  # type: ignore[index]  # records have fields
     return np.ndarray(1, record_dtype(signals), record.view(np.uint8), offset)
 
 
