@@ -1,0 +1,173 @@
+"""Maps of metrics over two factors, with the region of failures hatched."""
+
+import itertools
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from matplotlib.tri import Triangulation
+
+from ...views.figures.style import PAGE_IN, styled
+from .data import Data, Factor, Metric, spans_decades
+from .sensitivity import SUCCESS, Sensitivities
+
+MOST_PAIRS, MOST_METRICS, MOST_LAWS = 3, 2, 4
+_MOST_NODES = 5000
+"""Most nodes of a triangulation; more are binned."""
+_PER_CELL, _MOST_CELLS = 12, 20
+"""Runs of a law in a cell, on average; most cells along an axis."""
+_HATCH = "////"
+_COLOURS = "cividis"
+"""A sequential map of colours that colour-blind readers see in the same order."""
+
+
+def pairs(found: Sensitivities) -> list[tuple[Factor, Factor]]:
+    """The pairs of factors to which the metrics are most sensitive, strongest first; the factors keep their order."""
+    total = {f: sum(found.strength(metric, f) for metric in found.of) for f in found.factors}
+    ordered = sorted(itertools.combinations(found.factors, 2), key=lambda pair: -total[pair[0]] - total[pair[1]])
+    return ordered[:MOST_PAIRS]
+
+
+def shown(data: Data, found: Sensitivities, pair: tuple[Factor, Factor]) -> list[Metric]:
+    """The metrics to draw over a pair: success if it varies, and those most sensitive to the pair."""
+    metrics = sorted(
+        (metric for metric in found.of if metric is not SUCCESS),
+        key=lambda metric: -sum(found.strength(metric, factor) for factor in pair),
+    )
+    rates = [data.success[rows].mean() for rows in data.rows.values() if len(rows)]
+    partly = any(0.0 < each < 1.0 for each in rates)
+    return ([SUCCESS] if partly else []) + metrics[:MOST_METRICS]
+
+
+def maps(data: Data, pair: tuple[Factor, Factor], metrics: Sequence[Metric]) -> Figure:
+    """Maps over a pair of factors: a row for each metric, a column for each law."""
+    laws = [law for law in data.laws if len(data.rows[law])][:MOST_LAWS]
+    with styled():
+        height = 0.55 + len(metrics) * min(2.1, 0.5 + 0.8 * PAGE_IN / (len(laws) + 0.5))
+        figure = Figure(figsize=(PAGE_IN, height))
+        axes = figure.subplots(len(metrics), len(laws), squeeze=False, sharex=True, sharey=True)
+        for row, metric in zip(axes, metrics, strict=True):
+            values = 100.0 * data.success if metric is SUCCESS else data.values(metric)
+            norm, levels = _norm(values, metric)
+            drawn = None
+            for ax, law in zip(row, laws, strict=True):
+                drawn = _draw(ax, data, law, pair, values, norm, levels) or drawn
+                for axis, factor in zip("xy", pair, strict=True):
+                    if factor.logarithmic:
+                        getattr(ax, f"set_{axis}scale")("log")
+                ax.grid(False)
+            if drawn is not None:
+                bar = figure.colorbar(drawn, ax=row, pad=0.01, fraction=0.05, aspect=14)
+                bar.set_label("success [%]" if metric is SUCCESS else metric.label, parse_math=False)
+                bar.outline.set_linewidth(0.4)
+            row[0].set_ylabel(pair[1].label, parse_math=False)
+        for ax, law in zip(axes[0], laws, strict=True):
+            ax.set_title(law, parse_math=False, color=data.colours[law], fontweight="bold")
+        for ax in axes[-1]:
+            ax.set_xlabel(pair[0].label, parse_math=False)
+    return figure
+
+
+def _norm(values: np.ndarray, metric: Metric) -> tuple[Normalize, np.ndarray]:
+    """Scale of the colours, the same for all laws, and levels of contours."""
+    if metric is SUCCESS:
+        return Normalize(0.0, 100.0), np.linspace(0.0, 100.0, 11)
+    found = values[np.isfinite(values)]
+    low, high = np.quantile(found, (0.01, 0.99)) if len(found) else (0.0, 1.0)
+    if high <= low:
+        low, high = low - 0.5, low + 0.5
+    if len(found) and spans_decades(found):
+        return LogNorm(low, high), np.geomspace(low, high, 10)
+    return Normalize(low, high), MaxNLocator(9, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
+
+
+def _draw(
+    ax: Axes,
+    data: Data,
+    law: str,
+    pair: tuple[Factor, Factor],
+    values: np.ndarray,
+    norm: Normalize,
+    levels: np.ndarray,
+) -> Any:
+    """Draw one map, and return what has the colours; None without a run."""
+    rows = data.rows[law]
+    x, y = (data.of(factor)[rows] for factor in pair)
+    table = pd.DataFrame({"x": x, "y": y, "value": values[rows], "success": data.success[rows].astype(float)})
+    table = table[np.isfinite(x) & np.isfinite(y)]
+    if not len(table):
+        return None
+    nodes = table.groupby(["x", "y"]).agg({"value": "median", "success": "mean"}).reset_index()
+    flat = min(nodes["x"].nunique(), nodes["y"].nunique()) < 3
+    if not flat and len(nodes) <= _MOST_NODES and (data.plan.design == "grid" or len(data.factors) == 2):
+        return _contours(ax, nodes, pair, norm, levels)
+    return _cells(ax, table, pair, norm)
+
+
+def _contours(
+    ax: Axes, nodes: pd.DataFrame, pair: tuple[Factor, Factor], norm: Normalize, levels: np.ndarray
+) -> Any:
+    """Contours over the nodes of a grid, or over scattered draws of two factors. Triangles of a node without a value
+    have no colour; the region where fewer than half of the runs succeed is hatched."""
+    x, y, value, success = (nodes[name].to_numpy() for name in nodes)
+    mesh = Triangulation(*(_unit(each, factor.logarithmic) for each, factor in zip((x, y), pair, strict=True)))
+    lost = ~np.isfinite(value)
+    drawn = None
+    usable = ~lost[mesh.triangles].any(axis=1)
+    if usable.any():
+        part = Triangulation(x, y, mesh.triangles, mask=~usable)
+        clean = np.where(lost, 0.0, value)
+        drawn = ax.tricontourf(part, clean, levels=levels, norm=norm, cmap=_COLOURS, extend="both")
+        ax.tricontour(part, clean, levels=levels, colors="white", linewidths=0.3)
+    whole = Triangulation(x, y, mesh.triangles)
+    if success.min() < 0.5:
+        ax.tricontourf(whole, success, levels=[-1.0, 0.5], colors="none", hatches=[_HATCH])
+        ax.tricontour(whole, success, levels=[0.5], colors="black", linewidths=0.8)
+    ax.set_xlim(x.min(), x.max())
+    ax.set_ylim(y.min(), y.max())
+    return drawn
+
+
+def _unit(values: np.ndarray, log: bool) -> np.ndarray:
+    """Values on their axis, from 0 to 1."""
+    values = np.log(values) if log else values
+    return (values - values.min()) / max(float(np.ptp(values)), 1e-300)
+
+
+def _cells(ax: Axes, table: pd.DataFrame, pair: tuple[Factor, Factor], norm: Normalize) -> Any:
+    """Medians in cells with about the same number of runs, hatched where fewer than half of the runs succeed."""
+    most = int(np.clip(np.sqrt(len(table) / _PER_CELL), 3, _MOST_CELLS))
+    edges, codes = zip(*(_edges(table[name].to_numpy(), most) for name in "xy"), strict=True)
+    cells = table.groupby([codes[0], codes[1]]).agg({"value": "median", "success": "mean"})
+    medians = np.full((len(edges[1]) - 1, len(edges[0]) - 1), np.nan)
+    at = np.array([*cells.index])
+    medians[at[:, 1], at[:, 0]] = cells["value"]
+    drawn = ax.pcolormesh(*edges, medians, norm=norm, cmap=_COLOURS, rasterized=True)
+    lost = at[cells["success"].to_numpy() < 0.5]
+    if len(lost):
+        corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
+        outlines = [[(edges[0][i + a], edges[1][j + b]) for a, b in corners] for i, j in lost]
+        ax.add_collection(PolyCollection(outlines, facecolors="none", edgecolors="black", hatch=_HATCH, linewidths=0.0))
+    return drawn
+
+
+def _edges(values: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """Edges of at most ``most`` bins with about the same number of values (n,), and the bin (n,) of each. Few distinct
+    values have a bin each."""
+    distinct = np.unique(values)
+    if len(distinct) <= most:
+        middles = (distinct[1:] + distinct[:-1]) / 2.0
+        step = np.diff(distinct, prepend=distinct[0] - 1.0 if len(distinct) == 1 else 2.0 * distinct[0] - distinct[1])
+        edges = np.r_[distinct[0] - step[0] / 2.0, middles, distinct[-1] + step[-1] / 2.0]
+    else:
+        edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, most + 1)))
+    codes = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
+    return edges, codes
+
+
