@@ -18,6 +18,7 @@ from .key_checks import combination_faults, key_faults
 from .metric import metric_of
 from .places import overrides_at, unit_of
 from .study_file import Logs, StudyFile, read
+from .success import Limit, limits
 
 MOST_RUNS = 10_000_000
 
@@ -60,6 +61,7 @@ class Plan:
         engine: "auto", "mujoco" or "free_body".
         tolerance: largest relative difference of a metric between the engines [1].
         time_limit_s: wall time after which a run ends [s]; None without a limit.
+        success: what a run must meet besides its completion, by metric; empty if it must have settled.
         notes: warnings about the plan.
     """
 
@@ -80,6 +82,7 @@ class Plan:
     engine: str
     tolerance: float
     time_limit_s: float | None
+    success: Mapping[str, Limit]
     notes: tuple[str, ...]
 
     @classmethod
@@ -228,6 +231,7 @@ def _plan(study: StudyFile, folder: Path, overrides: Mapping[str, Any], faults: 
         draws = 0
     metrics = [absolute(name, folder) for name in study.keep.metrics]
     faults += _keep_faults(metrics, study.keep.logs, runs)
+    success = limits(study.success, metrics, faults)
     drawn = points(kind, variations, draws, study.design.seed) if draws and complete else ()
     if laws and not any(fault.key.startswith("design") for fault in faults):
         faults += key_faults(variations, laws, drawn)
@@ -253,6 +257,7 @@ def _plan(study: StudyFile, folder: Path, overrides: Mapping[str, Any], faults: 
         study.run.engine,
         study.run.tolerance,
         study.run.time_limit_s,
+        success,
         tuple(notes),
     )
 
@@ -295,4 +300,5 @@ def _tables(
         "design": design | {"kind": kind},
         "keep": keep,
         "run": plain(study.run),
+        "success": plain(study.success),
     }

@@ -2,7 +2,6 @@
 
 import functools
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,12 +12,10 @@ from ...views import colours
 from ..draws import Variation
 from ..plan import Plan
 from ..study_file import DEFAULT_METRICS
+from ..success import COMPLETED, SETTLED, in_words, successes
 
 FIXED = ("index", "draw", "law", "repeat", "seed", "status", "message", "steps", "engine")
 """Columns of a row besides the varied keys and the metrics."""
-DONE = "completed"
-"""Status of a run whose metrics count."""
-SETTLED = "contact.settled"
 PREFERRED = (
     "contact.peak_N",
     "contact.relative_error",
@@ -36,7 +33,7 @@ _UNITS = {"N2s": "N² s", "Ns": "N s", "N": "N", "Nm": "N m", "s": "s", "m": "m"
 _SUFFIX = re.compile(rf"_({'|'.join(_UNITS)})(?=\.|\[|$)")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Factor:
     """One entry of ``[[vary]]``; of keys that move together, the first is its axis."""
 
@@ -57,6 +54,12 @@ class Factor:
     @property
     def label(self) -> str:
         return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+    @property
+    def limits(self) -> tuple[float, float] | None:
+        """The limits of its distribution; None without."""
+        given = self.variation.parameters[0] if self.variation.parameters else {}
+        return (given["low"], given["high"]) if "low" in given else None
 
     @property
     def logarithmic(self) -> bool:
@@ -127,36 +130,16 @@ class Data:
 
     @functools.cached_property
     def completed(self) -> np.ndarray:
-        return (self.frame["status"] == DONE).to_numpy()
-
-    @functools.cached_property
-    def limits(self) -> Mapping[str, Any]:
-        """The study's own definition of success: a range [low, high], true or false for each metric."""
-        return self.plan.success
+        return (self.frame["status"] == COMPLETED).to_numpy()
 
     @functools.cached_property
     def success(self) -> np.ndarray:
-        """Whether each run completed and meets the study's limits; without limits, whether it has settled."""
-        met = self.completed.copy()
-        if not self.limits:
-            return met & self.frame[SETTLED].eq(True).to_numpy() if SETTLED in self.frame else met
-        for name, limit in self.limits.items():
-            if isinstance(limit, bool):
-                met &= self.frame[name].eq(limit).to_numpy()
-            else:
-                met &= self._numbers(name).between(*limit).to_numpy()
-        return met
+        """Whether each run is a success."""
+        return successes(self.frame, self.plan.success)
 
     @property
     def success_text(self) -> str:
-        """The definition of success in words."""
-        if not self.limits:
-            return "the run completed" + (" and has settled" if SETTLED in self.frame else "")
-        parts = [
-            f"{name} is {str(limit).lower()}" if isinstance(limit, bool) else f"{name} is from {limit[0]:g} to {limit[1]:g}"
-            for name, limit in self.limits.items()
-        ]
-        return f"the run completed; {'; '.join(parts)}"
+        return in_words(self.plan.success, SETTLED in self.frame)
 
     @functools.cached_property
     def metrics(self) -> tuple[Metric, ...]:

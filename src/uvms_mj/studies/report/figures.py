@@ -4,8 +4,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import EngFormatter, LogLocator, NullLocator
 
 from ...views.figures.style import BLACK, GREY, LINE, PAGE_IN, SMALL, stripe, styled
 from .data import Data, Factor, Metric, spans_decades
@@ -113,7 +115,7 @@ def scale(ax: Axes, values: np.ndarray) -> None:
     if not len(found):
         return
     if spans_decades(found):
-        ax.set_xscale("log")
+        decades(ax.xaxis)
         return
     low, high = np.quantile(found, _BULK)
     if len(found) >= 100 and np.ptp(found) > 3.0 * (high - low) > 0.0:
@@ -125,11 +127,21 @@ def scale(ax: Axes, values: np.ndarray) -> None:
         ax.margins(x=0.04)
 
 
+def decades(axis: Axis) -> None:
+    """Make an axis logarithmic, with ticks at 1, 2 and 5 of each decade if there are few, and SI prefixes."""
+    axis._set_axes_scale("log")
+    low, high = axis.get_data_interval()
+    few = low > 0.0 and high < 300.0 * low
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,), numticks=8))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(EngFormatter(sep="\N{THIN SPACE}"))
+
+
 def sensitivity(found: Sensitivities, data: Data) -> Figure:
     """One panel for each metric: a row for each factor, a dot with its interval for each law; open circles are Sobol
     indices of first order."""
     strongest = {f: max(found.strength(metric, f) for metric in found.of) for f in found.factors}
-    factors = sorted(found.factors, key=lambda factor: -strongest[factor])[:_COLUMNS * 4]
+    factors = sorted(found.factors, key=lambda factor: -strongest[factor])[: _COLUMNS * 4]
     with styled():
         figure, axes = _panels(len(found.of), 0.55 + (0.12 + 0.09 * len(data.laws)) * len(factors))
         for ax, (metric, laws) in zip(axes, found.of.items(), strict=True):
@@ -177,14 +189,29 @@ def profile(data: Data, factor: Factor) -> Figure | None:
             y = data.values(metric)
             for law, rows in data.rows.items():
                 some = rows[:: max(1, -(-len(rows) // _MOST_DOTS))]
-                ax.plot(x[some], y[some], ".", color=data.colours[law], markersize=2.5, alpha=0.8, rasterized=len(some) > 300)
+                ax.plot(
+                    x[some],
+                    y[some],
+                    ".",
+                    color=data.colours[law],
+                    markersize=2.5,
+                    alpha=0.8,
+                    rasterized=len(some) > 300,
+                )
                 lost = some[~data.success[some]]
-                ax.plot(x[lost], np.ones(len(lost)), "x", color=data.colours[law], markersize=3.5, clip_on=False,
-                        transform=ax.get_xaxis_transform())
+                ax.plot(
+                    x[lost],
+                    np.ones(len(lost)),
+                    "x",
+                    color=data.colours[law],
+                    markersize=3.5,
+                    clip_on=False,
+                    transform=ax.get_xaxis_transform(),
+                )
             if factor.logarithmic:
-                ax.set_xscale("log")
+                decades(ax.xaxis)
             if spans_decades(y):
-                ax.set_yscale("log")
+                decades(ax.yaxis)
             ax.margins(x=0.03)
             ax.set_xlabel(factor.label, parse_math=False)
             ax.set_ylabel(metric.label, parse_math=False)

@@ -15,6 +15,7 @@ from matplotlib.tri import Triangulation
 
 from ...views.figures.style import PAGE_IN, styled
 from .data import Data, Factor, Metric, spans_decades
+from .figures import decades
 from .sensitivity import SUCCESS, Sensitivities
 
 MOST_PAIRS, MOST_METRICS, MOST_LAWS = 3, 2, 4
@@ -22,6 +23,8 @@ _MOST_NODES = 5000
 """Most nodes of a triangulation; more are binned."""
 _PER_CELL, _MOST_CELLS = 12, 20
 """Runs of a law in a cell, on average; most cells along an axis."""
+_TELLING = 0.1
+"""Least sensitivity of a metric to both factors of a map."""
 _HATCH = "////"
 _COLOURS = "cividis"
 """A sequential map of colours that colour-blind readers see in the same order."""
@@ -34,22 +37,24 @@ def pairs(found: Sensitivities) -> list[tuple[Factor, Factor]]:
     return ordered[:MOST_PAIRS]
 
 
-def shown(data: Data, found: Sensitivities, pair: tuple[Factor, Factor]) -> list[Metric]:
-    """The metrics to draw over a pair: success if it varies, and those most sensitive to the pair."""
-    metrics = sorted(
-        (metric for metric in found.of if metric is not SUCCESS),
-        key=lambda metric: -sum(found.strength(metric, factor) for factor in pair),
-    )
-    rates = [data.success[rows].mean() for rows in data.rows.values() if len(rows)]
-    partly = any(0.0 < each < 1.0 for each in rates)
-    return ([SUCCESS] if partly else []) + metrics[:MOST_METRICS]
+def shown(found: Sensitivities, pair: tuple[Factor, Factor], first: bool) -> list[Metric]:
+    """The metrics to draw over a pair: those that are sensitive to both factors, the most sensitive first. The first
+    pair has at least two, and success if it varies."""
+
+    def least(metric: Metric) -> float:
+        return min(found.strength(metric, factor) for factor in pair)
+
+    metrics = sorted((metric for metric in found.of if metric is not SUCCESS), key=lambda metric: -least(metric))
+    if first:
+        return ([SUCCESS] if SUCCESS in found.of else []) + metrics[:MOST_METRICS]
+    return [metric for metric in metrics[:MOST_METRICS] if least(metric) >= _TELLING]
 
 
 def maps(data: Data, pair: tuple[Factor, Factor], metrics: Sequence[Metric]) -> Figure:
     """Maps over a pair of factors: a row for each metric, a column for each law."""
     laws = [law for law in data.laws if len(data.rows[law])][:MOST_LAWS]
     with styled():
-        height = 0.55 + len(metrics) * min(2.1, 0.5 + 0.8 * PAGE_IN / (len(laws) + 0.5))
+        height = 0.55 + len(metrics) * min(1.75, 0.4 + 0.6 * PAGE_IN / (len(laws) + 0.5))
         figure = Figure(figsize=(PAGE_IN, height))
         axes = figure.subplots(len(metrics), len(laws), squeeze=False, sharex=True, sharey=True)
         for row, metric in zip(axes, metrics, strict=True):
@@ -57,10 +62,12 @@ def maps(data: Data, pair: tuple[Factor, Factor], metrics: Sequence[Metric]) -> 
             norm, levels = _norm(values, metric)
             drawn = None
             for ax, law in zip(row, laws, strict=True):
-                drawn = _draw(ax, data, law, pair, values, norm, levels) or drawn
-                for axis, factor in zip("xy", pair, strict=True):
+                drawn = _draw(ax, data, law, pair, metric, values, norm, levels) or drawn
+                for axis, factor in zip((ax.xaxis, ax.yaxis), pair, strict=True):
                     if factor.logarithmic:
-                        getattr(ax, f"set_{axis}scale")("log")
+                        decades(axis)
+                    if factor.limits is not None:
+                        getattr(ax, f"set_{axis.axis_name}lim")(factor.limits)
                 ax.grid(False)
             if drawn is not None:
                 bar = figure.colorbar(drawn, ax=row, pad=0.01, fraction=0.05, aspect=14)
@@ -92,6 +99,7 @@ def _draw(
     data: Data,
     law: str,
     pair: tuple[Factor, Factor],
+    metric: Metric,
     values: np.ndarray,
     norm: Normalize,
     levels: np.ndarray,
@@ -99,20 +107,19 @@ def _draw(
     """Draw one map, and return what has the colours; None without a run."""
     rows = data.rows[law]
     x, y = (data.of(factor)[rows] for factor in pair)
+    middle = "mean" if metric is SUCCESS else "median"
     table = pd.DataFrame({"x": x, "y": y, "value": values[rows], "success": data.success[rows].astype(float)})
     table = table[np.isfinite(x) & np.isfinite(y)]
     if not len(table):
         return None
-    nodes = table.groupby(["x", "y"]).agg({"value": "median", "success": "mean"}).reset_index()
+    nodes = table.groupby(["x", "y"]).agg({"value": middle, "success": "mean"}).reset_index()
     flat = min(nodes["x"].nunique(), nodes["y"].nunique()) < 3
     if not flat and len(nodes) <= _MOST_NODES and (data.plan.design == "grid" or len(data.factors) == 2):
         return _contours(ax, nodes, pair, norm, levels)
-    return _cells(ax, table, pair, norm)
+    return _cells(ax, table, pair, norm, middle)
 
 
-def _contours(
-    ax: Axes, nodes: pd.DataFrame, pair: tuple[Factor, Factor], norm: Normalize, levels: np.ndarray
-) -> Any:
+def _contours(ax: Axes, nodes: pd.DataFrame, pair: tuple[Factor, Factor], norm: Normalize, levels: np.ndarray) -> Any:
     """Contours over the nodes of a grid, or over scattered draws of two factors. Triangles of a node without a value
     have no colour; the region where fewer than half of the runs succeed is hatched."""
     x, y, value, success = (nodes[name].to_numpy() for name in nodes)
@@ -140,11 +147,12 @@ def _unit(values: np.ndarray, log: bool) -> np.ndarray:
     return (values - values.min()) / max(float(np.ptp(values)), 1e-300)
 
 
-def _cells(ax: Axes, table: pd.DataFrame, pair: tuple[Factor, Factor], norm: Normalize) -> Any:
+def _cells(ax: Axes, table: pd.DataFrame, pair: tuple[Factor, Factor], norm: Normalize, middle: str) -> Any:
     """Medians in cells with about the same number of runs, hatched where fewer than half of the runs succeed."""
     most = int(np.clip(np.sqrt(len(table) / _PER_CELL), 3, _MOST_CELLS))
-    edges, codes = zip(*(_edges(table[name].to_numpy(), most) for name in "xy"), strict=True)
-    cells = table.groupby([codes[0], codes[1]]).agg({"value": "median", "success": "mean"})
+    logarithms = [factor.logarithmic for factor in pair]
+    edges, codes = zip(*(_edges(table[n].to_numpy(), most, log) for n, log in zip("xy", logarithms, strict=True)))
+    cells = table.groupby([codes[0], codes[1]]).agg({"value": middle, "success": "mean"})
     medians = np.full((len(edges[1]) - 1, len(edges[0]) - 1), np.nan)
     at = np.array([*cells.index])
     medians[at[:, 1], at[:, 0]] = cells["value"]
@@ -157,9 +165,12 @@ def _cells(ax: Axes, table: pd.DataFrame, pair: tuple[Factor, Factor], norm: Nor
     return drawn
 
 
-def _edges(values: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
+def _edges(values: np.ndarray, most: int, log: bool) -> tuple[np.ndarray, np.ndarray]:
     """Edges of at most ``most`` bins with about the same number of values (n,), and the bin (n,) of each. Few distinct
     values have a bin each."""
+    if log:
+        edges, codes = _edges(np.log(values), most, False)
+        return np.exp(edges), codes
     distinct = np.unique(values)
     if len(distinct) <= most:
         middles = (distinct[1:] + distinct[:-1]) / 2.0
@@ -169,5 +180,3 @@ def _edges(values: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
         edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, most + 1)))
     codes = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
     return edges, codes
-
-

@@ -1,6 +1,6 @@
 """Self-contained HTML pages: one style, figures as inline SVG, tables, and numbers in text.
 
-A page is a template that extends ``page.html`` beside this module. It has no script and no external resource, and is
+A page is a template that extends ``page.html``. It has no script and no external resource, and is
 made for screens of any width and for printing.
 """
 
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..files import whole
+from ...files import whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
