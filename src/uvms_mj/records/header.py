@@ -166,6 +166,7 @@ def sources_of(scenario: Scenario, thrusters: int) -> dict[str, StageSource]:
     return {name: StageSource.of(getattr(scenario, name), thrusters) for name in STAGES}
 
 
+@functools.cache
 def versions() -> dict[str, str]:
     """Versions of the packages that affect a run's numbers and of Python, and the machine's system and architecture."""
     found = {name: importlib.metadata.version(name) for name in _PACKAGES}
