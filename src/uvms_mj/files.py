@@ -16,11 +16,13 @@ _PACKAGE = Path(__file__).parent
 _FOLDERS = {
     "scenarios": (_PACKAGE / "scenarios",),
     "models": (_PACKAGE / "models", _PACKAGE.parents[1] / "models"),  # in a wheel; in a checkout
+    "studies": (_PACKAGE / "studies" / "shipped",),
 }
 
 
 def resource(kind: str, file_name: str) -> Path | None:
-    """Path of a shipped file, or None if there is no such file. ``kind`` is "scenarios" or "models"."""
+    """Path of a shipped file, or None if there is no such file. ``kind`` is "scenarios", "models" or
+    "studies"."""
     if Path(file_name).name != file_name:
         return None
     return next((f / file_name for f in _FOLDERS[kind] if (f / file_name).is_file()), None)
@@ -33,20 +35,26 @@ def names(kind: str, suffix: str) -> list[str]:
 
 def scenario_path(scenario: str | os.PathLike) -> Path:
     """Path of a scenario from the path of its file, or from its name. Raises InputError if there is none."""
-    if not isinstance(scenario, str | os.PathLike):
-        raise InputError(f"scenario {shortened(scenario)}: must be a name, or the path of a TOML file")
-    path = Path(scenario)
+    return toml_path(scenario, "scenario", "scenarios")
+
+
+def toml_path(given: str | os.PathLike, noun: str, kind: str) -> Path:
+    """Path of a TOML file, or of the shipped one of a kind by its name; ``noun`` is its word in messages. Raises
+    InputError if there is none."""
+    if not isinstance(given, str | os.PathLike):
+        raise InputError(f"{noun} {shortened(given)}: must be a name, or the path of a TOML file")
+    path = Path(given)
     if path.is_file():
         return path
     if path.is_dir():
-        raise InputError(f"scenario {str(scenario)!r}: is a folder; name a TOML file in it")
-    shipped = resource("scenarios", f"{scenario}.toml")
+        raise InputError(f"{noun} {str(given)!r}: is a folder; name a TOML file in it")
+    shipped = resource(kind, f"{given}.toml")
     if shipped is not None:
         return shipped
-    known = names("scenarios", ".toml")
+    known = names(kind, ".toml")
     if path.suffix == ".toml" or len(path.parts) > 1:
-        raise InputError(f"scenario {str(scenario)!r}: no such file; built-in scenarios: {', '.join(known)}")
-    raise InputError(f"scenario {str(scenario)!r}: neither a file nor built in; {suggestion(str(scenario), known)}")
+        raise InputError(f"{noun} {str(given)!r}: no such file; built-in {kind}: {', '.join(known)}")
+    raise InputError(f"{noun} {str(given)!r}: neither a file nor built in; {suggestion(str(given), known)}")
 
 
 _MOST_BYTES = 1_000_000
