@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from .parcel import Parcel
     from .plan import Plan
 
-STUDY, VERSION, CHECK = "study.toml", "version.json", "check.parquet"
+STUDY, VERSION = "study.toml", "version.json"
 _MOST_PARTS = 1000
 _TYPES = {
     "contact.touches": pa.int64(),
@@ -113,6 +113,10 @@ class Results:
         if not sound:
             self.damaged.append(path.name)
         return sound
+
+    def statuses(self, i: int) -> list[str]:
+        """The statuses of a part's rows."""
+        return pq.read_table(self.part(i), columns=["status"])["status"].to_pylist()
 
     def part(self, i: int) -> Path:
         return self.folder / "rows" / f"part-{i:05d}.parquet"

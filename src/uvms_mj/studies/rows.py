@@ -83,7 +83,7 @@ def _row(plan: "Plan", index: int, engine: str, sinks: tuple[Sink, ...]) -> dict
         keep_s = AROUND_THE_END_S if all(place in COMPONENTS for place in plan.metrics) else None
         with warnings.catch_warnings(), _limited(plan.time_limit_s) as progress:
             warnings.simplefilter("ignore")  # the row counts them
-            trace = simulate(scenario, keep_s=keep_s, mjcf=mjcf, engine=engine, sinks=sinks, progress=progress)
+            trace = simulate(scenario, keep_s=keep_s, mjcf=mjcf, **_engine(engine), sinks=sinks, progress=progress)
         row |= {"status": trace.status.name, "message": trace.message, "steps": trace.steps}
         row["warnings"] = len(trace.notes) + len(ending(trace))
         if trace.status is Status.interrupted:  # only the limit interrupts a worker's run
@@ -102,6 +102,10 @@ def _row(plan: "Plan", index: int, engine: str, sinks: tuple[Sink, ...]) -> dict
     return row | metrics
 
 
+def _engine(engine: str) -> dict[str, Any]:
+    return {} if engine == "mujoco" else {"engine": engine}
+
+
 @functools.lru_cache(maxsize=8)
 def _vehicle(model: str) -> Mjcf:
     """The vehicle's model, read once a process."""
@@ -110,8 +114,10 @@ def _vehicle(model: str) -> Mjcf:
 
 def _chosen(scenario: Scenario, mjcf: Mjcf) -> str:
     """The engine of a run with engine "auto"."""
-    from ..engine.free_body import refusals
-
+    try:
+        from ..engine.free_body import refusals
+    except ImportError:
+        return "mujoco"
     return "mujoco" if refusals(set_up(scenario, mjcf)) else "free_body"
 
 

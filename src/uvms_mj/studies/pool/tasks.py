@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from .. import rows
+from .. import check, rows
 from .parcel import Parcel
 
 if TYPE_CHECKING:
@@ -15,9 +15,9 @@ def rows_of(parcel: Parcel, indices: tuple[int, ...]) -> list[dict[str, Any]]:
     return [rows.one_row(plan, index) for index in indices]
 
 
-def row_in(parcel: Parcel, index: int, engine: str) -> dict[str, Any]:
-    """The row of a run in one engine."""
-    return rows.one_row(_plan(parcel), index, engine)
+def compared(parcel: Parcel, index: int, engine: str) -> dict[str, Any]:
+    """The numbers of a run in one engine that the check of the engines compares."""
+    return check.numbers_of(_plan(parcel), index, engine)
 
 
 def log_of(parcel: Parcel, index: int, engine: str) -> bytes:
