@@ -45,7 +45,7 @@ class Console:
         label = f"{scenario.name} · {scenario.controller.label()}"
         shown: contextlib.AbstractContextManager[Any] = contextlib.nullcontext()
         if not self.quiet and sys.stderr.isatty():
-            shown = bar(f"{label} · compiling", "{task.fields[simulated]:.1f} s simulated")
+            shown = bar(f"{label} · compiling", "{task.fields[simulated]:.1f} s simulated", simulated=0.0)
         with warnings.catch_warnings(), shown as update:
             warnings.showwarning = self.warn  # Python's own hook; catch_warnings restores it
 
@@ -65,14 +65,15 @@ class Console:
 
 
 @contextlib.contextmanager
-def bar(what: str, column: Any) -> Iterator[Callable[..., None]]:
-    """A progress bar on standard error with one column beside the bar. Yields a function that updates it."""
+def bar(what: str, column: Any, **fields: Any) -> Iterator[Callable[..., None]]:
+    """A progress bar on standard error with one column beside the bar, which shows ``fields``. Yields a function that
+    updates it."""
     import rich.console
     from rich.progress import BarColumn, Progress, TimeRemainingColumn
 
     columns = ("{task.description}", BarColumn(), column, TimeRemainingColumn())
     with Progress(*columns, console=rich.console.Console(stderr=True), transient=True) as progress:
-        yield functools.partial(progress.update, progress.add_task(what, total=None, simulated=0.0))
+        yield functools.partial(progress.update, progress.add_task(what, total=None, **fields))
 
 
 def log_tables(path: Any, trace: Any, files: Mapping[str, bytes]) -> None:

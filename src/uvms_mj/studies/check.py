@@ -22,6 +22,7 @@ from ..analysis.metrics import AROUND_THE_END_S
 from ..analysis.summary import numbers
 from ..engine.run import LawError, simulate
 from ..errors import InputError
+from .rows import engine_option
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -54,7 +55,7 @@ def numbers_of(plan: "Plan", index: int, engine: str) -> dict[str, Any]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            trace = simulate(plan.scenario(index), keep_s=AROUND_THE_END_S, engine=engine)
+            trace = simulate(plan.scenario(index), keep_s=AROUND_THE_END_S, **engine_option(engine))
     except (InputError, LawError) as error:
         return {"status": type(error).__name__}
     return numbers(trace, _PLACES)
@@ -79,6 +80,11 @@ def differences(
     columns = ["index", "law", "number", "free_body", "mujoco", "difference", "tolerance"]
     frame = pd.DataFrame(rows, columns=columns).astype({"free_body": float, "mujoco": float})
     return frame.assign(within=frame["difference"] <= frame["tolerance"])
+
+
+def largest(found: "pd.DataFrame") -> "pd.DataFrame":
+    """The largest difference of each number."""
+    return found.loc[found.groupby("number", sort=False)["difference"].idxmax()]
 
 
 def _numbers(free: Mapping[str, Any], full: Mapping[str, Any]) -> Any:

@@ -79,11 +79,13 @@ def _row(plan: "Plan", index: int, engine: str, sinks: tuple[Sink, ...]) -> dict
     try:
         scenario = plan.scenario(index)
         mjcf = _vehicle(scenario.vehicle.model)
-        row["engine"] = engine = _chosen(scenario, mjcf) if engine == "auto" else engine
+        row["engine"] = engine = chosen_engine(scenario, mjcf) if engine == "auto" else engine
         keep_s = AROUND_THE_END_S if all(place in COMPONENTS for place in plan.metrics) else None
         with warnings.catch_warnings(), _limited(plan.time_limit_s) as progress:
             warnings.simplefilter("ignore")  # the row counts them
-            trace = simulate(scenario, keep_s=keep_s, mjcf=mjcf, **_engine(engine), sinks=sinks, progress=progress)
+            trace = simulate(
+                scenario, keep_s=keep_s, mjcf=mjcf, **engine_option(engine), sinks=sinks, progress=progress
+            )
         row |= {"status": trace.status.name, "message": trace.message, "steps": trace.steps}
         row["warnings"] = len(trace.notes) + len(ending(trace))
         if trace.status is Status.interrupted:  # only the limit interrupts a worker's run
@@ -102,7 +104,7 @@ def _row(plan: "Plan", index: int, engine: str, sinks: tuple[Sink, ...]) -> dict
     return row | metrics
 
 
-def _engine(engine: str) -> dict[str, Any]:
+def engine_option(engine: str) -> dict[str, Any]:
     return {} if engine == "mujoco" else {"engine": engine}
 
 
@@ -112,8 +114,8 @@ def _vehicle(model: str) -> Mjcf:
     return Mjcf.find(model)
 
 
-def _chosen(scenario: Scenario, mjcf: Mjcf) -> str:
-    """The engine of a run with engine "auto"."""
+def chosen_engine(scenario: Scenario, mjcf: Mjcf | None = None) -> str:
+    """The engine of a run with engine "auto": free_body where it can."""
     try:
         from ..engine.free_body import refusals
     except ImportError:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..files import locked
+from .check import FILE
 from .plan import Plan
 from .pool.execution import Execution, Progress
 from .pool.parcel import Parcel
@@ -93,6 +94,14 @@ class Study:
         if self.folder is None:
             raise InputError("the study has no folder yet: run it, or load one by its folder")
         return frame(self.folder)
+
+    @property
+    def check(self) -> "pd.DataFrame | None":
+        """The differences between the engines in the sample of :mod:`.check`; None if no run needed it."""
+        import pandas as pd
+
+        path = None if self.folder is None else self.folder / FILE
+        return pd.read_parquet(path) if path is not None and path.exists() else None
 
 
 @contextlib.contextmanager

@@ -11,7 +11,7 @@ from concurrent.futures import Executor, Future
 from typing import Any
 
 from ...errors import InputError, needs_extra
-from .workers import Workers, WorkerLost
+from .workers import WorkerLost, Workers
 
 _PATIENCE_S = 10.0
 """Time in which a scheduler must answer."""

@@ -5,6 +5,7 @@ from concurrent.futures import Executor
 from typing import TYPE_CHECKING, Any
 
 from .. import check
+from ..reading import DEFAULT_WORST
 from ..results import Results, frame, put
 from ..rows import lost_row
 from . import tasks
@@ -15,8 +16,8 @@ from .workers import WorkerLost
 if TYPE_CHECKING:
     from ..plan import Plan
 
-Progress = Callable[[int, int, int], None]
-"""Called with the runs done, those of them that did not complete, and the number of runs."""
+Progress = Callable[[str, int, int, int], None]
+"""Called with what is being done, the number of runs done, those of them that did not complete, and their total."""
 ATTEMPTS = 3
 """Workers that a run may end before it is given up."""
 
@@ -32,7 +33,7 @@ class Execution:
         self.plan, self.parcel, self.results, self.executor, self.progress = plan, parcel, results, executor, progress
         self._rows: dict[int, dict[int, dict[str, Any]]] = {}
         self._attempts: dict[Any, int] = {}
-        self.done = self.failures = 0
+        self.what, self.done, self.failures, self.total = "running", 0, 0, plan.runs
 
     def run(self) -> None:
         """Run everything that the folder lacks.
@@ -60,7 +61,10 @@ class Execution:
             self.failures += sum(status != "completed" for status in statuses)
 
     def _tick(self) -> None:
-        self.progress(self.done, self.failures, self.plan.runs)
+        self.progress(self.what, self.done, self.failures, self.total)
+
+    def _begin(self, what: str, total: int) -> None:
+        self.what, self.done, self.total = what, 0, total
 
     def _take(self, call: tuple[Any, ...], answer: Any) -> list[tuple[Any, ...]]:
         """Keep rows, and write the part of a block that is whole. Returns the calls to make again, run by run."""
@@ -76,17 +80,13 @@ class Execution:
         i = indices[0] // len(self.results.blocks[0])
         block = self._rows.setdefault(i, {})
         for row in answer:
-            block[row["index"]] = row | self.plan_columns(row["index"])
+            block[row["index"]] = row | self.plan.run(row["index"]).values  # with this machine's paths
             self.done += 1
             self.failures += row["status"] != "completed"
         if len(block) == len(self.results.blocks[i]):
             self.results.write(i, [block[index] for index in self.results.blocks[i]])
             del self._rows[i]
         return []
-
-    def plan_columns(self, index: int) -> dict[str, Any]:
-        """The values of the varied keys with the paths of this machine, not of a worker."""
-        return self.plan.run(index).values
 
     def _check(self, rows: Any) -> None:
         """Repeat a sample of the free-body runs in MuJoCo and keep the differences."""
@@ -97,9 +97,11 @@ class Execution:
 
         def take(call: tuple[Any, ...], answer: Any) -> list[tuple[Any, ...]]:
             _, index, engine = call
-            pairs[index, engine] = lost_row(self.plan, index) if isinstance(answer, WorkerLost) else answer
+            pairs[index, engine] = {"status": "lost"} if isinstance(answer, WorkerLost) else answer
+            self.done += 1
             return []
 
+        self._begin("checking in MuJoCo", 2 * len(indices))
         calls = ((self.parcel, index, engine) for index in indices for engine in ("free_body", "mujoco"))
         each_call(self.executor, tasks.compared, calls, take, self._tick)
         found = check.differences(self.plan, indices, pairs)
@@ -112,10 +114,12 @@ class Execution:
             _, index, _ = call
             if not isinstance(answer, WorkerLost) and answer:
                 put(self.results.log(index), lambda file: file.write(answer))
+            self.done += 1
             return []
 
         engines = dict(zip(rows["index"].tolist(), rows["engine"].tolist(), strict=True))
         missing = [index for index in kept(self.plan, rows) if not self.results.log(index).exists()]
+        self._begin("writing logs", len(missing))
         calls = ((self.parcel, index, engines[index]) for index in missing)
         each_call(self.executor, tasks.log_of, calls, take, self._tick)
 
@@ -130,5 +134,5 @@ def kept(plan: "Plan", rows: Any) -> list[int]:
         return rows.loc[chosen, "index"].tolist()
     if logs.kind == "worst":
         column = logs.metric if logs.metric in rows else logs.metric.rpartition(":")[2]
-        return rows.nlargest(logs.k, column)["index"].tolist()
+        return rows.nlargest(logs.k or DEFAULT_WORST, column)["index"].tolist()
     return []
