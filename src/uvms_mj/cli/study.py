@@ -166,7 +166,7 @@ def _head(study: "Study", executor: Any, folder: Path, dry_run: bool, as_json: b
     lines = [
         plan.text(),
         f"time: about {_duration(expected.seconds)} on {size} worker{'s' if size > 1 else ''}",
-        f"disk: about {expected.rows_bytes / 1e6:.2g} MB of rows in {folder}{_logs_size(plan.logs, expected.log_bytes)}",
+        f"disk: {expected.rows_bytes / 1e6:.2g} MB of rows in {folder}{_logs_size(plan.logs, expected.log_bytes)}",
     ]
     click.echo(printable("\n".join(lines)), err=not dry_run)
     return expected

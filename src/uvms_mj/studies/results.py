@@ -24,7 +24,7 @@ from .metric import COMPONENTS, columns_of
 if TYPE_CHECKING:
     import pandas as pd
 
-    from .parcel import Parcel
+    from .pool.parcel import Parcel
     from .plan import Plan
 
 STUDY, VERSION = "study.toml", "version.json"
@@ -78,7 +78,8 @@ class Results:
 
     def __init__(self, folder: Path, plan: "Plan", parcel: "Parcel") -> None:
         """Begin a study in a folder, or go on with it. Raises InputError if the folder has another study."""
-        self.folder, self.damaged, self._schema, self._digest = folder, [], schema_of(plan), parcel.digest
+        self.folder, self._schema, self._digest = folder, schema_of(plan), parcel.digest
+        self.damaged: list[str] = []
         self.blocks = blocks(plan.runs)
         about = {
             "study": parcel.digest,
@@ -156,9 +157,8 @@ def _check_same(folder: Path, plan: "Plan", about: dict[str, Any]) -> None:
     old, new = (dict(leaves(each.tables)) for each in (before, plan))
     keys = [key for key in {**old, **new} if old.get(key) != new.get(key)]
     if keys:
-        raise InputError(
-            f"{folder}: contains the study {before.name!r}, which differs in {', '.join(keys[:8])}; choose another folder"
-        )
+        differs = f"contains the study {before.name!r}, which differs in {', '.join(keys[:8])}"
+        raise InputError(f"{folder}: {differs}; choose another folder")
     code, ours = then["code"], about["code"]
     changed = [f"{name} {code.get(name)} then, {ours.get(name)} now" for name in ours if code.get(name) != ours[name]]
     if changed:

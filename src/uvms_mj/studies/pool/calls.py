@@ -1,6 +1,7 @@
 """Calls on an executor of the shape of ``concurrent.futures``: Workers, a cluster, or one of the user's."""
 
 import collections
+import functools
 import os
 import queue
 from collections.abc import Callable, Iterable, Sequence
@@ -39,7 +40,7 @@ def each_call(
                 break
             future = executor.submit(function, *call)
             if hasattr(future, "add_done_callback"):
-                future.add_done_callback(lambda future, call=call: ended.put((call, future)))
+                future.add_done_callback(functools.partial(_put, ended, call))
             else:  # a job of submitit
                 asked.append((call, future))
             flying += 1
@@ -56,6 +57,10 @@ def each_call(
         flying -= 1
         waiting.extend(done(call, _result(future)))
         tick()
+
+
+def _put(ended: "queue.SimpleQueue[Any]", call: tuple[Any, ...], future: "Future[Any]") -> None:
+    ended.put((call, future))
 
 
 def _result(future: "Future[Any]") -> Any:

@@ -1,7 +1,7 @@
 """Workers of a Dask cluster in the shape of ``concurrent.futures``.
 
-Each thread of a Dask worker passes its calls to a process of its own on the same machine (:mod:`.workers`). So a run has
-one thread of computation, can be interrupted at its time limit, and does not delay the answers of the Dask worker.
+Each thread of a Dask worker passes its calls to a process of its own on the same machine (:mod:`.workers`). So a run
+has one thread of computation, can be interrupted at its time limit, and does not delay the Dask worker's answers.
 """
 
 import functools

@@ -133,6 +133,6 @@ def kept(plan: "Plan", rows: Any) -> list[int]:
         chosen = rows["status"].isin(["unstable", "failed", "timed_out"])
         return rows.loc[chosen, "index"].tolist()
     if logs.kind == "worst":
-        column = logs.metric if logs.metric in rows else logs.metric.rpartition(":")[2]
+        column = logs.metric if logs.metric in rows else str(logs.metric).rpartition(":")[2]
         return rows.nlargest(logs.k or DEFAULT_WORST, column)["index"].tolist()
     return []
