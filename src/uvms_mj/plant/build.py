@@ -70,7 +70,7 @@ class Plant:
 
     @functools.cached_property
     def sensors(self) -> Mapping[str, int]:
-        """Addresses in sensordata: of contact (found, force (3) in W), distance and fromto (nearest points (6) in W)."""
+        """Addresses in sensordata: contact (found, force (3) in W), distance, fromto (nearest points (6) in W)."""
         return {name: int(self.model.sensor(f"{_OURS}{name}").adr[0]) for name in _SENSORS}
 
     def initial_data(self, initial: Initial) -> mujoco.MjData:
