@@ -129,6 +129,7 @@ class _Run:
             geometry=setup.plant.geometry,
             sources=sources_of(self.scenario, len(setup.vehicle.thrusters)),
             versions=versions(),
+            engine=sim.engine,
         )
         with Writing(self.sinks, header) as self.writing:
             outcome, raised = self._outcome()
