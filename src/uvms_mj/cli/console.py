@@ -92,6 +92,7 @@ def log_tables(path: Any, trace: Any, files: Mapping[str, bytes]) -> None:
             digest = f", sha256 {stage.sha256}" if stage.sha256 else ""
             table.add_row("law" if name == "controller" else name, printable(f"{stage.source}{digest}"))
     table.add_row("vehicle", printable(header.mjcf.name))
+    table.add_row("engine", printable(header.engine))
     attachments = "\n".join(f"{printable(name)}, {len(data) / 1e3:.1f} kB" for name, data in files.items())
     table.add_row("attachments", attachments)
     versions = ", ".join(f"{name} {version}" for name, version in header.versions.items())

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 @run_options("Repeat the run of a log, run.mcap, with its scenario and vehicle.")
 @path_option("-o", "--out", metavar="DIR", help="Output folder [default: runs/<time>-<scenario>-<controller>].")
 @click.option("--log-rate", metavar="HZ|full", help="Samples per second; must divide the step rate [default: 1 kHz].")
+@click.option("--engine", metavar="NAME", help="mujoco [default], or free_body: one vehicle without MuJoCo, faster.")
 @click.option("--viewer", is_flag=True, help="Open the Rerun viewer and stream to it during the run.")
 @output_options
 def run(
@@ -43,6 +44,7 @@ def run(
     log: str | None,
     out: str | None,
     log_rate: str | None,
+    engine: str | None,
     viewer: bool,
     as_json: bool,
     quiet: bool,
@@ -56,6 +58,7 @@ def run(
     uvms-mj run --controller fosm --set controller.epsilon=2e-3 --set wall.stiffness=2e4
     uvms-mj run my_scenario.toml --controller my_law.py:MyLaw --log-rate full --out results
     uvms-mj run --from results/run.mcap --set current.speed=0.3
+    uvms-mj run --engine free_body
     """
     stop = Stop()
     console = Console(as_json, quiet)
@@ -63,11 +66,13 @@ def run(
     files: dict[str, Path] = {}
     try:
         with bad_input(), console.alone():
-            scenario, mjcf, log_rate = chosen(arguments, settings, controller, log, log_rate)
+            scenario, mjcf, log_rate, recorded = chosen(arguments, settings, controller, log, log_rate)
             folder, made = output_folder(out, scenario)
             try:
                 with alone_in(folder):
-                    status = _simulate(scenario, mjcf, folder, files, log_rate, viewer, console, stop)
+                    status = _simulate(
+                        scenario, mjcf, folder, files, log_rate, engine or recorded, viewer, console, stop
+                    )
             finally:
                 remove_if_empty(made)
     except KeyboardInterrupt:
@@ -79,15 +84,15 @@ def run(
 
 def chosen(
     arguments: tuple[str, ...], settings: tuple[str, ...], controller: str | None, log: str | None, log_rate: str | None
-) -> "tuple[Scenario, Mjcf | None, str | None]":
-    """Scenario, vehicle and log rate of a run, by the arguments of the command. The vehicle is None unless it is that
-    of a log. Raises InputError if the input is invalid."""
+) -> "tuple[Scenario, Mjcf | None, str | None, str]":
+    """Scenario, vehicle, log rate and engine of a run, by the arguments of the command. The vehicle is None unless it
+    is that of a log. Raises InputError if the input is invalid."""
     from ..errors import InputError
     from ..scenario import Scenario
 
     name, overrides = asked_for(arguments, settings)
     if log is None:
-        return Scenario.load(name or "push_wall", overrides, controller), None, log_rate
+        return Scenario.load(name or "push_wall", overrides, controller), None, log_rate, "mujoco"
     if name is not None:
         raise InputError(f"one scenario at a time, please: {name}, {log}")
     return _from_log(log, overrides, controller, log_rate)
@@ -95,8 +100,8 @@ def chosen(
 
 def _from_log(
     log: str, overrides: dict[str, Any], controller: str | None, log_rate: str | None
-) -> "tuple[Scenario, Mjcf | None, str | None]":
-    """Scenario, vehicle and log rate of a log. Warns if a repetition may differ from the original."""
+) -> "tuple[Scenario, Mjcf | None, str | None, str]":
+    """Scenario, vehicle, log rate and engine of a log. Warns if a repetition may differ from the original."""
     from ..errors import InputError
     from ..records.header import code_file
     from ..records.mcap import read_files
@@ -118,7 +123,7 @@ def _from_log(
     _warn_of_changes(header, scenario)
     if log_rate is None and "simulation.timestep" not in overrides:
         log_rate = repr(1.0 / (header.row_steps * scenario.simulation.timestep))
-    return scenario, None if "vehicle.model" in overrides else header.mjcf, log_rate
+    return scenario, None if "vehicle.model" in overrides else header.mjcf, log_rate, header.engine
 
 
 def _warn_of_changes(header: "Header", scenario: "Scenario") -> None:
@@ -145,6 +150,7 @@ def _simulate(
     folder: Path,
     files: dict[str, Path],
     log_rate: str | None,
+    engine: str,
     viewer: bool,
     console: Console,
     stop: Stop,
@@ -166,7 +172,13 @@ def _simulate(
     with console.running(scenario, stop) as progress:
         try:
             trace = simulate(
-                scenario, log_rate=log_rate, progress=progress, sinks=sinks, keep_s=AROUND_THE_END_S, mjcf=mjcf
+                scenario,
+                log_rate=log_rate,
+                progress=progress,
+                sinks=sinks,
+                keep_s=AROUND_THE_END_S,
+                engine=engine,
+                mjcf=mjcf,
             )
         except (LawError, SinkError) as raised:
             trace, error = raised.trace, str(raised)

@@ -76,6 +76,7 @@ class Header:
         notes: the warnings that the user was given.
         sources: sources of the stages by their table in the scenario: reference, navigation, controller, actuation.
         versions: versions of the packages that made the run, by name.
+        engine: name of the engine that stepped the run: mujoco or free_body.
     """
 
     scenario: Scenario
@@ -87,6 +88,7 @@ class Header:
     geometry: Geometry
     sources: Mapping[str, StageSource]
     versions: Mapping[str, str]
+    engine: str = "mujoco"
 
     @property
     def law(self) -> StageSource:

@@ -5,6 +5,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from ..analysis.sampling import checked
 from ..errors import Fault, InputError
 from ..plant.mjcf import Mjcf
@@ -15,6 +17,8 @@ from .places import missing, overrides_at, parsed
 
 MOST_CHECKED = 50
 """A longer list of numbers is checked at its least and its greatest one."""
+MOST_DRAWS = 20
+"""A law is given up if none of so many draws can run."""
 
 
 def combination_faults(
@@ -59,7 +63,7 @@ class KeyChecks:
             for law in self.laws:
                 if each.covers(law.label):
                     found |= dict.fromkeys(self._of(each, law, columns))
-        return list(found)
+        return list(found) or [fault for law in self.laws for fault in self._none_runs(law)]
 
     def _of(self, each: Variation, law: Law, columns: range) -> Iterator[Fault]:
         absent = [Fault(each.place, f"{place}: {why}") for place in each.keys if (why := missing(place, law.tables))]
@@ -122,13 +126,28 @@ class KeyChecks:
             nearest = min(range(len(drawn)), key=lambda i: abs(drawn[i][0] - values[0]))
         else:
             return False
-        keys = [(key, each.covers(law.label)) for each in self.variations for key in each.keys]
-        given = {key: x for (key, covered), x in zip(keys, self.points[nearest], strict=True) if covered}
         try:
-            _can_run(law.scenario.updated(overrides_at(given, law.tables)))
+            self._check_draw(law, nearest)
         except (InputError, LookupError):
             return False
         return True
+
+    def _check_draw(self, law: Law, draw: int) -> None:
+        """Raise InputError if a draw cannot run."""
+        keys = [(key, each.covers(law.label)) for each in self.variations for key in each.keys]
+        given = {key: x for (key, covered), x in zip(keys, self.points[draw], strict=True) if covered}
+        _can_run(law.scenario.updated(overrides_at(given, law.tables)))
+
+    def _none_runs(self, law: Law) -> list[Fault]:
+        """Errors if none of several draws can run: those of the last one."""
+        last: list[Fault] = []
+        for draw in np.unique(np.linspace(0, len(self.points) - 1, MOST_DRAWS).astype(int)) if self.points else ():
+            try:
+                self._check_draw(law, int(draw))
+                return []
+            except InputError as error:
+                last = [Fault("vary", f"no draw can run with {law.label}: {fault}") for fault in error.faults]
+        return last
 
 
 @functools.lru_cache(maxsize=8)
