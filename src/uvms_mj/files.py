@@ -146,3 +146,22 @@ def whole(path: Path) -> Iterator[Path]:
             os.replace(part, path)
     except OSError as error:
         raise InputError(f"{path}: can't write it: {error.strerror or error}") from None
+
+
+@contextlib.contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Lock a folder against other processes that write there. The lock belongs to the process and leaves no file.
+    Raises InputError if another one writes there."""
+    import fcntl
+
+    place = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(place, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(f"--out {folder}: another run is writing there; choose another folder") from None
+        except OSError:  # the file system has no locks
+            pass
+        yield
+    finally:
+        os.close(place)

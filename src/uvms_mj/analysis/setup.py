@@ -17,7 +17,7 @@ from ..scenario import Scenario
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """A scenario, the compiled plant, and the design matrices of both."""
+    """A scenario, the plant, and the design matrices of both."""
 
     scenario: Scenario
     plant: Plant
@@ -40,7 +40,7 @@ class Setup:
     @property
     def gravity_W(self) -> np.ndarray:
         """(3,) acceleration of gravity [m/s^2]."""
-        return self.plant.model.opt.gravity
+        return self.plant.mjcf.gravity_W
 
     @property
     def masses_at_contact(self) -> tuple[float, float]:

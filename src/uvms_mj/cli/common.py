@@ -82,17 +82,19 @@ def refuse_existing(option: str, path: Path, force: bool) -> None:
         raise InputError(f"{option} {path}: exists; choose another name, or replace it with --force")
 
 
-def asked_for(arguments: Sequence[str], settings: Sequence[str]) -> tuple[str | None, dict[str, Any]]:
-    """The name of the scenario, if one is given, and the settings by key. Raises InputError if several scenarios are
-    named, or a setting is not valid."""
+def asked_for(
+    arguments: Sequence[str], settings: Sequence[str], noun: str = "scenario"
+) -> tuple[str | None, dict[str, Any]]:
+    """The name of the scenario, if one is given, and the settings by key. Raises InputError if several are named, or a
+    setting is not valid. ``noun`` is the word for a scenario in messages."""
     from ..errors import InputError
     from ..files import parse_setting
 
     names = [a for a in arguments if "=" not in a]
     if "" in names:
-        raise InputError("the name of a scenario must not be empty")
+        raise InputError(f"the name of a {noun} must not be empty")
     if len(names) > 1:
-        raise InputError(f"one scenario at a time, please: {', '.join(names)}")
+        raise InputError(f"one {noun} at a time, please: {', '.join(names)}")
     overrides: dict[str, Any] = {}
     for key, value in map(parse_setting, (*settings, *(a for a in arguments if "=" in a))):
         if key in overrides and overrides[key] != value:

@@ -45,7 +45,7 @@ class Console:
         label = f"{scenario.name} · {scenario.controller.label()}"
         shown: contextlib.AbstractContextManager[Any] = contextlib.nullcontext()
         if not self.quiet and sys.stderr.isatty():
-            shown = bar(f"{label} · compiling", "{task.fields[simulated]:.1f} s simulated")
+            shown = bar(f"{label} · compiling", "{task.fields[simulated]:.1f} s simulated", simulated=0.0)
         with warnings.catch_warnings(), shown as update:
             warnings.showwarning = self.warn  # Python's own hook; catch_warnings restores it
 
@@ -65,14 +65,15 @@ class Console:
 
 
 @contextlib.contextmanager
-def bar(what: str, column: Any) -> Iterator[Callable[..., None]]:
-    """A progress bar on standard error with one column beside the bar. Yields a function that updates it."""
+def bar(what: str, column: Any, **fields: Any) -> Iterator[Callable[..., None]]:
+    """A progress bar on standard error with one column beside the bar, which shows ``fields``. Yields a function that
+    updates it."""
     import rich.console
     from rich.progress import BarColumn, Progress, TimeRemainingColumn
 
     columns = ("{task.description}", BarColumn(), column, TimeRemainingColumn())
     with Progress(*columns, console=rich.console.Console(stderr=True), transient=True) as progress:
-        yield functools.partial(progress.update, progress.add_task(what, total=None, simulated=0.0))
+        yield functools.partial(progress.update, progress.add_task(what, total=None, **fields))
 
 
 def log_tables(path: Any, trace: Any, files: Mapping[str, bytes]) -> None:
@@ -91,6 +92,7 @@ def log_tables(path: Any, trace: Any, files: Mapping[str, bytes]) -> None:
             digest = f", sha256 {stage.sha256}" if stage.sha256 else ""
             table.add_row("law" if name == "controller" else name, printable(f"{stage.source}{digest}"))
     table.add_row("vehicle", printable(header.mjcf.name))
+    table.add_row("engine", printable(header.engine))
     attachments = "\n".join(f"{printable(name)}, {len(data) / 1e3:.1f} kB" for name, data in files.items())
     table.add_row("attachments", attachments)
     versions = ", ".join(f"{name} {version}" for name, version in header.versions.items())

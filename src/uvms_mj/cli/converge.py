@@ -58,7 +58,7 @@ def converge(
             if "list" in metrics:
                 click.echo("\n".join(METRICS))
                 return
-            scenario, mjcf, _ = chosen(arguments, settings, controller, log, None)
+            scenario, mjcf, *_ = chosen(arguments, settings, controller, log, None)
             try:
                 with console.alone(), progress_bar("running", as_json or quiet, stop) as bar:
                     found = runs_of(scenario, metrics or DEFAULT, mjcf=mjcf, progress=bar)

@@ -101,9 +101,8 @@ def variation(vary: Vary, place: str, faults: list[Fault]) -> Variation | None:
     if found:
         faults += found
         return None
-    return Variation(
-        place, keys, tuple(vary.laws or ()), levels, vary.number is not None, vary.distribution or "", parameters
-    )
+    grid, distribution = vary.number is not None, vary.distribution or ""
+    return Variation(place, keys, tuple(vary.laws or ()), levels, grid, distribution, parameters)
 
 
 def _levels(vary: Vary, n: int, place: str, faults: list[Fault]) -> tuple[tuple[Any, ...], ...]:
@@ -112,9 +111,7 @@ def _levels(vary: Vary, n: int, place: str, faults: list[Fault]) -> tuple[tuple[
     if len(kinds) != 1:
         what = f"has {' and '.join(kinds)}" if kinds else "says nothing of its values"
         faults.append(
-            Fault(
-                place, f"{what}; give one of values, a grid (low, high, number) and distribution (with low, high, ...)"
-            )
+            Fault(place, f"{what}; give values, or a grid (low, high, number), or a distribution (with low, high, ...)")
         )
         return ()
     names = ("low", "high", "number", "spacing", "mean", "deviation")
@@ -131,7 +128,7 @@ def _levels(vary: Vary, n: int, place: str, faults: list[Fault]) -> tuple[tuple[
         return ()
     ends = [_per_key(vary, name, n, place, faults) for name in ("low", "high")]
     columns = []
-    for k, (low, high) in enumerate(zip(*ends, strict=True)):
+    for low, high in zip(*ends, strict=True):
         if _ordered(low, high, vary.spacing == "log", f"{place}.low", faults) and not faults:
             spaced = np.geomspace if vary.spacing == "log" else np.linspace
             columns.append(spaced(low, high, vary.number or 2).tolist())
@@ -244,7 +241,7 @@ def design_faults(kind: str, variations: Sequence[Variation], runs: int | None) 
         faults = [
             Fault(
                 f"{each.place}.distribution",
-                "a grid needs values, or low, high and number; or choose another design.kind",
+                "a grid needs values, or low, high and number; or choose another kind",
             )
             for each in variations
             if not each.levels

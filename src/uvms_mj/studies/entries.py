@@ -60,6 +60,8 @@ def split_overrides(
                 changed[table] = {**inner, word: value}
         elif key in ("name", "description"):
             changed[key] = value
+        elif key == "simulation.seed":
+            faults.append(Fault(key, "the study sets it for each run; set design.seed"))
         elif table in {field.name for field in dataclasses.fields(StudyFile)}:
             faults.append(Fault(key, "can't be set; change it in the study file"))
         else:
@@ -75,29 +77,30 @@ def _flat(tables: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     return {key: absolute(value, folder) if key in _PATHS else value for key, value in flat.items()}
 
 
-def _prefixed(error: InputError, place: str) -> list[Fault]:
-    return [Fault(f"{place}.{fault.key}" if fault.key else place, fault.message) for fault in error.faults]
+def _prefixed(fault: Fault, place: str) -> Fault:
+    return Fault(f"{place}.{fault.key}" if fault.key else place, fault.message)
 
 
 def base_of(
     table: Mapping[str, Any], folder: Path, overrides: Mapping[str, Any], faults: list[Fault]
 ) -> Scenario | None:
-    """The base scenario. Errors are appended to ``faults``; then it is None."""
+    """The base scenario. Errors are appended to ``faults``. It is then the scenario without the keys that have an
+    error, so that the laws and the keys that vary can be checked; None if there is none."""
     if any(fault.key.partition(".")[0] == "base" for fault in faults):
         return None
     rest = dict(table)
     named = absolute(rest.pop("scenario", None), folder)
-    own = _flat(rest, folder)
-    try:
-        base = Scenario.from_dict({}, own) if named is None else Scenario.load(named, own)
-    except InputError as error:
-        faults += _prefixed(error, "base")
-        return None
-    try:
-        return base.updated(overrides) if overrides else base
-    except InputError as error:
-        faults += error.faults
-        return None
+    own = {**_flat(rest, folder), **overrides}
+    for attempt in range(2):
+        try:
+            return Scenario.from_dict({}, own) if named is None else Scenario.load(named, own)
+        except InputError as error:
+            wrong = error
+        if attempt == 0:
+            faults += [fault if fault.key in overrides else _prefixed(fault, "base") for fault in wrong.faults]
+            bad = {fault.key.partition("[")[0] for fault in wrong.faults}
+            own = {key: value for key, value in own.items() if key not in bad}
+    return None
 
 
 def laws_of(given: list[Any] | None, base: Scenario, folder: Path, faults: list[Fault]) -> list[Law]:
@@ -123,6 +126,7 @@ def laws_of(given: list[Any] | None, base: Scenario, folder: Path, faults: list[
 def _law(
     source: Any, label: Any, overrides: dict[str, Any], base: Scenario, place: str, faults: list[Fault]
 ) -> Law | None:
+    """One law. Errors are appended to ``faults``; then it is None."""
     wrong = [
         Fault(f"{place}.{name}", f"{shortened(value)} is not a text")
         for name, value in (("name", source), ("label", label))
@@ -138,12 +142,8 @@ def _law(
     try:
         scenario = base.updated(overrides, source)
     except InputError as error:
-        faults += [
-            Fault(
-                f"{place}.name" if fault.key == "controller.name" else f"{place}.{fault.key}".rstrip("."), fault.message
-            )
-            for fault in error.faults
-        ]
+        prefixed = [_prefixed(fault, place) for fault in error.faults]
+        faults += [Fault(fault.key.replace(".controller.name", ".name"), fault.message) for fault in prefixed]
         return None
     for stage in (scenario.controller, scenario.actuation):
         if stage.external:

@@ -1,6 +1,5 @@
 """A study file as a plan: the list of runs of one base scenario, several laws, and keys that vary."""
 
-import dataclasses
 import functools
 import hashlib
 import os
@@ -9,18 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..errors import Fault, InputError
-from ..files import parsed_toml, plain, shortened, text_of, toml_path
+from ..errors import InputError
+from ..files import parsed_toml, shortened, text_of, toml_path
 from ..scenario import Scenario
-from .draws import Variation, design_faults, points, variation
-from .entries import Law, absolute, base_of, laws_of, split_overrides, with_absolute_values
-from .key_checks import combination_faults, key_faults
-from .metric import metric_of
-from .places import overrides_at, unit_of
-from .study_file import Logs, StudyFile, read
-from .success import Limit, limits
-
-MOST_RUNS = 10_000_000
+from .draws import Variation
+from .entries import Law
+from .places import overrides_at
+from .reading import fields_of
+from .study_file import Logs
+from .success import Limit
 
 
 @dataclass(frozen=True)
@@ -117,13 +113,7 @@ class Plan:
         errors are those of :meth:`load`."""
         if not isinstance(tables, Mapping):
             raise InputError(f"{place}: {shortened(tables)} is not a mapping of tables")
-        faults: list[Fault] = []
-        changed, of_base = split_overrides(tables, overrides, faults)
-        study = read(changed, faults)
-        plan = _plan(study, folder or Path.cwd(), of_base, faults)
-        if faults or plan is None:
-            raise InputError(faults, place)
-        return plan
+        return cls(**fields_of(tables, folder or Path.cwd(), overrides, place))
 
     @property
     def draws(self) -> int:
@@ -205,100 +195,3 @@ class Plan:
 def run_seed(seed: int, draw: int, repeat: int) -> int:
     """simulation.seed of a run, below 2^48, which a double has exactly."""
     return int.from_bytes(hashlib.sha256(f"{seed} {draw} {repeat}".encode()).digest()[:6])
-
-
-def _plan(study: StudyFile, folder: Path, overrides: Mapping[str, Any], faults: list[Fault]) -> Plan | None:
-    """The plan of a study file. Every error is appended to ``faults``."""
-    base = base_of(study.base, folder, overrides, faults)
-    laws = laws_of(study.laws, base, folder, faults) if base is not None else []
-    variations = []
-    for i, each in enumerate(study.vary):
-        place = f"vary[{i}]"
-        if not any(fault.key.startswith(place) for fault in faults):
-            found = variation(with_absolute_values(each, folder), place, faults)
-            variations += [found] if found is not None else []
-    faults += combination_faults(variations, laws, overrides)
-    complete = len(variations) == len(study.vary)
-    levels = all(each.levels for each in variations)
-    kind = study.design.kind or ("grid" if levels else "random")
-    draws, notes = 0, []
-    if complete:
-        draws, wrong, notes = design_faults(kind, variations, study.design.runs)
-        faults += wrong
-    runs = draws * len(laws) * study.design.repeats
-    if runs > MOST_RUNS:
-        faults.append(Fault("design", f"{runs} runs; at most {MOST_RUNS} are allowed"))
-        draws = 0
-    metrics = [absolute(name, folder) for name in study.keep.metrics]
-    faults += _keep_faults(metrics, study.keep.logs, runs)
-    success = limits(study.success, metrics, faults)
-    drawn = points(kind, variations, draws, study.design.seed) if draws and complete else ()
-    if laws and not any(fault.key.startswith("design") for fault in faults):
-        faults += key_faults(variations, laws, drawn)
-    if faults or base is None:
-        return None
-    varied = tuple(key for each in variations for key in each.keys)
-    units = {key: next((u for law in laws if (u := unit_of(key, law.scenario))), "") for key in varied}
-    return Plan(
-        study.name,
-        study.description,
-        _tables(study, base, laws, kind, metrics, folder),
-        base,
-        tuple(laws),
-        tuple(variations),
-        varied,
-        units,
-        drawn,
-        kind,
-        study.design.repeats,
-        study.design.seed,
-        tuple(metrics),
-        study.keep.logs,
-        study.run.engine,
-        study.run.tolerance,
-        study.run.time_limit_s,
-        success,
-        tuple(notes),
-    )
-
-
-def _keep_faults(metrics: list[str], logs: Logs, runs: int) -> Iterator[Fault]:
-    """Errors of the table keep."""
-    for i, name in enumerate(metrics):
-        try:
-            if name in metrics[:i]:
-                raise InputError(f"{name!r} is given twice")
-            metric_of(name)
-        except InputError as error:
-            yield from (Fault(f"keep.metrics[{i}]", fault.message) for fault in error.faults)
-    used = {"worst": ("k", "metric"), "listed": ("indices",)}.get(logs.kind, ())
-    for field in dataclasses.fields(Logs)[1:]:
-        value = getattr(logs, field.name)
-        if field.name not in used and value not in (None, [], 5):
-            yield Fault(f"keep.logs.{field.name}", f"has no effect for logs of kind {logs.kind!r}")
-    if logs.kind == "worst" and logs.metric not in metrics:
-        yield Fault("keep.logs.metric", f"{logs.metric!r} must be one of keep.metrics: {', '.join(metrics)}")
-    if logs.kind == "listed" and not logs.indices:
-        yield Fault("keep.logs.indices", "lists no run")
-    for i, index in enumerate(logs.indices):
-        if runs and index >= runs:
-            yield Fault(f"keep.logs.indices[{i}]", f"no run {index}: the study has {runs} runs, from 0 to {runs - 1}")
-
-
-def _tables(
-    study: StudyFile, base: Scenario, laws: list[Law], kind: str, metrics: list[str], folder: Path
-) -> dict[str, Any]:
-    """The tables of a plan, complete, with absolute paths."""
-    keep = plain(study.keep) | {"metrics": metrics}
-    design = {key: value for key, value in plain(study.design).items() if key != "runs" or kind != "grid"}
-    return {
-        "name": study.name,
-        "description": study.description,
-        "base": base.to_dict(),
-        "laws": [{"name": law.source, "label": law.label, **plain(law.overrides)} for law in laws],
-        "vary": [plain(with_absolute_values(each, folder)) for each in study.vary],
-        "design": design | {"kind": kind},
-        "keep": keep,
-        "run": plain(study.run),
-        "success": plain(study.success),
-    }

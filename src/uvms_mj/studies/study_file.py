@@ -81,7 +81,7 @@ class Logs:
     listed by ``indices``."""
 
     kind: Literal["none", "failed", "worst", "listed"] = "none"
-    k: _Count = 5
+    k: _Count | None = None
     metric: str | None = None
     indices: list[Annotated[int, Field(strict=True, ge=0)]] = dataclasses.field(default_factory=list)
 
@@ -125,8 +125,8 @@ _CHOICES = {name: [field.name for field in dataclasses.fields(table)] for name, 
 
 
 def read(tables: Mapping[str, Any], faults: list[Fault]) -> StudyFile:
-    """The tables of a study file. Errors are appended to ``faults``. A table with an error has its defaults then, and an
-    entry of vary has no key."""
+    """The tables of a study file. Errors are appended to ``faults``. A table with an error has its defaults then, and
+    an entry of vary has no key."""
     tables = dict(tables)
     while True:
         try:

@@ -14,7 +14,7 @@ from ..plan import Plan
 from ..study_file import DEFAULT_METRICS
 from ..success import COMPLETED, SETTLED, in_words, successes
 
-FIXED = ("index", "draw", "law", "repeat", "seed", "status", "message", "steps", "engine")
+FIXED = ("index", "draw", "law", "repeat", "seed", "status", "message", "steps", "warnings", "engine")
 """Columns of a row besides the varied keys and the metrics."""
 PREFERRED = (
     "contact.peak_N",

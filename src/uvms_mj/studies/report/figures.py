@@ -40,8 +40,8 @@ def overview(data: Data, rates: Mapping[str, Estimate]) -> Figure:
         figure = Figure(figsize=(PAGE_IN, max(1.75, 0.7 + 0.2 * len(rates))))
         axes = figure.subplots(1, 1 + len(shown), squeeze=False)[0]
         _rates(axes[0], data, rates)
-        for ax, metric in zip(axes[1:], shown, strict=True):
-            distribution(ax, data, metric)
+        for i, (ax, metric) in enumerate(zip(axes[1:], shown, strict=True)):
+            distribution(ax, data, metric, first=i == 0)
         _name_laws(figure, data)
     return figure
 
@@ -65,8 +65,8 @@ def distributions(data: Data) -> Figure | None:
         return None
     with styled():
         figure, axes = _panels(len(metrics))
-        for ax, metric in zip(axes, metrics, strict=True):
-            distribution(ax, data, metric)
+        for i, (ax, metric) in enumerate(zip(axes, metrics, strict=True)):
+            distribution(ax, data, metric, first=i % _COLUMNS == 0)
         _name_laws(figure, data)
     return figure
 
@@ -81,7 +81,7 @@ def _panels(n: int, height: float = 1.55) -> tuple[Figure, Sequence[Axes]]:
     return figure, axes[:n]
 
 
-def distribution(ax: Axes, data: Data, metric: Metric) -> None:
+def distribution(ax: Axes, data: Data, metric: Metric, first: bool) -> None:
     """Cumulative distribution of a metric for each law, as shares of all its runs. A curve that ends below 1, at an
     open circle, lacks the runs without a value."""
     values = data.values(metric)
@@ -98,7 +98,7 @@ def distribution(ax: Axes, data: Data, metric: Metric) -> None:
     scale(ax, values)
     ax.set_ylim(0.0, 1.02)
     ax.set_xlabel(metric.label, parse_math=False)
-    if ax.get_subplotspec().is_first_col() or ax.get_subplotspec().colspan.start == 1:
+    if first:
         ax.set_ylabel("share of runs")
 
 
@@ -115,7 +115,7 @@ def scale(ax: Axes, values: np.ndarray) -> None:
     if not len(found):
         return
     if spans_decades(found):
-        decades(ax.xaxis)
+        decades(ax, "x")
         return
     low, high = np.quantile(found, _BULK)
     if len(found) >= 100 and np.ptp(found) > 3.0 * (high - low) > 0.0:
@@ -127,9 +127,10 @@ def scale(ax: Axes, values: np.ndarray) -> None:
         ax.margins(x=0.04)
 
 
-def decades(axis: Axis) -> None:
-    """Make an axis logarithmic, with ticks at 1, 2 and 5 of each decade if there are few, and SI prefixes."""
-    axis._set_axes_scale("log")
+def decades(ax: Axes, name: str) -> None:
+    """Make the axis "x" or "y" logarithmic, with ticks at 1, 2 and 5 of few decades, and SI prefixes."""
+    axis: Axis = ax.xaxis if name == "x" else ax.yaxis
+    (ax.set_xscale if name == "x" else ax.set_yscale)("log")
     low, high = axis.get_data_interval()
     few = low > 0.0 and high < 300.0 * low
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,), numticks=8))
@@ -144,17 +145,17 @@ def sensitivity(found: Sensitivities, data: Data) -> Figure:
     factors = sorted(found.factors, key=lambda factor: -strongest[factor])[: _COLUMNS * 4]
     with styled():
         figure, axes = _panels(len(found.of), 0.55 + (0.12 + 0.09 * len(data.laws)) * len(factors))
-        for ax, (metric, laws) in zip(axes, found.of.items(), strict=True):
+        for k, (ax, (metric, laws)) in enumerate(zip(axes, found.of.items(), strict=True)):
             for i, law in enumerate(data.laws):
                 if law in laws:
                     offset = 0.6 * ((i + 0.5) / len(data.laws) - 0.5)
                     each = laws[law]
                     at = [found.factors.index(factor) for factor in factors]
-                    _dots(ax, [each.main[k] for k in at], offset, data.colours[law], filled=True)
+                    _dots(ax, [each.main[f] for f in at], offset, data.colours[law], filled=True)
                     if each.first:
-                        _dots(ax, [each.first[k] for k in at], offset, data.colours[law], filled=False)
-            first = ax.get_subplotspec().is_first_col()
-            ax.set_yticks(range(len(factors)), [f.name if first else "" for f in factors], parse_math=False)
+                        _dots(ax, [each.first[f] for f in at], offset, data.colours[law], filled=False)
+            names = [factor.name if k % _COLUMNS == 0 else "" for factor in factors]
+            ax.set_yticks(range(len(factors)), names, parse_math=False)
             ax.set_ylim(len(factors) - 0.5, -0.5)
             ax.set_xlim(*((-0.05, 1.05) if found.sobol else (-1.05, 1.05)))
             ax.axvline(0.0, color=GREY, linewidth=0.6)
@@ -209,9 +210,9 @@ def profile(data: Data, factor: Factor) -> Figure | None:
                     transform=ax.get_xaxis_transform(),
                 )
             if factor.logarithmic:
-                decades(ax.xaxis)
+                decades(ax, "x")
             if spans_decades(y):
-                decades(ax.yaxis)
+                decades(ax, "y")
             ax.margins(x=0.03)
             ax.set_xlabel(factor.label, parse_math=False)
             ax.set_ylabel(metric.label, parse_math=False)

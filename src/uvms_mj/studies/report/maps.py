@@ -63,11 +63,11 @@ def maps(data: Data, pair: tuple[Factor, Factor], metrics: Sequence[Metric]) -> 
             drawn = None
             for ax, law in zip(row, laws, strict=True):
                 drawn = _draw(ax, data, law, pair, metric, values, norm, levels) or drawn
-                for axis, factor in zip((ax.xaxis, ax.yaxis), pair, strict=True):
+                for axis, limit, factor in zip("xy", (ax.set_xlim, ax.set_ylim), pair, strict=True):
                     if factor.logarithmic:
-                        decades(axis)
+                        decades(ax, axis)
                     if factor.limits is not None:
-                        getattr(ax, f"set_{axis.axis_name}lim")(factor.limits)
+                        limit(factor.limits)
                 ax.grid(False)
             if drawn is not None:
                 bar = figure.colorbar(drawn, ax=row, pad=0.01, fraction=0.05, aspect=14)
@@ -91,7 +91,8 @@ def _norm(values: np.ndarray, metric: Metric) -> tuple[Normalize, np.ndarray]:
         low, high = low - 0.5, low + 0.5
     if len(found) and spans_decades(found):
         return LogNorm(low, high), np.geomspace(low, high, 10)
-    return Normalize(low, high), MaxNLocator(9, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
+    locator = MaxNLocator(9, steps=[1, 2, 2.5, 5, 10])
+    return Normalize(low, high), np.asarray(locator.tick_values(float(low), float(high)))
 
 
 def _draw(
@@ -151,7 +152,8 @@ def _cells(ax: Axes, table: pd.DataFrame, pair: tuple[Factor, Factor], norm: Nor
     """Medians in cells with about the same number of runs, hatched where fewer than half of the runs succeed."""
     most = int(np.clip(np.sqrt(len(table) / _PER_CELL), 3, _MOST_CELLS))
     logarithms = [factor.logarithmic for factor in pair]
-    edges, codes = zip(*(_edges(table[n].to_numpy(), most, log) for n, log in zip("xy", logarithms, strict=True)))
+    binned = [_edges(table[name].to_numpy(), most, log) for name, log in zip("xy", logarithms, strict=True)]
+    edges, codes = [each for each, _ in binned], [each for _, each in binned]
     cells = table.groupby([codes[0], codes[1]]).agg({"value": middle, "success": "mean"})
     medians = np.full((len(edges[1]) - 1, len(edges[0]) - 1), np.nan)
     at = np.array([*cells.index])

@@ -1,4 +1,4 @@
-"""Sensitivities of a study's metrics to its factors: Sobol indices where the design allows, otherwise rank correlations."""
+"""Sensitivities of metrics to factors: Sobol indices where the design allows, otherwise rank correlations."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -199,7 +199,8 @@ def replay(folder: str, row: int) -> str:
 
 
 def text_of(value: Any) -> str:
-    return short(value) if isinstance(value, float | int | np.number) and not isinstance(value, bool) else str(value)
+    """A varied value: a number with three digits, or a text."""
+    return short(float(value)) if isinstance(value, float | int | np.number) else str(value)
 
 
 def studied(data: Data, versions: Mapping[str, str]) -> list[tuple[str, str]]:
