@@ -1,7 +1,6 @@
 """The rows of a study as its report reads them: laws with their colours, factors, metrics, successes."""
 
 import functools
-import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +9,7 @@ import pandas as pd
 
 from ...views import colours
 from ..draws import Variation
+from ..metric import unit_of_column, without_unit
 from ..plan import Plan
 from ..study_file import DEFAULT_METRICS
 from ..success import COMPLETED, SETTLED, in_words, successes
@@ -29,8 +29,6 @@ PREFERRED = (
 """Order of the metrics of a study whose file lists none."""
 _LOG_RATIO = 30.0
 """Ratio of the greatest to the least value from which an axis of positive values is logarithmic."""
-_UNITS = {"N2s": "N² s", "Ns": "N s", "N": "N", "Nm": "N m", "s": "s", "m": "m", "J": "J", "rad": "rad", "deg": "deg"}
-_SUFFIX = re.compile(rf"_({'|'.join(_UNITS)})(?=\.|\[|$)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,14 +82,15 @@ class Metric:
 
     @property
     def unit(self) -> str:
-        found = _SUFFIX.search(self.name)
-        return _UNITS[found[1]] if found else ""
+        return unit_of_column(self.name)
 
     @property
     def label(self) -> str:
-        """The name, ``contact.peak [N]``; of a function of a file, ``file.py:name``, the name."""
-        name = _SUFFIX.sub("", self.name.rpartition(":")[2])
-        return f"{name} [{self.unit}]" if self.unit else name
+        return f"{self.short} [{self.unit}]" if self.unit else self.short
+
+    @property
+    def short(self) -> str:
+        return without_unit(self.name)
 
 
 @dataclass(frozen=True, eq=False)

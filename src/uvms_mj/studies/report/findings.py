@@ -33,7 +33,7 @@ def _differences(data: Data, pairs: Sequence[Paired]) -> list[str]:
             parts.append(f"success {signed(100.0 * rate.value)} points ({low} to {high})")
         for metric, middle, _, _ in pair.metrics[:MOST_METRICS]:
             if _apart(middle):
-                name, unit = metric.label.partition(" [")[0], metric.unit
+                name, unit = metric.short, metric.unit
                 interval = f"{signed(middle.low)} to {signed(middle.high)}"
                 parts.append(f"{name} {signed(middle.value)}{f' {unit}' if unit else ''} ({interval})")
         text = ", ".join(parts) or "no difference of success or of the first metrics is resolved"
@@ -48,7 +48,7 @@ def _influences(data: Data, found: Sensitivities) -> list[str]:
         strongest = found.strongest(metric)
         if strongest is not None and abs(strongest[0]) >= WEAK:
             value, law, factor = strongest
-            parts.append(f"{metric.label.partition(' [')[0]} with {factor.name} ({value:.2f}, {law})".replace("-", "−"))
+            parts.append(f"{metric.short} with {factor.name} ({value:.2f}, {law})".replace("-", "−"))
     return [f"Strongest influence, by {what}: {'; '.join(parts)}."] if parts else []
 
 

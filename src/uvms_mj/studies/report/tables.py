@@ -175,7 +175,7 @@ def worst(data: Data, folder: str) -> list[Worst]:
             if np.isfinite(values).any():
                 at = int(rows[np.nanargmax(values)])
                 value = data.values(metric)[at]
-                name = metric.label.partition(" [")[0]
+                name = metric.short
                 text = f"largest {'|' + name + '|' if value < 0.0 else name}: {short(value)} {metric.unit}".rstrip()
                 chosen.setdefault(at, []).append(text)
         found += [_worst(data, law, at, "; ".join(why), folder) for at, why in chosen.items()]
