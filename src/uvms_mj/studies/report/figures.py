@@ -1,6 +1,7 @@
 """Figures of a study: success rates, distributions, sensitivities, and values over a single factor."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -144,7 +145,7 @@ def sensitivity(found: Sensitivities, data: Data) -> Figure:
     strongest = {f: max(found.strength(metric, f) for metric in found.of) for f in found.factors}
     factors = sorted(found.factors, key=lambda factor: -strongest[factor])[: _COLUMNS * 4]
     with styled():
-        figure, axes = _panels(len(found.of), 0.55 + (0.12 + 0.09 * len(data.laws)) * len(factors))
+        figure, axes = _panels(len(found.of), max(1.0, 0.6 + (0.12 + 0.09 * len(data.laws)) * len(factors)))
         for k, (ax, (metric, laws)) in enumerate(zip(axes, found.of.items(), strict=True)):
             for i, law in enumerate(data.laws):
                 if law in laws:
@@ -157,7 +158,11 @@ def sensitivity(found: Sensitivities, data: Data) -> Figure:
             names = [factor.name if k % _COLUMNS == 0 else "" for factor in factors]
             ax.set_yticks(range(len(factors)), names, parse_math=False)
             ax.set_ylim(len(factors) - 0.5, -0.5)
-            ax.set_xlim(*((-0.05, 1.05) if found.sobol else (-1.05, 1.05)))
+            if found.sobol:
+                left, right = ax.get_xlim()
+                ax.set_xlim(min(-0.05, max(left - 0.03, -0.5)), max(1.05, min(right + 0.03, 1.5)))
+            else:
+                ax.set_xlim(-1.05, 1.05)
             ax.axvline(0.0, color=GREY, linewidth=0.6)
             ax.set_title(metric.label, parse_math=False)
             ax.set_xlabel("Sobol index" if found.sobol else "rank correlation")
@@ -200,15 +205,9 @@ def profile(data: Data, factor: Factor) -> Figure | None:
                     rasterized=len(some) > 300,
                 )
                 lost = some[~data.success[some]]
-                ax.plot(
-                    x[lost],
-                    np.ones(len(lost)),
-                    "x",
-                    color=data.colours[law],
-                    markersize=3.5,
-                    clip_on=False,
-                    transform=ax.get_xaxis_transform(),
-                )
+                if len(lost):  # a line without points would disturb the layout
+                    look: dict[str, Any] = {"color": data.colours[law], "markersize": 3.5, "clip_on": False}
+                    ax.plot(x[lost], np.ones(len(lost)), "x", transform=ax.get_xaxis_transform(), **look)
             if factor.logarithmic:
                 decades(ax, "x")
             if spans_decades(y):

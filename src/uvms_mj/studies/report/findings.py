@@ -42,7 +42,7 @@ def _differences(data: Data, pairs: Sequence[Paired]) -> list[str]:
 
 
 def _influences(data: Data, found: Sensitivities) -> list[str]:
-    what = "total Sobol index" if found.sobol else "rank correlation"
+    what = "Sobol index of first order" if found.sobol else "rank correlation"
     parts = []
     for metric in (SUCCESS, *data.varying[:MOST_METRICS]):
         strongest = found.strongest(metric)

@@ -31,9 +31,10 @@ class Sensitivities:
     of: Mapping[Metric, Mapping[str, Sensitivity]]
 
     def strength(self, metric: Metric, factor: Factor) -> float:
-        """Largest magnitude over the laws [1]."""
+        """Largest magnitude over the laws of the indices of first order or the correlations [1]. Total indices also
+        grow with the random numbers of the runs."""
         at = self.factors.index(factor)
-        found = [each.main[at] for each in self.of.get(metric, {}).values()]
+        found = [(each.first or each.main)[at] for each in self.of.get(metric, {}).values()]
         return max((abs(each.value) for each in found if each is not None), default=0.0)
 
     def strongest(self, metric: Metric) -> tuple[float, str, Factor] | None:
@@ -41,14 +42,20 @@ class Sensitivities:
         found = [
             (each.value, law, factor)
             for law, sensitivity in self.of.get(metric, {}).items()
-            for factor, each in zip(self.factors, sensitivity.main, strict=True)
+            for factor, each in zip(self.factors, sensitivity.first or sensitivity.main, strict=True)
             if each is not None
         ]
         return max(found, key=lambda each: abs(each[0]), default=None)
 
     @property
     def notes(self) -> list[str]:
-        return list(dict.fromkeys(each.note for laws in self.of.values() for each in laws.values() if each.note))
+        """What is left out, with the laws and metrics."""
+        left_out: dict[str, list[str]] = {}
+        for metric, laws in self.of.items():
+            for law, each in laws.items():
+                if each.note:
+                    left_out.setdefault(f"{law}: {each.note}", []).append(metric.short)
+        return [f"{note} ({', '.join(metrics)})" for note, metrics in left_out.items()]
 
 
 def sensitivities(data: Data) -> Sensitivities:
@@ -58,21 +65,19 @@ def sensitivities(data: Data) -> Sensitivities:
     of = {}
     for metric in (SUCCESS, *data.varying[:MOST_METRICS]):
         values = data.success.astype(float) if metric is SUCCESS else data.values(metric)
-        found = {law: _sensitivity(data, law, values, factors, metric) for law in data.laws}
+        found = {law: _sensitivity(data, law, values, factors) for law in data.laws}
         of[metric] = {law: each for law, each in found.items() if each is not None}
     return Sensitivities(sobol, factors, {metric: laws for metric, laws in of.items() if laws})
 
 
-def _sensitivity(
-    data: Data, law: str, values: np.ndarray, factors: tuple[Factor, ...], metric: Metric
-) -> Sensitivity | None:
+def _sensitivity(data: Data, law: str, values: np.ndarray, factors: tuple[Factor, ...]) -> Sensitivity | None:
     y = data.by_draw(law, values)
     if data.plan.design == "sobol_indices":
         found = sobol_indices(y, len(factors), data.plan.seed)
         if found is None:
             return None
         missing = found.of - found.blocks
-        note = f"{metric.label}, {law}: {missing} of {found.of} blocks of samples have a run without a value"
-        return Sensitivity(found.total, found.first, f"{note} and are left out" if missing else "")
+        note = f"{missing} of {found.of} blocks of samples have a run without a value; the indices are of the others"
+        return Sensitivity(found.total, found.first, note if missing else "")
     main = [rank_correlation(data.by_draw(law, data.of(factor)), y) for factor in factors]
     return Sensitivity(main) if any(main) else None
