@@ -74,8 +74,8 @@ def write(path: Path, text: str) -> None:
         part.write_text(text, encoding="utf-8")
 
 
-def number(value: float | None) -> str:
-    """Format a number with four digits, a minus sign and powers of ten; a dash for None, nan and infinity.
+def number(value: float | None, digits: int = 4) -> str:
+    """Format a number with four digits, or as many as given, a minus sign and powers of ten; a dash for None, nan and infinity.
 
     Values below 1e-9, in SI units, come from rounding in sums over 1e5 steps and are shown as 0.
     """
@@ -85,7 +85,7 @@ def number(value: float | None) -> str:
         return "0"
     if value == round(value) and abs(value) < 1e4:
         return f"{value:.0f}".replace("-", "−")
-    mantissa, e, exponent = f"{value:.4g}".partition("e")
+    mantissa, e, exponent = f"{value:.{digits}g}".partition("e")
     raised = str(int(exponent)).translate(_RAISED) if e else ""
     return (f"{mantissa}·10{raised}" if e else mantissa).replace("-", "−")
 

@@ -1,5 +1,6 @@
 """Tables of a study's report: laws, quantiles, differences, failures, the worst runs, and what was studied."""
 
+import math
 import re
 import shlex
 from collections.abc import Mapping, Sequence
@@ -42,7 +43,7 @@ def spread(values: np.ndarray) -> tuple[str, str]:
 
 def short(value: float) -> str:
     """A number with three digits."""
-    return number(float(f"{value:.3g}"))
+    return number(value, 3)
 
 
 @dataclass(frozen=True)
@@ -75,17 +76,24 @@ def law_rows(data: Data, rates: Mapping[str, Estimate]) -> tuple[list[LawRow], l
 
 def quantiles(data: Data) -> list[Table]:
     """One table for each metric: a row for each law."""
-    heads = ["runs", "mean", *("least" if q == 0.0 else "greatest" if q == 1.0 else f"{q:.0%}" for q in QUANTILES)]
+    heads = ["runs", "mean", *("min" if q == 0.0 else "max" if q == 1.0 else f"{q:.0%}" for q in QUANTILES)]
     found = []
     for metric in data.metrics:
         rows = []
         for law, at in data.rows.items():
             values = data.values(metric)[at]
             values = values[np.isfinite(values)]
-            cells = [values.mean(), *np.quantile(values, QUANTILES)] if len(values) else [None] * (1 + len(QUANTILES))
+            numbers = [values.mean(), *np.quantile(values, QUANTILES)] if len(values) else []
+            cells = [number(each, _digits(numbers)) for each in numbers] or ["–"] * (len(heads) - 1)
             rows.append((law, [len(values), *cells]))
         found.append(Table(metric.label, heads, rows))
     return found
+
+
+def _digits(numbers: Sequence[float]) -> int:
+    """Digits that resolve the differences of numbers to about three digits."""
+    spread, largest = float(np.ptp(numbers)), float(np.abs(numbers).max())
+    return 3 + min(5, math.ceil(math.log10(largest / spread))) if 0.0 < spread < largest else 3
 
 
 def differences(data: Data, pairs: Sequence[Paired]) -> list[Table]:
