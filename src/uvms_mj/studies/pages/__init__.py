@@ -75,7 +75,7 @@ def write(path: Path, text: str) -> None:
 
 
 def number(value: float | None, digits: int = 4) -> str:
-    """Format a number with four digits, or as many as given, a minus sign and powers of ten; a dash for None, nan and infinity.
+    """Format a number with a minus sign and powers of ten; a dash for None, nan and infinity.
 
     Values below 1e-9, in SI units, come from rounding in sums over 1e5 steps and are shown as 0.
     """

@@ -93,7 +93,7 @@ def quantiles(data: Data) -> list[Table]:
 def _digits(numbers: Sequence[float]) -> int:
     """Digits that resolve the differences of numbers to about three digits."""
     spread, largest = float(np.ptp(numbers)), float(np.abs(numbers).max())
-    return 3 + min(5, math.ceil(math.log10(largest / spread))) if 0.0 < spread < largest else 3
+    return 3 + min(4, math.ceil(math.log10(largest / spread))) if 0.0 < spread < largest else 3
 
 
 def differences(data: Data, pairs: Sequence[Paired]) -> list[Table]:
