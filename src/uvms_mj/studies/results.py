@@ -24,8 +24,8 @@ from .metric import COMPONENTS, columns_of
 if TYPE_CHECKING:
     import pandas as pd
 
-    from .pool.parcel import Parcel
     from .plan import Plan
+    from .pool.parcel import Parcel
 
 STUDY, VERSION = "study.toml", "version.json"
 _MOST_PARTS = 1000

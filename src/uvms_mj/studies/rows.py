@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 from ..analysis.metrics import AROUND_THE_END_S
 from ..analysis.setup import set_up
 from ..analysis.summary import ending, numbers
+from ..engine.engines import refusals
 from ..engine.run import LawError, SinkError, simulate
 from ..errors import InputError
 from ..plant.mjcf import Mjcf
@@ -83,9 +84,7 @@ def _row(plan: "Plan", index: int, engine: str, sinks: tuple[Sink, ...]) -> dict
         keep_s = AROUND_THE_END_S if all(place in COMPONENTS for place in plan.metrics) else None
         with warnings.catch_warnings(), _limited(plan.time_limit_s) as progress:
             warnings.simplefilter("ignore")  # the row counts them
-            trace = simulate(
-                scenario, keep_s=keep_s, mjcf=mjcf, **engine_option(engine), sinks=sinks, progress=progress
-            )
+            trace = simulate(scenario, keep_s=keep_s, mjcf=mjcf, engine=engine, sinks=sinks, progress=progress)
         row |= {"status": trace.status.name, "message": trace.message, "steps": trace.steps}
         row["warnings"] = len(trace.notes) + len(ending(trace))
         if trace.status is Status.interrupted:  # only the limit interrupts a worker's run
@@ -104,10 +103,6 @@ def _row(plan: "Plan", index: int, engine: str, sinks: tuple[Sink, ...]) -> dict
     return row | metrics
 
 
-def engine_option(engine: str) -> dict[str, Any]:
-    return {} if engine == "mujoco" else {"engine": engine}
-
-
 @functools.lru_cache(maxsize=8)
 def _vehicle(model: str) -> Mjcf:
     """The vehicle's model, read once a process."""
@@ -116,10 +111,6 @@ def _vehicle(model: str) -> Mjcf:
 
 def chosen_engine(scenario: Scenario, mjcf: Mjcf | None = None) -> str:
     """The engine of a run with engine "auto": free_body where it can."""
-    try:
-        from ..engine.free_body import refusals
-    except ImportError:
-        return "mujoco"
     return "mujoco" if refusals(set_up(scenario, mjcf)) else "free_body"
 
 
