@@ -1,42 +1,17 @@
-"""A short study, and laws and metrics that misbehave."""
+"""Study files."""
 
 import pytest
 
-STUDY = """
-[base]
-scenario = "push_wall"
-simulation.duration = 0.06
-simulation.timestep = 2e-4
-initial.position = [0.99, 0.0, 0.0]
-[run]
-engine = "{engine}"
-{run}
-[design]
-runs = {runs}
-seed = 7
-[keep]
-metrics = ["contact.peak_N", "contact.touches", "contact.settled", "final.position_m"{metrics}]
-{keep}
-[[laws]]
-name = "gsta"
-[[laws]]
-name = "impedance"
-[[vary]]
-key = "wall.stiffness"
-distribution = "loguniform"
-low = 2e4
-high = 2e5
-{more}
-"""
+from short_study import study_text
 
 
 @pytest.fixture
 def study_file(tmp_path):
     """A function that writes a study file and returns its path."""
 
-    def write(name="s.toml", runs=4, engine="free_body", metrics="", keep="", run="", more=""):
+    def write(name="s.toml", **lines):
         path = tmp_path / name
-        path.write_text(STUDY.format(runs=runs, engine=engine, metrics=metrics, keep=keep, run=run, more=more))
+        path.write_text(study_text(**lines))
         return path
 
     return write
