@@ -5,7 +5,8 @@ STUDY = """
 scenario = "push_wall"
 simulation.duration = 0.06
 simulation.timestep = 2e-4
-initial.position = [0.99, 0.0, 0.0]
+initial.position = [0.995, 0.0, 0.0]
+initial.velocity = [0.2, 0.0, 0.0, 0.0, 0.0, 0.0]
 [run]
 engine = "{engine}"
 {run}

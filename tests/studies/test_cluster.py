@@ -88,9 +88,7 @@ def test_files_travel_and_a_killed_worker_loses_nothing(dask, study_file, tmp_pa
     home.mkdir()
     for name, text in FILES.items():
         (home / name).write_text(text)
-    path = study_file(
-        "home/s.toml", runs=10, metrics=', "metric.py:peak"', more='[[laws]]\nname = "law.py:Damps"\n'
-    )
+    path = study_file("home/s.toml", runs=10, metrics=', "metric.py:peak"', more='[[laws]]\nname = "law.py:Damps"\n')
     vehicle = home / "mine.xml"
     vehicle.write_text((MODELS / "bluerov1.xml").read_text())
     study = Study.load(path, {"vehicle.model": str(vehicle)})

@@ -146,6 +146,11 @@ class Results:
                 self.write(i, [{name: row.get(name) for name in names} for row in rows])
 
 
+def share_done(folder: Path, plan: "Plan") -> float:
+    """Share of a study's blocks that have a part in a folder."""
+    return len(list((folder / "rows").glob("part-*.parquet"))) / len(blocks(plan.runs))
+
+
 def _check_same(folder: Path, plan: "Plan", about: dict[str, Any]) -> None:
     """Raise InputError unless a folder has the same study, begun with the same code and files."""
     from .plan import Plan
