@@ -176,13 +176,14 @@ def test_differences_are_of_the_same_draws(plan, frame):
     found = {(pair.first, pair.second): pair for pair in paired(Data(plan, twin))}
     assert list(found) == [("gsta", "fosm"), ("gsta", "impedance"), ("fosm", "impedance")]
     for (first, second), more in zip(found, (0.1, -0.2, -0.3), strict=True):
-        (metric, middle, smaller, draws), *_ = found[first, second].metrics
-        assert metric.name == "contact.peak_N"
-        assert middle.value == pytest.approx(more)
-        assert middle.low <= more + 1e-12
-        assert middle.high >= more - 1e-12
-        assert smaller == (more < 0.0)
-        assert draws == len(plan.points)
+        peak, *_ = found[first, second].metrics
+        assert peak.metric.name == "contact.peak_N"
+        assert peak.median.value == pytest.approx(more)
+        assert peak.median.low <= more + 1e-12
+        assert peak.median.high >= more - 1e-12
+        assert peak.smaller == (more < 0.0)
+        assert peak.draws == len(plan.points)
+        assert peak.matters == (abs(more) > 0.01 * peak.size)
         assert found[first, second].success.value == 0.0
 
 
