@@ -38,9 +38,9 @@ import math
 import numpy as np
 from uvms_mj.guidance import Guidance, hold
 from uvms_mj.navigation import Navigation, Perfect
-from uvms_mj.navigation.perfect import perfect
+from uvms_mj.navigation import perfect
 from uvms_mj.actuation import Actuation
-from uvms_mj.actuation.pseudo_inverse import pseudo_inverse
+from uvms_mj.actuation import pseudo_inverse
 from uvms_mj.control import Controller
 from uvms_mj.physics.random import standard_normal
 from uvms_mj.stages.base import setting
