@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from pydantic import BeforeValidator
 
-from ..quantities import NonNegative, Positive, Real, Step, Vector6
+from ..quantities import Step, Vector6
 from ..stages.base import Room, Stage, setting, shared
 from ..stages.signals import GIVEN, TASK_GIVEN, TRUTH, WRENCH_COMMAND, Signal
 
@@ -96,4 +96,14 @@ class Controller(Stage):
         return (GIVEN if cls.uses_task else TASK_GIVEN) + (TRUTH if cls.uses_truth else ())
 
 
-__all__ = ["Controller", "Diagonal", "NonNegative", "Positive", "Real", "gain"]
+@dataclasses.dataclass(frozen=True)
+class External(Controller):
+    """A wrench from outside: the caller of a Simulation sets tau_cmd."""
+
+    name = "external"
+    external: ClassVar[bool] = True
+    uses_task: ClassVar[bool] = False
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        pass
