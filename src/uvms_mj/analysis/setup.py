@@ -10,8 +10,8 @@ from ..control.design import Design
 from ..errors import InputError
 from ..plant.build import Plant, build
 from ..plant.mjcf import Mjcf
+from ..plant.settings import lightest_along_face
 from ..plant.vehicle import Vehicle
-from ..plant.wall import lightest_along_face
 from ..scenario import Scenario
 
 

@@ -22,9 +22,8 @@ import numpy as np
 from ..physics.frames import quat_from_euler_deg
 from .geometry import Geometry
 from .mjcf import Mjcf
-from .settings import Initial
+from .settings import Initial, Wall
 from .vehicle import Vehicle, free_body_id, free_joint_addresses
-from .wall import Wall
 
 IMPEDANCE = 1e-4
 """Impedance d of the contact pair, constant in solimp."""
