@@ -12,7 +12,7 @@ from uvms_mj import Gsta, InputError, Scenario, Simulation
 from uvms_mj.actuation import Actuation, PseudoInverse
 from uvms_mj.analysis.setup import set_up
 from uvms_mj.control import External, Ideal, ImpedanceTask
-from uvms_mj.control.tracking import tracking_errors
+from uvms_mj.control.task import tracking_errors
 from uvms_mj.guidance import FilteredSteps, Guidance, hold
 from uvms_mj.guidance.filtered_steps import MOST_WAYPOINTS, filtered_steps
 from uvms_mj.navigation import Navigation, Perfect
