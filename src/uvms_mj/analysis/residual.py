@@ -1,16 +1,13 @@
 """Impedance error of a trace: the residual of the desired impedance."""
 
-import functools
-
 import mujoco
 import numpy as np
 
 from ..control.design import Design
 from ..physics.frames import rotation_matrices
-from ..records.header import Header
 from ..records.trace import Trace
 from . import setup
-from .windows import cumulative, grid
+from .metrics import cumulative, grid
 
 INTERVAL_S = 0.01
 """Length of the intervals over which the residual is averaged [s]."""
@@ -78,9 +75,4 @@ def _turn(first: np.ndarray, last: np.ndarray) -> np.ndarray:
 
 def design_of(trace: Trace) -> Design:
     """Design of a run's controller, from the header of its log."""
-    return _design(trace.header)
-
-
-@functools.lru_cache(maxsize=32)
-def _design(header: Header) -> Design:
-    return setup.design_of(header.scenario, header.mjcf.vehicle)
+    return setup.design_of(trace.scenario, trace.header.mjcf.vehicle)

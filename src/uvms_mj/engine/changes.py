@@ -6,8 +6,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from ..analysis.ranges import no_overflow
-from ..analysis.sampling import refuse
+from ..analysis.sampling import no_overflow, refuse
 from ..analysis.setup import Setup, design_of
 from ..errors import Fault, InputError
 from ..quantities import overrides_of
