@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from .errors import InputError, suggestion
+from .errors import InputError, shortened, suggestion
 
 _PACKAGE = Path(__file__).parent
 _FOLDERS = {
@@ -78,12 +78,6 @@ def text_of(path: Path) -> str:
     """Text of a file, cut one byte above the size limit. Raises OSError or UnicodeDecodeError."""
     with path.open("rb") as file:
         return file.read(_MOST_BYTES + 1).decode("utf-8-sig")
-
-
-def shortened(value: Any) -> str:
-    """A value for a message, cut to 60 characters."""
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..." + text[-1]
 
 
 def plain(value: Any) -> Any:

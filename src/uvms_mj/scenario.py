@@ -19,12 +19,11 @@ from .actuation import Actuation, PseudoInverse
 from .control import Controller, Gsta, ImpedanceTask
 from .control.design import Estimates, Impedance
 from .control.earlier_keys import TASK_KEYS, move_task_keys, task_settings
-from .errors import Fault, InputError, faults_of, suggestion
-from .files import parsed_toml, plain, scenario_path, shortened, text_of
+from .errors import Fault, InputError, faults_of, shortened, suggestion
+from .files import parsed_toml, plain, scenario_path, text_of
 from .guidance import FilteredSteps, Guidance
 from .navigation import Navigation, Perfect
-from .plant.settings import Current, Disturbance, Initial, VehicleChoice
-from .plant.wall import Wall
+from .plant.settings import Current, Disturbance, Initial, VehicleChoice, Wall
 from .quantities import STRICT, Duration, Lowercase, Step, doc, overrides_of
 from .stages.base import Stage
 from .stages.loader import Choice, stage_of, table_of

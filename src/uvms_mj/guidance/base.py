@@ -9,8 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..errors import Fault, InputError
-from ..files import shortened
+from ..errors import Fault, InputError, shortened
 from ..physics.frames import quat_from_euler_deg
 from ..physics.kernels import kernel
 from ..quantities import Angles

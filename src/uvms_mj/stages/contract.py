@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import Fault, InputError, suggestion
+from ..errors import Fault, InputError, shortened, suggestion
 from .base import THRUSTERS, Stage, base_of, is_shipped, packs_itself
 from .recorded import Recorded
 from .signals import GIVEN, MEASURED, RECORDED, TASK, TRUTH, thruster_signal
@@ -77,11 +77,11 @@ def _wrong(cls: type[Stage]) -> Iterator[str]:
     )
     name = cls.name
     if not (isinstance(name, str) and name.isprintable() and len(name) <= _LONGEST_NAME):
-        yield f"name = {_shown(name)} must be a text of at most {_LONGEST_NAME} printable characters"
+        yield f"name = {shortened(name)} must be a text of at most {_LONGEST_NAME} printable characters"
     for name in ("uses_task", "uses_truth"):
         flag = getattr(cls, name, False)
         if not isinstance(flag, bool):
-            yield f"{name} = {_shown(flag)} must be true or false"
+            yield f"{name} = {shortened(flag)} must be true or false"
     states = list(_wrong_states(cls.states))
     yield from states
     if not states:
@@ -95,7 +95,7 @@ def _wrong(cls: type[Stage]) -> Iterator[str]:
 def _wrong_states(states: Any) -> Iterator[str]:
     wanted = f"states must be names with sizes from 1 to {_MOST_STATES}, as in {{'xi': 6}}"
     if not isinstance(states, Mapping):
-        yield f"{wanted}; {_shown(states)} is not"
+        yield f"{wanted}; {shortened(states)} is not"
         return
     good = [
         isinstance(name, str)
@@ -105,7 +105,7 @@ def _wrong_states(states: Any) -> Iterator[str]:
     ]
     for (name, size), fits in zip(states.items(), good, strict=True):
         if not fits:
-            yield f"{wanted}; {_shown(name)}: {_shown(size)} is not"
+            yield f"{wanted}; {shortened(name)}: {shortened(size)} is not"
         elif keyword.iskeyword(name):
             yield f"{name!r} is a word of Python's grammar; give the state another name"
         elif hasattr(np.record, name):
@@ -120,14 +120,14 @@ def _wrong_states(states: Any) -> Iterator[str]:
 def _wrong_units(cls: type[Stage]) -> Iterator[str]:
     units = cls.units
     if not isinstance(units, Mapping):
-        yield f"units must give each state's unit as a text, as in {{'xi': 'm s'}}; {_shown(units)} does not"
+        yield f"units must give each state's unit as a text, as in {{'xi': 'm s'}}; {shortened(units)} does not"
         return
     for name, unit in units.items():
         if name not in cls.states:
             hint = suggestion(str(name), cls.states) if cls.states else "the class declares no states"
-            yield f"units has {_shown(name)}, which is not a state; {hint}"
+            yield f"units has {shortened(name)}, which is not a state; {hint}"
         if not (isinstance(unit, str) and unit.isprintable()):
-            yield f"units must give each state's unit as a text, as in {{'xi': 'm s'}}; {_shown(unit)} is not a text"
+            yield f"units must give each state's unit as a text, as in {{'xi': 'm s'}}; {shortened(unit)} is not a text"
 
 
 def _wrong_function(cls: type[Stage]) -> Iterator[str]:
@@ -140,7 +140,7 @@ def _wrong_function(cls: type[Stage]) -> Iterator[str]:
         return
     function = cls.function()
     if not isinstance(function, types.FunctionType):
-        yield f"{method} must be a Python function, written with def; {_shown(getattr(cls, method))} is not"
+        yield f"{method} must be a Python function, written with def; {shortened(getattr(cls, method))} is not"
         return
     if inspect.iscoroutinefunction(function) or inspect.isgeneratorfunction(function):
         yield f"{method} must be a plain function: no async, no yield"
@@ -209,11 +209,3 @@ def _asked_for(node: ast.Attribute | ast.Subscript) -> str | None:
         return node.attr
     key = node.slice
     return key.value if isinstance(key, ast.Constant) and isinstance(key.value, str) else None
-
-
-def _shown(value: Any) -> str:
-    try:
-        text = repr(value)
-    except Exception:  # a user's class may fail in __repr__
-        text = f"a {type(value).__name__}"
-    return text if len(text) <= 60 else text[:57] + "..."
