@@ -12,7 +12,6 @@ The probe is centred on B's origin, so that the wall's normal force gives no mom
 forward. Contact begins when the origin is at x_c, and in pictures the vehicle's front is then at the wall's face.
 """
 
-import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -73,16 +72,8 @@ class Plant:
     def set_wall(self, wall: Wall) -> None:
         """Move the wall, and set stiffness and damping of the contact pair in N/m and N s/m."""
         scale = self.model.body_invweight0[self.body_id, 0] * (1.0 - IMPEDANCE)
-        self.model.pair_solref[self._pair] = -wall.stiffness * scale, -wall.damping * scale
-        self.model.geom_pos[self._face, 0] = wall.position + self.geometry.reach
-
-    @functools.cached_property
-    def _pair(self) -> int:
-        return self.model.pair(f"{_OURS}contact").id
-
-    @functools.cached_property
-    def _face(self) -> int:
-        return self.model.geom(f"{_OURS}wall").id
+        self.model.pair(f"{_OURS}contact").solref[:] = -wall.stiffness * scale, -wall.damping * scale
+        self.model.geom(f"{_OURS}wall").pos[0] = wall.position + self.geometry.reach
 
 
 def build(mjcf: Mjcf, wall: Wall, timestep: float, integrator: str) -> Plant:

@@ -125,9 +125,10 @@ def free_body_id(model: mujoco.MjModel, body: str) -> int:
         raise InputError("the vehicle's body has no name; name it in its MJCF")
     body_id = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body)
     if body_id < 0:
-        raise InputError(f"body {body!r}: not in the model; {suggestion(body, _names(model))}")
-    if not _is_free(model, body_id):
-        raise InputError(f"body {body!r}: has no free joint; free bodies: {', '.join(_free(model)) or 'none'}")
+        names = [model.body(i).name for i in range(1, model.nbody)]
+        raise InputError(f"body {body!r}: not in the model; {suggestion(body, names)}")
+    if body not in (free := _free(model)):
+        raise InputError(f"body {body!r}: has no free joint; free bodies: {', '.join(free) or 'none'}")
     return body_id
 
 
@@ -188,17 +189,9 @@ def _numerics(model: mujoco.MjModel, prefix: str) -> list[str]:
     return [name for name in rest if "/" not in name]
 
 
-def _names(model: mujoco.MjModel) -> list[str]:
-    return [model.body(i).name for i in range(1, model.nbody)]
-
-
-def _is_free(model: mujoco.MjModel, body_id: int) -> bool:
-    joint = model.body_jntadr[body_id]
-    return joint >= 0 and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE
-
-
 def _free(model: mujoco.MjModel) -> list[str]:
-    return [model.body(i).name for i in range(1, model.nbody) if _is_free(model, i)]
+    """Names of the bodies with a free joint."""
+    return [model.body(i).name for i in model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE]]
 
 
 def _only_free_body(model: mujoco.MjModel) -> str:
