@@ -133,7 +133,7 @@ def _report_gains(gains: "Certificate", rate: float, state: float, console: Cons
 
 
 def _report(certificate: "Certificate", trace: "Trace", console: Console) -> None:
-    from ..analysis.disturbance import NotGiven, experienced
+    from ..analysis.disturbance import experienced
 
     found = experienced(trace)
     report: dict[str, Any] = {
@@ -145,8 +145,8 @@ def _report(certificate: "Certificate", trace: "Trace", console: Console) -> Non
         "experienced": None,
         "saturated_s": float(trace.saturation_time[-1]) if len(trace) else None,
     }
-    if isinstance(found, NotGiven):
-        report |= {"is_certified": None, "verdict": f"no verdict on this scenario: {found.reason}"}
+    if isinstance(found, str):
+        report |= {"is_certified": None, "verdict": f"no verdict on this scenario: {found}"}
     else:
         import numpy as np
 
