@@ -90,7 +90,7 @@ def _certificate(scenario: "Scenario", trace: "Trace | None") -> "Certificate":
     from ..analysis.setup import set_up
     from ..control import theory
     from ..errors import InputError
-    from ..stages.recorded import Recorded
+    from ..stages.loader import Recorded
 
     law = scenario.controller
     certificate = theory.certificate(set_up(scenario, None if trace is None else trace.header.mjcf))

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import Fault, InputError, shortened, suggestion
-from .base import THRUSTERS, Stage, base_of, is_shipped, packs_itself
-from .recorded import Recorded
+from .base import THRUSTERS, Stage, base_of, packs_itself
 from .signals import GIVEN, MEASURED, RECORDED, TASK, TRUTH, thruster_signal
 
 _MOST_STATES = 10_000
@@ -22,20 +21,6 @@ _LONGEST_NAME = 100
 _SIGNALS = {signal.name for signal in (*GIVEN, *RECORDED, *MEASURED, thruster_signal(1))}
 """Signals of a Simulation or a trace, which a state would hide."""
 _OVERRIDDEN = ("name", "states", "units", "uses_task", "uses_truth")
-
-
-def check_stage(stage: Stage) -> None:
-    """Check that a stage may run. Raises InputError if it is of a log, or its class violates the contract."""
-    if isinstance(stage, Recorded):
-        key, file = f"{stage.room.table}.name", f"path/to/{stage.source()}"
-        raise InputError(
-            f"the {stage.room.noun} {stage.source()} is in the log as text, which is never run: name its file with "
-            f'scenario.updated({{"{key}": "{file}"}})'
-        )
-    if not is_shipped(stage):
-        check_contract(type(stage))
-        if getattr(stage, "uses_truth", False):
-            raise InputError([Fault("controller.uses_truth", "is reserved for ideal, the yardstick law")])
 
 
 def check_contract(cls: type[Stage], file: str = "") -> None:
