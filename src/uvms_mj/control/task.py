@@ -92,6 +92,23 @@ class ImpedanceTask(Stage):
         impedance_task(settings, state.zeta, given, state_dot.zeta, out)
 
 
+TASK_KEYS = tuple(f.name for f in dataclasses.fields(ImpedanceTask) if f.name != "period")
+
+
+def move_task_keys(law: dict[str, Any], task: dict[str, Any], faults: list[Fault]) -> set[str]:
+    """Move the gains of the task that have their earlier place, [controller], to [task]. Returns their names. Both
+    arguments are tables, or the same overrides by dotted keys."""
+    earlier, now = ("controller.", "task.") if law is task else ("", "")
+    moved = {key for key in TASK_KEYS if f"{earlier}{key}" in law}
+    for key in moved:
+        value = law.pop(f"{earlier}{key}")
+        given = task.setdefault(f"{now}{key}", value)
+        if given != value:
+            other = f"is {given!r}, but controller.{key}, the earlier name of this key, is {value!r}; give one of them"
+            faults.append(Fault(f"task.{key}", other))
+    return moved
+
+
 @kernel
 def impedance_task(task, zeta, given, zeta_dot, out):
     """Set the signals :data:`uvms_mj.stages.signals.TASK` and zeta_dot.
