@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import InputError, suggestion
 from ..files import names, resource
 from .geometry import Geometry
-from .mjcf_files import flattened, trees
+from .mjcf_files import Folders, trees
 from .vehicle import Vehicle, free_body_id
 from .vehicle_files import check_elements, check_model
 
@@ -43,7 +43,7 @@ class Mjcf:
                 raise InputError(f"vehicle.model {model!r}: {fault}")
             path = shipped
         path = Path(os.path.abspath(path))
-        found = cls(path.name, flattened(path))
+        found = cls(path.name, Folders(path).flat())
         if len(found.files) > 1:
             found._check_against(path)
         return found
