@@ -37,8 +37,8 @@ def final_force(trace: Trace) -> tuple[float | None, bool]:
         still = mean > 0.0 or bool(np.abs(trace.nu[-1]).max() < AT_REST)
         return mean, bool(still and spread <= SETTLED * mean)
     start = max(0, int(np.searchsorted(t, t[-1] - FINAL_WINDOW_S + 1e-9, side="right")) - 1)
-    window = float(t[-1] - t[start])
-    return float(impulse[-1] - impulse[start]) / window if window > 0.0 else float(trace.push[-1]), False
+    length = float(t[-1] - t[start])
+    return float(impulse[-1] - impulse[start]) / length if length > 0.0 else float(trace.push[-1]), False
 
 
 def rest_force(trace: Trace) -> float | None:

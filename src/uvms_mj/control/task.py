@@ -1,4 +1,4 @@
-r"""The impedance task, a stage before the law: sliding variable and nominal control, which most laws share.
+r"""The stages before the law: tracking errors, and the impedance task, which most laws share.
 
 The paper's eqs. (14), (15), (21) and (23) share one term, the acceleration of the desired impedance,
 
@@ -55,11 +55,7 @@ _NegativeDiagonal = Annotated[Diagonal, AfterValidator(_not_positive)]
 
 @dataclasses.dataclass(frozen=True)
 class ImpedanceTask(Stage):
-    """The impedance task: sliding variable s, state zeta and nominal control of the desired impedance.
-
-    Raises:
-        InputError: a gain has the wrong type or is out of range; all errors are reported together.
-    """
+    """The impedance task: sliding variable s, state zeta and nominal control of the desired impedance."""
 
     period: Step | None = shared(None, "s", "must be omitted: the task runs at the control period")
     F_1: Diagonal = shared(1.0, "1/s", "gain of the pose error in s, eq. (14)")
