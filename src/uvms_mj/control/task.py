@@ -85,7 +85,35 @@ class ImpedanceTask(Stage):
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        impedance_task(settings, state.zeta, given, state_dot.zeta, out)
+        """Set the signals :data:`uvms_mj.stages.signals.TASK` and zeta_dot, eq. (15) with the gains of eq. (21)."""
+        eta_e, nu_e, quat_e, w = given.eta_e, given.nu_e, given.quat_e, out.w
+        F_1, F_2, A = settings.F_1, settings.F_2, settings.A
+        zeta, zeta_dot = state.zeta, state_dot.zeta
+        if settings.integral and given.instant == 0:
+            for i in range(6):  # s = 0 in eq. (14)
+                zeta[i] = -(nu_e[i] + F_1[i] * eta_e[i]) / F_2[i]
+        work = out.s  # set below
+        matvec(given.D_d, nu_e, work)
+        for i in range(6):
+            work[i] += given.K_d[i] * eta_e[i] - given.K_f[i] * (given.tau_contact_m_B[i] - given.F_d[i])
+        matvec(settings.M_d_inv, work, w)
+        for i in range(6):
+            work[i] = given.nu_d_dot[i] - w[i]
+        matvec(given.M_hat, work, out.tau_nom)  # eq. (23)
+        for i in range(6):
+            out.tau_nom[i] += given.C_hat_nu[i] + given.D_hat_nu[i] + given.g_hat[i] - given.tau_contact_m_B[i]
+        q_w, q_x, q_y, q_z = quat_e[0], quat_e[1], quat_e[2], quat_e[3]
+        for i in range(3):
+            work[i] = nu_e[i]  # eta_e_dot, eq. (18)
+        work[3] = 0.5 * (q_w * nu_e[3] + q_y * nu_e[5] - q_z * nu_e[4])  # U(q_e) omega_e, eq. (17)
+        work[4] = 0.5 * (q_w * nu_e[4] + q_z * nu_e[3] - q_x * nu_e[5])
+        work[5] = 0.5 * (q_w * nu_e[5] + q_x * nu_e[4] - q_y * nu_e[3])
+        for i in range(6):
+            driven = w[i] + A[i] * F_1[i] * eta_e[i] + A[i] * nu_e[i] - F_1[i] * work[i]
+            zeta_dot[i] = A[i] * zeta[i] + driven / F_2[i]
+        for i in range(6):
+            out.s[i] = nu_e[i] + F_1[i] * eta_e[i] + F_2[i] * zeta[i]  # eq. (14)
+            out.zeta[i], out.F_1[i], out.F_2[i], out.A[i] = zeta[i], F_1[i], F_2[i], A[i]
 
 
 TASK_KEYS = tuple(f.name for f in dataclasses.fields(ImpedanceTask) if f.name != "period")
@@ -103,41 +131,6 @@ def move_task_keys(law: dict[str, Any], task: dict[str, Any], faults: list[Fault
             other = f"is {given!r}, but controller.{key}, the earlier name of this key, is {value!r}; give one of them"
             faults.append(Fault(f"task.{key}", other))
     return moved
-
-
-@kernel
-def impedance_task(task, zeta, given, zeta_dot, out):
-    """Set the signals :data:`uvms_mj.stages.signals.TASK` and zeta_dot.
-
-    ``task`` is a record with F_1, F_2, A, integral and M_d_inv; zeta (6,) is the state of eq. (15), and zeta_dot (6,)
-    its time derivative with the gains of eq. (21).
-    """
-    eta_e, nu_e, quat_e, w = given.eta_e, given.nu_e, given.quat_e, out.w
-    F_1, F_2, A = task.F_1, task.F_2, task.A
-    if task.integral and given.instant == 0:
-        for i in range(6):  # s = 0 in eq. (14)
-            zeta[i] = -(nu_e[i] + F_1[i] * eta_e[i]) / F_2[i]
-    work = out.s  # set below
-    matvec(given.D_d, nu_e, work)
-    for i in range(6):
-        work[i] += given.K_d[i] * eta_e[i] - given.K_f[i] * (given.tau_contact_m_B[i] - given.F_d[i])
-    matvec(task.M_d_inv, work, w)
-    for i in range(6):
-        work[i] = given.nu_d_dot[i] - w[i]
-    matvec(given.M_hat, work, out.tau_nom)  # eq. (23)
-    for i in range(6):
-        out.tau_nom[i] += given.C_hat_nu[i] + given.D_hat_nu[i] + given.g_hat[i] - given.tau_contact_m_B[i]
-    q_w, q_x, q_y, q_z = quat_e[0], quat_e[1], quat_e[2], quat_e[3]
-    for i in range(3):
-        work[i] = nu_e[i]  # eta_e_dot, eq. (18)
-    work[3] = 0.5 * (q_w * nu_e[3] + q_y * nu_e[5] - q_z * nu_e[4])  # U(q_e) omega_e, eq. (17)
-    work[4] = 0.5 * (q_w * nu_e[4] + q_z * nu_e[3] - q_x * nu_e[5])
-    work[5] = 0.5 * (q_w * nu_e[5] + q_x * nu_e[4] - q_y * nu_e[3])
-    for i in range(6):
-        zeta_dot[i] = A[i] * zeta[i] + (w[i] + A[i] * F_1[i] * eta_e[i] + A[i] * nu_e[i] - F_1[i] * work[i]) / F_2[i]
-    for i in range(6):
-        out.s[i] = nu_e[i] + F_1[i] * eta_e[i] + F_2[i] * zeta[i]  # eq. (14)
-        out.zeta[i], out.F_1[i], out.F_2[i], out.A[i] = zeta[i], F_1[i], F_2[i], A[i]
 
 
 @kernel
