@@ -157,10 +157,11 @@ def _unknown_fields(cls: type[Stage]) -> Iterator[str]:
     file = Path(function.__code__.co_filename).name
     said = set()
     for node in sorted((n for n in nodes if isinstance(n, ast.Attribute | ast.Subscript)), key=lambda n: n.lineno):
-        word = _asked_for(node)
-        if word is None or not isinstance(node.value, ast.Name) or node.value.id not in arguments:
-            continue
-        role, known = arguments[node.value.id]
+        match node:
+            case ast.Attribute(ast.Name(name), word) | ast.Subscript(ast.Name(name), ast.Constant(str(word))):
+                role, known = arguments.get(name, ("", [word]))
+            case _:
+                continue
         if word in known or hasattr(np.record, word) or (role, word) in said:
             continue
         said.add((role, word))
@@ -187,10 +188,3 @@ def field_suggestion(word: str, known: Sequence[str]) -> str:
     """A hint for an unknown name: the first known name that adds a suffix to it, as p_WB to p, else the closest."""
     longer = [name for name in known if name.startswith(f"{word}_")]
     return f"did you mean {longer[0]!r}?" if longer else suggestion(word, known)
-
-
-def _asked_for(node: ast.Attribute | ast.Subscript) -> str | None:
-    if isinstance(node, ast.Attribute):
-        return node.attr
-    key = node.slice
-    return key.value if isinstance(key, ast.Constant) and isinstance(key.value, str) else None
