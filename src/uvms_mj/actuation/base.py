@@ -10,15 +10,6 @@ from ..quantities import Step
 from ..stages.base import Room, Stage, shared
 from ..stages.signals import actuation_given, thruster_signal
 
-ACTUATION = Room(
-    name="actuation",
-    table="actuation",
-    given=actuation_given,
-    out=(thruster_signal(0),),
-    noun="actuation stage",
-    arguments=("settings", "state", "given", "state_dot", "u"),
-)
-
 
 @dataclasses.dataclass(frozen=True)
 class Actuation(Stage):
@@ -27,7 +18,14 @@ class Actuation(Stage):
 
     period: Step | None = shared(None, "s", "period, a multiple of the time step; default: every step")
 
-    room: ClassVar[Room] = ACTUATION
+    room: ClassVar[Room] = Room(
+        name="actuation",
+        table="actuation",
+        given=actuation_given,
+        out=(thruster_signal(0),),
+        noun="actuation stage",
+        arguments=("settings", "state", "given", "state_dot", "u"),
+    )
 
     @staticmethod
     def step(settings, state, given, state_dot, u):

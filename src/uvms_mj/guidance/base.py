@@ -16,16 +16,6 @@ from ..quantities import Angles
 from ..stages.base import Room, Stage, shared
 from ..stages.signals import CLOCK, KNOWN, REFERENCE
 
-GUIDANCE = Room(
-    name="guidance",
-    table="reference",
-    given=lambda thrusters: CLOCK + KNOWN,
-    out=REFERENCE,
-    noun="guidance stage",
-    constants=("quat_d",),
-    theory=("rests_at", "notes"),
-)
-
 
 @dataclasses.dataclass(frozen=True)
 class Guidance(Stage):
@@ -35,7 +25,15 @@ class Guidance(Stage):
 
     attitude_deg: Angles = shared((0.0, 0.0, 0.0), "deg", "constant desired roll, pitch, yaw")
 
-    room: ClassVar[Room] = GUIDANCE
+    room: ClassVar[Room] = Room(
+        name="guidance",
+        table="reference",
+        given=lambda thrusters: CLOCK + KNOWN,
+        out=REFERENCE,
+        noun="guidance stage",
+        constants=("quat_d",),
+        theory=("rests_at", "notes"),
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
