@@ -99,11 +99,9 @@ def drifts(t: np.ndarray, y: np.ndarray, since: float, tolerance: float) -> bool
     with the means over the third and the last quarter of the time in the band. The left side is :math:`\delta / 4` for
     a steady ramp, at most 0.12 :math:`\delta` for an exponential, and almost zero for a steady oscillation.
     """
-    third, last = (y[(t >= a) & (t <= b)] for a, b in itertools.pairwise(since + (t[-1] - since) * _QUARTERS))
+    quarters = since + (t[-1] - since) * np.array([0.5, 0.75, 1.0])
+    third, last = (y[(t >= a) & (t <= b)] for a, b in itertools.pairwise(quarters))
     return not (len(third) and len(last) and abs(last.mean() - third.mean()) <= tolerance / 8.0)
-
-
-_QUARTERS = np.array([0.5, 0.75, 1.0])
 
 
 def overshoot(trace: Trace) -> float | None:

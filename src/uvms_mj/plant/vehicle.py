@@ -84,7 +84,11 @@ class Vehicle:
             InputError: coefficients are missing, misspelt, malformed or unphysical (all errors at once), or the vehicle
                 has a link on another joint.
         """
-        body = _only_free_body(model) if body is None else body
+        if body is None:
+            free = _free(model)
+            if len(free) != 1:
+                raise InputError(f"name the vehicle's body; bodies with a free joint: {', '.join(free) or 'none'}")
+            body = free[0]
         body_id = free_body_id(model, body)
         _refuse_links(model, body_id)
         prefix = body[: body.rfind("/") + 1]
@@ -174,13 +178,6 @@ def wrong_numerics(model: mujoco.MjModel, prefix: str, alone: bool = False) -> l
 def _free(model: mujoco.MjModel) -> list[str]:
     """Names of the bodies with a free joint."""
     return [model.body(i).name for i in model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE]]
-
-
-def _only_free_body(model: mujoco.MjModel) -> str:
-    free = _free(model)
-    if len(free) != 1:
-        raise InputError(f"name the vehicle's body; bodies with a free joint: {', '.join(free) or 'none'}")
-    return free[0]
 
 
 def _rigid_body_inertia(model, data, body_id) -> np.ndarray:
