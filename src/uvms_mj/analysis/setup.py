@@ -10,8 +10,8 @@ from ..control.design import Design
 from ..errors import InputError
 from ..plant.build import Plant, build
 from ..plant.mjcf import Mjcf
+from ..plant.settings import lightest_along_face
 from ..plant.vehicle import Vehicle
-from ..plant.wall import lightest_along_face
 from ..scenario import Scenario
 
 
@@ -33,11 +33,6 @@ class Setup:
         return self.scenario.task
 
     @property
-    def reach(self) -> float:
-        """Distance of the contact point from B's origin [m]."""
-        return self.plant.geometry.reach
-
-    @property
     def gravity_W(self) -> np.ndarray:
         """(3,) acceleration of gravity [m/s^2]."""
         return self.plant.model.opt.gravity
@@ -45,7 +40,7 @@ class Setup:
     @property
     def masses_at_contact(self) -> tuple[float, float]:
         """Effective mass at the contact point along the wall's normal, and the least one along its face [kg]."""
-        return _masses(self.design, self.reach)
+        return _masses(self.design, self.plant.geometry.reach)
 
 
 @functools.lru_cache(maxsize=64)
@@ -59,11 +54,6 @@ def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
     if not isinstance(mjcf, Mjcf | None):
         raise InputError(f"mjcf: expected an Mjcf, got {mjcf!r}; use Mjcf.find(name or path)")
     mjcf = mjcf if mjcf is not None else Mjcf.find(scenario.vehicle.model)
-    design = design_of(scenario, mjcf.vehicle)
+    design = Design.of(scenario, mjcf.vehicle.M)
     plant = build(mjcf, scenario.wall, scenario.simulation.timestep, scenario.simulation.integrator)
     return Setup(scenario, plant, design)
-
-
-def design_of(scenario: Scenario, vehicle: Vehicle) -> Design:
-    """The design matrices of a scenario and its vehicle. Raises InputError if the desired impedance is not physical."""
-    return Design.of(scenario.impedance, scenario.estimates, vehicle.M, scenario.reference.attitude_deg)

@@ -1,8 +1,7 @@
 """Desired impedance, estimates and desired attitude of a run. The loop and the closed forms share them."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic.dataclasses import dataclass as table
@@ -60,9 +59,10 @@ class Design:
     """(6,) the wall's normal (x of W) in B at the desired attitude, as a wrench."""
 
     @classmethod
-    def of(cls, impedance: Impedance, estimates: Estimates, M: np.ndarray, attitude_deg: Sequence[float]) -> "Design":
-        """Matrices of a run, from the vehicle's true inertia M (6, 6) and the desired roll, pitch, yaw [deg]. Raises
-        InputError if M_d is not symmetric positive definite, or D_d is not dissipative."""
+    def of(cls, scenario: Any, M: np.ndarray) -> "Design":
+        """Matrices of a run, from its :class:`uvms_mj.scenario.Scenario` and the vehicle's true inertia M (6, 6).
+        Raises InputError if M_d is not symmetric positive definite, or D_d is not dissipative."""
+        impedance: Impedance = scenario.impedance
         M_d = M if impedance.M_d is None else _square(impedance.M_d)
         K_d = np.diag(impedance.K_d)
         faults = []
@@ -80,8 +80,8 @@ class Design:
             D_d = ott_damping(M_d, K_d, impedance.damping_ratio)
         if faults:
             raise InputError(faults)
-        quat_d = quat_from_euler_deg(*attitude_deg)
-        return cls(M, estimates.inertia * M, M_d, D_d, K_d, quat_d, wall_normal(quat_d))
+        quat_d = quat_from_euler_deg(*scenario.reference.attitude_deg)
+        return cls(M, scenario.estimates.inertia * M, M_d, D_d, K_d, quat_d, wall_normal(quat_d))
 
     def along_normal(self, inertia: np.ndarray) -> float:
         """Effective mass of an inertia (6, 6) along the wall's normal, with all other directions free [kg]."""

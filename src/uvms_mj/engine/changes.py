@@ -6,9 +6,9 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from ..analysis.ranges import no_overflow
-from ..analysis.sampling import refuse
-from ..analysis.setup import Setup, design_of
+from ..analysis.sampling import no_overflow, refuse
+from ..analysis.setup import Setup
+from ..control.design import Design
 from ..errors import Fault, InputError
 from ..quantities import overrides_of
 from ..scenario import STAGES, Scenario
@@ -38,7 +38,7 @@ def _changed(base: Setup, current: Setup, overrides: Mapping[str, Any]) -> tuple
     design = base.design
     if _design_inputs(scenario) != _design_inputs(base.scenario):
         with no_overflow(scenario):
-            design = design_of(scenario, base.vehicle)
+            design = Design.of(scenario, base.vehicle.M)
     if design is not base.design or design is not current.design:
         touched.add("design")
     setup = Setup(scenario, base.plant, design)

@@ -12,9 +12,9 @@ import mujoco
 import numpy as np
 
 from ..errors import InputError, suggestion
-from ..files import names, resource
+from ..files import shipped
 from .geometry import Geometry
-from .mjcf_files import flattened, trees
+from .mjcf_files import Folders, trees
 from .vehicle import Vehicle, free_body_id
 from .vehicle_files import check_elements, check_model
 
@@ -36,14 +36,14 @@ class Mjcf:
         file."""
         path = Path(model)
         if not path.is_file():
-            shipped = resource("models", f"{model}.xml")
-            if shipped is None:
-                hint = suggestion(model, names("models", ".xml"))
+            known = shipped("models")
+            if str(model) not in known:
+                hint = suggestion(model, known)
                 fault = "is not a regular file" if path.exists() else f"is neither a file nor a shipped model; {hint}"
                 raise InputError(f"vehicle.model {model!r}: {fault}")
-            path = shipped
+            path = known[str(model)]
         path = Path(os.path.abspath(path))
-        found = cls(path.name, flattened(path))
+        found = cls(path.name, Folders(path).flat())
         if len(found.files) > 1:
             found._check_against(path)
         return found

@@ -53,14 +53,9 @@ def _references(element: Element) -> list[tuple[str, str]]:
     return [(key, value) for key, value in element.attrib.items() if _FILE.fullmatch(key) and value]
 
 
-def flattened(main: Path) -> dict[str, bytes]:
-    """A model and every file that it refers to, by names without folders, so that a log contains no path of the user.
-    The main file is the first and keeps its name. Raises InputError if a file is missing, or must be XML and is not."""
-    return _Folders(main).flat()
-
-
-class _Folders:
-    """The files that a model refers to, found as MuJoCo finds them."""
+class Folders:
+    """The files that a model refers to, found as MuJoCo finds them. Raises InputError if a file is missing, or must be
+    XML and is not."""
 
     def __init__(self, main: Path) -> None:
         self.contents: dict[Path, bytes] = {}
@@ -72,6 +67,8 @@ class _Folders:
             self._model(model)
 
     def flat(self) -> dict[str, bytes]:
+        """The model and every file that it refers to, by names without folders, so that a log contains no path of the
+        user. The main file is the first and keeps its name."""
         names: dict[Path, str] = {}
         for path in self.contents:
             taken, name, n = {each.lower() for each in names.values()}, path.name, 2  # MuJoCo ignores case

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from ...analysis.setup import Setup
-from ...plant.wall import contact_settings
+from ...plant.settings import contact_settings
 from ...scenario import Scenario
 from ...stages.signals import FINAL_WINDOW_S
 from .attachment import Attachment, set_water
