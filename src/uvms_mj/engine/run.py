@@ -95,23 +95,21 @@ def simulate(
         for note in notes:
             slow = note in sim.slow_stages
             warnings.warn(note, PlainPythonWarning if slow else SamplingWarning, stacklevel=2)
-        return _Run(sim, row_steps, progress, sinks, keep_s).go(notes)
+        return _Run(sim, row_steps, progress, sinks, np.inf if keep_s is None else keep_s).go(notes)
 
 
+@dataclasses.dataclass
 class _Run:
     """One run, from the initial state to the trace."""
 
-    def __init__(
-        self,
-        sim: Simulation,
-        row_steps: int,
-        progress: Callable[[int, int], None] | None,
-        sinks: Sequence[Sink],
-        keep_s: float | None,
-    ) -> None:
-        self.sim, self.scenario, self.row_steps, self.progress = sim, sim.scenario, row_steps, progress
-        self.sinks, self.keep_s = sinks, np.inf if keep_s is None else keep_s
-        self.memory = sim.record(row_steps)
+    sim: Simulation
+    row_steps: int
+    progress: Callable[[int, int], None] | None
+    sinks: Sequence[Sink]
+    keep_s: float
+
+    def __post_init__(self) -> None:
+        self.scenario, self.memory = self.sim.scenario, self.sim.record(self.row_steps)
         self.blocks: deque[np.ndarray] = deque()
 
     def go(self, notes: tuple[str, ...]) -> Trace:

@@ -160,8 +160,8 @@ class Simulation:
             InputError: a key or value is invalid, or can't change during a run. Nothing is changed then.
         """
         with self._alone:
-            setup, touched = changed(self.setup, self.setup, overrides_of(overrides), "set")
-            fixed = sorted(touched & {"initial", "simulation"})
+            setup, touched = changed(self.setup, self.setup, overrides_of(overrides, "set: overrides"), "set")
+            fixed = sorted(key for key in touched if key.startswith(("initial.", "simulation.")))
             if fixed:
                 raise InputError([Fault(name, "can't change during a run; give it to reset") for name in fixed], "set")
             self._memory.rewrite(setup, touched)
