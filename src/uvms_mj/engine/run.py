@@ -20,7 +20,7 @@ from ..records.trace import Trace
 from ..records.writing import Writing
 from ..scenario import Scenario
 from .native.plain_stage import StageFault
-from .simulation import CHUNK_S, CHUNK_STEPS, Simulation
+from .simulation import CHUNK_S, CHUNK_STEPS, Simulation, valid_scenario
 
 
 class _Stopped(RuntimeError):
@@ -75,9 +75,7 @@ def simulate(
         LawError: the law raised, wrote outside its arrays, changed a gain or gave a number that is not finite.
         SinkError: a sink raised, e.g. because the disk is full; its output up to then is kept.
     """
-    scenario = scenario if scenario is not None else Scenario()
-    if not isinstance(scenario, Scenario):
-        raise InputError(f"scenario: expected a Scenario, got {scenario!r}; use Scenario.load(name or path)")
+    scenario = valid_scenario(scenario)
     if controller is not None and not isinstance(controller, Controller):
         raise InputError(f"controller: expected a Controller, got {controller!r}; use e.g. Gsta(k_1=8.0)")
     if controller is not None:

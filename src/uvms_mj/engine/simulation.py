@@ -59,9 +59,7 @@ class Simulation:
     """
 
     def __init__(self, scenario: Scenario | None = None, *, mjcf: Mjcf | None = None) -> None:
-        scenario = scenario if scenario is not None else Scenario()
-        if not isinstance(scenario, Scenario):
-            raise InputError(f"scenario: expected a Scenario, got {scenario!r}; use Scenario.load(name or path)")
+        scenario = valid_scenario(scenario)
         for stage in scenario.stages:
             check_stage(stage)
         self.setup = checked(scenario, mjcf)
@@ -272,6 +270,13 @@ class Simulation:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+
+def valid_scenario(scenario: Scenario | None) -> Scenario:
+    """The scenario, or the default one. Raises InputError if it is of another type."""
+    if not isinstance(scenario, Scenario | None):
+        raise InputError(f"scenario: expected a Scenario, got {scenario!r}; use Scenario.load(name or path)")
+    return scenario if scenario is not None else Scenario()
 
 
 def _view(array: np.ndarray, writable: bool) -> np.ndarray:
