@@ -2,7 +2,7 @@
 
 import contextlib
 import dataclasses
-from collections.abc import Container, Iterator
+from collections.abc import Iterator, Set
 
 import numpy as np
 
@@ -12,11 +12,12 @@ from ..errors import Fault, InputError
 from ..physics.dissipation import damping_notes
 from ..plant.mjcf import Mjcf
 from ..quantities import leaves
-from ..scenario import Scenario
+from ..scenario import STAGES, Scenario
 from .setup import Setup, set_up
 from .wall import wall_faults, wall_notes
 
-_CHECKED = ("wall", "design", "simulation", "disturbance")
+_CHECKED = frozenset({"wall", "simulation.timestep", "disturbance"})
+_PERIODS = tuple(f"{table}.period" for table in STAGES)
 _SMALL, _LARGE = 1e-6, 1e8
 """If an equation overflows, the message names the keys with numbers outside this range."""
 
@@ -34,17 +35,19 @@ def checked(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
     return setup
 
 
-def refuse(setup: Setup, touched: Container[str] = _CHECKED) -> None:
-    """Raise for a scenario that cannot run. Only checks of the tables in ``touched``, or of the "design", are made.
+def refuse(setup: Setup, touched: Set[str] = _CHECKED) -> None:
+    """Raise for a scenario that cannot run. Only checks of the tables and dotted keys in ``touched`` are made.
 
     Raises:
         InputError: for example, the wall is too stiff for the time step, or a period is not a multiple of it.
     """
-    scenario, faults = setup.scenario, list(_stage_faults(setup.scenario))
-    if any(table in touched for table in ("wall", "design", "simulation")):
+    faults: list[Fault] = []
+    if not touched.isdisjoint(("simulation.timestep", *_PERIODS)):
+        faults += _stage_faults(setup.scenario)
+    if not touched.isdisjoint(("wall", "reference.attitude_deg", "simulation.timestep")):
         faults += wall_faults(setup)
-    if any(table in touched for table in ("disturbance", "simulation")):
-        faults += _aliased(scenario)
+    if not touched.isdisjoint(("disturbance", "simulation.timestep")):
+        faults += _aliased(setup.scenario)
     if faults:
         raise InputError(faults, "scenario")
 

@@ -59,9 +59,7 @@ class Simulation:
     """
 
     def __init__(self, scenario: Scenario | None = None, *, mjcf: Mjcf | None = None) -> None:
-        scenario = scenario if scenario is not None else Scenario()
-        if not isinstance(scenario, Scenario):
-            raise InputError(f"scenario: expected a Scenario, got {scenario!r}; use Scenario.load(name or path)")
+        scenario = valid_scenario(scenario)
         for stage in scenario.stages:
             check_stage(stage)
         self.setup = checked(scenario, mjcf)
@@ -141,7 +139,9 @@ class Simulation:
         Raises:
             InputError: a key or value is invalid, or needs a new Simulation. The Simulation is as it was before.
         """
-        given = overrides_of(overrides) | ({} if seed is None else {"simulation.seed": seed})
+        given = overrides_of(overrides)
+        if seed is not None:
+            given["simulation.seed"] = seed
         with self._alone:
             setup, touched = changed(self._base, self.setup, given, "reset")
             self._memory.restart(setup, touched)
@@ -158,8 +158,8 @@ class Simulation:
             InputError: a key or value is invalid, or can't change during a run. Nothing is changed then.
         """
         with self._alone:
-            setup, touched = changed(self.setup, self.setup, overrides, "set")
-            fixed = sorted(touched & {"initial", "simulation", "seed"})
+            setup, touched = changed(self.setup, self.setup, overrides_of(overrides, "set: overrides"), "set")
+            fixed = sorted(key for key in touched if key.startswith(("initial.", "simulation.")))
             if fixed:
                 raise InputError([Fault(name, "can't change during a run; give it to reset") for name in fixed], "set")
             self._memory.rewrite(setup, touched)
@@ -233,7 +233,7 @@ class Simulation:
         self.check()
 
     def _run_stages(self, end: int) -> None:
-        context, loop = self._memory.context.ctypes.data, self._memory.loop
+        context, loop = self._memory.context_at, self._memory.loop
         mujoco.mj_kinematics(self.model, self.data)  # the wall's sensors get the values of the coming step
         mujoco.mj_sensorPos(self.model, self.data)
         while (waiting := entry_point("advance")(context, end)) >= 0:
@@ -270,6 +270,13 @@ class Simulation:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+
+def valid_scenario(scenario: Scenario | None) -> Scenario:
+    """The scenario, or the default one. Raises InputError if it is of another type."""
+    if not isinstance(scenario, Scenario | None):
+        raise InputError(f"scenario: expected a Scenario, got {scenario!r}; use Scenario.load(name or path)")
+    return scenario if scenario is not None else Scenario()
 
 
 def _view(array: np.ndarray, writable: bool) -> np.ndarray:

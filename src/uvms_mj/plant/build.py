@@ -62,12 +62,10 @@ class Plant:
         """Put the vehicle at an initial state."""
         qpos, dof = free_joint_addresses(self.model, self.body_id)
         quat = quat_from_euler_deg(*initial.attitude_deg)
-        data.qpos[qpos : qpos + 3] = initial.position
-        data.qpos[qpos + 3 : qpos + 7] = quat
-        v_W = np.zeros(3)
-        mujoco.mju_rotVecQuat(v_W, np.array(initial.velocity[:3]), quat)
-        data.qvel[dof : dof + 3] = v_W
-        data.qvel[dof + 3 : dof + 6] = initial.velocity[3:]
+        data.qpos[qpos : qpos + 7] = *initial.position, *quat
+        velocity = data.qvel[dof : dof + 6]
+        velocity[:] = initial.velocity
+        mujoco.mju_rotVecQuat(velocity[:3], velocity[:3].copy(), quat)
 
     def set_wall(self, wall: Wall) -> None:
         """Move the wall, and set stiffness and damping of the contact pair in N/m and N s/m."""
