@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import EXIT_UNSTABLE, asked_for, bad_input, command, end, output_options, run_options
+from .common import asked_for, bad_input, command, end, ended, output_options, run_options
 from .console import ROUNDING, Console, facts, print_table
 from .stop import Stop, exit_interrupted
 
@@ -26,16 +26,7 @@ if TYPE_CHECKING:
 @click.option("--rate", type=float, metavar="L", help="Print gains for a rate of disturbance [m/s^3], without a run.")
 @click.option("--state", type=float, metavar="L_S", help="Part of the rate that grows with |s| [1/s^2]; needs beta.")
 @output_options
-def certify(
-    arguments: tuple[str, ...],
-    controller: str | None,
-    settings: tuple[str, ...],
-    log: str | None,
-    rate: float | None,
-    state: float | None,
-    as_json: bool,
-    quiet: bool,
-) -> None:
+def certify(rate: float | None, state: float | None, as_json: bool, quiet: bool, **asked: Any) -> None:
     """Print the rate of disturbance for which GSTA is certain to converge, and the rate in the scenario.
 
     The bound on the rate comes from a Lyapunov function, given in uvms_mj.control.certificate, and depends only on the
@@ -52,7 +43,7 @@ def certify(
     console = Console(as_json, quiet)
     try:
         with bad_input():
-            scenario, trace = _load(arguments, controller, settings, log)
+            scenario, trace = _load(**asked)
             certificate = _certificate(scenario, trace)
             if rate is not None or state is not None:
                 _report_gains(certificate, rate or 0.0, state or 0.0, console)
@@ -61,10 +52,7 @@ def certify(
             _report(certificate, trace, console)
     except KeyboardInterrupt:
         end("interrupted before the first step", exit_interrupted())
-    status = trace.status.name
-    if status != "completed":
-        click.echo(f"{status}: {trace.message}", err=True)
-    sys.exit({"unstable": EXIT_UNSTABLE, "interrupted": exit_interrupted()}.get(status, 0))
+    sys.exit(ended(trace))
 
 
 def _load(

@@ -1,7 +1,6 @@
 """Terminal output: progress and warnings on standard error, results on standard output."""
 
 import contextlib
-import functools
 import json
 import math
 import sys
@@ -11,15 +10,16 @@ from typing import Any
 
 import click
 
+from .common import printable, progress_bar
 from .stop import Stop
 
 ROUNDING = 1e-9
 """Numbers smaller than this, relative or in SI units, come from rounding and are shown as zero."""
 
 
-def printable(text: str) -> str:
-    """Text with control characters escaped: names of files, or in a log, must not control the terminal."""
-    return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
+def warn(message: object, *_: Any, **__: Any) -> None:
+    """Print a warning as one line. The further arguments are those that Python gives its hook for warnings."""
+    click.echo(f"warning: {printable(str(message))}", err=True)
 
 
 class Console:
@@ -33,9 +33,6 @@ class Console:
         """A context in which a law's own prints go to standard error if standard output is reserved for JSON."""
         return contextlib.redirect_stdout(sys.stderr) if self.as_json else contextlib.nullcontext()
 
-    def warn(self, message: Any, category: Any, *_: Any, **__: Any) -> None:
-        click.echo(f"warning: {printable(str(message))}", err=True)
-
     @contextlib.contextmanager
     def running(self, scenario: Any, stop: Stop) -> Iterator[Callable[[int, int], None]]:
         """Context of a run: prints warnings as lines, and yields a function of the steps done and their total.
@@ -43,36 +40,17 @@ class Console:
         The function draws a progress bar if standard error is a terminal, and checks for signals.
         """
         label = f"{scenario.name} · {scenario.controller.label()}"
-        shown: contextlib.AbstractContextManager[Any] = contextlib.nullcontext()
-        if not self.quiet and sys.stderr.isatty():
-            shown = bar(f"{label} · compiling", "{task.fields[simulated]:.1f} s simulated")
+        shown = progress_bar(f"{label} · compiling", self.quiet, stop, "{task.fields[simulated]:.1f} s simulated")
         with warnings.catch_warnings(), shown as update:
-            warnings.showwarning = self.warn  # Python's own hook; catch_warnings restores it
-
-            def progress(done: int, total: int) -> None:
-                stop.check()
-                if update is not None:
-                    simulated = done * scenario.simulation.timestep
-                    update(description=label, completed=done, total=total, simulated=simulated)
-
-            yield progress
+            warnings.showwarning = warn  # Python's own hook; catch_warnings restores it
+            h = scenario.simulation.timestep
+            yield lambda done, total: update(done, total, description=label, simulated=done * h)
 
     def report(self, trace: Any, report: dict[str, Any]) -> None:
         if self.as_json:
             click.echo(json.dumps(report, allow_nan=False), file=self._out)
         elif not self.quiet:
             _run_table(trace, report)
-
-
-@contextlib.contextmanager
-def bar(what: str, column: Any) -> Iterator[Callable[..., None]]:
-    """A progress bar on standard error with one column beside the bar. Yields a function that updates it."""
-    import rich.console
-    from rich.progress import BarColumn, Progress, TimeRemainingColumn
-
-    columns = ("{task.description}", BarColumn(), column, TimeRemainingColumn())
-    with Progress(*columns, console=rich.console.Console(stderr=True), transient=True) as progress:
-        yield functools.partial(progress.update, progress.add_task(what, total=None, simulated=0.0))
 
 
 def log_tables(path: Any, trace: Any, files: Mapping[str, bytes]) -> None:

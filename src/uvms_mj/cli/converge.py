@@ -3,12 +3,12 @@
 import json
 import math
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from .common import EXIT_BAD_INPUT, EXIT_UNSTABLE, bad_input, command, end, output_options, progress_bar, run_options
-from .console import Console, print_table
+from .console import Console, print_table, warn
 from .run import chosen
 from .stop import Stop, exit_interrupted
 
@@ -28,15 +28,7 @@ if TYPE_CHECKING:
     "`list` prints all.",
 )
 @output_options
-def converge(
-    arguments: tuple[str, ...],
-    controller: str | None,
-    settings: tuple[str, ...],
-    log: str | None,
-    metrics: tuple[str, ...],
-    as_json: bool,
-    quiet: bool,
-) -> None:
+def converge(metrics: tuple[str, ...], as_json: bool, quiet: bool, **asked: Any) -> None:
     """Compute error bars for a run's results: repeat the run at h, h/2 and h/4, and extrapolate.
 
     h is the scenario's time step. The three runs take seven times as long as the first one and write no files.
@@ -58,7 +50,7 @@ def converge(
             if "list" in metrics:
                 click.echo("\n".join(METRICS))
                 return
-            scenario, mjcf, _ = chosen(arguments, settings, controller, log, None)
+            scenario, mjcf, _ = chosen(**asked, log_rate=None)
             try:
                 with console.alone(), progress_bar("running", as_json or quiet, stop) as bar:
                     found = runs_of(scenario, metrics or DEFAULT, mjcf=mjcf, progress=bar)
@@ -69,7 +61,7 @@ def converge(
     except KeyboardInterrupt:
         end("interrupted", exit_interrupted())
     for note in found.notes:
-        console.warn(note, UserWarning)
+        warn(note)
     if as_json:
         click.echo(json.dumps(_report(found), allow_nan=False))
     elif not quiet:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from .common import bad_input, command, end, force_option, json_option, path_argument, path_option, refuse_existing
-from .console import Console, log_tables, printable
+from .console import Console, log_tables, warn
 from .stop import exit_interrupted
 
 if TYPE_CHECKING:
@@ -146,4 +146,4 @@ def say_if_truncated(log: str, trace: "Trace") -> None:
     from ..records.header import Status
 
     if trace.status is Status.truncated:
-        click.echo(printable(f"warning: {log}: {trace.message}"), err=True)
+        warn(f"{log}: {trace.message}")
