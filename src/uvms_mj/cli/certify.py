@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import asked_for, bad_input, command, end, ended, output_options, run_options
-from .console import ROUNDING, Console, facts, print_table
+from .console import ROUNDING, Console, facts, print_table, table_of
 from .stop import Stop, exit_interrupted
 
 if TYPE_CHECKING:
@@ -193,8 +193,6 @@ def _verdict(certificate: "Certificate", largest: Any, beyond: Any, saturated: f
 
 
 def _tables(report: dict[str, Any]) -> None:
-    from rich.table import Table
-
     gains, certified, found = report["gains"], report["certified"], report["experienced"]
     table = facts(f"{report['scenario']} · {report['controller']}")
     alone = "" if gains["nominal"] else ", without nominal control"
@@ -206,7 +204,7 @@ def _tables(report: dict[str, Any]) -> None:
     if found is None:
         return
     title = "disturbance varphi of the scenario, eq. (28), and its rate varphi_dot; in m and rad"
-    table = Table(title=title, title_justify="left")
+    table = table_of(title, "axis", fixed=("axis",))
     heads = {
         "varphi": "|varphi| [1/s^2]",
         "rate": "largest rate [1/s^3]",
@@ -216,7 +214,6 @@ def _tables(report: dict[str, Any]) -> None:
         "margin_to_limit": "k_2/2 - rate",
         "time_beyond_s": "above bound [s]",
     }
-    table.add_column("axis", no_wrap=True)
     for head in heads.values():
         table.add_column(head, justify="right", overflow="fold")
     for i, axis in enumerate(found["axes"]):

@@ -2,7 +2,6 @@
 
 import contextlib
 import functools
-import json
 import logging
 import os
 import sys
@@ -161,9 +160,3 @@ def ended(trace: "Trace") -> int:
     if status != "completed":
         click.echo(f"{status}: {trace.message}", err=True)
     return {"unstable": EXIT_UNSTABLE, "interrupted": exit_interrupted()}.get(status, 0)
-
-
-def toml_value(value: Any) -> str:
-    if value is None:
-        return "-"
-    return json.dumps(list(value) if isinstance(value, tuple) else value)

@@ -5,13 +5,16 @@ import json
 import math
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from collections.abc import Callable, Container, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from .common import printable, progress_bar
 from .stop import Stop
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 ROUNDING = 1e-9
 """Numbers smaller than this, relative or in SI units, come from rounding and are shown as zero."""
@@ -55,8 +58,6 @@ class Console:
 
 def log_tables(path: Any, trace: Any, files: Mapping[str, bytes]) -> None:
     """Print the contents of a log: its rows, attachments, law, versions and topics."""
-    from rich.table import Table
-
     from ..records.mcap.layout import Format
 
     header = trace.header
@@ -69,24 +70,27 @@ def log_tables(path: Any, trace: Any, files: Mapping[str, bytes]) -> None:
             digest = f", sha256 {stage.sha256}" if stage.sha256 else ""
             table.add_row("law" if name == "controller" else name, printable(f"{stage.source}{digest}"))
     table.add_row("vehicle", printable(header.mjcf.name))
-    attachments = "\n".join(f"{printable(name)}, {len(data) / 1e3:.1f} kB" for name, data in files.items())
-    table.add_row("attachments", attachments)
-    versions = ", ".join(f"{name} {version}" for name, version in header.versions.items())
-    table.add_row("versions", printable(versions))
+    attached = "\n".join(f"{name}, {len(data) / 1e3:.1f} kB" for name, data in files.items())
+    table.add_row("attachments", printable(attached))
+    table.add_row("versions", printable(", ".join(f"{name} {version}" for name, version in header.versions.items())))
     print_table(table)
-    table = Table(title="topics", title_justify="left", min_width=60)
-    for column in ("topic", "type", "frame", "unit", "meaning"):
-        table.add_column(column, no_wrap=column in ("topic", "type"))
+    columns = ("topic", "type", "frame", "unit", "meaning")
+    table = table_of("topics", *columns, fixed=("topic", "type"), min_width=60)
     for topic in Format(header).topics:
         table.add_row(topic.name, topic.type, topic.frame, topic.unit, topic.meaning)
     print_table(table)
 
 
-def facts(title: str) -> Any:
-    """An empty table of names and values."""
-    from rich.table import Table
+def table_of(title: str, *columns: str, fixed: Container[str] = (), **look: Any) -> "Table":
+    """An empty table; columns in ``fixed`` do not wrap."""
+    from rich.table import Column, Table
 
-    return Table(title=title, show_header=False, title_justify="left", min_width=60)
+    return Table(*(Column(each, no_wrap=each in fixed) for each in columns), title=title, title_justify="left", **look)
+
+
+def facts(title: str) -> "Table":
+    """An empty table of names and values."""
+    return table_of(title, show_header=False, min_width=60)
 
 
 def print_table(table: Any) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import EXIT_BAD_INPUT, EXIT_UNSTABLE, bad_input, command, end, output_options, progress_bar, run_options
-from .console import Console, print_table, warn
+from .console import Console, print_table, table_of, warn
 from .run import chosen
 from .stop import Stop, exit_interrupted
 
@@ -80,13 +80,10 @@ def _report(found: "Convergence") -> dict[str, object]:
 
 
 def _table(found: "Convergence") -> None:
-    from rich.table import Table
-
     scenario, period = found.scenario, found.scenario.controller.period
     sampled = "the law at every step" if period is None else f"the law every {period:g} s"
     title = f"{scenario.name} · {scenario.controller.label()} · {scenario.simulation.duration:g} s, {sampled}"
-    table = Table(title=title, title_justify="left", min_width=60)
-    table.add_column("metric", no_wrap=True)
+    table = table_of(title, "metric", fixed=("metric",), min_width=60)
     for h in found.timesteps:
         table.add_column(f"h = {h:g} s", justify="right")
     table.add_column("order", justify="right")
