@@ -34,14 +34,13 @@ def info(log: str, show: str | None, as_json: bool) -> None:
         from ..records.mcap import read
         from ..records.trace import Trace
 
-        recording = read(log)
-        header, files = recording.header, recording.files
+        header, rows, outcome, files = read(log)
         if show is not None:
             if show not in files:
                 raise InputError(f"--show {show}: the log has no such file; {suggestion(show, files)}")
             sys.stdout.buffer.write(files[show])
             return
-        trace = Trace.of(header, recording.rows, recording.outcome)
+        trace = Trace.of(header, rows, outcome)
         say_if_truncated(log, trace)
         report = summary(trace, {"mcap": log})
         if as_json:

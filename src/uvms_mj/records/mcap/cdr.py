@@ -5,15 +5,13 @@ size (OMG, DDS-XTypes 1.3, sec. 7.4.1, "plain CDR"). A string is its length incl
 characters. A sequence is its length, then its elements.
 """
 
-import struct
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 HEADER = b"\x00\x01\x00\x00"
-_CODES = {"f8": "d", "f4": "f", "i4": "i", "u4": "I", "u1": "B"}
-"""Codes of the module struct."""
 STAMP = "stamp."
 """Prefix of the names of holes for stamps. States of a law are identifiers, so a name with a point is not a state."""
 
@@ -38,33 +36,26 @@ class Message:
     def _align(self, size: int) -> None:
         self.data += b"\x00" * (-(len(self.data) - len(HEADER)) % size)
 
-    def put(self, kind: str, *values: float) -> Self:
-        """Append constants of a NumPy type, "f8", "f4", "i4", "u4" or "u1"."""
+    def put(self, kind: str, *values: ArrayLike) -> Self:
+        """Append constants of a NumPy type, without their number."""
         self._align(int(kind[1]))
-        self.data += struct.pack(f"<{len(values)}{_CODES[kind]}", *values)
-        return self
-
-    def array(self, values: np.ndarray) -> Self:
-        """Append constants, each aligned to its size, without their number."""
-        self._align(values.itemsize)
-        self.data += np.ascontiguousarray(values).tobytes()
+        self.data += np.array(values, f"<{kind}").tobytes()
         return self
 
     def text(self, value: str) -> Self:
         """Append a constant string."""
         encoded = value.encode() + b"\x00"
-        self._align(4)
-        self.data += struct.pack("<I", len(encoded)) + encoded
+        self.put("u4", len(encoded)).data += encoded
         return self
 
     def hole(self, name: str, kind: str = "f8", count: int = 1) -> Self:
         """Append a hole for numbers."""
-        size = np.dtype(kind).itemsize
+        size = int(kind[1])
         self._align(size)
         self.holes[name] = Hole(len(self.data), f"<{kind}", count)
         self.data += bytes(size * count)
         return self
 
-    def stamp(self) -> Self:
-        """Append a hole for a builtin_interfaces/Time, seconds and nanoseconds. All stamps of a message are equal."""
-        return self.hole(f"{STAMP}{len(self.holes)}", "u4", 2)
+    def header(self, frame: str) -> Self:
+        """Append a std_msgs/Header with a hole for its stamp, seconds and nanoseconds. All stamps are equal."""
+        return self.hole(f"{STAMP}{len(self.holes)}", "u4", 2).text(frame)

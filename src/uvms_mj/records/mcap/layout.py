@@ -7,7 +7,7 @@ differ in their numbers only.
 
 import functools
 import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from mcap.opcode import Opcode
@@ -169,13 +169,6 @@ class Format:
         t = steps * self.timestep
         return t, np.rint(t * _NS).astype(np.int64)
 
-    def groups(self, into: int, n: int) -> Iterator[tuple[bool, int]]:
-        """n rows in groups: whether force arrows precede the group, and its size. ``into``: rows since the last."""
-        while n > 0:
-            size = min(n, self.arrow_every - into)
-            yield into == 0, size
-            into, n = 0, n - size
-
     def once_block(self) -> Block:
         """The messages of constant values, at time zero."""
         zero = np.zeros(1, np.int64)
@@ -184,9 +177,12 @@ class Format:
         return block
 
     def _new_block(self, into: int, n: int) -> Block:
+        """A block of n rows with the force arrows between them; the last arrows precede it by ``into`` rows."""
         pieces: list[tuple[Records, int]] = []
-        for with_arrows, size in self.groups(into, n):
-            pieces += [(self.arrow_records, 1)] * with_arrows + [(self.row_records, size)]
+        while n > 0:
+            size = min(n, self.arrow_every - into)
+            pieces += [(self.arrow_records, 1)] * (into == 0) + [(self.row_records, size)]
+            into, n = 0, n - size
         return Block(pieces)
 
     def block(self, rows: np.ndarray, first_row: int) -> tuple[Block, np.ndarray]:

@@ -81,33 +81,27 @@ def schema_text(name: str) -> str:
     return "\n".join([DEFINITIONS[first], *(f"{rule}\nMSG: {each}\n{DEFINITIONS[each]}" for each in rest)]) + "\n"
 
 
-def header(message: Message, frame: str) -> Message:
-    return message.stamp().text(frame)
-
-
 def stamped(frame: str, name: str, count: int, of: int = 0) -> Message:
     """A PoseStamped, TwistStamped, ... of ``of`` numbers: those of one signal, then zeros."""
-    return header(Message(), frame).hole(name, count=count).put("f8", *(0.0,) * (of - count))
+    return Message().header(frame).hole(name, count=count).put("f8", *(0.0,) * (of - count))
 
 
 def multi_array(label: str, name: str, size: int) -> Message:
     """A Float64MultiArray of one dimension."""
-    message = Message().put("u4", 1).text(label).put("u4", size, size, 0, size)
-    return message.hole(name, count=size)
+    return Message().put("u4", 1).text(label).put("u4", size, size, 0, size).hole(name, count=size)
 
 
 def odometry(frame: str, child: str, pose: tuple[str, str], twist: str) -> Message:
     """An Odometry with zero covariances; ``pose`` has the names of position and orientation."""
-    message = header(Message(), frame).text(child).hole(pose[0], count=3).hole(pose[1], count=4)
-    zeros = np.zeros(36)
-    return message.array(zeros).hole(twist, count=6).array(zeros)
+    message = Message().header(frame).text(child).hole(pose[0], count=3).hole(pose[1], count=4)
+    return message.put("f8", np.zeros(36)).hole(twist, count=6).put("f8", np.zeros(36))
 
 
 def transforms(*items: tuple[str, str, str, str]) -> Message:
     """A TFMessage of (frame, child, name of the translation, name of the rotation)."""
     message = Message().put("u4", len(items))
     for frame, child, translation, rotation in items:
-        message.stamp().text(frame).text(child).hole(translation, count=3).hole(rotation, count=4)
+        message.header(frame).text(child).hole(translation, count=3).hole(rotation, count=4)
     return message
 
 
@@ -129,11 +123,11 @@ def marker(
 
     ``points`` are (n, 3) numbers, or names of holes of three numbers each. A ``locked`` marker moves with its frame.
     """
-    header(message, frame).text(namespace).put("i4", number, kind, 0)
+    message.header(frame).text(namespace).put("i4", number, kind, 0)
     message.put("f8", *position, *quat_xyzw, *scale).put("f4", *rgba).put("i4", 0).put("u4", 0).put("u1", locked)
     message.put("u4", len(points))
     if isinstance(points, np.ndarray):
-        message.array(points.astype("<f8"))
+        message.put("f8", points)
     else:
         for name in points:
             message.hole(name, count=3)

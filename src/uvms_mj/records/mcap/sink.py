@@ -84,7 +84,10 @@ class McapLog:
         for name, data in header_files(header).items():
             self._attach(name, data)
         channels = b"".join(map(record_bytes, channel_records(self.format)))
-        self._note(METADATA, sealed(metadata(header) | {"crc32 of channels": f"{zlib.crc32(channels):08x}"}))
+        facts = sealed(metadata(header) | {"crc32 of channels": f"{zlib.crc32(channels):08x}"})
+        note = record_bytes(Metadata(METADATA, facts))
+        self._indexes.append(MetadataIndex(self._size, len(note), METADATA))
+        self._append(note)
         self._append(channels)
         self._chunk(self.format.once_block(), np.zeros(1, np.int64))
         self._compressor = zstandard.ZstdCompressor(level=_LEVEL)
@@ -155,15 +158,8 @@ class McapLog:
     def _attach(self, name: str, data: bytes) -> None:
         media = _MEDIA.get(os.path.splitext(name)[1], "application/octet-stream")
         record = record_bytes(Attachment(create_time=0, log_time=self._end_ns, name=name, media_type=media, data=data))
-        index = AttachmentIndex(self._size, len(record), self._end_ns, 0, len(data), name, media)
+        self._indexes.append(AttachmentIndex(self._size, len(record), self._end_ns, 0, len(data), name, media))
         self._append(record)
-        self._indexes.append(index)
-
-    def _note(self, name: str, values: dict[str, str]) -> None:
-        record = record_bytes(Metadata(name, values))
-        index = MetadataIndex(self._size, len(record), name)
-        self._append(record)
-        self._indexes.append(index)
 
     def _chunk(self, block: Block, log_ns: np.ndarray) -> None:
         """Write one chunk and the indexes of its messages in a single write."""

@@ -67,7 +67,7 @@ _SIZES = {_ACCEL: 6, _TWIST: 6, _WRENCH: 6, _VECTOR: 3}
 
 
 def _pose(position: str, quat: str) -> Message:
-    return ros2.header(Message(), "map").hole(position, count=3).hole(quat, count=4)
+    return Message().header("map").hole(position, count=3).hole(quat, count=4)
 
 
 _TOGETHER = (
