@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import asked_for, bad_input, command, end, ended, output_options, run_options
+from .common import bad_input, command, end, ended, output_options, run_options
 from .console import ROUNDING, Console, facts, print_table, table_of
+from .run import chosen
 from .stop import Stop, exit_interrupted
 
 if TYPE_CHECKING:
@@ -48,7 +49,11 @@ def certify(rate: float | None, state: float | None, as_json: bool, quiet: bool,
             if rate is not None or state is not None:
                 _report_gains(certificate, rate or 0.0, state or 0.0, console)
                 return
-            trace = trace if trace is not None else _run(scenario, console, stop)
+            if trace is None:
+                from ..engine.run import simulate
+
+                with console.running(scenario, stop) as progress:
+                    trace = simulate(scenario, progress=progress)
             _report(certificate, trace, console)
     except KeyboardInterrupt:
         end("interrupted before the first step", exit_interrupted())
@@ -59,18 +64,15 @@ def _load(
     arguments: tuple[str, ...], controller: str | None, settings: tuple[str, ...], log: str | None
 ) -> "tuple[Scenario, Trace | None]":
     """The scenario, and the trace if a log is given."""
+    if log is None:
+        return chosen(arguments, settings, controller, None, None)[0], None
     from ..errors import InputError
-    from ..scenario import Scenario
+    from ..records.trace import Trace
 
-    if log is not None:
-        if arguments or settings or controller is not None:
-            raise InputError("--from uses a log unchanged: omit the scenario, the law and the settings")
-        from ..records.trace import Trace
-
-        trace = Trace.load(log)
-        return trace.scenario, trace
-    name, overrides = asked_for(arguments, settings)
-    return Scenario.load(name or "push_wall", overrides, controller), None
+    if arguments or settings or controller is not None:
+        raise InputError("--from uses a log unchanged: omit the scenario, the law and the settings")
+    trace = Trace.load(log)
+    return trace.scenario, trace
 
 
 def _certificate(scenario: "Scenario", trace: "Trace | None") -> "Certificate":
@@ -88,13 +90,6 @@ def _certificate(scenario: "Scenario", trace: "Trace | None") -> "Certificate":
             hint = ": code from a log is never executed; omit --from, give scenario and --controller FILE.py:LAW"
         raise InputError(f"{law.label()} defines no certificate{hint}")
     return certificate
-
-
-def _run(scenario: "Scenario", console: Console, stop: Stop) -> "Trace":
-    from ..engine.run import simulate
-
-    with console.running(scenario, stop) as progress:
-        return simulate(scenario, progress=progress)
 
 
 def _report_gains(gains: "Certificate", rate: float, state: float, console: Console) -> None:

@@ -10,7 +10,7 @@ import click
 from .common import EXIT_BAD_INPUT, EXIT_UNSTABLE, bad_input, command, end, output_options, progress_bar, run_options
 from .console import Console, print_table, table_of, warn
 from .run import chosen
-from .stop import Stop, exit_interrupted
+from .stop import Stop
 
 if TYPE_CHECKING:
     from ..studies.convergence import Convergence, Estimate
@@ -41,25 +41,22 @@ def converge(metrics: tuple[str, ...], as_json: bool, quiet: bool, **asked: Any)
     """
     stop = Stop()
     console = Console(as_json, quiet)
-    try:
-        with bad_input():
-            from ..engine.run import LawError
-            from ..studies.convergence import DEFAULT, METRICS, NotCompletedError
-            from ..studies.convergence import converge as runs_of
+    with bad_input():
+        from ..engine.run import LawError
+        from ..studies.convergence import DEFAULT, METRICS, NotCompletedError
+        from ..studies.convergence import converge as runs_of
 
-            if "list" in metrics:
-                click.echo("\n".join(METRICS))
-                return
-            scenario, mjcf, _ = chosen(**asked, log_rate=None)
-            try:
-                with console.alone(), progress_bar("running", as_json or quiet, stop) as bar:
-                    found = runs_of(scenario, metrics or DEFAULT, mjcf=mjcf, progress=bar)
-            except NotCompletedError as error:
-                end(str(error), EXIT_UNSTABLE)
-            except LawError as error:
-                end(f"error: {error}", EXIT_BAD_INPUT)
-    except KeyboardInterrupt:
-        end("interrupted", exit_interrupted())
+        if "list" in metrics:
+            click.echo("\n".join(METRICS))
+            return
+        scenario, mjcf, _ = chosen(**asked, log_rate=None)
+        try:
+            with console.alone(), progress_bar("running", as_json or quiet, stop) as bar:
+                found = runs_of(scenario, metrics or DEFAULT, mjcf=mjcf, progress=bar)
+        except NotCompletedError as error:
+            end(str(error), EXIT_UNSTABLE)
+        except LawError as error:
+            end(f"error: {error}", EXIT_BAD_INPUT)
     for note in found.notes:
         warn(note)
     if as_json:

@@ -69,7 +69,6 @@ def export(log: str, kind: str | None, out: str | None, force: bool) -> None:
     with bad_input():
         from ..errors import InputError
         from ..records.export import export as write
-        from ..records.trace import Trace
 
         suffix = Path(out or "").suffix.lower().removeprefix(".")
         if kind is None and suffix not in FORMATS:
@@ -78,8 +77,7 @@ def export(log: str, kind: str | None, out: str | None, force: bool) -> None:
             raise InputError(f"--out {out}: does not fit --to {kind}; the name must end in .{kind}")
         kind = kind or suffix
         path = Path(out) if out is not None else Path(log).with_suffix(f".{kind}")
-        trace = Trace.load(log)
-        say_if_truncated(log, trace)
+        (trace,) = loaded((log,)).values()
         write(trace, kind, path, force)
         click.echo(str(path))
 
@@ -141,7 +139,6 @@ def labels(logs: "tuple[str, ...]", traces: "list[Trace]") -> list[str]:
 
 
 def say_if_truncated(log: str, trace: "Trace") -> None:
-    """Warn if a log is truncated."""
     from ..records.header import Status
 
     if trace.status is Status.truncated:

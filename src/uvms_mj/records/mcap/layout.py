@@ -14,7 +14,7 @@ from mcap.opcode import Opcode
 
 from ..header import Header
 from . import markers, topics
-from .cdr import STAMP
+from .ros2 import STAMP
 from .topics import Topic
 
 _HEAD = np.dtype([("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("when", "u1", (20,))])

@@ -1,11 +1,17 @@
 """The ROS 2 messages of a log: their definitions, and messages of fixed size with holes for numbers.
 
 The definitions are those of ROS 2 Humble and later, without comments and constants.
+
+Messages are in Common Data Representation (CDR). They begin with four bytes that mean "little-endian CDR". After them,
+every number is aligned to a multiple of its size (OMG, DDS-XTypes 1.3, sec. 7.4.1, "plain CDR"). A string is its length
+including the final zero, then its characters. A sequence is its length, then its elements.
 """
 
-import numpy as np
+from dataclasses import dataclass
+from typing import Self
 
-from .cdr import Message
+import numpy as np
+from numpy.typing import ArrayLike
 
 DEFINITIONS = {
     "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
@@ -53,6 +59,9 @@ DEFINITIONS = {
     "visualization_msgs/MarkerArray": "visualization_msgs/Marker[] markers",
 }
 
+HEADER = b"\x00\x01\x00\x00"
+STAMP = "stamp."
+"""Prefix of the names of holes for stamps. States of a law are identifiers, so a name with a point is not a state."""
 ARROW, CUBE, SPHERE, CYLINDER, TRIANGLES = 0, 1, 2, 3, 11
 """Types of a Marker."""
 
@@ -79,6 +88,51 @@ def schema_text(name: str) -> str:
     rule = "=" * 80
     first, *rest = seen
     return "\n".join([DEFINITIONS[first], *(f"{rule}\nMSG: {each}\n{DEFINITIONS[each]}" for each in rest)]) + "\n"
+
+
+@dataclass(frozen=True)
+class Hole:
+    """Place for numbers in a message: ``count`` numbers of type ``kind`` at byte ``offset``."""
+
+    offset: int
+    kind: str
+    count: int
+
+
+class Message:
+    """A message under construction: its bytes, zero in the holes, and the holes by name. Constants are written; numbers
+    that change from row to row leave a hole."""
+
+    def __init__(self) -> None:
+        self.data = bytearray(HEADER)
+        self.holes: dict[str, Hole] = {}
+
+    def _align(self, size: int) -> None:
+        self.data += b"\x00" * (-(len(self.data) - len(HEADER)) % size)
+
+    def put(self, kind: str, *values: ArrayLike) -> Self:
+        """Append constants of a NumPy type, without their number."""
+        self._align(int(kind[1]))
+        self.data += np.array(values, f"<{kind}").tobytes()
+        return self
+
+    def text(self, value: str) -> Self:
+        """Append a constant string."""
+        encoded = value.encode() + b"\x00"
+        self.put("u4", len(encoded)).data += encoded
+        return self
+
+    def hole(self, name: str, kind: str = "f8", count: int = 1) -> Self:
+        """Append a hole for numbers."""
+        size = int(kind[1])
+        self._align(size)
+        self.holes[name] = Hole(len(self.data), f"<{kind}", count)
+        self.data += bytes(size * count)
+        return self
+
+    def header(self, frame: str) -> Self:
+        """Append a std_msgs/Header with a hole for its stamp, seconds and nanoseconds. All stamps are equal."""
+        return self.hole(f"{STAMP}{len(self.holes)}", "u4", 2).text(frame)
 
 
 def stamped(frame: str, name: str, count: int, of: int = 0) -> Message:

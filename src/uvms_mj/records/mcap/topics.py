@@ -19,7 +19,7 @@ from ...stages.signals import RUNNING, Signal
 from ..header import Header
 from ..scene import FORCE_SCALE, scene_of, wall_face
 from . import markers, ros2
-from .cdr import STAMP, Message
+from .ros2 import STAMP, Message
 
 ARROWS_HZ = 20.0
 """Rate of the force arrows in simulated time [Hz], or the log rate if that is lower."""

@@ -14,11 +14,10 @@ from ...records.header import Status
 from ...records.trace import Trace
 from ..figures import contact, panels
 from .insets import place
-from .lines import size_in, ticks
 from .overlay import Overlay
 from .panels import ANGULAR, LINEAR, Panel
 from .scales import logarithmic, number, prefix_of
-from .style import COLUMN_IN, PAGE_IN, styled
+from .style import COLUMN_IN, PAGE_IN, size_in, styled, ticks
 
 WHATS = ("position", "force", "sliding", "tau", "integral", "summary")
 """Quantities that :func:`plot` can draw."""
@@ -129,8 +128,7 @@ def _overview(numbered: Mapping[int, tuple[str, Panel]]) -> Figure:
     figure = Figure(figsize=(PAGE_IN, 0.6 + _HEIGHT_IN * sum(heights)))
     axes = list(figure.subplots(4, 3, height_ratios=heights).flat)
     for ax, i in zip(axes, order, strict=True):
-        title, _ = numbered[i]
-        ax.set_title(f"{i}  {title}")
+        ax.set_title(f"{i}  {numbered[i][0]}")
     cells = [(ax, numbered[i][1]) for ax, i in zip(axes, order, strict=True)]
     _fill(cells)
     for ax in axes[:-3]:
@@ -171,8 +169,8 @@ def _of_one(label: str, trace: Trace, what: str) -> Rows:
 
 def _of_several(runs: Overlay, what: str) -> Rows:
     rows: dict[str, Callable[[], Rows]] = {
-        "position": runs.position,
-        "force": runs.force,
+        "position": lambda: [[runs.position(i) for i in range(3)]],
+        "force": lambda: [[contact.forces(runs.traces, runs.looks)]],
         "sliding": lambda: runs.signal("s"),
         "tau": lambda: runs.signal("tau"),
         "integral": lambda: [row for name in runs.states() for row in runs.signal(name)],
