@@ -63,7 +63,6 @@ def certify(rate: float | None, state: float | None, as_json: bool, quiet: bool,
 def _load(
     arguments: tuple[str, ...], controller: str | None, settings: tuple[str, ...], log: str | None
 ) -> "tuple[Scenario, Trace | None]":
-    """The scenario, and the trace if a log is given."""
     if log is None:
         return chosen(arguments, settings, controller, None, None)[0], None
     from ..errors import InputError

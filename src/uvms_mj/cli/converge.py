@@ -66,7 +66,6 @@ def converge(metrics: tuple[str, ...], as_json: bool, quiet: bool, **asked: Any)
 
 
 def _report(found: "Convergence") -> dict[str, object]:
-    """The object that ``--json`` prints."""
     return {
         "scenario": found.scenario.name,
         "controller": found.scenario.controller.label(),

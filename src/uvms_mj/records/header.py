@@ -90,7 +90,6 @@ class Header:
 
     @property
     def law(self) -> StageSource:
-        """Source of the law."""
         return self.sources["controller"]
 
     @functools.cached_property
@@ -110,7 +109,6 @@ class Header:
 
     @functools.cached_property
     def by_name(self) -> dict[str, Signal]:
-        """The signals by name."""
         return {signal.name: signal for signal in self.signals}
 
     @property

@@ -34,7 +34,7 @@ class Records:
         fields: dict[str, tuple[tuple[str, tuple[int, ...]], int]] = {}
         template = bytearray()
         starts: list[int] = []
-        self._from: list[tuple[str, str]] = []  # field, and the name of its values
+        self.sources: list[tuple[str, str]] = []  # field, and the name of its values
         for channel, topic in channels:
             start, body = len(template), len(template) + _HEAD.itemsize
             starts.append(start)
@@ -43,10 +43,10 @@ class Records:
             head["length"] = _HEAD.itemsize - 9 + len(topic.message.data)
             template += head.tobytes() + topic.message.data
             fields[f"{channel}.when"] = (("u1", (20,)), body - 20)
-            self._from.append((f"{channel}.when", ".when"))
+            self.sources.append((f"{channel}.when", ".when"))
             for name, hole in topic.message.holes.items():
                 fields[f"{channel}/{name}"] = ((hole.kind, (hole.count,)), body + hole.offset)
-                self._from.append((f"{channel}/{name}", STAMP if name.startswith(STAMP) else name))
+                self.sources.append((f"{channel}/{name}", STAMP if name.startswith(STAMP) else name))
         self.starts = np.array(starts)
         self.size = len(template)
         self.template = np.frombuffer(bytes(template), np.uint8)
@@ -61,23 +61,6 @@ class Records:
         self._constant = np.ones(self.size, bool)
         for (kind, shape), offset in fields.values():
             self._constant[offset : offset + np.dtype((kind, shape)).itemsize] = False
-
-    def fill(
-        self, records: Sequence[np.ndarray], values: Mapping[str, np.ndarray], sequence: np.ndarray, log_ns: np.ndarray
-    ) -> None:
-        """Set the numbers of n rows in records of :attr:`dtype`, given in pieces that follow one another: values (n,
-        count) for each hole, row numbers (n,) and log times (n,) [ns]."""
-        when = np.empty(len(log_ns), _WHEN)
-        when["sequence"], when["log"], when["publish"] = sequence & 0xFFFFFFFF, log_ns, log_ns
-        given = dict(values)
-        given[".when"] = when.view(np.uint8).reshape(-1, 20)
-        given[STAMP] = np.stack(np.divmod(log_ns, 1_000_000_000), axis=1)
-        first = 0
-        for piece in records:
-            rows = slice(first, first + len(piece))
-            for field, name in self._from:
-                piece[field] = given[name][rows]
-            first += len(piece)
 
     def rows(self, raw: np.ndarray) -> np.ndarray | None:
         """Bytes (n, size) as n records with the fields of :attr:`dtype`; None if their layout differs."""
@@ -124,8 +107,18 @@ class Block:
     def fill(
         self, records: Records, values: Mapping[str, np.ndarray], sequence: np.ndarray, log_ns: np.ndarray
     ) -> None:
-        """Set the numbers of all messages of some records; arguments as of :meth:`Records.fill`."""
-        records.fill(self._views[records], values, sequence, log_ns)
+        """Set the numbers of all n messages of some records: values (n, count) for each hole, row numbers (n,) and log
+        times (n,) [ns]."""
+        when = np.empty(len(log_ns), _WHEN)
+        when["sequence"], when["log"], when["publish"] = sequence & 0xFFFFFFFF, log_ns, log_ns
+        stamps = np.stack(np.divmod(log_ns, 1_000_000_000), axis=1)
+        given = {**values, ".when": when.view(np.uint8).reshape(-1, 20), STAMP: stamps}
+        first = 0
+        for piece in self._views[records]:
+            rows = slice(first, first + len(piece))
+            for field, name in records.sources:
+                piece[field] = given[name][rows]
+            first += len(piece)
         self._indexes[records]["entries"][:, :, 0] = log_ns
 
     def index_bytes(self) -> tuple[bytes, dict[int, int]]:

@@ -117,13 +117,11 @@ class Message:
         return self
 
     def text(self, value: str) -> Self:
-        """Append a constant string."""
         encoded = value.encode() + b"\x00"
         self.put("u4", len(encoded)).data += encoded
         return self
 
     def hole(self, name: str, kind: str = "f8", count: int = 1) -> Self:
-        """Append a hole for numbers."""
         size = int(kind[1])
         self._align(size)
         self.holes[name] = Hole(len(self.data), f"<{kind}", count)

@@ -50,11 +50,8 @@ def paper(traces: Mapping[str, Trace], fine: Mapping[str, Trace]) -> dict[str, F
         numbered = _numbered(traces, fine)
         figures = {}
         for i, (_, panel) in numbered.items():
-            figure = Figure(figsize=(COLUMN_IN, 0.55 + _HEIGHT_IN * panel.height))
-            cells = [(figure.subplots(), panel)]
-            _fill(cells)
-            _finish(figure, cells, panels.pair_handles() if i in (11, 12) else ())
-            figures[f"fig{i:02d}"] = figure
+            more = panels.pair_handles() if i in (11, 12) else ()
+            figures[f"fig{i:02d}"] = _grid([[panel]], COLUMN_IN, "", more)
         figures["overview"] = _overview(numbered)
     return figures
 
@@ -195,7 +192,7 @@ def _refuse(names: Sequence[str], what: str) -> Never:
     raise InputError(f"{names[0]}: its law has {one}; draw one of {others}")
 
 
-def _grid(rows: Rows, width: float, title: str) -> Figure:
+def _grid(rows: Rows, width: float, title: str, more: Sequence[Line2D] = ()) -> Figure:
     """A figure of rows of panels; each row fills the width of the figure."""
     if len(rows) > MOST_ROWS:
         raise InputError(f"{len(rows)} rows of panels are too many for one figure; draw one quantity at a time")
@@ -211,7 +208,7 @@ def _grid(rows: Rows, width: float, title: str) -> Figure:
     _fill(drawn)
     for ax, _ in drawn[: -len(rows[-1])]:
         ax.set_xlabel("")
-    _finish(figure, drawn)
+    _finish(figure, drawn, more)
     return figure
 
 

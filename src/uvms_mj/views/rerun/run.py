@@ -14,23 +14,8 @@ import rerun as rr
 from ...control.rest import SteadyState
 from ...physics.frames import quat_from_euler_deg
 from ...records.header import Header
-from ...records.scene import (
-    BLUE,
-    FORCE_SCALE,
-    FORCES,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILLION,
-    WALL_SIZE,
-    YELLOW,
-    Colour,
-    Force,
-    magnitudes,
-    scene_of,
-    span,
-)
+from ...records.palette import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, Colour
+from ...records.scene import FORCE_SCALE, FORCES, WALL_SIZE, Force, magnitudes, scene_of, span
 from ...stages.signals import Signal
 from ..colours import mixed
 from .extents import Extents
@@ -90,7 +75,6 @@ class Run:
         self._last_p: np.ndarray | None = None
 
     def path(self, *parts: str) -> str:
-        """Path of an entity of this run."""
         return rr.new_entity_path([self.label, *parts] if self.label else list(parts))
 
     def line(self, name: str, component: int) -> str:

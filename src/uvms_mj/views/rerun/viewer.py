@@ -166,15 +166,10 @@ def _runs(traces: Mapping[str, Trace]) -> list[Run]:
     if len(traces) == 1:
         return [Run(headers[0], place=Place(force_scale=scale), extents=extents[0])]
     colours = of_runs([header.law.source for header in headers])
-    width = _LANE * max(_width(header) for header in headers)
+    corners = [bounds(list(solids(header.geometry)), header.geometry.reach) for header in headers]
+    width = _LANE * max(float(high[1] - low[1]) for low, high in corners)
     lanes = [Place((0.5 * (len(traces) - 1) - i) * width, width, scale) for i in range(len(traces))]
     return [
         Run(header, label, colour, place=lane, extents=seen)
         for header, label, colour, lane, seen in zip(headers, traces, colours, lanes, extents, strict=True)
     ]
-
-
-def _width(header: Header) -> float:
-    """Width of a vehicle [m]."""
-    low, high = bounds(list(solids(header.geometry)), header.geometry.reach)
-    return float(high[1] - low[1])
