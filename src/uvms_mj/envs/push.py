@@ -111,9 +111,8 @@ class Push:
             choices = list(self.simulation.signals)
             raise InputError([Fault("observe", f"no signal {name!r}; {suggestion(name, choices)}") for name in absent])
         self._observed = tuple(observe)
-        self.size = {"wrench": 6, "thrusts": len(self.simulation.setup.vehicle.thrusters), "gains": len(self._base)}[
-            action
-        ]
+        thrusters = len(self.simulation.setup.vehicle.thrusters)
+        self.size = {"wrench": 6, "thrusts": thrusters, "gains": len(self._base)}[action]
 
     @property
     def over(self) -> bool:

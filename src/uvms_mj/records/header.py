@@ -125,10 +125,6 @@ class Header:
             tables[name]["name"] = stage.source
         return tables
 
-    def step_of_row(self, row: int) -> int:
-        """Time step of a row. The last row of a completed run is the state at its end."""
-        return min(row * self.row_steps, self.scenario.steps)
-
 
 @checked(frozen=True, config=STRICT)
 class Outcome:

@@ -136,7 +136,7 @@ class _Reader:
                 return outcome
             note = f"all samples are present, but the end of the file is missing: {missing}"
             return dataclasses.replace(outcome, message=f"{outcome.message} ({note})".strip())
-        last = header.step_of_row(self.rows - 1) if self.rows else 0
+        last = min((self.rows - 1) * header.row_steps, steps) if self.rows else 0
         there = (
             f"it has {self.rows} rows up to t = {last * h:g} s of {steps * h:g} s" if self.rows else "it has no rows"
         )

@@ -51,7 +51,6 @@ class LiveView:
         row_s = header.row_steps * header.scenario.simulation.timestep
         rows = header.scenario.steps / header.row_steps
         thinned = max(1, round(1.0 / (_LIVE_HZ * row_s)), int(np.ceil(rows / _LIVE_SAMPLES)))
-        self._places = header.places
         self._run = Run(header, row_steps=thinned)
         self._sender: Sender | None = _viewer()
         self._recording = _Recording([self._run])
@@ -74,7 +73,7 @@ class LiveView:
     def _send(self) -> None:
         if self._waiting and self._sender is not None:
             rows = np.concatenate(self._waiting)
-            self._run.write({name: rows[:, place] for name, place in self._places.items()})
+            self._run.write({name: rows[:, place] for name, place in self._run.header.places.items()})
         self._waiting = []
         if self._sender is not None:
             try:
