@@ -50,9 +50,10 @@ def test_six_numbers_are_the_diagonal_of_a_matrix(D_d):
 
 @pytest.mark.parametrize("form", [tuple, lambda six: tuple(map(tuple, np.diag(six).tolist()))])
 def test_both_matrices_that_are_not_physical_are_named(form):
+    wrong = form((1.0,) * 5 + (-1.0,))
+    scenario = Scenario(impedance=Impedance(M_d=wrong, D_d=wrong))
     with pytest.raises(InputError, match=r"(?s)impedance.M_d.*not positive definite.*impedance.D_d.*not dissipative"):
-        wrong = form((1.0,) * 5 + (-1.0,))
-        Design.of(Scenario(impedance=Impedance(M_d=wrong, D_d=wrong)), M)
+        Design.of(scenario, M)
 
 
 @given(st.tuples(*[st.floats(-180.0, 180.0)] * 3), st.floats(0.0, 1.0))
