@@ -12,7 +12,7 @@ import pytest
 from law_files import law_file, one_liner
 from uvms_mj import Scenario, simulate
 from uvms_mj.control import BUILT_IN
-from uvms_mj.engine.native import objects
+from uvms_mj.engine.native import compilation, objects
 from uvms_mj.physics.kernels import kernels
 
 
@@ -122,6 +122,7 @@ def test_what_a_killed_process_left_in_the_cache_is_forgotten_in_time(tmp_path, 
 def test_a_cache_that_takes_nothing_stops_no_run(monkeypatch):
     """In a missing folder, as on a full disk, no file can be written."""
     monkeypatch.setattr(objects, "_folder", lambda: Path("/nowhere/at/all"))
+    compilation._native_function.cache_clear()
     assert simulate(Scenario.load("push_wall", SHORT)).status.name == "completed"
 
 

@@ -173,6 +173,7 @@ def test_all_files_together_have_a_sane_size(tmp_path, monkeypatch):
     text = edited("</asset>", f"{meshes}</asset>")
     assert len(reading(tmp_path, text).files) == 5
     monkeypatch.setattr(mjcf_files, "LARGEST_MODEL", 100_000)
+    (tmp_path / "m0.obj").write_bytes(CUBE + b"#" * 30_001)  # otherwise nothing is read again
     with pytest.raises(InputError, match="are together larger"):
         reading(tmp_path, text)
     monkeypatch.setattr(mjcf_files, "LARGEST_XML", 10_000)

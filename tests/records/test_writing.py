@@ -29,10 +29,10 @@ STORM = """if True:
     import random, signal, sys
     import numpy as np
     from uvms_mj import Scenario, Status, simulate
-    from uvms_mj.engine import run
+    from uvms_mj.engine.mujoco_engine import MujocoEngine
     from test_writing import Kept
 
-    run.CHUNK_STEPS = 1  # rows are passed on at every step, so that interrupts often come at that moment
+    MujocoEngine.chunk_steps = 1  # rows are passed on at every step, so that interrupts often come at that moment
     scenario = Scenario.load("push_wall", {"simulation.duration": 2000.0})
     dice = random.Random(int(sys.argv[1]))
 

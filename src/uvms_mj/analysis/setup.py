@@ -18,7 +18,7 @@ from ..scenario import Scenario
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """A scenario, the compiled plant, and the design matrices of both."""
+    """A scenario, the plant, and the design matrices of both."""
 
     scenario: Scenario
     plant: Plant
@@ -36,7 +36,7 @@ class Setup:
     @property
     def gravity_W(self) -> np.ndarray:
         """(3,) acceleration of gravity [m/s^2]."""
-        return self.plant.model.opt.gravity
+        return self.plant.mjcf.gravity_W
 
     def mass_along_normal(self) -> float:
         """Effective mass at the contact point along the wall's normal [kg]."""

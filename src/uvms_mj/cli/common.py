@@ -78,17 +78,19 @@ def refuse_existing(option: str, path: Path, force: bool) -> None:
         raise InputError(f"{option} {path}: exists; choose another name, or replace it with --force")
 
 
-def asked_for(arguments: Sequence[str], settings: Sequence[str]) -> tuple[str | None, dict[str, Any]]:
-    """The name of the scenario, if one is given, and the settings by key. Raises InputError if several scenarios are
-    named, or a setting is not valid."""
+def asked_for(
+    arguments: Sequence[str], settings: Sequence[str], noun: str = "scenario"
+) -> tuple[str | None, dict[str, Any]]:
+    """The name of the scenario, if one is given, and the settings by key. Raises InputError if several are named, or a
+    setting is not valid. ``noun`` is the word for a scenario in messages."""
     from ..errors import InputError
     from ..files import parse_setting
 
     names = [a for a in arguments if "=" not in a]
     if "" in names:
-        raise InputError("the name of a scenario must not be empty")
+        raise InputError(f"the name of a {noun} must not be empty")
     if len(names) > 1:
-        raise InputError(f"one scenario at a time, please: {', '.join(names)}")
+        raise InputError(f"one {noun} at a time, please: {', '.join(names)}")
     overrides: dict[str, Any] = {}
     for key, value in map(parse_setting, (*settings, *(a for a in arguments if "=" in a))):
         if key in overrides and overrides[key] != value:
@@ -105,9 +107,12 @@ def draw_to_files() -> None:
 
 
 @contextlib.contextmanager
-def progress_bar(what: str, hidden: bool, stop: Stop, column: str | None = None) -> Iterator[Callable[..., None]]:
-    """A progress bar on terminals, with the share done or another column beside it. Yields a function of the counts
-    done and in total, and of fields of the task such as its description. The function also checks for signals."""
+def progress_bar(
+    what: str, hidden: bool, stop: Stop, column: str | None = None, **fields: Any
+) -> Iterator[Callable[..., None]]:
+    """A progress bar on terminals, with the share done or another column beside it, which shows ``fields``. Yields a
+    function of the counts done and in total, and of fields of the task such as its description. The function also
+    checks for signals."""
     if hidden or not sys.stderr.isatty():
         yield lambda *counts, **fields: stop.check()
         return
@@ -116,7 +121,7 @@ def progress_bar(what: str, hidden: bool, stop: Stop, column: str | None = None)
 
     columns = ("{task.description}", BarColumn(), column or TaskProgressColumn(), TimeRemainingColumn())
     with Progress(*columns, console=rich.console.Console(stderr=True), transient=True) as progress:
-        task = progress.add_task(what, total=None, simulated=0.0)
+        task = progress.add_task(what, total=None, **fields)
 
         def advance(done: int, total: int, **fields: Any) -> None:
             stop.check()

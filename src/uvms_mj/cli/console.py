@@ -43,7 +43,8 @@ class Console:
         The function draws a progress bar if standard error is a terminal, and checks for signals.
         """
         label = f"{scenario.name} · {scenario.controller.label()}"
-        shown = progress_bar(f"{label} · compiling", self.quiet, stop, "{task.fields[simulated]:.1f} s simulated")
+        column = "{task.fields[simulated]:.1f} s simulated"
+        shown = progress_bar(f"{label} · compiling", self.quiet, stop, column, simulated=0.0)
         with warnings.catch_warnings(), shown as update:
             warnings.showwarning = warn  # Python's own hook; catch_warnings restores it
             h = scenario.simulation.timestep
@@ -70,6 +71,7 @@ def log_tables(path: Any, trace: Any, files: Mapping[str, bytes]) -> None:
             digest = f", sha256 {stage.sha256}" if stage.sha256 else ""
             table.add_row("law" if name == "controller" else name, printable(f"{stage.source}{digest}"))
     table.add_row("vehicle", printable(header.mjcf.name))
+    table.add_row("engine", printable(header.engine))
     attached = "\n".join(f"{name}, {len(data) / 1e3:.1f} kB" for name, data in files.items())
     table.add_row("attachments", printable(attached))
     table.add_row("versions", printable(", ".join(f"{name} {version}" for name, version in header.versions.items())))

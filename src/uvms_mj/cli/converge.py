@@ -49,7 +49,7 @@ def converge(metrics: tuple[str, ...], as_json: bool, quiet: bool, **asked: Any)
         if "list" in metrics:
             click.echo("\n".join(METRICS))
             return
-        scenario, mjcf, _ = chosen(**asked, log_rate=None)
+        scenario, mjcf, *_ = chosen(**asked, log_rate=None)
         try:
             with console.alone(), progress_bar("running", as_json or quiet, stop) as bar:
                 found = runs_of(scenario, metrics or DEFAULT, mjcf=mjcf, progress=bar)

@@ -46,6 +46,7 @@ def info(log: str, show: str | None, as_json: bool) -> None:
         if as_json:
             stages = {name: {"source": s.source, "sha256": s.sha256} for name, s in header.sources.items()}
             about = {"versions": dict(header.versions), "law": stages["controller"], "stages": stages}
+            about |= {"engine": header.engine}
             signals = {s.name: {"shape": list(s.shape), "unit": s.unit, "frame": s.frame} for s in trace.signals}
             attached = {name: len(data) for name, data in files.items()}
             click.echo(json.dumps(report | about | {"rows": len(trace), "signals": signals, "attachments": attached}))

@@ -21,6 +21,7 @@ from .common import (
 from .console import Console, warn
 from .folders import LOG, RunFolder, alone_in, output_folder, remove_if_empty
 from .stop import Stop, exit_interrupted
+from .study_row import row_of
 
 if TYPE_CHECKING:
     from ..plant.mjcf import Mjcf
@@ -31,12 +32,16 @@ if TYPE_CHECKING:
 @command(
     epilog="Exit status: 0 completed, 2 bad input or a law that failed, 3 unstable, 130 interrupted (143 by SIGTERM)."
 )
-@run_options("Repeat the run of a log, run.mcap, with its scenario and vehicle.")
+@run_options("Repeat the run of a log, run.mcap, with its scenario and vehicle; with --row, of a study's folder.")
+@click.option("--row", type=click.IntRange(min=0), metavar="N", help="Repeat this row of the study in --from DIR.")
 @path_option("-o", "--out", metavar="DIR", help="Output folder [default: runs/<time>-<scenario>-<controller>].")
 @click.option("--log-rate", metavar="HZ|full", help="Samples per second; must divide the step rate [default: 1 kHz].")
+@click.option("--engine", metavar="NAME", help="mujoco [default], or free_body: one vehicle without MuJoCo, faster.")
 @click.option("--viewer", is_flag=True, help="Open the Rerun viewer and stream to it during the run.")
 @output_options
-def run(out: str | None, log_rate: str | None, viewer: bool, as_json: bool, quiet: bool, **asked: Any) -> None:
+def run(
+    out: str | None, log_rate: str | None, engine: str | None, viewer: bool, as_json: bool, quiet: bool, **asked: Any
+) -> None:
     """Run a scenario: a TOML file, or the name of a built-in one (default: push_wall, the paper's).
 
     The samples are written to DIR/run.mcap during the run. The log stays readable if the run stops early.
@@ -46,6 +51,8 @@ def run(out: str | None, log_rate: str | None, viewer: bool, as_json: bool, quie
     uvms-mj run --controller fosm --set controller.epsilon=2e-3 --set wall.stiffness=2e4
     uvms-mj run my_scenario.toml --controller my_law.py:MyLaw --log-rate full --out results
     uvms-mj run --from results/run.mcap --set current.speed=0.3
+    uvms-mj run --from study --row 17 --viewer
+    uvms-mj run --engine free_body
     """
     stop = Stop()
     console = Console(as_json, quiet)
@@ -53,11 +60,13 @@ def run(out: str | None, log_rate: str | None, viewer: bool, as_json: bool, quie
     files: dict[str, Path] = {}
     try:
         with bad_input(), console.alone():
-            scenario, mjcf, log_rate = chosen(**asked, log_rate=log_rate)
+            scenario, mjcf, log_rate, recorded = chosen(**asked, log_rate=log_rate)
             folder, made = output_folder(out, scenario)
             try:
                 with alone_in(folder):
-                    status = _simulate(scenario, mjcf, folder, files, log_rate, viewer, console, stop)
+                    status = _simulate(
+                        scenario, mjcf, folder, files, log_rate, engine or recorded, viewer, console, stop
+                    )
             finally:
                 remove_if_empty(made)
     except KeyboardInterrupt:
@@ -68,25 +77,35 @@ def run(out: str | None, log_rate: str | None, viewer: bool, as_json: bool, quie
 
 
 def chosen(
-    arguments: tuple[str, ...], settings: tuple[str, ...], controller: str | None, log: str | None, log_rate: str | None
-) -> "tuple[Scenario, Mjcf | None, str | None]":
-    """Scenario, vehicle and log rate of a run, by the arguments of the command. The vehicle is None unless it is that
-    of a log. Raises InputError if the input is invalid."""
+    arguments: tuple[str, ...],
+    settings: tuple[str, ...],
+    controller: str | None,
+    log: str | None,
+    log_rate: str | None,
+    row: int | None = None,
+) -> "tuple[Scenario, Mjcf | None, str | None, str]":
+    """Scenario, vehicle, log rate and engine of a run, by the arguments of the command. The vehicle is None unless it
+    is that of a log. Raises InputError if the input is invalid."""
     from ..errors import InputError
     from ..scenario import Scenario
 
     name, overrides = asked_for(arguments, settings)
+    if row is not None and log is None:
+        raise InputError(f"--row {row}: name the folder of its study with --from DIR")
     if log is None:
-        return Scenario.load(name or "push_wall", overrides, controller), None, log_rate
+        return Scenario.load(name or "push_wall", overrides, controller), None, log_rate, "mujoco"
     if name is not None:
         raise InputError(f"one scenario at a time, please: {name}, {log}")
+    if row is not None:
+        scenario, engine = row_of(log, row, overrides, controller)
+        return scenario, None, log_rate, engine
     return _from_log(log, overrides, controller, log_rate)
 
 
 def _from_log(
     log: str, overrides: dict[str, Any], controller: str | None, log_rate: str | None
-) -> "tuple[Scenario, Mjcf | None, str | None]":
-    """Scenario, vehicle and log rate of a log. Warns if a repetition may differ from the original."""
+) -> "tuple[Scenario, Mjcf | None, str | None, str]":
+    """Scenario, vehicle, log rate and engine of a log. Warns if a repetition may differ from the original."""
     from ..errors import InputError
     from ..records.header import code_file
     from ..records.mcap import read_files
@@ -108,7 +127,7 @@ def _from_log(
     _warn_of_changes(header, scenario)
     if log_rate is None and "simulation.timestep" not in overrides:
         log_rate = repr(1.0 / (header.row_steps * scenario.simulation.timestep))
-    return scenario, None if "vehicle.model" in overrides else header.mjcf, log_rate
+    return scenario, None if "vehicle.model" in overrides else header.mjcf, log_rate, header.engine
 
 
 def _warn_of_changes(header: "Header", scenario: "Scenario") -> None:
@@ -132,6 +151,7 @@ def _simulate(
     folder: Path,
     files: dict[str, Path],
     log_rate: str | None,
+    engine: str,
     viewer: bool,
     console: Console,
     stop: Stop,
@@ -152,7 +172,13 @@ def _simulate(
     with console.running(scenario, stop) as progress:
         try:
             trace = simulate(
-                scenario, log_rate=log_rate, progress=progress, sinks=sinks, keep_s=AROUND_THE_END_S, mjcf=mjcf
+                scenario,
+                log_rate=log_rate,
+                progress=progress,
+                sinks=sinks,
+                keep_s=AROUND_THE_END_S,
+                engine=engine,
+                mjcf=mjcf,
             )
         except (LawError, SinkError) as raised:
             trace, error = raised.trace, str(raised)

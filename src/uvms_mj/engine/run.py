@@ -20,7 +20,7 @@ from ..records.trace import Trace
 from ..records.writing import Writing
 from ..scenario import Scenario
 from .native.plain_stage import StageFault
-from .simulation import CHUNK_S, CHUNK_STEPS, Simulation, valid_scenario
+from .simulation import CHUNK_S, Simulation, valid_scenario
 
 
 class _Stopped(RuntimeError):
@@ -52,6 +52,7 @@ def simulate(
     progress: Callable[[int, int], None] | None = None,
     sinks: Sequence[Sink] = (),
     keep_s: float | None = None,
+    engine: str = "mujoco",
     mjcf: Mjcf | None = None,
 ) -> Trace:
     """Run a scenario.
@@ -64,6 +65,7 @@ def simulate(
         progress: called after each chunk with the number of steps done and the run's number of steps.
         sinks: receivers of the samples during the run, e.g. ``McapLog("run.mcap")``; called on a separate thread.
         keep_s: length of the run's end that the trace keeps in memory [s]; default: the whole run.
+        engine: "mujoco" or "free_body", as in :class:`Simulation`.
         mjcf: the vehicle's model, e.g. ``trace.header.mjcf``, in place of the file of ``scenario.vehicle.model``.
 
     Returns:
@@ -88,7 +90,7 @@ def simulate(
                 f"{table}.name: {stage.label()} leaves {sets} to the caller of a Simulation; "
                 f"a run needs another {stage.room.noun}"
             )
-    with mujoco_warnings(), Simulation(scenario, mjcf=mjcf) as sim:
+    with mujoco_warnings(), Simulation(scenario, engine=engine, mjcf=mjcf) as sim:
         notes = sim.notes
         for note in notes:
             slow = note in sim.slow_stages
@@ -123,6 +125,7 @@ class _Run:
             geometry=setup.plant.geometry,
             sources=sources_of(self.scenario, len(setup.vehicle.thrusters)),
             versions=versions(),
+            engine=sim.engine,
         )
         with Writing(self.sinks, header) as self.writing:
             outcome, raised = self._outcome()
@@ -162,10 +165,10 @@ class _Run:
 
     def _chunks(self) -> Iterator[int]:
         """Step through the run. The rows of a chunk are taken even if it raises."""
-        sim, steps, done = self.sim, self.scenario.steps, 0
+        sim, steps, done, most = self.sim, self.scenario.steps, 0, self.sim.chunk_steps
         while done < steps:
             try:
-                done += sim.run(min(CHUNK_STEPS - done % CHUNK_STEPS, steps - done), CHUNK_S)
+                done += sim.run(min(most - done % most, steps - done), CHUNK_S)
             finally:
                 self._take_rows()
             sim.check(last=done == steps)

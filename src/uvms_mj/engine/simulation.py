@@ -5,7 +5,6 @@ import weakref
 from collections.abc import Mapping
 from typing import Any, NoReturn
 
-import mujoco
 import numpy as np
 
 from ..analysis.sampling import checked, warnings_of
@@ -16,20 +15,18 @@ from ..scenario import Scenario
 from ..stages.loader import check_stage
 from ..stages.signals import Signal
 from .changes import changed
+from .engines import engine_of
 from .live import Signals
-from .native.attachment import immerse
 from .native.callback import entry_point
-from .native.run_memory import RunMemory, motion_of_water
+from .native.run_memory import RunMemory
 from .native.verdict import Diverged, verdict
 from .one_thread import OneThread
 
-CHUNK_STEPS = 1000
-"""Largest number of steps from one reading of the clock to the next: a few milliseconds of wall time."""
 CHUNK_S = 0.25
 """Wall time after which a chunk ends early, for slow stages [s]."""
 SLICE_STEPS = 50
-"""As CHUNK_STEPS, for a user's stage: it may become slow at any step."""
-_STEPPED = "somebody else has stepped sim.data or changed its time step: reset the Simulation, and use step only"
+"""Largest number of steps from one reading of the clock to the next with a user's stage: it may become slow at any
+step."""
 
 
 class Simulation:
@@ -46,38 +43,57 @@ class Simulation:
 
     Args:
         scenario: the scenario; default: the paper's.
+        engine: "mujoco", or "free_body", which steps one free vehicle without MuJoCo, several times as fast
+            (:mod:`.free_engine`).
         mjcf: the vehicle's model, in place of the file of ``scenario.vehicle.model``.
 
     Attributes:
-        model: MuJoCo's model.
+        engine: the engine's name.
+        model: MuJoCo's model. InputError with the engine free_body.
         data: MuJoCo's data. ``mujoco.mj_forward`` may be called with it; only :meth:`step` takes steps. If ``qpos`` or
-            ``qvel`` is changed between steps, navigation measures it from the following instant on.
+            ``qvel`` is changed between steps, navigation measures it from the following instant on. InputError with
+            the engine free_body.
         setup: the scenario with the plant and the design matrices.
 
     Raises:
-        InputError: the input is invalid.
+        InputError: the input is invalid, or the engine can't run the scenario.
     """
 
-    def __init__(self, scenario: Scenario | None = None, *, mjcf: Mjcf | None = None) -> None:
+    def __init__(self, scenario: Scenario | None = None, *, engine: str = "mujoco", mjcf: Mjcf | None = None) -> None:
         scenario = valid_scenario(scenario)
         for stage in scenario.stages:
             check_stage(stage)
         self.setup = checked(scenario, mjcf)
         self._base = self.setup
-        self.model, plant = self.setup.plant.model, self.setup.plant
-        self.data = plant.initial_data(scenario.initial)
-        self._attachment = immerse(self.model, self.data, plant.vehicle, motion_of_water(scenario))
-        self._finalizer = weakref.finalize(self, self._attachment.release)
+        self._engine = engine_of(engine, self.setup)
+        self._finalizer = weakref.finalize(self, self._engine.close)
         try:
-            self._memory = RunMemory(self.setup, self.data, self._attachment)
+            self._memory = RunMemory(self.setup, self._engine)
         except BaseException:
             self.close()
             raise
         self._stages = self._memory.stages
         self._plain = [entry for entry in self._stages.running if entry.code is None]
         self._guarded = [entry for entry in self._stages.running if entry.guarded]
-        self._slice, self._alone = 1, OneThread(self._attachment)
+        self._slice, self._alone = 1, OneThread(self._engine)
         self._signals, self._ready = Signals(self._memory.views()), False
+
+    @property
+    def engine(self) -> str:
+        return self._engine.name
+
+    @property
+    def model(self) -> Any:
+        return self._engine.model
+
+    @property
+    def data(self) -> Any:
+        return self._engine.data
+
+    @property
+    def chunk_steps(self) -> int:
+        """Largest number of steps of a call of :meth:`run` with rows."""
+        return self._engine.chunk_steps
 
     @property
     def scenario(self) -> Scenario:
@@ -192,10 +208,9 @@ class Simulation:
             return self._run(n, seconds)
 
     def _run(self, n: int, seconds: float) -> int:
-        loop, most = self._memory.loop, SLICE_STEPS if self._guarded else CHUNK_STEPS
-        h = self.scenario.simulation.timestep
-        if (abs(self.data.time - self.t) > 0.5 * h and not loop["stop"][0]) or self.model.opt.timestep != h:
-            raise RuntimeError(_STEPPED)
+        loop, most = self._memory.loop, SLICE_STEPS if self._guarded else self.chunk_steps
+        if not loop["stop"][0]:
+            self._engine.check(self.t, self.scenario.simulation.timestep)
         self._ready, done, start = False, 0, time.perf_counter()
         now = start
         while done < n and now - start < seconds and not loop["stop"][0]:
@@ -203,27 +218,22 @@ class Simulation:
             if self._plain:
                 size = 1
                 self._run_stages(len(self._stages.rows))
-            loop["remaining"] = size
-            mujoco.mj_step(self.model, self.data, size)
-            if loop["remaining"][0]:
-                loop["remaining"] = 0
-                raise RuntimeError("mjcb_control was replaced during the run: hydrodynamics were no longer applied")
+            self._engine.step(loop, size)
             done, now = done + size, time.perf_counter()
             self._slice = max(1, min(most, int(CHUNK_S * size / max(now - begun, 1e-9))))
         return done
 
     def record(self, row_steps: int) -> RunMemory:
         """Record a row every so many time steps, from the start of the run. The memory must be emptied at least once in
-        CHUNK_STEPS steps."""
-        self._memory.record(row_steps, CHUNK_STEPS // row_steps + 2)
+        :attr:`chunk_steps` steps."""
+        self._memory.record(row_steps, self.chunk_steps // row_steps + 2)
         return self._memory
 
     def finish(self) -> None:
         """Evaluate the instant in hand without a step, so that its row is complete."""
         if self._plain:
             self._run_stages(len(self._stages.rows))
-        self._memory.loop["remaining"] = 1
-        mujoco.mj_forward(self.model, self.data)
+        self._engine.evaluate(self._memory.loop)
 
     def _prepare(self) -> None:
         """Run the stages before the law at the instant in hand. Raises StageFault if a stage raised or violated its
@@ -234,8 +244,7 @@ class Simulation:
 
     def _run_stages(self, end: int) -> None:
         context, loop = self._memory.context_at, self._memory.loop
-        mujoco.mj_kinematics(self.model, self.data)  # the wall's sensors get the values of the coming step
-        mujoco.mj_sensorPos(self.model, self.data)
+        self._engine.sense()
         while (waiting := entry_point("advance")(context, end)) >= 0:
             try:
                 self._stages.running[waiting].call_plain()

@@ -12,6 +12,7 @@ The probe is centred on B's origin, so that the wall's normal force gives no mom
 forward. Contact begins when the origin is at x_c, and in pictures the vehicle's front is then at the wall's face.
 """
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -40,17 +41,36 @@ _INTEGRATORS = {"euler": "mjINT_EULER", "implicitfast": "mjINT_IMPLICITFAST"}
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """A compiled model and the addresses of its parts."""
+    """A vehicle in front of a wall, and its MuJoCo model, which is compiled when it is first used."""
 
-    model: mujoco.MjModel
-    vehicle: Vehicle
-    body_id: int
-    sensors: Mapping[str, int]
-    """Addresses in sensordata: of contact (found, force (3) in W), distance and fromto (nearest points (6) in W)."""
     mjcf: Mjcf
     """The vehicle's MJCF, without wall and sensors."""
+    vehicle: Vehicle
     geometry: Geometry
     """Shapes of the vehicle; the probe's radius is its reach."""
+    wall: Wall
+    timestep: float
+    integrator: str
+
+    @functools.cached_property
+    def model(self) -> mujoco.MjModel:
+        """The compiled model. It omits geoms for drawing only: a step is faster and its result is the same."""
+        spec = self.mjcf.spec()
+        spec.option.timestep = self.timestep
+        spec.option.integrator = getattr(mujoco.mjtIntegrator, _INTEGRATORS[self.integrator])
+        _add_surroundings(spec, self.vehicle.body, self.wall, self.geometry.reach)
+        model = self.mjcf.compiled(spec)
+        _set_wall(model, _ids(model, self.vehicle.body), self.wall, self.geometry.reach)
+        return model
+
+    @property
+    def body_id(self) -> int:
+        return self._ids[0]
+
+    @functools.cached_property
+    def sensors(self) -> Mapping[str, int]:
+        """Addresses in sensordata: contact (found, force (3) in W), distance, fromto (nearest points (6) in W)."""
+        return {name: int(self.model.sensor(f"{_OURS}{name}").adr[0]) for name in _SENSORS}
 
     def initial_data(self, initial: Initial) -> mujoco.MjData:
         """Data at an initial state."""
@@ -61,32 +81,40 @@ class Plant:
     def place(self, data: mujoco.MjData, initial: Initial) -> None:
         """Put the vehicle at an initial state."""
         qpos, dof = free_joint_addresses(self.model, self.body_id)
-        quat = quat_from_euler_deg(*initial.attitude_deg)
-        data.qpos[qpos : qpos + 7] = *initial.position, *quat
-        velocity = data.qvel[dof : dof + 6]
-        velocity[:] = initial.velocity
-        mujoco.mju_rotVecQuat(velocity[:3], velocity[:3].copy(), quat)
+        data.qpos[qpos : qpos + 7], data.qvel[dof : dof + 6] = initial_state(initial)
 
     def set_wall(self, wall: Wall) -> None:
         """Move the wall, and set stiffness and damping of the contact pair in N/m and N s/m."""
-        scale = self.model.body_invweight0[self.body_id, 0] * (1.0 - IMPEDANCE)
-        self.model.pair(f"{_OURS}contact").solref[:] = -wall.stiffness * scale, -wall.damping * scale
-        self.model.geom(f"{_OURS}wall").pos[0] = wall.position + self.geometry.reach
+        _set_wall(self.model, self._ids, wall, self.geometry.reach)
+
+    @functools.cached_property
+    def _ids(self) -> tuple[int, int, int]:
+        return _ids(self.model, self.vehicle.body)
+
+
+def initial_state(initial: Initial) -> tuple[np.ndarray, np.ndarray]:
+    """qpos (7,) and qvel (6,) of the vehicle's free joint at an initial state."""
+    quat, v_W = quat_from_euler_deg(*initial.attitude_deg), np.zeros(3)
+    mujoco.mju_rotVecQuat(v_W, np.array(initial.velocity[:3]), quat)
+    return np.array([*initial.position, *quat]), np.array([*v_W, *initial.velocity[3:]])
+
+
+def _ids(model: mujoco.MjModel, body: str) -> tuple[int, int, int]:
+    """Ids of the vehicle's body, of the contact pair and of the wall's geom."""
+    return free_body_id(model, body), model.pair(f"{_OURS}contact").id, model.geom(f"{_OURS}wall").id
+
+
+def _set_wall(model: mujoco.MjModel, ids: tuple[int, int, int], wall: Wall, reach: float) -> None:
+    body, pair, face = ids
+    scale = model.body_invweight0[body, 0] * (1.0 - IMPEDANCE)
+    model.pair_solref[pair] = -wall.stiffness * scale, -wall.damping * scale
+    model.geom_pos[face, 0] = wall.position + reach
 
 
 def build(mjcf: Mjcf, wall: Wall, timestep: float, integrator: str) -> Plant:
-    """Build a plant with a time step [s] and an integrator, "euler" or "implicitfast". It omits geoms for drawing only:
-    a step is faster and its result is the same. Raises InputError if the vehicle's file can't be used, or is not
-    physical."""
-    vehicle, geometry, spec = mjcf.vehicle, mjcf.geometry, mjcf.spec()
-    spec.option.timestep = timestep
-    spec.option.integrator = getattr(mujoco.mjtIntegrator, _INTEGRATORS[integrator])
-    _add_surroundings(spec, vehicle.body, wall, geometry.reach)
-    model = mjcf.compiled(spec)
-    sensors = {name: int(model.sensor(f"{_OURS}{name}").adr[0]) for name in _SENSORS}
-    plant = Plant(model, vehicle, free_body_id(model, vehicle.body), sensors, mjcf, geometry)
-    plant.set_wall(wall)
-    return plant
+    """A plant with a time step [s] and an integrator, "euler" or "implicitfast". Raises InputError if the vehicle's
+    file can't be used, or is not physical."""
+    return Plant(mjcf, mjcf.vehicle, mjcf.geometry, wall, timestep, integrator)
 
 
 def _plain_class(spec: mujoco.MjSpec) -> mujoco.MjsDefault:

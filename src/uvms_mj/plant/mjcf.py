@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import mujoco
@@ -14,7 +15,7 @@ import numpy as np
 from ..errors import InputError, suggestion
 from ..files import shipped
 from .geometry import Geometry
-from .mjcf_files import Folders, trees
+from .mjcf_files import ModelFiles, trees
 from .vehicle import Vehicle, free_body_id
 from .vehicle_files import check_elements, check_model
 
@@ -43,10 +44,15 @@ class Mjcf:
                 raise InputError(f"vehicle.model {model!r}: {fault}")
             path = known[str(model)]
         path = Path(os.path.abspath(path))
-        found = cls(path.name, Folders(path).flat())
-        if len(found.files) > 1:
-            found._check_against(path)
-        return found
+        if path not in _found or not _found[path][0].unchanged():
+            files = ModelFiles(path)
+            found = cls(path.name, files.flat())
+            if len(found.files) > 1:
+                found._check_against(path)
+            if len(_found) >= _MOST_FOUND:
+                _found.clear()
+            _found[path] = files, found
+        return _found[path][1]
 
     def _check_against(self, path: Path) -> None:
         """Raise InputError unless MuJoCo compiles the same model from the files in their folders. MuJoCo decides which
@@ -62,11 +68,12 @@ class Mjcf:
                 )
 
     @functools.cached_property
-    def _read(self) -> tuple[Vehicle, Geometry]:
+    def _read(self) -> tuple[Vehicle, Geometry, np.ndarray]:
         whole = self.compiled(self.spec())
         check_model(whole, self.name)
-        vehicle = Vehicle.from_model(whole)
-        return vehicle, Geometry.of(whole, free_body_id(whole, vehicle.body))
+        vehicle, gravity_W = Vehicle.from_model(whole), whole.opt.gravity.copy()
+        gravity_W.setflags(write=False)
+        return vehicle, Geometry.of(whole, free_body_id(whole, vehicle.body)), gravity_W
 
     @property
     def vehicle(self) -> Vehicle:
@@ -78,9 +85,18 @@ class Mjcf:
         """The vehicle's shapes. Raises InputError as :attr:`vehicle` does."""
         return self._read[1]
 
+    @property
+    def gravity_W(self) -> np.ndarray:
+        """(3,) acceleration of gravity [m/s^2]. Raises InputError as :attr:`vehicle` does."""
+        return self._read[2]
+
     def spec(self) -> mujoco.MjSpec:
-        """The parsed model. Only the files in ``files`` are read. Raises InputError if the model has something that is
-        not allowed in a vehicle's file, MuJoCo can't read it, or it refers to a missing file."""
+        """A copy of the parsed model. Only the files in ``files`` are read, once. Raises InputError if the model has
+        something that is not allowed in a vehicle's file, MuJoCo can't read it, or it refers to a missing file."""
+        return self._parsed.copy()
+
+    @functools.cached_property
+    def _parsed(self) -> mujoco.MjSpec:
         parsed = trees(self.files, self.name)
         check_elements(parsed, self.name)
         # MuJoCo also accepts malformed XML, so it gets the checked trees, written anew
@@ -89,10 +105,19 @@ class Mjcf:
         with _compiling(self.name):
             return mujoco.MjSpec.from_string(texts[self.name].decode(), include=rest, assets=rest)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """The files alone: MuJoCo's parsed model can't be pickled."""
+        return type(self), (self.name, dict(self.files))
+
     def compiled(self, spec: mujoco.MjSpec) -> mujoco.MjModel:
         """Compile a spec of this model; raises InputError if MuJoCo can't."""
         with _compiling(self.name):
             return spec.compile()
+
+
+_MOST_FOUND = 16
+_found: dict[Path, tuple[ModelFiles, Mjcf]] = {}
+"""The models that were found, so that a thousand runs read and compile a vehicle once."""
 
 
 @contextlib.contextmanager

@@ -9,7 +9,7 @@ import os
 import re
 import stat
 import struct
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePath
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -53,7 +53,7 @@ def _references(element: Element) -> list[tuple[str, str]]:
     return [(key, value) for key, value in element.attrib.items() if _FILE.fullmatch(key) and value]
 
 
-class Folders:
+class ModelFiles:
     """The files that a model refers to, found as MuJoCo finds them. Raises InputError if a file is missing, or must be
     XML and is not."""
 
@@ -62,13 +62,23 @@ class Folders:
         self.trees: dict[Path, Element] = {}
         self.found: list[tuple[Path, Element, str, Path]] = []
         """File, element and attribute of each reference, and the file that it means."""
+        self.places: dict[tuple[str, tuple[Path, ...]], Path] = {}
+        """The path that a reference means, relative to folders."""
         self.models = [main]
         for model in self.models:  # grows in the loop
             self._model(model)
 
+    def unchanged(self) -> bool:
+        """Whether all references still mean the same files, with the same contents."""
+        try:
+            same = all(_place(*reference) == path for reference, path in self.places.items())
+            return same and all(read_regular(path) == data for path, data in self.contents.items())
+        except InputError:
+            return False
+
     def flat(self) -> dict[str, bytes]:
         """The model and every file that it refers to, by names without folders, so that a log contains no path of the
-        user. The main file is the first and keeps its name."""
+        user. The main file is the first and keeps its name. Call it once."""
         names: dict[Path, str] = {}
         for path in self.contents:
             taken, name, n = {each.lower() for each in names.values()}, path.name, 2  # MuJoCo ignores case
@@ -140,11 +150,15 @@ class Folders:
                 raise InputError(f"vehicle.model: its files are together larger than {LARGEST_MODEL // 2**20} MiB")
         return path
 
-    @staticmethod
-    def _place(reference: str, folders: Iterable[Path]) -> Path:
-        """The path in the first folder that has it, even as a pipe or a device; else the path in the first folder."""
-        places = [Path(os.path.abspath(folder / reference.replace("\\", "/"))) for folder in folders]
-        return next((place for place in places if os.path.exists(place) and not place.is_dir()), places[0])
+    def _place(self, reference: str, folders: tuple[Path, ...]) -> Path:
+        path = self.places[reference, folders] = _place(reference, folders)
+        return path
+
+
+def _place(reference: str, folders: tuple[Path, ...]) -> Path:
+    """The path in the first folder that has it, even as a pipe or a device; else the path in the first folder."""
+    places = [Path(os.path.abspath(folder / reference.replace("\\", "/"))) for folder in folders]
+    return next((place for place in places if os.path.exists(place) and not place.is_dir()), places[0])
 
 
 def read_regular(path: Path) -> bytes:

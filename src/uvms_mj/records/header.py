@@ -76,6 +76,7 @@ class Header:
         notes: the warnings that the user was given.
         sources: sources of the stages by their table in the scenario: reference, navigation, controller, actuation.
         versions: versions of the packages that made the run, by name.
+        engine: name of the engine that stepped the run: mujoco or free_body.
     """
 
     scenario: Scenario
@@ -87,6 +88,7 @@ class Header:
     geometry: Geometry
     sources: Mapping[str, StageSource]
     versions: Mapping[str, str]
+    engine: str = "mujoco"
 
     @property
     def law(self) -> StageSource:
@@ -160,6 +162,7 @@ def sources_of(scenario: Scenario, thrusters: int) -> dict[str, StageSource]:
     return {name: StageSource.of(getattr(scenario, name), thrusters) for name in STAGES}
 
 
+@functools.cache
 def versions() -> dict[str, str]:
     """Versions of the packages that affect a run's numbers and of Python, and the machine's system and architecture."""
     found = {name: importlib.metadata.version(name) for name in _PACKAGES}

@@ -163,12 +163,20 @@ def immerse(
     refuse_unsound(model, body_id)
     context = np.zeros(1, CONTEXT)
     _fill(context[0], model, data, body_id)
+    numbers = _finite_numbers(motion, {name: WATER[field].shape[0] for name, field in _WATER.items()})
+    fill_water(context, vehicle, model.opt.gravity, numbers)
+    return Attachment(vehicle, context, data, body_id)
+
+
+def fill_water(
+    context: np.ndarray, vehicle: Vehicle, gravity_W: np.ndarray, motion: Mapping[str, Sequence[float] | np.ndarray]
+) -> None:
+    """Set the vehicle's coefficients, the current and the disturbance in a CONTEXT record (1,)."""
     water = context["water"]
     water["M_A"], water["D_linear"], water["D_quadratic"] = vehicle.M_A, vehicle.D_linear, vehicle.D_quadratic
-    water["buoyancy_W"] = -vehicle.displaced_mass * model.opt.gravity
+    water["buoyancy_W"] = -vehicle.displaced_mass * gravity_W
     water["r_b"] = vehicle.r_b
-    set_water(context, _finite_numbers(motion, {name: WATER[field].shape[0] for name, field in _WATER.items()}))
-    return Attachment(vehicle, context, data, body_id)
+    set_water(context, motion)
 
 
 def set_water(context: np.ndarray, motion: Mapping[str, Sequence[float] | np.ndarray]) -> None:

@@ -13,8 +13,8 @@ from ...physics.hydrodynamics import added_inertia, factor, water_wrench
 from ...physics.kernels import kernel
 from .compilation import native_function
 from .layouts import CONTEXT, STOP_NONE
-from .loop import begin_step, finish_step, hold, observe, run_stages
-from .memory import context_at, floats, loop_at, mj_factorM, registered, triples
+from .loop import begin_step, finish_step, observe, run_stages
+from .memory import context_at, floats, integers, loop_at, mj_factorM, registered, triples
 
 
 @kernel
@@ -71,6 +71,28 @@ def apply_wrench(context, R_WB, contact):
 
 
 @kernel
+def apply_thrust(loop):
+    """Write u to MuJoCo's ctrl, which it applies in this step."""
+    u, thrust_of_ctrl = floats(loop.u_at, loop.thrusters), floats(loop.thrust_of_ctrl_at, loop.thrusters)
+    index = integers(loop.ctrl_index_at, loop.thrusters)
+    ctrl = floats(loop.ctrl_at, loop.controls)
+    for k in range(loop.thrusters):
+        ctrl[index[k]] = u[k] / thrust_of_ctrl[k]
+
+
+@kernel
+def hold(context, loop):
+    """After a stop, keep MuJoCo at a harmless state for the rest of the chunk, which is not recorded."""
+    qpos, qvel, ctrl = floats(context.qpos_at, 7), floats(context.qvel_at, 6), floats(loop.ctrl_at, loop.controls)
+    for i in range(7):
+        qpos[i] = loop.qpos_safe[i]
+    for i in range(6):
+        qvel[i] = 0.0
+    for k in range(loop.controls):
+        ctrl[k] = 0.0
+
+
+@kernel
 def evaluate(context, model, data):
     """Apply the hydrodynamics of one attached vehicle in one forward evaluation, and run its loop if it has one."""
     context.calls += 1
@@ -86,6 +108,7 @@ def evaluate(context, model, data):
             if not begin_step(context, loop):
                 hold(context, loop)
                 return
+            apply_thrust(loop)
             t = loop.t
     body_velocity(R_WB, floats(context.qvel_at, 6), context.nu)
     water_wrench(context.water, t, R_WB, context.nu, context.nu_r, context.work, context.wrench)

@@ -6,6 +6,7 @@ functions are translated by :mod:`.translator`; numba compiles users' laws (:mod
 """
 
 import ctypes
+import functools
 import os
 import re
 import threading
@@ -43,13 +44,16 @@ def native_function(function: Any, parameters: Sequence[np.dtype | str]) -> Nati
 
     ``parameters`` are int64 or dtypes: a record or an array is passed by its address.
     """
-    dtypes = [np.dtype(each) for each in parameters]
+    with _lock:
+        return _native_function(function, tuple(np.dtype(each) for each in parameters))
+
+
+@functools.cache
+def _native_function(function: Any, dtypes: tuple[np.dtype, ...]) -> NativeFunction:
     layout = [repr((each.descr, each.shape, each.isalignedstruct)) for each in dtypes]
     source = Path(function.__code__.co_filename).read_bytes()
     name = object_name([source, function.__qualname__.encode(), *(each.encode() for each in layout)])
-    with _lock:
-        address = load(name) or _translated(function, dtypes, name)
-    return _callable(address, len(dtypes))
+    return _callable(load(name) or _translated(function, dtypes, name), len(dtypes))
 
 
 def native_law(arguments: int, parts: Iterable[bytes], prepare: Callable[[], Callable[..., int]]) -> NativeFunction:

@@ -42,6 +42,27 @@ CONTEXT = np.dtype(
 )
 """One vehicle attached to one mjData."""
 
+BODY = np.dtype(
+    [
+        ("M_RB", "f8", (6, 6)),
+        ("M_inv", "f8", (6, 6)),  # inverse of M_RB + M_A
+        ("mass", "f8"),
+        ("r_g", "f8", (3,)),
+        ("gravity_W", "f8", (3,)),
+        ("face", "f8"),  # x of the wall's face in W
+        ("reach", "f8"),  # radius of the probe
+        ("qpos", "f8", (7,)),  # as MuJoCo's free joint has them
+        ("qvel", "f8", (6,)),
+        ("qacc", "f8", (6,)),
+        ("distance", "f8"),  # from the wall's face to the probe
+        ("fromto", "f8", (6,)),  # nearest points of both in W
+        ("force", "f8", (6,)),
+        ("work", "f8", (6,)),
+    ],
+    align=True,
+)
+"""The vehicle of the free_body engine: constants, state, and distance to the wall."""
+
 STAGE = np.dtype(
     [
         ("code_at", "i8"),  # machine code, or 0 if the stage runs as plain Python
@@ -73,10 +94,10 @@ LOOP = np.dtype(
         ("speed_bound", "f8", (6,)),
         ("position_bound", "f8"),
         ("tau_bound", "f8"),
-        # MuJoCo's memory
+        # the engine's memory
         ("qacc_at", "i8"),
-        ("ctrl_at", "i8"),
-        ("contact_at", "i8"),  # the contact sensor: found, force (3) in W, of MuJoCo's solver
+        ("ctrl_at", "i8"),  # of MuJoCo
+        ("contact_at", "i8"),  # the contact sensor: found, force (3) in W, of MuJoCo's solver; or 0
         ("distance_at", "i8"),  # the distance sensor, of the same instant as qpos
         ("fromto_at", "i8"),  # the sensor of the nearest points (6) in W
         ("contact", CONTACT),

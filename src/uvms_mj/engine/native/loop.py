@@ -1,8 +1,9 @@
 """One step of the closed loop: observation, stages, thrusters, running signals, rows and bounds.
 
 The functions work on records and arrays only. Stages are called by their addresses, so that this code is the same for
-every stage. Row k has the state at t_k, the stages' outputs for it, and the contact force at t_k. MuJoCo computes this
-force during step k, so the row is completed at the start of the next step, or when the rows are read.
+every stage, and for both engines. Row k has the state at t_k, the stages' outputs for it, and the contact force at t_k.
+MuJoCo computes this force during step k, so the row is completed at the start of the next step, or when the rows are
+read.
 """
 
 import math
@@ -147,28 +148,6 @@ def limit_thrust(loop):
 
 
 @kernel
-def apply_thrust(loop):
-    """Write u to MuJoCo's ctrl, which it applies in this step."""
-    u, thrust_of_ctrl = floats(loop.u_at, loop.thrusters), floats(loop.thrust_of_ctrl_at, loop.thrusters)
-    index = integers(loop.ctrl_index_at, loop.thrusters)
-    ctrl = floats(loop.ctrl_at, loop.controls)
-    for k in range(loop.thrusters):
-        ctrl[index[k]] = u[k] / thrust_of_ctrl[k]
-
-
-@kernel
-def hold(context, loop):
-    """After a stop, keep MuJoCo at a harmless state for the rest of the chunk, which is not recorded."""
-    qpos, qvel, ctrl = floats(context.qpos_at, 7), floats(context.qvel_at, 6), floats(loop.ctrl_at, loop.controls)
-    for i in range(7):
-        qpos[i] = loop.qpos_safe[i]
-    for i in range(6):
-        qvel[i] = 0.0
-    for k in range(loop.controls):
-        ctrl[k] = 0.0
-
-
-@kernel
 def begin_step(context, loop) -> bool:
     """Do everything up to the thrust of step k. Returns True if the step may continue."""
     finish_step(context, loop)
@@ -182,7 +161,6 @@ def begin_step(context, loop) -> bool:
         limit_thrust(loop)
     if loop.stop != STOP_NONE:
         return False
-    apply_thrust(loop)
     row = loop.row
     row.t = loop.t
     if loop.step > 0:
@@ -204,10 +182,13 @@ def finish_step(context, loop):
         return
     loop.pending = 0
     row, true, contact, h = loop.row, loop.true, loop.contact, loop.timestep
-    solved = floats(loop.contact_at, 4)
     for i in range(3):
-        row.f_contact_W[i] = contact.f_tangential_W[i] + (solved[1 + i] if solved[0] != 0.0 else 0.0)
+        row.f_contact_W[i] = contact.f_W[i]
         loop.moment_B[i] = contact.tau_B[i + 3]
+    if loop.contact_at != 0:
+        solved = floats(loop.contact_at, 4)
+        for i in range(3):
+            row.f_contact_W[i] = contact.f_tangential_W[i] + (solved[1 + i] if solved[0] != 0.0 else 0.0)
     push, push_before = -row.f_contact_W[0], -loop.f_before_W[0]
     if push > 0.0 and push_before <= 0.0:
         row.touches += 1.0

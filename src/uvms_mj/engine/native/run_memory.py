@@ -3,14 +3,13 @@
 from collections.abc import Callable, Set
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from ...analysis.setup import Setup
 from ...plant.settings import contact_settings
 from ...scenario import Scenario
 from ...stages.signals import FINAL_WINDOW_S
-from .attachment import Attachment, set_water
+from .attachment import set_water
 from .callback import entry_point
 from .layouts import LOOP, STOP_STAGE
 from .memory import stopped
@@ -23,7 +22,7 @@ DEFAULT_EPSILON = 1e-3
 
 
 class RunMemory:
-    """The LOOP record of a run, its stages and its rows. ``data`` has the initial state.
+    """The LOOP record of a run, its stages and its rows, in the memory of an :class:`uvms_mj.engine.base.Engine`.
 
     Attributes:
         loop: the LOOP record (1,).
@@ -33,20 +32,21 @@ class RunMemory:
         rows: (capacity, width) rows.
     """
 
-    def __init__(self, setup: Setup, data: mujoco.MjData, attachment: Attachment) -> None:
-        self.data, self.context, self.loop = data, attachment.context, np.zeros(1, LOOP)
+    def __init__(self, setup: Setup, engine: Any) -> None:
+        self.engine, self.context, self.loop = engine, engine.context, np.zeros(1, LOOP)
         self.context_at = self.context.ctypes.data
-        vehicle, plant = setup.vehicle, setup.plant
+        vehicle, memory = setup.vehicle, engine.memory
         n = len(vehicle.thrusters)
         self.stages = stages = StageTable(setup, self.loop["true"], self.context["water"])
         self.u = np.zeros(n)
         self.recorded = recorded(self.loop, stages, self.u, setup.scenario.navigation)
         self._spans = np.array(list(spans([memory for _, memory in self.recorded])))
         self.rows = np.zeros((0, sum(signal.size for signal, _ in self.recorded)))
-        allocation, dof = stages.allocation, plant.model.body_dofadr[plant.body_id]
+        allocation = stages.allocation
         allocation["B"], allocation["B_pinv"] = vehicle.B, np.linalg.pinv(vehicle.B)
         allocation["u_min"], allocation["u_max"] = vehicle.u_min, vehicle.u_max
-        sizes = {"stages": len(stages.rows), "actuation": stages.actuation, "controls": plant.model.nu, "thrusters": n}
+        sizes = {"stages": len(stages.rows), "actuation": stages.actuation, "thrusters": n}
+        sizes["controls"] = memory["ctrl_at"].size if "ctrl_at" in memory else 0
         sizes |= {"spans": len(self._spans), "row_width": self.rows.shape[1], "row_steps": 1}
         bounds = {"speed_bound": SPEED_BOUND, "position_bound": POSITION_BOUND, "tau_bound": TAU_BOUND}
         for name, value in (sizes | bounds).items():
@@ -65,9 +65,7 @@ class RunMemory:
             "u_at": self.u,
             "spans_at": self._spans,
             "rows_at": self.rows,
-            "qacc_at": data.qacc[dof:],
-            "ctrl_at": data.ctrl,
-            **{f"{name}_at": data.sensordata[address:] for name, address in plant.sensors.items()},
+            **memory,
         }
         if "task" in stages.entries:
             self._reached["s_at"] = stages.signals["s"]
@@ -77,7 +75,7 @@ class RunMemory:
             write(self, setup)
         arrays = [self.loop, self.context, stages.signals, allocation, stages.u_cmd, self.u, stages.rows]
         arrays += [each for entry in stages.running if entry.states for each in (entry.state, entry.state_dot)]
-        arrays += [data.qpos, data.qvel]
+        arrays += engine.state
         self.context["loop_at"] = self.loop.ctypes.data
         self._start = [(array.view(np.uint8), array.view(np.uint8).copy()) for array in arrays]
 
@@ -103,7 +101,7 @@ class RunMemory:
             InputError: a stage has other constants than its memory has room for. Nothing is changed then.
         """
         constants = self.stages.constants(setup, touched)
-        mujoco.mj_resetData(setup.plant.model, self.data)
+        self.engine.clear()
         for array, start in self._start:
             array[:] = start
         self._write(setup, touched, constants)
@@ -148,9 +146,9 @@ class RunMemory:
 
 
 def write_time(memory: RunMemory, setup: Setup) -> None:
-    scenario, option = setup.scenario, setup.plant.model.opt
+    memory.engine.write_time(setup)
+    scenario = setup.scenario
     h = scenario.simulation.timestep
-    option.timestep = h
     memory.loop["timestep"], memory.loop["steps"] = h, scenario.steps
     memory.loop["window_step"] = max(0, scenario.steps - round(FINAL_WINDOW_S / h))
 
@@ -163,17 +161,15 @@ def motion_of_water(scenario: Scenario) -> dict[str, tuple[float, ...]]:
 
 
 def write_wall(memory: RunMemory, setup: Setup) -> None:
-    setup.plant.set_wall(setup.scenario.wall)
+    memory.engine.write_wall(setup)
     contact = memory.loop["contact"]
     for name, value in contact_settings(setup.scenario.wall, setup.mass_along_face).items():
         contact[name] = value
 
 
 def write_initial(memory: RunMemory, setup: Setup) -> None:
-    setup.plant.place(memory.data, setup.scenario.initial)
-    joint = setup.plant.model.body_jntadr[setup.plant.body_id]
-    qpos = setup.plant.model.jnt_qposadr[joint]
-    memory.loop["qpos_safe"] = memory.data.qpos[qpos : qpos + 7]
+    memory.engine.write_initial(setup)
+    memory.loop["qpos_safe"] = memory.engine.qpos
 
 
 def write_impedance(memory: RunMemory, setup: Setup) -> None:

@@ -31,7 +31,7 @@ MOST_BYTES = 256_000_000
 _MOST_VALUES = 200_000
 """Largest number of values (numbers, texts, lists) in one JSON file. Reading takes some 100 bytes of memory for each. A
 mesh is one text."""
-FORMAT = 2
+FORMAT = 3
 """Version of the log format, for a change of run.json or of the topic of a signal. A new signal is not a change."""
 
 
@@ -43,7 +43,12 @@ def _stages_of_law(run: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-_UPGRADES: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {1: _stages_of_law}
+def _mujoco(run: dict[str, Any]) -> dict[str, Any]:
+    """Formats 1 and 2 have one engine."""
+    return run | {"engine": "mujoco"}
+
+
+_UPGRADES: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {1: _stages_of_law, 2: _mujoco}
 """By format: a function that makes run.json one of the next format. Logs of these formats and of FORMAT are read."""
 _NEEDED = frozenset(
     (
@@ -92,6 +97,7 @@ class _StageEntry:
 class _Run:
     format: int
     vehicle: str
+    engine: str
     row_steps: Annotated[int, Field(ge=1)]
     signals: tuple[_SignalEntry, ...]
     stages: dict[str, _StageEntry]
@@ -111,6 +117,7 @@ def header_files(header: Header) -> dict[str, bytes]:
     run = _Run(
         format=FORMAT,
         vehicle=header.mjcf.name,
+        engine=header.engine,
         row_steps=header.row_steps,
         signals=tuple(_SignalEntry(s.name, s.shape, s.unit, s.frame, s.meaning) for s in header.signals),
         stages={name: _StageEntry(s.source, s.sha256, dict(s.states)) for name, s in header.sources.items()},
@@ -199,6 +206,7 @@ def header_of(files: Mapping[str, bytes]) -> Header:
         geometry=Geometry.from_json(files["geometry.json"]),
         sources=sources,
         versions=run.versions,
+        engine=run.engine,
     )
 
 

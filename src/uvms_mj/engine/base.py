@@ -1,0 +1,74 @@
+"""The contract of an engine: the body that a Simulation moves, its contact with the wall, and its step."""
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..analysis.setup import Setup
+from ..errors import InputError
+
+
+class Engine(ABC):
+    """Base class of all engines.
+
+    Attributes:
+        chunk_steps: largest number of steps from one reading of the clock to the next: a few milliseconds of wall time.
+        context: the CONTEXT record (1,).
+        memory: the engine's arrays whose addresses are in the LOOP record, by their fields.
+        state: the arrays that a reset restores.
+        qpos: (7,) the vehicle's pose.
+        closed: whether the engine can't step any more.
+    """
+
+    name: ClassVar[str]
+    chunk_steps: ClassVar[int]
+    context: np.ndarray
+    memory: dict[str, np.ndarray]
+    state: tuple[np.ndarray, ...]
+    qpos: np.ndarray
+
+    @property
+    def model(self) -> Any:
+        """MuJoCo's model. Raises InputError if the engine has none."""
+        raise InputError(f"the engine {self.name} has no MuJoCo model; use Simulation(scenario, engine='mujoco')")
+
+    @property
+    def data(self) -> Any:
+        """MuJoCo's data. Raises InputError if the engine has none."""
+        raise InputError(f"the engine {self.name} has no mjData; use Simulation(scenario, engine='mujoco')")
+
+    @property
+    @abstractmethod
+    def closed(self) -> bool: ...
+
+    @abstractmethod
+    def close(self) -> None: ...
+
+    def clear(self) -> None:  # noqa: B027  # not every engine has more than its state
+        """Forget everything of the run but :attr:`state`."""
+
+    def write_time(self, setup: Setup) -> None:  # noqa: B027
+        """Set the time step."""
+
+    @abstractmethod
+    def write_wall(self, setup: Setup) -> None:
+        """Set the wall's position, and the spring and damper that the engine applies."""
+
+    @abstractmethod
+    def write_initial(self, setup: Setup) -> None:
+        """Put the vehicle at the initial state."""
+
+    def sense(self) -> None:  # noqa: B027
+        """Measure the distance to the wall between two steps."""
+
+    def check(self, t: float, timestep: float) -> None:  # noqa: B027
+        """Raise RuntimeError if somebody else has stepped the engine."""
+
+    @abstractmethod
+    def step(self, loop: np.ndarray, n: int) -> None:
+        """Take n time steps of a LOOP record (1,)."""
+
+    @abstractmethod
+    def evaluate(self, loop: np.ndarray) -> None:
+        """Evaluate the instant in hand without a step."""

@@ -1,0 +1,65 @@
+"""The engine ``free_body``: the closed loop around one free rigid vehicle, with a step of its own, without MuJoCo.
+
+It computes what MuJoCo computes for such a vehicle, from the same state and with the same kernels; its step is
+MuJoCo's semi-implicit Euler. MuJoCo's contact has an inerter of 1e-4 of the rigid mass besides the wall's spring and
+damper; this engine has the spring and the damper alone.
+"""
+
+import numpy as np
+
+from ..analysis.setup import Setup
+from ..physics.free_body import sphere_and_face
+from ..plant.build import initial_state
+from .base import Engine
+from .native.attachment import fill_water
+from .native.free_body import free_steps
+from .native.layouts import BODY, CONTEXT
+from .native.run_memory import motion_of_water
+
+
+class FreeEngine(Engine):
+    """A vehicle in NumPy's memory."""
+
+    name = "free_body"
+    chunk_steps = 10_000
+
+    def __init__(self, setup: Setup) -> None:
+        vehicle = setup.vehicle
+        self.context, self._body = np.zeros(1, CONTEXT), np.zeros(1, BODY)
+        fill_water(self.context, vehicle, setup.gravity_W, motion_of_water(setup.scenario))
+        constants = {
+            "M_RB": vehicle.M_RB,
+            "M_inv": np.linalg.inv(vehicle.M),
+            "mass": vehicle.mass,
+            "r_g": vehicle.r_g,
+            "gravity_W": setup.gravity_W,
+            "reach": setup.plant.geometry.reach,
+        }
+        for name, value in constants.items():
+            self._body[name] = value
+        self.context["qpos_at"] = self._body["qpos"].ctypes.data
+        self.context["qvel_at"] = self._body["qvel"].ctypes.data
+        self.memory = {f"{name}_at": self._body[name] for name in ("qacc", "distance", "fromto")}
+        self.state, self.qpos, self._closed = (self._body,), self._body["qpos"][0], False
+        self._addresses = self.context.ctypes.data, self._body.ctypes.data
+
+    @property
+    def closed(self) -> bool:
+        return self._closed
+
+    def write_wall(self, setup: Setup) -> None:
+        self._body["face"] = setup.scenario.wall.position + setup.plant.geometry.reach
+        sphere_and_face(self._body.view(np.recarray)[0])
+
+    def write_initial(self, setup: Setup) -> None:
+        self._body["qpos"], self._body["qvel"] = initial_state(setup.scenario.initial)
+        sphere_and_face(self._body.view(np.recarray)[0])
+
+    def step(self, loop: np.ndarray, n: int) -> None:
+        free_steps()(*self._addresses, n, 1)
+
+    def evaluate(self, loop: np.ndarray) -> None:
+        free_steps()(*self._addresses, 1, 0)
+
+    def close(self) -> None:
+        self._closed = True

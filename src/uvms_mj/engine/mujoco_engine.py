@@ -1,0 +1,77 @@
+"""The engine ``mujoco``: MuJoCo's own step, with hydrodynamics and closed loop in its callback."""
+
+import mujoco
+import numpy as np
+
+from ..analysis.setup import Setup
+from ..plant.vehicle import free_joint_addresses
+from .base import Engine
+from .native.attachment import immerse
+from .native.run_memory import motion_of_water
+
+CHUNK_STEPS = 1000
+"""Largest number of steps from one reading of the clock to the next: a few milliseconds of wall time."""
+_STEPPED = "somebody else has stepped sim.data or changed its time step: reset the Simulation, and use step only"
+
+
+class MujocoEngine(Engine):
+    """A compiled MuJoCo model with its data."""
+
+    name = "mujoco"
+    chunk_steps = CHUNK_STEPS
+
+    def __init__(self, setup: Setup) -> None:
+        self._plant = plant = setup.plant
+        self._model, self._data = plant.model, plant.initial_data(setup.scenario.initial)
+        self._attachment = immerse(self._model, self._data, plant.vehicle, motion_of_water(setup.scenario))
+        self.context, self.state = self._attachment.context, (self._data.qpos, self._data.qvel)
+        qpos, dof = free_joint_addresses(self._model, plant.body_id)
+        self.qpos = self._data.qpos[qpos : qpos + 7]
+        sensors = {f"{name}_at": self._data.sensordata[address:] for name, address in plant.sensors.items()}
+        self.memory = {"qacc_at": self._data.qacc[dof:], "ctrl_at": self._data.ctrl, **sensors}
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        return self._model
+
+    @property
+    def data(self) -> mujoco.MjData:
+        return self._data
+
+    def clear(self) -> None:
+        mujoco.mj_resetData(self._model, self._data)
+
+    def write_time(self, setup: Setup) -> None:
+        self._model.opt.timestep = setup.scenario.simulation.timestep
+
+    def write_wall(self, setup: Setup) -> None:
+        self._plant.set_wall(setup.scenario.wall)
+
+    def write_initial(self, setup: Setup) -> None:
+        self._plant.place(self._data, setup.scenario.initial)
+
+    def sense(self) -> None:
+        mujoco.mj_kinematics(self._model, self._data)  # the wall's sensors get the values of the coming step
+        mujoco.mj_sensorPos(self._model, self._data)
+
+    def check(self, t: float, timestep: float) -> None:
+        if abs(self._data.time - t) > 0.5 * timestep or self._model.opt.timestep != timestep:
+            raise RuntimeError(_STEPPED)
+
+    def step(self, loop: np.ndarray, n: int) -> None:
+        loop["remaining"] = n
+        mujoco.mj_step(self._model, self._data, n)
+        if loop["remaining"][0]:
+            loop["remaining"] = 0
+            raise RuntimeError("mjcb_control was replaced during the run: hydrodynamics were no longer applied")
+
+    def evaluate(self, loop: np.ndarray) -> None:
+        loop["remaining"] = 1
+        mujoco.mj_forward(self._model, self._data)
+
+    @property
+    def closed(self) -> bool:
+        return self._attachment.detached
+
+    def close(self) -> None:
+        self._attachment.release()

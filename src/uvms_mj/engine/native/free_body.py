@@ -1,0 +1,39 @@
+"""The closed loop around one free rigid body in machine code, without MuJoCo."""
+
+import functools
+from typing import Any
+
+from ...physics.free_body import free_acceleration, sphere_and_face, symplectic_step
+from ...physics.hydrodynamics import water_wrench
+from .compilation import native_function
+from .layouts import BODY, CONTEXT
+from .loop import begin_step
+from .memory import loop_at
+
+
+def _free_steps(context, body, n, moving) -> int:
+    """Take n time steps, or evaluate the instant in hand if ``moving`` is 0. Returns the number of steps that were
+    taken before the run stopped."""
+    loop = loop_at(context.loop_at)
+    true, contact, row, force = loop.true, loop.contact, loop.row, body.force
+    for k in range(n):
+        if not begin_step(context, loop):
+            return k
+        water_wrench(context.water, loop.t, true.R_WB, true.nu, context.nu_r, body.work, force)
+        for i in range(6):
+            force[i] += row.tau[i]
+        if contact.touching != 0:
+            for i in range(6):
+                force[i] += contact.tau_B[i]
+        free_acceleration(body, true.R_WB, true.nu, force, body.work, body.qacc)
+        if moving != 0:
+            symplectic_step(body.qpos, body.qvel, body.qacc, loop.timestep)
+            sphere_and_face(body)
+    return n
+
+
+@functools.cache
+def free_steps() -> Any:
+    """:func:`_free_steps` as machine code, given the addresses of a CONTEXT and a BODY; loaded or compiled at first
+    use."""
+    return native_function(_free_steps, [CONTEXT, BODY, "i8", "i8"]).ctypes

@@ -1,0 +1,77 @@
+r"""Motion of one rigid vehicle with added mass: its acceleration, and a step of semi-implicit Euler.
+
+The state is that of MuJoCo's free joint: position and attitude, velocity v in W and omega in B. With
+:math:`\dot\nu = [R^\top a_W - \omega \times v;\, \dot\omega]`, the rigid-body terms of the paper's eq. (10) become
+
+.. math::
+
+    M_{RB} \dot\nu + C_{RB}(\nu)\nu = M_{RB} \begin{bmatrix} R_{WB}^\top a_W \\ \dot\omega \end{bmatrix}
+        + C_{RB}(\omega) \begin{bmatrix} 0 \\ \omega \end{bmatrix}.
+
+The added mass belongs to the same acceleration (:mod:`.hydrodynamics`), so that the inertia is M = M_RB + M_A, constant
+in B.
+"""
+
+import math
+
+from .fossen import coriolis_rigid_body, matvec, restoring
+from .frames import to_world
+from .kernels import kernel
+
+
+@kernel
+def free_acceleration(body, R_WB, nu, tau, work, qacc):
+    """Set the free joint's acceleration qacc (6,) = [a_W; omega_dot] from the wrench tau (6,) at B's origin in B.
+
+    Args:
+        body: a record with M_RB, M_inv (6, 6), mass, r_g, gravity_W; the weight is added to tau.
+        R_WB: (3, 3).
+        nu: (6,) velocity in B [m/s, rad/s].
+        tau: (6,) all other forces without rigid-body Coriolis forces [N, N m]; it is overwritten.
+        work: (6,) scratch.
+        qacc: (6,) output [m/s^2 in W, rad/s^2 in B].
+    """
+    restoring(body.mass, 0.0, body.r_g, body.r_g, body.gravity_W, R_WB, work)
+    for i in range(6):
+        tau[i] -= work[i]
+    for i in range(3):
+        qacc[i] = 0.0
+        qacc[i + 3] = nu[i + 3]
+    coriolis_rigid_body(body.M_RB, qacc, work)
+    for i in range(6):
+        tau[i] -= work[i]
+    matvec(body.M_inv, tau, qacc)
+    to_world(R_WB, qacc, qacc)
+
+
+@kernel
+def symplectic_step(qpos, qvel, qacc, timestep):
+    """Advance the velocity qvel (6,), and with the new velocity the pose qpos (7,), as MuJoCo's Euler integrator."""
+    for i in range(6):
+        qvel[i] += timestep * qacc[i]
+    for i in range(3):
+        qpos[i] += timestep * qvel[i]
+    x, y, z = qvel[3], qvel[4], qvel[5]
+    rate = math.sqrt(x * x + y * y + z * z)
+    if rate == 0.0:
+        return
+    half = 0.5 * timestep * rate
+    scale = math.sin(half) / rate
+    a, b, c, d = math.cos(half), scale * x, scale * y, scale * z
+    q_w, q_x, q_y, q_z = qpos[3], qpos[4], qpos[5], qpos[6]
+    qpos[3] = q_w * a - q_x * b - q_y * c - q_z * d
+    qpos[4] = q_w * b + q_x * a + q_y * d - q_z * c
+    qpos[5] = q_w * c - q_x * d + q_y * a + q_z * b
+    qpos[6] = q_w * d + q_x * c - q_y * b + q_z * a
+
+
+@kernel
+def sphere_and_face(body):
+    """Set the distance from the wall's face to the sphere of radius ``reach`` at B's origin, and their nearest points
+    [m, W]. The face is a plane with normal -x."""
+    body.distance = (body.face - body.qpos[0]) - body.reach
+    body.fromto[0] = body.qpos[0] + body.reach + body.distance
+    body.fromto[3] = body.qpos[0] + body.reach
+    for i in range(1, 3):
+        body.fromto[i] = body.qpos[i]
+        body.fromto[3 + i] = body.qpos[i]
