@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import os
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -10,16 +9,23 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import EXIT_BAD_INPUT, asked_for, bad_input, command, end, json_option, output_options, path_option
-from .console import print_table, printable
+from .common import (
+    EXIT_BAD_INPUT,
+    asked_for,
+    bad_input,
+    command,
+    end,
+    json_option,
+    output_options,
+    path_option,
+    progress_bar,
+)
 from .folders import folder_for
 from .stop import Stop, exit_interrupted
 from .study_report import report
+from .study_text import head, plan_report, print_result
 
 if TYPE_CHECKING:
-    import pandas as pd
-
-    from ..studies.pool.estimate import Estimate
     from ..studies.study import Study
 
 EXIT_CHECK_FAILS = 1
@@ -91,10 +97,10 @@ def run_study(
         with bad_input():
             study, folder = _chosen(arguments, settings, engine, out)
             with _executor(scheduler, workers) as executor:
-                expected = _head(study, executor, folder, dry_run, as_json, quiet)
+                expected = head(study, executor, folder, dry_run, as_json, quiet)
                 if dry_run:
                     if as_json:
-                        click.echo(json.dumps(_plan_report(study, expected, executor.size), allow_nan=False))
+                        click.echo(json.dumps(plan_report(study, expected, executor.size), allow_nan=False))
                     return
                 folder_for(str(folder))
                 with _bar(as_json or quiet, stop, shown) as progress:
@@ -105,7 +111,7 @@ def run_study(
         end(f"error: {error.filename or folder}: {error.strerror or error}{_kept(shown)}", EXIT_BAD_INPUT)
     for name in study.damaged:
         click.echo(f"note: {name} was damaged; its runs were run again", err=True)
-    sys.exit(_report(study, as_json, quiet))
+    sys.exit(print_result(study, as_json, quiet))
 
 
 def _kept(shown: dict[str, int]) -> str:
@@ -154,38 +160,6 @@ def _executor(scheduler: str | None, workers: int | None) -> "Iterator[Any]":
         pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _head(study: "Study", executor: Any, folder: Path, dry_run: bool, as_json: bool, quiet: bool) -> "Estimate | None":
-    """Print runs, steps, keys, time and size before the study starts. Returns the estimate."""
-    if not dry_run and (as_json or quiet):
-        return None
-    from ..studies.pool.estimate import estimate
-
-    plan, size = study.plan, max(1, executor.size)
-    expected = estimate(plan, size)
-    if as_json:
-        return expected
-    lines = [
-        plan.text(),
-        f"time: about {_duration(expected.seconds)} on {size} worker{'s' if size > 1 else ''}",
-        f"disk: {expected.rows_bytes / 1e6:.2g} MB of rows in {folder}{_logs_size(plan.logs, expected.log_bytes)}",
-    ]
-    click.echo(printable("\n".join(lines)), err=not dry_run)
-    return expected
-
-
-def _logs_size(logs: Any, each: int) -> str:
-    if logs.kind == "none":
-        return ""
-    number = {"failed": "", "worst": f"{logs.k or 5} x ", "listed": f"{len(set(logs.indices))} x "}[logs.kind]
-    return f", and logs of {number}{each / 1e6:.2g} MB" + (" for each run that fails" if logs.kind == "failed" else "")
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 100.0:
-        return f"{seconds:.2g} s"
-    return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"
-
-
 @contextlib.contextmanager
 def _bar(hidden: bool, stop: Stop, shown: dict[str, int]) -> Iterator[Callable[[str, int, int, int], None]]:
     """A progress bar on terminals. Yields the study's progress function, which also checks for signals and keeps the
@@ -199,84 +173,6 @@ def _bar(hidden: bool, stop: Stop, shown: dict[str, int]) -> Iterator[Callable[[
             update(done, total, description=what, failed=failed)
 
         yield progress
-
-
-def _plan_report(study: "Study", expected: Any, workers: int) -> dict[str, Any]:
-    """The object that ``--dry-run --json`` prints."""
-    plan = study.plan
-    return {
-        "study": plan.name,
-        "runs": plan.runs,
-        "steps": plan.steps,
-        "laws": [law.label for law in plan.laws],
-        "varied": list(plan.varied),
-        "workers": workers,
-        "seconds": expected.seconds,
-        "rows_bytes": expected.rows_bytes,
-        "log_bytes": expected.log_bytes,
-        "notes": list(plan.notes),
-    }
-
-
-def _report(study: "Study", as_json: bool, quiet: bool) -> int:
-    """Print what came out; return the exit status."""
-    from ..studies.check import largest
-
-    rows, found = study.frame, study.check
-    failed = [] if found is None else found[~found["within"]].to_dict("records")
-    assert study.folder is not None
-    if as_json:
-        differences = [] if found is None else largest(found).drop(columns="index").to_dict("records")
-        report = {
-            "study": study.plan.name,
-            "runs": len(rows),
-            "status": rows["status"].value_counts().to_dict(),
-            "engine": rows["engine"].value_counts().to_dict(),
-            "check": {"within": not failed, "largest": differences},
-            "folder": str(study.folder),
-        }
-        click.echo(json.dumps(_finite(report), allow_nan=False))
-    elif not quiet:
-        _table(study, rows)
-        if found is not None:
-            _print_check(found, largest(found))
-        click.echo(f"{study.folder}{os.sep}rows")
-    for each in failed:
-        click.echo(
-            f"error: row {each['index']}, {each['law']}: {each['number']} differs by {each['difference']:.2g} between "
-            f"free_body and mujoco; run.tolerance is {each['tolerance']:g}",
-            err=True,
-        )
-    return EXIT_CHECK_FAILS if failed else 0
-
-
-def _finite(value: Any) -> Any:
-    """The same value with None for numbers that JSON lacks."""
-    if isinstance(value, dict):
-        return {key: _finite(each) for key, each in value.items()}
-    if isinstance(value, list):
-        return [_finite(each) for each in value]
-    return None if (isinstance(value, float) and abs(value) in (float("inf"),)) or value != value else value
-
-
-def _table(study: "Study", rows: "pd.DataFrame") -> None:
-    """Runs by law and status."""
-    from rich.table import Table
-
-    statuses = [each for each in rows["status"].unique() if each != "completed"]
-    table = Table(title=study.plan.name, title_justify="left", min_width=60)
-    for name in ("law", "runs", "completed", *statuses):
-        table.add_column(name, justify="left" if name == "law" else "right", no_wrap=True)
-    for law in study.plan.laws:
-        own = rows.loc[rows["law"] == law.label, "status"]
-        table.add_row(law.label, str(len(own)), *(str((own == each).sum()) for each in ("completed", *statuses)))
-    print_table(table)
-
-
-def _print_check(found: "pd.DataFrame", largest: "pd.DataFrame") -> None:
-    click.echo(f"free_body against mujoco, {found['index'].nunique()} runs, largest differences:")
-    for each in largest.to_dict("records"):
-        click.echo(f"  {each['number']}: {each['difference']:.1e} (row {each['index']}, {each['law']})")
 
 
 @click.group(cls=_Commands, short_help="Run a study: many runs with laws to compare and keys that vary.")

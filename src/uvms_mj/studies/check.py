@@ -22,7 +22,6 @@ from ..analysis.metrics import AROUND_THE_END_S
 from ..analysis.summary import numbers
 from ..engine.run import LawError, simulate
 from ..errors import InputError
-from .rows import engine_option
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,7 +54,7 @@ def numbers_of(plan: "Plan", index: int, engine: str) -> dict[str, Any]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            trace = simulate(plan.scenario(index), keep_s=AROUND_THE_END_S, **engine_option(engine))
+            trace = simulate(plan.scenario(index), keep_s=AROUND_THE_END_S, engine=engine)
     except (InputError, LawError) as error:
         return {"status": type(error).__name__}
     return numbers(trace, _PLACES)

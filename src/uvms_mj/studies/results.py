@@ -114,7 +114,7 @@ class Results:
             table = read(path)
             mine = (table.schema.metadata or {}).get(b"study") == self._digest.encode()
             sound = mine and table["index"].to_pylist() == list(self.blocks[i])
-        except (OSError, ValueError, KeyError, pa.ArrowException):
+        except (OSError, ValueError, pa.ArrowException):
             sound = False
         if not sound:
             self.damaged.append(path.name)
@@ -135,7 +135,8 @@ class Results:
         known = set(self._schema.names)
         own = dict.fromkeys(column for row in rows for column in row if column not in known)
         schema = pa.schema([*self._schema, *((column, pa.float64()) for column in own)])
-        table = pa.Table.from_pylist(list(rows), schema=schema.with_metadata({"study": self._digest}))
+        table = pa.Table.from_pylist(list(rows), schema=schema)
+        table = table.replace_schema_metadata({"study": self._digest, "rows": _checksum(table)})
         put(self.part(i), lambda file: pq.write_table(table, file, compression="zstd", write_page_checksum=True))
 
     def finish(self) -> None:
@@ -148,6 +149,11 @@ class Results:
             if found != list(names):
                 rows = read(self.part(i)).to_pylist()
                 self.write(i, [{name: row.get(name) for name in names} for row in rows])
+
+
+def share_done(folder: Path, plan: "Plan") -> float:
+    """Share of a study's blocks that have a part in a folder."""
+    return len(list((folder / "rows").glob("part-*.parquet"))) / len(blocks(plan.runs))
 
 
 def _check_same(folder: Path, plan: "Plan", about: dict[str, Any]) -> None:
@@ -195,9 +201,21 @@ def put(path: Path, write: Callable[[IO[bytes]], Any]) -> None:
 
 
 def read(path: Path) -> pa.Table:
-    """Read a part, with its checksums verified."""
+    """Read a part. Raises OSError, ValueError or pyarrow's errors, which are among them, if it is damaged."""
     with path.open("rb") as file:
-        return pq.ParquetFile(file, page_checksum_verification=True).read()
+        table = pq.ParquetFile(file, page_checksum_verification=True).read()
+    if (table.schema.metadata or {}).get(b"rows") != _checksum(table).encode():
+        raise ValueError("its rows do not have their checksum")
+    return table
+
+
+def _checksum(table: pa.Table) -> str:
+    """Checksum of names, types and values. Parquet's own cover less."""
+    digest = hashlib.sha256(repr([(field.name, str(field.type)) for field in table.schema]).encode())
+    for column in table.columns:
+        values = column.to_numpy()
+        digest.update(repr(values.tolist()).encode() if values.dtype == object else values.tobytes())
+    return digest.hexdigest()[:32]
 
 
 def frame(folder: Path) -> "pd.DataFrame":
@@ -208,7 +226,7 @@ def frame(folder: Path) -> "pd.DataFrame":
     for path in sorted((folder / "rows").glob("part-*.parquet")):
         try:
             tables.append(read(path))
-        except (OSError, pa.ArrowException) as error:
+        except (OSError, ValueError, pa.ArrowException) as error:
             raise InputError(f"{path}: damaged ({error}); the command that began the study computes it again") from None
     if not tables:
         raise InputError(f"{folder}: has no rows yet")

@@ -19,7 +19,9 @@ from typing import TYPE_CHECKING, Any
 from ..analysis.metrics import AROUND_THE_END_S
 from ..analysis.setup import set_up
 from ..analysis.summary import ending, numbers
+from ..engine.engines import refusals
 from ..engine.run import LawError, SinkError, simulate
+from ..engine.simulation import Simulation
 from ..errors import InputError
 from ..plant.mjcf import Mjcf
 from ..records.header import Sink, Status
@@ -80,21 +82,25 @@ def _row(plan: "Plan", index: int, engine: str, sinks: tuple[Sink, ...]) -> dict
         scenario = plan.scenario(index)
         mjcf = _vehicle(scenario.vehicle.model)
         row["engine"] = engine = chosen_engine(scenario, mjcf) if engine == "auto" else engine
+        if plan.time_limit_s is not None:
+            _compile(scenario, mjcf, engine)
         keep_s = AROUND_THE_END_S if all(place in COMPONENTS for place in plan.metrics) else None
         with warnings.catch_warnings(), _limited(plan.time_limit_s) as progress:
             warnings.simplefilter("ignore")  # the row counts them
-            trace = simulate(
-                scenario, keep_s=keep_s, mjcf=mjcf, **engine_option(engine), sinks=sinks, progress=progress
-            )
+            trace = simulate(scenario, keep_s=keep_s, mjcf=mjcf, engine=engine, sinks=sinks, progress=progress)
         row |= {"status": trace.status.name, "message": trace.message, "steps": trace.steps}
         row["warnings"] = len(trace.notes) + len(ending(trace))
-        if trace.status is Status.interrupted:  # only the limit interrupts a worker's run
-            late = f"longer than run.time_limit_s, {plan.time_limit_s:g} s of wall time"
-            row |= {"status": "timed_out", "message": late, "steps": None, "warnings": None}
+        if trace.status is Status.interrupted:
+            raise KeyboardInterrupt
         if row["status"] in _MEASURED:
             metrics = _metrics(plan, trace)
     except InputError as error:
         row |= {"status": "refused", "message": str(error)}
+    except KeyboardInterrupt:
+        if plan.time_limit_s is None:
+            raise
+        late = f"longer than run.time_limit_s, {plan.time_limit_s:g} s of wall time"
+        row |= {"status": "timed_out", "message": late, "steps": None, "warnings": None}
     except LawError as error:
         row |= {"status": "failed", "message": str(error), "steps": error.trace.steps}
     except Exception as error:  # of a user's metric, or of this package: the other runs go on
@@ -104,8 +110,15 @@ def _row(plan: "Plan", index: int, engine: str, sinks: tuple[Sink, ...]) -> dict
     return row | metrics
 
 
-def engine_option(engine: str) -> dict[str, Any]:
-    return {} if engine == "mujoco" else {"engine": engine}
+def _compile(scenario: Scenario, mjcf: Mjcf, engine: str) -> None:
+    """Compile the stages of a scenario once a process: the time limit is for a run alone."""
+    kinds = tuple(type(stage) for stage in scenario.stages)
+    if kinds not in _compiled:
+        Simulation(scenario, engine=engine, mjcf=mjcf).close()
+        _compiled.add(kinds)
+
+
+_compiled: set[tuple[type, ...]] = set()
 
 
 @functools.lru_cache(maxsize=8)
@@ -116,8 +129,6 @@ def _vehicle(model: str) -> Mjcf:
 
 def chosen_engine(scenario: Scenario, mjcf: Mjcf | None = None) -> str:
     """The engine of a run with engine "auto": free_body where it can."""
-    from ..engine.engines import refusals
-
     return "mujoco" if refusals(set_up(scenario, mjcf)) else "free_body"
 
 

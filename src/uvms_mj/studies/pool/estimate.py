@@ -11,7 +11,7 @@ from ...errors import InputError
 from ...scenario import Scenario
 from ..check import LEAST, SHARE
 from ..results import blocks, schema_of
-from ..rows import chosen_engine, engine_option
+from ..rows import chosen_engine
 
 if TYPE_CHECKING:
     from ..plan import Plan
@@ -61,6 +61,6 @@ def _probe(scenario: Scenario, engine: str) -> tuple[float, float, int]:
         start = time.perf_counter()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            trace = simulate(dataclasses.replace(scenario, simulation=short), keep_s=0.0, **engine_option(engine))
+            trace = simulate(dataclasses.replace(scenario, simulation=short), keep_s=0.0, engine=engine)
         whole_s = time.perf_counter() - start
     return whole_s - trace.wall_time_s, trace.wall_time_s / max(1, trace.steps), 8 * trace.header.width

@@ -67,14 +67,17 @@ class Parcel:
             digest.update(f"{name} {hashlib.sha256(data).hexdigest()}".encode())
         return digest.hexdigest()[:32]
 
-    def plan(self) -> "Plan":
-        """Unpack the plan on a worker. Raises InputError if the worker has other code."""
-        from ..plan import Plan
-
+    def check_code(self) -> None:
+        """Raise InputError if this worker has other code."""
         ours = code()
-        other = [f"{name} {ours[name]} there, {v} here" for name, v in self.code.items() if ours.get(name) != v]
+        other = [f"{name} {ours.get(name)} there, {v} here" for name, v in self.code.items() if ours.get(name) != v]
         if other:
             raise InputError(f"a worker has other code than this machine: {'; '.join(other)}; install the same on both")
+
+    def plan(self) -> "Plan":
+        """Unpack the plan on a worker."""
+        from ..plan import Plan
+
         return Plan.from_dict(_filled(self.tables, self._folder()))
 
     def _folder(self) -> str:

@@ -31,6 +31,7 @@ _plans: dict[str, "Plan"] = {}
 
 def _plan(parcel: Parcel) -> "Plan":
     """The plan of a parcel, unpacked once a process."""
+    parcel.check_code()
     if parcel.digest not in _plans:
         _plans.clear()
         _plans[parcel.digest] = parcel.plan()
