@@ -1,6 +1,5 @@
 """The memory of one run: the records that the loop works on, and the numbers of a scenario in them."""
 
-import dataclasses
 from collections.abc import Callable, Set
 from typing import Any
 
@@ -155,7 +154,7 @@ def write_time(memory: RunMemory, setup: Setup) -> None:
 
 def motion_of_water(scenario: Scenario) -> dict[str, tuple[float, ...]]:
     """The current and the disturbance of a scenario, by the names of :func:`.attachment.attach`'s arguments."""
-    return {"current_W": scenario.current.velocity_W, **dataclasses.asdict(scenario.disturbance)}
+    return {"current_W": scenario.current.velocity_W, **vars(scenario.disturbance)}
 
 
 def write_water(memory: RunMemory, setup: Setup) -> None:
