@@ -8,7 +8,7 @@ damper; this engine has the spring and the damper alone.
 import numpy as np
 
 from ..analysis.setup import Setup
-from ..plant.build import initial_state
+from ..plant.build import put_at
 from .base import Engine
 from .native.attachment import fill_water
 from .native.free_body import free_steps
@@ -50,7 +50,7 @@ class FreeEngine(Engine):
         self._body["face"] = setup.scenario.wall.position + setup.reach
 
     def write_initial(self, setup: Setup) -> None:
-        self._body["qpos"], self._body["qvel"] = initial_state(setup.scenario.initial)
+        put_at(setup.scenario.initial, self._body["qpos"][0], self._body["qvel"][0])
 
     def sense(self) -> None:
         free_steps()(*self._addresses, 0, 0)
