@@ -101,17 +101,6 @@ def put_at(initial: Initial, qpos: np.ndarray, qvel: np.ndarray) -> None:
     mujoco.mju_rotVecQuat(qvel[:3], qvel[:3].copy(), quat)
 
 
-def _ids(self) -> tuple[int, int, int]:
-    return _ids(self.model, self.vehicle.body)
-
-
-def initial_state(initial: Initial) -> tuple[np.ndarray, np.ndarray]:
-    """qpos (7,) and qvel (6,) of the vehicle's free joint at an initial state."""
-    quat, v_W = quat_from_euler_deg(*initial.attitude_deg), np.zeros(3)
-    mujoco.mju_rotVecQuat(v_W, np.array(initial.velocity[:3]), quat)
-    return np.array([*initial.position, *quat]), np.array([*v_W, *initial.velocity[3:]])
-
-
 def _ids(model: mujoco.MjModel, body: str) -> tuple[int, int, int]:
     """Ids of the vehicle's body, of the contact pair and of the wall's geom."""
     return free_body_id(model, body), model.pair(f"{_OURS}contact").id, model.geom(f"{_OURS}wall").id
