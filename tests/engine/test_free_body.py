@@ -61,10 +61,10 @@ def test_random_scenarios_are_those_of_mujoco():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("law", ["gsta", "ideal"])
-def test_the_force_at_rest_is_that_of_mujoco(law):
-    found = close(Scenario.load("push_wall", {"wall.damping": 20.0, "disturbance.bias": [2.0] * 3 + [0.1] * 3}, law))
-    assert "rest" in found
+@pytest.mark.parametrize(("law", "target"), [("impedance", 1.1), ("fosm", 1.01)])
+def test_the_force_at_rest_is_that_of_mujoco(law, target):
+    overrides = {"wall.damping": 20.0, "reference.target": [target, 0.0, 0.0], "simulation.duration": 14.0}
+    assert "rest" in close(Scenario.load("push_wall", overrides, law))
 
 
 @pytest.mark.parametrize("seed", range(12))
