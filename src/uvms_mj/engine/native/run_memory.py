@@ -56,7 +56,7 @@ class RunMemory:
         self._reached = {
             "stages_at": stages.rows,
             "tau_cmd_at": allocation["tau_cmd"],
-            "B_at": allocation["B"],
+            "columns_at": np.ascontiguousarray(vehicle.B.T),
             "u_min_at": allocation["u_min"],
             "u_max_at": allocation["u_max"],
             "thrust_of_ctrl_at": vehicle.thrust_of_ctrl,
