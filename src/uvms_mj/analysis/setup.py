@@ -10,6 +10,7 @@ from ..control.design import Design
 from ..errors import InputError
 from ..plant.build import Plant, build
 from ..plant.mjcf import Mjcf
+from ..plant.variation import varied
 from ..plant.vehicle import Vehicle
 from ..plant.wall import lightest_along_face
 from ..scenario import Scenario
@@ -25,7 +26,13 @@ class Setup:
 
     @property
     def vehicle(self) -> Vehicle:
+        """The true vehicle."""
         return self.plant.vehicle
+
+    @property
+    def nominal(self) -> Vehicle:
+        """The vehicle of the file, which the laws and the allocation are given."""
+        return self.plant.mjcf.vehicle
 
     @property
     def task(self) -> ImpedanceTask:
@@ -60,10 +67,12 @@ def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
         raise InputError(f"mjcf: expected an Mjcf, got {mjcf!r}; use Mjcf.find(name or path)")
     mjcf = mjcf if mjcf is not None else Mjcf.find(scenario.vehicle.model)
     design = design_of(scenario, mjcf.vehicle)
-    plant = build(mjcf, scenario.wall, scenario.simulation.timestep, scenario.simulation.integrator)
+    plant = build(mjcf, scenario.vehicle, scenario.wall, scenario.simulation.timestep, scenario.simulation.integrator)
     return Setup(scenario, plant, design)
 
 
-def design_of(scenario: Scenario, vehicle: Vehicle) -> Design:
-    """The design matrices of a scenario and its vehicle. Raises InputError if the desired impedance is not physical."""
-    return Design.of(scenario.impedance, scenario.estimates, vehicle.M, scenario.reference.attitude_deg)
+def design_of(scenario: Scenario, nominal: Vehicle) -> Design:
+    """The design matrices of a scenario and the vehicle of its file. Raises InputError if the desired impedance is not
+    physical, or the factors of the true vehicle do not fit it."""
+    M = varied(nominal, scenario.vehicle).M
+    return Design.of(scenario.impedance, scenario.estimates, M, nominal.M, scenario.reference.attitude_deg)

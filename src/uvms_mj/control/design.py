@@ -27,7 +27,7 @@ from ..quantities import (
 @table(frozen=True, config=STRICT)
 class Impedance:
     K_d: Stiffnesses = doc("desired stiffness, diagonal [N/m, N m]", (150.0, 1500.0, 1500.0, 50.0, 50.0, 50.0))
-    M_d: Inertia = doc("desired inertia, diagonal or 6x6; default: the vehicle's M", None)
+    M_d: Inertia = doc("desired inertia, diagonal or 6x6; default: M of the vehicle's file", None)
     D_d: Damping = doc("desired damping, diagonal or 6x6; default: Ott's design", None)
     K_f: Factors = doc("force gain, diagonal, eq. (7) [1]", (1.0,) * 6)
     F_d: Wrench = doc("wrench that the wall should exert on the vehicle, in B, eq. (7) [N, N m]", (0.0,) * 6)
@@ -38,10 +38,10 @@ class Impedance:
 
 @table(frozen=True, config=STRICT)
 class Estimates:
-    inertia: PositiveFactor = doc("M_hat = f M; f is this key [1]", 1.0)
-    coriolis: Factor = doc("C_hat(nu) nu = f C(nu) nu; f is this key [1]", 1.0)
-    damping: Factor = doc("D_hat(nu) nu = f D(nu) nu; f is this key [1]", 1.0)
-    restoring: Factor = doc("g_hat(eta) = f g(eta); f is this key [1]", 1.0)
+    inertia: PositiveFactor = doc("M_hat = f M of the vehicle's file; f is this key [1]", 1.0)
+    coriolis: Factor = doc("C_hat(nu) nu = f C(nu) nu of the vehicle's file; f is this key [1]", 1.0)
+    damping: Factor = doc("D_hat(nu) nu = f D(nu) nu of the vehicle's file; f is this key [1]", 1.0)
+    restoring: Factor = doc("g_hat(eta) = f g(eta) of the vehicle's file; f is this key [1]", 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,10 +60,17 @@ class Design:
     """(6,) the wall's normal (x of W) in B at the desired attitude, as a wrench."""
 
     @classmethod
-    def of(cls, impedance: Impedance, estimates: Estimates, M: np.ndarray, attitude_deg: Sequence[float]) -> "Design":
-        """Matrices of a run, from the vehicle's true inertia M (6, 6) and the desired roll, pitch, yaw [deg]. Raises
-        InputError if M_d is not symmetric positive definite, or D_d is not dissipative."""
-        M_d = M if impedance.M_d is None else _square(impedance.M_d)
+    def of(
+        cls,
+        impedance: Impedance,
+        estimates: Estimates,
+        M: np.ndarray,
+        nominal_M: np.ndarray,
+        attitude_deg: Sequence[float],
+    ) -> "Design":
+        """Matrices of a run, from the inertia (6, 6) of the true vehicle, that of its file, and the desired roll,
+        pitch, yaw [deg]. Raises InputError if M_d is not symmetric positive definite, or D_d is not dissipative."""
+        M_d = nominal_M if impedance.M_d is None else _square(impedance.M_d)
         K_d = np.diag(impedance.K_d)
         faults = []
         if np.abs(M_d - M_d.T).max() > 1e-9 * np.abs(M_d).max():
@@ -81,7 +88,7 @@ class Design:
         if faults:
             raise InputError(faults)
         quat_d = quat_from_euler_deg(*attitude_deg)
-        return cls(M, estimates.inertia * M, M_d, D_d, K_d, quat_d, wall_normal(quat_d))
+        return cls(M, estimates.inertia * nominal_M, M_d, D_d, K_d, quat_d, wall_normal(quat_d))
 
     def along_normal(self, inertia: np.ndarray) -> float:
         """Effective mass of an inertia (6, 6) along the wall's normal, with all other directions free [kg]."""

@@ -38,7 +38,7 @@ def _changed(base: Setup, current: Setup, overrides: Mapping[str, Any]) -> tuple
     design = base.design
     if _design_inputs(scenario) != _design_inputs(base.scenario):
         with no_overflow(scenario):
-            design = design_of(scenario, base.vehicle)
+            design = design_of(scenario, base.nominal)
     if design is not base.design or design is not current.design:
         touched.add("design")
     setup = Setup(scenario, base.plant, design)
@@ -84,7 +84,8 @@ def _stepping(scenario: Scenario) -> tuple[Any, ...]:
 def _refuse_other_code(base: Scenario, scenario: Scenario) -> None:
     faults = []
     if scenario.vehicle != base.vehicle:
-        faults.append(Fault("vehicle.model", "reset can't change the vehicle; make a new Simulation"))
+        keys = [key for key, value in vars(scenario.vehicle).items() if value != getattr(base.vehicle, key)]
+        faults += [Fault(f"vehicle.{key}", "reset can't change the vehicle; make a new Simulation") for key in keys]
     if scenario.simulation.integrator != base.simulation.integrator:
         faults.append(Fault("simulation.integrator", "reset can't change the integrator; make a new Simulation"))
     faults += [
