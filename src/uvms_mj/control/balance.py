@@ -54,7 +54,7 @@ def static_balance(setup: Any, K: float) -> SteadyState | str:
     state = _solve(setup, K)
     if state is None:
         return "the static balance has no solution near the reference"
-    u = np.linalg.pinv(setup.nominal.B) @ np.linalg.solve(_delivered(setup), state.tau)
+    u = np.linalg.pinv(setup.nominal.B) @ np.linalg.solve(_delivered(setup), np.asarray(state.tau))
     if (u < vehicle.u_min).any() or (u > vehicle.u_max).any():
         return "the thrusters are too weak"
     if state.force > 0.0 and setup.scenario.wall.friction > 0.0:
