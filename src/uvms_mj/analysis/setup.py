@@ -8,6 +8,7 @@ import numpy as np
 from ..control import ImpedanceTask
 from ..control.design import Design
 from ..errors import InputError
+from ..physics.frames import rotation_matrix
 from ..plant.build import Plant, build
 from ..plant.mjcf import Mjcf
 from ..plant.variation import varied
@@ -49,15 +50,23 @@ class Setup:
         """(3,) acceleration of gravity [m/s^2]."""
         return self.plant.mjcf.gravity_W
 
-    @property
-    def masses_at_contact(self) -> tuple[float, float]:
-        """Effective mass at the contact point along the wall's normal, and the least one along its face [kg]."""
-        return _masses(self.design, self.reach)
+    def mass_along_normal(self) -> float:
+        """Effective mass at the contact point along the wall's normal [kg]."""
+        return _along_normal(self.design)
+
+    def mass_along_face(self) -> float:
+        """Least effective mass at the contact point along the wall's face [kg]."""
+        return _along_face(self.design, self.reach)
 
 
-@functools.lru_cache(maxsize=64)
-def _masses(design: Design, reach: float) -> tuple[float, float]:
-    return design.along_normal(design.M), lightest_along_face(design.M, design.normal, reach)
+@functools.lru_cache(maxsize=8)
+def _along_normal(design: Design) -> float:
+    return design.along_normal(design.M)
+
+
+@functools.lru_cache(maxsize=8)
+def _along_face(design: Design, reach: float) -> float:
+    return lightest_along_face(design.M, rotation_matrix(design.quat_d), reach)
 
 
 def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:

@@ -103,7 +103,7 @@ class _Balance:
         self.target = np.array(scenario.reference.rests_at())
         self.tau_dist = np.array(scenario.disturbance.bias)
         self.A = np.array(setup.task.A)
-        self.M_d_inv = np.linalg.inv(design.M_d)
+        self.M_d_inv = design.M_d_inv
         self.M_hat_inv = np.linalg.inv(design.M_hat)
         self.undelivered = np.eye(6) - np.linalg.inv(_delivered(setup))
         self.K_f, self.F_d = np.array(scenario.impedance.K_f), np.array(scenario.impedance.F_d)

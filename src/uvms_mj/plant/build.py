@@ -86,7 +86,7 @@ class Plant:
     def place(self, data: mujoco.MjData, initial: Initial) -> None:
         """Put the vehicle at an initial state."""
         qpos, dof = free_joint_addresses(self.model, self.body_id)
-        data.qpos[qpos : qpos + 7], data.qvel[dof : dof + 6] = initial_state(initial)
+        put_at(initial, data.qpos[qpos : qpos + 7], data.qvel[dof : dof + 6])
 
     def set_wall(self, wall: Wall) -> None:
         """Move the wall, and set stiffness and damping of the contact pair in N/m and N s/m."""
@@ -97,11 +97,12 @@ class Plant:
         return _ids(self.model, self.vehicle.body)
 
 
-def initial_state(initial: Initial) -> tuple[np.ndarray, np.ndarray]:
-    """qpos (7,) and qvel (6,) of the vehicle's free joint at an initial state."""
-    quat, v_W = quat_from_euler_deg(*initial.attitude_deg), np.zeros(3)
-    mujoco.mju_rotVecQuat(v_W, np.array(initial.velocity[:3]), quat)
-    return np.array([*initial.position, *quat]), np.array([*v_W, *initial.velocity[3:]])
+def put_at(initial: Initial, qpos: np.ndarray, qvel: np.ndarray) -> None:
+    """Set qpos (7,) and qvel (6,) of the vehicle's free joint to an initial state."""
+    quat = quat_from_euler_deg(*initial.attitude_deg)
+    qpos[:] = *initial.position, *quat
+    qvel[:] = initial.velocity
+    mujoco.mju_rotVecQuat(qvel[:3], qvel[:3].copy(), quat)
 
 
 def _ids(model: mujoco.MjModel, body: str) -> tuple[int, int, int]:

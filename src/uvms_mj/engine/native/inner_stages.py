@@ -37,7 +37,7 @@ class Tracking(Stage):
     """Tracking errors and estimates."""
 
     name = "tracking"
-    needs: ClassVar = ("estimates", "design")
+    needs: ClassVar = ("estimates",)
     room: ClassVar[Room] = Room("control", "tracking", lambda thrusters: CLOCK + KNOWN + REFERENCE, ERRORS + ESTIMATES)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
