@@ -1,6 +1,5 @@
 """Checks of the keys that vary, before the first run: that every law has them, and that their extremes can run."""
 
-import functools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -9,8 +8,6 @@ import numpy as np
 
 from ..analysis.sampling import checked
 from ..errors import Fault, InputError
-from ..plant.mjcf import Mjcf
-from ..scenario import Scenario
 from .draws import Variation
 from .entries import Law, unknown_labels
 from .places import missing, overrides_at, parsed
@@ -79,7 +76,7 @@ class KeyChecks:
                     found.setdefault(f"{fault}{self._hint(fault, law)}", []).append(where)
                 continue
             try:
-                _can_run(scenario)
+                checked(scenario)
             except InputError as error:
                 if not self._runs_as_drawn(law, columns, values):
                     for fault in error.faults:
@@ -136,7 +133,7 @@ class KeyChecks:
         """Raise InputError if a draw cannot run."""
         keys = [(key, each.covers(law.label)) for each in self.variations for key in each.keys]
         given = {key: x for (key, covered), x in zip(keys, self.points[draw], strict=True) if covered}
-        _can_run(law.scenario.updated(overrides_at(given, law.tables)))
+        checked(law.scenario.updated(overrides_at(given, law.tables)))
 
     def _none_runs(self, law: Law) -> list[Fault]:
         """Errors if none of several draws can run: those of the last one."""
@@ -148,13 +145,3 @@ class KeyChecks:
             except InputError as error:
                 last = [Fault("vary", f"no draw can run with {law.label}: {fault}") for fault in error.faults]
         return last
-
-
-@functools.lru_cache(maxsize=8)
-def _mjcf(model: str) -> Mjcf:
-    return Mjcf.find(model)
-
-
-def _can_run(scenario: Scenario) -> None:
-    """Raise InputError if a scenario cannot run."""
-    checked(scenario, _mjcf(scenario.vehicle.model))
