@@ -10,7 +10,7 @@ from ..analysis.sampling import checked
 from ..errors import Fault, InputError
 from .draws import Variation
 from .entries import Law, unknown_labels
-from .places import missing, overrides_at, parsed
+from .places import missing, overrides_at
 
 MOST_CHECKED = 50
 """A longer list of numbers is checked at its least and its greatest one."""
@@ -27,16 +27,20 @@ def combination_faults(
         if all_laws:
             yield from unknown_labels(each.laws, laws, each.place)
         for place in each.keys:
-            key = parsed(place)[0]
-            twice = next((other for other in seen if place in (other, parsed(other)[0]) or other == key), None)
+            twice = next((other for other in seen if _within(place, other) or _within(other, place)), None)
             if twice is not None:
                 yield Fault(each.place, f"{place} varies in {seen[twice]} already, as {twice}")
             if place in overrides:
-                yield Fault(key, f"{each.place} varies this key: setting it has no effect")
+                yield Fault(place, f"{each.place} varies this key: setting it has no effect")
             for i, law in enumerate(laws):
                 if place in law.overrides and each.covers(law.label):
                     yield Fault(f"laws[{i}].{place}", f"{each.place} varies this key: setting it has no effect")
             seen[place] = each.place
+
+
+def _within(place: str, other: str) -> bool:
+    """Whether a place is another one, or a component of it."""
+    return place == other or place.startswith((f"{other}[", f"{other}."))
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +76,9 @@ class KeyChecks:
             try:
                 scenario = law.scenario.updated(overrides_at(dict(zip(each.keys, values, strict=True)), law.tables))
             except InputError as error:
+                ends = "; a truncated_normal has a least and a greatest value" if where == ".deviation" else ""
                 for fault in error.faults:
-                    found.setdefault(f"{fault}{self._hint(fault, law)}", []).append(where)
+                    found.setdefault(f"{fault}{self._hint(fault, law) or ends}", []).append(where)
                 continue
             try:
                 checked(scenario)
