@@ -6,6 +6,7 @@ import numpy as np
 from ..control.design import Design
 from ..physics.frames import rotation_matrix
 from ..records.trace import Trace
+from . import setup
 from .metrics import cumulative, grid
 
 INTERVAL_S = 0.01
@@ -74,4 +75,4 @@ def _turn(first: np.ndarray, last: np.ndarray) -> np.ndarray:
 
 def design_of(trace: Trace) -> Design:
     """Design of a run's controller, from the header of its log."""
-    return Design.of(trace.scenario, trace.header.mjcf.vehicle.M)
+    return setup.design_of(trace.scenario, trace.header.mjcf.vehicle)

@@ -12,6 +12,7 @@ from ..physics.frames import rotation_matrix
 from ..plant.build import Plant, build
 from ..plant.mjcf import Mjcf
 from ..plant.settings import lightest_along_face
+from ..plant.variation import varied
 from ..plant.vehicle import Vehicle
 from ..scenario import Scenario
 
@@ -26,7 +27,13 @@ class Setup:
 
     @property
     def vehicle(self) -> Vehicle:
+        """The true vehicle."""
         return self.plant.vehicle
+
+    @property
+    def nominal(self) -> Vehicle:
+        """The vehicle of the file, which the laws and the allocation are given."""
+        return self.plant.mjcf.vehicle
 
     @property
     def task(self) -> ImpedanceTask:
@@ -63,6 +70,12 @@ def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
     if not isinstance(mjcf, Mjcf | None):
         raise InputError(f"mjcf: expected an Mjcf, got {mjcf!r}; use Mjcf.find(name or path)")
     mjcf = mjcf if mjcf is not None else Mjcf.find(scenario.vehicle.model)
-    design = Design.of(scenario, mjcf.vehicle.M)
-    plant = build(mjcf, scenario.wall, scenario.simulation.timestep, scenario.simulation.integrator)
+    design = design_of(scenario, mjcf.vehicle)
+    plant = build(mjcf, scenario.vehicle, scenario.wall, scenario.simulation.timestep, scenario.simulation.integrator)
     return Setup(scenario, plant, design)
+
+
+def design_of(scenario: Scenario, nominal: Vehicle) -> Design:
+    """The design matrices of a scenario and the vehicle of its file. Raises InputError if the desired impedance is not
+    physical, or the factors of the true vehicle do not fit it."""
+    return Design.of(scenario, varied(nominal, scenario.vehicle).M, nominal.M)
