@@ -22,7 +22,7 @@ from .common import (
 )
 from .folders import folder_for
 from .stop import Stop, exit_interrupted
-from .study_report import report
+from .study_report import study_report
 from .study_text import head, plan_report, print_result
 
 if TYPE_CHECKING:
@@ -196,4 +196,4 @@ def list_studies(as_json: bool) -> None:
         click.echo(f"{name}: {plan.runs} runs of {', '.join(law.label for law in plan.laws)}. {plan.description}")
 
 
-study.add_command(report)
+study.add_command(study_report)

@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 PAGE = "report.html"
 
 
-@command()
+@command("report")
 @path_argument("folder", metavar="DIR")
 @path_option("-o", "--out", metavar="FILE.html", help=f"File for the page [default: DIR/{PAGE}, replaced].")
 @force_option
-def report(folder: str, out: str | None, force: bool) -> None:
+def study_report(folder: str, out: str | None, force: bool) -> None:
     """Write one HTML page about the results of a study, also while it runs: success rates, distributions, maps over
     the varied keys, sensitivity, differences between laws, and the runs to look at.
 

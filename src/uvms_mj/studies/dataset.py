@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 NOT_DONE = "not done"
 """Status of a run without a row."""
+_TEXTS, _ENDS = ("status", "message", "engine"), ("status", "message", "steps", "warnings", "engine")
+"""Columns of texts, and columns that also a run that did not complete has."""
 _OF_ROWS = ("index", "draw", "law", "repeat", "seed")
 
 
@@ -36,8 +38,8 @@ def dataset(plan: Plan, frame: pd.DataFrame) -> "xr.Dataset":
     for name in frame.columns:
         if name in _OF_ROWS or name in plan.varied:
             continue
-        kept = np.ones(len(frame), bool) if name in ("status", "message", "steps", "warnings", "engine") else completed
-        variables[name] = (dims, _filled(frame[name], at, kept, shape, NOT_DONE if name == "status" else None))
+        kept = np.ones(len(frame), bool) if name in _ENDS else completed
+        variables[name] = (dims, _filled(frame[name], at, kept, shape))
     found = xr.Dataset(
         variables,
         coordinates | {"law": [law.label for law in plan.laws], "repeat": np.arange(plan.repeats)},
@@ -51,10 +53,11 @@ def dataset(plan: Plan, frame: pd.DataFrame) -> "xr.Dataset":
     return found
 
 
-def _filled(values: pd.Series, at: np.ndarray, kept: np.ndarray, shape: Sequence[int], missing: Any) -> np.ndarray:
+def _filled(values: pd.Series, at: np.ndarray, kept: np.ndarray, shape: Sequence[int]) -> np.ndarray:
     """Values (n,) of the runs ``at`` in an array of all runs. Numbers and flags become floats with nan for the rest."""
-    texts = values.map(lambda value: isinstance(value, str)).any()
-    array = np.full(int(np.prod(shape)), missing if texts else np.nan, dtype=object if texts else float)
+    texts = values.name in _TEXTS or values.map(lambda value: isinstance(value, str)).any()
+    missing = (NOT_DONE if values.name == "status" else None) if texts else np.nan
+    array = np.full(int(np.prod(shape)), missing, dtype=object if texts else float)
     array[at[kept]] = values.to_numpy(dtype=object if texts else float, na_value=None if texts else np.nan)[kept]
     return array.reshape(shape)
 

@@ -1,6 +1,7 @@
 """Statistics of a study: intervals of rates, paired differences, and sensitivities. Confidence is 95 %."""
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -100,9 +101,11 @@ def sobol_indices(y: np.ndarray, factors: int, seed: int) -> SobolIndices | None
 
     problem = {"num_vars": factors, "names": [f"x{i}" for i in range(factors)], "bounds": [[0.0, 1.0]] * factors}
     resamples = int(np.clip(_MOST_RESAMPLED / len(complete), 30, 200))
-    found = sobol.analyze(
-        problem, complete.ravel(), calc_second_order=False, num_resamples=resamples, conf_level=LEVEL, seed=seed + 1
-    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a factor without effect: its index is zero
+        found = sobol.analyze(
+            problem, complete.ravel(), calc_second_order=False, num_resamples=resamples, conf_level=LEVEL, seed=seed + 1
+        )
 
     def estimates(name: str) -> list[Estimate]:
         pairs = zip(found[name].tolist(), found[f"{name}_conf"].tolist(), strict=True)
