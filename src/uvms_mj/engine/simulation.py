@@ -12,7 +12,7 @@ from ..errors import Fault, InputError
 from ..plant.mjcf import Mjcf
 from ..quantities import overrides_of
 from ..scenario import Scenario
-from ..stages.contract import check_stage
+from ..stages.loader import check_stage
 from ..stages.signals import Signal
 from .changes import changed
 from .engines import engine_of
@@ -60,9 +60,7 @@ class Simulation:
     """
 
     def __init__(self, scenario: Scenario | None = None, *, engine: str = "mujoco", mjcf: Mjcf | None = None) -> None:
-        scenario = scenario if scenario is not None else Scenario()
-        if not isinstance(scenario, Scenario):
-            raise InputError(f"scenario: expected a Scenario, got {scenario!r}; use Scenario.load(name or path)")
+        scenario = valid_scenario(scenario)
         for stage in scenario.stages:
             check_stage(stage)
         self.setup = checked(scenario, mjcf)
@@ -152,12 +150,14 @@ class Simulation:
             seed: replaces ``simulation.seed``.
             overrides: dotted keys with values that replace those of the scenario that the Simulation was made with,
                 ``{"wall.position": 1.2, "controller.k_1": 8.0}``, until the next reset. All keys of a scenario but
-                ``vehicle.model`` and the names of stages.
+                those of ``vehicle`` and the names of stages.
 
         Raises:
             InputError: a key or value is invalid, or needs a new Simulation. The Simulation is as it was before.
         """
-        given = overrides_of(overrides) | ({} if seed is None else {"simulation.seed": seed})
+        given = overrides_of(overrides)
+        if seed is not None:
+            given["simulation.seed"] = seed
         with self._alone:
             setup, touched = changed(self._base, self.setup, given, "reset")
             self._memory.restart(setup, touched)
@@ -174,8 +174,8 @@ class Simulation:
             InputError: a key or value is invalid, or can't change during a run. Nothing is changed then.
         """
         with self._alone:
-            setup, touched = changed(self.setup, self.setup, overrides, "set")
-            fixed = sorted(touched & {"initial", "simulation", "seed"})
+            setup, touched = changed(self.setup, self.setup, overrides_of(overrides, "set: overrides"), "set")
+            fixed = sorted(key for key in touched if key.startswith(("initial.", "simulation.")))
             if fixed:
                 raise InputError([Fault(name, "can't change during a run; give it to reset") for name in fixed], "set")
             self._memory.rewrite(setup, touched)
@@ -243,7 +243,7 @@ class Simulation:
         self.check()
 
     def _run_stages(self, end: int) -> None:
-        context, loop = self._memory.context.ctypes.data, self._memory.loop
+        context, loop = self._memory.context_at, self._memory.loop
         self._engine.sense()
         while (waiting := entry_point("advance")(context, end)) >= 0:
             try:
@@ -279,6 +279,13 @@ class Simulation:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+
+def valid_scenario(scenario: Scenario | None) -> Scenario:
+    """The scenario, or the default one. Raises InputError if it is of another type."""
+    if not isinstance(scenario, Scenario | None):
+        raise InputError(f"scenario: expected a Scenario, got {scenario!r}; use Scenario.load(name or path)")
+    return scenario if scenario is not None else Scenario()
 
 
 def _view(array: np.ndarray, writable: bool) -> np.ndarray:

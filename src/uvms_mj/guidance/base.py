@@ -9,23 +9,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..errors import Fault, InputError
-from ..files import shortened
+from ..errors import Fault, InputError, shortened
 from ..physics.frames import quat_from_euler_deg
 from ..physics.kernels import kernel
 from ..quantities import Angles
 from ..stages.base import Room, Stage, shared
 from ..stages.signals import CLOCK, KNOWN, REFERENCE
-
-GUIDANCE = Room(
-    name="guidance",
-    table="reference",
-    given=lambda thrusters: CLOCK + KNOWN,
-    out=REFERENCE,
-    noun="guidance stage",
-    constants=("quat_d",),
-    theory=("rests_at", "notes"),
-)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,7 +25,15 @@ class Guidance(Stage):
 
     attitude_deg: Angles = shared((0.0, 0.0, 0.0), "deg", "constant desired roll, pitch, yaw")
 
-    room: ClassVar[Room] = GUIDANCE
+    room: ClassVar[Room] = Room(
+        name="guidance",
+        table="reference",
+        given=lambda thrusters: CLOCK + KNOWN,
+        out=REFERENCE,
+        noun="guidance stage",
+        constants=("quat_d",),
+        theory=("rests_at", "notes"),
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -51,8 +48,8 @@ class Guidance(Stage):
         raise NotImplementedError
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
-        values = dict(super().constants(setup))
-        return values | {"attitude_deg": None, "quat_d": quat_from_euler_deg(*self.attitude_deg)}
+        quat_d = quat_from_euler_deg(*self.attitude_deg)
+        return {**super().constants(setup), "attitude_deg": None, "quat_d": quat_d}
 
     def rests_at(self) -> tuple[float, ...] | None:
         """Theory of the reference: its position at the end of the run, in W [m], or None if it does not come to rest. A

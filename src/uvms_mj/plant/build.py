@@ -22,9 +22,9 @@ import numpy as np
 from ..physics.frames import quat_from_euler_deg
 from .geometry import Geometry
 from .mjcf import Mjcf
-from .settings import Initial
+from .settings import Initial, VehicleChoice, Wall
+from .variation import varied, vary
 from .vehicle import Vehicle, free_body_id, free_joint_addresses
-from .wall import Wall
 
 IMPEDANCE = 1e-4
 """Impedance d of the contact pair, constant in solimp."""
@@ -47,8 +47,10 @@ class Plant:
     mjcf: Mjcf
     """The vehicle's MJCF, without wall and sensors."""
     vehicle: Vehicle
+    """The true one: that of the MJCF with the factors of ``choice``."""
     geometry: Geometry
     """Shapes of the vehicle; the probe's radius is its reach."""
+    choice: VehicleChoice
     wall: Wall
     timestep: float
     integrator: str
@@ -61,6 +63,7 @@ class Plant:
         spec.option.integrator = getattr(mujoco.mjtIntegrator, _INTEGRATORS[self.integrator])
         _add_surroundings(spec, self.vehicle.body, self.wall, self.geometry.reach)
         model = self.mjcf.compiled(spec)
+        vary(model, free_body_id(model, self.vehicle.body), self.vehicle.actuator_ids, self.choice)
         _set_wall(model, _ids(model, self.vehicle.body), self.wall, self.geometry.reach)
         return model
 
@@ -82,7 +85,7 @@ class Plant:
     def place(self, data: mujoco.MjData, initial: Initial) -> None:
         """Put the vehicle at an initial state."""
         qpos, dof = free_joint_addresses(self.model, self.body_id)
-        data.qpos[qpos : qpos + 7], data.qvel[dof : dof + 6] = initial_state(initial)
+        put_at(initial, data.qpos[qpos : qpos + 7], data.qvel[dof : dof + 6])
 
     def set_wall(self, wall: Wall) -> None:
         """Move the wall, and set stiffness and damping of the contact pair in N/m and N s/m."""
@@ -93,11 +96,12 @@ class Plant:
         return _ids(self.model, self.vehicle.body)
 
 
-def initial_state(initial: Initial) -> tuple[np.ndarray, np.ndarray]:
-    """qpos (7,) and qvel (6,) of the vehicle's free joint at an initial state."""
-    quat, v_W = quat_from_euler_deg(*initial.attitude_deg), np.zeros(3)
-    mujoco.mju_rotVecQuat(v_W, np.array(initial.velocity[:3]), quat)
-    return np.array([*initial.position, *quat]), np.array([*v_W, *initial.velocity[3:]])
+def put_at(initial: Initial, qpos: np.ndarray, qvel: np.ndarray) -> None:
+    """Set qpos (7,) and qvel (6,) of the vehicle's free joint to an initial state."""
+    quat = quat_from_euler_deg(*initial.attitude_deg)
+    qpos[:] = *initial.position, *quat
+    qvel[:] = initial.velocity
+    mujoco.mju_rotVecQuat(qvel[:3], qvel[:3].copy(), quat)
 
 
 def _ids(model: mujoco.MjModel, body: str) -> tuple[int, int, int]:
@@ -112,19 +116,21 @@ def _set_wall(model: mujoco.MjModel, ids: tuple[int, int, int], wall: Wall, reac
     model.geom_pos[face, 0] = wall.position + reach
 
 
-def build(mjcf: Mjcf, wall: Wall, timestep: float, integrator: str) -> Plant:
+def build(mjcf: Mjcf, choice: VehicleChoice, wall: Wall, timestep: float, integrator: str) -> Plant:
     """A plant with a time step [s] and an integrator, "euler" or "implicitfast". Raises InputError if the vehicle's
-    file can't be used, or is not physical."""
-    return Plant(mjcf, mjcf.vehicle, mjcf.geometry, wall, timestep, integrator)
+    file can't be used, or is not physical, or ``choice`` does not fit it."""
+    return Plant(mjcf, varied(mjcf.vehicle, choice), mjcf.geometry, choice, wall, timestep, integrator)
 
 
 def _plain_class(spec: mujoco.MjSpec) -> mujoco.MjsDefault:
-    """A default class for geoms that have no mass, and inherit no place or shape from the vehicle's own classes."""
+    """A default class for hidden geoms that have no mass, touch only in pairs, and inherit no place or shape from the
+    vehicle's own classes."""
     plain = spec.add_default(f"{_OURS}plain", spec.default)
     geom = plain.geom
     geom.pos, geom.quat, geom.fromto = [0, 0, 0], [1, 0, 0, 0], [np.nan] * 6
     geom.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
     geom.mass, geom.meshname, geom.material = 0.0, "", ""
+    geom.contype, geom.conaffinity, geom.rgba, geom.group = 0, 0, [0] * 4, 4
     return plain
 
 
@@ -137,16 +143,7 @@ def _add_surroundings(spec: mujoco.MjSpec, body_name: str, wall: Wall, reach: fl
     body.simple = False
     spec.compiler.discardvisual = True
     plain = _plain_class(spec)
-    pair_only = {"contype": 0, "conaffinity": 0}
-    body.add_geom(
-        plain,
-        name=f"{_OURS}probe",
-        type=mujoco.mjtGeom.mjGEOM_SPHERE,
-        size=[reach, 0, 0],
-        rgba=[0] * 4,
-        group=4,
-        **pair_only,
-    )
+    body.add_geom(plain, name=f"{_OURS}probe", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[reach, 0, 0])
     face = wall.position + reach
     spec.worldbody.add_geom(
         plain,
@@ -155,9 +152,6 @@ def _add_surroundings(spec: mujoco.MjSpec, body_name: str, wall: Wall, reach: fl
         pos=[face, 0, 0],
         quat=[np.sqrt(0.5), 0, -np.sqrt(0.5), 0],  # its normal is -x of W
         size=[1, 1, 0.1],  # for drawing only: the plane has no edge
-        rgba=[0] * 4,
-        group=4,
-        **pair_only,
     )
     spec.add_pair(
         name=f"{_OURS}contact",

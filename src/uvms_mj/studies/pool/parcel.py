@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...engine.native.sources import source_files
+from ...engine.native.stage_code import source_files
 from ...errors import InputError
 from ...plant.mjcf import Mjcf
 from ...records.header import versions
