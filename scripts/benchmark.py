@@ -127,29 +127,41 @@ def measure(rounds: int) -> list[dict]:
     return rows
 
 
-RESETS: dict[str, dict] = {
-    "no override": {},
-    "initial.position": {"initial.position": [0.1, 0.0, 0.0]},
-    "current.speed": {"current.speed": 0.3},
-    "disturbance.bias": {"disturbance.bias": [1.0] * 6},
-    "wall.position": {"wall.position": 1.1},
-    "wall.stiffness": {"wall.stiffness": 2e4},
-    "reference.target": {"reference.target": [1.02, 0.0, 0.0]},
-    "controller.k_1": {"controller.k_1": 6.0},
-    "simulation.seed": {"simulation.seed": 1},
+RESETS: dict[str, Callable[[float], dict]] = {
+    "no override": lambda x: {},
+    "simulation.seed": lambda x: {"simulation.seed": round(1e6 * x)},
+    "initial.position": lambda x: {"initial.position": [x, 0.0, 0.0]},
+    "current.speed": lambda x: {"current.speed": x},
+    "disturbance.bias": lambda x: {"disturbance.bias": [x] * 6},
+    "wall.stiffness": lambda x: {"wall.stiffness": 1e4 + x},
+    "reference.target": lambda x: {"reference.target": [1.0 + x, 0.0, 0.0]},
+    "reference.attitude_deg": lambda x: {"reference.attitude_deg": [x, 0.0, 0.0]},
+    "controller.k_1": lambda x: {"controller.k_1": 5.0 + x},
+    "task.F_1": lambda x: {"task.F_1": 1.0 + x},
+    "estimates.damping": lambda x: {"estimates.damping": 1.0 + x},
+    "estimates.inertia": lambda x: {"estimates.inertia": 1.0 + x},
+    "impedance.K_d": lambda x: {"impedance.K_d": [100.0 + x] * 6},
+    "impedance.D_d": lambda x: {"impedance.D_d": [100.0 + x] * 6},
+    "impedance.M_d": lambda x: {"impedance.M_d": [20.0 + x] * 6},
+    "impedance.F_d": lambda x: {"impedance.F_d": [x] * 6},
+    "seed, initial state and current": lambda x: {
+        "simulation.seed": round(1e6 * x),
+        "initial.position": [x, 0.0, 0.0],
+        "current.speed": x,
+    },
 }
+"""Overrides of a reset from a number in [0, 1), so that each reset has new values."""
 
 
 def resets(rounds: int) -> list[dict]:
-    """Time of a reset with an override, and of a call of step [us]."""
+    """Time of a reset by kind of key, with a new value each time, and of a call of step [us]."""
     rows = []
     with Simulation(Scenario.load("push_wall")) as sim:
         times: dict[str, list[float]] = {name: [] for name in RESETS}
-        for _ in range(10 * rounds):
-            for name, overrides in RESETS.items():
-                start = time.perf_counter()
-                sim.reset(overrides=overrides)
-                times[name].append(time.perf_counter() - start)
+        for name, overrides_of in RESETS.items():
+            for k in range(10 * rounds):
+                overrides = overrides_of(k / (10 * rounds))
+                times[name].append(_seconds(lambda given=overrides: sim.reset(overrides=given)))
         rows = [{"what": name, "us": statistics.median(samples) * 1e6} for name, samples in times.items()]
         sim.reset()
         one, many = [], []

@@ -254,6 +254,18 @@ KEY = '[base]\nscenario = "push_wall"\n[[vary]]\n'
             "varies in vary[0] already",
         ),
         (
+            "[base.reference]\nwaypoints = [{time = 1.0, position = [1.0, 0.0, 0.0]}]\n"
+            '[[vary]]\nkey = "reference.waypoints[0].position[1]"\nvalues = [0]\n'
+            '[[vary]]\nkey = "reference.waypoints[0].position"\nvalues = [[1, 0, 0]]',
+            "vary[1]",
+            "varies in vary[0] already",
+        ),
+        (
+            KEY + 'key = "wall.friction"\ndistribution = "normal"\nmean = 0.0\ndeviation = 0.1\n[design]\nruns = 9',
+            "vary[0].deviation",
+            "a truncated_normal has a least and a greatest value",
+        ),
+        (
             'laws = [{name = "gsta", controller.k_1 = 1.0}]\n' + KEY + 'key = "controller.k_1"\nvalues = [2.0]',
             "laws[0].controller.k_1",
             "no effect",

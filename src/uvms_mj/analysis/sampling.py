@@ -1,6 +1,6 @@
 """Checks of a run before its first step: errors, and warnings of a sampled loop that chatters or limit-cycles."""
 
-from collections.abc import Container, Iterator
+from collections.abc import Iterator, Set
 
 import numpy as np
 
@@ -9,12 +9,12 @@ from ..control.theory import stage_notes
 from ..errors import Fault, InputError
 from ..physics.dissipation import damping_notes
 from ..plant.mjcf import Mjcf
-from ..scenario import Scenario
+from ..scenario import STAGES, Scenario
 from .ranges import aliased, no_overflow
 from .setup import Setup, set_up
 from .wall import wall_faults, wall_notes
 
-_CHECKED = ("wall", "design", "simulation", "disturbance")
+_CHECKED = frozenset({"wall", "simulation.timestep", "disturbance"})
 
 
 class SamplingWarning(UserWarning):
@@ -30,17 +30,19 @@ def checked(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
     return setup
 
 
-def refuse(setup: Setup, touched: Container[str] = _CHECKED) -> None:
-    """Raise for a scenario that cannot run. Only checks of the tables in ``touched``, or of the "design", are made.
+def refuse(setup: Setup, touched: Set[str] = _CHECKED) -> None:
+    """Raise for a scenario that cannot run. Only checks of the tables and dotted keys in ``touched`` are made.
 
     Raises:
         InputError: for example, the wall is too stiff for the time step, or a period is not a multiple of it.
     """
-    scenario, faults = setup.scenario, list(_stage_faults(setup.scenario))
-    if any(table in touched for table in ("wall", "design", "simulation")):
+    faults: list[Fault] = []
+    if not touched.isdisjoint(("simulation.timestep", *STAGES)):
+        faults += _stage_faults(setup.scenario)
+    if not touched.isdisjoint(("wall", "reference.attitude_deg", "simulation.timestep")):
         faults += wall_faults(setup)
-    if any(table in touched for table in ("disturbance", "simulation")):
-        faults += aliased(scenario)
+    if not touched.isdisjoint(("disturbance", "simulation.timestep")):
+        faults += aliased(setup.scenario)
     if faults:
         raise InputError(faults, "scenario")
 

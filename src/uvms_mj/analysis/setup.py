@@ -8,8 +8,10 @@ import numpy as np
 from ..control import ImpedanceTask
 from ..control.design import Design
 from ..errors import InputError
+from ..physics.frames import rotation_matrix
 from ..plant.build import Plant, build
 from ..plant.mjcf import Mjcf
+from ..plant.variation import varied
 from ..plant.vehicle import Vehicle
 from ..plant.wall import lightest_along_face
 from ..scenario import Scenario
@@ -25,7 +27,13 @@ class Setup:
 
     @property
     def vehicle(self) -> Vehicle:
+        """The true vehicle."""
         return self.plant.vehicle
+
+    @property
+    def nominal(self) -> Vehicle:
+        """The vehicle of the file, which the laws and the allocation are given."""
+        return self.plant.mjcf.vehicle
 
     @property
     def task(self) -> ImpedanceTask:
@@ -42,15 +50,23 @@ class Setup:
         """(3,) acceleration of gravity [m/s^2]."""
         return self.plant.mjcf.gravity_W
 
-    @property
-    def masses_at_contact(self) -> tuple[float, float]:
-        """Effective mass at the contact point along the wall's normal, and the least one along its face [kg]."""
-        return _masses(self.design, self.reach)
+    def mass_along_normal(self) -> float:
+        """Effective mass at the contact point along the wall's normal [kg]."""
+        return _along_normal(self.design)
+
+    def mass_along_face(self) -> float:
+        """Least effective mass at the contact point along the wall's face [kg]."""
+        return _along_face(self.design, self.reach)
 
 
-@functools.lru_cache(maxsize=64)
-def _masses(design: Design, reach: float) -> tuple[float, float]:
-    return design.along_normal(design.M), lightest_along_face(design.M, design.normal, reach)
+@functools.lru_cache(maxsize=8)
+def _along_normal(design: Design) -> float:
+    return design.along_normal(design.M)
+
+
+@functools.lru_cache(maxsize=8)
+def _along_face(design: Design, reach: float) -> float:
+    return lightest_along_face(design.M, rotation_matrix(design.quat_d), reach)
 
 
 def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
@@ -60,10 +76,12 @@ def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
         raise InputError(f"mjcf: expected an Mjcf, got {mjcf!r}; use Mjcf.find(name or path)")
     mjcf = mjcf if mjcf is not None else Mjcf.find(scenario.vehicle.model)
     design = design_of(scenario, mjcf.vehicle)
-    plant = build(mjcf, scenario.wall, scenario.simulation.timestep, scenario.simulation.integrator)
+    plant = build(mjcf, scenario.vehicle, scenario.wall, scenario.simulation.timestep, scenario.simulation.integrator)
     return Setup(scenario, plant, design)
 
 
-def design_of(scenario: Scenario, vehicle: Vehicle) -> Design:
-    """The design matrices of a scenario and its vehicle. Raises InputError if the desired impedance is not physical."""
-    return Design.of(scenario.impedance, scenario.estimates, vehicle.M, scenario.reference.attitude_deg)
+def design_of(scenario: Scenario, nominal: Vehicle) -> Design:
+    """The design matrices of a scenario and the vehicle of its file. Raises InputError if the desired impedance is not
+    physical, or the factors of the true vehicle do not fit it."""
+    M = varied(nominal, scenario.vehicle).M
+    return Design.of(scenario.impedance, scenario.estimates, M, nominal.M, scenario.reference.attitude_deg)

@@ -71,9 +71,8 @@ START_FORCE = 100.0
 
 def _directions(setup: Setup) -> Iterator[tuple[str, float, float, float]]:
     """Prefix of the keys, spring [N/m], damper [N s/m] and mass at the contact [kg] of each direction in use."""
-    along_normal, along_face = setup.masses_at_contact
-    settings = contact_settings(setup.scenario.wall, along_face)
-    yield "", settings["stiffness"], settings["damping"], along_normal
+    settings = contact_settings(setup.scenario.wall, setup.mass_along_face)
+    yield "", settings["stiffness"], settings["damping"], setup.mass_along_normal()
     if settings["friction"] > 0.0:
         k_t, b_t = settings["tangential_stiffness"], settings["tangential_damping"]
-        yield "tangential_", k_t, b_t, along_face
+        yield "tangential_", k_t, b_t, setup.mass_along_face()

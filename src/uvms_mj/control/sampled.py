@@ -45,7 +45,7 @@ class Vibration:
     def of(cls, setup: Any, M_hat: np.ndarray | None = None) -> "Vibration":
         """The vibration under a law that imposes M_d, or that answers through its own inertia with M_hat (6, 6)."""
         design = setup.design
-        n, M_d_inv = design.normal, np.linalg.inv(design.M_d)
+        n, M_d_inv = design.normal, design.M_d_inv
         G = M_d_inv if M_hat is None else np.linalg.solve(design.M, M_hat @ M_d_inv)
         v = G @ (np.array(setup.scenario.impedance.K_f) * n)
         compliant = float(n @ v)

@@ -24,7 +24,6 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar
 
-import numpy as np
 from pydantic import AfterValidator
 
 from ..errors import Fault, InputError
@@ -67,7 +66,7 @@ class ImpedanceTask(Stage):
     integral: bool = shared(False, "-", "true: s is M_d^-1 times the integral of eq. (6): A is 0, and s(0) is 0")
 
     name = "impedance_task"
-    needs: ClassVar = ("design",)
+    needs: ClassVar = ("impedance.M_d",)
     states: ClassVar = {"zeta": 6}
     units: ClassVar = {"zeta": "m/s, rad/s"}
     room: ClassVar[Room] = Room("control", "task", lambda thrusters: TASK_GIVEN, TASK, "task", "gain")
@@ -84,7 +83,7 @@ class ImpedanceTask(Stage):
             object.__setattr__(self, "A", (0.0,) * 6)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
-        return {**super().constants(setup), "M_d_inv": np.linalg.inv(setup.design.M_d)}
+        return {**super().constants(setup), "M_d_inv": setup.design.M_d_inv}
 
     @staticmethod
     def step(settings, state, given, state_dot, out):

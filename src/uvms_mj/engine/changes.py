@@ -1,5 +1,6 @@
 """The changes of a reset: overrides of a scenario whose plant and machine code stay as they are."""
 
+import contextlib
 import dataclasses
 from collections.abc import Mapping
 from typing import Any
@@ -9,82 +10,98 @@ from pydantic import ValidationError
 from ..analysis.ranges import no_overflow
 from ..analysis.sampling import refuse
 from ..analysis.setup import Setup, design_of
+from ..control.earlier_keys import TASK_KEYS
+from ..control.task import ImpedanceTask
 from ..errors import Fault, InputError
-from ..quantities import overrides_of
+from ..plant.settings import VehicleChoice
 from ..scenario import STAGES, Scenario
+from ..stages.base import Stage, is_of_the_package, validator
 
 _TABLES = [field.name for field in dataclasses.fields(Scenario)]
+_OTHER_CODE = {"simulation.integrator", *(f"vehicle.{field.name}" for field in dataclasses.fields(VehicleChoice))}
+_DESIGN = (
+    *("impedance.M_d", "impedance.D_d", "impedance.K_d", "impedance.damping_ratio"),
+    *("estimates.inertia", "reference.attitude_deg"),
+)
 
 
-def changed(base: Setup, current: Setup, overrides: Mapping[str, Any], place: str) -> tuple[Setup, frozenset[str]]:
-    """As :func:`_changed`; ``place`` is the caller's name in messages."""
+def changed(base: Setup, current: Setup, overrides: Mapping[str, Any], place: str) -> tuple[Setup, set[str]]:
+    """``base`` with overrides by dotted keys, as :func:`.quantities.overrides_of` gives them, and what differs from it
+    or from ``current``, the setup of the run before the reset: tables of the scenario, their dotted keys, and
+    ``design`` for the design matrices.
+
+    Raises:
+        InputError: a key or value is invalid, or needs another plant or other machine code. ``place`` is the caller's
+            name in the message.
+    """
     try:
-        return _changed(base, current, overrides)
+        scenario = _updated(base.scenario, overrides)
+        touched = _differences(vars(scenario), vars(base.scenario), vars(current.scenario))
+        design = base.design
+        if not touched.isdisjoint(_DESIGN):
+            touched.add("design")
+            with no_overflow(scenario) if "impedance" in touched else contextlib.nullcontext():
+                design = design_of(scenario, base.nominal)
+        setup = Setup(scenario, base.plant, design)
+        refuse(setup, touched)
     except InputError as error:
         raise InputError(error.faults, place) from None
-
-
-def _changed(base: Setup, current: Setup, overrides: Mapping[str, Any]) -> tuple[Setup, frozenset[str]]:
-    """``base`` with overrides by dotted keys, and what differs from it or from ``current``, the setup of the run before
-    the reset: tables of the scenario, ``seed`` if nothing else of ``simulation`` differs, and ``design`` if the design
-    matrices differ. Raises InputError if a key or value is invalid, or needs another plant or other machine code."""
-    scenario = _updated(base.scenario, overrides_of(overrides))
-    _refuse_other_code(base.scenario, scenario)
-    before, now = current.scenario, base.scenario
-    tables, old, oldest = scenario.__dict__, before.__dict__, now.__dict__
-    touched = {name for name in _TABLES if tables[name] is not old[name] or tables[name] is not oldest[name]}
-    if "simulation" in touched and _stepping(scenario) == _stepping(before) == _stepping(now):
-        touched = touched - {"simulation"} | {"seed"}
-    design = base.design
-    if _design_inputs(scenario) != _design_inputs(base.scenario):
-        with no_overflow(scenario):
-            design = design_of(scenario, base.vehicle)
-    if design is not base.design or design is not current.design:
-        touched.add("design")
-    setup = Setup(scenario, base.plant, design)
-    if touched:
-        refuse(setup, touched)
-    return setup, frozenset(touched)
+    return setup, touched
 
 
 def _updated(scenario: Scenario, overrides: Mapping[str, Any]) -> Scenario:
-    """As :meth:`Scenario.updated`, but only the tables that have an override are made anew."""
+    """As :meth:`Scenario.updated`, but only the tables that have an override are made anew. Raises InputError if a key
+    or value is invalid, or needs another plant or other machine code."""
     tables: dict[str, dict[str, Any]] = {}
     for key, value in overrides.items():
         table, _, word = key.partition(".")
-        tables.setdefault(table, {})[word] = value
+        earlier = table == "controller" and word in TASK_KEYS and f"task.{word}" not in overrides
+        tables.setdefault("task" if earlier else table, {})[word] = value
     try:
-        made = {}
-        for name, values in tables.items():
-            old = getattr(scenario, name)
-            made[name] = type(old)(**(vars(old) | values))
-        return _with(scenario, made)
+        if _OTHER_CODE.isdisjoint(overrides):
+            return _with(scenario, {name: _replaced(getattr(scenario, name), new) for name, new in tables.items()})
     except (AttributeError, KeyError, TypeError, ValidationError, InputError):  # said in full, or a key of another kind
-        full = scenario.updated(overrides)
+        pass
+    full = scenario.updated(overrides)
+    _refuse_other_code(scenario, full)
     old_and_new = ((name, getattr(scenario, name), getattr(full, name)) for name in _TABLES)
     return _with(scenario, {name: new for name, old, new in old_and_new if new != old})
 
 
-def _with(scenario: Scenario, tables: Mapping[str, Any]) -> Scenario:
-    """A copy of a scenario with valid tables."""
-    copy = object.__new__(Scenario)
-    copy.__dict__.update(scenario.__dict__ | dict(tables))
+def _replaced(table: Any, values: dict[str, Any]) -> Any:
+    """A copy of a table of a scenario with other values. Only these are validated, unless they may depend on others."""
+    kind: Any = type(table)
+    if isinstance(table, ImpedanceTask) or (isinstance(table, Stage) and not is_of_the_package(kind)):
+        return kind(**(vars(table) | values))
+    return _with(table, validator(kind, tuple(values)).validate_python(values))
+
+
+def _with(old: Any, values: Mapping[str, Any]) -> Any:
+    """A copy of a scenario or of one of its tables with valid values."""
+    copy = object.__new__(type(old))
+    vars(copy).update(vars(old) | values)
     return copy
 
 
-def _design_inputs(scenario: Scenario) -> tuple[Any, ...]:
-    return scenario.impedance, scenario.estimates.inertia, scenario.reference.attitude_deg
-
-
-def _stepping(scenario: Scenario) -> tuple[Any, ...]:
-    table = scenario.simulation
-    return table.timestep, table.duration, table.integrator
+def _differences(new: dict[str, Any], base: dict[str, Any], current: dict[str, Any]) -> set[str]:
+    """The tables in which a scenario may differ from two others, and their dotted keys."""
+    found = set()
+    for name, table in new.items():
+        if table is not base[name] or table is not current[name]:
+            found.add(name)
+            if not isinstance(table, str):
+                one, two = vars(base[name]), vars(current[name])
+                for key, value in vars(table).items():
+                    if value is not one.get(key) or value is not two.get(key):
+                        found.add(f"{name}.{key}")
+    return found
 
 
 def _refuse_other_code(base: Scenario, scenario: Scenario) -> None:
     faults = []
     if scenario.vehicle != base.vehicle:
-        faults.append(Fault("vehicle.model", "reset can't change the vehicle; make a new Simulation"))
+        keys = [key for key, value in vars(scenario.vehicle).items() if value != getattr(base.vehicle, key)]
+        faults += [Fault(f"vehicle.{key}", "reset can't change the vehicle; make a new Simulation") for key in keys]
     if scenario.simulation.integrator != base.simulation.integrator:
         faults.append(Fault("simulation.integrator", "reset can't change the integrator; make a new Simulation"))
     faults += [

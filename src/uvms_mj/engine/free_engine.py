@@ -8,8 +8,7 @@ damper; this engine has the spring and the damper alone.
 import numpy as np
 
 from ..analysis.setup import Setup
-from ..physics.free_body import sphere_and_face
-from ..plant.build import initial_state
+from ..plant.build import put_at
 from .base import Engine
 from .native.attachment import fill_water
 from .native.free_body import free_steps
@@ -49,11 +48,12 @@ class FreeEngine(Engine):
 
     def write_wall(self, setup: Setup) -> None:
         self._body["face"] = setup.scenario.wall.position + setup.reach
-        sphere_and_face(self._body.view(np.recarray)[0])
 
     def write_initial(self, setup: Setup) -> None:
-        self._body["qpos"], self._body["qvel"] = initial_state(setup.scenario.initial)
-        sphere_and_face(self._body.view(np.recarray)[0])
+        put_at(setup.scenario.initial, self._body["qpos"][0], self._body["qvel"][0])
+
+    def sense(self) -> None:
+        free_steps()(*self._addresses, 0, 0)
 
     def step(self, loop: np.ndarray, n: int) -> None:
         free_steps()(*self._addresses, n, 1)

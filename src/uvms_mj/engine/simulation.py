@@ -152,12 +152,14 @@ class Simulation:
             seed: replaces ``simulation.seed``.
             overrides: dotted keys with values that replace those of the scenario that the Simulation was made with,
                 ``{"wall.position": 1.2, "controller.k_1": 8.0}``, until the next reset. All keys of a scenario but
-                ``vehicle.model`` and the names of stages.
+                those of ``vehicle`` and the names of stages.
 
         Raises:
             InputError: a key or value is invalid, or needs a new Simulation. The Simulation is as it was before.
         """
-        given = overrides_of(overrides) | ({} if seed is None else {"simulation.seed": seed})
+        given = overrides_of(overrides)
+        if seed is not None:
+            given["simulation.seed"] = seed
         with self._alone:
             setup, touched = changed(self._base, self.setup, given, "reset")
             self._memory.restart(setup, touched)
@@ -174,8 +176,8 @@ class Simulation:
             InputError: a key or value is invalid, or can't change during a run. Nothing is changed then.
         """
         with self._alone:
-            setup, touched = changed(self.setup, self.setup, overrides, "set")
-            fixed = sorted(touched & {"initial", "simulation", "seed"})
+            setup, touched = changed(self.setup, self.setup, overrides_of(overrides), "set")
+            fixed = sorted(touched & {"initial", "simulation"})
             if fixed:
                 raise InputError([Fault(name, "can't change during a run; give it to reset") for name in fixed], "set")
             self._memory.rewrite(setup, touched)
@@ -243,7 +245,7 @@ class Simulation:
         self.check()
 
     def _run_stages(self, end: int) -> None:
-        context, loop = self._memory.context.ctypes.data, self._memory.loop
+        context, loop = self._memory.context_at, self._memory.loop
         self._engine.sense()
         while (waiting := entry_point("advance")(context, end)) >= 0:
             try:

@@ -51,8 +51,8 @@ class Guidance(Stage):
         raise NotImplementedError
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
-        values = dict(super().constants(setup))
-        return values | {"attitude_deg": None, "quat_d": quat_from_euler_deg(*self.attitude_deg)}
+        quat_d = quat_from_euler_deg(*self.attitude_deg)
+        return {**super().constants(setup), "attitude_deg": None, "quat_d": quat_d}
 
     def rests_at(self) -> tuple[float, ...] | None:
         """Theory of the reference: its position at the end of the run, in W [m], or None if it does not come to rest. A

@@ -89,6 +89,8 @@ def _padded(step_time: float, target: tuple[float, ...], waypoints: tuple[Waypoi
     times[0], positions[0] = step_time, target
     for n, step in enumerate(waypoints):
         times[n], positions[n] = step.time, step.position
+    times.setflags(write=False)
+    positions.setflags(write=False)
     return times, positions
 
 
@@ -109,7 +111,7 @@ class FilteredSteps(Guidance):
     )
 
     name = "filtered_steps"
-    needs: ClassVar = ("initial",)
+    needs: ClassVar = ("initial.position",)
     _inner_keys: ClassVar = {"reference.waypoints": ("time", "position")}
 
     @property
@@ -126,7 +128,7 @@ class FilteredSteps(Guidance):
         return {**values, "start": start, "times": times, "positions": positions}
 
     def rests_at(self) -> tuple[float, ...]:
-        return self.steps[-1].position
+        return self.waypoints[-1].position if self.waypoints else self.target
 
     def notes(self, setup: Any) -> Iterable[str]:
         period = setup.scenario.control_period

@@ -22,7 +22,8 @@ import numpy as np
 from ..physics.frames import quat_from_euler_deg
 from .geometry import Geometry
 from .mjcf import Mjcf
-from .settings import Initial
+from .settings import Initial, VehicleChoice
+from .variation import varied, vary
 from .vehicle import Vehicle, free_body_id, free_joint_addresses
 from .wall import Wall
 
@@ -47,8 +48,10 @@ class Plant:
     mjcf: Mjcf
     """The vehicle's MJCF, without wall and sensors."""
     vehicle: Vehicle
+    """The true one: that of the MJCF with the factors of ``choice``."""
     geometry: Geometry
     """Shapes of the vehicle; the probe's radius is its reach."""
+    choice: VehicleChoice
     wall: Wall
     timestep: float
     integrator: str
@@ -61,6 +64,7 @@ class Plant:
         spec.option.integrator = getattr(mujoco.mjtIntegrator, _INTEGRATORS[self.integrator])
         _add_surroundings(spec, self.vehicle.body, self.wall, self.geometry.reach)
         model = self.mjcf.compiled(spec)
+        vary(model, free_body_id(model, self.vehicle.body), self.vehicle.actuator_ids, self.choice)
         _set_wall(model, _ids(model, self.vehicle.body), self.wall, self.geometry.reach)
         return model
 
@@ -82,7 +86,7 @@ class Plant:
     def place(self, data: mujoco.MjData, initial: Initial) -> None:
         """Put the vehicle at an initial state."""
         qpos, dof = free_joint_addresses(self.model, self.body_id)
-        data.qpos[qpos : qpos + 7], data.qvel[dof : dof + 6] = initial_state(initial)
+        put_at(initial, data.qpos[qpos : qpos + 7], data.qvel[dof : dof + 6])
 
     def set_wall(self, wall: Wall) -> None:
         """Move the wall, and set stiffness and damping of the contact pair in N/m and N s/m."""
@@ -93,11 +97,12 @@ class Plant:
         return _ids(self.model, self.vehicle.body)
 
 
-def initial_state(initial: Initial) -> tuple[np.ndarray, np.ndarray]:
-    """qpos (7,) and qvel (6,) of the vehicle's free joint at an initial state."""
-    quat, v_W = quat_from_euler_deg(*initial.attitude_deg), np.zeros(3)
-    mujoco.mju_rotVecQuat(v_W, np.array(initial.velocity[:3]), quat)
-    return np.array([*initial.position, *quat]), np.array([*v_W, *initial.velocity[3:]])
+def put_at(initial: Initial, qpos: np.ndarray, qvel: np.ndarray) -> None:
+    """Set qpos (7,) and qvel (6,) of the vehicle's free joint to an initial state."""
+    quat = quat_from_euler_deg(*initial.attitude_deg)
+    qpos[:] = *initial.position, *quat
+    qvel[:] = initial.velocity
+    mujoco.mju_rotVecQuat(qvel[:3], qvel[:3].copy(), quat)
 
 
 def _ids(model: mujoco.MjModel, body: str) -> tuple[int, int, int]:
@@ -112,10 +117,10 @@ def _set_wall(model: mujoco.MjModel, ids: tuple[int, int, int], wall: Wall, reac
     model.geom_pos[face, 0] = wall.position + reach
 
 
-def build(mjcf: Mjcf, wall: Wall, timestep: float, integrator: str) -> Plant:
+def build(mjcf: Mjcf, choice: VehicleChoice, wall: Wall, timestep: float, integrator: str) -> Plant:
     """A plant with a time step [s] and an integrator, "euler" or "implicitfast". Raises InputError if the vehicle's
-    file can't be used, or is not physical."""
-    return Plant(mjcf, mjcf.vehicle, mjcf.geometry, wall, timestep, integrator)
+    file can't be used, or is not physical, or ``choice`` does not fit it."""
+    return Plant(mjcf, varied(mjcf.vehicle, choice), mjcf.geometry, choice, wall, timestep, integrator)
 
 
 def _plain_class(spec: mujoco.MjSpec) -> mujoco.MjsDefault:

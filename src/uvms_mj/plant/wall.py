@@ -1,6 +1,7 @@
 """The wall: its settings, and the spring, damper and friction of a contact with it."""
 
 import math
+from collections.abc import Callable
 from typing import Annotated
 
 import numpy as np
@@ -24,28 +25,28 @@ class Wall:
     )
 
 
-def lightest_along_face(M: np.ndarray, normal: np.ndarray, reach: float) -> float:
+def lightest_along_face(M: np.ndarray, R_WB: np.ndarray, reach: float) -> float:
     """Least effective mass at the contact point along the wall's face, with all other directions free [kg].
 
-    M is the inertia (6, 6), added mass included; ``normal`` (6,) the wall's in B, as a wrench; ``reach`` the distance
-    of the contact point from B's origin along it [m].
+    M is the inertia (6, 6), added mass included; R_WB (3, 3) the attitude; ``reach`` the distance of the contact point
+    from B's origin along the wall's normal, x of W [m].
     """
-    n = normal[:3]
-    along = np.linalg.svd(n.reshape(1, 3))[2][1:]  # (2, 3) two directions along the face
-    J = np.hstack([along, np.cross(reach * n, along)])
-    return 1.0 / float(np.linalg.eigvalsh(J @ np.linalg.solve(M, J.T))[-1])
+    J = np.zeros((2, 6))  # of the contact point along y and z of W
+    J[:, :3], J[0, 3:], J[1, 3:] = R_WB[1:], reach * R_WB[2], -reach * R_WB[1]
+    (a, b), (_, c) = (J @ np.linalg.solve(M, J.T)).tolist()
+    return 1.0 / (0.5 * (a + c) + math.hypot(0.5 * (a - c), b))  # the larger eigenvalue
 
 
-def contact_settings(wall: Wall, mass_along_face: float) -> dict[str, float]:
+def contact_settings(wall: Wall, mass_along_face: Callable[[], float]) -> dict[str, float]:
     """Settings of the wall for a :data:`uvms_mj.physics.contact.CONTACT` record, with the defaults of sticking
     friction.
 
     The default damping is critical for the lightest motion along the face, so that a contact that sticks comes to rest.
-    ``mass_along_face`` is that of :func:`lightest_along_face` [kg].
+    ``mass_along_face`` gives that mass [kg]; it is not asked for if it has no effect.
     """
     k_t = wall.stiffness if wall.tangential_stiffness is None else wall.tangential_stiffness
     b_t = wall.tangential_damping
     if b_t is None:
-        b_t = 2.0 * math.sqrt(k_t * mass_along_face)
+        b_t = 2.0 * math.sqrt(k_t * mass_along_face()) if wall.friction > 0.0 else 0.0
     given = {name: getattr(wall, name) for name in ("stiffness", "damping", "friction")}
     return given | {"tangential_stiffness": k_t, "tangential_damping": b_t}

@@ -94,18 +94,17 @@ class Stage:
     _inner_keys: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     """Keys of the tables within a setting, by the setting's key."""
     needs: ClassVar[tuple[str, ...] | None] = None
-    """Tables of the scenario that :meth:`constants` reads besides the stage's own; "design" stands for the design
-    matrices. None: any, or none if the class does not override it."""
+    """Tables or dotted keys of the scenario that :meth:`constants` reads besides the stage's own; "design" stands for
+    the design matrices. None: any, or none if the class does not override it."""
     external: ClassVar[bool] = False
     """Whether the caller of a Simulation sets the outputs."""
 
     def __post_init__(self) -> None:
-        given = dict(vars(self))  # the fields; dataclasses.fields would take most of the time of a reset
         table, noun = self.room.table, self.room.setting
         place = f"the {noun}s of {self.label()}"
+        kind: Any = type(self)  # mypy does not see that the class is hashable
         try:
-            kind: Any = type(self)  # mypy does not see that the class is hashable
-            valid = _adapter(kind).validate_python(given)
+            valid = validator(kind).validate_python(vars(self))
         except ValidationError as error:
             faults = faults_of(error, table, self._inner_keys)
             raise InputError([self._of_default(fault) for fault in faults], place) from None
@@ -115,12 +114,11 @@ class Stage:
         faults = [
             Fault(f"{table}.{name}", f"{value!r}: a {noun} is a number, true or false, or a tuple of numbers")
             for name, value in valid.items()
-            if not _is_number(value) and not packs_itself(type(self))
+            if not _is_number(value) and not packs_itself(kind)
         ]
         if faults:
             raise InputError(faults, place)
-        for name, value in valid.items():
-            object.__setattr__(self, name, value)
+        vars(self).update(valid)
 
     def _of_default(self, fault: Fault) -> Fault:
         """The fault, with a hint if the value is the default of the class."""
@@ -163,7 +161,8 @@ class Stage:
     def constants(self, setup: Any) -> Mapping[str, Any]:
         """The constants of a run that the function gets as its settings, by name, from the run's
         :class:`uvms_mj.analysis.setup.Setup`. A user's settings do not depend on it."""
-        return {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        fields = type(self).__dataclass_fields__  # dataclasses.fields takes longer than the rest
+        return {name: value for name, value in vars(self).items() if name in fields}
 
     def record(self, setup: Any = None) -> np.ndarray:
         """The constants as a record array (1,): numbers as float64, flags as booleans, tuples as float64 vectors. The
@@ -224,15 +223,19 @@ def random_key(seed: int, stage: Stage) -> int:
 
 def _is_number(value: Any) -> bool:
     if isinstance(value, tuple):
-        return bool(value) and all(isinstance(each, int | float) for each in value)
-    return value is None or isinstance(value, bool | int | float)
+        return bool(value) and all(isinstance(each, _NUMBERS) for each in value)
+    return value is None or isinstance(value, _NUMBERS)
+
+
+_NUMBERS = (bool, int, float)  # a union is made anew at each use
 
 
 @functools.cache
-def _adapter(cls: type[Stage]) -> TypeAdapter:
-    """The validator of a class, made once. Settings are checked at construction and never in the loop."""
+def validator(cls: Any, names: tuple[str, ...] = ()) -> TypeAdapter:
+    """The validator of the fields of a dataclass, or of some of them, made once. Settings are checked at construction
+    and never in the loop."""
     hints = get_type_hints(cls, include_extras=True)
     # Any: the fields of this type are known only at run time
     make: Any = TypedDict
-    shape = make("shape", {f.name: hints[f.name] for f in dataclasses.fields(cls)})
+    shape = make("shape", {name: hints[name] for name in names or [f.name for f in dataclasses.fields(cls)]})
     return TypeAdapter(with_config(ConfigDict(allow_inf_nan=False))(shape))

@@ -3,6 +3,7 @@
 To add a signal, add a line to a table here and a line where it is computed.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +26,7 @@ class Signal:
 
     @property
     def size(self) -> int:
-        return int(np.prod(self.shape, dtype=int))
+        return math.prod(self.shape)
 
     @property
     def components(self) -> tuple[str, ...]:

@@ -1,6 +1,5 @@
 """Checks of the keys that vary, before the first run: that every law has them, and that their extremes can run."""
 
-import functools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -9,11 +8,9 @@ import numpy as np
 
 from ..analysis.sampling import checked
 from ..errors import Fault, InputError
-from ..plant.mjcf import Mjcf
-from ..scenario import Scenario
 from .draws import Variation
 from .entries import Law, unknown_labels
-from .places import missing, overrides_at, parsed
+from .places import missing, overrides_at
 
 MOST_CHECKED = 50
 """A longer list of numbers is checked at its least and its greatest one."""
@@ -30,16 +27,20 @@ def combination_faults(
         if all_laws:
             yield from unknown_labels(each.laws, laws, each.place)
         for place in each.keys:
-            key = parsed(place)[0]
-            twice = next((other for other in seen if place in (other, parsed(other)[0]) or other == key), None)
+            twice = next((other for other in seen if _within(place, other) or _within(other, place)), None)
             if twice is not None:
                 yield Fault(each.place, f"{place} varies in {seen[twice]} already, as {twice}")
             if place in overrides:
-                yield Fault(key, f"{each.place} varies this key: setting it has no effect")
+                yield Fault(place, f"{each.place} varies this key: setting it has no effect")
             for i, law in enumerate(laws):
                 if place in law.overrides and each.covers(law.label):
                     yield Fault(f"laws[{i}].{place}", f"{each.place} varies this key: setting it has no effect")
             seen[place] = each.place
+
+
+def _within(place: str, other: str) -> bool:
+    """Whether a place is another one, or a component of it."""
+    return place == other or place.startswith((f"{other}[", f"{other}."))
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,11 +76,12 @@ class KeyChecks:
             try:
                 scenario = law.scenario.updated(overrides_at(dict(zip(each.keys, values, strict=True)), law.tables))
             except InputError as error:
+                ends = "; a truncated_normal has a least and a greatest value" if where == ".deviation" else ""
                 for fault in error.faults:
-                    found.setdefault(f"{fault}{self._hint(fault, law)}", []).append(where)
+                    found.setdefault(f"{fault}{self._hint(fault, law) or ends}", []).append(where)
                 continue
             try:
-                _can_run(scenario)
+                checked(scenario)
             except InputError as error:
                 if not self._runs_as_drawn(law, columns, values):
                     for fault in error.faults:
@@ -136,7 +138,7 @@ class KeyChecks:
         """Raise InputError if a draw cannot run."""
         keys = [(key, each.covers(law.label)) for each in self.variations for key in each.keys]
         given = {key: x for (key, covered), x in zip(keys, self.points[draw], strict=True) if covered}
-        _can_run(law.scenario.updated(overrides_at(given, law.tables)))
+        checked(law.scenario.updated(overrides_at(given, law.tables)))
 
     def _none_runs(self, law: Law) -> list[Fault]:
         """Errors if none of several draws can run: those of the last one."""
@@ -148,13 +150,3 @@ class KeyChecks:
             except InputError as error:
                 last = [Fault("vary", f"no draw can run with {law.label}: {fault}") for fault in error.faults]
         return last
-
-
-@functools.lru_cache(maxsize=8)
-def _mjcf(model: str) -> Mjcf:
-    return Mjcf.find(model)
-
-
-def _can_run(scenario: Scenario) -> None:
-    """Raise InputError if a scenario cannot run."""
-    checked(scenario, _mjcf(scenario.vehicle.model))

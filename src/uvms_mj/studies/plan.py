@@ -177,10 +177,12 @@ class Plan:
 
     def text(self) -> str:
         """Number of runs and steps, the laws, and the range of each key: the text of a dry run."""
-        counts = [f"{self.draws} draws ({self.design})", f"{len(self.laws)} laws", f"{self.repeats} repeats"]
+        counts = [f"{self.draws} draws ({self.design.replace('_', ' ')})"]
+        counts += [f"{n} {what}" for n, what in ((len(self.laws), "laws"), (self.repeats, "repeats")) if n > 1]
         lines = [
             f"{self.name}: {self.runs} runs, {' x '.join(counts)}; {self.steps:.4g} time steps",
-            f"base: {self.base.name}; laws: {', '.join(law.label for law in self.laws)}; engine: {self.engine}",
+            f"base: {self.base.name}; {'laws' if len(self.laws) > 1 else 'law'}: "
+            f"{', '.join(law.label for law in self.laws)}; engine: {self.engine}",
         ]
         for each in self.variations:
             unit = self.units[each.keys[0]]

@@ -92,8 +92,7 @@ def _translated(function: Any, parameters: Sequence[np.dtype], name: str) -> int
     module = llvm.parse_assembly(str(translate(function, parameters, symbol)))
     module.triple, module.data_layout = llvm.get_process_triple(), str(machine.target_data)
     module.verify()
-    tuning = llvm.create_pipeline_tuning_options(speed_level=3)
-    tuning.loop_vectorization = tuning.slp_vectorization = True
+    tuning = llvm.create_pipeline_tuning_options(speed_level=3)  # without vectors of neighbours, which cost a tenth
     passes = llvm.create_pass_builder(machine, tuning)
     passes.getModulePassManager().run(module, passes)
     code = machine.emit_object(module)

@@ -13,9 +13,10 @@ from .memory import loop_at
 
 def _free_steps(context, body, n, moving) -> int:
     """Take n time steps, or evaluate the instant in hand if ``moving`` is 0. Returns the number of steps that were
-    taken before the run stopped."""
+    taken before the run stopped. With n = 0 it measures the distance to the wall only."""
     loop = loop_at(context.loop_at)
     true, contact, row, force = loop.true, loop.contact, loop.row, body.force
+    sphere_and_face(body)
     for k in range(n):
         if not begin_step(context, loop):
             return k

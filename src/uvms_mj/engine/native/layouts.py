@@ -111,7 +111,7 @@ LOOP = np.dtype(
         # thrusters
         ("controls", "i8"),  # entries of ctrl
         ("thrusters", "i8"),
-        ("B_at", "i8"),  # (6, n)
+        ("columns_at", "i8"),  # (n, 6), the columns of B
         ("u_min_at", "i8"),
         ("u_max_at", "i8"),
         ("ctrl_index_at", "i8"),

@@ -125,7 +125,7 @@ def limit_thrust(loop):
     n, row = loop.thrusters, loop.row
     u_cmd, u = floats(loop.u_cmd_at, n), floats(loop.u_at, n)
     u_min, u_max = floats(loop.u_min_at, n), floats(loop.u_max_at, n)
-    B = floats(loop.B_at, 6 * n)
+    columns = floats(loop.columns_at, 6 * n)
     x_0, x_1, x_2, x_3, x_4, x_5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     loop.saturated = 0
     for k in range(n):
@@ -137,12 +137,12 @@ def limit_thrust(loop):
         u[k] = thrust
         if thrust <= u_min[k] or thrust >= u_max[k]:
             loop.saturated = 1
-        x_0 += B[k] * thrust
-        x_1 += B[n + k] * thrust
-        x_2 += B[2 * n + k] * thrust
-        x_3 += B[3 * n + k] * thrust
-        x_4 += B[4 * n + k] * thrust
-        x_5 += B[5 * n + k] * thrust
+        x_0 += columns[6 * k] * thrust
+        x_1 += columns[6 * k + 1] * thrust
+        x_2 += columns[6 * k + 2] * thrust
+        x_3 += columns[6 * k + 3] * thrust
+        x_4 += columns[6 * k + 4] * thrust
+        x_5 += columns[6 * k + 5] * thrust
     row.tau[0], row.tau[1], row.tau[2] = x_0, x_1, x_2
     row.tau[3], row.tau[4], row.tau[5] = x_3, x_4, x_5
 

@@ -1,6 +1,5 @@
 """The memory of one run: the records that the loop works on, and the numbers of a scenario in them."""
 
-import dataclasses
 from collections.abc import Callable, Set
 from typing import Any
 
@@ -35,6 +34,7 @@ class RunMemory:
 
     def __init__(self, setup: Setup, engine: Any) -> None:
         self.engine, self.context, self.loop = engine, engine.context, np.zeros(1, LOOP)
+        self.context_at = self.context.ctypes.data
         vehicle, memory = setup.vehicle, engine.memory
         n = len(vehicle.thrusters)
         self.stages = stages = StageTable(setup, self.loop["true"], self.context["water"])
@@ -43,7 +43,7 @@ class RunMemory:
         self._spans = np.array(list(spans([memory for _, memory in self.recorded])))
         self.rows = np.zeros((0, sum(signal.size for signal, _ in self.recorded)))
         allocation = stages.allocation
-        allocation["B"], allocation["B_pinv"] = vehicle.B, np.linalg.pinv(vehicle.B)
+        allocation["B"], allocation["B_pinv"] = setup.nominal.B, np.linalg.pinv(setup.nominal.B)
         allocation["u_min"], allocation["u_max"] = vehicle.u_min, vehicle.u_max
         sizes = {"stages": len(stages.rows), "actuation": stages.actuation, "thrusters": n}
         sizes["controls"] = memory["ctrl_at"].size if "ctrl_at" in memory else 0
@@ -56,7 +56,7 @@ class RunMemory:
         self._reached = {
             "stages_at": stages.rows,
             "tau_cmd_at": allocation["tau_cmd"],
-            "B_at": allocation["B"],
+            "columns_at": np.ascontiguousarray(vehicle.B.T),
             "u_min_at": allocation["u_min"],
             "u_max_at": allocation["u_max"],
             "thrust_of_ctrl_at": vehicle.thrust_of_ctrl,
@@ -87,7 +87,7 @@ class RunMemory:
 
     def taken(self) -> np.ndarray:
         """The rows (n, width) written since :meth:`clear`, the last step's included. A view."""
-        entry_point("finish")(self.context.ctypes.data)
+        entry_point("finish")(self.context_at)
         return self.rows[: int(self.loop["rows"][0])]
 
     def clear(self) -> None:
@@ -105,7 +105,7 @@ class RunMemory:
         for array, start in self._start:
             array[:] = start
         self._write(setup, touched, constants)
-        for entry in self.stages.running:
+        for entry in self.stages.in_arenas:
             entry.start()
 
     def rewrite(self, setup: Setup, touched: Set[str]) -> None:
@@ -126,7 +126,7 @@ class RunMemory:
             KeyboardInterrupt: a signal arrived during a loop of the stage.
         """
         failed = self.loop["stop"][0] == STOP_STAGE
-        for entry in self.stages.running:
+        for entry in self.stages.in_arenas:
             if entry.guarded:
                 entry.check(bool(failed or last))
         if failed:
@@ -155,7 +155,9 @@ def write_time(memory: RunMemory, setup: Setup) -> None:
 
 def motion_of_water(scenario: Scenario) -> dict[str, tuple[float, ...]]:
     """The current and the disturbance of a scenario, by the names of :func:`.attachment.attach`'s arguments."""
-    return {"current_W": scenario.current.velocity_W, **dataclasses.asdict(scenario.disturbance)}
+    wrench = scenario.disturbance
+    motion = {"bias": wrench.bias, "amplitude": wrench.amplitude, "frequency_hz": wrench.frequency_hz}
+    return {"current_W": scenario.current.velocity_W, **motion}
 
 
 def write_water(memory: RunMemory, setup: Setup) -> None:
@@ -165,7 +167,7 @@ def write_water(memory: RunMemory, setup: Setup) -> None:
 def write_wall(memory: RunMemory, setup: Setup) -> None:
     memory.engine.write_wall(setup)
     contact = memory.loop["contact"]
-    for name, value in contact_settings(setup.scenario.wall, setup.masses_at_contact[1]).items():
+    for name, value in contact_settings(setup.scenario.wall, setup.mass_along_face).items():
         contact[name] = value
 
 
@@ -174,9 +176,9 @@ def write_initial(memory: RunMemory, setup: Setup) -> None:
     memory.loop["qpos_safe"] = memory.engine.qpos
 
 
-def write_design(memory: RunMemory, setup: Setup) -> None:
+def write_impedance(memory: RunMemory, setup: Setup) -> None:
     signals, design, impedance = memory.stages.signals, setup.design, setup.scenario.impedance
-    signals["M_d"], signals["D_d"], signals["K_d"] = design.M_d, design.D_d, np.diag(design.K_d)
+    signals["M_d"], signals["D_d"], signals["K_d"] = design.M_d, design.D_d, impedance.K_d
     signals["K_f"], signals["F_d"] = impedance.K_f, impedance.F_d
 
 
@@ -190,13 +192,12 @@ def write_keys(memory: RunMemory, setup: Setup) -> None:
 
 
 WRITERS: tuple[tuple[tuple[str, ...], Callable[[RunMemory, Setup], None]], ...] = (
-    (("simulation",), write_time),
+    (("simulation.timestep", "simulation.duration"), write_time),
     (("current", "disturbance"), write_water),
-    (("wall", "design"), write_wall),
+    (("wall", "reference.attitude_deg"), write_wall),
     (("initial",), write_initial),
-    (("design",), write_design),
-    (("simulation", "seed"), write_keys),
-    (("simulation", "navigation", "reference", "controller", "actuation"), write_control),
+    (("impedance",), write_impedance),
+    (("simulation.seed",), write_keys),
+    (("simulation.timestep", "navigation.period", "reference.period", "controller", "actuation.period"), write_control),
 )
-"""The tables of a scenario, and the function that writes the numbers that depend on them. ``design`` is not a table: it
-stands for the design matrices, which depend on several."""
+"""Tables or dotted keys of a scenario, and the function that writes the numbers that depend on them."""

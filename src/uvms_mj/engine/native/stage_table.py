@@ -9,7 +9,7 @@ import numpy as np
 
 from ...analysis.setup import Setup
 from ...errors import Fault, InputError
-from ...scenario import Scenario
+from ...scenario import STAGES, Scenario
 from ...stages.base import Stage, is_shipped, packs_itself, random_key
 from ...stages.signals import CLOCK, ERRORS, ESTIMATES, KNOWN, REFERENCE, TASK, TASK_GIVEN, TRUTH, Signal, record_dtype
 from .arena import MARGIN, NEARBY, Arena
@@ -36,6 +36,7 @@ class Entry:
         self.needs = () if needs is None and not packs_itself(type(stage)) else needs
         self.shapes = {name: settings.dtype[name].shape for name in settings.dtype.names or () if name != "_"}
         self.state_dot = np.zeros_like(state)
+        self.constants: dict[str, Any] = {}
         self.guarded, self._searched = not is_shipped(stage), time.monotonic()
         self._out_kind = out.dtype if out.dtype.names else np.dtype(("f8", out.shape))
         self.code, self.not_compiled = None, ""
@@ -44,6 +45,11 @@ class Entry:
             self.code = compile_stage(type(stage).function(), *kinds, guarded=self.guarded)
         except NotCompiled as reason:
             self.not_compiled = str(reason)
+
+    def new(self, constants: Mapping[str, Any]) -> dict[str, Any]:
+        """The constants that may differ from those in memory."""
+        old = self.constants
+        return {name: value for name, value in constants.items() if value is not old.get(name) or _mutable(value)}
 
     @functools.cached_property
     def arena(self) -> Arena:
@@ -62,8 +68,7 @@ class Entry:
 
     def start(self) -> None:
         """Prepare for a run with the present settings, from states of zero."""
-        if "arena" in self.__dict__:
-            self.arena.start(self.settings)
+        self.arena.start(self.settings)
 
     def call_plain(self) -> None:
         """Run the stage as plain Python. Raises StageFault if the stage raised or violated its contract."""
@@ -105,6 +110,10 @@ def part(record: np.ndarray, signals: tuple[Signal, ...]) -> np.ndarray:
     return np.ndarray(1, record_dtype(signals), record.view(np.uint8), offset)
 
 
+def _mutable(value: Any) -> bool:
+    return value.flags.writeable if isinstance(value, np.ndarray) else not isinstance(value, float | int | tuple)
+
+
 def _shape(value: Any) -> tuple[int, ...]:
     return value.shape if isinstance(value, np.ndarray) else (len(value),) if isinstance(value, tuple) else ()
 
@@ -117,6 +126,7 @@ class StageTable:
         allocation: the record that actuation is given (1,).
         u_cmd: (n,) thrusts that actuation sets.
         rows: the table (n,) of STAGE records.
+        running: its stages; ``in_arenas`` are those with an arena.
         control: index of the law, or of the stage that would follow it.
     """
 
@@ -150,26 +160,25 @@ class StageTable:
         self.rows = np.zeros(len(self.entries), STAGE)
         for row, entry in zip(self.rows, self.entries.values(), strict=True):
             entry.fill(row)
+        self.running = tuple(self.entries.values())
+        self.in_arenas = [entry for entry in self.running if entry.guarded or entry.code is None]
 
     @property
     def tau_cmd(self) -> np.ndarray:
         """(6,) wrench that the law commands."""
         return self.allocation["tau_cmd"][0]
 
-    @property
-    def running(self) -> tuple[Entry, ...]:
-        return tuple(self.entries.values())
-
     def constants(self, setup: Setup, touched: Set[str]) -> dict[str, dict[str, Any]]:
-        """The constants of the stages that depend on the tables of a scenario that ``touched`` names, by table. Raises
+        """The new constants of the stages that depend on the tables and keys in ``touched``, by table. Raises
         InputError if a stage has other constants than its memory has room for."""
         found, faults = {}, []
         for table, entry in self.entries.items():
             if table in touched or entry.needs is None or not touched.isdisjoint(entry.needs):
                 stage = getattr(setup.scenario, table, entry.stage)
                 constants = stage.constants(setup).items()
-                found[table] = {name: value for name, value in constants if value is not None and name != "period"}
-                if {name: _shape(value) for name, value in found[table].items()} != entry.shapes:
+                now = {name: value for name, value in constants if value is not None and name != "period"}
+                found[table] = new = entry.new(now)
+                if now.keys() != entry.shapes.keys() or any(_shape(new[name]) != entry.shapes[name] for name in new):
                     faults.append(Fault(table, "reset can't change which settings are given, nor their lengths"))
         if faults:
             raise InputError(faults, "a new Simulation is needed")
@@ -178,9 +187,10 @@ class StageTable:
     def write(self, constants: Mapping[str, Mapping[str, Any]]) -> None:
         """Set the constants of stages, by table."""
         for table, values in constants.items():
-            settings = self.entries[table].settings
+            entry = self.entries[table]
             for name, value in values.items():
-                settings[name] = value
+                entry.settings[name] = value
+            entry.constants.update(values)
 
     def write_periods(self, scenario: Scenario) -> None:
         """Set the periods of all stages."""
@@ -195,8 +205,9 @@ class StageTable:
         self.rows["period_steps"], self.rows["period"] = steps, [n * h for n in steps]
 
     def write_keys(self, scenario: Scenario) -> None:
-        """Set the keys of the random numbers of all stages."""
-        self.rows["key"] = [random_key(scenario.simulation.seed, entry.stage) for entry in self.entries.values()]
+        """Set the keys of the random numbers of the stages that a scenario chooses."""
+        seed, chosen = scenario.simulation.seed, self.entries.items()
+        self.rows["key"] = [random_key(seed, entry.stage) if table in STAGES else 0 for table, entry in chosen]
 
     def take_back(self, index: int) -> None:
         """Let a stage that was interrupted begin its instant again, without advancing its states twice."""
