@@ -26,6 +26,7 @@ def compare(logs: tuple[str, ...], out: str, force: bool) -> None:
         if Path(out).suffix.lower() not in (".html", ".htm"):
             raise InputError(f"--out {out!r}: the name must end in .html")
         refuse_existing("--out", Path(out), force)
+        from ..studies import pages
         from ..studies.paper import report
         from ..views import figures
 
@@ -39,7 +40,7 @@ def compare(logs: tuple[str, ...], out: str, force: bool) -> None:
             if what != "sliding" or any("s" in trace.arrays for trace in traces.values())
         ]
         names = ", ".join(dict.fromkeys(trace.scenario.name for trace in traces.values()))
-        report.write(Path(out), report.page(f"{names}: {report.named(traces)}", traces, pictures))
+        pages.write(Path(out), report.page(f"{names}: {report.named(traces)}", traces, pictures))
         click.echo(out)
 
 

@@ -131,6 +131,7 @@ def _gains(overrides: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 def _write(folder: Path, runs: "Runs", progress: Callable[[int, int], None]) -> "list[Row]":
     """Write figures, claims and the page, from the logs only."""
+    from ..studies import pages
     from ..studies.paper import claims, report
     from ..studies.paper.laws import LABELS
     from ..views import figures
@@ -141,16 +142,16 @@ def _write(folder: Path, runs: "Runs", progress: Callable[[int, int], None]) -> 
         progress(i, len(drawn))
         figures.save(figure, folder / name)
     dicts = [row.as_dict() for row in rows]
-    report.write(folder / "claims.json", json.dumps(dicts, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    pages.write(folder / "claims.json", json.dumps(dicts, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
     table = io.StringIO()
     writer = csv.DictWriter(table, dicts[0], lineterminator="\n")
     writer.writeheader()
     writer.writerows(dicts)
-    report.write(folder / "claims.csv", table.getvalue())
+    pages.write(folder / "claims.csv", table.getvalue())
     traces = {LABELS[name]: trace for name, trace in runs.traces.items()}
     pictures = [report.Picture(name, report.CAPTIONS[name], drawn[name]) for name in report.CAPTIONS]
     title = "Super-twisting impedance control: the paper’s section 5, run again"
-    report.write(folder / "report.html", report.page(title, traces, pictures, rows))
+    pages.write(folder / "report.html", report.page(title, traces, pictures, rows))
     return rows
 
 
@@ -163,7 +164,7 @@ def _move_aside(folder: Path) -> None:
 def _table(rows: "list[Row]") -> None:
     from rich.table import Table
 
-    from ..studies.paper.claims import number
+    from ..studies.pages import number
 
     colours = {"holds": "green", "explained": "yellow", "fails": "bold red"}
     table = Table(title="claims of the paper", title_justify="left", show_lines=True)

@@ -21,6 +21,7 @@ from .common import (
 from .console import Console
 from .folders import LOG, RunFolder, alone_in, output_folder, remove_if_empty
 from .stop import Stop, exit_interrupted
+from .study_row import row_of
 
 if TYPE_CHECKING:
     from ..plant.mjcf import Mjcf
@@ -31,7 +32,8 @@ if TYPE_CHECKING:
 @command(
     epilog="Exit status: 0 completed, 2 bad input or a law that failed, 3 unstable, 130 interrupted (143 by SIGTERM)."
 )
-@run_options("Repeat the run of a log, run.mcap, with its scenario and vehicle.")
+@run_options("Repeat the run of a log, run.mcap, with its scenario and vehicle; with --row, of a study's folder.")
+@click.option("--row", type=click.IntRange(min=0), metavar="N", help="Repeat this row of the study in --from DIR.")
 @path_option("-o", "--out", metavar="DIR", help="Output folder [default: runs/<time>-<scenario>-<controller>].")
 @click.option("--log-rate", metavar="HZ|full", help="Samples per second; must divide the step rate [default: 1 kHz].")
 @click.option("--engine", metavar="NAME", help="mujoco [default], or free_body: one vehicle without MuJoCo, faster.")
@@ -42,6 +44,7 @@ def run(
     controller: str | None,
     settings: tuple[str, ...],
     log: str | None,
+    row: int | None,
     out: str | None,
     log_rate: str | None,
     engine: str | None,
@@ -58,6 +61,7 @@ def run(
     uvms-mj run --controller fosm --set controller.epsilon=2e-3 --set wall.stiffness=2e4
     uvms-mj run my_scenario.toml --controller my_law.py:MyLaw --log-rate full --out results
     uvms-mj run --from results/run.mcap --set current.speed=0.3
+    uvms-mj run --from study --row 17 --viewer
     uvms-mj run --engine free_body
     """
     stop = Stop()
@@ -66,7 +70,7 @@ def run(
     files: dict[str, Path] = {}
     try:
         with bad_input(), console.alone():
-            scenario, mjcf, log_rate, recorded = chosen(arguments, settings, controller, log, log_rate)
+            scenario, mjcf, log_rate, recorded = chosen(arguments, settings, controller, log, log_rate, row)
             folder, made = output_folder(out, scenario)
             try:
                 with alone_in(folder):
@@ -83,7 +87,12 @@ def run(
 
 
 def chosen(
-    arguments: tuple[str, ...], settings: tuple[str, ...], controller: str | None, log: str | None, log_rate: str | None
+    arguments: tuple[str, ...],
+    settings: tuple[str, ...],
+    controller: str | None,
+    log: str | None,
+    log_rate: str | None,
+    row: int | None = None,
 ) -> "tuple[Scenario, Mjcf | None, str | None, str]":
     """Scenario, vehicle, log rate and engine of a run, by the arguments of the command. The vehicle is None unless it
     is that of a log. Raises InputError if the input is invalid."""
@@ -91,10 +100,15 @@ def chosen(
     from ..scenario import Scenario
 
     name, overrides = asked_for(arguments, settings)
+    if row is not None and log is None:
+        raise InputError(f"--row {row}: name the folder of its study with --from DIR")
     if log is None:
         return Scenario.load(name or "push_wall", overrides, controller), None, log_rate, "mujoco"
     if name is not None:
         raise InputError(f"one scenario at a time, please: {name}, {log}")
+    if row is not None:
+        scenario, engine = row_of(log, row, overrides, controller)
+        return scenario, None, log_rate, engine
     return _from_log(log, overrides, controller, log_rate)
 
 

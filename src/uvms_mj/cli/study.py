@@ -13,6 +13,7 @@ from .common import EXIT_BAD_INPUT, asked_for, bad_input, command, end, json_opt
 from .console import bar
 from .folders import folder_for
 from .stop import Stop, exit_interrupted
+from .study_report import study_report
 from .study_text import head, plan_report, report
 
 if TYPE_CHECKING:
@@ -187,3 +188,6 @@ def list_studies(as_json: bool) -> None:
         return
     for name, plan in plans.items():
         click.echo(f"{name}: {plan.runs} runs of {', '.join(law.label for law in plan.laws)}. {plan.description}")
+
+
+study.add_command(study_report)

@@ -2,6 +2,7 @@
 
 import functools
 import math
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -96,3 +97,18 @@ def _number(column: str, value: Any) -> float | None:
     except (TypeError, ValueError):
         raise TypeError(f"metric {column}: {value!r} is not a number; return a number or a dict of numbers") from None
     return number if math.isfinite(number) else None
+
+
+_UNITS = {"N2s": "N² s", "Ns": "N s", "N": "N", "Nm": "N m", "s": "s", "m": "m", "J": "J", "rad": "rad", "deg": "deg"}
+_SUFFIX = re.compile(rf"_({'|'.join(_UNITS)})(?=\.|$)")
+
+
+def unit_of_column(column: str) -> str:
+    """The unit in the name of a column of the rows, ``contact.peak_N``; empty without one."""
+    found = _SUFFIX.search(column)
+    return _UNITS[found[1]] if found else ""
+
+
+def without_unit(column: str) -> str:
+    """The name of a column without its unit: ``contact.peak``. Of a function of a file, the function's name."""
+    return _SUFFIX.sub("", column.rpartition(":")[2])

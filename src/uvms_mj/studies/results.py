@@ -57,6 +57,11 @@ def schema_of(plan: "Plan") -> pa.Schema:
     return pa.schema([*before, ("seed", pa.int64()), *varied, *after, ("engine", pa.string()), *metrics])
 
 
+def file_digests(parcel: "Parcel") -> dict[str, str]:
+    """The digests of the files of a study, by name."""
+    return {name: hashlib.sha256(data).hexdigest() for name, data in sorted(parcel.files.items())}
+
+
 def _type(values: Iterator[Any]) -> pa.DataType:
     """The type of a column with these values; numbers are float64 unless all are integers."""
     kinds = {type(value) for value in values} - {type(None)}
@@ -85,7 +90,7 @@ class Results:
             "study": parcel.digest,
             "engine": plan.engine,
             "code": dict(parcel.code),
-            "files": {name: hashlib.sha256(data).hexdigest() for name, data in sorted(parcel.files.items())},
+            "files": file_digests(parcel),
         }
         if (folder / STUDY).exists() or (folder / "rows").exists():
             _check_same(folder, plan, about)

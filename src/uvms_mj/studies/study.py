@@ -18,6 +18,7 @@ from .results import STUDY, Results, frame
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
 
 
 class Study:
@@ -94,6 +95,12 @@ class Study:
         if self.folder is None:
             raise InputError("the study has no folder yet: run it, or load one by its folder")
         return frame(self.folder)
+
+    def dataset(self) -> "xr.Dataset":
+        """The rows as an xarray Dataset over the varied keys of a grid, or over the draws, law and repeat."""
+        from .dataset import dataset
+
+        return dataset(self.plan, self.frame)
 
     @property
     def check(self) -> "pd.DataFrame | None":

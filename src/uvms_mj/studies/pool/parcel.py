@@ -27,7 +27,10 @@ if TYPE_CHECKING:
 _HERE = "<files>/"
 """Beginning of a path in the tables of a parcel, in place of the worker's folder."""
 _PACKAGE = Path(__file__).parents[2]
-_NO_NUMBERS = ("cli", "envs", "views", "studies/paper", "studies/report", "studies/tune")
+_NO_NUMBERS = (
+    *("cli", "envs", "views"),
+    *(f"studies/{name}" for name in ("dataset.py", "pages", "paper", "report", "success.py", "tune")),
+)
 """Folders whose code does not affect a row."""
 
 
