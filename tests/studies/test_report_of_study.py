@@ -13,13 +13,29 @@ from uvms_mj import InputError
 from uvms_mj.studies.report import page
 from uvms_mj.studies.report.data import Data, spans_decades
 from uvms_mj.studies.report.figures import cumulative, success_rates
-from uvms_mj.studies.report.maps import pairs
+from uvms_mj.studies.report.maps import _edges, maps, pairs, shown
 from uvms_mj.studies.report.paired import paired
 from uvms_mj.studies.report.sensitivity import SUCCESS, sensitivities
 from uvms_mj.studies.report.statistics import difference_of_rates, median, rank_correlation, rate
 
 KEYS = ("wall.stiffness", "current.speed", "estimates.inertia")
 UNIFORM = [{"key": key, "distribution": "uniform", "low": 0.1, "high": 1.0} for key in KEYS]
+
+
+SPEEDS = {"key": "current.speed", "low": 0.0, "high": 0.5, "number": 5}
+STIFFNESSES = {"key": "wall.stiffness", "low": 2e4, "high": 2e5, "number": 4, "spacing": "log"}
+TARGETS = {"keys": ["reference.target[0]", "wall.position"], "values": [[1.0, 1.1], [2.0, 2.1], [3.0, 3.3]]}
+INTEGRATORS = {"key": "simulation.integrator", "values": ["euler", "implicitfast"]}
+GAINS = {"key": "controller.k_1", "low": 1.0, "high": 9.0, "number": 3, "laws": ["gsta"]}
+DESIGNS = {
+    "nothing": [],
+    "one key": [VARY[0]],
+    "a grid with two values": [STIFFNESSES, {"key": "current.speed", "values": [0.1, 0.3]}],
+    "a grid": [STIFFNESSES, SPEEDS],
+    "texts": [INTEGRATORS, STIFFNESSES],
+    "keys together": [TARGETS],
+    "one law only": [GAINS, SPEEDS],
+}
 
 
 def words(text):
@@ -262,6 +278,51 @@ def test_axes_of_results_are_logarithmic_where_they_span_decades():
     assert not spans_decades(np.array([np.nan]))
 
 
+def hatched(figure):
+    """Whether each map of a figure has a hatched region, row by row."""
+    return [
+        any(each.get_hatch() or getattr(each, "hatches", [None])[0] for each in ax.collections) for ax in figure.axes
+    ]
+
+
+@pytest.mark.parametrize("kind", ["grid", "latin_hypercube"])
+def test_the_region_of_failures_is_hatched(kind):
+    if kind == "grid":
+        plan = plan_of([STIFFNESSES, SPEEDS], laws=("gsta", "fosm"))
+    else:
+        plan = plan_of(laws=("gsta", "fosm"), kind=kind, runs=400)
+
+    def row(given):
+        lost = (given["law"] == "fosm") & (given["current.speed"] > 0.3)
+        peak = given["wall.stiffness"] * (1.0 + given["current.speed"])
+        status = np.where(lost, "unstable", "completed")
+        return {"contact.peak_N": np.where(lost, np.nan, peak), "contact.settled": ~lost, "status": status}
+
+    data = Data(plan, frame_of(plan, row))
+    found = sensitivities(data)
+    (pair, *_) = pairs(found)
+    metrics = shown(found, pair, first=True)
+    assert [metric.name for metric in metrics] == ["success", "contact.peak_N"]
+    figure = maps(data, pair, metrics)
+    assert hatched(figure)[:4] == [False, True, False, True]  # gsta, fosm; below success, the peak
+    assert {ax.get_xscale() for ax in figure.axes[:4]} == {"log"}
+    assert {ax.get_yscale() for ax in figure.axes[:4]} == {"linear"}
+
+
+@pytest.mark.parametrize("most", [3, 10])
+def test_cells_have_about_the_same_number_of_runs(rng, most):
+    plan = plan_of([VARY[0]], laws=("gsta",), runs=500)
+    data = Data(plan, frame_of(plan, lambda given: {"contact.peak_N": given["draw"]}))
+    (factor,) = data.factors
+    values = data.of(factor)
+    edges, codes = _edges(values, most, factor)
+    assert (edges[0], edges[-1]) == factor.limits == (2e4, 2e5)
+    assert np.all((edges[codes] <= values) & (values <= edges[codes + 1]))
+    counts = np.bincount(codes)
+    assert len(counts) == most
+    assert np.ptp(counts) <= 2
+
+
 # The page
 
 SECTIONS = ("laws", "distributions", "maps", "sensitivity", "differences", "failures", "runs", "quantiles", "study")
@@ -339,22 +400,6 @@ def test_a_study_all_of_whose_runs_failed_has_a_page(few):
     flat = words(page(plan, lost.assign(**dict.fromkeys(metrics))))
     assert "No metric differs between the completed runs." in flat
     assert "40 runs did not complete" in flat
-
-
-SPEEDS = {"key": "current.speed", "low": 0.0, "high": 0.5, "number": 5}
-STIFFNESSES = {"key": "wall.stiffness", "low": 2e4, "high": 2e5, "number": 4, "spacing": "log"}
-TARGETS = {"keys": ["reference.target[0]", "wall.position"], "values": [[1.0, 1.1], [2.0, 2.1], [3.0, 3.3]]}
-INTEGRATORS = {"key": "simulation.integrator", "values": ["euler", "implicitfast"]}
-GAINS = {"key": "controller.k_1", "low": 1.0, "high": 9.0, "number": 3, "laws": ["gsta"]}
-DESIGNS = {
-    "nothing": [],
-    "one key": [VARY[0]],
-    "a grid with two values": [STIFFNESSES, {"key": "current.speed", "values": [0.1, 0.3]}],
-    "a grid": [STIFFNESSES, SPEEDS],
-    "texts": [INTEGRATORS, STIFFNESSES],
-    "keys together": [TARGETS],
-    "one law only": [GAINS, SPEEDS],
-}
 
 
 @pytest.mark.parametrize("vary", DESIGNS.values(), ids=DESIGNS)

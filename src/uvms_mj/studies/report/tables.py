@@ -21,6 +21,8 @@ HEAD_METRICS = 3
 QUANTILES = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
 MOST_FAILURES = 12
 MOST_WORST_METRICS = 2
+COSTS = ("contact.peak_N", "effort_N2s", "saturated_s", "contact.touches", "contact.relative_error")
+"""Metrics of which a large value is bad."""
 _NUMBER = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?")
 """A number in a message: messages that differ in their numbers only are one failure."""
 
@@ -164,9 +166,9 @@ class Worst:
 def worst(data: Data, folder: str) -> list[Worst]:
     """For each law: its first run that did not complete, its first that completed without success, and the runs with
     the largest values of a few metrics."""
-    names = [data.plan.logs.metric] if data.plan.logs.kind == "worst" else []
-    first = [metric for metric in data.varying if metric.name in names]
-    metrics = [*first, *(metric for metric in data.varying if metric not in first)][:MOST_WORST_METRICS]
+    order = [data.plan.logs.metric, *COSTS]
+    known = {metric.name: metric for metric in data.varying}
+    metrics = [known[name] for name in dict.fromkeys([*order, *known]) if name in known][:MOST_WORST_METRICS]
     found = []
     for law, rows in data.rows.items():
         chosen: dict[int, list[str]] = {}
