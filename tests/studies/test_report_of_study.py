@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +19,17 @@ from uvms_mj.studies.report.paired import paired
 from uvms_mj.studies.report.sensitivity import SUCCESS, sensitivities
 from uvms_mj.studies.report.statistics import difference_of_rates, median, rank_correlation, rate
 
+MODEL = Path(__file__).parents[2] / "models" / "bluerov1.xml"
+LAW = """
+from dataclasses import dataclass
+
+from uvms_mj import Fosm
+
+
+@dataclass(frozen=True)
+class Mine(Fosm):
+    pass
+"""
 KEYS = ("wall.stiffness", "current.speed", "estimates.inertia")
 UNIFORM = [{"key": key, "distribution": "uniform", "low": 0.1, "high": 1.0} for key in KEYS]
 
@@ -384,6 +396,24 @@ def test_names_are_text_wherever_they_are(few, place):
     text = page(odd, rows, HOSTILE if place == "folder" else "out")
     assert "<script" not in text
     assert HOSTILE in "".join(complete_by_itself(text).text).replace("'\"'\"'", "'")
+
+
+def test_no_folder_of_the_user_is_on_the_page(tmp_path):
+    paths = []
+    for name in ("one.xml", "two.xml"):
+        paths.append(tmp_path / "secret" / name)
+        paths[-1].parent.mkdir(exist_ok=True)
+        paths[-1].write_bytes(MODEL.read_bytes())
+    law = tmp_path / "secret" / "law.py"
+    law.write_text(LAW)
+    vary = [{"key": "vehicle.model", "values": [str(path) for path in paths]}]
+    plan = plan_of(vary, laws=("gsta", f"{law}:Mine"))
+    text = page(plan, frame_of(plan, lambda given: {"contact.peak_N": given["index"]}), "out")
+    flat = words(text)
+    assert "secret" not in text
+    assert "Mine: law.py:Mine" in flat
+    assert "2 values: one.xml, two.xml" in flat
+    assert "vehicle.model two.xml" in flat
 
 
 @pytest.mark.parametrize("rows", [0, 1, 5, 30])
