@@ -16,6 +16,8 @@ from .wall import wall_faults, wall_notes
 
 _CHECKED = frozenset({"wall", "simulation.timestep", "disturbance"})
 
+_PERIODS = tuple(f"{table}.period" for table in STAGES)
+
 
 class SamplingWarning(UserWarning):
     """The controller chatters or limit-cycles at this time step or with these gains."""
@@ -37,7 +39,7 @@ def refuse(setup: Setup, touched: Set[str] = _CHECKED) -> None:
         InputError: for example, the wall is too stiff for the time step, or a period is not a multiple of it.
     """
     faults: list[Fault] = []
-    if not touched.isdisjoint(("simulation.timestep", *STAGES)):
+    if not touched.isdisjoint(("simulation.timestep", *_PERIODS)):
         faults += _stage_faults(setup.scenario)
     if not touched.isdisjoint(("wall", "reference.attitude_deg", "simulation.timestep")):
         faults += wall_faults(setup)
