@@ -4,7 +4,7 @@ The module imports little: its numbers are also listed for a run that was interr
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -82,7 +82,12 @@ NUMBERS: "Mapping[str, Callable[[Trace], Any]]" = {
 def summary(trace: "Trace", files: dict[str, str]) -> dict[str, Any]:
     """The numbers that ``uvms-mj run --json`` prints, with the paths of the written files by kind. Missing numbers and
     numbers that are not finite are None. The last :data:`.metrics.AROUND_THE_END_S` of a trace are enough."""
-    return _tree({place: _finite(number(trace)) for place, number in NUMBERS.items()}) | {"files": files}
+    return _tree(numbers(trace, NUMBERS)) | {"files": files}
+
+
+def numbers(trace: "Trace", places: Iterable[str]) -> dict[str, Any]:
+    """The numbers of :func:`summary` at these places, by place. Only these are computed."""
+    return {place: _finite(NUMBERS[place](trace)) for place in places}
 
 
 def summary_of_none(values: Mapping[str, Any], files: dict[str, str]) -> dict[str, Any]:

@@ -1,7 +1,6 @@
 """Desired impedance, estimates and desired attitude of a run. The loop and the closed forms share them."""
 
 import functools
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -62,16 +61,10 @@ class Design:
     """(6,) the wall's normal (x of W) in B at the desired attitude, as a wrench."""
 
     @classmethod
-    def of(
-        cls,
-        impedance: Impedance,
-        estimates: Estimates,
-        M: np.ndarray,
-        nominal: np.ndarray,
-        attitude_deg: Sequence[float],
-    ) -> "Design":
-        """Matrices of a run, from the inertias (6, 6) of the true vehicle and of its file, and the desired roll, pitch,
-        yaw [deg]. Raises InputError if M_d is not symmetric positive definite, or D_d is not dissipative."""
+    def of(cls, scenario: Any, M: np.ndarray, nominal: np.ndarray) -> "Design":
+        """Matrices of a run, from its :class:`uvms_mj.scenario.Scenario` and the inertias (6, 6) of the true vehicle
+        and of its file. Raises InputError if M_d is not symmetric positive definite, or D_d is not dissipative."""
+        impedance: Impedance = scenario.impedance
         inertia, faults = impedance.M_d if impedance.M_d is not None else nominal.tobytes(), []
         try:
             M_d, M_d_inv = _inertia(inertia)
@@ -84,8 +77,9 @@ class Design:
             faults.append(Fault("impedance.D_d", str(error)))
         if faults:
             raise InputError(faults)
-        quat_d, normal = _attitude(*attitude_deg)
-        return cls(M, estimates.inertia * nominal, M_d, M_d_inv, D_d, K_d, quat_d, normal)
+        quat_d, normal = _attitude(*scenario.reference.attitude_deg)
+        M_hat = scenario.estimates.inertia * nominal
+        return cls(M, M_hat, M_d, M_d_inv, D_d, K_d, quat_d, normal)
 
     def along_normal(self, inertia: np.ndarray) -> float:
         """Effective mass of an inertia (6, 6) along the wall's normal, with all other directions free [kg]."""

@@ -16,6 +16,7 @@ from .entries import Law
 from .places import overrides_at
 from .reading import fields_of
 from .study_file import Logs
+from .success import Limit
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,7 @@ class Plan:
         engine: "auto", "mujoco" or "free_body".
         tolerance: largest relative difference of a metric between the engines [1].
         time_limit_s: wall time after which a run ends [s]; None without a limit.
+        success: what a run must meet besides its completion, by metric; empty if it must have settled.
         notes: warnings about the plan.
     """
 
@@ -76,6 +78,7 @@ class Plan:
     engine: str
     tolerance: float
     time_limit_s: float | None
+    success: Mapping[str, Limit]
     notes: tuple[str, ...]
 
     @classmethod

@@ -14,6 +14,7 @@ from .key_checks import KeyChecks, combination_faults
 from .metric import metric_of
 from .places import unit_of
 from .study_file import Keep, Logs, StudyFile, read
+from .success import limits
 
 MOST_RUNS = 10_000_000
 DEFAULT_WORST = 5
@@ -45,6 +46,7 @@ def fields_of(
     if runs > MOST_RUNS:
         faults.append(Fault("design", f"{runs} runs; at most {MOST_RUNS} are allowed"))
     faults += _keep_faults(study.keep, runs)
+    success = limits(study.success, study.keep.metrics, faults)
     drawn: tuple[tuple[Any, ...], ...] = ()
     if draws and _none(faults, "design"):
         drawn = points(str(study.design.kind), variations, draws, study.design.seed)
@@ -71,6 +73,7 @@ def fields_of(
         "engine": study.run.engine,
         "tolerance": study.run.tolerance,
         "time_limit_s": study.run.time_limit_s,
+        "success": success,
         "notes": tuple(notes),
     }
 
@@ -122,5 +125,5 @@ def _tables(study: StudyFile, base: Scenario, laws: list[Law], folder: Path) -> 
         "description": study.description,
         "base": base.to_dict(),
         "laws": [{"name": law.source, "label": law.label, **plain(law.overrides)} for law in laws],
-        **{table: plain(getattr(study, table)) for table in ("vary", "design", "keep", "run")},
+        **{table: plain(getattr(study, table)) for table in ("vary", "design", "keep", "run", "success")},
     }

@@ -116,6 +116,7 @@ class StudyFile:
     design: Design = Design()
     keep: Keep = dataclasses.field(default_factory=Keep)
     run: Execution = Execution()
+    success: dict[str, Any] = dataclasses.field(default_factory=dict)
 
 
 _VALIDATOR = TypeAdapter(StudyFile)
