@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from uvms_mj.control.design import Design, Estimates, Impedance, ott_damping
 from uvms_mj.errors import InputError
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
-from uvms_mj.plant.wall import lightest_along_face
+from uvms_mj.plant.settings import lightest_along_face
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 2.0))

@@ -11,8 +11,8 @@ from ..errors import InputError
 from ..physics.frames import rotation_matrix
 from ..plant.build import Plant, build
 from ..plant.mjcf import Mjcf
+from ..plant.settings import lightest_along_face
 from ..plant.vehicle import Vehicle
-from ..plant.wall import lightest_along_face
 from ..scenario import Scenario
 
 

@@ -90,7 +90,7 @@ def _certificate(scenario: "Scenario", trace: "Trace | None") -> "Certificate":
     from ..analysis.setup import set_up
     from ..control import theory
     from ..errors import InputError
-    from ..stages.recorded import Recorded
+    from ..stages.loader import Recorded
 
     law = scenario.controller
     certificate = theory.certificate(set_up(scenario, None if trace is None else trace.header.mjcf))
@@ -133,7 +133,7 @@ def _report_gains(gains: "Certificate", rate: float, state: float, console: Cons
 
 
 def _report(certificate: "Certificate", trace: "Trace", console: Console) -> None:
-    from ..analysis.disturbance import NotGiven, experienced
+    from ..analysis.disturbance import experienced
 
     found = experienced(trace)
     report: dict[str, Any] = {
@@ -145,8 +145,8 @@ def _report(certificate: "Certificate", trace: "Trace", console: Console) -> Non
         "experienced": None,
         "saturated_s": float(trace.saturation_time[-1]) if len(trace) else None,
     }
-    if isinstance(found, NotGiven):
-        report |= {"is_certified": None, "verdict": f"no verdict on this scenario: {found.reason}"}
+    if isinstance(found, str):
+        report |= {"is_certified": None, "verdict": f"no verdict on this scenario: {found}"}
     else:
         import numpy as np
 

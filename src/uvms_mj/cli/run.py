@@ -106,7 +106,7 @@ def _from_log(
     from ..records.header import code_file
     from ..records.mcap import read_files
     from ..scenario import STAGES
-    from ..stages.recorded import Recorded
+    from ..stages.loader import Recorded
 
     header, _ = read_files(log)
     for name, then in header.sources.items():

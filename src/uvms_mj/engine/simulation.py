@@ -12,7 +12,7 @@ from ..errors import Fault, InputError
 from ..plant.mjcf import Mjcf
 from ..quantities import overrides_of
 from ..scenario import Scenario
-from ..stages.contract import check_stage
+from ..stages.loader import check_stage
 from ..stages.signals import Signal
 from .changes import changed
 from .engines import engine_of

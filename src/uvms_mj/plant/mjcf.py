@@ -13,9 +13,9 @@ import mujoco
 import numpy as np
 
 from ..errors import InputError, suggestion
-from ..files import names, resource
+from ..files import shipped
 from .geometry import Geometry
-from .mjcf_files import ModelFiles, trees
+from .mjcf_files import Folders, trees
 from .vehicle import Vehicle, free_body_id
 from .vehicle_files import check_elements, check_model
 
@@ -37,15 +37,15 @@ class Mjcf:
         file."""
         path = Path(model)
         if not path.is_file():
-            shipped = resource("models", f"{model}.xml")
-            if shipped is None:
-                hint = suggestion(model, names("models", ".xml"))
+            known = shipped("models")
+            if str(model) not in known:
+                hint = suggestion(model, known)
                 fault = "is not a regular file" if path.exists() else f"is neither a file nor a shipped model; {hint}"
                 raise InputError(f"vehicle.model {model!r}: {fault}")
-            path = shipped
+            path = known[str(model)]
         path = Path(os.path.abspath(path))
         if path not in _found or not _found[path][0].unchanged():
-            files = ModelFiles(path)
+            files = Folders(path)
             found = cls(path.name, files.flat())
             if len(found.files) > 1:
                 found._check_against(path)
@@ -116,7 +116,7 @@ class Mjcf:
 
 
 _MOST_FOUND = 16
-_found: dict[Path, tuple[ModelFiles, Mjcf]] = {}
+_found: dict[Path, tuple[Folders, Mjcf]] = {}
 """The models that were found, so that a thousand runs read and compile a vehicle once."""
 
 

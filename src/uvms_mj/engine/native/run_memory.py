@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ...analysis.setup import Setup
-from ...plant.wall import contact_settings
+from ...plant.settings import contact_settings
 from ...scenario import Scenario
 from ...stages.signals import FINAL_WINDOW_S
 from .attachment import set_water

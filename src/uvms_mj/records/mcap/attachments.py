@@ -22,7 +22,7 @@ from ...plant.geometry import Geometry
 from ...plant.mjcf import Mjcf
 from ...quantities import STRICT, NonNegative, Real
 from ...scenario import STAGES, Scenario
-from ...stages.recorded import recorded_stage
+from ...stages.loader import recorded_stage
 from ...stages.signals import RECORDED, Signal
 from ..header import Header, Outcome, StageSource, code_file
 

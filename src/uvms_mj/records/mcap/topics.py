@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...control.rest import SteadyState
-from ...physics.frames import quat_from_euler_deg, rotation_matrices
+from ...physics.frames import quat_from_euler_deg, rotation_matrix
 from ...stages.signals import RUNNING, Signal
 from ..header import Header
 from ..scene import FORCE_SCALE, scene_of, wall_face
@@ -151,7 +151,7 @@ def columns(header: Header, rows: np.ndarray) -> dict[str, np.ndarray]:
 
 def _contact_wrench(f_W: np.ndarray, quat: np.ndarray, arm: np.ndarray) -> np.ndarray:
     """(n, 6) contact wrench at B's origin, in B. The contact point is ``arm`` (n,) [m] from the origin along x of W."""
-    R = rotation_matrices(quat)
+    R = rotation_matrix(quat)
     moment_W = np.stack([np.zeros(len(f_W)), -arm * f_W[:, 2], arm * f_W[:, 1]], axis=1)
     return np.concatenate([np.einsum("nij,ni->nj", R, f_W), np.einsum("nij,ni->nj", R, moment_W)], axis=1)
 
