@@ -28,6 +28,7 @@ _HOME = {
     "Sta": "control",
     "StageFault": "engine.native.plain_stage",
     "Status": "records.header",
+    "Study": "studies.study",
     "Trace": "records.trace",
     "attach": "engine.native",
     "converge": "studies.convergence",
@@ -66,6 +67,7 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .scenario import Scenario as Scenario
     from .stages.base import setting as setting
     from .studies.convergence import converge as converge
+    from .studies.study import Study as Study
 
 
 def __getattr__(name: str) -> object:

@@ -42,7 +42,12 @@ class InputError(ValueError):
         super().__init__(text)
 
 
-EXTRAS: Mapping[str, str] = {"dm": "dm-control, for Python up to 3.12", "gym": "gymnasium"}
+EXTRAS: Mapping[str, str] = {
+    "cluster": "distributed",
+    "dm": "dm-control, for Python up to 3.12",
+    "gym": "gymnasium",
+    "tune": "optuna",
+}
 """Packages that only some users need, by the extra that installs them."""
 
 

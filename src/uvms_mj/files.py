@@ -15,32 +15,39 @@ from .errors import InputError, shortened, suggestion
 _PACKAGE = Path(__file__).parent
 _SHIPPED = {
     "scenarios": (".toml", _PACKAGE / "scenarios"),
+    "studies": (".toml", _PACKAGE / "studies" / "shipped"),
     "models": (".xml", _PACKAGE.parents[1] / "models", _PACKAGE / "models"),  # in a checkout; in a wheel
 }
 """Suffix and folders of the shipped files."""
 
 
 def shipped(kind: str) -> dict[str, Path]:
-    """The shipped files of a kind, "scenarios" or "models", by their names without suffix."""
+    """The shipped files of a kind, "scenarios", "studies" or "models", by their names without suffix."""
     suffix, *folders = _SHIPPED[kind]
     return {path.stem: path for folder in folders for path in sorted(Path(folder).glob(f"*{suffix}"))}
 
 
 def scenario_path(scenario: str | os.PathLike) -> Path:
     """Path of a scenario from the path of its file, or from its name. Raises InputError if there is none."""
-    if not isinstance(scenario, str | os.PathLike):
-        raise InputError(f"scenario {shortened(scenario)}: must be a name, or the path of a TOML file")
-    path = Path(scenario)
+    return toml_path(scenario, "scenario", "scenarios")
+
+
+def toml_path(given: str | os.PathLike, noun: str, kind: str) -> Path:
+    """Path of a TOML file, or of the shipped one of a kind by its name; ``noun`` is its word in messages. Raises
+    InputError if there is none."""
+    if not isinstance(given, str | os.PathLike):
+        raise InputError(f"{noun} {shortened(given)}: must be a name, or the path of a TOML file")
+    path = Path(given)
     if path.is_file():
         return path
     if path.is_dir():
-        raise InputError(f"scenario {str(scenario)!r}: is a folder; name a TOML file in it")
-    known = shipped("scenarios")
-    if str(scenario) in known:
-        return known[str(scenario)]
+        raise InputError(f"{noun} {str(given)!r}: is a folder; name a TOML file in it")
+    known = shipped(kind)
+    if str(given) in known:
+        return known[str(given)]
     if path.suffix == ".toml" or len(path.parts) > 1:
-        raise InputError(f"scenario {str(scenario)!r}: no such file; built-in scenarios: {', '.join(sorted(known))}")
-    raise InputError(f"scenario {str(scenario)!r}: neither a file nor built in; {suggestion(str(scenario), known)}")
+        raise InputError(f"{noun} {str(given)!r}: no such file; built-in {kind}: {', '.join(sorted(known))}")
+    raise InputError(f"{noun} {str(given)!r}: neither a file nor built in; {suggestion(str(given), known)}")
 
 
 _MOST_BYTES = 1_000_000
@@ -126,3 +133,22 @@ def whole(path: Path) -> Iterator[Path]:
             os.replace(part, path)
     except OSError as error:
         raise InputError(f"{path}: can't write it: {error.strerror or error}") from None
+
+
+@contextlib.contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Lock a folder against other processes that write there. The lock belongs to the process and leaves no file.
+    Raises InputError if another one writes there."""
+    import fcntl
+
+    place = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(place, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(f"--out {folder}: another run is writing there; choose another folder") from None
+        except OSError:  # the file system has no locks
+            pass
+        yield
+    finally:
+        os.close(place)

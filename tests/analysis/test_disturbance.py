@@ -37,7 +37,7 @@ OTHER_WORLD = {
 def residual_of_eq_10(trace):
     """tau_bar_dist from eq. (10): the part of M_hat nu_dot that the estimates, tau and tau_c leave unexplained."""
     setup = set_up(trace.scenario, trace.header.mjcf)
-    vehicle, factors = setup.vehicle, trace.scenario.estimates
+    vehicle, factors = setup.nominal, trace.scenario.estimates
     gravity_W, term = setup.gravity_W, np.empty(6)
     out = trace.nu_dot @ setup.design.M_hat.T - trace.tau
     for k, (nu, quat, f_W) in enumerate(zip(trace.nu, trace.quat_WB, trace.f_contact_W, strict=True)):
@@ -59,11 +59,20 @@ LIMITED = Mjcf(
     {"limited.xml": vehicle_xml(random_parameters(3)).replace("<motor", '<motor ctrlrange="-9 9" ').encode()},
 )
 """A different vehicle, with all degrees of freedom coupled and with weak thrusters."""
+DAMPED = {
+    "vehicle.linear_damping": 1.5,
+    "vehicle.quadratic_damping": 0.6,
+    "vehicle.displaced_mass": 0.97,
+    "vehicle.thruster_offset": [[0.02, 0.01, -0.01], [0.0, 0.02, 0.01], [-0.02, 0.0, 0.02], *[[0.0, 0.0, 0.0]] * 3],
+}
+ANOTHER = DAMPED | {"vehicle.mass": 1.2, "vehicle.added_mass": 0.7}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mjcf", [None, LIMITED], ids=["bluerov1", "any vehicle"])
-@pytest.mark.parametrize("overrides", [{}, {"estimates.inertia": 0.9}], ids=["M_hat = M", "M_hat = 0.9 M"])
+@pytest.mark.parametrize(
+    "overrides", [{}, {"estimates.inertia": 0.9}, ANOTHER], ids=["M_hat = M", "M_hat = 0.9 M", "another true vehicle"]
+)
 def test_eq_11_from_the_water_is_what_eq_10_leaves_unexplained(overrides, mjcf):
     world = OTHER_WORLD | ({"simulation.duration": 0.2} if mjcf is LIMITED else {})
     trace = simulate(Scenario.load("push_wall", world | overrides), mjcf=mjcf)
@@ -83,6 +92,7 @@ def test_eq_11_in_the_papers_scenario(paper_run):
 CASES = {
     "gsta": (None, {"wall.position": 0.02}),
     "gsta alone": (None, {"wall.position": 0.02, "controller.nominal": False}),
+    "another true vehicle": (None, {"wall.position": 0.02, **DAMPED}),
     "weak thrusters": (LIMITED, {"simulation.duration": 0.2}),
 }
 
@@ -94,7 +104,7 @@ def test_what_is_experienced_is_what_moves_s(case):
     world = OTHER_WORLD | {"simulation.duration": 1.0, "simulation.timestep": 2e-5, "controller.F_1": 1.5}
     trace = simulate(Scenario.load("push_wall", world | overrides), log_rate="full", mjcf=mjcf)
     law, found = trace.scenario.controller, experienced(trace)
-    assert (np.abs(trace.tau - trace.tau_cmd).max() > 1.0) == (mjcf is LIMITED)
+    assert (np.abs(trace.tau - trace.tau_cmd).max() > 1.0) == (case in ("weak thrusters", "another true vehicle"))
     s, h = trace.s, trace.scenario.simulation.timestep
     s_dot = -law.k_1 * (np.sqrt(np.abs(s)) * np.sign(s) + law.beta * s) + trace.z + found.varphi
     if not law.nominal:
@@ -120,8 +130,9 @@ def test_the_time_beyond_counts_with_s_where_it_is_least():
     assert found.largest_rate(0.05, 0.3)[2] == 4.99
 
 
-def test_why_there_is_no_disturbance():
-    trace = simulate(Scenario.load("push_wall", {"simulation.duration": 0.01, "estimates.inertia": 0.9}))
+@pytest.mark.parametrize("key", ["estimates.inertia", "vehicle.mass", "vehicle.added_mass"])
+def test_why_there_is_no_disturbance(key):
+    trace = simulate(Scenario.load("push_wall", {"simulation.duration": 0.01, key: 0.9}))
     found = experienced(trace)
     assert isinstance(found, str)
     assert "M_hat is not M" in found

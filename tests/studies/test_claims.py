@@ -10,9 +10,10 @@ import pytest
 
 from uvms_mj import Gsta, Scenario, Trace, simulate
 from uvms_mj.analysis.sampling import SamplingWarning
+from uvms_mj.studies.pages import number
 from uvms_mj.studies.paper import report
 from uvms_mj.studies.paper import runs as study
-from uvms_mj.studies.paper.claims import CLAIMS, Claim, Measured, Runs, Verdict, judge, number
+from uvms_mj.studies.paper.claims import CLAIMS, Claim, Measured, Runs, Verdict, judge
 
 pytestmark = pytest.mark.slow  # the runs of the whole study
 

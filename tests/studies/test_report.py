@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from pages import HOSTILE, Page, complete_by_itself
 from uvms_mj import Scenario, simulate
+from uvms_mj.studies.pages import number
 from uvms_mj.studies.paper import report
 from uvms_mj.studies.paper.claims import CLAIMS, Measured, Row, Verdict
 
@@ -37,7 +38,7 @@ def test_a_page_is_complete_by_itself_and_says_everything(trace, picture):
         assert row.claim.where in text
         assert row.claim.because in text
     assert "Figure 3." in text
-    assert report.number(trace.force_peak[-1]) in text
+    assert number(trace.force_peak[-1]) in text
     for name, version in trace.header.versions.items():
         assert f"{name} {version}" in text
     assert "wall.stiffness 100000" in text

@@ -11,6 +11,7 @@ from ..control.certificate import Certificate
 from ..control.theory import certificate
 from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from ..physics.frames import rotation_matrix, to_body
+from ..plant.vehicle import Vehicle
 from ..records.header import Status
 from ..records.trace import Trace
 from .setup import Setup, set_up
@@ -62,7 +63,8 @@ def experienced(trace: Trace) -> Experienced | str:
     F_1 (omega x p_e), which eq. (18) omits and which arises because p_e is in B; and, for GSTA alone, the missing
     nominal control (23).
     """
-    if trace.scenario.estimates.inertia != 1.0:
+    true = trace.scenario.vehicle
+    if (trace.scenario.estimates.inertia, true.mass, true.added_mass) != (1.0, 1.0, 1.0):
         return "M_hat is not M: varphi contains (M_hat - M) nu_dot and therefore the switching of the law"
     if trace.status is Status.unstable:
         return "the run diverged"
@@ -92,7 +94,7 @@ def _rate(t: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 def lumped_disturbance(trace: Trace, setup: Setup) -> np.ndarray:
     """tau_bar_dist (n, 6) of the paper's eq. (11), estimates minus truth [N, N m]."""
-    vehicle, factors = setup.vehicle, trace.scenario.estimates
+    true, nominal, factors = setup.vehicle, setup.nominal, trace.scenario.estimates
     nu, nu_c = trace.nu, _in_body(trace, np.array(trace.scenario.current.velocity_W))
     nu_c_dot = np.zeros_like(nu_c)
     nu_c_dot[:, :3] = -np.cross(nu[:, 3:], nu_c[:, :3])  # constant in W
@@ -103,21 +105,25 @@ def lumped_disturbance(trace: Trace, setup: Setup) -> np.ndarray:
         kernel(*arguments, out)
         return out.T
 
-    def coriolis(nu: np.ndarray) -> np.ndarray:
+    def coriolis(vehicle: Vehicle, nu: np.ndarray) -> np.ndarray:
         return term(coriolis_rigid_body, vehicle.M_RB, nu.T) + term(coriolis_added_mass, vehicle.M_A, nu.T)
 
-    def damped(nu: np.ndarray) -> np.ndarray:
+    def damped(vehicle: Vehicle, nu: np.ndarray) -> np.ndarray:
         return term(damping, vehicle.D_linear, vehicle.D_quadratic, nu.T)
 
     R_WB = np.moveaxis(rotation_matrix(trace.quat_WB), 0, 2)
-    masses = vehicle.mass, vehicle.displaced_mass, vehicle.r_g, vehicle.r_b
+
+    def restored(vehicle: Vehicle) -> np.ndarray:
+        masses = vehicle.mass, vehicle.displaced_mass, vehicle.r_g, vehicle.r_b
+        return term(restoring, *masses, setup.gravity_W, R_WB)
+
     return (
         trace.tau_dist
-        + nu_c_dot @ vehicle.M.T
-        + (factors.coriolis * coriolis(nu) - coriolis(nu - nu_c))
-        + (factors.damping * damped(nu) - damped(nu - nu_c))
-        + (factors.inertia - 1.0) * (trace.nu_dot @ vehicle.M.T)
-        + (factors.restoring - 1.0) * term(restoring, *masses, setup.gravity_W, R_WB)
+        + nu_c_dot @ true.M.T
+        + (factors.coriolis * coriolis(nominal, nu) - coriolis(true, nu - nu_c))
+        + (factors.damping * damped(nominal, nu) - damped(true, nu - nu_c))
+        + ((factors.inertia - 1.0) * (trace.nu_dot @ nominal.M.T) + trace.nu_dot @ (nominal.M - true.M).T)
+        + ((factors.restoring - 1.0) * restored(nominal) + (restored(nominal) - restored(true)))
     )
 
 

@@ -17,7 +17,6 @@ from .setup import Setup, set_up
 from .wall import wall_faults, wall_notes
 
 _CHECKED = frozenset({"wall", "simulation.timestep", "disturbance"})
-
 _PERIODS = tuple(f"{table}.period" for table in STAGES)
 _SMALL, _LARGE = 1e-6, 1e8
 """If an equation overflows, the message names the keys with numbers outside this range."""

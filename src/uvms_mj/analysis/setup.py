@@ -12,6 +12,7 @@ from ..physics.frames import rotation_matrix
 from ..plant.build import Plant, build
 from ..plant.mjcf import Mjcf
 from ..plant.settings import lightest_along_face
+from ..plant.variation import varied
 from ..plant.vehicle import Vehicle
 from ..scenario import Scenario
 
@@ -26,17 +27,18 @@ class Setup:
 
     @property
     def vehicle(self) -> Vehicle:
+        """The true vehicle."""
         return self.plant.vehicle
+
+    @property
+    def nominal(self) -> Vehicle:
+        """The vehicle of the file, which the laws and the allocation are given."""
+        return self.plant.mjcf.vehicle
 
     @property
     def task(self) -> ImpedanceTask:
         """The impedance task with its gains F_1, F_2, A, integral."""
         return self.scenario.task
-
-    @property
-    def reach(self) -> float:
-        """Distance of the contact point from B's origin [m]."""
-        return self.plant.geometry.reach
 
     @property
     def gravity_W(self) -> np.ndarray:
@@ -49,7 +51,7 @@ class Setup:
 
     def mass_along_face(self) -> float:
         """Least effective mass at the contact point along the wall's face [kg]."""
-        return _along_face(self.design, self.reach)
+        return _along_face(self.design, self.plant.geometry.reach)
 
 
 @functools.lru_cache(maxsize=8)
@@ -69,10 +71,11 @@ def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
         raise InputError(f"mjcf: expected an Mjcf, got {mjcf!r}; use Mjcf.find(name or path)")
     mjcf = mjcf if mjcf is not None else Mjcf.find(scenario.vehicle.model)
     design = design_of(scenario, mjcf.vehicle)
-    plant = build(mjcf, scenario.wall, scenario.simulation.timestep, scenario.simulation.integrator)
+    plant = build(mjcf, scenario.vehicle, scenario.wall, scenario.simulation.timestep, scenario.simulation.integrator)
     return Setup(scenario, plant, design)
 
 
-def design_of(scenario: Scenario, vehicle: Vehicle) -> Design:
-    """The design matrices of a scenario and its vehicle. Raises InputError if the desired impedance is not physical."""
-    return Design.of(scenario.impedance, scenario.estimates, vehicle.M, scenario.reference.attitude_deg)
+def design_of(scenario: Scenario, nominal: Vehicle) -> Design:
+    """The design matrices of a scenario and the vehicle of its file. Raises InputError if the desired impedance is not
+    physical, or the factors of the true vehicle do not fit it."""
+    return Design.of(scenario, varied(nominal, scenario.vehicle).M, nominal.M)

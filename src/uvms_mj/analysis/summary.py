@@ -4,7 +4,7 @@ The module imports little: its numbers are also listed for a run that was interr
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def _position(trace: "Trace") -> list[float] | None:
     return None if position is None else position.tolist()
 
 
-_NUMBERS: "Mapping[str, Callable[[Trace], Any]]" = {
+NUMBERS: "Mapping[str, Callable[[Trace], Any]]" = {
     "scenario": lambda trace: trace.scenario.name,
     "controller": lambda trace: trace.scenario.controller.label(),
     "status": lambda trace: trace.status.name,
@@ -82,13 +82,18 @@ _NUMBERS: "Mapping[str, Callable[[Trace], Any]]" = {
 def summary(trace: "Trace", files: dict[str, str]) -> dict[str, Any]:
     """The numbers that ``uvms-mj run --json`` prints, with the paths of the written files by kind. Missing numbers and
     numbers that are not finite are None. The last :data:`.metrics.AROUND_THE_END_S` of a trace are enough."""
-    return _tree({place: _finite(number(trace)) for place, number in _NUMBERS.items()}) | {"files": files}
+    return _tree(numbers(trace, NUMBERS)) | {"files": files}
+
+
+def numbers(trace: "Trace", places: Iterable[str]) -> dict[str, Any]:
+    """The numbers of :func:`summary` at these places, by place. Only these are computed."""
+    return {place: _finite(NUMBERS[place](trace)) for place in places}
 
 
 def summary_of_none(values: Mapping[str, Any], files: dict[str, str]) -> dict[str, Any]:
     """The summary of a run without a step. All other numbers than the given ones, by their places, are zero or None."""
     nothing = dict.fromkeys(("steps", "contact.touches"), 0) | dict.fromkeys(("duration_s", "wall_time_s"), 0.0)
-    blank = dict.fromkeys(_NUMBERS) | nothing | {"warnings": [], "contact.settled": False}
+    blank = dict.fromkeys(NUMBERS) | nothing | {"warnings": [], "contact.settled": False}
     return _tree(blank | dict(values)) | {"files": files}
 
 

@@ -10,14 +10,14 @@ import click
 
 from .certify import certify
 from .common import EXIT_BAD_INPUT, end
-from .compare import compare
 from .converge import converge
 from .listing import controllers, keys, signals, stages
 from .logs import export, info, replay
 from .paper import paper
-from .plot import plot
+from .plot import compare, plot
 from .run import run
 from .stop import Stop, exit_interrupted
+from .study import study
 
 
 class _Commands(click.Group):
@@ -48,6 +48,7 @@ def main() -> None:
 
     \b
     uvms-mj run --controller gsta         the paper's scenario: push on a wall in an unknown current
+    uvms-mj study mine.toml               many runs: laws to compare, keys that vary
     uvms-mj paper --out results           the paper's section 5: figures, claims, report
     uvms-mj replay runs/.../run.mcap      show one or several logs in Rerun
     uvms-mj plot runs/.../run.mcap        plot one or several logs
@@ -68,7 +69,22 @@ def main() -> None:
     os.environ["PYDANTIC_DISABLE_PLUGINS"] = "__all__"  # none is used, and the search takes time
 
 
-for command in (run, paper, replay, plot, compare, info, export, converge, certify, controllers, stages, keys, signals):
+for command in (
+    run,
+    study,
+    paper,
+    replay,
+    plot,
+    compare,
+    info,
+    export,
+    converge,
+    certify,
+    controllers,
+    stages,
+    keys,
+    signals,
+):
     main.add_command(command)
 
 __all__ = ["main"]

@@ -39,21 +39,10 @@ def folder_for(name: str) -> Path:
 def alone_in(folder: Path) -> Iterator[None]:
     """Lock a folder against other runs. The lock belongs to the process and leaves no file. Raises InputError if
     another run is writing there."""
-    import fcntl
+    from ..files import locked
 
-    from ..errors import InputError
-
-    place = os.open(folder, os.O_RDONLY)
-    try:
-        try:
-            fcntl.flock(place, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise InputError(f"--out {folder}: another run is writing there; choose another folder") from None
-        except OSError:  # the file system has no locks
-            pass
+    with locked(folder):
         yield
-    finally:
-        os.close(place)
 
 
 def move_aside(folder: Path, paths: Iterable[Path], what: str) -> None:

@@ -9,18 +9,19 @@ import click
 
 from .common import (
     EXIT_BAD_INPUT,
-    EXIT_UNSTABLE,
     asked_for,
     bad_input,
     command,
     end,
+    ended,
     output_options,
     path_option,
     run_options,
 )
-from .console import Console
+from .console import Console, warn
 from .folders import LOG, RunFolder, alone_in, output_folder, remove_if_empty
 from .stop import Stop, exit_interrupted
+from .study_row import row_of
 
 if TYPE_CHECKING:
     from ..plant.mjcf import Mjcf
@@ -31,23 +32,15 @@ if TYPE_CHECKING:
 @command(
     epilog="Exit status: 0 completed, 2 bad input or a law that failed, 3 unstable, 130 interrupted (143 by SIGTERM)."
 )
-@run_options("Repeat the run of a log, run.mcap, with its scenario and vehicle.")
+@run_options("Repeat the run of a log, run.mcap, with its scenario and vehicle; with --row, of a study's folder.")
+@click.option("--row", type=click.IntRange(min=0), metavar="N", help="Repeat this row of the study in --from DIR.")
 @path_option("-o", "--out", metavar="DIR", help="Output folder [default: runs/<time>-<scenario>-<controller>].")
 @click.option("--log-rate", metavar="HZ|full", help="Samples per second; must divide the step rate [default: 1 kHz].")
 @click.option("--engine", metavar="NAME", help="mujoco [default], or free_body: one vehicle without MuJoCo, faster.")
 @click.option("--viewer", is_flag=True, help="Open the Rerun viewer and stream to it during the run.")
 @output_options
 def run(
-    arguments: tuple[str, ...],
-    controller: str | None,
-    settings: tuple[str, ...],
-    log: str | None,
-    out: str | None,
-    log_rate: str | None,
-    engine: str | None,
-    viewer: bool,
-    as_json: bool,
-    quiet: bool,
+    out: str | None, log_rate: str | None, engine: str | None, viewer: bool, as_json: bool, quiet: bool, **asked: Any
 ) -> None:
     """Run a scenario: a TOML file, or the name of a built-in one (default: push_wall, the paper's).
 
@@ -58,6 +51,7 @@ def run(
     uvms-mj run --controller fosm --set controller.epsilon=2e-3 --set wall.stiffness=2e4
     uvms-mj run my_scenario.toml --controller my_law.py:MyLaw --log-rate full --out results
     uvms-mj run --from results/run.mcap --set current.speed=0.3
+    uvms-mj run --from study --row 17 --viewer
     uvms-mj run --engine free_body
     """
     stop = Stop()
@@ -66,7 +60,7 @@ def run(
     files: dict[str, Path] = {}
     try:
         with bad_input(), console.alone():
-            scenario, mjcf, log_rate, recorded = chosen(arguments, settings, controller, log, log_rate)
+            scenario, mjcf, log_rate, recorded = chosen(**asked, log_rate=log_rate)
             folder, made = output_folder(out, scenario)
             try:
                 with alone_in(folder):
@@ -77,13 +71,18 @@ def run(
                 remove_if_empty(made)
     except KeyboardInterrupt:
         if as_json:
-            click.echo(json.dumps(_nothing_ran(scenario, controller, _existing(files))))
+            click.echo(json.dumps(_nothing_ran(scenario, asked["controller"], _existing(files))))
         end("interrupted before the first step", exit_interrupted())
     sys.exit(status)
 
 
 def chosen(
-    arguments: tuple[str, ...], settings: tuple[str, ...], controller: str | None, log: str | None, log_rate: str | None
+    arguments: tuple[str, ...],
+    settings: tuple[str, ...],
+    controller: str | None,
+    log: str | None,
+    log_rate: str | None,
+    row: int | None = None,
 ) -> "tuple[Scenario, Mjcf | None, str | None, str]":
     """Scenario, vehicle, log rate and engine of a run, by the arguments of the command. The vehicle is None unless it
     is that of a log. Raises InputError if the input is invalid."""
@@ -91,10 +90,15 @@ def chosen(
     from ..scenario import Scenario
 
     name, overrides = asked_for(arguments, settings)
+    if row is not None and log is None:
+        raise InputError(f"--row {row}: name the folder of its study with --from DIR")
     if log is None:
         return Scenario.load(name or "push_wall", overrides, controller), None, log_rate, "mujoco"
     if name is not None:
         raise InputError(f"one scenario at a time, please: {name}, {log}")
+    if row is not None:
+        scenario, engine = row_of(log, row, overrides, controller)
+        return scenario, None, log_rate, engine
     return _from_log(log, overrides, controller, log_rate)
 
 
@@ -133,15 +137,12 @@ def _warn_of_changes(header: "Header", scenario: "Scenario") -> None:
     for name, then in header.sources.items():
         now = StageSource.of(getattr(scenario, name))
         if then.sha256 and now.sha256 and now.sha256 != then.sha256:
-            click.echo(
-                f"warning: {now.source} differs from the recorded code: sha256 {then.sha256[:12]}... then, "
-                f"{now.sha256[:12]}... now",
-                err=True,
-            )
+            digests = f"sha256 {then.sha256[:12]}... then, {now.sha256[:12]}... now"
+            warn(f"{now.source} differs from the recorded code: {digests}")
     ours = versions()
     changed = [f"{k} {v} then, {ours[k]} now" for k, v in header.versions.items() if ours.get(k, v) != v]
     if changed:
-        click.echo(f"warning: the repetition may differ in its last bits: {'; '.join(changed)}", err=True)
+        warn(f"the repetition may differ in its last bits: {'; '.join(changed)}")
 
 
 def _simulate(
@@ -160,7 +161,6 @@ def _simulate(
     from ..analysis.summary import ending, summary
     from ..engine.run import LawError, SinkError, simulate
     from ..errors import InputError
-    from ..records.header import Status
     from ..records.mcap import McapLog
 
     sinks: list[Sink] = [RunFolder(folder, files), McapLog(folder / LOG)]
@@ -193,10 +193,8 @@ def _simulate(
         click.echo(f"error: {error}", err=True)
         return EXIT_BAD_INPUT
     for note in ending(trace):
-        click.echo(f"warning: {note}", err=True)
-    if trace.status is not Status.completed:
-        click.echo(f"{trace.status.name}: {trace.message}", err=True)
-    return {Status.unstable: EXIT_UNSTABLE, Status.interrupted: exit_interrupted()}.get(trace.status, 0)
+        warn(note)
+    return ended(trace)
 
 
 def _existing(files: dict[str, Path]) -> dict[str, str]:

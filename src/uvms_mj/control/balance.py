@@ -6,15 +6,17 @@ eq. (10) is then
 
 .. math::
 
-    (I - A^{-1} K) M_d^{-1} (K_d \tilde\eta - K_f (\tau_c - F_d)) = \hat M^{-1} (d + \hat g(\eta) - g(\eta)), \qquad
+    (I - A^{-1} K) M_d^{-1} (K_d \tilde\eta - K_f (\tau_c - F_d))
+    = \hat M^{-1} (d + \hat g(\eta) - g(\eta) + (I - T^{-1}) \tau), \qquad
     K = \begin{cases} 0 & \text{impedance, eq. (23): the static balance of eq. (5)} \\
                       K_s / \epsilon & \text{first-order law inside its boundary layer, eq. (31)} \\
                       \infty & \text{super-twisting, whose } z \text{ balances disturbances slower than } k_2/2; \\
                              & \text{the ideal law, eq. (13)}
         \end{cases}
 
-For A = 0 and K > 0 the left factor is infinite, which is eq. (6). Here d = tau_dist - C_A(-nu_c)(-nu_c) -
-D(-nu_c)(-nu_c) is the wrench of the current and the constant disturbance on the vehicle at rest, at its rest attitude.
+For A = 0 and K > 0 the left factor is infinite, which is eq. (6). T = B B_hat^+ gives the wrench of the true thrusters
+for a commanded one, and tau = g - d - tau_c holds the vehicle. Here d = tau_dist - C_A(-nu_c)(-nu_c) - D(-nu_c)(-nu_c)
+is the wrench of the current and the constant disturbance on the vehicle at rest, at its rest attitude.
 The frictionless wall gives tau_c = -k_c (x - x_c) along its normal for x > x_c. For GSTA with the attitude reference
 along W this is eq. (12) at rest against the spring of eq. (34), F = K_x (x_d - x_c) / (1 + K_x / k_c); the paper's
 1.5 N neglects the compliance of the wall. The six equations are solved by Newton's method.
@@ -47,12 +49,12 @@ def static_balance(setup: Any, K: float) -> SteadyState | str:
         return "closed forms are known for the shipped navigation and actuation only"
     if K == 0.0 and 0.0 in setup.task.A:
         return "with a zero in A, zeta is not constant at rest: it integrates the remaining error"
-    if np.linalg.matrix_rank(vehicle.B) < 6:
+    if min(np.linalg.matrix_rank(setup.nominal.B), np.linalg.matrix_rank(_delivered(setup))) < 6:
         return "the thrusters can't produce every wrench"
     state = _solve(setup, K)
     if state is None:
         return "the static balance has no solution near the reference"
-    u = np.linalg.pinv(vehicle.B) @ state.tau
+    u = np.linalg.pinv(setup.nominal.B) @ np.linalg.solve(_delivered(setup), np.asarray(state.tau))
     if (u < vehicle.u_min).any() or (u > vehicle.u_max).any():
         return "the thrusters are too weak"
     if state.force > 0.0 and setup.scenario.wall.friction > 0.0:
@@ -95,10 +97,18 @@ class _Balance:
         self.A = np.array(setup.task.A)
         self.M_d_inv = design.M_d_inv
         self.M_hat_inv = np.linalg.inv(design.M_hat)
+        self.undelivered = np.eye(6) - np.linalg.inv(_delivered(setup))
         self.K_f, self.F_d = np.array(scenario.impedance.K_f), np.array(scenario.impedance.F_d)
         self.factor_inverse = self.A / (self.A - K)
+        self._at: tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
 
     def pose(self, x: np.ndarray):
+        """Position, attitude and R_WB, computed once for an array, which must not change."""
+        if self._at is None or self._at[0] is not x:
+            self._at = x, self._pose(x)
+        return self._at[1]
+
+    def _pose(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         angle = float(np.linalg.norm(x[3:]))
         axis = x[3:] / angle if angle > 0.0 else np.zeros(3)
         turn = np.concatenate([[np.cos(angle / 2.0)], np.sin(angle / 2.0) * axis])
@@ -133,7 +143,9 @@ class _Balance:
     def unknown(self, x: np.ndarray) -> np.ndarray:
         """The acceleration (6,) that a law without an integral term must balance through s."""
         d, g_eta = self.environment(x)
-        return self.M_hat_inv @ (d + (self.setup.scenario.estimates.restoring - 1.0) * g_eta)
+        nominal = self.restoring(self.setup.nominal, x)
+        unknown = (self.setup.scenario.estimates.restoring - 1.0) * nominal + (nominal - g_eta)
+        return self.M_hat_inv @ (d + unknown + self.undelivered @ self.thrust(x))
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         return self.asked(x) - self.factor_inverse * self.unknown(x)
@@ -142,18 +154,33 @@ class _Balance:
         """d and g(eta), (6,) each, in B."""
         vehicle = self.setup.vehicle
         _, _, R_WB = self.pose(x)
-        nu_r, term, g_eta = np.zeros(6), np.empty(6), np.empty(6)
+        nu_r, term = np.zeros(6), np.empty(6)
         nu_r[:3] = -R_WB.T @ self.v_c_W
         d = self.tau_dist.copy()
         coriolis_added_mass(vehicle.M_A, nu_r, term)
         d -= term
         damping(vehicle.D_linear, vehicle.D_quadratic, nu_r, term)
         d -= term
+        return d, self.restoring(vehicle, x)
+
+    def restoring(self, vehicle: Any, x: np.ndarray) -> np.ndarray:
+        """g(eta) (6,) of a vehicle, the true one or that of the file."""
+        _, _, R_WB = self.pose(x)
+        g_eta = np.empty(6)
         restoring(vehicle.mass, vehicle.displaced_mass, vehicle.r_g, vehicle.r_b, self.setup.gravity_W, R_WB, g_eta)
-        return d, g_eta
+        return g_eta
+
+
+def _delivered(setup: Any) -> np.ndarray:
+    """T (6, 6): tau = T tau_cmd with the true thrusters and the allocation of the file, within their limits."""
+    if setup.vehicle.B is setup.nominal.B or np.array_equal(setup.vehicle.B, setup.nominal.B):
+        return np.eye(6)
+    return setup.vehicle.B @ np.linalg.pinv(setup.nominal.B)
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Quaternion product a b."""
-    w, v = a[0] * b[0] - a[1:] @ b[1:], a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])
+    (_, x, y, z), (_, i, j, k) = a.tolist(), b.tolist()
+    cross = np.array([y * k - z * j, z * i - x * k, x * j - y * i])  # np.cross takes ten times as long
+    w, v = a[0] * b[0] - a[1:] @ b[1:], a[0] * b[1:] + b[0] * a[1:] + cross
     return np.concatenate([[w], v])

@@ -1,7 +1,6 @@
 """Desired impedance, estimates and desired attitude of a run. The loop and the closed forms share them."""
 
 import functools
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -28,7 +27,7 @@ from ..quantities import (
 @table(frozen=True, config=STRICT)
 class Impedance:
     K_d: Stiffnesses = doc("desired stiffness, diagonal [N/m, N m]", (150.0, 1500.0, 1500.0, 50.0, 50.0, 50.0))
-    M_d: Inertia = doc("desired inertia, diagonal or 6x6; default: the vehicle's M", None)
+    M_d: Inertia = doc("desired inertia, diagonal or 6x6; default: M of the vehicle's file", None)
     D_d: Damping = doc("desired damping, diagonal or 6x6; default: Ott's design", None)
     K_f: Factors = doc("force gain, diagonal, eq. (7) [1]", (1.0,) * 6)
     F_d: Wrench = doc("wrench that the wall should exert on the vehicle, in B, eq. (7) [N, N m]", (0.0,) * 6)
@@ -39,10 +38,10 @@ class Impedance:
 
 @table(frozen=True, config=STRICT)
 class Estimates:
-    inertia: PositiveFactor = doc("M_hat = f M; f is this key [1]", 1.0)
-    coriolis: Factor = doc("C_hat(nu) nu = f C(nu) nu; f is this key [1]", 1.0)
-    damping: Factor = doc("D_hat(nu) nu = f D(nu) nu; f is this key [1]", 1.0)
-    restoring: Factor = doc("g_hat(eta) = f g(eta); f is this key [1]", 1.0)
+    inertia: PositiveFactor = doc("M_hat = f M of the vehicle's file; f is this key [1]", 1.0)
+    coriolis: Factor = doc("C_hat(nu) nu = f C(nu) nu of the vehicle's file; f is this key [1]", 1.0)
+    damping: Factor = doc("D_hat(nu) nu = f D(nu) nu of the vehicle's file; f is this key [1]", 1.0)
+    restoring: Factor = doc("g_hat(eta) = f g(eta) of the vehicle's file; f is this key [1]", 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,10 +61,11 @@ class Design:
     """(6,) the wall's normal (x of W) in B at the desired attitude, as a wrench."""
 
     @classmethod
-    def of(cls, impedance: Impedance, estimates: Estimates, M: np.ndarray, attitude_deg: Sequence[float]) -> "Design":
-        """Matrices of a run, from the vehicle's true inertia M (6, 6) and the desired roll, pitch, yaw [deg]. Raises
-        InputError if M_d is not symmetric positive definite, or D_d is not dissipative."""
-        inertia, faults = impedance.M_d if impedance.M_d is not None else M.tobytes(), []
+    def of(cls, scenario: Any, M: np.ndarray, nominal: np.ndarray) -> "Design":
+        """Matrices of a run, from its :class:`uvms_mj.scenario.Scenario` and the inertias (6, 6) of the true vehicle
+        and of its file. Raises InputError if M_d is not symmetric positive definite, or D_d is not dissipative."""
+        impedance: Impedance = scenario.impedance
+        inertia, faults = impedance.M_d if impedance.M_d is not None else nominal.tobytes(), []
         try:
             M_d, M_d_inv = _inertia(inertia)
         except ValueError as error:
@@ -77,8 +77,9 @@ class Design:
             faults.append(Fault("impedance.D_d", str(error)))
         if faults:
             raise InputError(faults)
-        quat_d, normal = _attitude(*attitude_deg)
-        return cls(M, estimates.inertia * M, M_d, M_d_inv, D_d, K_d, quat_d, normal)
+        quat_d, normal = _attitude(*scenario.reference.attitude_deg)
+        M_hat = scenario.estimates.inertia * nominal
+        return cls(M, M_hat, M_d, M_d_inv, D_d, K_d, quat_d, normal)
 
     def along_normal(self, inertia: np.ndarray) -> float:
         """Effective mass of an inertia (6, 6) along the wall's normal, with all other directions free [kg]."""

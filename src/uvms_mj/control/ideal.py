@@ -32,6 +32,8 @@ class Ideal(Controller):
 
     def at_rest(self, setup: Any) -> SteadyState | str:
         """The static balance with s = 0."""
+        if not np.array_equal(setup.vehicle.B, setup.nominal.B):
+            return "the ideal law does not know the offsets of the thrusters"
         return Vibration.of(setup, setup.design.M).checked(static_balance(setup, np.inf))
 
     def notes(self, setup: Any) -> Iterator[str]:

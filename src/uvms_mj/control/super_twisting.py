@@ -107,7 +107,7 @@ class Sta(Controller):
 def bouncing_growth(law: Any, setup: Any) -> float:
     """Largest growth rate, over the amplitude of s, of a vibration against the wall under super-twisting [1/s].
 
-    With the nominal control, the vehicle's response to a contact force is g = M_hat/M times the one that M_d
+    With the nominal control, the vehicle's response to a contact force is g = M^-1 M_hat times the one that M_d
     prescribes; without it, M_d/M times. If this is too small, super-twisting has to supply the rest at the contact's
     frequency. For an amplitude S, phi_1 and phi_2 have the slopes a = k_1 (S^(-1/2) + beta) and
     b = k_2 (1/(2 S) + 3/2 beta S^(-1/2) + beta^2). With K_c = k_c n n^T along the wall's normal, linearized at rest
@@ -120,7 +120,9 @@ def bouncing_growth(law: Any, setup: Any) -> float:
     """
     scenario, design = setup.scenario, setup.design
     M, M_d, D_d, K_d = (each[:3, :3] for each in (design.M, design.M_d, design.D_d, design.K_d))
-    g, n = scenario.estimates.inertia, design.normal[:3]
+    g, n = scenario.estimates.inertia * np.eye(3), design.normal[:3]
+    if setup.vehicle is not setup.nominal:
+        g = np.linalg.solve(M, design.M_hat[:3, :3])
     K_c, K_f = scenario.wall.stiffness * np.outer(n, n), np.diag(scenario.impedance.K_f[:3])
     A, zero, one = np.diag(setup.task.A[:3]), np.zeros((3, 3)), np.eye(3)
     desired = np.hstack([-np.linalg.solve(M_d, np.hstack([K_f @ K_c + K_d, D_d])), zero, zero])
@@ -129,8 +131,8 @@ def bouncing_growth(law: Any, setup: Any) -> float:
     growth = []
     for S in _AMPLITUDES:
         a, b = law.k_1 * (S**-0.5 + law.beta), law.k_2 * (0.5 / S + 1.5 * law.beta * S**-0.5 + law.beta**2)
-        u = g * np.hstack([zero, zero, -a * one, one])
-        v_dot = g * (desired - growing) + u if law.nominal else free + u
+        u = g @ np.hstack([zero, zero, -a * one, one])
+        v_dot = g @ (desired - growing) + u if law.nominal else free + u
         x_dot, z_dot = np.hstack([zero, one, zero, zero]), np.hstack([zero, zero, -b * one, zero])
         growth.append(np.linalg.eigvals(np.vstack([x_dot, v_dot, growing + v_dot - desired, z_dot])).real.max())
     return float(max(growth))

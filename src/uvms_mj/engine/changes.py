@@ -11,11 +11,12 @@ from ..analysis.sampling import no_overflow, refuse
 from ..analysis.setup import Setup, design_of
 from ..control.task import TASK_KEYS, ImpedanceTask
 from ..errors import Fault, InputError
+from ..plant.settings import VehicleChoice
 from ..scenario import STAGES, Scenario
 from ..stages.base import Stage, is_of_the_package, validator
 
 _TABLES = [field.name for field in dataclasses.fields(Scenario)]
-_OTHER_CODE = {"vehicle.model", "simulation.integrator"}
+_OTHER_CODE = {"simulation.integrator", *(f"vehicle.{field.name}" for field in dataclasses.fields(VehicleChoice))}
 _DESIGN = (
     *("impedance.M_d", "impedance.D_d", "impedance.K_d", "impedance.damping_ratio"),
     *("estimates.inertia", "reference.attitude_deg"),
@@ -38,7 +39,7 @@ def changed(base: Setup, current: Setup, overrides: Mapping[str, Any], place: st
         if not touched.isdisjoint(_DESIGN):
             touched.add("design")
             with no_overflow(scenario) if "impedance" in touched else contextlib.nullcontext():
-                design = design_of(scenario, base.vehicle)
+                design = design_of(scenario, base.nominal)
         setup = Setup(scenario, base.plant, design)
         refuse(setup, touched)
     except InputError as error:
@@ -97,7 +98,8 @@ def _differences(new: dict[str, Any], base: dict[str, Any], current: dict[str, A
 def _refuse_other_code(base: Scenario, scenario: Scenario) -> None:
     faults = []
     if scenario.vehicle != base.vehicle:
-        faults.append(Fault("vehicle.model", "reset can't change the vehicle; make a new Simulation"))
+        keys = [key for key, value in vars(scenario.vehicle).items() if value != getattr(base.vehicle, key)]
+        faults += [Fault(f"vehicle.{key}", "reset can't change the vehicle; make a new Simulation") for key in keys]
     if scenario.simulation.integrator != base.simulation.integrator:
         faults.append(Fault("simulation.integrator", "reset can't change the integrator; make a new Simulation"))
     faults += [

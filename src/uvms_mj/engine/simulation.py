@@ -150,7 +150,7 @@ class Simulation:
             seed: replaces ``simulation.seed``.
             overrides: dotted keys with values that replace those of the scenario that the Simulation was made with,
                 ``{"wall.position": 1.2, "controller.k_1": 8.0}``, until the next reset. All keys of a scenario but
-                ``vehicle.model`` and the names of stages.
+                those of ``vehicle`` and the names of stages.
 
         Raises:
             InputError: a key or value is invalid, or needs a new Simulation. The Simulation is as it was before.

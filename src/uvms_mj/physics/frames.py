@@ -7,6 +7,7 @@ rotation matrix ``R_WB`` maps components in B to components in W; a quaternion i
 """
 
 import functools
+import math
 
 import numpy as np
 
@@ -80,8 +81,8 @@ def quat_error(quat_d, quat, out):
 @functools.lru_cache(maxsize=64)  # a Simulation computes the same ones at each reset
 def quat_from_euler_deg(roll: float, pitch: float, yaw: float) -> np.ndarray:
     """Unit quaternion (4,) of the attitude R_WB = R_z(yaw) R_y(pitch) R_x(roll), read-only; angles in degrees, z up."""
-    half = np.deg2rad([roll, pitch, yaw]) / 2.0
-    (c_x, c_y, c_z), (s_x, s_y, s_z) = np.cos(half), np.sin(half)
+    half = [math.radians(angle) / 2.0 for angle in (roll, pitch, yaw)]
+    (c_x, c_y, c_z), (s_x, s_y, s_z) = map(math.cos, half), map(math.sin, half)
     quat = np.array(
         [
             c_x * c_y * c_z + s_x * s_y * s_z,

@@ -22,7 +22,8 @@ import numpy as np
 from ..physics.frames import quat_from_euler_deg
 from .geometry import Geometry
 from .mjcf import Mjcf
-from .settings import Initial, Wall
+from .settings import Initial, VehicleChoice, Wall
+from .variation import varied, vary
 from .vehicle import Vehicle, free_body_id, free_joint_addresses
 
 IMPEDANCE = 1e-4
@@ -46,8 +47,10 @@ class Plant:
     mjcf: Mjcf
     """The vehicle's MJCF, without wall and sensors."""
     vehicle: Vehicle
+    """The true one: that of the MJCF with the factors of ``choice``."""
     geometry: Geometry
     """Shapes of the vehicle; the probe's radius is its reach."""
+    choice: VehicleChoice
     wall: Wall
     timestep: float
     integrator: str
@@ -60,6 +63,7 @@ class Plant:
         spec.option.integrator = getattr(mujoco.mjtIntegrator, _INTEGRATORS[self.integrator])
         _add_surroundings(spec, self.vehicle.body, self.wall, self.geometry.reach)
         model = self.mjcf.compiled(spec)
+        vary(model, free_body_id(model, self.vehicle.body), self.vehicle.actuator_ids, self.choice)
         _set_wall(model, _ids(model, self.vehicle.body), self.wall, self.geometry.reach)
         return model
 
@@ -112,10 +116,10 @@ def _set_wall(model: mujoco.MjModel, ids: tuple[int, int, int], wall: Wall, reac
     model.geom_pos[face, 0] = wall.position + reach
 
 
-def build(mjcf: Mjcf, wall: Wall, timestep: float, integrator: str) -> Plant:
+def build(mjcf: Mjcf, choice: VehicleChoice, wall: Wall, timestep: float, integrator: str) -> Plant:
     """A plant with a time step [s] and an integrator, "euler" or "implicitfast". Raises InputError if the vehicle's
-    file can't be used, or is not physical."""
-    return Plant(mjcf, mjcf.vehicle, mjcf.geometry, wall, timestep, integrator)
+    file can't be used, or is not physical, or ``choice`` does not fit it."""
+    return Plant(mjcf, varied(mjcf.vehicle, choice), mjcf.geometry, choice, wall, timestep, integrator)
 
 
 def _plain_class(spec: mujoco.MjSpec) -> mujoco.MjsDefault:

@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import InputError, suggestion
 from ..files import shipped
 from .geometry import Geometry
-from .mjcf_files import Folders, trees
+from .mjcf_files import ModelFiles, trees
 from .vehicle import Vehicle, free_body_id
 from .vehicle_files import check_elements, check_model
 
@@ -45,7 +45,7 @@ class Mjcf:
             path = known[str(model)]
         path = Path(os.path.abspath(path))
         if path not in _found or not _found[path][0].unchanged():
-            files = Folders(path)
+            files = ModelFiles(path)
             found = cls(path.name, files.flat())
             if len(found.files) > 1:
                 found._check_against(path)
@@ -116,7 +116,7 @@ class Mjcf:
 
 
 _MOST_FOUND = 16
-_found: dict[Path, tuple[Folders, Mjcf]] = {}
+_found: dict[Path, tuple[ModelFiles, Mjcf]] = {}
 """The models that were found, so that a thousand runs read and compile a vehicle once."""
 
 

@@ -53,7 +53,7 @@ def _references(element: Element) -> list[tuple[str, str]]:
     return [(key, value) for key, value in element.attrib.items() if _FILE.fullmatch(key) and value]
 
 
-class Folders:
+class ModelFiles:
     """The files that a model refers to, found as MuJoCo finds them. Raises InputError if a file is missing, or must be
     XML and is not."""
 

@@ -7,15 +7,40 @@ from typing import Annotated
 import numpy as np
 from pydantic.dataclasses import dataclass
 
-from ..quantities import STRICT, Angle, Angles, Coordinate, Frequencies, Number, Position, Twist, Wrench, doc, within
+from ..quantities import (
+    STRICT,
+    Angle,
+    Angles,
+    Coordinate,
+    Frequencies,
+    Number,
+    Position,
+    PositiveFactor,
+    Twist,
+    Wrench,
+    doc,
+    within,
+)
 
 WallStiffness = Annotated[Number, within(1e-3, 1e12, "N/m")]
 WallDamping = Annotated[Number, within(0.0, 1e9, "N s/m")]
+_TrueFactor = Annotated[Number, within(0.0, 1e3, "")]
 
 
 @dataclass(frozen=True, config=STRICT)
 class VehicleChoice:
+    """The vehicle's file, and factors that make the true vehicle differ from it. The laws do not know the factors: the
+    estimates are those of the file times ``[estimates]``, and so are the default M_d and the allocation."""
+
     model: str = doc("MJCF file of the vehicle, or the name of a built-in model", "bluerov1")
+    mass: PositiveFactor = doc("true mass and rigid-body inertia over the file's, unknown to the laws [1]", 1.0)
+    added_mass: _TrueFactor = doc("true added mass over the file's, unknown to the laws [1]", 1.0)
+    linear_damping: _TrueFactor = doc("true linear damping over the file's, unknown to the laws [1]", 1.0)
+    quadratic_damping: _TrueFactor = doc("true quadratic damping over the file's, unknown to the laws [1]", 1.0)
+    displaced_mass: _TrueFactor = doc("true displaced mass over the file's, unknown to the laws [1]", 1.0)
+    thruster_offset: tuple[Position, ...] | None = doc(
+        "offset of each true thruster in B, unknown to the allocation: [[0.02, 0, 0], ...]; default: none [m]", None
+    )
 
 
 @dataclass(frozen=True, config=STRICT)

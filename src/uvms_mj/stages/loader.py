@@ -63,7 +63,7 @@ class Choice(Generic[_Stage]):
             raise InputError([Fault(key, f"no file {file!r} ({reason})")])
         stages = {
             name: value
-            for name, value in vars(_load(path.absolute(), key)).items()
+            for name, value in vars(load_file(path.absolute(), key)).items()
             if isinstance(value, type) and issubclass(value, Stage) and hasattr(value, "room")
         }
         found = {n: cls for n, cls in stages.items() if issubclass(cls, self.base) and cls is not self.base}
@@ -121,7 +121,7 @@ def stage_of(cls: type[_Stage], settings: Mapping[str, Any]) -> _Stage:
     return stage
 
 
-def _load(path: Path, key: str) -> ModuleType:
+def load_file(path: Path, key: str) -> ModuleType:
     """Import a user's file anew, with its folder on sys.path for the file's imports."""
     name = f"uvms_mj_stage_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
     spec = importlib.util.spec_from_file_location(name, path)

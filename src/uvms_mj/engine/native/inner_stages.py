@@ -14,9 +14,10 @@ from ...stages.base import Room, Stage
 from ...stages.signals import CLOCK, ERRORS, ESTIMATES, KNOWN, REFERENCE, TRUE, TRUTH
 
 
-def coefficients(setup: Any, coriolis: float = 1.0, damping: float = 1.0, restoring: float = 1.0) -> dict[str, Any]:
+def coefficients(
+    vehicle: Any, gravity_W: Any, coriolis: float = 1.0, damping: float = 1.0, restoring: float = 1.0
+) -> dict[str, Any]:
     """The fields of the record for :func:`uvms_mj.physics.model.model_wrenches`, with factors of C, D and g."""
-    vehicle = setup.vehicle
     return {
         "M_RB": coriolis * vehicle.M_RB,
         "M_A": coriolis * vehicle.M_A,
@@ -26,7 +27,7 @@ def coefficients(setup: Any, coriolis: float = 1.0, damping: float = 1.0, restor
         "displaced_mass": restoring * vehicle.displaced_mass,
         "r_g": vehicle.r_g,
         "r_b": vehicle.r_b,
-        "gravity_W": np.array(setup.gravity_W),
+        "gravity_W": np.array(gravity_W),
     }
 
 
@@ -41,7 +42,7 @@ class Tracking(Stage):
     def constants(self, setup: Any) -> Mapping[str, Any]:
         factors = setup.scenario.estimates
         return {
-            **coefficients(setup, factors.coriolis, factors.damping, factors.restoring),
+            **coefficients(setup.nominal, setup.gravity_W, factors.coriolis, factors.damping, factors.restoring),
             "M_hat": setup.design.M_hat,
         }
 
@@ -63,7 +64,7 @@ class Truth(Stage):
     room: ClassVar[Room] = Room("navigation", "truth", lambda thrusters: CLOCK + TRUE, TRUTH)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
-        return {**coefficients(setup), "M": setup.design.M}
+        return {**coefficients(setup.vehicle, setup.gravity_W), "M": setup.design.M}
 
     @staticmethod
     def step(settings, state, given, state_dot, out):

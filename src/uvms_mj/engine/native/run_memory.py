@@ -43,7 +43,7 @@ class RunMemory:
         self._spans = np.array(list(spans([memory for _, memory in self.recorded])))
         self.rows = np.zeros((0, sum(signal.size for signal, _ in self.recorded)))
         allocation = stages.allocation
-        allocation["B"], allocation["B_pinv"] = vehicle.B, np.linalg.pinv(vehicle.B)
+        allocation["B"], allocation["B_pinv"] = setup.nominal.B, np.linalg.pinv(setup.nominal.B)
         allocation["u_min"], allocation["u_max"] = vehicle.u_min, vehicle.u_max
         sizes = {"stages": len(stages.rows), "actuation": stages.actuation, "thrusters": n}
         sizes["controls"] = memory["ctrl_at"].size if "ctrl_at" in memory else 0

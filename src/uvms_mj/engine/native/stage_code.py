@@ -133,7 +133,7 @@ def compile_stage(
     parts = [repr(layout).encode(), stage.__code__.co_code]
     module = inspect.getmodule(stage)
     if module is not None and getattr(module, "__file__", None):
-        parts += [path.read_bytes() for path in _source_files(module)] + [_global_values(module)]
+        parts += [path.read_bytes() for path in source_files(module)] + [_global_values(module)]
     else:
         parts.append(repr((stage.__code__.co_consts, stage.__code__.co_names)).encode())
 
@@ -193,7 +193,7 @@ def _places(settings: int, state: np.dtype, given: int, out: np.dtype) -> dict[s
     }
 
 
-def _source_files(module: types.ModuleType) -> list[Path]:
+def source_files(module: types.ModuleType) -> list[Path]:
     """Files of a module and of its direct and indirect imports, except installed packages and the standard library.
 
     Imports are read from the source, because a constant imported from another file leaves no trace in the module.

@@ -10,7 +10,7 @@ from ...plant.geometry import Shape
 from ..header import Header
 from ..scene import FORCE_SCALE, FORCES, Arrow, Force, Scene
 from . import ros2
-from .cdr import Message
+from .ros2 import Message
 
 _NO_POINTS = np.zeros((0, 3))
 

@@ -1,24 +1,20 @@
 """A report about runs: one self-contained HTML file, for screens of any width and for printing."""
 
-import base64
-import io
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ...analysis import metrics, residual, rest
 from ...control.ideal import TOLD_THE_TRUTH
-from ...files import whole
 from ...records.header import Status
 from ...records.trace import Trace
-from .claims import REST_S, TRANSIENT_S, Row, Verdict, linear_sum, number
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from .. import pages
+from ..pages import Table, rendered
+from .claims import REST_S, TRANSIENT_S, Row, Verdict, linear_sum
 
 _LEVELS = "Expected: K_x (x_d - x_c), for a rigid wall. Analytic: force at rest of this law at this wall."
 
@@ -41,12 +37,8 @@ CAPTIONS: Mapping[str, str] = {
 
 
 @dataclass(frozen=True)
-class Picture:
-    """A figure to embed, as SVG with text as outlines, so that no font is needed. Its name, fig01, is its anchor."""
-
-    name: str
-    caption: str
-    figure: "Figure"
+class Picture(pages.Picture):
+    """A figure of the report. A figure of the paper is named by its number, fig01."""
 
     @property
     def number(self) -> str:
@@ -54,35 +46,11 @@ class Picture:
         digits = self.name.removeprefix("fig")
         return str(int(digits)) if digits.isdigit() else ""
 
-    @property
-    def wide(self) -> bool:
-        """Whether the figure takes the full width of a page."""
-        return bool(self.figure.get_figwidth() > 5.0)
-
-    @property
-    def src(self) -> str:
-        """The figure as a data URI."""
-        import matplotlib as mpl
-
-        file = io.BytesIO()
-        with mpl.rc_context({"svg.fonttype": "path", "svg.hashsalt": self.name}):
-            self.figure.savefig(file, format="svg", metadata={"Date": None})
-        return f"data:image/svg+xml;base64,{base64.b64encode(file.getvalue()).decode()}"
-
 
 MOST_COLUMNS = 6
 """Most columns of a table besides the names of its rows; more would be cut off on paper."""
 MOST_NAMES = 4
 """Most runs that a heading names; for more runs it gives their number."""
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table of the report: heading of the column of row names, names of the other columns, name and cells of rows."""
-
-    corner: str
-    heads: Sequence[str]
-    rows: Sequence[tuple[str, Sequence[Any]]]
 
 
 def tables(what: str, runs: Sequence[str], lines: Sequence[tuple[str, Sequence[Any]]]) -> list[Table]:
@@ -158,21 +126,11 @@ MEASURES: tuple[tuple[str, str, Callable[[Trace], Any]], ...] = (
 
 def page(title: str, traces: Mapping[str, Trace], pictures: Sequence[Picture], rows: Sequence[Row] = ()) -> str:
     """The report as HTML, with at least one run, by the names used in the tables, figures, and claims with verdicts."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    environment.filters["number"] = number
     common, differing = _settings(traces)
     versions = {name: trace.header.versions for name, trace in traces.items()}
     first = next(iter(traces.values()))
-    return environment.get_template("report.html").render(
+    return rendered(
+        Path(__file__).with_name("report.html"),
         title=title,
         scenario=first.scenario.name,
         description=first.scenario.description,
@@ -190,12 +148,6 @@ def page(title: str, traces: Mapping[str, Trace], pictures: Sequence[Picture], r
         notes=[(name, note) for name, trace in traces.items() for note in _notes(trace)],
         versions=[(key, sorted({v[key] for v in versions.values() if key in v})) for key in first.header.versions],
     )
-
-
-def write(path: Path, text: str) -> None:
-    """Write a file atomically: readers see either the old or the new file. Raises InputError if it can't be written."""
-    with whole(path) as part:
-        part.write_text(text, encoding="utf-8")
 
 
 def measured(traces: Mapping[str, Trace]) -> list[tuple[str, str, list[float | None]]]:

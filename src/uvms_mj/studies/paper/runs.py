@@ -1,15 +1,15 @@
 """The paper's section 5 as a set of runs: plans the runs, executes them on all cores and reads their logs."""
 
 import dataclasses
-import os
-import threading
-import time
+import tempfile
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
+
+import numpy as np
 
 from ...analysis.sampling import SamplingWarning
 from ...control import Gsta
@@ -19,6 +19,8 @@ from ...records.header import Status
 from ...records.mcap import McapLog
 from ...records.trace import Trace
 from ...scenario import Scenario
+from ..pool.calls import each_call
+from ..pool.workers import WorkerLost, Workers
 from .claims import Runs
 from .laws import RUNS
 
@@ -80,56 +82,47 @@ def run(
 ) -> None:
     """Run every job and write ``folder/<name>.mcap``.
 
-    The jobs run in threads. A run is native code and gives the same result as on its own.
-
-    ``progress`` is called on this thread ten times per second with the steps done in all runs and their total. An
-    exception that it raises stops all runs. ``workers`` is the number of simultaneous runs; default: one per core.
+    ``progress`` is called on this thread five times per second with the steps done in all runs and their total. An
+    exception that it raises stops all runs, which end their logs. ``workers`` is the number of simultaneous runs;
+    default: one per core.
 
     Raises:
         InputError: a job can't run. The other jobs are stopped.
     """
-    done = dict.fromkeys(jobs, 0)
     total = sum(scenario.steps for scenario in jobs.values())
-    stop = threading.Event()
-
-    ended: list[BaseException | None] = []
-
-    def one(name: str, scenario: Scenario) -> None:
-        def advance(steps: int, _: int) -> None:
-            done[name] = steps
-            if stop.is_set():
-                raise KeyboardInterrupt  # lets the run complete its log
-
+    with tempfile.NamedTemporaryFile() as file, Workers(workers) as pool:
+        steps = np.memmap(file.name, np.int64, "w+", shape=len(jobs) + 1)  # of each job; not zero at the end: stop
+        calls = ((name, each.to_dict(), folder, file.name, i) for i, (name, each) in enumerate(jobs.items()))
         try:
-            if not stop.is_set():
-                _log_run(name, scenario, folder, advance)
-            ended.append(None)
-        except BaseException as error:
-            ended.append(error)
-
-    with warnings.catch_warnings(), ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
-        warnings.simplefilter("ignore", SamplingWarning)  # some runs chatter by intention; the logs contain the notes
-        for name, scenario in jobs.items():
-            pool.submit(one, name, scenario)
-        try:
-            seen: list[BaseException | None] = []
-            while len(seen) < len(jobs):  # not wait(): an interrupt inside its locks would block the workers forever
-                time.sleep(0.1)
-                seen = list(ended)
-                for error in filter(None, seen):
-                    raise error
-                progress(sum(done.values()), total)
+            each_call(pool, _log_run, calls, _ended, lambda: progress(int(steps[:-1].sum()), total))
         except BaseException:
-            stop.set()
-            pool.shutdown(cancel_futures=True)
+            steps[-1] = 1
             raise
 
 
-def _log_run(name: str, scenario: Scenario, folder: Path, progress: Callable[[int, int], None]) -> None:
-    """Run a job and write its log. Raises InputError, with the job's name, if it can't run."""
-    log_rate = "full" if name.endswith(FINE) else None
+def _ended(call: tuple[Any, ...], answer: Any) -> tuple[()]:
+    if isinstance(answer, WorkerLost):
+        raise InputError(f"{call[0]}: {answer}")
+    return ()
+
+
+def _log_run(name: str, tables: Mapping[str, Any], folder: Path, file: str, i: int) -> None:
+    """Run a job in a worker and write its log. ``file`` has the steps of the jobs, of which this is number i. Raises
+    InputError, with the job's name, if it can't run."""
+    steps = np.memmap(file, np.int64, "r+")
+
+    def advance(done: int, _: int) -> None:
+        steps[i] = done
+        if steps[-1]:
+            raise KeyboardInterrupt  # lets the run complete its log
+
+    if steps[-1]:
+        return
+    log_rate, sinks = "full" if name.endswith(FINE) else None, [McapLog(folder / f"{name}.mcap")]
     try:
-        simulate(scenario, sinks=[McapLog(folder / f"{name}.mcap")], log_rate=log_rate, progress=progress, keep_s=0.0)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SamplingWarning)  # some runs chatter by intention; the logs have the notes
+            simulate(Scenario.from_dict(tables), sinks=sinks, log_rate=log_rate, progress=advance, keep_s=0.0)
     except InputError as error:
         raise InputError(error.faults, name) from None
     except (OSError, SinkError) as error:

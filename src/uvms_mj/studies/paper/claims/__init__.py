@@ -1,6 +1,6 @@
 """Measures and judges the paper's claims in a set of runs."""
 
-from .base import Claim, Measured, Row, Runs, Verdict, number
+from .base import Claim, Measured, Row, Runs, Verdict
 from .measures import REST_S, TRANSIENT_S, linear_sum
 from .paper import CLAIMS, judge
 
@@ -15,5 +15,4 @@ __all__ = [
     "Verdict",
     "judge",
     "linear_sum",
-    "number",
 ]

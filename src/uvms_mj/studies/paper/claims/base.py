@@ -134,22 +134,3 @@ class Row:
             "verdict": self.verdict.name,
             "reason": claim.explanation if self.verdict is Verdict.explained else "",
         }
-
-
-def number(value: float | None) -> str:
-    """Format a number with four digits, a minus sign and powers of ten; a dash for None, nan and infinity.
-
-    Values below 1e-9, in SI units, come from rounding in sums over 1e5 steps and are shown as 0.
-    """
-    if value is None or not np.isfinite(value):
-        return "–"
-    if abs(value) < 1e-9:
-        return "0"
-    if value == round(value) and abs(value) < 1e4:
-        return f"{value:.0f}".replace("-", "−")
-    mantissa, e, exponent = f"{value:.4g}".partition("e")
-    raised = str(int(exponent)).translate(_RAISED) if e else ""
-    return (f"{mantissa}·10{raised}" if e else mantissa).replace("-", "−")
-
-
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

@@ -8,8 +8,9 @@ import numpy as np
 from ....analysis import metrics, residual, rest
 from ....control.rest import SteadyState
 from ....records.trace import Trace
+from ...pages import number
 from ..laws import LABELS
-from .base import Measured, Runs, number
+from .base import Measured, Runs
 
 TRANSIENT_S = 0.1
 """The "first fraction of a second": with the paper's gains the first-order law switches for its first 10 ms."""

@@ -4,8 +4,9 @@ import numpy as np
 
 from ....analysis import metrics, rest
 from ....records.trace import Trace
+from ...pages import number
 from ..laws import LABELS
-from .base import Measured, Runs, number
+from .base import Measured, Runs
 from .measures import REST_S, at_rest, gain, norm, over
 
 

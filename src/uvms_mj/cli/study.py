@@ -1,0 +1,199 @@
+"""``uvms-mj study``: many runs of one study file."""
+
+import contextlib
+import json
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from .common import (
+    EXIT_BAD_INPUT,
+    asked_for,
+    bad_input,
+    command,
+    end,
+    json_option,
+    output_options,
+    path_option,
+    progress_bar,
+)
+from .folders import folder_for
+from .stop import Stop, exit_interrupted
+from .study_report import study_report
+from .study_text import head, plan_report, print_result
+
+if TYPE_CHECKING:
+    from ..studies.study import Study
+
+EXIT_CHECK_FAILS = 1
+
+
+class _Commands(click.Group):
+    """``study report DIR`` and ``study list``; every other first word is the study to run."""
+
+    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> click.Context:
+        if args and args[0] in self.commands:
+            return super().make_context(info_name, args, parent, **extra)
+        return run_study.make_context(info_name, args, parent, **extra)
+
+
+@command(
+    epilog="Exit status: 0 every run has its row, also one that failed, 1 the engines differ, 2 bad input or no space, "
+    "130 interrupted (143 by SIGTERM)."
+)
+@click.argument("arguments", nargs=-1, metavar="STUDY [KEY=VALUE]...")
+@path_option("-o", "--out", metavar="DIR", help="Folder of the results [default: runs/<name of the study>].")
+@click.option("--dry-run", is_flag=True, help="Print runs, steps, keys, time and size; run nothing.")
+@click.option("-j", "--workers", type=click.IntRange(1, 4096), metavar="N", help="Processes [default: one per core].")
+@click.option("--scheduler", metavar="ADDRESS", help="Use the workers of a Dask scheduler, e.g. tcp://10.0.0.1:8786.")
+@click.option("--engine", type=click.Choice(["auto", "mujoco", "free_body"]), help="In place of run.engine.")
+@click.option("-s", "--set", "settings", multiple=True, metavar="KEY=VALUE", help="Set a key; may be repeated.")
+@output_options
+def run_study(
+    arguments: tuple[str, ...],
+    out: str | None,
+    dry_run: bool,
+    workers: int | None,
+    scheduler: str | None,
+    engine: str | None,
+    settings: tuple[str, ...],
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Run a study: many runs of one scenario, with laws to compare and keys that vary.
+
+    STUDY is a TOML file, the name of one that ships (uvms-mj study list), or the folder of a study that was
+    interrupted. A key to set is one of the study's tables design, keep and run, or of its base scenario.
+
+    \b
+    [base]                               the least study file
+    scenario = "push_wall"
+    [design]
+    runs = 60
+    seed = 7
+    [[vary]]
+    key = "wall.stiffness"
+    distribution = "loguniform"
+    low = 2e4
+    high = 2e5
+
+    \b
+    uvms-mj study mine.toml --dry-run
+    uvms-mj study mine.toml --out results
+    uvms-mj study monte_carlo --out mc design.runs=100 simulation.duration=5
+    uvms-mj study mine.toml --out results --scheduler tcp://10.0.0.1:8786
+    uvms-mj study report results         one page: rates, distributions, maps, sensitivity, worst runs
+    uvms-mj study list                   the studies that ship
+
+    DIR/rows has one row a run as Parquet. After any interruption the same command goes on where it was, and the rows
+    are the same, bit for bit, for any number of workers.
+    """
+    stop = Stop()
+    shown: dict[str, int] = {}
+    try:
+        with bad_input():
+            study, folder = _chosen(arguments, settings, engine, out)
+            with _executor(scheduler, workers) as executor:
+                expected = head(study, executor, folder, dry_run, as_json, quiet)
+                if dry_run:
+                    if as_json:
+                        click.echo(json.dumps(plan_report(study, expected, executor.size), allow_nan=False))
+                    return
+                folder_for(str(folder))
+                with _bar(as_json or quiet, stop, shown) as progress:
+                    study.run(folder, executor=executor, progress=progress)
+    except KeyboardInterrupt:
+        end(f"interrupted{_kept(shown)}", exit_interrupted())
+    except OSError as error:
+        end(f"error: {error.filename or folder}: {error.strerror or error}{_kept(shown)}", EXIT_BAD_INPUT)
+    for name in study.damaged:
+        click.echo(f"note: {name} was damaged; its runs were run again", err=True)
+    sys.exit(print_result(study, as_json, quiet))
+
+
+def _kept(shown: dict[str, int]) -> str:
+    """How to go on after an interruption."""
+    if not shown:
+        return ""
+    return f"; {shown['done']} of {shown['total']} runs are done and kept: the same command goes on"
+
+
+def _chosen(
+    arguments: tuple[str, ...], settings: tuple[str, ...], engine: str | None, out: str | None
+) -> "tuple[Study, Path]":
+    """The study and its folder. Raises InputError if the arguments are invalid."""
+    from ..errors import InputError
+    from ..studies.study import Study
+
+    name, overrides = asked_for(arguments, settings, "study")
+    if name is None:
+        raise InputError("name a study: a TOML file, one of `uvms-mj study list`, or the folder of one that ran")
+    if engine is not None:
+        if overrides.get("run.engine", engine) != engine:
+            raise InputError(f"run.engine: is given twice, {overrides['run.engine']!r} and --engine {engine}")
+        overrides["run.engine"] = engine
+    study = Study.load(name, overrides)
+    return study, Path(out) if out is not None else study.folder or Path("runs", study.plan.name)
+
+
+@contextlib.contextmanager
+def _executor(scheduler: str | None, workers: int | None) -> "Iterator[Any]":
+    """The workers of this machine or of a cluster."""
+    from ..errors import InputError
+
+    if scheduler is None:
+        from ..studies.pool.workers import Workers
+
+        pool: Any = Workers(workers)
+    else:
+        from ..studies.pool.cluster import Cluster
+
+        if workers is not None:
+            raise InputError("--workers is for this machine; with --scheduler the cluster decides")
+        pool = Cluster(scheduler)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+@contextlib.contextmanager
+def _bar(hidden: bool, stop: Stop, shown: dict[str, int]) -> Iterator[Callable[[str, int, int, int], None]]:
+    """A progress bar on terminals. Yields the study's progress function, which also checks for signals and keeps the
+    numbers of runs in ``shown``."""
+    column = "{task.completed:.0f} of {task.total} runs, {task.fields[failed]} failed"
+    with progress_bar("starting", hidden, stop, column, failed=0) as update:
+
+        def progress(what: str, done: int, failed: int, total: int) -> None:
+            if what == "running":
+                shown.update(done=done, total=total)
+            update(done, total, description=what, failed=failed)
+
+        yield progress
+
+
+@click.group(cls=_Commands, short_help="Run a study: many runs with laws to compare and keys that vary.")
+def study() -> None:
+    """Run a study, or look at one."""
+
+
+@study.command("list")
+@json_option
+def list_studies(as_json: bool) -> None:
+    """List the studies that ship."""
+    with bad_input():
+        from ..files import shipped
+        from ..studies.plan import Plan
+
+        plans = {name: Plan.load(name) for name in shipped("studies")}
+    if as_json:
+        click.echo(json.dumps({name: plan.description for name, plan in plans.items()}))
+        return
+    for name, plan in plans.items():
+        click.echo(f"{name}: {plan.runs} runs of {', '.join(law.label for law in plan.laws)}. {plan.description}")
+
+
+study.add_command(study_report)

@@ -1,0 +1,69 @@
+"""``uvms-mj run --from DIR --row N``: the scenario and the engine of one run of a study."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from ..scenario import Scenario
+    from ..studies.plan import Plan
+
+
+def row_of(folder: str, row: int, overrides: dict[str, Any], controller: str | None) -> "tuple[Scenario, str]":
+    """Scenario and engine of a run of a study, by the study's folder and the run's row.
+
+    The engine is that of the row, or of a run that is not done yet the one that the study would choose. Warns if the
+    code or a file of the study has changed. Raises InputError if there is no such run.
+    """
+    from ..errors import InputError
+    from ..studies.rows import chosen_engine
+    from ..studies.study import Study
+
+    if not Path(folder).is_dir():
+        raise InputError(f"--row is a run of a study: --from {folder} must be the study's folder")
+    plan = Study.load(folder).plan
+    if not 0 <= row < plan.runs:
+        raise InputError(f"--row {row}: the study in {folder} has the rows 0 to {plan.runs - 1}")
+    _warn_of_changes(Path(folder), plan)
+    scenario = plan.scenario(row)
+    if overrides or controller:
+        scenario = scenario.updated(overrides, controller, place=f"row {row} of {folder}")
+    engine = _engine_of(Path(folder), row) or plan.engine
+    return scenario, chosen_engine(scenario) if engine == "auto" else engine
+
+
+def _engine_of(folder: Path, row: int) -> str:
+    """The engine of a row; empty for a run that is not done yet or could not begin."""
+    import pyarrow as pa
+    import pyarrow.dataset
+
+    try:
+        rows = pyarrow.dataset.dataset(folder / "rows", format="parquet")
+        found = rows.to_table(columns=["engine"], filter=pyarrow.dataset.field("index") == row)["engine"].to_pylist()
+    except (OSError, pa.ArrowException):
+        return ""
+    return found[0] if found else ""
+
+
+def _warn_of_changes(folder: Path, plan: "Plan") -> None:
+    """Warn of code and files that are not those with which the study began."""
+    from ..errors import InputError
+    from ..studies.pool.parcel import Parcel
+    from ..studies.results import VERSION, file_digests
+
+    try:
+        then = json.loads((folder / VERSION).read_bytes())
+        parcel = Parcel.of(plan)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{folder}: can't be read: {error}") from None
+    changed = [
+        f"{name} {version} then, {parcel.code.get(name)} now"
+        for name, version in then["code"].items()
+        if parcel.code.get(name) != version
+    ]
+    now = file_digests(parcel)
+    changed += [f"{Path(name).name} changed" for name, digest in then["files"].items() if now.get(name) != digest]
+    if changed:
+        click.echo(f"warning: the run may differ from the row: {'; '.join(changed)}", err=True)

@@ -1,0 +1,132 @@
+"""Text of ``uvms-mj study``: what a study will do, and what came out."""
+
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from .common import printable
+from .console import print_table
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from ..studies.pool.estimate import Estimate
+    from ..studies.study import Study
+
+EXIT_CHECK_FAILS = 1
+
+
+def head(study: "Study", executor: Any, folder: Path, dry_run: bool, as_json: bool, quiet: bool) -> "Estimate | None":
+    """Print runs, steps, keys, time and size before the study starts. Returns the estimate."""
+    if not dry_run and (as_json or quiet):
+        return None
+    from ..studies.pool.estimate import estimate
+    from ..studies.results import share_done
+
+    plan, size, done = study.plan, max(1, executor.size), share_done(folder, study.plan)
+    expected = estimate(plan, size)
+    if as_json:
+        return expected
+    rest = f" for the last {1.0 - done:.0%}, the others are done" if done else ""
+    workers = f"{size} worker{'s' if size > 1 else ''}"
+    lines = [
+        plan.text(),
+        f"time: about {_duration(expected.seconds * (1.0 - done))} on {workers}{rest}",
+        f"disk: {expected.rows_bytes / 1e6:.2g} MB of rows in {folder}{_logs_size(plan.logs, expected.log_bytes)}",
+    ]
+    click.echo(printable("\n".join(lines)), err=not dry_run)
+    return expected
+
+
+def _logs_size(logs: Any, each: int) -> str:
+    if logs.kind == "none":
+        return ""
+    number = {"failed": "", "worst": f"{logs.k or 5} x ", "listed": f"{len(set(logs.indices))} x "}[logs.kind]
+    return f", and logs of {number}{each / 1e6:.2g} MB" + (" for each run that fails" if logs.kind == "failed" else "")
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 100.0:
+        return f"{seconds:.2g} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"
+
+
+def plan_report(study: "Study", expected: Any, workers: int) -> dict[str, Any]:
+    """The object that ``--dry-run --json`` prints."""
+    plan = study.plan
+    return {
+        "study": plan.name,
+        "runs": plan.runs,
+        "steps": plan.steps,
+        "laws": [law.label for law in plan.laws],
+        "varied": list(plan.varied),
+        "workers": workers,
+        "seconds": expected.seconds,
+        "rows_bytes": expected.rows_bytes,
+        "log_bytes": expected.log_bytes,
+        "notes": list(plan.notes),
+    }
+
+
+def print_result(study: "Study", as_json: bool, quiet: bool) -> int:
+    """Print what came out; return the exit status."""
+    from ..studies.check import largest
+
+    rows, found = study.frame, study.check
+    failed = [] if found is None else found[~found["within"]].to_dict("records")
+    assert study.folder is not None
+    if as_json:
+        differences = [] if found is None else largest(found).drop(columns="index").to_dict("records")
+        numbers = {
+            "study": study.plan.name,
+            "runs": len(rows),
+            "status": rows["status"].value_counts().to_dict(),
+            "engine": rows["engine"].value_counts().to_dict(),
+            "check": {"within": not failed, "largest": differences},
+            "folder": str(study.folder),
+        }
+        click.echo(json.dumps(_finite(numbers), allow_nan=False))
+    elif not quiet:
+        _table(study, rows)
+        if found is not None:
+            _print_check(found, largest(found))
+        click.echo(f"{study.folder}{os.sep}rows")
+    for each in failed:
+        click.echo(
+            f"error: row {each['index']}, {each['law']}: {each['number']} differs by {each['difference']:.2g} between "
+            f"free_body and mujoco; run.tolerance is {each['tolerance']:g}",
+            err=True,
+        )
+    return EXIT_CHECK_FAILS if failed else 0
+
+
+def _finite(value: Any) -> Any:
+    """The same value with None for numbers that JSON lacks."""
+    if isinstance(value, dict):
+        return {key: _finite(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_finite(each) for each in value]
+    return None if (isinstance(value, float) and abs(value) in (float("inf"),)) or value != value else value
+
+
+def _table(study: "Study", rows: "pd.DataFrame") -> None:
+    """Runs by law and status."""
+    from rich.table import Table
+
+    statuses = [each for each in rows["status"].unique() if each != "completed"]
+    table = Table(title=study.plan.name, title_justify="left", min_width=60)
+    for name in ("law", "runs", "completed", *statuses):
+        table.add_column(name, justify="left" if name == "law" else "right", no_wrap=True)
+    for law in study.plan.laws:
+        own = rows.loc[rows["law"] == law.label, "status"]
+        table.add_row(law.label, str(len(own)), *(str((own == each).sum()) for each in ("completed", *statuses)))
+    print_table(table)
+
+
+def _print_check(found: "pd.DataFrame", largest: "pd.DataFrame") -> None:
+    click.echo(f"free_body against mujoco, {found['index'].nunique()} runs, largest differences:")
+    for each in largest.to_dict("records"):
+        click.echo(f"  {each['number']}: {each['difference']:.1e} (row {each['index']}, {each['law']})")

@@ -1,0 +1,99 @@
+"""The check of the free-body engine by a sample of a study's runs, which are repeated in MuJoCo.
+
+The sample is one run in a hundred, at least five, and the worst run by each metric that is kept. Compared are
+
+- the status;
+- the final position, relative to 1 m;
+- the rest force, relative to its value in MuJoCo, where it has settled in both engines;
+- the peak force, relative likewise, where both engines have the same number of touches.
+
+A law that chatters bounces off the wall a number of times that rounding decides, with peaks that differ. Its runs are
+compared by status, position and rest force alone.
+"""
+
+import math
+import warnings
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..analysis.metrics import AROUND_THE_END_S
+from ..analysis.summary import numbers
+from ..engine.run import LawError, simulate
+from ..errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from .plan import Plan
+
+FILE = "check.parquet"
+"""Name of the table of differences in the folder of a study."""
+SHARE, LEAST = 0.01, 5
+"""Share of the free-body runs that are repeated, and their least number."""
+_PLACES = ("status", "contact.touches", "contact.settled", "contact.final_N", "contact.peak_N", "final.position_m")
+
+
+def sample(plan: "Plan", rows: "pd.DataFrame") -> list[int]:
+    """The runs to repeat in MuJoCo; none for a study that did not ask for engine "auto"."""
+    ran = rows[(rows["engine"] == "free_body") & rows["status"].isin(["completed", "unstable"])]
+    if plan.engine != "auto" or ran.empty:
+        return []
+    number = min(len(ran), max(LEAST, math.ceil(SHARE * len(ran))))
+    chosen = set(np.random.default_rng(plan.seed).choice(ran["index"].to_numpy(), number, replace=False).tolist())
+    for column in rows.columns[list(rows.columns).index("engine") + 1 :]:
+        values = ran[column].dropna()
+        if len(values) and values.dtype.kind in "fi":
+            chosen.add(int(ran.loc[values.idxmax(), "index"]))
+    return sorted(chosen)
+
+
+def numbers_of(plan: "Plan", index: int, engine: str) -> dict[str, Any]:
+    """The numbers of a run in one engine that are compared."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            trace = simulate(plan.scenario(index), keep_s=AROUND_THE_END_S, engine=engine)
+    except (InputError, LawError) as error:
+        return {"status": type(error).__name__}
+    return numbers(trace, _PLACES)
+
+
+def differences(
+    plan: "Plan", indices: Sequence[int], found: Mapping[tuple[int, str], Mapping[str, Any]]
+) -> "pd.DataFrame":
+    """The differences, one row for each run and number: index, law, number, free_body, mujoco, difference [1],
+    tolerance [1], within."""
+    import pandas as pd
+
+    rows = []
+    for index in indices:
+        free, full = found[index, "free_body"], found[index, "mujoco"]
+        same = free["status"] == full["status"]
+        compared = [("status", None, None, 0.0 if same else math.inf)]
+        if same and full.get("final.position_m"):
+            compared += list(_numbers(free, full))
+        for number, ours, theirs, difference in compared:
+            rows.append((index, plan.run(index).law, number, ours, theirs, difference, plan.tolerance))
+    columns = ["index", "law", "number", "free_body", "mujoco", "difference", "tolerance"]
+    frame = pd.DataFrame(rows, columns=columns).astype({"free_body": float, "mujoco": float})
+    return frame.assign(within=frame["difference"] <= frame["tolerance"])
+
+
+def largest(found: "pd.DataFrame") -> "pd.DataFrame":
+    """The largest difference of each number."""
+    return found.loc[found.groupby("number", sort=False)["difference"].idxmax()]
+
+
+def _numbers(free: Mapping[str, Any], full: Mapping[str, Any]) -> Any:
+    """The compared numbers of two runs with one status: name, values, difference."""
+    for axis, ours, theirs in zip("xyz", free["final.position_m"], full["final.position_m"], strict=True):
+        yield f"final.position_m.{axis}", ours, theirs, abs(ours - theirs)
+    for name, comparable in (
+        ("contact.final_N", free["contact.settled"] and full["contact.settled"]),
+        ("contact.peak_N", free["contact.touches"] == full["contact.touches"]),
+    ):
+        ours, theirs = free[name], full[name]
+        if comparable and ours is not None and theirs:
+            yield name, ours, theirs, abs(ours - theirs) / abs(theirs)

@@ -1,0 +1,163 @@
+"""The base scenario and the laws of a study file, with absolute paths."""
+
+import dataclasses
+import functools
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..errors import Fault, InputError, suggestion
+from ..files import plain, shortened
+from ..quantities import overrides_of
+from ..scenario import STAGES, Scenario
+from .study_file import StudyFile, Vary
+
+_OF_STUDY = ("design", "keep", "run")
+_PATHS = ("vehicle.model", *(f"{table}.name" for table in STAGES))
+"""The dotted keys whose value may be the path of a file."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Law:
+    """A law of a study. ``source`` is its name or ``path.py:Class``, ``overrides`` are dotted keys of this law alone,
+    ``scenario`` is the base scenario with both."""
+
+    label: str
+    source: str
+    overrides: Mapping[str, Any]
+    scenario: Scenario
+
+    @functools.cached_property
+    def tables(self) -> dict[str, Any]:
+        """The tables of its scenario."""
+        return self.scenario.to_dict()
+
+
+def absolute(value: Any, folder: Path) -> Any:
+    """A value with an absolute path, if it names a file in the folder: ``model.xml`` or ``law.py:Class``."""
+    if isinstance(value, str) and value and (folder / value.split(":")[0]).is_file():
+        return str((folder / value).absolute())
+    return value
+
+
+def with_absolute_values(vary: Vary, folder: Path) -> Vary:
+    """An entry of vary whose values are absolute paths, if its key names files."""
+    if vary.key not in _PATHS or vary.values is None:
+        return vary
+    return dataclasses.replace(vary, values=[absolute(value, folder) for value in vary.values])
+
+
+def split_overrides(
+    tables: Mapping[str, Any], overrides: Mapping[str, Any] | None, faults: list[Fault]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The tables of a study file with the overrides of its own keys, and the overrides of the base scenario."""
+    changed, of_base = dict(tables), {}
+    for key, value in overrides_of(overrides).items():
+        table, dot, word = key.partition(".")
+        if table in _OF_STUDY and dot:
+            inner = changed.get(table, {})
+            if isinstance(inner, Mapping):  # otherwise the validator reports it
+                changed[table] = {**inner, word: value}
+        elif key in ("name", "description"):
+            changed[key] = value
+        elif key == "simulation.seed":
+            faults.append(Fault(key, "the study sets it for each run; set design.seed"))
+        elif table in {field.name for field in dataclasses.fields(StudyFile)}:
+            faults.append(Fault(key, "can't be set; change it in the study file"))
+        else:
+            of_base[key] = value
+    return changed, of_base
+
+
+def _flat(tables: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Dotted keys of nested tables, or of dotted keys."""
+    flat: dict[str, Any] = {}
+    for table, value in tables.items():
+        flat |= {f"{table}.{word}": each for word, each in value.items()} if isinstance(value, dict) else {table: value}
+    return {key: absolute(value, folder) if key in _PATHS else value for key, value in flat.items()}
+
+
+def _prefixed(fault: Fault, place: str) -> Fault:
+    return Fault(f"{place}.{fault.key}" if fault.key else place, fault.message)
+
+
+def base_of(
+    table: Mapping[str, Any], folder: Path, overrides: Mapping[str, Any], faults: list[Fault]
+) -> Scenario | None:
+    """The base scenario. Errors are appended to ``faults``. It is then the scenario without the keys that have an
+    error, so that the laws and the keys that vary can be checked; None if there is none."""
+    if any(fault.key.partition(".")[0] == "base" for fault in faults):
+        return None
+    rest = dict(table)
+    named = absolute(rest.pop("scenario", None), folder)
+    own = {**_flat(rest, folder), **overrides}
+    for attempt in range(2):
+        try:
+            return Scenario.from_dict({}, own) if named is None else Scenario.load(named, own)
+        except InputError as error:
+            wrong = error
+        if attempt == 0:
+            faults += [fault if fault.key in overrides else _prefixed(fault, "base") for fault in wrong.faults]
+            bad = {fault.key.partition("[")[0] for fault in wrong.faults}
+            own = {key: value for key, value in own.items() if key not in bad}
+    return None
+
+
+def laws_of(given: list[Any] | None, base: Scenario, folder: Path, faults: list[Fault]) -> list[Law]:
+    """The laws of a study; default: the base scenario's. Errors are appended to ``faults``."""
+    laws: list[Law] = []
+    if given == []:
+        faults.append(Fault("laws", "is empty; leave it out for the law of the base scenario"))
+    for i, entry in enumerate([{}] if given is None else given):
+        place = f"laws[{i}]"
+        if not isinstance(entry, str | Mapping):
+            faults.append(Fault(place, f'{shortened(entry)} is neither a law, "gsta", nor a table {{name = "gsta"}}'))
+            continue
+        table = {"name": entry} if isinstance(entry, str) else dict(entry)
+        source, label = absolute(table.pop("name", None), folder), table.pop("label", None)
+        found = _law(source, label, _flat(table, folder), base, place, faults)
+        if found is not None and any(found.label == law.label for law in laws):
+            faults.append(Fault(f"{place}.label", f"{found.label!r} is used twice; give each law a label"))
+        elif found is not None:
+            laws.append(found)
+    return laws
+
+
+def _law(
+    source: Any, label: Any, overrides: dict[str, Any], base: Scenario, place: str, faults: list[Fault]
+) -> Law | None:
+    """One law. Errors are appended to ``faults``; then it is None."""
+    wrong = [
+        Fault(f"{place}.{name}", f"{shortened(value)} is not a text")
+        for name, value in (("name", source), ("label", label))
+        if not (value is None or (isinstance(value, str) and value))
+    ]
+    if "controller.name" in overrides:
+        wrong.append(Fault(f"{place}.controller.name", "give the law as name"))
+    if "simulation.seed" in overrides:
+        wrong.append(Fault(f"{place}.simulation.seed", "the study sets it for each run, from design.seed"))
+    if wrong:
+        faults += wrong
+        return None
+    try:
+        scenario = base.updated(overrides, source)
+    except InputError as error:
+        prefixed = [_prefixed(fault, place) for fault in error.faults]
+        faults += [Fault(fault.key.replace(".controller.name", ".name"), fault.message) for fault in prefixed]
+        return None
+    for stage in (scenario.controller, scenario.actuation):
+        if stage.external:
+            out = f"{stage.label()} leaves {stage.room.out[0].name} to the caller of a Simulation"
+            faults.append(Fault(f"{place}.name", f"{out}; a study needs another {stage.room.noun}"))
+    law = scenario.controller
+    return Law(label or law.label(), law.source(), plain(overrides), scenario)
+
+
+def unknown_labels(labels: tuple[str, ...], laws: list[Law], place: str) -> list[Fault]:
+    """Errors for labels that are not of a law."""
+    known = [law.label for law in laws]
+    return [
+        Fault(f"{place}.laws[{i}]", f"no law {label!r}; {suggestion(label, known)}")
+        for i, label in enumerate(labels)
+        if label not in known
+    ]

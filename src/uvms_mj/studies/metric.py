@@ -1,0 +1,114 @@
+"""The metrics of a study: numbers of a run's summary by their names, and functions of the user's."""
+
+import functools
+import math
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..analysis.summary import NUMBERS
+from ..errors import Fault, InputError, suggestion
+from ..stages.loader import load_file
+from ..stages.signals import AXES
+
+if TYPE_CHECKING:
+    from ..records.trace import Trace
+
+NOT_METRICS = {
+    **dict.fromkeys(("scenario", "controller", "warnings"), "is the same for many runs; see the scenario"),
+    **dict.fromkeys(("status", "message", "steps"), "is a column of every row; leave it out"),
+    **dict.fromkeys(("timestep_s", "duration_s"), "follows from steps and simulation.timestep; leave it out"),
+    **dict.fromkeys(("wall_time_s", "real_time_factor"), "differs from one execution to the next, and rows must not"),
+}
+"""Numbers of a summary that are not metrics of a study, with the reason."""
+
+
+def metric_of(name: str) -> "Callable[[Trace], Any]":
+    """The function of a trace that gives a metric, by its place in a summary or from ``path/to/file.py:function``.
+
+    Raises:
+        InputError: there is no such metric, or the file can't be loaded.
+    """
+    if name in NOT_METRICS:
+        raise InputError(f"{name!r} {NOT_METRICS[name]}")
+    if name in NUMBERS:
+        return NUMBERS[name]
+    file, colon, word = name.rpartition(":")
+    if not colon or not file.endswith(".py"):
+        hint = suggestion(name, set(NUMBERS) - set(NOT_METRICS))
+        raise InputError(f"no metric {name!r}; {hint}; for your own give path/to/file.py:function")
+    path = Path(file)
+    if not path.is_file():
+        raise InputError(f"no file {file!r} (looked in {Path.cwd()})")
+    try:
+        functions = {key: value for key, value in vars(load_file(path.absolute(), "")).items() if callable(value)}
+    except InputError as error:
+        raise InputError([Fault("", fault.message) for fault in error.faults]) from None
+    if word not in functions:
+        raise InputError(f"no function {word!r} in {file}; {suggestion(word, functions)}")
+    return functions[word]
+
+
+COMPONENTS: Mapping[str, tuple[str, ...]] = {
+    "contact.first_s": (),
+    "contact.touches": (),
+    "contact.peak_N": (),
+    "contact.impulse_Ns": (),
+    "contact.final_N": (),
+    "contact.settled": (),
+    "contact.analytic_N": (),
+    "contact.relative_error": (),
+    "effort_N2s": (),
+    "saturated_s": (),
+    "final.position_m": AXES[:3],
+    "final.attitude_wxyz": ("w", *AXES[:3]),
+    "final.s": AXES,
+    "final.z": AXES,
+    "final.tau": AXES,
+    "analytic.position_m": AXES[:3],
+    "analytic.none_because": (),
+}
+"""The numbers of ``uvms-mj run --json`` that a study can keep, each with the names of its components."""
+
+
+def columns_of(place: str) -> list[str]:
+    """The columns of a metric of :data:`COMPONENTS`."""
+    return [f"{place}.{each}" for each in COMPONENTS[place]] or [place]
+
+
+_function = functools.cache(metric_of)
+
+
+def users_numbers(place: str, trace: "Trace") -> dict[str, float | None]:
+    """The numbers of a user's metric by column: the function's name, or ``name.key`` for each key of a dictionary."""
+    name = place.rpartition(":")[2]
+    value = _function(place)(trace)
+    each = {f"{name}.{key}": v for key, v in value.items()} if isinstance(value, Mapping) else {name: value}
+    return {column: _number(column, v) for column, v in each.items()}
+
+
+def _number(column: str, value: Any) -> float | None:
+    """A finite number, or None for a missing one or one that is not finite. Raises TypeError for anything else."""
+    if value is None:
+        return None
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise TypeError(f"metric {column}: {value!r} is not a number; return a number or a dict of numbers") from None
+    return number if math.isfinite(number) else None
+
+
+_UNITS = {"N2s": "N² s", "Ns": "N s", "N": "N", "Nm": "N m", "s": "s", "m": "m", "J": "J", "rad": "rad", "deg": "deg"}
+_SUFFIX = re.compile(rf"_({'|'.join(_UNITS)})(?=\.|$)")
+
+
+def unit_of_column(column: str) -> str:
+    """The unit in the name of a column of the rows, ``contact.peak_N``; empty without one."""
+    found = _SUFFIX.search(column)
+    return _UNITS[found[1]] if found else ""
+
+
+def without_unit(column: str) -> str:
+    """The name of a column without its unit: ``contact.peak``. Of a function of a file, the function's name."""
+    return _SUFFIX.sub("", column.rpartition(":")[2])

@@ -1,0 +1,77 @@
+"""Places of numbers in a scenario: a dotted key, or a component of one, ``initial.position[0]``."""
+
+import copy
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from ..errors import suggestion
+from ..scenario import Scenario
+
+_PLACE = re.compile(r"([\w-]+\.[\w-]+)((?:\[\d+\]|\.[\w-]+)*)")
+_PART = re.compile(r"\[(\d+)\]|\.([\w-]+)")
+
+
+def parsed(place: str) -> tuple[str, list[int | str]]:
+    """The dotted key of a place and the way to its component: ("initial.position", [0]). Raises ValueError if it is
+    not a place."""
+    found = _PLACE.fullmatch(place)
+    if found is None:
+        raise ValueError(f"{place!r} is not a dotted key such as wall.stiffness, or a component as initial.position[0]")
+    return found[1], [int(index) if index else word for index, word in _PART.findall(found[2])]
+
+
+def overrides_at(values: Mapping[str, Any], tables: Mapping[str, Any]) -> dict[str, Any]:
+    """Overrides by dotted key, from values by place. A component replaces its number in the value of ``tables``, which
+    are those of the scenario."""
+    overrides: dict[str, Any] = {}
+    for place, value in values.items():
+        key, parts = parsed(place)
+        if not parts:
+            overrides[key] = value
+            continue
+        table, _, word = key.partition(".")
+        inner = overrides.setdefault(key, copy.deepcopy(tables[table][word]))
+        for part in parts[:-1]:
+            inner = inner[part]
+        inner[parts[-1]] = value
+    return overrides
+
+
+def missing(place: str, tables: Mapping[str, Any]) -> str:
+    """The reason why the tables of a scenario lack a component; empty for a whole key, which the scenario checks."""
+    key, parts = parsed(place)
+    if not parts:
+        return ""
+    table, _, word = key.partition(".")
+    if table not in tables:
+        return f"no table {table!r}; {suggestion(table, tables)}"
+    if word not in tables[table]:
+        return f"{key} has no components in the base scenario; {suggestion(word, tables[table])}"
+    inner, seen = tables[table][word], key
+    for part in parts:
+        if isinstance(part, int) and isinstance(inner, list):
+            if part >= len(inner):
+                return f"{seen} has {len(inner)} components, [0] to [{len(inner) - 1}]"
+            inner, seen = inner[part], f"{seen}[{part}]"
+        elif isinstance(inner, Mapping) and part in inner:
+            inner, seen = inner[str(part)], f"{seen}.{part}"
+        else:
+            return f"{seen} has no component {part!r}"
+    return ""
+
+
+def unit_of(place: str, scenario: Scenario) -> str:
+    """The unit of a place; empty if its number has none. Of two units, "N, N m", the first is that of the first three
+    components of six."""
+    key, parts = parsed(place)
+    table, _, word = key.partition(".")
+    field = getattr(getattr(scenario, table, None), "__dataclass_fields__", {}).get(word)
+    if field is None:
+        return ""
+    brackets = re.findall(r"\[([^\]]*)\]", field.metadata.get("meaning", ""))
+    unit = str(field.metadata.get("unit", brackets[-1] if brackets else ""))
+    each = [part.strip() for part in unit.split(",")]
+    if len(parts) == 1 and isinstance(parts[0], int) and len(each) == 2:
+        unit = each[parts[0] >= 3]
+    return "" if unit in ("1", "-") else unit

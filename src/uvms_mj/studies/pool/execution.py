@@ -1,0 +1,138 @@
+"""A study from its first missing block to its last log."""
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import Executor
+from typing import TYPE_CHECKING, Any
+
+from .. import check
+from ..reading import DEFAULT_WORST
+from ..results import Results, frame, put
+from ..rows import lost_row
+from . import tasks
+from .calls import each_call
+from .parcel import Parcel
+from .workers import WorkerLost
+
+if TYPE_CHECKING:
+    from ..plan import Plan
+
+Progress = Callable[[str, int, int, int], None]
+"""Called with what is being done, the number of runs done, those of them that did not complete, and their total."""
+ATTEMPTS = 3
+"""Workers that a run may end before it is given up."""
+
+
+class Execution:
+    """The runs of a study on an executor.
+
+    Attributes:
+        failures: rows so far whose status is not "completed".
+    """
+
+    def __init__(self, plan: "Plan", parcel: Parcel, results: Results, executor: Executor, progress: Progress) -> None:
+        self.plan, self.parcel, self.results, self.executor, self.progress = plan, parcel, results, executor, progress
+        self._rows: dict[int, dict[int, dict[str, Any]]] = {}
+        self._attempts: dict[Any, int] = {}
+        self.what, self.done, self.failures, self.total = "running", 0, 0, plan.runs
+
+    def run(self) -> None:
+        """Run everything that the folder lacks.
+
+        Raises:
+            InputError: the executor or its workers can't go on.
+            OSError: a file can't be written, e.g. because the disk is full.
+        """
+        missing = self.results.missing()
+        self._count(set(range(len(self.results.blocks))) - set(missing))
+        each_call(self.executor, tasks.rows_of, self._calls(missing), self._take, self._tick)
+        self.results.finish()
+        rows = frame(self.results.folder)
+        self._check(rows)
+        self._logs(rows)
+
+    def _calls(self, missing: Iterable[int]) -> Iterable[tuple[Any, ...]]:
+        return ((self.parcel, tuple(self.results.blocks[i])) for i in missing)
+
+    def _count(self, parts: set[int]) -> None:
+        """Count the rows of earlier sessions."""
+        for i in parts:
+            statuses = self.results.statuses(i)
+            self.done += len(statuses)
+            self.failures += sum(status != "completed" for status in statuses)
+
+    def _tick(self) -> None:
+        self.progress(self.what, self.done, self.failures, self.total)
+
+    def _begin(self, what: str, total: int) -> None:
+        self.what, self.done, self.total = what, 0, total
+
+    def _take(self, call: tuple[Any, ...], answer: Any) -> list[tuple[Any, ...]]:
+        """Keep rows, and write the part of a block that is whole. Returns the calls to make again, run by run."""
+        indices = call[1]
+        if isinstance(answer, WorkerLost):
+            if len(indices) > 1:
+                return [(self.parcel, (index,)) for index in indices]
+            (index,) = indices
+            self._attempts[index] = self._attempts.get(index, 0) + 1
+            if self._attempts[index] < ATTEMPTS:
+                return [call]
+            answer = [lost_row(self.plan, index)]
+        i = indices[0] // len(self.results.blocks[0])
+        block = self._rows.setdefault(i, {})
+        for row in answer:
+            block[row["index"]] = row | self.plan.run(row["index"]).values  # with this machine's paths
+            self.done += 1
+            self.failures += row["status"] != "completed"
+        if len(block) == len(self.results.blocks[i]):
+            self.results.write(i, [block[index] for index in self.results.blocks[i]])
+            del self._rows[i]
+        return []
+
+    def _check(self, rows: Any) -> None:
+        """Repeat a sample of the free-body runs in MuJoCo and keep the differences."""
+        indices = check.sample(self.plan, rows)
+        if not indices or (self.results.folder / check.FILE).exists():
+            return
+        pairs: dict[tuple[int, str], dict[str, Any]] = {}
+
+        def take(call: tuple[Any, ...], answer: Any) -> list[tuple[Any, ...]]:
+            _, index, engine = call
+            pairs[index, engine] = {"status": "lost"} if isinstance(answer, WorkerLost) else answer
+            self.done += 1
+            return []
+
+        self._begin("checking in MuJoCo", 2 * len(indices))
+        calls = ((self.parcel, index, engine) for index in indices for engine in ("free_body", "mujoco"))
+        each_call(self.executor, tasks.compared, calls, take, self._tick)
+        found = check.differences(self.plan, indices, pairs)
+        put(self.results.folder / check.FILE, found.to_parquet)
+
+    def _logs(self, rows: Any) -> None:
+        """Run those runs again whose logs are kept. A run is the same each time."""
+
+        def take(call: tuple[Any, ...], answer: Any) -> list[tuple[Any, ...]]:
+            _, index, _ = call
+            if not isinstance(answer, WorkerLost) and answer:
+                put(self.results.log(index), lambda file: file.write(answer))
+            self.done += 1
+            return []
+
+        engines = dict(zip(rows["index"].tolist(), rows["engine"].tolist(), strict=True))
+        missing = [index for index in kept(self.plan, rows) if not self.results.log(index).exists()]
+        self._begin("writing logs", len(missing))
+        calls = ((self.parcel, index, engines[index]) for index in missing)
+        each_call(self.executor, tasks.log_of, calls, take, self._tick)
+
+
+def kept(plan: "Plan", rows: Any) -> list[int]:
+    """The runs whose logs are kept."""
+    logs = plan.logs
+    if logs.kind == "listed":
+        return sorted(set(logs.indices))
+    if logs.kind == "failed":
+        chosen = rows["status"].isin(["unstable", "failed", "timed_out"])
+        return rows.loc[chosen, "index"].tolist()
+    if logs.kind == "worst":
+        column = logs.metric if logs.metric in rows else str(logs.metric).rpartition(":")[2]
+        return rows.nlargest(logs.k or DEFAULT_WORST, column)["index"].tolist()
+    return []

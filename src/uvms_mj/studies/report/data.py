@@ -1,0 +1,190 @@
+"""The rows of a study as its report reads them: laws with their colours, factors, metrics, successes."""
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ...views import colours
+from ..draws import Variation
+from ..metric import unit_of_column, without_unit
+from ..plan import Plan
+from ..study_file import DEFAULT_METRICS
+from ..success import COMPLETED, SETTLED, in_words, successes
+
+FIXED = ("index", "draw", "law", "repeat", "seed", "status", "message", "steps", "warnings", "engine")
+"""Columns of a row besides the varied keys and the metrics."""
+PREFERRED = (
+    "contact.peak_N",
+    "contact.relative_error",
+    "effort_N2s",
+    "contact.final_N",
+    "contact.impulse_Ns",
+    "saturated_s",
+    "contact.touches",
+    "contact.first_s",
+)
+"""Order of the metrics of a study whose file lists none."""
+_LOG_RATIO = 30.0
+"""Ratio of the greatest to the least value from which an axis of positive values is logarithmic."""
+
+
+@dataclass(frozen=True, eq=False)
+class Factor:
+    """One entry of ``[[vary]]``; of keys that move together, the first is its axis."""
+
+    variation: Variation
+    unit: str
+    numeric: bool
+
+    @property
+    def key(self) -> str:
+        return self.variation.keys[0]
+
+    @property
+    def name(self) -> str:
+        """The key, and the number of keys that move with it."""
+        more = len(self.variation.keys) - 1
+        return self.key + (f" (+{more})" if more else "")
+
+    @property
+    def label(self) -> str:
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+    @property
+    def limits(self) -> tuple[float, float] | None:
+        """The limits of its distribution; None without."""
+        given = self.variation.parameters[0] if self.variation.parameters else {}
+        return (given["low"], given["high"]) if "low" in given else None
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether its values are spaced as on a logarithmic axis."""
+        if self.variation.distribution:
+            return self.variation.distribution == "loguniform"
+        values = [level[0] for level in self.variation.levels]
+        return self.numeric and len(values) > 2 and min(values) > 0.0 and _even(np.log(values)) < _even(values)
+
+
+def _even(values: Any) -> float:
+    """Relative deviation of the distances between sorted values; 0 for equal distances."""
+    distances = np.diff(np.sort(np.asarray(values, dtype=float)))
+    return float(distances.std() / max(distances.mean(), 1e-300))
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A column of numbers. Its label has the unit in brackets."""
+
+    name: str
+
+    @property
+    def unit(self) -> str:
+        return unit_of_column(self.name)
+
+    @property
+    def label(self) -> str:
+        return f"{self.short} [{self.unit}]" if self.unit else self.short
+
+    @property
+    def short(self) -> str:
+        return without_unit(self.name)
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """The rows of a study. Series have the index of ``frame``; values of runs that did not complete are nan."""
+
+    plan: Plan
+    frame: pd.DataFrame
+
+    @functools.cached_property
+    def laws(self) -> tuple[str, ...]:
+        return tuple(law.label for law in self.plan.laws)
+
+    @functools.cached_property
+    def colours(self) -> dict[str, str]:
+        """Colours of the laws as #rrggbb."""
+        found = colours.of_runs([law.source for law in self.plan.laws])
+        return {law: "#{:02x}{:02x}{:02x}".format(*colour) for law, colour in zip(self.laws, found, strict=True)}
+
+    @functools.cached_property
+    def rows(self) -> dict[str, np.ndarray]:
+        """Positions of the rows of each law."""
+        given = self.frame["law"].to_numpy()
+        return {law: np.flatnonzero(given == law) for law in self.laws}
+
+    @functools.cached_property
+    def factors(self) -> tuple[Factor, ...]:
+        return tuple(
+            Factor(each, self.plan.units.get(each.keys[0], ""), self._numbers(each.keys[0]).notna().any())
+            for each in self.plan.variations
+        )
+
+    def of(self, factor: Factor) -> np.ndarray:
+        """Values (n,) of a factor in every row; nan where it does not vary or is not a number."""
+        return self._numbers(factor.key).to_numpy()
+
+    @functools.cached_property
+    def completed(self) -> np.ndarray:
+        return (self.frame["status"] == COMPLETED).to_numpy()
+
+    @functools.cached_property
+    def success(self) -> np.ndarray:
+        """Whether each run is a success."""
+        return successes(self.frame, self.plan.success)
+
+    @property
+    def success_text(self) -> str:
+        return in_words(self.plan.success, SETTLED in self.frame)
+
+    @functools.cached_property
+    def metrics(self) -> tuple[Metric, ...]:
+        """The columns of numbers, those of :data:`PREFERRED` first unless the study file lists its metrics."""
+        known = {*FIXED, *self.plan.varied, SETTLED}
+        names = [name for name in self.frame if name not in known and self._numbers(name).notna().any()]
+        if tuple(self.plan.metrics) == DEFAULT_METRICS:
+            names.sort(key=lambda name: PREFERRED.index(name) if name in PREFERRED else len(PREFERRED))
+        return tuple(Metric(name) for name in names)
+
+    @functools.cached_property
+    def varying(self) -> tuple[Metric, ...]:
+        """The metrics that are not the same in every completed run."""
+        return tuple(each for each in self.metrics if np.ptp(_finite(self.values(each))) > 0.0)
+
+    def values(self, metric: Metric) -> np.ndarray:
+        """Values (n,) of a metric; nan for a run that did not complete or has no such value."""
+        values = self._numbers(metric.name).to_numpy()
+        return np.where(self.completed & np.isfinite(values), values, np.nan)
+
+    def by_draw(self, law: str, values: np.ndarray) -> np.ndarray:
+        """Values (draws,) of a law: the mean over the repeats of each draw; nan if one is missing or is nan."""
+        rows = self.rows[law]
+        table = np.full((len(self.plan.points), self.plan.repeats), np.nan)
+        table[self.frame["draw"].to_numpy()[rows], self.frame["repeat"].to_numpy()[rows]] = values[rows]
+        return table.mean(axis=1)
+
+    def _numbers(self, name: str) -> pd.Series:
+        if name not in self._columns:
+            self._columns[name] = pd.to_numeric(self.frame[name], errors="coerce").astype(float)
+        return self._columns[name]
+
+    @functools.cached_property
+    def _columns(self) -> dict[str, pd.Series]:
+        return {}
+
+
+def _finite(values: np.ndarray) -> np.ndarray:
+    found = values[np.isfinite(values)]
+    return found if len(found) else np.zeros(1)
+
+
+def spans_decades(values: np.ndarray) -> bool:
+    """Whether values need a logarithmic axis: all are positive, and the bulk of them spans more than a decade."""
+    found = _finite(values)
+    if found.min() <= 0.0:
+        return False
+    low, high = np.quantile(found, (0.005, 0.995))
+    return bool(high > _LOG_RATIO * low)

@@ -1,0 +1,204 @@
+"""Maps of metrics over two factors, with the region of failures hatched."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from matplotlib.tri import Triangulation
+
+from ...views.figures.style import PAGE_IN, styled
+from .data import Data, Factor, Metric, spans_decades
+from .figures import decades
+from .sensitivity import SUCCESS, Sensitivities
+
+MOST_PAIRS, MOST_METRICS, MOST_LAWS = 3, 2, 4
+_MOST_NODES = 5000
+"""Most nodes of a triangulation; more are binned."""
+_PER_CELL, _MOST_CELLS = 12, 20
+"""Runs of a law in a cell, on average; most cells along an axis."""
+_TELLING = 0.1
+"""Least sensitivity of a metric to both factors of a map."""
+_HATCH = "////"
+_COLOURS = "cividis"
+"""A sequential map of colours that colour-blind readers see in the same order."""
+
+
+def pairs(found: Sensitivities) -> list[tuple[Factor, Factor]]:
+    """The pairs of factors to which the metrics are most sensitive, strongest first; the factors keep their order."""
+    total = {f: sum(found.strength(metric, f) for metric in found.of) for f in found.factors}
+    ordered = sorted(itertools.combinations(found.factors, 2), key=lambda pair: -total[pair[0]] - total[pair[1]])
+    return ordered[:MOST_PAIRS]
+
+
+def shown(found: Sensitivities, pair: tuple[Factor, Factor], first: bool) -> list[Metric]:
+    """The metrics to draw over a pair: those that are sensitive to both factors, the most sensitive first. The first
+    pair has at least two, and success if it varies."""
+
+    def least(metric: Metric) -> float:
+        return min(found.strength(metric, factor) for factor in pair)
+
+    metrics = sorted((metric for metric in found.of if metric is not SUCCESS), key=lambda metric: -least(metric))
+    if first:
+        return ([SUCCESS] if SUCCESS in found.of else []) + metrics[:MOST_METRICS]
+    return [metric for metric in metrics[:MOST_METRICS] if least(metric) >= _TELLING]
+
+
+def maps(data: Data, pair: tuple[Factor, Factor], metrics: Sequence[Metric]) -> Figure:
+    """Maps over a pair of factors: a row for each metric, a column for each law."""
+    laws = [law for law in data.laws if len(data.rows[law])][:MOST_LAWS]
+    with styled(), mpl.rc_context({"figure.constrained_layout.wspace": 0.05}):
+        height = 0.55 + len(metrics) * min(1.75, 0.4 + 0.6 * PAGE_IN / (len(laws) + 0.5))
+        figure = Figure(figsize=(PAGE_IN, height))
+        axes = figure.subplots(len(metrics), len(laws), squeeze=False, sharex=True, sharey=True)
+        for row, metric in zip(axes, metrics, strict=True):
+            values = 100.0 * data.success if metric is SUCCESS else data.values(metric)
+            scale = _colours(values, metric)
+            drawn = None
+            for ax, law in zip(row, laws, strict=True):
+                drawn = _draw(ax, data, law, pair, metric, values, scale) or drawn
+                for axis, limit, factor in zip("xy", (ax.set_xlim, ax.set_ylim), pair, strict=True):
+                    if factor.logarithmic:
+                        decades(ax, axis)
+                    if factor.limits is not None:
+                        limit(factor.limits)
+                ax.grid(False)
+            if drawn is not None:
+                bar = figure.colorbar(drawn, ax=row, pad=0.01, fraction=0.05, aspect=14, extend=scale.extend)
+                bar.set_label("success [%]" if metric is SUCCESS else metric.label, parse_math=False)
+                bar.outline.set_linewidth(0.4)
+                if metric is SUCCESS:
+                    bar.set_ticks(range(0, 101, 20))
+            row[0].set_ylabel(pair[1].label, parse_math=False)
+        for ax, law in zip(axes[0], laws, strict=True):
+            ax.set_title(law, parse_math=False, color=data.colours[law], fontweight="bold")
+        for ax in axes[-1]:
+            ax.set_xlabel(pair[0].label, parse_math=False)
+    return figure
+
+
+@dataclass(frozen=True)
+class Colours:
+    """Scale of the colours of a metric, the same for all laws, levels of its contours, and the ends of the bar beyond
+    which there are values."""
+
+    norm: Normalize
+    levels: np.ndarray
+    extend: str
+
+
+def _colours(values: np.ndarray, metric: Metric) -> Colours:
+    if metric is SUCCESS:
+        ends = (-1e-6, *range(10, 100, 10), 100.0 + 1e-6)  # a band excludes its ends
+        return Colours(Normalize(0.0, 100.0), np.array(ends), "neither")
+    found = values[np.isfinite(values)]
+    low, high = np.quantile(found, (0.01, 0.99)) if len(found) else (0.0, 1.0)
+    if high <= low:
+        low, high = low - 0.5, low + 0.5
+    if len(found) and spans_decades(found):
+        return Colours(LogNorm(low, high), np.geomspace(low, high, 10), "both")
+    levels = np.asarray(MaxNLocator(9, steps=[1, 2, 2.5, 5, 10]).tick_values(float(low), float(high)))
+    inside = not len(found) or (levels[0] <= found.min() and found.max() <= levels[-1])
+    return Colours(Normalize(levels[0], levels[-1]), levels, "neither" if inside else "both")
+
+
+def _draw(
+    ax: Axes,
+    data: Data,
+    law: str,
+    pair: tuple[Factor, Factor],
+    metric: Metric,
+    values: np.ndarray,
+    scale: Colours,
+) -> Any:
+    """Draw one map, and return what has the colours; None without a run."""
+    rows = data.rows[law]
+    x, y = (data.of(factor)[rows] for factor in pair)
+    middle = "mean" if metric is SUCCESS else "median"
+    table = pd.DataFrame({"x": x, "y": y, "value": values[rows], "success": data.success[rows].astype(float)})
+    table = table[np.isfinite(x) & np.isfinite(y)]
+    if not len(table):
+        return None
+    nodes = table.groupby(["x", "y"]).agg({"value": middle, "success": "mean"}).reset_index()
+    flat = min(nodes["x"].nunique(), nodes["y"].nunique()) < 3
+    if not flat and len(nodes) <= _MOST_NODES and (data.plan.design == "grid" or len(data.factors) == 2):
+        return _contours(ax, nodes, pair, scale)
+    return _cells(ax, table, pair, scale, middle)
+
+
+def _contours(ax: Axes, nodes: pd.DataFrame, pair: tuple[Factor, Factor], scale: Colours) -> Any:
+    """Contours over the nodes of a grid, or over scattered draws of two factors. Triangles of a node without a value
+    have no colour and are hatched, as is the region where fewer than half of the runs succeed."""
+    x, y, value, success = (nodes[name].to_numpy() for name in nodes)
+    mesh = Triangulation(*(_unit(each, factor.logarithmic) for each, factor in zip((x, y), pair, strict=True)))
+    lost = ~np.isfinite(value)
+    without = lost[mesh.triangles].any(axis=1)
+    drawn = None
+    if not without.all():
+        part = Triangulation(x, y, mesh.triangles, mask=without)
+        clean = np.where(lost, 0.0, value)
+        drawn = ax.tricontourf(part, clean, levels=scale.levels, norm=scale.norm, cmap=_COLOURS, extend=scale.extend)
+        ax.tricontour(part, clean, levels=scale.levels, colors="white", linewidths=0.3)
+    if success.min() < 0.5:
+        whole = Triangulation(x, y, mesh.triangles)
+        ax.tricontourf(whole, success, levels=[-1.0, 0.5], colors="none", hatches=[_HATCH])
+        ax.tricontour(whole, success, levels=[0.5], colors="black", linewidths=0.8)
+    _hatch(ax, [np.column_stack([x[each], y[each]]) for each in mesh.triangles[without]])
+    ax.set_xlim(x.min(), x.max())
+    ax.set_ylim(y.min(), y.max())
+    return drawn
+
+
+def _unit(values: np.ndarray, log: bool) -> np.ndarray:
+    """Values on their axis, from 0 to 1."""
+    values = np.log(values) if log else values
+    return (values - values.min()) / max(float(np.ptp(values)), 1e-300)
+
+
+def _cells(ax: Axes, table: pd.DataFrame, pair: tuple[Factor, Factor], scale: Colours, middle: str) -> Any:
+    """Medians in cells with about the same number of runs, hatched where fewer than half of the runs succeed."""
+    most = int(np.clip(np.sqrt(len(table) / _PER_CELL), 3, _MOST_CELLS))
+    logarithms = [factor.logarithmic for factor in pair]
+    binned = [_edges(table[name].to_numpy(), most, log) for name, log in zip("xy", logarithms, strict=True)]
+    edges, codes = [each for each, _ in binned], [each for _, each in binned]
+    cells = table.groupby([codes[0], codes[1]]).agg({"value": middle, "success": "mean"})
+    medians = np.full((len(edges[1]) - 1, len(edges[0]) - 1), np.nan)
+    at = np.array([*cells.index])
+    medians[at[:, 1], at[:, 0]] = cells["value"]
+    drawn = ax.pcolormesh(*edges, medians, norm=scale.norm, cmap=_COLOURS, rasterized=True)
+    lost = at[cells["success"].to_numpy() < 0.5]
+    if len(lost):
+        corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
+        outlines = [[(edges[0][i + a], edges[1][j + b]) for a, b in corners] for i, j in lost]
+        _hatch(ax, outlines)
+    return drawn
+
+
+def _hatch(ax: Axes, outlines: Sequence[Any]) -> None:
+    if len(outlines):
+        ax.add_collection(PolyCollection(outlines, facecolors="none", edgecolors="black", hatch=_HATCH, linewidths=0.0))
+
+
+def _edges(values: np.ndarray, most: int, log: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Edges of at most ``most`` bins with about the same number of values (n,), and the bin (n,) of each. Few distinct
+    values have a bin each."""
+    if log:
+        edges, codes = _edges(np.log(values), most, False)
+        return np.exp(edges), codes
+    distinct = np.unique(values)
+    if len(distinct) <= most:
+        middles = (distinct[1:] + distinct[:-1]) / 2.0
+        step = np.diff(distinct, prepend=distinct[0] - 1.0 if len(distinct) == 1 else 2.0 * distinct[0] - distinct[1])
+        edges = np.r_[distinct[0] - step[0] / 2.0, middles, distinct[-1] + step[-1] / 2.0]
+    else:
+        edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, most + 1)))
+    codes = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
+    return edges, codes

@@ -1,0 +1,121 @@
+"""The page of a study: what the laws do, how far they differ, on what it depends, and which runs to look at."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..pages import Picture, Table, rendered
+from ..plan import Plan
+from . import figures, maps, tables
+from .data import Data
+from .findings import findings
+from .paired import paired
+from .sensitivity import SUCCESS, Sensitivities, sensitivities
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def page(
+    plan: Plan,
+    frame: "pd.DataFrame",
+    folder: str = "",
+    versions: Mapping[str, str] | None = None,
+    checked: Sequence[Table] = (),
+) -> str:
+    """The report of a study as HTML.
+
+    Args:
+        plan: the runs of the study.
+        frame: its rows so far.
+        folder: path of its folder, for the commands that replay a run.
+        versions: version by name of the code and of its packages.
+        checked: differences between the engines.
+    """
+    data = Data(plan, frame)
+    rates = figures.success_rates(data)
+    found = sensitivities(data)
+    pairs = paired(data)
+    failures, more = tables.failures(data)
+    laws, head_metrics = tables.law_rows(data, rates)
+    return rendered(
+        Path(__file__).with_name("report.html"),
+        title=plan.name,
+        description=plan.description,
+        line=_line(data),
+        plan=plan,
+        missing=plan.runs - len(frame),
+        success=data.success_text,
+        laws=laws,
+        head_metrics=head_metrics,
+        findings=findings(data, pairs, found, failures),
+        overview=Picture("overview", _overview_caption(data), figures.overview(data, rates)) if rates else None,
+        distributions=_distributions(data),
+        maps=_maps(data, found),
+        sensitivity=_sensitivity(data, found),
+        sobol=found.sobol,
+        sensitivity_notes=found.notes,
+        differences=tables.differences(data, pairs),
+        quantiles=tables.quantiles(data),
+        failures=failures,
+        more_failures=more,
+        worst=tables.worst(data, folder),
+        studied=tables.studied(data, versions or {}),
+        checked=checked,
+    )
+
+
+def _line(data: Data) -> str:
+    """The study in one line."""
+    plan = data.plan
+    keys = len(plan.variations)
+    varied = f"{keys} {'variation' if keys == 1 else 'variations'}" if keys else "nothing varied"
+    laws = "1 law" if len(data.laws) == 1 else f"{len(data.laws)} laws"
+    repeats = f" × {plan.repeats} repeats" if plan.repeats > 1 else ""
+    engines = ", ".join(map(str, data.frame["engine"].dropna().unique()))
+    draws = f"{len(plan.points)} draws ({plan.design.replace('_', ' ')}, {varied})"
+    return f"{len(data.frame)} runs: {laws} × {draws}{repeats}" + (f"; engine {engines}" if engines else "")
+
+
+def _overview_caption(data: Data) -> str:
+    return "Success rates with their 95 % intervals, and the distributions of the first metrics as in the next section."
+
+
+def _distributions(data: Data) -> Picture | None:
+    figure = figures.distributions(data)
+    left_out = [metric.label for metric in data.varying[figures.MOST_PANELS :]]
+    constant = [metric.label for metric in data.metrics if metric not in data.varying]
+    caption = (
+        "Cumulative distributions of the metrics, as shares of all runs of a law. A curve that ends below 1, at an "
+        "open circle, lacks the runs that did not complete or have no such value."
+    )
+    if left_out:
+        caption += f" Only in the tables: {', '.join(left_out)}."
+    if constant:
+        caption += f" The same in every run: {', '.join(constant)}."
+    return None if figure is None else Picture("distributions-figure", caption, figure)
+
+
+def _maps(data: Data, found: Sensitivities) -> list[Picture]:
+    """Maps over the most telling pairs of factors, or the metrics over a single factor."""
+    if len(data.factors) == 1:
+        figure = figures.profile(data, data.factors[0])
+        caption = f"Each run over {data.factors[0].label}. A cross at the top is a run that did not succeed."
+        return [] if figure is None else [Picture("over-1", caption, figure)]
+    pictures = []
+    for i, pair in enumerate(maps.pairs(found), 1):
+        metrics = maps.shown(found, pair, i == 1)
+        if metrics:
+            caption = f"{pair[0].label} and {pair[1].label}: {', '.join(m.label for m in metrics)}."
+            pictures.append(Picture(f"over-{i}", caption, maps.maps(data, pair, metrics)))
+    return pictures
+
+
+def _sensitivity(data: Data, found: Sensitivities) -> Picture | None:
+    if not found.of or not found.factors:
+        return None
+    kind = "Sobol indices" if found.sobol else "Spearman's rank correlations"
+    caption = f"{kind} of {', '.join(m.label for m in found.of)} with the varied keys, and their 95 % intervals."
+    if SUCCESS not in found.of:
+        caption += " Success is the same in every run of a law."
+    return Picture("sensitivity-figure", caption, figures.sensitivity(found, data))

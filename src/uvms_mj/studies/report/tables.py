@@ -1,0 +1,235 @@
+"""Tables of a study's report: laws, quantiles, differences, failures, the worst runs, and what was studied."""
+
+import math
+import re
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..pages import Table, number
+from ..success import COMPLETED
+from .data import Data, Metric
+from .paired import Paired
+from .statistics import Estimate
+
+HEAD_METRICS = 3
+"""Metrics in the table of laws at the top of the page."""
+QUANTILES = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
+MOST_FAILURES = 12
+MOST_WORST_METRICS = 2
+_NUMBER = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?")
+"""A number in a message: messages that differ in their numbers only are one failure."""
+
+
+def percent(estimate: Estimate) -> tuple[str, str]:
+    """A rate and its interval in per cent, with the digits that the interval supports."""
+    digits = 1 if estimate.high - estimate.low < 0.2 else 0
+    low, high = (f"{100.0 * each:.{digits}f}" for each in (estimate.low, estimate.high))
+    return f"{100.0 * estimate.value:.{digits}f} %", f"{low} to {high} %"
+
+
+def spread(values: np.ndarray) -> tuple[str, str]:
+    """Median, and the range from the 5 % to the 95 % quantile."""
+    found = values[np.isfinite(values)]
+    if not len(found):
+        return "–", ""
+    low, middle, high = np.quantile(found, (0.05, 0.5, 0.95))
+    return short(middle), f"{short(low)} to {short(high)}"
+
+
+def short(value: float) -> str:
+    """A number with three digits."""
+    return number(value, 3)
+
+
+@dataclass(frozen=True)
+class LawRow:
+    """A law in the first table: its rate with interval, runs, runs by status if not completed, and medians."""
+
+    law: str
+    colour: str
+    rate: tuple[str, str]
+    runs: int
+    ended: str
+    metrics: Sequence[tuple[str, str]]
+
+
+def law_rows(data: Data, rates: Mapping[str, Estimate]) -> tuple[list[LawRow], list[Metric]]:
+    """The rows of the first table, and its metrics."""
+    metrics = list(data.varying[:HEAD_METRICS])
+    found = []
+    for law, rate in rates.items():
+        rows = data.rows[law]
+        statuses = data.frame["status"].to_numpy()[rows]
+        counts = pd.Series(statuses[statuses != COMPLETED]).value_counts()
+        ended = [f"{count} {status}" for status, count in counts.items()]
+        unmet = int((data.completed[rows] & ~data.success[rows]).sum())
+        ended += [f"{unmet} {'outside the limits' if data.plan.success else 'not settled'}"] if unmet else []
+        spreads = [spread(data.values(metric)[rows]) for metric in metrics]
+        found.append(LawRow(law, data.colours[law], percent(rate), len(rows), ", ".join(ended) or "none", spreads))
+    return found, metrics
+
+
+def quantiles(data: Data) -> list[Table]:
+    """One table for each metric: a row for each law."""
+    heads = ["runs", "mean", *("min" if q == 0.0 else "max" if q == 1.0 else f"{q:.0%}" for q in QUANTILES)]
+    found = []
+    for metric in data.metrics:
+        rows = []
+        for law, at in data.rows.items():
+            values = data.values(metric)[at]
+            values = values[np.isfinite(values)]
+            numbers = [values.mean(), *np.quantile(values, QUANTILES)] if len(values) else []
+            cells = [number(each, _digits(numbers)) for each in numbers] or ["–"] * (len(heads) - 1)
+            rows.append((law, [len(values), *cells]))
+        found.append(Table(metric.label, heads, rows))
+    return found
+
+
+def _digits(numbers: Sequence[float]) -> int:
+    """Digits that resolve the differences of numbers to about three digits."""
+    spread, largest = float(np.ptp(numbers)), float(np.abs(numbers).max())
+    return 3 + min(4, math.ceil(math.log10(largest / spread))) if 0.0 < spread < largest else 3
+
+
+def differences(data: Data, pairs: Sequence[Paired]) -> list[Table]:
+    """One table for each pair of laws."""
+    found = []
+    for pair in pairs:
+        heads = ["draws", "difference", "95 % interval", f"smaller with {pair.second}"]
+        points = pair.success
+        scaled = [f"{100.0 * each:+.1f}".replace("-", "−") for each in (points.value, points.low, points.high)]
+        better, worse = pair.only_second, pair.only_first
+        rows: list[tuple[str, list[Any]]] = [
+            (
+                "success [% points], mean",
+                [pair.draws, scaled[0], f"{scaled[1]} to {scaled[2]}", f"{worse} draws; larger in {better}"],
+            )
+        ]
+        for metric, middle, smaller, draws in pair.metrics:
+            interval = f"{signed(middle.low)} to {signed(middle.high)}"
+            rows.append(
+                (
+                    f"{metric.label}, median",
+                    [draws, signed(middle.value), interval, f"{100.0 * smaller:.0f} % of draws"],
+                )
+            )
+        found.append(Table(f"{pair.second} minus {pair.first}", heads, rows))
+    return found
+
+
+def signed(value: float) -> str:
+    """A difference with three digits and its sign."""
+    return ("+" if value > 0.0 else "") + short(value)
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Runs of a law that ended alike: status, message with its numbers left out, an example."""
+
+    law: str
+    status: str
+    message: str
+    runs: int
+    share: str
+    row: int
+
+
+def failures(data: Data) -> tuple[list[Failure], int]:
+    """The most frequent failures, and the number of further kinds."""
+    lost = data.frame[~data.completed]
+    alike = lost["message"].fillna("").map(lambda text: _NUMBER.sub("…", str(text)))
+    found = []
+    for (law, status, _), group in lost.groupby([lost["law"], lost["status"], alike], sort=False):
+        one = group.iloc[0]
+        message = str(one["message"] or "") if len(group) == 1 else alike[group.index[0]]
+        share = f"{100.0 * len(group) / len(data.rows[law]):.3g} %"
+        found.append(Failure(law, status, message, len(group), share, int(one["index"])))
+    found.sort(key=lambda each: -each.runs)
+    return found[:MOST_FAILURES], max(0, len(found) - MOST_FAILURES)
+
+
+@dataclass(frozen=True)
+class Worst:
+    """A run to look at: why, its varied values, and the command that replays it."""
+
+    law: str
+    colour: str
+    why: str
+    row: int
+    values: str
+    command: str
+
+
+def worst(data: Data, folder: str) -> list[Worst]:
+    """For each law: its first run that did not complete, its first that completed without success, and the runs with
+    the largest values of a few metrics."""
+    names = [data.plan.logs.metric] if data.plan.logs.kind == "worst" else []
+    first = [metric for metric in data.varying if metric.name in names]
+    metrics = [*first, *(metric for metric in data.varying if metric not in first)][:MOST_WORST_METRICS]
+    found = []
+    for law, rows in data.rows.items():
+        chosen: dict[int, list[str]] = {}
+        for mask, why in ((~data.completed, ""), (data.completed & ~data.success, "completed without success")):
+            some = rows[mask[rows]]
+            if len(some):
+                chosen.setdefault(int(some[0]), []).append(why or str(data.frame["status"].iloc[some[0]]))
+        for metric in metrics:
+            values = np.abs(data.values(metric)[rows])
+            if np.isfinite(values).any():
+                at = int(rows[np.nanargmax(values)])
+                value = data.values(metric)[at]
+                name = metric.short
+                text = f"largest {'|' + name + '|' if value < 0.0 else name}: {short(value)} {metric.unit}".rstrip()
+                chosen.setdefault(at, []).append(text)
+        found += [_worst(data, law, at, "; ".join(why), folder) for at, why in chosen.items()]
+    return found
+
+
+def _worst(data: Data, law: str, at: int, why: str, folder: str) -> Worst:
+    row = data.frame.iloc[at]
+    values = [
+        f"{key} {text_of(row[key])}{f' {unit}' if (unit := data.plan.units.get(key, '')) else ''}"
+        for key in data.plan.varied
+        if row[key] is not None and row[key] == row[key]
+    ]
+    index = int(row["index"])
+    return Worst(law, data.colours[law], why, index, ", ".join(values), replay(folder, index))
+
+
+def replay(folder: str, row: int) -> str:
+    """The command that runs a row again, in the viewer."""
+    return f"uvms-mj run --from {shlex.quote(folder)} --row {row} --viewer"
+
+
+def text_of(value: Any) -> str:
+    """A varied value: a number with three digits, or a text."""
+    return short(float(value)) if isinstance(value, float | int | np.number) else str(value)
+
+
+def studied(data: Data, versions: Mapping[str, str]) -> list[tuple[str, str]]:
+    """What was studied: base scenario, laws, keys with their values, design, runs, engine."""
+    plan, frame = data.plan, data.frame
+    rows = [("base scenario", plan.base.name)]
+    for law in plan.laws:
+        source = law.source.rpartition("/")[2]
+        settings = ", ".join(f"{key} = {value}" for key, value in law.overrides.items())
+        about = ", ".join(part for part in ("" if source == law.label else source, settings) if part)
+        rows.append(("law", f"{law.label}: {about}" if about else law.label))
+    for each in plan.variations:
+        unit = plan.units.get(each.keys[0], "")
+        only = f"; {', '.join(each.laws)} only" if each.laws else ""
+        rows.append((", ".join(each.keys), f"{each.range()}{f' {unit}' if unit else ''}{only}"))
+    repeats = f", {plan.repeats} repeats each" if plan.repeats > 1 else ""
+    rows.append(("design", f"{plan.design.replace('_', ' ')}, {len(plan.points)} draws{repeats}, seed {plan.seed}"))
+    done = f"{len(frame)} of {plan.runs}" if len(frame) < plan.runs else f"{plan.runs}"
+    rows.append(("runs", f"{done}, with {number(float(frame['steps'].sum()))} time steps"))
+    stepping = plan.base.simulation
+    rows.append(("base time", f"{stepping.duration:g} s in steps of {stepping.timestep:g} s"))
+    engines = frame["engine"].value_counts()
+    rows.append(("engine", ", ".join(f"{engine}: {count} runs" for engine, count in engines.items())))
+    return rows + [(f"version of {name}", version) for name, version in versions.items()]

@@ -1,0 +1,234 @@
+"""The folder of a study: study.toml, version.json, rows/part-00000.parquet, check.parquet and logs/.
+
+A part has the rows of one block of consecutive runs. The plan alone decides the blocks. A file gets its name when it is
+whole and on the disk, so that a part that exists is done, and an interrupted study goes on with the missing ones.
+"""
+
+import contextlib
+import hashlib
+import json
+import math
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import tomli_w
+
+from ..errors import InputError
+from ..quantities import leaves
+from .metric import COMPONENTS, columns_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from .plan import Plan
+    from .pool.parcel import Parcel
+
+STUDY, VERSION = "study.toml", "version.json"
+_MOST_PARTS = 1000
+_TYPES = {
+    "contact.touches": pa.int64(),
+    "contact.settled": pa.bool_(),
+    "analytic.none_because": pa.string(),
+}
+"""Types of the metrics that are not float64."""
+
+
+def blocks(runs: int) -> list[range]:
+    """The runs of each part."""
+    size = max(1, math.ceil(runs / _MOST_PARTS))
+    return [range(start, min(start + size, runs)) for start in range(0, runs, size)]
+
+
+def schema_of(plan: "Plan") -> pa.Schema:
+    """The columns of the rows, without those of a user's metrics, whose names are known when they have run."""
+    varied = [(key, _type(point[i] for point in plan.points)) for i, key in enumerate(plan.varied)]
+    metrics = [
+        (column, _TYPES.get(place, pa.float64()))
+        for place in plan.metrics
+        if place in COMPONENTS
+        for column in columns_of(place)
+    ]
+    before = [("index", pa.int64()), ("draw", pa.int64()), ("law", pa.string()), ("repeat", pa.int64())]
+    after = [("status", pa.string()), ("message", pa.string()), ("steps", pa.int64()), ("warnings", pa.int64())]
+    return pa.schema([*before, ("seed", pa.int64()), *varied, *after, ("engine", pa.string()), *metrics])
+
+
+def file_digests(parcel: "Parcel") -> dict[str, str]:
+    """The digests of the files of a study, by name."""
+    return {name: hashlib.sha256(data).hexdigest() for name, data in sorted(parcel.files.items())}
+
+
+def _type(values: Iterator[Any]) -> pa.DataType:
+    """The type of a column with these values; numbers are float64 unless all are integers."""
+    kinds = {type(value) for value in values} - {type(None)}
+    if kinds == {int, float}:
+        return pa.float64()
+    if kinds & {list, tuple}:
+        return pa.list_(pa.float64())
+    types = {bool: pa.bool_(), int: pa.int64(), float: pa.float64()}
+    return types.get(kinds.pop(), pa.string()) if len(kinds) == 1 else pa.string()
+
+
+class Results:
+    """The folder of a study while it runs.
+
+    Attributes:
+        folder: the folder.
+        damaged: names of the parts that were found damaged and are redone.
+    """
+
+    def __init__(self, folder: Path, plan: "Plan", parcel: "Parcel") -> None:
+        """Begin a study in a folder, or go on with it. Raises InputError if the folder has another study."""
+        self.folder, self._schema, self._digest = folder, schema_of(plan), parcel.digest
+        self.damaged: list[str] = []
+        self.blocks = blocks(plan.runs)
+        about = {
+            "study": parcel.digest,
+            "engine": plan.engine,
+            "code": dict(parcel.code),
+            "files": file_digests(parcel),
+        }
+        if (folder / STUDY).exists() or (folder / "rows").exists():
+            _check_same(folder, plan, about)
+        for place in (folder / "rows", folder / "logs"):
+            place.mkdir(parents=True, exist_ok=True)
+            for left in place.glob(".*.new"):  # by a process that was killed
+                left.unlink()
+        if not (folder / STUDY).exists():
+            put(folder / VERSION, lambda file: file.write(json.dumps(about, indent=1).encode()))
+            put(folder / STUDY, lambda file: file.write(tomli_w.dumps(plan.tables).encode()))
+
+    def missing(self) -> list[int]:
+        """Numbers of the blocks without a sound part."""
+        return [i for i in range(len(self.blocks)) if not self._is_done(i)]
+
+    def _is_done(self, i: int) -> bool:
+        path = self.part(i)
+        if not path.exists():
+            return False
+        try:
+            table = read(path)
+            mine = (table.schema.metadata or {}).get(b"study") == self._digest.encode()
+            sound = mine and table["index"].to_pylist() == list(self.blocks[i])
+        except (OSError, ValueError, pa.ArrowException):
+            sound = False
+        if not sound:
+            self.damaged.append(path.name)
+        return sound
+
+    def statuses(self, i: int) -> list[str]:
+        """The statuses of a part's rows."""
+        return pq.read_table(self.part(i), columns=["status"])["status"].to_pylist()
+
+    def part(self, i: int) -> Path:
+        return self.folder / "rows" / f"part-{i:05d}.parquet"
+
+    def log(self, index: int) -> Path:
+        return self.folder / "logs" / f"row-{index:05d}.mcap"
+
+    def write(self, i: int, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Write the part of a block. Raises OSError, for example if the disk is full."""
+        known = set(self._schema.names)
+        own = dict.fromkeys(column for row in rows for column in row if column not in known)
+        schema = pa.schema([*self._schema, *((column, pa.float64()) for column in own)])
+        table = pa.Table.from_pylist(list(rows), schema=schema)
+        table = table.replace_schema_metadata({"study": self._digest, "rows": _checksum(table)})
+        put(self.part(i), lambda file: pq.write_table(table, file, compression="zstd", write_page_checksum=True))
+
+    def finish(self) -> None:
+        """Give all parts the same columns: a part whose runs all failed lacks those of a user's metrics."""
+        names: dict[str, None] = {}
+        each = [pq.read_schema(self.part(i)).names for i in range(len(self.blocks))]
+        for found in each:
+            names |= dict.fromkeys(found)
+        for i, found in enumerate(each):
+            if found != list(names):
+                rows = read(self.part(i)).to_pylist()
+                self.write(i, [{name: row.get(name) for name in names} for row in rows])
+
+
+def share_done(folder: Path, plan: "Plan") -> float:
+    """Share of a study's blocks that have a part in a folder."""
+    return len(list((folder / "rows").glob("part-*.parquet"))) / len(blocks(plan.runs))
+
+
+def _check_same(folder: Path, plan: "Plan", about: dict[str, Any]) -> None:
+    """Raise InputError unless a folder has the same study, begun with the same code and files."""
+    from .plan import Plan
+
+    try:
+        then = json.loads((folder / VERSION).read_bytes())
+        before = Plan.load(folder / STUDY)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{folder}: has rows of a study that can't be read: {error}; choose another folder") from None
+    old, new = (dict(leaves(each.tables)) for each in (before, plan))
+    keys = [key for key in {**old, **new} if old.get(key) != new.get(key)]
+    if keys:
+        differs = f"contains the study {before.name!r}, which differs in {', '.join(keys[:8])}"
+        raise InputError(f"{folder}: {differs}; choose another folder")
+    code, ours = then["code"], about["code"]
+    changed = [f"{name} {code.get(name)} then, {ours.get(name)} now" for name in ours if code.get(name) != ours[name]]
+    if changed:
+        raise InputError(f"{folder}: was begun with other code: {'; '.join(changed)}; choose another folder")
+    if then["study"] != about["study"]:
+        files, now = then["files"], about["files"]
+        names = [Path(name).name for name in {**files, **now} if files.get(name) != now.get(name)]
+        raise InputError(f"{folder}: since its study began, {', '.join(names)} changed; choose another folder")
+
+
+def put(path: Path, write: Callable[[IO[bytes]], Any]) -> None:
+    """Write a file that gets its name when it is whole and on the disk, also after a loss of power."""
+    part = path.with_name(f".{path.name}.new")
+    try:
+        with part.open("wb") as file:
+            write(file)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(part, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            part.unlink()
+        raise
+    place = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(place)
+    finally:
+        os.close(place)
+
+
+def read(path: Path) -> pa.Table:
+    """Read a part. Raises OSError, ValueError or pyarrow's errors, which are among them, if it is damaged."""
+    with path.open("rb") as file:
+        table = pq.ParquetFile(file, page_checksum_verification=True).read()
+    if (table.schema.metadata or {}).get(b"rows") != _checksum(table).encode():
+        raise ValueError("its rows do not have their checksum")
+    return table
+
+
+def _checksum(table: pa.Table) -> str:
+    """Checksum of names, types and values. Parquet's own cover less."""
+    digest = hashlib.sha256(repr([(field.name, str(field.type)) for field in table.schema]).encode())
+    for column in table.columns:
+        values = column.to_numpy()
+        digest.update(repr(values.tolist()).encode() if values.dtype == object else values.tobytes())
+    return digest.hexdigest()[:32]
+
+
+def frame(folder: Path) -> "pd.DataFrame":
+    """The rows that a folder has, sorted by index. Raises InputError if it is not a study's, or a part is damaged."""
+    if not (folder / STUDY).is_file():
+        raise InputError(f"{folder}: not the folder of a study: it has no {STUDY}")
+    tables = []
+    for path in sorted((folder / "rows").glob("part-*.parquet")):
+        try:
+            tables.append(read(path))
+        except (OSError, ValueError, pa.ArrowException) as error:
+            raise InputError(f"{path}: damaged ({error}); the command that began the study computes it again") from None
+    if not tables:
+        raise InputError(f"{folder}: has no rows yet")
+    whole = pa.concat_tables(tables, promote_options="default")
+    return whole.replace_schema_metadata().to_pandas()

@@ -1,0 +1,176 @@
+"""One run of a study, and its row: what varied, how the run ended, and its metrics.
+
+A row depends on the plan and the run's number alone. It has no wall time, so that the rows of a study are the same for
+any number of workers, in any order, after any interruption.
+"""
+
+import contextlib
+import functools
+import os
+import signal
+import tempfile
+import threading
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..analysis.metrics import AROUND_THE_END_S
+from ..analysis.setup import set_up
+from ..analysis.summary import ending, numbers
+from ..engine.engines import refusals
+from ..engine.run import LawError, SinkError, simulate
+from ..engine.simulation import Simulation
+from ..errors import InputError
+from ..plant.mjcf import Mjcf
+from ..records.header import Sink, Status
+from ..records.mcap import McapLog
+from ..records.trace import Trace
+from ..scenario import Scenario
+from .metric import COMPONENTS, columns_of, users_numbers
+
+if TYPE_CHECKING:
+    from .plan import Plan
+
+STATUSES = ("completed", "unstable", "failed", "refused", "timed_out", "lost")
+"""How a run ended: to its end; a variable left its bound; a law or a metric raised; the scenario cannot run; longer
+than the time limit; three workers ended while they ran it."""
+_MEASURED = ("completed", "unstable")
+_GRACE_S = 10.0
+"""Time after the limit of a run at which its worker is ended, if the run does not stop."""
+
+
+def one_row(plan: "Plan", index: int, engine: str | None = None) -> dict[str, Any]:
+    """Run one run of a plan and return its row by column.
+
+    Args:
+        engine: "mujoco", "free_body" or "auto"; default: that of the plan.
+    """
+    return _row(plan, index, engine or plan.engine, ())
+
+
+def lost_row(plan: "Plan", index: int, engine: str | None = None) -> dict[str, Any]:
+    """The row of a run that ended its workers."""
+    row = _begun(plan, index)
+    row |= {"status": "lost", "message": "three worker processes ended during this run, e.g. by a crash or for memory"}
+    return row | {"engine": engine or plan.engine} | _no_metrics(plan)
+
+
+def log_of(plan: "Plan", index: int, engine: str) -> bytes:
+    """Run one run again and return its log. Where the run fails, the log ends there."""
+    with tempfile.TemporaryDirectory(prefix="uvms-mj-") as folder:
+        path = Path(folder, "run.mcap")
+        _row(plan, index, engine, (McapLog(path),))
+        return path.read_bytes() if path.exists() else b""
+
+
+def _begun(plan: "Plan", index: int) -> dict[str, Any]:
+    run = plan.run(index)
+    row = {"index": index, "draw": run.draw, "law": run.law, "repeat": run.repeat, "seed": run.seed}
+    varied = {key: run.values.get(key) for key in plan.varied}
+    return row | varied | {"status": "", "message": "", "steps": None, "warnings": None, "engine": ""}
+
+
+def _no_metrics(plan: "Plan") -> dict[str, Any]:
+    return {column: None for place in plan.metrics if place in COMPONENTS for column in columns_of(place)}
+
+
+def _row(plan: "Plan", index: int, engine: str, sinks: tuple[Sink, ...]) -> dict[str, Any]:
+    row, metrics = _begun(plan, index) | {"engine": engine}, _no_metrics(plan)
+    try:
+        scenario = plan.scenario(index)
+        mjcf = _vehicle(scenario.vehicle.model)
+        row["engine"] = engine = chosen_engine(scenario, mjcf) if engine == "auto" else engine
+        if plan.time_limit_s is not None:
+            _compile(scenario, mjcf, engine)
+        keep_s = AROUND_THE_END_S if all(place in COMPONENTS for place in plan.metrics) else None
+        with warnings.catch_warnings(), _limited(plan.time_limit_s) as progress:
+            warnings.simplefilter("ignore")  # the row counts them
+            trace = simulate(scenario, keep_s=keep_s, mjcf=mjcf, engine=engine, sinks=sinks, progress=progress)
+        row |= {"status": trace.status.name, "message": trace.message, "steps": trace.steps}
+        row["warnings"] = len(trace.notes) + len(ending(trace))
+        if trace.status is Status.interrupted:
+            raise KeyboardInterrupt
+        if row["status"] in _MEASURED:
+            metrics = _metrics(plan, trace)
+    except InputError as error:
+        row |= {"status": "refused", "message": str(error)}
+    except KeyboardInterrupt:
+        if plan.time_limit_s is None:
+            raise
+        late = f"longer than run.time_limit_s, {plan.time_limit_s:g} s of wall time"
+        row |= {"status": "timed_out", "message": late, "steps": None, "warnings": None}
+    except LawError as error:
+        row |= {"status": "failed", "message": str(error), "steps": error.trace.steps}
+    except Exception as error:  # of a user's metric, or of this package: the other runs go on
+        if sinks and isinstance(error, SinkError | OSError):
+            raise
+        row |= {"status": "failed", "message": f"{type(error).__name__}: {error}"}
+    return row | metrics
+
+
+def _compile(scenario: Scenario, mjcf: Mjcf, engine: str) -> None:
+    """Compile the stages of a scenario once a process: the time limit is for a run alone."""
+    kinds = tuple(type(stage) for stage in scenario.stages)
+    if kinds not in _compiled:
+        Simulation(scenario, engine=engine, mjcf=mjcf).close()
+        _compiled.add(kinds)
+
+
+_compiled: set[tuple[type, ...]] = set()
+
+
+@functools.lru_cache(maxsize=8)
+def _vehicle(model: str) -> Mjcf:
+    """The vehicle's model, read once a process."""
+    return Mjcf.find(model)
+
+
+def chosen_engine(scenario: Scenario, mjcf: Mjcf | None = None) -> str:
+    """The engine of a run with engine "auto": free_body where it can."""
+    return "mujoco" if refusals(set_up(scenario, mjcf)) else "free_body"
+
+
+@contextlib.contextmanager
+def _limited(limit_s: float | None) -> Iterator[Callable[[int, int], None] | None]:
+    """Bound the wall time of a run. Yields the run's progress function, which interrupts a run that takes longer.
+
+    A signal interrupts a loop of a user's stage. If the run still goes on, the process is ended.
+    """
+    if limit_s is None:
+        yield None
+        return
+    end = time.monotonic() + limit_s
+
+    def interrupt(*_: Any) -> None:
+        if time.monotonic() >= end:
+            raise KeyboardInterrupt
+
+    last_resort = threading.Timer(limit_s + _GRACE_S, os._exit, (1,))
+    last_resort.daemon = True
+    last_resort.start()
+    alarm = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGALRM, interrupt) if alarm else None
+    if alarm:
+        signal.setitimer(signal.ITIMER_REAL, limit_s + 1e-3, 1.0)
+    try:
+        yield interrupt
+    finally:
+        if alarm:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.signal(signal.SIGALRM, before)
+        last_resort.cancel()
+
+
+def _metrics(plan: "Plan", trace: Trace) -> dict[str, Any]:
+    """The metrics of a run by column, in the order of the plan."""
+    shipped = numbers(trace, [place for place in plan.metrics if place in COMPONENTS])
+    found: dict[str, Any] = {}
+    for place in plan.metrics:
+        if place not in COMPONENTS:
+            found |= users_numbers(place, trace)
+            continue
+        columns, value = columns_of(place), shipped[place]
+        found |= dict(zip(columns, value or [None] * len(columns) if COMPONENTS[place] else [value], strict=True))
+    return found

@@ -1,0 +1,124 @@
+"""``Study``: many runs of a plan, in one folder, on all cores or on a cluster."""
+
+import contextlib
+import os
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InputError
+from ..files import locked
+from .check import FILE
+from .plan import Plan
+from .pool.execution import Execution, Progress
+from .pool.parcel import Parcel
+from .pool.workers import Workers
+from .results import STUDY, Results, frame
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+
+class Study:
+    """A plan of runs and, once they ran, their folder::
+
+        study = Study.load("study.toml").run("results")
+        print(study.frame.groupby("law")["contact.peak_N"].describe())
+
+    Attributes:
+        plan: the runs.
+        folder: the folder of the results; None before :meth:`run`.
+        damaged: parts of the folder that the last :meth:`run` found damaged and computed again.
+    """
+
+    def __init__(self, plan: Plan, folder: Path | None = None) -> None:
+        self.plan, self.folder = plan, folder
+        self.damaged: tuple[str, ...] = ()
+
+    @classmethod
+    def load(cls, study: str | os.PathLike, overrides: Mapping[str, Any] | None = None) -> "Study":
+        """Load a study from a TOML file, a shipped one by its name, or one that ran by its folder.
+
+        Args:
+            overrides: dotted keys with values, of the study file or of its base scenario.
+
+        Raises:
+            InputError: the study is invalid; lists every error.
+        """
+        folder = Path(study)
+        if not folder.is_dir():
+            return cls(Plan.load(study, overrides))
+        if not (folder / STUDY).is_file():
+            raise InputError(f"{folder}: not the folder of a study: it has no {STUDY}")
+        return cls(Plan.load(folder / STUDY, overrides), folder)
+
+    def run(
+        self,
+        out: str | os.PathLike | None = None,
+        *,
+        workers: int | None = None,
+        executor: Executor | None = None,
+        progress: Progress | None = None,
+    ) -> "Study":
+        """Run what the folder lacks, and return this study. Called again after an interruption, it goes on.
+
+        Args:
+            out: the folder; default: that of the study.
+            workers: processes on this machine; default: one per core.
+            executor: in place of them, any object of the shape of ``concurrent.futures``: ``submit(f, *args)`` returns
+                a future. :func:`.pool.cluster.Cluster` is one.
+            progress: called with the runs done, those that did not complete, and the number of runs. An exception that
+                it raises ends the study.
+
+        Raises:
+            InputError: the folder has another study, or is in use, or the workers can't go on.
+            OSError: a file can't be written, e.g. because the disk is full. What was done is kept.
+        """
+        if out is None and self.folder is None:
+            raise InputError("out: give the folder of the results")
+        folder = self.folder if out is None else Path(out)
+        assert folder is not None
+        folder.mkdir(parents=True, exist_ok=True)
+        with locked(folder):
+            parcel = Parcel.of(self.plan)
+            results = Results(folder, self.plan, parcel)
+            with _executor(executor, workers) as pool:
+                Execution(self.plan, parcel, results, pool, progress or (lambda *_: None)).run()
+        self.folder, self.damaged = folder, tuple(results.damaged)
+        return self
+
+    @property
+    def frame(self) -> "pd.DataFrame":
+        """One row a run, sorted by index: those that the folder has."""
+        if self.folder is None:
+            raise InputError("the study has no folder yet: run it, or load one by its folder")
+        return frame(self.folder)
+
+    def dataset(self) -> "xr.Dataset":
+        """The rows as an xarray Dataset over the varied keys of a grid, or over the draws, law and repeat."""
+        from .dataset import dataset
+
+        return dataset(self.plan, self.frame)
+
+    @property
+    def check(self) -> "pd.DataFrame | None":
+        """The differences between the engines in the sample of :mod:`.check`; None if no run needed it."""
+        import pandas as pd
+
+        path = None if self.folder is None else self.folder / FILE
+        return pd.read_parquet(path) if path is not None and path.exists() else None
+
+
+@contextlib.contextmanager
+def _executor(given: Executor | None, workers: int | None) -> Iterator[Executor]:
+    """The given executor, which stays open, or new workers of this machine, which end here."""
+    if given is not None:
+        yield given
+        return
+    own = Workers(workers)
+    try:
+        yield own
+    finally:
+        own.shutdown(wait=False, cancel_futures=True)

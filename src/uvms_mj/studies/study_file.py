@@ -1,0 +1,143 @@
+"""The tables of a study file, as they are written; :mod:`.plan` makes a :class:`.plan.Plan` of them."""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass
+
+from ..errors import Fault, faults_of
+from ..quantities import STRICT, Number, doc, within
+
+DISTRIBUTIONS: Mapping[str, tuple[str, ...]] = {
+    "uniform": ("low", "high"),
+    "loguniform": ("low", "high"),
+    "normal": ("mean", "deviation"),
+    "truncated_normal": ("mean", "deviation", "low", "high"),
+}
+"""The distributions with their parameters."""
+DESIGNS = ("grid", "random", "sobol", "latin_hypercube", "sobol_indices")
+DEFAULT_METRICS = (
+    "contact.first_s",
+    "contact.touches",
+    "contact.peak_N",
+    "contact.impulse_Ns",
+    "contact.final_N",
+    "contact.settled",
+    "contact.analytic_N",
+    "contact.relative_error",
+    "effort_N2s",
+    "saturated_s",
+    "final.position_m",
+)
+
+
+def _number_or_one_a_key(value: Any) -> Any:
+    each = value if isinstance(value, list | tuple) else [value]
+    if value is not None and not (
+        each and all(type(x) in (int, float) and math.isfinite(x) and abs(x) <= 1e12 for x in each)
+    ):
+        raise ValueError("must be a finite number, or a list with one number a key")
+    return [float(x) for x in value] if isinstance(value, list | tuple) else value if value is None else float(value)
+
+
+Bound = Annotated[Any, BeforeValidator(_number_or_one_a_key)]
+"""A number, or one a key for keys that move together."""
+_Count = Annotated[int, Field(strict=True, ge=1, le=10_000_000)]
+
+
+@dataclass(frozen=True, config=STRICT)
+class Vary:
+    key: str | None = doc("dotted key that varies, or a component of one, initial.position[0]", None)
+    keys: list[str] | None = doc("several that move together, in place of key", None)
+    laws: list[str] | None = doc("labels of the laws for which it varies; default: all", None)
+    values: list[Any] | None = doc("values; of keys that move together, lists with one value a key", None)
+    low: Bound = doc("least value", None)
+    high: Bound = doc("greatest value", None)
+    number: Annotated[int, Field(strict=True, ge=2, le=10_000_000)] | None = doc("points of a grid, low to high", None)
+    spacing: Literal["linear", "log"] | None = doc('of a grid: "linear", the default, or "log"', None)
+    distribution: Literal["uniform", "loguniform", "normal", "truncated_normal"] | None = doc(
+        "uniform, loguniform (low, high), normal (mean, deviation), truncated_normal (all four)", None
+    )
+    mean: Bound = doc("of a normal distribution before it is truncated", None)
+    deviation: Bound = doc("standard deviation, likewise", None)
+
+
+@dataclass(frozen=True, config=STRICT)
+class Design:
+    kind: Literal["grid", "random", "sobol", "latin_hypercube", "sobol_indices"] | None = doc(
+        "default: grid if every key has values or a grid, otherwise random", None
+    )
+    runs: _Count | None = doc("draws for each law; a grid has its product", None)
+    repeats: _Count = doc("runs of each draw and law, which differ in simulation.seed", 1)
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = doc("of the draws, and of the runs' random numbers", 0)
+
+
+@dataclass(frozen=True, config=STRICT)
+class Logs:
+    """The logs to keep: none; failed, of runs that did not complete; the k worst, with the largest ``metric``; or those
+    listed by ``indices``."""
+
+    kind: Literal["none", "failed", "worst", "listed"] = "none"
+    k: _Count | None = None
+    metric: str | None = None
+    indices: list[Annotated[int, Field(strict=True, ge=0)]] = dataclasses.field(default_factory=list)
+
+
+@dataclass(frozen=True, config=STRICT)
+class Keep:
+    metrics: list[str] = dataclasses.field(
+        default_factory=lambda: list(DEFAULT_METRICS),
+        metadata={"meaning": "numbers of a run under their names in run --json, or path/to/file.py:function"},
+    )
+    logs: Annotated[Logs, BeforeValidator(lambda x: {"kind": x} if isinstance(x, str) else x)] = doc(
+        '"none", "failed", {kind = "worst", k, metric} or {kind = "listed", indices}', Logs()
+    )
+
+
+@dataclass(frozen=True, config=STRICT)
+class Execution:
+    engine: Literal["auto", "mujoco", "free_body"] = doc("auto: free_body where it can, checked by a sample", "auto")
+    time_limit_s: Annotated[Number, within(1e-3, 1e7, "s")] | None = doc("wall time after which a run ends [s]", None)
+    tolerance: Annotated[Number, within(0.0, 1e3, "")] = doc(
+        "largest relative difference of a metric between free_body and mujoco [1]", 1e-3
+    )
+
+
+@dataclass(frozen=True, config=STRICT)
+class StudyFile:
+    base: dict[str, Any]
+    name: str = "study"
+    description: str = ""
+    laws: list[Any] | None = None
+    vary: list[Vary] = dataclasses.field(default_factory=list)
+    design: Design = Design()
+    keep: Keep = dataclasses.field(default_factory=Keep)
+    run: Execution = Execution()
+    success: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+
+_VALIDATOR = TypeAdapter(StudyFile)
+_PARTS: Mapping[str, Any] = {"": StudyFile, "vary": Vary, "design": Design, "keep": Keep, "run": Execution}
+_CHOICES = {name: [field.name for field in dataclasses.fields(table)] for name, table in _PARTS.items()}
+
+
+def read(tables: Mapping[str, Any], faults: list[Fault]) -> StudyFile:
+    """The tables of a study file. Errors are appended to ``faults``. A table with an error has its defaults then, and
+    an entry of vary has no key."""
+    tables = dict(tables)
+    while True:
+        try:
+            return _VALIDATOR.validate_python(tables)
+        except ValidationError as error:
+            faults += faults_of(error, choices=_CHOICES)
+            places = [item["loc"] for item in error.errors(include_url=False)]
+        for table, *inner in places:
+            if table == "vary" and inner and isinstance(inner[0], int):
+                tables["vary"] = [{} if i == inner[0] else each for i, each in enumerate(tables["vary"])]
+            elif table == "base":
+                tables["base"] = {}
+            else:
+                tables.pop(str(table), None)

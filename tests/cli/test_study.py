@@ -1,0 +1,108 @@
+"""``uvms-mj study``: what it prints, its exit status, its errors."""
+
+import json
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from command import no_constants
+from short_study import study_text
+from uvms_mj import Study
+from uvms_mj.studies import check
+
+
+@pytest.fixture
+def study_file(here):
+    Path("s.toml").write_text(study_text(runs=2))
+
+
+def test_a_dry_run_says_what_would_run_and_writes_nothing(here, study_file):
+    done = here("study", "s.toml", "--dry-run")
+    assert done.exit_code == 0, done.output
+    for words in ("4 runs", "1200 time steps", "wall.stiffness [N/m]: loguniform", "gsta, impedance", "time: about"):
+        assert words in done.stdout
+    assert "disk: " in done.stdout
+    report = json.loads(here("study", "s.toml", "--dry-run", "--json").stdout, parse_constant=no_constants)
+    assert (report["runs"], report["steps"], report["varied"]) == (4, 1200, ["wall.stiffness"])
+    assert report["seconds"] > 0.0
+    assert [path.name for path in Path().iterdir()] == ["s.toml"]
+
+
+@pytest.mark.slow
+def test_a_study_prints_its_head_and_a_table_or_one_object(here, study_file):
+    done = here("study", "s.toml", "--out", "out", "design.runs=3", "-j", "1")
+    assert done.exit_code == 0, done.output
+    assert "6 runs" in done.stderr
+    assert "gsta" in done.stdout
+    assert len(pd.read_parquet("out/rows")) == 6
+    done = here("study", "out", "--json")
+    report = json.loads(done.stdout, parse_constant=no_constants)
+    assert (report["status"], report["engine"]) == ({"completed": 6}, {"free_body": 6})
+    assert report["check"] == {"within": True, "largest": []}
+    assert done.stderr == ""
+    assert here("study", "out", "-q").output == ""
+
+
+@pytest.mark.slow
+def test_the_engines_are_compared_and_a_difference_fails_the_study(here, monkeypatch):
+    Path("s.toml").write_text(study_text(runs=4, engine="auto"))
+    done = here("study", "s.toml", "-o", "out", "-j", "2", "--json")
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)["check"]
+    assert found["within"]
+    largest = {each["number"]: each["difference"] for each in found["largest"]}
+    assert largest["status"] == 0.0
+    assert largest["contact.peak_N"] < 1e-4
+    assert all(largest[f"final.position_m.{axis}"] < 1e-6 for axis in "xyz")
+    table = Study.load("out").check
+    assert table["index"].nunique() >= 5
+    assert table["within"].all()
+    done = here("study", "s.toml", "-o", "strict", "-j", "2", "-q", "run.tolerance=1e-9")
+    assert done.exit_code == 1
+    assert "contact.peak_N differs by" in done.stderr
+    assert "run.tolerance is 1e-09" in done.stderr
+    row = int(done.stderr.split("row ")[1].split(",")[0])
+    assert row in set(check_of("strict").query("not within")["index"])
+
+
+def check_of(folder):
+    return pd.read_parquet(Path(folder, check.FILE))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((), "name a study"),
+        (("nothing",), "neither a file nor built in"),
+        (("s.toml", "t.toml"), "one study at a time"),
+        (("s.toml", "wall.stifness=1"), "did you mean 'stiffness'?"),
+        (("s.toml", "--engine", "bullet"), "'bullet' is not one of"),
+        (("s.toml", "--engine", "mujoco", "run.engine=free_body"), "is given twice"),
+        (("s.toml", "--workers", "0"), "0 is not in the range"),
+        (("s.toml", "--scheduler", "tcp://127.0.0.1:9", "-j", "2"), "--workers is for this machine"),
+        (("s.toml", "-o", "/proc/nothing"), "can't write there"),
+        ((".",), "not the folder of a study"),
+    ],
+)
+def test_bad_arguments_are_one_message(here, study_file, arguments, said):
+    done = here("study", *arguments, "-q")
+    assert done.exit_code == 2
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
+    assert [path.name for path in Path().iterdir()] == ["s.toml"]
+
+
+def test_shipped_studies_are_listed(here):
+    done = here("study", "list")
+    assert done.exit_code == 0, done.output
+    assert isinstance(json.loads(here("study", "list", "--json").stdout), dict)
+
+
+def test_the_help_shows_a_study_file_that_is_one(here):
+    text = here("study", "--help").stdout
+    lines = [line.strip().partition("   ")[0] for line in text.splitlines()]
+    start, end = lines.index("[base]"), lines.index("high = 2e5")
+    Path("least.toml").write_text("\n".join(lines[start : end + 1]))
+    assert Study.load("least.toml").plan.runs == 60
+    assert "Exit status:" in text

@@ -1,0 +1,158 @@
+"""The commands `study report` and `run --from DIR --row N`."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+import tomli_w
+
+from command import run
+from pages import complete_by_itself
+from uvms_mj.studies.study import Study
+
+LAW = """
+from dataclasses import dataclass
+
+from uvms_mj import Fosm
+
+
+@dataclass(frozen=True)
+class Mine(Fosm):
+    pass
+"""
+TABLES = {
+    "name": "short",
+    "laws": ["gsta", "law.py:Mine", {"name": "fosm", "label": "coarse", "controller.period": 0.05}],
+    "base": {
+        "scenario": "push_wall",
+        "simulation.duration": 1.0,
+        "wall.position": 0.02,
+        "reference.step_time": 0.0,
+    },
+    "design": {"kind": "latin_hypercube", "runs": 3, "seed": 7},
+    "vary": [
+        {"key": "wall.stiffness", "distribution": "loguniform", "low": 2e4, "high": 2e5},
+        {"key": "current.speed", "distribution": "uniform", "low": 0.0, "high": 0.3},
+    ],
+    "run": {"engine": "mujoco"},
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with the study out, and the file of a law."""
+    folder = tmp_path_factory.mktemp("study")
+    (folder / "law.py").write_text(LAW)
+    (folder / "study.toml").write_text(tomli_w.dumps(TABLES))
+    done = run("study", "study.toml", "--out", "out", "--quiet", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+@pytest.fixture
+def there(folder, here, monkeypatch):
+    monkeypatch.chdir(folder)
+    return here
+
+
+def places(tree, prefix=""):
+    """The numbers of a JSON report by the names of columns."""
+    flat = {}
+    for name, value in tree.items():
+        if isinstance(value, dict):
+            flat |= places(value, f"{prefix}{name}.")
+        elif isinstance(value, list):
+            flat |= {f"{prefix}{name}.{axis}": each for axis, each in zip("xyz", value, strict=False)}
+        else:
+            flat[f"{prefix}{name}"] = value
+    return flat
+
+
+def test_a_report_is_one_page_beside_the_rows(there, folder):
+    done = there("study", "report", "out")
+    assert done.exit_code == 0, done.output
+    assert done.stdout.strip() == "out/report.html"
+    text = (folder / "out" / "report.html").read_text(encoding="utf-8")
+    flat = " ".join(" ".join(complete_by_itself(text).text).split())
+    assert "9 runs: 3 laws × 3 draws" in flat
+    assert "--from out --row" in flat
+    assert "coarse" in flat
+    assert "version of sources" in flat
+    assert str(folder) not in text
+    assert there("study", "report", "out").exit_code == 0  # the page is replaced
+    assert there("study", "report", "out", "--out", "other.html").exit_code == 0
+    assert "exists" in there("study", "report", "out", "--out", "other.html").stderr
+
+
+def test_a_report_of_something_else_is_refused(there, folder):
+    (folder / "empty").mkdir(exist_ok=True)
+    for arguments, words in (
+        (("empty",), "not the folder of a study"),
+        (("none",), "is not a folder"),
+        (("out", "-o", "page.pdf"), "must end in .html"),
+    ):
+        done = there("study", "report", *arguments)
+        assert done.exit_code == 2
+        assert words in done.stderr
+
+
+@pytest.mark.parametrize("row", [0, 4, 8])
+def test_a_row_runs_again_bit_for_bit(folder, row, tmp_path):
+    done = run("run", "--from", folder / "out", "--row", str(row), "--json", "--out", tmp_path / "again", cwd=tmp_path)
+    expected = Study.load(folder / "out").frame.set_index("index").loc[row]
+    assert done.returncode == (3 if expected["status"] == "unstable" else 0), done.stderr
+    found = places(json.loads(done.stdout))
+    assert found["status"] == expected["status"]
+    assert found["steps"] == expected["steps"]
+    columns = list(expected.index[list(expected.index).index("engine") + 1 :])
+    assert len(columns) > 10
+    for name in columns:
+        if pd.isna(expected[name]):
+            assert found.get(name) is None, name
+        else:
+            assert found[name] == expected[name], name
+
+
+def test_the_engine_is_that_of_the_row(folder, tmp_path):
+    out = folder / "free"
+    done = run("study", "study.toml", "--engine", "free_body", "--out", out, "--quiet", "design.runs=1", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    frame = Study.load(out).frame
+    assert frame["engine"][0] == "free_body"
+    peaks = {}
+    for name, engine in (("own", ()), ("mujoco", ("--engine", "mujoco"))):
+        done = run("run", "--from", out, "--row", "0", "--json", "-o", tmp_path / name, *engine, cwd=tmp_path)
+        peaks[name] = json.loads(done.stdout)["contact"]["peak_N"]
+    assert peaks["own"] == frame["contact.peak_N"][0]
+    assert peaks["mujoco"] != peaks["own"]
+    assert np.isclose(peaks["mujoco"], peaks["own"], rtol=1e-3)
+
+
+def test_a_setting_changes_the_run_of_a_row(folder, tmp_path):
+    arguments = ("--from", folder / "out", "--row", "0", "--json", "--out", tmp_path / "changed")
+    done = run("run", *arguments, "--set", "simulation.duration=0.01", cwd=tmp_path)
+    assert json.loads(done.stdout)["steps"] == 100
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--row", "1"), "name the folder of its study with --from DIR"),
+        (("--from", "law.py", "--row", "1"), "must be the study's folder"),
+        (("--from", "out", "--row", "9"), "has the rows 0 to 8"),
+        (("push_wall", "--from", "out", "--row", "1"), "one scenario at a time"),
+    ],
+)
+def test_a_row_that_does_not_exist_is_refused(there, arguments, words):
+    done = there("run", *arguments)
+    assert done.exit_code == 2
+    assert words in done.stderr
+
+
+def test_a_law_that_changed_is_warned_of(there, folder):
+    (folder / "law.py").write_text(LAW + "\n# changed\n")
+    done = there("run", "--from", "out", "--row", "1", "simulation.duration=0.001", "-q", "-o", "changed")
+    (folder / "law.py").write_text(LAW)
+    assert done.exit_code == 0
+    assert "law.py changed" in done.stderr

@@ -1,0 +1,143 @@
+"""Studies on a Dask cluster: a real scheduler and two worker processes on the loopback interface."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from pandas.testing import assert_frame_equal
+
+from command import run
+from uvms_mj import InputError, Study
+from uvms_mj.studies.pool.cluster import Cluster
+from uvms_mj.studies.results import frame
+
+pytest.importorskip("distributed", reason="needs the extra cluster")
+
+MODELS = Path(__file__).parents[2] / "models"
+FILES = {
+    "law.py": """
+from dataclasses import dataclass
+
+from gains import SLOPE
+from uvms_mj import Controller
+
+
+@dataclass(frozen=True)
+class Damps(Controller):
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        tau_cmd[:] = signals.tau_nom
+        tau_cmd[0] -= SLOPE * signals.nu[0]
+""",
+    "gains.py": "SLOPE = 20.0\n",
+    "metric.py": "def peak(trace):\n    return trace.force_peak[-1]\n",
+}
+
+
+class Dask:
+    """A scheduler and two workers, each a process with one thread."""
+
+    def __init__(self, folder):
+        self.folder, self.processes = folder, []
+        said = self._start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+        self.address = re.search(r"tcp://127\.0\.0\.1:\d+", self._line(said, "Scheduler at")).group()
+        self.workers = [self.worker() for _ in range(2)]
+
+    def _start(self, what, *arguments):
+        log = self.folder / f"{what}-{len(self.processes)}.log"
+        command = [sys.executable, "-m", "distributed.cli.dask_" + what, *arguments]
+        with log.open("w") as file:
+            self.processes.append(subprocess.Popen(command, stderr=file, stdout=file, cwd=self.folder))
+        return log
+
+    def _line(self, log, words):
+        end = time.monotonic() + 60.0
+        while time.monotonic() < end:
+            for line in log.read_text().splitlines():
+                if words in line:
+                    return line
+            time.sleep(0.1)
+        raise AssertionError(log.read_text())
+
+    def worker(self):
+        options = ("--nthreads", "1", "--no-dashboard", "--no-nanny", "--host", "127.0.0.1")
+        self._line(self._start("worker", self.address, *options), "Registered to")
+        return self.processes[-1]
+
+    def end(self):
+        for process in self.processes:
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture(scope="module")
+def dask(tmp_path_factory):
+    cluster = Dask(tmp_path_factory.mktemp("dask"))
+    yield cluster
+    cluster.end()
+
+
+def test_files_travel_and_a_killed_worker_loses_nothing(dask, study_file, tmp_path):
+    """The user's files are gone when the workers run, and one of two workers is killed in mid-study."""
+    home = tmp_path / "home"
+    home.mkdir()
+    for name, text in FILES.items():
+        (home / name).write_text(text)
+    path = study_file("home/s.toml", runs=10, metrics=', "metric.py:peak"', more='[[laws]]\nname = "law.py:Damps"\n')
+    vehicle = home / "mine.xml"
+    vehicle.write_text((MODELS / "bluerov1.xml").read_text())
+    study = Study.load(path, {"vehicle.model": str(vehicle)})
+    study.run(tmp_path / "here", workers=2)
+    killed = []
+
+    def kill(what, done, failed, total):
+        for name in (*FILES, "mine.xml"):
+            (home / name).unlink(missing_ok=True)
+        if done >= 6 and not killed:
+            killed.append(os.kill(dask.workers[0].pid, signal.SIGKILL))
+
+    executor = Cluster(dask.address)
+    assert executor.size == 2
+    study.run(tmp_path / "there", executor=executor, progress=kill)
+    executor.shutdown()
+    assert killed
+    here, there = frame(tmp_path / "here"), frame(tmp_path / "there")
+    assert_frame_equal(here, there, check_exact=True)
+    assert set(there["law"]) == {"gsta", "impedance", "Damps"}
+    assert (there["peak"] == there["contact.peak_N"]).all()
+    dask.workers[0] = dask.worker()
+
+
+def test_the_command_on_a_cluster(dask, study_file, tmp_path):
+    done = run("study", study_file(runs=2), "-o", "out", "--scheduler", dask.address, "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert '"completed": 4' in done.stdout
+
+
+def test_a_worker_with_other_code_is_refused_in_one_line(dask, study_file, tmp_path, monkeypatch):
+    from uvms_mj.studies.pool import parcel
+
+    ours = parcel.code() | {"sources": "000000000000"}
+    monkeypatch.setattr(parcel, "code", lambda: ours)
+    executor = Cluster(dask.address)
+    with pytest.raises(InputError, match=r"a worker has other code than this machine: sources \w+ there, 0+ here"):
+        Study.load(study_file(runs=2)).run(tmp_path / "out", executor=executor)
+    executor.shutdown()
+
+
+def test_no_scheduler_is_one_line(study_file, tmp_path):
+    done = run("study", study_file(runs=2), "-o", "out", "--scheduler", "tcp://127.0.0.1:9", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "no scheduler answers" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_missing_extra_is_one_line(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"pip install 'uvms-mj\[cluster\]'"):
+        Cluster("tcp://127.0.0.1:9")

@@ -1,0 +1,325 @@
+"""Studies: the same rows after any interruption, for any workers and order; nothing lost, nothing twice."""
+
+import concurrent.futures
+import errno
+import os
+import random
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pandas as pd
+import pyarrow as pa
+import pytest
+from pandas.testing import assert_frame_equal
+
+from command import COMMAND, run
+from short_study import study_text
+from uvms_mj import InputError, Study
+from uvms_mj.studies import results
+from uvms_mj.studies.pool.workers import WorkerLost, Workers
+
+METRICS = """
+import os
+
+
+def kills_its_worker(trace):
+    if trace.scenario.wall.stiffness > 1.5e5:
+        os._exit(7)
+    return 1.0
+
+
+def depends(trace):
+    if trace.scenario.wall.stiffness > 1e5:
+        raise ValueError("too stiff")
+    return {"stiffness": trace.scenario.wall.stiffness}
+"""
+
+
+def same(a: Path, b: Path) -> None:
+    """The rows of two folders are equal, bit for bit."""
+    assert_frame_equal(results.frame(a), results.frame(b), check_exact=True)
+
+
+def parts(folder: Path) -> int:
+    return len(list((folder / "rows").glob("part-*.parquet")))
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A study that ran without an interruption."""
+    path = tmp_path_factory.mktemp("whole") / "s.toml"
+    path.write_text(study_text(runs=6))
+    return Study.load(path).run(path.with_name("out"), workers=1)
+
+
+def test_the_rows_are_the_same_for_any_number_of_workers_and_any_order(whole, study_file, tmp_path):
+    class Shuffled(concurrent.futures.ThreadPoolExecutor):
+        """The last call first, in this process."""
+
+        def submit(self, function, /, *args, **kwargs):
+            future = concurrent.futures.Future()
+            waiting.append((future, function, args))
+            if len(waiting) >= 3 or len(waiting) + sum(done) == 12:
+                while waiting:
+                    done.append(1)
+                    each, call, given = waiting.pop()
+                    each.set_result(call(*given))
+            return future
+
+    waiting, done = [], []
+    study = Study.load(study_file(runs=6))
+    study.run(tmp_path / "two", workers=2)
+    study.run(tmp_path / "shuffled", executor=Shuffled(1))
+    same(whole.folder, tmp_path / "two")
+    same(whole.folder, tmp_path / "shuffled")
+    assert whole.frame["index"].tolist() == list(range(12))
+
+
+def test_a_study_that_is_done_runs_nothing(whole):
+    class Nothing(concurrent.futures.Executor):
+        def submit(self, *_, **__):
+            raise AssertionError
+
+    before = {path: path.stat().st_mtime_ns for path in whole.folder.rglob("*") if path.is_file()}
+    Study.load(whole.folder).run(executor=Nothing())
+    assert {path: path.stat().st_mtime_ns for path in whole.folder.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.parametrize("damage", ["cut", "flipped", "emptied", "exchanged", "of another study"])
+def test_a_damaged_part_is_run_again(whole, study_file, tmp_path, damage):
+    folder = tmp_path / "other"
+    study = Study.load(study_file(runs=6)).run(folder, workers=1)
+    path = folder / "rows" / "part-00003.parquet"
+    if damage in ("exchanged", "of another study"):
+        other = Study.load(study_file(runs=6), {"wall.damping": 1.0}).run(tmp_path / "another", workers=1)
+        sources = {
+            "exchanged": path.with_name("part-00004.parquet"),
+            "of another study": other.folder / "rows" / path.name,
+        }
+        path.write_bytes(sources[damage].read_bytes())
+    else:
+        data = bytearray(path.read_bytes())
+        data[4:64] = bytes(each ^ 1 for each in data[4:64])
+        path.write_bytes({"cut": data[:-20], "flipped": data, "emptied": b""}[damage])
+        with pytest.raises(InputError, match=r"part-00003\.parquet: damaged"):
+            _ = study.frame
+    study.run(folder, workers=1)
+    assert study.damaged == ("part-00003.parquet",)
+    same(whole.folder, folder)
+
+
+def test_a_flipped_bit_is_found_or_changes_nothing(whole, tmp_path):
+    source, part, chance = whole.folder / "rows" / "part-00002.parquet", tmp_path / "part", random.Random(7)
+    sound, data, found = results.read(source), source.read_bytes(), 0
+    for _ in range(300):
+        place = chance.randrange(8 * len(data))
+        part.write_bytes(data[: place // 8] + bytes([data[place // 8] ^ 1 << place % 8]) + data[place // 8 + 1 :])
+        try:
+            assert results.read(part).equals(sound)
+        except (OSError, ValueError, pa.ArrowException):
+            found += 1
+    assert found > 100
+
+
+def test_the_data_set_opens_as_it_is(whole):
+    import duckdb
+    import polars
+
+    rows, frame = whole.folder / "rows", whole.frame
+    assert_frame_equal(pd.read_parquet(rows), frame, check_exact=True)
+    read = polars.read_parquet(rows / "*.parquet")
+    assert read["contact.peak_N"].to_list() == frame["contact.peak_N"].tolist()
+    found = duckdb.sql(f"select law, count(*) from '{rows}/*.parquet' group by law order by law").fetchall()
+    assert found == [("gsta", 6), ("impedance", 6)]
+
+
+def test_a_folder_with_another_study_is_refused_by_name(whole, study_file):
+    with pytest.raises(InputError, match=r"contains the study 's', which differs in design\.runs"):
+        Study.load(study_file(runs=7)).run(whole.folder)
+    other = Study.load(study_file(runs=6), {"wall.damping": 1.0})
+    with pytest.raises(InputError, match=r"differs in base\.wall\.damping"):
+        other.run(whole.folder)
+
+
+def test_a_file_that_changed_since_the_study_began_is_refused(study_file, tmp_path):
+    metric = tmp_path / "metric.py"
+    metric.write_text("def one(trace):\n    return 1.0\n")
+    path = study_file(runs=1, metrics=', "metric.py:one"')
+    Study.load(path).run(tmp_path / "out", workers=1)
+    metric.write_text("def one(trace):\n    return 2.0\n")
+    with pytest.raises(InputError, match=r"since its study began, metric\.py changed"):
+        Study.load(path).run(tmp_path / "out", workers=1)
+
+
+def test_two_studies_in_one_folder_are_refused(whole):
+    from uvms_mj.files import locked
+
+    with locked(whole.folder), pytest.raises(InputError, match="another run is writing there"):
+        whole.run()
+
+
+def test_a_run_that_kills_its_workers_is_a_row_and_the_others_go_on(study_file, tmp_path):
+    (tmp_path / "metric.py").write_text(METRICS)
+    path = study_file(runs=4, metrics=', "metric.py:kills_its_worker"')
+    frame = Study.load(path).run(tmp_path / "out", workers=2).frame
+    stiff = frame["wall.stiffness"] > 1.5e5
+    assert 0 < stiff.sum() < 8
+    assert (frame.loc[stiff, "status"] == "lost").all()
+    assert (frame.loc[~stiff, "status"] == "completed").all()
+    assert "three worker processes ended" in frame.loc[stiff, "message"].iloc[0]
+
+
+def test_parts_whose_runs_all_failed_have_the_columns_of_the_others(study_file, tmp_path):
+    (tmp_path / "metric.py").write_text(METRICS)
+    path = study_file(runs=6, metrics=', "metric.py:depends"')
+    frame = Study.load(path).run(tmp_path / "out", workers=1).frame
+    assert frame["depends.stiffness"].isna().sum() == (frame["status"] == "failed").sum() > 0
+    assert len({tuple(pd.read_parquet(each).columns) for each in (tmp_path / "out" / "rows").iterdir()}) == 1
+
+
+def test_a_full_disk_stops_the_study_and_it_goes_on(whole, study_file, tmp_path, monkeypatch):
+    study, left, fsync = Study.load(study_file(runs=6)), [12], os.fsync
+
+    def full(place):
+        left[0] -= 1
+        if left[0] < 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        fsync(place)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        with pytest.raises(OSError, match="No space left"):
+            study.run(tmp_path / "full", workers=1)
+    done = parts(tmp_path / "full")
+    assert 0 < done < 12
+    assert not list((tmp_path / "full" / "rows").glob(".*"))
+    study.run(tmp_path / "full", workers=1)
+    same(whole.folder, tmp_path / "full")
+
+
+def test_a_worker_that_is_killed_loses_nothing(whole, study_file, tmp_path):
+    pool = Workers(2)
+
+    def kill(what, done, failed, total):
+        if done and done % 4 == 0 and done not in killed:
+            killed.add(done)
+            os.kill(pool._processes[0]._process.pid, signal.SIGKILL)
+
+    killed: set[int] = set()
+    Study.load(study_file(runs=6)).run(tmp_path / "out", executor=pool, progress=kill)
+    pool.shutdown(wait=False)
+    assert killed
+    same(whole.folder, tmp_path / "out")
+
+
+def test_a_call_that_ends_its_worker_says_how():
+    pool = Workers(1)
+    with pytest.raises(WorkerLost, match="with status 3"):
+        pool.submit(os._exit, 3).result()
+    assert pool.submit(len, "four").result() == 4
+    with pytest.raises(ZeroDivisionError):
+        pool.submit(divmod, 1, 0).result()
+    pool.shutdown()
+    with pytest.raises(RuntimeError, match="shut down"):
+        pool.submit(len, "four")
+
+
+@pytest.mark.parametrize("kind", ["failed", "listed", "worst"])
+def test_the_logs_that_are_kept_are_those_of_the_rows(study_file, tmp_path, kind):
+    from uvms_mj import Trace
+
+    (tmp_path / "metric.py").write_text(METRICS)
+    logs = {
+        "failed": '"failed"',
+        "listed": '{kind = "listed", indices = [1, 5]}',
+        "worst": '{kind = "worst", k = 2, metric = "contact.peak_N"}',
+    }
+    metric = ', "metric.py:depends"' if kind == "failed" else ""
+    path = study_file(runs=6, keep=f"logs = {logs[kind]}", metrics=metric)
+    study = Study.load(path).run(tmp_path / "out", workers=2)
+    frame = study.frame
+    expected = {
+        "failed": frame.index[frame["status"] != "completed"].tolist(),
+        "listed": [1, 5],
+        "worst": sorted(frame["contact.peak_N"].nlargest(2).index),
+    }[kind]
+    found = sorted((study.folder / "logs").iterdir())
+    assert [path.name for path in found] == [f"row-{index:05d}.mcap" for index in expected]
+    for index, log in zip(expected, found, strict=True):
+        trace = Trace.load(log)
+        assert trace.force_peak[-1] == frame["contact.peak_N"][index] or kind == "failed"
+        assert trace.p_WB[-1, 0] == frame["final.position_m.x"][index] or kind == "failed"
+
+
+def alive(marker: str) -> list[str]:
+    """The processes whose environment has a marker."""
+    found = []
+    for place in Path("/proc").iterdir():
+        try:
+            if place.name.isdigit() and marker.encode() in (place / "environ").read_bytes():
+                found.append(place.name)
+        except OSError:
+            continue
+    return found
+
+
+def started(folder: Path, path: Path, marker: str) -> subprocess.Popen:
+    options = ("-j", "2", "-q", "-o", str(folder))
+    environment = os.environ | {"UVMS_MJ_TEST": marker}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    return subprocess.Popen([*COMMAND, "study", str(path), *options], env=environment, **pipes)
+
+
+def until(folder: Path, number: int) -> None:
+    end = time.monotonic() + 60.0
+    while parts(folder) < number and time.monotonic() < end:
+        time.sleep(0.02)
+
+
+@pytest.mark.slow
+def test_kill_9_at_random_moments_changes_no_row(study_file, tmp_path):
+    path, folder = study_file(runs=100), tmp_path / "killed"
+    Study.load(path).run(tmp_path / "whole", workers=2)
+    chance = random.Random(12)
+    for attempt in range(10):
+        marker = f"kill-{os.getpid()}-{attempt}"
+        process = started(folder, path, marker)
+        until(folder, chance.randrange(18 * attempt, 18 * attempt + 18))
+        time.sleep(chance.random() * 0.2)
+        process.kill()
+        process.wait()
+        end = time.monotonic() + 5.0
+        while alive(marker) and time.monotonic() < end:
+            time.sleep(0.05)
+        assert not alive(marker)
+    assert 0 < parts(folder) < 200
+    done = run("study", folder, "-q", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    same(tmp_path / "whole", folder)
+    assert not list(folder.rglob(".*"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_study_says_how_to_go_on(whole, study_file, tmp_path, number):
+    path, folder, marker = study_file(runs=200), tmp_path / "stopped", f"stop-{os.getpid()}-{number}"
+    process = started(folder, path, marker)
+    until(folder, 3)
+    process.send_signal(number)
+    _, said = process.communicate(timeout=10)
+    assert process.returncode == 128 + number
+    assert "of 400 runs are done and kept: the same command goes on" in said
+    assert len(said.splitlines()) == 1
+    assert not alive(marker)
+    assert 3 <= parts(folder) < 400
+
+
+@pytest.mark.slow
+def test_two_studies_at_once_in_two_folders(whole, study_file, tmp_path):
+    path = study_file(runs=6)
+    both = [started(tmp_path / name, path, "both") for name in ("a", "b")]
+    assert [process.wait(timeout=120) for process in both] == [0, 0]
+    same(whole.folder, tmp_path / "a")
+    same(whole.folder, tmp_path / "b")
