@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 
 from ...views import colours
-from ..draws import Variation
-from ..metric import unit_of_column, without_unit
 from ..plan import Plan
-from ..study_file import DEFAULT_METRICS
-from ..success import COMPLETED, SETTLED, in_words, successes
+from ..plan.draws import Variation
+from ..plan.metric import unit_of_column, without_unit
+from ..plan.study_file import DEFAULT_METRICS
+from ..plan.success import COMPLETED, SETTLED, in_words, successes
 
 FIXED = ("index", "draw", "law", "repeat", "seed", "status", "message", "steps", "warnings", "engine")
 """Columns of a row besides the varied keys and the metrics."""
