@@ -29,7 +29,7 @@ _HERE = "<files>/"
 _PACKAGE = Path(__file__).parents[2]
 _NO_NUMBERS = (
     *("cli", "envs", "views"),
-    *(f"studies/{name}" for name in ("dataset.py", "pages", "paper", "report", "success.py", "tune")),
+    *(f"studies/{name}" for name in ("dataset.py", "pages", "paper", "plan/success.py", "report", "tune")),
 )
 """Folders whose code does not affect a row."""
 
