@@ -120,6 +120,17 @@ def test_the_overrides_of_a_run_make_its_scenario_from_the_base(several):
         assert scenario.simulation.seed == run.seed
 
 
+def test_thruster_positions_vary_by_component_once_the_base_has_them():
+    text = KEY + 'key = "vehicle.thruster_offset[2][1]"\ndistribution = "normal"\nmean = 0\ndeviation = 0.01'
+    text += "\n[design]\nruns = 4"
+    assert "give it a value in [base]" in faults(text)["vary[0]"]
+    moved = plan(text.replace("[[vary]]", "[base.vehicle]\nthruster_offset = [" + "[0, 0, 0]," * 6 + "]\n[[vary]]"))
+    assert moved.units == {"vehicle.thruster_offset[2][1]": "m"}
+    for index in range(4):
+        offsets = moved.scenario(index).vehicle.thruster_offset
+        assert offsets == tuple((0.0, moved.points[index][0] if i == 2 else 0.0, 0.0) for i in range(6))
+
+
 def test_a_law_has_its_own_settings_and_its_own_keys(several):
     for index in range(several.runs):
         run, law = several.run(index), several.scenario(index).controller

@@ -1,6 +1,7 @@
 """Places of numbers in a scenario: a dotted key, or a component of one, ``initial.position[0]``."""
 
 import copy
+import difflib
 import re
 from collections.abc import Mapping
 from typing import Any
@@ -47,7 +48,9 @@ def missing(place: str, tables: Mapping[str, Any]) -> str:
     if table not in tables:
         return f"no table {table!r}; {suggestion(table, (t for t in tables if isinstance(tables[t], dict)))}"
     if word not in tables[table]:
-        return f"{key} has no components in the base scenario; {suggestion(word, tables[table])}"
+        close = difflib.get_close_matches(word, tables[table], 1)
+        hint = f"did you mean {close[0]!r}?" if close else "give it a value in [base] to vary a component"
+        return f"{key} has no components in the base scenario; {hint}"
     inner, seen = tables[table][word], key
     for part in parts:
         if isinstance(part, int) and isinstance(inner, list):
