@@ -13,7 +13,7 @@ from synthetic_study import VARY, frame_of, plan_of, pushes
 from uvms_mj import InputError
 from uvms_mj.studies.report import page
 from uvms_mj.studies.report.data import Data, spans_decades
-from uvms_mj.studies.report.figures import cumulative, success_rates
+from uvms_mj.studies.report.figures import cumulative, scale, success_rates
 from uvms_mj.studies.report.maps import _edges, maps, pairs, shown
 from uvms_mj.studies.report.paired import paired
 from uvms_mj.studies.report.sensitivity import SUCCESS, sensitivities
@@ -199,6 +199,17 @@ def test_runs_without_a_value_lower_the_distribution_instead_of_leaving_it():
     distribution(ax, data, data.metrics[0], first=True)
     tops = {line.get_color(): line.get_ydata()[-1] for line in ax.lines if len(line.get_ydata()) > 1}
     assert tops == {data.colours["gsta"]: 1.0, data.colours["fosm"]: 0.75}
+
+
+def test_a_run_far_away_is_counted_and_does_not_flatten_the_others(rng):
+    from matplotlib.figure import Figure
+
+    ax = Figure().subplots()
+    scale(ax, np.r_[rng.uniform(-1.0, 1.0, 100), 500.0, np.nan])
+    low, high = ax.get_xlim()
+    assert -2.0 < low < -0.9
+    assert 0.9 < high < 2.0
+    assert ax.get_title(loc="right") == "1 run beyond"
 
 
 # Laws in the same draws
