@@ -139,7 +139,7 @@ def contact(ax: Axes, scenario: Scenario, reach: float) -> None:
 def main(out: Path) -> None:
     """Draw the frames: world W and body B, the wall, the current and the contact force."""
     scenario = Scenario.load("push_wall")
-    reach = set_up(scenario).reach
+    reach = set_up(scenario).plant.geometry.reach
     matplotlib.rcParams.update(
         {
             "font.size": 10.5,

@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from uvms_mj import Scenario, Trace, simulate
-from uvms_mj.files import resource
+from uvms_mj.files import shipped
 from uvms_mj.plant.geometry import Shape
 from uvms_mj.records.palette import Colour
 from uvms_mj.records.scene import FORCES, scene_of
@@ -70,7 +70,7 @@ def to_pixels(brightness: np.ndarray, rgb: tuple[float, float, float]) -> np.nda
 
 def picture(scenario: Scenario, walls: Sequence[Shape]) -> mujoco.MjModel:
     """The vehicle under water, between a floor and the walls: a model for rendering only."""
-    spec = mujoco.MjSpec.from_file(str(resource("models", f"{scenario.vehicle.model}.xml")))
+    spec = mujoco.MjSpec.from_file(str(shipped("models")[scenario.vehicle.model]))
     spec.add_texture(
         name="water",
         type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,

@@ -95,18 +95,20 @@ def faults_of(
             table, _, word = key.rpartition(".")
             message = f"no such key; {suggestion(word, (choices or {}).get(table.partition('[')[0], ()))}"
         else:
-            message = f"{_shown(item['input'])} {_sentence(item)}"
+            given = item["input"]
+            message = f"{shortened(list(given) if isinstance(given, tuple) else given)} {_sentence(item)}"
         if item["type"] == "missing" or key not in faults:  # the last missing number gives a list's length
             faults[key] = Fault(key, message)
     return list(faults.values())
 
 
-def _shown(value: Any) -> str:
+def shortened(value: Any) -> str:
+    """A value for a message, cut to 60 characters."""
     try:
-        text = repr(list(value) if isinstance(value, tuple) else value)
-    except (RecursionError, ValueError):  # deeply nested lists, or an integer of 5000 digits
-        return f"the given {type(value).__name__}"
-    return text if len(text) <= 60 else text[:57] + "..."
+        text = repr(value)
+    except Exception:  # nested too deeply, an integer of 5000 digits, or a user's __repr__ that fails
+        text = f"the given {type(value).__name__}"
+    return text if len(text) <= 60 else text[:57] + "..." + text[-1]
 
 
 def _of_length(values: Sequence[Any], n: int) -> str:

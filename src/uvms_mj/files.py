@@ -10,27 +10,21 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from .errors import InputError, suggestion
+from .errors import InputError, shortened, suggestion
 
 _PACKAGE = Path(__file__).parent
-_FOLDERS = {
-    "scenarios": (_PACKAGE / "scenarios",),
-    "models": (_PACKAGE / "models", _PACKAGE.parents[1] / "models"),  # in a wheel; in a checkout
-    "studies": (_PACKAGE / "studies" / "shipped",),
+_SHIPPED = {
+    "scenarios": (".toml", _PACKAGE / "scenarios"),
+    "studies": (".toml", _PACKAGE / "studies" / "shipped"),
+    "models": (".xml", _PACKAGE.parents[1] / "models", _PACKAGE / "models"),  # in a checkout; in a wheel
 }
+"""Suffix and folders of the shipped files."""
 
 
-def resource(kind: str, file_name: str) -> Path | None:
-    """Path of a shipped file, or None if there is no such file. ``kind`` is "scenarios", "models" or
-    "studies"."""
-    if Path(file_name).name != file_name:
-        return None
-    return next((f / file_name for f in _FOLDERS[kind] if (f / file_name).is_file()), None)
-
-
-def names(kind: str, suffix: str) -> list[str]:
-    """Names, without suffix, of the shipped files of a kind."""
-    return sorted({path.stem for folder in _FOLDERS[kind] for path in folder.glob(f"*{suffix}")})
+def shipped(kind: str) -> dict[str, Path]:
+    """The shipped files of a kind, "scenarios", "studies" or "models", by their names without suffix."""
+    suffix, *folders = _SHIPPED[kind]
+    return {path.stem: path for folder in folders for path in sorted(Path(folder).glob(f"*{suffix}"))}
 
 
 def scenario_path(scenario: str | os.PathLike) -> Path:
@@ -48,12 +42,11 @@ def toml_path(given: str | os.PathLike, noun: str, kind: str) -> Path:
         return path
     if path.is_dir():
         raise InputError(f"{noun} {str(given)!r}: is a folder; name a TOML file in it")
-    shipped = resource(kind, f"{given}.toml")
-    if shipped is not None:
-        return shipped
-    known = names(kind, ".toml")
+    known = shipped(kind)
+    if str(given) in known:
+        return known[str(given)]
     if path.suffix == ".toml" or len(path.parts) > 1:
-        raise InputError(f"{noun} {str(given)!r}: no such file; built-in {kind}: {', '.join(known)}")
+        raise InputError(f"{noun} {str(given)!r}: no such file; built-in {kind}: {', '.join(sorted(known))}")
     raise InputError(f"{noun} {str(given)!r}: neither a file nor built in; {suggestion(str(given), known)}")
 
 
@@ -86,12 +79,6 @@ def text_of(path: Path) -> str:
     """Text of a file, cut one byte above the size limit. Raises OSError or UnicodeDecodeError."""
     with path.open("rb") as file:
         return file.read(_MOST_BYTES + 1).decode("utf-8-sig")
-
-
-def shortened(value: Any) -> str:
-    """A value for a message, cut to 60 characters."""
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..." + text[-1]
 
 
 def plain(value: Any) -> Any:

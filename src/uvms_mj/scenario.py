@@ -18,17 +18,15 @@ from . import actuation, control, guidance, navigation
 from .actuation import Actuation, PseudoInverse
 from .control import Controller, Gsta, ImpedanceTask
 from .control.design import Estimates, Impedance
-from .control.earlier_keys import TASK_KEYS, move_task_keys, task_settings
-from .errors import Fault, InputError, faults_of, suggestion
-from .files import parsed_toml, plain, scenario_path, shortened, text_of
+from .control.task import TASK_KEYS, move_task_keys
+from .errors import Fault, InputError, faults_of, shortened, suggestion
+from .files import parsed_toml, plain, scenario_path, text_of
 from .guidance import FilteredSteps, Guidance
 from .navigation import Navigation, Perfect
-from .plant.settings import Current, Disturbance, Initial, VehicleChoice
-from .plant.wall import Wall
+from .plant.settings import Current, Disturbance, Initial, VehicleChoice, Wall
 from .quantities import STRICT, Duration, Lowercase, Step, doc, overrides_of
 from .stages.base import Stage
-from .stages.loader import Choice, stage_of, table_of
-from .stages.recorded import Recorded
+from .stages.loader import Choice, Recorded, stage_of, table_of
 
 STAGES: dict[str, Choice] = {
     "reference": Choice(Guidance, guidance.SHIPPED, FilteredSteps),
@@ -143,10 +141,10 @@ class Scenario:
             if source is not None:
                 tables[name]["name"] = source
         old = move_task_keys(tables["controller"], tables["task"], faults)
-        settings, replaced = task_settings(overrides, faults)
-        for key, value in settings.items():
+        replaced = move_task_keys(overrides, overrides, faults)
+        for key, value in overrides.items():
             faults += _override(tables, key, value)
-        old = {key for key in old if f"task.{key}" not in settings} | replaced
+        old = {key for key in old if f"task.{key}" not in overrides} | replaced
         try:
             tables["task"] = stage_of(ImpedanceTask, tables["task"])
         except InputError as error:

@@ -5,7 +5,7 @@ import pytest
 
 from certified import certificate_of
 from uvms_mj import Gsta, Scenario, simulate
-from uvms_mj.analysis.disturbance import Experienced, NotGiven, experienced, lumped_disturbance
+from uvms_mj.analysis.disturbance import Experienced, experienced, lumped_disturbance
 from uvms_mj.analysis.setup import set_up
 from uvms_mj.control.certificate import gains_for
 from uvms_mj.physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
@@ -134,8 +134,8 @@ def test_the_time_beyond_counts_with_s_where_it_is_least():
 def test_why_there_is_no_disturbance(key):
     trace = simulate(Scenario.load("push_wall", {"simulation.duration": 0.01, key: 0.9}))
     found = experienced(trace)
-    assert isinstance(found, NotGiven)
-    assert "M_hat is not M" in found.reason
+    assert isinstance(found, str)
+    assert "M_hat is not M" in found
 
 
 def sinusoid(factor, timestep=1e-4, frequency=0.5):

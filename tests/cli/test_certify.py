@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from certified import certificate_of
 from uvms_mj import Gsta, InputError, McapLog, Scenario, simulate
-from uvms_mj.analysis.disturbance import NotGiven, experienced
+from uvms_mj.analysis.disturbance import experienced
 from uvms_mj.cli.certify import certify
 from uvms_mj.control.certificate import gains_for, rate_bound
 from vehicles import random_parameters, vehicle_xml
@@ -127,8 +127,8 @@ def test_a_log_that_may_have_missed_the_fastest_change_gives_no_verdict(command,
     for log_rate in ("full", 1000, 100, 2):
         trace = simulate(Scenario.load("push_wall", touching), log_rate=log_rate)
         found = experienced(trace)
-        if isinstance(found, NotGiven):
-            assert "--log-rate" in found.reason
+        if isinstance(found, str):
+            assert "--log-rate" in found
         else:
             rates[log_rate] = found.largest_rate()[5]
     assert set(rates) == {"full", 1000}

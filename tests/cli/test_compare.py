@@ -7,7 +7,7 @@ from click.testing import CliRunner
 
 from pages import HOSTILE, complete_by_itself
 from uvms_mj import McapLog, Scenario, simulate
-from uvms_mj.cli.compare import compare
+from uvms_mj.cli.plot import compare
 
 LAW = """
 from dataclasses import dataclass

@@ -1,6 +1,7 @@
 """Theory beside the law: closed forms, warnings and certificates of a user's law; nothing is solved unasked."""
 
 import copy
+import inspect
 import json
 import pickle
 import re
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from uvms_mj import McapLog, Scenario, Trace, simulate
+from uvms_mj import Gsta, McapLog, Scenario, Trace, simulate
 from uvms_mj.analysis.metrics import final_force
 from uvms_mj.analysis.sampling import SamplingWarning, warnings_of
 from uvms_mj.analysis.setup import set_up
@@ -207,8 +208,7 @@ def test_a_theory_holds_for_the_law_beside_which_it_is_defined(write, law, metho
 
 
 def test_a_users_law_may_have_a_certificate(write, tmp_path):
-    law = (ROOT / "src" / "uvms_mj" / "control" / "gsta.py").read_text()
-    body = law[law.index("    @staticmethod") :]
+    body = inspect.getsource(Gsta.law)
     head = """
 import math
 from uvms_mj.control.certificate import Certificate

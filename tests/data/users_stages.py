@@ -5,11 +5,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from uvms_mj import Controller, gain
-from uvms_mj.actuation import Actuation
-from uvms_mj.actuation.pseudo_inverse import pseudo_inverse
+from uvms_mj.actuation import Actuation, pseudo_inverse
 from uvms_mj.guidance import Guidance, hold
-from uvms_mj.navigation import Navigation
-from uvms_mj.navigation.perfect import perfect
+from uvms_mj.navigation import Navigation, perfect
 from uvms_mj.physics.random import standard_normal
 from uvms_mj.stages.base import setting
 

@@ -364,6 +364,22 @@ class Late(Controller):
 
 @pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
 @pytest.mark.parametrize("plain", [False, True])
+def test_a_setting_of_a_users_stage_changes_during_a_run(tmp_path, request, plain):
+    """The mistake of Late comes at the time in force, not at that of the start."""
+    (tmp_path / "late.py").write_text(LATE)
+    if plain:
+        request.getfixturevalue("no_numba")
+    with Simulation(Scenario.load("push_wall", MOVING, f"{tmp_path / 'late.py'}:Late")) as sim:
+        sim.step(20)
+        sim.set({"controller.when": 0.01})
+        sim.step(60)
+        with pytest.raises(StageFault, match="raised IndexError"):
+            sim.step(60)
+        assert sim.steps == 101
+
+
+@pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
+@pytest.mark.parametrize("plain", [False, True])
 def test_a_stage_that_fails_stops_the_simulation_until_its_reset(tmp_path, request, plain):
     (tmp_path / "late.py").write_text(LATE)
     if plain:

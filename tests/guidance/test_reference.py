@@ -1,15 +1,19 @@
 """The reference is the third-order filter's step response."""
 
+from types import SimpleNamespace
+
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from uvms_mj.guidance.filtered_steps import filtered_steps
+from uvms_mj.guidance import FilteredSteps
 
 
 def evaluate(t, start, times, positions, bandwidth):
-    out = np.zeros((3, 3))
-    filtered_steps(t, np.asarray(start, float), np.asarray(times, float), np.asarray(positions, float), bandwidth, *out)
-    return out
+    arrays = {"start": np.asarray(start, float), "times": np.asarray(times), "positions": np.asarray(positions, float)}
+    settings = SimpleNamespace(**arrays, bandwidth=bandwidth, quat_d=np.zeros(4))
+    out = SimpleNamespace(p_d=np.zeros(3), p_d_dot=np.zeros(3), p_d_ddot=np.zeros(3), quat_d=np.zeros(4))
+    FilteredSteps.step(settings, None, SimpleNamespace(t=t), None, out)
+    return np.array([out.p_d, out.p_d_dot, out.p_d_ddot])
 
 
 def test_it_solves_the_filters_differential_equation_through_all_waypoints():

@@ -29,7 +29,7 @@ def test_matrices_and_quaternions_are_mujocos(rpy, a):
     mujoco.mju_quat2Mat(R, quat)
     assert np.allclose(frames.rotation_matrix(quat), R.reshape(3, 3), atol=1e-15)
     many = np.array([[1.0, 0.0, 0.0, 0.0], quat])
-    assert np.allclose(frames.rotation_matrices(many), [np.eye(3), R.reshape(3, 3)], atol=1e-15)
+    assert np.allclose(frames.rotation_matrix(many), [np.eye(3), R.reshape(3, 3)], atol=1e-15)
     frames.to_world(R.reshape(3, 3), a, turned)
     assert np.allclose(turned, R.reshape(3, 3) @ a)
     frames.to_body(R.reshape(3, 3), turned, turned)

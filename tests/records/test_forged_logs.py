@@ -16,7 +16,7 @@ from command import run
 from recorded import rewritten
 from uvms_mj import Controller, InputError, Trace
 from uvms_mj.records.mcap.attachments import refuse_large
-from uvms_mj.stages.recorded import recorded_stage
+from uvms_mj.stages.loader import recorded_stage
 
 
 @pytest.mark.parametrize(

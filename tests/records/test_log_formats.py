@@ -9,7 +9,7 @@ import pytest
 
 from recorded import decoded, rewritten, same
 from uvms_mj import InputError, Status, Trace, simulate
-from uvms_mj.physics.frames import rotation_matrices
+from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.records import scene
 from uvms_mj.records.mcap import attachments, read_files, topics
 
@@ -38,7 +38,7 @@ def test_a_log_of_format_1_is_read_to_the_last_bit():
     task, wall = trace.scenario.task, trace.scenario.wall
     s = trace.nu_e + np.array(task.F_1) * trace.eta_e + np.array(task.F_2) * trace.zeta  # paper eq. (14)
     np.testing.assert_allclose(trace.s, s, rtol=0, atol=1e-15)
-    v_W = np.einsum("nij,nj->ni", rotation_matrices(trace.quat_WB), trace.nu[:, :3])
+    v_W = np.einsum("nij,nj->ni", rotation_matrix(trace.quat_WB), trace.nu[:, :3])
     push = wall.stiffness * (trace.p_WB[:, 0] - wall.position) + wall.damping * v_W[:, 0]
     np.testing.assert_allclose(trace.push, push, rtol=1e-3)  # the contact point is not B's origin
     assert trace.force_peak[-1] == trace.push.max() > 19.0

@@ -3,6 +3,7 @@
 import dataclasses
 import re
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,9 +13,9 @@ from uvms_mj import Gsta, InputError, Scenario, Simulation
 from uvms_mj.actuation import Actuation, PseudoInverse
 from uvms_mj.analysis.setup import set_up
 from uvms_mj.control import External, Ideal, ImpedanceTask
-from uvms_mj.control.tracking import tracking_errors
+from uvms_mj.control.task import tracking_errors
 from uvms_mj.guidance import FilteredSteps, Guidance, hold
-from uvms_mj.guidance.filtered_steps import MOST_WAYPOINTS, filtered_steps
+from uvms_mj.guidance.filtered_steps import MOST_WAYPOINTS
 from uvms_mj.navigation import Navigation, Perfect
 from uvms_mj.scenario import STAGES
 from uvms_mj.stages.base import is_shipped
@@ -38,9 +39,9 @@ import math
 import numpy as np
 from uvms_mj.guidance import Guidance, hold
 from uvms_mj.navigation import Navigation, Perfect
-from uvms_mj.navigation.perfect import perfect
+from uvms_mj.navigation import perfect
 from uvms_mj.actuation import Actuation
-from uvms_mj.actuation.pseudo_inverse import pseudo_inverse
+from uvms_mj.actuation import pseudo_inverse
 from uvms_mj.control import Controller
 from uvms_mj.physics.random import standard_normal
 from uvms_mj.stages.base import setting
@@ -314,11 +315,13 @@ def test_the_reference_does_not_depend_on_the_room_for_its_steps(setup, n, rng):
     settings, steps = settings_of(stage, setup), stage.steps
     assert settings.dtype == settings_of(FilteredSteps(), setup).dtype
     for t in (0.0, 0.5, 1.2, 4.0, 60.0):
-        out, wanted = record(REFERENCE), np.zeros((3, 3))
-        FilteredSteps.step(settings, None, record(CLOCK + KNOWN, t=t), None, out)
-        arrays = (np.array([w.time for w in steps]), np.array([w.position for w in steps]))
-        filtered_steps(t, np.array(setup.scenario.initial.position), *arrays, stage.bandwidth, *wanted)
-        assert np.array_equal([out.p_d, out.p_d_dot, out.p_d_ddot], wanted)
+        out, wanted, given = record(REFERENCE), record(REFERENCE), record(CLOCK + KNOWN, t=t)
+        FilteredSteps.step(settings, None, given, None, out)
+        arrays = {"times": np.array([w.time for w in steps]), "positions": np.array([w.position for w in steps])}
+        start = np.array(setup.scenario.initial.position)
+        own = SimpleNamespace(**arrays, start=start, bandwidth=stage.bandwidth, quat_d=settings.quat_d)
+        FilteredSteps.step(own, None, given, None, wanted)
+        assert out == wanted
         assert np.allclose(out.quat_d, Rotation.from_euler("z", 30.0, degrees=True).as_quat(scalar_first=True))
     assert stage.rests_at() == steps[-1].position
 

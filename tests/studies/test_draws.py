@@ -8,8 +8,8 @@ import pytest
 from scipy import stats
 from scipy.stats import qmc
 
-from uvms_mj.studies.draws import Variation, design_faults, points, quantile, unit_cube, variation
-from uvms_mj.studies.study_file import Vary
+from uvms_mj.studies.plan.draws import Variation, design_faults, points, quantile, unit_cube, variation
+from uvms_mj.studies.plan.study_file import Vary
 
 DISTRIBUTIONS = {
     "uniform": ({"low": -2.0, "high": 3.0}, stats.uniform(-2.0, 5.0)),

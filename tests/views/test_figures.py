@@ -26,9 +26,8 @@ from uvms_mj import Controller, InputError, Scenario, simulate
 from uvms_mj.cli.plot import FORMATS
 from uvms_mj.stages.signals import AXES
 from uvms_mj.views import colours, figures
-from uvms_mj.views.figures.lines import thin
 from uvms_mj.views.figures.scales import early, rebounds
-from uvms_mj.views.figures.style import COLOURS, stripe
+from uvms_mj.views.figures.style import COLOURS, stripe, thin
 
 pytestmark = pytest.mark.slow  # the runs of the paper's figures
 

@@ -1,14 +1,16 @@
 """The disturbance that the sliding mode of a run had to reject, eqs. (11) and (28), and its rate of change."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ..control.certificate import Certificate
 from ..control.theory import certificate
 from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
-from ..physics.frames import rotation_matrices, to_body
+from ..physics.frames import rotation_matrix, to_body
 from ..plant.vehicle import Vehicle
 from ..records.header import Status
 from ..records.trace import Trace
@@ -53,15 +55,9 @@ class Experienced:
         return np.diff(self.t) @ (np.abs(self.rate) * self.doubt >= certificate.allowed(nearest))
 
 
-@dataclass(frozen=True)
-class NotGiven:
-    """Reason why the disturbance of a run cannot be computed."""
-
-    reason: str
-
-
-def experienced(trace: Trace) -> Experienced | NotGiven:
-    """Disturbance that the sliding mode of a run had to reject, from its samples and the true coefficients.
+def experienced(trace: Trace) -> Experienced | str:
+    """Disturbance that the sliding mode of a run had to reject, from its samples and the true coefficients, or the
+    reason why it cannot be computed.
 
     It contains tau_bar_dist of eq. (11); the wrench that saturated thrusters did not deliver, which eq. (10) omits;
     F_1 (omega x p_e), which eq. (18) omits and which arises because p_e is in B; and, for GSTA alone, the missing
@@ -69,14 +65,14 @@ def experienced(trace: Trace) -> Experienced | NotGiven:
     """
     true = trace.scenario.vehicle
     if (trace.scenario.estimates.inertia, true.mass, true.added_mass) != (1.0, 1.0, 1.0):
-        return NotGiven("M_hat is not M: varphi contains (M_hat - M) nu_dot and therefore the switching of the law")
+        return "M_hat is not M: varphi contains (M_hat - M) nu_dot and therefore the switching of the law"
     if trace.status is Status.unstable:
-        return NotGiven("the run diverged")
+        return "the run diverged"
     if len(trace) < 4:
-        return NotGiven("fewer than four samples")
+        return "fewer than four samples"
     apart = float(np.diff(trace.t).max())
     if trace.header.row_steps > 1 and apart > ROWS_S:
-        return NotGiven(f"rows {apart:g} s apart may miss the fastest change: run with --log-rate 1000, or full")
+        return f"rows {apart:g} s apart may miss the fastest change: run with --log-rate 1000, or full"
     setup = set_up(trace.scenario, trace.header.mjcf)
     wrench = lumped_disturbance(trace, setup) + trace.tau - trace.tau_cmd
     bound = certificate(setup)
@@ -103,23 +99,23 @@ def lumped_disturbance(trace: Trace, setup: Setup) -> np.ndarray:
     nu_c_dot = np.zeros_like(nu_c)
     nu_c_dot[:, :3] = -np.cross(nu[:, 3:], nu_c[:, :3])  # constant in W
 
+    def term(kernel: Callable, *arguments: Any) -> np.ndarray:
+        """(n, 6) of an equation of :mod:`uvms_mj.physics.fossen` for all rows."""
+        out = np.empty(nu.T.shape)
+        kernel(*arguments, out)
+        return out.T
+
     def coriolis(vehicle: Vehicle, nu: np.ndarray) -> np.ndarray:
-        rigid_body, added_mass = np.empty(nu.T.shape), np.empty(nu.T.shape)
-        coriolis_rigid_body(vehicle.M_RB, nu.T, rigid_body)
-        coriolis_added_mass(vehicle.M_A, nu.T, added_mass)
-        return (rigid_body + added_mass).T
+        return term(coriolis_rigid_body, vehicle.M_RB, nu.T) + term(coriolis_added_mass, vehicle.M_A, nu.T)
 
     def damped(vehicle: Vehicle, nu: np.ndarray) -> np.ndarray:
-        D_nu = np.empty(nu.T.shape)
-        damping(vehicle.D_linear, vehicle.D_quadratic, nu.T, D_nu)
-        return D_nu.T
+        return term(damping, vehicle.D_linear, vehicle.D_quadratic, nu.T)
 
-    R_WB = np.moveaxis(rotation_matrices(trace.quat_WB), 0, 2)
+    R_WB = np.moveaxis(rotation_matrix(trace.quat_WB), 0, 2)
 
     def restored(vehicle: Vehicle) -> np.ndarray:
-        g_eta = np.empty(nu.T.shape)
-        restoring(vehicle.mass, vehicle.displaced_mass, vehicle.r_g, vehicle.r_b, setup.gravity_W, R_WB, g_eta)
-        return g_eta.T
+        masses = vehicle.mass, vehicle.displaced_mass, vehicle.r_g, vehicle.r_b
+        return term(restoring, *masses, setup.gravity_W, R_WB)
 
     return (
         trace.tau_dist
@@ -134,5 +130,5 @@ def lumped_disturbance(trace: Trace, setup: Setup) -> np.ndarray:
 def _in_body(trace: Trace, a_W: np.ndarray) -> np.ndarray:
     """(n, 6): a_W, (3,) or (n, 3), resolved in B and followed by three zeros."""
     a_B = np.zeros((6, len(trace)))
-    to_body(np.moveaxis(rotation_matrices(trace.quat_WB), 0, 2), a_W.T, a_B)
+    to_body(np.moveaxis(rotation_matrix(trace.quat_WB), 0, 2), a_W.T, a_B)
     return a_B.T

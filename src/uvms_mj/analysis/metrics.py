@@ -9,7 +9,6 @@ from ..records.header import Status
 from ..records.trace import Trace
 from ..stages.signals import FINAL_WINDOW_S
 from .rest import demanded_force
-from .windows import gain, grid, window
 
 SETTLED = 1e-3
 """Relative change over the final window below which a force counts as settled [1]."""
@@ -38,8 +37,8 @@ def final_force(trace: Trace) -> tuple[float | None, bool]:
         still = mean > 0.0 or bool(np.abs(trace.nu[-1]).max() < AT_REST)
         return mean, bool(still and spread <= SETTLED * mean)
     start = max(0, int(np.searchsorted(t, t[-1] - FINAL_WINDOW_S + 1e-9, side="right")) - 1)
-    window = float(t[-1] - t[start])
-    return float(impulse[-1] - impulse[start]) / window if window > 0.0 else float(trace.push[-1]), False
+    length = float(t[-1] - t[start])
+    return float(impulse[-1] - impulse[start]) / length if length > 0.0 else float(trace.push[-1]), False
 
 
 def rest_force(trace: Trace) -> float | None:
@@ -100,11 +99,9 @@ def drifts(t: np.ndarray, y: np.ndarray, since: float, tolerance: float) -> bool
     with the means over the third and the last quarter of the time in the band. The left side is :math:`\delta / 4` for
     a steady ramp, at most 0.12 :math:`\delta` for an exponential, and almost zero for a steady oscillation.
     """
-    third, last = (y[(t >= a) & (t <= b)] for a, b in itertools.pairwise(since + (t[-1] - since) * _QUARTERS))
+    quarters = since + (t[-1] - since) * np.array([0.5, 0.75, 1.0])
+    third, last = (y[(t >= a) & (t <= b)] for a, b in itertools.pairwise(quarters))
     return not (len(third) and len(last) and abs(last.mean() - third.mean()) <= tolerance / 8.0)
-
-
-_QUARTERS = np.array([0.5, 0.75, 1.0])
 
 
 def overshoot(trace: Trace) -> float | None:
@@ -231,3 +228,31 @@ def boundary_layer_share(trace: Trace, start: float = 0.0, end: float = np.inf) 
 
 def _final_mean(trace: Trace, y: np.ndarray) -> float:
     return float(y[trace.t >= trace.t[-1] - FINAL_WINDOW_S].mean())
+
+
+def window(trace: Trace, start: float, end: float) -> tuple[int, int]:
+    """First and last row of a part of a run."""
+    first = int(np.searchsorted(trace.t, start - 1e-9))
+    last = int(np.searchsorted(trace.t, end + 1e-9, side="right")) - 1
+    first = min(first, len(trace) - 1)
+    return first, max(first, last)
+
+
+def gain(trace: Trace, name: str, start: float, end: float) -> tuple[np.ndarray, float]:
+    """Increase of a running signal over a part of a run, and the duration of that part [s]."""
+    first, last = window(trace, start, end)
+    return trace[name][last] - trace[name][first], float(trace.t[last] - trace.t[first])
+
+
+def grid(trace: Trace, start: float, end: float, apart: float) -> np.ndarray:
+    """Indices of rows at intervals of ``apart`` [s]; of all rows if the log is slower than that."""
+    first, last = window(trace, start, end)
+    instants = np.arange(trace.t[first], trace.t[last] + 1e-9, apart)
+    rows = np.searchsorted(trace.t, instants - 1e-9)
+    return np.unique(np.minimum(rows, last))
+
+
+def cumulative(t: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Running integral (n, m) of y (n, m) over t by the trapezoidal rule."""
+    steps = 0.5 * np.diff(t)[:, None] * (y[1:] + y[:-1])
+    return np.concatenate([np.zeros((1, y.shape[1])), np.cumsum(steps, axis=0)])

@@ -1,16 +1,13 @@
 """Impedance error of a trace: the residual of the desired impedance."""
 
-import functools
-
 import mujoco
 import numpy as np
 
 from ..control.design import Design
-from ..physics.frames import rotation_matrices
-from ..records.header import Header
+from ..physics.frames import rotation_matrix
 from ..records.trace import Trace
 from . import setup
-from .windows import cumulative, grid
+from .metrics import cumulative, grid
 
 INTERVAL_S = 0.01
 """Length of the intervals over which the residual is averaged [s]."""
@@ -40,7 +37,7 @@ def impedance_error(trace: Trace, start: float = 0.0, end: float = np.inf) -> np
     integral[:, 0] = -trace.impulse
     force_W = (integral[last] - integral[first] + 0.5 * h * (f[first] - f[last])) / T
     arm_W = np.array([trace.header.geometry.reach, 0.0, 0.0])
-    R_WB = rotation_matrices(trace.quat_WB[rows])
+    R_WB = rotation_matrix(trace.quat_WB[rows])
     R_BW = 0.5 * np.swapaxes(R_WB[:-1] + R_WB[1:], 1, 2)
     tau_c = np.hstack([_turned(R_BW, force_W), _turned(R_BW, np.cross(arm_W, force_W))])
     v_W = _turned(R_WB, trace.nu[rows, :3])
@@ -78,9 +75,4 @@ def _turn(first: np.ndarray, last: np.ndarray) -> np.ndarray:
 
 def design_of(trace: Trace) -> Design:
     """Design of a run's controller, from the header of its log."""
-    return _design(trace.header)
-
-
-@functools.lru_cache(maxsize=32)
-def _design(header: Header) -> Design:
-    return setup.design_of(header.scenario, header.mjcf.vehicle)
+    return setup.design_of(trace.scenario, trace.header.mjcf.vehicle)

@@ -1,5 +1,7 @@
 """Checks of a run before its first step: errors, and warnings of a sampled loop that chatters or limit-cycles."""
 
+import contextlib
+import dataclasses
 from collections.abc import Iterator, Set
 
 import numpy as np
@@ -9,12 +11,15 @@ from ..control.theory import stage_notes
 from ..errors import Fault, InputError
 from ..physics.dissipation import damping_notes
 from ..plant.mjcf import Mjcf
+from ..quantities import leaves
 from ..scenario import STAGES, Scenario
-from .ranges import aliased, no_overflow
 from .setup import Setup, set_up
 from .wall import wall_faults, wall_notes
 
 _CHECKED = frozenset({"wall", "simulation.timestep", "disturbance"})
+_PERIODS = tuple(f"{table}.period" for table in STAGES)
+_SMALL, _LARGE = 1e-6, 1e8
+"""If an equation overflows, the message names the keys with numbers outside this range."""
 
 
 class SamplingWarning(UserWarning):
@@ -37,12 +42,12 @@ def refuse(setup: Setup, touched: Set[str] = _CHECKED) -> None:
         InputError: for example, the wall is too stiff for the time step, or a period is not a multiple of it.
     """
     faults: list[Fault] = []
-    if not touched.isdisjoint(("simulation.timestep", *STAGES)):
+    if not touched.isdisjoint(("simulation.timestep", *_PERIODS)):
         faults += _stage_faults(setup.scenario)
     if not touched.isdisjoint(("wall", "reference.attitude_deg", "simulation.timestep")):
         faults += wall_faults(setup)
     if not touched.isdisjoint(("disturbance", "simulation.timestep")):
-        faults += aliased(setup.scenario)
+        faults += _aliased(setup.scenario)
     if faults:
         raise InputError(faults, "scenario")
 
@@ -65,6 +70,40 @@ def warnings_of(setup: Setup) -> list[str]:
             "tau is the wrench closest to tau_cmd that they can produce"
         )
     return notes + damping_notes(vehicle.body, vehicle.D_linear, vehicle.D_quadratic)
+
+
+@contextlib.contextmanager
+def no_overflow(scenario: Scenario) -> Iterator[None]:
+    """Name the keys with extreme values if an equation of the design has no finite result.
+
+    Raises:
+        InputError: in place of NumPy's exception.
+    """
+    try:
+        with np.errstate(over="raise", invalid="raise", divide="raise"):
+            yield
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        extreme = [
+            Fault(key, f"{value:g} is too {'large' if abs(value) > 1.0 else 'small'} relative to the other numbers")
+            for key, value in leaves(dataclasses.asdict(scenario))
+            if isinstance(value, int | float) and value and not _SMALL <= abs(value) <= _LARGE
+        ]
+        what = f"an equation of the design has no finite result: {error}"
+        raise InputError(extreme or [Fault("", what)], what if extreme else "scenario") from None
+
+
+def _aliased(scenario: Scenario) -> list[Fault]:
+    """Errors for disturbance frequencies that the time step would alias to lower ones."""
+    h = scenario.simulation.timestep
+    return [
+        Fault(
+            f"disturbance.frequency_hz[{i}]",
+            f"{f:.12g} Hz must be below half the step rate, {0.5 / h:.6g} Hz: sampled every {h:g} s it would act as "
+            f"{abs(f - round(f * h) / h):.6g} Hz",
+        )
+        for i, f in enumerate(scenario.disturbance.frequency_hz)
+        if f * h >= 0.5 * (1.0 - 1e-9)
+    ]
 
 
 def _stage_faults(scenario: Scenario) -> Iterator[Fault]:

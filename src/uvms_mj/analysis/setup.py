@@ -11,9 +11,9 @@ from ..errors import InputError
 from ..physics.frames import rotation_matrix
 from ..plant.build import Plant, build
 from ..plant.mjcf import Mjcf
+from ..plant.settings import lightest_along_face
 from ..plant.variation import varied
 from ..plant.vehicle import Vehicle
-from ..plant.wall import lightest_along_face
 from ..scenario import Scenario
 
 
@@ -41,11 +41,6 @@ class Setup:
         return self.scenario.task
 
     @property
-    def reach(self) -> float:
-        """Distance of the contact point from B's origin [m]."""
-        return self.plant.geometry.reach
-
-    @property
     def gravity_W(self) -> np.ndarray:
         """(3,) acceleration of gravity [m/s^2]."""
         return self.plant.mjcf.gravity_W
@@ -56,7 +51,7 @@ class Setup:
 
     def mass_along_face(self) -> float:
         """Least effective mass at the contact point along the wall's face [kg]."""
-        return _along_face(self.design, self.reach)
+        return _along_face(self.design, self.plant.geometry.reach)
 
 
 @functools.lru_cache(maxsize=8)
@@ -83,5 +78,4 @@ def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
 def design_of(scenario: Scenario, nominal: Vehicle) -> Design:
     """The design matrices of a scenario and the vehicle of its file. Raises InputError if the desired impedance is not
     physical, or the factors of the true vehicle do not fit it."""
-    M = varied(nominal, scenario.vehicle).M
-    return Design.of(scenario.impedance, scenario.estimates, M, nominal.M, scenario.reference.attitude_deg)
+    return Design.of(scenario, varied(nominal, scenario.vehicle).M, nominal.M)

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator
 
 from ..errors import Fault
-from ..plant.wall import contact_settings
+from ..plant.settings import contact_settings
 from .setup import Setup
 
 RESOLVED = 0.3

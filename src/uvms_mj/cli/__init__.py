@@ -10,12 +10,11 @@ import click
 
 from .certify import certify
 from .common import EXIT_BAD_INPUT, end
-from .compare import compare
 from .converge import converge
 from .listing import controllers, keys, signals, stages
 from .logs import export, info, replay
 from .paper import paper
-from .plot import plot
+from .plot import compare, plot
 from .run import run
 from .stop import Stop, exit_interrupted
 from .study import study

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import EXIT_UNSTABLE, asked_for, bad_input, command, end, output_options, run_options
-from .console import ROUNDING, Console, facts, print_table
+from .common import bad_input, command, end, ended, output_options, run_options
+from .console import ROUNDING, Console, facts, print_table, table_of
+from .run import chosen
 from .stop import Stop, exit_interrupted
 
 if TYPE_CHECKING:
@@ -26,16 +27,7 @@ if TYPE_CHECKING:
 @click.option("--rate", type=float, metavar="L", help="Print gains for a rate of disturbance [m/s^3], without a run.")
 @click.option("--state", type=float, metavar="L_S", help="Part of the rate that grows with |s| [1/s^2]; needs beta.")
 @output_options
-def certify(
-    arguments: tuple[str, ...],
-    controller: str | None,
-    settings: tuple[str, ...],
-    log: str | None,
-    rate: float | None,
-    state: float | None,
-    as_json: bool,
-    quiet: bool,
-) -> None:
+def certify(rate: float | None, state: float | None, as_json: bool, quiet: bool, **asked: Any) -> None:
     """Print the rate of disturbance for which GSTA is certain to converge, and the rate in the scenario.
 
     The bound on the rate comes from a Lyapunov function, given in uvms_mj.control.certificate, and depends only on the
@@ -52,37 +44,34 @@ def certify(
     console = Console(as_json, quiet)
     try:
         with bad_input():
-            scenario, trace = _load(arguments, controller, settings, log)
+            scenario, trace = _load(**asked)
             certificate = _certificate(scenario, trace)
             if rate is not None or state is not None:
                 _report_gains(certificate, rate or 0.0, state or 0.0, console)
                 return
-            trace = trace if trace is not None else _run(scenario, console, stop)
+            if trace is None:
+                from ..engine.run import simulate
+
+                with console.running(scenario, stop) as progress:
+                    trace = simulate(scenario, progress=progress)
             _report(certificate, trace, console)
     except KeyboardInterrupt:
         end("interrupted before the first step", exit_interrupted())
-    status = trace.status.name
-    if status != "completed":
-        click.echo(f"{status}: {trace.message}", err=True)
-    sys.exit({"unstable": EXIT_UNSTABLE, "interrupted": exit_interrupted()}.get(status, 0))
+    sys.exit(ended(trace))
 
 
 def _load(
     arguments: tuple[str, ...], controller: str | None, settings: tuple[str, ...], log: str | None
 ) -> "tuple[Scenario, Trace | None]":
-    """The scenario, and the trace if a log is given."""
+    if log is None:
+        return chosen(arguments, settings, controller, None, None)[0], None
     from ..errors import InputError
-    from ..scenario import Scenario
+    from ..records.trace import Trace
 
-    if log is not None:
-        if arguments or settings or controller is not None:
-            raise InputError("--from uses a log unchanged: omit the scenario, the law and the settings")
-        from ..records.trace import Trace
-
-        trace = Trace.load(log)
-        return trace.scenario, trace
-    name, overrides = asked_for(arguments, settings)
-    return Scenario.load(name or "push_wall", overrides, controller), None
+    if arguments or settings or controller is not None:
+        raise InputError("--from uses a log unchanged: omit the scenario, the law and the settings")
+    trace = Trace.load(log)
+    return trace.scenario, trace
 
 
 def _certificate(scenario: "Scenario", trace: "Trace | None") -> "Certificate":
@@ -90,7 +79,7 @@ def _certificate(scenario: "Scenario", trace: "Trace | None") -> "Certificate":
     from ..analysis.setup import set_up
     from ..control import theory
     from ..errors import InputError
-    from ..stages.recorded import Recorded
+    from ..stages.loader import Recorded
 
     law = scenario.controller
     certificate = theory.certificate(set_up(scenario, None if trace is None else trace.header.mjcf))
@@ -100,13 +89,6 @@ def _certificate(scenario: "Scenario", trace: "Trace | None") -> "Certificate":
             hint = ": code from a log is never executed; omit --from, give scenario and --controller FILE.py:LAW"
         raise InputError(f"{law.label()} defines no certificate{hint}")
     return certificate
-
-
-def _run(scenario: "Scenario", console: Console, stop: Stop) -> "Trace":
-    from ..engine.run import simulate
-
-    with console.running(scenario, stop) as progress:
-        return simulate(scenario, progress=progress)
 
 
 def _report_gains(gains: "Certificate", rate: float, state: float, console: Console) -> None:
@@ -133,7 +115,7 @@ def _report_gains(gains: "Certificate", rate: float, state: float, console: Cons
 
 
 def _report(certificate: "Certificate", trace: "Trace", console: Console) -> None:
-    from ..analysis.disturbance import NotGiven, experienced
+    from ..analysis.disturbance import experienced
 
     found = experienced(trace)
     report: dict[str, Any] = {
@@ -145,8 +127,8 @@ def _report(certificate: "Certificate", trace: "Trace", console: Console) -> Non
         "experienced": None,
         "saturated_s": float(trace.saturation_time[-1]) if len(trace) else None,
     }
-    if isinstance(found, NotGiven):
-        report |= {"is_certified": None, "verdict": f"no verdict on this scenario: {found.reason}"}
+    if isinstance(found, str):
+        report |= {"is_certified": None, "verdict": f"no verdict on this scenario: {found}"}
     else:
         import numpy as np
 
@@ -205,8 +187,6 @@ def _verdict(certificate: "Certificate", largest: Any, beyond: Any, saturated: f
 
 
 def _tables(report: dict[str, Any]) -> None:
-    from rich.table import Table
-
     gains, certified, found = report["gains"], report["certified"], report["experienced"]
     table = facts(f"{report['scenario']} · {report['controller']}")
     alone = "" if gains["nominal"] else ", without nominal control"
@@ -218,7 +198,7 @@ def _tables(report: dict[str, Any]) -> None:
     if found is None:
         return
     title = "disturbance varphi of the scenario, eq. (28), and its rate varphi_dot; in m and rad"
-    table = Table(title=title, title_justify="left")
+    table = table_of(title, "axis", fixed=("axis",))
     heads = {
         "varphi": "|varphi| [1/s^2]",
         "rate": "largest rate [1/s^3]",
@@ -228,7 +208,6 @@ def _tables(report: dict[str, Any]) -> None:
         "margin_to_limit": "k_2/2 - rate",
         "time_beyond_s": "above bound [s]",
     }
-    table.add_column("axis", no_wrap=True)
     for head in heads.values():
         table.add_column(head, justify="right", overflow="fold")
     for i, axis in enumerate(found["axes"]):

@@ -2,18 +2,19 @@
 
 import contextlib
 import functools
-import json
 import logging
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from .console import bar, printable
-from .stop import Stop
+from .stop import Stop, exit_interrupted
+
+if TYPE_CHECKING:
+    from ..records.trace import Trace
 
 EXIT_BAD_INPUT, EXIT_UNSTABLE = 2, 3
 
@@ -46,21 +47,16 @@ def _named(context: click.Context, option: click.Parameter, value: Any) -> Any:
     return value
 
 
-def path_argument(name: str, **attributes: Any) -> Any:
-    """An argument with the path of one or several files; it must not be empty."""
-    return click.argument(name, callback=_named, **attributes)
-
-
-def path_option(*names: str, **attributes: Any) -> Any:
-    """An option with the path of a file or folder; it must not be empty."""
-    return click.option(*names, callback=_named, **attributes)
-
+path_argument = functools.partial(click.argument, callback=_named)
+path_option = functools.partial(click.option, callback=_named)
+"""An argument and an option with the path of a file or folder; it must not be empty."""
 
 _LAWS = "gsta, sta, fosm, impedance, ideal, or path/to/my_law.py:MyLaw."
 
 
 def run_options(from_help: str, laws: str = _LAWS) -> Callable[[Any], Any]:
-    """The options of all commands that run one scenario: effect of ``--from LOG``, choices of ``--controller``."""
+    """The options of all commands that run one scenario, as ``arguments``, ``controller``, ``settings`` and ``log``:
+    effect of ``--from LOG``, choices of ``--controller``."""
     law_option = click.option("-c", "--controller", metavar="LAW", help=laws)
     from_option = path_option("--from", "log", metavar="LOG", help=from_help)
     return lambda function: scenario_argument(law_option(set_option(from_option(function))))
@@ -111,18 +107,25 @@ def draw_to_files() -> None:
 
 
 @contextlib.contextmanager
-def progress_bar(what: str, hidden: bool, stop: Stop) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar on terminals. Yields a function of the counts done and in total, which also checks for signals."""
+def progress_bar(
+    what: str, hidden: bool, stop: Stop, column: str | None = None, **fields: Any
+) -> Iterator[Callable[..., None]]:
+    """A progress bar on terminals, with the share done or another column beside it, which shows ``fields``. Yields a
+    function of the counts done and in total, and of fields of the task such as its description. The function also
+    checks for signals."""
     if hidden or not sys.stderr.isatty():
-        yield lambda done, total: stop.check()
+        yield lambda *counts, **fields: stop.check()
         return
-    from rich.progress import TaskProgressColumn
+    import rich.console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeRemainingColumn
 
-    with bar(what, TaskProgressColumn()) as update:
+    columns = ("{task.description}", BarColumn(), column or TaskProgressColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=rich.console.Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(what, total=None, **fields)
 
-        def advance(done: int, total: int) -> None:
+        def advance(done: int, total: int, **fields: Any) -> None:
             stop.check()
-            update(completed=done, total=total)
+            progress.update(task, completed=done, total=total, **fields)
 
         yield advance
 
@@ -146,12 +149,19 @@ def bad_input() -> Iterator[None]:
         end(f"error: {error}", EXIT_BAD_INPUT)
 
 
+def printable(text: str) -> str:
+    """Text with control characters escaped: names of files, or in a log, must not control the terminal."""
+    return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
+
+
 def end(message: str, status: int) -> NoReturn:
     click.echo(printable(message), err=True)
     sys.exit(status)
 
 
-def toml_value(value: Any) -> str:
-    if value is None:
-        return "-"
-    return json.dumps(list(value) if isinstance(value, tuple) else value)
+def ended(trace: "Trace") -> int:
+    """Print why a run did not complete, and return the exit status."""
+    status = trace.status.name
+    if status != "completed":
+        click.echo(f"{status}: {trace.message}", err=True)
+    return {"unstable": EXIT_UNSTABLE, "interrupted": exit_interrupted()}.get(status, 0)

@@ -1,25 +1,28 @@
 """Terminal output: progress and warnings on standard error, results on standard output."""
 
 import contextlib
-import functools
 import json
 import math
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from collections.abc import Callable, Container, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from .common import printable, progress_bar
 from .stop import Stop
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 ROUNDING = 1e-9
 """Numbers smaller than this, relative or in SI units, come from rounding and are shown as zero."""
 
 
-def printable(text: str) -> str:
-    """Text with control characters escaped: names of files, or in a log, must not control the terminal."""
-    return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
+def warn(message: object, *_: Any, **__: Any) -> None:
+    """Print a warning as one line. The further arguments are those that Python gives its hook for warnings."""
+    click.echo(f"warning: {printable(str(message))}", err=True)
 
 
 class Console:
@@ -33,9 +36,6 @@ class Console:
         """A context in which a law's own prints go to standard error if standard output is reserved for JSON."""
         return contextlib.redirect_stdout(sys.stderr) if self.as_json else contextlib.nullcontext()
 
-    def warn(self, message: Any, category: Any, *_: Any, **__: Any) -> None:
-        click.echo(f"warning: {printable(str(message))}", err=True)
-
     @contextlib.contextmanager
     def running(self, scenario: Any, stop: Stop) -> Iterator[Callable[[int, int], None]]:
         """Context of a run: prints warnings as lines, and yields a function of the steps done and their total.
@@ -43,19 +43,12 @@ class Console:
         The function draws a progress bar if standard error is a terminal, and checks for signals.
         """
         label = f"{scenario.name} · {scenario.controller.label()}"
-        shown: contextlib.AbstractContextManager[Any] = contextlib.nullcontext()
-        if not self.quiet and sys.stderr.isatty():
-            shown = bar(f"{label} · compiling", "{task.fields[simulated]:.1f} s simulated", simulated=0.0)
+        column = "{task.fields[simulated]:.1f} s simulated"
+        shown = progress_bar(f"{label} · compiling", self.quiet, stop, column, simulated=0.0)
         with warnings.catch_warnings(), shown as update:
-            warnings.showwarning = self.warn  # Python's own hook; catch_warnings restores it
-
-            def progress(done: int, total: int) -> None:
-                stop.check()
-                if update is not None:
-                    simulated = done * scenario.simulation.timestep
-                    update(description=label, completed=done, total=total, simulated=simulated)
-
-            yield progress
+            warnings.showwarning = warn  # Python's own hook; catch_warnings restores it
+            h = scenario.simulation.timestep
+            yield lambda done, total: update(done, total, description=label, simulated=done * h)
 
     def report(self, trace: Any, report: dict[str, Any]) -> None:
         if self.as_json:
@@ -64,22 +57,8 @@ class Console:
             _run_table(trace, report)
 
 
-@contextlib.contextmanager
-def bar(what: str, column: Any, **fields: Any) -> Iterator[Callable[..., None]]:
-    """A progress bar on standard error with one column beside the bar, which shows ``fields``. Yields a function that
-    updates it."""
-    import rich.console
-    from rich.progress import BarColumn, Progress, TimeRemainingColumn
-
-    columns = ("{task.description}", BarColumn(), column, TimeRemainingColumn())
-    with Progress(*columns, console=rich.console.Console(stderr=True), transient=True) as progress:
-        yield functools.partial(progress.update, progress.add_task(what, total=None, **fields))
-
-
 def log_tables(path: Any, trace: Any, files: Mapping[str, bytes]) -> None:
     """Print the contents of a log: its rows, attachments, law, versions and topics."""
-    from rich.table import Table
-
     from ..records.mcap.layout import Format
 
     header = trace.header
@@ -93,24 +72,27 @@ def log_tables(path: Any, trace: Any, files: Mapping[str, bytes]) -> None:
             table.add_row("law" if name == "controller" else name, printable(f"{stage.source}{digest}"))
     table.add_row("vehicle", printable(header.mjcf.name))
     table.add_row("engine", printable(header.engine))
-    attachments = "\n".join(f"{printable(name)}, {len(data) / 1e3:.1f} kB" for name, data in files.items())
-    table.add_row("attachments", attachments)
-    versions = ", ".join(f"{name} {version}" for name, version in header.versions.items())
-    table.add_row("versions", printable(versions))
+    attached = "\n".join(f"{name}, {len(data) / 1e3:.1f} kB" for name, data in files.items())
+    table.add_row("attachments", printable(attached))
+    table.add_row("versions", printable(", ".join(f"{name} {version}" for name, version in header.versions.items())))
     print_table(table)
-    table = Table(title="topics", title_justify="left", min_width=60)
-    for column in ("topic", "type", "frame", "unit", "meaning"):
-        table.add_column(column, no_wrap=column in ("topic", "type"))
+    columns = ("topic", "type", "frame", "unit", "meaning")
+    table = table_of("topics", *columns, fixed=("topic", "type"), min_width=60)
     for topic in Format(header).topics:
         table.add_row(topic.name, topic.type, topic.frame, topic.unit, topic.meaning)
     print_table(table)
 
 
-def facts(title: str) -> Any:
-    """An empty table of names and values."""
-    from rich.table import Table
+def table_of(title: str, *columns: str, fixed: Container[str] = (), **look: Any) -> "Table":
+    """An empty table; columns in ``fixed`` do not wrap."""
+    from rich.table import Column, Table
 
-    return Table(title=title, show_header=False, title_justify="left", min_width=60)
+    return Table(*(Column(each, no_wrap=each in fixed) for each in columns), title=title, title_justify="left", **look)
+
+
+def facts(title: str) -> "Table":
+    """An empty table of names and values."""
+    return table_of(title, show_header=False, min_width=60)
 
 
 def print_table(table: Any) -> None:

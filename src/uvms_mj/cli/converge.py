@@ -3,14 +3,14 @@
 import json
 import math
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from .common import EXIT_BAD_INPUT, EXIT_UNSTABLE, bad_input, command, end, output_options, progress_bar, run_options
-from .console import Console, print_table
+from .console import Console, print_table, table_of, warn
 from .run import chosen
-from .stop import Stop, exit_interrupted
+from .stop import Stop
 
 if TYPE_CHECKING:
     from ..studies.convergence import Convergence, Estimate
@@ -28,15 +28,7 @@ if TYPE_CHECKING:
     "`list` prints all.",
 )
 @output_options
-def converge(
-    arguments: tuple[str, ...],
-    controller: str | None,
-    settings: tuple[str, ...],
-    log: str | None,
-    metrics: tuple[str, ...],
-    as_json: bool,
-    quiet: bool,
-) -> None:
+def converge(metrics: tuple[str, ...], as_json: bool, quiet: bool, **asked: Any) -> None:
     """Compute error bars for a run's results: repeat the run at h, h/2 and h/4, and extrapolate.
 
     h is the scenario's time step. The three runs take seven times as long as the first one and write no files.
@@ -49,27 +41,24 @@ def converge(
     """
     stop = Stop()
     console = Console(as_json, quiet)
-    try:
-        with bad_input():
-            from ..engine.run import LawError
-            from ..studies.convergence import DEFAULT, METRICS, NotCompletedError
-            from ..studies.convergence import converge as runs_of
+    with bad_input():
+        from ..engine.run import LawError
+        from ..studies.convergence import DEFAULT, METRICS, NotCompletedError
+        from ..studies.convergence import converge as runs_of
 
-            if "list" in metrics:
-                click.echo("\n".join(METRICS))
-                return
-            scenario, mjcf, *_ = chosen(arguments, settings, controller, log, None)
-            try:
-                with console.alone(), progress_bar("running", as_json or quiet, stop) as bar:
-                    found = runs_of(scenario, metrics or DEFAULT, mjcf=mjcf, progress=bar)
-            except NotCompletedError as error:
-                end(str(error), EXIT_UNSTABLE)
-            except LawError as error:
-                end(f"error: {error}", EXIT_BAD_INPUT)
-    except KeyboardInterrupt:
-        end("interrupted", exit_interrupted())
+        if "list" in metrics:
+            click.echo("\n".join(METRICS))
+            return
+        scenario, mjcf, *_ = chosen(**asked, log_rate=None)
+        try:
+            with console.alone(), progress_bar("running", as_json or quiet, stop) as bar:
+                found = runs_of(scenario, metrics or DEFAULT, mjcf=mjcf, progress=bar)
+        except NotCompletedError as error:
+            end(str(error), EXIT_UNSTABLE)
+        except LawError as error:
+            end(f"error: {error}", EXIT_BAD_INPUT)
     for note in found.notes:
-        console.warn(note, UserWarning)
+        warn(note)
     if as_json:
         click.echo(json.dumps(_report(found), allow_nan=False))
     elif not quiet:
@@ -77,7 +66,6 @@ def converge(
 
 
 def _report(found: "Convergence") -> dict[str, object]:
-    """The object that ``--json`` prints."""
     return {
         "scenario": found.scenario.name,
         "controller": found.scenario.controller.label(),
@@ -88,13 +76,10 @@ def _report(found: "Convergence") -> dict[str, object]:
 
 
 def _table(found: "Convergence") -> None:
-    from rich.table import Table
-
     scenario, period = found.scenario, found.scenario.controller.period
     sampled = "the law at every step" if period is None else f"the law every {period:g} s"
     title = f"{scenario.name} · {scenario.controller.label()} · {scenario.simulation.duration:g} s, {sampled}"
-    table = Table(title=title, title_justify="left", min_width=60)
-    table.add_column("metric", no_wrap=True)
+    table = table_of(title, "metric", fixed=("metric",), min_width=60)
     for h in found.timesteps:
         table.add_column(f"h = {h:g} s", justify="right")
     table.add_column("order", justify="right")

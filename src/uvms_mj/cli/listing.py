@@ -1,12 +1,13 @@
 """``uvms-mj controllers``, ``keys`` and ``signals``: lists of laws, scenario keys and signals."""
 
 import dataclasses
-from typing import TYPE_CHECKING
+import json
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import bad_input, command, toml_value
-from .console import print_table
+from .common import bad_input, command
+from .console import print_table, table_of
 
 if TYPE_CHECKING:
     from ..stages.base import Stage
@@ -47,15 +48,12 @@ def stages(room: str | None, names: tuple[str, ...]) -> None:
 
 
 def _print_stage(cls: "type[Stage]") -> None:
-    from rich.table import Table
-
     room = cls.room
     written = "" if (cls.__doc__ or "").startswith(f"{cls.__name__}(") else cls.__doc__  # not dataclass's own
     summary_line = (written or "").strip().splitlines()
     title = f"{cls.label()}: {summary_line[0] if summary_line else ''}"
-    table = Table(title=title, title_justify="left", caption=f"[{room.table}]", caption_justify="left", min_width=80)
-    for column in (room.setting, "default", "unit", "meaning"):
-        table.add_column(column)
+    columns = (room.setting, "default", "unit", "meaning")
+    table = table_of(title, *columns, caption=f"[{room.table}]", caption_justify="left", min_width=80)
     for field in cls.setting_fields():
         default = "required" if field.default is dataclasses.MISSING else toml_value(field.default)
         table.add_row(field.name, default, field.metadata.get("unit", ""), field.metadata.get("meaning", ""))
@@ -65,16 +63,19 @@ def _print_stage(cls: "type[Stage]") -> None:
     print_table(table)
 
 
+def toml_value(value: Any) -> str:
+    if value is None:
+        return "-"
+    return json.dumps(list(value) if isinstance(value, tuple) else value)
+
+
 @command()
 def keys() -> None:
     """List all keys of a scenario with defaults and units."""
-    from rich.table import Table
-
     from ..scenario import keys as scenario_keys
 
-    table = Table(title="Keys of a scenario; `uvms-mj stages` lists the settings of each stage", title_justify="left")
-    for column in ("key", "default", "meaning"):
-        table.add_column(column)
+    title = "Keys of a scenario; `uvms-mj stages` lists the settings of each stage"
+    table = table_of(title, "key", "default", "meaning")
     for key, default, meaning in scenario_keys():
         table.add_row(key, toml_value(default), meaning)
     print_table(table)
@@ -83,8 +84,6 @@ def keys() -> None:
 @command()
 def signals() -> None:
     """List the signals that each stage receives and sets, and the signals that a run records."""
-    from rich.table import Table
-
     from ..scenario import STAGES
     from ..stages.signals import MEASURED, RECORDED, thruster_signal
 
@@ -98,9 +97,8 @@ def signals() -> None:
         (*RECORDED, *MEASURED, thruster_signal(0)),
     )
     for title, listed in (*inputs, *outputs, recorded):
-        table = Table(title=title, title_justify="left", min_width=80)
-        for column in ("name", "shape", "unit", "frame", "meaning"):
-            table.add_column(column, no_wrap=column in ("name", "shape"))
+        columns = ("name", "shape", "unit", "frame", "meaning")
+        table = table_of(title, *columns, fixed=("name", "shape"), min_width=80)
         for signal in listed:
             shape = " x ".join(str(length) if length else "thrusters" for length in signal.shape)
             table.add_row(signal.name, shape or "scalar", signal.unit, signal.frame, signal.meaning)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from .common import bad_input, command, end, force_option, json_option, path_argument, path_option, refuse_existing
-from .console import Console, log_tables, printable
+from .console import Console, log_tables, warn
 from .stop import exit_interrupted
 
 if TYPE_CHECKING:
@@ -34,14 +34,13 @@ def info(log: str, show: str | None, as_json: bool) -> None:
         from ..records.mcap import read
         from ..records.trace import Trace
 
-        recording = read(log)
-        header, files = recording.header, recording.files
+        header, rows, outcome, files = read(log)
         if show is not None:
             if show not in files:
                 raise InputError(f"--show {show}: the log has no such file; {suggestion(show, files)}")
             sys.stdout.buffer.write(files[show])
             return
-        trace = Trace.of(header, recording.rows, recording.outcome)
+        trace = Trace.of(header, rows, outcome)
         say_if_truncated(log, trace)
         report = summary(trace, {"mcap": log})
         if as_json:
@@ -71,7 +70,6 @@ def export(log: str, kind: str | None, out: str | None, force: bool) -> None:
     with bad_input():
         from ..errors import InputError
         from ..records.export import export as write
-        from ..records.trace import Trace
 
         suffix = Path(out or "").suffix.lower().removeprefix(".")
         if kind is None and suffix not in FORMATS:
@@ -80,8 +78,7 @@ def export(log: str, kind: str | None, out: str | None, force: bool) -> None:
             raise InputError(f"--out {out}: does not fit --to {kind}; the name must end in .{kind}")
         kind = kind or suffix
         path = Path(out) if out is not None else Path(log).with_suffix(f".{kind}")
-        trace = Trace.load(log)
-        say_if_truncated(log, trace)
+        (trace,) = loaded((log,)).values()
         write(trace, kind, path, force)
         click.echo(str(path))
 
@@ -143,8 +140,7 @@ def labels(logs: "tuple[str, ...]", traces: "list[Trace]") -> list[str]:
 
 
 def say_if_truncated(log: str, trace: "Trace") -> None:
-    """Warn if a log is truncated."""
     from ..records.header import Status
 
     if trace.status is Status.truncated:
-        click.echo(printable(f"warning: {log}: {trace.message}"), err=True)
+        warn(f"{log}: {trace.message}")

@@ -22,7 +22,7 @@ from .common import (
     scenario_argument,
     set_option,
 )
-from .console import print_table
+from .console import print_table, table_of
 from .folders import alone_in, folder_for, move_aside
 from .stop import Stop, exit_interrupted
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from ..studies.paper.claims import Row, Runs
 
 EXIT_CLAIM_FAILS = 1
-_DERIVED = ("claims.csv", "claims.json", "report.html")
+_RESULTS = ("logs", "claims.csv", "claims.json", "report.html")
 
 
 @command(
@@ -71,7 +71,8 @@ def paper(
             folder = folder_for(out or source or "")
             with alone_in(folder):
                 if running:
-                    _move_aside(folder)
+                    figures = (path for pattern in ("fig??.*", "overview.*") for path in folder.glob(pattern))
+                    move_aside(folder, [*(folder / name for name in _RESULTS), *figures], "output of an earlier call")
                     logs.mkdir()
                     with progress_bar("running", as_json, stop) as bar:
                         study.run(jobs, logs, bar)
@@ -155,35 +156,23 @@ def _write(folder: Path, runs: "Runs", progress: Callable[[int, int], None]) -> 
     return rows
 
 
-def _move_aside(folder: Path) -> None:
-    names = [folder / name for name in ("logs", *_DERIVED)]
-    names += [path for pattern in ("fig??.*", "overview.*") for path in folder.glob(pattern)]
-    move_aside(folder, names, "output of an earlier call")
-
-
 def _table(rows: "list[Row]") -> None:
-    from rich.table import Table
+    from rich.text import Text
 
     from ..studies.pages import number
 
     colours = {"holds": "green", "explained": "yellow", "fails": "bold red"}
-    table = Table(title="claims of the paper", title_justify="left", show_lines=True)
+    table = table_of("claims of the paper", show_lines=True)
     for column in ("claim", "quantity", "paper", "ours", "threshold", "verdict"):
         table.add_column(column, no_wrap=column == "verdict", overflow="fold")
     for row in rows:
         claim, verdict = row.claim, row.verdict.name
         unit = "" if claim.unit == "1" else f" {claim.unit}"
         cells = (claim.text, claim.quantity, claim.paper, f"{number(row.measured.value)}{unit}", claim.predicate)
-        table.add_row(*cells, _coloured(verdict, colours[verdict]))
+        table.add_row(*cells, Text(verdict, style=colours[verdict]))
     print_table(table)
     for name, meaning in {row.verdict.name: row.verdict.value for row in rows}.items():
         click.echo(f"{name}: {meaning}")
     for row in rows:
         if row.verdict.name == "explained":
             click.echo(f"\n{row.claim.text}\nWhy this does not hold here: {row.claim.explanation}")
-
-
-def _coloured(text: str, style: str):
-    from rich.text import Text
-
-    return Text(text, style=style)

@@ -9,16 +9,16 @@ import click
 
 from .common import (
     EXIT_BAD_INPUT,
-    EXIT_UNSTABLE,
     asked_for,
     bad_input,
     command,
     end,
+    ended,
     output_options,
     path_option,
     run_options,
 )
-from .console import Console
+from .console import Console, warn
 from .folders import LOG, RunFolder, alone_in, output_folder, remove_if_empty
 from .stop import Stop, exit_interrupted
 from .study_row import row_of
@@ -40,17 +40,7 @@ if TYPE_CHECKING:
 @click.option("--viewer", is_flag=True, help="Open the Rerun viewer and stream to it during the run.")
 @output_options
 def run(
-    arguments: tuple[str, ...],
-    controller: str | None,
-    settings: tuple[str, ...],
-    log: str | None,
-    row: int | None,
-    out: str | None,
-    log_rate: str | None,
-    engine: str | None,
-    viewer: bool,
-    as_json: bool,
-    quiet: bool,
+    out: str | None, log_rate: str | None, engine: str | None, viewer: bool, as_json: bool, quiet: bool, **asked: Any
 ) -> None:
     """Run a scenario: a TOML file, or the name of a built-in one (default: push_wall, the paper's).
 
@@ -70,7 +60,7 @@ def run(
     files: dict[str, Path] = {}
     try:
         with bad_input(), console.alone():
-            scenario, mjcf, log_rate, recorded = chosen(arguments, settings, controller, log, log_rate, row)
+            scenario, mjcf, log_rate, recorded = chosen(**asked, log_rate=log_rate)
             folder, made = output_folder(out, scenario)
             try:
                 with alone_in(folder):
@@ -81,7 +71,7 @@ def run(
                 remove_if_empty(made)
     except KeyboardInterrupt:
         if as_json:
-            click.echo(json.dumps(_nothing_ran(scenario, controller, _existing(files))))
+            click.echo(json.dumps(_nothing_ran(scenario, asked["controller"], _existing(files))))
         end("interrupted before the first step", exit_interrupted())
     sys.exit(status)
 
@@ -120,7 +110,7 @@ def _from_log(
     from ..records.header import code_file
     from ..records.mcap import read_files
     from ..scenario import STAGES
-    from ..stages.recorded import Recorded
+    from ..stages.loader import Recorded
 
     header, _ = read_files(log)
     for name, then in header.sources.items():
@@ -147,15 +137,12 @@ def _warn_of_changes(header: "Header", scenario: "Scenario") -> None:
     for name, then in header.sources.items():
         now = StageSource.of(getattr(scenario, name))
         if then.sha256 and now.sha256 and now.sha256 != then.sha256:
-            click.echo(
-                f"warning: {now.source} differs from the recorded code: sha256 {then.sha256[:12]}... then, "
-                f"{now.sha256[:12]}... now",
-                err=True,
-            )
+            digests = f"sha256 {then.sha256[:12]}... then, {now.sha256[:12]}... now"
+            warn(f"{now.source} differs from the recorded code: {digests}")
     ours = versions()
     changed = [f"{k} {v} then, {ours[k]} now" for k, v in header.versions.items() if ours.get(k, v) != v]
     if changed:
-        click.echo(f"warning: the repetition may differ in its last bits: {'; '.join(changed)}", err=True)
+        warn(f"the repetition may differ in its last bits: {'; '.join(changed)}")
 
 
 def _simulate(
@@ -174,7 +161,6 @@ def _simulate(
     from ..analysis.summary import ending, summary
     from ..engine.run import LawError, SinkError, simulate
     from ..errors import InputError
-    from ..records.header import Status
     from ..records.mcap import McapLog
 
     sinks: list[Sink] = [RunFolder(folder, files), McapLog(folder / LOG)]
@@ -207,10 +193,8 @@ def _simulate(
         click.echo(f"error: {error}", err=True)
         return EXIT_BAD_INPUT
     for note in ending(trace):
-        click.echo(f"warning: {note}", err=True)
-    if trace.status is not Status.completed:
-        click.echo(f"{trace.status.name}: {trace.message}", err=True)
-    return {Status.unstable: EXIT_UNSTABLE, Status.interrupted: exit_interrupted()}.get(trace.status, 0)
+        warn(note)
+    return ended(trace)
 
 
 def _existing(files: dict[str, Path]) -> dict[str, str]:

@@ -9,12 +9,21 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import EXIT_BAD_INPUT, asked_for, bad_input, command, end, json_option, output_options, path_option
-from .console import bar
+from .common import (
+    EXIT_BAD_INPUT,
+    asked_for,
+    bad_input,
+    command,
+    end,
+    json_option,
+    output_options,
+    path_option,
+    progress_bar,
+)
 from .folders import folder_for
 from .stop import Stop, exit_interrupted
 from .study_report import study_report
-from .study_text import head, plan_report, report
+from .study_text import head, plan_report, print_result
 
 if TYPE_CHECKING:
     from ..studies.study import Study
@@ -102,7 +111,7 @@ def run_study(
         end(f"error: {error.filename or folder}: {error.strerror or error}{_kept(shown)}", EXIT_BAD_INPUT)
     for name in study.damaged:
         click.echo(f"note: {name} was damaged; its runs were run again", err=True)
-    sys.exit(report(study, as_json, quiet))
+    sys.exit(print_result(study, as_json, quiet))
 
 
 def _kept(shown: dict[str, int]) -> str:
@@ -156,15 +165,12 @@ def _bar(hidden: bool, stop: Stop, shown: dict[str, int]) -> Iterator[Callable[[
     """A progress bar on terminals. Yields the study's progress function, which also checks for signals and keeps the
     numbers of runs in ``shown``."""
     column = "{task.completed:.0f} of {task.total} runs, {task.fields[failed]} failed"
-    visible = not hidden and sys.stderr.isatty()
-    with bar("starting", column, failed=0) if visible else contextlib.nullcontext() as update:
+    with progress_bar("starting", hidden, stop, column, failed=0) as update:
 
         def progress(what: str, done: int, failed: int, total: int) -> None:
             if what == "running":
                 shown.update(done=done, total=total)
-            stop.check()
-            if update is not None:
-                update(description=what, completed=done, total=total, failed=failed)
+            update(done, total, description=what, failed=failed)
 
         yield progress
 
@@ -179,10 +185,10 @@ def study() -> None:
 def list_studies(as_json: bool) -> None:
     """List the studies that ship."""
     with bad_input():
-        from ..files import names
+        from ..files import shipped
         from ..studies.plan import Plan
 
-        plans = {name: Plan.load(name) for name in names("studies", ".toml")}
+        plans = {name: Plan.load(name) for name in shipped("studies")}
     if as_json:
         click.echo(json.dumps({name: plan.description for name, plan in plans.items()}))
         return

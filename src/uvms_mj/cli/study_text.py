@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .console import print_table, printable
+from .common import printable
+from .console import print_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -70,7 +71,7 @@ def plan_report(study: "Study", expected: Any, workers: int) -> dict[str, Any]:
     }
 
 
-def report(study: "Study", as_json: bool, quiet: bool) -> int:
+def print_result(study: "Study", as_json: bool, quiet: bool) -> int:
     """Print what came out; return the exit status."""
     from ..studies.check import largest
 

@@ -1,28 +1,13 @@
-"""Control: the wrench. :mod:`uvms_mj.control.base` has the contract of a law, and each law is a module."""
+"""Control: the wrench. :mod:`uvms_mj.control.base` has the contract of a law."""
 
-from .base import Controller, gain
-from .external import External
+from .base import Controller, External
+from .base import gain as gain
 from .fosm import Fosm
-from .gsta import Gsta
 from .ideal import Ideal
 from .impedance import Impedance
-from .sta import Sta
-from .task import ImpedanceTask
+from .super_twisting import Gsta, Sta
+from .task import ImpedanceTask as ImpedanceTask
 
 BUILT_IN: dict[str, type[Controller]] = {cls.name: cls for cls in (Impedance, Fosm, Gsta, Sta, Ideal)}
 """The laws that compute tau_cmd."""
 SHIPPED: dict[str, type[Controller]] = {**BUILT_IN, External.name: External}
-
-__all__ = [
-    "BUILT_IN",
-    "SHIPPED",
-    "Controller",
-    "External",
-    "Fosm",
-    "Gsta",
-    "Ideal",
-    "Impedance",
-    "ImpedanceTask",
-    "Sta",
-    "gain",
-]

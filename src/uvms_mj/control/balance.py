@@ -70,7 +70,8 @@ def _solve(setup: Any, K: float) -> SteadyState | None:
         x = np.zeros(6)
         for _ in range(60):
             residual = balance(x)
-            step = np.linalg.lstsq(_jacobian(balance, x), residual, rcond=None)[0]
+            columns = [(balance(x + e) - balance(x - e)) / 2e-6 for e in 1e-6 * np.eye(6)]  # of the Jacobian
+            step = np.linalg.lstsq(np.array(columns).T, residual, rcond=None)[0]
             x = x - step * min(1.0, 0.5 / max(np.abs(step).max(), 1e-300))
             if np.abs(step).max() < 1e-14:
                 break
@@ -81,15 +82,6 @@ def _solve(setup: Any, K: float) -> SteadyState | None:
             force = wall.stiffness * depth if in_contact else 0.0
             return SteadyState(float(force), position, quat, balance.sliding(x), balance.thrust(x))
     return None
-
-
-def _jacobian(function, x: np.ndarray) -> np.ndarray:
-    columns = []
-    for i in range(6):
-        e = np.zeros(6)
-        e[i] = 1e-6
-        columns.append((function(x + e) - function(x - e)) / 2e-6)
-    return np.array(columns).T
 
 
 class _Balance:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from pydantic import BeforeValidator
 
-from ..quantities import NonNegative, Positive, Real, Step, Vector6
+from ..quantities import Step, Vector6
 from ..stages.base import Room, Stage, setting, shared
 from ..stages.signals import GIVEN, TASK_GIVEN, TRUTH, WRENCH_COMMAND, Signal
 
@@ -37,19 +37,6 @@ Diagonal = Annotated[Vector6, BeforeValidator(_six)]
 
 gain = setting
 
-CONTROL = Room(
-    name="control",
-    table="controller",
-    given=lambda thrusters: GIVEN,
-    out=(WRENCH_COMMAND,),
-    noun="law",
-    setting="gain",
-    method="law",
-    arguments=("gains", "state", "signals", "state_dot", "tau_cmd"),
-    theory=("at_rest", "notes", "certificate"),
-    reserved=dict.fromkeys(("F_1", "F_2", "A", "integral"), "is a gain of the impedance task, in [task]"),
-)
-
 
 @dataclasses.dataclass(frozen=True)
 class Controller(Stage):
@@ -61,7 +48,18 @@ class Controller(Stage):
 
     period: Step | None = shared(None, "s", "control period, a multiple of the time step; default: every step")
 
-    room: ClassVar[Room] = CONTROL
+    room: ClassVar[Room] = Room(
+        name="control",
+        table="controller",
+        given=lambda thrusters: GIVEN,
+        out=(WRENCH_COMMAND,),
+        noun="law",
+        setting="gain",
+        method="law",
+        arguments=("gains", "state", "signals", "state_dot", "tau_cmd"),
+        theory=("at_rest", "notes", "certificate"),
+        reserved=dict.fromkeys(("F_1", "F_2", "A", "integral"), "is a gain of the impedance task, in [task]"),
+    )
     uses_task: ClassVar[bool] = True
     """Whether signals has :data:`uvms_mj.stages.signals.TASK`. If False, the impedance task does not run, and s, zeta
     and tau_nom are not recorded."""
@@ -96,4 +94,14 @@ class Controller(Stage):
         return (GIVEN if cls.uses_task else TASK_GIVEN) + (TRUTH if cls.uses_truth else ())
 
 
-__all__ = ["Controller", "Diagonal", "NonNegative", "Positive", "Real", "gain"]
+@dataclasses.dataclass(frozen=True)
+class External(Controller):
+    """A wrench from outside: the caller of a Simulation sets tau_cmd."""
+
+    name = "external"
+    external: ClassVar[bool] = True
+    uses_task: ClassVar[bool] = False
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        pass

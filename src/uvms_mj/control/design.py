@@ -1,7 +1,6 @@
 """Desired impedance, estimates and desired attitude of a run. The loop and the closed forms share them."""
 
 import functools
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -62,16 +61,10 @@ class Design:
     """(6,) the wall's normal (x of W) in B at the desired attitude, as a wrench."""
 
     @classmethod
-    def of(
-        cls,
-        impedance: Impedance,
-        estimates: Estimates,
-        M: np.ndarray,
-        nominal: np.ndarray,
-        attitude_deg: Sequence[float],
-    ) -> "Design":
-        """Matrices of a run, from the inertias (6, 6) of the true vehicle and of its file, and the desired roll, pitch,
-        yaw [deg]. Raises InputError if M_d is not symmetric positive definite, or D_d is not dissipative."""
+    def of(cls, scenario: Any, M: np.ndarray, nominal: np.ndarray) -> "Design":
+        """Matrices of a run, from its :class:`uvms_mj.scenario.Scenario` and the inertias (6, 6) of the true vehicle
+        and of its file. Raises InputError if M_d is not symmetric positive definite, or D_d is not dissipative."""
+        impedance: Impedance = scenario.impedance
         inertia, faults = impedance.M_d if impedance.M_d is not None else nominal.tobytes(), []
         try:
             M_d, M_d_inv = _inertia(inertia)
@@ -79,13 +72,14 @@ class Design:
             faults.append(Fault("impedance.M_d", str(error)))
         try:
             if impedance.D_d is not None or not faults:
-                D_d = _damping(inertia, impedance.D_d, impedance.K_d, impedance.damping_ratio)
+                D_d, K_d = _damping(inertia, impedance.D_d, impedance.K_d, impedance.damping_ratio)
         except ValueError as error:
             faults.append(Fault("impedance.D_d", str(error)))
         if faults:
             raise InputError(faults)
-        quat_d, normal = _attitude(*attitude_deg)
-        return cls(M, estimates.inertia * nominal, M_d, M_d_inv, D_d, _ONE * impedance.K_d, quat_d, normal)
+        quat_d, normal = _attitude(*scenario.reference.attitude_deg)
+        M_hat = scenario.estimates.inertia * nominal
+        return cls(M, M_hat, M_d, M_d_inv, D_d, K_d, quat_d, normal)
 
     def along_normal(self, inertia: np.ndarray) -> float:
         """Effective mass of an inertia (6, 6) along the wall's normal, with all other directions free [kg]."""
@@ -151,18 +145,19 @@ def _modes(M_d: bytes, K_d: bytes) -> tuple[np.ndarray, np.ndarray]:
 
 
 @_remembered
-def _damping(M_d: Any, D_d: Any, K_d: tuple[float, ...], damping_ratio: float) -> np.ndarray:
-    """D_d, or if it is None, :func:`ott_damping` of M_d as :func:`_inertia` takes it. Raises ValueError if the
+def _damping(M_d: Any, D_d: Any, K_d: tuple[float, ...], damping_ratio: float) -> tuple[np.ndarray, ...]:
+    """D_d, or if it is None, :func:`ott_damping` of M_d as :func:`_inertia` takes it; and K_d. Raises ValueError if the
     symmetric part of D_d is not positive semi-definite."""
+    stiffness = _ONE * K_d
     if D_d is None and _is_diagonal(M_d):
         D = _ONE * (2.0 * damping_ratio * np.sqrt(np.array(M_d) * K_d))
     elif D_d is None:
-        D = ott_damping(_inertia(M_d)[0], _ONE * K_d, damping_ratio)
+        D = ott_damping(_inertia(M_d)[0], stiffness, damping_ratio)
     else:
         D = _ONE * D_d if _is_diagonal(D_d) else np.array(D_d)
         if (min(D_d) if _is_diagonal(D_d) else np.linalg.eigvalsh(D + D.T)[0]) < 0.0:
             raise ValueError("is not dissipative: its symmetric part is not positive semi-definite")
-    return _frozen(D)[0]
+    return _frozen(D, stiffness)
 
 
 @_remembered

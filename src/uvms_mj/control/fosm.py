@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from ..quantities import NonNegative, Positive
 from .balance import static_balance
-from .base import Controller, NonNegative, Positive, gain
+from .base import Controller, gain
 from .rest import SteadyState
 from .sampled import Vibration, not_constant, zeta_grows
 

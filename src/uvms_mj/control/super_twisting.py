@@ -1,15 +1,17 @@
-"""Theory of super-twisting, generalised and standard: rest, sampling against the wall, certificate.
+"""The super-twisting algorithm, generalised and standard, with its theory: rest, sampling at the wall, certificate."""
 
-The functions are methods of :class:`.gsta.Gsta` and :class:`.sta.Sta`. Standard super-twisting has beta = 0 and always
-contains the nominal control.
-"""
+from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from ..quantities import NonNegative
 from .balance import static_balance
+from .base import Controller, gain
 from .rest import SteadyState
 from .sampled import Vibration, disturbance_rate, zeta_grows
 
@@ -22,31 +24,84 @@ _GROWS = 1e-3
 """A growth rate above this is more than rounding [1/s]."""
 
 
-def at_rest(self: Any, setup: Any) -> SteadyState | str:
-    """The static balance with s = 0, if super-twisting converges."""
-    if self.k_1 == 0.0 or self.k_2 == 0.0:
-        return "super-twisting does not converge without k_1 and k_2"
-    if disturbance_rate(setup).max() >= self.k_2 / 2.0:
-        return "the disturbance changes faster than k_2/2, which super-twisting can follow"
-    return zeta_grows(setup) or Vibration.of(setup).checked(static_balance(setup, np.inf))
+@dataclass(frozen=True)
+class Gsta(Controller):
+    """Super-twisting impedance control (22)-(24): a continuous input that rejects disturbances of bounded rate."""
+
+    k_1: NonNegative = gain(5.0, "m^(1/2)/s^(3/2)", "gain of phi_1, eq. (24a)")
+    k_2: NonNegative = gain(10.0, "m/s^3", "gain of phi_2, eq. (24b)")
+    beta: NonNegative = gain(5.0, "(s/m)^(1/2)", "linear part of phi_1 and phi_2; 0 gives the standard super-twisting")
+    nominal: bool = gain(True, "-", "false: only the GSTA term, without the nominal control (23) and F_2 A F_2^-1 s")
+
+    name = "gsta"
+    states: ClassVar = {"z": 6}
+    units: ClassVar = {"z": "m/s^2, rad/s^2"}
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        for i in range(6):
+            tau_cmd[i] = signals.tau_nom[i] if gains.nominal else 0.0
+        for j in range(6):
+            s = signals.s[j]
+            sgn = np.sign(s)
+            root = math.sqrt(abs(s)) * sgn
+            phi_1 = root + gains.beta * s
+            phi_2 = 0.5 * sgn + 1.5 * gains.beta * root + gains.beta * gains.beta * s
+            a = -gains.k_1 * phi_1 + state.z[j]  # eq. (24a)
+            state_dot.z[j] = -gains.k_2 * phi_2  # eq. (24b)
+            if gains.nominal:
+                a -= signals.A[j] * s  # eq. (22); F_2 A F_2^-1 = A for diagonal matrices
+            for i in range(6):
+                tau_cmd[i] += signals.M_hat[i, j] * a
+
+    def at_rest(self: Any, setup: Any) -> SteadyState | str:
+        """The static balance with s = 0, if super-twisting converges."""
+        if self.k_1 == 0.0 or self.k_2 == 0.0:
+            return "super-twisting does not converge without k_1 and k_2"
+        if disturbance_rate(setup).max() >= self.k_2 / 2.0:
+            return "the disturbance changes faster than k_2/2, which super-twisting can follow"
+        return zeta_grows(setup) or Vibration.of(setup).checked(static_balance(setup, np.inf))
+
+    def notes(self: Any, setup: Any) -> Iterator[str]:
+        """Warnings if the sampled law vibrates or bounces against the wall."""
+        yield from Vibration.of(setup).notes(self.label())
+        if bouncing_growth(self, setup) > _GROWS:
+            yield (
+                f"{self.label()} may bounce or oscillate against the wall without end: with these gains and "
+                "estimates it compensates the contact force too late"
+            )
+
+    def certificate(self: Any, setup: Any) -> Certificate:
+        """The certificate of the gains, for the worst axis."""
+        from .certificate import Certificate
+
+        return Certificate.of(self.k_1, self.k_2, self.beta, None if self.nominal else min(setup.task.A))
 
 
-def notes(self: Any, setup: Any) -> Iterator[str]:
-    """Warnings if the sampled law vibrates or bounces against the wall."""
-    yield from Vibration.of(setup).notes(self.label())
-    if bouncing_growth(self, setup) > _GROWS:
-        yield (
-            f"{self.label()} may bounce or oscillate against the wall without end: with these gains and "
-            "estimates it compensates the contact force too late"
-        )
+@dataclass(frozen=True)
+class Sta(Controller):
+    """Standard super-twisting impedance control: (22)-(24) with beta = 0, without the linear terms of the GSTA."""
 
+    k_1: NonNegative = gain(5.0, "m^(1/2)/s^(3/2)", "gain of phi_1 = |s|^(1/2) sgn(s)")
+    k_2: NonNegative = gain(10.0, "m/s^3", "gain of phi_2 = sgn(s)/2")
 
-def certificate(self: Any, setup: Any) -> "Certificate":
-    """The certificate of the gains, for the worst axis."""
-    from .certificate import Certificate
+    name = "sta"
+    states: ClassVar = {"z": 6}
+    units: ClassVar = {"z": "m/s^2, rad/s^2"}
+    beta: ClassVar = 0.0
+    nominal: ClassVar = True
+    at_rest, notes, certificate = Gsta.at_rest, Gsta.notes, Gsta.certificate
 
-    beta, nominal = getattr(self, "beta", 0.0), getattr(self, "nominal", True)
-    return Certificate.of(self.k_1, self.k_2, beta, None if nominal else min(setup.task.A))
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        for i in range(6):
+            tau_cmd[i] = signals.tau_nom[i]
+        for j in range(6):
+            s = signals.s[j]
+            a = -gains.k_1 * math.sqrt(abs(s)) * np.sign(s) + state.z[j] - signals.A[j] * s  # eqs. (22), (24a)
+            state_dot.z[j] = -0.5 * gains.k_2 * np.sign(s)  # eq. (24b)
+            for i in range(6):
+                tau_cmd[i] += signals.M_hat[i, j] * a
 
 
 def bouncing_growth(law: Any, setup: Any) -> float:
@@ -65,10 +120,9 @@ def bouncing_growth(law: Any, setup: Any) -> float:
     """
     scenario, design = setup.scenario, setup.design
     M, M_d, D_d, K_d = (each[:3, :3] for each in (design.M, design.M_d, design.D_d, design.K_d))
-    g = scenario.estimates.inertia * np.eye(3)
+    g, n = scenario.estimates.inertia * np.eye(3), design.normal[:3]
     if setup.vehicle is not setup.nominal:
         g = np.linalg.solve(M, design.M_hat[:3, :3])
-    beta, n = getattr(law, "beta", 0.0), design.normal[:3]
     K_c, K_f = scenario.wall.stiffness * np.outer(n, n), np.diag(scenario.impedance.K_f[:3])
     A, zero, one = np.diag(setup.task.A[:3]), np.zeros((3, 3)), np.eye(3)
     desired = np.hstack([-np.linalg.solve(M_d, np.hstack([K_f @ K_c + K_d, D_d])), zero, zero])
@@ -76,9 +130,9 @@ def bouncing_growth(law: Any, setup: Any) -> float:
     growing = np.hstack([zero, zero, A, zero])  # A s
     growth = []
     for S in _AMPLITUDES:
-        a, b = law.k_1 * (S**-0.5 + beta), law.k_2 * (0.5 / S + 1.5 * beta * S**-0.5 + beta**2)
+        a, b = law.k_1 * (S**-0.5 + law.beta), law.k_2 * (0.5 / S + 1.5 * law.beta * S**-0.5 + law.beta**2)
         u = g @ np.hstack([zero, zero, -a * one, one])
-        v_dot = g @ (desired - growing) + u if getattr(law, "nominal", True) else free + u
+        v_dot = g @ (desired - growing) + u if law.nominal else free + u
         x_dot, z_dot = np.hstack([zero, one, zero, zero]), np.hstack([zero, zero, -b * one, zero])
         growth.append(np.linalg.eigvals(np.vstack([x_dot, v_dot, growing + v_dot - desired, z_dot])).real.max())
     return float(max(growth))

@@ -1,4 +1,4 @@
-r"""The impedance task, a stage before the law: sliding variable and nominal control, which most laws share.
+r"""The stages before the law: tracking errors, and the impedance task, which most laws share.
 
 The paper's eqs. (14), (15), (21) and (23) share one term, the acceleration of the desired impedance,
 
@@ -28,6 +28,7 @@ from pydantic import AfterValidator
 
 from ..errors import Fault, InputError
 from ..physics.fossen import matvec
+from ..physics.frames import quat_error, to_body
 from ..physics.kernels import kernel
 from ..quantities import Step
 from ..stages.base import Room, Stage, shared
@@ -53,11 +54,7 @@ _NegativeDiagonal = Annotated[Diagonal, AfterValidator(_not_positive)]
 
 @dataclasses.dataclass(frozen=True)
 class ImpedanceTask(Stage):
-    """The impedance task: sliding variable s, state zeta and nominal control of the desired impedance.
-
-    Raises:
-        InputError: a gain has the wrong type or is out of range; all errors are reported together.
-    """
+    """The impedance task: sliding variable s, state zeta and nominal control of the desired impedance."""
 
     period: Step | None = shared(None, "s", "must be omitted: the task runs at the control period")
     F_1: Diagonal = shared(1.0, "1/s", "gain of the pose error in s, eq. (14)")
@@ -87,39 +84,73 @@ class ImpedanceTask(Stage):
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        impedance_task(settings, state.zeta, given, state_dot.zeta, out)
+        """Set the signals :data:`uvms_mj.stages.signals.TASK` and zeta_dot, eq. (15) with the gains of eq. (21)."""
+        eta_e, nu_e, quat_e, w = given.eta_e, given.nu_e, given.quat_e, out.w
+        F_1, F_2, A = settings.F_1, settings.F_2, settings.A
+        zeta, zeta_dot = state.zeta, state_dot.zeta
+        if settings.integral and given.instant == 0:
+            for i in range(6):  # s = 0 in eq. (14)
+                zeta[i] = -(nu_e[i] + F_1[i] * eta_e[i]) / F_2[i]
+        work = out.s  # set below
+        matvec(given.D_d, nu_e, work)
+        for i in range(6):
+            work[i] += given.K_d[i] * eta_e[i] - given.K_f[i] * (given.tau_contact_m_B[i] - given.F_d[i])
+        matvec(settings.M_d_inv, work, w)
+        for i in range(6):
+            work[i] = given.nu_d_dot[i] - w[i]
+        matvec(given.M_hat, work, out.tau_nom)  # eq. (23)
+        for i in range(6):
+            out.tau_nom[i] += given.C_hat_nu[i] + given.D_hat_nu[i] + given.g_hat[i] - given.tau_contact_m_B[i]
+        q_w, q_x, q_y, q_z = quat_e[0], quat_e[1], quat_e[2], quat_e[3]
+        for i in range(3):
+            work[i] = nu_e[i]  # eta_e_dot, eq. (18)
+        work[3] = 0.5 * (q_w * nu_e[3] + q_y * nu_e[5] - q_z * nu_e[4])  # U(q_e) omega_e, eq. (17)
+        work[4] = 0.5 * (q_w * nu_e[4] + q_z * nu_e[3] - q_x * nu_e[5])
+        work[5] = 0.5 * (q_w * nu_e[5] + q_x * nu_e[4] - q_y * nu_e[3])
+        for i in range(6):
+            driven = w[i] + A[i] * F_1[i] * eta_e[i] + A[i] * nu_e[i] - F_1[i] * work[i]
+            zeta_dot[i] = A[i] * zeta[i] + driven / F_2[i]
+        for i in range(6):
+            out.s[i] = nu_e[i] + F_1[i] * eta_e[i] + F_2[i] * zeta[i]  # eq. (14)
+            out.zeta[i], out.F_1[i], out.F_2[i], out.A[i] = zeta[i], F_1[i], F_2[i], A[i]
+
+
+TASK_KEYS = tuple(f.name for f in dataclasses.fields(ImpedanceTask) if f.name != "period")
+
+
+def move_task_keys(law: dict[str, Any], task: dict[str, Any], faults: list[Fault]) -> set[str]:
+    """Move the gains of the task that have their earlier place, [controller], to [task]. Returns their names. Both
+    arguments are tables, or the same overrides by dotted keys."""
+    earlier, now = ("controller.", "task.") if law is task else ("", "")
+    moved = {key for key in TASK_KEYS if f"{earlier}{key}" in law}
+    for key in moved:
+        value = law.pop(f"{earlier}{key}")
+        given = task.setdefault(f"{now}{key}", value)
+        if given != value:
+            other = f"is {given!r}, but controller.{key}, the earlier name of this key, is {value!r}; give one of them"
+            faults.append(Fault(f"task.{key}", other))
+    return moved
 
 
 @kernel
-def impedance_task(task, zeta, given, zeta_dot, out):
-    """Set the signals :data:`uvms_mj.stages.signals.TASK` and zeta_dot.
-
-    ``task`` is a record with F_1, F_2, A, integral and M_d_inv; zeta (6,) is the state of eq. (15), and zeta_dot (6,)
-    its time derivative with the gains of eq. (21).
-    """
-    eta_e, nu_e, quat_e, w = given.eta_e, given.nu_e, given.quat_e, out.w
-    F_1, F_2, A = task.F_1, task.F_2, task.A
-    if task.integral and given.instant == 0:
-        for i in range(6):  # s = 0 in eq. (14)
-            zeta[i] = -(nu_e[i] + F_1[i] * eta_e[i]) / F_2[i]
-    work = out.s  # set below
-    matvec(given.D_d, nu_e, work)
-    for i in range(6):
-        work[i] += given.K_d[i] * eta_e[i] - given.K_f[i] * (given.tau_contact_m_B[i] - given.F_d[i])
-    matvec(task.M_d_inv, work, w)
-    for i in range(6):
-        work[i] = given.nu_d_dot[i] - w[i]
-    matvec(given.M_hat, work, out.tau_nom)  # eq. (23)
-    for i in range(6):
-        out.tau_nom[i] += given.C_hat_nu[i] + given.D_hat_nu[i] + given.g_hat[i] - given.tau_contact_m_B[i]
-    q_w, q_x, q_y, q_z = quat_e[0], quat_e[1], quat_e[2], quat_e[3]
+def tracking_errors(given, out):
+    """Set quat_e, eta_e, nu_e and nu_d_dot of out from the measurements and the reference."""
+    R_WB, nu, eta_e, nu_e = given.R_WB, given.nu, out.eta_e, out.nu_e
+    x = given.p_WB[0] - given.p_d[0]
+    y = given.p_WB[1] - given.p_d[1]
+    z = given.p_WB[2] - given.p_d[2]
     for i in range(3):
-        work[i] = nu_e[i]  # eta_e_dot, eq. (18)
-    work[3] = 0.5 * (q_w * nu_e[3] + q_y * nu_e[5] - q_z * nu_e[4])  # U(q_e) omega_e, eq. (17)
-    work[4] = 0.5 * (q_w * nu_e[4] + q_z * nu_e[3] - q_x * nu_e[5])
-    work[5] = 0.5 * (q_w * nu_e[5] + q_x * nu_e[4] - q_y * nu_e[3])
-    for i in range(6):
-        zeta_dot[i] = A[i] * zeta[i] + (w[i] + A[i] * F_1[i] * eta_e[i] + A[i] * nu_e[i] - F_1[i] * work[i]) / F_2[i]
-    for i in range(6):
-        out.s[i] = nu_e[i] + F_1[i] * eta_e[i] + F_2[i] * zeta[i]  # eq. (14)
-        out.zeta[i], out.F_1[i], out.F_2[i], out.A[i] = zeta[i], F_1[i], F_2[i], A[i]
+        eta_e[i] = R_WB[0, i] * x + R_WB[1, i] * y + R_WB[2, i] * z
+    quat_error(given.quat_d, given.quat_WB, out.quat_e)
+    for i in range(3):
+        eta_e[i + 3] = out.quat_e[i + 1]  # below eq. (12)
+    v_d = nu_e  # in B; nu_e is set from it below
+    to_body(R_WB, given.p_d_dot, v_d)
+    to_body(R_WB, given.p_d_ddot, out.nu_d_dot)
+    out.nu_d_dot[0] -= nu[4] * v_d[2] - nu[5] * v_d[1]  # a_d = R^T p_d_ddot - omega x R^T p_d_dot
+    out.nu_d_dot[1] -= nu[5] * v_d[0] - nu[3] * v_d[2]
+    out.nu_d_dot[2] -= nu[3] * v_d[1] - nu[4] * v_d[0]
+    for i in range(3):
+        nu_e[i] = nu[i] - v_d[i]
+        nu_e[i + 3] = nu[i + 3]  # the desired attitude is constant
+        out.nu_d_dot[i + 3] = 0.0

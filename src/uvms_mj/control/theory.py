@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import InputError
-from ..files import shortened
+from ..errors import InputError, shortened
 from ..stages.base import Stage, base_of
 from .base import Controller
 from .rest import NoClosedForm, SteadyState
@@ -28,7 +27,7 @@ class TheoryWarning(UserWarning):
     """The closed form of a user's law can't be used."""
 
 
-class _TheoryError(Exception):
+class _TheoryError(InputError):
     """A user's theory failed. The message is a sentence for the user."""
 
 
@@ -61,10 +60,7 @@ def certificate(setup: Any) -> "Certificate | None":
     """The certificate of a run's law, or None if it has none. Raises InputError if a gain is too large or too small to
     compute with, or the method of a user's law fails."""
     controller = setup.scenario.controller
-    try:
-        found = _ask(controller, "certificate", setup)
-    except _TheoryError as error:
-        raise InputError(str(error)) from None
+    found = _ask(controller, "certificate", setup)
     if found is None:
         return None
     from .certificate import Certificate

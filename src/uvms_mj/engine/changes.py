@@ -7,11 +7,9 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from ..analysis.ranges import no_overflow
-from ..analysis.sampling import refuse
+from ..analysis.sampling import no_overflow, refuse
 from ..analysis.setup import Setup, design_of
-from ..control.earlier_keys import TASK_KEYS
-from ..control.task import ImpedanceTask
+from ..control.task import TASK_KEYS, ImpedanceTask
 from ..errors import Fault, InputError
 from ..plant.settings import VehicleChoice
 from ..scenario import STAGES, Scenario

@@ -27,10 +27,12 @@ _SHARED = ("vehicle", "reference", "impedance", "estimates", "navigation", "task
 def refusals(setup: Setup) -> list[str]:
     """The reasons why the engine free_body can't run a scenario, one sentence for each key; empty if it can.
 
-    It takes one rigid vehicle in front of one wall, with both of MuJoCo's integrators, which are the same for a vehicle
-    without joint damping. A table or key that it does not know is refused unless it has its default.
+    It takes one rigid vehicle in front of one wall, and steps it as MuJoCo's integrator euler. A table or key that it
+    does not know is refused unless it has its default.
     """
-    scenario, unknown = setup.scenario, []
+    scenario, unknown = setup.scenario, list[str]()
+    if scenario.simulation.integrator != "euler":
+        unknown.append(f"simulation.integrator = {scenario.simulation.integrator!r}")
     for table in dataclasses.fields(scenario):
         value = getattr(scenario, table.name)
         if table.name not in _SHARED and dataclasses.is_dataclass(value):

@@ -32,7 +32,7 @@ class FreeEngine(Engine):
             "mass": vehicle.mass,
             "r_g": vehicle.r_g,
             "gravity_W": setup.gravity_W,
-            "reach": setup.reach,
+            "reach": setup.plant.geometry.reach,
         }
         for name, value in constants.items():
             self._body[name] = value
@@ -47,7 +47,7 @@ class FreeEngine(Engine):
         return self._closed
 
     def write_wall(self, setup: Setup) -> None:
-        self._body["face"] = setup.scenario.wall.position + setup.reach
+        self._body["face"] = setup.scenario.wall.position + setup.plant.geometry.reach
 
     def write_initial(self, setup: Setup) -> None:
         put_at(setup.scenario.initial, self._body["qpos"][0], self._body["qvel"][0])

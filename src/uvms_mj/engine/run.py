@@ -20,7 +20,7 @@ from ..records.trace import Trace
 from ..records.writing import Writing
 from ..scenario import Scenario
 from .native.plain_stage import StageFault
-from .simulation import CHUNK_S, Simulation
+from .simulation import CHUNK_S, Simulation, valid_scenario
 
 
 class _Stopped(RuntimeError):
@@ -77,9 +77,7 @@ def simulate(
         LawError: the law raised, wrote outside its arrays, changed a gain or gave a number that is not finite.
         SinkError: a sink raised, e.g. because the disk is full; its output up to then is kept.
     """
-    scenario = scenario if scenario is not None else Scenario()
-    if not isinstance(scenario, Scenario):
-        raise InputError(f"scenario: expected a Scenario, got {scenario!r}; use Scenario.load(name or path)")
+    scenario = valid_scenario(scenario)
     if controller is not None and not isinstance(controller, Controller):
         raise InputError(f"controller: expected a Controller, got {controller!r}; use e.g. Gsta(k_1=8.0)")
     if controller is not None:
@@ -97,23 +95,21 @@ def simulate(
         for note in notes:
             slow = note in sim.slow_stages
             warnings.warn(note, PlainPythonWarning if slow else SamplingWarning, stacklevel=2)
-        return _Run(sim, row_steps, progress, sinks, keep_s).go(notes)
+        return _Run(sim, row_steps, progress, sinks, np.inf if keep_s is None else keep_s).go(notes)
 
 
+@dataclasses.dataclass
 class _Run:
     """One run, from the initial state to the trace."""
 
-    def __init__(
-        self,
-        sim: Simulation,
-        row_steps: int,
-        progress: Callable[[int, int], None] | None,
-        sinks: Sequence[Sink],
-        keep_s: float | None,
-    ) -> None:
-        self.sim, self.scenario, self.row_steps, self.progress = sim, sim.scenario, row_steps, progress
-        self.sinks, self.keep_s = sinks, np.inf if keep_s is None else keep_s
-        self.memory = sim.record(row_steps)
+    sim: Simulation
+    row_steps: int
+    progress: Callable[[int, int], None] | None
+    sinks: Sequence[Sink]
+    keep_s: float
+
+    def __post_init__(self) -> None:
+        self.scenario, self.memory = self.sim.scenario, self.sim.record(self.row_steps)
         self.blocks: deque[np.ndarray] = deque()
 
     def go(self, notes: tuple[str, ...]) -> Trace:

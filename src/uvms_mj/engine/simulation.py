@@ -12,7 +12,7 @@ from ..errors import Fault, InputError
 from ..plant.mjcf import Mjcf
 from ..quantities import overrides_of
 from ..scenario import Scenario
-from ..stages.contract import check_stage
+from ..stages.loader import check_stage
 from ..stages.signals import Signal
 from .changes import changed
 from .engines import engine_of
@@ -60,9 +60,7 @@ class Simulation:
     """
 
     def __init__(self, scenario: Scenario | None = None, *, engine: str = "mujoco", mjcf: Mjcf | None = None) -> None:
-        scenario = scenario if scenario is not None else Scenario()
-        if not isinstance(scenario, Scenario):
-            raise InputError(f"scenario: expected a Scenario, got {scenario!r}; use Scenario.load(name or path)")
+        scenario = valid_scenario(scenario)
         for stage in scenario.stages:
             check_stage(stage)
         self.setup = checked(scenario, mjcf)
@@ -176,8 +174,8 @@ class Simulation:
             InputError: a key or value is invalid, or can't change during a run. Nothing is changed then.
         """
         with self._alone:
-            setup, touched = changed(self.setup, self.setup, overrides_of(overrides), "set")
-            fixed = sorted(touched & {"initial", "simulation"})
+            setup, touched = changed(self.setup, self.setup, overrides_of(overrides, "set: overrides"), "set")
+            fixed = sorted(key for key in touched if key.startswith(("initial.", "simulation.")))
             if fixed:
                 raise InputError([Fault(name, "can't change during a run; give it to reset") for name in fixed], "set")
             self._memory.rewrite(setup, touched)
@@ -281,6 +279,13 @@ class Simulation:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+
+def valid_scenario(scenario: Scenario | None) -> Scenario:
+    """The scenario, or the default one. Raises InputError if it is of another type."""
+    if not isinstance(scenario, Scenario | None):
+        raise InputError(f"scenario: expected a Scenario, got {scenario!r}; use Scenario.load(name or path)")
+    return scenario if scenario is not None else Scenario()
 
 
 def _view(array: np.ndarray, writable: bool) -> np.ndarray:

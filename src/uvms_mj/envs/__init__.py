@@ -22,14 +22,16 @@ def load(name: str = "push_wall", **settings: Any) -> "Environment":
         InputError: an argument is wrong, or the extra ``dm`` is not installed.
     """
     with needs_extra("dm"):
-        from .dm import environment
+        from dm_control.rl import control
 
-    return environment(name, **settings)
+        from .dm import PushTask, WaterPhysics
+    from .push import Push
+
+    push = Push(name, **settings)
+    return control.Environment(WaterPhysics(push), PushTask(push), n_sub_steps=push.steps_each)
 
 
 with contextlib.suppress(ModuleNotFoundError):  # without Gymnasium there is nothing to register with
     from gymnasium.envs.registration import register
 
     register("uvms_mj/PushWall-v0", entry_point="uvms_mj.envs.gym:PushWall")
-
-__all__ = ["load"]

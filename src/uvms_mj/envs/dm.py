@@ -8,8 +8,9 @@ from dm_control.mujoco.wrapper import MjData
 from dm_control.rl import control
 from dm_env import specs
 
+from ..engine.simulation import Diverged
 from ..errors import InputError
-from .push import Diverged, Observation, Push
+from .push import Observation, Push
 
 
 class WaterPhysics(Physics):
@@ -73,12 +74,3 @@ class PushTask(control.Task):
         if physics.divergence:
             return 0.0
         return 1.0 if self.push.over else None
-
-
-def environment(scenario: str, **settings: Any) -> control.Environment:
-    """The environment of :func:`uvms_mj.envs.load`."""
-    push = Push(scenario, **settings)
-    return control.Environment(WaterPhysics(push), PushTask(push), n_sub_steps=push.steps_each)
-
-
-__all__ = ["PushTask", "WaterPhysics", "environment"]

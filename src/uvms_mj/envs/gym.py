@@ -4,8 +4,9 @@ from typing import Any
 
 import numpy as np
 
+from ..engine.simulation import Diverged
 from ..errors import needs_extra
-from .push import Diverged, Observation, Push
+from .push import Observation, Push
 
 with needs_extra("gym"):
     import gymnasium

@@ -23,17 +23,17 @@ exp(-1) = 0.37 less its effort. A run that diverges ends with the reward -1.
 **Randomisation**: ``randomise = {"current.speed": (0.0, 0.5), ...}`` draws each key uniformly at every reset.
 """
 
-import contextlib
 import dataclasses
+import functools
 import inspect
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Literal
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from ..analysis.rest import demanded_force
-from ..engine.simulation import Diverged, Simulation
+from ..engine.simulation import Simulation
 from ..errors import Fault, InputError, suggestion
 from ..quantities import overrides_of
 from ..scenario import Scenario
@@ -88,34 +88,31 @@ class Push:
         chosen = (
             scenario.updated(overrides or {}) if isinstance(scenario, Scenario) else Scenario.load(scenario, overrides)
         )
-        self.scenario = _with_action(chosen, action)
-        with _added_to(faults):
-            self.randomise = _bounds(self.scenario, overrides_of(randomise, "randomise"))
-        demanded = demanded_force(self.scenario, self.scenario.wall.stiffness)
-        force = demanded if force_d is None else force_d
-        with _added_to(faults):
-            found = _settings(
-                action, force_d=force, wrench_scale=wrench_scale, thrust_scale=thrust_scale, effort_weight=effort_weight
-            )
-        with _added_to(faults):
-            self._base = _base_gains(self.scenario, _names("gains", gains)) if action == "gains" else {}
-        with _added_to(faults):
-            self.steps_each = _steps_each(self.scenario.simulation.timestep, control_rate)
-        with _added_to(faults):
-            self.action, self.rng = action, _random(seed)
+        if action not in get_args(Action):
+            faults.append(Fault("action", f"{action!r}: must be 'wrench', 'thrusts' or 'gains'"))
+        self.action, self.scenario = action, _with_action(chosen, action)
+        if force_d is None:
+            force_d = demanded_force(self.scenario, self.scenario.wall.stiffness)
+        checked = functools.partial(_checked, faults)
+        self.randomise = checked(_bounds, self.scenario, randomise)
+        wanted = "a positive force [N]; without it, it is the one that the scenario's impedance demands"
+        self.force_d = checked(_positive, "force_d", force_d, ((), (1,)), wanted)
+        self.wrench_scale = checked(_positive, "wrench_scale", wrench_scale, ((6,),), "six positive numbers [N, N m]")
+        self.thrust_scale = checked(_positive, "thrust_scale", thrust_scale, ((),), "a positive thrust [N]")
+        self.effort_weight = checked(_positive, "effort_weight", effort_weight, ((),), "zero or positive", zero=True)
+        self._base = checked(_base_gains, self.scenario, gains) if action == "gains" else {}
+        self.steps_each = checked(_steps_each, self.scenario.simulation.timestep, control_rate)
+        self.rng = checked(_random, seed)
         if faults:
             raise InputError(faults, "push")
-        self.force_d, self.wrench_scale = found["force_d"].reshape(1), found["wrench_scale"]
-        self.thrust_scale, self.effort_weight = float(found["thrust_scale"]), float(found["effort_weight"])
         self.simulation = Simulation(self.scenario)
         absent = [name for name in _names("observe", observe) if name not in self.simulation.signals]
         if absent:
             choices = list(self.simulation.signals)
             raise InputError([Fault("observe", f"no signal {name!r}; {suggestion(name, choices)}") for name in absent])
         self._observed = tuple(observe)
-        self.size = {"wrench": 6, "thrusts": len(self.simulation.setup.vehicle.thrusters), "gains": len(self._base)}[
-            action
-        ]
+        thrusters = len(self.simulation.setup.vehicle.thrusters)
+        self.size = {"wrench": 6, "thrusts": thrusters, "gains": len(self._base)}[action]
 
     @property
     def over(self) -> bool:
@@ -131,7 +128,7 @@ class Push:
         """
         if seed is not None:
             self.rng = _random(seed)
-        drawn = {key: _drawn(self.rng.uniform(low, high)) for key, (low, high) in self.randomise.items()}
+        drawn = {key: self.rng.uniform(low, high) for key, (low, high) in self.randomise.items()}
         number = int(self.rng.integers(2**31))
         self.simulation.reset(seed=number, overrides={**self._base, **drawn, **overrides_of(overrides)})
         return self.observation()
@@ -162,68 +159,36 @@ class Push:
         impulse, effort = float(row["impulse"]), row["effort"].copy()
         self.simulation.step(steps)
         T = steps * self.scenario.simulation.timestep
-        force_d = float(self.force_d[0])
+        force_d = self.force_d.item()
         off = (float(row["impulse"] - impulse) / T - force_d) / force_d
         spent = float(((row["effort"] - effort) / (T * self.wrench_scale**2)).mean())
-        return math.exp(-off * off) - self.effort_weight * spent
+        return math.exp(-off * off) - self.effort_weight.item() * spent
 
     def observation(self) -> Observation:
         """The observed signals as copies."""
         row = self.simulation.signals
-        observed = {name: np.array(row[name], dtype=float, ndmin=1) for name in self._observed}
-        return observed | {"force_d": self.force_d.copy()}
+        numbers = {name: row[name] for name in self._observed} | {"force_d": self.force_d}
+        return {name: np.array(each, dtype=float, ndmin=1) for name, each in numbers.items()}
 
 
 ARGUMENTS = [name for name in inspect.signature(Push).parameters if name != "unknown"]
 
 
-@contextlib.contextmanager
-def _added_to(faults: list[Fault]) -> Iterator[None]:
-    """Context that adds the errors of an InputError to a list."""
+def _checked(faults: list[Fault], check: Callable[..., Any], *given: Any, **options: Any) -> Any:
+    """The result of a check. The errors of an InputError are added to a list."""
     try:
-        yield
+        return check(*given, **options)
     except InputError as error:
         faults += error.faults
 
 
-def _settings(action: Any, **given: Any) -> dict[str, np.ndarray]:
-    """The numbers of the task. Raises InputError: a number or the action is wrong; lists every error."""
-    found = {name: _numbers(value) for name, value in given.items()}
-    positive = {name: bool((np.isfinite(each) & (each > 0.0)).all()) for name, each in found.items()}
-    wrong = [
-        Fault(name, f"{value!r}: must be {wanted}")
-        for name, value, good, wanted in (
-            ("action", action, action in ("wrench", "thrusts", "gains"), "'wrench', 'thrusts' or 'gains'"),
-            (
-                "force_d",
-                given["force_d"],
-                positive["force_d"] and found["force_d"].size == 1,
-                "a positive force [N]; without it, it is the one that the scenario's impedance demands",
-            ),
-            (
-                "wrench_scale",
-                given["wrench_scale"],
-                positive["wrench_scale"] and found["wrench_scale"].shape == (6,),
-                "six positive numbers [N, N m]",
-            ),
-            (
-                "thrust_scale",
-                given["thrust_scale"],
-                positive["thrust_scale"] and found["thrust_scale"].shape == (),
-                "a positive thrust [N]",
-            ),
-            (
-                "effort_weight",
-                given["effort_weight"],
-                found["effort_weight"].shape == () and 0.0 <= found["effort_weight"] < math.inf,
-                "zero or positive",
-            ),
-        )
-        if not good
-    ]
-    if wrong:
-        raise InputError(wrong)
-    return found
+def _positive(key: str, given: Any, shapes: tuple[tuple[int, ...], ...], wanted: str, zero: bool = False) -> np.ndarray:
+    """Positive numbers of one of some shapes, or with ``zero`` also zeros."""
+    numbers = _numbers(given)
+    good = np.isfinite(numbers) & ((numbers > 0.0) | (zero & (numbers == 0.0)))
+    if numbers.shape not in shapes or not good.all():
+        raise InputError([Fault(key, f"{given!r}: must be {wanted}")])
+    return numbers
 
 
 def _numbers(value: Any) -> np.ndarray:
@@ -253,10 +218,10 @@ def _with_action(scenario: Scenario, action: str) -> Scenario:
     return scenario.updated({"actuation.name": "external"}) if action == "thrusts" else scenario
 
 
-def _bounds(scenario: Scenario, randomise: Mapping[str, tuple[Any, Any]]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def _bounds(scenario: Scenario, randomise: Any) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Bounds as arrays. Both ends must be valid values of the scenario's keys."""
     found, faults = {}, []
-    for key, given in randomise.items():
+    for key, given in overrides_of(randomise, "randomise").items():
         try:
             low, high = (np.array(each, dtype=float) for each in given)
             if low.shape != high.shape or not (low <= high).all():
@@ -268,17 +233,13 @@ def _bounds(scenario: Scenario, randomise: Mapping[str, tuple[Any, Any]]) -> dic
     if faults:
         raise InputError(faults)
     for end in (0, 1):
-        scenario.updated({key: _drawn(bounds[end]) for key, bounds in found.items()})
+        scenario.updated({key: bounds[end] for key, bounds in found.items()})
     return found
 
 
-def _drawn(value: np.ndarray | float) -> Any:
-    return np.asarray(value).tolist()
-
-
-def _base_gains(scenario: Scenario, gains: Sequence[str]) -> dict[str, float]:
+def _base_gains(scenario: Scenario, gains: Any) -> dict[str, float]:
     """The scenario's values of the gains by dotted key."""
-    law = scenario.controller
+    law, gains = scenario.controller, _names("gains", gains)
     known = [field.name for field in dataclasses.fields(law) if isinstance(getattr(law, field.name), float)]
     wrong = [name for name in gains if name not in known]
     if wrong or not gains:
@@ -295,6 +256,3 @@ def _steps_each(timestep: float, control_rate: Any) -> int:
             [Fault("control_rate", f"{control_rate!r} Hz: must divide the step rate of {1.0 / timestep:.6g} Hz")]
         )
     return steps
-
-
-__all__ = ["OBSERVED", "Diverged", "Push"]

@@ -9,23 +9,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..errors import Fault, InputError
-from ..files import shortened
+from ..errors import Fault, InputError, shortened
 from ..physics.frames import quat_from_euler_deg
 from ..physics.kernels import kernel
 from ..quantities import Angles
 from ..stages.base import Room, Stage, shared
 from ..stages.signals import CLOCK, KNOWN, REFERENCE
-
-GUIDANCE = Room(
-    name="guidance",
-    table="reference",
-    given=lambda thrusters: CLOCK + KNOWN,
-    out=REFERENCE,
-    noun="guidance stage",
-    constants=("quat_d",),
-    theory=("rests_at", "notes"),
-)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,7 +25,15 @@ class Guidance(Stage):
 
     attitude_deg: Angles = shared((0.0, 0.0, 0.0), "deg", "constant desired roll, pitch, yaw")
 
-    room: ClassVar[Room] = GUIDANCE
+    room: ClassVar[Room] = Room(
+        name="guidance",
+        table="reference",
+        given=lambda thrusters: CLOCK + KNOWN,
+        out=REFERENCE,
+        noun="guidance stage",
+        constants=("quat_d",),
+        theory=("rests_at", "notes"),
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -23,7 +23,6 @@ import numpy as np
 from pydantic import AfterValidator
 from pydantic.dataclasses import dataclass as table
 
-from ..physics.kernels import kernel
 from ..quantities import STRICT, Number, Position, Time, within
 from ..stages.base import setting
 from .base import Guidance
@@ -33,39 +32,6 @@ _FASTEST = 0.5
 """Largest bandwidth times control period [rad] at which the law sees the reference as a motion, not as a jump."""
 
 _SETTLED = 60.0  # for larger x, 1 - g(x) is below the rounding error of 1
-
-
-@kernel
-def filtered_steps(t, start, times, positions, bandwidth, p_d, p_d_dot, p_d_ddot):
-    """Set p_d, p_d_dot, p_d_ddot (3,) [m, m/s, m/s^2, W] at time t [s].
-
-    Args:
-        t: time [s].
-        start: (3,) position before the first step [m].
-        times: (n,) increasing times of the steps [s].
-        positions: (n, 3) positions after the steps [m].
-        bandwidth: omega_n [rad/s].
-        p_d, p_d_dot, p_d_ddot: (3,) outputs.
-    """
-    for i in range(3):
-        p_d[i] = start[i]
-        p_d_dot[i] = 0.0
-        p_d_ddot[i] = 0.0
-    for n in range(times.shape[0]):
-        x = bandwidth * (t - times[n])
-        if x <= 0.0:
-            break
-        g, g_dot, g_ddot = 1.0, 0.0, 0.0
-        if x < _SETTLED:
-            decay = math.exp(-x)
-            g = 1.0 - decay * (1.0 + x + 0.5 * x * x)
-            g_dot = bandwidth * decay * 0.5 * x * x
-            g_ddot = bandwidth * bandwidth * decay * (x - 0.5 * x * x)
-        for i in range(3):
-            height = positions[n, i] - (start[i] if n == 0 else positions[n - 1, i])
-            p_d[i] += height * g
-            p_d_dot[i] += height * g_dot
-            p_d_ddot[i] += height * g_ddot
 
 
 @table(frozen=True, config=STRICT)
@@ -120,8 +86,9 @@ class FilteredSteps(Guidance):
         return self.waypoints or (Waypoint(time=self.step_time, position=self.target),)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
-        """Times and positions of the steps have room for :data:`MOST_WAYPOINTS`, so that the machine code is the same
-        for any number of them. A step at infinity never comes."""
+        """Besides those of the base class: start (3,), the position before the first step [m]; times (n,), increasing
+        [s]; positions (n, 3), after the steps [m]; and bandwidth. The arrays have room for :data:`MOST_WAYPOINTS`, so
+        that the machine code is the same for any number of steps. A step at infinity never comes."""
         times, positions = _padded(self.step_time, self.target, self.waypoints)
         values = {**super().constants(setup), "target": None, "step_time": None, "waypoints": None}
         start = self.start or setup.scenario.initial.position
@@ -140,7 +107,25 @@ class FilteredSteps(Guidance):
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        start, times, positions = settings.start, settings.times, settings.positions
-        filtered_steps(given.t, start, times, positions, settings.bandwidth, out.p_d, out.p_d_dot, out.p_d_ddot)
+        start, times, positions, bandwidth = settings.start, settings.times, settings.positions, settings.bandwidth
+        for i in range(3):
+            out.p_d[i] = start[i]
+            out.p_d_dot[i] = 0.0
+            out.p_d_ddot[i] = 0.0
+        for n in range(times.shape[0]):
+            x = bandwidth * (given.t - times[n])
+            if x <= 0.0:
+                break
+            g, g_dot, g_ddot = 1.0, 0.0, 0.0
+            if x < _SETTLED:
+                decay = math.exp(-x)
+                g = 1.0 - decay * (1.0 + x + 0.5 * x * x)
+                g_dot = bandwidth * decay * 0.5 * x * x
+                g_ddot = bandwidth * bandwidth * decay * (x - 0.5 * x * x)
+            for i in range(3):
+                height = positions[n, i] - (start[i] if n == 0 else positions[n - 1, i])
+                out.p_d[i] += height * g
+                out.p_d_dot[i] += height * g_dot
+                out.p_d_ddot[i] += height * g_ddot
         for i in range(4):
             out.quat_d[i] = settings.quat_d[i]

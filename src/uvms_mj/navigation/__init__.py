@@ -1,8 +1,6 @@
 """Navigation: the measurements. :mod:`uvms_mj.navigation.base` has the contract of a stage."""
 
-from .base import Navigation
-from .perfect import Perfect, perfect
+from .base import Navigation, Perfect
+from .base import perfect as perfect
 
 SHIPPED: dict[str, type[Navigation]] = {cls.name: cls for cls in (Perfect,)}
-
-__all__ = ["SHIPPED", "Navigation", "Perfect", "perfect"]

@@ -1,10 +1,11 @@
-"""The contract of navigation: a stage that sets the measurements."""
+"""The contract of navigation, a stage that sets the measurements, and perfect sensing."""
 
 from __future__ import annotations  # so that help(Navigation) shows short type names
 
 import dataclasses
 from typing import ClassVar
 
+from ..physics.kernels import kernel
 from ..stages.base import Room, Stage
 from ..stages.signals import CLOCK, KNOWN, TRUE
 
@@ -20,3 +21,29 @@ class Navigation(Stage):
     def step(settings, state, given, state_dot, out):
         """Set the measurements of out, and state_dot, from settings, state and given."""
         raise NotImplementedError
+
+
+@kernel
+def perfect(true, known):
+    """Set the measurements ``known`` to the truth. A stage that calls it first changes only the rest."""
+    for i in range(3):
+        known.p_WB[i] = true.p_WB[i]
+        known.f_contact_m_W[i] = true.f_contact_W[i]
+        for j in range(3):
+            known.R_WB[i, j] = true.R_WB[i, j]
+    for i in range(4):
+        known.quat_WB[i] = true.quat_WB[i]
+    for i in range(6):
+        known.nu[i] = true.nu[i]
+        known.tau_contact_m_B[i] = true.tau_contact_B[i]
+
+
+@dataclasses.dataclass(frozen=True)
+class Perfect(Navigation):
+    """Perfect sensing: pose, velocity and contact force of the same instant, without an error."""
+
+    name = "perfect"
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        perfect(given, out)

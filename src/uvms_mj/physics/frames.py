@@ -78,32 +78,25 @@ def quat_error(quat_d, quat, out):
             out[i] = -out[i]
 
 
-def quat_from_euler_deg(roll: float, pitch: float, yaw: float) -> np.ndarray:
-    """Unit quaternion (4,) of the attitude R_WB = R_z(yaw) R_y(pitch) R_x(roll); angles in degrees, z up."""
-    return np.array(_quat_from_euler_deg(roll, pitch, yaw))
-
-
 @functools.lru_cache(maxsize=64)  # a Simulation computes the same ones at each reset
-def _quat_from_euler_deg(roll: float, pitch: float, yaw: float) -> tuple[float, ...]:
+def quat_from_euler_deg(roll: float, pitch: float, yaw: float) -> np.ndarray:
+    """Unit quaternion (4,) of the attitude R_WB = R_z(yaw) R_y(pitch) R_x(roll), read-only; angles in degrees, z up."""
     half = [math.radians(angle) / 2.0 for angle in (roll, pitch, yaw)]
     (c_x, c_y, c_z), (s_x, s_y, s_z) = map(math.cos, half), map(math.sin, half)
-    return (
-        c_x * c_y * c_z + s_x * s_y * s_z,
-        s_x * c_y * c_z - c_x * s_y * s_z,
-        c_x * s_y * c_z + s_x * c_y * s_z,
-        c_x * c_y * s_z - s_x * s_y * c_z,
+    quat = np.array(
+        [
+            c_x * c_y * c_z + s_x * s_y * s_z,
+            s_x * c_y * c_z - c_x * s_y * s_z,
+            c_x * s_y * c_z + s_x * c_y * s_z,
+            c_x * c_y * s_z - s_x * s_y * c_z,
+        ]
     )
+    quat.setflags(write=False)
+    return quat
 
 
 def rotation_matrix(quat: np.ndarray) -> np.ndarray:
-    """R_WB (3, 3) of a unit quaternion (4,)."""
-    R_WB = np.empty((3, 3))
-    rotation(quat, R_WB)
-    return R_WB
-
-
-def rotation_matrices(quat: np.ndarray) -> np.ndarray:
-    """R_WB (n, 3, 3) of unit quaternions (n, 4)."""
-    R_WB = np.empty((3, 3, len(quat)))
+    """R_WB (3, 3) of a unit quaternion (4,), or (n, 3, 3) of n (n, 4)."""
+    R_WB = np.empty((3, 3, *quat.shape[:-1]))
     rotation(quat.T, R_WB)
-    return np.moveaxis(R_WB, 2, 0)
+    return np.moveaxis(R_WB, (0, 1), (-2, -1))

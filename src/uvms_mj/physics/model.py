@@ -1,10 +1,12 @@
-"""Model estimates for the law: M, C, D and g of the vehicle, without the current and the disturbance.
+"""The model of the vehicle: C, D and g as the law estimates them, and the truth for the ideal law.
 
 The estimates use the same equations as the plant, with the true coefficients times the scenario's factors (default 1).
 Their errors are terms of the lumped disturbance of the paper's eq. (11).
 """
 
 from .fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
+from .frames import to_body
+from .hydrodynamics import disturbance
 from .kernels import kernel
 
 
@@ -21,3 +23,21 @@ def model_wrenches(coefficients, nu, R_WB, C_nu, D_nu, g_eta):
     damping(coefficients.D_linear, coefficients.D_quadratic, nu, D_nu)
     mass, displaced_mass = coefficients.mass, coefficients.displaced_mass
     restoring(mass, displaced_mass, coefficients.r_g, coefficients.r_b, coefficients.gravity_W, R_WB, g_eta)
+
+
+@kernel
+def reveal(coefficients, water, signals, truth, work):
+    """Set a :data:`uvms_mj.stages.signals.TRUTH` record, except M, from the true coefficients; work is (6,) scratch.
+
+    It is for eq. (13): velocity in the water and wrenches, which a real vehicle can't measure.
+    """
+    nu, nu_r, nu_c_dot = signals.nu, truth.nu_r, truth.nu_c_dot
+    to_body(signals.R_WB, water.v_c_W, work)
+    for i in range(3):
+        nu_r[i] = nu[i] - work[i]
+        nu_r[i + 3] = nu[i + 3]
+    nu_c_dot[0] = nu[5] * work[1] - nu[4] * work[2]  # -omega x v_c: constant in W
+    nu_c_dot[1] = nu[3] * work[2] - nu[5] * work[0]
+    nu_c_dot[2] = nu[4] * work[0] - nu[3] * work[1]
+    model_wrenches(coefficients, nu_r, signals.R_WB, truth.C_nu_r, truth.D_nu_r, truth.g_eta)
+    disturbance(water, signals.t, truth.tau_dist)

@@ -22,10 +22,9 @@ import numpy as np
 from ..physics.frames import quat_from_euler_deg
 from .geometry import Geometry
 from .mjcf import Mjcf
-from .settings import Initial, VehicleChoice
+from .settings import Initial, VehicleChoice, Wall
 from .variation import varied, vary
 from .vehicle import Vehicle, free_body_id, free_joint_addresses
-from .wall import Wall
 
 IMPEDANCE = 1e-4
 """Impedance d of the contact pair, constant in solimp."""
@@ -124,12 +123,14 @@ def build(mjcf: Mjcf, choice: VehicleChoice, wall: Wall, timestep: float, integr
 
 
 def _plain_class(spec: mujoco.MjSpec) -> mujoco.MjsDefault:
-    """A default class for geoms that have no mass, and inherit no place or shape from the vehicle's own classes."""
+    """A default class for hidden geoms that have no mass, touch only in pairs, and inherit no place or shape from the
+    vehicle's own classes."""
     plain = spec.add_default(f"{_OURS}plain", spec.default)
     geom = plain.geom
     geom.pos, geom.quat, geom.fromto = [0, 0, 0], [1, 0, 0, 0], [np.nan] * 6
     geom.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
     geom.mass, geom.meshname, geom.material = 0.0, "", ""
+    geom.contype, geom.conaffinity, geom.rgba, geom.group = 0, 0, [0] * 4, 4
     return plain
 
 
@@ -142,16 +143,7 @@ def _add_surroundings(spec: mujoco.MjSpec, body_name: str, wall: Wall, reach: fl
     body.simple = False
     spec.compiler.discardvisual = True
     plain = _plain_class(spec)
-    pair_only = {"contype": 0, "conaffinity": 0}
-    body.add_geom(
-        plain,
-        name=f"{_OURS}probe",
-        type=mujoco.mjtGeom.mjGEOM_SPHERE,
-        size=[reach, 0, 0],
-        rgba=[0] * 4,
-        group=4,
-        **pair_only,
-    )
+    body.add_geom(plain, name=f"{_OURS}probe", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[reach, 0, 0])
     face = wall.position + reach
     spec.worldbody.add_geom(
         plain,
@@ -160,9 +152,6 @@ def _add_surroundings(spec: mujoco.MjSpec, body_name: str, wall: Wall, reach: fl
         pos=[face, 0, 0],
         quat=[np.sqrt(0.5), 0, -np.sqrt(0.5), 0],  # its normal is -x of W
         size=[1, 1, 0.1],  # for drawing only: the plane has no edge
-        rgba=[0] * 4,
-        group=4,
-        **pair_only,
     )
     spec.add_pair(
         name=f"{_OURS}contact",

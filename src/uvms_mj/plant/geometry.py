@@ -107,14 +107,13 @@ class Geometry:
                 mujoco.mju_mat2Quat(quat, data.geom_xmat[geom])
                 mujoco.mju_mulQuat(quat, to_B, quat.copy())
             name = None
-            a, b, c = (0.0,) * 3 if kind == "mesh" else map(float, model.geom_size[geom])
-            w, x, y, z = map(float, quat)
+            size = (0.0,) * 3 if kind == "mesh" else tuple(model.geom_size[geom].tolist())
             try:
                 if kind == "mesh":
                     name = model.mesh(model.geom_dataid[geom]).name
                     meshes[name] = _mesh(model, model.geom_dataid[geom])
-                place = tuple(map(float, position))
-                shapes.append(Shape(kind=kind, size=(a, b, c), position=place, quat=(w, x, y, z), rgba=rgba, mesh=name))
+                pose = {"position": tuple(position.tolist()), "quat": tuple(quat.tolist())}
+                shapes.append(Shape(kind=kind, size=size, **pose, rgba=rgba, mesh=name))
             except ValidationError as error:
                 called = model.geom(geom).name or geom
                 raise InputError(faults_of(error), f"vehicle.model: geom {called!r} in the body frame") from None

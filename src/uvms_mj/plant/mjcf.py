@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from ..errors import InputError, suggestion
-from ..files import names, resource
+from ..files import shipped
 from .geometry import Geometry
 from .mjcf_files import ModelFiles, trees
 from .vehicle import Vehicle, free_body_id
@@ -37,12 +37,12 @@ class Mjcf:
         file."""
         path = Path(model)
         if not path.is_file():
-            shipped = resource("models", f"{model}.xml")
-            if shipped is None:
-                hint = suggestion(model, names("models", ".xml"))
+            known = shipped("models")
+            if str(model) not in known:
+                hint = suggestion(model, known)
                 fault = "is not a regular file" if path.exists() else f"is neither a file nor a shipped model; {hint}"
                 raise InputError(f"vehicle.model {model!r}: {fault}")
-            path = shipped
+            path = known[str(model)]
         path = Path(os.path.abspath(path))
         if path not in _found or not _found[path][0].unchanged():
             files = ModelFiles(path)

@@ -1,14 +1,17 @@
-"""Settings of a plant: the vehicle, its initial state, the ocean current and the disturbance."""
+"""Settings of a plant: the vehicle, its initial state, the ocean current, the disturbance and the wall."""
 
 import math
+from collections.abc import Callable
 from typing import Annotated
 
+import numpy as np
 from pydantic.dataclasses import dataclass
 
 from ..quantities import (
     STRICT,
     Angle,
     Angles,
+    Coordinate,
     Frequencies,
     Number,
     Position,
@@ -19,6 +22,8 @@ from ..quantities import (
     within,
 )
 
+WallStiffness = Annotated[Number, within(1e-3, 1e12, "N/m")]
+WallDamping = Annotated[Number, within(0.0, 1e9, "N s/m")]
 _TrueFactor = Annotated[Number, within(0.0, 1e3, "")]
 
 
@@ -62,3 +67,42 @@ class Disturbance:
     bias: Wrench = doc("constant part of tau_dist in B [N, N m]", (0.0,) * 6)
     amplitude: Wrench = doc("amplitude of the sinusoidal part [N, N m]", (0.0,) * 6)
     frequency_hz: Frequencies = doc("frequency of the sinusoidal part, below half the step rate [Hz]", (0.0,) * 6)
+
+
+@dataclass(frozen=True, config=STRICT)
+class Wall:
+    position: Coordinate = doc("x of the body frame in W at which contact begins, x_c [m]", 1.0)
+    stiffness: WallStiffness = doc("k_c [N/m]", 1e5)
+    damping: WallDamping = doc("b_c [N s/m]", 0.0)
+    friction: Annotated[Number, within(0.0, 100.0, "")] = doc("Coulomb coefficient mu [1]", 0.0)
+    tangential_stiffness: WallStiffness | None = doc("k_t of sticking friction [N/m]; default: wall.stiffness", None)
+    tangential_damping: WallDamping | None = doc(
+        "b_t of sticking friction [N s/m]; default: critical for the lightest motion along the face", None
+    )
+
+
+def lightest_along_face(M: np.ndarray, R_WB: np.ndarray, reach: float) -> float:
+    """Least effective mass at the contact point along the wall's face, with all other directions free [kg].
+
+    M is the inertia (6, 6), added mass included; R_WB (3, 3) the attitude; ``reach`` the distance of the contact point
+    from B's origin along the wall's normal, x of W [m].
+    """
+    J = np.zeros((2, 6))  # of the contact point along y and z of W
+    J[:, :3], J[0, 3:], J[1, 3:] = R_WB[1:], reach * R_WB[2], -reach * R_WB[1]
+    (a, b), (_, c) = (J @ np.linalg.solve(M, J.T)).tolist()
+    return 1.0 / (0.5 * (a + c) + math.hypot(0.5 * (a - c), b))  # the larger eigenvalue
+
+
+def contact_settings(wall: Wall, mass_along_face: Callable[[], float]) -> dict[str, float]:
+    """Settings of the wall for a :data:`uvms_mj.physics.contact.CONTACT` record, with the defaults of sticking
+    friction.
+
+    The default damping is critical for the lightest motion along the face, so that a contact that sticks comes to rest.
+    ``mass_along_face`` gives that mass [kg]; it is not asked for if it has no effect.
+    """
+    k_t = wall.stiffness if wall.tangential_stiffness is None else wall.tangential_stiffness
+    b_t = wall.tangential_damping
+    if b_t is None:
+        b_t = 2.0 * math.sqrt(k_t * mass_along_face()) if wall.friction > 0.0 else 0.0
+    given = {name: getattr(wall, name) for name in ("stiffness", "damping", "friction")}
+    return given | {"tangential_stiffness": k_t, "tangential_damping": b_t}

@@ -84,11 +84,15 @@ class Vehicle:
             InputError: coefficients are missing, misspelt, malformed or unphysical (all errors at once), or the vehicle
                 has a link on another joint.
         """
-        body = _only_free_body(model) if body is None else body
+        if body is None:
+            free = _free(model)
+            if len(free) != 1:
+                raise InputError(f"name the vehicle's body; bodies with a free joint: {', '.join(free) or 'none'}")
+            body = free[0]
         body_id = free_body_id(model, body)
         _refuse_links(model, body_id)
         prefix = body[: body.rfind("/") + 1]
-        faults = misspelt_numerics(model, prefix)
+        faults = wrong_numerics(model, prefix)
         M_A = added_mass(model, prefix, faults)
         D_linear = damping_matrix(model, prefix, "D_linear", faults)
         D_quadratic = damping_matrix(model, prefix, "D_quadratic", faults)
@@ -125,9 +129,10 @@ def free_body_id(model: mujoco.MjModel, body: str) -> int:
         raise InputError("the vehicle's body has no name; name it in its MJCF")
     body_id = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body)
     if body_id < 0:
-        raise InputError(f"body {body!r}: not in the model; {suggestion(body, _names(model))}")
-    if not _is_free(model, body_id):
-        raise InputError(f"body {body!r}: has no free joint; free bodies: {', '.join(_free(model)) or 'none'}")
+        names = [model.body(i).name for i in range(1, model.nbody)]
+        raise InputError(f"body {body!r}: not in the model; {suggestion(body, names)}")
+    if body not in (free := _free(model)):
+        raise InputError(f"body {body!r}: has no free joint; free bodies: {', '.join(free) or 'none'}")
     return body_id
 
 
@@ -151,61 +156,28 @@ def _refuse_links(model: mujoco.MjModel, body_id: int) -> None:
         raise InputError(faults, f"vehicle {model.body(body_id).name!r}")
 
 
-def misspelt_numerics(model: mujoco.MjModel, prefix: str) -> list[Fault]:
-    """Errors for numerics named almost like a coefficient. Other numerics are allowed in a model."""
-    meant = {name: _meant(name) for name in _numerics(model, prefix)}
-    return [
-        Fault(prefix + name, f"is not a coefficient; did you mean {coefficient!r}?")
-        for name, coefficient in meant.items()
-        if coefficient not in ("", name)
-    ]
-
-
-def unknown_numerics(model: mujoco.MjModel, prefix: str) -> list[Fault]:
-    """Errors for all other numerics of a model that consists of one vehicle; its coefficients have this prefix."""
-    names = [model.numeric(i).name for i in range(model.nnumeric)]
-    read = {prefix + name for name in _numerics(model, prefix) if _meant(name)}
-    return [
-        Fault(name, "is not a coefficient and would be ignored; leave it out, or write a remark as <text>")
-        for name in names
-        if name not in read
-    ]
-
-
-def _meant(name: str) -> str:
-    """The coefficient with this name or a similar one; empty if there is none."""
-    if name in KNOWN_NUMERICS:
-        return name
+def wrong_numerics(model: mujoco.MjModel, prefix: str, alone: bool = False) -> list[Fault]:
+    """Errors for numerics with this prefix that are named almost like a coefficient. Other numerics are allowed in a
+    model, unless it consists of one vehicle ``alone``."""
     known = {each.lower(): each for each in sorted(KNOWN_NUMERICS)}
-    close = difflib.get_close_matches(name.lower(), known, n=1, cutoff=0.8)
-    return known[close[0]] if close else ""
-
-
-def _numerics(model: mujoco.MjModel, prefix: str) -> list[str]:
-    """Names, without the prefix, of the numerics with this prefix that do not belong to another attached model."""
-    names = [model.numeric(i).name for i in range(model.nnumeric)]
-    rest = [name.removeprefix(prefix) for name in names if name.startswith(prefix)]
-    return [name for name in rest if "/" not in name]
-
-
-def _names(model: mujoco.MjModel) -> list[str]:
-    return [model.body(i).name for i in range(1, model.nbody)]
-
-
-def _is_free(model: mujoco.MjModel, body_id: int) -> bool:
-    joint = model.body_jntadr[body_id]
-    return joint >= 0 and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE
+    faults = []
+    for name in (model.numeric(i).name for i in range(model.nnumeric)):
+        word = name.removeprefix(prefix)
+        ours = name.startswith(prefix) and "/" not in word  # not of another attached model
+        if ours and word in KNOWN_NUMERICS:
+            continue
+        close = difflib.get_close_matches(word.lower(), known, n=1, cutoff=0.8) if ours else []
+        if close:
+            faults.append(Fault(name, f"is not a coefficient; did you mean {known[close[0]]!r}?"))
+        elif alone:
+            reason = "is not a coefficient and would be ignored; leave it out, or write a remark as <text>"
+            faults.append(Fault(name, reason))
+    return faults
 
 
 def _free(model: mujoco.MjModel) -> list[str]:
-    return [model.body(i).name for i in range(1, model.nbody) if _is_free(model, i)]
-
-
-def _only_free_body(model: mujoco.MjModel) -> str:
-    free = _free(model)
-    if len(free) != 1:
-        raise InputError(f"name the vehicle's body; bodies with a free joint: {', '.join(free) or 'none'}")
-    return free[0]
+    """Names of the bodies with a free joint."""
+    return [model.body(i).name for i in model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE]]
 
 
 def _rigid_body_inertia(model, data, body_id) -> np.ndarray:

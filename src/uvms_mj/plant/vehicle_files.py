@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import Fault, InputError, suggestion
 from .mjcf_elements import ELEMENTS, MOST_ELEMENTS, REASONS, finite, values_of
-from .vehicle import LINKS_ARE_DRY, misspelt_numerics, unknown_numerics
+from .vehicle import LINKS_ARE_DRY, wrong_numerics
 
 _CLOSE = 0.8
 """Least similarity at which an attribute counts as misspelt."""
@@ -120,8 +120,7 @@ def check_model(model: mujoco.MjModel, main: str) -> None:
     else:
         name = model.body(model.jnt_bodyid[free][0]).name
         prefix = name[: name.rfind("/") + 1]
-        faults += misspelt_numerics(model, prefix) + unknown_numerics(model, prefix)
-        faults += _thrusters(model) + _collisions(model)
+        faults += wrong_numerics(model, prefix, alone=True) + _thrusters(model) + _collisions(model)
     if faults:
         raise InputError(faults, f"vehicle.model {main}")
 

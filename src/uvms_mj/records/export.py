@@ -18,9 +18,7 @@ def _csv(trace: Trace, path: Path) -> None:
     import pyarrow as pa
     import pyarrow.csv
 
-    columns = list(trace.columns())
-    names = [f"{column.name} [{column.unit}]" for column in columns]
-    table = pa.Table.from_arrays([pa.array(column.values) for column in columns], names=names)
+    table = pa.table({f"{column.name} [{column.unit}]": column.values for column in trace.columns()})
     pyarrow.csv.write_csv(table, path, pyarrow.csv.WriteOptions(quoting_style="needed"))
 
 
@@ -33,8 +31,7 @@ def _parquet(trace: Trace, path: Path) -> None:
         pa.field(c.name, pa.float64(), metadata={"unit": c.unit, "frame": c.signal.frame, "meaning": c.signal.meaning})
         for c in columns
     ]
-    table = pa.Table.from_arrays([pa.array(column.values) for column in columns], schema=pa.schema(fields))
-    pyarrow.parquet.write_table(table, path)
+    pyarrow.parquet.write_table(pa.table([column.values for column in columns], schema=pa.schema(fields)), path)
 
 
 def _npz(trace: Trace, path: Path) -> None:

@@ -92,7 +92,6 @@ class Header:
 
     @property
     def law(self) -> StageSource:
-        """Source of the law."""
         return self.sources["controller"]
 
     @functools.cached_property
@@ -112,7 +111,6 @@ class Header:
 
     @functools.cached_property
     def by_name(self) -> dict[str, Signal]:
-        """The signals by name."""
         return {signal.name: signal for signal in self.signals}
 
     @property
@@ -128,10 +126,6 @@ class Header:
         for name, stage in self.sources.items():
             tables[name]["name"] = stage.source
         return tables
-
-    def step_of_row(self, row: int) -> int:
-        """Time step of a row. The last row of a completed run is the state at its end."""
-        return min(row * self.row_steps, self.scenario.steps)
 
 
 @checked(frozen=True, config=STRICT)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..physics.frames import rotation_matrices
+from ..physics.frames import rotation_matrix
 from ..plant.geometry import Geometry, Shape
 from .header import Header
 from .palette import ORANGE, SKY, VERMILLION, Colour
@@ -97,7 +97,7 @@ def _contact(header: Header, values: Values) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _thrust(_: Header, values: Values) -> tuple[np.ndarray, np.ndarray]:
-    return values["p_WB"], np.einsum("nij,nj->ni", rotation_matrices(values["quat_WB"]), values["tau"][:, :3])
+    return values["p_WB"], np.einsum("nij,nj->ni", rotation_matrix(values["quat_WB"]), values["tau"][:, :3])
 
 
 FORCES = (

@@ -73,8 +73,8 @@ class Trace:
         Raises:
             InputError: the file can't be read, is not a log of this project, or is damaged.
         """
-        recording = read(path)
-        return cls.of(recording.header, recording.rows, recording.outcome)
+        header, rows, outcome, _ = read(path)
+        return cls.of(header, rows, outcome)
 
     def save(self, path: str | os.PathLike) -> None:
         """Write the trace as a log.

@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import Fault, InputError, suggestion
-from .base import THRUSTERS, Stage, base_of, is_shipped, packs_itself
-from .recorded import Recorded
+from ..errors import Fault, InputError, shortened, suggestion
+from .base import THRUSTERS, Stage, base_of, packs_itself
 from .signals import GIVEN, MEASURED, RECORDED, TASK, TRUTH, thruster_signal
 
 _MOST_STATES = 10_000
@@ -22,20 +21,6 @@ _LONGEST_NAME = 100
 _SIGNALS = {signal.name for signal in (*GIVEN, *RECORDED, *MEASURED, thruster_signal(1))}
 """Signals of a Simulation or a trace, which a state would hide."""
 _OVERRIDDEN = ("name", "states", "units", "uses_task", "uses_truth")
-
-
-def check_stage(stage: Stage) -> None:
-    """Check that a stage may run. Raises InputError if it is of a log, or its class violates the contract."""
-    if isinstance(stage, Recorded):
-        key, file = f"{stage.room.table}.name", f"path/to/{stage.source()}"
-        raise InputError(
-            f"the {stage.room.noun} {stage.source()} is in the log as text, which is never run: name its file with "
-            f'scenario.updated({{"{key}": "{file}"}})'
-        )
-    if not is_shipped(stage):
-        check_contract(type(stage))
-        if getattr(stage, "uses_truth", False):
-            raise InputError([Fault("controller.uses_truth", "is reserved for ideal, the yardstick law")])
 
 
 def check_contract(cls: type[Stage], file: str = "") -> None:
@@ -77,11 +62,11 @@ def _wrong(cls: type[Stage]) -> Iterator[str]:
     )
     name = cls.name
     if not (isinstance(name, str) and name.isprintable() and len(name) <= _LONGEST_NAME):
-        yield f"name = {_shown(name)} must be a text of at most {_LONGEST_NAME} printable characters"
+        yield f"name = {shortened(name)} must be a text of at most {_LONGEST_NAME} printable characters"
     for name in ("uses_task", "uses_truth"):
         flag = getattr(cls, name, False)
         if not isinstance(flag, bool):
-            yield f"{name} = {_shown(flag)} must be true or false"
+            yield f"{name} = {shortened(flag)} must be true or false"
     states = list(_wrong_states(cls.states))
     yield from states
     if not states:
@@ -95,7 +80,7 @@ def _wrong(cls: type[Stage]) -> Iterator[str]:
 def _wrong_states(states: Any) -> Iterator[str]:
     wanted = f"states must be names with sizes from 1 to {_MOST_STATES}, as in {{'xi': 6}}"
     if not isinstance(states, Mapping):
-        yield f"{wanted}; {_shown(states)} is not"
+        yield f"{wanted}; {shortened(states)} is not"
         return
     good = [
         isinstance(name, str)
@@ -105,7 +90,7 @@ def _wrong_states(states: Any) -> Iterator[str]:
     ]
     for (name, size), fits in zip(states.items(), good, strict=True):
         if not fits:
-            yield f"{wanted}; {_shown(name)}: {_shown(size)} is not"
+            yield f"{wanted}; {shortened(name)}: {shortened(size)} is not"
         elif keyword.iskeyword(name):
             yield f"{name!r} is a word of Python's grammar; give the state another name"
         elif hasattr(np.record, name):
@@ -120,14 +105,14 @@ def _wrong_states(states: Any) -> Iterator[str]:
 def _wrong_units(cls: type[Stage]) -> Iterator[str]:
     units = cls.units
     if not isinstance(units, Mapping):
-        yield f"units must give each state's unit as a text, as in {{'xi': 'm s'}}; {_shown(units)} does not"
+        yield f"units must give each state's unit as a text, as in {{'xi': 'm s'}}; {shortened(units)} does not"
         return
     for name, unit in units.items():
         if name not in cls.states:
             hint = suggestion(str(name), cls.states) if cls.states else "the class declares no states"
-            yield f"units has {_shown(name)}, which is not a state; {hint}"
+            yield f"units has {shortened(name)}, which is not a state; {hint}"
         if not (isinstance(unit, str) and unit.isprintable()):
-            yield f"units must give each state's unit as a text, as in {{'xi': 'm s'}}; {_shown(unit)} is not a text"
+            yield f"units must give each state's unit as a text, as in {{'xi': 'm s'}}; {shortened(unit)} is not a text"
 
 
 def _wrong_function(cls: type[Stage]) -> Iterator[str]:
@@ -140,7 +125,7 @@ def _wrong_function(cls: type[Stage]) -> Iterator[str]:
         return
     function = cls.function()
     if not isinstance(function, types.FunctionType):
-        yield f"{method} must be a Python function, written with def; {_shown(getattr(cls, method))} is not"
+        yield f"{method} must be a Python function, written with def; {shortened(getattr(cls, method))} is not"
         return
     if inspect.iscoroutinefunction(function) or inspect.isgeneratorfunction(function):
         yield f"{method} must be a plain function: no async, no yield"
@@ -172,10 +157,11 @@ def _unknown_fields(cls: type[Stage]) -> Iterator[str]:
     file = Path(function.__code__.co_filename).name
     said = set()
     for node in sorted((n for n in nodes if isinstance(n, ast.Attribute | ast.Subscript)), key=lambda n: n.lineno):
-        word = _asked_for(node)
-        if word is None or not isinstance(node.value, ast.Name) or node.value.id not in arguments:
-            continue
-        role, known = arguments[node.value.id]
+        match node:
+            case ast.Attribute(ast.Name(name), word) | ast.Subscript(ast.Name(name), ast.Constant(str(word))):
+                role, known = arguments.get(name, ("", [word]))
+            case _:
+                continue
         if word in known or hasattr(np.record, word) or (role, word) in said:
             continue
         said.add((role, word))
@@ -202,18 +188,3 @@ def field_suggestion(word: str, known: Sequence[str]) -> str:
     """A hint for an unknown name: the first known name that adds a suffix to it, as p_WB to p, else the closest."""
     longer = [name for name in known if name.startswith(f"{word}_")]
     return f"did you mean {longer[0]!r}?" if longer else suggestion(word, known)
-
-
-def _asked_for(node: ast.Attribute | ast.Subscript) -> str | None:
-    if isinstance(node, ast.Attribute):
-        return node.attr
-    key = node.slice
-    return key.value if isinstance(key, ast.Constant) and isinstance(key.value, str) else None
-
-
-def _shown(value: Any) -> str:
-    try:
-        text = repr(value)
-    except Exception:  # a user's class may fail in __repr__
-        text = f"a {type(value).__name__}"
-    return text if len(text) <= 60 else text[:57] + "..."

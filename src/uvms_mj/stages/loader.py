@@ -1,4 +1,4 @@
-"""Loading of stages: a shipped class by its name, or a user's class from a file."""
+"""Loading of stages: a shipped class by its name, a user's class from a file, or its placeholder in a loaded log."""
 
 import dataclasses
 import hashlib
@@ -12,8 +12,9 @@ from types import ModuleType
 from typing import Any, Generic, TypeVar
 
 from ..errors import Fault, InputError, suggestion
-from .base import Stage
+from .base import Stage, is_shipped, setting
 from .contract import check_contract
+from .signals import OWN_UNIT
 
 _Stage = TypeVar("_Stage", bound=Stage)
 
@@ -156,3 +157,48 @@ def load_file(path: Path, key: str) -> ModuleType:
 def table_of(stage: Stage) -> dict[str, Any]:
     """The table from which :meth:`Choice.load` makes an equal stage."""
     return {"name": stage.source(), **{f.name: getattr(stage, f.name) for f in dataclasses.fields(stage)}}
+
+
+class Recorded:
+    """Base of the placeholders for a user's stage in a loaded log. They can be shown and compared, not run."""
+
+
+def recorded_stage(
+    base: type[_Stage], source: str, table: Mapping[str, Any], states: Mapping[str, Any]
+) -> type[_Stage]:
+    """Make a placeholder class with the settings of a table of a scenario, and the sizes of its states by name. Raises
+    InputError if a setting has another type, or its name is not a Python identifier."""
+    room = base.room
+    file, _, label = source.rpartition(":")
+    if not file or Path(file).name != file or not label.isidentifier() or not isinstance(table, Mapping):
+        raise InputError(f"the {room.noun} is {source!r}: must be file.py:ClassName")
+    shared = {f.name for f in dataclasses.fields(base)} | {"name", *room.reserved}
+    fields = []
+    for name, value in table.items():
+        if name in shared:
+            continue
+        kind: Any = tuple[float, ...] if isinstance(value, list | tuple) else type(value)
+        if not name.isidentifier() or hasattr(base, name) or kind not in (bool, int, float, tuple[float, ...]):
+            wanted = "is not a number, a flag or a list of numbers"
+            raise InputError(f"the {room.setting} {room.table}.{name} = {value!r} of {source} {wanted}")
+        default = tuple(value) if isinstance(value, list | tuple) else value
+        fields.append((name, kind, setting(default, OWN_UNIT, f"{room.setting} of {label}")))
+    namespace = {"states": dict(states), "source": classmethod(lambda cls: source), "__doc__": f"{source}, recorded."}
+    try:
+        return dataclasses.make_dataclass(label, fields, bases=(Recorded, base), namespace=namespace, frozen=True)
+    except (TypeError, SyntaxError) as error:
+        raise InputError(f"the {room.setting}s of {source}: {error}") from None
+
+
+def check_stage(stage: Stage) -> None:
+    """Check that a stage may run. Raises InputError if it is of a log, or its class violates the contract."""
+    if isinstance(stage, Recorded):
+        key, file = f"{stage.room.table}.name", f"path/to/{stage.source()}"
+        raise InputError(
+            f"the {stage.room.noun} {stage.source()} is in the log as text, which is never run: name its file with "
+            f'scenario.updated({{"{key}": "{file}"}})'
+        )
+    if not is_shipped(stage):
+        check_contract(type(stage))
+        if getattr(stage, "uses_truth", False):
+            raise InputError([Fault("controller.uses_truth", "is reserved for ideal, the yardstick law")])

@@ -123,7 +123,7 @@ def converge(
         KeyboardInterrupt: a run was interrupted.
     """
     names = _names(metrics)
-    scenario = scenario if scenario is not None else Scenario()
+    scenario = scenario or Scenario()
     if controller is not None:
         scenario = dataclasses.replace(scenario, controller=controller)
     scenarios = _refined(scenario)
@@ -147,7 +147,8 @@ def converge(
             raise NotCompletedError(f"the run with a time step of {h:g} s is {trace.status.name}: {trace.message}")
         columns.append(dict(leaves(summary(trace, {}))))
         for note in trace.notes:
-            notes.setdefault(_words(note), f"at {h:g} s: {note}")
+            words = re.sub(r"[\d.e+-]*\d", "", note)  # without its numbers, which depend on the time step
+            notes.setdefault(words, f"at {h:g} s: {note}")
     estimates = tuple(
         extrapolated(name, tuple(column.get(name) for column in columns), h if name == _INSTANT else 0.0)
         for name in names
@@ -161,10 +162,8 @@ def extrapolated(name: str, values: tuple[float | None, ...], grain: float = 0.0
     ``grain`` is the resolution of the values, e.g. one step for an instant; 0 if they are exact.
     """
     known = [value for value in values if value is not None]
-    if not known:
-        return Estimate(name, values, remark="missing in every run")
     if len(known) < len(values):
-        return Estimate(name, values, remark="missing in some runs")
+        return Estimate(name, values, remark=f"missing in {'some runs' if known else 'every run'}")
     f_1, f_2, f_3 = known
     if all(isinstance(value, int) for value in known):
         if f_1 == f_2 == f_3:
@@ -213,8 +212,3 @@ def _names(metrics: Sequence[str]) -> list[str]:
     if faults:
         raise InputError(faults, "metrics")
     return list(dict.fromkeys(names))
-
-
-def _words(note: str) -> str:
-    """A warning without its numbers, which depend on the time step."""
-    return re.sub(r"[\d.e+-]*\d", "", note)

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from .metric import unit_of_column
 from .plan import Plan
-from .success import COMPLETED
+from .plan.metric import unit_of_column
+from .plan.success import COMPLETED
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -19,7 +19,7 @@ import tomli_w
 
 from ..errors import InputError
 from ..quantities import leaves
-from .metric import COMPONENTS, columns_of
+from .plan.metric import COMPONENTS, columns_of
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -28,7 +28,7 @@ from ..records.header import Sink, Status
 from ..records.mcap import McapLog
 from ..records.trace import Trace
 from ..scenario import Scenario
-from .metric import COMPONENTS, columns_of, users_numbers
+from .plan.metric import COMPONENTS, columns_of, users_numbers
 
 if TYPE_CHECKING:
     from .plan import Plan

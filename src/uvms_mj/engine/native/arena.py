@@ -82,14 +82,18 @@ class Arena:
             settings.dtype
         )
         self.part("given")[:] = 0
-        self.start(settings)
+        self.take_settings(settings)
+        self.start()
 
-    def start(self, settings: np.ndarray) -> None:
-        """Prepare for a run with these settings (1,)."""
+    def take_settings(self, settings: np.ndarray) -> None:
+        """Copy other settings (1,) into the arena."""
         self.arrays["settings"][:] = self._own_settings[:] = settings
+
+    def start(self) -> None:
+        """Prepare for a run, from states of zero."""
+        self.reset()
         self.part("out")[:] = UNSET
-        for record in ("state", "state_dot"):
-            self._set(record, dict.fromkeys(self.arrays[record].dtype.names or (), 0.0))
+        self._set("state", dict.fromkeys(self.arrays["state"].dtype.names or (), 0.0))
 
     @property
     def address(self) -> int:

@@ -16,8 +16,7 @@ from weakref import WeakKeyDictionary
 import numba
 from llvmlite import ir as llvm
 from numba import types
-from numba.core import compiler, config, ir, ir_utils, untyped_passes
-from numba.core.cgutils import get_or_insert_function
+from numba.core import cgutils, compiler, config, ir, ir_utils, untyped_passes
 from numba.core.compiler_machinery import FunctionPass, register_pass
 from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError, UnsupportedError
@@ -25,8 +24,6 @@ from numba.extending import intrinsic
 from numba.np import arrayobj, npyimpl
 from numba.np.ufunc.dufunc import DUFunc
 from numba.np.ufunc.gufunc import GUFunc
-
-from .checked_arrays import same_shapes, within_bounds
 
 __all__ = ["NumbaError", "guarded", "guarded_function", "twin"]
 
@@ -44,8 +41,8 @@ def guarded() -> Iterator[None]:
         config.reload_config()  # numba does this before it compiles, which would undo the settings below
         before = [getattr(module, name) for module, name in names]
         config.BOUNDSCHECK = 1  # type: ignore[attr-defined]  # numba sets it at import
-        npyimpl.numpy_ufunc_kernel = same_shapes(npyimpl.numpy_ufunc_kernel)
-        arrayobj.make_array_flat_cls = within_bounds(arrayobj.make_array_flat_cls)
+        npyimpl.numpy_ufunc_kernel = _same_shapes(npyimpl.numpy_ufunc_kernel)
+        arrayobj.make_array_flat_cls = _within_bounds(arrayobj.make_array_flat_cls)
         try:
             yield
         finally:
@@ -168,7 +165,7 @@ def _count(typing_context, turns):
 
         def python(name, returns, *given):
             kind = llvm.FunctionType(returns, [value.type for value in given])
-            return builder.call(get_or_insert_function(builder.module, kind, name), given)
+            return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), given)
 
         due = builder.icmp_signed("==", builder.and_(turns, turns.type(_PATIENCE - 1)), turns.type(0))
         with builder.if_then(due, likely=False):
@@ -186,3 +183,65 @@ def _count(typing_context, turns):
         return turns
 
     return types.intp(types.intp), generate
+
+
+def _same_shapes(kernel: Any) -> Any:
+    """Wrap numba's loop over the elements of an array operation with NumPy's check of the output's shape, as in
+    ``a += b`` and ``np.add(a, b, out)``."""
+
+    def checked(context, builder, signature, arguments, ufunc, kernel_class):
+        outputs = [
+            (arg, kind)
+            for arg, kind in zip(arguments[ufunc.nin :], signature.args[ufunc.nin :], strict=False)
+            if isinstance(kind, types.ArrayCompatible)
+        ]
+        inputs = list(zip(arguments, signature.args, strict=False))[: ufunc.nin]
+        for output, kind in outputs:
+            shape = npyimpl._prepare_argument(context, builder, output, kind).shape
+            for argument, input_kind in (*inputs, *outputs):
+                given = getattr(npyimpl._prepare_argument(context, builder, argument, input_kind), "shape", ())
+                _refuse_unless_broadcast(context, builder, given, shape)
+        return kernel(context, builder, signature, arguments, ufunc, kernel_class)
+
+    return checked
+
+
+def _refuse_unless_broadcast(context: Any, builder: Any, given: Any, shape: Any) -> None:
+    one = context.get_constant(types.intp, 1)
+    wrong = cgutils.false_bit
+    if len(given) > len(shape):
+        wrong = cgutils.true_bit
+    for n, wanted in zip(reversed(given), reversed(shape), strict=False):
+        fits = builder.or_(builder.icmp_signed("==", n, one), builder.icmp_signed("==", n, wanted))
+        wrong = builder.or_(wrong, builder.not_(fits))
+    with cgutils.if_unlikely(builder, wrong):
+        message = "operands could not be broadcast to the shape of the output"
+        context.call_conv.return_user_exc(builder, ValueError, (message,))
+
+
+def _within_bounds(make: Any) -> Any:
+    """Wrap numba's maker of the class behind ``array.flat`` with a check of the index. As in NumPy, a negative index
+    counts from the end."""
+
+    def checked_class(kind):
+        plain: Any = make(kind)
+
+        def index_of(context, builder, array, index):
+            size = array.nitems
+            index = context.cast(builder, index, types.intp, types.intp) if index.type == size.type else index
+            index = builder.sext(index, size.type) if index.type.width < size.type.width else index
+            negative = builder.icmp_signed("<", index, index.type(0))
+            index = builder.select(negative, builder.add(index, size), index)
+            cgutils.do_boundscheck(context, builder, index, size)
+            return index
+
+        class Checked(plain):
+            def getitem(self, context, builder, kind, array, index):
+                return super().getitem(context, builder, kind, array, index_of(context, builder, array, index))
+
+            def setitem(self, context, builder, kind, array, index, value):
+                super().setitem(context, builder, kind, array, index_of(context, builder, array, index), value)
+
+        return Checked
+
+    return checked_class

@@ -8,9 +8,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ...control.tracking import tracking_errors
-from ...navigation.truth import reveal
-from ...physics.model import model_wrenches
+from ...control.task import tracking_errors
+from ...physics.model import model_wrenches, reveal
 from ...stages.base import Room, Stage
 from ...stages.signals import CLOCK, ERRORS, ESTIMATES, KNOWN, REFERENCE, TRUE, TRUTH
 

@@ -7,7 +7,6 @@ from llvmlite import ir
 
 from . import memory
 from .expressions import INTRINSICS
-from .layouts import CLOCKS, CONTEXT, LOOP, STAGE
 from .translator import translate
 from .values import FLOAT, INT, POINTER, WORD, Kind, Value, scalar
 
@@ -69,11 +68,8 @@ INTRINSICS |= {
     memory.floats: _array(FLOAT),
     memory.triples: _array(FLOAT, 3),
     memory.integers: _array(INT),
-    memory.context_at: _record(CONTEXT),
-    memory.loop_at: _record(LOOP),
     memory.registered: _registered,
     memory.mj_factorM: _mj_factorM,
-    memory.stage_at: _record(STAGE),
-    memory.clock_at: _record(CLOCKS),
     memory.call_stage: _call_stage,
 }
+INTRINSICS |= {read: _record(dtype) for read, dtype in memory.RECORDS.items()}

@@ -2,6 +2,7 @@
 
 import ctypes
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -59,29 +60,18 @@ def integers(address: int, n: int) -> np.ndarray:
     return np.ctypeslib.as_array((ctypes.c_int64 * n).from_address(address))
 
 
-def _record(address: int, dtype: np.dtype) -> Any:
-    memory = (ctypes.c_char * dtype.itemsize).from_address(address)
-    return np.frombuffer(memoryview(memory), dtype).view(np.recarray)[0]
+def _reader(dtype: np.dtype) -> Callable[[int], Any]:
+    """A function that gives the record at an address."""
+
+    def record_at(address: int) -> Any:
+        memory = (ctypes.c_char * dtype.itemsize).from_address(address)
+        return np.frombuffer(memoryview(memory), dtype).view(np.recarray)[0]
+
+    return record_at
 
 
-def context_at(address: int) -> Any:
-    """The CONTEXT at an address."""
-    return _record(address, CONTEXT)
-
-
-def loop_at(address: int) -> Any:
-    """The LOOP at an address."""
-    return _record(address, LOOP)
-
-
-def stage_at(address: int) -> Any:
-    """The STAGE at an address."""
-    return _record(address, STAGE)
-
-
-def clock_at(address: int) -> Any:
-    """The CLOCKS at an address."""
-    return _record(address, CLOCKS)
+RECORDS = {_reader(dtype): dtype for dtype in (CONTEXT, LOOP, STAGE, CLOCKS)}
+context_at, loop_at, stage_at, clock_at = RECORDS
 
 
 def registered() -> np.ndarray:

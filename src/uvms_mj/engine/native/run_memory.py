@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ...analysis.setup import Setup
-from ...plant.wall import contact_settings
+from ...plant.settings import contact_settings
 from ...scenario import Scenario
 from ...stages.signals import FINAL_WINDOW_S
 from .attachment import set_water
@@ -106,7 +106,7 @@ class RunMemory:
             array[:] = start
         self._write(setup, touched, constants)
         for entry in self.stages.in_arenas:
-            entry.start()
+            entry.arena.start()
 
     def rewrite(self, setup: Setup, touched: Set[str]) -> None:
         """As :meth:`restart`, but the run goes on."""
@@ -160,10 +160,6 @@ def motion_of_water(scenario: Scenario) -> dict[str, tuple[float, ...]]:
     return {"current_W": scenario.current.velocity_W, **motion}
 
 
-def write_water(memory: RunMemory, setup: Setup) -> None:
-    set_water(memory.context, motion_of_water(setup.scenario))
-
-
 def write_wall(memory: RunMemory, setup: Setup) -> None:
     memory.engine.write_wall(setup)
     contact = memory.loop["contact"]
@@ -187,17 +183,13 @@ def write_control(memory: RunMemory, setup: Setup) -> None:
     memory.loop["epsilon"] = getattr(setup.scenario.controller, "epsilon", DEFAULT_EPSILON)  # of each axis
 
 
-def write_keys(memory: RunMemory, setup: Setup) -> None:
-    memory.stages.write_keys(setup.scenario)
-
-
 WRITERS: tuple[tuple[tuple[str, ...], Callable[[RunMemory, Setup], None]], ...] = (
     (("simulation.timestep", "simulation.duration"), write_time),
-    (("current", "disturbance"), write_water),
+    (("current", "disturbance"), lambda memory, setup: set_water(memory.context, motion_of_water(setup.scenario))),
     (("wall", "reference.attitude_deg"), write_wall),
     (("initial",), write_initial),
     (("impedance",), write_impedance),
-    (("simulation.seed",), write_keys),
+    (("simulation.seed",), lambda memory, setup: memory.stages.write_keys(setup.scenario)),
     (("simulation.timestep", "navigation.period", "reference.period", "controller", "actuation.period"), write_control),
 )
 """Tables or dotted keys of a scenario, and the function that writes the numbers that depend on them."""

@@ -1,7 +1,12 @@
 """Compilation of a stage, shipped or a user's, to one function that the loop calls by its address."""
 
+import ast
 import inspect
+import sys
+import sysconfig
 import types
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,7 +15,6 @@ from ...physics.frames import rotation
 from .arena import NEAR, PATTERN, REGIONS, SAME, UNIT, attitudes, offsets, spread
 from .compilation import NativeFunction, native_function, native_law
 from .memory import floats, integers, triples
-from .sources import global_values, source_files
 
 if TYPE_CHECKING:  # global names of the templates below, set for each stage
     carray: Any = None
@@ -30,6 +34,8 @@ if TYPE_CHECKING:  # global names of the templates below, set for each stage
     ROTATIONS: Any = np.zeros((0, 2), int)  # places of a quaternion and of its rotation matrix
     MATRIX = 0  # offset in the arena
 
+_PACKAGE = Path(__file__).parents[2]
+_FOREIGN = tuple(Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib", "purelib", "platlib"))
 RETURNED, RAISED, OVERRAN, CHANGED_SETTINGS, NOT_FINITE, NOT_ATTITUDE = range(6)
 """Return codes of a stage's machine code."""
 
@@ -127,7 +133,7 @@ def compile_stage(
     parts = [repr(layout).encode(), stage.__code__.co_code]
     module = inspect.getmodule(stage)
     if module is not None and getattr(module, "__file__", None):
-        parts += [path.read_bytes() for path in source_files(module)] + [global_values(module)]
+        parts += [path.read_bytes() for path in source_files(module)] + [_global_values(module)]
     else:
         parts.append(repr((stage.__code__.co_consts, stage.__code__.co_names)).encode())
 
@@ -185,3 +191,49 @@ def _places(settings: int, state: np.dtype, given: int, out: np.dtype) -> dict[s
         "ROTATIONS": np.array([(in_out[quat][1], in_out[R][1]) for quat, R in attitudes(out) if R], int).reshape(-1, 2),
         **{f"{name.upper()}_": at[name] for name in REGIONS},
     }
+
+
+def source_files(module: types.ModuleType) -> list[Path]:
+    """Files of a module and of its direct and indirect imports, except installed packages and the standard library.
+
+    Imports are read from the source, because a constant imported from another file leaves no trace in the module.
+    """
+    found: dict[Path, None] = {}
+    todo = [Path(str(module.__file__)).resolve()]
+    while todo:
+        path = todo.pop()
+        if path in found or not path.is_file() or path.suffix != ".py":
+            continue
+        if found and any(path.is_relative_to(folder) for folder in (*_FOREIGN, _PACKAGE)):
+            continue
+        found[path] = None
+        for node in ast.walk(ast.parse(path.read_bytes())):
+            names: list[str] = []
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+                names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+            todo += [origin for name in names if (origin := _origin(name)) is not None]
+    return sorted(found)
+
+
+def _origin(name: str) -> Path | None:
+    loaded = sys.modules.get(name)
+    if loaded is not None:
+        file = getattr(loaded, "__file__", None)
+        return Path(file).resolve() if file else None
+    try:
+        spec = find_spec(name)
+    except (ImportError, ValueError, AttributeError):
+        return None
+    return Path(spec.origin).resolve() if spec is not None and spec.origin and spec.has_location else None
+
+
+def _global_values(module: types.ModuleType) -> bytes:
+    """Bytes of the plain values among a module's globals, which numba freezes into the machine code."""
+    kinds = (bool, int, float, complex, str, tuple, np.ndarray, np.generic)
+    values = {name: value for name, value in vars(module).items() if isinstance(value, kinds) and name[:2] != "__"}
+    return b"".join(
+        name.encode() + (value.tobytes() if isinstance(value, np.ndarray) else repr(value).encode())
+        for name, value in sorted(values.items())
+    )

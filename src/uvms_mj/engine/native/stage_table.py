@@ -66,10 +66,6 @@ class Entry:
         row["state_at"], row["state_dot_at"] = self.state.ctypes.data, self.state_dot.ctypes.data
         row["given_at"], row["out_at"], row["states"] = self.given.ctypes.data, self.out.ctypes.data, self.states
 
-    def start(self) -> None:
-        """Prepare for a run with the present settings, from states of zero."""
-        self.arena.start(self.settings)
-
     def call_plain(self) -> None:
         """Run the stage as plain Python. Raises StageFault if the stage raised or violated its contract."""
         self.arena.fill(self.given, self.state)
@@ -191,6 +187,8 @@ class StageTable:
             for name, value in values.items():
                 entry.settings[name] = value
             entry.constants.update(values)
+            if entry in self.in_arenas:
+                entry.arena.take_settings(entry.settings)
 
     def write_periods(self, scenario: Scenario) -> None:
         """Set the periods of all stages."""

@@ -22,7 +22,7 @@ from ...plant.geometry import Geometry
 from ...plant.mjcf import Mjcf
 from ...quantities import STRICT, NonNegative, Real
 from ...scenario import STAGES, Scenario
-from ...stages.recorded import recorded_stage
+from ...stages.loader import recorded_stage
 from ...stages.signals import RECORDED, Signal
 from ..header import Header, Outcome, StageSource, code_file
 
@@ -123,7 +123,7 @@ def header_files(header: Header) -> dict[str, bytes]:
         stages={name: _StageEntry(s.source, s.sha256, dict(s.states)) for name, s in header.sources.items()},
         analytic=None
         if isinstance(rest, NoClosedForm)
-        else _Rest(rest.force, *map(_tuple, (rest.position, rest.quat, rest.s, rest.tau))),
+        else _Rest(rest.force, *(each if each is None else tuple(each.tolist()) for each in _arrays(rest))),
         no_analytic_because=rest.reason if isinstance(rest, NoClosedForm) else "",
         notes=tuple(without_paths(note) for note in header.notes),
         versions=dict(header.versions),
@@ -200,7 +200,7 @@ def header_of(files: Mapping[str, bytes]) -> Header:
         row_steps=run.row_steps,
         rest=NoClosedForm(run.no_analytic_because)
         if rest is None
-        else SteadyState(rest.force, *map(_array, (rest.position, rest.quat, rest.s, rest.tau))),
+        else SteadyState(rest.force, *(each if each is None else np.array(each) for each in _arrays(rest))),
         notes=run.notes,
         mjcf=Mjcf(run.vehicle, models),
         geometry=Geometry.from_json(files["geometry.json"]),
@@ -210,12 +210,8 @@ def header_of(files: Mapping[str, bytes]) -> Header:
     )
 
 
-def _tuple(array: np.ndarray | None) -> tuple[float, ...] | None:
-    return None if array is None else tuple(array.tolist())
-
-
-def _array(values: tuple[float, ...] | None) -> np.ndarray | None:
-    return None if values is None else np.array(values)
+def _arrays(rest: SteadyState | _Rest) -> tuple[Any, ...]:
+    return rest.position, rest.quat, rest.s, rest.tau
 
 
 def _run_of(data: bytes) -> _Run:
@@ -253,7 +249,6 @@ def _are_sound(signals: tuple[Signal, ...], states: Mapping[str, int]) -> bool:
 
 
 def outcome_file(outcome: Outcome) -> bytes:
-    """The contents of outcome.json."""
     return _END.dump_json(dataclasses.replace(outcome, message=without_paths(outcome.message)))
 
 

@@ -7,14 +7,14 @@ differ in their numbers only.
 
 import functools
 import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from mcap.opcode import Opcode
 
 from ..header import Header
 from . import markers, topics
-from .cdr import STAMP
+from .ros2 import STAMP
 from .topics import Topic
 
 _HEAD = np.dtype([("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("when", "u1", (20,))])
@@ -34,7 +34,7 @@ class Records:
         fields: dict[str, tuple[tuple[str, tuple[int, ...]], int]] = {}
         template = bytearray()
         starts: list[int] = []
-        self._from: list[tuple[str, str]] = []  # field, and the name of its values
+        self.sources: list[tuple[str, str]] = []  # field, and the name of its values
         for channel, topic in channels:
             start, body = len(template), len(template) + _HEAD.itemsize
             starts.append(start)
@@ -43,10 +43,10 @@ class Records:
             head["length"] = _HEAD.itemsize - 9 + len(topic.message.data)
             template += head.tobytes() + topic.message.data
             fields[f"{channel}.when"] = (("u1", (20,)), body - 20)
-            self._from.append((f"{channel}.when", ".when"))
+            self.sources.append((f"{channel}.when", ".when"))
             for name, hole in topic.message.holes.items():
                 fields[f"{channel}/{name}"] = ((hole.kind, (hole.count,)), body + hole.offset)
-                self._from.append((f"{channel}/{name}", STAMP if name.startswith(STAMP) else name))
+                self.sources.append((f"{channel}/{name}", STAMP if name.startswith(STAMP) else name))
         self.starts = np.array(starts)
         self.size = len(template)
         self.template = np.frombuffer(bytes(template), np.uint8)
@@ -61,23 +61,6 @@ class Records:
         self._constant = np.ones(self.size, bool)
         for (kind, shape), offset in fields.values():
             self._constant[offset : offset + np.dtype((kind, shape)).itemsize] = False
-
-    def fill(
-        self, records: Sequence[np.ndarray], values: Mapping[str, np.ndarray], sequence: np.ndarray, log_ns: np.ndarray
-    ) -> None:
-        """Set the numbers of n rows in records of :attr:`dtype`, given in pieces that follow one another: values (n,
-        count) for each hole, row numbers (n,) and log times (n,) [ns]."""
-        when = np.empty(len(log_ns), _WHEN)
-        when["sequence"], when["log"], when["publish"] = sequence & 0xFFFFFFFF, log_ns, log_ns
-        given = dict(values)
-        given[".when"] = when.view(np.uint8).reshape(-1, 20)
-        given[STAMP] = np.stack(np.divmod(log_ns, 1_000_000_000), axis=1)
-        first = 0
-        for piece in records:
-            rows = slice(first, first + len(piece))
-            for field, name in self._from:
-                piece[field] = given[name][rows]
-            first += len(piece)
 
     def rows(self, raw: np.ndarray) -> np.ndarray | None:
         """Bytes (n, size) as n records with the fields of :attr:`dtype`; None if their layout differs."""
@@ -124,8 +107,18 @@ class Block:
     def fill(
         self, records: Records, values: Mapping[str, np.ndarray], sequence: np.ndarray, log_ns: np.ndarray
     ) -> None:
-        """Set the numbers of all messages of some records; arguments as of :meth:`Records.fill`."""
-        records.fill(self._views[records], values, sequence, log_ns)
+        """Set the numbers of all n messages of some records: values (n, count) for each hole, row numbers (n,) and log
+        times (n,) [ns]."""
+        when = np.empty(len(log_ns), _WHEN)
+        when["sequence"], when["log"], when["publish"] = sequence & 0xFFFFFFFF, log_ns, log_ns
+        stamps = np.stack(np.divmod(log_ns, 1_000_000_000), axis=1)
+        given = {**values, ".when": when.view(np.uint8).reshape(-1, 20), STAMP: stamps}
+        first = 0
+        for piece in self._views[records]:
+            rows = slice(first, first + len(piece))
+            for field, name in records.sources:
+                piece[field] = given[name][rows]
+            first += len(piece)
         self._indexes[records]["entries"][:, :, 0] = log_ns
 
     def index_bytes(self) -> tuple[bytes, dict[int, int]]:
@@ -169,13 +162,6 @@ class Format:
         t = steps * self.timestep
         return t, np.rint(t * _NS).astype(np.int64)
 
-    def groups(self, into: int, n: int) -> Iterator[tuple[bool, int]]:
-        """n rows in groups: whether force arrows precede the group, and its size. ``into``: rows since the last."""
-        while n > 0:
-            size = min(n, self.arrow_every - into)
-            yield into == 0, size
-            into, n = 0, n - size
-
     def once_block(self) -> Block:
         """The messages of constant values, at time zero."""
         zero = np.zeros(1, np.int64)
@@ -184,9 +170,12 @@ class Format:
         return block
 
     def _new_block(self, into: int, n: int) -> Block:
+        """A block of n rows with the force arrows between them; the last arrows precede it by ``into`` rows."""
         pieces: list[tuple[Records, int]] = []
-        for with_arrows, size in self.groups(into, n):
-            pieces += [(self.arrow_records, 1)] * with_arrows + [(self.row_records, size)]
+        while n > 0:
+            size = min(n, self.arrow_every - into)
+            pieces += [(self.arrow_records, 1)] * (into == 0) + [(self.row_records, size)]
+            into, n = 0, n - size
         return Block(pieces)
 
     def block(self, rows: np.ndarray, first_row: int) -> tuple[Block, np.ndarray]:

@@ -5,12 +5,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...physics.frames import rotation_matrices
+from ...physics.frames import rotation_matrix
 from ...plant.geometry import Shape
 from ..header import Header
 from ..scene import FORCE_SCALE, FORCES, Arrow, Force, Scene
 from . import ros2
-from .cdr import Message
+from .ros2 import Message
 
 _NO_POINTS = np.zeros((0, 3))
 
@@ -66,7 +66,7 @@ def _parts(shape: Shape) -> Iterator[Shape]:
         return
     radius, half, _ = shape.size
     yield dataclasses.replace(shape, kind="cylinder")
-    along = half * rotation_matrices(np.array([shape.quat]))[0, :, 2]
+    along = half * rotation_matrix(np.array([shape.quat]))[0, :, 2]
     for end in (shape.position - along, shape.position + along):
         yield dataclasses.replace(shape, kind="sphere", position=tuple(end.tolist()), size=(radius, 0.0, 0.0))
 

@@ -9,8 +9,7 @@ import dataclasses
 import os
 import struct
 import zlib
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
@@ -30,21 +29,8 @@ from .layout import CHUNK_BYTES, Format
 from .sink import MAGIC, sealed
 from .zeros import end_of_writing
 
-
-@dataclass(frozen=True, eq=False)
-class Recording:
-    """The contents of a log: header, rows (n, width) of its signals, outcome, and all attachments by name."""
-
-    header: Header
-    rows: np.ndarray = field(repr=False)
-    outcome: Outcome
-    files: Mapping[str, bytes] = field(repr=False)
-
-
 _BLOCK = 512
 """Smallest unit that a disk writes [bytes]."""
-
-
 _TORN = (EndOfFile, McapError, struct.error)
 """Exceptions of the mcap package for an incomplete record."""
 
@@ -53,8 +39,8 @@ class _CutOff(Exception):
     """The file ends in the middle of a record, or before its end mark."""
 
 
-def read(path: str | os.PathLike) -> Recording:
-    """Read a log.
+def read(path: str | os.PathLike) -> tuple[Header, np.ndarray, Outcome, dict[str, bytes]]:
+    """Read a log: its header, the rows (n, width) of its signals, its outcome, and all attachments by name.
 
     A log that was cut off is read up to the cut. The outcome's message describes the missing part; its status is
     ``truncated`` unless the log contains the outcome. Raises InputError if the file can't be read, is not a log of
@@ -111,7 +97,7 @@ class _Reader:
         self.blocks: list[np.ndarray] = []
         self.rows = 0
 
-    def read(self) -> Recording:
+    def read(self) -> tuple[Header, np.ndarray, Outcome, dict[str, bytes]]:
         missing = ""
         try:
             self._data_section()
@@ -125,7 +111,7 @@ class _Reader:
         assert self.header is not None
         outcome = outcome_of(self.files["outcome.json"]) if "outcome.json" in self.files else None
         rows = np.concatenate(self.blocks) if self.blocks else np.zeros((0, self.header.width))
-        return Recording(self.header, rows, self._outcome(outcome, missing), self.files)
+        return self.header, rows, self._outcome(outcome, missing), self.files
 
     def read_header(self) -> Header:
         """Read the part of the log before the samples."""
@@ -150,7 +136,7 @@ class _Reader:
                 return outcome
             note = f"all samples are present, but the end of the file is missing: {missing}"
             return dataclasses.replace(outcome, message=f"{outcome.message} ({note})".strip())
-        last = header.step_of_row(self.rows - 1) if self.rows else 0
+        last = min((self.rows - 1) * header.row_steps, steps) if self.rows else 0
         there = (
             f"it has {self.rows} rows up to t = {last * h:g} s of {steps * h:g} s" if self.rows else "it has no rows"
         )
@@ -185,7 +171,8 @@ class _Reader:
         for number, (opcode, content) in enumerate(self._records()):
             stream = ReadDataStream(BytesIO(content))
             if number == 0:
-                self._first(opcode, stream)
+                if opcode != Opcode.HEADER or not FileHeader.read(stream).library.startswith("uvms-mj"):
+                    raise InputError("is an MCAP file, but not a log that uvms-mj wrote")
             elif opcode == Opcode.ATTACHMENT:
                 self._attachment(stream, content)
             elif opcode == Opcode.METADATA:
@@ -211,11 +198,6 @@ class _Reader:
                 raise InputError(f"is damaged: unknown record type {opcode}")
         if "outcome.json" not in self.files or format is None:
             raise InputError("is damaged: the run's outcome is missing")
-
-    def _first(self, opcode: int, stream: ReadDataStream) -> None:
-        header = FileHeader.read(stream) if opcode == Opcode.HEADER else None
-        if header is None or not header.library.startswith("uvms-mj"):
-            raise InputError("is an MCAP file, but not a log that uvms-mj wrote")
 
     def _attachment(self, stream: ReadDataStream, content: bytes) -> None:
         attachment = Attachment.read(stream)

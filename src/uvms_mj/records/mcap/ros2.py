@@ -1,11 +1,17 @@
 """The ROS 2 messages of a log: their definitions, and messages of fixed size with holes for numbers.
 
 The definitions are those of ROS 2 Humble and later, without comments and constants.
+
+Messages are in Common Data Representation (CDR). They begin with four bytes that mean "little-endian CDR". After them,
+every number is aligned to a multiple of its size (OMG, DDS-XTypes 1.3, sec. 7.4.1, "plain CDR"). A string is its length
+including the final zero, then its characters. A sequence is its length, then its elements.
 """
 
-import numpy as np
+from dataclasses import dataclass
+from typing import Self
 
-from .cdr import Message
+import numpy as np
+from numpy.typing import ArrayLike
 
 DEFINITIONS = {
     "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
@@ -53,6 +59,9 @@ DEFINITIONS = {
     "visualization_msgs/MarkerArray": "visualization_msgs/Marker[] markers",
 }
 
+HEADER = b"\x00\x01\x00\x00"
+STAMP = "stamp."
+"""Prefix of the names of holes for stamps. States of a law are identifiers, so a name with a point is not a state."""
 ARROW, CUBE, SPHERE, CYLINDER, TRIANGLES = 0, 1, 2, 3, 11
 """Types of a Marker."""
 
@@ -81,33 +90,70 @@ def schema_text(name: str) -> str:
     return "\n".join([DEFINITIONS[first], *(f"{rule}\nMSG: {each}\n{DEFINITIONS[each]}" for each in rest)]) + "\n"
 
 
-def header(message: Message, frame: str) -> Message:
-    return message.stamp().text(frame)
+@dataclass(frozen=True)
+class Hole:
+    """Place for numbers in a message: ``count`` numbers of type ``kind`` at byte ``offset``."""
+
+    offset: int
+    kind: str
+    count: int
+
+
+class Message:
+    """A message under construction: its bytes, zero in the holes, and the holes by name. Constants are written; numbers
+    that change from row to row leave a hole."""
+
+    def __init__(self) -> None:
+        self.data = bytearray(HEADER)
+        self.holes: dict[str, Hole] = {}
+
+    def _align(self, size: int) -> None:
+        self.data += b"\x00" * (-(len(self.data) - len(HEADER)) % size)
+
+    def put(self, kind: str, *values: ArrayLike) -> Self:
+        """Append constants of a NumPy type, without their number."""
+        self._align(int(kind[1]))
+        self.data += np.array(values, f"<{kind}").tobytes()
+        return self
+
+    def text(self, value: str) -> Self:
+        encoded = value.encode() + b"\x00"
+        self.put("u4", len(encoded)).data += encoded
+        return self
+
+    def hole(self, name: str, kind: str = "f8", count: int = 1) -> Self:
+        size = int(kind[1])
+        self._align(size)
+        self.holes[name] = Hole(len(self.data), f"<{kind}", count)
+        self.data += bytes(size * count)
+        return self
+
+    def header(self, frame: str) -> Self:
+        """Append a std_msgs/Header with a hole for its stamp, seconds and nanoseconds. All stamps are equal."""
+        return self.hole(f"{STAMP}{len(self.holes)}", "u4", 2).text(frame)
 
 
 def stamped(frame: str, name: str, count: int, of: int = 0) -> Message:
     """A PoseStamped, TwistStamped, ... of ``of`` numbers: those of one signal, then zeros."""
-    return header(Message(), frame).hole(name, count=count).put("f8", *(0.0,) * (of - count))
+    return Message().header(frame).hole(name, count=count).put("f8", *(0.0,) * (of - count))
 
 
 def multi_array(label: str, name: str, size: int) -> Message:
     """A Float64MultiArray of one dimension."""
-    message = Message().put("u4", 1).text(label).put("u4", size, size, 0, size)
-    return message.hole(name, count=size)
+    return Message().put("u4", 1).text(label).put("u4", size, size, 0, size).hole(name, count=size)
 
 
 def odometry(frame: str, child: str, pose: tuple[str, str], twist: str) -> Message:
     """An Odometry with zero covariances; ``pose`` has the names of position and orientation."""
-    message = header(Message(), frame).text(child).hole(pose[0], count=3).hole(pose[1], count=4)
-    zeros = np.zeros(36)
-    return message.array(zeros).hole(twist, count=6).array(zeros)
+    message = Message().header(frame).text(child).hole(pose[0], count=3).hole(pose[1], count=4)
+    return message.put("f8", np.zeros(36)).hole(twist, count=6).put("f8", np.zeros(36))
 
 
 def transforms(*items: tuple[str, str, str, str]) -> Message:
     """A TFMessage of (frame, child, name of the translation, name of the rotation)."""
     message = Message().put("u4", len(items))
     for frame, child, translation, rotation in items:
-        message.stamp().text(frame).text(child).hole(translation, count=3).hole(rotation, count=4)
+        message.header(frame).text(child).hole(translation, count=3).hole(rotation, count=4)
     return message
 
 
@@ -129,11 +175,11 @@ def marker(
 
     ``points`` are (n, 3) numbers, or names of holes of three numbers each. A ``locked`` marker moves with its frame.
     """
-    header(message, frame).text(namespace).put("i4", number, kind, 0)
+    message.header(frame).text(namespace).put("i4", number, kind, 0)
     message.put("f8", *position, *quat_xyzw, *scale).put("f4", *rgba).put("i4", 0).put("u4", 0).put("u1", locked)
     message.put("u4", len(points))
     if isinstance(points, np.ndarray):
-        message.array(points.astype("<f8"))
+        message.put("f8", points)
     else:
         for name in points:
             message.hole(name, count=3)

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import zstandard
 from mcap.data_stream import RecordBuilder
-from mcap.opcode import Opcode
 from mcap.records import (
     Attachment,
     AttachmentIndex,
@@ -72,10 +71,7 @@ class McapLog:
             self._file = FileIO(self.path, "xb")
         except FileExistsError:
             raise LogExistsError(f"{self.path}: exists; give the log another name, or remove the file") from None
-        self._rows = 0
-        self._size = self._crc = 0
-        self._chunks = 0
-        self._end_ns = 0
+        self._rows = self._size = self._crc = self._chunks = self._end_ns = 0
         self._counts = dict.fromkeys(range(1, len(self.format.topics) + 1), 0)
         self._chunk_indexes = bytearray()
         self._indexes: list[McapRecord] = []
@@ -84,7 +80,10 @@ class McapLog:
         for name, data in header_files(header).items():
             self._attach(name, data)
         channels = b"".join(map(record_bytes, channel_records(self.format)))
-        self._note(METADATA, sealed(metadata(header) | {"crc32 of channels": f"{zlib.crc32(channels):08x}"}))
+        facts = sealed(metadata(header) | {"crc32 of channels": f"{zlib.crc32(channels):08x}"})
+        note = record_bytes(Metadata(METADATA, facts))
+        self._indexes.append(MetadataIndex(self._size, len(note), METADATA))
+        self._append(note)
         self._append(channels)
         self._chunk(self.format.once_block(), np.zeros(1, np.int64))
         self._compressor = zstandard.ZstdCompressor(level=_LEVEL)
@@ -102,17 +101,12 @@ class McapLog:
         self._attach("outcome.json", outcome_file(outcome))
         self._append(record_bytes(DataEnd(self._crc)))
         start = self._size
-        groups: list[tuple[int, bytes | bytearray]] = [
-            (Opcode.SCHEMA, b"".join(record_bytes(r) for r in channel_records(self.format) if isinstance(r, Schema))),
-            (Opcode.CHANNEL, b"".join(record_bytes(r) for r in channel_records(self.format) if isinstance(r, Channel))),
-            (Opcode.STATISTICS, record_bytes(self._statistics())),
-            (Opcode.CHUNK_INDEX, self._chunk_indexes),
-            (Opcode.ATTACHMENT_INDEX, self._index_bytes(AttachmentIndex)),
-            (Opcode.METADATA_INDEX, self._index_bytes(MetadataIndex)),
-        ]
+        records = [*channel_records(self.format), self._statistics(), *self._indexes]
         crc, offsets = 0, b""
-        for opcode, data in groups:  # one at a time, because the index of a long run is large
-            offsets += record_bytes(SummaryOffset(opcode, self._size, len(data)))
+        for kind in (Schema, Channel, Statistics, ChunkIndex, AttachmentIndex, MetadataIndex):
+            found = (record_bytes(each) for each in records if isinstance(each, kind))
+            data = self._chunk_indexes if kind is ChunkIndex else b"".join(found)
+            offsets += record_bytes(SummaryOffset(data[0], self._size, len(data)))
             self._append(data)
             crc = zlib.crc32(data, crc)
         footer = record_bytes(Footer(start, self._size, 0))[:-4]  # the checksum covers all of the footer before it
@@ -135,9 +129,6 @@ class McapLog:
             schema_count=len({topic.type for topic in self.format.topics}),
         )
 
-    def _index_bytes(self, kind: type[McapRecord]) -> bytes:
-        return b"".join(record_bytes(each) for each in self._indexes if isinstance(each, kind))
-
     def _append(self, data: bytes | bytearray) -> None:
         """Append all of data, after removing any remains of an interrupted or failed write."""
         assert self._file is not None
@@ -155,15 +146,8 @@ class McapLog:
     def _attach(self, name: str, data: bytes) -> None:
         media = _MEDIA.get(os.path.splitext(name)[1], "application/octet-stream")
         record = record_bytes(Attachment(create_time=0, log_time=self._end_ns, name=name, media_type=media, data=data))
-        index = AttachmentIndex(self._size, len(record), self._end_ns, 0, len(data), name, media)
+        self._indexes.append(AttachmentIndex(self._size, len(record), self._end_ns, 0, len(data), name, media))
         self._append(record)
-        self._indexes.append(index)
-
-    def _note(self, name: str, values: dict[str, str]) -> None:
-        record = record_bytes(Metadata(name, values))
-        index = MetadataIndex(self._size, len(record), name)
-        self._append(record)
-        self._indexes.append(index)
 
     def _chunk(self, block: Block, log_ns: np.ndarray) -> None:
         """Write one chunk and the indexes of its messages in a single write."""
@@ -240,7 +224,6 @@ def sealed(values: dict[str, str]) -> dict[str, str]:
 
 
 def record_bytes(record: McapRecord) -> bytes:
-    """The bytes of a record in a file."""
     builder = RecordBuilder()
     record.write(builder)
     return builder.end()

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...control.rest import SteadyState
-from ...physics.frames import quat_from_euler_deg, rotation_matrices
+from ...physics.frames import quat_from_euler_deg, rotation_matrix
 from ...stages.signals import RUNNING, Signal
 from ..header import Header
 from ..scene import FORCE_SCALE, scene_of, wall_face
 from . import markers, ros2
-from .cdr import STAMP, Message
+from .ros2 import STAMP, Message
 
 ARROWS_HZ = 20.0
 """Rate of the force arrows in simulated time [Hz], or the log rate if that is lower."""
@@ -67,7 +67,7 @@ _SIZES = {_ACCEL: 6, _TWIST: 6, _WRENCH: 6, _VECTOR: 3}
 
 
 def _pose(position: str, quat: str) -> Message:
-    return ros2.header(Message(), "map").hole(position, count=3).hole(quat, count=4)
+    return Message().header("map").hole(position, count=3).hole(quat, count=4)
 
 
 _TOGETHER = (
@@ -116,7 +116,6 @@ def sampled(header: Header) -> tuple[Topic, ...]:
 
 
 def _alone(header: Header, signal: Signal) -> Topic:
-    """The topic of one signal."""
     own = signal.name in header.law.states
     if signal.name in _TYPES and not own:
         name, kind = _TYPES[signal.name]
@@ -145,15 +144,11 @@ def columns(header: Header, rows: np.ndarray) -> dict[str, np.ndarray]:
             values[f"{name}.xyzw"] = values[name][:, [1, 2, 3, 0]]
     depth = np.maximum(0.0, values["p_WB"][:, 0] - header.scenario.wall.position)
     arm = header.geometry.reach - 0.5 * depth
-    values["f_contact.wrench"] = _contact_wrench(values["f_contact_W"], values["quat_WB"], arm)
-    return values
-
-
-def _contact_wrench(f_W: np.ndarray, quat: np.ndarray, arm: np.ndarray) -> np.ndarray:
-    """(n, 6) contact wrench at B's origin, in B. The contact point is ``arm`` (n,) [m] from the origin along x of W."""
-    R = rotation_matrices(quat)
+    f_W, R = values["f_contact_W"], rotation_matrix(values["quat_WB"])
+    # the contact point is arm (n,) from the origin along x of W
     moment_W = np.stack([np.zeros(len(f_W)), -arm * f_W[:, 2], arm * f_W[:, 1]], axis=1)
-    return np.concatenate([np.einsum("nij,ni->nj", R, f_W), np.einsum("nij,ni->nj", R, moment_W)], axis=1)
+    values["f_contact.wrench"] = np.concatenate([np.einsum("nij,ni->nj", R, each) for each in (f_W, moment_W)], axis=1)
+    return values
 
 
 # Constant values and arrows

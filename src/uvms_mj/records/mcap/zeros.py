@@ -21,20 +21,12 @@ def end_of_writing(file: BinaryIO, size: int) -> int:
 
 
 def _end_of_data(file: BinaryIO, size: int) -> int:
-    """Offset of the hole at the end of a sparse file, to within one stride; ``size`` if there is none. The hole is not
-    read, because it may be of any size."""
-    low, high = 0, size  # no data from high on
+    """Offset of the hole at the end of the first ``size`` bytes of a sparse file; ``size`` if there is none. The hole
+    is not read, because it may be of any size."""
+    end = 0
     try:
-        while high - low > _STRIDE:
-            middle = (low + high) // 2
-            try:
-                if os.lseek(file.fileno(), middle, os.SEEK_DATA) < high:
-                    low = middle + 1
-                    continue
-            except OSError as error:
-                if error.errno != errno.ENXIO:
-                    raise
-            high = middle
-    except (OSError, AttributeError):  # the file system or the operating system does not report holes
-        return size
-    return high
+        while end < size and (start := os.lseek(file.fileno(), end, os.SEEK_DATA)) < size:
+            end = os.lseek(file.fileno(), start, os.SEEK_HOLE)
+    except (OSError, AttributeError) as error:  # no data follows, or the file system or Python does not report holes
+        return end if getattr(error, "errno", None) == errno.ENXIO else size
+    return min(end, size)

@@ -5,7 +5,7 @@ from concurrent.futures import Executor
 from typing import TYPE_CHECKING, Any
 
 from .. import check
-from ..reading import DEFAULT_WORST
+from ..plan.reading import DEFAULT_WORST
 from ..results import Results, frame, put
 from ..rows import lost_row
 from . import tasks

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...engine.native.sources import source_files
+from ...engine.native.stage_code import source_files
 from ...errors import InputError
 from ...plant.mjcf import Mjcf
 from ...records.header import versions
@@ -29,7 +29,7 @@ _HERE = "<files>/"
 _PACKAGE = Path(__file__).parents[2]
 _NO_NUMBERS = (
     *("cli", "envs", "views"),
-    *(f"studies/{name}" for name in ("dataset.py", "pages", "paper", "report", "success.py", "tune")),
+    *(f"studies/{name}" for name in ("dataset.py", "pages", "paper", "plan/success.py", "report", "tune")),
 )
 """Folders whose code does not affect a row."""
 

@@ -14,11 +14,10 @@ from ...records.header import Status
 from ...records.trace import Trace
 from ..figures import contact, panels
 from .insets import place
-from .lines import size_in, ticks
 from .overlay import Overlay
 from .panels import ANGULAR, LINEAR, Panel
 from .scales import logarithmic, number, prefix_of
-from .style import COLUMN_IN, PAGE_IN, styled
+from .style import COLUMN_IN, PAGE_IN, size_in, styled, ticks
 
 WHATS = ("position", "force", "sliding", "tau", "integral", "summary")
 """Quantities that :func:`plot` can draw."""
@@ -51,11 +50,8 @@ def paper(traces: Mapping[str, Trace], fine: Mapping[str, Trace]) -> dict[str, F
         numbered = _numbered(traces, fine)
         figures = {}
         for i, (_, panel) in numbered.items():
-            figure = Figure(figsize=(COLUMN_IN, 0.55 + _HEIGHT_IN * panel.height))
-            cells = [(figure.subplots(), panel)]
-            _fill(cells)
-            _finish(figure, cells, panels.pair_handles() if i in (11, 12) else ())
-            figures[f"fig{i:02d}"] = figure
+            more = panels.pair_handles() if i in (11, 12) else ()
+            figures[f"fig{i:02d}"] = _grid([[panel]], COLUMN_IN, "", more)
         figures["overview"] = _overview(numbered)
     return figures
 
@@ -129,8 +125,7 @@ def _overview(numbered: Mapping[int, tuple[str, Panel]]) -> Figure:
     figure = Figure(figsize=(PAGE_IN, 0.6 + _HEIGHT_IN * sum(heights)))
     axes = list(figure.subplots(4, 3, height_ratios=heights).flat)
     for ax, i in zip(axes, order, strict=True):
-        title, _ = numbered[i]
-        ax.set_title(f"{i}  {title}")
+        ax.set_title(f"{i}  {numbered[i][0]}")
     cells = [(ax, numbered[i][1]) for ax, i in zip(axes, order, strict=True)]
     _fill(cells)
     for ax in axes[:-3]:
@@ -171,8 +166,8 @@ def _of_one(label: str, trace: Trace, what: str) -> Rows:
 
 def _of_several(runs: Overlay, what: str) -> Rows:
     rows: dict[str, Callable[[], Rows]] = {
-        "position": runs.position,
-        "force": runs.force,
+        "position": lambda: [[runs.position(i) for i in range(3)]],
+        "force": lambda: [[contact.forces(runs.traces, runs.looks)]],
         "sliding": lambda: runs.signal("s"),
         "tau": lambda: runs.signal("tau"),
         "integral": lambda: [row for name in runs.states() for row in runs.signal(name)],
@@ -197,7 +192,7 @@ def _refuse(names: Sequence[str], what: str) -> Never:
     raise InputError(f"{names[0]}: its law has {one}; draw one of {others}")
 
 
-def _grid(rows: Rows, width: float, title: str) -> Figure:
+def _grid(rows: Rows, width: float, title: str, more: Sequence[Line2D] = ()) -> Figure:
     """A figure of rows of panels; each row fills the width of the figure."""
     if len(rows) > MOST_ROWS:
         raise InputError(f"{len(rows)} rows of panels are too many for one figure; draw one quantity at a time")
@@ -213,7 +208,7 @@ def _grid(rows: Rows, width: float, title: str) -> Figure:
     _fill(drawn)
     for ax, _ in drawn[: -len(rows[-1])]:
         ax.set_xlabel("")
-    _finish(figure, drawn)
+    _finish(figure, drawn, more)
     return figure
 
 

@@ -11,10 +11,9 @@ from ...analysis.rest import demanded_force
 from ...control.rest import SteadyState
 from ...records.trace import Trace
 from .insets import Inset
-from .lines import line
 from .panels import LEVELS, Panel, level
 from .scales import largest, linear_within, rebounds
-from .style import COLOURS, LINE
+from .style import COLOURS, LINE, line
 
 _TALLER = 0.3
 """Additional height of a panel per inset, in heights of a panel."""

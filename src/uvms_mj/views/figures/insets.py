@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 
-from .lines import size_in, ticks
-from .style import LINE, SMALL
+from .style import LINE, SMALL, size_in, ticks
 
 CELLS = 120
 """Width and height of an axes in cells, for the search of a free place."""
@@ -64,20 +63,13 @@ def _draw(ax: Axes, inset: Inset, corner: Corner, power: float) -> None:
 
 def _corners(ax: Axes, insets: Sequence[Inset]) -> list[Corner | None]:
     """A corner for each inset, clear of lines and earlier insets; None if there is no room."""
-    taken, found = _taken(ax), []
-    for inset in insets:
-        corner = _corner(ax, inset, taken)
-        found.append(corner)
-        if corner is not None:
-            left, right, below, above = _margins(ax)
-            width, height = _size(ax, inset)
-            rows = slice(int((corner[1] - below) * CELLS), int(np.ceil((corner[1] + height + above) * CELLS)))
-            taken[rows, int((corner[0] - left) * CELLS) : int(np.ceil((corner[0] + width + right) * CELLS))] = 1
-    return found
+    taken = _taken(ax)
+    return [_corner(ax, inset, taken) for inset in insets]
 
 
 def _corner(ax: Axes, inset: Inset, taken: np.ndarray) -> Corner | None:
-    """The uppermost, then rightmost, lower left corner for an inset with its numbers and title; None without room."""
+    """The uppermost, then rightmost, lower left corner for an inset with its numbers and title, whose cells are then
+    taken; None without room."""
     left, right, below, above = _margins(ax)
     width, height = _size(ax, inset)
     total = np.pad(taken.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
@@ -90,6 +82,7 @@ def _corner(ax: Axes, inset: Inset, taken: np.ndarray) -> Corner | None:
     if not len(free):
         return None
     row, column = max(free.tolist())
+    taken[row : row + ny, column : column + nx] = 1
     return column / CELLS + left, row / CELLS + below
 
 

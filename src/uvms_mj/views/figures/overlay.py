@@ -13,12 +13,10 @@ from matplotlib.colors import to_hex
 from ...records.trace import Trace
 from ...stages.signals import AXES, Signal
 from ...views import colours
-from .contact import forces
 from .insets import Inset
-from .lines import line
 from .panels import ANGULAR, LINEAR, MOST_LINES, REFERENCE, Panel, near_wall, states_of, unit_of, wall
 from .scales import fills, largest, linear_within
-from .style import stripe
+from .style import line, stripe
 
 MOST_NAMES = 30
 """Most runs named in the legend; more runs are named by their laws only."""
@@ -40,11 +38,8 @@ class Overlay:
             colour = to_hex((red / 255, green / 255, blue / 255))
             self.looks[label] = {"color": colour, "label": name, **stripe(i, len(traces))}
 
-    def position(self) -> list[list[Panel]]:
-        """x, y and z, with references and walls."""
-        return [[self._position(i) for i in range(3)]]
-
-    def _position(self, i: int) -> Panel:
+    def position(self, i: int) -> Panel:
+        """x, y or z, with references; x with walls."""
         values = {label: trace.p_WB[:, i] for label, trace in self.traces.items()}
         wholes = [largest(trace.p_WB) for trace in self.traces.values()]
 
@@ -59,10 +54,6 @@ class Overlay:
         unlabelled = {label: {**look, "label": None} for label, look in self.looks.items()}
         inset = near_wall(self.traces, unlabelled) if i == 0 else ()
         return _panel(f"position {AXES[i]}", "m", draw, values, wholes, inset)
-
-    def force(self) -> list[list[Panel]]:
-        """The push of all runs, with insets of the impacts and of the force at rest."""
-        return [[forces(self.traces, self.looks)]]
 
     def signal(self, name: str) -> list[list[Panel]]:
         """A signal of the runs that have it: a row of linear and a row of angular components; no rows without it."""

@@ -14,9 +14,8 @@ from matplotlib.lines import Line2D
 from ...records.trace import Trace
 from ...stages.signals import AXES, OWN_UNIT, Signal
 from .insets import Inset
-from .lines import line
 from .scales import early, largest, number
-from .style import BLACK, COLOURS, GREY, LINE, stripe
+from .style import BLACK, COLOURS, GREY, LINE, line, stripe
 
 LINEAR, ANGULAR = slice(0, 3), slice(3, 6)
 """Components of a signal of six numbers."""
@@ -24,7 +23,6 @@ SWITCHING_S = 0.01
 """Time that the insets of tau show from the start of a run [s]. The first-order law's chatter dies out within it."""
 MOST_LINES = 6
 """Most lines for one state; a state with more numbers is drawn as the range of its numbers."""
-COMPONENT_COLOURS = [COLOURS[name] for name in AXES]
 REFERENCE: dict[str, Any] = {"color": BLACK, "linestyle": "dashed", "linewidth": 0.8, "zorder": 4}
 LEVELS: dict[str, dict[str, Any]] = {
     "expected": REFERENCE | {"linestyle": (0, (9, 3))},
@@ -129,11 +127,7 @@ def vector(trace: Trace, name: str, part: slice = LINEAR) -> Panel:
             margin = 0.06 * (high - low)
             ax.set_ylim(low - margin, high + margin)
 
-    def beginning(ax: Axes, power: float) -> None:
-        components(ax, trace, signal, part, trace.t[0] + window)
-        _until(ax, window, power)
-
-    inset = (Inset(beginning, f"first {1e3 * window:g} ms", height=0.38),) if window else ()
+    inset = _beginning(lambda ax: components(ax, trace, signal, part, trace.t[0] + window), window) if window else ()
     return Panel(quantity(trace, name, part), unit_of(signal, part), draw, largest(late), inset)
 
 
@@ -148,23 +142,22 @@ def quantity(trace: Trace, name: str, part: slice = LINEAR) -> str:
 
 def tau(trace: Trace, fine: Trace | None, other: Trace | None = None, other_fine: Trace | None = None) -> Panel:
     """Force part of tau, with an inset of its beginning at every step from ``fine``; ``other`` is dashed."""
-
-    def beginning(ax: Axes, power: float) -> None:
-        assert fine is not None
-        pair(ax, fine, other_fine, "tau", SWITCHING_S)
-        _until(ax, SWITCHING_S, power)
-
-    inset = (Inset(beginning, f"first {1e3 * SWITCHING_S:g} ms", height=0.38),) if fine else ()
+    inset = _beginning(lambda ax: pair(ax, fine, other_fine, "tau", SWITCHING_S), SWITCHING_S) if fine else ()
     size = largest(trace.tau[:, :3])
     return Panel(quantity(trace, "tau"), "N", lambda ax: pair(ax, trace, other, "tau"), size, inset)
 
 
-def _until(ax: Axes, window: float, power: float) -> None:
-    """Set limits and numbers of an inset that shows the beginning of a run."""
-    ax.margins(y=0.08)
-    ax.set_xlim(0.0, window)
-    number(ax.yaxis, power)
-    number(ax.xaxis, 1e-3)
+def _beginning(lines: Callable[[Axes], None], window: float) -> tuple[Inset, ...]:
+    """Inset of the beginning of a run up to a time [s]."""
+
+    def draw(ax: Axes, power: float) -> None:
+        lines(ax)
+        ax.margins(y=0.08)
+        ax.set_xlim(0.0, window)
+        number(ax.yaxis, power)
+        number(ax.xaxis, 1e-3)
+
+    return (Inset(draw, f"first {1e3 * window:g} ms", height=0.38),)
 
 
 def integral(trace: Trace, other: Trace | None = None) -> Panel:
@@ -184,7 +177,7 @@ def state(trace: Trace, signal: Signal) -> Panel:
             return
         for i, component in enumerate(signal.components):
             name = f"{signal.name}.{component}" if component else signal.name
-            look = {"color": COMPONENT_COLOURS[i], **stripe(i, signal.size)}
+            look = {"color": COLOURS[AXES[i]], **stripe(i, signal.size)}
             line(ax, trace.t, values[:, i], name, label=component or signal.name, **look)
 
     return Panel(f"state {signal.name}", unit_of(signal, slice(0, signal.size)), draw, largest(values))

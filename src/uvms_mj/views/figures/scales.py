@@ -70,26 +70,19 @@ def logarithmic(ax: Axes, within: float, unit: str, power: float, prefix: str) -
     """Make y linear within ±``within`` and logarithmic beyond, shade the linear part and show its limit."""
     low, high = ax.dataLim.y0, ax.dataLim.y1
     ax.set_yscale("symlog", linthresh=within, linscale=0.5)
-    ends = [1.6 * min(low, -within), 1.6 * max(high, within)]
-    if low >= 0.0:
-        ends[0] = -0.3 * within
-    if high <= 0.0:
-        ends[1] = 0.3 * within
-    ax.set_ylim(ends[0], ends[1])
+    bottom = 1.6 * min(low, -within) if low < 0.0 else -0.3 * within
+    top = 1.6 * max(high, within) if high > 0.0 else 0.3 * within
+    ax.set_ylim(bottom, top)
     first = round(math.log10(within))
-    last = math.floor(math.log10(max(map(abs, ends))))
+    last = math.floor(math.log10(max(-bottom, top)))
     decades = [10.0**k for k in range(first, last + 1, max(1, -(-(last - first) // _MOST_TICKS)))]
     places = [-d for d in decades[::-1]] + [0.0] + decades
-    ax.yaxis.set_major_locator(FixedLocator([y for y in places if ends[0] <= y <= ends[1]]))
+    ax.yaxis.set_major_locator(FixedLocator([y for y in places if bottom <= y <= top]))
     ax.yaxis.set_minor_locator(NullLocator())
     ax.yaxis.set_major_formatter(lambda y, _: f"{y / power:g}".replace("-", "\N{MINUS SIGN}"))
-    ax.axhspan(max(ends[0], -within), min(ends[1], within), color="#f3f3f3", linewidth=0.0, zorder=0.0)
-    note = (
-        f"log beyond ±{within / power:g} {prefix}{unit}"
-        if low < 0.0
-        else f"log beyond {within / power:g} {prefix}{unit}"
-    )
-    ax.set_title(note, loc="right", fontsize=SMALL, color="#555555")
+    ax.axhspan(max(bottom, -within), min(top, within), color="#f3f3f3", linewidth=0.0, zorder=0.0)
+    limit = f"{'±' if low < 0.0 else ''}{within / power:g} {prefix}{unit}"
+    ax.set_title(f"log beyond {limit}", loc="right", fontsize=SMALL, color="#555555")
 
 
 def fills(values: np.ndarray) -> bool:
@@ -113,13 +106,11 @@ def early(t: np.ndarray, values: np.ndarray) -> float:
     later = size[t > latest]
     if len(later) < 2 or not np.isfinite(size).all() or size.max() <= FLAT * later.max():
         return 0.0
-    for exponent in range(-3, 6):
-        for digit in (1.0, 2.0, 5.0):
-            window = digit * 10.0**exponent
-            if t[0] + window > latest:
-                return 0.0
-            if size[t > t[0] + window].max() <= 2.0 * later.max() and (t <= t[0] + window).sum() > 2:
-                return window
+    for window in (digit * 10.0**exponent for exponent in range(-3, 6) for digit in (1.0, 2.0, 5.0)):
+        if t[0] + window > latest:
+            break
+        if size[t > t[0] + window].max() <= 2.0 * later.max() and (t <= t[0] + window).sum() > 2:
+            return window
     return 0.0
 
 

@@ -1,4 +1,4 @@
-"""Style, colours and sizes of all figures, and reproducible files."""
+"""Style, colours and sizes of all figures, lines that are thinned without loss of extremes, and reproducible files."""
 
 import contextlib
 import io
@@ -8,7 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from ...files import whole
 from ...stages.signals import AXES
@@ -29,13 +32,11 @@ LINE = 1.0
 """Width of every line of samples [pt], so that no line dominates."""
 _PERIOD, _STRIPE, _MOST_STRIPES = 7.0, 2.5, 6
 """Length of a dash pattern and least length of one line's stripe in it, in line widths; number of distinct patterns."""
+PIXELS_PER_INCH = 300
+"""Resolution for which lines are thinned."""
 
-FORMATS = ("png", "svg", "pdf")
-_METADATA: dict[str, dict[str, None]] = {
-    "png": {"Software": None},
-    "svg": {"Date": None},
-    "pdf": {"CreationDate": None},
-}
+_METADATA = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
+FORMATS = tuple(_METADATA)
 
 
 def stripe(i: int, n: int) -> dict[str, Any]:
@@ -51,6 +52,44 @@ def stripe(i: int, n: int) -> dict[str, Any]:
     return {"linewidth": LINE, "linestyle": dashes, "zorder": 2.0 + 0.01 * i}
 
 
+def thin(t: np.ndarray, values: np.ndarray, columns: int) -> tuple[np.ndarray, np.ndarray]:
+    """The least and the greatest sample of each pixel column, with their own times, and the first and last sample.
+
+    From times (n,) and values (n,), these are at most 2 columns + 2 samples; all samples if there are no more.
+    """
+    n = len(t)
+    if n <= 2 * columns + 2:
+        return t, values
+    width = -(-n // columns)
+    at = np.minimum(np.arange(-(-n // width) * width), n - 1).reshape(-1, width)
+    blocks = values[at]
+    finite = np.isfinite(blocks)
+    low = np.where(finite, blocks, np.inf).argmin(axis=1)
+    high = np.where(finite, blocks, -np.inf).argmax(axis=1)
+    rows = np.arange(len(at))
+    kept = np.unique(np.concatenate([[0], at[rows, low], at[rows, high], [n - 1]]))
+    return t[kept], values[kept]
+
+
+def size_in(ax: Axes) -> tuple[float, float]:
+    """Width and height of an axes [in]; approximate before the layout is computed."""
+    figure, box = ax.get_figure(root=True), ax.get_position()
+    assert figure is not None
+    return figure.get_figwidth() * box.width, figure.get_figheight() * box.height
+
+
+def line(ax: Axes, t: np.ndarray, values: np.ndarray, name: str, **look: Any) -> None:
+    """Draw samples (n,) as one line; ``name`` is its group id in an SVG."""
+    columns = max(100, round(size_in(ax)[0] * PIXELS_PER_INCH))
+    ax.plot(*thin(t, values, columns), gid=name, **look)
+
+
+def ticks(ax: Axes, most: int) -> None:
+    """Set at most ``most`` intervals with round numbers on both axes."""
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10]))
+
+
 @contextlib.contextmanager
 def styled() -> Iterator[None]:
     """A context with the settings of the style file and matplotlib's defaults, independent of the user's settings."""
@@ -63,13 +102,11 @@ def save(figure: Figure, path: str | os.PathLike, formats: Sequence[str] = ("png
     suffix. The same figure gives the same bytes. Existing files are replaced atomically. Raises InputError if a file
     can't be written."""
     stem = Path(path)
-    return [_write(figure, stem.with_name(f"{stem.name}.{kind}"), kind) for kind in formats]
-
-
-def _write(figure: Figure, path: Path, kind: str) -> Path:
-    drawn = io.BytesIO()  # on a full disk matplotlib's PDF writer fails a second time in closing the file
-    with styled():
-        figure.savefig(drawn, format=kind, metadata=_METADATA[kind])
-    with whole(path) as part:
-        part.write_bytes(drawn.getvalue())
-    return path
+    files = [stem.with_name(f"{stem.name}.{kind}") for kind in formats]
+    for file, kind in zip(files, formats, strict=True):
+        drawn = io.BytesIO()  # on a full disk matplotlib's PDF writer fails a second time in closing the file
+        with styled():
+            figure.savefig(drawn, format=kind, metadata=_METADATA[kind])
+        with whole(file) as part:
+            part.write_bytes(drawn.getvalue())
+    return files

@@ -30,7 +30,6 @@ class Extents:
 
     @classmethod
     def of(cls, trace: Trace) -> "Extents":
-        """The extents of a trace."""
         ranges = {}
         for signal in trace.signals:
             values = _drawable(trace[signal.name].reshape(len(trace), signal.size))

@@ -112,10 +112,10 @@ def _signal(runs: Sequence[Run], what: str, name: str, together: int, reference:
     views: list[rrb.View] = []
     if not owners:
         return views
-    signal = max((run.signal(name) for run in owners), key=lambda signal: signal.size)
+    signal = max((run.header.by_name[name] for run in owners), key=lambda signal: signal.size)
     for start in range(0, signal.size, together):
         these = range(start, min(start + together, signal.size))
-        lines = [(run, name, i) for run in owners for i in these if i < run.signal(name).size]
+        lines = [(run, name, i) for run in owners for i in these if i < run.header.by_name[name].size]
         lines += [(runs[0], reference, i) for i in these if reference]
         limits = [run.extents.ranges[name][i] for run, name, i in lines if run.extents is not None]
         title = f"{' '.join(signal.components[i] for i in these)} [{signal.units[start]}]"

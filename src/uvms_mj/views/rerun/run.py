@@ -46,50 +46,40 @@ class Place:
     force_scale: float = FORCE_SCALE
 
 
-_ALONE = Place()
-
-
+@dataclass(eq=False)
 class Run:
     """Writes one run to a Rerun stream.
 
     Among several runs, one has a label, the prefix of its paths and names, and a colour.
 
-    Args:
+    Attributes:
         row_steps: rows between two samples that are sent.
         extents: ranges of the signals of a finished run; None while the run is in progress.
+        plotted: signals that the layout plots.
     """
 
-    def __init__(
-        self,
-        header: Header,
-        label: str = "",
-        colour: Colour | None = None,
-        row_steps: int = 1,
-        place: Place = _ALONE,
-        extents: Extents | None = None,
-    ) -> None:
-        self.header, self.label, self.colour = header, label, colour
-        self.place, self.extents = place, extents
-        row_s = header.row_steps * header.scenario.simulation.timestep
-        duration = header.scenario.steps * header.scenario.simulation.timestep
-        self.row_steps = row_steps
+    header: Header
+    label: str = ""
+    colour: Colour | None = None
+    row_steps: int = 1
+    place: Place = Place()
+    extents: Extents | None = None
+
+    def __post_init__(self) -> None:
+        row_s = self.header.row_steps * self.header.scenario.simulation.timestep
+        duration = self.header.scenario.steps * self.header.scenario.simulation.timestep
         self.pose_steps = max(1, round(1.0 / (POSE_HZ * row_s)))
         self.piece_steps = self.pose_steps * max(1, round(duration / TRAJECTORY_PIECES / (self.pose_steps * row_s)))
-        self.plotted = ("p_WB", "p_d", "tau", "s", *header.law.states)
-        """Signals that the layout plots."""
+        self.plotted = ("p_WB", "p_d", "tau", "s", *self.header.law.states)
         self._rows = 0
         self._last_p: np.ndarray | None = None
 
     def path(self, *parts: str) -> str:
-        """Path of an entity of this run."""
         return rr.new_entity_path([self.label, *parts] if self.label else list(parts))
-
-    def signal(self, name: str) -> Signal:
-        return self.header.by_name[name]
 
     def line(self, name: str, component: int) -> str:
         """Path of one component of a plotted signal."""
-        signal = self.signal(name)
+        signal = self.header.by_name[name]
         return self.path("signals", name, *([signal.components[component]] if signal.size > 1 else []))
 
     def named(self, what: str) -> str:

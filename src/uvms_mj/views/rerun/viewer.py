@@ -51,7 +51,6 @@ class LiveView:
         row_s = header.row_steps * header.scenario.simulation.timestep
         rows = header.scenario.steps / header.row_steps
         thinned = max(1, round(1.0 / (_LIVE_HZ * row_s)), int(np.ceil(rows / _LIVE_SAMPLES)))
-        self._places = header.places
         self._run = Run(header, row_steps=thinned)
         self._sender: Sender | None = _viewer()
         self._recording = _Recording([self._run])
@@ -74,7 +73,7 @@ class LiveView:
     def _send(self) -> None:
         if self._waiting and self._sender is not None:
             rows = np.concatenate(self._waiting)
-            self._run.write({name: rows[:, place] for name, place in self._places.items()})
+            self._run.write({name: rows[:, place] for name, place in self._run.header.places.items()})
         self._waiting = []
         if self._sender is not None:
             try:
@@ -166,15 +165,10 @@ def _runs(traces: Mapping[str, Trace]) -> list[Run]:
     if len(traces) == 1:
         return [Run(headers[0], place=Place(force_scale=scale), extents=extents[0])]
     colours = of_runs([header.law.source for header in headers])
-    width = _LANE * max(_width(header) for header in headers)
+    corners = [bounds(list(solids(header.geometry)), header.geometry.reach) for header in headers]
+    width = _LANE * max(float(high[1] - low[1]) for low, high in corners)
     lanes = [Place((0.5 * (len(traces) - 1) - i) * width, width, scale) for i in range(len(traces))]
     return [
         Run(header, label, colour, place=lane, extents=seen)
         for header, label, colour, lane, seen in zip(headers, traces, colours, lanes, extents, strict=True)
     ]
-
-
-def _width(header: Header) -> float:
-    """Width of a vehicle [m]."""
-    low, high = bounds(list(solids(header.geometry)), header.geometry.reach)
-    return float(high[1] - low[1])

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.sampling import checked
-from ..errors import Fault, InputError
+from ...analysis.sampling import checked
+from ...errors import Fault, InputError
 from .draws import Variation
 from .entries import Law, unknown_labels
 from .places import missing, overrides_at

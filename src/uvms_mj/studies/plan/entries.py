@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..errors import Fault, InputError, suggestion
-from ..files import plain, shortened
-from ..quantities import overrides_of
-from ..scenario import STAGES, Scenario
+from ...errors import Fault, InputError, suggestion
+from ...files import plain, shortened
+from ...quantities import overrides_of
+from ...scenario import STAGES, Scenario
 from .study_file import StudyFile, Vary
 
 _OF_STUDY = ("design", "keep", "run")

@@ -5,8 +5,8 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from ..errors import suggestion
-from ..scenario import Scenario
+from ...errors import suggestion
+from ...scenario import Scenario
 
 _PLACE = re.compile(r"([\w-]+\.[\w-]+)((?:\[\d+\]|\.[\w-]+)*)")
 _PART = re.compile(r"\[(\d+)\]|\.([\w-]+)")

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import Fault, suggestion
-from ..files import shortened
+from ...errors import Fault, suggestion
+from ...files import shortened
 
 if TYPE_CHECKING:
     import pandas as pd

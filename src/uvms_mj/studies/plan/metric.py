@@ -7,13 +7,13 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..analysis.summary import NUMBERS
-from ..errors import Fault, InputError, suggestion
-from ..stages.loader import load_file
-from ..stages.signals import AXES
+from ...analysis.summary import NUMBERS
+from ...errors import Fault, InputError, suggestion
+from ...stages.loader import load_file
+from ...stages.signals import AXES
 
 if TYPE_CHECKING:
-    from ..records.trace import Trace
+    from ...records.trace import Trace
 
 NOT_METRICS = {
     **dict.fromkeys(("scenario", "controller", "warnings"), "is the same for many runs; see the scenario"),

@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
-from ..errors import Fault, faults_of
-from ..quantities import STRICT, Number, doc, within
+from ...errors import Fault, faults_of
+from ...quantities import STRICT, Number, doc, within
 
 DISTRIBUTIONS: Mapping[str, tuple[str, ...]] = {
     "uniform": ("low", "high"),

@@ -5,9 +5,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from ..errors import Fault, InputError
-from ..files import plain
-from ..scenario import Scenario
+from ...errors import Fault, InputError
+from ...files import plain
+from ...scenario import Scenario
 from .draws import design_faults, points, variation
 from .entries import Law, absolute, base_of, laws_of, split_overrides, with_absolute_values
 from .key_checks import KeyChecks, combination_faults

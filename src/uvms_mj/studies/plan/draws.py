@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import Fault
+from ...errors import Fault
 from .places import parsed
 from .study_file import DISTRIBUTIONS, Vary
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError
-from ..files import parsed_toml, shortened, text_of, toml_path
-from ..scenario import Scenario
+from ...errors import InputError
+from ...files import parsed_toml, shortened, text_of, toml_path
+from ...scenario import Scenario
 from .draws import Variation
 from .entries import Law
 from .places import overrides_at

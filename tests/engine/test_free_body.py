@@ -1,0 +1,296 @@
+"""The engine free_body computes what the engine mujoco computes, and obeys the same laws by itself."""
+
+import dataclasses
+from pathlib import Path
+from types import SimpleNamespace
+
+import mujoco
+import numpy as np
+import pytest
+
+from compare_engines import differences, drawn
+from twin import TwinParameters, simulate_fixed_step, simulate_smooth
+from uvms_mj import Diverged, InputError, Scenario, Simulation, Trace, simulate
+from uvms_mj.analysis.setup import set_up
+from uvms_mj.control.rest import SteadyState
+from uvms_mj.engine.engines import refusals
+from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
+from uvms_mj.physics.free_body import free_acceleration, sphere_and_face, symplectic_step
+from vehicles import random_parameters, vehicle_xml
+
+FREE = {"engine": "free_body"}
+USERS = Path(__file__).parents[1] / "data" / "users_stages.py"
+OF_EACH_ROOM = {
+    "navigation.name": f"{USERS}:Noisy",
+    "reference.name": f"{USERS}:Circle",
+    "controller.name": f"{USERS}:Pid",
+    "actuation.name": f"{USERS}:Lag",
+}
+AT_WALL = {
+    "simulation.duration": 0.3,
+    "wall.position": -1e-5,
+    "wall.friction": 0.3,
+    "reference.step_time": 0.0,
+    "reference.target": [0.05, 0.02, 0.0],
+    "initial.attitude_deg": [3.0, -2.0, 5.0],
+    "disturbance.amplitude": [1.0] * 3 + [0.1] * 3,
+    "disturbance.frequency_hz": [3.0] * 6,
+}
+
+
+def close(scenario: Scenario) -> dict:
+    """The differences between both engines, of a law that does not chatter, within the stated bounds."""
+    found = differences(scenario)
+    assert found["status"] == "completed/completed"
+    if not found["chatters"]:
+        assert found["position_m"] < 1e-6
+        assert found["rest"] < 1e-9 if "rest" in found else True
+    assert found["peak_and_thrust"] < 1e-4 if "peak_and_thrust" in found else True
+    return found
+
+
+@pytest.mark.parametrize("i", range(4))
+def test_a_random_scenario_is_that_of_mujoco(i):
+    close(drawn(np.random.default_rng([5, i]), 1.5))
+
+
+@pytest.mark.slow
+def test_random_scenarios_are_those_of_mujoco():
+    found = [close(drawn(np.random.default_rng([6, i]), 6.0)) for i in range(12)]
+    assert sum("peak" in each for each in found) >= 8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("law", "target"), [("impedance", 1.1), ("fosm", 1.01)])
+def test_the_force_at_rest_is_that_of_mujoco(law, target):
+    overrides = {"wall.damping": 20.0, "reference.target": [target, 0.0, 0.0], "simulation.duration": 14.0}
+    assert "rest" in close(Scenario.load("push_wall", overrides, law))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_step_is_mujocos(seed, tmp_path):
+    """Of a random vehicle with full matrices, tumbling in a current, under its thrust, far from the wall."""
+    rng = np.random.default_rng(seed)
+    (tmp_path / "vehicle.xml").write_text(vehicle_xml(random_parameters(seed)))
+    overrides = {
+        "vehicle.model": str(tmp_path / "vehicle.xml"),
+        "initial.attitude_deg": rng.uniform(-90.0, 90.0, 3).tolist(),
+        "initial.velocity": rng.uniform(-1.0, 1.0, 6).tolist(),
+        "current.speed": 0.7,
+        "disturbance.bias": rng.uniform(-5.0, 5.0, 6).tolist(),
+        "wall.position": 50.0,
+        "wall.stiffness": 100.0,
+        "simulation.timestep": 1e-3,
+    }
+    scenario = Scenario.load("push_wall", overrides, "impedance")
+    with Simulation(scenario) as theirs, Simulation(scenario, **FREE) as ours:
+        for _ in range(20):
+            ours.step()
+            theirs.step()
+            for name in ("nu_dot", "nu", "quat_WB", "p_WB", "tau"):
+                size = max(1.0, np.abs(theirs.signals[name]).max())
+                assert np.abs(ours.signals[name] - theirs.signals[name]).max() < 1e-11 * size, name
+
+
+def test_the_attitude_turns_as_mujocos(rng):
+    for scale in (0.0, 1e-12, 1e-3, 1.0, 300.0):
+        quat, omega = rng.normal(size=4), scale * rng.normal(size=3)
+        quat /= np.linalg.norm(quat)
+        qpos, qvel, theirs = np.array([0.0, 0.0, 0.0, *quat]), np.array([0.0, 0.0, 0.0, *omega]), quat.copy()
+        symplectic_step(qpos, qvel, np.zeros(6), 1e-2)
+        mujoco.mju_quatIntegrate(theirs, omega, 1e-2)
+        np.testing.assert_allclose(qpos[3:], theirs, rtol=0, atol=1e-15)
+
+
+def test_the_nearest_points_are_mujocos():
+    scenario = Scenario.load("push_wall", {"initial.position": [1.002, 0.3, -0.2], "wall.position": 1.0})
+    plant, body = set_up(scenario).plant, SimpleNamespace(fromto=np.zeros(6), qpos=np.array([1.002, 0.3, -0.2]))
+    body.reach, body.face = plant.geometry.reach, 1.0 + plant.geometry.reach
+    sphere_and_face(body)
+    data = plant.initial_data(scenario.initial)
+    mujoco.mj_forward(plant.model, data)
+    assert abs(body.distance - data.sensordata[plant.sensors["distance"]]) < 1e-15
+    np.testing.assert_allclose(body.fromto, data.sensordata[plant.sensors["fromto"] :][:6], rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("law", ["gsta", "fosm", "impedance"])
+def test_a_run_is_the_twins(law):
+    """The independent simulation, from free flight to the wall."""
+    trace = simulate(Scenario.load("push_wall", {"simulation.duration": 5.0, "wall.position": 0.9}, law), **FREE)
+    twin = simulate_fixed_step(TwinParameters(law=law, duration=5.0, x_c=0.9))
+    apart = np.abs(trace.p_WB - twin["p"][::10]).max(axis=1)
+    flight = trace.t < (trace.first_contact[-1] if trace.touches[-1] else 5.0)
+    assert apart[flight].max() < 1e-6  # the twin's reference is a filter, not its closed form
+    assert apart.max() < 1e-4
+    peak = twin["force"].max()
+    assert abs(trace.force_peak[-1] - peak) <= 2e-2 * peak
+
+
+def test_the_order_of_convergence_is_one(smooth_overrides):
+    twin = simulate_smooth(
+        TwinParameters(
+            law="impedance",
+            x_c=50.0,
+            waypoints=((0.0, (0.4, 0.3, -0.2)),),
+            quat_0=tuple(quat_from_euler_deg(10.0, -8.0, 15.0)),
+            nu_0=(0.1, -0.1, 0.05, 0.1, 0.2, -0.1),
+            duration=1.5,
+        ),
+        np.array([0.5, 1.0, 1.5]),
+    )
+    errors = []
+    for h in (1e-3, 5e-4, 2.5e-4):
+        overrides = smooth_overrides(1.5) | {"simulation.timestep": h, "wall.stiffness": 1e4}
+        trace = simulate(Scenario.load("push_wall", overrides, "impedance"), **FREE)
+        errors.append(np.abs(trace.p_WB[[500, 1000, 1500]] - twin["p"]).max())
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert (np.abs(orders - 1.0) < 0.05).all()
+
+
+def tumble(timestep: float) -> tuple[float, float]:
+    """Relative gain of energy, and error of the angular momentum's size, of a rigid body that tumbles for 1 s with
+    added mass, without a force."""
+    rng = np.random.default_rng(3)
+    M_RB = np.diag([7.0, 7.0, 7.0, 0.1, 0.2, 0.3])
+    body = SimpleNamespace(M_RB=M_RB, M_inv=np.linalg.inv(M_RB), mass=7.0, r_g=np.zeros(3), gravity_W=np.zeros(3))
+    qpos, qvel = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), rng.normal(size=6)
+    energy, momentum = qvel @ M_RB @ qvel, np.linalg.norm(M_RB[3:, 3:] @ qvel[3:])
+    work, qacc = np.zeros(6), np.zeros(6)
+    for _ in range(round(1.0 / timestep)):
+        R_WB = rotation_matrix(qpos[3:])
+        nu = np.concatenate([R_WB.T @ qvel[:3], qvel[3:]])
+        free_acceleration(body, R_WB, nu, np.zeros(6), work, qacc)
+        symplectic_step(qpos, qvel, qacc, timestep)
+    return (
+        abs(qvel @ M_RB @ qvel / energy - 1.0),
+        abs(np.linalg.norm(M_RB[3:, 3:] @ qvel[3:]) / momentum - 1.0),
+    )
+
+
+def test_a_tumble_keeps_energy_and_momentum_up_to_the_integration_error():
+    coarse, fine = np.array(tumble(2e-3)), np.array(tumble(1e-3))
+    assert (fine < 5e-3).all()
+    assert (np.abs(coarse / fine - 2.0) < 0.1).all()  # first order
+
+
+def test_a_neutral_vehicle_drifts_with_the_current():
+    overrides = {"current.speed": 0.4, "wall.position": 1e3, "simulation.duration": 30.0, "simulation.timestep": 1e-3}
+    with Simulation(Scenario.load("push_wall", overrides | {"wall.stiffness": 100.0}, "external"), **FREE) as sim:
+        sim.step(30_000)
+        R_WB = rotation_matrix(sim.signals.quat_WB)
+        v_W, v_c = R_WB @ sim.signals.nu[:3], sim.scenario.current.velocity_W
+        assert np.abs(v_W - v_c).max() < 5e-3 * sim.scenario.current.speed
+
+
+@pytest.mark.parametrize("law", ["gsta", "fosm", "sta"])
+def test_it_rests_at_the_closed_form(law):
+    trace = simulate(Scenario.load("push_wall", {}, law), **FREE)
+    assert isinstance(trace.analytic, SteadyState)
+    assert abs(trace.push[-1] - trace.analytic.force) < (1e-4 if law == "sta" else 1e-5) * trace.analytic.force
+    assert trace.analytic.position is not None
+    np.testing.assert_allclose(trace.p_WB[-1], trace.analytic.position, rtol=0, atol=1e-5)
+
+
+def final(sim: Simulation) -> np.ndarray:
+    return np.concatenate([np.ravel(sim.signals[name]) for name in sim.signals])
+
+
+def test_in_parts_after_a_reset_and_beside_others_it_is_the_same_run():
+    scenario = Scenario.load("push_wall", AT_WALL)
+    trace = simulate(scenario, log_rate="full", **FREE)
+    other = {"wall.position": 2e-3, "wall.stiffness": 5e4, "initial.position": [-0.01, 0.0, 0.0], "current.speed": 0.1}
+    with Simulation(scenario, **FREE) as sim, Simulation(scenario.updated(other), **FREE) as beside:
+        for k in range(500):
+            assert np.array_equal(sim.signals.p_WB, trace.p_WB[k])
+            sim.step()
+            assert np.array_equal(sim.signals.nu_dot, trace.nu_dot[k])
+            assert np.array_equal(sim.signals.f_contact_W, trace.f_contact_W[k])
+        beside.step(1500)
+        sim.reset(overrides=other)
+        sim.step(1500)
+        assert np.array_equal(final(sim), final(beside))
+        sim.reset()
+        sim.step(100)
+        touches = sim.signals.touches
+        sim.set({"wall.position": 1.0})
+        sim.step(2000)
+        assert sim.signals.touches == touches
+        assert sim.signals.p_WB[0] > 2e-4
+        sim.reset()
+        sim.step(3000)
+        sim.finish()
+        assert np.array_equal(sim.signals.p_WB, trace.p_WB[-1])
+    assert trace.touches[-1] > 0
+
+
+def test_stages_in_plain_python_and_with_guards_run_in_it_too(monkeypatch):
+    from uvms_mj.engine.native import stage_table
+    from uvms_mj.engine.native.compilation import NotCompiled
+
+    plant = {key: value for key, value in AT_WALL.items() if not key.startswith("reference")}
+    scenario = Scenario.load("push_wall", plant | {"simulation.duration": 0.02, **OF_EACH_ROOM})
+    compiled = simulate(scenario, **FREE)
+    theirs = simulate(scenario)
+
+    def refuse(*_, **__):
+        raise NotCompiled("a test")
+
+    monkeypatch.setattr(stage_table, "compile_stage", refuse)
+    with pytest.warns(UserWarning, match="plain Python"):
+        plain = simulate(scenario, **FREE)
+    for name in compiled:
+        np.testing.assert_allclose(plain[name], compiled[name], rtol=1e-9, atol=1e-12, err_msg=name)
+        np.testing.assert_allclose(theirs[name], compiled[name], rtol=1e-3, atol=1e-3, err_msg=name)
+
+
+def test_a_run_that_leaves_its_bounds_says_so():
+    overrides = {"controller.K_s": 1e6, "simulation.duration": 0.5, "estimates.inertia": 50.0}
+    scenario = Scenario.load("push_wall", overrides, "fosm")
+    ours, theirs = simulate(scenario, **FREE), simulate(scenario)
+    assert ours.status == theirs.status
+    assert ours.status.name == "unstable"
+    assert ours.message.split(" = ")[0] == theirs.message.split(" = ")[0]
+    with Simulation(scenario, **FREE) as sim, pytest.raises(Diverged):
+        sim.step(5000)
+
+
+def test_it_has_no_mujoco_model_and_an_unknown_engine_is_refused():
+    with Simulation(Scenario(), **FREE) as sim:
+        assert sim.engine == "free_body"
+        for name in ("model", "data"):
+            with pytest.raises(InputError, match=r"the engine free_body has no .*engine='mujoco'"):
+                getattr(sim, name)
+    with pytest.raises(InputError, match="engine 'free': is not an engine; did you mean 'free_body'"):
+        simulate(Scenario(), engine="free")
+
+
+def test_a_key_that_it_does_not_know_is_refused_by_name():
+    setup = set_up(Scenario())
+    assert refusals(setup) == []
+    with pytest.raises(InputError, match=r"simulation.integrator = 'implicitfast' is not computed by"):
+        simulate(Scenario.load("push_wall", {"simulation.integrator": "implicitfast"}), **FREE)
+
+    @dataclasses.dataclass(frozen=True)
+    class Cable:
+        stiffness: float = 0.0
+
+    @dataclasses.dataclass(frozen=True)
+    class Later(Scenario):
+        cable: Cable = Cable(5.0)
+
+    scenario = object.__new__(Later)
+    scenario.__dict__.update(Scenario().__dict__ | {"cable": Cable(5.0)})
+    assert refusals(dataclasses.replace(setup, scenario=scenario)) == [
+        "cable.stiffness is not computed by the engine free_body; use the engine mujoco"
+    ]
+
+
+def test_a_log_has_the_engine_and_repeats_with_it(tmp_path):
+    scenario = Scenario.load("push_wall", AT_WALL)
+    for engine in ("free_body", "mujoco"):
+        trace = simulate(scenario, engine=engine)
+        trace.save(tmp_path / f"{engine}.mcap")
+        loaded = Trace.load(tmp_path / f"{engine}.mcap")
+        assert loaded.header.engine == trace.header.engine == engine
+        again = simulate(loaded.scenario, engine=loaded.header.engine, mjcf=loaded.header.mjcf)
+        assert all(np.array_equal(again[name], trace[name]) for name in trace)
