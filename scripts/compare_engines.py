@@ -3,7 +3,7 @@
     python scripts/compare_engines.py                     200 scenarios of 20 s
     python scripts/compare_engines.py --runs 20 --seed 3
 
-Each scenario has its own law, wall, current, disturbance, friction, errors of the estimates and initial state. The
+Each scenario has its own vehicle, law, wall, current, disturbance, friction, errors of the estimates and initial state. The
 differences of a run are the largest one of the position at any sample, that of the peak force, and that of the force at
 rest if it has come to rest within 1e-9 of itself.
 
@@ -59,6 +59,12 @@ def drawn(rng: np.random.Generator, duration: float) -> Scenario:
         "estimates.inertia": float(rng.uniform(0.9, 1.2)),
         "estimates.damping": float(rng.uniform(0.7, 1.3)),
         "controller.period": h * int(rng.choice([1, 1, 5])),
+        "vehicle.mass": float(rng.uniform(0.9, 1.1)),
+        "vehicle.added_mass": float(rng.uniform(0.8, 1.2)),
+        "vehicle.linear_damping": float(rng.uniform(0.5, 1.5)),
+        "vehicle.quadratic_damping": float(rng.uniform(0.5, 1.5)),
+        "vehicle.displaced_mass": float(rng.uniform(0.95, 1.05)),
+        "vehicle.thruster_offset": [between(-0.01, 0.01) for _ in range(6)],
     }
     return Scenario.load("push_wall", overrides, law)
 
