@@ -3,8 +3,8 @@
     python scripts/compare_engines.py                     200 scenarios of 20 s
     python scripts/compare_engines.py --runs 20 --seed 3
 
-Each scenario has its own vehicle, law, wall, current, disturbance, friction, errors of the estimates and initial state. The
-differences of a run are the largest one of the position at any sample, that of the peak force, and that of the force at
+Each scenario has its own vehicle, law, wall, current, disturbance, friction, errors of the estimates and initial state.
+The differences of a run are the largest one of the position at any sample, that of the peak force, and that of the force at
 rest if it has come to rest within 1e-9 of itself.
 
 MuJoCo's contact has an inerter of 1e-4 of the rigid mass, which passes on 1e-4 of a step of the thrust. The peak's
