@@ -14,6 +14,7 @@ import tomli_w
 from ...errors import InputError
 from ...files import locked, parsed_toml, shortened, text_of, whole
 from ..plan import Plan
+from ..plan.places import unit_of
 from ..pool.parcel import Parcel
 from ..results import VERSION, about_of, check_same, put
 from ..study import Study, executor_of
@@ -139,6 +140,27 @@ class Tuning:
             journal = Journal(folder, self)
             self._search(journal, parcel, pool, progress or (lambda *_: None))
             self._write(folder, [_trial(each) for each in journal.trials], pool)
+
+    def text(self) -> list[str]:
+        """Gains, objective and constraints, one a line."""
+        units = {gain.key: unit_of(gain.key, self.plan.laws[0].scenario) for gain in self.gains}
+        lines = [
+            f"gain {gain.key}{f' [{units[gain.key]}]' if units[gain.key] else ''}: {gain.low:g} to {gain.high:g}"
+            f"{', logarithmic' if gain.log else ''}; {self.start[gain.key]:g} in the file"
+            for gain in self.gains
+        ]
+        lines.append(f"objective: {self.objective.direction} {self.objective.label}")
+        lines += [f"constraint: {each.label} {each.limits}" for each in self.constraints]
+        return [*lines, f"{self.search.trials} trials of {self.plan.runs} runs, sampler {self.search.sampler}"]
+
+    def compared(self, trials: list[Trial]) -> list[tuple[Any, ...]]:
+        """Gains, objective and constraints of some trials: rows of a name and one value a trial."""
+        names = [each.label for each in self.constraints]
+        return [
+            *((gain.key, *(each.gains[gain.key] for each in trials)) for gain in self.gains),
+            (self.objective.label, *(each.outcome.objective for each in trials)),
+            *((name, *(each.outcome.constraints[i] for each in trials)) for i, name in enumerate(names)),
+        ]
 
     def _search(self, journal: Journal, parcel: Parcel, pool: Executor, progress: Progress) -> None:
         best = self._best([_trial(each) for each in journal.trials])
