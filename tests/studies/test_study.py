@@ -250,7 +250,7 @@ def test_a_call_that_ends_its_worker_says_how():
     with pytest.raises(ZeroDivisionError):
         pool.submit(divmod, 1, 0).result()
     pool.shutdown()
-    with pytest.raises(RuntimeError, match="(?i)pool|stopped|closed|shut"):
+    with pytest.raises(RuntimeError, match=r"(?i)pool|closed"):
         pool.submit(len, "four")
 
 

@@ -16,7 +16,7 @@ from pebble import ProcessPool
 from ...errors import InputError
 
 _STARTS = 5
-"""Pools of processes that are started in all. A pool breaks when a process ends outside a call, e.g. while it starts."""
+"""Pools of processes that are started in all. A pool breaks if a process ends outside a call, e.g. while it starts."""
 _ONE_THREAD = ("OMP", "OPENBLAS", "MKL", "NUMBA", "VECLIB_MAXIMUM", "NUMEXPR", "BLIS", "POLARS_MAX")
 
 
