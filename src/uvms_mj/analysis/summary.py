@@ -79,6 +79,30 @@ NUMBERS: "Mapping[str, Callable[[Trace], Any]]" = {
 """The numbers of a summary, by their place in it."""
 
 
+def _certified_rate(trace: "Trace") -> float | None:
+    """The certified rate of change of the disturbance [m/s^3, rad/s^3]; None for a law without a certificate."""
+    from ..control.theory import certificate
+    from .setup import set_up
+
+    found = certificate(set_up(trace.scenario, trace.header.mjcf))
+    return None if found is None else found.rate
+
+
+def _chattering(trace: "Trace") -> float | None:
+    """Sum of the chattering indices of X, Y and Z over the last second [N/s]."""
+    from .metrics import AROUND_THE_END_S, chattering
+
+    return float(chattering(trace, max(0.0, trace.t[-1] - AROUND_THE_END_S))[:3].sum()) if len(trace) else None
+
+
+METRICS: "Mapping[str, Callable[[Trace], Any]]" = {
+    **NUMBERS,
+    "certified_rate_m_per_s3": _certified_rate,
+    "chattering_N_per_s": _chattering,
+}
+"""The numbers that a study can keep: those of a summary, and others that take longer."""
+
+
 def summary(trace: "Trace", files: dict[str, str]) -> dict[str, Any]:
     """The numbers that ``uvms-mj run --json`` prints, with the paths of the written files by kind. Missing numbers and
     numbers that are not finite are None. The last :data:`.metrics.AROUND_THE_END_S` of a trace are enough."""
@@ -86,8 +110,8 @@ def summary(trace: "Trace", files: dict[str, str]) -> dict[str, Any]:
 
 
 def numbers(trace: "Trace", places: Iterable[str]) -> dict[str, Any]:
-    """The numbers of :func:`summary` at these places, by place. Only these are computed."""
-    return {place: _finite(NUMBERS[place](trace)) for place in places}
+    """The numbers of :data:`METRICS` at these places, by place. Only these are computed."""
+    return {place: _finite(METRICS[place](trace)) for place in places}
 
 
 def summary_of_none(values: Mapping[str, Any], files: dict[str, str]) -> dict[str, Any]:

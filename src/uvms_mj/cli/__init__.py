@@ -18,6 +18,7 @@ from .plot import compare, plot
 from .run import run
 from .stop import Stop, exit_interrupted
 from .study import study
+from .tune import tune
 
 
 class _Commands(click.Group):
@@ -49,6 +50,7 @@ def main() -> None:
     \b
     uvms-mj run --controller gsta         the paper's scenario: push on a wall in an unknown current
     uvms-mj study mine.toml               many runs: laws to compare, keys that vary
+    uvms-mj tune mine.toml                gains for an objective and constraints over a study's runs
     uvms-mj paper --out results           the paper's section 5: figures, claims, report
     uvms-mj replay runs/.../run.mcap      show one or several logs in Rerun
     uvms-mj plot runs/.../run.mcap        plot one or several logs
@@ -72,6 +74,7 @@ def main() -> None:
 for command in (
     run,
     study,
+    tune,
     paper,
     replay,
     plot,

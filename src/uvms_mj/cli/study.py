@@ -96,7 +96,7 @@ def run_study(
     try:
         with bad_input():
             study, folder = _chosen(arguments, settings, engine, out)
-            with _executor(scheduler, workers) as executor:
+            with pool_of(scheduler, workers) as executor:
                 expected = head(study, executor, folder, dry_run, as_json, quiet)
                 if dry_run:
                     if as_json:
@@ -140,7 +140,7 @@ def _chosen(
 
 
 @contextlib.contextmanager
-def _executor(scheduler: str | None, workers: int | None) -> "Iterator[Any]":
+def pool_of(scheduler: str | None, workers: int | None) -> "Iterator[Any]":
     """The workers of this machine or of a cluster."""
     from ..errors import InputError
 

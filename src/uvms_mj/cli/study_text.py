@@ -34,7 +34,7 @@ def head(study: "Study", executor: Any, folder: Path, dry_run: bool, as_json: bo
     workers = f"{size} worker{'s' if size > 1 else ''}"
     lines = [
         plan.text(),
-        f"time: about {_duration(expected.seconds * (1.0 - done))} on {workers}{rest}",
+        f"time: about {duration(expected.seconds * (1.0 - done))} on {workers}{rest}",
         f"disk: {expected.rows_bytes / 1e6:.2g} MB of rows in {folder}{_logs_size(plan.logs, expected.log_bytes)}",
     ]
     click.echo(printable("\n".join(lines)), err=not dry_run)
@@ -48,7 +48,7 @@ def _logs_size(logs: Any, each: int) -> str:
     return f", and logs of {number}{each / 1e6:.2g} MB" + (" for each run that fails" if logs.kind == "failed" else "")
 
 
-def _duration(seconds: float) -> str:
+def duration(seconds: float) -> str:
     if seconds < 100.0:
         return f"{seconds:.2g} s"
     return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"
@@ -88,7 +88,7 @@ def print_result(study: "Study", as_json: bool, quiet: bool) -> int:
             "check": {"within": not failed, "largest": differences},
             "folder": str(study.folder),
         }
-        click.echo(json.dumps(_finite(numbers), allow_nan=False))
+        click.echo(json.dumps(finite(numbers), allow_nan=False))
     elif not quiet:
         _table(study, rows)
         if found is not None:
@@ -103,12 +103,12 @@ def print_result(study: "Study", as_json: bool, quiet: bool) -> int:
     return EXIT_CHECK_FAILS if failed else 0
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
     """The same value with None for numbers that JSON lacks."""
     if isinstance(value, dict):
-        return {key: _finite(each) for key, each in value.items()}
+        return {key: finite(each) for key, each in value.items()}
     if isinstance(value, list):
-        return [_finite(each) for each in value]
+        return [finite(each) for each in value]
     return None if (isinstance(value, float) and abs(value) in (float("inf"),)) or value != value else value
 
 

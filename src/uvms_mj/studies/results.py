@@ -83,17 +83,14 @@ class Results:
 
     def __init__(self, folder: Path, plan: "Plan", parcel: "Parcel") -> None:
         """Begin a study in a folder, or go on with it. Raises InputError if the folder has another study."""
+        from .plan import Plan
+
         self.folder, self._schema, self._digest = folder, schema_of(plan), parcel.digest
         self.damaged: list[str] = []
         self.blocks = blocks(plan.runs)
-        about = {
-            "study": parcel.digest,
-            "engine": plan.engine,
-            "code": dict(parcel.code),
-            "files": file_digests(parcel),
-        }
+        about = about_of(plan, parcel)
         if (folder / STUDY).exists() or (folder / "rows").exists():
-            _check_same(folder, plan, about)
+            check_same(folder / STUDY, Plan.load, plan.tables, about)
         for place in (folder / "rows", folder / "logs"):
             place.mkdir(parents=True, exist_ok=True)
             for left in place.glob(".*.new"):  # by a process that was killed
@@ -156,19 +153,31 @@ def share_done(folder: Path, plan: "Plan") -> float:
     return len(list((folder / "rows").glob("part-*.parquet"))) / len(blocks(plan.runs))
 
 
-def _check_same(folder: Path, plan: "Plan", about: dict[str, Any]) -> None:
-    """Raise InputError unless a folder has the same study, begun with the same code and files."""
-    from .plan import Plan
+def about_of(plan: "Plan", parcel: "Parcel") -> dict[str, Any]:
+    """The contents of version.json: what a folder was begun with."""
+    return {
+        "study": parcel.digest,
+        "engine": plan.engine,
+        "code": dict(parcel.code),
+        "files": file_digests(parcel),
+    }
 
+
+def check_same(
+    path: Path, load: Callable[[Path], Any], tables: Mapping[str, Any], about: dict[str, Any], free: Sequence[str] = ()
+) -> None:
+    """Raise InputError unless a folder has the same file, begun with the same code and files. ``load`` reads the file
+    at ``path``; keys in ``free`` may differ."""
+    folder = path.parent
     try:
         then = json.loads((folder / VERSION).read_bytes())
-        before = Plan.load(folder / STUDY)
+        before = load(path)
     except (OSError, ValueError) as error:
-        raise InputError(f"{folder}: has rows of a study that can't be read: {error}; choose another folder") from None
-    old, new = (dict(leaves(each.tables)) for each in (before, plan))
-    keys = [key for key in {**old, **new} if old.get(key) != new.get(key)]
+        raise InputError(f"{folder}: has results that can't be read: {error}; choose another folder") from None
+    old, new = (dict(leaves(each)) for each in (before.tables, tables))
+    keys = [key for key in {**old, **new} if key not in free and old.get(key) != new.get(key)]
     if keys:
-        differs = f"contains the study {before.name!r}, which differs in {', '.join(keys[:8])}"
+        differs = f"contains the {path.stem} {before.name!r}, which differs in {', '.join(keys[:8])}"
         raise InputError(f"{folder}: {differs}; choose another folder")
     code, ours = then["code"], about["code"]
     changed = [f"{name} {code.get(name)} then, {ours.get(name)} now" for name in ours if code.get(name) != ours[name]]
@@ -177,7 +186,7 @@ def _check_same(folder: Path, plan: "Plan", about: dict[str, Any]) -> None:
     if then["study"] != about["study"]:
         files, now = then["files"], about["files"]
         names = [Path(name).name for name in {**files, **now} if files.get(name) != now.get(name)]
-        raise InputError(f"{folder}: since its study began, {', '.join(names)} changed; choose another folder")
+        raise InputError(f"{folder}: since its {path.stem} began, {', '.join(names)} changed; choose another folder")
 
 
 def put(path: Path, write: Callable[[IO[bytes]], Any]) -> None:

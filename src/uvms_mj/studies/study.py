@@ -84,7 +84,7 @@ class Study:
         with locked(folder):
             parcel = Parcel.of(self.plan)
             results = Results(folder, self.plan, parcel)
-            with _executor(executor, workers) as pool:
+            with executor_of(executor, workers) as pool:
                 Execution(self.plan, parcel, results, pool, progress or (lambda *_: None)).run()
         self.folder, self.damaged = folder, tuple(results.damaged)
         return self
@@ -112,7 +112,7 @@ class Study:
 
 
 @contextlib.contextmanager
-def _executor(given: Executor | None, workers: int | None) -> Iterator[Executor]:
+def executor_of(given: Executor | None, workers: int | None) -> Iterator[Executor]:
     """The given executor, which stays open, or new workers of this machine, which end here."""
     if given is not None:
         yield given

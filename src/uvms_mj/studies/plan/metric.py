@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...analysis.summary import NUMBERS
+from ...analysis.summary import METRICS
 from ...errors import Fault, InputError, suggestion
 from ...stages.loader import load_file
 from ...stages.signals import AXES
@@ -32,11 +32,11 @@ def metric_of(name: str) -> "Callable[[Trace], Any]":
     """
     if name in NOT_METRICS:
         raise InputError(f"{name!r} {NOT_METRICS[name]}")
-    if name in NUMBERS:
-        return NUMBERS[name]
+    if name in METRICS:
+        return METRICS[name]
     file, colon, word = name.rpartition(":")
     if not colon or not file.endswith(".py"):
-        hint = suggestion(name, set(NUMBERS) - set(NOT_METRICS))
+        hint = suggestion(name, set(METRICS) - set(NOT_METRICS))
         raise InputError(f"no metric {name!r}; {hint}; for your own give path/to/file.py:function")
     path = Path(file)
     if not path.is_file():
@@ -68,8 +68,10 @@ COMPONENTS: Mapping[str, tuple[str, ...]] = {
     "final.tau": AXES,
     "analytic.position_m": AXES[:3],
     "analytic.none_because": (),
+    "certified_rate_m_per_s3": (),
+    "chattering_N_per_s": (),
 }
-"""The numbers of ``uvms-mj run --json`` that a study can keep, each with the names of its components."""
+"""The numbers that a study can keep, most of them of ``uvms-mj run --json``, with the names of their components."""
 
 
 def columns_of(place: str) -> list[str]:
@@ -99,7 +101,10 @@ def _number(column: str, value: Any) -> float | None:
     return number if math.isfinite(number) else None
 
 
-_UNITS = {"N2s": "N² s", "Ns": "N s", "N": "N", "Nm": "N m", "s": "s", "m": "m", "J": "J", "rad": "rad", "deg": "deg"}
+_UNITS = {
+    **{"N2s": "N² s", "Ns": "N s", "N": "N", "Nm": "N m", "s": "s", "m": "m", "J": "J", "rad": "rad", "deg": "deg"},
+    **{"N_per_s": "N/s", "m_per_s3": "m/s³"},
+}
 _SUFFIX = re.compile(rf"_({'|'.join(_UNITS)})(?=\.|$)")
 
 

@@ -11,25 +11,25 @@ if TYPE_CHECKING:
 
 def rows_of(parcel: Parcel, indices: tuple[int, ...]) -> list[dict[str, Any]]:
     """The rows of some runs."""
-    plan = _plan(parcel)
+    plan = plan_of(parcel)
     return [rows.one_row(plan, index) for index in indices]
 
 
 def compared(parcel: Parcel, index: int, engine: str) -> dict[str, Any]:
     """The numbers of a run in one engine that the check of the engines compares."""
-    return check.numbers_of(_plan(parcel), index, engine)
+    return check.numbers_of(plan_of(parcel), index, engine)
 
 
 def log_of(parcel: Parcel, index: int, engine: str) -> bytes:
     """The log of a run."""
-    return rows.log_of(_plan(parcel), index, engine)
+    return rows.log_of(plan_of(parcel), index, engine)
 
 
 _plans: dict[str, "Plan"] = {}
 """The last plan by the digest of its parcel."""
 
 
-def _plan(parcel: Parcel) -> "Plan":
+def plan_of(parcel: Parcel) -> "Plan":
     """The plan of a parcel, unpacked once a process."""
     parcel.check_code()
     if parcel.digest not in _plans:

@@ -1,0 +1,236 @@
+"""``uvms-mj tune``: gains for an objective and constraints over a study's runs."""
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from .common import (
+    EXIT_BAD_INPUT,
+    asked_for,
+    bad_input,
+    command,
+    draw_to_files,
+    end,
+    output_options,
+    path_option,
+    printable,
+    progress_bar,
+)
+from .console import print_table
+from .folders import folder_for
+from .stop import Stop, exit_interrupted
+from .study import pool_of
+from .study_text import duration, finite
+
+if TYPE_CHECKING:
+    from ..studies.tune import Tuning
+
+PAGE = "report.html"
+EXIT_NOT_FOUND = 1
+
+
+@command(
+    epilog="Exit status: 0 gains were found, 1 no trial is feasible or the engines differ, 2 bad input or no space, "
+    "130 interrupted (143 by SIGTERM)."
+)
+@click.argument("arguments", nargs=-1, metavar="TUNE [KEY=VALUE]...")
+@path_option("-o", "--out", metavar="DIR", help="Folder of the results [default: runs/<name of the tuning>].")
+@click.option("--dry-run", is_flag=True, help="Print gains, objective, runs and time; run nothing.")
+@click.option("-n", "--trials", type=click.IntRange(1), metavar="N", help="In place of tune.trials.")
+@click.option("-j", "--workers", type=click.IntRange(1, 4096), metavar="N", help="Processes [default: one per core].")
+@click.option("--scheduler", metavar="ADDRESS", help="Use the workers of a Dask scheduler, e.g. tcp://10.0.0.1:8786.")
+@click.option("-s", "--set", "settings", multiple=True, metavar="KEY=VALUE", help="Set a key; may be repeated.")
+@output_options
+def tune(
+    arguments: tuple[str, ...],
+    out: str | None,
+    dry_run: bool,
+    trials: int | None,
+    workers: int | None,
+    scheduler: str | None,
+    settings: tuple[str, ...],
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Find gains by Optuna, for an objective and constraints over the runs of a study.
+
+    TUNE is a TOML file, or the folder of a tuning that was interrupted. It is a study file of one law, with tables for
+    the gains, the objective and the constraints. Trial 0 has the file's own gains.
+
+    \b
+    [base]                               a tuning file
+    scenario = "push_wall"
+    [design]
+    runs = 20
+    [[vary]]
+    key = "current.speed"
+    distribution = "uniform"
+    low = 0.0
+    high = 0.5
+    [[gain]]
+    key = "controller.k_1"
+    low = 1.0
+    high = 20.0
+    [objective]
+    metric = "contact.peak_N"
+    over = "max"
+    [[constraint]]
+    metric = "contact.settled"
+    at_least = 1.0
+
+    \b
+    uvms-mj tune mine.toml --dry-run
+    uvms-mj tune mine.toml --out found --trials 200
+    uvms-mj run found/found.toml
+
+    DIR gets found.toml, trials.parquet and report.html. A trial in which a run does not complete is infeasible. After
+    any interruption the same command goes on where it was. The result is the same for any number of workers.
+    """
+    stop = Stop()
+    draw_to_files()
+    shown: dict[str, int] = {}
+    try:
+        with bad_input():
+            tuning, folder = _chosen(arguments, settings, trials, out)
+            with pool_of(scheduler, workers) as executor:
+                if dry_run or not (as_json or quiet):
+                    _head(tuning, executor.size, folder, dry_run, as_json)
+                if dry_run:
+                    return
+                folder_for(str(folder))
+                column = "{task.completed:.0f} of {task.total} trials, best {task.fields[best]}"
+                with progress_bar("tuning", as_json or quiet, stop, column, best="-") as update:
+
+                    def progress(done: int, total: int, best: float | None) -> None:
+                        shown.update(done=done, total=total)
+                        update(done, total, best="-" if best is None else f"{best:.4g}")
+
+                    tuning.run(folder, executor=executor, progress=progress)
+            status = _result(tuning, folder, as_json, quiet)
+    except KeyboardInterrupt:
+        end(f"interrupted{_kept(shown)}", exit_interrupted())
+    except OSError as error:
+        end(f"error: {error.filename or folder}: {error.strerror or error}{_kept(shown)}", EXIT_BAD_INPUT)
+    sys.exit(status)
+
+
+def _kept(shown: dict[str, int]) -> str:
+    """How to go on after an interruption."""
+    if not shown:
+        return ""
+    return f"; {shown['done']} of {shown['total']} trials are done and kept: the same command goes on"
+
+
+def _chosen(
+    arguments: tuple[str, ...], settings: tuple[str, ...], trials: int | None, out: str | None
+) -> "tuple[Tuning, Path]":
+    """The tuning and its folder. Raises InputError if the arguments are invalid, or optuna is missing."""
+    from ..errors import InputError
+    from ..studies.tune import Tuning
+    from ..studies.tune.search import optuna
+
+    optuna()
+    name, overrides = asked_for(arguments, settings, "tuning")
+    if name is None:
+        raise InputError("name a tuning: a TOML file, or the folder of one that was interrupted")
+    if trials is not None:
+        if overrides.get("tune.trials", trials) != trials:
+            raise InputError(f"tune.trials: is given twice, {overrides['tune.trials']!r} and --trials {trials}")
+        overrides["tune.trials"] = trials
+    tuning = Tuning.load(name, overrides)
+    given = Path(name) if Path(name).is_dir() else Path("runs", tuning.name)
+    return tuning, given if out is None else Path(out)
+
+
+def _head(tuning: "Tuning", workers: int, folder: Path, dry_run: bool, as_json: bool) -> None:
+    """Print what will be searched and how long it takes."""
+    from ..studies.pool.estimate import estimate
+
+    plan, trials = tuning.plan, tuning.search.trials
+    seconds = trials * estimate(plan, max(1, workers)).seconds
+    if as_json:
+        report = {
+            "tuning": tuning.name,
+            "trials": trials,
+            "runs": trials * plan.runs,
+            "steps": trials * plan.steps,
+            "law": plan.laws[0].label,
+            "gains": [gain.key for gain in tuning.gains],
+            "objective": tuning.objective.label,
+            "constraints": [each.label for each in tuning.constraints],
+            "workers": workers,
+            "seconds": seconds,
+        }
+        click.echo(json.dumps(report, allow_nan=False))
+        return
+    lines = [plan.text(), *tuning.text(), f"time: about {duration(seconds)} on {workers} workers; folder: {folder}"]
+    click.echo(printable("\n".join(lines)), err=not dry_run)
+
+
+def _result(tuning: "Tuning", folder: Path, as_json: bool, quiet: bool) -> int:
+    """Write the page, print what was found, and return the exit status."""
+    from ..studies import pages
+    from ..studies.check import largest
+    from ..studies.tune.page import page
+
+    trials, best = tuning.trials(folder), tuning.best(folder)
+    checked = None if best is None else tuning.study_of(folder, best).check
+    pages.write(folder / PAGE, page(tuning, trials, best, str(folder)))
+    failed = [] if checked is None else checked[~checked["within"]].to_dict("records")
+    if as_json:
+        differences = [] if checked is None else largest(checked).drop(columns="index").to_dict("records")
+        report = {
+            "tuning": tuning.name,
+            "trials": len(trials),
+            "feasible": sum(each.outcome.state == "feasible" for each in trials),
+            "baseline": _numbers(tuning, trials[0]),
+            "best": None if best is None else _numbers(tuning, best),
+            "check": {"within": not failed, "largest": differences},
+            "folder": str(folder),
+        }
+        click.echo(json.dumps(finite(report), allow_nan=False))
+    elif not quiet:
+        print_table(_table(tuning, trials[0], best))
+        click.echo(folder / PAGE)
+    if best is None:
+        worst = trials[-1].outcome.message
+        click.echo(f"no feasible trial among {len(trials)}; the last one: {printable(worst)}", err=True)
+    elif not (as_json or quiet):
+        click.echo(f"uvms-mj run {folder / 'found.toml'}")
+    for each in failed:
+        click.echo(
+            f"error: row {each['index']}: {each['number']} differs by {each['difference']:.2g} between free_body and "
+            f"mujoco with the found gains; run.tolerance is {each['tolerance']:g}",
+            err=True,
+        )
+    return EXIT_NOT_FOUND if best is None or failed else 0
+
+
+def _numbers(tuning: "Tuning", trial: Any) -> dict[str, Any]:
+    """A trial as one object."""
+    labels = [each.label for each in tuning.constraints]
+    return {
+        "trial": trial.number,
+        "state": trial.outcome.state,
+        "gains": dict(trial.gains),
+        "objective": trial.outcome.objective,
+        "constraints": dict(zip(labels, trial.outcome.constraints, strict=True)),
+    }
+
+
+def _table(tuning: "Tuning", baseline: Any, best: Any) -> Any:
+    """The baseline beside the best trial."""
+    from rich.table import Table
+
+    table = Table(title=tuning.name, title_justify="left", min_width=60)
+    shown = [("the file's own", baseline), *([] if best is None else [(f"found, trial {best.number}", best)])]
+    table.add_column("")
+    for head, _ in shown:
+        table.add_column(head, justify="right")
+    for name, *values in tuning.compared([trial for _, trial in shown]):
+        table.add_row(name, *("-" if value is None else f"{value:.6g}" for value in values))
+    table.add_row("state", *(trial.outcome.state for _, trial in shown))
+    return table

@@ -1,0 +1,3 @@
+"""Tuning: gains by Optuna for an objective and constraints over the runs of a study."""
+
+from .tuning import Tuning as Tuning

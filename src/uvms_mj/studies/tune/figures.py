@@ -1,0 +1,143 @@
+"""Figures of a tuning: the best value over the trials, and the objective over each gain."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from ...views import colours
+from ...views.figures.style import BLACK, GREY, LINE, PAGE_IN, styled
+from ..plan.metric import unit_of_column
+from ..report.figures import decades
+
+if TYPE_CHECKING:
+    from .tuning import Trial, Tuning
+
+_COLUMNS = 3
+_BULK = 0.9
+"""Quantile of the objective up to which a figure shows it: a few bad trials must not make the others look flat."""
+
+
+def _values(trials: "Sequence[Trial]", state: str) -> np.ndarray:
+    """Objective (n,) of the trials with a state; nan for the others."""
+    return np.array(
+        [
+            np.nan if each.outcome.state != state or each.outcome.objective is None else each.outcome.objective
+            for each in trials
+        ]
+    )
+
+
+def label_of(tuning: "Tuning") -> str:
+    unit = unit_of_column(tuning.objective.metric)
+    return f"{tuning.objective.label}{f' [{unit}]' if unit else ''}"
+
+
+def history(tuning: "Tuning", trials: "Sequence[Trial]") -> Figure:
+    """The objective of each trial, and the best feasible value so far."""
+    with styled():
+        figure = Figure(figsize=(PAGE_IN, 2.3))
+        ax = figure.subplots()
+        numbers = np.array([each.number for each in trials])
+        _points(ax, tuning, numbers, trials)
+        feasible = _values(trials, "feasible")
+        running = np.minimum if tuning.objective.direction == "minimize" else np.maximum
+        best = running.accumulate(np.where(np.isnan(feasible), _worst(tuning), feasible))
+        best = np.where(np.isfinite(best), best, np.nan)
+        ax.plot(numbers, best, color=_colour(tuning), drawstyle="steps-post", linewidth=1.4 * LINE)
+        ax.set_xlabel("trial")
+        _limited(ax, tuning, trials)
+        ax.set_ylabel(label_of(tuning), parse_math=False)
+        ax.margins(x=0.02)
+        _legend(figure, tuning, trials, best=True)
+    return figure
+
+
+def slices(tuning: "Tuning", trials: "Sequence[Trial]", units: Mapping[str, str], best: "Trial | None") -> Figure:
+    """The objective over each gain, with the file's own value and the best one."""
+    columns = min(len(tuning.gains), _COLUMNS)
+    rows = -(-len(tuning.gains) // columns)
+    with styled():
+        figure = Figure(figsize=(PAGE_IN, 0.35 + 2.0 * rows))
+        axes = list(figure.subplots(rows, columns, squeeze=False, sharey=True).flat)
+        for ax in axes[len(tuning.gains) :]:
+            ax.remove()
+        for i, (ax, gain) in enumerate(zip(axes, tuning.gains, strict=False)):
+            x = np.array([each.gains[gain.key] for each in trials])
+            ax.axvline(tuning.start[gain.key], color=GREY, linewidth=LINE, linestyle=(0, (3, 2)))
+            _points(ax, tuning, x, trials)
+            if best is not None:
+                ax.plot(best.gains[gain.key], best.outcome.objective, "o", markersize=8, **_ring())
+            ax.set_xlim(gain.low, gain.high)
+            if gain.log:
+                decades(ax, "x")
+            ax.margins(x=0.03)
+            unit = units[gain.key]
+            ax.set_xlabel(f"{gain.key} [{unit}]" if unit else gain.key, parse_math=False)
+            _limited(ax, tuning, trials)
+            if i % columns == 0:
+                ax.set_ylabel(label_of(tuning), parse_math=False)
+        _legend(figure, tuning, trials, best=False)
+    return figure
+
+
+def _ring() -> dict[str, Any]:
+    return {"color": BLACK, "markerfacecolor": "none"}
+
+
+def _worst(tuning: "Tuning") -> float:
+    return np.inf if tuning.objective.direction == "minimize" else -np.inf
+
+
+def _colour(tuning: "Tuning") -> str:
+    (colour,) = colours.of_runs([tuning.plan.laws[0].source])
+    return "#{:02x}{:02x}{:02x}".format(*colour)
+
+
+def _points(ax: Axes, tuning: "Tuning", x: np.ndarray, trials: "Sequence[Trial]") -> None:
+    """Feasible trials as dots, infeasible ones as open circles, incomplete ones as crosses at the top."""
+    ax.plot(x, _values(trials, "feasible"), "o", color=_colour(tuning), markersize=3.2, alpha=0.85, linestyle="none")
+    ax.plot(x, _values(trials, "infeasible"), "o", color=GREY, markersize=3.2, markerfacecolor="none", linestyle="none")
+    lost = np.array([each.outcome.state == "incomplete" for each in trials])
+    if lost.any():
+        top = np.ones(int(lost.sum()))
+        ax.plot(x[lost], top, "x", color=GREY, markersize=3.5, transform=ax.get_xaxis_transform(), clip_on=False)
+
+
+def _limited(ax: Axes, tuning: "Tuning", trials: "Sequence[Trial]") -> None:
+    """Limit y to the bulk of the values, and make it logarithmic if it still spans decades."""
+    found = np.array([each.outcome.objective for each in trials if each.outcome.objective is not None])
+    if len(found) < 2 or np.ptp(found) == 0.0:
+        return
+    minimize = tuning.objective.direction == "minimize"
+    near, far = (found.min(), np.quantile(found, _BULK)) if minimize else (found.max(), np.quantile(found, 1 - _BULK))
+    if found.min() > 0.0 and found.max() > 30.0 * found.min():
+        decades(ax, "y")
+    elif abs(found.max() - found.min()) > 3.0 * abs(far - near) > 0.0:
+        margin = 0.08 * (far - near)
+        low, high = sorted((near - margin, far + margin))
+        ax.set_ylim(low, high)
+
+
+def _legend(figure: Figure, tuning: "Tuning", trials: "Sequence[Trial]", *, best: bool) -> None:
+    states = [each.outcome.state for each in trials]
+    look: dict[str, Any] = {"linestyle": "none", "markersize": 4}
+    kinds = {
+        "feasible": Line2D([], [], color=_colour(tuning), marker="o", **look),
+        "infeasible": Line2D([], [], color=GREY, marker="o", markerfacecolor="none", **look),
+        "incomplete": Line2D([], [], color=GREY, marker="x", **look),
+    }
+    handles = []
+    for state, handle in kinds.items():
+        if state in states:
+            handle.set_label(f"{state} ({states.count(state)})")
+            handles.append(handle)
+    if best:
+        handles.append(Line2D([], [], color=_colour(tuning), linewidth=1.4 * LINE, label="best feasible so far"))
+    else:
+        handles.append(Line2D([], [], color=GREY, linewidth=LINE, linestyle=(0, (3, 2)), label="the file's own"))
+        handles.append(Line2D([], [], marker="o", linestyle="none", markersize=8, label="best", **_ring()))
+    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))

@@ -1,0 +1,104 @@
+"""The page of a tuning: what was found, against the file's own gains, and what was tried."""
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..pages import Picture, Table, number, rendered
+from ..plan.places import unit_of
+from . import figures
+
+if TYPE_CHECKING:
+    from .tuning import Trial, Tuning
+
+_TEN = 10
+_HISTORY = "The objective of each trial, and the best feasible value so far."
+_SLICES = (
+    "The objective over each gain. Dashed: the file's own gains. A ring: the best trial. Values far from the bulk are "
+    "beyond the edge; crosses at the top are incomplete trials."
+)
+
+
+def page(tuning: "Tuning", trials: "Sequence[Trial]", best: "Trial | None", folder: str) -> str:
+    """The report of a tuning as HTML. ``folder`` is the path of its folder, for the commands."""
+    scenario = tuning.plan.laws[0].scenario
+    units = {gain.key: unit_of(gain.key, scenario) for gain in tuning.gains}
+    states = [each.outcome.state for each in trials]
+    counts = [(states.count(state), state) for state in ("feasible", "infeasible", "incomplete") if state in states]
+    return rendered(
+        Path(__file__).with_name("tune.html"),
+        title=tuning.name,
+        description=tuning.plan.description,
+        line=tuning.text()[-1],
+        plan=tuning.plan,
+        counts=counts,
+        missing=max(0, tuning.search.trials - len(trials)),
+        best=best,
+        compared=_compared(tuning, trials, best, units),
+        command=f"uvms-mj run {shlex.quote(str(Path(folder, 'found.toml')))}",
+        report_command=_report_command(folder, best),
+        history=Picture("history", _HISTORY, figures.history(tuning, trials)) if trials else None,
+        slices=Picture("slices", _SLICES, figures.slices(tuning, trials, units, best)) if trials else None,
+        ten=_ten(tuning, trials),
+        ranges=_ranges(tuning, units),
+    )
+
+
+def _report_command(folder: str, best: "Trial | None") -> str:
+    return "" if best is None else f"uvms-mj study report {shlex.quote(str(Path(folder, f'trial-{best.number:05d}')))}"
+
+
+def _compared(tuning: "Tuning", trials: "Sequence[Trial]", best: "Trial | None", units: dict[str, str]) -> Table | None:
+    """The file's own gains beside the found ones, with the difference."""
+    if not trials:
+        return None
+    shown = [trials[0], *([best] if best is not None else [])]
+    limits = {each.label: each.limits for each in tuning.constraints}
+    rows = []
+    for name, *values in tuning.compared(shown):
+        cells = ["–" if value is None else number(value, 5) for value in values]
+        change = ""
+        if len(values) == 2 and None not in values and values[0]:
+            change = f"{100.0 * (values[1] / values[0] - 1.0):+.1f} %".replace("-", "−")
+        limit = limits.get(name, tuning.objective.direction if name == tuning.objective.label else "")
+        unit = units.get(name, "")
+        rows.append((f"{name} [{unit}]" if unit else name, [*cells, *([change] if len(shown) == 2 else []), limit]))
+    rows.append(("state", [each.outcome.state for each in shown] + ([""] if len(shown) == 2 else []) + [""]))
+    heads = ["the file's own", *([f"found, trial {best.number}", "change"] if best is not None else []), "asked"]
+    return Table("", heads, rows)
+
+
+def _ten(tuning: "Tuning", trials: "Sequence[Trial]") -> Table:
+    """The ten best feasible trials."""
+    sign = 1.0 if tuning.objective.direction == "minimize" else -1.0
+    feasible = [each for each in trials if each.outcome.state == "feasible"]
+    feasible.sort(key=lambda each: sign * (each.outcome.objective or 0.0))
+    names = [tuning.objective.label, *(each.label for each in tuning.constraints)]
+    rows = [
+        (
+            f"trial {each.number}",
+            [number(x) for x in (*each.gains.values(), each.outcome.objective, *each.outcome.constraints)],
+        )
+        for each in feasible[:_TEN]
+    ]
+    return Table("", [*(gain.key for gain in tuning.gains), *names], rows)
+
+
+def _ranges(tuning: "Tuning", units: dict[str, str]) -> list[tuple[str, str]]:
+    """What was searched, with what."""
+    plan = tuning.plan
+    rows = [("base scenario", plan.base.name), ("law", plan.laws[0].label)]
+    for gain in tuning.gains:
+        unit = f" {units[gain.key]}" if units[gain.key] else ""
+        rows.append((gain.key, f"{gain.low:g} to {gain.high:g}{unit}{', logarithmic' if gain.log else ''}"))
+    for each in plan.variations:
+        unit = plan.units.get(each.keys[0], "")
+        rows.append((", ".join(each.keys), f"{each.range()}{f' {unit}' if unit else ''}"))
+    repeats = f", {plan.repeats} repeats each" if plan.repeats > 1 else ""
+    rows.append(("runs of a trial", f"{plan.runs}: {plan.draws} draws ({plan.design.replace('_', ' ')}){repeats}"))
+    rows.append(("base time", f"{plan.base.simulation.duration:g} s in steps of {plan.base.simulation.timestep:g} s"))
+    rows.append(
+        ("search", f"{tuning.search.trials} trials, sampler {tuning.search.sampler}, seed {tuning.search.seed}")
+    )
+    return rows

@@ -1,0 +1,187 @@
+"""A tuning file is read: a study file with tables for gains, objective, constraints and search."""
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ...errors import Fault, InputError, shortened, suggestion
+from ...files import plain
+from ...quantities import overrides_of
+from ..plan import Plan
+from ..plan.entries import Law, absolute, base_of, laws_of, split_overrides
+from ..plan.metric import COMPONENTS, columns_of, metric_of
+from ..plan.places import missing, overrides_at, parsed
+from ..plan.study_file import DEFAULT_METRICS, read
+from .tables import TABLES, Gain, valid
+
+_LISTS = ("gain", "constraint")
+_SET = ("objective", "tune")
+"""Tables whose keys can be set."""
+_EXAMPLES = {"gain": 'key = "controller.k_1", low = 1.0, high = 20.0', "objective": 'metric = "contact.peak_N"'}
+
+
+def fields_of(
+    tables: Mapping[str, Any], folder: Path, overrides: Mapping[str, Any] | None, place: str
+) -> dict[str, Any]:
+    """The fields of a :class:`.tuning.Tuning`, by name. The arguments are those of its ``from_dict``. Raises InputError
+    with every error of the tables and the overrides."""
+    faults: list[Fault] = []
+    study, own, of_study = _split(tables, overrides, faults)
+    found = _own_tables(own, folder, faults)
+    study = _with_metrics(study, [each for name in ("objective", "constraint") for each in found[name]], faults)
+    plan = None
+    try:
+        plan = Plan.from_dict(study, folder, of_study)
+    except InputError as error:
+        faults += error.faults
+    if plan is not None and len(plan.laws) > 1:
+        laws = ", ".join(law.label for law in plan.laws)
+        faults.append(Fault("laws", f"has {laws}; a tuning is of one law"))
+    law, varied = _law(study, folder, of_study)
+    faults += _gain_faults(found["gain"], law, varied) if law is not None else []
+    if faults or plan is None:
+        raise InputError(faults, place)
+    objective, search = found["objective"][0][1], found["tune"][0][1]
+    written = {name: [plain(each) for _, each in found[name]] for name in _LISTS if found[name]}
+    return {
+        "plan": plan,
+        "gains": tuple(gain for _, gain in found["gain"]),
+        "start": {gain.key: float(_at(gain.key, plan.laws[0].tables)) for _, gain in found["gain"]},
+        "objective": objective,
+        "constraints": tuple(each for _, each in found["constraint"]),
+        "search": search,
+        "tables": {**plan.tables, **written, "objective": plain(objective), "tune": plain(search)},
+    }
+
+
+def _split(
+    tables: Mapping[str, Any], overrides: Mapping[str, Any] | None, faults: list[Fault]
+) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
+    """The tables of the study, those of the tuning alone, and the overrides of the study."""
+    own = {name: tables[name] for name in TABLES if name in tables}
+    of_study = {}
+    for key, value in overrides_of(overrides).items():
+        table, _, word = key.partition(".")
+        if table in _SET and word:
+            inner = own.get(table, {})
+            own[table] = {**inner, word: value} if isinstance(inner, Mapping) else inner
+        elif table in TABLES:
+            faults.append(Fault(key, "can't be set; change it in the tuning file"))
+        else:
+            of_study[key] = value
+    return {name: value for name, value in tables.items() if name not in TABLES}, own, of_study
+
+
+def _own_tables(own: Mapping[str, Any], folder: Path, faults: list[Fault]) -> dict[str, list[tuple[str, Any]]]:
+    """The valid tables of a tuning by name, each with its place."""
+    found: dict[str, list[tuple[str, Any]]] = {name: [] for name in TABLES}
+    for name in TABLES:
+        given = own.get(name, [] if name in _LISTS else {} if name == "tune" else None)
+        if given is None or (name == "gain" and given == []):
+            example = (
+                'key = "controller.k_1", low = 1.0, high = 20.0' if name == "gain" else 'metric = "contact.peak_N"'
+            )
+            faults.append(Fault(name, f"lacks this table, for example {example}"))
+            continue
+        if name in _LISTS and not isinstance(given, list):
+            faults.append(Fault(name, f"{shortened(given)} is not a list of tables, [[{name}]]"))
+            continue
+        for i, each in enumerate(given if name in _LISTS else [given]):
+            place = f"{name}[{i}]" if name in _LISTS else name
+            table = valid(name, each, place, faults)
+            if table is not None and hasattr(table, "metric"):
+                table = dataclasses.replace(table, metric=absolute(table.metric, folder))
+            found[name] += [(place, table)] if table is not None else []
+    return found
+
+
+def _with_metrics(study: dict[str, Any], measures: list[tuple[str, Any]], faults: list[Fault]) -> dict[str, Any]:
+    """The study with the metrics of the objective and the constraints among those that it keeps."""
+    keep = study.get("keep", {})
+    kept = keep.get("metrics", list(DEFAULT_METRICS)) if isinstance(keep, Mapping) else None
+    if not isinstance(kept, list):
+        return study  # the study reports it
+    kept = list(kept)
+    for place, each in measures:
+        metric = each.metric.rpartition(".")[0] if each.metric.rpartition(".")[0] in COMPONENTS else each.metric
+        try:
+            metric_of(metric)
+            if metric in COMPONENTS and each.metric not in columns_of(metric):
+                raise InputError(f"{each.metric!r} has components; {suggestion(each.metric, columns_of(metric))}")
+            if metric == "analytic.none_because":
+                raise InputError(f"{metric!r} is a text, not a number")
+        except InputError as error:
+            faults += [Fault(f"{place}.metric", fault.message) for fault in error.faults]
+            continue
+        kept += [metric] if metric not in kept else []
+    return {**study, "keep": {**keep, "metrics": kept}}
+
+
+def _law(study: dict[str, Any], folder: Path, overrides: Mapping[str, Any]) -> tuple[Law | None, list[str]]:
+    """The law of a study, as far as it can be read, and the keys that vary. The plan reports the errors."""
+    ignored: list[Fault] = []
+    tables, of_base = split_overrides(study, overrides, ignored)
+    file = read(tables, ignored)
+    base = base_of(file.base, folder, of_base, ignored)
+    laws = laws_of(file.laws, base, folder, ignored) if base is not None else []
+    return laws[0] if laws else None, [key for each in file.vary for key in (*(each.keys or ()), each.key) if key]
+
+
+def _at(place: str, tables: Mapping[str, Any]) -> Any:
+    """The value of a place in the tables of a scenario."""
+    key, parts = parsed(place)
+    table, _, word = key.partition(".")
+    value = tables[table][word]
+    for part in parts:
+        value = value[part]
+    return value
+
+
+def _gain_faults(gains: list[tuple[str, Gain]], law: Law, varied: list[str]) -> list[Fault]:
+    """Errors of the keys of the gains and of their ranges."""
+    faults: list[Fault] = []
+    for i, (place, gain) in enumerate(gains):
+        try:
+            parsed(gain.key)
+        except ValueError as error:
+            faults.append(Fault(f"{place}.key", str(error)))
+            continue
+        others = [*varied, *(other.key for _, other in gains[:i])]
+        if any(_overlap(gain.key, other) for other in others):
+            faults.append(Fault(f"{place}.key", f"{gain.key} is varied or tuned already"))
+        elif absent := missing(gain.key, law.tables):
+            faults.append(Fault(f"{place}.key", absent))
+        else:
+            faults += _range_faults(place, gain, law)
+    return faults
+
+
+def _overlap(one: str, other: str) -> bool:
+    return one == other or one.startswith((f"{other}[", f"{other}.")) or other.startswith((f"{one}[", f"{one}."))
+
+
+def _range_faults(place: str, gain: Gain, law: Law) -> list[Fault]:
+    """Errors of the value of a gain in the file, and of the ends of its range."""
+    found: dict[str, str] = {}
+    for end in ("low", "high"):
+        try:
+            law.scenario.updated(overrides_at({gain.key: getattr(gain, end)}, law.tables))
+        except InputError as error:
+            found |= {fault.message: end for fault in error.faults if fault.message not in found}
+    key = parsed(gain.key)[0]
+    table, _, word = key.partition(".")
+    if table not in law.tables or word not in law.tables[table]:
+        return [Fault(f"{place}.key", f"{key}: {message}") for message in found] or [
+            Fault(f"{place}.key", f"{gain.key} has no value in the base scenario, where the search begins: give it one")
+        ]
+    value = _at(gain.key, law.tables)
+    if isinstance(value, list):
+        hint = f"it has {len(value)} components; give one gain for each that is tuned, {gain.key}[0]"
+        return [Fault(f"{place}.key", hint)]
+    if type(value) not in (int, float):
+        return [Fault(f"{place}.key", f"{gain.key} is {shortened(value)}; only numbers can be tuned")]
+    if not gain.low <= value <= gain.high:
+        outside = f"{gain.key} is {value:g} in the file, outside low to high, {gain.low:g} to {gain.high:g}"
+        return [Fault(place, f"{outside}: trial 0 is the file's own")]
+    return [Fault(f"{place}.{end}", message) for message, end in found.items()]

@@ -1,0 +1,122 @@
+"""The search: Optuna suggests gains, trials answer, and a journal keeps every trial that is done.
+
+The search goes on in memory, and a trial enters the journal when it is done. The seed, the trial's number and the
+trials before it decide a suggestion, so that an interrupted search goes on with the same one.
+"""
+
+import hashlib
+import math
+import os
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ...errors import needs_extra
+from .tables import Gain
+from .trial import Outcome
+
+if TYPE_CHECKING:
+    from .tuning import Tuning
+
+JOURNAL = "trials.journal"
+
+
+def optuna() -> Any:
+    """Optuna's module. Raises InputError if it is not installed."""
+    with needs_extra("tune"):
+        import optuna
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    return optuna
+
+
+class Journal:
+    """The trials of a folder, in Optuna's journal storage. This process alone writes to it."""
+
+    def __init__(self, folder: Path, tuning: "Tuning") -> None:
+        self._optuna, path = optuna(), folder / JOURNAL
+        if path.exists():
+            _cut(path)
+        storage = self._optuna.storages.journal.JournalFileBackend(str(path), _NoLock())
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            self._study = self._optuna.create_study(
+                storage=self._optuna.storages.JournalStorage(storage),
+                study_name=tuning.plan.name,
+                direction=tuning.objective.direction,
+                load_if_exists=True,
+            )
+
+    @property
+    def trials(self) -> list[Any]:
+        """The trials that are done."""
+        return self._study.get_trials(deepcopy=False)
+
+    def add(self, trial: Any) -> None:
+        """Keep a trial. Raises OSError, for example if the disk is full."""
+        self._study.add_trial(trial)
+
+
+def _cut(path: Path) -> None:
+    """Cut the line that a killed process or a full disk left unfinished."""
+    data = path.read_bytes()
+    if not data.endswith(b"\n"):
+        with path.open("r+b") as file:
+            file.truncate(data.rfind(b"\n") + 1)
+            os.fsync(file.fileno())
+
+
+class _NoLock:
+    """A lock of the journal that does nothing: the folder is locked."""
+
+    def acquire(self) -> bool:
+        return True
+
+    def release(self) -> None:
+        pass
+
+
+def search(
+    tuning: "Tuning",
+    journal: Journal,
+    evaluate: Callable[[Mapping[str, float]], Outcome],
+    done: Callable[[int, Outcome], None],
+) -> None:
+    """Run the trials that the journal lacks, one after the other. Trial 0 has the file's own gains. ``done`` is called
+    with the number and the outcome of each."""
+    module = optuna()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # parts of the sampler are marked as experimental
+        memory = module.create_study(direction=tuning.objective.direction)
+        memory.add_trials(journal.trials)
+        for number in range(len(memory.trials), tuning.search.trials):
+            memory.sampler = _sampler(module, tuning, number)
+            if number == 0:
+                memory.enqueue_trial(tuning.start)
+            trial = memory.ask()
+            values = {
+                each.key: trial.suggest_float(each.key, each.low, each.high, log=each.log) for each in tuning.gains
+            }
+            found = evaluate(values)
+            trial.set_user_attr("outcome", asdict(found))
+            worst = math.inf if tuning.objective.direction == "minimize" else -math.inf
+            memory.tell(trial, worst if found.objective is None else found.objective)
+            journal.add(memory.trials[-1])
+            done(number, found)
+
+
+def _suggested(trial: Any, gain: Gain) -> float:
+    return trial.suggest_float(gain.key, gain.low, gain.high, log=gain.log)
+
+
+def _sampler(module: Any, tuning: "Tuning", number: int) -> Any:
+    """The sampler of one trial, whose random numbers the seed and the trial's number decide."""
+    seed = int.from_bytes(hashlib.sha256(f"{tuning.search.seed} {number}".encode()).digest()[:4])
+    if tuning.search.sampler == "random":
+        return module.samplers.RandomSampler(seed=seed)
+    return module.samplers.TPESampler(seed=seed, multivariate=True, constraints_func=_violations)
+
+
+def _violations(trial: Any) -> list[float]:
+    return list(trial.user_attrs["outcome"]["violations"])

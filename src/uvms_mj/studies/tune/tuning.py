@@ -1,0 +1,246 @@
+"""``Tuning``: gains for a stated objective and constraints over a study's runs."""
+
+import contextlib
+import json
+import os
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import tomli_w
+
+from ...errors import InputError
+from ...files import locked, parsed_toml, shortened, text_of, whole
+from ..plan import Plan
+from ..plan.places import unit_of
+from ..pool.parcel import Parcel
+from ..results import VERSION, about_of, check_same, put
+from ..study import Study, executor_of
+from .reading import fields_of
+from .search import Journal, search
+from .tables import Constraint, Gain, Objective, Search
+from .trial import Outcome, outcome, refused, rows, with_gains
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+TUNING, TRIALS, FOUND = "tune.toml", "trials.parquet", "found.toml"
+Progress = Callable[[int, int, "float | None"], None]
+"""Called with the number of trials done, their total, and the best feasible value so far."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A trial that is done: its number, its gains by place, and its outcome."""
+
+    number: int
+    gains: Mapping[str, float]
+    outcome: Outcome
+
+
+@dataclass(frozen=True, eq=False)
+class Tuning:
+    """A search for gains::
+
+        tuning = Tuning.load("tune.toml")
+        tuning.run("results")
+        print(tuning.best("results").gains)
+
+    Every trial runs all runs of the plan, with the same values and random numbers. Suggestions are made one trial at a
+    time, and the runs of a trial in parallel, so that the result is the same for any number of workers.
+
+    Attributes:
+        plan: the runs of each trial, of one law.
+        gains: the gains to find, each with its range.
+        start: the file's own gains by place, which are trial 0.
+        objective, constraints: numbers of all runs of a trial.
+        search: number of trials, seed and sampler.
+        tables: the tuning file with absolute paths: ``Tuning.from_dict(tuning.tables)`` gives the same tuning.
+    """
+
+    plan: Plan
+    gains: tuple[Gain, ...]
+    start: Mapping[str, float]
+    objective: Objective
+    constraints: tuple[Constraint, ...]
+    search: Search
+    tables: dict[str, Any]
+
+    @property
+    def name(self) -> str:
+        return self.plan.name
+
+    @classmethod
+    def load(cls, tuning: str | os.PathLike, overrides: Mapping[str, Any] | None = None) -> "Tuning":
+        """Load a tuning from a TOML file, or the one of a folder where it ran.
+
+        Args:
+            overrides: dotted keys with values: of the tables objective and tune, or as for a study.
+
+        Raises:
+            InputError: the file or an override is invalid; lists every error.
+        """
+        path = Path(tuning, TUNING) if Path(tuning).is_dir() else Path(tuning)
+        if not path.is_file():
+            raise InputError(f"tuning {str(tuning)!r}: no such file, and not the folder of a tuning")
+        try:
+            tables = parsed_toml(text_of(path))
+        except (OSError, ValueError) as error:
+            raise InputError(f"{path}: not a tuning in TOML: {error}") from None
+        tables.setdefault("name", path.stem)
+        return cls.from_dict(tables, path.parent, overrides, place=str(tuning))
+
+    @classmethod
+    def from_dict(
+        cls,
+        tables: Mapping[str, Any],
+        folder: Path | None = None,
+        overrides: Mapping[str, Any] | None = None,
+        place: str = "tuning",
+    ) -> "Tuning":
+        """Make a tuning from nested tables, as TOML has them; otherwise as :meth:`load`."""
+        if not isinstance(tables, Mapping):
+            raise InputError(f"{place}: {shortened(tables)} is not a mapping of tables")
+        return cls(**fields_of(tables, folder or Path.cwd(), overrides, place))
+
+    def run(
+        self,
+        out: str | os.PathLike,
+        *,
+        workers: int | None = None,
+        executor: Executor | None = None,
+        progress: Progress | None = None,
+    ) -> None:
+        """Run the trials that a folder lacks, and write what was found. Called again after an interruption, it goes on.
+
+        The folder gets trials.parquet and, if a trial is feasible, found.toml and the study of its runs, in which the
+        engines are compared.
+
+        Args:
+            out: the folder.
+            workers: processes on this machine; default: one per core.
+            executor: in place of them, as in :meth:`uvms_mj.Study.run`.
+            progress: see :data:`Progress`. An exception that it raises ends the search.
+
+        Raises:
+            InputError: optuna is missing, the folder has another tuning, or the workers can't go on.
+            OSError: a file can't be written. Trials that were done are kept.
+        """
+        folder = Path(out)
+        folder.mkdir(parents=True, exist_ok=True)
+        with locked(folder), executor_of(executor, workers) as pool:
+            parcel = Parcel.of(self.plan)
+            about = about_of(self.plan, parcel)
+            if any((folder / name).exists() for name in (TUNING, VERSION)):
+                check_same(folder / TUNING, Tuning.load, self.tables, about, free=("tune.trials",))
+            put(folder / VERSION, lambda file: file.write(json.dumps(about, indent=1).encode()))
+            put(folder / TUNING, lambda file: file.write(tomli_w.dumps(self.tables).encode()))
+            journal = Journal(folder, self)
+            self._search(journal, parcel, pool, progress or (lambda *_: None))
+            self._write(folder, [_trial(each) for each in journal.trials], pool)
+
+    def text(self) -> list[str]:
+        """Gains, objective and constraints, one a line."""
+        units = {gain.key: unit_of(gain.key, self.plan.laws[0].scenario) for gain in self.gains}
+        lines = [
+            f"gain {gain.key}{f' [{units[gain.key]}]' if units[gain.key] else ''}: {gain.low:g} to {gain.high:g}"
+            f"{', logarithmic' if gain.log else ''}; {self.start[gain.key]:g} in the file"
+            for gain in self.gains
+        ]
+        lines.append(f"objective: {self.objective.direction} {self.objective.label}")
+        lines += [f"constraint: {each.label} {each.limits}" for each in self.constraints]
+        return [*lines, f"{self.search.trials} trials of {self.plan.runs} runs, sampler {self.search.sampler}"]
+
+    def compared(self, trials: list[Trial]) -> list[tuple[Any, ...]]:
+        """Gains, objective and constraints of some trials: rows of a name and one value a trial."""
+        names = [each.label for each in self.constraints]
+        return [
+            *((gain.key, *(each.gains[gain.key] for each in trials)) for gain in self.gains),
+            (self.objective.label, *(each.outcome.objective for each in trials)),
+            *((name, *(each.outcome.constraints[i] for each in trials)) for i, name in enumerate(names)),
+        ]
+
+    def _search(self, journal: Journal, parcel: Parcel, pool: Executor, progress: Progress) -> None:
+        best = self._best([_trial(each) for each in journal.trials])
+        shown: list[Any] = [len(journal.trials), None if best is None else best.outcome.objective]
+
+        def tick() -> None:
+            progress(shown[0], max(shown[0], self.search.trials), shown[1])
+
+        def evaluate(values: Mapping[str, float]) -> Outcome:
+            try:
+                plan = with_gains(self.plan, values)
+            except InputError as error:
+                return refused(self, error)
+            return outcome(self, rows(plan, parcel, values, pool, tick))
+
+        def done(number: int, found: Outcome) -> None:
+            shown[0] = number + 1
+            if found.state == "feasible" and (shown[1] is None or self._better(found.objective, shown[1])):
+                shown[1] = found.objective
+            tick()
+
+        tick()
+        search(self, journal, evaluate, done)
+
+    def _better(self, one: Any, other: Any) -> bool:
+        return one < other if self.objective.direction == "minimize" else one > other
+
+    def _best(self, trials: list[Trial]) -> Trial | None:
+        best = None
+        for trial in trials:
+            found = trial.outcome
+            if found.state == "feasible" and (best is None or self._better(found.objective, best.outcome.objective)):
+                best = trial
+        return best
+
+    def trials(self, folder: str | os.PathLike) -> list[Trial]:
+        """The trials of a folder, in order."""
+        return [_trial(each) for each in Journal(Path(folder), self).trials]
+
+    def best(self, folder: str | os.PathLike) -> Trial | None:
+        """The best feasible trial of a folder, the first of equal ones; None without a feasible one."""
+        return self._best(self.trials(folder))
+
+    def study_of(self, folder: str | os.PathLike, trial: Trial) -> Study:
+        """The study of a trial's runs, in its own folder."""
+        tables = {**with_gains(self.plan, trial.gains).tables, "name": f"{self.name}, trial {trial.number}"}
+        return Study(Plan.from_dict(tables), Path(folder, f"trial-{trial.number:05d}"))
+
+    def _write(self, folder: Path, trials: list[Trial], pool: Executor) -> None:
+        """Write the table of trials, the scenario with the found gains, and its study."""
+        put(folder / TRIALS, lambda file: self.frame(trials).to_parquet(file, index=False))
+        best = self._best(trials)
+        if best is None:
+            with contextlib.suppress(FileNotFoundError):
+                (folder / FOUND).unlink()
+            return
+        scenario = with_gains(self.plan, best.gains).laws[0].scenario
+        head = f"# Found by {self.name}: trial {best.number}, {self.objective.label} {best.outcome.objective!r}"
+        with whole(folder / FOUND) as part:
+            part.write_text(f"{head}\n{scenario.to_toml()}", encoding="utf-8")
+        self.study_of(folder, best).run(executor=pool)
+
+    def frame(self, trials: list[Trial]) -> "pd.DataFrame":
+        """One row a trial: its number, gains, state, message, objective, constraints, completed runs."""
+        import pandas as pd
+
+        labels = [each.label for each in self.constraints]
+        table = [
+            {"trial": each.number, **each.gains, "state": each.outcome.state, "message": each.outcome.message}
+            | {self.objective.label: each.outcome.objective}
+            | dict(zip(labels, each.outcome.constraints, strict=True))
+            | {"completed": each.outcome.completed, "runs": self.plan.runs}
+            for each in trials
+        ]
+        numbers = dict.fromkeys([self.objective.label, *labels], float)
+        return pd.DataFrame(table).astype(numbers if table else {})
+
+
+def _trial(each: Any) -> Trial:
+    """A trial of Optuna as ours."""
+    found = each.user_attrs["outcome"]
+    tuples = {name: tuple(found[name]) for name in ("constraints", "violations")}
+    return Trial(each.number, each.params, Outcome(**{**found, **tuples}))
