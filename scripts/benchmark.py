@@ -1,4 +1,4 @@
-"""Time per step and reset, gain of two threads, logging cost, memory and start-up time.
+"""Time per step of both engines, per reset and per new run; gain of two threads; cost of logs; memory; start-up time.
 
     python scripts/benchmark.py                 print tables
     python scripts/benchmark.py --json FILE     also write the same figures as JSON
@@ -34,8 +34,11 @@ from uvms_mj import McapLog, Scenario, Simulation, Trace, simulate
 from uvms_mj.analysis.metrics import AROUND_THE_END_S
 from uvms_mj.analysis.setup import set_up
 from uvms_mj.control import BUILT_IN, Gsta
+from uvms_mj.engine.engines import ENGINES
 
 CHUNK = 1000
+STEPS_OF_A_WORKER = 100_000
+AT_WALL = {"initial.position": [1.0, 0.0, 0.0], "reference.step_time": 0.0, "reference.bandwidth": 20.0}
 NUMPY_CHUNK = 100
 OWN_LAW = "gsta from a user's file"
 
@@ -43,22 +46,24 @@ OWN_LAW = "gsta from a user's file"
 class Native:
     """A Simulation that records as ``simulate`` does, advanced chunk by chunk."""
 
-    def __init__(self, scenario: Scenario, law: str, warm_up_s: float) -> None:
-        self.sim = Simulation(scenario.updated({}, controller=law))
-        self.memory = self.sim.record(row_steps=10)
-        for _ in range(round(warm_up_s / scenario.simulation.timestep / CHUNK)):
+    def __init__(self, scenario: Scenario, law: str, warm_up_s: float, engine: str = "mujoco") -> None:
+        self.sim = Simulation(scenario.updated({}, controller=law), engine=engine)
+        self.memory, self.steps = self.sim.record(row_steps=10), self.sim.chunk_steps
+        for _ in range(round(warm_up_s / scenario.simulation.timestep / self.steps)):
             self.chunk()
 
     def chunk(self) -> float:
         start = time.perf_counter()
-        self.sim.run(CHUNK, np.inf)
+        self.sim.run(self.steps, np.inf)
         self.memory.taken().copy()
         self.memory.clear()
-        return (time.perf_counter() - start) / CHUNK
+        return (time.perf_counter() - start) / self.steps
 
 
 class Bare:
     """The same model without hydrodynamics, law and recording, held in the scenario's state by constant forces."""
+
+    steps = CHUNK
 
     def __init__(self, scenario: Scenario, in_contact: bool) -> None:
         setup = set_up(scenario)
@@ -83,7 +88,7 @@ def own_law() -> str:
     """GSTA as a user's law: the same source in a separate file, so that it runs in an arena, with checks."""
     path = Path(tempfile.mkdtemp(), "own.py")
     text = inspect.getsource(inspect.getmodule(Gsta) or Gsta)
-    for relative, absolute in (("from . ", "from uvms_mj.control "), ("from .", "from uvms_mj.control.")):
+    for relative, absolute in (("from ..", "from uvms_mj."), ("from .", "from uvms_mj.control.")):
         text = text.replace(relative, absolute)
     path.write_text(text.replace('name = "gsta"', ""))
     return f"{path}:Gsta"
@@ -92,8 +97,7 @@ def own_law() -> str:
 def measure(rounds: int) -> list[dict]:
     """Rows of the table: name, state, microseconds per step, ratio to bare, real-time factor."""
     scenario = Scenario.load("push_wall")
-    at_wall = {"initial.position": [1.0, 0.0, 0.0], "reference.step_time": 0.0, "reference.bandwidth": 20.0}
-    contact = scenario.updated(at_wall)
+    contact = scenario.updated(AT_WALL)
     free = contact.updated({"wall.position": 5.0})
     rows: list[dict] = []
     for state, here in (("free", free), ("contact", contact)):
@@ -101,7 +105,9 @@ def measure(rounds: int) -> list[dict]:
         for law in BUILT_IN:
             # the impedance law reaches the paper's wall only with a target further inside
             target = [1.1, 0.0, 0.0] if law == "impedance" else [1.01, 0.0, 0.0]
-            subjects[law] = Native(here.updated({"reference.target": target}), law, warm_up_s=6.0).chunk
+            pressing = here.updated({"reference.target": target})
+            subjects[law] = Native(pressing, law, warm_up_s=6.0).chunk
+            subjects[f"{law}, free_body"] = Native(pressing, law, 6.0, "free_body").chunk
         subjects[OWN_LAW] = Native(here, own_law(), warm_up_s=6.0).chunk
         numpy_loop = NumpyLoop(here, warm_up_steps=5000)
         times: dict[str, list[float]] = {name: [] for name in (*subjects, "gsta in NumPy")}
@@ -177,33 +183,50 @@ def resets(rounds: int) -> list[dict]:
     return rows
 
 
-def threads(rounds: int) -> dict:
-    """Gain of two threads over one: two bare ``mj_step`` loops, and two simulations, in turn."""
-    scenario = Scenario.load("push_wall").updated({"wall.position": 5.0})
-    pairs: dict[str, list] = {
-        "bare": [Bare(scenario, False) for _ in range(2)],
-        "simulation": [Native(scenario, "gsta", warm_up_s=0.1) for _ in range(2)],
-    }
+def engines(rounds: int) -> list[dict]:
+    """Of bare ``mj_step`` and of GSTA in contact with each engine: steps per second of one and of two threads, in turn,
+    the gain of two over one, that gain over bare's, and the time of a new run: from a scenario to its first step."""
+    contact = Scenario.load("push_wall").updated(AT_WALL)
+    pairs: dict[str, list[Bare | Native]] = {"bare mj_step": [Bare(contact, True) for _ in range(2)]}
+    for engine in ENGINES:
+        pairs[engine] = [Native(contact, "gsta", 1.0, engine) for _ in range(2)]
     alone: dict[str, list[float]] = {name: [] for name in pairs}
     beside: dict[str, list[float]] = {name: [] for name in pairs}
+    new: dict[str, list[float]] = {engine: [] for engine in ENGINES}
 
     def work(subject: Bare | Native) -> None:
-        for _ in range(40):
+        for _ in range(STEPS_OF_A_WORKER // subject.steps):
             subject.chunk()
 
     with ThreadPoolExecutor(2) as pool:
-        for _ in range(rounds):
+        for i in range(rounds):
             for name, pair in pairs.items():
                 start = time.perf_counter()
                 work(pair[0])
                 work(pair[1])
                 middle = time.perf_counter()
                 list(pool.map(work, pair))
-                alone[name].append(middle - start)
+                alone[name].append((middle - start) / 2.0)
                 beside[name].append(time.perf_counter() - middle)
+            for engine, times in new.items():
+                scenario = contact.updated({"current.speed": 0.5 + 1e-3 * i})
+                start = time.perf_counter()
+                with Simulation(scenario, engine=engine) as sim:
+                    sim.step()
+                times.append(time.perf_counter() - start)
     # the shortest times: another process on one core halves the gain of a round
-    gains = {name: min(alone[name]) / min(beside[name]) for name in pairs}
-    return gains | {"ratio": gains["simulation"] / gains["bare"]}
+    gains = {name: 2.0 * min(alone[name]) / min(beside[name]) for name in pairs}
+    return [
+        {
+            "what": name,
+            "steps_a_second": STEPS_OF_A_WORKER / min(alone[name]),
+            "of_two_threads": 2.0 * STEPS_OF_A_WORKER / min(beside[name]),
+            "gain": gains[name],
+            "gain_over_bare": gains[name] / gains["bare mj_step"],
+            "new_run_ms": 1e3 * statistics.median(new[name]) if name in new else None,
+        }
+        for name in pairs
+    ]
 
 
 def environments(rounds: int) -> list[dict]:
@@ -363,11 +386,13 @@ def main(rounds: int, json_file: Path | None, start: bool, hour: bool) -> None:
         times = (f"{row[key]:.0f}" for key in ("reset_us", "step_us", "beside_us"))
         table.add_row(row["what"], f"{row['timestep']:g}", *times, f"{row['in_mj_step']:.0%}")
     Console().print(table)
-    gain = threads(max(3, rounds // 4))
-    Console().print(
-        f"two threads gain {gain['bare']:.2f} with bare mj_step and {gain['simulation']:.2f} with simulations: "
-        f"ratio {gain['ratio']:.3f}"
-    )
+    workers = engines(max(3, rounds // 2))
+    table = Table("engine, gsta in contact", "steps/s", "of two threads", "gain", "gain / bare's", "new run ms")
+    for row in workers:
+        numbers = [f"{row['steps_a_second']:.3g}", f"{row['of_two_threads']:.3g}"]
+        numbers += [f"{row['gain']:.2f}", f"{row['gain_over_bare']:.3f}"]
+        table.add_row(row["what"], *numbers, "" if row["new_run_ms"] is None else f"{row['new_run_ms']:.2f}")
+    Console().print(table)
     logging = logs(max(1, rounds // 5))
     table = Table("log", "run s", "added s", "load s", "MB")
     for row in logging:
@@ -389,7 +414,7 @@ def main(rounds: int, json_file: Path | None, start: bool, hour: bool) -> None:
             "steps": steps,
             "resets": resetting,
             "environments": environment,
-            "threads": gain,
+            "engines": workers,
             "logs": logging,
             "long_run": memory,
             "starts": processes,

@@ -14,7 +14,7 @@ from uvms_mj import Diverged, InputError, Scenario, Simulation, Trace, simulate
 from uvms_mj.analysis.setup import set_up
 from uvms_mj.control.rest import SteadyState
 from uvms_mj.engine.engines import refusals
-from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrices
+from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
 from uvms_mj.physics.free_body import free_acceleration, sphere_and_face, symplectic_step
 from vehicles import random_parameters, vehicle_xml
 
@@ -157,7 +157,7 @@ def tumble(timestep: float) -> tuple[float, float]:
     energy, momentum = qvel @ M_RB @ qvel, np.linalg.norm(M_RB[3:, 3:] @ qvel[3:])
     work, qacc = np.zeros(6), np.zeros(6)
     for _ in range(round(1.0 / timestep)):
-        R_WB = rotation_matrices(qpos[None, 3:])[0]
+        R_WB = rotation_matrix(qpos[3:])
         nu = np.concatenate([R_WB.T @ qvel[:3], qvel[3:]])
         free_acceleration(body, R_WB, nu, np.zeros(6), work, qacc)
         symplectic_step(qpos, qvel, qacc, timestep)
@@ -177,7 +177,7 @@ def test_a_neutral_vehicle_drifts_with_the_current():
     overrides = {"current.speed": 0.4, "wall.position": 1e3, "simulation.duration": 30.0, "simulation.timestep": 1e-3}
     with Simulation(Scenario.load("push_wall", overrides | {"wall.stiffness": 100.0}, "external"), **FREE) as sim:
         sim.step(30_000)
-        R_WB = rotation_matrices(sim.signals.quat_WB[None])[0]
+        R_WB = rotation_matrix(sim.signals.quat_WB)
         v_W, v_c = R_WB @ sim.signals.nu[:3], sim.scenario.current.velocity_W
         assert np.abs(v_W - v_c).max() < 5e-3 * sim.scenario.current.speed
 

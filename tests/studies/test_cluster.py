@@ -141,3 +141,25 @@ def test_a_missing_extra_is_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r"pip install 'uvms-mj\[cluster\]'"):
         Cluster("tcp://127.0.0.1:9")
+
+
+def test_the_batch_file_of_the_page_runs_a_study(study_file, tmp_path):
+    """With a stand-in for srun that starts two tasks."""
+    page = (MODELS.parent / "docs" / "studies.md").read_text()
+    script = page.split("```bash\n")[1].split("```")[0]
+    tools = {
+        "srun": '"$@" & "$@" & wait',
+        "hostname": "echo 127.0.0.1",
+        "dask": f'exec {sys.executable} -m dask "$@"',
+        "uvms-mj": f'exec {sys.executable} -m uvms_mj "$@"',
+    }
+    for name, line in tools.items():
+        (tmp_path / name).write_text(f"#!/bin/bash\n{line}\n")
+        (tmp_path / name).chmod(0o755)
+    study_file("mine.toml", runs=4)
+    environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "SLURM_JOB_ID": str(os.getpid())}
+    done = subprocess.run(
+        ["bash", "-c", script], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=200
+    )
+    assert done.returncode == 0, done.stderr
+    assert len(frame(tmp_path / "results")) == 8

@@ -77,6 +77,29 @@ def test_the_rows_are_the_same_for_any_number_of_workers_and_any_order(whole, st
     assert whole.frame["index"].tolist() == list(range(12))
 
 
+def test_an_executor_may_have_jobs_that_are_asked_whether_they_are_done(whole, study_file, tmp_path):
+    """As submitit's."""
+
+    class Job:
+        def __init__(self, function, arguments):
+            self.function, self.arguments, self.asked = function, arguments, 0
+
+        def done(self):
+            self.asked += 1
+            return self.asked > 1
+
+        def result(self):
+            assert self.asked > 1
+            return self.function(*self.arguments)
+
+    class Jobs:
+        def submit(self, function, *arguments):
+            return Job(function, arguments)
+
+    Study.load(study_file(runs=6)).run(tmp_path / "out", executor=Jobs())
+    same(whole.folder, tmp_path / "out")
+
+
 def test_a_study_that_is_done_runs_nothing(whole):
     class Nothing(concurrent.futures.Executor):
         def submit(self, *_, **__):

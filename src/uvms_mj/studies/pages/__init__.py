@@ -74,14 +74,18 @@ def write(path: Path, text: str) -> None:
         part.write_text(text, encoding="utf-8")
 
 
+ROUNDING = 1e-9
+"""Values below this, in SI units, come from rounding in sums over 1e5 steps."""
+
+
 def number(value: float | None, digits: int = 4) -> str:
     """Format a number with a minus sign and powers of ten; a dash for None, nan and infinity.
 
-    Values below 1e-9, in SI units, come from rounding in sums over 1e5 steps and are shown as 0.
+    Values below :data:`ROUNDING` are shown as 0.
     """
     if value is None or not np.isfinite(value):
         return "–"
-    if abs(value) < 1e-9:
+    if abs(value) < ROUNDING:
         return "0"
     if value == round(value) and abs(value) < 1e4:
         return f"{value:.0f}".replace("-", "−")

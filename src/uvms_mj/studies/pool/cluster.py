@@ -13,7 +13,7 @@ from typing import Any
 from ...errors import InputError, needs_extra
 from .workers import WorkerLost, Workers
 
-_PATIENCE_S = 10.0
+_PATIENCE_S = 30.0
 """Time in which a scheduler must answer."""
 
 

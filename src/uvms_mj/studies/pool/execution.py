@@ -80,7 +80,8 @@ class Execution:
         i = indices[0] // len(self.results.blocks[0])
         block = self._rows.setdefault(i, {})
         for row in answer:
-            block[row["index"]] = row | self.plan.run(row["index"]).values  # with this machine's paths
+            paths = self.plan.run(row["index"]).values if self.parcel.files else {}  # of this machine, not a worker's
+            block[row["index"]] = row | paths
             self.done += 1
             self.failures += row["status"] != "completed"
         if len(block) == len(self.results.blocks[i]):

@@ -18,13 +18,13 @@ FIXED = ("index", "draw", "law", "repeat", "seed", "status", "message", "steps",
 """Columns of a row besides the varied keys and the metrics."""
 PREFERRED = (
     "contact.peak_N",
-    "contact.relative_error",
-    "effort_N2s",
     "contact.final_N",
+    "effort_N2s",
     "contact.impulse_Ns",
-    "saturated_s",
     "contact.touches",
     "contact.first_s",
+    "saturated_s",
+    "contact.relative_error",
 )
 """Order of the metrics of a study whose file lists none."""
 _LOG_RATIO = 30.0
@@ -55,9 +55,9 @@ class Factor:
 
     @property
     def limits(self) -> tuple[float, float] | None:
-        """The limits of its distribution; None without."""
+        """The limits of a uniform or log-uniform distribution; otherwise None."""
         given = self.variation.parameters[0] if self.variation.parameters else {}
-        return (given["low"], given["high"]) if "low" in given else None
+        return (given["low"], given["high"]) if self.variation.distribution in ("uniform", "loguniform") else None
 
     @property
     def logarithmic(self) -> bool:
@@ -151,8 +151,10 @@ class Data:
 
     @functools.cached_property
     def varying(self) -> tuple[Metric, ...]:
-        """The metrics that are not the same in every completed run."""
-        return tuple(each for each in self.metrics if np.ptp(_finite(self.values(each))) > 0.0)
+        """The metrics that are not the same in every completed run. Those that most of these runs lack are last."""
+        found = [each for each in self.metrics if np.ptp(_finite(self.values(each))) > 0.0]
+        some = 0.5 * self.completed.sum()
+        return tuple(sorted(found, key=lambda each: np.isfinite(self.values(each)).sum() < some))
 
     def values(self, metric: Metric) -> np.ndarray:
         """Values (n,) of a metric; nan for a run that did not complete or has no such value."""

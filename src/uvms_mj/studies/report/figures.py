@@ -129,12 +129,13 @@ def scale(ax: Axes, values: np.ndarray) -> None:
 
 
 def decades(ax: Axes, name: str) -> None:
-    """Make the axis "x" or "y" logarithmic, with ticks at 1, 2 and 5 of few decades, and SI prefixes."""
+    """Make the axis "x" or "y" logarithmic, with more ticks a decade for fewer decades, and SI prefixes."""
     axis: Axis = ax.xaxis if name == "x" else ax.yaxis
     (ax.set_xscale if name == "x" else ax.set_yscale)("log")
     low, high = axis.get_data_interval()
-    few = low > 0.0 and high < 300.0 * low
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,), numticks=8))
+    span = high / low if low > 0.0 else np.inf
+    subs = (1.0, 2.0, 5.0) if span < 12.0 else (1.0, 3.0) if span < 150.0 else (1.0,)
+    axis.set_major_locator(LogLocator(subs=subs, numticks=8))
     axis.set_minor_locator(NullLocator())
     axis.set_major_formatter(EngFormatter(sep="\N{THIN SPACE}"))
 

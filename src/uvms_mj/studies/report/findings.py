@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from .data import Data
 from .paired import Paired
 from .sensitivity import SUCCESS, Sensitivities
-from .statistics import Estimate
 from .tables import Failure, signed
 
 MOST_METRICS = 2
@@ -18,25 +17,21 @@ def findings(data: Data, pairs: Sequence[Paired], found: Sensitivities, failures
     return [*_differences(data, pairs), *_influences(data, found), *_failures(failures)]
 
 
-def _apart(estimate: Estimate) -> bool:
-    """Whether an interval excludes zero."""
-    return estimate.low > 0.0 or estimate.high < 0.0
-
-
 def _differences(data: Data, pairs: Sequence[Paired]) -> list[str]:
     sentences = []
     for pair in pairs:
-        parts = []
+        parts, compared = [], pair.metrics[:MOST_METRICS]
         rate = pair.success
-        if _apart(rate):
+        if rate.low > 0.0 or rate.high < 0.0:
             low, high = (signed(100.0 * each) for each in (rate.low, rate.high))
             parts.append(f"success {signed(100.0 * rate.value)} points ({low} to {high})")
-        for metric, middle, _, _ in pair.metrics[:MOST_METRICS]:
-            if _apart(middle):
-                name, unit = metric.short, metric.unit
-                interval = f"{signed(middle.low)} to {signed(middle.high)}"
-                parts.append(f"{name} {signed(middle.value)}{f' {unit}' if unit else ''} ({interval})")
-        text = ", ".join(parts) or "no difference of success or of the first metrics is resolved"
+        for each in compared:
+            if each.matters:
+                unit = f" {each.metric.unit}" if each.metric.unit else ""
+                interval = f"{signed(each.median.low)} to {signed(each.median.high)}"
+                parts.append(f"{each.metric.short} {signed(each.median.value)}{unit} ({interval})")
+        names = ", ".join(["success", *(each.metric.short for each in compared)])
+        text = ", ".join(parts) or f"no difference above 1 % is resolved in {names}"
         sentences.append(f"{pair.second} against {pair.first}, in the same draws: {text}.")
     return sentences
 

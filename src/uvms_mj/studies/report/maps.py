@@ -23,7 +23,7 @@ from .sensitivity import SUCCESS, Sensitivities
 MOST_PAIRS, MOST_METRICS, MOST_LAWS = 3, 2, 4
 _MOST_NODES = 5000
 """Most nodes of a triangulation; more are binned."""
-_PER_CELL, _MOST_CELLS = 12, 20
+_PER_CELL, _MOST_CELLS = 8, 20
 """Runs of a law in a cell, on average; most cells along an axis."""
 _TELLING = 0.1
 """Least sensitivity of a metric to both factors of a map."""
@@ -55,7 +55,7 @@ def shown(found: Sensitivities, pair: tuple[Factor, Factor], first: bool) -> lis
 def maps(data: Data, pair: tuple[Factor, Factor], metrics: Sequence[Metric]) -> Figure:
     """Maps over a pair of factors: a row for each metric, a column for each law."""
     laws = [law for law in data.laws if len(data.rows[law])][:MOST_LAWS]
-    with styled(), mpl.rc_context({"figure.constrained_layout.wspace": 0.05}):
+    with styled(), mpl.rc_context({"figure.constrained_layout.wspace": 0.05, "hatch.linewidth": 0.4}):
         height = 0.55 + len(metrics) * min(1.75, 0.4 + 0.6 * PAGE_IN / (len(laws) + 0.5))
         figure = Figure(figsize=(PAGE_IN, height))
         axes = figure.subplots(len(metrics), len(laws), squeeze=False, sharex=True, sharey=True)
@@ -166,8 +166,7 @@ def _unit(values: np.ndarray, log: bool) -> np.ndarray:
 def _cells(ax: Axes, table: pd.DataFrame, pair: tuple[Factor, Factor], scale: Colours, middle: str) -> Any:
     """Medians in cells with about the same number of runs, hatched where fewer than half of the runs succeed."""
     most = int(np.clip(np.sqrt(len(table) / _PER_CELL), 3, _MOST_CELLS))
-    logarithms = [factor.logarithmic for factor in pair]
-    binned = [_edges(table[name].to_numpy(), most, log) for name, log in zip("xy", logarithms, strict=True)]
+    binned = [_edges(table[name].to_numpy(), most, factor) for name, factor in zip("xy", pair, strict=True)]
     edges, codes = [each for each, _ in binned], [each for _, each in binned]
     cells = table.groupby([codes[0], codes[1]]).agg({"value": middle, "success": "mean"})
     medians = np.full((len(edges[1]) - 1, len(edges[0]) - 1), np.nan)
@@ -187,18 +186,19 @@ def _hatch(ax: Axes, outlines: Sequence[Any]) -> None:
         ax.add_collection(PolyCollection(outlines, facecolors="none", edgecolors="black", hatch=_HATCH, linewidths=0.0))
 
 
-def _edges(values: np.ndarray, most: int, log: bool) -> tuple[np.ndarray, np.ndarray]:
+def _edges(values: np.ndarray, most: int, factor: Factor) -> tuple[np.ndarray, np.ndarray]:
     """Edges of at most ``most`` bins with about the same number of values (n,), and the bin (n,) of each. Few distinct
     values have a bin each."""
-    if log:
-        edges, codes = _edges(np.log(values), most, False)
-        return np.exp(edges), codes
+    values = np.log(values) if factor.logarithmic else values
     distinct = np.unique(values)
     if len(distinct) <= most:
         middles = (distinct[1:] + distinct[:-1]) / 2.0
-        step = np.diff(distinct, prepend=distinct[0] - 1.0 if len(distinct) == 1 else 2.0 * distinct[0] - distinct[1])
-        edges = np.r_[distinct[0] - step[0] / 2.0, middles, distinct[-1] + step[-1] / 2.0]
+        first, last = (middles[0], middles[-1]) if len(middles) else (distinct[0] - 0.5, distinct[0] + 0.5)
+        edges = np.r_[2.0 * distinct[0] - first, middles, 2.0 * distinct[-1] - last]
     else:
         edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, most + 1)))
     codes = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
+    edges = np.exp(edges) if factor.logarithmic else edges
+    if factor.limits is not None:
+        edges[[0, -1]] = factor.limits
     return edges, codes

@@ -5,12 +5,31 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..pages import ROUNDING
 from .data import Data, Metric
 from .statistics import Estimate, difference_of_rates, median
 
 MOST_METRICS = 4
 MOST_LAWS = 3
 """Up to this many laws, each pair is compared; of more laws, each with the first."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Difference of a metric between two laws: the median over the draws that both completed, the share of draws in
+    which the second law's value is smaller, the number of draws, and the median size of the first law's values."""
+
+    metric: Metric
+    median: Estimate
+    smaller: float
+    draws: int
+    size: float
+
+    @property
+    def matters(self) -> bool:
+        """Whether the interval excludes zero, and the difference is at least 1 % of the values and not rounding."""
+        apart = self.median.low > 0.0 or self.median.high < 0.0
+        return apart and abs(self.median.value) >= max(0.01 * self.size, ROUNDING)
 
 
 @dataclass(frozen=True)
@@ -21,8 +40,6 @@ class Paired:
         draws: in which every run of both is done.
         success: difference of the success rates.
         only_first, only_second: draws in which more runs of this law than of the other succeed.
-        metrics: each with the median of its differences, the share of draws in which that of ``second`` is smaller,
-            and the number of draws in which both completed.
     """
 
     first: str
@@ -31,7 +48,7 @@ class Paired:
     success: Estimate
     only_first: int
     only_second: int
-    metrics: tuple[tuple[Metric, Estimate, float, int], ...]
+    metrics: tuple[Difference, ...]
 
 
 def paired(data: Data) -> list[Paired]:
@@ -50,11 +67,13 @@ def _compared(data: Data, first: str, second: str) -> Paired | None:
     metrics = []
     for metric in data.varying[:MOST_METRICS]:
         values = data.values(metric)
-        change = data.by_draw(second, values) - data.by_draw(first, values)
-        change = change[np.isfinite(change)]
-        found = median(change)
+        before = data.by_draw(first, values)
+        change = data.by_draw(second, values) - before
+        both = np.isfinite(change)
+        found = median(change[both])
         if found is not None:
-            metrics.append((metric, found, float((change < 0.0).mean()), len(change)))
+            size = float(np.median(np.abs(before[both])))
+            metrics.append(Difference(metric, found, float((change[both] < 0.0).mean()), int(both.sum()), size))
     return Paired(
         first,
         second,

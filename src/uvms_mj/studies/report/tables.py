@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..pages import Table, number
+from ..pages import ROUNDING, Table, number
 from ..plan.success import COMPLETED
 from .data import Data, Metric
 from .paired import Paired
@@ -110,21 +110,17 @@ def differences(data: Data, pairs: Sequence[Paired]) -> list[Table]:
                 [pair.draws, scaled[0], f"{scaled[1]} to {scaled[2]}", f"{worse} draws; larger in {better}"],
             )
         ]
-        for metric, middle, smaller, draws in pair.metrics:
-            interval = f"{signed(middle.low)} to {signed(middle.high)}"
-            rows.append(
-                (
-                    f"{metric.label}, median",
-                    [draws, signed(middle.value), interval, f"{100.0 * smaller:.0f} % of draws"],
-                )
-            )
+        for each in pair.metrics:
+            interval = f"{signed(each.median.low)} to {signed(each.median.high)}"
+            cells = [each.draws, signed(each.median.value), interval, f"{100.0 * each.smaller:.0f} % of draws"]
+            rows.append((f"{each.metric.label}, median", cells))
         found.append(Table(f"{pair.second} minus {pair.first}", heads, rows))
     return found
 
 
 def signed(value: float) -> str:
     """A difference with three digits and its sign."""
-    return ("+" if value > 0.0 else "") + short(value)
+    return ("+" if value >= ROUNDING else "") + short(value)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,93 @@
+"""The check of the engines: which runs are repeated, what is compared."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from short_study import study_text
+from uvms_mj import Study
+from uvms_mj.studies import check
+
+
+@pytest.fixture
+def plan(tmp_path):
+    (tmp_path / "s.toml").write_text(study_text(runs=1000, engine="auto"))
+    return Study.load(tmp_path / "s.toml").plan
+
+
+def rows(number, **columns):
+    index = np.arange(number)
+    given = {"index": index, "status": "completed", "engine": "free_body", "peak": np.sin(index), "settled": True}
+    return pd.DataFrame(given | columns)
+
+
+@pytest.mark.parametrize(("number", "least"), [(3, 3), (40, 5), (2000, 20)])
+def test_one_run_in_a_hundred_is_repeated_at_least_five_and_the_worst(plan, number, least):
+    frame = rows(number)
+    chosen = check.sample(plan, frame)
+    assert least <= len(chosen) <= least + 1
+    assert chosen == sorted(set(chosen)) == check.sample(plan, frame)
+    assert frame["peak"].idxmax() in chosen
+
+
+def test_only_completed_or_diverged_runs_of_free_body_are_repeated(plan):
+    frame = rows(100)
+    frame.loc[::2, "engine"] = "mujoco"
+    frame.loc[1::4, "status"] = "failed"
+    assert set(check.sample(plan, frame)) <= set(range(3, 100, 4))
+    assert check.sample(plan, rows(100, engine="mujoco")) == []
+
+
+def numbers(**other):
+    found = {
+        "status": "completed",
+        "contact.touches": 3,
+        "contact.settled": True,
+        "contact.final_N": 1.5,
+        "contact.peak_N": 20.0,
+        "final.position_m": [1.0, 0.0, 0.0],
+    }
+    return found | {key.replace("__", "."): value for key, value in other.items()}
+
+
+def compared(plan, ours, theirs):
+    found = check.differences(plan, [0], {(0, "free_body"): ours, (0, "mujoco"): theirs})
+    return dict(zip(found["number"], found["difference"], strict=True)), bool(found["within"].all())
+
+
+def test_equal_runs_have_no_difference(plan):
+    differences, within = compared(plan, numbers(), numbers())
+    assert within
+    assert set(differences.values()) == {0.0}
+    assert list(differences) == [
+        "status",
+        *(f"final.position_m.{a}" for a in "xyz"),
+        "contact.final_N",
+        "contact.peak_N",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("other", "number", "difference"),
+    [
+        ({"contact__final_N": 1.503}, "contact.final_N", 0.003 / 1.503),
+        ({"contact__peak_N": 20.1}, "contact.peak_N", 0.1 / 20.1),
+        ({"final__position_m": [1.0, -0.002, 0.0]}, "final.position_m.y", 0.002),
+        ({"status": "unstable"}, "status", math.inf),
+    ],
+)
+def test_a_difference_beyond_the_tolerance_is_found(plan, other, number, difference):
+    differences, within = compared(plan, numbers(), numbers(**other))
+    assert differences[number] == pytest.approx(difference)
+    assert not within
+
+
+def test_what_rounding_decides_is_not_compared(plan):
+    bounced = numbers(contact__touches=4, contact__peak_N=25.0, contact__settled=False, contact__final_N=1.0)
+    differences, within = compared(plan, numbers(), bounced)
+    assert within
+    assert not {"contact.peak_N", "contact.final_N"} & set(differences)
+    diverged = numbers(status="unstable", final__position_m=[9.0, 9.0, 9.0])
+    assert compared(plan, numbers(status="unstable"), diverged) == ({"status": 0.0}, True)
