@@ -132,7 +132,7 @@ _SENTENCES = {
     **dict.fromkeys(("float_type", "float_parsing", "finite_number"), "is not a finite number"),
     **dict.fromkeys(("tuple_type", "list_type"), "is not a list of numbers"),
     **dict.fromkeys(("bool_type", "bool_parsing"), "is not true or false"),
-    "dataclass_type": "is not a table",
+    **dict.fromkeys(("dataclass_type", "dict_type"), "is not a table"),
     "missing": "lacks this key",
     "greater_than": "must be greater than {gt:g}",
     "greater_than_equal": "must be at least {ge:g}",

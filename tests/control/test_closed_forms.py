@@ -74,10 +74,11 @@ CASES = {
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("engine", ["mujoco", "free_body"])
 @pytest.mark.parametrize("case", CASES)
-def test_a_settled_run_rests_where_the_closed_form_says(case):
+def test_a_settled_run_rests_where_the_closed_form_says(case, engine):
     law, overrides = CASES[case]
-    trace = simulate(Scenario.load("push_wall", overrides, law))
+    trace = simulate(Scenario.load("push_wall", overrides, law), engine=engine)
     analytic, (force, settled) = trace.analytic, final_force(trace)
     assert isinstance(analytic, SteadyState), analytic
     assert settled

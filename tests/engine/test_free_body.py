@@ -44,7 +44,7 @@ def close(scenario: Scenario) -> dict:
     assert found["status"] == "completed/completed"
     if not found["chatters"]:
         assert found["position_m"] < 1e-6
-        assert found["rest"] < 1e-9 if "rest" in found else True
+        assert found["rest"] < max(1e-9, found["unrest"]) if "rest" in found else True
     assert found["peak_and_thrust"] < 1e-4 if "peak_and_thrust" in found else True
     return found
 
@@ -61,10 +61,11 @@ def test_random_scenarios_are_those_of_mujoco():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("law", "target"), [("impedance", 1.1), ("fosm", 1.01)])
-def test_the_force_at_rest_is_that_of_mujoco(law, target):
-    overrides = {"wall.damping": 20.0, "reference.target": [target, 0.0, 0.0], "simulation.duration": 14.0}
-    assert "rest" in close(Scenario.load("push_wall", overrides, law))
+@pytest.mark.parametrize(("law", "own"), [("impedance", {}), ("fosm", {"controller.epsilon": 5e-2})])
+def test_the_force_at_rest_is_that_of_mujoco(law, own):
+    """Its mean over the last 0.5 s. The tolerance of MuJoCo's solver leaves a variation of the force of up to 1e-7."""
+    overrides = {"wall.damping": 200.0, "reference.target": [1.1, 0.0, 0.0], "simulation.duration": 18.0}
+    assert close(Scenario.load("push_wall", overrides | own, law))["rest"] < 1e-9
 
 
 @pytest.mark.parametrize("seed", range(12))

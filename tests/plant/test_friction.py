@@ -158,7 +158,8 @@ def test_the_contact_never_gives_back_more_energy_than_its_spring_holds(seed):
 @pytest.mark.slow
 @pytest.mark.parametrize("mu", [0.05, 0.5])
 @pytest.mark.parametrize("speed", [0.05, 0.4])
-def test_gsta_slides_along_the_wall_without_spikes(mu, speed):
+@pytest.mark.parametrize("engine", ["mujoco", "free_body"])
+def test_gsta_slides_along_the_wall_without_spikes(mu, speed, engine):
     """The vehicle pushes with 7.5 N and slides: it stays in contact, F_t/F_n = mu, the impact has the peak force."""
     ramp = [{"time": 8.0 + 0.1 * i, "position": [1.05, speed * 0.1 * (i + 1), 0.0]} for i in range(40)]
     overrides = {
@@ -166,7 +167,7 @@ def test_gsta_slides_along_the_wall_without_spikes(mu, speed):
         "wall.friction": mu,
         "simulation.duration": 12.0,
     }
-    trace = simulate(Scenario.load("push_wall", overrides))
+    trace = simulate(Scenario.load("push_wall", overrides), engine=engine)
     settled, slides = trace.t > 7.5, (trace.t > 10.0) & (trace.t < 11.5)
     f = trace.f_contact_W
     assert np.abs(trace.nu[slides, 1]).min() > 0.75 * speed

@@ -30,7 +30,18 @@ def test_a_header_of_format_1_is_read(tmp_path):
     assert read.scenario.task == trace.scenario.task
     assert read.sources == now.sources
     assert read.law.code == LAW
-    with pytest.raises(InputError, match=r"log format 3, which .* or later reads; this version reads formats 1 to 2"):
-        header_of(files | {"run.json": json.dumps(run | {"format": 3}).encode()})
+    with pytest.raises(InputError, match=r"log format 4, which .* or later reads; this version reads formats 1 to 3"):
+        header_of(files | {"run.json": json.dumps(run | {"format": 4}).encode()})
     with pytest.raises(InputError, match=r"run\.json: stages\.controller: 1 is not a table"):
         header_of(files | {"run.json": json.dumps(run | {"law": 1}).encode()})
+
+
+def test_a_header_of_format_2_has_no_engine():
+    """Then MuJoCo was the only one."""
+    trace = simulate(Scenario.load("push_wall", {"simulation.duration": 0.01}), engine="free_body")
+    files = header_files(trace.header)
+    run = json.loads(files["run.json"])
+    assert (run.pop("engine"), header_of(files).engine) == ("free_body", "free_body")
+    old = header_of(files | {"run.json": json.dumps(run | {"format": 2}).encode()})
+    assert old.engine == "mujoco"
+    assert old.scenario.to_dict() == header_of(files).scenario.to_dict()

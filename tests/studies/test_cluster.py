@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from pandas.testing import assert_frame_equal
 
-from command import run
+from command import COMMAND, run
 from uvms_mj import InputError, Study
 from uvms_mj.studies.pool.cluster import Cluster
 from uvms_mj.studies.results import frame
@@ -128,6 +128,25 @@ def test_a_worker_with_other_code_is_refused_in_one_line(dask, study_file, tmp_p
     with pytest.raises(InputError, match=r"a worker has other code than this machine: sources \w+ there, 0+ here"):
         Study.load(study_file(runs=2)).run(tmp_path / "out", executor=executor)
     executor.shutdown()
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_ends_is_one_line_and_the_study_goes_on_elsewhere(study_file, tmp_path):
+    cluster = Dask(tmp_path)
+    path, folder = study_file(runs=200), tmp_path / "out"
+    options = ("-o", str(folder), "-q", "--scheduler", cluster.address)
+    process = subprocess.Popen([*COMMAND, "study", str(path), *options], stderr=subprocess.PIPE, text=True)
+    end = time.monotonic() + 100.0
+    while not list(folder.glob("rows/part-*")) and time.monotonic() < end:
+        time.sleep(0.05)
+    cluster.end()
+    said = process.communicate(timeout=100)[1]
+    assert process.returncode == 2
+    assert said.startswith("error: the workers can't go on: ")
+    assert "the same command goes on" in said
+    assert len(said.splitlines()) == 1
+    Study.load(path, {"design.runs": 200}).run(folder)
+    assert len(frame(folder)) == 400
 
 
 def test_no_scheduler_is_one_line(study_file, tmp_path):

@@ -2,6 +2,7 @@
 
 import itertools
 import tomllib
+from random import Random
 
 import numpy as np
 import pytest
@@ -117,6 +118,17 @@ def test_the_overrides_of_a_run_make_its_scenario_from_the_base(several):
         assert scenario.impedance.K_d == (150.0, 1500.0, 1500.0, 50.0, values["impedance.K_d[4]"], 50.0)
         assert scenario.simulation.duration == values["simulation.duration"]
         assert scenario.simulation.seed == run.seed
+
+
+def test_thruster_positions_vary_by_component_once_the_base_has_them():
+    text = KEY + 'key = "vehicle.thruster_offset[2][1]"\ndistribution = "normal"\nmean = 0\ndeviation = 0.01'
+    text += "\n[design]\nruns = 4"
+    assert "give it a value in [base]" in faults(text)["vary[0]"]
+    moved = plan(text.replace("[[vary]]", "[base.vehicle]\nthruster_offset = [" + "[0, 0, 0]," * 6 + "]\n[[vary]]"))
+    assert moved.units == {"vehicle.thruster_offset[2][1]": "m"}
+    for index in range(4):
+        offsets = moved.scenario(index).vehicle.thruster_offset
+        assert offsets == tuple((0.0, moved.points[index][0] if i == 2 else 0.0, 0.0) for i in range(6))
 
 
 def test_a_law_has_its_own_settings_and_its_own_keys(several):
@@ -272,6 +284,8 @@ KEY = '[base]\nscenario = "push_wall"\n[[vary]]\n'
         ),
         ('laws = ["external"]\n' + KEY + 'key = "wall.damping"\nvalues = [1.0]', "laws[0].name", "another law"),
         ("laws = []\n[base]", "laws", "is empty"),
+        ('laws = "gsta"\n[base]', "laws", "must be a list of laws"),
+        ('base = "push_wall"', "base", "is not a table"),
         ('laws = ["gsta"]', "base", "lacks this key"),
         ('[base]\nscenario = "push_wal"', "base", "did you mean 'push_wall'?"),
         ('[base]\n[keep]\nlogs = {kind = "listed", indices = [0, 1]}', "keep.logs.indices[1]", "no run 1"),
@@ -338,6 +352,53 @@ def test_files_are_found_beside_the_study_and_kept_with_absolute_paths(tmp_path,
     monkeypatch.chdir(folder)
     (folder / "base.toml").unlink()
     assert Plan.from_dict(loaded.tables).tables == loaded.tables
+
+
+ODD = [
+    None,
+    True,
+    -1,
+    1e300,
+    float("nan"),
+    "x",
+    "wall.stiffness",
+    "a.b[0]",
+    [],
+    [[]],
+    {},
+    {"a": 1},
+    10**30,
+    b"x",
+    [None],
+]
+
+
+def places(tables, way=()):
+    """The way to every value of nested tables and lists."""
+    items = tables.items() if isinstance(tables, dict) else enumerate(tables) if isinstance(tables, list) else ()
+    for key, value in items:
+        yield (*way, key)
+        yield from places(value, (*way, key))
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_mutated_file_is_a_plan_or_an_input_error(seed):
+    rng = Random(seed)
+    tables = tomllib.loads(rng.choice([LEAST, SEVERAL]))
+    *way, last = rng.choice(list(places(tables)))
+    inner = tables
+    for key in way:
+        inner = inner[key]
+    if rng.random() < 0.3:
+        del inner[last]
+    else:
+        inner[last] = rng.choice(ODD)
+    try:
+        mutated = Plan.from_dict(tables)
+    except InputError:
+        return
+    assert Plan.from_dict(mutated.tables).tables == mutated.tables
+    assert [mutated.run(i).index for i in range(mutated.runs)] == list(range(mutated.runs))
 
 
 def test_a_study_that_is_not_there_or_not_toml(tmp_path):

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,14 +13,41 @@ from synthetic_study import VARY, frame_of, plan_of, pushes
 from uvms_mj import InputError
 from uvms_mj.studies.report import page
 from uvms_mj.studies.report.data import Data, spans_decades
-from uvms_mj.studies.report.figures import cumulative, success_rates
-from uvms_mj.studies.report.maps import pairs
+from uvms_mj.studies.report.figures import cumulative, scale, success_rates
+from uvms_mj.studies.report.maps import _edges, maps, pairs, shown
 from uvms_mj.studies.report.paired import paired
 from uvms_mj.studies.report.sensitivity import SUCCESS, sensitivities
 from uvms_mj.studies.report.statistics import difference_of_rates, median, rank_correlation, rate
 
+MODEL = Path(__file__).parents[2] / "models" / "bluerov1.xml"
+LAW = """
+from dataclasses import dataclass
+
+from uvms_mj import Fosm
+
+
+@dataclass(frozen=True)
+class Mine(Fosm):
+    pass
+"""
 KEYS = ("wall.stiffness", "current.speed", "estimates.inertia")
 UNIFORM = [{"key": key, "distribution": "uniform", "low": 0.1, "high": 1.0} for key in KEYS]
+
+
+SPEEDS = {"key": "current.speed", "low": 0.0, "high": 0.5, "number": 5}
+STIFFNESSES = {"key": "wall.stiffness", "low": 2e4, "high": 2e5, "number": 4, "spacing": "log"}
+TARGETS = {"keys": ["reference.target[0]", "wall.position"], "values": [[1.0, 1.1], [2.0, 2.1], [3.0, 3.3]]}
+INTEGRATORS = {"key": "simulation.integrator", "values": ["euler", "implicitfast"]}
+GAINS = {"key": "controller.k_1", "low": 1.0, "high": 9.0, "number": 3, "laws": ["gsta"]}
+DESIGNS = {
+    "nothing": [],
+    "one key": [VARY[0]],
+    "a grid with two values": [STIFFNESSES, {"key": "current.speed", "values": [0.1, 0.3]}],
+    "a grid": [STIFFNESSES, SPEEDS],
+    "texts": [INTEGRATORS, STIFFNESSES],
+    "keys together": [TARGETS],
+    "one law only": [GAINS, SPEEDS],
+}
 
 
 def words(text):
@@ -173,6 +201,17 @@ def test_runs_without_a_value_lower_the_distribution_instead_of_leaving_it():
     assert tops == {data.colours["gsta"]: 1.0, data.colours["fosm"]: 0.75}
 
 
+def test_a_run_far_away_is_counted_and_does_not_flatten_the_others(rng):
+    from matplotlib.figure import Figure
+
+    ax = Figure().subplots()
+    scale(ax, np.r_[rng.uniform(-1.0, 1.0, 100), 500.0, np.nan])
+    low, high = ax.get_xlim()
+    assert -2.0 < low < -0.9
+    assert 0.9 < high < 2.0
+    assert ax.get_title(loc="right") == "1 run beyond"
+
+
 # Laws in the same draws
 
 
@@ -262,6 +301,51 @@ def test_axes_of_results_are_logarithmic_where_they_span_decades():
     assert not spans_decades(np.array([np.nan]))
 
 
+def hatched(figure):
+    """Whether each map of a figure has a hatched region, row by row."""
+    return [
+        any(each.get_hatch() or getattr(each, "hatches", [None])[0] for each in ax.collections) for ax in figure.axes
+    ]
+
+
+@pytest.mark.parametrize("kind", ["grid", "latin_hypercube"])
+def test_the_region_of_failures_is_hatched(kind):
+    if kind == "grid":
+        plan = plan_of([STIFFNESSES, SPEEDS], laws=("gsta", "fosm"))
+    else:
+        plan = plan_of(laws=("gsta", "fosm"), kind=kind, runs=400)
+
+    def row(given):
+        lost = (given["law"] == "fosm") & (given["current.speed"] > 0.3)
+        peak = given["wall.stiffness"] * (1.0 + given["current.speed"])
+        status = np.where(lost, "unstable", "completed")
+        return {"contact.peak_N": np.where(lost, np.nan, peak), "contact.settled": ~lost, "status": status}
+
+    data = Data(plan, frame_of(plan, row))
+    found = sensitivities(data)
+    (pair, *_) = pairs(found)
+    metrics = shown(found, pair, first=True)
+    assert [metric.name for metric in metrics] == ["success", "contact.peak_N"]
+    figure = maps(data, pair, metrics)
+    assert hatched(figure)[:4] == [False, True, False, True]  # gsta, fosm; below success, the peak
+    assert {ax.get_xscale() for ax in figure.axes[:4]} == {"log"}
+    assert {ax.get_yscale() for ax in figure.axes[:4]} == {"linear"}
+
+
+@pytest.mark.parametrize("most", [3, 10])
+def test_cells_have_about_the_same_number_of_runs(rng, most):
+    plan = plan_of([VARY[0]], laws=("gsta",), runs=500)
+    data = Data(plan, frame_of(plan, lambda given: {"contact.peak_N": given["draw"]}))
+    (factor,) = data.factors
+    values = data.of(factor)
+    edges, codes = _edges(values, most, factor)
+    assert (edges[0], edges[-1]) == factor.limits == (2e4, 2e5)
+    assert np.all((edges[codes] <= values) & (values <= edges[codes + 1]))
+    counts = np.bincount(codes)
+    assert len(counts) == most
+    assert np.ptp(counts) <= 2
+
+
 # The page
 
 SECTIONS = ("laws", "distributions", "maps", "sensitivity", "differences", "failures", "runs", "quantiles", "study")
@@ -325,6 +409,24 @@ def test_names_are_text_wherever_they_are(few, place):
     assert HOSTILE in "".join(complete_by_itself(text).text).replace("'\"'\"'", "'")
 
 
+def test_no_folder_of_the_user_is_on_the_page(tmp_path):
+    paths = []
+    for name in ("one.xml", "two.xml"):
+        paths.append(tmp_path / "secret" / name)
+        paths[-1].parent.mkdir(exist_ok=True)
+        paths[-1].write_bytes(MODEL.read_bytes())
+    law = tmp_path / "secret" / "law.py"
+    law.write_text(LAW)
+    vary = [{"key": "vehicle.model", "values": [str(path) for path in paths]}]
+    plan = plan_of(vary, laws=("gsta", f"{law}:Mine"))
+    text = page(plan, frame_of(plan, lambda given: {"contact.peak_N": given["index"]}), "out")
+    flat = words(text)
+    assert "secret" not in text
+    assert "Mine: law.py:Mine" in flat
+    assert "2 values: one.xml, two.xml" in flat
+    assert "vehicle.model two.xml" in flat
+
+
 @pytest.mark.parametrize("rows", [0, 1, 5, 30])
 def test_a_study_that_is_not_done_has_a_page(few, rows):
     plan, frame = few
@@ -339,22 +441,6 @@ def test_a_study_all_of_whose_runs_failed_has_a_page(few):
     flat = words(page(plan, lost.assign(**dict.fromkeys(metrics))))
     assert "No metric differs between the completed runs." in flat
     assert "40 runs did not complete" in flat
-
-
-SPEEDS = {"key": "current.speed", "low": 0.0, "high": 0.5, "number": 5}
-STIFFNESSES = {"key": "wall.stiffness", "low": 2e4, "high": 2e5, "number": 4, "spacing": "log"}
-TARGETS = {"keys": ["reference.target[0]", "wall.position"], "values": [[1.0, 1.1], [2.0, 2.1], [3.0, 3.3]]}
-INTEGRATORS = {"key": "simulation.integrator", "values": ["euler", "implicitfast"]}
-GAINS = {"key": "controller.k_1", "low": 1.0, "high": 9.0, "number": 3, "laws": ["gsta"]}
-DESIGNS = {
-    "nothing": [],
-    "one key": [VARY[0]],
-    "a grid with two values": [STIFFNESSES, {"key": "current.speed", "values": [0.1, 0.3]}],
-    "a grid": [STIFFNESSES, SPEEDS],
-    "texts": [INTEGRATORS, STIFFNESSES],
-    "keys together": [TARGETS],
-    "one law only": [GAINS, SPEEDS],
-}
 
 
 @pytest.mark.parametrize("vary", DESIGNS.values(), ids=DESIGNS)

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pandas as pd
 import pyarrow as pa
@@ -18,6 +19,7 @@ from command import COMMAND, run
 from short_study import study_text
 from uvms_mj import InputError, Study
 from uvms_mj.studies import results
+from uvms_mj.studies.pool.execution import kept
 from uvms_mj.studies.pool.workers import WorkerLost, Workers
 
 METRICS = """
@@ -274,6 +276,16 @@ def test_the_logs_that_are_kept_are_those_of_the_rows(study_file, tmp_path, kind
         trace = Trace.load(log)
         assert trace.force_peak[-1] == frame["contact.peak_N"][index] or kind == "failed"
         assert trace.p_WB[-1, 0] == frame["final.position_m.x"][index] or kind == "failed"
+
+
+@pytest.mark.parametrize(
+    ("metric", "worst"), [("a", [2, 0]), ("v", [1, 2]), ("path/m.py:f", [0, 1]), ("flag", [1, 0]), ("text", [])]
+)
+def test_the_worst_runs_have_the_largest_metric(metric, worst):
+    rows = pd.DataFrame({"index": [0, 1, 2], "a": [1.0, None, 2.0], "v.x": [0.0, -3.0, 1.0], "v.y": [1.0, 0.0, 2.0]})
+    rows = rows.assign(**{"f.one": [5.0, 1.0, None], "flag": [False, True, None], "text": ["a", "b", None]})
+    plan = SimpleNamespace(logs=SimpleNamespace(kind="worst", metric=metric, k=2))
+    assert kept(plan, rows) == worst
 
 
 def alive(marker: str) -> list[str]:

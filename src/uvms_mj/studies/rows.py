@@ -53,7 +53,8 @@ def one_row(plan: "Plan", index: int, engine: str | None = None) -> dict[str, An
 def lost_row(plan: "Plan", index: int, engine: str | None = None) -> dict[str, Any]:
     """The row of a run that ended its workers."""
     row = _begun(plan, index)
-    row |= {"status": "lost", "message": "three worker processes ended during this run, e.g. by a crash or for memory"}
+    why = "e.g. by a crash, for want of memory, or by the time limit"
+    row |= {"status": "lost", "message": f"three worker processes ended during this run, {why}"}
     return row | {"engine": engine or plan.engine} | _no_metrics(plan)
 
 

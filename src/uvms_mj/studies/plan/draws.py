@@ -97,7 +97,8 @@ def variation(vary: Vary, place: str, faults: list[Fault]) -> Variation | None:
             found.append(Fault(where, str(error)))
     if vary.laws == []:
         found.append(Fault(f"{place}.laws", "is empty; leave it out for all laws"))
-    levels, parameters = _levels(vary, len(keys), place, found), _parameters(vary, len(keys), place, found)
+    n = max(1, len(keys))
+    levels, parameters = _levels(vary, n, place, found), _parameters(vary, n, place, found)
     if found:
         faults += found
         return None
@@ -162,7 +163,9 @@ def _per_key(vary: Vary, name: str, n: int, place: str, faults: list[Fault]) -> 
     elif not isinstance(value, list):
         return [value] * n
     elif len(value) != n:
-        faults.append(Fault(f"{place}.{name}", f"has {len(value)} numbers; give one, or {n}, one a key"))
+        faults.append(
+            Fault(f"{place}.{name}", f"has {len(value)} numbers; give one" + (f", or {n}, one a key" if n > 1 else ""))
+        )
     else:
         return value
     return [math.nan] * n

@@ -1,6 +1,7 @@
 """Places of numbers in a scenario: a dotted key, or a component of one, ``initial.position[0]``."""
 
 import copy
+import difflib
 import re
 from collections.abc import Mapping
 from typing import Any
@@ -45,14 +46,16 @@ def missing(place: str, tables: Mapping[str, Any]) -> str:
         return ""
     table, _, word = key.partition(".")
     if table not in tables:
-        return f"no table {table!r}; {suggestion(table, tables)}"
+        return f"no table {table!r}; {suggestion(table, (t for t in tables if isinstance(tables[t], dict)))}"
     if word not in tables[table]:
-        return f"{key} has no components in the base scenario; {suggestion(word, tables[table])}"
+        close = difflib.get_close_matches(word, tables[table], 1)
+        hint = f"did you mean {close[0]!r}?" if close else "give it a value in [base] to vary a component"
+        return f"{key} has no components in the base scenario; {hint}"
     inner, seen = tables[table][word], key
     for part in parts:
         if isinstance(part, int) and isinstance(inner, list):
             if part >= len(inner):
-                return f"{seen} has {len(inner)} components, [0] to [{len(inner) - 1}]"
+                return f"{seen} has {len(inner)} components{f', [0] to [{len(inner) - 1}]' if inner else ''}"
             inner, seen = inner[part], f"{seen}[{part}]"
         elif isinstance(inner, Mapping) and part in inner:
             inner, seen = inner[str(part)], f"{seen}.{part}"

@@ -45,15 +45,34 @@ def _number_or_one_a_key(value: Any) -> Any:
 
 Bound = Annotated[Any, BeforeValidator(_number_or_one_a_key)]
 """A number, or one a key for keys that move together."""
+
+
+def _list_of(what: str) -> BeforeValidator:
+    """A validator of lists; ``what`` is the word for their items in its message."""
+
+    def check(value: Any) -> Any:
+        if value is not None and not isinstance(value, list | tuple):
+            raise ValueError(f"must be a list of {what}")
+        return value
+
+    return BeforeValidator(check)
+
+
 _Count = Annotated[int, Field(strict=True, ge=1, le=10_000_000)]
 
 
 @dataclass(frozen=True, config=STRICT)
 class Vary:
     key: str | None = doc("dotted key that varies, or a component of one, initial.position[0]", None)
-    keys: list[str] | None = doc("several that move together, in place of key", None)
-    laws: list[str] | None = doc("labels of the laws for which it varies; default: all", None)
-    values: list[Any] | None = doc("values; of keys that move together, lists with one value a key", None)
+    keys: Annotated[list[str] | None, _list_of("dotted keys")] = doc(
+        "several that move together, in place of key", None
+    )
+    laws: Annotated[list[str] | None, _list_of("labels")] = doc(
+        "labels of the laws for which it varies; default: all", None
+    )
+    values: Annotated[list[Any] | None, _list_of("values")] = doc(
+        "values; of keys that move together, lists with one value a key", None
+    )
     low: Bound = doc("least value", None)
     high: Bound = doc("greatest value", None)
     number: Annotated[int, Field(strict=True, ge=2, le=10_000_000)] | None = doc("points of a grid, low to high", None)
@@ -83,12 +102,14 @@ class Logs:
     kind: Literal["none", "failed", "worst", "listed"] = "none"
     k: _Count | None = None
     metric: str | None = None
-    indices: list[Annotated[int, Field(strict=True, ge=0)]] = dataclasses.field(default_factory=list)
+    indices: Annotated[list[Annotated[int, Field(strict=True, ge=0)]], _list_of("indices of runs")] = dataclasses.field(
+        default_factory=list
+    )
 
 
 @dataclass(frozen=True, config=STRICT)
 class Keep:
-    metrics: list[str] = dataclasses.field(
+    metrics: Annotated[list[str], _list_of("names")] = dataclasses.field(
         default_factory=lambda: list(DEFAULT_METRICS),
         metadata={"meaning": "numbers of a run under their names in run --json, or path/to/file.py:function"},
     )
@@ -111,8 +132,8 @@ class StudyFile:
     base: dict[str, Any]
     name: str = "study"
     description: str = ""
-    laws: list[Any] | None = None
-    vary: list[Vary] = dataclasses.field(default_factory=list)
+    laws: Annotated[list[Any] | None, _list_of("laws")] = None
+    vary: Annotated[list[Vary], _list_of("tables, [[vary]]")] = dataclasses.field(default_factory=list)
     design: Design = Design()
     keep: Keep = dataclasses.field(default_factory=Keep)
     run: Execution = Execution()

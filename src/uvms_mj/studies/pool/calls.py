@@ -9,7 +9,7 @@ from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from typing import Any
 
 from ...errors import InputError
-from .workers import WorkerLost
+from .workers import WorkerLost, gave_up
 
 _AHEAD = 3
 """Calls that an executor is given ahead, for each of its workers."""
@@ -70,7 +70,7 @@ def _result(future: "Future[Any]") -> Any:
     except WorkerLost as lost:
         return lost
     except (BrokenExecutor, CancelledError) as error:
-        raise InputError(f"the executor gave up: {type(error).__name__}: {error}") from error
+        raise gave_up(error) from error
     except ModuleNotFoundError as error:
         raise InputError(f"a worker lacks {error.name}: install the same packages there as here") from error
 

@@ -5,16 +5,21 @@ has one thread of computation, can be interrupted at its time limit, and does no
 """
 
 import functools
+import logging
+import math
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from typing import Any
 
 from ...errors import InputError, needs_extra
-from .workers import WorkerLost, Workers
+from .workers import WorkerLost, Workers, gave_up
 
 _PATIENCE_S = 30.0
 """Time in which a scheduler must answer."""
+_ASKED_S = 2.0
+"""Time from one look at the number of workers to the next."""
 
 
 class Cluster(Executor):
@@ -27,41 +32,66 @@ class Cluster(Executor):
     def __init__(self, address: str) -> None:
         with needs_extra("cluster"):
             import distributed
+        for name in [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]:
+            logging.getLogger(name).setLevel(logging.CRITICAL)  # the command has its own messages
         try:
             self._client = distributed.Client(address, timeout=_PATIENCE_S, set_as_default=False)
         except (OSError, ValueError, TypeError) as error:
             raise InputError(f"--scheduler {address}: no scheduler answers: {error}") from None
         self._lost = distributed.KilledWorker
+        self._size, self._asked, self._closed = 0, -math.inf, False
 
     @property
     def size(self) -> int:
-        """Number of threads of all workers now."""
-        return sum(self._client.nthreads().values())
+        """Number of threads of all workers, asked for every two seconds."""
+        if time.monotonic() - self._asked > _ASKED_S:
+            try:
+                self._size, self._asked = sum(self._client.nthreads().values()), time.monotonic()
+            except Exception as error:
+                raise gave_up(error) from error
+        return self._size
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
         ours: Future[Any] = Future()
-        theirs = self._client.submit(_in_a_process, function, args, kwargs, pure=False)
+        try:
+            theirs = self._client.submit(_in_a_process, function, args, kwargs, pure=False)
+        except Exception as error:
+            raise gave_up(error) from error
         theirs.add_done_callback(functools.partial(self._pass_on, ours))
         return ours
 
     def _pass_on(self, ours: "Future[Any]", theirs: Any) -> None:
+        if self._closed:  # Dask would wait for ever
+            return
         try:
-            ours.set_result(theirs.result())
+            result, raised = theirs.result(timeout=_PATIENCE_S)
         except self._lost as error:  # Dask has tried several workers
-            ours.set_exception(WorkerLost(str(error)))
+            result, raised = None, WorkerLost(str(error))
+        except ModuleNotFoundError as error:
+            result, raised = None, error
         except BaseException as error:
-            ours.set_exception(error)
+            result, raised = None, gave_up(error)
+        if raised is None:
+            ours.set_result(result)
+        else:
+            ours.set_exception(raised)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Leave the cluster. The scheduler forgets the calls that are not done."""
+        self._closed = True
         self._client.close()
 
 
 _own = threading.local()
 
 
-def _in_a_process(function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
-    """Make a call in the process of this thread of a Dask worker."""
+def _in_a_process(
+    function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]
+) -> tuple[Any, BaseException | None]:
+    """Make a call in the process of this thread of a Dask worker. Returns the result, and the exception that the call
+    raised, if any: exceptions of Dask are raised."""
     if not hasattr(_own, "workers"):
         _own.workers = Workers(1)
-    return _own.workers.submit(function, *args, **kwargs).result()
+    future = _own.workers.submit(function, *args, **kwargs)
+    raised = future.exception()
+    return (future.result(), None) if raised is None else (None, raised)

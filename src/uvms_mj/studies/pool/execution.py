@@ -134,6 +134,16 @@ def kept(plan: "Plan", rows: Any) -> list[int]:
         chosen = rows["status"].isin(["unstable", "failed", "timed_out"])
         return rows.loc[chosen, "index"].tolist()
     if logs.kind == "worst":
-        column = logs.metric if logs.metric in rows else str(logs.metric).rpartition(":")[2]
-        return rows.nlargest(logs.k or DEFAULT_WORST, column)["index"].tolist()
+        worst = _size(rows, str(logs.metric)).dropna().nlargest(logs.k or DEFAULT_WORST).index
+        return rows.loc[worst, "index"].tolist()
     return []
+
+
+def _size(rows: Any, metric: str) -> Any:
+    """A metric of each row; of a vector or a dictionary, the largest magnitude of its numbers."""
+    import pandas as pd
+
+    name = metric.rpartition(":")[2] if ".py:" in metric else metric
+    columns = [column for column in rows if column == name or column.startswith(f"{name}.")]
+    numbers = rows[columns].apply(pd.to_numeric, errors="coerce").astype(float)
+    return numbers[name] if columns == [name] else numbers.abs().max(axis="columns")

@@ -28,6 +28,12 @@ class WorkerLost(RuntimeError):
     """A worker process ended during a call."""
 
 
+def gave_up(error: BaseException) -> InputError:
+    """The error of an executor that cannot go on."""
+    what = f"{type(error).__name__}: {' '.join(str(error).split())}"
+    return InputError(f"the workers can't go on: {what}; what is done is kept, and the same command goes on")
+
+
 def cores() -> int:
     """Number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -21,7 +21,7 @@ _POINTS = 500
 """Most points of a curve: quantiles at equal steps of probability, which a figure cannot show more finely."""
 _MOST_DOTS = 1500
 """Most dots of a law in a panel; of more runs, so many evenly chosen ones."""
-_BULK = (0.001, 0.999)
+_BULK = (0.02, 0.98)
 """Quantiles between which values are shown if a few others would make them look flat."""
 
 
@@ -119,11 +119,13 @@ def scale(ax: Axes, values: np.ndarray) -> None:
         decades(ax, "x")
         return
     low, high = np.quantile(found, _BULK)
-    if len(found) >= 100 and np.ptp(found) > 3.0 * (high - low) > 0.0:
-        margin = 0.05 * (high - low)
+    if len(found) >= 20 and np.ptp(found) > 5.0 * (high - low) > 0.0:
+        margin = 0.2 * (high - low)
         ax.set_xlim(low - margin, high + margin)
         beyond = int(((found < low - margin) | (found > high + margin)).sum())
-        ax.set_title(f"{beyond} runs beyond", loc="right", fontsize=SMALL, color="#555555")
+        ax.set_title(
+            f"{beyond} {'run' if beyond == 1 else 'runs'} beyond", loc="right", fontsize=SMALL, color="#555555"
+        )
     else:
         ax.margins(x=0.04)
 

@@ -77,12 +77,17 @@ def maps(data: Data, pair: tuple[Factor, Factor], metrics: Sequence[Metric]) -> 
                 bar.outline.set_linewidth(0.4)
                 if metric is SUCCESS:
                     bar.set_ticks(range(0, 101, 20))
-            row[0].set_ylabel(pair[1].label, parse_math=False)
+            row[0].set_ylabel(pair[1].label, parse_math=False, fontsize=_size(pair[1].label))
         for ax, law in zip(axes[0], laws, strict=True):
             ax.set_title(law, parse_math=False, color=data.colours[law], fontweight="bold")
         for ax in axes[-1]:
-            ax.set_xlabel(pair[0].label, parse_math=False)
+            ax.set_xlabel(pair[0].label, parse_math=False, fontsize=_size(pair[0].label))
     return figure
+
+
+def _size(label: str) -> float:
+    """Size of a label that fits beside a map [pt]."""
+    return min(8.0, max(5.0, 8.0 * 22.0 / len(label)))
 
 
 @dataclass(frozen=True)

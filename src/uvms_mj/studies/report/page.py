@@ -107,6 +107,8 @@ def _maps(data: Data, found: Sensitivities) -> list[Picture]:
         metrics = maps.shown(found, pair, i == 1)
         if metrics:
             caption = f"{pair[0].label} and {pair[1].label}: {', '.join(m.label for m in metrics)}."
+            if len(data.laws) > maps.MOST_LAWS:
+                caption += f" Only the first {maps.MOST_LAWS} laws."
             pictures.append(Picture(f"over-{i}", caption, maps.maps(data, pair, metrics)))
     return pictures
 

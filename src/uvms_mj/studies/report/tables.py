@@ -21,8 +21,11 @@ HEAD_METRICS = 3
 QUANTILES = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
 MOST_FAILURES = 12
 MOST_WORST_METRICS = 2
+COSTS = ("contact.peak_N", "effort_N2s", "saturated_s", "contact.touches", "contact.relative_error")
+"""Metrics of which a large value is bad."""
 _NUMBER = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?")
 """A number in a message: messages that differ in their numbers only are one failure."""
+_FOLDERS = re.compile(r"(?<![\w.])/(?:[^\s/,'\"]+/)+")
 
 
 def percent(estimate: Estimate) -> tuple[str, str]:
@@ -164,9 +167,9 @@ class Worst:
 def worst(data: Data, folder: str) -> list[Worst]:
     """For each law: its first run that did not complete, its first that completed without success, and the runs with
     the largest values of a few metrics."""
-    names = [data.plan.logs.metric] if data.plan.logs.kind == "worst" else []
-    first = [metric for metric in data.varying if metric.name in names]
-    metrics = [*first, *(metric for metric in data.varying if metric not in first)][:MOST_WORST_METRICS]
+    order = [data.plan.logs.metric, *COSTS]
+    known = {metric.name: metric for metric in data.varying}
+    metrics = [known[name] for name in dict.fromkeys([*order, *known]) if name in known][:MOST_WORST_METRICS]
     found = []
     for law, rows in data.rows.items():
         chosen: dict[int, list[str]] = {}
@@ -204,7 +207,12 @@ def replay(folder: str, row: int) -> str:
 
 def text_of(value: Any) -> str:
     """A varied value: a number with three digits, or a text."""
-    return short(float(value)) if isinstance(value, float | int | np.number) else str(value)
+    return short(float(value)) if isinstance(value, float | int | np.number) else without_folders(str(value))
+
+
+def without_folders(text: str) -> str:
+    """A text with the names of files in place of their absolute paths."""
+    return _FOLDERS.sub("", text)
 
 
 def studied(data: Data, versions: Mapping[str, str]) -> list[tuple[str, str]]:
@@ -219,7 +227,7 @@ def studied(data: Data, versions: Mapping[str, str]) -> list[tuple[str, str]]:
     for each in plan.variations:
         unit = plan.units.get(each.keys[0], "")
         only = f"; {', '.join(each.laws)} only" if each.laws else ""
-        rows.append((", ".join(each.keys), f"{each.range()}{f' {unit}' if unit else ''}{only}"))
+        rows.append((", ".join(each.keys), f"{without_folders(each.range())}{f' {unit}' if unit else ''}{only}"))
     repeats = f", {plan.repeats} repeats each" if plan.repeats > 1 else ""
     rows.append(("design", f"{plan.design.replace('_', ' ')}, {len(plan.points)} draws{repeats}, seed {plan.seed}"))
     done = f"{len(frame)} of {plan.runs}" if len(frame) < plan.runs else f"{plan.runs}"
