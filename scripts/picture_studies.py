@@ -1,7 +1,7 @@
 """Draw the pages of the shipped studies for the docs: docs/monte_carlo.png and docs/gain_map.png.
 
     python scripts/picture_studies.py                                  runs both studies first
-    python scripts/picture_studies.py --from FOLDER                    FOLDER/monte_carlo, FOLDER/gain_map of earlier runs
+    python scripts/picture_studies.py --from FOLDER                    with FOLDER/monte_carlo and FOLDER/gain_map
 
 It needs Chromium.
 """
