@@ -3,7 +3,8 @@
     python scripts/draw_docs.py                   all pictures in docs
     python scripts/draw_docs.py --from results    paper.png from the logs of an earlier `uvms-mj paper --out results`
 
-replay.png needs a Vulkan driver and push_wall.png an EGL driver; see picture_viewer.py and render.py.
+replay.png needs a Vulkan driver, push_wall.png an EGL driver, and the pages of the studies Chromium; see
+picture_viewer.py, render.py and picture_studies.py, which takes a quarter of an hour.
 """
 
 import shutil
@@ -37,7 +38,7 @@ def main(source: Path | None) -> None:
         logs = ("--from", str(source)) if source else ()
         draw("-m", "uvms_mj", "paper", *logs, "--out", str(drawn), also=(FAILED_CLAIM,))
         shutil.copyfile(drawn / "overview.png", DOCS / "paper.png")
-    for script in ("draw_frames.py", "draw_rooms.py", "render.py", "picture_viewer.py"):
+    for script in ("draw_frames.py", "draw_rooms.py", "render.py", "picture_viewer.py", "picture_studies.py"):
         draw(str(SCRIPTS / script))
 
 

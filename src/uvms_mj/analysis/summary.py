@@ -95,10 +95,20 @@ def _chattering(trace: "Trace") -> float | None:
     return float(chattering(trace, max(0.0, trace.t[-1] - AROUND_THE_END_S))[:3].sum()) if len(trace) else None
 
 
+def _force_error(trace: "Trace") -> float | None:
+    """Mean force over the last 0.5 s, settled or not, minus the demanded one [N]; None if nothing is demanded."""
+    from .metrics import final_force
+    from .rest import demanded_force
+
+    force, demanded = final_force(trace)[0], demanded_force(trace.scenario)
+    return None if force is None or not math.isfinite(demanded) else force - demanded
+
+
 METRICS: "Mapping[str, Callable[[Trace], Any]]" = {
     **NUMBERS,
     "certified_rate_m_per_s3": _certified_rate,
     "chattering_N_per_s": _chattering,
+    "force_error_N": _force_error,
 }
 """The numbers that a study can keep: those of a summary, and others that take longer."""
 

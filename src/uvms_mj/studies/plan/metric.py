@@ -70,6 +70,7 @@ COMPONENTS: Mapping[str, tuple[str, ...]] = {
     "analytic.none_because": (),
     "certified_rate_m_per_s3": (),
     "chattering_N_per_s": (),
+    "force_error_N": (),
 }
 """The numbers that a study can keep, most of them of ``uvms-mj run --json``, with the names of their components."""
 

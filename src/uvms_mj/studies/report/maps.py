@@ -1,6 +1,7 @@
 """Maps of metrics over two factors, with the region of failures hatched."""
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import EngFormatter, MaxNLocator
 from matplotlib.tri import Triangulation
 
 from ...views.figures.style import PAGE_IN, styled
@@ -21,12 +22,18 @@ from .figures import decades
 from .sensitivity import SUCCESS, Sensitivities
 
 MOST_PAIRS, MOST_METRICS, MOST_LAWS = 3, 2, 4
+MOST_ALONE = 5
+"""Most metrics over the only pair of a study."""
+_BESIDE = 2
+"""Maps of one law beside each other."""
 _MOST_NODES = 5000
 """Most nodes of a triangulation; more are binned."""
 _PER_CELL, _MOST_CELLS = 8, 20
 """Runs of a law in a cell, on average; most cells along an axis."""
 _TELLING = 0.1
 """Least sensitivity of a metric to both factors of a map."""
+_FEW_DECADES = 5
+"""Decades up to which a logarithmic scale has levels at 1, 2 and 5."""
 _HATCH = "////"
 _COLOURS = "cividis"
 """A sequential map of colours that colour-blind readers see in the same order."""
@@ -41,48 +48,73 @@ def pairs(found: Sensitivities) -> list[tuple[Factor, Factor]]:
 
 def shown(found: Sensitivities, pair: tuple[Factor, Factor], first: bool) -> list[Metric]:
     """The metrics to draw over a pair: those that are sensitive to both factors, the most sensitive first. The first
-    pair has at least two, and success if it varies."""
+    pair has at least two, and success if it varies. The only pair has the first metrics of the study."""
 
     def least(metric: Metric) -> float:
         return min(found.strength(metric, factor) for factor in pair)
 
-    metrics = sorted((metric for metric in found.of if metric is not SUCCESS), key=lambda metric: -least(metric))
+    metrics = [metric for metric in found.of if metric is not SUCCESS]
+    if len(found.factors) == len(pair):
+        return ([SUCCESS] if SUCCESS in found.of else []) + metrics[:MOST_ALONE]
+    metrics.sort(key=lambda metric: -least(metric))
     if first:
         return ([SUCCESS] if SUCCESS in found.of else []) + metrics[:MOST_METRICS]
     return [metric for metric in metrics[:MOST_METRICS] if least(metric) >= _TELLING]
 
 
 def maps(data: Data, pair: tuple[Factor, Factor], metrics: Sequence[Metric]) -> Figure:
-    """Maps over a pair of factors: a row for each metric, a column for each law."""
+    """Maps over a pair of factors: a row for each metric, a column for each law; of one law, two metrics a row."""
     laws = [law for law in data.laws if len(data.rows[law])][:MOST_LAWS]
     with styled(), mpl.rc_context({"figure.constrained_layout.wspace": 0.05, "hatch.linewidth": 0.4}):
-        height = 0.55 + len(metrics) * min(1.75, 0.4 + 0.6 * PAGE_IN / (len(laws) + 0.5))
-        figure = Figure(figsize=(PAGE_IN, height))
-        axes = figure.subplots(len(metrics), len(laws), squeeze=False, sharex=True, sharey=True)
-        for row, metric in zip(axes, metrics, strict=True):
-            values = 100.0 * data.success if metric is SUCCESS else data.values(metric)
-            scale = _colours(values, metric)
-            drawn = None
-            for ax, law in zip(row, laws, strict=True):
-                drawn = _draw(ax, data, law, pair, metric, values, scale) or drawn
-                for axis, limit, factor in zip("xy", (ax.set_xlim, ax.set_ylim), pair, strict=True):
-                    if factor.logarithmic:
-                        decades(ax, axis)
-                    if factor.limits is not None:
-                        limit(factor.limits)
-                ax.grid(False)
-            if drawn is not None:
-                bar = figure.colorbar(drawn, ax=row, pad=0.01, fraction=0.05, aspect=14, extend=scale.extend)
-                bar.set_label("success [%]" if metric is SUCCESS else metric.label, parse_math=False)
-                bar.outline.set_linewidth(0.4)
-                if metric is SUCCESS:
-                    bar.set_ticks(range(0, 101, 20))
-            row[0].set_ylabel(pair[1].label, parse_math=False, fontsize=_size(pair[1].label))
-        for ax, law in zip(axes[0], laws, strict=True):
+        columns = len(laws) if len(laws) > 1 else min(_BESIDE, len(metrics))
+        number = -(-len(metrics) * len(laws) // columns)
+        figure = Figure(figsize=(PAGE_IN, 0.55 + number * min(2.1, 0.4 + 0.6 * PAGE_IN / (columns + 0.5))))
+        axes = figure.subplots(number, columns, squeeze=False, sharex=True, sharey=True)
+        rows = axes if len(laws) > 1 else axes.reshape(-1, 1)
+        for row, metric in zip(rows, metrics, strict=False):
+            _row(figure, row, data, laws, pair, metric)
+        below = list(axes[-1])
+        if len(metrics) < len(rows):  # the last place is free
+            rows[-1][0].remove()
+            below[-1] = axes[-2][-1]
+            below[-1].tick_params(labelbottom=True)
+        for ax, law in zip(axes[0], laws, strict=False):
             ax.set_title(law, parse_math=False, color=data.colours[law], fontweight="bold")
-        for ax in axes[-1]:
+        for row in axes:
+            row[0].set_ylabel(pair[1].label, parse_math=False, fontsize=_size(pair[1].label))
+        for ax in below:
             ax.set_xlabel(pair[0].label, parse_math=False, fontsize=_size(pair[0].label))
     return figure
+
+
+def _row(
+    figure: Figure, row: Sequence[Axes], data: Data, laws: Sequence[str], pair: tuple[Factor, Factor], metric: Metric
+) -> None:
+    """The maps of a metric, one for each law, with their colour bar."""
+    values = 100.0 * data.success if metric is SUCCESS else data.values(metric)
+    scale = _colours(values, metric)
+    drawn = None
+    for ax, law in zip(row, laws, strict=True):
+        drawn = _draw(ax, data, law, pair, metric, values, scale) or drawn
+        limits: tuple[Any, ...] = (ax.set_xlim, ax.set_ylim)
+        for axis, limit, factor in zip("xy", limits, pair, strict=True):
+            if factor.logarithmic:
+                decades(ax, axis)
+            if factor.limits is not None:
+                limit(factor.limits)
+        ax.grid(False)
+    if drawn is None:
+        return
+    bar = figure.colorbar(drawn, ax=row, pad=0.01, fraction=0.05, aspect=14, extend=scale.extend)
+    bar.set_label("success [%]" if metric is SUCCESS else metric.label, parse_math=False)
+    bar.outline.set_linewidth(0.4)
+    if metric is SUCCESS:
+        bar.set_ticks(range(0, 101, 20))
+    elif isinstance(scale.norm, LogNorm):
+        kilo = EngFormatter(sep="\N{THIN SPACE}")
+        labels = [kilo(level) if level >= 1e3 else f"{level:g}" for level in scale.levels]
+        bar.set_ticks(scale.levels.tolist(), labels=labels)
+        bar.minorticks_off()
 
 
 def _size(label: str) -> float:
@@ -109,10 +141,20 @@ def _colours(values: np.ndarray, metric: Metric) -> Colours:
     if high <= low:
         low, high = low - 0.5, low + 0.5
     if len(found) and spans_decades(found):
-        return Colours(LogNorm(low, high), np.geomspace(low, high, 10), "both")
+        levels = _round_levels(float(low), float(high))
+        return Colours(LogNorm(levels[0], levels[-1]), levels, "both")
     levels = np.asarray(MaxNLocator(9, steps=[1, 2, 2.5, 5, 10]).tick_values(float(low), float(high)))
     inside = not len(found) or (levels[0] <= found.min() and found.max() <= levels[-1])
     return Colours(Normalize(levels[0], levels[-1]), levels, "neither" if inside else "both")
+
+
+def _round_levels(low: float, high: float) -> np.ndarray:
+    """Levels 1, 2, 5, 10 ... from below ``low`` to above ``high``; of many decades, powers of ten."""
+    first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
+    each = (1.0, 2.0, 5.0) if last - first <= _FEW_DECADES else (1.0,)
+    levels = np.array([step * 10.0**power for power in range(first, last + 1) for step in each])
+    start = np.searchsorted(levels, low, side="right") - 1
+    return levels[start : np.searchsorted(levels, high) + 1]
 
 
 def _draw(

@@ -87,13 +87,13 @@ def quantiles(data: Data) -> list[Table]:
             values = data.values(metric)[at]
             values = values[np.isfinite(values)]
             numbers = [values.mean(), *np.quantile(values, QUANTILES)] if len(values) else []
-            cells = [number(each, _digits(numbers)) for each in numbers] or ["–"] * (len(heads) - 1)
+            cells = [number(each, digits_of(numbers)) for each in numbers] or ["–"] * (len(heads) - 1)
             rows.append((law, [len(values), *cells]))
         found.append(Table(metric.label, heads, rows))
     return found
 
 
-def _digits(numbers: Sequence[float]) -> int:
+def digits_of(numbers: Sequence[float]) -> int:
     """Digits that resolve the differences of numbers to about three digits."""
     spread, largest = float(np.ptp(numbers)), float(np.abs(numbers).max())
     return 3 + min(4, math.ceil(math.log10(largest / spread))) if 0.0 < spread < largest else 3

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from ..pages import Picture, Table, number, rendered
 from ..plan.places import unit_of
+from ..report.tables import digits_of
 from . import figures
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ def _compared(tuning: "Tuning", trials: "Sequence[Trial]", best: "Trial | None",
         cells = ["–" if value is None else number(value, 5) for value in values]
         change = ""
         if len(values) == 2 and None not in values and values[0]:
-            change = f"{100.0 * (values[1] / values[0] - 1.0):+.1f} %".replace("-", "−")
+            change = f"{100.0 * (values[1] / values[0] - 1.0):+.2g} %".replace("-", "−")
         limit = limits.get(name, tuning.objective.direction if name == tuning.objective.label else "")
         unit = units.get(name, "")
         rows.append((f"{name} [{unit}]" if unit else name, [*cells, *([change] if len(shown) == 2 else []), limit]))
@@ -75,12 +76,11 @@ def _ten(tuning: "Tuning", trials: "Sequence[Trial]") -> Table:
     feasible = [each for each in trials if each.outcome.state == "feasible"]
     feasible.sort(key=lambda each: sign * (each.outcome.objective or 0.0))
     names = [tuning.objective.label, *(each.label for each in tuning.constraints)]
+    shown = [(*each.gains.values(), each.outcome.objective, *each.outcome.constraints) for each in feasible[:_TEN]]
+    digits = [digits_of([0.0 if x is None else x for x in column]) for column in zip(*shown, strict=True)]
     rows = [
-        (
-            f"trial {each.number}",
-            [number(x) for x in (*each.gains.values(), each.outcome.objective, *each.outcome.constraints)],
-        )
-        for each in feasible[:_TEN]
+        (f"trial {each.number}", [number(x, n) for x, n in zip(values, digits, strict=True)])
+        for each, values in zip(feasible, shown, strict=False)
     ]
     return Table("", [*(gain.key for gain in tuning.gains), *names], rows)
 
