@@ -11,6 +11,7 @@ size, and the ratios are medians of the ratios of each round. The cost of a log 
 runs of the paper's scenario, with and without the log.
 """
 
+import functools
 import inspect
 import json
 import os
@@ -37,7 +38,8 @@ from uvms_mj.control import BUILT_IN, Gsta
 from uvms_mj.engine.engines import ENGINES
 
 CHUNK = 1000
-STEPS_OF_A_WORKER = 100_000
+WORK_S = 0.04
+"""Time of a worker's part in one round, whatever its engine [s]: short, so that some rounds are undisturbed."""
 AT_WALL = {"initial.position": [1.0, 0.0, 0.0], "reference.step_time": 0.0, "reference.bandwidth": 20.0}
 NUMPY_CHUNK = 100
 OWN_LAW = "gsta from a user's file"
@@ -194,18 +196,23 @@ def engines(rounds: int) -> list[dict]:
     beside: dict[str, list[float]] = {name: [] for name in pairs}
     new: dict[str, list[float]] = {engine: [] for engine in ENGINES}
 
-    def work(subject: Bare | Native) -> None:
-        for _ in range(STEPS_OF_A_WORKER // subject.steps):
+    chunks = {
+        name: max(1, round(WORK_S / min(pair[0].chunk() * pair[0].steps for _ in range(20))))
+        for name, pair in pairs.items()
+    }
+
+    def work(name: str, subject: Bare | Native) -> None:
+        for _ in range(chunks[name]):
             subject.chunk()
 
     with ThreadPoolExecutor(2) as pool:
         for i in range(rounds):
             for name, pair in pairs.items():
                 start = time.perf_counter()
-                work(pair[0])
-                work(pair[1])
+                work(name, pair[0])
+                work(name, pair[1])
                 middle = time.perf_counter()
-                list(pool.map(work, pair))
+                list(pool.map(functools.partial(work, name), pair))
                 alone[name].append((middle - start) / 2.0)
                 beside[name].append(time.perf_counter() - middle)
             for engine, times in new.items():
@@ -216,11 +223,12 @@ def engines(rounds: int) -> list[dict]:
                 times.append(time.perf_counter() - start)
     # the shortest times: another process on one core halves the gain of a round
     gains = {name: 2.0 * min(alone[name]) / min(beside[name]) for name in pairs}
+    steps = {name: chunks[name] * pair[0].steps for name, pair in pairs.items()}
     return [
         {
             "what": name,
-            "steps_a_second": STEPS_OF_A_WORKER / min(alone[name]),
-            "of_two_threads": 2.0 * STEPS_OF_A_WORKER / min(beside[name]),
+            "steps_a_second": steps[name] / min(alone[name]),
+            "of_two_threads": 2.0 * steps[name] / min(beside[name]),
             "gain": gains[name],
             "gain_over_bare": gains[name] / gains["bare mj_step"],
             "new_run_ms": 1e3 * statistics.median(new[name]) if name in new else None,
@@ -386,7 +394,7 @@ def main(rounds: int, json_file: Path | None, start: bool, hour: bool) -> None:
         times = (f"{row[key]:.0f}" for key in ("reset_us", "step_us", "beside_us"))
         table.add_row(row["what"], f"{row['timestep']:g}", *times, f"{row['in_mj_step']:.0%}")
     Console().print(table)
-    workers = engines(max(3, rounds // 2))
+    workers = engines(rounds)
     table = Table("engine, gsta in contact", "steps/s", "of two threads", "gain", "gain / bare's", "new run ms")
     for row in workers:
         numbers = [f"{row['steps_a_second']:.3g}", f"{row['of_two_threads']:.3g}"]

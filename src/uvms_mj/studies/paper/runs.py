@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from pebble import ProcessExpired
 
 from ...analysis.sampling import SamplingWarning
 from ...control import Gsta
@@ -20,7 +21,7 @@ from ...records.mcap import McapLog
 from ...records.trace import Trace
 from ...scenario import Scenario
 from ..pool.calls import each_call
-from ..pool.workers import WorkerLost, Workers
+from ..pool.workers import Workers
 from .claims import Runs
 from .laws import RUNS
 
@@ -101,8 +102,8 @@ def run(
 
 
 def _ended(call: tuple[Any, ...], answer: Any) -> tuple[()]:
-    if isinstance(answer, WorkerLost):
-        raise InputError(f"{call[0]}: {answer}")
+    if isinstance(answer, ProcessExpired):
+        raise InputError(f"{call[0]}: its worker process ended with status {answer.exitcode}")
     return ()
 
 

@@ -8,8 +8,10 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from typing import Any
 
+from pebble import ProcessExpired
+
 from ...errors import InputError
-from .workers import WorkerLost, gave_up
+from .workers import gave_up
 
 _AHEAD = 3
 """Calls that an executor is given ahead, for each of its workers."""
@@ -24,7 +26,7 @@ def each_call(
 ) -> None:
     """Make calls ``function(*call)`` on an executor, a few ahead for each of its workers.
 
-    ``done`` is called on this thread with a call and its result, or its WorkerLost, and returns the calls to make
+    ``done`` is called on this thread with a call and its result, or its ProcessExpired, and returns the calls to make
     instead. ``tick`` is called five times per second; an exception that it raises ends everything.
 
     Raises:
@@ -38,7 +40,10 @@ def each_call(
             call = waiting.popleft() if waiting else next(source, None)
             if call is None:
                 break
-            future = executor.submit(function, *call)
+            try:
+                future = executor.submit(function, *call)
+            except RuntimeError as error:
+                raise gave_up(error) from error
             if hasattr(future, "add_done_callback"):
                 future.add_done_callback(functools.partial(_put, ended, call))
             else:  # a job of submitit
@@ -55,7 +60,9 @@ def each_call(
             tick()
             continue
         flying -= 1
-        waiting.extend(done(call, _result(future)))
+        answer = _result(future)
+        again = isinstance(answer, BrokenExecutor)  # the executor starts anew, or refuses the call
+        waiting.extend([call] if again else done(call, answer))
         tick()
 
 
@@ -64,12 +71,12 @@ def _put(ended: "queue.SimpleQueue[Any]", call: tuple[Any, ...], future: "Future
 
 
 def _result(future: "Future[Any]") -> Any:
-    """The result of a future, or the WorkerLost that it raised."""
+    """The result of a future, or the error that its worker, or all of them, ended."""
     try:
         return future.result()
-    except WorkerLost as lost:
+    except (ProcessExpired, BrokenExecutor) as lost:
         return lost
-    except (BrokenExecutor, CancelledError) as error:
+    except CancelledError as error:
         raise gave_up(error) from error
     except ModuleNotFoundError as error:
         raise InputError(f"a worker lacks {error.name}: install the same packages there as here") from error

@@ -1,20 +1,21 @@
 """Workers of a Dask cluster in the shape of ``concurrent.futures``.
 
-Each thread of a Dask worker passes its calls to a process of its own on the same machine (:mod:`.workers`). So a run
-has one thread of computation, can be interrupted at its time limit, and does not delay the Dask worker's answers.
+Start the Dask workers with one thread each: a run is native code on one core. A loop without end in a user's stage ends
+the Dask worker ten seconds after the time limit of the run.
 """
 
 import functools
 import logging
 import math
-import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import Executor, Future
+from concurrent.futures import CancelledError, Executor, Future
 from typing import Any
 
+from pebble import ProcessExpired
+
 from ...errors import InputError, needs_extra
-from .workers import WorkerLost, Workers, gave_up
+from .workers import gave_up
 
 _PATIENCE_S = 30.0
 """Time in which a scheduler must answer."""
@@ -54,7 +55,7 @@ class Cluster(Executor):
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
         ours: Future[Any] = Future()
         try:
-            theirs = self._client.submit(_in_a_process, function, args, kwargs, pure=False)
+            theirs = self._client.submit(function, *args, **kwargs, pure=False)
         except Exception as error:
             raise gave_up(error) from error
         theirs.add_done_callback(functools.partial(self._pass_on, ours))
@@ -63,14 +64,15 @@ class Cluster(Executor):
     def _pass_on(self, ours: "Future[Any]", theirs: Any) -> None:
         if self._closed:  # Dask would wait for ever
             return
+        raised: Exception | None = None
         try:
             result, raised = theirs.result(timeout=_PATIENCE_S)
         except self._lost as error:  # Dask has tried several workers
-            result, raised = None, WorkerLost(str(error))
-        except ModuleNotFoundError as error:
-            result, raised = None, error
-        except BaseException as error:
+            result, raised = None, ProcessExpired(str(error))
+        except (CancelledError, TimeoutError, OSError) as error:  # of Dask
             result, raised = None, gave_up(error)
+        except Exception as error:  # of the call
+            result, raised = None, error
         if raised is None:
             ours.set_result(result)
         else:
@@ -80,18 +82,3 @@ class Cluster(Executor):
         """Leave the cluster. The scheduler forgets the calls that are not done."""
         self._closed = True
         self._client.close()
-
-
-_own = threading.local()
-
-
-def _in_a_process(
-    function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]
-) -> tuple[Any, BaseException | None]:
-    """Make a call in the process of this thread of a Dask worker. Returns the result, and the exception that the call
-    raised, if any: exceptions of Dask are raised."""
-    if not hasattr(_own, "workers"):
-        _own.workers = Workers(1)
-    future = _own.workers.submit(function, *args, **kwargs)
-    raised = future.exception()
-    return (future.result(), None) if raised is None else (None, raised)

@@ -43,7 +43,7 @@ def estimate(plan: "Plan", workers: int) -> Estimate:
             seconds += runs * fixed_s + steps * step_s
             log_bytes = max(log_bytes, round(row_bytes * scenario.simulation.duration * 1000.0))
             if plan.engine == "auto" and engine == "free_body":
-                repeated = max(LEAST / len(plan.laws), SHARE * runs)
+                repeated = min(runs, max(LEAST / len(plan.laws), SHARE * runs) + len(plan.metrics) / len(plan.laws))
                 fixed_s, step_s, _ = _probe(scenario, "mujoco")
                 seconds += repeated * (fixed_s + steps / runs * step_s)
         except (InputError, LawError):

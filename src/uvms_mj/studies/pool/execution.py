@@ -4,6 +4,8 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import Executor
 from typing import TYPE_CHECKING, Any
 
+from pebble import ProcessExpired
+
 from .. import check
 from ..plan.reading import DEFAULT_WORST
 from ..results import Results, frame, put
@@ -11,7 +13,6 @@ from ..rows import lost_row
 from . import tasks
 from .calls import each_call
 from .parcel import Parcel
-from .workers import WorkerLost
 
 if TYPE_CHECKING:
     from ..plan import Plan
@@ -69,7 +70,7 @@ class Execution:
     def _take(self, call: tuple[Any, ...], answer: Any) -> list[tuple[Any, ...]]:
         """Keep rows, and write the part of a block that is whole. Returns the calls to make again, run by run."""
         indices = call[1]
-        if isinstance(answer, WorkerLost):
+        if isinstance(answer, ProcessExpired):
             if len(indices) > 1:
                 return [(self.parcel, (index,)) for index in indices]
             (index,) = indices
@@ -98,7 +99,7 @@ class Execution:
 
         def take(call: tuple[Any, ...], answer: Any) -> list[tuple[Any, ...]]:
             _, index, engine = call
-            pairs[index, engine] = {"status": "lost"} if isinstance(answer, WorkerLost) else answer
+            pairs[index, engine] = {"status": "lost"} if isinstance(answer, ProcessExpired) else answer
             self.done += 1
             return []
 
@@ -113,7 +114,7 @@ class Execution:
 
         def take(call: tuple[Any, ...], answer: Any) -> list[tuple[Any, ...]]:
             _, index, _ = call
-            if not isinstance(answer, WorkerLost) and answer:
+            if not isinstance(answer, ProcessExpired) and answer:
                 put(self.results.log(index), lambda file: file.write(answer))
             self.done += 1
             return []

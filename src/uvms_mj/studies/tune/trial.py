@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from pebble import ProcessExpired
 
 from ...errors import InputError
 from ..plan import Plan
@@ -15,7 +16,6 @@ from ..pool.calls import each_call
 from ..pool.execution import ATTEMPTS
 from ..pool.parcel import Parcel
 from ..pool.tasks import plan_of
-from ..pool.workers import WorkerLost
 from ..rows import lost_row, one_row
 from .tables import Measure
 
@@ -74,7 +74,7 @@ def rows(
 
     def take(call: tuple[Any, ...], answer: Any) -> list[tuple[Any, ...]]:
         indices = call[2]
-        if isinstance(answer, WorkerLost):
+        if isinstance(answer, ProcessExpired):
             if len(indices) > 1:
                 return [(parcel, values, (index,)) for index in indices]
             losses[indices[0]] = losses.get(indices[0], 0) + 1
