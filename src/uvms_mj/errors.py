@@ -94,6 +94,8 @@ def faults_of(
         if item["type"] in ("unexpected_keyword_argument", "extra_forbidden"):
             table, _, word = key.rpartition(".")
             message = f"no such key; {suggestion(word, (choices or {}).get(table.partition('[')[0], ()))}"
+        elif item["type"] == "missing" and isinstance(item["loc"][-1], str):
+            message = _SENTENCES["missing"]  # the value is that of the table around it
         else:
             given = item["input"]
             message = f"{shortened(list(given) if isinstance(given, tuple) else given)} {_sentence(item)}"

@@ -287,6 +287,10 @@ KEY = '[base]\nscenario = "push_wall"\n[[vary]]\n'
         ('laws = "gsta"\n[base]', "laws", "must be a list of laws"),
         ('base = "push_wall"', "base", "is not a table"),
         ('laws = ["gsta"]', "base", "lacks this key"),
+        ('[base]\nlaws = ["gsta"]', "base.laws", "write it above [base]"),
+        ('name = "../other"\n[base]', "name", "without /"),
+        ('name = ""\n[base]', "name", "of 1 to 200 bytes"),
+        ('name = "a\\u0000"\n[base]', "name", "printable"),
         ('[base]\nscenario = "push_wal"', "base", "did you mean 'push_wall'?"),
         ('[base]\n[keep]\nlogs = {kind = "listed", indices = [0, 1]}', "keep.logs.indices[1]", "no run 1"),
         ('[base]\n[keep]\nlogs = {kind = "failed", k = 3}', "keep.logs.k", "no effect"),
@@ -298,6 +302,30 @@ def test_an_error_names_its_place(text, key, words):
     found = faults(text)
     assert list(found) == [key]
     assert words in found[key]
+
+
+def test_a_missing_table_is_named_without_the_rest_of_the_file():
+    assert faults('laws = ["gsta"]')["base"] == "lacks this key"
+
+
+@pytest.mark.parametrize(
+    ("names", "wrong"),
+    [
+        (["a.py:status"], 0),  # a column of every row
+        (["a.py:contact"], 0),  # {"peak_N": ...} would be the shipped contact.peak_N
+        (["effort_N2s", "a.py:effort_N2s"], 1),
+        (["a.py:wall"], 0),  # {"stiffness": ...} would be the key that varies
+        (["a.py:peak", "b.py:peak"], 1),
+    ],
+)
+def test_no_metric_of_a_user_takes_the_columns_of_others(tmp_path, monkeypatch, names, wrong):
+    monkeypatch.chdir(tmp_path)
+    words = {name.partition(":")[2] for name in names if ".py" in name}
+    for file in ("a.py", "b.py"):
+        (tmp_path / file).write_text("".join(f"def {word}(trace):\n    return 1.0\n" for word in words))
+    found = faults(KEY + f'key = "wall.stiffness"\nvalues = [1e4]\n[keep]\nmetrics = {names}')
+    assert list(found) == [f"keep.metrics[{wrong}]"]
+    assert "rename the function" in found[f"keep.metrics[{wrong}]"]
 
 
 def test_an_extreme_that_runs_as_it_is_drawn_is_no_error():

@@ -57,6 +57,15 @@ def text(trace):
 
 def raises(trace):
     raise KeyError("no such thing")
+
+
+def exits(trace):
+    raise SystemExit(3)
+
+
+def endless(trace):
+    while True:
+        pass
 """
 
 
@@ -114,7 +123,11 @@ def test_metrics_of_a_user_are_columns(study_file, files):
 
 @pytest.mark.parametrize(
     ("metric", "said"),
-    [("raises", "KeyError: 'no such thing'"), ("text", "TypeError: metric text: 'a' is not a number")],
+    [
+        ("raises", "KeyError: 'no such thing'"),
+        ("text", "TypeError: metric text: 'a' is not a number"),
+        ("exits", "SystemExit: 3"),
+    ],
 )
 def test_a_metric_that_fails_is_a_row(study_file, files, metric, said):
     (row, _) = rows_of(study_file(runs=1, metrics=f', "metric.py:{metric}"'))
@@ -144,6 +157,11 @@ def test_a_scenario_that_cannot_run_is_a_row(study_file):
     assert {row["status"] for row in rows} == {"completed", "refused"}
     for row in rows:
         assert ("time step" in row["message"]) == (row["status"] == "refused")
+
+
+def test_a_metric_beyond_the_time_of_its_run_is_a_row(study_file, files):
+    (row, _) = rows_of(study_file(runs=1, run="time_limit_s = 2.0", metrics=', "metric.py:endless"'))
+    assert (row["status"], row["steps"], row["contact.peak_N"]) == ("timed_out", None, None)
 
 
 @pytest.mark.parametrize("law", ["Endless", "Sleeps"])

@@ -99,6 +99,8 @@ def chosen(
     if row is not None:
         scenario, engine = row_of(log, row, overrides, controller)
         return scenario, None, log_rate, engine
+    if Path(log, "study.toml").is_file():
+        raise InputError(f"--from {log}: is the folder of a study; name one of its runs with --row N")
     return _from_log(log, overrides, controller, log_rate)
 
 

@@ -89,12 +89,12 @@ def _row(plan: "Plan", index: int, engine: str, sinks: tuple[Sink, ...]) -> dict
         with warnings.catch_warnings(), _limited(plan.time_limit_s) as progress:
             warnings.simplefilter("ignore")  # the row counts them
             trace = simulate(scenario, keep_s=keep_s, mjcf=mjcf, engine=engine, sinks=sinks, progress=progress)
-        row |= {"status": trace.status.name, "message": trace.message, "steps": trace.steps}
-        row["warnings"] = len(trace.notes) + len(ending(trace))
-        if trace.status is Status.interrupted:
-            raise KeyboardInterrupt
-        if row["status"] in _MEASURED:
-            metrics = _metrics(plan, trace)
+            row |= {"status": trace.status.name, "message": trace.message, "steps": trace.steps}
+            row["warnings"] = len(trace.notes) + len(ending(trace))
+            if trace.status is Status.interrupted:
+                raise KeyboardInterrupt
+            if row["status"] in _MEASURED:
+                metrics = _metrics(plan, trace)
     except InputError as error:
         row |= {"status": "refused", "message": str(error)}
     except KeyboardInterrupt:
@@ -104,7 +104,7 @@ def _row(plan: "Plan", index: int, engine: str, sinks: tuple[Sink, ...]) -> dict
         row |= {"status": "timed_out", "message": late, "steps": None, "warnings": None}
     except LawError as error:
         row |= {"status": "failed", "message": str(error), "steps": error.trace.steps}
-    except Exception as error:  # of a user's metric, or of this package: the other runs go on
+    except (Exception, SystemExit) as error:  # of a user's metric, or of this package: the other runs go on
         if sinks and isinstance(error, SinkError | OSError):
             raise
         row |= {"status": "failed", "message": f"{type(error).__name__}: {error}"}

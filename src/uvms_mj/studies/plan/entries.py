@@ -13,6 +13,7 @@ from ...scenario import STAGES, Scenario
 from .study_file import StudyFile, Vary
 
 _OF_STUDY = ("design", "keep", "run")
+_NOT_OF_BASE = ("laws", "vary", "design", "keep", "run", "success")
 _PATHS = ("vehicle.model", *(f"{table}.name" for table in STAGES))
 """The dotted keys whose value may be the path of a file."""
 
@@ -89,6 +90,9 @@ def base_of(
     if any(fault.key.partition(".")[0] == "base" for fault in faults):
         return None
     rest = dict(table)
+    for word in [word for word in rest if word in _NOT_OF_BASE]:
+        faults.append(Fault(f"base.{word}", "is of the study, not of its base scenario: write it above [base]"))
+        del rest[word]
     named = absolute(rest.pop("scenario", None), folder)
     own = {**_flat(rest, folder), **overrides}
     for attempt in range(2):

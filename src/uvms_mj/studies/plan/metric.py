@@ -3,7 +3,7 @@
 import functools
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -50,6 +50,8 @@ def metric_of(name: str) -> "Callable[[Trace], Any]":
     return functions[word]
 
 
+OF_ROWS = ("index", "draw", "law", "repeat", "seed", "status", "message", "steps", "warnings", "engine")
+"""The columns of every row besides the keys that vary and the metrics."""
 COMPONENTS: Mapping[str, tuple[str, ...]] = {
     "contact.first_s": (),
     "contact.touches": (),
@@ -78,6 +80,13 @@ COMPONENTS: Mapping[str, tuple[str, ...]] = {
 def columns_of(place: str) -> list[str]:
     """The columns of a metric of :data:`COMPONENTS`."""
     return [f"{place}.{each}" for each in COMPONENTS[place]] or [place]
+
+
+def column_is_taken(name: str, others: Sequence[str], varied: Sequence[str]) -> bool:
+    """Whether the columns of a user's metric could be those of a row, of other metrics or of keys that vary."""
+    column = name.rpartition(":")[2]
+    tables = {place.partition(".")[0] for place in (*COMPONENTS, *varied)}
+    return column in OF_ROWS or column in tables or any(column == other.rpartition(":")[2] for other in others)
 
 
 _function = functools.cache(metric_of)

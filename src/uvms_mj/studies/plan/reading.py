@@ -1,7 +1,7 @@
 """A study file is read: its tables become the fields of a plan, or errors."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from ...scenario import Scenario
 from .draws import design_faults, points, variation
 from .entries import Law, absolute, base_of, laws_of, split_overrides, with_absolute_values
 from .key_checks import KeyChecks, combination_faults
-from .metric import metric_of
+from .metric import COMPONENTS, column_is_taken, metric_of
 from .places import unit_of
 from .study_file import Keep, Logs, StudyFile, read
 from .success import limits
@@ -45,7 +45,8 @@ def fields_of(
     runs = draws * len(laws) * study.design.repeats
     if runs > MOST_RUNS:
         faults.append(Fault("design", f"{runs} runs; at most {MOST_RUNS} are allowed"))
-    faults += _keep_faults(study.keep, runs)
+    varied = tuple(key for each in variations for key in each.keys)
+    faults += _keep_faults(study.keep, runs, varied)
     success = limits(study.success, study.keep.metrics, faults)
     drawn: tuple[tuple[Any, ...], ...] = ()
     if draws and _none(faults, "design"):
@@ -53,7 +54,6 @@ def fields_of(
     faults += KeyChecks(variations, laws, drawn).faults()
     if faults or base is None:
         raise InputError(faults, place)
-    varied = tuple(key for each in variations for key in each.keys)
     design = study.design
     return {
         "name": study.name,
@@ -94,7 +94,7 @@ def _completed(study: StudyFile, folder: Path) -> StudyFile:
     return dataclasses.replace(study, vary=vary, design=design, keep=Keep(metrics=metrics, logs=logs))
 
 
-def _keep_faults(keep: Keep, runs: int) -> Iterator[Fault]:
+def _keep_faults(keep: Keep, runs: int, varied: Sequence[str]) -> Iterator[Fault]:
     """Errors of the table keep."""
     metrics, logs = keep.metrics, keep.logs
     for i, name in enumerate(metrics):
@@ -102,6 +102,8 @@ def _keep_faults(keep: Keep, runs: int) -> Iterator[Fault]:
             if name in metrics[:i]:
                 raise InputError(f"{name!r} is given twice")
             metric_of(name)
+            if name not in COMPONENTS and column_is_taken(name, metrics[:i], varied):
+                raise InputError(f"{name!r}: a column of the rows has this name already; rename the function")
         except InputError as error:
             yield from (Fault(f"keep.metrics[{i}]", fault.message) for fault in error.faults)
     used = {"worst": ("k", "metric"), "listed": ("indices",)}.get(logs.kind, ())

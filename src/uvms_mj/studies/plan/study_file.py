@@ -58,6 +58,14 @@ def _list_of(what: str) -> BeforeValidator:
     return BeforeValidator(check)
 
 
+def _folder_name(value: Any) -> Any:
+    if isinstance(value, str) and not (
+        value.isprintable() and value not in ("", ".", "..") and "/" not in value and len(value.encode()) <= 200
+    ):
+        raise ValueError("must be the name of a folder: printable, without /, of 1 to 200 bytes")
+    return value
+
+
 _Count = Annotated[int, Field(strict=True, ge=1, le=10_000_000)]
 
 
@@ -130,7 +138,7 @@ class Execution:
 @dataclass(frozen=True, config=STRICT)
 class StudyFile:
     base: dict[str, Any]
-    name: str = "study"
+    name: Annotated[str, BeforeValidator(_folder_name)] = "study"
     description: str = ""
     laws: Annotated[list[Any] | None, _list_of("laws")] = None
     vary: Annotated[list[Vary], _list_of("tables, [[vary]]")] = dataclasses.field(default_factory=list)
