@@ -64,15 +64,16 @@ class Cluster(Executor):
     def _pass_on(self, ours: "Future[Any]", theirs: Any) -> None:
         if self._closed:  # Dask would wait for ever
             return
+        result: Any = None
         raised: Exception | None = None
         try:
-            result, raised = theirs.result(timeout=_PATIENCE_S)
+            result = theirs.result(timeout=_PATIENCE_S)
         except self._lost as error:  # Dask has tried several workers
-            result, raised = None, ProcessExpired(str(error))
+            raised = ProcessExpired(str(error))
         except (CancelledError, TimeoutError, OSError) as error:  # of Dask
-            result, raised = None, gave_up(error)
+            raised = gave_up(error)
         except Exception as error:  # of the call
-            result, raised = None, error
+            raised = error
         if raised is None:
             ours.set_result(result)
         else:
