@@ -28,8 +28,6 @@ from .study_text import head, plan_report, print_result
 if TYPE_CHECKING:
     from ..studies.study import Study
 
-EXIT_CHECK_FAILS = 1
-
 
 class _Commands(click.Group):
     """``study report DIR`` and ``study list``; every other first word is the study to run."""
@@ -139,25 +137,14 @@ def _chosen(
     return study, Path(out) if out is not None else study.folder or Path("runs", study.plan.name)
 
 
-@contextlib.contextmanager
-def pool_of(scheduler: str | None, workers: int | None) -> "Iterator[Any]":
+def pool_of(scheduler: str | None, workers: int | None) -> "contextlib.AbstractContextManager[Any]":
     """The workers of this machine or of a cluster."""
     from ..errors import InputError
+    from ..studies.study import executor_of
 
-    if scheduler is None:
-        from ..studies.pool.workers import Workers
-
-        pool: Any = Workers(workers)
-    else:
-        from ..studies.pool.cluster import Cluster
-
-        if workers is not None:
-            raise InputError("--workers is for this machine; with --scheduler the cluster decides")
-        pool = Cluster(scheduler)
-    try:
-        yield pool
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
+    if scheduler is not None and workers is not None:
+        raise InputError("--workers is for this machine; with --scheduler the cluster decides")
+    return executor_of(None, workers, scheduler)
 
 
 @contextlib.contextmanager

@@ -51,19 +51,13 @@ def _warn_of_changes(folder: Path, plan: "Plan") -> None:
     """Warn of code and files that are not those with which the study began."""
     from ..errors import InputError
     from ..studies.pool.parcel import Parcel
-    from ..studies.results import VERSION, file_digests
+    from ..studies.results import VERSION, about_of, changes
 
     try:
         then = json.loads((folder / VERSION).read_bytes())
-        parcel = Parcel.of(plan)
+        code, files = changes(then, about_of(plan, Parcel.of(plan)))
     except (OSError, ValueError) as error:
         raise InputError(f"{folder}: can't be read: {error}") from None
-    changed = [
-        f"{name} {version} then, {parcel.code.get(name)} now"
-        for name, version in then["code"].items()
-        if parcel.code.get(name) != version
-    ]
-    now = file_digests(parcel)
-    changed += [f"{Path(name).name} changed" for name, digest in then["files"].items() if now.get(name) != digest]
-    if changed:
-        click.echo(f"warning: the run may differ from the row: {'; '.join(changed)}", err=True)
+    if code or files:
+        changed = "; ".join([*code, *(f"{name} changed" for name in files)])
+        click.echo(f"warning: the run may differ from the row: {changed}", err=True)

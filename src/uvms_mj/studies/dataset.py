@@ -17,7 +17,7 @@ NOT_DONE = "not done"
 """Status of a run without a row."""
 _TEXTS, _ENDS = ("status", "message", "engine"), ("status", "message", "steps", "warnings", "engine")
 """Columns of texts, and columns that also a run that did not complete has."""
-_OF_ROWS = ("index", "draw", "law", "repeat", "seed")
+_OF_ROWS = ("draw", "law", "repeat", "seed")
 
 
 def dataset(plan: Plan, frame: pd.DataFrame) -> "xr.Dataset":
@@ -29,17 +29,14 @@ def dataset(plan: Plan, frame: pd.DataFrame) -> "xr.Dataset":
     """
     import xarray as xr
 
-    axes, coordinates = _grid(plan) if plan.design == "grid" else _draws(plan)
+    axes, coordinates = _design(plan)
     dims = (*axes, "law", "repeat")
     shape = (*axes.values(), len(plan.laws), plan.repeats)
-    at = frame["index"].to_numpy()
-    completed = (frame["status"] == COMPLETED).to_numpy()
-    variables: dict[str, Any] = {}
-    for name in frame.columns:
-        if name in _OF_ROWS or name in plan.varied:
-            continue
-        kept = np.ones(len(frame), bool) if name in _ENDS else completed
-        variables[name] = (dims, _filled(frame[name], at, kept, shape))
+    rows = frame.set_index("index").drop(columns=[*_OF_ROWS, *plan.varied])
+    completed = rows["status"] == COMPLETED
+    rows = rows.apply(lambda column: column if column.name in _ENDS else column.where(completed))
+    rows = rows.reindex(range(plan.runs)).fillna({"status": NOT_DONE})
+    variables: dict[str, Any] = {name: (dims, _plain(column).reshape(shape)) for name, column in rows.items()}
     found = xr.Dataset(
         variables,
         coordinates | {"law": [law.label for law in plan.laws], "repeat": np.arange(plan.repeats)},
@@ -53,31 +50,24 @@ def dataset(plan: Plan, frame: pd.DataFrame) -> "xr.Dataset":
     return found
 
 
-def _filled(values: pd.Series, at: np.ndarray, kept: np.ndarray, shape: Sequence[int]) -> np.ndarray:
-    """Values (n,) of the runs ``at`` in an array of all runs. Numbers and flags become floats with nan for the rest."""
-    texts = values.name in _TEXTS or values.map(lambda value: isinstance(value, str)).any()
-    missing = (NOT_DONE if values.name == "status" else None) if texts else np.nan
-    array = np.full(int(np.prod(shape)), missing, dtype=object if texts else float)
-    array[at[kept]] = values.to_numpy(dtype=object if texts else float, na_value=None if texts else np.nan)[kept]
-    return array.reshape(shape)
+def _plain(column: pd.Series) -> np.ndarray:
+    """Texts with None for missing ones; numbers and flags as floats with nan."""
+    if column.name in _TEXTS or column.map(lambda value: isinstance(value, str)).any():
+        return column.astype(object).where(column.notna(), None).to_numpy()
+    return column.to_numpy(dtype=float, na_value=np.nan)
 
 
-def _draws(plan: Plan) -> tuple[dict[str, int], dict[str, Any]]:
-    """Sizes of the dimensions by name, and coordinates, of draws that are not a grid."""
-    columns = zip(*plan.points, strict=True)
-    keys = {key: ("draw", _coordinate(column)) for key, column in zip(plan.varied, columns, strict=True)}
-    return {"draw": len(plan.points)}, keys | {"draw": np.arange(len(plan.points))}
-
-
-def _grid(plan: Plan) -> tuple[dict[str, int], dict[str, Any]]:
-    """Sizes of the dimensions by name, and coordinates, of a grid, whose last dimension changes fastest."""
-    axes: dict[str, int] = {}
-    coordinates: dict[str, Any] = {}
-    for each in plan.variations:
-        axes[each.keys[0]] = len(each.levels)
-        for key, column in zip(each.keys, zip(*each.levels, strict=True), strict=True):
-            coordinates[key] = (each.keys[0], _coordinate(column))
-    return axes, coordinates
+def _design(plan: Plan) -> tuple[dict[str, int], dict[str, Any]]:
+    """Sizes of the dimensions by name, and coordinates. The last dimension of a grid changes fastest."""
+    if plan.design != "grid":
+        keys = {key: ("draw", _coordinate([point[i] for point in plan.points])) for i, key in enumerate(plan.varied)}
+        return {"draw": plan.draws}, keys | {"draw": np.arange(plan.draws)}
+    coordinates = {
+        key: (each.keys[0], _coordinate([level[i] for level in each.levels]))
+        for each in plan.variations
+        for i, key in enumerate(each.keys)
+    }
+    return {each.keys[0]: len(each.levels) for each in plan.variations}, coordinates
 
 
 def _coordinate(values: Sequence[Any]) -> np.ndarray:

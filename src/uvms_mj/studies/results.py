@@ -57,11 +57,6 @@ def schema_of(plan: "Plan") -> pa.Schema:
     return pa.schema([*before, ("seed", pa.int64()), *varied, *after, ("engine", pa.string()), *metrics])
 
 
-def file_digests(parcel: "Parcel") -> dict[str, str]:
-    """The digests of the files of a study, by name."""
-    return {name: hashlib.sha256(data).hexdigest() for name, data in sorted(parcel.files.items())}
-
-
 def _type(values: Iterator[Any]) -> pa.DataType:
     """The type of a column with these values; numbers are float64 unless all are integers."""
     kinds = {type(value) for value in values} - {type(None)}
@@ -99,27 +94,18 @@ class Results:
             put(folder / VERSION, lambda file: file.write(json.dumps(about, indent=1).encode()))
             put(folder / STUDY, lambda file: file.write(tomli_w.dumps(plan.tables).encode()))
 
-    def missing(self) -> list[int]:
-        """Numbers of the blocks without a sound part."""
-        return [i for i in range(len(self.blocks)) if not self._is_done(i)]
-
-    def _is_done(self, i: int) -> bool:
+    def statuses(self, i: int) -> list[str]:
+        """The statuses of the rows of a block that is done; empty without a sound part."""
         path = self.part(i)
         if not path.exists():
-            return False
-        try:
+            return []
+        with contextlib.suppress(OSError, ValueError, pa.ArrowException):
             table = read(path)
             mine = (table.schema.metadata or {}).get(b"study") == self._digest.encode()
-            sound = mine and table["index"].to_pylist() == list(self.blocks[i])
-        except (OSError, ValueError, pa.ArrowException):
-            sound = False
-        if not sound:
-            self.damaged.append(path.name)
-        return sound
-
-    def statuses(self, i: int) -> list[str]:
-        """The statuses of a part's rows."""
-        return pq.read_table(self.part(i), columns=["status"])["status"].to_pylist()
+            if mine and table["index"].to_pylist() == list(self.blocks[i]):
+                return table["status"].to_pylist()
+        self.damaged.append(path.name)
+        return []
 
     def part(self, i: int) -> Path:
         return self.folder / "rows" / f"part-{i:05d}.parquet"
@@ -138,10 +124,8 @@ class Results:
 
     def finish(self) -> None:
         """Give all parts the same columns: a part whose runs all failed lacks those of a user's metrics."""
-        names: dict[str, None] = {}
         each = [pq.read_schema(self.part(i)).names for i in range(len(self.blocks))]
-        for found in each:
-            names |= dict.fromkeys(found)
+        names = dict.fromkeys(name for found in each for name in found)
         for i, found in enumerate(each):
             if found != list(names):
                 rows = read(self.part(i)).to_pylist()
@@ -155,12 +139,8 @@ def share_done(folder: Path, plan: "Plan") -> float:
 
 def about_of(plan: "Plan", parcel: "Parcel") -> dict[str, Any]:
     """The contents of version.json: what a folder was begun with."""
-    return {
-        "study": parcel.digest,
-        "engine": plan.engine,
-        "code": dict(parcel.code),
-        "files": file_digests(parcel),
-    }
+    files = {name: hashlib.sha256(data).hexdigest() for name, data in sorted(parcel.files.items())}
+    return {"study": parcel.digest, "engine": plan.engine, "code": dict(parcel.code), "files": files}
 
 
 def check_same(
@@ -179,14 +159,21 @@ def check_same(
     if keys:
         differs = f"contains the {path.stem} {before.name!r}, which differs in {', '.join(keys[:8])}"
         raise InputError(f"{folder}: {differs}; choose another folder")
-    code, ours = then["code"], about["code"]
-    changed = [f"{name} {code.get(name)} then, {ours.get(name)} now" for name in ours if code.get(name) != ours[name]]
-    if changed:
-        raise InputError(f"{folder}: was begun with other code: {'; '.join(changed)}; choose another folder")
+    code, files = changes(then, about)
+    if code:
+        raise InputError(f"{folder}: was begun with other code: {'; '.join(code)}; choose another folder")
     if then["study"] != about["study"]:
-        files, now = then["files"], about["files"]
-        names = [Path(name).name for name in {**files, **now} if files.get(name) != now.get(name)]
-        raise InputError(f"{folder}: since its {path.stem} began, {', '.join(names)} changed; choose another folder")
+        raise InputError(f"{folder}: since its {path.stem} began, {', '.join(files)} changed; choose another folder")
+
+
+def changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> tuple[list[str], list[str]]:
+    """Versions that differ between two version.json, each with both, and the names of the files that differ."""
+
+    def differing(table: str) -> list[str]:
+        return [name for name in {**then[table], **now[table]} if then[table].get(name) != now[table].get(name)]
+
+    versions = [f"{x} {then['code'].get(x)} then, {now['code'].get(x)} now" for x in differing("code")]
+    return versions, [Path(name).name for name in differing("files")]
 
 
 def put(path: Path, write: Callable[[IO[bytes]], Any]) -> None:
@@ -211,16 +198,15 @@ def put(path: Path, write: Callable[[IO[bytes]], Any]) -> None:
 
 def read(path: Path) -> pa.Table:
     """Read a part. Raises OSError, ValueError or pyarrow's errors, which are among them, if it is damaged."""
-    with path.open("rb") as file:
-        table = pq.ParquetFile(file, page_checksum_verification=True).read()
+    table = pq.read_table(path, partitioning=None, page_checksum_verification=True)
     if (table.schema.metadata or {}).get(b"rows") != _checksum(table).encode():
         raise ValueError("its rows do not have their checksum")
     return table
 
 
 def _checksum(table: pa.Table) -> str:
-    """Checksum of names, types and values. Parquet's own cover less."""
-    digest = hashlib.sha256(repr([(field.name, str(field.type)) for field in table.schema]).encode())
+    """Checksum of names, types and values. Parquet's own are of its pages alone, not of the names of the columns."""
+    digest = hashlib.sha256(str(table.schema.remove_metadata()).encode())
     for column in table.columns:
         values = column.to_numpy()
         digest.update(repr(values.tolist()).encode() if values.dtype == object else values.tobytes())

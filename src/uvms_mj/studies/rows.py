@@ -41,28 +41,18 @@ _GRACE_S = 10.0
 """Time after the limit of a run at which its worker is ended, if the run does not stop."""
 
 
-def one_row(plan: "Plan", index: int, engine: str | None = None) -> dict[str, Any]:
-    """Run one run of a plan and return its row by column.
-
-    Args:
-        engine: "mujoco", "free_body" or "auto"; default: that of the plan.
-    """
-    return _row(plan, index, engine or plan.engine, ())
-
-
-def lost_row(plan: "Plan", index: int, engine: str | None = None) -> dict[str, Any]:
+def lost_row(plan: "Plan", index: int) -> dict[str, Any]:
     """The row of a run that ended its workers."""
-    row = _begun(plan, index)
     why = "e.g. by a crash, for want of memory, or by the time limit"
-    row |= {"status": "lost", "message": f"three worker processes ended during this run, {why}"}
-    return row | {"engine": engine or plan.engine} | _no_metrics(plan)
+    message = f"three worker processes ended during this run, {why}"
+    return _begun(plan, index) | {"status": "lost", "message": message} | _no_metrics(plan)
 
 
 def log_of(plan: "Plan", index: int, engine: str) -> bytes:
     """Run one run again and return its log. Where the run fails, the log ends there."""
     with tempfile.TemporaryDirectory(prefix="uvms-mj-") as folder:
         path = Path(folder, "run.mcap")
-        _row(plan, index, engine, (McapLog(path),))
+        one_row(plan, index, engine, (McapLog(path),))
         return path.read_bytes() if path.exists() else b""
 
 
@@ -70,14 +60,16 @@ def _begun(plan: "Plan", index: int) -> dict[str, Any]:
     run = plan.run(index)
     row = {"index": index, "draw": run.draw, "law": run.law, "repeat": run.repeat, "seed": run.seed}
     varied = {key: run.values.get(key) for key in plan.varied}
-    return row | varied | {"status": "", "message": "", "steps": None, "warnings": None, "engine": ""}
+    return row | varied | {"status": "", "message": "", "steps": None, "warnings": None, "engine": plan.engine}
 
 
 def _no_metrics(plan: "Plan") -> dict[str, Any]:
     return {column: None for place in plan.metrics if place in COMPONENTS for column in columns_of(place)}
 
 
-def _row(plan: "Plan", index: int, engine: str, sinks: tuple[Sink, ...]) -> dict[str, Any]:
+def one_row(plan: "Plan", index: int, engine: str = "", sinks: tuple[Sink, ...] = ()) -> dict[str, Any]:
+    """Run one run of a plan and return its row by column. ``engine`` replaces that of the plan."""
+    engine = engine or plan.engine
     row, metrics = _begun(plan, index) | {"engine": engine}, _no_metrics(plan)
     try:
         scenario = plan.scenario(index)

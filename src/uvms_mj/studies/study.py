@@ -112,12 +112,14 @@ class Study:
 
 
 @contextlib.contextmanager
-def executor_of(given: Executor | None, workers: int | None) -> Iterator[Executor]:
-    """The given executor, which stays open, or new workers of this machine, which end here."""
+def executor_of(given: Executor | None, workers: int | None, scheduler: str | None = None) -> Iterator[Executor]:
+    """The given executor, which stays open, or new workers of this machine or of a Dask scheduler, which end here."""
     if given is not None:
         yield given
         return
-    own = Workers(workers)
+    if scheduler is not None:
+        from .pool.cluster import Cluster
+    own: Executor = Workers(workers) if scheduler is None else Cluster(scheduler)
     try:
         yield own
     finally:

@@ -53,26 +53,10 @@ def metric_of(name: str) -> "Callable[[Trace], Any]":
 OF_ROWS = ("index", "draw", "law", "repeat", "seed", "status", "message", "steps", "warnings", "engine")
 """The columns of every row besides the keys that vary and the metrics."""
 COMPONENTS: Mapping[str, tuple[str, ...]] = {
-    "contact.first_s": (),
-    "contact.touches": (),
-    "contact.peak_N": (),
-    "contact.impulse_Ns": (),
-    "contact.final_N": (),
-    "contact.settled": (),
-    "contact.analytic_N": (),
-    "contact.relative_error": (),
-    "effort_N2s": (),
-    "saturated_s": (),
-    "final.position_m": AXES[:3],
+    **{name: () for name in METRICS if name not in NOT_METRICS},
+    **dict.fromkeys(("final.position_m", "analytic.position_m"), AXES[:3]),
+    **dict.fromkeys(("final.s", "final.z", "final.tau"), AXES),
     "final.attitude_wxyz": ("w", *AXES[:3]),
-    "final.s": AXES,
-    "final.z": AXES,
-    "final.tau": AXES,
-    "analytic.position_m": AXES[:3],
-    "analytic.none_because": (),
-    "certified_rate_m_per_s3": (),
-    "chattering_N_per_s": (),
-    "force_error_N": (),
 }
 """The numbers that a study can keep, most of them of ``uvms-mj run --json``, with the names of their components."""
 

@@ -1,11 +1,11 @@
 """Calls on an executor of the shape of ``concurrent.futures``: Workers, a cluster, or one of the user's."""
 
-import collections
-import functools
 import os
-import queue
+import time
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
+from concurrent.futures import BrokenExecutor, CancelledError, Executor
+from itertools import compress
+from operator import not_
 from typing import Any
 
 from pebble import ProcessExpired
@@ -15,6 +15,8 @@ from .workers import gave_up
 
 _AHEAD = 3
 """Calls that an executor is given ahead, for each of its workers."""
+_LOOK_S = 5e-3
+"""Time from one look at the futures to the next."""
 
 
 def each_call(
@@ -27,50 +29,40 @@ def each_call(
     """Make calls ``function(*call)`` on an executor, a few ahead for each of its workers.
 
     ``done`` is called on this thread with a call and its result, or its ProcessExpired, and returns the calls to make
-    instead. ``tick`` is called five times per second; an exception that it raises ends everything.
+    instead. ``tick`` is called after each call, and five times per second; an exception that it raises ends everything.
+    A future needs ``done()`` and ``result()``, as also the jobs of submitit have them.
 
     Raises:
         InputError: the executor or its workers can't go on.
     """
-    waiting: collections.deque[tuple[Any, ...]] = collections.deque()
-    source, flying, asked = iter(calls), 0, list[tuple[tuple[Any, ...], Any]]()
-    ended: queue.SimpleQueue[tuple[tuple[Any, ...], Future[Any]]] = queue.SimpleQueue()
+    again: list[tuple[Any, ...]] = []
+    source, flying, told = iter(calls), list[tuple[tuple[Any, ...], Any]](), time.monotonic()
     while True:
-        while flying < _AHEAD * _size(executor):
-            call = waiting.popleft() if waiting else next(source, None)
+        while len(flying) < _AHEAD * _size(executor):
+            call = again.pop(0) if again else next(source, None)
             if call is None:
                 break
             try:
-                future = executor.submit(function, *call)
+                flying.append((call, executor.submit(function, *call)))
             except RuntimeError as error:
                 raise gave_up(error) from error
-            if hasattr(future, "add_done_callback"):
-                future.add_done_callback(functools.partial(_put, ended, call))
-            else:  # a job of submitit
-                asked.append((call, future))
-            flying += 1
         if not flying:
             return
-        for each in [each for each in asked if each[1].done()]:
-            asked.remove(each)
-            ended.put(each)
-        try:
-            call, future = ended.get(timeout=0.2)
-        except queue.Empty:
+        over = [future.done() for _, future in flying]
+        ended, flying = list(compress(flying, over)), list(compress(flying, map(not_, over)))
+        for call, future in ended:
+            answer = _result(future)
+            # of a broken executor: it starts anew, or refuses the call
+            again.extend([call] if isinstance(answer, BrokenExecutor) else done(call, answer))
             tick()
-            continue
-        flying -= 1
-        answer = _result(future)
-        again = isinstance(answer, BrokenExecutor)  # the executor starts anew, or refuses the call
-        waiting.extend([call] if again else done(call, answer))
-        tick()
+        if not ended:
+            time.sleep(_LOOK_S)
+        if time.monotonic() - told > 0.2:
+            told = time.monotonic()
+            tick()
 
 
-def _put(ended: "queue.SimpleQueue[Any]", call: tuple[Any, ...], future: "Future[Any]") -> None:
-    ended.put((call, future))
-
-
-def _result(future: "Future[Any]") -> Any:
+def _result(future: Any) -> Any:
     """The result of a future, or the error that its worker, or all of them, ended."""
     try:
         return future.result()

@@ -4,12 +4,12 @@ Start the Dask workers with one thread each: a run is native code on one core. A
 the Dask worker ten seconds after the time limit of the run.
 """
 
-import functools
 import logging
 import math
 import time
 from collections.abc import Callable
-from concurrent.futures import CancelledError, Executor, Future
+from concurrent.futures import CancelledError, Executor
+from dataclasses import dataclass
 from typing import Any
 
 from pebble import ProcessExpired
@@ -39,8 +39,7 @@ class Cluster(Executor):
             self._client = distributed.Client(address, timeout=_PATIENCE_S, set_as_default=False)
         except (OSError, ValueError, TypeError) as error:
             raise InputError(f"--scheduler {address}: no scheduler answers: {error}") from None
-        self._lost = distributed.KilledWorker
-        self._size, self._asked, self._closed = 0, -math.inf, False
+        self._size, self._asked = 0, -math.inf
 
     @property
     def size(self) -> int:
@@ -52,34 +51,32 @@ class Cluster(Executor):
                 raise gave_up(error) from error
         return self._size
 
-    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
-        ours: Future[Any] = Future()
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Any:
         try:
-            theirs = self._client.submit(function, *args, **kwargs, pure=False)
+            return _Job(self._client.submit(function, *args, **kwargs, pure=False))
         except Exception as error:
             raise gave_up(error) from error
-        theirs.add_done_callback(functools.partial(self._pass_on, ours))
-        return ours
-
-    def _pass_on(self, ours: "Future[Any]", theirs: Any) -> None:
-        if self._closed:  # Dask would wait for ever
-            return
-        result: Any = None
-        raised: Exception | None = None
-        try:
-            result = theirs.result(timeout=_PATIENCE_S)
-        except self._lost as error:  # Dask has tried several workers
-            raised = ProcessExpired(str(error))
-        except (CancelledError, TimeoutError, OSError) as error:  # of Dask
-            raised = gave_up(error)
-        except Exception as error:  # of the call
-            raised = error
-        if raised is None:
-            ours.set_result(result)
-        else:
-            ours.set_exception(raised)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Leave the cluster. The scheduler forgets the calls that are not done."""
-        self._closed = True
         self._client.close()
+
+
+@dataclass(frozen=True)
+class _Job:
+    """A future of Dask with the errors of a pool."""
+
+    theirs: Any
+
+    def done(self) -> bool:
+        return bool(self.theirs.done())
+
+    def result(self) -> Any:
+        from distributed import KilledWorker
+
+        try:
+            return self.theirs.result(timeout=_PATIENCE_S)
+        except KilledWorker as error:  # Dask has tried several workers
+            raise ProcessExpired(str(error)) from error
+        except (CancelledError, TimeoutError, OSError) as error:
+            raise gave_up(error) from error

@@ -1,13 +1,12 @@
 """A study from its first missing block to its last log."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from typing import TYPE_CHECKING, Any
 
 from pebble import ProcessExpired
 
 from .. import check
-from ..plan.reading import DEFAULT_WORST
 from ..results import Results, frame, put
 from ..rows import lost_row
 from . import tasks
@@ -43,29 +42,20 @@ class Execution:
             InputError: the executor or its workers can't go on.
             OSError: a file can't be written, e.g. because the disk is full.
         """
-        missing = self.results.missing()
-        self._count(set(range(len(self.results.blocks))) - set(missing))
-        each_call(self.executor, tasks.rows_of, self._calls(missing), self._take, self._tick)
+        calls = []
+        for i, block in enumerate(self.results.blocks):
+            statuses = self.results.statuses(i)  # of earlier sessions
+            self.done += len(statuses)
+            self.failures += sum(status != "completed" for status in statuses)
+            calls += [] if statuses else [(self.parcel, tuple(block))]
+        each_call(self.executor, tasks.rows_of, calls, self._take, self._tick)
         self.results.finish()
         rows = frame(self.results.folder)
         self._check(rows)
         self._logs(rows)
 
-    def _calls(self, missing: Iterable[int]) -> Iterable[tuple[Any, ...]]:
-        return ((self.parcel, tuple(self.results.blocks[i])) for i in missing)
-
-    def _count(self, parts: set[int]) -> None:
-        """Count the rows of earlier sessions."""
-        for i in parts:
-            statuses = self.results.statuses(i)
-            self.done += len(statuses)
-            self.failures += sum(status != "completed" for status in statuses)
-
     def _tick(self) -> None:
         self.progress(self.what, self.done, self.failures, self.total)
-
-    def _begin(self, what: str, total: int) -> None:
-        self.what, self.done, self.total = what, 0, total
 
     def _take(self, call: tuple[Any, ...], answer: Any) -> list[tuple[Any, ...]]:
         """Keep rows, and write the part of a block that is whole. Returns the calls to make again, run by run."""
@@ -97,33 +87,38 @@ class Execution:
             return
         pairs: dict[tuple[int, str], dict[str, Any]] = {}
 
-        def take(call: tuple[Any, ...], answer: Any) -> list[tuple[Any, ...]]:
-            _, index, engine = call
-            pairs[index, engine] = {"status": "lost"} if isinstance(answer, ProcessExpired) else answer
-            self.done += 1
-            return []
+        def keep(row: Any, index: int, engine: str) -> None:
+            pairs[index, engine] = row or {"status": "lost"}
 
-        self._begin("checking in MuJoCo", 2 * len(indices))
-        calls = ((self.parcel, index, engine) for index in indices for engine in ("free_body", "mujoco"))
-        each_call(self.executor, tasks.compared, calls, take, self._tick)
+        calls = [(index, engine) for index in indices for engine in ("free_body", "mujoco")]
+        self._repeat("checking in MuJoCo", tasks.compared, calls, keep)
         found = check.differences(self.plan, indices, pairs)
         put(self.results.folder / check.FILE, found.to_parquet)
 
     def _logs(self, rows: Any) -> None:
         """Run those runs again whose logs are kept. A run is the same each time."""
 
-        def take(call: tuple[Any, ...], answer: Any) -> list[tuple[Any, ...]]:
-            _, index, _ = call
-            if not isinstance(answer, ProcessExpired) and answer:
-                put(self.results.log(index), lambda file: file.write(answer))
-            self.done += 1
-            return []
+        def keep(log: Any, index: int, _: str) -> None:
+            if log:
+                put(self.results.log(index), lambda file: file.write(log))
 
         engines = dict(zip(rows["index"].tolist(), rows["engine"].tolist(), strict=True))
         missing = [index for index in kept(self.plan, rows) if not self.results.log(index).exists()]
-        self._begin("writing logs", len(missing))
-        calls = ((self.parcel, index, engines[index]) for index in missing)
-        each_call(self.executor, tasks.log_of, calls, take, self._tick)
+        self._repeat("writing logs", tasks.log_of, [(index, engines[index]) for index in missing], keep)
+
+    def _repeat(
+        self, what: str, task: Callable[..., Any], runs: Sequence[tuple[int, str]], keep: Callable[..., None]
+    ) -> None:
+        """Run some runs again, each by its index in an engine. ``keep`` gets what the task returns, or None if the run
+        ended its worker, and the run."""
+        self.what, self.done, self.total = what, 0, len(runs)
+
+        def take(call: tuple[Any, ...], answer: Any) -> tuple[()]:
+            keep(None if isinstance(answer, ProcessExpired) else answer, *call[1:])
+            self.done += 1
+            return ()
+
+        each_call(self.executor, task, ((self.parcel, *run) for run in runs), take, self._tick)
 
 
 def kept(plan: "Plan", rows: Any) -> list[int]:
@@ -135,7 +130,7 @@ def kept(plan: "Plan", rows: Any) -> list[int]:
         chosen = rows["status"].isin(["unstable", "failed", "timed_out"])
         return rows.loc[chosen, "index"].tolist()
     if logs.kind == "worst":
-        worst = _size(rows, str(logs.metric)).dropna().nlargest(logs.k or DEFAULT_WORST).index
+        worst = _size(rows, str(logs.metric)).dropna().nlargest(logs.k).index
         return rows.loc[worst, "index"].tolist()
     return []
 

@@ -1,5 +1,6 @@
 """The calls that a study makes in its workers. They take the study as a parcel and return plain values."""
 
+import dataclasses
 from typing import TYPE_CHECKING, Any
 
 from .. import check, rows
@@ -16,8 +17,9 @@ def rows_of(parcel: Parcel, indices: tuple[int, ...]) -> list[dict[str, Any]]:
 
 
 def compared(parcel: Parcel, index: int, engine: str) -> dict[str, Any]:
-    """The numbers of a run in one engine that the check of the engines compares."""
-    return check.numbers_of(plan_of(parcel), index, engine)
+    """The row of a run in one engine with what the check of the engines compares."""
+    plan = dataclasses.replace(plan_of(parcel), metrics=check.METRICS, time_limit_s=None)
+    return rows.one_row(plan, index, engine)
 
 
 def log_of(parcel: Parcel, index: int, engine: str) -> bytes:
