@@ -361,3 +361,42 @@ def test_two_studies_at_once_in_two_folders(whole, study_file, tmp_path):
     assert [process.wait(timeout=120) for process in both] == [0, 0]
     same(whole.folder, tmp_path / "a")
     same(whole.folder, tmp_path / "b")
+
+
+class Unlucky(concurrent.futures.Executor):
+    """Calls in this process; each call that repeats a run ends its worker once, as somebody's kill -9 does."""
+
+    size = 1
+
+    def __init__(self):
+        self.struck = set()
+
+    def submit(self, function, /, *args, **kwargs):
+        future = concurrent.futures.Future()
+        if function.__name__ in ("compared", "log_of") and (function.__name__, *args[1:]) not in self.struck:
+            self.struck.add((function.__name__, *args[1:]))
+            future.set_exception(ProcessExpired("killed"))
+        else:
+            future.set_result(function(*args))
+        return future
+
+
+def test_a_worker_that_somebody_ends_changes_neither_the_check_nor_the_logs(study_file, tmp_path):
+    path = study_file(runs=2, engine="auto", keep='logs = {kind = "listed", indices = [1]}')
+    pool = Unlucky()
+    study = Study.load(path).run(tmp_path / "out", executor=pool)
+    assert {name for name, *_ in pool.struck} == {"compared", "log_of"}
+    assert study.check["within"].all()
+    assert (study.check["number"] == "contact.peak_N").any()
+    assert (tmp_path / "out" / "logs" / "row-00001.mcap").stat().st_size > 0
+
+
+def test_a_damaged_check_is_made_again(study_file, tmp_path):
+    study = Study.load(study_file(runs=2, engine="auto")).run(tmp_path / "out", executor=Unlucky())
+    before = study.check
+    (tmp_path / "out" / "check.parquet").write_bytes(b"PAR1")
+    with pytest.raises(InputError, match=r"check\.parquet: damaged"):
+        _ = study.check
+    study.run(executor=Unlucky())
+    assert study.damaged == ("check.parquet",)
+    assert_frame_equal(study.check, before, check_exact=True)

@@ -14,10 +14,12 @@ rounding decides, and its force does not settle; its runs are compared by status
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..errors import InputError
 from .plan.metric import columns_of
 
 if TYPE_CHECKING:
@@ -34,6 +36,17 @@ METRICS = (
     *("final.position_m", "thrust_peak_N"),
 )
 """The metrics of the rows that are compared, besides their status."""
+
+
+def load(folder: Path) -> "pd.DataFrame | None":
+    """The differences in the folder of a study; None if it has none. Raises InputError if they are damaged."""
+    import pandas as pd
+
+    path = folder / FILE
+    try:
+        return pd.read_parquet(path) if path.exists() else None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: damaged ({error}); the command that began the study computes it again") from None
 
 
 def sample(plan: "Plan", rows: "pd.DataFrame") -> list[int]:

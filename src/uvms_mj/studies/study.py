@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..files import locked
-from .check import FILE
+from .check import load
 from .plan import Plan
 from .pool.execution import Execution, Progress
 from .pool.parcel import Parcel
@@ -105,10 +105,7 @@ class Study:
     @property
     def check(self) -> "pd.DataFrame | None":
         """The differences between the engines in the sample of :mod:`.check`; None if no run needed it."""
-        import pandas as pd
-
-        path = None if self.folder is None else self.folder / FILE
-        return pd.read_parquet(path) if path is not None and path.exists() else None
+        return None if self.folder is None else load(self.folder)
 
 
 @contextlib.contextmanager

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from pebble import ProcessExpired
 
+from ...errors import InputError
 from .. import check
 from ..results import Results, frame, put
 from ..rows import lost_row
@@ -63,11 +64,9 @@ class Execution:
         if isinstance(answer, ProcessExpired):
             if len(indices) > 1:
                 return [(self.parcel, (index,)) for index in indices]
-            (index,) = indices
-            self._attempts[index] = self._attempts.get(index, 0) + 1
-            if self._attempts[index] < ATTEMPTS:
+            if self._goes_on(indices):
                 return [call]
-            answer = [lost_row(self.plan, index)]
+            answer = [lost_row(self.plan, indices[0])]
         i = indices[0] // len(self.results.blocks[0])
         block = self._rows.setdefault(i, {})
         for row in answer:
@@ -80,11 +79,19 @@ class Execution:
             del self._rows[i]
         return []
 
+    def _goes_on(self, run: Any) -> bool:
+        """Whether a run that ended its worker is tried again: something else may have ended the worker."""
+        self._attempts[run] = self._attempts.get(run, 0) + 1
+        return self._attempts[run] < ATTEMPTS
+
     def _check(self, rows: Any) -> None:
         """Repeat a sample of the free-body runs in MuJoCo and keep the differences."""
         indices = check.sample(self.plan, rows)
-        if not indices or (self.results.folder / check.FILE).exists():
-            return
+        try:
+            if not indices or check.load(self.results.folder) is not None:
+                return
+        except InputError:
+            self.results.damaged.append(check.FILE)
         pairs: dict[tuple[int, str], dict[str, Any]] = {}
 
         def keep(row: Any, index: int, engine: str) -> None:
@@ -110,13 +117,16 @@ class Execution:
         self, what: str, task: Callable[..., Any], runs: Sequence[tuple[int, str]], keep: Callable[..., None]
     ) -> None:
         """Run some runs again, each by its index in an engine. ``keep`` gets what the task returns, or None if the run
-        ended its worker, and the run."""
+        ended three workers, and the run."""
         self.what, self.done, self.total = what, 0, len(runs)
 
-        def take(call: tuple[Any, ...], answer: Any) -> tuple[()]:
-            keep(None if isinstance(answer, ProcessExpired) else answer, *call[1:])
+        def take(call: tuple[Any, ...], answer: Any) -> list[tuple[Any, ...]]:
+            lost = isinstance(answer, ProcessExpired)
+            if lost and self._goes_on((what, *call[1:])):
+                return [call]
+            keep(None if lost else answer, *call[1:])
             self.done += 1
-            return ()
+            return []
 
         each_call(self.executor, task, ((self.parcel, *run) for run in runs), take, self._tick)
 
