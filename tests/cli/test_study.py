@@ -106,3 +106,11 @@ def test_the_help_shows_a_study_file_that_is_one(here):
     Path("least.toml").write_text("\n".join(lines[start : end + 1]))
     assert Study.load("least.toml").plan.runs == 60
     assert "Exit status:" in text
+
+
+def test_a_study_is_no_log_and_a_run_of_it_needs_its_row(here, study_file):
+    Path("out").mkdir()
+    Path("out/study.toml").write_text(Path("s.toml").read_text())
+    done = here("run", "--from", "out")
+    assert done.exit_code == 2
+    assert "is the folder of a study; name one of its runs with --row N" in done.stderr
