@@ -113,17 +113,22 @@ def finite(value: Any) -> Any:
 
 
 def _table(study: "Study", rows: "pd.DataFrame") -> None:
-    """Runs by law and status."""
+    """Runs by law and status, and their successes."""
     from rich.table import Table
 
+    from ..studies.plan.success import in_words, successes
+
+    success = successes(rows, study.plan.success)
     statuses = [each for each in rows["status"].unique() if each != "completed"]
     table = Table(title=study.plan.name, title_justify="left", min_width=60)
-    for name in ("law", "runs", "completed", *statuses):
+    for name in ("law", "runs", "completed", *statuses, "success"):
         table.add_column(name, justify="left" if name == "law" else "right", no_wrap=True)
     for law in study.plan.laws:
-        own = rows.loc[rows["law"] == law.label, "status"]
-        table.add_row(law.label, str(len(own)), *(str((own == each).sum()) for each in ("completed", *statuses)))
+        mine = rows["law"] == law.label
+        counts = [(rows.loc[mine, "status"] == each).sum() for each in ("completed", *statuses)]
+        table.add_row(law.label, *map(str, (mine.sum(), *counts, success[mine].sum())))
     print_table(table)
+    click.echo(f"{in_words(study.plan.success, 'contact.settled' in rows)}")
 
 
 def _print_check(found: "pd.DataFrame", largest: "pd.DataFrame") -> None:
