@@ -32,6 +32,7 @@ from .plan.metric import COMPONENTS, columns_of, users_numbers
 
 if TYPE_CHECKING:
     from .plan import Plan
+    from .pool.parcel import Parcel
 
 STATUSES = ("completed", "unstable", "failed", "refused", "timed_out", "lost")
 """How a run ended: to its end; a variable left its bound; a law or a metric raised; the scenario cannot run; longer
@@ -48,11 +49,17 @@ def lost_row(plan: "Plan", index: int) -> dict[str, Any]:
     return _begun(plan, index) | {"status": "lost", "message": message} | _no_metrics(plan)
 
 
-def log_of(plan: "Plan", index: int, engine: str) -> bytes:
-    """Run one run again and return its log. Where the run fails, the log ends there."""
+def rows_of(parcel: "Parcel", indices: tuple[int, ...]) -> list[dict[str, Any]]:
+    """Run some runs of a study in a worker and return their rows."""
+    plan = parcel.plan()
+    return [one_row(plan, index) for index in indices]
+
+
+def log_of(parcel: "Parcel", index: int, engine: str) -> bytes:
+    """Run one run again in a worker and return its log. Where the run fails, the log ends there."""
     with tempfile.TemporaryDirectory(prefix="uvms-mj-") as folder:
         path = Path(folder, "run.mcap")
-        one_row(plan, index, engine, (McapLog(path),))
+        one_row(parcel.plan(), index, engine, (McapLog(path),))
         return path.read_bytes() if path.exists() else b""
 
 

@@ -67,18 +67,18 @@ class Parcel:
             digest.update(f"{name} {hashlib.sha256(data).hexdigest()}".encode())
         return digest.hexdigest()[:32]
 
-    def check_code(self) -> None:
-        """Raise InputError if this worker has other code."""
+    def plan(self) -> "Plan":
+        """Unpack the plan on a worker, once a process. Raises InputError if this worker has other code."""
+        from ..plan import Plan
+
         ours = code()
         other = [f"{name} {ours.get(name)} there, {v} here" for name, v in self.code.items() if ours.get(name) != v]
         if other:
             raise InputError(f"a worker has other code than this machine: {'; '.join(other)}; install the same on both")
-
-    def plan(self) -> "Plan":
-        """Unpack the plan on a worker."""
-        from ..plan import Plan
-
-        return Plan.from_dict(_filled(self.tables, self._folder()))
+        if self.digest not in _plans:
+            _plans.clear()
+            _plans[self.digest] = Plan.from_dict(_filled(self.tables, self._folder()))
+        return _plans[self.digest]
 
     def _folder(self) -> str:
         """The folder with the files, written by the first worker on a machine that needs it."""
@@ -97,6 +97,10 @@ class Parcel:
                 part.write_bytes(data)
                 os.replace(part, path)
         return f"{folder}/"
+
+
+_plans: dict[str, "Plan"] = {}
+"""The last plan by the digest of its parcel."""
 
 
 def _contains(path: Path, data: bytes) -> bool:

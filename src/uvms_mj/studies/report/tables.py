@@ -159,7 +159,6 @@ class Worst:
     law: str
     colour: str
     why: str
-    row: int
     values: str
     command: str
 
@@ -196,13 +195,8 @@ def _worst(data: Data, law: str, at: int, why: str, folder: str) -> Worst:
         for key in data.plan.varied
         if row[key] is not None and row[key] == row[key]
     ]
-    index = int(row["index"])
-    return Worst(law, data.colours[law], why, index, ", ".join(values), replay(folder, index))
-
-
-def replay(folder: str, row: int) -> str:
-    """The command that runs a row again, in the viewer."""
-    return f"uvms-mj run --from {shlex.quote(folder)} --row {row} --viewer"
+    command = f"uvms-mj run --from {shlex.quote(folder)} --row {int(row['index'])} --viewer"
+    return Worst(law, data.colours[law], why, ", ".join(values), command)
 
 
 def text_of(value: Any) -> str:
