@@ -212,9 +212,7 @@ def _checksum(table: pa.Table) -> str:
 
 
 def frame(folder: Path) -> "pd.DataFrame":
-    """The rows that a folder has, sorted by index. Raises InputError if it is not a study's, or a part is damaged."""
-    if not (folder / STUDY).is_file():
-        raise InputError(f"{folder}: not the folder of a study: it has no {STUDY}")
+    """The rows that a study's folder has, sorted by index. Raises InputError if it has none, or a part is damaged."""
     tables = []
     for path in sorted((folder / "rows").glob("part-*.parquet")):
         try:

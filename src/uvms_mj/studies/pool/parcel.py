@@ -89,9 +89,9 @@ class Parcel:
         if above.stat().st_uid != os.getuid():
             raise InputError(f"{above}: belongs to another user; set TMPDIR to a folder of yours")
         folder = above / self.digest
-        if not all(_contains(folder / name, data) for name, data in self.files.items()):
-            for name, data in self.files.items():
-                path = folder / name
+        for name, data in self.files.items():
+            path = folder / name
+            if not path.is_file() or path.read_bytes() != data:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 part = path.with_name(f".{path.name}-{os.getpid()}")
                 part.write_bytes(data)
@@ -101,13 +101,6 @@ class Parcel:
 
 _plans: dict[str, "Plan"] = {}
 """The last plan by the digest of its parcel."""
-
-
-def _contains(path: Path, data: bytes) -> bool:
-    try:
-        return path.read_bytes() == data
-    except OSError:
-        return False
 
 
 def _packed(value: Any, files: dict[str, bytes]) -> Any:

@@ -49,14 +49,12 @@ def median(differences: np.ndarray) -> Estimate | None:
 
     None for fewer than eight values.
     """
-    n = len(differences)
-    if n < _FEWEST:
+    if len(differences) < _FEWEST:
         return None
-    from scipy.stats import binom
+    from scipy.stats import quantile_test
 
-    ordered = np.sort(differences)
-    rank = max(1, int(binom.ppf((1.0 - LEVEL) / 2.0, n, 0.5)))
-    return Estimate(float(np.median(ordered)), float(ordered[rank - 1]), float(ordered[n - rank]))
+    interval = quantile_test(differences, p=0.5).confidence_interval(LEVEL)
+    return Estimate(float(np.median(differences)), float(interval.low), float(interval.high))
 
 
 def rank_correlation(x: np.ndarray, y: np.ndarray) -> Estimate | None:
