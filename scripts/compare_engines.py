@@ -5,8 +5,8 @@
 
 Each scenario has its own vehicle, law, wall, current, disturbance, friction, errors of the estimates and initial state.
 The differences of a run are the largest one of the position at any sample, that of the peak force, and that of the
-force at rest, if free_body's has come to rest within 1e-9 of itself. MuJoCo's solver leaves a variation of its own,
-``unrest``.
+force at rest, if free_body's has come to rest within 1e-9 of itself. ``unrest`` is the variation
+of the force in MuJoCo meanwhile.
 
 MuJoCo's contact has an inerter of 1e-4 of the rigid mass, which passes on 1e-4 of a step of the thrust. The peak's
 difference is therefore relative to the peak and the largest thrust together. A law that chatters, with steps of the

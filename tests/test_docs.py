@@ -1,5 +1,6 @@
 """The guides show the examples as they are, and agree with the program."""
 
+import dataclasses
 import re
 import shlex
 import subprocess
@@ -11,10 +12,14 @@ import pytest
 from draw_rooms import SUBJECTS, floors
 from uvms_mj.envs.push import ARGUMENTS, OBSERVED
 from uvms_mj.stages import signals
+from uvms_mj.studies.plan import Plan, study_file
+from uvms_mj.studies.tune import Tuning
+from uvms_mj.studies.tune import tables as tune_tables
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
 EXTENDING = (ROOT / "docs" / "extending.md").read_text()
+STUDIES = (ROOT / "docs" / "studies.md").read_text()
 ENVIRONMENTS = (ROOT / "docs" / "environments.md").read_text()
 GUIDES = EXTENDING + ENVIRONMENTS + (ROOT / "README.md").read_text()
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -69,6 +74,25 @@ def test_the_drawing_has_the_rooms_of_the_import_contract():
     assert sorted(rooms) == sorted(SUBJECTS)
     package = {path.stem for path in (ROOT / "src" / "uvms_mj").iterdir() if path.suffix in ("", ".py")}
     assert set(rooms) == package - {"__init__", "__main__", "scenarios", "__pycache__", "py.typed"}
+
+
+def test_the_keys_of_a_study_and_of_a_tuning_are_those_of_the_program():
+    tables = {name: part for name, part in study_file._PARTS.items() if name} | dict(tune_tables.TABLES)
+    keys = {f"{table}.{field.name}" for table, part in tables.items() for field in dataclasses.fields(part)}
+    rows = [
+        cell for row in re.findall(r"^\| (`.*?) \|", STUDIES, re.MULTILINE) for cell in re.findall(r"`([\w.]+)`", row)
+    ]
+    assert {row for row in rows if row.partition(".")[0] in tables and "." in row} == keys
+    assert {field.name for field in dataclasses.fields(study_file.StudyFile)} - {*tables} <= {*rows, "base"}
+
+
+def test_the_study_and_the_tuning_of_the_guide_are_valid(tmp_path):
+    study, tuning = re.findall(r"```toml\n(.*?)```", STUDIES, re.DOTALL)
+    for name, text in (("mine.toml", study), ("tune.toml", tuning)):
+        (tmp_path / name).write_text(text)
+    assert Plan.load(tmp_path / "mine.toml").runs == 60
+    found = Tuning.load(tmp_path / "tune.toml")
+    assert (found.plan.runs, found.search.trials, len(found.gains)) == (20, 100, 2)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

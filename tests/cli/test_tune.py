@@ -96,5 +96,5 @@ def test_the_help_shows_a_tuning_file_that_is_one(here):
     start, end = lines.index("[base]"), lines.index("at_least = 1.0")
     Path("t.toml").write_text("\n".join(lines[start : end + 1]))
     tuning = Tuning.load("t.toml")
-    assert (tuning.plan.runs, tuning.search.trials) == (20, 100)
+    assert (tuning.plan.runs, tuning.search.trials) == (3, 100)
     assert "Exit status:" in text

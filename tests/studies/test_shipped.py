@@ -33,6 +33,7 @@ def test_a_shipped_study_runs(name):
         assert row["status"] == "completed", row["message"]
 
 
+@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
 def test_the_metrics_of_a_gain_map_are_those_of_the_run():
     """The certified rate by the bound of the gains; chattering and force error by the metrics of the whole trace."""
     metrics = ["certified_rate_m_per_s3", "chattering_N_per_s", "force_error_N"]

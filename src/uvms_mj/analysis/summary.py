@@ -104,11 +104,17 @@ def _force_error(trace: "Trace") -> float | None:
     return None if force is None or not math.isfinite(demanded) else force - demanded
 
 
+def _thrust_peak(trace: "Trace") -> float | None:
+    """Largest of X, Y and Z that the thrusters gave at any step [N]."""
+    return float(trace.tau_max[-1][:3].max()) if len(trace) else None
+
+
 METRICS: "Mapping[str, Callable[[Trace], Any]]" = {
     **NUMBERS,
     "certified_rate_m_per_s3": _certified_rate,
     "chattering_N_per_s": _chattering,
     "force_error_N": _force_error,
+    "thrust_peak_N": _thrust_peak,
 }
 """The numbers that a study can keep: those of a summary, and others that take longer."""
 

@@ -63,13 +63,9 @@ def tune(
     \b
     [base]                               a tuning file
     scenario = "push_wall"
-    [design]
-    runs = 20
     [[vary]]
     key = "current.speed"
-    distribution = "uniform"
-    low = 0.0
-    high = 0.5
+    values = [0.0, 0.25, 0.5]
     [[gain]]
     key = "controller.k_1"
     low = 1.0
@@ -100,21 +96,26 @@ def tune(
                     _head(tuning, executor.size, folder, dry_run, as_json)
                 if dry_run:
                     return
-                folder_for(str(folder))
-                column = "{task.completed:.0f} of {task.total} trials, best {task.fields[best]}"
-                with progress_bar("tuning", as_json or quiet, stop, column, best="-") as update:
-
-                    def progress(done: int, total: int, best: float | None) -> None:
-                        shown.update(done=done, total=total)
-                        update(done, total, best="-" if best is None else f"{best:.4g}")
-
-                    tuning.run(folder, executor=executor, progress=progress)
+                _search(tuning, folder, executor, as_json or quiet, stop, shown)
             status = _result(tuning, folder, as_json, quiet)
     except KeyboardInterrupt:
         end(f"interrupted{_kept(shown)}", exit_interrupted())
     except OSError as error:
         end(f"error: {error.filename or folder}: {error.strerror or error}{_kept(shown)}", EXIT_BAD_INPUT)
     sys.exit(status)
+
+
+def _search(tuning: "Tuning", folder: Path, executor: Any, hidden: bool, stop: Stop, shown: dict[str, int]) -> None:
+    """Run the trials with a progress bar on terminals. ``shown`` gets the numbers of trials."""
+    folder_for(str(folder))
+    column = "{task.completed:.0f} of {task.total} trials, best {task.fields[best]}"
+    with progress_bar("tuning", hidden, stop, column, best="-") as update:
+
+        def progress(done: int, total: int, best: float | None) -> None:
+            shown.update(done=done, total=total)
+            update(done, total, best="-" if best is None else f"{best:.4g}")
+
+        tuning.run(folder, executor=executor, progress=progress)
 
 
 def _kept(shown: dict[str, int]) -> str:

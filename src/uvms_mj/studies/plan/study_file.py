@@ -122,7 +122,7 @@ class Execution:
     engine: Literal["auto", "mujoco", "free_body"] = doc("auto: free_body where it can, checked by a sample", "auto")
     time_limit_s: Annotated[Number, within(1e-3, 1e7, "s")] | None = doc("wall time after which a run ends [s]", None)
     tolerance: Annotated[Number, within(0.0, 1e3, "")] = doc(
-        "largest relative difference of a metric between free_body and mujoco [1]", 1e-3
+        "largest relative difference of a metric between free_body and mujoco [1]", 1e-4
     )
 
 

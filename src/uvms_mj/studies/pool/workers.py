@@ -1,16 +1,19 @@
 """Worker processes of this machine in the shape of ``concurrent.futures``, by the library pebble.
 
-A worker is a process with one thread of computation. It is started once, and ends with the process that started it. A
-call whose worker ends raises pebble's ProcessExpired; another worker takes its place, and the other calls go on.
+A worker is a process with one thread of computation. It is started once, and ends with the process that started it,
+however that ends. A call whose worker ends raises pebble's ProcessExpired; another worker takes its place, and the
+other calls go on. The processes of the library loky do not import the user's script, so it needs no guard.
 """
 
-import multiprocessing
 import os
 import signal
+import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from typing import Any
 
+from loky.backend import get_context
 from pebble import ProcessPool
 
 from ...errors import InputError
@@ -33,7 +36,7 @@ def cores() -> int:
 
 class Workers(Executor):
     """Worker processes of this machine; ``workers`` is their number, by default that of the cores that this process may
-    use. As everywhere in Python, a script that starts them needs ``if __name__ == "__main__":``."""
+    use."""
 
     def __init__(self, workers: int | None = None) -> None:
         self.size = workers or cores()
@@ -42,11 +45,13 @@ class Workers(Executor):
 
     def _start(self) -> None:
         self._starts += 1
-        self._pool = ProcessPool(self.size, initializer=_begin, context=multiprocessing.get_context("spawn"))
+        self._pool = ProcessPool(self.size, initializer=_begin, context=get_context("loky"))
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
         if not self._pool.active and not self._closed and self._starts < _STARTS:
             self._start()
+        if not self._pool.active and not self._closed:
+            raise InputError("worker processes end while they start, see above")
         return self._pool.schedule(function, args=args, kwargs=kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
@@ -62,3 +67,11 @@ def _begin() -> None:
     os.environ |= {"MUJOCO_GL": "disable", "PYDANTIC_DISABLE_PLUGINS": "__all__"}
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that started it
     os.dup2(2, 1)  # standard output is for the result alone
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent has ended, also in the middle of a call: nobody waits for it."""
+    while os.getppid() == parent:
+        time.sleep(0.5)
+    os._exit(0)

@@ -10,8 +10,9 @@ from matplotlib.lines import Line2D
 
 from ...views import colours
 from ...views.figures.style import BLACK, GREY, LINE, PAGE_IN, styled
-from ..plan.metric import unit_of_column
+from ..plan.metric import unit_of_column, without_unit
 from ..report.figures import decades
+from .tables import Measure
 
 if TYPE_CHECKING:
     from .tuning import Trial, Tuning
@@ -31,9 +32,10 @@ def _values(trials: "Sequence[Trial]", state: str) -> np.ndarray:
     )
 
 
-def label_of(tuning: "Tuning") -> str:
-    unit = unit_of_column(tuning.objective.metric)
-    return f"{tuning.objective.label}{f' [{unit}]' if unit else ''}"
+def titled(measure: Measure) -> str:
+    """The name of an objective or a constraint with its unit in brackets."""
+    unit = unit_of_column(measure.metric)
+    return without_unit(measure.label) + (f" [{unit}]" if unit else "")
 
 
 def history(tuning: "Tuning", trials: "Sequence[Trial]") -> Figure:
@@ -50,7 +52,7 @@ def history(tuning: "Tuning", trials: "Sequence[Trial]") -> Figure:
         ax.plot(numbers, best, color=_colour(tuning), drawstyle="steps-post", linewidth=1.4 * LINE)
         ax.set_xlabel("trial")
         _limited(ax, tuning, trials)
-        ax.set_ylabel(label_of(tuning), parse_math=False)
+        ax.set_ylabel(titled(tuning.objective), parse_math=False)
         ax.margins(x=0.02)
         _legend(figure, tuning, trials, best=True)
     return figure
@@ -79,7 +81,7 @@ def slices(tuning: "Tuning", trials: "Sequence[Trial]", units: Mapping[str, str]
             ax.set_xlabel(f"{gain.key} [{unit}]" if unit else gain.key, parse_math=False)
             _limited(ax, tuning, trials)
             if i % columns == 0:
-                ax.set_ylabel(label_of(tuning), parse_math=False)
+                ax.set_ylabel(titled(tuning.objective), parse_math=False)
         _legend(figure, tuning, trials, best=False)
     return figure
 

@@ -56,6 +56,7 @@ def _compared(tuning: "Tuning", trials: "Sequence[Trial]", best: "Trial | None",
         return None
     shown = [trials[0], *([best] if best is not None else [])]
     limits = {each.label: each.limits for each in tuning.constraints}
+    titles = {each.label: figures.titled(each) for each in (tuning.objective, *tuning.constraints)}
     rows = []
     for name, *values in tuning.compared(shown):
         cells = ["–" if value is None else number(value, 5) for value in values]
@@ -64,7 +65,8 @@ def _compared(tuning: "Tuning", trials: "Sequence[Trial]", best: "Trial | None",
             change = f"{100.0 * (values[1] / values[0] - 1.0):+.2g} %".replace("-", "−")
         limit = limits.get(name, tuning.objective.direction if name == tuning.objective.label else "")
         unit = units.get(name, "")
-        rows.append((f"{name} [{unit}]" if unit else name, [*cells, *([change] if len(shown) == 2 else []), limit]))
+        shown_name = titles.get(name) or (f"{name} [{unit}]" if unit else name)
+        rows.append((shown_name, [*cells, *([change] if len(shown) == 2 else []), limit]))
     rows.append(("state", [each.outcome.state for each in shown] + ([""] if len(shown) == 2 else []) + [""]))
     heads = ["the file's own", *([f"found, trial {best.number}", "change"] if best is not None else []), "asked"]
     return Table("", heads, rows)
@@ -75,7 +77,7 @@ def _ten(tuning: "Tuning", trials: "Sequence[Trial]") -> Table:
     sign = 1.0 if tuning.objective.direction == "minimize" else -1.0
     feasible = [each for each in trials if each.outcome.state == "feasible"]
     feasible.sort(key=lambda each: sign * (each.outcome.objective or 0.0))
-    names = [tuning.objective.label, *(each.label for each in tuning.constraints)]
+    names = [figures.titled(each) for each in (tuning.objective, *tuning.constraints)]
     shown = [(*each.gains.values(), each.outcome.objective, *each.outcome.constraints) for each in feasible[:_TEN]]
     digits = [digits_of([0.0 if x is None else x for x in column]) for column in zip(*shown, strict=True)]
     rows = [
