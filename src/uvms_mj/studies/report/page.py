@@ -57,7 +57,7 @@ def page(
         sensitivity=_sensitivity(data, found),
         sobol=found.sobol,
         sensitivity_notes=found.notes,
-        differences=tables.differences(data, pairs),
+        differences=tables.differences(pairs),
         quantiles=tables.quantiles(data),
         failures=failures,
         more_failures=more,

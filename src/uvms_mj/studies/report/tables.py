@@ -99,7 +99,7 @@ def digits_of(numbers: Sequence[float]) -> int:
     return 3 + min(4, math.ceil(math.log10(largest / spread))) if 0.0 < spread < largest else 3
 
 
-def differences(data: Data, pairs: Sequence[Paired]) -> list[Table]:
+def differences(pairs: Sequence[Paired]) -> list[Table]:
     """One table for each pair of laws."""
     found = []
     for pair in pairs:
