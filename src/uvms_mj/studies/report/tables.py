@@ -104,15 +104,11 @@ def differences(pairs: Sequence[Paired]) -> list[Table]:
     found = []
     for pair in pairs:
         heads = ["draws", "difference", "95 % interval", f"smaller with {pair.second}"]
-        points = pair.success
-        scaled = [f"{100.0 * each:+.1f}".replace("-", "−") for each in (points.value, points.low, points.high)]
-        better, worse = pair.only_second, pair.only_first
-        rows: list[tuple[str, list[Any]]] = [
-            (
-                "success [% points], mean",
-                [pair.draws, scaled[0], f"{scaled[1]} to {scaled[2]}", f"{worse} draws; larger in {better}"],
-            )
-        ]
+        rate = pair.success
+        value, low, high = (f"{100.0 * each:+.1f}".replace("-", "−") for each in (rate.value, rate.low, rate.high))
+        cells: list[Any] = [pair.draws, value, f"{low} to {high}"]
+        cells.append(f"{pair.only_first} draws; larger in {pair.only_second}")
+        rows = [("success [% points], mean", cells)]
         for each in pair.metrics:
             interval = f"{signed(each.median.low)} to {signed(each.median.high)}"
             cells = [each.draws, signed(each.median.value), interval, f"{100.0 * each.smaller:.0f} % of draws"]
