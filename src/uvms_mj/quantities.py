@@ -97,12 +97,12 @@ controllers are validated in another way, because a user writes them as dataclas
 Lowercase = BeforeValidator(lambda value: value.lower() if isinstance(value, str) else value)
 
 
-def leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
-    """Every leaf of nested tables and lists by its place, e.g. ``contact.peak_N`` or ``final.s[0]``."""
-    if isinstance(value, dict):
+def leaves(value: Any, key: str = "", lists: bool = True) -> Iterator[tuple[str, Any]]:
+    """Every leaf of nested tables by its place, ``contact.peak_N``, and unless a list is a leaf, ``final.s[0]``."""
+    if isinstance(value, Mapping):
         for name, each in value.items():
-            yield from leaves(each, f"{key}.{name}" if key else name)
-    elif isinstance(value, list | tuple):
+            yield from leaves(each, f"{key}.{name}" if key else name, lists)
+    elif lists and isinstance(value, list | tuple):
         for i, each in enumerate(value):
             yield from leaves(each, f"{key}[{i}]")
     else:

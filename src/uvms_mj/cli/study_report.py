@@ -52,9 +52,8 @@ def _versions(folder: Path) -> dict[str, str]:
     from ..studies.results import VERSION
 
     try:
-        return {
-            str(name): str(version) for name, version in json.loads((folder / VERSION).read_bytes())["code"].items()
-        }
+        code = json.loads((folder / VERSION).read_bytes())["code"]
+        return {name: str(version) for name, version in code.items()}
     except (OSError, ValueError, KeyError, AttributeError):
         return {}
 

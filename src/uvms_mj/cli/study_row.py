@@ -37,11 +37,10 @@ def row_of(folder: str, row: int, overrides: dict[str, Any], controller: str | N
 def _engine_of(folder: Path, row: int) -> str:
     """The engine of a row; empty for a run that is not done yet or could not begin."""
     import pyarrow as pa
-    import pyarrow.dataset
+    import pyarrow.parquet as pq
 
     try:
-        rows = pyarrow.dataset.dataset(folder / "rows", format="parquet")
-        found = rows.to_table(columns=["engine"], filter=pyarrow.dataset.field("index") == row)["engine"].to_pylist()
+        found = pq.read_table(folder / "rows", columns=["engine"], filters=[("index", "==", row)])["engine"].to_pylist()
     except (OSError, pa.ArrowException):
         return ""
     return found[0] if found else ""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .common import printable
-from .console import print_table
+from .console import print_table, table_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -44,7 +44,7 @@ def head(study: "Study", executor: Any, folder: Path, dry_run: bool, as_json: bo
 def _logs_size(logs: Any, each: int) -> str:
     if logs.kind == "none":
         return ""
-    number = {"failed": "", "worst": f"{logs.k or 5} x ", "listed": f"{len(set(logs.indices))} x "}[logs.kind]
+    number = {"failed": "", "worst": f"{logs.k} x ", "listed": f"{len(set(logs.indices))} x "}[logs.kind]
     return f", and logs of {number}{each / 1e6:.2g} MB" + (" for each run that fails" if logs.kind == "failed" else "")
 
 
@@ -114,19 +114,18 @@ def finite(value: Any) -> Any:
 
 def _table(study: "Study", rows: "pd.DataFrame") -> None:
     """Runs by law and status, and their successes."""
-    from rich.table import Table
-
     from ..studies.plan.success import in_words, successes
 
     success = successes(rows, study.plan.success)
-    statuses = [each for each in rows["status"].unique() if each != "completed"]
-    table = Table(title=study.plan.name, title_justify="left", min_width=60)
-    for name in ("law", "runs", "completed", *statuses, "success"):
-        table.add_column(name, justify="left" if name == "law" else "right", no_wrap=True)
+    statuses = dict.fromkeys(["completed", *rows["status"]])
+    columns = ("law", "runs", *statuses, "success")
+    table = table_of(study.plan.name, *columns, fixed=columns, min_width=60)
+    for column in table.columns[1:]:
+        column.justify = "right"
     for law in study.plan.laws:
         mine = rows["law"] == law.label
-        counts = [(rows.loc[mine, "status"] == each).sum() for each in ("completed", *statuses)]
-        table.add_row(law.label, *map(str, (mine.sum(), *counts, success[mine].sum())))
+        own = rows.loc[mine, "status"].tolist()
+        table.add_row(law.label, str(len(own)), *(str(own.count(each)) for each in statuses), str(success[mine].sum()))
     print_table(table)
     click.echo(f"{in_words(study.plan.success, 'contact.settled' in rows)}")
 

@@ -12,6 +12,7 @@ A run that diverges is compared by its status alone. A law that chatters touches
 rounding decides, and its force does not settle; its runs are compared by status and position.
 """
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,11 +22,13 @@ import numpy as np
 
 from ..errors import InputError
 from .plan.metric import columns_of
+from .rows import one_row
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from .plan import Plan
+    from .pool.parcel import Parcel
 
 FILE = "check.parquet"
 """Name of the table of differences in the folder of a study."""
@@ -61,6 +64,11 @@ def sample(plan: "Plan", rows: "pd.DataFrame") -> list[int]:
         if len(values) and values.dtype.kind in "fi":
             chosen.add(int(ran.loc[values.idxmax(), "index"]))
     return sorted(chosen)
+
+
+def compared(parcel: "Parcel", index: int, engine: str) -> dict[str, Any]:
+    """Run one run of a study in a worker and return its row with the metrics that are compared."""
+    return one_row(dataclasses.replace(parcel.plan(), metrics=METRICS, time_limit_s=None), index, engine)
 
 
 def differences(

@@ -9,7 +9,7 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -45,7 +45,7 @@ def blocks(runs: int) -> list[range]:
 
 def schema_of(plan: "Plan") -> pa.Schema:
     """The columns of the rows, without those of a user's metrics, whose names are known when they have run."""
-    varied = [(key, _type(point[i] for point in plan.points)) for i, key in enumerate(plan.varied)]
+    varied = [(key, _type([point[i] for point in plan.points])) for i, key in enumerate(plan.varied)]
     metrics = [
         (column, _TYPES.get(place, pa.float64()))
         for place in plan.metrics
@@ -57,15 +57,13 @@ def schema_of(plan: "Plan") -> pa.Schema:
     return pa.schema([*before, ("seed", pa.int64()), *varied, *after, ("engine", pa.string()), *metrics])
 
 
-def _type(values: Iterator[Any]) -> pa.DataType:
+def _type(values: list[Any]) -> pa.DataType:
     """The type of a column with these values; numbers are float64 unless all are integers."""
-    kinds = {type(value) for value in values} - {type(None)}
-    if kinds == {int, float}:
-        return pa.float64()
-    if kinds & {list, tuple}:
-        return pa.list_(pa.float64())
-    types = {bool: pa.bool_(), int: pa.int64(), float: pa.float64()}
-    return types.get(kinds.pop(), pa.string()) if len(kinds) == 1 else pa.string()
+    try:
+        found = pa.array(values).type
+    except pa.ArrowException:  # of several kinds
+        return pa.string()
+    return pa.string() if pa.types.is_null(found) else found
 
 
 class Results:
@@ -214,9 +212,7 @@ def _checksum(table: pa.Table) -> str:
 
 
 def frame(folder: Path) -> "pd.DataFrame":
-    """The rows that a folder has, sorted by index. Raises InputError if it is not a study's, or a part is damaged."""
-    if not (folder / STUDY).is_file():
-        raise InputError(f"{folder}: not the folder of a study: it has no {STUDY}")
+    """The rows that a study's folder has, sorted by index. Raises InputError if it has none, or a part is damaged."""
     tables = []
     for path in sorted((folder / "rows").glob("part-*.parquet")):
         try:

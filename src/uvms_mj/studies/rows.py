@@ -32,6 +32,7 @@ from .plan.metric import COMPONENTS, columns_of, users_numbers
 
 if TYPE_CHECKING:
     from .plan import Plan
+    from .pool.parcel import Parcel
 
 STATUSES = ("completed", "unstable", "failed", "refused", "timed_out", "lost")
 """How a run ended: to its end; a variable left its bound; a law or a metric raised; the scenario cannot run; longer
@@ -44,33 +45,35 @@ _GRACE_S = 10.0
 def lost_row(plan: "Plan", index: int) -> dict[str, Any]:
     """The row of a run that ended its workers."""
     why = "e.g. by a crash, for want of memory, or by the time limit"
-    message = f"three worker processes ended during this run, {why}"
-    return _begun(plan, index) | {"status": "lost", "message": message} | _no_metrics(plan)
+    return _blank(plan, index) | {"status": "lost", "message": f"three worker processes ended during this run, {why}"}
 
 
-def log_of(plan: "Plan", index: int, engine: str) -> bytes:
-    """Run one run again and return its log. Where the run fails, the log ends there."""
+def rows_of(parcel: "Parcel", indices: tuple[int, ...]) -> list[dict[str, Any]]:
+    """Run some runs of a study in a worker and return their rows."""
+    plan = parcel.plan()
+    return [one_row(plan, index) for index in indices]
+
+
+def log_of(parcel: "Parcel", index: int, engine: str) -> bytes:
+    """Run one run again in a worker and return its log. Where the run fails, the log ends there."""
     with tempfile.TemporaryDirectory(prefix="uvms-mj-") as folder:
         path = Path(folder, "run.mcap")
-        one_row(plan, index, engine, (McapLog(path),))
+        one_row(parcel.plan(), index, engine, (McapLog(path),))
         return path.read_bytes() if path.exists() else b""
 
 
-def _begun(plan: "Plan", index: int) -> dict[str, Any]:
+def _blank(plan: "Plan", index: int) -> dict[str, Any]:
     run = plan.run(index)
     row = {"index": index, "draw": run.draw, "law": run.law, "repeat": run.repeat, "seed": run.seed}
     varied = {key: run.values.get(key) for key in plan.varied}
-    return row | varied | {"status": "", "message": "", "steps": None, "warnings": None, "engine": plan.engine}
-
-
-def _no_metrics(plan: "Plan") -> dict[str, Any]:
-    return {column: None for place in plan.metrics if place in COMPONENTS for column in columns_of(place)}
+    row |= varied | {"status": "", "message": "", "steps": None, "warnings": None, "engine": plan.engine}
+    return row | {column: None for place in plan.metrics if place in COMPONENTS for column in columns_of(place)}
 
 
 def one_row(plan: "Plan", index: int, engine: str = "", sinks: tuple[Sink, ...] = ()) -> dict[str, Any]:
     """Run one run of a plan and return its row by column. ``engine`` replaces that of the plan."""
     engine = engine or plan.engine
-    row, metrics = _begun(plan, index) | {"engine": engine}, _no_metrics(plan)
+    row = _blank(plan, index) | {"engine": engine}
     try:
         scenario = plan.scenario(index)
         mjcf = _vehicle(scenario.vehicle.model)
@@ -86,7 +89,7 @@ def one_row(plan: "Plan", index: int, engine: str = "", sinks: tuple[Sink, ...] 
             if trace.status is Status.interrupted:
                 raise KeyboardInterrupt
             if row["status"] in _MEASURED:
-                metrics = _metrics(plan, trace)
+                row |= _metrics(plan, trace)
     except InputError as error:
         row |= {"status": "refused", "message": str(error)}
     except KeyboardInterrupt:
@@ -100,7 +103,7 @@ def one_row(plan: "Plan", index: int, engine: str = "", sinks: tuple[Sink, ...] 
         if sinks and isinstance(error, SinkError | OSError):
             raise
         row |= {"status": "failed", "message": f"{type(error).__name__}: {error}"}
-    return row | metrics
+    return row
 
 
 def _compile(scenario: Scenario, mjcf: Mjcf, engine: str) -> None:
@@ -114,10 +117,7 @@ def _compile(scenario: Scenario, mjcf: Mjcf, engine: str) -> None:
 _compiled: set[tuple[type, ...]] = set()
 
 
-@functools.lru_cache(maxsize=8)
-def _vehicle(model: str) -> Mjcf:
-    """The vehicle's model, read once a process."""
-    return Mjcf.find(model)
+_vehicle = functools.lru_cache(maxsize=8)(Mjcf.find)
 
 
 def chosen_engine(scenario: Scenario, mjcf: Mjcf | None = None) -> str:
@@ -157,13 +157,11 @@ def _limited(limit_s: float | None) -> Iterator[Callable[[int, int], None] | Non
 
 
 def _metrics(plan: "Plan", trace: Trace) -> dict[str, Any]:
-    """The metrics of a run by column, in the order of the plan."""
-    shipped = numbers(trace, [place for place in plan.metrics if place in COMPONENTS])
+    """The metrics of a run by column."""
     found: dict[str, Any] = {}
-    for place in plan.metrics:
-        if place not in COMPONENTS:
-            found |= users_numbers(place, trace)
-            continue
-        columns, value = columns_of(place), shipped[place]
+    for place, value in numbers(trace, [place for place in plan.metrics if place in COMPONENTS]).items():
+        columns = columns_of(place)
         found |= dict(zip(columns, value or [None] * len(columns) if COMPONENTS[place] else [value], strict=True))
+    for place in plan.metrics:
+        found |= {} if place in COMPONENTS else users_numbers(place, trace)
     return found

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...analysis import metrics, residual, rest
 from ...control.ideal import TOLD_THE_TRUTH
+from ...quantities import leaves
 from ...records.header import Status
 from ...records.trace import Trace
 from .. import pages
@@ -164,7 +165,8 @@ def _finite(value: Any) -> float | None:
 
 def _settings(traces: Mapping[str, Trace]) -> tuple[list[tuple[str, str]], list[tuple[str, list[str]]]]:
     """Keys of the scenarios: common keys with their value, and differing keys with one value for each run."""
-    tables = [_flat(trace.header.portable_scenario()) for trace in traces.values()]
+    scenarios = [leaves(trace.header.portable_scenario(), lists=False) for trace in traces.values()]
+    tables = [{key: _text(value) for key, value in each} for each in scenarios]
     keys = list(dict.fromkeys(key for table in tables for key in table))
     common, differing = [], []
     for key in keys:
@@ -174,16 +176,6 @@ def _settings(traces: Mapping[str, Trace]) -> tuple[list[tuple[str, str]], list[
         else:
             differing.append((key, values))
     return common, differing
-
-
-def _flat(tables: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
-    flat: dict[str, str] = {}
-    for key, value in tables.items():
-        if isinstance(value, Mapping):
-            flat |= _flat(value, f"{prefix}{key}.")
-        else:
-            flat[f"{prefix}{key}"] = _text(value)
-    return flat
 
 
 def _text(value: Any) -> str:

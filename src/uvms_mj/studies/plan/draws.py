@@ -98,42 +98,36 @@ def variation(vary: Vary, place: str, faults: list[Fault]) -> Variation | None:
     if vary.laws == []:
         found.append(Fault(f"{place}.laws", "is empty; leave it out for all laws"))
     n = max(1, len(keys))
-    levels, parameters = _levels(vary, n, place, found), _parameters(vary, n, place, found)
+    kind = _kind(vary, place, found)
+    levels = _given(vary.values or [], n, place, found) if kind == "values" else ()
+    parameters = _parameters(vary, n, kind, place, found)
     if found:
         faults += found
         return None
-    grid, distribution = vary.number is not None, vary.distribution or ""
-    return Variation(place, keys, tuple(vary.laws or ()), levels, grid, distribution, parameters)
+    if kind == "number":
+        spaced = np.geomspace if vary.spacing == "log" else np.linspace
+        columns = [spaced(each["low"], each["high"], vary.number or 2).tolist() for each in parameters]
+        levels, parameters = tuple(zip(*columns, strict=True)), ()
+    return Variation(place, keys, tuple(vary.laws or ()), levels, kind == "number", vary.distribution or "", parameters)
 
 
-def _levels(vary: Vary, n: int, place: str, faults: list[Fault]) -> tuple[tuple[Any, ...], ...]:
-    """The levels of values or of a grid; empty for a distribution."""
+def _kind(vary: Vary, place: str, faults: list[Fault]) -> str:
+    """Which of "values", "number" (a grid) and "distribution" is given; empty unless it is one."""
     kinds = [name for name in ("values", "number", "distribution") if getattr(vary, name) is not None]
     if len(kinds) != 1:
         what = f"has {' and '.join(kinds)}" if kinds else "says nothing of its values"
         faults.append(
             Fault(place, f"{what}; give values, or a grid (low, high, number), or a distribution (with low, high, ...)")
         )
-        return ()
-    names = ("low", "high", "number", "spacing", "mean", "deviation")
+        return ""
     allowed = {"values": (), "number": ("low", "high", "number", "spacing")}.get(kinds[0], ("distribution",))
     allowed = DISTRIBUTIONS[vary.distribution] if vary.distribution else allowed
     faults += [
         Fault(f"{place}.{name}", f"has no effect beside {kinds[0]}; leave it out")
-        for name in names
+        for name in ("low", "high", "number", "spacing", "mean", "deviation")
         if name not in allowed and getattr(vary, name) is not None
     ]
-    if kinds[0] == "values":
-        return _given(vary.values or [], n, place, faults)
-    if kinds[0] == "distribution":
-        return ()
-    ends = [_per_key(vary, name, n, place, faults) for name in ("low", "high")]
-    columns = []
-    for low, high in zip(*ends, strict=True):
-        if _ordered(low, high, vary.spacing == "log", f"{place}.low", faults) and not faults:
-            spaced = np.geomspace if vary.spacing == "log" else np.linspace
-            columns.append(spaced(low, high, vary.number or 2).tolist())
-    return tuple(zip(*columns, strict=True))
+    return kinds[0]
 
 
 def _given(values: list[Any], n: int, place: str, faults: list[Fault]) -> tuple[tuple[Any, ...], ...]:
@@ -171,34 +165,26 @@ def _per_key(vary: Vary, name: str, n: int, place: str, faults: list[Fault]) -> 
     return [math.nan] * n
 
 
-def _parameters(vary: Vary, n: int, place: str, faults: list[Fault]) -> tuple[dict[str, float], ...]:
-    """The parameters of a distribution for each key."""
-    if vary.distribution is None:
-        return ()
-    given = {name: _per_key(vary, name, n, place, faults) for name in DISTRIBUTIONS[vary.distribution]}
+def _parameters(vary: Vary, n: int, kind: str, place: str, faults: list[Fault]) -> tuple[dict[str, float], ...]:
+    """The parameters of a distribution or a grid for each key; empty for values."""
+    names = DISTRIBUTIONS[vary.distribution] if vary.distribution else ("low", "high") if kind == "number" else ()
+    given = {name: _per_key(vary, name, n, place, faults) for name in names}
     each = tuple({name: values[k] for name, values in given.items()} for k in range(n))
     for parameters in each:
-        if "low" in parameters:
-            log = vary.distribution == "loguniform"
-            _ordered(parameters["low"], parameters["high"], log, f"{place}.low", faults)
+        low, high = parameters.get("low", 0.0), parameters.get("high", 1.0)
+        if low <= 0.0 and (vary.distribution == "loguniform" or (kind == "number" and vary.spacing == "log")):
+            faults.append(Fault(f"{place}.low", f"{low:g} must be greater than 0 for a logarithm"))
+        elif low >= high:
+            faults.append(Fault(f"{place}.low", f"{low:g} must be less than high, {high:g}"))
         if parameters.get("deviation", 1.0) <= 0.0:
             faults.append(Fault(f"{place}.deviation", f"{parameters['deviation']:g} must be greater than 0"))
         elif vary.distribution == "truncated_normal" and not faults and not _likely(**parameters):
             faults.append(Fault(place, "low to high is more than 30 deviations from the mean: no number can be drawn"))
-    return each
+    return each if names else ()
 
 
 def _likely(mean: float, deviation: float, low: float, high: float) -> bool:
     return low - 30.0 * deviation < mean < high + 30.0 * deviation
-
-
-def _ordered(low: float, high: float, log: bool, place: str, faults: list[Fault]) -> bool:
-    """Whether low is below high, and positive for a logarithm; otherwise the error is appended to ``faults``."""
-    if log and low <= 0.0:
-        faults.append(Fault(place, f"{low:g} must be greater than 0 for a logarithm"))
-    elif low >= high:
-        faults.append(Fault(place, f"{low:g} must be less than high, {high:g}"))
-    return not (math.isnan(low) or math.isnan(high))
 
 
 def unit_cube(kind: str, variations: Sequence[Variation], runs: int, seed: int) -> np.ndarray:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ...errors import Fault, InputError, suggestion
+from ...errors import Fault, InputError
 from ...files import plain, shortened
 from ...quantities import overrides_of
 from ...scenario import STAGES, Scenario
@@ -155,13 +155,3 @@ def _law(
             faults.append(Fault(f"{place}.name", f"{out}; a study needs another {stage.room.noun}"))
     law = scenario.controller
     return Law(label or law.label(), law.source(), plain(overrides), scenario)
-
-
-def unknown_labels(labels: tuple[str, ...], laws: list[Law], place: str) -> list[Fault]:
-    """Errors for labels that are not of a law."""
-    known = [law.label for law in laws]
-    return [
-        Fault(f"{place}.laws[{i}]", f"no law {label!r}; {suggestion(label, known)}")
-        for i, label in enumerate(labels)
-        if label not in known
-    ]

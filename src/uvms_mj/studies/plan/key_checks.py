@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from ...analysis.sampling import checked
-from ...errors import Fault, InputError
+from ...errors import Fault, InputError, suggestion
 from .draws import Variation
-from .entries import Law, unknown_labels
+from .entries import Law
 from .places import missing, overrides_at
 
 MOST_CHECKED = 50
@@ -23,9 +23,11 @@ def combination_faults(
 ) -> Iterator[Fault]:
     """Errors for keys that are given twice, and, if ``laws`` has all of them, for labels that are not of a law."""
     seen: dict[str, str] = {}
+    known = [law.label for law in laws]
     for each in variations:
-        if all_laws:
-            yield from unknown_labels(each.laws, laws, each.place)
+        for i, label in enumerate(each.laws):
+            if all_laws and label not in known:
+                yield Fault(f"{each.place}.laws[{i}]", f"no law {label!r}; {suggestion(label, known)}")
         for place in each.keys:
             twice = next((other for other in seen if _within(place, other) or _within(other, place)), None)
             if twice is not None:
@@ -129,24 +131,26 @@ class KeyChecks:
         else:
             return False
         try:
-            self._check_draw(law, nearest)
-        except (InputError, LookupError):
+            return not self._faults_of_draw(law, nearest)
+        except LookupError:
             return False
-        return True
 
-    def _check_draw(self, law: Law, draw: int) -> None:
-        """Raise InputError if a draw cannot run."""
+    def _faults_of_draw(self, law: Law, draw: int) -> Sequence[Fault]:
+        """Errors of a draw that cannot run."""
         keys = [(key, each.covers(law.label)) for each in self.variations for key in each.keys]
         given = {key: x for (key, covered), x in zip(keys, self.points[draw], strict=True) if covered}
-        checked(law.scenario.updated(overrides_at(given, law.tables)))
+        try:
+            checked(law.scenario.updated(overrides_at(given, law.tables)))
+        except InputError as error:
+            return error.faults
+        return ()
 
     def _none_runs(self, law: Law) -> list[Fault]:
         """Errors if none of several draws can run: those of the last one."""
-        last: list[Fault] = []
-        for draw in np.unique(np.linspace(0, len(self.points) - 1, MOST_DRAWS).astype(int)) if self.points else ():
-            try:
-                self._check_draw(law, int(draw))
-                return []
-            except InputError as error:
-                last = [Fault("vary", f"no draw can run with {law.label}: {fault}") for fault in error.faults]
-        return last
+        some = np.unique(np.linspace(0, len(self.points) - 1, MOST_DRAWS).astype(int)) if self.points else ()
+        faults: Sequence[Fault] = ()
+        for draw in some:
+            faults = self._faults_of_draw(law, int(draw))
+            if not faults:
+                break
+        return [Fault("vary", f"no draw can run with {law.label}: {fault}") for fault in faults]

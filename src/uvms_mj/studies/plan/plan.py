@@ -133,7 +133,8 @@ class Plan:
         """Number of time steps of each draw of a law."""
         stepping = law.scenario.simulation
         places = {"simulation.timestep": stepping.timestep, "simulation.duration": stepping.duration}
-        varied = {key: i for i, key in enumerate(self.varied) if key in places and self._covers(i, law)}
+        covered = [each.covers(law.label) for each in self._variation_of_keys]
+        varied = {key: i for i, key in enumerate(self.varied) if key in places and covered[i]}
         if not varied:
             yield law.scenario.steps * self.draws
             return
@@ -141,42 +142,32 @@ class Plan:
             now = places | {key: point[i] for key, i in varied.items()}
             yield max(1, round(now["simulation.duration"] / now["simulation.timestep"]))
 
-    def _covers(self, i: int, law: Law) -> bool:
-        return self._laws_of_key[i] is None or law.label in self._laws_of_key[i]
-
     @functools.cached_property
-    def _laws_of_key(self) -> list[Any]:
-        return [each.laws or None for each in self.variations for _ in each.keys]
+    def _variation_of_keys(self) -> list[Variation]:
+        return [each for each in self.variations for _ in each.keys]
 
-    def _at(self, index: int) -> tuple[int, Law, int]:
-        """Draw, law and repeat of a run."""
-        if not 0 <= index < self.runs:
-            raise IndexError(f"run {index}: the study has {self.runs} runs, from 0 to {self.runs - 1}")
-        first, repeat = divmod(index, self.repeats)
-        draw, law = divmod(first, len(self.laws))
-        return draw, self.laws[law], repeat
-
-    def _drawn(self, draw: int, law: Law, repeat: int) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Values of the varied keys, and the overrides of the law's scenario."""
-        values = {
-            key: value if self._covers(i, law) else None
-            for i, (key, value) in enumerate(zip(self.varied, self.points[draw], strict=True))
-        }
-        given = {key: value for key, value in values.items() if value is not None}
-        seed = run_seed(self.seed, draw, repeat)
-        return values, overrides_at(given, law.tables) | {"simulation.seed": seed}
+    def _law(self, index: int) -> Law:
+        return self.laws[index // self.repeats % len(self.laws)]
 
     def run(self, index: int) -> Run:
         """The run of an index."""
-        draw, law, repeat = self._at(index)
-        values, overrides = self._drawn(draw, law, repeat)
-        whole = {"controller.name": law.source, **law.overrides, **overrides}
-        return Run(index, draw, law.label, repeat, overrides["simulation.seed"], values, whole)
+        if not 0 <= index < self.runs:
+            raise IndexError(f"run {index}: the study has {self.runs} runs, from 0 to {self.runs - 1}")
+        draw, law, repeat = index // self.repeats // len(self.laws), self._law(index), index % self.repeats
+        values = {
+            key: value if each.covers(law.label) else None
+            for key, value, each in zip(self.varied, self.points[draw], self._variation_of_keys, strict=True)
+        }
+        given = {key: value for key, value in values.items() if value is not None}
+        seed = run_seed(self.seed, draw, repeat)
+        own = {"controller.name": law.source, **law.overrides}
+        overrides = {**own, **overrides_at(given, law.tables), "simulation.seed": seed}
+        return Run(index, draw, law.label, repeat, seed, values, overrides)
 
     def scenario(self, index: int) -> Scenario:
         """The scenario of a run. Raises InputError if its values can't be used together."""
-        draw, law, repeat = self._at(index)
-        return law.scenario.updated(self._drawn(draw, law, repeat)[1], place=f"run {index}")
+        overrides = self.run(index).overrides
+        return self._law(index).scenario.updated(overrides, place=f"run {index}")
 
     def text(self) -> str:
         """Number of runs and steps, the laws, and the range of each key: the text of a dry run."""

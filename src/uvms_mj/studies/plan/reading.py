@@ -58,7 +58,7 @@ def fields_of(
     return {
         "name": study.name,
         "description": study.description,
-        "tables": _tables(study, base, laws, folder),
+        "tables": _tables(study, base, laws),
         "base": base,
         "laws": tuple(laws),
         "variations": tuple(variations),
@@ -120,7 +120,7 @@ def _keep_faults(keep: Keep, runs: int, varied: Sequence[str]) -> Iterator[Fault
             yield Fault(f"keep.logs.indices[{i}]", f"no run {index}: the study has {runs} runs, from 0 to {runs - 1}")
 
 
-def _tables(study: StudyFile, base: Scenario, laws: list[Law], folder: Path) -> dict[str, Any]:
+def _tables(study: StudyFile, base: Scenario, laws: list[Law]) -> dict[str, Any]:
     """The tables of a plan, complete, with absolute paths."""
     return {
         "name": study.name,

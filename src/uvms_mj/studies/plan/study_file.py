@@ -18,7 +18,6 @@ DISTRIBUTIONS: Mapping[str, tuple[str, ...]] = {
     "truncated_normal": ("mean", "deviation", "low", "high"),
 }
 """The distributions with their parameters."""
-DESIGNS = ("grid", "random", "sobol", "latin_hypercube", "sobol_indices")
 DEFAULT_METRICS = (
     "contact.first_s",
     "contact.touches",

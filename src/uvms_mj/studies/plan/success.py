@@ -8,6 +8,7 @@ import numpy as np
 
 from ...errors import Fault, suggestion
 from ...files import shortened
+from ...quantities import leaves
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -24,7 +25,7 @@ def limits(given: Mapping[str, Any], metrics: Sequence[str], faults: list[Fault]
     A metric is one of ``metrics`` or a component of one, ``final.position_m.x``. Errors are appended to ``faults``.
     """
     found: dict[str, Limit] = {}
-    for name, value in _flat(given).items():
+    for name, value in leaves(given, lists=False):
         place = f"success.{name}"
         if name not in metrics and name.rpartition(".")[0] not in metrics:
             faults.append(Fault(place, f"is not one of keep.metrics; {suggestion(name, metrics)}"))
@@ -35,13 +36,6 @@ def limits(given: Mapping[str, Any], metrics: Sequence[str], faults: list[Fault]
         else:
             faults.append(Fault(place, f"{shortened(value)} must be true, false, or a range [low, high]"))
     return found
-
-
-def _flat(given: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for name, value in given.items():
-        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, Mapping) else {f"{prefix}{name}": value}
-    return flat
 
 
 def _is_range(value: Any) -> bool:

@@ -9,8 +9,7 @@ from pebble import ProcessExpired
 from ...errors import InputError
 from .. import check
 from ..results import Results, frame, put
-from ..rows import lost_row
-from . import tasks
+from ..rows import log_of, lost_row, rows_of
 from .calls import each_call
 from .parcel import Parcel
 
@@ -49,7 +48,7 @@ class Execution:
             self.done += len(statuses)
             self.failures += sum(status != "completed" for status in statuses)
             calls += [] if statuses else [(self.parcel, tuple(block))]
-        each_call(self.executor, tasks.rows_of, calls, self._take, self._tick)
+        each_call(self.executor, rows_of, calls, self._take, self._tick)
         self.results.finish()
         rows = frame(self.results.folder)
         self._check(rows)
@@ -98,7 +97,7 @@ class Execution:
             pairs[index, engine] = row or {"status": "lost"}
 
         calls = [(index, engine) for index in indices for engine in ("free_body", "mujoco")]
-        self._repeat("checking in MuJoCo", tasks.compared, calls, keep)
+        self._repeat("checking in MuJoCo", check.compared, calls, keep)
         found = check.differences(self.plan, indices, pairs)
         put(self.results.folder / check.FILE, found.to_parquet)
 
@@ -111,7 +110,7 @@ class Execution:
 
         engines = dict(zip(rows["index"].tolist(), rows["engine"].tolist(), strict=True))
         missing = [index for index in kept(self.plan, rows) if not self.results.log(index).exists()]
-        self._repeat("writing logs", tasks.log_of, [(index, engines[index]) for index in missing], keep)
+        self._repeat("writing logs", log_of, [(index, engines[index]) for index in missing], keep)
 
     def _repeat(
         self, what: str, task: Callable[..., Any], runs: Sequence[tuple[int, str]], keep: Callable[..., None]

@@ -67,18 +67,18 @@ class Parcel:
             digest.update(f"{name} {hashlib.sha256(data).hexdigest()}".encode())
         return digest.hexdigest()[:32]
 
-    def check_code(self) -> None:
-        """Raise InputError if this worker has other code."""
+    def plan(self) -> "Plan":
+        """Unpack the plan on a worker, once a process. Raises InputError if this worker has other code."""
+        from ..plan import Plan
+
         ours = code()
         other = [f"{name} {ours.get(name)} there, {v} here" for name, v in self.code.items() if ours.get(name) != v]
         if other:
             raise InputError(f"a worker has other code than this machine: {'; '.join(other)}; install the same on both")
-
-    def plan(self) -> "Plan":
-        """Unpack the plan on a worker."""
-        from ..plan import Plan
-
-        return Plan.from_dict(_filled(self.tables, self._folder()))
+        if self.digest not in _plans:
+            _plans.clear()
+            _plans[self.digest] = Plan.from_dict(_filled(self.tables, self._folder()))
+        return _plans[self.digest]
 
     def _folder(self) -> str:
         """The folder with the files, written by the first worker on a machine that needs it."""
@@ -89,9 +89,9 @@ class Parcel:
         if above.stat().st_uid != os.getuid():
             raise InputError(f"{above}: belongs to another user; set TMPDIR to a folder of yours")
         folder = above / self.digest
-        if not all(_contains(folder / name, data) for name, data in self.files.items()):
-            for name, data in self.files.items():
-                path = folder / name
+        for name, data in self.files.items():
+            path = folder / name
+            if not path.is_file() or path.read_bytes() != data:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 part = path.with_name(f".{path.name}-{os.getpid()}")
                 part.write_bytes(data)
@@ -99,11 +99,8 @@ class Parcel:
         return f"{folder}/"
 
 
-def _contains(path: Path, data: bytes) -> bool:
-    try:
-        return path.read_bytes() == data
-    except OSError:
-        return False
+_plans: dict[str, "Plan"] = {}
+"""The last plan by the digest of its parcel."""
 
 
 def _packed(value: Any, files: dict[str, bytes]) -> Any:

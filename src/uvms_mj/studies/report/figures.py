@@ -169,10 +169,9 @@ def sensitivity(found: Sensitivities, data: Data) -> Figure:
             ax.axvline(0.0, color=GREY, linewidth=0.6)
             ax.set_title(metric.label, parse_math=False)
             ax.set_xlabel("Sobol index" if found.sobol else "rank correlation")
-        order = [Line2D([], [], color=BLACK, marker="o", linestyle="none", markersize=3.5, label="total")]
-        order += [Line2D([], [], color=BLACK, marker="o", linestyle="none", markersize=3.5, markerfacecolor="white")]
-        order[1].set_label("first order")
-        _name_laws(figure, data, order if found.sobol else ())
+        look: dict[str, Any] = {"color": BLACK, "marker": "o", "linestyle": "none", "markersize": 3.5}
+        faces = (("total", BLACK), ("first order", "white")) if found.sobol else ()
+        _name_laws(figure, data, [Line2D([], [], markerfacecolor=face, label=name, **look) for name, face in faces])
     return figure
 
 

@@ -14,10 +14,10 @@ WEAK = 0.3
 
 def findings(data: Data, pairs: Sequence[Paired], found: Sensitivities, failures: Sequence[Failure]) -> list[str]:
     """What the numbers show: differences between laws, the strongest influences, the most frequent failure."""
-    return [*_differences(data, pairs), *_influences(data, found), *_failures(failures)]
+    return [*_differences(pairs), *_influences(data, found), *_failures(failures)]
 
 
-def _differences(data: Data, pairs: Sequence[Paired]) -> list[str]:
+def _differences(pairs: Sequence[Paired]) -> list[str]:
     sentences = []
     for pair in pairs:
         parts, compared = [], pair.metrics[:MOST_METRICS]

@@ -3,7 +3,6 @@
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import matplotlib as mpl
@@ -105,15 +104,15 @@ def _row(
         ax.grid(False)
     if drawn is None:
         return
-    bar = figure.colorbar(drawn, ax=row, pad=0.01, fraction=0.05, aspect=14, extend=scale.extend)
+    bar = figure.colorbar(drawn, ax=row, pad=0.01, fraction=0.05, aspect=14, extend=scale["extend"])
     bar.set_label("success [%]" if metric is SUCCESS else metric.label, parse_math=False)
     bar.outline.set_linewidth(0.4)
     if metric is SUCCESS:
         bar.set_ticks(range(0, 101, 20))
-    elif isinstance(scale.norm, LogNorm):
+    elif isinstance(scale["norm"], LogNorm):
         kilo = EngFormatter(sep="\N{THIN SPACE}")
-        labels = [kilo(level) if level >= 1e3 else f"{level:g}" for level in scale.levels]
-        bar.set_ticks(scale.levels.tolist(), labels=labels)
+        labels = [kilo(level) if level >= 1e3 else f"{level:g}" for level in scale["levels"]]
+        bar.set_ticks(scale["levels"].tolist(), labels=labels)
         bar.minorticks_off()
 
 
@@ -122,30 +121,23 @@ def _size(label: str) -> float:
     return min(8.0, max(5.0, 8.0 * 22.0 / len(label)))
 
 
-@dataclass(frozen=True)
-class Colours:
-    """Scale of the colours of a metric, the same for all laws, levels of its contours, and the ends of the bar beyond
-    which there are values."""
-
-    norm: Normalize
-    levels: np.ndarray
-    extend: str
-
-
-def _colours(values: np.ndarray, metric: Metric) -> Colours:
+def _colours(values: np.ndarray, metric: Metric) -> dict[str, Any]:
+    """Arguments of contours: the scale of the colours of a metric, the same for all laws, its levels, and the ends
+    beyond which there are values."""
     if metric is SUCCESS:
         ends = (-1e-6, *range(10, 100, 10), 100.0 + 1e-6)  # a band excludes its ends
-        return Colours(Normalize(0.0, 100.0), np.array(ends), "neither")
+        return {"norm": Normalize(0.0, 100.0), "levels": np.array(ends), "extend": "neither"}
     found = values[np.isfinite(values)]
     low, high = np.quantile(found, (0.01, 0.99)) if len(found) else (0.0, 1.0)
     if high <= low:
         low, high = low - 0.5, low + 0.5
     if len(found) and spans_decades(found):
         levels = _round_levels(float(low), float(high))
-        return Colours(LogNorm(levels[0], levels[-1]), levels, "both")
+        return {"norm": LogNorm(levels[0], levels[-1]), "levels": levels, "extend": "both"}
     levels = np.asarray(MaxNLocator(9, steps=[1, 2, 2.5, 5, 10]).tick_values(float(low), float(high)))
     inside = not len(found) or (levels[0] <= found.min() and found.max() <= levels[-1])
-    return Colours(Normalize(levels[0], levels[-1]), levels, "neither" if inside else "both")
+    extend = "neither" if inside else "both"
+    return {"norm": Normalize(levels[0], levels[-1]), "levels": levels, "extend": extend}
 
 
 def _round_levels(low: float, high: float) -> np.ndarray:
@@ -164,7 +156,7 @@ def _draw(
     pair: tuple[Factor, Factor],
     metric: Metric,
     values: np.ndarray,
-    scale: Colours,
+    scale: dict[str, Any],
 ) -> Any:
     """Draw one map, and return what has the colours; None without a run."""
     rows = data.rows[law]
@@ -181,7 +173,7 @@ def _draw(
     return _cells(ax, table, pair, scale, middle)
 
 
-def _contours(ax: Axes, nodes: pd.DataFrame, pair: tuple[Factor, Factor], scale: Colours) -> Any:
+def _contours(ax: Axes, nodes: pd.DataFrame, pair: tuple[Factor, Factor], scale: dict[str, Any]) -> Any:
     """Contours over the nodes of a grid, or over scattered draws of two factors. Triangles of a node without a value
     have no colour and are hatched, as is the region where fewer than half of the runs succeed."""
     x, y, value, success = (nodes[name].to_numpy() for name in nodes)
@@ -192,8 +184,8 @@ def _contours(ax: Axes, nodes: pd.DataFrame, pair: tuple[Factor, Factor], scale:
     if not without.all():
         part = Triangulation(x, y, mesh.triangles, mask=without)
         clean = np.where(lost, 0.0, value)
-        drawn = ax.tricontourf(part, clean, levels=scale.levels, norm=scale.norm, cmap=_COLOURS, extend=scale.extend)
-        ax.tricontour(part, clean, levels=scale.levels, colors="white", linewidths=0.3)
+        drawn = ax.tricontourf(part, clean, cmap=_COLOURS, **scale)
+        ax.tricontour(part, clean, levels=scale["levels"], colors="white", linewidths=0.3)
     if success.min() < 0.5:
         whole = Triangulation(x, y, mesh.triangles)
         ax.tricontourf(whole, success, levels=[-1.0, 0.5], colors="none", hatches=[_HATCH])
@@ -210,7 +202,7 @@ def _unit(values: np.ndarray, log: bool) -> np.ndarray:
     return (values - values.min()) / max(float(np.ptp(values)), 1e-300)
 
 
-def _cells(ax: Axes, table: pd.DataFrame, pair: tuple[Factor, Factor], scale: Colours, middle: str) -> Any:
+def _cells(ax: Axes, table: pd.DataFrame, pair: tuple[Factor, Factor], scale: dict[str, Any], middle: str) -> Any:
     """Medians in cells with about the same number of runs, hatched where fewer than half of the runs succeed."""
     most = int(np.clip(np.sqrt(len(table) / _PER_CELL), 3, _MOST_CELLS))
     binned = [_edges(table[name].to_numpy(), most, factor) for name, factor in zip("xy", pair, strict=True)]
@@ -219,7 +211,7 @@ def _cells(ax: Axes, table: pd.DataFrame, pair: tuple[Factor, Factor], scale: Co
     medians = np.full((len(edges[1]) - 1, len(edges[0]) - 1), np.nan)
     at = np.array([*cells.index])
     medians[at[:, 1], at[:, 0]] = cells["value"]
-    drawn = ax.pcolormesh(*edges, medians, norm=scale.norm, cmap=_COLOURS, rasterized=True)
+    drawn = ax.pcolormesh(*edges, medians, norm=scale["norm"], cmap=_COLOURS, rasterized=True)
     lost = at[cells["success"].to_numpy() < 0.5]
     if len(lost):
         corners = [(0, 0), (1, 0), (1, 1), (0, 1)]

@@ -15,6 +15,8 @@ from .sensitivity import SUCCESS, Sensitivities, sensitivities
 if TYPE_CHECKING:
     import pandas as pd
 
+_OVERVIEW = "Success rates with 95 % intervals, and the distributions of the first metrics as in the next section."
+
 
 def page(
     plan: Plan,
@@ -49,13 +51,13 @@ def page(
         laws=laws,
         head_metrics=head_metrics,
         findings=findings(data, pairs, found, failures),
-        overview=Picture("overview", _overview_caption(data), figures.overview(data, rates)) if rates else None,
+        overview=Picture("overview", _OVERVIEW, figures.overview(data, rates)) if rates else None,
         distributions=_distributions(data),
         maps=_maps(data, found),
         sensitivity=_sensitivity(data, found),
         sobol=found.sobol,
         sensitivity_notes=found.notes,
-        differences=tables.differences(data, pairs),
+        differences=tables.differences(pairs),
         quantiles=tables.quantiles(data),
         failures=failures,
         more_failures=more,
@@ -75,10 +77,6 @@ def _line(data: Data) -> str:
     engines = ", ".join(map(str, data.frame["engine"].dropna().unique()))
     draws = f"{len(plan.points)} draws ({plan.design.replace('_', ' ')}, {varied})"
     return f"{len(data.frame)} runs: {laws} × {draws}{repeats}" + (f"; engine {engines}" if engines else "")
-
-
-def _overview_caption(data: Data) -> str:
-    return "Success rates with their 95 % intervals, and the distributions of the first metrics as in the next section."
 
 
 def _distributions(data: Data) -> Picture | None:

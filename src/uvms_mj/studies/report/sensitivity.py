@@ -33,19 +33,19 @@ class Sensitivities:
     def strength(self, metric: Metric, factor: Factor) -> float:
         """Largest magnitude over the laws of the indices of first order or the correlations [1]. Total indices also
         grow with the random numbers of the runs."""
-        at = self.factors.index(factor)
-        found = [(each.first or each.main)[at] for each in self.of.get(metric, {}).values()]
-        return max((abs(each.value) for each in found if each is not None), default=0.0)
+        return max((abs(value) for value, _, other in self._values(metric) if other is factor), default=0.0)
 
     def strongest(self, metric: Metric) -> tuple[float, str, Factor] | None:
         """The strongest sensitivity of a metric: its signed value, law and factor."""
-        found = [
+        return max(self._values(metric), key=lambda each: abs(each[0]), default=None)
+
+    def _values(self, metric: Metric) -> list[tuple[float, str, Factor]]:
+        return [
             (each.value, law, factor)
             for law, sensitivity in self.of.get(metric, {}).items()
             for factor, each in zip(self.factors, sensitivity.first or sensitivity.main, strict=True)
             if each is not None
         ]
-        return max(found, key=lambda each: abs(each[0]), default=None)
 
     @property
     def notes(self) -> list[str]:
@@ -76,8 +76,9 @@ def _sensitivity(data: Data, law: str, values: np.ndarray, factors: tuple[Factor
         found = sobol_indices(y, len(factors), data.plan.seed)
         if found is None:
             return None
-        missing = found.of - found.blocks
-        note = f"{missing} of {found.of} blocks of samples have a run without a value; the indices are of the others"
-        return Sensitivity(found.total, found.first, note if missing else "")
+        total, first, missing = found
+        blocks = f"{missing} of {len(y) // (len(factors) + 2)} blocks of samples"
+        note = f"{blocks} have a run without a value; the indices are of the others" if missing else ""
+        return Sensitivity(total, first, note)
     main = [rank_correlation(data.by_draw(law, data.of(factor)), y) for factor in factors]
     return Sensitivity(main) if any(main) else None

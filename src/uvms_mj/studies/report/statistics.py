@@ -2,7 +2,6 @@
 
 import math
 import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,14 +49,12 @@ def median(differences: np.ndarray) -> Estimate | None:
 
     None for fewer than eight values.
     """
-    n = len(differences)
-    if n < _FEWEST:
+    if len(differences) < _FEWEST:
         return None
-    from scipy.stats import binom
+    from scipy.stats import quantile_test
 
-    ordered = np.sort(differences)
-    rank = max(1, int(binom.ppf((1.0 - LEVEL) / 2.0, n, 0.5)))
-    return Estimate(float(np.median(ordered)), float(ordered[rank - 1]), float(ordered[n - rank]))
+    interval = quantile_test(differences, p=0.5).confidence_interval(LEVEL)
+    return Estimate(float(np.median(differences)), float(interval.low), float(interval.high))
 
 
 def rank_correlation(x: np.ndarray, y: np.ndarray) -> Estimate | None:
@@ -77,18 +74,9 @@ def rank_correlation(x: np.ndarray, y: np.ndarray) -> Estimate | None:
     return Estimate(rho, math.tanh(z - _Z * deviation), math.tanh(z + _Z * deviation))
 
 
-@dataclass(frozen=True)
-class SobolIndices:
-    """Sobol indices of one number: first order and total, one of each a factor. ``blocks`` of ``of`` are complete."""
-
-    first: Sequence[Estimate]
-    total: Sequence[Estimate]
-    blocks: int
-    of: int
-
-
-def sobol_indices(y: np.ndarray, factors: int, seed: int) -> SobolIndices | None:
-    """Sobol indices of numbers y (n,), one a draw of a design ``sobol_indices``, by SALib.
+def sobol_indices(y: np.ndarray, factors: int, seed: int) -> tuple[list[Estimate], list[Estimate], int] | None:
+    """Total Sobol indices of numbers y (n,), one a draw of a design ``sobol_indices``, by SALib; those of first order;
+    and the number of incomplete blocks.
 
     The design has blocks of ``factors`` + 2 draws. A block with a value that is not finite is left out as a whole.
     None for fewer than eight complete blocks, or if all values are equal.
@@ -111,7 +99,7 @@ def sobol_indices(y: np.ndarray, factors: int, seed: int) -> SobolIndices | None
         pairs = zip(found[name].tolist(), found[f"{name}_conf"].tolist(), strict=True)
         return [Estimate(value, value - half, value + half) for value, half in pairs]
 
-    return SobolIndices(estimates("S1"), estimates("ST"), len(complete), len(blocks))
+    return estimates("ST"), estimates("S1"), len(blocks) - len(complete)
 
 
 _MOST_RESAMPLED = 1_000_000

@@ -99,20 +99,16 @@ def digits_of(numbers: Sequence[float]) -> int:
     return 3 + min(4, math.ceil(math.log10(largest / spread))) if 0.0 < spread < largest else 3
 
 
-def differences(data: Data, pairs: Sequence[Paired]) -> list[Table]:
+def differences(pairs: Sequence[Paired]) -> list[Table]:
     """One table for each pair of laws."""
     found = []
     for pair in pairs:
         heads = ["draws", "difference", "95 % interval", f"smaller with {pair.second}"]
-        points = pair.success
-        scaled = [f"{100.0 * each:+.1f}".replace("-", "−") for each in (points.value, points.low, points.high)]
-        better, worse = pair.only_second, pair.only_first
-        rows: list[tuple[str, list[Any]]] = [
-            (
-                "success [% points], mean",
-                [pair.draws, scaled[0], f"{scaled[1]} to {scaled[2]}", f"{worse} draws; larger in {better}"],
-            )
-        ]
+        rate = pair.success
+        value, low, high = (f"{100.0 * each:+.1f}".replace("-", "−") for each in (rate.value, rate.low, rate.high))
+        cells: list[Any] = [pair.draws, value, f"{low} to {high}"]
+        cells.append(f"{pair.only_first} draws; larger in {pair.only_second}")
+        rows = [("success [% points], mean", cells)]
         for each in pair.metrics:
             interval = f"{signed(each.median.low)} to {signed(each.median.high)}"
             cells = [each.draws, signed(each.median.value), interval, f"{100.0 * each.smaller:.0f} % of draws"]
@@ -159,7 +155,6 @@ class Worst:
     law: str
     colour: str
     why: str
-    row: int
     values: str
     command: str
 
@@ -196,13 +191,8 @@ def _worst(data: Data, law: str, at: int, why: str, folder: str) -> Worst:
         for key in data.plan.varied
         if row[key] is not None and row[key] == row[key]
     ]
-    index = int(row["index"])
-    return Worst(law, data.colours[law], why, index, ", ".join(values), replay(folder, index))
-
-
-def replay(folder: str, row: int) -> str:
-    """The command that runs a row again, in the viewer."""
-    return f"uvms-mj run --from {shlex.quote(folder)} --row {row} --viewer"
+    command = f"uvms-mj run --from {shlex.quote(folder)} --row {int(row['index'])} --viewer"
+    return Worst(law, data.colours[law], why, ", ".join(values), command)
 
 
 def text_of(value: Any) -> str:

@@ -15,7 +15,6 @@ from ..plan.places import overrides_at
 from ..pool.calls import each_call
 from ..pool.execution import ATTEMPTS
 from ..pool.parcel import Parcel
-from ..pool.tasks import plan_of
 from ..rows import lost_row, one_row
 from .tables import Measure
 
@@ -61,7 +60,7 @@ def with_gains(plan: Plan, values: Mapping[str, float]) -> Plan:
 
 def rows_of(parcel: Parcel, values: Mapping[str, float], indices: tuple[int, ...]) -> list[dict[str, Any]]:
     """The rows of some runs of a trial, in a worker."""
-    plan = with_gains(plan_of(parcel), values)
+    plan = with_gains(parcel.plan(), values)
     return [one_row(plan, index) for index in indices]
 
 
