@@ -14,12 +14,13 @@ from concurrent.futures import Executor, Future
 from typing import Any
 
 from loky.backend import get_context
-from pebble import ProcessPool
+from pebble import CONSTS, ProcessPool
 
 from ...errors import InputError
 
 _STARTS = 5
 """Pools of processes that are started in all. A pool breaks if a process ends outside a call, e.g. while it starts."""
+CONSTS.channel_lock_timeout = 10.0  # [s] for a lock of pebble's whose owner was killed; 60 by default
 _ONE_THREAD = ("OMP", "OPENBLAS", "MKL", "NUMBA", "VECLIB_MAXIMUM", "NUMEXPR", "BLIS", "POLARS_MAX")
 
 
