@@ -8,17 +8,14 @@ import hashlib
 import math
 import os
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...errors import needs_extra
-from .tables import Gain
+from .tables import Gain, Search
 from .trial import Outcome
-
-if TYPE_CHECKING:
-    from .tuning import Tuning
 
 JOURNAL = "trials.journal"
 
@@ -34,7 +31,7 @@ def optuna() -> Any:
 class Journal:
     """The trials of a folder, in Optuna's journal storage. This process alone writes to it."""
 
-    def __init__(self, folder: Path, tuning: "Tuning") -> None:
+    def __init__(self, folder: Path, name: str, direction: str) -> None:
         self._optuna, path = optuna(), folder / JOURNAL
         if path.exists():
             _cut(path)
@@ -43,8 +40,8 @@ class Journal:
             warnings.simplefilter("ignore")
             self._study = self._optuna.create_study(
                 storage=self._optuna.storages.JournalStorage(storage),
-                study_name=tuning.plan.name,
-                direction=tuning.objective.direction,
+                study_name=name,
+                direction=direction,
                 load_if_exists=True,
             )
 
@@ -78,42 +75,39 @@ class _NoLock:
 
 
 def search(
-    tuning: "Tuning",
+    gains: Sequence[Gain],
+    start: Mapping[str, float],
+    direction: str,
+    settings: Search,
     journal: Journal,
     evaluate: Callable[[Mapping[str, float]], Outcome],
     done: Callable[[int, Outcome], None],
 ) -> None:
-    """Run the trials that the journal lacks, one after the other. Trial 0 has the file's own gains. ``done`` is called
+    """Run the trials that the journal lacks, one after the other. Trial 0 has the gains ``start``. ``done`` is called
     with the number and the outcome of each."""
     module = optuna()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # parts of the sampler are marked as experimental
-        memory = module.create_study(direction=tuning.objective.direction)
+        memory = module.create_study(direction=direction)
         memory.add_trials(journal.trials)
-        for number in range(len(memory.trials), tuning.search.trials):
-            memory.sampler = _sampler(module, tuning, number)
+        for number in range(len(memory.trials), settings.trials):
+            memory.sampler = _sampler(module, settings, number)
             if number == 0:
-                memory.enqueue_trial(tuning.start)
+                memory.enqueue_trial(start)
             trial = memory.ask()
-            values = {
-                each.key: trial.suggest_float(each.key, each.low, each.high, log=each.log) for each in tuning.gains
-            }
+            values = {each.key: trial.suggest_float(each.key, each.low, each.high, log=each.log) for each in gains}
             found = evaluate(values)
             trial.set_user_attr("outcome", asdict(found))
-            worst = math.inf if tuning.objective.direction == "minimize" else -math.inf
+            worst = math.inf if direction == "minimize" else -math.inf
             memory.tell(trial, worst if found.objective is None else found.objective)
             journal.add(memory.trials[-1])
             done(number, found)
 
 
-def _suggested(trial: Any, gain: Gain) -> float:
-    return trial.suggest_float(gain.key, gain.low, gain.high, log=gain.log)
-
-
-def _sampler(module: Any, tuning: "Tuning", number: int) -> Any:
+def _sampler(module: Any, settings: Search, number: int) -> Any:
     """The sampler of one trial, whose random numbers the seed and the trial's number decide."""
-    seed = int.from_bytes(hashlib.sha256(f"{tuning.search.seed} {number}".encode()).digest()[:4])
-    if tuning.search.sampler == "random":
+    seed = int.from_bytes(hashlib.sha256(f"{settings.seed} {number}".encode()).digest()[:4])
+    if settings.sampler == "random":
         return module.samplers.RandomSampler(seed=seed)
     return module.samplers.TPESampler(seed=seed, multivariate=True, constraints_func=_violations)
 

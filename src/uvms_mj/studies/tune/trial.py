@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from pebble import ProcessExpired
@@ -16,10 +16,7 @@ from ..pool.calls import each_call
 from ..pool.execution import ATTEMPTS
 from ..pool.parcel import Parcel
 from ..rows import lost_row, one_row
-from .tables import Measure
-
-if TYPE_CHECKING:
-    from .tuning import Tuning
+from .tables import Constraint, Measure, Objective
 
 INCOMPLETE = 1e6
 """Violation that Optuna is told of a trial without all its numbers: beyond any limit's, so that it ranks last."""
@@ -91,16 +88,16 @@ def rows(
     return [found[index] for index in range(plan.runs)]
 
 
-def refused(tuning: "Tuning", error: InputError) -> Outcome:
+def refused(constraints: Sequence[Constraint], error: InputError) -> Outcome:
     """The outcome of gains that can't be used together."""
-    unknown = (None,) * len(tuning.constraints)
+    unknown = (None,) * len(constraints)
     return Outcome("incomplete", str(error), None, unknown, (INCOMPLETE, *(0.0 for _ in unknown)), 0)
 
 
-def outcome(tuning: "Tuning", found: Sequence[Mapping[str, Any]]) -> Outcome:
+def outcome(objective: Objective, constraints: Sequence[Constraint], found: Sequence[Mapping[str, Any]]) -> Outcome:
     """The outcome of a trial's rows."""
     ended = [row for row in found if row["status"] != "completed"]
-    measures = (tuning.objective, *tuning.constraints)
+    measures = (objective, *constraints)
     values = [_value(each, found) for each in measures]
     lacking = {each.metric: n for each in measures if (n := sum(_number(row, each) is None for row in found))}
     completed = len(found) - len(ended)
@@ -115,10 +112,10 @@ def outcome(tuning: "Tuning", found: Sequence[Mapping[str, Any]]) -> Outcome:
         else:
             why = "; ".join(f"{metric} has no value in {n} of {len(found)} runs" for metric, n in lacking.items())
         return Outcome("incomplete", why, None, (None,) * len(values[1:]), violations, completed)
-    excess = [each.excess(value) for each, value in zip(tuning.constraints, values[1:], strict=True)]
+    excess = [each.excess(value) for each, value in zip(constraints, values[1:], strict=True)]
     if max(excess, default=0.0) > 0.0:
         worst = int(np.argmax(excess))
-        each, value = tuning.constraints[worst], values[1 + worst]
+        each, value = constraints[worst], values[1 + worst]
         message = f"{each.label} is {value:.4g}, not {each.limits}"
         return Outcome("infeasible", message, values[0], tuple(values[1:]), (0.0, *excess), completed)
     return Outcome("feasible", "", values[0], tuple(values[1:]), (0.0, *excess), completed)

@@ -137,7 +137,7 @@ class Tuning:
                 check_same(folder / TUNING, Tuning.load, self.tables, about, free=("tune.trials",))
             put(folder / VERSION, lambda file: file.write(json.dumps(about, indent=1).encode()))
             put(folder / TUNING, lambda file: file.write(tomli_w.dumps(self.tables).encode()))
-            journal = Journal(folder, self)
+            journal = self._journal(folder)
             self._search(journal, parcel, pool, progress or (lambda *_: None))
             self._write(folder, [_trial(each) for each in journal.trials], pool)
 
@@ -162,6 +162,9 @@ class Tuning:
             *((name, *(each.outcome.constraints[i] for each in trials)) for i, name in enumerate(names)),
         ]
 
+    def _journal(self, folder: Path) -> Journal:
+        return Journal(folder, self.plan.name, self.objective.direction)
+
     def _search(self, journal: Journal, parcel: Parcel, pool: Executor, progress: Progress) -> None:
         best = self._best([_trial(each) for each in journal.trials])
         shown: list[Any] = [len(journal.trials), None if best is None else best.outcome.objective]
@@ -173,8 +176,8 @@ class Tuning:
             try:
                 plan = with_gains(self.plan, values)
             except InputError as error:
-                return refused(self, error)
-            return outcome(self, rows(plan, parcel, values, pool, tick))
+                return refused(self.constraints, error)
+            return outcome(self.objective, self.constraints, rows(plan, parcel, values, pool, tick))
 
         def done(number: int, found: Outcome) -> None:
             shown[0] = number + 1
@@ -183,7 +186,7 @@ class Tuning:
             tick()
 
         tick()
-        search(self, journal, evaluate, done)
+        search(self.gains, self.start, self.objective.direction, self.search, journal, evaluate, done)
 
     def _better(self, one: Any, other: Any) -> bool:
         return one < other if self.objective.direction == "minimize" else one > other
@@ -198,7 +201,7 @@ class Tuning:
 
     def trials(self, folder: str | os.PathLike) -> list[Trial]:
         """The trials of a folder, in order."""
-        return [_trial(each) for each in Journal(Path(folder), self).trials]
+        return [_trial(each) for each in self._journal(Path(folder)).trials]
 
     def best(self, folder: str | os.PathLike) -> Trial | None:
         """The best feasible trial of a folder, the first of equal ones; None without a feasible one."""
