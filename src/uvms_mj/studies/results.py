@@ -132,7 +132,8 @@ class Results:
 
 def share_done(folder: Path, plan: "Plan") -> float:
     """Share of a study's blocks that have a part in a folder."""
-    return len(list((folder / "rows").glob("part-*.parquet"))) / len(blocks(plan.runs))
+    parts = len(list((folder / "rows").glob("part-*.parquet")))  # those of another study are refused later
+    return min(1.0, parts / len(blocks(plan.runs)))
 
 
 def about_of(plan: "Plan", parcel: "Parcel") -> dict[str, Any]:
