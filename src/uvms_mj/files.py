@@ -50,6 +50,17 @@ def toml_path(given: str | os.PathLike, noun: str, kind: str) -> Path:
     raise InputError(f"{noun} {str(given)!r}: neither a file nor built in; {suggestion(str(given), known)}")
 
 
+def tables_of(path: Path, noun: str) -> dict[str, Any]:
+    """The tables of a TOML file, with its name if it gives none; ``noun`` is its word in messages. Raises InputError if
+    it can't be read."""
+    try:
+        tables = parsed_toml(text_of(path))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: not a {noun} in TOML: {error}") from None
+    tables.setdefault("name", path.stem)
+    return tables
+
+
 _MOST_BYTES = 1_000_000
 """Size limit of a scenario file. A scenario with every key has 2 kB."""
 _WORD = r"""(?:"[^"\n]*"|'[^'\n]*'|(?<![\w-])[\w-]++)"""

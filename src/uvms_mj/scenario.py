@@ -20,7 +20,7 @@ from .control import Controller, Gsta, ImpedanceTask
 from .control.design import Estimates, Impedance
 from .control.task import TASK_KEYS, move_task_keys
 from .errors import Fault, InputError, faults_of, shortened, suggestion
-from .files import parsed_toml, plain, scenario_path, text_of
+from .files import plain, scenario_path, tables_of
 from .guidance import FilteredSteps, Guidance
 from .navigation import Navigation, Perfect
 from .plant.settings import Current, Disturbance, Initial, VehicleChoice, Wall
@@ -101,12 +101,9 @@ class Scenario:
                 kept only if they belong to this law, as are a table's settings if an override replaces its ``name``.
         """
         path = scenario_path(scenario)
-        try:
-            tables = parsed_toml(text_of(path))
-        except (OSError, ValueError) as error:
-            raise InputError(f"{path}: not a scenario in TOML: {error}") from None
-        tables.setdefault("name", path.stem)
-        return cls.from_dict(tables, overrides, controller, folder=path.parent, place=str(scenario))
+        return cls.from_dict(
+            tables_of(path, "scenario"), overrides, controller, folder=path.parent, place=str(scenario)
+        )
 
     @classmethod
     def from_dict(

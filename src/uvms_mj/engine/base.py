@@ -45,10 +45,10 @@ class Engine(ABC):
     @abstractmethod
     def close(self) -> None: ...
 
-    def clear(self) -> None:  # noqa: B027  # not every engine has more than its state
+    def clear(self) -> None:  # noqa: B027  # free_body has nothing beside its state
         """Forget everything of the run but :attr:`state`."""
 
-    def write_time(self, setup: Setup) -> None:  # noqa: B027
+    def write_time(self, setup: Setup) -> None:  # noqa: B027  # free_body reads that of the LOOP record
         """Set the time step."""
 
     @abstractmethod
@@ -59,10 +59,10 @@ class Engine(ABC):
     def write_initial(self, setup: Setup) -> None:
         """Put the vehicle at the initial state."""
 
-    def sense(self) -> None:  # noqa: B027
+    def sense(self) -> None:  # noqa: B027  # an engine may measure in its step
         """Measure the distance to the wall between two steps."""
 
-    def check(self, t: float, timestep: float) -> None:  # noqa: B027
+    def check(self, t: float, timestep: float) -> None:  # noqa: B027  # nobody else can step free_body
         """Raise RuntimeError if somebody else has stepped the engine."""
 
     @abstractmethod

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError
-from ...files import parsed_toml, shortened, text_of, toml_path
+from ...files import shortened, tables_of, toml_path
 from ...scenario import Scenario
 from .draws import Variation
 from .entries import Law
@@ -94,12 +94,7 @@ class Plan:
             InputError: the file or an override is invalid; lists every error.
         """
         path = toml_path(study, "study", "studies")
-        try:
-            tables = parsed_toml(text_of(path))
-        except (OSError, ValueError) as error:
-            raise InputError(f"{path}: not a study in TOML: {error}") from None
-        tables.setdefault("name", path.stem)
-        return cls.from_dict(tables, path.parent, overrides, place=str(study))
+        return cls.from_dict(tables_of(path, "study"), path.parent, overrides, place=str(study))
 
     @classmethod
     def from_dict(

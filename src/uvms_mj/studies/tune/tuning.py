@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import tomli_w
 
 from ...errors import InputError
-from ...files import locked, parsed_toml, shortened, text_of, whole
+from ...files import locked, shortened, tables_of, whole
 from ..plan import Plan
 from ..plan.places import unit_of
 from ..pool.parcel import Parcel
@@ -85,12 +85,7 @@ class Tuning:
         path = Path(tuning, TUNING) if Path(tuning).is_dir() else Path(tuning)
         if not path.is_file():
             raise InputError(f"tuning {str(tuning)!r}: no such file, and not the folder of a tuning")
-        try:
-            tables = parsed_toml(text_of(path))
-        except (OSError, ValueError) as error:
-            raise InputError(f"{path}: not a tuning in TOML: {error}") from None
-        tables.setdefault("name", path.stem)
-        return cls.from_dict(tables, path.parent, overrides, place=str(tuning))
+        return cls.from_dict(tables_of(path, "tuning"), path.parent, overrides, place=str(tuning))
 
     @classmethod
     def from_dict(
