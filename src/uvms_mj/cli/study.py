@@ -23,7 +23,7 @@ from .common import (
 from .folders import folder_for
 from .stop import Stop, exit_interrupted
 from .study_report import study_report
-from .study_text import head, plan_report, print_result
+from .study_text import head, kept, plan_report, print_result
 
 if TYPE_CHECKING:
     from ..studies.study import Study
@@ -104,19 +104,12 @@ def run_study(
                 with _bar(as_json or quiet, stop, shown) as progress:
                     study.run(folder, executor=executor, progress=progress)
     except KeyboardInterrupt:
-        end(f"interrupted{_kept(shown)}", exit_interrupted())
+        end(f"interrupted{kept(shown, 'runs')}", exit_interrupted())
     except OSError as error:
-        end(f"error: {error.filename or folder}: {error.strerror or error}{_kept(shown)}", EXIT_BAD_INPUT)
+        end(f"error: {error.filename or folder}: {error.strerror or error}{kept(shown, 'runs')}", EXIT_BAD_INPUT)
     for name in study.damaged:
         click.echo(f"note: {name} was damaged; its runs were run again", err=True)
     sys.exit(print_result(study, as_json, quiet))
-
-
-def _kept(shown: dict[str, int]) -> str:
-    """How to go on after an interruption."""
-    if not shown:
-        return ""
-    return f"; {shown['done']} of {shown['total']} runs are done and kept: the same command goes on"
 
 
 def _chosen(

@@ -103,6 +103,13 @@ def print_result(study: "Study", as_json: bool, quiet: bool) -> int:
     return EXIT_CHECK_FAILS if failed else 0
 
 
+def kept(shown: dict[str, int], noun: str) -> str:
+    """How to go on after an interruption; ``shown`` has the number done and the total, if it had begun."""
+    if not shown:
+        return ""
+    return f"; {shown['done']} of {shown['total']} {noun} are done and kept: the same command goes on"
+
+
 def finite(value: Any) -> Any:
     """The same value with None for numbers that JSON lacks."""
     if isinstance(value, dict):

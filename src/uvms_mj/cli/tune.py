@@ -23,7 +23,7 @@ from .console import print_table
 from .folders import folder_for
 from .stop import Stop, exit_interrupted
 from .study import pool_of
-from .study_text import duration, finite
+from .study_text import duration, finite, kept
 
 if TYPE_CHECKING:
     from ..studies.tune import Tuning
@@ -99,9 +99,9 @@ def tune(
                 _search(tuning, folder, executor, as_json or quiet, stop, shown)
             status = _result(tuning, folder, as_json, quiet)
     except KeyboardInterrupt:
-        end(f"interrupted{_kept(shown)}", exit_interrupted())
+        end(f"interrupted{kept(shown, 'trials')}", exit_interrupted())
     except OSError as error:
-        end(f"error: {error.filename or folder}: {error.strerror or error}{_kept(shown)}", EXIT_BAD_INPUT)
+        end(f"error: {error.filename or folder}: {error.strerror or error}{kept(shown, 'trials')}", EXIT_BAD_INPUT)
     sys.exit(status)
 
 
@@ -116,13 +116,6 @@ def _search(tuning: "Tuning", folder: Path, executor: Any, hidden: bool, stop: S
             update(done, total, best="-" if best is None else f"{best:.4g}")
 
         tuning.run(folder, executor=executor, progress=progress)
-
-
-def _kept(shown: dict[str, int]) -> str:
-    """How to go on after an interruption."""
-    if not shown:
-        return ""
-    return f"; {shown['done']} of {shown['total']} trials are done and kept: the same command goes on"
 
 
 def _chosen(
