@@ -28,7 +28,7 @@ from pydantic import AfterValidator
 
 from ..errors import Fault, InputError
 from ..physics.fossen import matvec
-from ..physics.frames import quat_error, to_body
+from ..physics.frames import quat_error
 from ..physics.kernels import kernel
 from ..quantities import Step
 from ..stages.base import Room, Stage, shared
@@ -144,13 +144,21 @@ def tracking_errors(given, out):
     quat_error(given.quat_d, given.quat_WB, out.quat_e)
     for i in range(3):
         eta_e[i + 3] = out.quat_e[i + 1]  # below eq. (12)
-    v_d = nu_e  # in B; nu_e is set from it below
-    to_body(R_WB, given.p_d_dot, v_d)
-    to_body(R_WB, given.p_d_ddot, out.nu_d_dot)
-    out.nu_d_dot[0] -= nu[4] * v_d[2] - nu[5] * v_d[1]  # a_d = R^T p_d_ddot - omega x R^T p_d_dot
-    out.nu_d_dot[1] -= nu[5] * v_d[0] - nu[3] * v_d[2]
-    out.nu_d_dot[2] -= nu[3] * v_d[1] - nu[4] * v_d[0]
+    desired(R_WB, nu, given.p_d_dot, given.p_d_ddot, 0, nu_e, out.nu_d_dot)
+    desired(R_WB, nu, given.omega_d, given.omega_d_dot, 3, nu_e, out.nu_d_dot)
+    for i in range(6):
+        nu_e[i] = nu[i] - nu_e[i]
+
+
+@kernel
+def desired(R_WB, nu, x_dot_W, x_ddot_W, first, nu_d, nu_d_dot):
+    """Set three components of nu_d and nu_d_dot, from index ``first``, from a velocity and an acceleration in W.
+
+    B rotates: the time derivative of R^T x_dot is R^T x_ddot - omega x R^T x_dot.
+    """
     for i in range(3):
-        nu_e[i] = nu[i] - v_d[i]
-        nu_e[i + 3] = nu[i + 3]  # the desired attitude is constant
-        out.nu_d_dot[i + 3] = 0.0
+        nu_d[first + i] = R_WB[0, i] * x_dot_W[0] + R_WB[1, i] * x_dot_W[1] + R_WB[2, i] * x_dot_W[2]
+        nu_d_dot[first + i] = R_WB[0, i] * x_ddot_W[0] + R_WB[1, i] * x_ddot_W[1] + R_WB[2, i] * x_ddot_W[2]
+    nu_d_dot[first] -= nu[4] * nu_d[first + 2] - nu[5] * nu_d[first + 1]
+    nu_d_dot[first + 1] -= nu[5] * nu_d[first] - nu[3] * nu_d[first + 2]
+    nu_d_dot[first + 2] -= nu[3] * nu_d[first + 1] - nu[4] * nu_d[first]

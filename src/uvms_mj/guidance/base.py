@@ -30,6 +30,7 @@ class Guidance(Stage):
         table="reference",
         given=lambda thrusters: CLOCK + KNOWN,
         out=REFERENCE,
+        optional=("omega_d", "omega_d_dot"),
         noun="guidance stage",
         constants=("quat_d",),
         theory=("rests_at", "notes"),
@@ -44,7 +45,8 @@ class Guidance(Stage):
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        """Set p_d, p_d_dot, p_d_ddot and quat_d of out, and state_dot, from settings, state and given."""
+        """Set p_d, p_d_dot, p_d_ddot, quat_d, and for a moving attitude omega_d and omega_d_dot of out, and state_dot,
+        from settings, state and given."""
         raise NotImplementedError
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
@@ -69,6 +71,8 @@ def hold(settings, given, out):
     for i in range(3):
         out.p_d_dot[i] = 0.0
         out.p_d_ddot[i] = 0.0
+        out.omega_d[i] = 0.0
+        out.omega_d_dot[i] = 0.0
         if given.instant == 0:
             out.p_d[i] = given.p_WB[i]
     for i in range(4):

@@ -60,6 +60,7 @@ class Room:
         constants: names of constants that the function gets besides its settings.
         theory: methods beside the function that a stage may override.
         reserved: names that a setting must not have, each with the reason.
+        optional: names of the signals of ``out`` that stay zero if a user's stage does not set them.
     """
 
     name: str
@@ -73,6 +74,7 @@ class Room:
     constants: tuple[str, ...] = ()
     theory: tuple[str, ...] = ()
     reserved: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    optional: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,6 +90,9 @@ class Stage:
     name: ClassVar[str] = ""
     states: ClassVar[Mapping[str, Any]] = {}
     """Sizes of the states by name; ``"thrusters"`` is the number of the vehicle's thrusters."""
+    memory: ClassVar[Mapping[str, Any]] = {}
+    """Sizes of further numbers that the stage keeps from instant to instant, by name, in the same record ``state``.
+    They do not advance, and they are not recorded: a queue of delayed samples, for example."""
     units: ClassVar[Mapping[str, str]] = {}
     """Units of the states, for logs and plots. A state with two units has the linear one first."""
     room: ClassVar[Room]
@@ -176,9 +181,14 @@ class Stage:
         return record
 
     @classmethod
+    def state_size(cls, thrusters: int = 0) -> int:
+        """Number of states that advance."""
+        return sum(thrusters if size == THRUSTERS else size for size in cls.states.values())
+
+    @classmethod
     def state_record(cls, thrusters: int = 0) -> np.ndarray:
-        """The states, all zero, as a record array (1,) of float64 vectors."""
-        sizes = {name: thrusters if size == THRUSTERS else size for name, size in cls.states.items()}
+        """The states and then the memory, all zero, as a record array (1,) of float64 vectors."""
+        sizes = {name: thrusters if size == THRUSTERS else size for name, size in {**cls.states, **cls.memory}.items()}
         fields = [(name, "f8", (size,)) for name, size in sizes.items()]
         return np.zeros(1, np.dtype(fields or [("none", "f8", (0,))], align=True))
 
@@ -204,6 +214,7 @@ def is_shipped(stage: Stage) -> bool:
         is_of_the_package(cls)
         and kind.function() is cls.function()
         and kind.states == cls.states
+        and kind.memory == cls.memory
         and kind.given() == cls.given()
         for cls in kind.__mro__
         if issubclass(cls, Stage)

@@ -20,7 +20,7 @@ _MOST_STATES = 10_000
 _LONGEST_NAME = 100
 _SIGNALS = {signal.name for signal in (*GIVEN, *RECORDED, *MEASURED, thruster_signal(1))}
 """Signals of a Simulation or a trace, which a state would hide."""
-_OVERRIDDEN = ("name", "states", "units", "uses_task", "uses_truth")
+_OVERRIDDEN = ("name", "states", "memory", "units", "uses_task", "uses_truth")
 
 
 def check_contract(cls: type[Stage], file: str = "") -> None:
@@ -67,7 +67,9 @@ def _wrong(cls: type[Stage]) -> Iterator[str]:
         flag = getattr(cls, name, False)
         if not isinstance(flag, bool):
             yield f"{name} = {shortened(flag)} must be true or false"
-    states = list(_wrong_states(cls.states))
+    states = [*_wrong_states(cls.states, "states"), *_wrong_states(cls.memory, "memory")]
+    if not states:
+        states += [f"{name!r} is both a state and memory" for name in cls.memory if name in cls.states]
     yield from states
     if not states:
         yield from _wrong_units(cls)
@@ -77,8 +79,8 @@ def _wrong(cls: type[Stage]) -> Iterator[str]:
         yield from _unknown_fields(cls)
 
 
-def _wrong_states(states: Any) -> Iterator[str]:
-    wanted = f"states must be names with sizes from 1 to {_MOST_STATES}, as in {{'xi': 6}}"
+def _wrong_states(states: Any, called: str) -> Iterator[str]:
+    wanted = f"{called} must be names with sizes from 1 to {_MOST_STATES}, as in {{'xi': 6}}"
     if not isinstance(states, Mapping):
         yield f"{wanted}; {shortened(states)} is not"
         return
@@ -99,7 +101,7 @@ def _wrong_states(states: Any) -> Iterator[str]:
             yield f"{name!r} is the name of a signal; give the state another name"
     total = sum(size for size in states.values() if size != THRUSTERS) if all(good) else 0
     if total > _MOST_STATES:
-        yield f"states has {total} numbers in all; at most {_MOST_STATES} are allowed"
+        yield f"{called} has {total} numbers in all; at most {_MOST_STATES} are allowed"
 
 
 def _wrong_units(cls: type[Stage]) -> Iterator[str]:
@@ -146,7 +148,8 @@ def _unknown_fields(cls: type[Stage]) -> Iterator[str]:
         return
     settings = [*cls.room.constants, *(f.name for f in dataclasses.fields(cls) if f.name != "period")]
     given, out = ([signal.name for signal in signals] for signals in (cls.given(), cls.room.out))
-    roles = zip(cls.room.arguments, (settings, list(cls.states), given, list(cls.states), out), strict=True)
+    kept = [*cls.states, *cls.memory]
+    roles = zip(cls.room.arguments, (settings, kept, given, list(cls.states), out), strict=True)
     free = {"tau_cmd", "u", *(cls.room.arguments[:1] if packs_itself(cls) else ())}  # arrays, and settings of any type
     names = (a.arg for a in (*tree.args.posonlyargs, *tree.args.args))
     arguments = {name: each for name, each in zip(names, roles, strict=False) if each[0] not in free}

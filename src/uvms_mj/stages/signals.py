@@ -77,14 +77,19 @@ TRUE = (
     *KNOWN[:4],
     Signal("f_contact_W", (3,), "N", "W", "force of the wall on the vehicle, of the same instant: k_c depth + b_c v"),
     Signal("tau_contact_B", (6,), _WRENCH, "B", "f_contact_W as a wrench at B's origin"),
+    Signal("v_c_W", (3,), "m/s", "W", "velocity of the current at the vehicle"),
+    Signal("nu_dot", (6,), "m/s^2, rad/s^2", "B", "acceleration, time derivative of nu"),
+    Signal("tau", (6,), _WRENCH, "B", "wrench produced by the thrusters, B u"),
 )
-"""Given to navigation: the truth of the instant that its sensors measure."""
+"""Given to navigation: the truth that its sensors measure. nu_dot and tau are those of the last step."""
 
 REFERENCE = (
     Signal("p_d", (3,), "m", "W", "desired position"),
     Signal("p_d_dot", (3,), "m/s", "W", "desired velocity"),
     Signal("p_d_ddot", (3,), "m/s^2", "W", "desired acceleration"),
     Signal("quat_d", (4,), "1", "W", "desired attitude, w x y z"),
+    Signal("omega_d", (3,), "rad/s", "W", "desired angular velocity"),
+    Signal("omega_d_dot", (3,), "rad/s^2", "W", "desired angular acceleration"),
 )
 """Set by guidance."""
 
@@ -145,15 +150,15 @@ TRUTH = (
 )
 """True values, given to the ideal law, eq. (13), only."""
 
-_SET = {signal.name: signal for signal in GIVEN + TRUTH}
+_SET = {signal.name: signal for signal in GIVEN + TRUTH + TRUE}
 
 STATE = (
     Signal("t", (), "s", "-", "time"),
     *(_SET[name] for name in ("p_WB", "quat_WB", "nu")),
-    Signal("nu_dot", (6,), "m/s^2, rad/s^2", "B", "acceleration, time derivative of nu"),
+    _SET["nu_dot"],
     *(_SET[name] for name in ("p_d", "p_d_dot", "p_d_ddot", "quat_d", "eta_e", "nu_e", "s", "zeta", "tau_nom")),
     WRENCH_COMMAND,
-    Signal("tau", (6,), _WRENCH, "B", "wrench produced by the thrusters, B u"),
+    _SET["tau"],
     _SET["tau_dist"],
     Signal("f_contact_W", (3,), "N", "W", "force of the wall on the vehicle"),
     Signal("f_contact_m_W", (3,), "N", "W", "measured contact force, given to the law"),

@@ -93,6 +93,8 @@ class Arena:
         """Prepare for a run, from states of zero."""
         self.reset()
         self.part("out")[:] = UNSET
+        for name in self.room.optional:
+            self.arrays["out"][name] = 0.0
         self._set("state", dict.fromkeys(self.arrays["state"].dtype.names or (), 0.0))
 
     @property

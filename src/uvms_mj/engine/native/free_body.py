@@ -15,14 +15,14 @@ def _free_steps(context, body, n, moving) -> int:
     """Take n time steps, or evaluate the instant in hand if ``moving`` is 0. Returns the number of steps that were
     taken before the run stopped. With n = 0 it measures the distance to the wall only."""
     loop = loop_at(context.loop_at)
-    true, contact, row, force = loop.true, loop.contact, loop.row, body.force
+    true, contact, force = loop.true, loop.contact, body.force
     sphere_and_face(body)
     for k in range(n):
         if not begin_step(context, loop):
             return k
         water_wrench(context.water, loop.t, true.R_WB, true.nu, context.nu_r, body.work, force)
         for i in range(6):
-            force[i] += row.tau[i]
+            force[i] += true.tau[i]
         if contact.touching != 0:
             for i in range(6):
                 force[i] += contact.tau_B[i]

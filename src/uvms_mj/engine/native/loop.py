@@ -43,6 +43,7 @@ def observe(context, loop):
     contact_force(contact, distance, fromto, true.p_WB, true.R_WB, true.nu, loop.timestep)
     for i in range(3):
         true.f_contact_W[i] = contact.f_W[i]
+        true.v_c_W[i] = context.water.v_c_W[i]
     for i in range(6):
         true.tau_contact_B[i] = contact.tau_B[i]
     check_state(loop)
@@ -122,7 +123,7 @@ def run_stages(loop, end) -> int:
 @kernel
 def limit_thrust(loop):
     """Set u to the commanded thrusts within the thrusters' limits, and tau = B u."""
-    n, row = loop.thrusters, loop.row
+    n, true = loop.thrusters, loop.true
     u_cmd, u = floats(loop.u_cmd_at, n), floats(loop.u_at, n)
     u_min, u_max = floats(loop.u_min_at, n), floats(loop.u_max_at, n)
     columns = floats(loop.columns_at, 6 * n)
@@ -143,8 +144,8 @@ def limit_thrust(loop):
         x_3 += columns[6 * k + 3] * thrust
         x_4 += columns[6 * k + 4] * thrust
         x_5 += columns[6 * k + 5] * thrust
-    row.tau[0], row.tau[1], row.tau[2] = x_0, x_1, x_2
-    row.tau[3], row.tau[4], row.tau[5] = x_3, x_4, x_5
+    true.tau[0], true.tau[1], true.tau[2] = x_0, x_1, x_2
+    true.tau[3], true.tau[4], true.tau[5] = x_3, x_4, x_5
 
 
 @kernel
@@ -161,16 +162,16 @@ def begin_step(context, loop) -> bool:
         limit_thrust(loop)
     if loop.stop != STOP_NONE:
         return False
-    row = loop.row
+    row, true = loop.row, loop.true
     row.t = loop.t
     if loop.step > 0:
         for i in range(6):
-            change = abs(row.tau[i] - loop.tau_before[i])
+            change = abs(true.tau[i] - loop.tau_before[i])
             row.tau_variation[i] += change
             row.tau_step_max[i] = max(row.tau_step_max[i], change)
     for i in range(6):
-        row.tau_max[i] = max(row.tau_max[i], abs(row.tau[i]))
-        loop.tau_before[i] = row.tau[i]
+        row.tau_max[i] = max(row.tau_max[i], abs(true.tau[i]))
+        loop.tau_before[i] = true.tau[i]
     loop.pending = 1
     return True
 
@@ -206,13 +207,13 @@ def finish_step(context, loop):
         row.final_low, row.final_high = push, push
     elif loop.step > loop.window_step:
         row.final_low, row.final_high = min(row.final_low, push), max(row.final_high, push)
-    body_acceleration(true.R_WB, floats(loop.qacc_at, 6), true.nu, row.nu_dot)
+    body_acceleration(true.R_WB, floats(loop.qacc_at, 6), true.nu, true.nu_dot)
     disturbance(context.water, loop.t, row.tau_dist)
     write_row(loop)
     if loop.saturated != 0:  # for the coming step
         row.saturation_time += h
     for i in range(6):
-        row.effort[i] += h * row.tau[i] * row.tau[i]
+        row.effort[i] += h * true.tau[i] * true.tau[i]
     if loop.s_at != 0:
         s = floats(loop.s_at, 6)
         for i in range(6):

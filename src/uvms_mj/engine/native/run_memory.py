@@ -74,7 +74,8 @@ class RunMemory:
         for _, write in WRITERS:
             write(self, setup)
         arrays = [self.loop, self.context, stages.signals, allocation, stages.u_cmd, self.u, stages.rows]
-        arrays += [each for entry in stages.running if entry.states for each in (entry.state, entry.state_dot)]
+        kept = [entry for entry in stages.running if entry.states or type(entry.stage).memory]
+        arrays += [each for entry in kept for each in (entry.state, entry.state_dot)]
         arrays += engine.state
         self.context["loop_at"] = self.loop.ctypes.data
         self._start = [(array.view(np.uint8), array.view(np.uint8).copy()) for array in arrays]

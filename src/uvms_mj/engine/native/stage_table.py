@@ -138,7 +138,7 @@ class StageTable:
             if getattr(stage, "external", False):
                 return
             own = type(stage).state_record(n)
-            states = own.nbytes // 8 if state is None else 0
+            states = type(stage).state_size(n) if state is None else 0
             self.entries[table] = Entry(stage, stage.record(setup), own if state is None else state, given, out, states)
 
         add("navigation", scenario.navigation, true, part(self.signals, KNOWN))
