@@ -562,7 +562,7 @@ def test_memory_is_kept_and_neither_advances_nor_is_recorded(tmp_path):
     )
     overrides = {"simulation.duration": 0.01, "initial.velocity": [1.0, 0, 0, 0, 0, 0]}
     overrides["navigation.name"] = f"{tmp_path / 'late.py'}:Late"
-    trace = simulate(Scenario.load("push_wall", overrides))
+    trace = simulate(Scenario.load("push_wall", overrides), log_rate=1e4)
     assert np.array_equal(trace.p_WB_m[2:, 0], trace.p_WB[:-2, 0])
     assert np.ptp(trace.p_WB[:, 0]) > 1e-3
     assert "queue" not in set(trace)
