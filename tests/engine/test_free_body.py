@@ -45,7 +45,7 @@ def close(scenario: Scenario) -> dict:
     if not found["chatters"]:
         assert found["position_m"] < 1e-6
         assert found["rest"] < max(1e-9, found["unrest"]) if "rest" in found else True
-    assert found["peak_and_thrust"] < 1e-4 if "peak_and_thrust" in found else True
+    assert found["peak"] < 1e-6 if "peak" in found else True
     return found
 
 
