@@ -65,10 +65,9 @@ def warnings_of(setup: Setup) -> list[str]:
         ]
     rank = np.linalg.matrix_rank(vehicle.B)
     if rank < 6:
-        notes.append(
-            f"the {len(vehicle.thrusters)} thrusters of {vehicle.body} span {rank} of 6 axes: "
-            "tau is the wrench closest to tau_cmd that they can produce"
-        )
+        n = len(vehicle.thrusters)
+        thrusters = f"the {n} thrusters of {vehicle.body} span" if n > 1 else f"the thruster of {vehicle.body} spans"
+        notes.append(f"{thrusters} {rank} of 6 axes: tau is the wrench closest to tau_cmd that they can produce")
     return notes + damping_notes(vehicle.body, vehicle.D_linear, vehicle.D_quadratic)
 
 
