@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..files import plain
 from .common import bad_input, command
 from .console import print_table, table_of
 
@@ -66,7 +67,7 @@ def _print_stage(cls: "type[Stage]") -> None:
 def toml_value(value: Any) -> str:
     if value is None:
         return "-"
-    return json.dumps(list(value) if isinstance(value, tuple) else value)
+    return json.dumps(plain(value))
 
 
 @command()
