@@ -45,6 +45,8 @@ def refuse(setup: Setup, touched: Set[str] = _CHECKED) -> None:
     faults: list[Fault] = []
     if not touched.isdisjoint(("simulation.timestep", *_PERIODS)):
         faults += _stage_faults(setup.scenario)
+    if not touched.isdisjoint(("simulation.timestep", *STAGES)):
+        faults += [fault for stage in setup.scenario.stages for fault in stage.faults(setup)]
     if not touched.isdisjoint(("wall", *ATTITUDE_KEYS, "simulation.timestep")):
         faults += wall_faults(setup)
     if not touched.isdisjoint(("disturbance", "simulation.timestep")):

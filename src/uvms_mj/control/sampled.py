@@ -84,7 +84,8 @@ class Vibration:
         """Periods of the stages from the measurement to the thrust, by name [s]."""
         scenario = self.setup.scenario
         control = scenario.control_period
-        navigation = scenario.navigation.period or control
+        shortest = scenario.simulation.timestep
+        navigation = scenario.navigation.period or (shortest if scenario.navigation.every_step else control)
         return {
             "navigation": navigation,
             "control": control,

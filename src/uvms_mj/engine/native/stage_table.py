@@ -193,12 +193,17 @@ class StageTable:
     def write_periods(self, scenario: Scenario) -> None:
         """Set the periods of all stages."""
         h, control = scenario.simulation.timestep, scenario.control_period
-        periods = {"actuation": h} | {
-            table: stage.period
-            for table in ("navigation", "reference", "actuation")
-            for stage in [getattr(scenario, table)]
-            if stage.period is not None
-        }
+        always = {table: h for table, entry in self.entries.items() if type(entry.stage).every_step}
+        periods = (
+            {"actuation": h}
+            | always
+            | {
+                table: stage.period
+                for table in ("navigation", "reference", "actuation")
+                for stage in [getattr(scenario, table)]
+                if stage.period is not None
+            }
+        )
         steps = [round(periods.get(table, control) / h) for table in self.entries]
         self.rows["period_steps"], self.rows["period"] = steps, [n * h for n in steps]
 
