@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 from ..analysis.setup import Setup
 from ..errors import Fault, InputError, suggestion
+from ..scenario import STAGES
 from .base import Engine
 from .free_engine import FreeEngine
 from .mujoco_engine import MujocoEngine
@@ -22,7 +23,7 @@ _KNOWN = {
 """The keys of the plant and of the stepping that free_body computes."""
 _DEEPEST = 0.01
 """Depth of the vehicle in the wall at the start [m], above which the wall ejects it and the engines part."""
-_SHARED = ("vehicle", "reference", "impedance", "estimates", "navigation", "task", "controller", "actuation")
+_SHARED = ("vehicle", "impedance", "estimates", "task", *STAGES)
 """The tables that both engines read from the same records."""
 
 

@@ -2,5 +2,8 @@
 
 from .base import Navigation, Perfect
 from .base import perfect as perfect
+from .momentum import MomentumObserver
+from .observer import NoObserver, Observer
 
 SHIPPED: dict[str, type[Navigation]] = {cls.name: cls for cls in (Perfect,)}
+OBSERVERS: dict[str, type[Observer]] = {cls.name: cls for cls in (NoObserver, MomentumObserver)}
