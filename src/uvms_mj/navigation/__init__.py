@@ -2,8 +2,9 @@
 
 from .base import Navigation, Perfect
 from .base import perfect as perfect
+from .ekf import Ekf
 from .momentum import MomentumObserver
 from .observer import NoObserver, Observer
 
-SHIPPED: dict[str, type[Navigation]] = {cls.name: cls for cls in (Perfect,)}
+SHIPPED: dict[str, type[Navigation]] = {cls.name: cls for cls in (Perfect, Ekf)}
 OBSERVERS: dict[str, type[Observer]] = {cls.name: cls for cls in (NoObserver, MomentumObserver)}
