@@ -22,6 +22,8 @@ along W this is eq. (12) at rest against the spring of eq. (34), F = K_x (x_d - 
 1.5 N neglects the compliance of the wall. The six equations are solved by Newton's method.
 """
 
+import functools
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -32,12 +34,15 @@ from ..stages.base import is_shipped
 from .rest import SteadyState
 
 
-def static_balance(setup: Any, K: float) -> SteadyState | str:
+def static_balance(
+    setup: Any, K: float, residual: "Callable[[_Balance, np.ndarray], np.ndarray] | None" = None
+) -> SteadyState | str:
     """The vehicle at rest under a law that is the nominal control minus M_hat (A + K) s near rest.
 
     Args:
         setup: the run's :class:`uvms_mj.analysis.setup.Setup`.
         K: slope of the law over s [1/s]; infinite for a law that integrates, so that s is zero at rest.
+        residual: the six equations of another law, from the balance and x (6,), in place of the ones above.
 
     Returns:
         The state, or the reason why there is none.
@@ -53,7 +58,7 @@ def static_balance(setup: Any, K: float) -> SteadyState | str:
         return "with a zero in A, zeta is not constant at rest: it integrates the remaining error"
     if min(np.linalg.matrix_rank(setup.nominal.B), np.linalg.matrix_rank(_delivered(setup))) < 6:
         return "the thrusters can't produce every wrench"
-    state = _solve(setup, K)
+    state = _solve(setup, K, residual)
     if state is None:
         return "the static balance has no solution near the reference"
     u = np.linalg.pinv(setup.nominal.B) @ np.linalg.solve(_delivered(setup), np.asarray(state.tau))
@@ -64,20 +69,31 @@ def static_balance(setup: Any, K: float) -> SteadyState | str:
     return state
 
 
-def _solve(setup: Any, K: float) -> SteadyState | None:
+def unknown_acceleration(setup: Any, state: SteadyState) -> np.ndarray:
+    """The acceleration (6,) of disturbances and model errors at rest, M_hat^-1 tau_dist of eq. (11), in a state of
+    :func:`static_balance`."""
+    balance, turn = _Balance(setup, np.inf, state.force > 0.0), np.empty(4)
+    quat_error(setup.design.quat_d, state.quat, turn)
+    sine = float(np.linalg.norm(turn[1:]))
+    vector = turn[1:] * (2.0 * np.arctan2(sine, turn[0]) / sine if sine > 0.0 else 2.0)
+    return balance.unknown(np.concatenate([state.position - balance.target, vector]))
+
+
+def _solve(setup: Any, K: float, residual_of: Any = None) -> SteadyState | None:
     """Newton's method on the six equations, first without the wall, then in contact if that position is inside it."""
     wall = setup.scenario.wall
     for in_contact in (False, True):
         balance = _Balance(setup, K, in_contact)
+        of = balance if residual_of is None else functools.partial(residual_of, balance)
         x = np.zeros(6)
         for _ in range(60):
-            residual = balance(x)
-            columns = [(balance(x + e) - balance(x - e)) / 2e-6 for e in 1e-6 * np.eye(6)]  # of the Jacobian
+            residual = of(x)
+            columns = [(of(x + e) - of(x - e)) / 2e-6 for e in 1e-6 * np.eye(6)]  # of the Jacobian
             step = np.linalg.lstsq(np.array(columns).T, residual, rcond=None)[0]
             x = x - step * min(1.0, 0.5 / max(np.abs(step).max(), 1e-300))
             if np.abs(step).max() < 1e-14:
                 break
-        at_rest = bool(np.abs(balance(x)).max() < 1e-8)
+        at_rest = bool(np.abs(of(x)).max() < 1e-8)
         position, quat, _ = balance.pose(x)
         depth = position[0] - wall.position
         if at_rest and (depth >= 0.0 if in_contact else depth <= 0.0):
@@ -87,8 +103,8 @@ def _solve(setup: Any, K: float) -> SteadyState | None:
 
 
 class _Balance:
-    """Residual (6,) of the balance, a function of x (6,): position minus reference in W, and the rotation vector from
-    the desired attitude."""
+    """Residual (6,) of the balance and its terms, functions of x (6,): position minus reference in W, and the rotation
+    vector from the desired attitude."""
 
     def __init__(self, setup: Any, K: float, in_contact: bool) -> None:
         scenario, design = setup.scenario, setup.design
@@ -125,13 +141,16 @@ class _Balance:
             tau_c[:3] = -wall.stiffness * (position[0] - wall.position) * R_WB[0]
         return tau_c
 
-    def asked(self, x: np.ndarray) -> np.ndarray:
-        """M_d^-1 (K_d eta_e - K_f (tau_c - F_d))."""
+    def error(self, x: np.ndarray) -> np.ndarray:
+        """eta_e (6,)."""
         position, quat, R_WB = self.pose(x)
-        design, quat_e = self.setup.design, np.empty(4)
-        quat_error(design.quat_d, quat, quat_e)
-        eta_e = np.concatenate([R_WB.T @ (position - self.target), quat_e[1:]])
-        return self.M_d_inv @ (design.K_d @ eta_e - self.K_f * (self.contact(x) - self.F_d))
+        quat_e = np.empty(4)
+        quat_error(self.setup.design.quat_d, quat, quat_e)
+        return np.concatenate([R_WB.T @ (position - self.target), quat_e[1:]])
+
+    def asked(self, x: np.ndarray) -> np.ndarray:
+        """M_d^-1 (K_d eta_e - K_f (tau_c - F_d)), zero where the desired impedance, eq. (7), holds at rest."""
+        return self.M_d_inv @ (self.setup.design.K_d @ self.error(x) - self.K_f * (self.contact(x) - self.F_d))
 
     def sliding(self, x: np.ndarray) -> np.ndarray:
         """s (6,) at rest."""
@@ -141,6 +160,10 @@ class _Balance:
         """tau (6,) that holds the vehicle at rest, eq. (10)."""
         d, g_eta = self.environment(x)
         return g_eta - d - self.contact(x)
+
+    def effort(self, x: np.ndarray) -> np.ndarray:
+        """tau_cmd - g_hat(eta) (6,) that holds the vehicle at rest."""
+        return -self.contact(x) - self.setup.design.M_hat @ self.unknown(x)
 
     def unknown(self, x: np.ndarray) -> np.ndarray:
         """The acceleration (6,) that a law without an integral term must balance through s."""
