@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import Fault
 from .rest import SteadyState
 
 SLOWLY_DAMPED = 0.75
@@ -159,6 +160,26 @@ class Vibration:
                 f"{min(1.0, age / limit) if limit else 1.0:.0%} of the damping D_d is lost at wall.stiffness {k_c:g} "
                 f"N/m; all is lost at a period of {lost:.4g} s"
             )
+
+
+MOST_WAITING = 1000
+"""Control periods that a computation delay may last."""
+
+
+def delay_faults(scenario: Any) -> Iterator[Fault]:
+    """Errors in the computation delay: it is a multiple of the time step, and not too many control periods long."""
+    h, delay = scenario.simulation.timestep, scenario.controller.delay
+    if delay is None:
+        return
+    if abs(delay / h - round(delay / h)) > 1e-6:
+        n = int(delay / h)
+        nearest = f"the nearest are {n * h:g} and {(n + 1) * h:g} s"
+        yield Fault("controller.delay", f"{delay:g} s is not a multiple of the time step {h:g} s; {nearest}")
+    elif delay > MOST_WAITING * scenario.control_period * (1.0 + 1e-9):
+        longest = f"{MOST_WAITING} control periods of {scenario.control_period:g} s"
+        yield Fault(
+            "controller.delay", f"{delay:g} s must be at most {MOST_WAITING * scenario.control_period:g} s, {longest}"
+        )
 
 
 def zeta_limit(setup: Any) -> float:

@@ -199,6 +199,9 @@ MEASURED = (
 )
 """Recorded unless navigation is perfect."""
 
+DELAYED = (Signal("tau_cmd_delayed", (6,), _WRENCH, "B", "tau_cmd after controller.delay, given to the actuation"),)
+"""Recorded if the law has a computation delay."""
+
 FINAL_WINDOW_S = 0.5
 """Length of the window at the end of a run that gives its final values [s]."""
 

@@ -56,7 +56,7 @@ class RunMemory:
         # _reached keeps every array alive whose address is in the record
         self._reached = {
             "stages_at": stages.rows,
-            "tau_cmd_at": allocation["tau_cmd"],
+            "tau_cmd_at": stages.tau_cmd,
             "columns_at": np.ascontiguousarray(vehicle.B.T),
             "u_min_at": allocation["u_min"],
             "u_max_at": allocation["u_max"],
@@ -77,7 +77,8 @@ class RunMemory:
             self.loop[name] = array.ctypes.data
         for _, write in WRITERS:
             write(self, setup)
-        arrays = [self.loop, self.context, stages.signals, stages.sensed, allocation, stages.u_cmd, self.u, stages.rows]
+        arrays = [self.loop, self.context, stages.signals, stages.sensed, stages.commanded, allocation]
+        arrays += [stages.u_cmd, self.u, stages.rows]
         kept = [entry for entry in stages.running if entry.states or type(entry.stage).memory]
         arrays += [each for entry in kept for each in (entry.state, entry.state_dot)]
         arrays += engine.state
