@@ -73,19 +73,22 @@ class Vibration:
 
         Navigation, law and thrusters each hold their output for a period T. A stage that reads it at its own instants,
         a period T' apart, finds it with a mean age of (T - gcd(T, T'))/2. The contact force itself is held for a time
-        step h. A law that runs at every step on measurements of every step feeds back the force that acts.
+        step h. A law that runs at every step on measurements of every step feeds back the force that acts. The time
+        that a sample takes to arrive adds to it.
         """
         h = self.setup.scenario.simulation.timestep
         steps = [round(period / h) for period in self._periods.values()]
-        return 0.5 * h * sum(held - math.gcd(held, read) for held, read in zip(steps, [*steps[1:], 1], strict=True))
+        late = self.setup.scenario.navigation.force_timing[1]
+        holds = sum(held - math.gcd(held, read) for held, read in zip(steps, [*steps[1:], 1], strict=True))
+        return late + 0.5 * h * holds
 
     @property
     def _periods(self) -> dict[str, float]:
         """Periods of the stages from the measurement to the thrust, by name [s]."""
         scenario = self.setup.scenario
         control = scenario.control_period
-        shortest = scenario.simulation.timestep
-        navigation = scenario.navigation.period or (shortest if scenario.navigation.every_step else control)
+        own = scenario.simulation.timestep if scenario.navigation.every_step else control
+        navigation = scenario.navigation.force_timing[0] or scenario.navigation.period or own
         return {
             "navigation": navigation,
             "control": control,
