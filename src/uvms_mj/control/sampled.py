@@ -74,24 +74,26 @@ class Vibration:
 
         Navigation, law and thrusters each hold their output for a period T. A stage that reads it at its own instants,
         a period T' apart, finds it with a mean age of (T - gcd(T, T'))/2. The contact force itself is held for a time
-        step h. A law that runs at every step on measurements of every step feeds back the force that acts. An observer
-        of the force adds its lag.
+        step h. A law that runs at every step on measurements of every step feeds back the force that acts. The time
+        that a sample takes to arrive adds to it, and so does the lag of an observer of the force.
         """
-        h = self.setup.scenario.simulation.timestep
+        scenario = self.setup.scenario
+        h = scenario.simulation.timestep
         steps = [round(period / h) for period in self._periods.values()]
-        ages = (held - math.gcd(held, read) for held, read in zip(steps, [*steps[1:], 1], strict=True))
-        return 0.5 * h * sum(ages) + self.setup.scenario.observer.age
+        late = scenario.observer.age if scenario.observer.runs else scenario.navigation.force_timing[1]
+        holds = sum(held - math.gcd(held, read) for held, read in zip(steps, [*steps[1:], 1], strict=True))
+        return late + 0.5 * h * holds
 
     @property
     def _periods(self) -> dict[str, float]:
         """Periods of the stages from the measurement to the thrust, by name [s]."""
         scenario = self.setup.scenario
         control = scenario.control_period
-        shortest = scenario.simulation.timestep
-        sensor = scenario.observer if scenario.observer.runs else scenario.navigation
-        navigation = sensor.period or (shortest if sensor.every_step else control)
+        observer, sensor = scenario.observer, scenario.navigation
+        own = scenario.simulation.timestep if sensor.every_step else control
+        force = observer.period or control if observer.runs else sensor.force_timing[0] or sensor.period or own
         return {
-            "navigation": navigation,
+            "navigation": force,
             "control": control,
             "actuation": scenario.actuation.period or scenario.simulation.timestep,
         }
