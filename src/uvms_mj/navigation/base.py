@@ -17,6 +17,9 @@ class Navigation(Stage):
 
     room: ClassVar[Room] = Room("navigation", "navigation", lambda thrusters: CLOCK + TRUE, KNOWN, "navigation stage")
 
+    no_rest: ClassVar[str] = ""
+    """Reason why a law with these measurements has no closed form of its rest; empty if it may have one."""
+
     @staticmethod
     def step(settings, state, given, state_dot, out):
         """Set the measurements of out, and state_dot, from settings, state and given."""

@@ -46,6 +46,7 @@ class Ekf(Navigation):
     assumed_noise: Positive = setting(1.0, "1", "what the filter takes all standard deviations for, over the true ones")
 
     name = "ekf"
+    no_rest: ClassVar = "the estimate of the Kalman filter fluctuates, and the vehicle with it"
     needs: ClassVar = ("simulation.timestep", "controller")
     states: ClassVar[Mapping[str, int]] = {
         **{"b_g": 3, "b_a": 3, "b_g_true": 3, "b_a_true": 3},
