@@ -201,12 +201,10 @@ def finish_step(context, loop):
     loop.pending = 0
     row, true, contact, h = loop.row, loop.true, loop.contact, loop.timestep
     for i in range(3):
-        row.f_contact_W[i] = contact.f_W[i]
         loop.moment_B[i] = contact.tau_B[i + 3]
-    if loop.contact_at != 0:
-        solved = floats(loop.contact_at, 4)
-        for i in range(3):
-            row.f_contact_W[i] = contact.f_tangential_W[i] + (solved[1 + i] if solved[0] != 0.0 else 0.0)
+    solved = floats(loop.contact_at, 4)
+    for i in range(3):
+        row.f_contact_W[i] = contact.f_tangential_W[i] + (solved[1 + i] if solved[0] != 0.0 else 0.0)
     push, push_before = -row.f_contact_W[0], -loop.f_before_W[0]
     if push > 0.0 and push_before <= 0.0:
         row.touches += 1.0
