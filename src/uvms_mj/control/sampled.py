@@ -86,8 +86,9 @@ class Vibration:
         """Periods of the stages from the measurement to the thrust, by name [s]."""
         scenario = self.setup.scenario
         control = scenario.control_period
+        shortest = scenario.simulation.timestep
         sensor = scenario.observer if scenario.observer.runs else scenario.navigation
-        navigation = sensor.period or control
+        navigation = sensor.period or (shortest if sensor.every_step else control)
         return {
             "navigation": navigation,
             "control": control,

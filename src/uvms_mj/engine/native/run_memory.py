@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from ...analysis.setup import Setup
+from ...control.design import ATTITUDE_KEYS
 from ...plant.settings import contact_settings
 from ...scenario import STAGES, Scenario
 from ...stages.signals import FINAL_WINDOW_S
@@ -190,7 +191,7 @@ def write_control(memory: RunMemory, setup: Setup) -> None:
 WRITERS: tuple[tuple[tuple[str, ...], Callable[[RunMemory, Setup], None]], ...] = (
     (("simulation.timestep", "simulation.duration"), write_time),
     (("current", "disturbance"), lambda memory, setup: set_water(memory.context, motion_of_water(setup.scenario))),
-    (("wall", "reference.attitude_deg"), write_wall),
+    (("wall", *ATTITUDE_KEYS), write_wall),
     (("initial",), write_initial),
     (("impedance",), write_impedance),
     (("simulation.seed",), lambda memory, setup: memory.stages.write_keys(setup.scenario)),

@@ -211,9 +211,10 @@ class StageTable:
     def write_periods(self, scenario: Scenario) -> None:
         """Set the periods of all stages."""
         h, control = scenario.simulation.timestep, scenario.control_period
-        periods = {"actuation": h} | {
-            table: stage.period for table in STAGES for stage in [getattr(scenario, table)] if stage.period is not None
-        }
+        periods = {"actuation": h}
+        periods |= {table: h for table, entry in self.entries.items() if type(entry.stage).every_step}
+        chosen = {table: getattr(scenario, table).period for table in STAGES}
+        periods |= {table: period for table, period in chosen.items() if period is not None}
         periods["sensed"] = periods.get("navigation", control)
         steps = [round(periods.get(table, control) / h) for table in self.entries]
         self.rows["period_steps"], self.rows["period"] = steps, [n * h for n in steps]
