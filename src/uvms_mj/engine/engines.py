@@ -15,14 +15,24 @@ ENGINES: dict[str, Callable[[Setup], Engine]] = {each.name: each for each in (Mu
 _KNOWN = {
     "simulation": ("timestep", "duration", "integrator", "seed"),
     "initial": ("position", "attitude_deg", "velocity"),
-    "current": ("speed", "direction_deg"),
-    "disturbance": ("bias", "amplitude", "frequency_hz"),
     "wall": ("position", "stiffness", "damping", "friction", "tangential_stiffness", "tangential_damping"),
 }
 """The keys of the plant and of the stepping that free_body computes."""
 _DEEPEST = 0.01
 """Depth of the vehicle in the wall at the start [m], above which the wall ejects it and the engines part."""
-_SHARED = ("vehicle", "reference", "impedance", "estimates", "navigation", "task", "controller", "actuation")
+_SHARED = (
+    "vehicle",
+    "current",
+    "disturbance",
+    "tether",
+    "reference",
+    "impedance",
+    "estimates",
+    "navigation",
+    "task",
+    "controller",
+    "actuation",
+)
 """The tables that both engines read from the same records."""
 
 

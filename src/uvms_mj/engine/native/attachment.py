@@ -10,14 +10,17 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ...analysis.water import water_faults
 from ...errors import Fault, InputError
 from ...physics.dissipation import damping_notes
-from ...physics.hydrodynamics import WATER, factor
+from ...physics.hydrodynamics import factor
 from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses
+from ...plant.water import Current, Disturbance, Tether
 from .callback import entry_point
 from .layouts import CONTEXT
 from .memory import CAPACITY, registry
 from .soundness import refuse_unsound
+from .water import Water
 
 _lock = threading.RLock()
 _attached: dict[int, "Attachment"] = {}
@@ -40,11 +43,12 @@ class Attachment:
     ``current_W`` can be set at any time and takes effect at the next step.
     """
 
-    __slots__ = ("__weakref__", "_address", "_finalizer", "_row", "body_id", "context", "vehicle")
+    __slots__ = ("__weakref__", "_address", "_finalizer", "_row", "body_id", "context", "vehicle", "water")
 
-    def __init__(self, vehicle: Vehicle, context: np.ndarray, data: mujoco.MjData, body_id: int) -> None:
+    def __init__(self, vehicle: Vehicle, context: np.ndarray, data: mujoco.MjData, body_id: int, water: Water) -> None:
         self.vehicle = vehicle
         self.context = context
+        self.water = water
         self._address = data._address
         self.body_id = body_id
         self._row = _register(self)
@@ -66,15 +70,15 @@ class Attachment:
 
     @property
     def current_W(self) -> np.ndarray:
-        """(3,) velocity of the current in W [m/s], as a copy. To change it, assign the whole vector."""
-        current = self.context["water"]["v_c_W"][0].copy()
+        """(3,) constant part of the current in W [m/s], as a copy. To change it, assign the whole vector."""
+        current = self.water.mean_W
         current.setflags(write=False)
         return current
 
     @current_W.setter
     def current_W(self, value: Sequence[float]) -> None:
         """Set the current. Raises InputError unless the value is three finite numbers."""
-        self.context["water"]["v_c_W"] = _finite_numbers({"current_W": value}, {"current_W": 3})["current_W"]
+        self.water.mean_W = _finite_numbers({"current_W": value}, {"current_W": 3})["current_W"]
 
     @property
     def detached(self) -> bool:
@@ -113,6 +117,10 @@ def attach(
     bias: Sequence[float] = (0.0,) * 6,
     amplitude: Sequence[float] = (0.0,) * 6,
     frequency_hz: Sequence[float] = (0.0,) * 6,
+    current: Current | None = None,
+    disturbance: Disturbance | None = None,
+    tether: Tether | None = None,
+    seed: int = 0,
 ) -> Attachment:
     """Add hydrodynamics to a vehicle in any model: added mass, Coriolis, damping, buoyancy, current and disturbance.
 
@@ -135,6 +143,11 @@ def attach(
         current_W: (3,) velocity of the current in W [m/s], constant and irrotational.
         bias, amplitude, frequency_hz: (6,) disturbance wrench bias + amplitude sin(2 pi f t) in B [N, N m, Hz], eq.
             (10).
+        current: a current that varies with time or depth, in place of ``current_W``: the settings of a scenario,
+            ``Current(speed=0.3, deviation=(0.1, 0.1, 0.0), correlation_time=5.0)``.
+        disturbance: in place of ``bias``, ``amplitude`` and ``frequency_hz``, the settings of a scenario.
+        tether: drag of a cable at the vehicle.
+        seed: of the Gauss-Markov processes, which the time of ``data`` and the seed alone decide.
 
     Returns:
         The attachment. Its ``detach()`` removes the hydrodynamics.
@@ -151,41 +164,40 @@ def attach(
     vehicle = Vehicle.from_model(model, body)
     for note in damping_notes(vehicle.body, vehicle.D_linear, vehicle.D_quadratic):
         warnings.warn(note, stacklevel=2)
-    motion = {"current_W": current_W, "bias": bias, "amplitude": amplitude, "frequency_hz": frequency_hz}
-    return immerse(model, data, vehicle, motion)
+    given = {"current_W": current_W, "bias": bias, "amplitude": amplitude, "frequency_hz": frequency_hz}
+    numbers = _checked(given, current, disturbance, model.opt.timestep)
+    attachment = immerse(model, data, vehicle)
+    attachment.water.move(current or Current(speed=0.0), disturbance or Disturbance(), tether or Tether(), seed)
+    if current is None:
+        attachment.water.mean_W = numbers["current_W"]
+    if disturbance is None:
+        attachment.water.disturb(numbers["bias"], numbers["amplitude"], numbers["frequency_hz"])
+    return attachment
 
 
-def immerse(
-    model: mujoco.MjModel, data: mujoco.MjData, vehicle: Vehicle, motion: Mapping[str, Sequence[float] | np.ndarray]
-) -> Attachment:
-    """:func:`attach` for a vehicle of the model that was read and checked already."""
+def _checked(
+    given: Mapping[str, Any], current: Current | None, disturbance: Disturbance | None, h: float
+) -> dict[str, np.ndarray]:
+    """The vectors of :func:`attach` as numbers. Raises InputError if they are not, if one of them is given in two ways,
+    or if a time step h [s] does not resolve the motion of the water."""
+    numbers = _finite_numbers(given, {name: 3 if name == "current_W" else 6 for name in given})
+    faults = water_faults(current or Current(), disturbance or Disturbance(), h)
+    for name, vector in numbers.items():
+        table, instead = ("current", current) if name == "current_W" else ("disturbance", disturbance)
+        if instead is not None and vector.any():
+            faults.append(Fault(name, f"is given by {table} already; leave one of them out"))
+    if faults:
+        raise InputError(faults, "attach")
+    return numbers
+
+
+def immerse(model: mujoco.MjModel, data: mujoco.MjData, vehicle: Vehicle) -> Attachment:
+    """Attach a vehicle of the model that was read and checked already, in still water."""
     body_id = free_body_id(model, vehicle.body)
     refuse_unsound(model, body_id)
     context = np.zeros(1, CONTEXT)
     _fill(context[0], model, data, body_id)
-    numbers = _finite_numbers(motion, {name: WATER[field].shape[0] for name, field in _WATER.items()})
-    fill_water(context, vehicle, model.opt.gravity, numbers)
-    return Attachment(vehicle, context, data, body_id)
-
-
-def fill_water(
-    context: np.ndarray, vehicle: Vehicle, gravity_W: np.ndarray, motion: Mapping[str, Sequence[float] | np.ndarray]
-) -> None:
-    """Set the vehicle's coefficients, the current and the disturbance in a CONTEXT record (1,)."""
-    water = context["water"]
-    water["M_A"], water["D_linear"], water["D_quadratic"] = vehicle.M_A, vehicle.D_linear, vehicle.D_quadratic
-    water["buoyancy_W"] = -vehicle.displaced_mass * gravity_W
-    water["r_b"] = vehicle.r_b
-    set_water(context, motion)
-
-
-def set_water(context: np.ndarray, motion: Mapping[str, Sequence[float] | np.ndarray]) -> None:
-    """Set the current and the disturbance in a CONTEXT record (1,), by the names of :func:`attach`'s arguments."""
-    for name, field in _WATER.items():
-        context["water"][field] = motion[name]
-
-
-_WATER = {"current_W": "v_c_W", "bias": "bias", "amplitude": "amplitude", "frequency_hz": "frequency"}
+    return Attachment(vehicle, context, data, body_id, Water(context, vehicle, model.opt.gravity))
 
 
 def _finite_numbers(given: Mapping[str, Any], sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
