@@ -367,6 +367,9 @@ def test_water_that_the_time_step_does_not_resolve_is_refused():
         attach(model, data, current=Current(amplitude=(0.0, 0.0, 1.0), frequency_hz=(0.0, 0.0, 1e4)))
     with pytest.raises(InputError, match="bias: is given by disturbance already"):
         attach(model, data, bias=[1.0] * 6, disturbance=Disturbance())
+    with pytest.raises(InputError, match=r"(?s)current: \(1, 0, 0\) is not a uvms_mj.Current.*seed: -1 is not"):
+        attach(model, data, current=(1, 0, 0), seed=-1)
+    assert mujoco.get_mjcb_control() is None
 
 
 def test_the_constant_part_of_a_current_can_be_set_at_any_time():

@@ -4,14 +4,12 @@ import ctypes
 import threading
 import warnings
 import weakref
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
 
-from ...analysis.water import water_faults
-from ...errors import Fault, InputError
+from ...errors import InputError
 from ...physics.dissipation import damping_notes
 from ...physics.hydrodynamics import factor
 from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses
@@ -19,6 +17,7 @@ from ...plant.water import Current, Disturbance, Tether
 from .callback import entry_point
 from .layouts import CONTEXT
 from .memory import CAPACITY, registry
+from .motion import Motion, finite_numbers
 from .soundness import refuse_unsound
 from .water import Water
 
@@ -78,7 +77,7 @@ class Attachment:
     @current_W.setter
     def current_W(self, value: Sequence[float]) -> None:
         """Set the current. Raises InputError unless the value is three finite numbers."""
-        self.water.mean_W = _finite_numbers({"current_W": value}, {"current_W": 3})["current_W"]
+        self.water.mean_W = finite_numbers({"current_W": value}, {"current_W": 3})["current_W"]
 
     @property
     def detached(self) -> bool:
@@ -143,11 +142,9 @@ def attach(
         current_W: (3,) velocity of the current in W [m/s], constant and irrotational.
         bias, amplitude, frequency_hz: (6,) disturbance wrench bias + amplitude sin(2 pi f t) in B [N, N m, Hz], eq.
             (10).
-        current: a current that varies with time or depth, in place of ``current_W``: the settings of a scenario,
-            ``Current(speed=0.3, deviation=(0.1, 0.1, 0.0), correlation_time=5.0)``.
-        disturbance: in place of ``bias``, ``amplitude`` and ``frequency_hz``, the settings of a scenario.
-        tether: drag of a cable at the vehicle.
-        seed: of the Gauss-Markov processes, which the time of ``data`` and the seed alone decide.
+        current, disturbance, tether: settings of a scenario, ``Current(speed=0.3, deviation=(0.1, 0.1, 0.0))``. The
+            first two replace ``current_W``, and ``bias``, ``amplitude`` and ``frequency_hz``.
+        seed: of their Gauss-Markov processes. It and the time of ``data`` alone decide them.
 
     Returns:
         The attachment. Its ``detach()`` removes the hydrodynamics.
@@ -164,31 +161,11 @@ def attach(
     vehicle = Vehicle.from_model(model, body)
     for note in damping_notes(vehicle.body, vehicle.D_linear, vehicle.D_quadratic):
         warnings.warn(note, stacklevel=2)
-    given = {"current_W": current_W, "bias": bias, "amplitude": amplitude, "frequency_hz": frequency_hz}
-    numbers = _checked(given, current, disturbance, model.opt.timestep)
+    vectors = {"current_W": current_W, "bias": bias, "amplitude": amplitude, "frequency_hz": frequency_hz}
+    motion = Motion.checked(vectors, current, disturbance, tether, seed, model.opt.timestep)
     attachment = immerse(model, data, vehicle)
-    attachment.water.move(current or Current(speed=0.0), disturbance or Disturbance(), tether or Tether(), seed)
-    if current is None:
-        attachment.water.mean_W = numbers["current_W"]
-    if disturbance is None:
-        attachment.water.disturb(numbers["bias"], numbers["amplitude"], numbers["frequency_hz"])
+    motion.apply(attachment.water)
     return attachment
-
-
-def _checked(
-    given: Mapping[str, Any], current: Current | None, disturbance: Disturbance | None, h: float
-) -> dict[str, np.ndarray]:
-    """The vectors of :func:`attach` as numbers. Raises InputError if they are not, if one of them is given in two ways,
-    or if a time step h [s] does not resolve the motion of the water."""
-    numbers = _finite_numbers(given, {name: 3 if name == "current_W" else 6 for name in given})
-    faults = water_faults(current or Current(), disturbance or Disturbance(), h)
-    for name, vector in numbers.items():
-        table, instead = ("current", current) if name == "current_W" else ("disturbance", disturbance)
-        if instead is not None and vector.any():
-            faults.append(Fault(name, f"is given by {table} already; leave one of them out"))
-    if faults:
-        raise InputError(faults, "attach")
-    return numbers
 
 
 def immerse(model: mujoco.MjModel, data: mujoco.MjData, vehicle: Vehicle) -> Attachment:
@@ -198,21 +175,6 @@ def immerse(model: mujoco.MjModel, data: mujoco.MjData, vehicle: Vehicle) -> Att
     context = np.zeros(1, CONTEXT)
     _fill(context[0], model, data, body_id)
     return Attachment(vehicle, context, data, body_id, Water(context, vehicle, model.opt.gravity))
-
-
-def _finite_numbers(given: Mapping[str, Any], sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
-    """Vectors of finite numbers by name. An InputError lists all values that are not such a vector."""
-    numbers, faults = {}, []
-    for name, value in given.items():
-        try:
-            numbers[name] = np.asarray(value, dtype=float)
-        except (TypeError, ValueError):
-            numbers[name] = np.array(np.nan)
-        if numbers[name].shape != (sizes[name],) or not np.isfinite(numbers[name]).all():
-            faults.append(Fault(name, f"{value!r}: must be {sizes[name]} finite numbers"))
-    if faults:
-        raise InputError(faults, "attach")
-    return numbers
 
 
 def _register(attachment: Attachment) -> int:
