@@ -112,6 +112,7 @@ def evaluate(context, model, data):
             alone = False
     body_velocity(R_WB, floats(context.qvel_at, 6), context.nu)
     if alone:
+        context.water.fresh = 0
         flow(context, floats(context.time_at, 1)[0], floats(context.qpos_at, 7), R_WB, context.nu)
     water_wrench(context.water, R_WB, context.nu, context.nu_r, context.work, context.wrench)
     apply_wrench(context, R_WB, contact)

@@ -42,6 +42,7 @@ def observe(context, loop):
     fromto = floats(loop.fromto_at, 6)
     contact_force(contact, distance, fromto, true.p_WB, true.R_WB, true.nu, loop.timestep)
     flow(context, loop.t, true.p_WB, true.R_WB, true.nu)
+    context.water.fresh = 1
     for i in range(3):
         true.f_contact_W[i] = contact.f_W[i]
         true.v_c_W[i] = context.water.v_c_W[i]
@@ -165,7 +166,8 @@ def begin_step(context, loop) -> bool:
         return False
     row, true = loop.row, loop.true
     row.t = loop.t
-    flow(context, loop.t, true.p_WB, true.R_WB, true.nu)  # again: Simulation.set may have changed it
+    if context.water.fresh == 0:  # changed since it was observed
+        flow(context, loop.t, true.p_WB, true.R_WB, true.nu)
     for i in range(6):
         row.tau_dist[i] = context.water.tau_dist[i]
     if loop.step > 0:

@@ -101,6 +101,7 @@ class Water:
         self._vary("disturbance", disturbance)
         water["tether"], water["r_t"] = tether.factor, tether.position
         self.seed(seed)
+        water["fresh"] = False
 
     def disturb(self, bias: Numbers, amplitude: Numbers, frequency_hz: Numbers) -> None:
         """Set the constant and the sinusoidal part of the disturbance, (6,) each, in B [N, N m, Hz]."""
