@@ -16,7 +16,8 @@ eq. (10) is then
 
 For A = 0 and K > 0 the left factor is infinite, which is eq. (6). T = B B_hat^+ gives the wrench of the true thrusters
 for a commanded one, and tau = g - d - tau_c holds the vehicle. Here d = tau_dist - C_A(-nu_c)(-nu_c) - D(-nu_c)(-nu_c)
-is the wrench of the current and the constant disturbance on the vehicle at rest, at its rest attitude.
+is the wrench of the current and the constant disturbance on the vehicle at rest, at its rest attitude; tau_dist has
+the drag of a tether in it.
 The frictionless wall gives tau_c = -k_c (x - x_c) along its normal for x > x_c. For GSTA with the attitude reference
 along W this is eq. (12) at rest against the spring of eq. (34), F = K_x (x_d - x_c) / (1 + K_x / k_c); the paper's
 1.5 N neglects the compliance of the wall.
@@ -43,6 +44,7 @@ import numpy as np
 
 from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from ..physics.frames import quat_error, rotation_matrix
+from ..physics.tether import add_tether
 from ..stages.base import is_shipped
 from .rest import SteadyState
 
@@ -63,6 +65,8 @@ def static_balance(
     vehicle, scenario = setup.vehicle, setup.scenario
     if scenario.reference.rest_pose(scenario)[0] is None:
         return "the reference does not come to rest"
+    if not scenario.current.steady:
+        return "the current is not constant"
     if not (is_shipped(scenario.navigation) and is_shipped(scenario.actuation)):
         return "closed forms are known for the shipped navigation and actuation only"
     if scenario.observer.runs:
@@ -140,7 +144,6 @@ class _Balance:
     def __init__(self, setup: Any, K: float, in_contact: bool) -> None:
         scenario, design = setup.scenario, setup.design
         self.setup, self.K, self.in_contact = setup, K, in_contact
-        self.v_c_W = np.array(scenario.current.velocity_W)
         self.target = np.array(scenario.reference.rest_pose(scenario)[0])
         self.tau_dist = np.array(scenario.disturbance.bias)
         self.A = np.array(setup.task.A)
@@ -240,11 +243,13 @@ class _Balance:
 
     def environment(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """d and g(eta), (6,) each, in B."""
-        vehicle = self.setup.vehicle
-        _, _, R_WB = self.pose(x)
+        vehicle, scenario = self.setup.vehicle, self.setup.scenario
+        position, _, R_WB = self.pose(x)
         nu_r, term = np.zeros(6), np.empty(6)
-        nu_r[:3] = -R_WB.T @ self.v_c_W
+        nu_r[:3] = -R_WB.T @ scenario.current.steady_at(-position[2])
         d = self.tau_dist.copy()
+        if scenario.tether.factor:
+            add_tether(scenario.tether.factor, scenario.tether.position, nu_r, d)
         coriolis_added_mass(vehicle.M_A, nu_r, term)
         d -= term
         damping(vehicle.D_linear, vehicle.D_quadratic, nu_r, term)

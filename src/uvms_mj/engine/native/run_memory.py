@@ -8,9 +8,8 @@ import numpy as np
 from ...analysis.setup import Setup
 from ...control.design import ATTITUDE_KEYS
 from ...plant.settings import contact_settings
-from ...scenario import STAGES, Scenario
+from ...scenario import STAGES
 from ...stages.signals import FINAL_WINDOW_S
-from .attachment import set_water
 from .callback import entry_point
 from .layouts import LOOP, STOP_STAGE
 from .memory import stopped
@@ -40,7 +39,7 @@ class RunMemory:
         n = len(vehicle.thrusters)
         self.stages = stages = StageTable(setup, self.loop["true"], self.context["water"])
         self.u = np.zeros(n)
-        self.recorded = recorded(self.loop, stages, self.u, setup.scenario.navigation)
+        self.recorded = recorded(self.loop, stages, self.u, setup.scenario.navigation, self.context["water"])
         self._spans = np.array(list(spans([memory for _, memory in self.recorded])))
         self.rows = np.zeros((0, sum(signal.size for signal, _ in self.recorded)))
         allocation = stages.allocation
@@ -159,11 +158,13 @@ def write_time(memory: RunMemory, setup: Setup) -> None:
     memory.loop["window_step"] = max(0, scenario.steps - round(FINAL_WINDOW_S / h))
 
 
-def motion_of_water(scenario: Scenario) -> dict[str, tuple[float, ...]]:
-    """The current and the disturbance of a scenario, by the names of :func:`.attachment.attach`'s arguments."""
-    wrench = scenario.disturbance
-    motion = {"bias": wrench.bias, "amplitude": wrench.amplitude, "frequency_hz": wrench.frequency_hz}
-    return {"current_W": scenario.current.velocity_W, **motion}
+def write_water(memory: RunMemory, setup: Setup) -> None:
+    memory.engine.water.move_as(setup.scenario)
+
+
+def write_seed(memory: RunMemory, setup: Setup) -> None:
+    memory.stages.write_keys(setup.scenario)
+    memory.engine.water.seed(setup.scenario.simulation.seed)
 
 
 def write_wall(memory: RunMemory, setup: Setup) -> None:
@@ -191,11 +192,11 @@ def write_control(memory: RunMemory, setup: Setup) -> None:
 
 WRITERS: tuple[tuple[tuple[str, ...], Callable[[RunMemory, Setup], None]], ...] = (
     (("simulation.timestep", "simulation.duration"), write_time),
-    (("current", "disturbance"), lambda memory, setup: set_water(memory.context, motion_of_water(setup.scenario))),
+    (("current", "disturbance", "tether"), write_water),
     (("wall", *ATTITUDE_KEYS), write_wall),
     (("initial",), write_initial),
     (("impedance",), write_impedance),
-    (("simulation.seed",), lambda memory, setup: memory.stages.write_keys(setup.scenario)),
+    (("simulation.seed",), write_seed),
     (("simulation.timestep", "controller", *(f"{table}.period" for table in STAGES)), write_control),
 )
 """Tables or dotted keys of a scenario, and the function that writes the numbers that depend on them."""
