@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from ..stages.base import Stage
 
 
-ROOMS = ("guidance", "navigation", "control", "actuation", "reference", "controller")
+ROOMS = ("guidance", "navigation", "control", "actuation", "reference", "controller", "thrusters")
 """The rooms, and the tables of a scenario that are called otherwise."""
 
 
@@ -40,7 +40,7 @@ def stages(room: str | None, names: tuple[str, ...]) -> None:
         from ..scenario import STAGES
 
         for table, choice in STAGES.items():
-            if room in (None, choice.base.room.name, table):
+            if room in (None, table, choice.base.room.name) and not (names and room in STAGES and room != table):
                 if table == "controller" and not names:
                     _print_stage(ImpedanceTask)
                 for name in names or choice.shipped:

@@ -29,6 +29,7 @@ import numpy as np
 from ..physics.fossen import coriolis_added_mass, damping, restoring
 from ..physics.frames import quat_error, rotation_matrix
 from ..stages.base import is_shipped
+from .delivery import Delivery
 from .rest import SteadyState
 
 
@@ -42,31 +43,34 @@ def static_balance(setup: Any, K: float) -> SteadyState | str:
     Returns:
         The state, or the reason why there is none.
     """
-    vehicle, scenario = setup.vehicle, setup.scenario
+    scenario = setup.scenario
     if scenario.reference.rests_at() is None:
         return "the reference does not come to rest"
     if not (is_shipped(scenario.navigation) and is_shipped(scenario.actuation)):
         return "closed forms are known for the shipped navigation and actuation only"
     if K == 0.0 and 0.0 in setup.task.A:
         return "with a zero in A, zeta is not constant at rest: it integrates the remaining error"
-    if min(np.linalg.matrix_rank(setup.nominal.B), np.linalg.matrix_rank(_delivered(setup))) < 6:
+    delivery = Delivery.of(setup)
+    if isinstance(delivery, str):
+        return delivery
+    if not delivery.can_be_any():
         return "the thrusters can't produce every wrench"
-    state = _solve(setup, K)
+    state = _solve(setup, K, delivery)
     if state is None:
         return "the static balance has no solution near the reference"
-    u = np.linalg.pinv(setup.nominal.B) @ np.linalg.solve(_delivered(setup), np.asarray(state.tau))
-    if (u < vehicle.u_min).any() or (u > vehicle.u_max).any():
-        return "the thrusters are too weak"
+    weak = delivery.weak(np.asarray(state.tau))
+    if weak:
+        return weak
     if state.force > 0.0 and setup.scenario.wall.friction > 0.0:
         return "with friction, the rest position depends on the path"
     return state
 
 
-def _solve(setup: Any, K: float) -> SteadyState | None:
+def _solve(setup: Any, K: float, delivery: Delivery) -> SteadyState | None:
     """Newton's method on the six equations, first without the wall, then in contact if that position is inside it."""
     wall = setup.scenario.wall
     for in_contact in (False, True):
-        balance = _Balance(setup, K, in_contact)
+        balance = _Balance(setup, K, in_contact, delivery)
         x = np.zeros(6)
         for _ in range(60):
             residual = balance(x)
@@ -88,7 +92,7 @@ class _Balance:
     """Residual (6,) of the balance, a function of x (6,): position minus reference in W, and the rotation vector from
     the desired attitude."""
 
-    def __init__(self, setup: Any, K: float, in_contact: bool) -> None:
+    def __init__(self, setup: Any, K: float, in_contact: bool, delivery: Delivery) -> None:
         scenario, design = setup.scenario, setup.design
         self.setup, self.K, self.in_contact = setup, K, in_contact
         self.v_c_W = np.array(scenario.current.velocity_W)
@@ -97,7 +101,7 @@ class _Balance:
         self.A = np.array(setup.task.A)
         self.M_d_inv = design.M_d_inv
         self.M_hat_inv = np.linalg.inv(design.M_hat)
-        self.undelivered = np.eye(6) - np.linalg.inv(_delivered(setup))
+        self.delivery, self.undelivered = delivery, np.eye(6) - np.linalg.inv(delivery.T)
         self.K_f, self.F_d = np.array(scenario.impedance.K_f), np.array(scenario.impedance.F_d)
         self.factor_inverse = self.A / (self.A - K)
         self._at: tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
@@ -145,7 +149,13 @@ class _Balance:
         d, g_eta = self.environment(x)
         nominal = self.restoring(self.setup.nominal, x)
         unknown = (self.setup.scenario.estimates.restoring - 1.0) * nominal + (nominal - g_eta)
-        return self.M_hat_inv @ (d + unknown + self.undelivered @ self.thrust(x))
+        return self.M_hat_inv @ (d + unknown + self.lost(self.thrust(x)))
+
+    def lost(self, tau: np.ndarray) -> np.ndarray:
+        """tau - tau_cmd (6,) for the thrust tau (6,). A law that integrates finds any command."""
+        if self.delivery.static.gain is None and np.isfinite(self.K):
+            return tau - self.delivery.commanded(tau)
+        return self.undelivered @ tau
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         return self.asked(x) - self.factor_inverse * self.unknown(x)
@@ -169,13 +179,6 @@ class _Balance:
         g_eta = np.empty(6)
         restoring(vehicle.mass, vehicle.displaced_mass, vehicle.r_g, vehicle.r_b, self.setup.gravity_W, R_WB, g_eta)
         return g_eta
-
-
-def _delivered(setup: Any) -> np.ndarray:
-    """T (6, 6): tau = T tau_cmd with the true thrusters and the allocation of the file, within their limits."""
-    if setup.vehicle.B is setup.nominal.B or np.array_equal(setup.vehicle.B, setup.nominal.B):
-        return np.eye(6)
-    return setup.vehicle.B @ np.linalg.pinv(setup.nominal.B)
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:

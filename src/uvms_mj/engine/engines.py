@@ -22,7 +22,17 @@ _KNOWN = {
 """The keys of the plant and of the stepping that free_body computes."""
 _DEEPEST = 0.01
 """Depth of the vehicle in the wall at the start [m], above which the wall ejects it and the engines part."""
-_SHARED = ("vehicle", "reference", "impedance", "estimates", "navigation", "task", "controller", "actuation")
+_SHARED = (
+    "vehicle",
+    "reference",
+    "impedance",
+    "estimates",
+    "navigation",
+    "task",
+    "controller",
+    "actuation",
+    "thrusters",
+)
 """The tables that both engines read from the same records."""
 
 

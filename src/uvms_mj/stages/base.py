@@ -103,6 +103,8 @@ class Stage:
     the design matrices. None: any, or none if the class does not override it."""
     external: ClassVar[bool] = False
     """Whether the caller of a Simulation sets the outputs."""
+    runs: ClassVar[bool] = True
+    """Whether the loop calls the stage. One that does not run is the absence of a stage."""
 
     def __post_init__(self) -> None:
         table, noun = self.room.table, self.room.setting

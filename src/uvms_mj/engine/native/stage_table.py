@@ -11,10 +11,23 @@ from ...analysis.setup import Setup
 from ...errors import Fault, InputError
 from ...scenario import STAGES, Scenario
 from ...stages.base import Stage, is_shipped, packs_itself, random_key
-from ...stages.signals import CLOCK, ERRORS, ESTIMATES, KNOWN, REFERENCE, TASK, TASK_GIVEN, TRUTH, Signal, record_dtype
+from ...stages.signals import (
+    CLOCK,
+    ERRORS,
+    ESTIMATES,
+    KNOWN,
+    REFERENCE,
+    TASK,
+    TASK_GIVEN,
+    TAU_LOST,
+    TRUTH,
+    Signal,
+    commanded_signal,
+    record_dtype,
+)
 from .arena import MARGIN, NEARBY, Arena
 from .compilation import NotCompiled
-from .inner_stages import Tracking, Truth
+from .inner_stages import Inflow, Shortfall, Tracking, Truth
 from .layouts import STAGE
 from .plain_stage import PlainStage, StageFault
 from .stage_code import RAISED, compile_stage
@@ -120,7 +133,11 @@ class StageTable:
     Attributes:
         signals: the record of the signals that the law is given (1,); each stage fills its part.
         allocation: the record that actuation is given (1,).
-        u_cmd: (n,) thrusts that actuation sets.
+        commands: the record that the thrusters are given (1,).
+        u_cmd: (n,) thrusts that actuation sets, in ``commands``.
+        thrust: (n,) thrusts that the thrusters produce; ``u_cmd`` itself if they are ideal.
+        tau_lost: (6,) part of tau_cmd that u_cmd does not produce.
+        commanded: the recorded signals of the commands, each with its memory.
         rows: the table (n,) of STAGE records.
         running: its stages; ``in_arenas`` are those with an arena.
         control: index of the law, or of the stage that would follow it.
@@ -131,11 +148,14 @@ class StageTable:
         controller, actuation = scenario.controller, scenario.actuation
         self.signals = np.zeros(1, record_dtype(type(controller).given()))
         self.allocation = np.zeros(1, record_dtype(type(actuation).given(n)))
-        self.u_cmd = np.zeros(n)
+        thrusters = scenario.thrusters
+        self.commands = np.zeros(1, record_dtype(type(thrusters).given(n)))
+        self.u_cmd, self.tau_lost = self.commands["u_cmd"][0], np.zeros(6)
+        self.thrust = np.zeros(n) if thrusters.runs else self.u_cmd
         self.entries: dict[str, Entry] = {}
 
         def add(table: str, stage: Stage, given: np.ndarray, out: np.ndarray, state: np.ndarray | None = None) -> None:
-            if getattr(stage, "external", False):
+            if stage.external or not stage.runs:
                 return
             own = type(stage).state_record(n)
             states = type(stage).state_size(n) if state is None else 0
@@ -153,6 +173,14 @@ class StageTable:
         add("controller", controller, self.signals, self.tau_cmd)
         self.actuation = len(self.entries)
         add("actuation", actuation, self.allocation, self.u_cmd)
+        self.commanded: list[tuple[Signal, np.ndarray]] = []
+        if thrusters.runs or actuation.records_loss:
+            add("shortfall", Shortfall(), self.allocation, self.tau_lost, self.commands)
+            self.commanded.append((TAU_LOST, self.tau_lost))
+        if thrusters.runs:
+            add("inflow", Inflow(), true, self.commands["inflow"][0])
+            add("thrusters", thrusters, self.commands, self.thrust)
+            self.commanded.append((commanded_signal(n), self.u_cmd))
         self.rows = np.zeros(len(self.entries), STAGE)
         for row, entry in zip(self.rows, self.entries.values(), strict=True):
             entry.fill(row)
@@ -193,12 +221,10 @@ class StageTable:
     def write_periods(self, scenario: Scenario) -> None:
         """Set the periods of all stages."""
         h, control = scenario.simulation.timestep, scenario.control_period
-        periods = {"actuation": h} | {
-            table: stage.period
-            for table in ("navigation", "reference", "actuation")
-            for stage in [getattr(scenario, table)]
-            if stage.period is not None
+        periods = {"actuation": h, "thrusters": h} | {
+            table: stage.period for table in STAGES for stage in [getattr(scenario, table)] if stage.period is not None
         }
+        periods |= {"shortfall": periods["actuation"], "inflow": periods["thrusters"]}
         steps = [round(periods.get(table, control) / h) for table in self.entries]
         self.rows["period_steps"], self.rows["period"] = steps, [n * h for n in steps]
 
