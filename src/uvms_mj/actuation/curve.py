@@ -45,13 +45,6 @@ class Curve:
         """Whether both have the same points."""
         return np.array_equal(self.command, other.command) and np.array_equal(self.thrust, other.thrust)
 
-    def extended(self) -> "Curve":
-        """The curve with its mean slope carried on beyond its ends, for a demand that exceeds the thruster."""
-        (x, x_end), (f, f_end) = self.command[[0, -1]], self.thrust[[0, -1]]
-        dx, df = 1e3 * (x_end - x), 1e3 * (f_end - f)
-        command = np.concatenate([[x - dx], self.command, [x_end + dx]])
-        return Curve(command, np.concatenate([[f - df], self.thrust, [f_end + df]]), self.neutral)
-
     def at(self, command: np.ndarray) -> np.ndarray:
         """Thrust (n,) for commands (n,)."""
         return np.interp(command, self.command, self.thrust)

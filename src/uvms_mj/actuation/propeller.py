@@ -179,7 +179,7 @@ class Propeller(Thrusters):
             return "a thruster is stuck"
         if self.inflow_loss > 0.0 and setup.scenario.current.speed > 0.0:
             return "the current costs thrust"
-        true, assumed = (curve and curve.extended() for curve in self.curves())
+        true, assumed = self.curves()
         gain = np.full(len(setup.vehicle.thrusters), self.efficiency / self.assumed_efficiency)
         if fails:
             gain[self.failed - 1] *= self.failed_fraction
@@ -196,7 +196,10 @@ class Propeller(Thrusters):
         edges = neutral + np.array([min(edges[0], -self.dead_band), max(edges[1], self.dead_band)])
         start = self.efficiency * (edges if true is None else true.at(edges))
         proportional = true is None or (assumed is not None and assumed.same_as(true))
-        return Static(thrust, gain if proportional else None, (float(start[0]), float(start[1])))
+        error = "the command of the thrusters is quantised" if self.quantum > 0.0 else ""
+        if not proportional:
+            error = "the thrusters' curve is not the one that the control system assumes"
+        return Static(thrust, gain if proportional else None, (float(start[0]), float(start[1])), error)
 
     @staticmethod
     def step(settings, state, given, state_dot, u):

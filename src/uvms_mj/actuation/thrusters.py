@@ -22,11 +22,13 @@ class Static:
         thrust: thrust (n,) for commanded thrusts (n,) [N].
         gain: (n,) thrust over command, or None if they are not proportional.
         start: thrust next to zero in reverse and forwards, where it jumps [N].
+        error: the error of the thrust that only a law that integrates compensates, as a text; empty if there is none.
     """
 
     thrust: Callable[[np.ndarray], np.ndarray]
     gain: np.ndarray | None
     start: tuple[float, float] = (0.0, 0.0)
+    error: str = ""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -55,6 +55,8 @@ def static_balance(setup: Any, K: float) -> SteadyState | str:
         return delivery
     if not delivery.can_be_any():
         return "the thrusters can't produce every wrench"
+    if delivery.static.error and np.isfinite(K):
+        return f"{delivery.static.error}, and the law does not integrate"
     state = _solve(setup, K, delivery)
     if state is None:
         return "the static balance has no solution near the reference"
@@ -101,7 +103,7 @@ class _Balance:
         self.A = np.array(setup.task.A)
         self.M_d_inv = design.M_d_inv
         self.M_hat_inv = np.linalg.inv(design.M_hat)
-        self.delivery, self.undelivered = delivery, np.eye(6) - np.linalg.inv(delivery.T)
+        self.undelivered = np.eye(6) - np.linalg.inv(delivery.T)
         self.K_f, self.F_d = np.array(scenario.impedance.K_f), np.array(scenario.impedance.F_d)
         self.factor_inverse = self.A / (self.A - K)
         self._at: tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
@@ -149,13 +151,7 @@ class _Balance:
         d, g_eta = self.environment(x)
         nominal = self.restoring(self.setup.nominal, x)
         unknown = (self.setup.scenario.estimates.restoring - 1.0) * nominal + (nominal - g_eta)
-        return self.M_hat_inv @ (d + unknown + self.lost(self.thrust(x)))
-
-    def lost(self, tau: np.ndarray) -> np.ndarray:
-        """tau - tau_cmd (6,) for the thrust tau (6,). A law that integrates finds any command."""
-        if self.delivery.static.gain is None and np.isfinite(self.K):
-            return tau - self.delivery.commanded(tau)
-        return self.undelivered @ tau
+        return self.M_hat_inv @ (d + unknown + self.undelivered @ self.thrust(x))
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         return self.asked(x) - self.factor_inverse * self.unknown(x)

@@ -47,31 +47,22 @@ class Delivery:
         """Whether the thrusters span all wrenches."""
         return min(np.linalg.matrix_rank(self.setup.nominal.B), np.linalg.matrix_rank(self.T)) == 6
 
-    def commanded(self, tau: np.ndarray) -> np.ndarray:
-        """tau_cmd (6,) for which tau (6,) acts; NaN if there is none."""
-        linear = np.linalg.solve(self.T, tau)
-        if self.static.gain is not None:
-            return linear
-        from scipy.optimize import root  # imported where it is used, because it takes long
-
-        B, thrust = self.setup.vehicle.B, self.static.thrust
-        found = root(lambda tau_cmd: B @ thrust(self.inverse @ tau_cmd) - tau, linear, tol=1e-13)
-        return found.x if np.abs(found.fun).max() < 1e-9 else np.full(6, np.nan)
-
     def weak(self, tau: np.ndarray) -> str:
-        """The reason why the thrusters can't hold tau (6,), with their names; empty if they can."""
-        u_cmd = self.inverse @ self.commanded(tau)
-        if not np.isfinite(u_cmd).all():
-            return "no command of the thrusters gives the thrust at rest"
-        low, high = self.setup.scenario.thrusters.command_limits(self.setup)
+        """The reason why the thrusters can't hold tau (6,), with their names; empty if they can. Thrusters with a curve
+        that the control system does not know are taken to share tau with the least thrust."""
         gain, thrust = self.static.gain, self.static.thrust
-        u, most = (thrust(each) if gain is None else gain * each for each in (u_cmd, np.clip(u_cmd, low, high)))
+        low, high = self.setup.scenario.thrusters.command_limits(self.setup)
+        if gain is None:
+            u, least, most = np.linalg.pinv(self.setup.vehicle.B) @ tau, thrust(low), thrust(high)
+        else:
+            u, working = gain * (self.inverse @ np.linalg.solve(self.T, tau)), gain > 0.0
+            least, most = (np.where(working, np.where(working, gain, 1.0) * each, 0.0) for each in (low, high))
         weak, starting = [], []
         for k, name in enumerate(self.setup.vehicle.thrusters):
             needs = f"{name or f'thruster {k + 1}'} needs {u[k]:.4g} N at rest"
             start = self.static.start[int(u[k] > 0.0)]
-            if u_cmd[k] != np.clip(u_cmd[k], low[k], high[k]):
-                weak.append(f"{needs} and has {most[k]:.4g} N")
+            if not least[k] <= u[k] <= most[k]:
+                weak.append(f"{needs} and has {(most if u[k] > 0.0 else least)[k]:.4g} N")
             elif _ZERO < abs(u[k]) < abs(start) - _ZERO:
                 starting.append(f"{needs} and starts at {start:.4g} N")
         if weak:
