@@ -46,6 +46,7 @@ from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, 
 from ..physics.frames import quat_error, rotation_matrix
 from ..physics.tether import add_tether
 from ..stages.base import is_shipped
+from .delivery import Delivery
 from .rest import SteadyState
 
 
@@ -62,7 +63,7 @@ def static_balance(
     Returns:
         The state, or the reason why there is none.
     """
-    vehicle, scenario = setup.vehicle, setup.scenario
+    scenario = setup.scenario
     if scenario.reference.rest_pose(scenario)[0] is None:
         return "the reference does not come to rest"
     if not scenario.current.steady:
@@ -73,22 +74,27 @@ def static_balance(
         return "closed forms are not known with an observer of the contact force"
     if K == 0.0 and 0.0 in setup.task.A:
         return "with a zero in A, zeta is not constant at rest: it integrates the remaining error"
-    if min(np.linalg.matrix_rank(setup.nominal.B), np.linalg.matrix_rank(_delivered(setup))) < 6:
+    delivery = Delivery.of(setup)
+    if isinstance(delivery, str):
+        return delivery
+    if not delivery.can_be_any():
         return "the thrusters can't produce every wrench"
     errors = scenario.navigation.rest_errors(setup)
     if isinstance(errors, str):
         return errors
     if residual is not None and not _exact(errors):
         return "with errors of the sensors, closed forms are known for the laws of the impedance task only"
-    solved = _solve(setup, K, residual)
+    if delivery.static.error and (np.isfinite(K) or residual is not None):
+        return f"{delivery.static.error}, and the law does not integrate"
+    solved = _solve(setup, K, delivery, residual)
     if solved is None:
         return "the static balance has no solution near the reference"
     state, known = solved
     if reason := scenario.navigation.out_of_range(known):
         return reason
-    u = np.linalg.pinv(setup.nominal.B) @ np.linalg.solve(_delivered(setup), np.asarray(state.tau))
-    if (u < vehicle.u_min).any() or (u > vehicle.u_max).any():
-        return "the thrusters are too weak"
+    weak = delivery.weak(np.asarray(state.tau))
+    if weak:
+        return weak
     if state.force > 0.0 and setup.scenario.wall.friction > 0.0:
         return "with friction, the rest position depends on the path"
     return state
@@ -105,19 +111,21 @@ def _exact(errors: Any) -> bool:
 def unknown_acceleration(setup: Any, state: SteadyState) -> np.ndarray:
     """The acceleration (6,) of disturbances and model errors at rest, M_hat^-1 tau_dist of eq. (11), in a state of
     :func:`static_balance`."""
-    balance, turn = _Balance(setup, np.inf, state.force > 0.0), np.empty(4)
+    delivery, turn = Delivery.of(setup), np.empty(4)
+    assert not isinstance(delivery, str)  # the state was found with it
+    balance = _Balance(setup, np.inf, state.force > 0.0, delivery)
     quat_error(setup.design.quat_d, state.quat, turn)
     sine = float(np.linalg.norm(turn[1:]))
     vector = turn[1:] * (2.0 * np.arctan2(sine, turn[0]) / sine if sine > 0.0 else 2.0)
     return balance.unknown(np.concatenate([state.position - balance.target, vector]))
 
 
-def _solve(setup: Any, K: float, residual_of: Any = None) -> tuple[SteadyState, Any] | None:
+def _solve(setup: Any, K: float, delivery: Delivery, residual_of: Any = None) -> tuple[SteadyState, Any] | None:
     """Newton's method on the six equations, first without the wall, then in contact if that position is inside it.
     Returns the state with its measurements."""
     wall = setup.scenario.wall
     for in_contact in (False, True):
-        balance = _Balance(setup, K, in_contact)
+        balance = _Balance(setup, K, in_contact, delivery)
         of = balance if residual_of is None else functools.partial(residual_of, balance)
         x = np.zeros(6)
         for _ in range(60):
@@ -141,7 +149,7 @@ class _Balance:
     """Residual (6,) of the balance and its terms, functions of x (6,): position minus reference in W, and the rotation
     vector from the desired attitude."""
 
-    def __init__(self, setup: Any, K: float, in_contact: bool) -> None:
+    def __init__(self, setup: Any, K: float, in_contact: bool, delivery: Delivery) -> None:
         scenario, design = setup.scenario, setup.design
         self.setup, self.K, self.in_contact = setup, K, in_contact
         self.target = np.array(scenario.reference.rest_pose(scenario)[0])
@@ -149,7 +157,7 @@ class _Balance:
         self.A = np.array(setup.task.A)
         self.M_d_inv = design.M_d_inv
         self.M_hat_inv = np.linalg.inv(design.M_hat)
-        self.undelivered = np.eye(6) - np.linalg.inv(_delivered(setup))
+        self.undelivered = np.eye(6) - np.linalg.inv(delivery.T)
         self.K_f, self.F_d = np.array(scenario.impedance.K_f), np.array(scenario.impedance.F_d)
         self.factor_inverse = self.A / (self.A - K)
         self.told = scenario.controller.uses_truth
@@ -261,13 +269,6 @@ class _Balance:
         g_eta = np.empty(6)
         restoring(vehicle.mass, vehicle.displaced_mass, vehicle.r_g, vehicle.r_b, self.setup.gravity_W, R_WB, g_eta)
         return g_eta
-
-
-def _delivered(setup: Any) -> np.ndarray:
-    """T (6, 6): tau = T tau_cmd with the true thrusters and the allocation of the file, within their limits."""
-    if setup.vehicle.B is setup.nominal.B or np.array_equal(setup.vehicle.B, setup.nominal.B):
-        return np.eye(6)
-    return setup.vehicle.B @ np.linalg.pinv(setup.nominal.B)
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
