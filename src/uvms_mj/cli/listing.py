@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from ..files import plain
 from .common import bad_input, command
 from .console import print_table, table_of
 
@@ -83,6 +82,8 @@ def _own_settings(cls: "type[Stage]") -> "tuple[list[dataclasses.Field], str]":
 def toml_value(value: Any) -> str:
     if value is None:
         return "-"
+    from ..files import plain
+
     return json.dumps(plain(value))
 
 

@@ -1,6 +1,6 @@
 """The memory of one run: the records that the loop works on, and the numbers of a scenario in them."""
 
-from collections.abc import Callable, Set
+from collections.abc import Callable, Iterator, Set
 from typing import Any
 
 import numpy as np
@@ -78,22 +78,18 @@ class RunMemory:
             self.loop[name] = array.ctypes.data
         for _, write in WRITERS:
             write(self, setup)
-        arrays = [
-            self.loop,
-            self.context,
-            stages.signals,
-            stages.sensed,
-            stages.command,
-            allocation,
-            self.u,
-            stages.rows,
-        ]
-        arrays += [stages.commands, stages.thrust, stages.tau_lost, self.u, stages.rows]
-        kept = [entry for entry in stages.running if entry.states or type(entry.stage).memory]
-        arrays += [each for entry in kept for each in (entry.state, entry.state_dot)]
-        arrays += engine.state
         self.context["loop_at"] = self.loop.ctypes.data
-        self._start = [(array.view(np.uint8), array.view(np.uint8).copy()) for array in arrays]
+        self._start = [(array.view(np.uint8), array.view(np.uint8).copy()) for array in self._restored()]
+
+    def _restored(self) -> Iterator[np.ndarray]:
+        """The arrays that a reset restores, the LOOP record first."""
+        stages = self.stages
+        yield from (self.loop, self.context, stages.signals, stages.sensed, stages.command, stages.allocation)
+        yield from (stages.commands, stages.thrust, stages.tau_lost, self.u, stages.rows)
+        for entry in stages.running:
+            if entry.states or type(entry.stage).memory:
+                yield from (entry.state, entry.state_dot)
+        yield from self.engine.state
 
     def record(self, row_steps: int, capacity: int) -> None:
         """Record a row every so many time steps, at most ``capacity`` of them before they are taken."""
