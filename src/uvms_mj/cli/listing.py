@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..files import plain
 from .common import bad_input, command
 from .console import print_table, table_of
 
@@ -67,6 +66,8 @@ def _print_stage(cls: "type[Stage]") -> None:
 def toml_value(value: Any) -> str:
     if value is None:
         return "-"
+    from ..files import plain
+
     return json.dumps(plain(value))
 
 
@@ -86,7 +87,7 @@ def keys() -> None:
 def signals() -> None:
     """List the signals that each stage receives and sets, and the signals that a run records."""
     from ..scenario import STAGES
-    from ..stages.signals import DELAYED, MEASURED, RECORDED, thruster_signal
+    from ..stages.signals import DELAYED, MEASURED, RECORDED, SCHEDULED, thruster_signal
 
     rooms = [choice.base.room for choice in STAGES.values()]
     inputs = [(f"Inputs of the {room.noun}: {room.arguments[2]}.<name>", room.given(0)) for room in rooms]
@@ -95,7 +96,7 @@ def signals() -> None:
     ]
     recorded = (
         "Recorded signals: trace.<name>; the states of the stages are recorded too",
-        (*RECORDED, *MEASURED, *DELAYED, thruster_signal(0)),
+        (*RECORDED, *MEASURED, *SCHEDULED, *DELAYED, thruster_signal(0)),
     )
     for title, listed in (*inputs, *outputs, recorded):
         columns = ("name", "shape", "unit", "frame", "meaning")

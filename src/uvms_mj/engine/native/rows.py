@@ -8,7 +8,7 @@ from ...control.task import ImpedanceTask
 from ...errors import Fault, InputError
 from ...navigation import Navigation, Perfect
 from ...stages.base import Stage
-from ...stages.signals import DELAYED, MEASURED, OWN_UNIT, RECORDED, Signal, thruster_signal
+from ...stages.signals import DELAYED, MEASURED, OWN_UNIT, RECORDED, SCHEDULED, Signal, thruster_signal
 from .stage_table import StageTable
 
 _ATTRIBUTES = {
@@ -35,6 +35,7 @@ def recorded(
     ]
     if not isinstance(navigation, Perfect):
         found += [(signal, stages.signals[signal.name.removesuffix("_m")]) for signal in MEASURED]
+    found += [(signal, stages.signals[signal.name]) for signal in SCHEDULED if "schedule" in stages.entries]
     found += [(signal, stages.allocation["tau_cmd"]) for signal in DELAYED if "delay" in stages.entries]
     found.append((thruster_signal(len(u)), u))
     own = [each for each in stages.states() if each[1] != "zeta" or not isinstance(each[0], ImpedanceTask)]
@@ -45,7 +46,7 @@ def recorded(
 def check_states(states: Sequence[tuple[Stage, str]]) -> None:
     """Refuse states that can't be recorded under their names. Raises InputError if two states have one name, or a
     state's name is taken or is not an identifier."""
-    taken = {signal.name for signal in (*RECORDED, *MEASURED, *DELAYED, thruster_signal(0))} | _ATTRIBUTES
+    taken = {signal.name for signal in (*RECORDED, *MEASURED, *SCHEDULED, *DELAYED, thruster_signal(0))} | _ATTRIBUTES
     faults: dict[Stage, list[Fault]] = {}
     for stage, name in states:
         if name in taken:

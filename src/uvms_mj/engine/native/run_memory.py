@@ -74,16 +74,8 @@ class RunMemory:
             self.loop[name] = array.ctypes.data
         for _, write in WRITERS:
             write(self, setup)
-        arrays = [
-            self.loop,
-            self.context,
-            stages.signals,
-            allocation,
-            stages.commanded,
-            stages.u_cmd,
-            self.u,
-            stages.rows,
-        ]
+        arrays = [self.loop, self.context, stages.signals, allocation, stages.commanded]
+        arrays += [stages.u_cmd, self.u, stages.rows]
         kept = [entry for entry in stages.running if entry.states or type(entry.stage).memory]
         arrays += [each for entry in kept for each in (entry.state, entry.state_dot)]
         arrays += engine.state
