@@ -47,6 +47,8 @@ def static_balance(setup: Any, K: float) -> SteadyState | str:
         return "the reference does not come to rest"
     if not (is_shipped(scenario.navigation) and is_shipped(scenario.actuation)):
         return "closed forms are known for the shipped navigation and actuation only"
+    if scenario.observer.runs:
+        return "closed forms are not known with an observer of the contact force"
     if K == 0.0 and 0.0 in setup.task.A:
         return "with a zero in A, zeta is not constant at rest: it integrates the remaining error"
     if min(np.linalg.matrix_rank(setup.nominal.B), np.linalg.matrix_rank(_delivered(setup))) < 6:

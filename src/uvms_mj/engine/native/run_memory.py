@@ -8,7 +8,7 @@ import numpy as np
 from ...analysis.setup import Setup
 from ...control.design import ATTITUDE_KEYS
 from ...plant.settings import contact_settings
-from ...scenario import Scenario
+from ...scenario import STAGES, Scenario
 from ...stages.signals import FINAL_WINDOW_S
 from .attachment import set_water
 from .callback import entry_point
@@ -68,13 +68,16 @@ class RunMemory:
             "rows_at": self.rows,
             **memory,
         }
+        self._reached["tau_hat_at"] = stages.signals["tau_hat"]
+        if not np.array_equal(vehicle.B, setup.nominal.B):
+            self._reached["columns_hat_at"] = np.ascontiguousarray(setup.nominal.B.T)
         if "task" in stages.entries:
             self._reached["s_at"] = stages.signals["s"]
         for name, array in self._reached.items():
             self.loop[name] = array.ctypes.data
         for _, write in WRITERS:
             write(self, setup)
-        arrays = [self.loop, self.context, stages.signals, allocation, stages.commanded]
+        arrays = [self.loop, self.context, stages.signals, stages.sensed, allocation, stages.commanded]
         arrays += [stages.u_cmd, self.u, stages.rows]
         kept = [entry for entry in stages.running if entry.states or type(entry.stage).memory]
         arrays += [each for entry in kept for each in (entry.state, entry.state_dot)]
@@ -193,6 +196,6 @@ WRITERS: tuple[tuple[tuple[str, ...], Callable[[RunMemory, Setup], None]], ...] 
     (("initial",), write_initial),
     (("impedance",), write_impedance),
     (("simulation.seed",), lambda memory, setup: memory.stages.write_keys(setup.scenario)),
-    (("simulation.timestep", "navigation.period", "reference.period", "controller", "actuation.period"), write_control),
+    (("simulation.timestep", "controller", *(f"{table}.period" for table in STAGES)), write_control),
 )
 """Tables or dotted keys of a scenario, and the function that writes the numbers that depend on them."""

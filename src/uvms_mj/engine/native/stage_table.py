@@ -17,6 +17,7 @@ from ...stages.signals import (
     ERRORS,
     ESTIMATES,
     KNOWN,
+    OBSERVER_GIVEN,
     REFERENCE,
     SCHEDULED,
     TASK,
@@ -27,7 +28,7 @@ from ...stages.signals import (
 )
 from .arena import MARGIN, NEARBY, Arena
 from .compilation import NotCompiled
-from .inner_stages import Delay, Tracking, Truth
+from .inner_stages import Delay, Sensed, Tracking, Truth
 from .layouts import STAGE
 from .plain_stage import PlainStage, StageFault
 from .stage_code import RAISED, compile_stage
@@ -132,6 +133,7 @@ class StageTable:
 
     Attributes:
         signals: the record of the signals that the law is given (1,); each stage fills its part.
+        sensed: the clock and the measurements (1,) that navigation sets if an observer replaces its force.
         allocation: the record that actuation is given (1,).
         commanded: the record with the law's command tau_cmd (1,): that of the actuation, or of the delay before it.
         u_cmd: (n,) thrusts that actuation sets.
@@ -145,21 +147,26 @@ class StageTable:
         scenario, n = setup.scenario, len(setup.vehicle.thrusters)
         controller, actuation = scenario.controller, scenario.actuation
         self.signals = np.zeros(1, record_dtype(type(controller).given()))
+        self.sensed = np.zeros(1, record_dtype(CLOCK + KNOWN))
         self.allocation = np.zeros(1, record_dtype(type(actuation).given(n)))
         self.u_cmd = np.zeros(n)
         self.entries: dict[str, Entry] = {}
 
         def add(table: str, stage: Stage, given: np.ndarray, out: np.ndarray, state: np.ndarray | None = None) -> None:
-            if getattr(stage, "external", False):
+            if stage.external or not stage.runs:
                 return
             own = type(stage).state_record(n)
             states = type(stage).state_size(n) if state is None else 0
             self.entries[table] = Entry(stage, stage.record(setup), own if state is None else state, given, out, states)
 
-        add("navigation", scenario.navigation, true, part(self.signals, KNOWN))
+        observed = scenario.observer.runs
+        add("navigation", scenario.navigation, true, part(self.sensed if observed else self.signals, KNOWN))
+        if observed:
+            add("sensed", Sensed(), self.sensed, part(self.signals, KNOWN[:4]))
         add("reference", scenario.reference, part(self.signals, CLOCK + KNOWN), part(self.signals, REFERENCE))
         known = part(self.signals, CLOCK + KNOWN + REFERENCE)
         add("tracking", Tracking(), known, part(self.signals, ERRORS + ESTIMATES))
+        add("observer", scenario.observer, part(self.signals, OBSERVER_GIVEN), part(self.signals, KNOWN[4:]))
         if scenario.impedance.schedule:
             add("schedule", Schedule(), part(self.signals, CLOCK), part(self.signals, SCHEDULED))
         if type(controller).uses_task:
@@ -221,12 +228,11 @@ class StageTable:
         """Set the periods of all stages."""
         h, control = scenario.simulation.timestep, scenario.control_period
         delay = Delay.steps(scenario)[2] * h if "delay" in self.entries else h
-        periods = {"actuation": h, "delay": delay} | {
-            table: stage.period
-            for table in ("navigation", "reference", "actuation")
-            for stage in [getattr(scenario, table)]
-            if stage.period is not None
-        }
+        periods = {"actuation": h, "delay": delay}
+        periods |= {table: h for table, entry in self.entries.items() if type(entry.stage).every_step}
+        chosen = {table: getattr(scenario, table).period for table in STAGES}
+        periods |= {table: period for table, period in chosen.items() if period is not None}
+        periods["sensed"] = periods.get("navigation", control)
         steps = [round(periods.get(table, control) / h) for table in self.entries]
         self.rows["period_steps"], self.rows["period"] = steps, [n * h for n in steps]
 
