@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from ..stages.base import Stage
 
 
-ROOMS = ("guidance", "navigation", "control", "actuation", "reference", "observer", "controller")
+ROOMS = ("guidance", "navigation", "control", "actuation", "reference", "observer", "controller", "thrusters")
 """The rooms, and the tables of a scenario that are called otherwise."""
 
 

@@ -42,6 +42,7 @@ import numpy as np
 from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from ..physics.frames import quat_error, rotation_matrix
 from ..stages.base import is_shipped
+from .delivery import Delivery
 from .rest import SteadyState
 
 
@@ -55,7 +56,7 @@ def static_balance(setup: Any, K: float) -> SteadyState | str:
     Returns:
         The state, or the reason why there is none.
     """
-    vehicle, scenario = setup.vehicle, setup.scenario
+    scenario = setup.scenario
     if scenario.reference.rest_pose(scenario)[0] is None:
         return "the reference does not come to rest"
     if not (is_shipped(scenario.navigation) and is_shipped(scenario.actuation)):
@@ -64,31 +65,36 @@ def static_balance(setup: Any, K: float) -> SteadyState | str:
         return "closed forms are not known with an observer of the contact force"
     if K == 0.0 and 0.0 in setup.task.A:
         return "with a zero in A, zeta is not constant at rest: it integrates the remaining error"
-    if min(np.linalg.matrix_rank(setup.nominal.B), np.linalg.matrix_rank(_delivered(setup))) < 6:
+    delivery = Delivery.of(setup)
+    if isinstance(delivery, str):
+        return delivery
+    if not delivery.can_be_any():
         return "the thrusters can't produce every wrench"
+    if delivery.static.error and np.isfinite(K):
+        return f"{delivery.static.error}, and the law does not integrate"
     errors = scenario.navigation.rest_errors(setup)
     if isinstance(errors, str):
         return errors
-    solved = _solve(setup, K)
+    solved = _solve(setup, K, delivery)
     if solved is None:
         return "the static balance has no solution near the reference"
     state, known = solved
     if reason := scenario.navigation.out_of_range(known):
         return reason
-    u = np.linalg.pinv(setup.nominal.B) @ np.linalg.solve(_delivered(setup), np.asarray(state.tau))
-    if (u < vehicle.u_min).any() or (u > vehicle.u_max).any():
-        return "the thrusters are too weak"
+    weak = delivery.weak(np.asarray(state.tau))
+    if weak:
+        return weak
     if state.force > 0.0 and setup.scenario.wall.friction > 0.0:
         return "with friction, the rest position depends on the path"
     return state
 
 
-def _solve(setup: Any, K: float) -> tuple[SteadyState, Any] | None:
+def _solve(setup: Any, K: float, delivery: Delivery) -> tuple[SteadyState, Any] | None:
     """Newton's method on the six equations, first without the wall, then in contact if that position is inside it.
     Returns the state with its measurements."""
     wall = setup.scenario.wall
     for in_contact in (False, True):
-        balance = _Balance(setup, K, in_contact)
+        balance = _Balance(setup, K, in_contact, delivery)
         x = np.zeros(6)
         for _ in range(60):
             residual = balance(x)
@@ -111,7 +117,7 @@ class _Balance:
     """Residual (6,) of the balance, a function of x (6,): position minus reference in W, and the rotation vector from
     the desired attitude."""
 
-    def __init__(self, setup: Any, K: float, in_contact: bool) -> None:
+    def __init__(self, setup: Any, K: float, in_contact: bool, delivery: Delivery) -> None:
         scenario, design = setup.scenario, setup.design
         self.setup, self.K, self.in_contact = setup, K, in_contact
         self.v_c_W = np.array(scenario.current.velocity_W)
@@ -120,7 +126,7 @@ class _Balance:
         self.A = np.array(setup.task.A)
         self.M_d_inv = design.M_d_inv
         self.M_hat_inv = np.linalg.inv(design.M_hat)
-        self.undelivered = np.eye(6) - np.linalg.inv(_delivered(setup))
+        self.undelivered = np.eye(6) - np.linalg.inv(delivery.T)
         self.K_f, self.F_d = (np.array(each) for each in scenario.impedance.at_end)
         self.factor_inverse = self.A / (self.A - K)
         self.told = scenario.controller.uses_truth
@@ -221,13 +227,6 @@ class _Balance:
         g_eta = np.empty(6)
         restoring(vehicle.mass, vehicle.displaced_mass, vehicle.r_g, vehicle.r_b, self.setup.gravity_W, R_WB, g_eta)
         return g_eta
-
-
-def _delivered(setup: Any) -> np.ndarray:
-    """T (6, 6): tau = T tau_cmd with the true thrusters and the allocation of the file, within their limits."""
-    if setup.vehicle.B is setup.nominal.B or np.array_equal(setup.vehicle.B, setup.nominal.B):
-        return np.eye(6)
-    return setup.vehicle.B @ np.linalg.pinv(setup.nominal.B)
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -75,12 +75,13 @@ class Vibration:
         Navigation, law and thrusters each hold their output for a period T. A stage that reads it at its own instants,
         a period T' apart, finds it with a mean age of (T - gcd(T, T'))/2. The contact force itself is held for a time
         step h. A law that runs at every step on measurements of every step feeds back the force that acts. An observer
-        of the force adds its lag.
+        of the force adds its lag, and the thrusters add their delay of slow changes.
         """
-        h = self.setup.scenario.simulation.timestep
+        scenario = self.setup.scenario
+        h = scenario.simulation.timestep
         steps = [round(period / h) for period in self._periods.values()]
         ages = (held - math.gcd(held, read) for held, read in zip(steps, [*steps[1:], 1], strict=True))
-        return 0.5 * h * sum(ages) + self.setup.scenario.observer.age
+        return 0.5 * h * sum(ages) + scenario.observer.age + scenario.thrusters.mean_delay()
 
     @property
     def _periods(self) -> dict[str, float]:
@@ -94,12 +95,13 @@ class Vibration:
             "navigation": navigation,
             "control": control,
             "actuation": scenario.actuation.period or scenario.simulation.timestep,
+            "thruster": scenario.thrusters.period or scenario.simulation.timestep,
         }
 
     @property
     def _longest(self) -> str:
         """Name of the longest period; of equal ones, the law's."""
-        return max(("control", "navigation", "actuation"), key=self._periods.__getitem__)
+        return max(("control", "navigation", "actuation", "thruster"), key=self._periods.__getitem__)
 
     @property
     def growth(self) -> float:
@@ -128,7 +130,8 @@ class Vibration:
         """The state at rest, or the reason why the sampled law does not come to rest against the wall."""
         if isinstance(state, SteadyState) and state.force > 0.0:
             if self.age >= self.limit:
-                return "the sampled law limit-cycles against this wall"
+                lags = self.setup.scenario.thrusters.mean_delay() > 0.0
+                return f"the {'law with lagging thrusters' if lags else 'sampled law'} limit-cycles against this wall"
             if self.growth > 1.0:
                 return "the held command does not damp the vibration against this wall"
         return state
@@ -155,9 +158,17 @@ class Vibration:
         if age > SLOWLY_DAMPED * limit or (age == limit == 0.0):
             lost = 2.0 * limit + self.setup.scenario.simulation.timestep
             what = "limit-cycles against the wall" if age >= limit else "hardly damps the vibration against the wall"
+            share = f"{min(1.0, age / limit) if limit else 1.0:.0%} of the damping D_d is lost"
+            delay = self.setup.scenario.thrusters.mean_delay()
+            if delay > 0.0:
+                yield (
+                    f"{label} {what} with thrusters that lag by {delay:.3g} s: the contact force acts on the thrust so "
+                    f"late that {share} at wall.stiffness {k_c:g} N/m; its mean age is {age:.3g} s, and all is lost at "
+                    f"{limit:.3g} s"
+                )
+                return
             yield (
-                f"{label} {what} {here}: it holds the contact force so long that "
-                f"{min(1.0, age / limit) if limit else 1.0:.0%} of the damping D_d is lost at wall.stiffness {k_c:g} "
+                f"{label} {what} {here}: it holds the contact force so long that {share} at wall.stiffness {k_c:g} "
                 f"N/m; all is lost at a period of {lost:.4g} s"
             )
 

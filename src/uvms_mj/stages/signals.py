@@ -228,6 +228,21 @@ def thruster_signal(n: int) -> Signal:
     return Signal("u", (n,), "N", "-", "thrust of each thruster")
 
 
+def thrusters_given(n: int) -> tuple[Signal, ...]:
+    """Given to the thrusters of a vehicle with n of them."""
+    return (*CLOCK, commanded_signal(n), Signal("inflow", (n,), "m/s", "-", "speed of advance of each thruster"))
+
+
+def commanded_signal(n: int) -> Signal:
+    """The signal of the commanded thrusts (n,)."""
+    return Signal("u_cmd", (n,), "N", "-", "thrust commanded of each thruster")
+
+
+TAU_LOST = Signal(
+    "tau_lost", (6,), _WRENCH, "B", "part of tau_cmd that the allocation does not reach, tau_cmd - B u_cmd"
+)
+
+
 def record_dtype(signals: tuple[Signal, ...]) -> np.dtype:
     """Structured dtype with one field per signal, of 8 bytes a number."""
     return np.dtype([(s.name, s.kind, s.shape) for s in signals], align=True)

@@ -1,5 +1,5 @@
-"""Stages that no scenario chooses by name: tracking errors with estimates, the truth for the ideal law, and the
-computation delay."""
+"""Stages that no scenario chooses by name: tracking errors with estimates, the truth for the ideal law, the computation
+delay, and the inflow and the lost command of real thrusters."""
 
 from __future__ import annotations
 
@@ -14,7 +14,19 @@ from ...control.sampled import MOST_WAITING
 from ...control.task import tracking_errors
 from ...physics.model import model_wrenches, reveal
 from ...stages.base import Room, Stage
-from ...stages.signals import CLOCK, ERRORS, ESTIMATES, KNOWN, REFERENCE, TRUE, TRUTH, WRENCH_COMMAND
+from ...stages.signals import (
+    CLOCK,
+    ERRORS,
+    ESTIMATES,
+    KNOWN,
+    REFERENCE,
+    TAU_LOST,
+    TRUE,
+    TRUTH,
+    WRENCH_COMMAND,
+    Signal,
+    actuation_given,
+)
 
 
 def coefficients(
@@ -133,3 +145,47 @@ class Truth(Stage):
             for j in range(6):
                 out.M[i, j] = settings.M[i, j]
         reveal(settings, state, given, out, out.g_eta)
+
+
+@dataclass(frozen=True)
+class Inflow(Stage):
+    """The speed of advance of each thruster, a_k^T (v_r + omega x r_k) = B_k^T nu_r, for its axis a_k and its column
+    B_k = [a_k; r_k x a_k] of B. It is zero for a pair that produces a pure moment."""
+
+    name = "inflow"
+    needs: ClassVar = ()
+    room: ClassVar[Room] = Room(
+        "actuation", "inflow", lambda thrusters: CLOCK + TRUE, (Signal("inflow", (0,), "m/s", "-", "speed of advance"),)
+    )
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        B = setup.vehicle.B
+        return {"columns": (B * B[:3].any(axis=0)).T}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        R, nu, v_c, columns = given.R_WB, given.nu, given.v_c_W, settings.columns
+        u = nu[0] - (R[0, 0] * v_c[0] + R[1, 0] * v_c[1] + R[2, 0] * v_c[2])
+        v = nu[1] - (R[0, 1] * v_c[0] + R[1, 1] * v_c[1] + R[2, 1] * v_c[2])
+        w = nu[2] - (R[0, 2] * v_c[0] + R[1, 2] * v_c[1] + R[2, 2] * v_c[2])
+        for k in range(out.shape[0]):
+            out[k] = columns[k, 0] * u + columns[k, 1] * v + columns[k, 2] * w
+            out[k] += columns[k, 3] * nu[3] + columns[k, 4] * nu[4] + columns[k, 5] * nu[5]
+
+
+@dataclass(frozen=True)
+class Shortfall(Stage):
+    """The part of tau_cmd that the commanded thrusts do not produce. ``state`` is the record with u_cmd."""
+
+    name = "shortfall"
+    needs: ClassVar = ()
+    room: ClassVar[Room] = Room("actuation", "shortfall", actuation_given, (TAU_LOST,))
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        for i in range(6):
+            out[i] = given.tau_cmd[i]
+        for k in range(state.u_cmd.shape[0]):
+            thrust = min(given.u_max[k], max(given.u_min[k], state.u_cmd[k]))
+            for i in range(6):
+                out[i] -= given.B[i, k] * thrust

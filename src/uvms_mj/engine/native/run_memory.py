@@ -45,7 +45,6 @@ class RunMemory:
         self.rows = np.zeros((0, sum(signal.size for signal, _ in self.recorded)))
         allocation = stages.allocation
         allocation["B"], allocation["B_pinv"] = setup.nominal.B, np.linalg.pinv(setup.nominal.B)
-        allocation["u_min"], allocation["u_max"] = vehicle.u_min, vehicle.u_max
         sizes = {"stages": len(stages.rows), "actuation": stages.actuation, "thrusters": n}
         sizes["controls"] = memory["ctrl_at"].size if "ctrl_at" in memory else 0
         sizes |= {"spans": len(self._spans), "row_width": self.rows.shape[1], "row_steps": 1}
@@ -60,16 +59,19 @@ class RunMemory:
             "columns_at": np.ascontiguousarray(vehicle.B.T),
             "u_min_at": allocation["u_min"],
             "u_max_at": allocation["u_max"],
+            "low_at": vehicle.u_min,
+            "high_at": vehicle.u_max,
             "thrust_of_ctrl_at": vehicle.thrust_of_ctrl,
             "ctrl_index_at": np.array(vehicle.actuator_ids, dtype=np.int64),
             "u_cmd_at": stages.u_cmd,
+            "thrust_at": stages.thrust,
             "u_at": self.u,
             "spans_at": self._spans,
             "rows_at": self.rows,
             **memory,
         }
         self._reached["tau_hat_at"] = stages.signals["tau_hat"]
-        if not np.array_equal(vehicle.B, setup.nominal.B):
+        if setup.scenario.thrusters.runs or not np.array_equal(vehicle.B, setup.nominal.B):
             self._reached["columns_hat_at"] = np.ascontiguousarray(setup.nominal.B.T)
         if "task" in stages.entries:
             self._reached["s_at"] = stages.signals["s"]
@@ -77,8 +79,8 @@ class RunMemory:
             self.loop[name] = array.ctypes.data
         for _, write in WRITERS:
             write(self, setup)
-        arrays = [self.loop, self.context, stages.signals, stages.sensed, allocation, stages.commanded]
-        arrays += [stages.u_cmd, self.u, stages.rows]
+        arrays = [self.loop, self.context, stages.signals, stages.sensed, allocation, stages.ordered, self.u]
+        arrays += [stages.rows, stages.commands, stages.thrust, stages.tau_lost]
         kept = [entry for entry in stages.running if entry.states or type(entry.stage).memory]
         arrays += [each for entry in kept for each in (entry.state, entry.state_dot)]
         arrays += engine.state
@@ -189,6 +191,12 @@ def write_control(memory: RunMemory, setup: Setup) -> None:
     memory.loop["epsilon"] = getattr(setup.scenario.controller, "epsilon", DEFAULT_EPSILON)  # of each axis
 
 
+def write_limits(memory: RunMemory, setup: Setup) -> None:
+    memory.stages.allocation["u_min"], memory.stages.allocation["u_max"] = setup.scenario.thrusters.command_limits(
+        setup
+    )
+
+
 WRITERS: tuple[tuple[tuple[str, ...], Callable[[RunMemory, Setup], None]], ...] = (
     (("simulation.timestep", "simulation.duration"), write_time),
     (("current", "disturbance"), lambda memory, setup: set_water(memory.context, motion_of_water(setup.scenario))),
@@ -197,5 +205,6 @@ WRITERS: tuple[tuple[tuple[str, ...], Callable[[RunMemory, Setup], None]], ...] 
     (("impedance",), write_impedance),
     (("simulation.seed",), lambda memory, setup: memory.stages.write_keys(setup.scenario)),
     (("simulation.timestep", "controller", *(f"{table}.period" for table in STAGES)), write_control),
+    (("thrusters",), write_limits),
 )
 """Tables or dotted keys of a scenario, and the function that writes the numbers that depend on them."""

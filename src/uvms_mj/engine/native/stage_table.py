@@ -22,13 +22,15 @@ from ...stages.signals import (
     SCHEDULED,
     TASK,
     TASK_GIVEN,
+    TAU_LOST,
     TRUTH,
     Signal,
+    commanded_signal,
     record_dtype,
 )
 from .arena import MARGIN, NEARBY, Arena
 from .compilation import NotCompiled
-from .inner_stages import Delay, Sensed, Tracking, Truth
+from .inner_stages import Delay, Inflow, Sensed, Shortfall, Tracking, Truth
 from .layouts import STAGE
 from .plain_stage import PlainStage, StageFault
 from .stage_code import RAISED, compile_stage
@@ -135,8 +137,12 @@ class StageTable:
         signals: the record of the signals that the law is given (1,); each stage fills its part.
         sensed: the clock and the measurements (1,) that navigation sets if an observer replaces its force.
         allocation: the record that actuation is given (1,).
-        commanded: the record with the law's command tau_cmd (1,): that of the actuation, or of the delay before it.
-        u_cmd: (n,) thrusts that actuation sets.
+        ordered: the record with the law's command tau_cmd (1,): that of the actuation, or of the delay before it.
+        commands: the record that the thrusters are given (1,).
+        u_cmd: (n,) thrusts that actuation sets, in ``commands``.
+        thrust: (n,) thrusts that the thrusters produce; ``u_cmd`` itself if they are ideal.
+        tau_lost: (6,) part of tau_cmd that u_cmd does not produce.
+        commanded: the recorded signals of the commands, each with its memory.
         rows: the table (n,) of STAGE records.
         running: its stages; ``in_arenas`` are those with an arena.
         control: index of the law, or of the stage that would follow it.
@@ -149,7 +155,10 @@ class StageTable:
         self.signals = np.zeros(1, record_dtype(type(controller).given()))
         self.sensed = np.zeros(1, record_dtype(CLOCK + KNOWN))
         self.allocation = np.zeros(1, record_dtype(type(actuation).given(n)))
-        self.u_cmd = np.zeros(n)
+        thrusters = scenario.thrusters
+        self.commands = np.zeros(1, record_dtype(type(thrusters).given(n)))
+        self.u_cmd, self.tau_lost = self.commands["u_cmd"][0], np.zeros(6)
+        self.thrust = np.zeros(n) if thrusters.runs else self.u_cmd
         self.entries: dict[str, Entry] = {}
 
         def add(table: str, stage: Stage, given: np.ndarray, out: np.ndarray, state: np.ndarray | None = None) -> None:
@@ -175,12 +184,20 @@ class StageTable:
             add("truth", Truth(), true, part(self.signals, TRUTH), water)
         self.control = len(self.entries)
         late = controller.delay is not None
-        self.commanded = np.zeros(1, record_dtype(Delay.given())) if late else self.allocation
+        self.ordered = np.zeros(1, record_dtype(Delay.given())) if late else self.allocation
         add("controller", controller, self.signals, self.tau_cmd)
         self.actuation = len(self.entries)
         if late:
-            add("delay", Delay(), self.commanded, self.allocation["tau_cmd"][0])
+            add("delay", Delay(), self.ordered, self.allocation["tau_cmd"][0])
         add("actuation", actuation, self.allocation, self.u_cmd)
+        self.commanded: list[tuple[Signal, np.ndarray]] = []
+        if thrusters.runs or actuation.records_loss:
+            add("shortfall", Shortfall(), self.allocation, self.tau_lost, self.commands)
+            self.commanded.append((TAU_LOST, self.tau_lost))
+        if thrusters.runs:
+            add("inflow", Inflow(), true, self.commands["inflow"][0])
+            add("thrusters", thrusters, self.commands, self.thrust)
+            self.commanded.append((commanded_signal(n), self.u_cmd))
         self.rows = np.zeros(len(self.entries), STAGE)
         for row, entry in zip(self.rows, self.entries.values(), strict=True):
             entry.fill(row)
@@ -190,7 +207,7 @@ class StageTable:
     @property
     def tau_cmd(self) -> np.ndarray:
         """(6,) wrench that the law commands."""
-        return self.commanded["tau_cmd"][0]
+        return self.ordered["tau_cmd"][0]
 
     def constants(self, setup: Setup, touched: Set[str]) -> dict[str, dict[str, Any]]:
         """The new constants of the stages that depend on the tables and keys in ``touched``, by table. Raises
@@ -233,6 +250,7 @@ class StageTable:
         chosen = {table: getattr(scenario, table).period for table in STAGES}
         periods |= {table: period for table, period in chosen.items() if period is not None}
         periods["sensed"] = periods.get("navigation", control)
+        periods |= {"shortfall": periods["actuation"], "inflow": periods.get("thrusters", h)}
         steps = [round(periods.get(table, control) / h) for table in self.entries]
         self.rows["period_steps"], self.rows["period"] = steps, [n * h for n in steps]
 
