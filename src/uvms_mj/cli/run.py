@@ -170,7 +170,7 @@ def _simulate(
         from ..views.rerun import LiveView
 
         sinks.insert(0, LiveView())  # first: without a display it fails before anything is written
-    error = None
+    error, half = None, max(AROUND_THE_END_S, 0.5 * scenario.simulation.duration)
     with console.running(scenario, stop) as progress:
         try:
             trace = simulate(
@@ -178,7 +178,7 @@ def _simulate(
                 log_rate=log_rate,
                 progress=progress,
                 sinks=sinks,
-                keep_s=AROUND_THE_END_S,
+                keep_s=half if scenario.navigation.noisy else AROUND_THE_END_S,  # for the push's deviation
                 engine=engine,
                 mjcf=mjcf,
             )

@@ -49,7 +49,7 @@ class Vibration:
         design = setup.design
         n, M_d_inv = design.normal, design.M_d_inv
         G = M_d_inv if M_hat is None else np.linalg.solve(design.M, M_hat @ M_d_inv)
-        v = G @ (np.array(setup.scenario.impedance.K_f) * n)
+        v = G @ (np.array(setup.scenario.impedance.at_end[0]) * n)
         compliant = float(n @ v)
         fed_back = compliant - (0.0 if M_hat is None else 1.0 / design.along_normal(design.M))
         if compliant <= 0.0:
