@@ -28,6 +28,7 @@ from ..navigation.channel import Channel
 from ..physics.frames import rotation_matrix
 from .linear_loop import LinearLaw, RestingLaw, RestingVehicle, jacobian
 from .setup import Setup
+from .summary import noisy
 
 MOST_STEPS, MOST_STATES = 20_000, 600
 """Limits of a closed form: steps of the common period, and numbers of the state."""
@@ -54,8 +55,8 @@ class Deviations:
 
 def deviations(setup: Setup) -> Deviations | str | None:
     """The standard deviations of a run at its rest, the reason why there is no closed form, or None without noise."""
-    channels = setup.scenario.navigation.channels
-    if not setup.scenario.navigation.noisy:
+    channels = setup.scenario.navigation.white_channels
+    if not noisy(setup.scenario):
         return None
     if reason := _unknown(setup, channels):
         return reason
@@ -76,7 +77,7 @@ def deviations(setup: Setup) -> Deviations | str | None:
 def _unknown(setup: Setup, channels: Mapping[str, Channel]) -> str:
     """What of a scenario the closed form does not know; empty if nothing."""
     scenario = setup.scenario
-    others = [stage.label() for stage in scenario.stages if stage.room.table not in _KNOWN_STAGES]
+    others = [stage.label() for stage in scenario.stages if stage.runs and stage.room.table not in _KNOWN_STAGES]
     if others:
         return f"the noise's way through {others[0]} is not known"
     if scenario.actuation.label() != "pseudo_inverse":

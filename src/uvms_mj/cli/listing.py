@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
+from ..files import plain
 from .common import bad_input, command
 from .console import print_table, table_of
 
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     from ..stages.base import Stage
 
 
-ROOMS = ("guidance", "navigation", "control", "actuation", "reference", "controller")
+ROOMS = ("guidance", "navigation", "control", "actuation", "reference", "observer", "controller")
 """The rooms, and the tables of a scenario that are called otherwise."""
 
 
@@ -40,7 +41,7 @@ def stages(room: str | None, names: tuple[str, ...]) -> None:
         from ..scenario import STAGES
 
         for table, choice in STAGES.items():
-            if room in (None, choice.base.room.name, table):
+            if room in (None, table, choice.base.room.name) and not (names and room in STAGES and room != table):
                 if table == "controller" and not names:
                     _print_stage(ImpedanceTask)
                 for name in names or choice.shipped:
@@ -82,7 +83,7 @@ def _own_settings(cls: "type[Stage]") -> "tuple[list[dataclasses.Field], str]":
 def toml_value(value: Any) -> str:
     if value is None:
         return "-"
-    return json.dumps(list(value) if isinstance(value, tuple) else value)
+    return json.dumps(plain(value))
 
 
 @command()

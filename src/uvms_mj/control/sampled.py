@@ -74,21 +74,25 @@ class Vibration:
         Navigation, law and thrusters each hold their output for a period T. A stage that reads it at its own instants,
         a period T' apart, finds it with a mean age of (T - gcd(T, T'))/2. The contact force itself is held for a time
         step h. A law that runs at every step on measurements of every step feeds back the force that acts. The time
-        that a sample takes to arrive adds to it.
+        that a sample takes to arrive adds to it, and so does the lag of an observer of the force.
         """
-        h = self.setup.scenario.simulation.timestep
+        scenario = self.setup.scenario
+        h = scenario.simulation.timestep
         steps = [round(period / h) for period in self._periods.values()]
-        late = self.setup.scenario.navigation.force_timing[1]
-        holds = sum(held - math.gcd(held, read) for held, read in zip(steps, [*steps[1:], 1], strict=True))
-        return late + 0.5 * h * holds
+        ages = (held - math.gcd(held, read) for held, read in zip(steps, [*steps[1:], 1], strict=True))
+        late = scenario.observer.age if scenario.observer.runs else scenario.navigation.force_timing[1]
+        return 0.5 * h * sum(ages) + late
 
     @property
     def _periods(self) -> dict[str, float]:
         """Periods of the stages from the measurement to the thrust, by name [s]."""
         scenario = self.setup.scenario
         control = scenario.control_period
-        own = scenario.simulation.timestep if scenario.navigation.every_step else control
-        navigation = scenario.navigation.force_timing[0] or scenario.navigation.period or own
+        shortest = scenario.simulation.timestep
+        sensor = scenario.observer if scenario.observer.runs else scenario.navigation
+        navigation = sensor.period or (shortest if sensor.every_step else control)
+        if not scenario.observer.runs:
+            navigation = scenario.navigation.force_timing[0] or navigation
         return {
             "navigation": navigation,
             "control": control,
@@ -143,7 +147,14 @@ class Vibration:
                 f"N/m the contact vibrates faster than a held command can damp; a period below {2.5 / w:.2g} s usually "
                 "suffices"
             )
-        limit, age = self.limit, self.age
+        limit, age, lag = self.limit, self.age, self.setup.scenario.observer.age
+        if lag and age > SLOWLY_DAMPED * limit:
+            yield (
+                f"{label} {'vibrates' if age >= limit else 'hardly damps the vibration'} against the wall with this "
+                f"observer: its estimate of the contact force is {age:.3g} s old, and all of the damping D_d is lost "
+                f"at {limit:.3g} s with wall.stiffness {k_c:g} N/m"
+            )
+            return
         if age > SLOWLY_DAMPED * limit or (age == limit == 0.0):
             lost = 2.0 * limit + self.setup.scenario.simulation.timestep
             what = "limit-cycles against the wall" if age >= limit else "hardly damps the vibration against the wall"

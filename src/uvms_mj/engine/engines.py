@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 from ..analysis.setup import Setup
 from ..errors import Fault, InputError, suggestion
+from ..scenario import STAGES
 from .base import Engine
 from .free_engine import FreeEngine
 from .mujoco_engine import MujocoEngine
@@ -20,7 +21,7 @@ _KNOWN = {
     "wall": ("position", "stiffness", "damping", "friction", "tangential_stiffness", "tangential_damping"),
 }
 """The keys of the plant and of the stepping that free_body computes."""
-_SHARED = ("vehicle", "reference", "impedance", "estimates", "navigation", "task", "controller", "actuation")
+_SHARED = ("vehicle", "impedance", "estimates", "task", *STAGES)
 """The tables that both engines read from the same records."""
 
 

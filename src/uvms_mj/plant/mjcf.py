@@ -97,6 +97,11 @@ class Mjcf:
         does."""
         return self._read[3]
 
+    @property
+    def remarks(self) -> dict[str, str]:
+        """The ``<text>`` entries by name. Raises InputError as :meth:`spec` does."""
+        return {text.name: text.data for text in self._parsed.texts}
+
     def spec(self) -> mujoco.MjSpec:
         """A copy of the parsed model. Only the files in ``files`` are read, once. Raises InputError if the model has
         something that is not allowed in a vehicle's file, MuJoCo can't read it, or it refers to a missing file."""

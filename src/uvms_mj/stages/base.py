@@ -105,6 +105,8 @@ class Stage:
     """Whether the default of the period is the time step instead of the control period."""
     external: ClassVar[bool] = False
     """Whether the caller of a Simulation sets the outputs."""
+    runs: ClassVar[bool] = True
+    """Whether the loop calls the stage. One that does not run is the absence of a stage."""
 
     def __post_init__(self) -> None:
         table, noun = self.room.table, self.room.setting

@@ -114,6 +114,8 @@ LOOP = np.dtype(
         ("controls", "i8"),  # entries of ctrl
         ("thrusters", "i8"),
         ("columns_at", "i8"),  # (n, 6), the columns of B
+        ("columns_hat_at", "i8"),  # of the file's B, or 0 if tau_hat is tau
+        ("tau_hat_at", "i8"),
         ("u_min_at", "i8"),
         ("u_max_at", "i8"),
         ("ctrl_index_at", "i8"),
