@@ -65,9 +65,12 @@ def deviations(setup: Setup) -> Deviations | str | None:
         return getattr(rest, "reason", "the law's theory gives no whole state at rest")
     vehicle, known = RestingVehicle(setup, rest), setup.scenario.navigation.rest_errors(setup)
     assert not isinstance(known, str)  # the rest is known
-    law = LinearLaw.of(RestingLaw(setup, rest, known(vehicle.position, vehicle.quat, vehicle.contact(np.zeros(12)))))
+    at_rest = known(vehicle.position, vehicle.quat, vehicle.contact(np.zeros(12)))
+    law, label = LinearLaw.of(RestingLaw(setup, rest, at_rest)), setup.scenario.controller.label()
     if law is None:
-        return f"{setup.scenario.controller.label()} is not smooth at its rest"
+        return f"{label} is not smooth at its rest"
+    if not law.law.known_rest:
+        return f"the states of {label} at rest are not known"
     loop = _Loop(setup, vehicle, law, channels)
     if loop.steps > MOST_STEPS or loop.size > MOST_STATES:
         return "the periods have too large a common multiple, or too many samples are on their way"
