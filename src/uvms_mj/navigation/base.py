@@ -42,14 +42,9 @@ class Navigation(Stage):
     room: ClassVar[Room] = Room("navigation", "navigation", lambda thrusters: CLOCK + TRUE, KNOWN, "navigation stage")
 
     @property
-    def channels(self) -> Mapping[str, Channel]:
-        """The channels with white noise by quantity, for the closed form of the noise; empty if none is known."""
+    def white_channels(self) -> Mapping[str, Channel]:
+        """The channels of white noise by quantity, for the closed form of the noise; empty if none is known."""
         return {}
-
-    @property
-    def noisy(self) -> bool:
-        """Whether a channel has white noise."""
-        return any(any(channel.noise) for channel in self.channels.values())
 
     @property
     def force_timing(self) -> tuple[float | None, float]:

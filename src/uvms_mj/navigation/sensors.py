@@ -113,7 +113,7 @@ class Sensors(_Channels):
         return Channel(**given)
 
     @property
-    def channels(self) -> Mapping[str, Channel]:
+    def white_channels(self) -> Mapping[str, Channel]:
         return {quantity: self.channel(quantity) for quantity in QUANTITIES}
 
     @property
@@ -142,7 +142,7 @@ class Sensors(_Channels):
 
     def rest_errors(self, setup: Any) -> RestErrors | str:
         """The mean of the measurements: scale, bias and the drift with the depth. White noise has none."""
-        channels = self.channels
+        channels = self.white_channels
         for quantity, channel in channels.items():
             if any(channel.walk):
                 return f"the {quantity.replace('_', ' ')} drifts: navigation.{quantity}_walk"
