@@ -1,7 +1,7 @@
 r"""Static balance: pose and contact force of a vehicle at rest, from the scenario and one number of the law.
 
-Near rest each shipped law is the nominal control (23) minus :math:`\hat M (A + K) s`, up to a term that integrates. At
-rest (nu = 0) zeta is constant in eq. (15), so that A s = -M_d^-1 (K_d eta_e - K_f (tau_c - F_d)). The balance of
+Near rest each shipped law is the nominal control (23) minus :math:`\hat M K s`, up to a term that integrates. At rest
+(nu = 0) zeta is constant in eq. (15), so that A s = -w with w = M_d^-1 (K_d eta_e - K_f (tau_c - F_d)). The balance of
 eq. (10) is then
 
 .. math::
@@ -19,14 +19,30 @@ for a commanded one, and tau = g - d - tau_c holds the vehicle. Here d = tau_dis
 is the wrench of the current and the constant disturbance on the vehicle at rest, at its rest attitude.
 The frictionless wall gives tau_c = -k_c (x - x_c) along its normal for x > x_c. For GSTA with the attitude reference
 along W this is eq. (12) at rest against the spring of eq. (34), F = K_x (x_d - x_c) / (1 + K_x / k_c); the paper's
-1.5 N neglects the compliance of the wall. The six equations are solved by Newton's method.
+1.5 N neglects the compliance of the wall.
+
+The law sees measurements, with the constant errors that :meth:`uvms_mj.navigation.base.Navigation.rest_errors` gives.
+Then w is that of the measurements, a biased velocity nu_m adds D_d nu_m to it and makes the pose error seem to move, so
+that A s = F_1 eta_e_dot - w, and the estimates are those of the measurements:
+
+.. math::
+
+    w - \frac{K}{K - A} F_1 \dot{\tilde\eta} = \frac{A}{A - K} \hat M^{-1}
+        (d + \hat n_m - g(\eta) + \tau_c - \tau_{c,m} + (I - T^{-1}) \tau), \qquad
+    \hat n_m = \hat C \nu_m + \hat D \nu_m + \hat g(\eta_m).
+
+An observer measures all that the controller's model does not explain: tau_c,m is tau_c plus the rest of the bracket,
+which is then zero.
+The ideal law knows all wrenches but that of the contact: w = M^-1 (tau_c - tau_c,m). The six equations are solved by
+Newton's method.
 """
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 
-from ..physics.fossen import coriolis_added_mass, damping, restoring
+from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from ..physics.frames import quat_error, rotation_matrix
 from ..stages.base import is_shipped
 from .rest import SteadyState
@@ -47,17 +63,23 @@ def static_balance(setup: Any, K: float) -> SteadyState | str:
         return "the reference does not come to rest"
     if not (is_shipped(scenario.navigation) and is_shipped(scenario.actuation)):
         return "closed forms are known for the shipped navigation and actuation only"
-    if scenario.navigation.no_rest:
-        return scenario.navigation.no_rest
-    if scenario.observer.runs:
-        return "closed forms are not known with an observer of the contact force"
+    observer = scenario.observer if scenario.observer.runs else None
+    if observer is not None and not is_shipped(observer):
+        return "closed forms are known for the shipped observers only"
     if K == 0.0 and 0.0 in setup.task.A:
         return "with a zero in A, zeta is not constant at rest: it integrates the remaining error"
     if min(np.linalg.matrix_rank(setup.nominal.B), np.linalg.matrix_rank(_delivered(setup))) < 6:
         return "the thrusters can't produce every wrench"
-    state = _solve(setup, K)
-    if state is None:
+    errors = scenario.navigation.rest_errors(setup)
+    if isinstance(errors, str):
+        return errors
+    solved = _solve(setup, K)
+    if solved is None:
         return "the static balance has no solution near the reference"
+    state, known = solved
+    for sensor in (scenario.navigation, observer):
+        if sensor is not None and (reason := sensor.out_of_range(known)):
+            return reason
     u = np.linalg.pinv(setup.nominal.B) @ np.linalg.solve(_delivered(setup), np.asarray(state.tau))
     if (u < vehicle.u_min).any() or (u > vehicle.u_max).any():
         return "the thrusters are too weak"
@@ -66,8 +88,9 @@ def static_balance(setup: Any, K: float) -> SteadyState | str:
     return state
 
 
-def _solve(setup: Any, K: float) -> SteadyState | None:
-    """Newton's method on the six equations, first without the wall, then in contact if that position is inside it."""
+def _solve(setup: Any, K: float) -> tuple[SteadyState, Any] | None:
+    """Newton's method on the six equations, first without the wall, then in contact if that position is inside it.
+    Returns the state with its measurements."""
     wall = setup.scenario.wall
     for in_contact in (False, True):
         balance = _Balance(setup, K, in_contact)
@@ -84,7 +107,8 @@ def _solve(setup: Any, K: float) -> SteadyState | None:
         depth = position[0] - wall.position
         if at_rest and (depth >= 0.0 if in_contact else depth <= 0.0):
             force = wall.stiffness * depth if in_contact else 0.0
-            return SteadyState(float(force), position, quat, balance.sliding(x), balance.thrust(x))
+            state = SteadyState(float(force), position, quat, balance.sliding(x), balance.thrust(x))
+            return state, balance.known(x)
     return None
 
 
@@ -104,6 +128,8 @@ class _Balance:
         self.undelivered = np.eye(6) - np.linalg.inv(_delivered(setup))
         self.K_f, self.F_d = np.array(scenario.impedance.K_f), np.array(scenario.impedance.F_d)
         self.factor_inverse = self.A / (self.A - K)
+        self.told = scenario.controller.uses_truth
+        self.errors = scenario.navigation.rest_errors(setup)
         self._at: tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
 
     def pose(self, x: np.ndarray):
@@ -128,31 +154,66 @@ class _Balance:
         return tau_c
 
     def asked(self, x: np.ndarray) -> np.ndarray:
-        """M_d^-1 (K_d eta_e - K_f (tau_c - F_d))."""
-        position, quat, R_WB = self.pose(x)
-        design, quat_e = self.setup.design, np.empty(4)
-        quat_error(design.quat_d, quat, quat_e)
-        eta_e = np.concatenate([R_WB.T @ (position - self.target), quat_e[1:]])
-        return self.M_d_inv @ (design.K_d @ eta_e - self.K_f * (self.contact(x) - self.F_d))
+        """w = M_d^-1 (K_d eta_e + D_d nu_e - K_f (tau_c - F_d)) as the law measures them."""
+        known, design, quat_e = self.known(x), self.setup.design, np.empty(4)
+        quat_error(design.quat_d, known.quat, quat_e)
+        eta_e = np.concatenate([rotation_matrix(known.quat).T @ (known.position - self.target), quat_e[1:]])
+        forces = self.K_f * (known.tau_c - self.F_d)
+        return self.M_d_inv @ (design.K_d @ eta_e + design.D_d @ known.nu - forces)
 
-    def sliding(self, x: np.ndarray) -> np.ndarray:
-        """s (6,) at rest."""
-        return self.unknown(x) / (self.K - self.A) + 0.0  # zero has no sign
+    def known(self, x: np.ndarray) -> Any:
+        """The measurements, :class:`uvms_mj.navigation.base.Known`."""
+        position, quat, _ = self.pose(x)
+        tau_c = self.contact(x)
+        known = self.errors(position, quat, tau_c)
+        if not self.setup.scenario.observer.runs:
+            return known
+        explained = dataclasses.replace(known, tau_c=tau_c)
+        return dataclasses.replace(known, tau_c=tau_c + self.setup.design.M_hat @ self.unknown(x, explained))
+
+    def moving(self, x: np.ndarray) -> np.ndarray:
+        """F_1 times the rate (6,) of the pose error that the law derives from a biased velocity, eq. (18)."""
+        known, quat_e = self.known(x), np.empty(4)
+        quat_error(self.setup.design.quat_d, known.quat, quat_e)
+        v, omega = known.nu[:3], known.nu[3:]
+        turning = 0.5 * (quat_e[0] * omega + np.cross(quat_e[1:], omega))
+        return np.array(self.setup.task.F_1) * np.concatenate([v, turning])
+
+    def sliding(self, x: np.ndarray) -> np.ndarray | None:
+        """s (6,) at rest: A s = F_1 eta_e_dot - w. None if zeta integrates what the ideal law does not answer to."""
+        if not self.told:
+            return (self.unknown(x) - self.moving(x)) / (self.K - self.A) + 0.0  # zero has no sign
+        left = self.moving(x) - self.asked(x)
+        if np.abs(left).max() < 1e-12:
+            return np.zeros(6)
+        return None if 0.0 in self.A else left / self.A
 
     def thrust(self, x: np.ndarray) -> np.ndarray:
         """tau (6,) that holds the vehicle at rest, eq. (10)."""
         d, g_eta = self.environment(x)
         return g_eta - d - self.contact(x)
 
-    def unknown(self, x: np.ndarray) -> np.ndarray:
-        """The acceleration (6,) that a law without an integral term must balance through s."""
+    def unknown(self, x: np.ndarray, known: Any = None) -> np.ndarray:
+        """The acceleration (6,) that a law without an integral term must balance through s, with the measurements
+        ``known``; default: those at x."""
         d, g_eta = self.environment(x)
-        nominal = self.restoring(self.setup.nominal, x)
-        unknown = (self.setup.scenario.estimates.restoring - 1.0) * nominal + (nominal - g_eta)
+        known = self.known(x) if known is None else known
+        estimates, term = self.setup.scenario.estimates, np.empty(6)
+        vehicle = self.setup.nominal
+        nominal = self.restoring(vehicle, rotation_matrix(known.quat))
+        unknown = (estimates.restoring - 1.0) * nominal + (nominal - g_eta) + (self.contact(x) - known.tau_c)
+        if known.nu.any():
+            damping(vehicle.D_linear, vehicle.D_quadratic, known.nu, term)
+            unknown += estimates.damping * term
+            for coriolis, M in ((coriolis_added_mass, vehicle.M_A), (coriolis_rigid_body, vehicle.M_RB)):
+                coriolis(M, known.nu, term)
+                unknown += estimates.coriolis * term
         return self.M_hat_inv @ (d + unknown + self.undelivered @ self.thrust(x))
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
-        return self.asked(x) - self.factor_inverse * self.unknown(x)
+        if self.told:
+            return self.asked(x) - np.linalg.solve(self.setup.design.M, self.contact(x) - self.known(x).tau_c)
+        return self.asked(x) - (1.0 - self.factor_inverse) * self.moving(x) - self.factor_inverse * self.unknown(x)
 
     def environment(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """d and g(eta), (6,) each, in B."""
@@ -165,11 +226,10 @@ class _Balance:
         d -= term
         damping(vehicle.D_linear, vehicle.D_quadratic, nu_r, term)
         d -= term
-        return d, self.restoring(vehicle, x)
+        return d, self.restoring(vehicle, R_WB)
 
-    def restoring(self, vehicle: Any, x: np.ndarray) -> np.ndarray:
+    def restoring(self, vehicle: Any, R_WB: np.ndarray) -> np.ndarray:
         """g(eta) (6,) of a vehicle, the true one or that of the file."""
-        _, _, R_WB = self.pose(x)
         g_eta = np.empty(6)
         restoring(vehicle.mass, vehicle.displaced_mass, vehicle.r_g, vehicle.r_b, self.setup.gravity_W, R_WB, g_eta)
         return g_eta

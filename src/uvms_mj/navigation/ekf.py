@@ -52,7 +52,6 @@ class Ekf(_ForceSensor):
     assumed_noise: Positive = setting(1.0, "1", "what the filter takes all standard deviations for, over the true ones")
 
     name = "ekf"
-    no_rest: ClassVar = "the estimate of the Kalman filter fluctuates, and the vehicle with it"
     every_step: ClassVar = True
     needs: ClassVar = ("simulation.timestep",)
     states: ClassVar[Mapping[str, int]] = {
@@ -90,6 +89,14 @@ class Ekf(_ForceSensor):
         for quantity in _FORCE:
             for name, wrong in self.channel(quantity).faults(step):
                 yield Fault(f"navigation.{quantity}_{name}", wrong)
+
+    @property
+    def force_timing(self) -> tuple[float | None, float]:
+        force = self.channel("force")
+        return force.period, force.delay + 0.5 * force.jitter
+
+    def rest_errors(self, setup: Any) -> str:
+        return "the estimate of the Kalman filter fluctuates, and the vehicle with it"
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
