@@ -6,6 +6,7 @@ The limits take the run's :class:`uvms_mj.analysis.setup.Setup`.
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -81,8 +82,8 @@ class Vibration:
         """
         scenario = self.setup.scenario
         h = scenario.simulation.timestep
-        steps = [round(period / h) for period in self._periods.values()]
-        holds = sum(held - math.gcd(held, read) for held, read in zip(steps, [*steps[1:], 1], strict=True))
+        steps = [n for period in self._periods.values() if (n := round(period / h)) > 1]  # one of a step holds nothing
+        holds = sum(held - math.gcd(held, read) for held, read in pairwise([*steps, 1]))
         return self._sensor.force_timing[1] + 0.5 * h * holds + scenario.thrusters.mean_delay()
 
     @property
