@@ -181,7 +181,8 @@ def signals(trace) -> dict:
 
 
 def test_both_engines_have_the_same_water():
-    scenario = Scenario.load("push_wall", IN_A_SCENARIO)
+    """Under a law without switching, which would amplify rounding."""
+    scenario = Scenario.load("push_wall", IN_A_SCENARIO, "impedance")
     one, two = (simulate(scenario, log_rate=100, engine=engine) for engine in ("mujoco", "free_body"))
     for name in ("p_WB", "nu", "v_c_W", "v_c_dot_W", "a_c_W", "tau_dist"):
         scale = np.abs(one[name]).max()
@@ -328,6 +329,16 @@ def test_there_is_no_rest_in_water_that_changes(water, reason):
     assert reason in str(trace.analytic)
 
 
+def test_in_gusts_gsta_holds_its_push_and_impedance_control_loses_the_wall():
+    """The shipped scenario: K_x (x_d - x_c)/(1 + K_x/k_c), eqs. (12) and (34) at rest, against 0.1 m/s of gusts."""
+    settled = {}
+    for law in ("gsta", "impedance"):
+        trace = simulate(Scenario.load("push_wall_gusts", controller=law), engine="free_body")
+        settled[law] = trace.push[trace.t > 10.0]
+    assert np.allclose(settled["gsta"], 1.5 / 1.0015, rtol=1e-3)
+    assert (settled["impedance"] == 0.0).mean() > 0.3
+
+
 def test_bad_water_is_refused_with_every_fault_at_once():
     wrong = {
         "current.amplitude": [0.1, 0.2],
@@ -352,13 +363,17 @@ def test_water_that_the_time_step_does_not_resolve_is_refused():
         "current.frequency_hz": [6000.0, 0.0, 0.0],
         "current.deviation": [0.1, 0.0, 0.0],
         "current.correlation_time": 1e-3,
+        "current.shortest_gust": 2e-3,
+        "disturbance.deviation": [1.0] + [0.0] * 5,
+        "disturbance.correlation_time": 1e-3,
         "current.table": [[1.0, 0.0, 0.0, 0.0], [1.00001, 1.0, 0.0, 0.0]],
     }
     with pytest.raises(InputError) as caught:
         simulate(Scenario.load("push_wall", wrong))
     assert [fault.key for fault in caught.value.faults] == [
         "current.frequency_hz[0]",
-        "current.correlation_time",
+        "disturbance.correlation_time",
+        "current.shortest_gust",
         "current.amplitude[1]",
         "current.table[1]",
     ]

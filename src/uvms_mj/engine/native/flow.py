@@ -3,7 +3,7 @@
 from ...physics.hydrodynamics import relative_velocity
 from ...physics.kernels import kernel
 from ...physics.tether import add_tether
-from ...physics.varying import NODES, add_gauss_markov, add_interpolated, add_sines, sine_rates
+from ...physics.varying import ROWS, add_gauss_markov, add_interpolated, add_sines, sine_rates
 from .memory import floats
 
 
@@ -28,7 +28,7 @@ def add_table_and_noise(series, t, value, rate):
     if series.rows > 0:
         add_interpolated(floats(series.table_at, series.rows * (n + 1)), t, value, rate)
     if series.noisy != 0:
-        add_gauss_markov(series, floats(series.nodes_at, (NODES + 1) * n), t, value, rate)
+        add_gauss_markov(series, floats(series.nodes_at, ROWS * n), t, value, rate)
 
 
 @kernel

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...physics.random import key_of
-from ...physics.varying import NODES, NODES_PER_CORRELATION_TIME
+from ...physics.varying import ROWS
 from ...plant.vehicle import Vehicle
 from ...plant.water import Current, Disturbance, Tether
 from ...scenario import Scenario
@@ -75,10 +75,9 @@ class Water:
         series["table_at"], series["rows"] = self._address(f"{name}.table", table), len(table)
         series["noisy"], series["deviation"] = any(motion.deviation), motion.deviation
         if series["noisy"][0]:
-            kept = np.exp(-1.0 / NODES_PER_CORRELATION_TIME)
-            series["spacing"] = motion.correlation_time / NODES_PER_CORRELATION_TIME
+            series["spacing"], kept = motion.spacing, np.exp(-motion.spacing / motion.correlation_time)
             series["kept"], series["kick"] = kept, np.sqrt(1.0 - kept**2)
-            nodes = self._arrays.setdefault(f"{name}.nodes", [np.zeros((NODES + 1) * len(motion.deviation))])
+            nodes = self._arrays.setdefault(f"{name}.nodes", [np.zeros(ROWS * len(motion.deviation))])
             series["nodes_at"] = nodes[0].ctypes.data
 
     def _address(self, name: str, array: np.ndarray) -> int:
