@@ -218,24 +218,40 @@ def test_the_same_seed_is_the_same_run_in_any_chunks_and_another_seed_another_ru
     assert np.array_equal(other, other_seed.p_WB[-1])
 
 
-def test_a_reset_to_other_water_and_back_is_the_run_of_a_new_simulation():
+@pytest.mark.parametrize("engine", ["mujoco", "free_body"])
+@pytest.mark.parametrize("start", [IN_A_SCENARIO, {}], ids=["from moving water", "from a constant current"])
+def test_a_reset_to_other_water_and_back_is_the_run_of_a_new_simulation(start, engine):
     """Tables of other lengths, other processes, no processes."""
-    scenario = Scenario.load("push_wall", IN_A_SCENARIO)
+    scenario = Scenario.load("push_wall", start)
     worlds = [
         {},
         {"current.table": [[0.0, 0.1, 0.0, 0.0], [0.1, 0.2, 0.0, 0.0], [0.3, 0.0, 0.0, 0.1]], "current.shear": None},
         {"current.deviation": [0.0] * 3, "disturbance.deviation": [0.0] * 6, "tether.length": 0.0},
         {"disturbance.correlation_time": 5.0, "disturbance.table": None, "simulation.seed": 4},
+        {name: IN_A_SCENARIO[name] for name in IN_A_SCENARIO if name.startswith(("current", "disturbance", "tether"))},
         {},
     ]
-    with Simulation(scenario, engine="free_body") as sim:
+    with Simulation(scenario, engine=engine) as sim:
         for world in worlds:
             sim.reset(overrides=world)
-            sim.step(1000)
-            with Simulation(scenario.updated(world), engine="free_body") as new:
-                new.step(1000)
+            sim.step(500)
+            with Simulation(scenario.updated(world), engine=engine) as new:
+                new.step(500)
                 assert np.array_equal(sim.signals.p_WB, new.signals.p_WB)
                 assert np.array_equal(sim.signals.tau_dist, new.signals.tau_dist)
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "free_body"])
+def test_a_disturbance_that_is_set_during_a_run_acts_in_the_step_in_hand(engine):
+    found = {}
+    for force in (0.0, 3.0):
+        with Simulation(Scenario.load("push_wall", {"wall.position": 20.0}), engine=engine) as sim:
+            sim.step(10)
+            sim.set({"disturbance.bias": [force, 0.0, 0.0, 0.0, 0.0, 0.0]})
+            sim.step(1)
+            assert np.array_equal(sim.signals.tau_dist, [force, 0.0, 0.0, 0.0, 0.0, 0.0])
+            found[force], M = sim.signals.nu_dot.copy(), sim.setup.vehicle.M
+    assert np.allclose(M @ (found[3.0] - found[0.0]), [3.0, 0.0, 0.0, 0.0, 0.0, 0.0], rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "free_body"])
