@@ -7,7 +7,7 @@ from collections.abc import Iterator, Set
 import numpy as np
 
 from ..control.design import ATTITUDE_KEYS
-from ..control.sampled import zeta_limit
+from ..control.sampled import delay_faults, zeta_limit
 from ..control.theory import stage_notes
 from ..errors import Fault, InputError
 from ..physics.dissipation import damping_notes
@@ -44,7 +44,7 @@ def refuse(setup: Setup, touched: Set[str] = _CHECKED) -> None:
         InputError: for example, the wall is too stiff for the time step, or a period is not a multiple of it.
     """
     faults: list[Fault] = []
-    if not touched.isdisjoint(("simulation.timestep", *_PERIODS)):
+    if not touched.isdisjoint(("simulation.timestep", "controller.delay", *_PERIODS)):
         faults += _stage_faults(setup.scenario)
     if not touched.isdisjoint(("simulation.timestep", *STAGES)):
         faults += [fault for stage in setup.scenario.stages for fault in stage.faults(setup)]
@@ -106,6 +106,7 @@ def _stage_faults(scenario: Scenario) -> Iterator[Fault]:
             yield Fault(
                 f"{stage.room.table}.period", f"{period:g} s is not a multiple of the time step {h:g} s; {nearest}"
             )
+    yield from delay_faults(scenario)
 
 
 def _sampling_notes(setup: Setup) -> Iterator[str]:

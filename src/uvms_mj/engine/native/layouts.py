@@ -124,13 +124,16 @@ LOOP = np.dtype(
         ("columns_at", "i8"),  # (n, 6), the columns of B
         ("columns_hat_at", "i8"),  # of the file's B, or 0 if tau_hat is tau
         ("tau_hat_at", "i8"),
-        ("u_min_at", "i8"),
+        ("u_min_at", "i8"),  # limits of the command
         ("u_max_at", "i8"),
+        ("low_at", "i8"),  # limits of the vehicle's file
+        ("high_at", "i8"),
         ("ctrl_index_at", "i8"),
         ("thrust_of_ctrl_at", "i8"),
         ("u_cmd_at", "i8"),  # as the actuation sets it
-        ("u_at", "i8"),  # within the limits
-        ("saturated", "i8"),  # whether a thruster is at its limit
+        ("thrust_at", "i8"),  # as the thrusters set it; u_cmd if they are ideal
+        ("u_at", "i8"),  # within the limits of the vehicle's file
+        ("saturated", "i8"),  # whether a command is at its limit
         ("tau_before", "f8", (6,)),
         # the current step
         ("remaining", "i8"),  # evaluations that are steps, before Simulation has the next word

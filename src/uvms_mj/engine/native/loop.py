@@ -124,21 +124,22 @@ def run_stages(loop, end) -> int:
 
 @kernel
 def limit_thrust(loop):
-    """Set u to the commanded thrusts within the thrusters' limits, and tau = B u."""
+    """Set u to the thrusts within the limits of the vehicle's file, and tau = B u."""
     n, true = loop.thrusters, loop.true
-    u_cmd, u = floats(loop.u_cmd_at, n), floats(loop.u_at, n)
+    u_cmd, produced, u = floats(loop.u_cmd_at, n), floats(loop.thrust_at, n), floats(loop.u_at, n)
     u_min, u_max = floats(loop.u_min_at, n), floats(loop.u_max_at, n)
+    low, high = floats(loop.low_at, n), floats(loop.high_at, n)
     columns = floats(loop.columns_at, 6 * n)
     x_0, x_1, x_2, x_3, x_4, x_5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     loop.saturated = 0
     for k in range(n):
-        if not abs(u_cmd[k]) <= _LARGEST:
-            stop_run(loop, STOP_THRUST, k, u_cmd[k])
-        thrust = min(u_max[k], max(u_min[k], u_cmd[k]))
+        if not abs(produced[k]) <= _LARGEST:
+            stop_run(loop, STOP_THRUST, k, produced[k])
+        thrust = min(high[k], max(low[k], produced[k]))
         if not abs(thrust) <= loop.tau_bound:  # MuJoCo would ignore it
             stop_run(loop, STOP_THRUST, k, thrust)
         u[k] = thrust
-        if thrust <= u_min[k] or thrust >= u_max[k]:
+        if u_cmd[k] <= u_min[k] or u_cmd[k] >= u_max[k]:
             loop.saturated = 1
         x_0 += columns[6 * k] * thrust
         x_1 += columns[6 * k + 1] * thrust

@@ -54,6 +54,7 @@ _TYPES = {
     "zeta": ("/zeta", _ARRAY),
     "tau_nom": ("/tau_nom", _WRENCH),
     "tau_cmd": ("/tau_cmd", _WRENCH),
+    "tau_cmd_delayed": ("/tau_cmd/delayed", _WRENCH),
     "tau": ("/tau", _WRENCH),
     "tau_dist": ("/tau_dist", _WRENCH),
     "u": ("/thrusters", _ARRAY),
