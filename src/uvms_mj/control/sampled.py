@@ -223,7 +223,7 @@ def disturbance_rate(setup: Any) -> np.ndarray:
         table = np.array(disturbance.table)
         rate += np.abs(np.diff(table[:, 1:], axis=0) / np.diff(table[:, :1], axis=0)).max(axis=0, initial=0.0)
     if any(disturbance.deviation):
-        rate += 6.0 * rate_deviation(np.array(disturbance.deviation), disturbance.correlation_time)
+        rate += 6.0 * rate_deviation(np.array(disturbance.deviation), disturbance.correlation_time, disturbance.spacing)
     return np.abs(np.linalg.inv(setup.design.M_hat)) @ rate
 
 
