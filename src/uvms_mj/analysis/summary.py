@@ -143,6 +143,11 @@ def _force_error(trace: "Trace") -> float | None:
     return None if force is None or not math.isfinite(demanded) else force - demanded
 
 
+def _force_range(trace: "Trace") -> float | None:
+    """Greatest minus least pushing force over the last 0.5 s [N]."""
+    return float(trace.final_high[-1] - trace.final_low[-1]) if len(trace) else None
+
+
 def _thrust_peak(trace: "Trace") -> float | None:
     """Largest of X, Y and Z that the thrusters gave at any step [N]."""
     return float(trace.tau_max[-1][:3].max()) if len(trace) else None
@@ -153,6 +158,7 @@ METRICS: "Mapping[str, Callable[[Trace], Any]]" = {
     "certified_rate_m_per_s3": _certified_rate,
     "chattering_N_per_s": _chattering,
     "force_error_N": _force_error,
+    "force_range_N": _force_range,
     "thrust_peak_N": _thrust_peak,
 }
 """The numbers that a study can keep: those of a summary, and others that take longer."""

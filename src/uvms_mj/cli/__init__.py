@@ -16,6 +16,7 @@ from .logs import export, info, replay
 from .new import new
 from .paper import paper
 from .plot import compare, plot
+from .practicality import practicality
 from .run import run
 from .stop import Stop, exit_interrupted
 from .study import study
@@ -54,6 +55,7 @@ def main() -> None:
     uvms-mj study mine.toml               many runs: laws to compare, keys that vary
     uvms-mj tune mine.toml                gains for an objective and constraints over a study's runs
     uvms-mj paper --out results           the paper's section 5: figures, claims, report
+    uvms-mj practicality --out real       from ideal to real: where each law stops working on a BlueROV2 Heavy
     uvms-mj replay runs/.../run.mcap      show one or several logs in Rerun
     uvms-mj plot runs/.../run.mcap        plot one or several logs
     uvms-mj compare a.mcap b.mcap         one HTML page that compares logs
@@ -80,6 +82,7 @@ for command in (
     study,
     tune,
     paper,
+    practicality,
     replay,
     plot,
     compare,

@@ -58,7 +58,7 @@ class Claim:
     text: str
     where: str
     measured: str
-    measure: Callable[[Runs], Measured] = field(repr=False)
+    measure: Callable[[Any], Measured] = field(repr=False)
     at_least: float | None = None
     at_most: float | None = None
     because: str = ""
@@ -106,7 +106,7 @@ class Row:
     verdict: Verdict
 
     @classmethod
-    def of(cls, claim: Claim, runs: Runs) -> "Row":
+    def of(cls, claim: Claim, runs: Any) -> "Row":
         """Measure and judge a claim. A claim that can't be measured fails, e.g. if a run is too short."""
         try:
             measured = claim.measure(runs)

@@ -1,0 +1,120 @@
+"""``uvms-mj practicality``: where the paper's laws stop working on a real vehicle."""
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from .common import (
+    EXIT_BAD_INPUT,
+    asked_for,
+    bad_input,
+    command,
+    draw_to_files,
+    end,
+    json_option,
+    path_option,
+    progress_bar,
+    set_option,
+)
+from .console import print_table, table_of
+from .folders import folder_for
+from .stop import Stop, exit_interrupted
+
+if TYPE_CHECKING:
+    from ..studies.paper.claims.base import Row
+    from ..studies.practicality.results import Results
+
+EXIT_CLAIM_FAILS = 1
+PAGE = "report.html"
+
+
+@command(
+    epilog="Exit status: 0 every claim holds, 1 a claim fails, 2 bad input or no space, 130 interrupted (143 by "
+    "SIGTERM)."
+)
+@set_option
+@path_option("-o", "--out", metavar="DIR", help="Folder of the results [default: runs/practicality].")
+@click.option("-j", "--workers", metavar="N", type=click.IntRange(1, 4096), help="Processes [default: one per core].")
+@json_option
+def practicality(settings: tuple[str, ...], out: str | None, workers: int | None, as_json: bool) -> None:
+    """From ideal to real: where each of the paper's laws stops working.
+
+    The BlueROV2 Heavy presses on a wall in a current that it does not know. Its control rate, force sensor, thrusters,
+    battery, wall and model go from ideal to real, one after the other and together. DIR/report.html has the claims with
+    their measured values, the boundary of each law along each axis, maps, and the steps to a pool. DIR has one study
+    for each axis, which `uvms-mj study report` and `uvms-mj run --from` read. It takes some minutes; after any
+    interruption the same command goes on where it was.
+
+    \b
+    uvms-mj practicality --out real
+    uvms-mj practicality --out heavy_tuhh --set vehicle.model=bluerov2_heavy_tuhh
+    """
+    stop, shown = Stop(), dict[str, int]()
+    draw_to_files()
+    folder = Path(out or Path("runs", "practicality"))
+    try:
+        with bad_input():
+            results, versions = _run(settings, folder, workers, as_json, stop, shown)
+            from ..studies import pages
+            from ..studies.practicality.claims import judge
+            from ..studies.practicality.page import page
+
+            rows = judge(results)
+            pages.write(folder / PAGE, page(results, rows, versions))
+            claims = [row.as_dict() for row in rows]
+            pages.write(folder / "claims.json", json.dumps(claims, indent=1, ensure_ascii=False) + "\n")
+    except KeyboardInterrupt:
+        done = f"; {shown['done']} of {shown['total']} runs are done and kept" if shown else ""
+        end(f"interrupted{done}: the same command goes on", exit_interrupted())
+    except OSError as error:
+        end(f"error: {error.filename or folder}: {error.strerror or error}", EXIT_BAD_INPUT)
+    failed = [row.claim.id for row in rows if row.verdict.name == "fails"]
+    if as_json:
+        click.echo(json.dumps({"claims": claims, "failed": failed, "report": str(folder / PAGE)}, allow_nan=False))
+    else:
+        _table(rows)
+        click.echo(str(folder / PAGE))
+    sys.exit(EXIT_CLAIM_FAILS if failed else 0)
+
+
+def _run(
+    settings: tuple[str, ...], folder: Path, workers: int | None, hidden: bool, stop: Stop, shown: dict[str, int]
+) -> "tuple[Results, dict[str, Any]]":
+    """Run what the folder lacks of all studies. ``shown`` gets the number of runs."""
+    from ..records.header import versions
+    from ..studies.practicality.plans import plans
+    from ..studies.practicality.results import Results
+    from ..studies.study import Study, executor_of
+
+    planned = plans(asked_for((), settings)[1])
+    folder_for(str(folder))
+    total, before, frames = sum(plan.runs for plan in planned.values()), 0, {}
+    with progress_bar("running", hidden, stop) as update, executor_of(None, workers) as pool:
+        for name, plan in planned.items():
+
+            def progress(_: str, done: int, failed: int, runs: int, before: int = before) -> None:
+                shown.update(done=before + done, total=total)
+                update(before + done, total)
+
+            frames[name] = Study(plan).run(folder / name, executor=pool, progress=progress).frame
+            before += plan.runs
+    return Results(planned, frames), versions()
+
+
+def _table(rows: "list[Row]") -> None:
+    from rich.text import Text
+
+    from ..studies.pages import number
+
+    colours = {"holds": "green", "explained": "yellow", "fails": "bold red"}
+    table = table_of("claims", show_lines=True)
+    for column in ("claim", "measured", "threshold", "verdict"):
+        table.add_column(column, no_wrap=column == "verdict", overflow="fold")
+    for row in rows:
+        claim, unit = row.claim, "" if row.claim.unit == "1" else f" {row.claim.unit}"
+        measured = f"{claim.quantity}: {number(row.measured.value)}{unit}\n{row.measured.detail}"
+        table.add_row(claim.text, measured, claim.predicate, Text(row.verdict.name, style=colours[row.verdict.name]))
+    print_table(table)

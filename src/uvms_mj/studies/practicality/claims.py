@@ -1,0 +1,275 @@
+"""The claims of the page, each with its measured value and its threshold."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..pages import number
+from ..paper.claims.base import Claim, Measured, Row
+from .axes import AXES, LAWS, MAPS, RETUNED, SOFT, STEPS
+from .plans import DEMANDED
+from .results import Results
+
+_AXES = {axis.name: axis for axis in AXES}
+_RIGID = 1e5
+
+
+def _ideal(results: Results, law: str) -> tuple[float, float]:
+    """Mean push and range of the push with everything ideal [N]."""
+    row = results.along(_AXES["force_delay"], law).iloc[0]
+    return float(row["contact.final_N"]), float(row["force_error_N"])
+
+
+def impedance(results: Results) -> Measured:
+    force, _ = _ideal(results, "impedance")
+    return Measured(force, f"{number(DEMANDED)} N demanded")
+
+
+def error_of(law: str):
+    """Relative force error of a law with everything ideal [%]."""
+
+    def measure(results: Results) -> Measured:
+        force, error = _ideal(results, law)
+        return Measured(100.0 * abs(error) / (force - error), f"presses with {number(force)} N")
+
+    return measure
+
+
+def over_prediction(name: str, law: str):
+    """Value of an axis up to which a law works, over the one at which the contact force becomes too old."""
+
+    def measure(results: Results) -> Measured:
+        axis, found = _AXES[name], results.boundaries[name, law]
+        expected = results.predicted(axis, law)
+        if found.last is None or expected is None:
+            return Measured(None, "no boundary")
+        return Measured(found.last / expected, f"works to {found.last:g} s; too old from {expected:g} s on")
+
+    return measure
+
+
+def ages_over_stiffness(results: Results) -> Measured:
+    """Median over the stiffnesses of the delay up to which GSTA works, over the limit of the force's age."""
+    name, x, y = MAPS[1]
+    frame = results.frames[name].assign(works=results.works(name))
+    limits = {stiffness: delay for delay, stiffness in results.limits(name, "gsta")}
+    ratios = []
+    for stiffness, limit in limits.items():
+        rows = frame[(frame["law"] == "gsta") & (frame[y.key] == stiffness)].sort_values(x.key)
+        works = rows["works"].to_numpy()
+        if works[0] and not works.all():
+            ratios.append(float(rows[x.key].to_numpy()[int(np.argmin(works)) - 1]) / limit)
+    detail = f"{len(ratios)} stiffnesses, from {number(min(ratios))} to {number(max(ratios))}" if ratios else ""
+    return Measured(float(np.median(ratios)) if ratios else None, detail)
+
+
+def lag_over_age(results: Results) -> Measured:
+    """Time constant of the thrusters up to which GSTA works, over the delay of the force up to which it works."""
+    lag, delay = (results.boundaries[name, "gsta"].last for name in ("thruster_lag", "force_delay"))
+    if lag is None or not delay:
+        return Measured(None, "no boundary")
+    return Measured(lag / delay, f"lag to {lag:g} s, delay to {delay:g} s")
+
+
+def rate_of_fosm(results: Results) -> Measured:
+    """Control period up to which GSTA works, over that of the first-order law."""
+    ours, theirs = (results.boundaries["control_period", law].last for law in ("gsta", "fosm"))
+    if not ours or not theirs:
+        return Measured(None, "no boundary")
+    return Measured(ours / theirs, f"GSTA to {ours:g} s, the first-order law to {theirs:g} s")
+
+
+def at_real(name: str, law: str):
+    """Force error of a law at the real value of an axis [% of the demanded push]."""
+
+    def measure(results: Results) -> Measured:
+        axis = _AXES[name]
+        rows = results.along(axis, law)
+        row = rows.iloc[int(np.argmin(np.abs(rows[axis.key].to_numpy(float) - axis.real)))]
+        error, spread = float(row["force_error_N"]), float(row["force_range_N"])
+        detail = f"at {row[axis.key]:g} {axis.unit}: {error:+.2g} N, varies by {spread:.2g} N"
+        return Measured(100.0 * abs(error) / DEMANDED, detail)
+
+    return measure
+
+
+def noise(results: Results) -> Measured:
+    """Noise of the force sensor up to which GSTA works [N]."""
+    found = results.boundaries["force_noise", "gsta"]
+    return Measured(found.last, found.why)
+
+
+def steps_with(law: str, stiffness: float):
+    """Number of steps from ideal to a pool after which a law works."""
+
+    def measure(results: Results) -> Measured:
+        survived = results.steps_survived(law, stiffness)
+        stop = f"stops at: {STEPS[survived][0]}" if survived < len(STEPS) else "works after all steps"
+        return Measured(float(survived - 1), stop)
+
+    return measure
+
+
+def soft_at_100_hz(results: Results) -> Measured:
+    """Force error of GSTA with the retuned gains at 100 Hz on the soft wall [N]."""
+    row = results.step(RETUNED, 1, SOFT)
+    return Measured(abs(float(row["force_error_N"])), f"varies by {float(row['force_range_N']):.2g} N")
+
+
+CLAIMS: Sequence[Claim] = (
+    Claim(
+        "impedance",
+        "Impedance control alone does not press with the demanded force in a current that it does not know.",
+        "everything ideal",
+        "push [N]",
+        impedance,
+        at_most=0.9 * DEMANDED,
+        because="a tenth of the demanded push is the limit of the page",
+    ),
+    Claim(
+        "gsta_ideal",
+        "GSTA presses with the demanded force.",
+        "everything ideal",
+        "force error [%]",
+        error_of("gsta"),
+        at_most=1.0,
+        because="s is zero at rest",
+    ),
+    Claim(
+        "fosm_ideal",
+        "First-order sliding mode presses with a force that is wrong by a few per cent.",
+        "everything ideal",
+        "force error [%]",
+        error_of("fosm"),
+        at_least=1.0,
+        at_most=10.0,
+        because="s is not zero inside the boundary layer",
+    ),
+    Claim(
+        "control_period",
+        "GSTA works down to the control rate at which the contact force is too old.",
+        "control period",
+        "boundary over prediction",
+        over_prediction("control_period", "gsta"),
+        at_least=0.5,
+        at_most=1.5,
+        because="the prediction is D_d/(K_f k_c) for the mean age of the force; the axis has steps of 1.4",
+    ),
+    Claim(
+        "force_delay",
+        "GSTA works up to the delay of the force sensor at which the contact force is too old.",
+        "delay of the force sensor",
+        "boundary over prediction",
+        over_prediction("force_delay", "gsta"),
+        at_least=0.5,
+        at_most=1.5,
+        because="as above",
+    ),
+    Claim(
+        "stiffness",
+        "What decides is the age of the force times the stiffness of the wall.",
+        "map over delay and stiffness",
+        "boundary over prediction",
+        ages_over_stiffness,
+        at_least=0.5,
+        at_most=1.5,
+        because="the limit of the age is D_d/(K_f k_c) for all stiffnesses",
+    ),
+    Claim(
+        "lag",
+        "A lag of the thrusters matters less than an old force.",
+        "time constant of the thrusters",
+        "lag over delay",
+        lag_over_age,
+        at_least=10.0,
+        because="a lag of the thrusters leaves the force as old as the motion that the law compares it with",
+    ),
+    Claim(
+        "rate",
+        "GSTA needs a lower control rate than first-order sliding mode.",
+        "control period",
+        "period over period",
+        rate_of_fosm,
+        at_least=3.0,
+        because="the first-order law has the gain K_s/epsilon inside its boundary layer",
+    ),
+    Claim(
+        "noise",
+        "GSTA works with the noise of a force sensor.",
+        "noise of the force sensor",
+        "noise [N]",
+        noise,
+        at_least=0.5,
+        because="the real value of the axis",
+    ),
+    Claim(
+        "voltage",
+        "GSTA does not need to know the voltage of the battery.",
+        "voltage",
+        "force error [%]",
+        at_real("voltage", "gsta"),
+        at_most=1.0,
+        because="a wrong thrust is a disturbance of bounded rate",
+    ),
+    Claim(
+        "dead_band",
+        "A dead band of the thrusters does not matter while the current loads them.",
+        "dead band",
+        "force error [%]",
+        at_real("dead_band", "gsta"),
+        at_most=1.0,
+        because="the thrusters hold the vehicle against the current and stay outside the dead band",
+    ),
+    Claim(
+        "friction",
+        "Friction does not change the push of a vehicle that does not slide.",
+        "friction of the wall",
+        "force error [%]",
+        at_real("friction", "gsta"),
+        at_most=1.0,
+        because="the force of friction is along the wall",
+    ),
+    Claim(
+        "added_mass",
+        "GSTA does not need to know the added mass.",
+        "true added mass over the model's",
+        "force error [%]",
+        at_real("added_mass", "gsta"),
+        at_most=1.0,
+        because="a wrong inertia is a disturbance of bounded rate",
+    ),
+    Claim(
+        "rigid",
+        "On a wall of 1e5 N/m a control rate of 100 Hz alone stops GSTA.",
+        "steps from ideal to a pool",
+        "steps",
+        steps_with("gsta", _RIGID),
+        at_most=0.0,
+        because="the force is older than D_d/(K_f k_c)",
+    ),
+    Claim(
+        "soft",
+        "On a soft wall, or with a bumper, retuned GSTA holds the demanded force at 100 Hz.",
+        "steps from ideal to a pool",
+        "force error [N]",
+        soft_at_100_hz,
+        at_most=0.01,
+        because="the force is then younger than D_d/(K_f k_c)",
+    ),
+    Claim(
+        "pool",
+        "On a soft wall retuned GSTA also works with a real force sensor at 100 Hz.",
+        "steps from ideal to a pool",
+        "steps",
+        steps_with(RETUNED, SOFT),
+        at_least=2.0,
+        because="the second step is the force sensor",
+    ),
+)
+"""All claims in the order of the page."""
+
+
+def judge(results: Results) -> list[Row]:
+    """The claims with their measured values and verdicts."""
+    assert {str(law.get("label", law["name"])) for law in LAWS} >= {"gsta", "fosm", "impedance", RETUNED}
+    return [Row.of(claim, results) for claim in CLAIMS]

@@ -1,0 +1,68 @@
+"""The page: claims, boundaries of each law along each axis, maps, and the steps from ideal to a pool."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from ..pages import Picture, Table, rendered
+from ..paper.claims.base import Row, Verdict
+from . import figures
+from .axes import AXES, RETUNED, SOFT, STEPS
+from .plans import DEMANDED, PART
+from .results import LABELS, Results, why
+
+_PROFILES = (
+    "Push of the last 0.5 s along each axis, ideal on the left: mean, and its range as a line. A cross: the law does "
+    "not work. Grey band: the demanded force within a tenth. Dotted: a value as in a pool."
+)
+_MAPS = (
+    "Range of the push over the last 0.5 s. Hatched: the law does not work. Dashed: the contact force is as old as "
+    "D_d/(K_f k_c) lets it be."
+)
+
+
+def page(results: Results, rows: Sequence[Row], versions: Mapping[str, str]) -> str:
+    """The page as HTML."""
+    return rendered(
+        Path(__file__).with_name("practicality.html"),
+        title="From ideal to real: where each law stops working",
+        runs=sum(len(frame) for frame in results.frames.values()),
+        demanded=DEMANDED,
+        part=PART,
+        rows=rows,
+        counts={verdict: sum(row.verdict is verdict for row in rows) for verdict in Verdict},
+        boundaries=boundaries(results),
+        profiles=Picture("profiles", _PROFILES, figures.profiles(results, AXES)),
+        maps=Picture("maps-figure", _MAPS, figures.maps(results)),
+        steps=steps(results),
+        sources=[(axis.title, f"{axis.real:g} {axis.unit}".removesuffix(" 1"), axis.source) for axis in AXES],
+        versions=sorted(versions.items()),
+    )
+
+
+def boundaries(results: Results) -> Table:
+    """Where each law stops working along each axis, and what it does there."""
+    rows = []
+    for axis in AXES:
+        cells = []
+        for law in LABELS:
+            found = results.boundaries[axis.name, law]
+            cells.append(f"{found.text}; then it {found.why}" if found.why and found.last is not None else found.text)
+        unit = "" if axis.unit == "1" else f" {axis.unit}"
+        rows.append((f"{axis.title} (in a pool {axis.real:g}{unit})", cells))
+    return Table("axis", list(LABELS), rows)
+
+
+def steps(results: Results) -> Table:
+    """What GSTA does after each step, on the rigid and on the soft wall, with both sets of gains."""
+    columns = [(law, stiffness) for law in ("gsta", RETUNED) for stiffness in (1e5, SOFT)]
+    rows = []
+    for number, (title, _) in enumerate(STEPS):
+        found = [results.step(law, number, stiffness) for law, stiffness in columns]
+        cells = [
+            f"works: {row['force_error_N']:+.2g} N, varies by {row['force_range_N']:.2g} N"
+            if row["works"]
+            else why(row)
+            for row in found
+        ]
+        rows.append((title if number == 0 else f"+ {title}", cells))
+    return Table("step", [f"{law}, {stiffness:g} N/m" for law, stiffness in columns], rows)
