@@ -37,6 +37,18 @@ def test_the_texts_have_the_name(here, tmp_path):
         assert all(use.startswith(f"sea_cow.{template.partition('.')[2]}") for use in own)
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_commands_in_a_file_work(here, kind):
+    here("new", kind, "mine")
+    (path,) = Path.cwd().glob("mine.*")
+    commands = [line.partition("   ")[0] for line in re.findall(r"^\W*uvms-mj (.*)", path.read_text(), re.MULTILINE)]
+    assert len(commands) > 1
+    for i, command in enumerate(commands):
+        short = ("simulation.duration=0.01", "--engine", "free_body", "-q", "-o", f"out{i}")
+        done = here(*shlex.split(command), *(short if command.startswith("run") else ()))
+        assert done.exit_code == 0, (command, done.stderr)
+
+
 def test_the_keys_that_a_scenario_leaves_out_are_valid_and_have_their_defaults(here, tmp_path):
     here("new", "scenario", "mine")
     text = (tmp_path / "mine.toml").read_text()
