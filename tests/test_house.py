@@ -87,6 +87,8 @@ def test_another_error_inside_an_extra_is_not_hidden():
         (["signals"], {"numpy", "pydantic", "rich"}),  # the rooms say what their stages are given
         (["controllers"], {"numpy", "pydantic", "rich"}),
         (["keys"], {"numpy", "pydantic", "rich"}),
+        (["vehicles"], {"mujoco", "numpy", "pydantic", "rich"}),
+        (["new", "law", "mine"], {"pydantic"}),
         (["run", "-q", "--out", "run", "simulation.duration=1e-3"], {"mujoco", "numpy", "pydantic"}),
     ],
     ids=lambda given: " ".join(sorted(given)),

@@ -37,6 +37,18 @@ def test_the_texts_have_the_name(here, tmp_path):
         assert all(use.startswith(f"sea_cow.{template.partition('.')[2]}") for use in own)
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_commands_in_a_file_work(here, kind):
+    here("new", kind, "mine")
+    (path,) = Path.cwd().glob("mine.*")
+    commands = [line.partition("   ")[0] for line in re.findall(r"^\W*uvms-mj (.*)", path.read_text(), re.MULTILINE)]
+    assert len(commands) > 1
+    for i, command in enumerate(commands):
+        short = ("simulation.duration=0.01", "--engine", "free_body", "-q", "-o", f"out{i}")
+        done = here(*shlex.split(command), *(short if command.startswith("run") else ()))
+        assert done.exit_code == 0, (command, done.stderr)
+
+
 def test_the_keys_that_a_scenario_leaves_out_are_valid_and_have_their_defaults(here, tmp_path):
     here("new", "scenario", "mine")
     text = (tmp_path / "mine.toml").read_text()
@@ -83,6 +95,24 @@ def test_the_sensor_adds_white_noise_to_the_velocity_alone(here):
     n = error.size
     assert n > 2900
     assert abs((error**2).sum() / 0.002**2 - n) < 4.0 * np.sqrt(2.0 * n)  # chi-square, 4 standard deviations
+
+
+def test_the_observer_finds_the_force_of_the_wall(here):
+    """In still water the model explains everything else, so that the law rests where the true force would have it."""
+    settings = ("controller.name=impedance", "current.speed=0", "wall.stiffness=2e3", "simulation.timestep=5e-4")
+    trace = ran(here, "observer", *settings)
+    assert trace.f_contact_m_W[-1] == pytest.approx(trace.f_contact_W[-1], abs=1e-6)
+    assert trace.push[-1] == pytest.approx(1.5 / (1.0 + 150.0 / 2e3), rel=1e-6)
+
+
+def test_the_thrusters_lag_and_have_a_dead_band(here):
+    """T u_dot = u_cmd - u by explicit Euler, where u_cmd is zero within the dead band."""
+    settings = ("simulation.duration=0.3", "simulation.timestep=1e-3", "--log-rate=full")
+    trace = ran(here, "thrusters", *settings, "thrusters.dead_band=1.5")
+    command = np.where(np.abs(trace.u_cmd) <= 1.5, 0.0, trace.u_cmd)
+    assert 0.0 < np.mean(command == 0.0) < 1.0
+    expected = trace["thrust"][:-1] + 1e-3 / 0.02 * (command - trace["thrust"])[:-1]
+    assert trace["thrust"][1:] == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize("name", ["a/b", "two words", "2nd", "class", "none", "", "__", "my-law", "café"])

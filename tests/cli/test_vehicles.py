@@ -82,3 +82,10 @@ def test_remarks_of_an_attached_model_are_found_and_control_no_terminal(here, tm
     assert "thesis, Flinders" in text
     assert "\t" not in text
     assert "[red](2018)" in text
+
+
+def test_motors_without_a_name_are_all_there(here, tmp_path):
+    text = CUBE.read_text().replace('<motor name="surge_left"', "<motor").replace('<motor name="sway_low"', "<motor")
+    (tmp_path / "mine.xml").write_text(text)
+    thrusters = json.loads(here("vehicles", "mine.xml", "--json").stdout)["mine.xml"]["thrusters"]
+    assert list(thrusters) == ["thruster 1", "surge_right", "thruster 3", "sway_high", "heave_front", "heave_rear"]

@@ -66,7 +66,7 @@ def main() -> None:
     uvms-mj controllers                   the laws, their gains, units and defaults
     uvms-mj stages                        guidance, navigation, task, laws and actuation with their settings
     uvms-mj vehicles                      the vehicles with their source, licence and trust
-    uvms-mj new law my_law                a commented file of your own: vehicle, scenario, law, reference or sensor
+    uvms-mj new law my_law                a commented file of your own: a vehicle, a scenario, a law or another stage
     uvms-mj keys                          all keys of a scenario
     uvms-mj signals                       signals that a law receives, signals that a run records
     """

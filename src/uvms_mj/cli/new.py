@@ -13,6 +13,8 @@ KINDS = {
     "law": ("law.py", "uvms-mj run --controller {file}:{cls}"),
     "reference": ("reference.py", "uvms-mj run --set reference.name={file}:{cls}"),
     "sensor": ("sensor.py", "uvms-mj run --set navigation.name={file}:{cls}"),
+    "observer": ("observer.py", "uvms-mj run --set observer.name={file}:{cls}"),
+    "thrusters": ("thrusters.py", "uvms-mj run --set thrusters.name={file}:{cls}"),
 }
 """Template and use of each kind. A template is a valid file about ``template_name`` with the class ``TemplateName``."""
 

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
 REMARKS = ("description", "source", "licence", "trust")
 """``<text>`` entries of a vehicle's file that say what it is and where its numbers come from."""
-_AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 
 
 @command()
@@ -59,7 +58,8 @@ def described(mjcf: "Mjcf") -> dict[str, Any]:
     vehicle, remarks = mjcf.vehicle, mjcf.remarks
     prefix = vehicle.body[: vehicle.body.rfind("/") + 1]  # of a model that the file attaches
     matrices = ("M_RB", "M_A", "D_linear", "D_quadratic")
-    columns = zip(vehicle.thrusters, vehicle.B.T, vehicle.u_min, vehicle.u_max, strict=True)
+    names = [name or f"thruster {i + 1}" for i, name in enumerate(vehicle.thrusters)]
+    columns = zip(names, vehicle.B.T, vehicle.u_min, vehicle.u_max, strict=True)
     return {
         **{word: remarks.get(word) or remarks.get(prefix + word, "") for word in REMARKS},
         "mass": vehicle.mass,
@@ -96,6 +96,8 @@ def _remark(each: dict[str, Any], word: str) -> str:
 
 
 def _print_one(name: str, each: dict[str, Any]) -> None:
+    from ..plant.vehicle import AXES
+
     table = facts(printable(f"{name}: {each['description'] or 'a vehicle without a description'}"))
     for word in REMARKS[1:]:
         table.add_row(word, _remark(each, word))
@@ -107,7 +109,7 @@ def _print_one(name: str, each: dict[str, Any]) -> None:
         table.add_row(matrix, _matrix(each[matrix]))
     print_table(table)
     title = f"Thrusters: wrench of 1 N, body frame; they span {each['axes']} of 6 axes"
-    table = table_of(title, "name", *_AXES, "limits [N]", fixed=("name", *_AXES), min_width=80)
+    table = table_of(title, "name", *AXES, "limits [N]", fixed=("name", *AXES), min_width=80)
     for thruster, given in each["thrusters"].items():
         least, greatest = ("none" if x is None else f"{x:.4g}" for x in (given["least"], given["greatest"]))
         limits = "none" if least == greatest == "none" else f"{least} .. {greatest}"

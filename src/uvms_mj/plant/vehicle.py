@@ -26,6 +26,9 @@ LINKS_ARE_DRY = (
     "added mass and damping"
 )
 
+AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+"""Names of the components of nu and tau."""
+
 
 @dataclass(frozen=True, eq=False)
 class Vehicle:
