@@ -139,6 +139,30 @@ def test_a_settled_run_rests_where_the_closed_form_says(law, draw):
     assert np.abs(trace.tau[-1] - analytic.tau).max() < 1e-4
 
 
+@pytest.mark.parametrize("law", NEW)
+def test_biased_sensors_are_in_the_closed_form(law):
+    """The law rests where its measurements ask for it, also with a biased velocity."""
+    overrides = AT_WALL | {
+        "navigation.name": "sensors",
+        "navigation.position_bias": [0.002, -0.004, 0.003],
+        "navigation.velocity_bias": [0.004, -0.002, 0.003],
+        "navigation.force_bias": [0.3, -0.1, 0.05],
+        "navigation.moment_bias": [0.01, -0.02, 0.03],
+        "impedance.F_d": [-4.0, *[0.0] * 5],
+        "wall.stiffness": 2e4,
+        "simulation.timestep": 2e-4,
+        "simulation.duration": 30.0,
+    }
+    trace = run(law, overrides | ({"controller.k_i": 0.0} if law == "admittance" else {}))
+    assert isinstance(trace.analytic, SteadyState), trace.analytic
+    force, settled = final_force(trace)
+    assert settled
+    assert force == pytest.approx(trace.analytic.force, rel=1e-6)
+    assert np.abs(trace.p_WB[-1] - trace.analytic.position).max() < 1e-6
+    if trace.analytic.s is not None:
+        assert np.abs(trace.s[-1] - trace.analytic.s).max() < 1e-6
+
+
 @pytest.mark.parametrize("d", [-2.0, 0.0, 3.0])
 @pytest.mark.parametrize("K_f", [0.0, 0.6, 1.0])
 def test_the_closed_forms_are_the_scalar_balances(d, K_f):

@@ -2,7 +2,6 @@ r"""Admittance control: the measured force moves the reference of a stiff pose c
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -68,18 +67,20 @@ class Admittance(Controller):
                 tau_cmd[i] += signals.M_hat[i, j] * (a - state.xi_a[j])
 
     def at_rest(self, setup: Any) -> SteadyState | str:
-        """With an integral, the static balance with s = 0. Without, the stiffness M_hat k_p in series with K_d:
+        """With an integral, K_d eta_e = K_f (tau_c - F_d). Without, the stiffness M_hat k_p in series with K_d:
         K_d eta_e - K_f (tau_c - F_d) + K_d (M_hat k_p)^-1 (tau_cmd - g_hat) = 0."""
         if reason := not_constant(setup):
             return reason
         design = setup.design
 
         def residual(balance: Any, x: np.ndarray) -> np.ndarray:
-            inner = np.linalg.solve(self.k_p * design.M_hat, balance.effort(x))
-            return design.M_d @ balance.asked(x) + design.K_d @ inner
+            nu = balance.known(x).nu
+            demanded = design.M_d @ balance.asked(x) - design.D_d @ nu  # nu_a = 0
+            if self.k_i:
+                return demanded
+            return demanded + design.K_d @ (np.linalg.solve(design.M_hat, balance.effort(x)) + self.k_v * nu) / self.k_p
 
-        state = Linear.of(setup).checked(static_balance(setup, np.inf, None if self.k_i else residual))
-        return dataclasses.replace(state, s=None) if isinstance(state, SteadyState) else state
+        return Linear.of(setup).checked(static_balance(setup, np.inf if self.k_i else 0.0, residual))
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law oscillates."""

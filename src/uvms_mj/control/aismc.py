@@ -2,6 +2,7 @@ r"""Adaptive integral sliding mode impedance control."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -13,7 +14,7 @@ from .balance import static_balance, unknown_acceleration
 from .base import Controller, NonNegativeDiagonal, PositiveDiagonal, gain
 from .limited import within
 from .linear import Linear
-from .residual import integral_residual
+from .residual import eq_7_holds, integral_residual
 from .rest import SteadyState
 from .sampled import not_constant
 
@@ -66,14 +67,18 @@ class Aismc(Controller):
                 tau_cmd[i] -= signals.M_hat[i, j] * a
 
     def at_rest(self, setup: Any) -> SteadyState | str:
-        """The static balance with s = 0, if the switching gain exceeds the disturbance."""
+        """The static balance with eq. (7), if the switching gain exceeds the disturbance."""
         if reason := not_constant(setup):
             return reason
-        state = static_balance(setup, np.inf)
+        state = static_balance(setup, np.inf, eq_7_holds)
         if isinstance(state, str):
             return state
-        if (np.abs(unknown_acceleration(setup, state)) >= (self.K_max if self.rate else self.K_0)).any():
+        phi, K = unknown_acceleration(setup, state), np.full(6, self.K_0)
+        if self.rate:
+            K = np.minimum(self.K_max, np.maximum(K, np.abs(phi) / RESTS_AT))
+        if (np.abs(phi) >= K).any():
             return "the disturbance is larger than the switching gain can balance"
+        state = dataclasses.replace(state, states={"K": K, "nu_hat": -phi / K * self.epsilon})
         return self._steepest(setup).checked(state)
 
     def notes(self, setup: Any) -> Iterator[str]:

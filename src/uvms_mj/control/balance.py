@@ -60,7 +60,8 @@ def static_balance(
 
     Args:
         setup: the run's :class:`uvms_mj.analysis.setup.Setup`.
-        K: slope of the law over s [1/s]; infinite for a law that integrates, so that s is zero at rest.
+        K: slope of the law over s [1/s]; infinite for a law that integrates, so that s is zero at rest. With a
+            residual, only whether it is infinite counts: whether the law balances any constant wrench.
         residual: the six equations of another law, from the balance and x (6,), in place of the ones above.
 
     Returns:
@@ -76,7 +77,7 @@ def static_balance(
     observer = scenario.observer if scenario.observer.runs else None
     if observer is not None and not is_shipped(observer):
         return "closed forms are known for the shipped observers only"
-    if K == 0.0 and 0.0 in setup.task.A:
+    if residual is None and K == 0.0 and 0.0 in setup.task.A:
         return "with a zero in A, zeta is not constant at rest: it integrates the remaining error"
     delivery = Delivery.of(setup)
     if isinstance(delivery, str):
@@ -86,9 +87,7 @@ def static_balance(
     errors = scenario.navigation.rest_errors(setup)
     if isinstance(errors, str):
         return errors
-    if residual is not None and (observer is not None or not _exact(errors)):
-        return "with errors of the sensors, closed forms are known for the laws of the impedance task only"
-    if delivery.static.error and (np.isfinite(K) or residual is not None):
+    if delivery.static.error and np.isfinite(K):
         return f"{delivery.static.error}, and the law does not integrate"
     solved = _solve(setup, K, delivery, residual)
     if solved is None:
@@ -103,14 +102,6 @@ def static_balance(
     if state.force > 0.0 and setup.scenario.wall.friction > 0.0:
         return "with friction, the rest position depends on the path"
     return state
-
-
-def _exact(errors: Any) -> bool:
-    """Whether the measurements of a vehicle at rest are the truth."""
-    position, quat, tau_c = np.ones(3), np.full(4, 0.5), np.ones(6)
-    known = errors(position, quat, tau_c)
-    pairs = ((known.position, position), (known.quat, quat), (known.tau_c, tau_c), (known.nu, np.zeros(6)))
-    return all(np.array_equal(measured, true) for measured, true in pairs)
 
 
 def unknown_acceleration(setup: Any, state: SteadyState) -> np.ndarray:
@@ -130,7 +121,7 @@ def _solve(setup: Any, K: float, delivery: Delivery, residual_of: Any = None) ->
     Returns the state with its measurements."""
     wall = setup.scenario.wall
     for in_contact in (False, True):
-        balance = _Balance(setup, K, in_contact, delivery)
+        balance = _Balance(setup, K, in_contact, delivery, residual_of is not None)
         of = balance if residual_of is None else functools.partial(residual_of, balance)
         x = np.zeros(6)
         for _ in range(60):
@@ -154,7 +145,7 @@ class _Balance:
     """Residual (6,) of the balance and its terms, functions of x (6,): position minus reference in W, and the rotation
     vector from the desired attitude."""
 
-    def __init__(self, setup: Any, K: float, in_contact: bool, delivery: Delivery) -> None:
+    def __init__(self, setup: Any, K: float, in_contact: bool, delivery: Delivery, own: bool = False) -> None:
         scenario, design = setup.scenario, setup.design
         self.setup, self.K, self.in_contact = setup, K, in_contact
         self.target = np.array(scenario.reference.rest_pose(scenario)[0])
@@ -165,7 +156,7 @@ class _Balance:
         self.undelivered = np.eye(6) - np.linalg.inv(delivery.T)
         self.K_f, self.F_d = (np.array(each) for each in scenario.impedance.at_end)
         self.factor_inverse = self.A / (self.A - K)
-        self.told = scenario.controller.uses_truth
+        self.told, self.own = scenario.controller.uses_truth, own
         self.errors = scenario.navigation.rest_errors(setup)
         self._at: tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
 
@@ -222,8 +213,11 @@ class _Balance:
         return np.array(self.setup.task.F_1) * np.concatenate([v, turning])
 
     def sliding(self, x: np.ndarray) -> np.ndarray | None:
-        """s (6,) at rest: A s = F_1 eta_e_dot - w. None if zeta integrates what the ideal law does not answer to."""
-        if not self.told:
+        """s (6,) at rest: A s = F_1 eta_e_dot - w. None if zeta integrates what the law does not answer to, or there is
+        no task."""
+        if not self.setup.scenario.controller.uses_task:
+            return None
+        if not (self.told or self.own):
             return (self.unknown(x) - self.moving(x)) / (self.K - self.A) + 0.0  # zero has no sign
         left = self.moving(x) - self.asked(x)
         if np.abs(left).max() < 1e-12:
@@ -236,25 +230,31 @@ class _Balance:
         return g_eta - d - self.contact(x)
 
     def effort(self, x: np.ndarray) -> np.ndarray:
-        """tau_cmd - g_hat(eta) (6,) that holds the vehicle at rest."""
-        return -self.contact(x) - self.setup.design.M_hat @ self.unknown(x)
+        """tau_cmd - C_hat nu - D_hat nu - g_hat (6,) that holds the vehicle at rest."""
+        return -self.known(x).tau_c - self.setup.design.M_hat @ self.unknown(x)
 
     def unknown(self, x: np.ndarray, known: Any = None) -> np.ndarray:
         """The acceleration (6,) that a law without an integral term must balance through s, with the measurements
         ``known``; default: those at x."""
         d, g_eta = self.environment(x)
         known = self.known(x) if known is None else known
-        estimates, term = self.setup.scenario.estimates, np.empty(6)
+        estimates = self.setup.scenario.estimates
         vehicle = self.setup.nominal
         nominal = self.restoring(vehicle, rotation_matrix(known.quat))
         unknown = (estimates.restoring - 1.0) * nominal + (nominal - g_eta) + (self.contact(x) - known.tau_c)
-        if known.nu.any():
-            damping(vehicle.D_linear, vehicle.D_quadratic, known.nu, term)
-            unknown += estimates.damping * term
+        return self.M_hat_inv @ (d + unknown + self.resistance(known.nu) + self.undelivered @ self.thrust(x))
+
+    def resistance(self, nu: np.ndarray) -> np.ndarray:
+        """C_hat nu + D_hat nu (6,) of a measured velocity (6,)."""
+        vehicle, estimates = self.setup.nominal, self.setup.scenario.estimates
+        total, term = np.zeros(6), np.empty(6)
+        if nu.any():
+            damping(vehicle.D_linear, vehicle.D_quadratic, nu, term)
+            total += estimates.damping * term
             for coriolis, M in ((coriolis_added_mass, vehicle.M_A), (coriolis_rigid_body, vehicle.M_RB)):
-                coriolis(M, known.nu, term)
-                unknown += estimates.coriolis * term
-        return self.M_hat_inv @ (d + unknown + self.undelivered @ self.thrust(x))
+                coriolis(M, nu, term)
+                total += estimates.coriolis * term
+        return total
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         if self.told:

@@ -11,7 +11,7 @@ import numpy as np
 from .balance import static_balance
 from .base import Controller, NonNegativeDiagonal, gain
 from .linear import Linear
-from .residual import integral_residual
+from .residual import eq_7_holds, integral_residual
 from .rest import SteadyState
 from .sampled import not_constant
 
@@ -54,12 +54,12 @@ class DobImpedance(Controller):
             tau_cmd[i] = signals.tau_nom[i] - d_hat[i]
 
     def at_rest(self, setup: Any) -> SteadyState | str:
-        """The static balance with s = 0."""
+        """The static balance with eq. (7)."""
         if reason := not_constant(setup):
             return reason
         if 0.0 in self.bandwidth:
             return "with a bandwidth of 0 the observer does not reject the disturbance"
-        return Linear.of(setup).checked(static_balance(setup, np.inf))
+        return Linear.of(setup).checked(static_balance(setup, np.inf, eq_7_holds))
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law oscillates."""

@@ -11,9 +11,10 @@ Euler takes the vehicle over the time steps:
 
 .. math:: M \dot\nu = \tau + \tau_c - D_{linear} \nu, \qquad \dot x = \nu
 
-The states of the law advance by one explicit Euler step a period. The spectral radius of the whole, one matrix for a
-period, decides: above 1 a motion grows. The model leaves out the loss of contact, quadratic damping, the restoring
-wrench, the attitude's effect on the directions, limits, and the periods of the other stages.
+The states of the law advance by one explicit Euler step a period. What sensors, an observer, computation and thrusters
+add to the age of the contact force delays the command. The spectral radius of the whole, one matrix for a period,
+decides: above 1 a motion grows. The model leaves out the loss of contact, quadratic damping, the restoring wrench, the
+attitude's effect on the directions, and limits.
 """
 
 import functools
@@ -26,16 +27,19 @@ from typing import Any
 import numpy as np
 
 from .rest import SteadyState
+from .sampled import Vibration
 
 GROWS = 1e-3
 """A growth rate above this is more than rounding [1/s]."""
 _EPS = 1e-6
+_MOST_COMMANDS = 20
+"""Most commands that are on their way; of a longer delay, the law is taken at longer periods."""
 
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """A law linearized about rest; ``law`` (6 + n, 18 + n) gives tau and the derivatives of its n states from x, nu,
-    tau_c and these states."""
+    """A law linearized about rest; ``law`` (6 + 2 n, 18 + n) gives tau, its n states as the law leaves them, and their
+    rates, from x, nu, tau_c and the states."""
 
     setup: Any
     law: np.ndarray
@@ -46,29 +50,50 @@ class Linear:
         about = tuple((name, tuple(value.tolist())) for name, value in (states or {}).items())
         return cls(setup, _jacobian(setup, about))
 
+    @functools.cached_property
+    def late(self) -> float:
+        """Age of the contact force in tau besides the law's own period [s]."""
+        scenario = self.setup.scenario
+        h = scenario.simulation.timestep
+        steps, read = (round(T / h) for T in (scenario.control_period, scenario.actuation.period or h))
+        return Vibration.of(self.setup).age - 0.5 * h * (steps - math.gcd(steps, read))
+
     def growth(self, period: float, k_c: float) -> float:
         """Growth rate of the fastest growing motion, on a wall of stiffness k_c [N/m] or without one (0) [1/s]."""
+        h = self.setup.scenario.simulation.timestep
+        late = round(self.late / h)
+        steps = max(1, round(period / h), -(-late // _MOST_COMMANDS))
+        whole, rest = divmod(late, steps)
+        step, held, contact = self._step(k_c)
+        (free, old), (after, new) = _held(step, held, rest), _held(step, held, steps - rest)
+        n = (len(self.law) - 6) // 2
+        seen = np.zeros((18 + n, 12 + n))  # x, nu, tau_c and states, from x, nu and states
+        seen[:12, :12], seen[12:18, :12], seen[18:, 12:] = np.eye(12), contact, np.eye(n)
+        given = self.law @ seen
+        # x and nu, the states, and the commands u_(k-1), u_(k-2), ...; two commands act in a period
+        size = 12 + n + 6 * (whole + 1)
+        commands = np.zeros((6 * (whole + 2), size))
+        commands[:6, : 12 + n], commands[6:, 12 + n :] = given[:6], np.eye(6 * (whole + 1))
+        acting, next_acting = commands[6 * whole : 6 * whole + 6], commands[6 * whole + 6 :]
+        change = np.zeros((size, size))
+        change[:12, :12] = after @ free
+        change[:12] += new @ acting + after @ old @ next_acting
+        change[12 : 12 + n, : 12 + n] = given[6 : 6 + n] + h * steps * given[6 + n :]
+        change[12 + n :] = commands[:-6]
+        radius = float(np.abs(np.linalg.eigvals(change)).max())
+        return math.log(radius) / (h * steps) if radius > 0.0 else -math.inf
+
+    def _step(self, k_c: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """One time step of x and nu: by itself (12, 12), by tau (12, 6), and tau_c (6, 12) before it."""
         setup, h = self.setup, self.setup.scenario.simulation.timestep
         n, one, M_inv = setup.design.normal, np.eye(6), np.linalg.inv(setup.design.M)
         b_c = setup.scenario.wall.damping if k_c else 0.0
-        contact = -np.outer(n, n) @ np.hstack([k_c * one, b_c * one])  # tau_c from x and nu
+        contact = -np.outer(n, n) @ np.hstack([k_c * one, b_c * one])
         force = M_inv @ (contact - np.hstack([0.0 * one, setup.vehicle.D_linear]))
         step, held = np.eye(12), np.vstack([h * h * M_inv, h * M_inv])
         step[:6] += h * (np.hstack([0.0 * one, one]) + h * force)
         step[6:] += h * force
-        free, forced = np.eye(12), np.zeros((12, 6))
-        for bit in f"{max(1, round(period / h)):b}":  # free = step^k, forced = (1 + step + ... + step^(k - 1)) held
-            free, forced = free @ free, free @ forced + forced
-            if bit == "1":
-                free, forced = step @ free, step @ forced + held
-        size = len(self.law) - 6
-        seen = np.zeros((18 + size, 12 + size))  # x, nu, tau_c and states, from x, nu and states
-        seen[:12, :12], seen[12:18, :12], seen[18:, 12:] = np.eye(12), contact, np.eye(size)
-        given = self.law @ seen
-        whole = np.vstack([forced @ given[:6], period * given[6:]]) + np.eye(12 + size)
-        whole[:12, :12] += free - np.eye(12)
-        radius = float(np.abs(np.linalg.eigvals(whole)).max())
-        return math.log(radius) / period if radius > 0.0 else -math.inf
+        return step, held, contact
 
     @functools.cached_property
     def growths(self) -> tuple[float, float]:
@@ -107,12 +132,14 @@ class Linear:
 @functools.lru_cache(maxsize=8)  # the warnings and the rest of a run need the same one
 def _jacobian(setup: Any, about: tuple[tuple[str, tuple[float, ...]], ...]) -> np.ndarray:
     """The matrix ``law`` of :class:`Linear`, by differences."""
-    law, task, design, impedance = setup.scenario.controller, setup.task, setup.design, setup.scenario.impedance
+    law, task, design = setup.scenario.controller, setup.task, setup.design
     kind = type(law)
     # records of NumPy, which the functions also take, are five times slower
     signals = _fields({signal.name: np.zeros(signal.shape) for signal in kind.given()})
     signals.M_hat, signals.M_d, signals.D_d = design.M_hat, design.M_d, design.D_d
-    signals.K_d, signals.K_f, signals.F_d = np.diag(design.K_d), np.array(impedance.K_f), np.array(impedance.F_d)
+    signals.K_d = np.diag(design.K_d)
+    impedance = setup.scenario.impedance
+    signals.K_f, signals.F_d = np.array(impedance.K_f), np.array(impedance.F_d)
     signals.quat_e, signals.period, signals.instant = np.array([1.0, 0.0, 0.0, 0.0]), setup.scenario.control_period, 1
     gains, task_gains = _fields(law.constants(setup)), _fields(task.constants(setup))
     state, rates = (_fields({name: np.zeros(size) for name, size in kind.states.items()}) for _ in range(2))
@@ -130,10 +157,20 @@ def _jacobian(setup: Any, about: tuple[tuple[str, tuple[float, ...]], ...]) -> n
         if kind.uses_task:
             type(task).step(task_gains, zeta, signals, zeta_dot, signals)
         kind.law(gains, state, signals, rates, tau_cmd)
-        return np.concatenate([tau_cmd, *vars(rates).values()])
+        return np.concatenate([tau_cmd, *states, *vars(rates).values()])
 
     at_rest = evaluate(np.zeros(18 + len(base)))
     return np.array([evaluate(e) - at_rest for e in _EPS * np.eye(18 + len(base))]).T / _EPS
+
+
+def _held(step: np.ndarray, held: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """step^steps and (1 + step + ... + step^(steps - 1)) held: a command held over some steps."""
+    free, forced = np.eye(12), np.zeros((12, 6))
+    for bit in f"{steps:b}":
+        free, forced = free @ free, free @ forced + forced
+        if bit == "1":
+            free, forced = step @ free, step @ forced + held
+    return free, forced
 
 
 def _fields(values: Mapping[str, Any]) -> SimpleNamespace:

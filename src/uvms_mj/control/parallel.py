@@ -2,7 +2,6 @@ r"""Parallel force/position control: the integral of the force error dominates t
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -67,12 +66,11 @@ class Parallel(Controller):
 
         def residual(balance: Any, x: np.ndarray) -> np.ndarray:
             missing = M_hat @ (balance.asked(x) - balance.unknown(x))  # tau_cmd - tau_nom
-            error = n @ (balance.contact(x) - F_d) if self.k_i else 0.0
+            error = n @ (balance.known(x).tau_c - F_d) if self.k_i else 0.0
             xi = n @ missing
             return missing - n * xi + n * at_limit(xi, error, self.limit if self.k_i else 0.0)
 
-        state = Linear.of(setup).checked(static_balance(setup, np.inf, residual))
-        return dataclasses.replace(state, s=None) if isinstance(state, SteadyState) else state
+        return Linear.of(setup).checked(static_balance(setup, 0.0, residual))
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if no force is asked for along the wall's normal, or the sampled law oscillates."""

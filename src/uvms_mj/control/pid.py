@@ -2,7 +2,6 @@ r"""PD+I control of the pose with feed-forward of a desired force. It measures n
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -59,12 +58,11 @@ class Pid(Controller):
         limit = np.where(self.k_i * K_d.diagonal() > 0.0, limit, 0.0)  # elsewhere xi stays zero
 
         def residual(balance: Any, x: np.ndarray) -> np.ndarray:
-            spring = K_d @ balance.error(x)
-            xi = -(balance.effort(x) + balance.K_f * balance.F_d + spring)
+            spring, damper = K_d @ balance.error(x), setup.design.D_d @ balance.known(x).nu
+            xi = -(balance.effort(x) + balance.resistance(balance.known(x).nu) + balance.K_f * balance.F_d + spring + damper)
             return at_limit(xi, spring, limit)
 
-        state = Linear.of(setup).checked(static_balance(setup, np.inf, residual))
-        return dataclasses.replace(state, s=None) if isinstance(state, SteadyState) else state
+        return Linear.of(setup).checked(static_balance(setup, 0.0, residual))
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law oscillates."""

@@ -13,6 +13,10 @@ Integral sliding mode in systems operating under uncertainty conditions). Under 
 A constant sigma means that eq. (7) holds, whatever its value is.
 """
 
+from typing import Any
+
+import numpy as np
+
 from ..physics.kernels import kernel
 
 
@@ -24,3 +28,8 @@ def integral_residual(signals, nu_hat, nu_hat_dot, sigma):
             nu_hat[i] = signals.nu[i]
         nu_hat_dot[i] = signals.nu_d_dot[i] - signals.w[i]
         sigma[i] = signals.nu[i] - nu_hat[i]
+
+
+def eq_7_holds(balance: Any, x: np.ndarray) -> np.ndarray:
+    """Residual (6,) of the static balance of a law under which sigma is constant at rest."""
+    return balance.asked(x)
