@@ -33,7 +33,7 @@ PUSHING = {  # as in tests/analysis/test_noise.py
 LEVELS = {  # of the noise, from the least to the greatest
     "force": ("N", np.array([0.5, 1.0, 2.0, 5.0, 10.0]), BLUE),
     "position": ("mm", np.array([0.5, 1.0, 2.0, 5.0, 10.0]) * 1e-3, RED),
-    "velocity": ("cm/s", np.array([0.5, 1.0, 2.0, 5.0, 10.0]) * 1e-3, INK),
+    "velocity": ("mm/s", np.array([0.5, 1.0, 2.0, 5.0, 10.0]) * 1e-3, INK),
 }
 
 
@@ -46,12 +46,18 @@ def run(settings: dict, law: str = "impedance", rate: float | str = 100.0) -> Tr
 def force(ax: Axes) -> None:
     sensor = {"period": 0.02, "delay": 0.05, "noise": 0.5, "quantum": 0.1}
     settings = {f"navigation.force_{name}": value for name, value in sensor.items()}
-    more = {"initial.position": [0.98, 0.0, 0.0], "initial.velocity": [0.12, *[0.0] * 5], "simulation.duration": 2.0}
-    trace = run(PUSHING | settings | more | {"simulation.timestep": 1e-3}, rate="full")
+    more = {"initial.position": [0.98, 0.0, 0.0], "simulation.duration": 4.0, "simulation.timestep": 1e-3}
+    trace = run(PUSHING | settings | more, rate="full")
+    ax.plot(
+        trace.t,
+        -trace.f_contact_m_W[:, 0],
+        color=RED,
+        lw=0.8,
+        label="measured: 50 Hz, 50 ms late,\n0.5 N, steps of 0.1 N",
+    )
     ax.plot(trace.t, trace.push, color=INK, lw=1.2, label="truth")
-    ax.plot(trace.t, -trace.f_contact_m_W[:, 0], color=RED, lw=0.8, label="measured: 50 Hz, 50 ms late, 0.5 N")
-    ax.set(xlabel="t [s]", ylabel="pushing force [N]", xlim=(0.0, 1.2))
-    ax.legend(loc="lower right", frameon=False)
+    ax.set(xlabel="t [s]", ylabel="pushing force [N]", xlim=(1.3, 2.1), ylim=(-2.0, 46.0))
+    ax.legend(loc="upper left", frameon=False)
 
 
 def spectra(ax: Axes) -> None:
@@ -86,7 +92,7 @@ def spectra(ax: Axes) -> None:
 
 def push(ax: Axes) -> None:
     for quantity, (unit, levels, colour) in LEVELS.items():
-        scale = {"N": 1.0, "mm": 1e-3, "cm/s": 1e-2}[unit]
+        scale = {"N": 1.0, "mm": 1e-3, "mm/s": 1e-3}[unit]
         predicted, measured = [], []
         for level in levels:
             settings = PUSHING | {f"navigation.{quantity}_noise": float(level)}
