@@ -56,7 +56,8 @@ def test_three_levels_of_noise_give_the_push_its_deviation(quantity, levels):
 
 
 def test_slow_late_sensors_and_a_slow_law():
-    """The loop is periodic in time: 20 ms and 30 ms of the sensors, 10 ms of the law, 4 ms of the thrusters."""
+    """The loop is periodic in time: 20 ms and 30 ms of the sensors, 10 ms of the law, whose commands take 14 ms, and
+    4 ms of the thrusters."""
     settings = {
         "navigation.velocity_noise": 5e-3,
         "navigation.velocity_period": 0.02,
@@ -65,6 +66,7 @@ def test_slow_late_sensors_and_a_slow_law():
         "navigation.force_period": 0.03,
         "navigation.force_delay": 0.006,
         "controller.period": 0.01,
+        "controller.delay": 0.014,
         "actuation.period": 0.004,
     }
     found, trace, settled = compared(PUSHING | settings)

@@ -48,7 +48,7 @@ def test_plain_python_and_machine_code_agree_to_the_last_bit():
 def compiled_normal():
     """The kernel as machine code, with its helpers."""
     names = dict(vars(random))
-    for name in ("high_word", "low_word", "random_bits", "standard_normal"):
+    for name in ("random_bits", "standard_normal"):
         function = names[name]
         copy = type(function)(function.__code__, names, name)
         names[name] = numba.njit(copy)

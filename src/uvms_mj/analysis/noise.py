@@ -87,6 +87,9 @@ def _unknown(setup: Setup, channels: Mapping[str, Channel]) -> str:
         return f"the noise's way through {scenario.actuation.label()} is not known"
     if scenario.controller.uses_truth:
         return "the law is told the truth"
+    contacts = getattr(setup, "contacts", None)
+    if contacts is not None and contacts.pairs:
+        return "it is known for the probe and [wall] alone"
     if getattr(scenario.navigation, "mass_behind", 0.0):
         return "the force sensor sees an acceleration: navigation.mass_behind"
     for quantity, channel in channels.items():
@@ -116,6 +119,23 @@ def _stacked(parts: list[_Linear]) -> _Linear:
     return _Linear(np.vstack([each.by_state for each in parts]), np.vstack([each.by_noise for each in parts]))
 
 
+def _kept(numbers: int, period: int, delay: int) -> int:
+    """Size of the samples that are kept from step to step; times are in steps."""
+    return numbers * (-(-delay // period) + (period > 1))
+
+
+def _arrived(k: int, period: int, delay: int, fresh: _Linear, register: _Linear) -> tuple[_Linear, _Linear]:
+    """The last sample that has arrived at step k, and the samples to keep, the newest first. ``fresh`` is the sample of
+    step k, if one is due."""
+    n = len(fresh.by_state)
+    rows = [slice(first, first + n) for first in range(0, len(register.by_state), n)]
+    samples = [_Linear(register.by_state[each], register.by_noise[each]) for each in rows]
+    if k % period == 0:
+        samples.insert(0, fresh)
+    left = _stacked(samples[: len(rows)]) if rows else register
+    return samples[k // period - (k - delay) // period], left
+
+
 class _Loop:
     """The linear sampled loop. The channels have their samples and the stages their periods as in a run."""
 
@@ -128,10 +148,10 @@ class _Loop:
         self.channels = [channels[name] for name in _PLACES]
         self.periods = [round((each.period or step) / h) for each in self.channels]
         self.delays = [round(each.delay / h) for each in self.channels]
+        self.late = round((scenario.controller.delay or 0.0) / h)
         self.steps = math.lcm(self.control, self.actuation, *self.periods)
-        self.kept = [-(-delay // period) for delay, period in zip(self.delays, self.periods, strict=True)]
-        self.kept = [n + (period > 1) for n, period in zip(self.kept, self.periods, strict=True)]
-        sizes = [12, len(law.law.at_rest), *(3 * n for n in self.kept), 6, 6]
+        sizes = [12, len(law.law.at_rest), *map(_kept, [3] * 6, self.periods, self.delays)]
+        sizes += [_kept(6, self.control, self.late), 6]
         ends = np.cumsum(sizes)
         self.places = [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]
         self.size = int(ends[-1])
@@ -150,32 +170,27 @@ class _Loop:
     def at(self, k: int) -> tuple[_Linear, _Linear, _Linear]:
         """The state after step k, the measurements (18,) and the thrust (6,) in it."""
         z = [_Linear(np.eye(self.size)[place], np.zeros((place.stop - place.start, 18))) for place in self.places]
-        x, states, *registers, commanded, u = z
-        now, measured, after = _Linear(self.sensed, self.sigmas), [], []
+        x, states, *registers, commands, u = z
+        now, measured, kept = _Linear(self.sensed, self.sigmas), [], []
         for i, (period, delay, register) in enumerate(zip(self.periods, self.delays, registers, strict=True)):
             rows = slice(3 * i, 3 * i + 3)
             fresh = _Linear(now.by_state[rows] @ x.by_state, now.by_noise[rows])
-            older = [
-                _Linear(register.by_state[j : j + 3], register.by_noise[j : j + 3])
-                for j in range(0, 3 * self.kept[i], 3)
-            ]
-            samples = [fresh, *older] if k % period == 0 else older
-            measured.append(samples[k // period - (k - delay) // period])
-            after += samples[: self.kept[i]]
+            arrived, left = _arrived(k, period, delay, fresh, register)
+            measured.append(arrived)
+            kept.append(left)
         y = _stacked(measured)
+        response = self.law.by_measurement @ y + self.law.by_state @ states
+        fresh = _Linear(response.by_state[:6], response.by_noise[:6])
+        commanded, left = _arrived(k, self.control, self.late, fresh, commands)
         if k % self.control == 0:
-            response = self.law.by_measurement @ y + self.law.by_state @ states
-            commanded = _Linear(response.by_state[:6], response.by_noise[:6])
-            T = self.h * self.control
-            states = states + T * np.eye(len(response.by_state) - 6) @ _Linear(
-                response.by_state[6:], response.by_noise[6:]
-            )
+            T = self.h * self.control * np.eye(len(response.by_state) - 6)
+            states = states + T @ _Linear(response.by_state[6:], response.by_noise[6:])
         u = commanded if k % self.actuation == 0 else u
         nu_dot = self.vehicle.acceleration_by_state @ x + self._delivered @ u
         nu = _Linear(x.by_state[6:], x.by_noise[6:]) + self.h * np.eye(6) @ nu_dot
         moved = self.h * np.block([[self.vehicle.R_WB, np.zeros((3, 3))], [np.zeros((3, 3)), np.eye(3)]]) @ nu
         pose = _Linear(x.by_state[:6], x.by_noise[:6]) + moved
-        return _stacked([pose, nu, states, *after, commanded, u]), y, u
+        return _stacked([pose, nu, states, *kept, left, u]), y, u
 
     @property
     def _delivered(self) -> np.ndarray:

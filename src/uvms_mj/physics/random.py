@@ -1,8 +1,9 @@
 r"""Random numbers from a counter: key and counter alone decide them, whatever is drawn before, after or beside them.
 
 A block of ten rounds of multiplication and exchange (Philox-4x32-10; Salmon, Moraes, Dror and Shaw, "Parallel random
-numbers: as easy as 1, 2, 3", SC11, 2011) turns a key of 64 bits and a counter of 128 bits into 128 random bits. The
-integers stay below 2^63, so that plain Python and machine code compute the same.
+numbers: as easy as 1, 2, 3", SC11, 2011) turns a key of 64 bits and a counter of 128 bits into 128 random bits. A
+product of two words of 32 bits wraps around in machine code and does not in plain Python. Its lower 64 bits are the
+same, and only they are used.
 """
 
 import hashlib
@@ -17,29 +18,15 @@ _UNIT = 2.0**-53
 
 
 @kernel
-def high_word(a, b) -> int:
-    """The upper 32 bits of the product of two numbers of 32 bits."""
-    low = a * (b & 0xFFFF)
-    return (a * (b >> 16) + (low >> 16)) >> 16
-
-
-@kernel
-def low_word(a, b) -> int:
-    """The lower 32 bits of the product of two numbers of 32 bits."""
-    low = a * (b & 0xFFFF)
-    return (((a * (b >> 16) + (low >> 16)) & 0xFFFF) << 16) | (low & 0xFFFF)
-
-
-@kernel
 def random_bits(key, instant, index, block) -> int:
     """53 random bits, an integer in [0, 2^53), from a key in [0, 2^63) and a counter: instant in [0, 2^63), index and
     block in [0, 2^32)."""
-    c_0, c_1, c_2, c_3 = instant & _LOW, instant >> 32, index, block
-    k_0, k_1 = key & _LOW, key >> 32
+    c_0, c_1, c_2, c_3 = int(instant & _LOW), int(instant >> 32), int(index), int(block)
+    k_0, k_1 = int(key & _LOW), int(key >> 32)
     for _ in range(10):
-        high_0, low_0 = high_word(c_0, _M_0), low_word(c_0, _M_0)
-        high_1, low_1 = high_word(c_2, _M_1), low_word(c_2, _M_1)
-        c_0, c_1, c_2, c_3 = high_1 ^ c_1 ^ k_0, low_1, high_0 ^ c_3 ^ k_1, low_0
+        product_0, product_1 = c_0 * _M_0, c_2 * _M_1
+        c_0, c_1 = ((product_1 >> 32) & _LOW) ^ c_1 ^ k_0, product_1 & _LOW
+        c_2, c_3 = ((product_0 >> 32) & _LOW) ^ c_3 ^ k_1, product_0 & _LOW
         k_0, k_1 = (k_0 + _W_0) & _LOW, (k_1 + _W_1) & _LOW
     return (c_0 << 21) + (c_1 >> 11)
 
