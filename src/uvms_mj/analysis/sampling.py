@@ -16,7 +16,8 @@ from ..scenario import STAGES, Scenario
 from .setup import Setup, set_up
 from .wall import wall_faults, wall_notes
 
-_CHECKED = frozenset({"wall", "simulation.timestep", "disturbance"})
+_WALLS = ("wall", "walls", "bumper")
+_CHECKED = frozenset({*_WALLS, "simulation.timestep", "disturbance"})
 _PERIODS = tuple(f"{table}.period" for table in STAGES)
 _SMALL, _LARGE = 1e-6, 1e8
 """If an equation overflows, the message names the keys with numbers outside this range."""
@@ -44,7 +45,7 @@ def refuse(setup: Setup, touched: Set[str] = _CHECKED) -> None:
     faults: list[Fault] = []
     if not touched.isdisjoint(("simulation.timestep", *_PERIODS)):
         faults += _stage_faults(setup.scenario)
-    if not touched.isdisjoint(("wall", "reference.attitude_deg", "simulation.timestep")):
+    if not touched.isdisjoint((*_WALLS, "reference.attitude_deg", "simulation.timestep")):
         faults += wall_faults(setup)
     if not touched.isdisjoint(("disturbance", "simulation.timestep")):
         faults += _aliased(setup.scenario)

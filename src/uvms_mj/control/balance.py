@@ -17,7 +17,8 @@ eq. (10) is then
 For A = 0 and K > 0 the left factor is infinite, which is eq. (6). T = B B_hat^+ gives the wrench of the true thrusters
 for a commanded one, and tau = g - d - tau_c holds the vehicle. Here d = tau_dist - C_A(-nu_c)(-nu_c) - D(-nu_c)(-nu_c)
 is the wrench of the current and the constant disturbance on the vehicle at rest, at its rest attitude.
-The frictionless wall gives tau_c = -k_c (x - x_c) along its normal for x > x_c. For GSTA with the attitude reference
+The frictionless wall gives tau_c = -k_c (x - x_c) along its normal for x > x_c; each contact of the list gives the
+force of its springs with its moment (:mod:`.springs`). For GSTA with the attitude reference
 along W this is eq. (12) at rest against the spring of eq. (34), F = K_x (x_d - x_c) / (1 + K_x / k_c); the paper's
 1.5 N neglects the compliance of the wall. The six equations are solved by Newton's method.
 """
@@ -30,6 +31,13 @@ from ..physics.fossen import coriolis_added_mass, damping, restoring
 from ..physics.frames import quat_error, rotation_matrix
 from ..stages.base import is_shipped
 from .rest import SteadyState
+from .springs import Springs
+
+_SOFTER = (1e-2, 0.1, 1.0)
+"""Factors of the stiffness of the list of contacts, by which the set of contacts at rest is found."""
+
+_HALVES = 12
+"""Number of times that a step of Newton's method is halved, where the set of contacts changes."""
 
 
 def static_balance(setup: Any, K: float) -> SteadyState | str:
@@ -49,48 +57,68 @@ def static_balance(setup: Any, K: float) -> SteadyState | str:
         return "closed forms are known for the shipped navigation and actuation only"
     if K == 0.0 and 0.0 in setup.task.A:
         return "with a zero in A, zeta is not constant at rest: it integrates the remaining error"
+    if any(wall.moves for _, wall in setup.contacts.surfaces):
+        return "a wall moves"
     if min(np.linalg.matrix_rank(setup.nominal.B), np.linalg.matrix_rank(_delivered(setup))) < 6:
         return "the thrusters can't produce every wrench"
-    state = _solve(setup, K)
+    springs = Springs(setup)
+    state = _solve(setup, K, springs)
     if state is None:
         return "the static balance has no solution near the reference"
     u = np.linalg.pinv(setup.nominal.B) @ np.linalg.solve(_delivered(setup), np.asarray(state.tau))
     if (u < vehicle.u_min).any() or (u > vehicle.u_max).any():
         return "the thrusters are too weak"
-    if state.force > 0.0 and setup.scenario.wall.friction > 0.0:
+    _, normal = springs.wrench(np.asarray(state.position), rotation_matrix(np.asarray(state.quat)))
+    at_wall = setup.contacts.paper and state.force - normal.sum() > 0.0
+    if (at_wall and setup.scenario.wall.friction > 0.0) or (springs.friction & (normal > 0.0)).any():
         return "with friction, the rest position depends on the path"
     return state
 
 
-def _solve(setup: Any, K: float) -> SteadyState | None:
-    """Newton's method on the six equations, first without the wall, then in contact if that position is inside it."""
+def _solve(setup: Any, K: float, springs: Springs) -> SteadyState | None:
+    """Newton's method on the six equations, first without ``[wall]``, then in contact if that position is inside it.
+    The contacts of the list are found as their stiffness grows."""
     wall = setup.scenario.wall
-    for in_contact in (False, True):
-        balance = _Balance(setup, K, in_contact)
+    for in_contact in (False, True) if setup.contacts.paper else (False,):
+        balance = _Balance(setup, K, in_contact, springs)
         x = np.zeros(6)
-        for _ in range(60):
-            residual = balance(x)
-            columns = [(balance(x + e) - balance(x - e)) / 2e-6 for e in 1e-6 * np.eye(6)]  # of the Jacobian
-            step = np.linalg.lstsq(np.array(columns).T, residual, rcond=None)[0]
-            x = x - step * min(1.0, 0.5 / max(np.abs(step).max(), 1e-300))
-            if np.abs(step).max() < 1e-14:
-                break
+        for scale in _SOFTER if len(springs) else (1.0,):
+            springs.scale = scale
+            x = _newton(balance, x)
         at_rest = bool(np.abs(balance(x)).max() < 1e-8)
-        position, quat, _ = balance.pose(x)
-        depth = position[0] - wall.position
+        position, quat, R_WB = balance.pose(x)
+        depth = position[0] - wall.position if setup.contacts.paper else 0.0
         if at_rest and (depth >= 0.0 if in_contact else depth <= 0.0):
             force = wall.stiffness * depth if in_contact else 0.0
+            force += springs.wrench(position, R_WB)[1].sum()
             return SteadyState(float(force), position, quat, balance.sliding(x), balance.thrust(x))
     return None
+
+
+def _newton(balance: "_Balance", x: np.ndarray) -> np.ndarray:
+    """Sixty steps at most, each of at most 0.5; with a list of contacts, each of them lowers the residual."""
+    for _ in range(60):
+        residual = balance(x)
+        columns = [(balance(x + e) - balance(x - e)) / 2e-6 for e in 1e-6 * np.eye(6)]  # of the Jacobian
+        step = np.linalg.lstsq(np.array(columns).T, residual, rcond=None)[0]
+        step = step * min(1.0, 0.5 / max(np.abs(step).max(), 1e-300))
+        if len(balance.springs):
+            size = np.abs(residual).max()
+            halves = (step * 0.5**k for k in range(_HALVES))
+            step = next((each for each in halves if np.abs(balance(x - each)).max() < size), step)
+        x = x - step
+        if np.abs(step).max() < 1e-14:
+            break
+    return x
 
 
 class _Balance:
     """Residual (6,) of the balance, a function of x (6,): position minus reference in W, and the rotation vector from
     the desired attitude."""
 
-    def __init__(self, setup: Any, K: float, in_contact: bool) -> None:
+    def __init__(self, setup: Any, K: float, in_contact: bool, springs: Springs) -> None:
         scenario, design = setup.scenario, setup.design
-        self.setup, self.K, self.in_contact = setup, K, in_contact
+        self.setup, self.K, self.in_contact, self.springs = setup, K, in_contact, springs
         self.v_c_W = np.array(scenario.current.velocity_W)
         self.target = np.array(scenario.reference.rests_at())
         self.tau_dist = np.array(scenario.disturbance.bias)
@@ -121,7 +149,7 @@ class _Balance:
         wall, tau_c = self.setup.scenario.wall, np.zeros(6)
         if self.in_contact:
             tau_c[:3] = -wall.stiffness * (position[0] - wall.position) * R_WB[0]
-        return tau_c
+        return tau_c + self.springs.wrench(position, R_WB)[0] if len(self.springs) else tau_c
 
     def asked(self, x: np.ndarray) -> np.ndarray:
         """M_d^-1 (K_d eta_e - K_f (tau_c - F_d))."""

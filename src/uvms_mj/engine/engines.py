@@ -17,7 +17,8 @@ _KNOWN = {
     "initial": ("position", "attitude_deg", "velocity"),
     "current": ("speed", "direction_deg"),
     "disturbance": ("bias", "amplitude", "frequency_hz"),
-    "wall": ("position", "stiffness", "damping", "friction", "tangential_stiffness", "tangential_damping"),
+    "wall": ("present", "position", "stiffness", "damping", "friction", "tangential_stiffness", "tangential_damping"),
+    "bumper": ("stiffness", "damping"),
 }
 """The keys of the plant and of the stepping that free_body computes."""
 _DEEPEST = 0.01
@@ -29,7 +30,7 @@ _SHARED = ("vehicle", "reference", "impedance", "estimates", "navigation", "task
 def refusals(setup: Setup) -> list[str]:
     """The reasons why the engine free_body can't run a scenario, one sentence for each key; empty if it can.
 
-    It takes one rigid vehicle in front of one wall, and steps it as MuJoCo's integrator euler. A table or key that it
+    It takes one rigid vehicle among walls, and steps it as MuJoCo's integrator euler. A table or key that it
     does not know is refused unless it has its default.
     """
     scenario, unknown = setup.scenario, list[str]()
@@ -42,7 +43,7 @@ def refusals(setup: Setup) -> list[str]:
             known = _KNOWN.get(table.name, ())
             unknown += [f"{table.name}.{field.name}" for field in fields if field.name not in known]
     depth = scenario.initial.position[0] - scenario.wall.position
-    if depth > _DEEPEST:
+    if setup.contacts.paper and depth > _DEEPEST:
         unknown.append(f"initial.position[0], a start {depth:g} m inside the wall (at most {_DEEPEST:g} m),")
     return [f"{key} is not computed by the engine free_body; use the engine mujoco" for key in unknown]
 

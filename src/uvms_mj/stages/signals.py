@@ -214,6 +214,16 @@ def thruster_signal(n: int) -> Signal:
     return Signal("u", (n,), "N", "-", "thrust of each thruster")
 
 
+def contact_signals(n: int) -> tuple[Signal, ...]:
+    """Recorded if there are n contacts beside that of the probe and [wall]."""
+    return (
+        Signal("f_normal", (), "N", "-", "pushing force: sum of the normal forces of all contacts"),
+        Signal("f_contacts_W", (n, 3), "N", "W", "force of each contact of the list on the vehicle"),
+        Signal("depths", (n,), "m", "-", "depth of each contact of the list"),
+        _SET["tau_contact_B"],
+    )
+
+
 def record_dtype(signals: tuple[Signal, ...]) -> np.dtype:
     """Structured dtype with one field per signal, of 8 bytes a number."""
     return np.dtype([(s.name, s.kind, s.shape) for s in signals], align=True)

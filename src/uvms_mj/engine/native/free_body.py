@@ -26,6 +26,9 @@ def _free_steps(context, body, n, moving) -> int:
         if contact.touching != 0:
             for i in range(6):
                 force[i] += contact.tau_B[i]
+        if context.pairs != 0:
+            for i in range(6):
+                force[i] += context.tau_pairs_B[i]
         free_acceleration(body, true.R_WB, true.nu, force, body.work, body.qacc)
         if moving != 0:
             symplectic_step(body.qpos, body.qvel, body.qacc, loop.timestep)

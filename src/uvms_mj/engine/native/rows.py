@@ -8,7 +8,8 @@ from ...control.task import ImpedanceTask
 from ...errors import Fault, InputError
 from ...navigation import Navigation, Perfect
 from ...stages.base import Stage
-from ...stages.signals import MEASURED, OWN_UNIT, RECORDED, Signal, thruster_signal
+from ...stages.signals import MEASURED, OWN_UNIT, RECORDED, Signal, contact_signals, thruster_signal
+from .contact_list import ContactList
 from .stage_table import StageTable
 
 _ATTRIBUTES = {
@@ -22,7 +23,7 @@ _OF_THE_TASK = ("s", "zeta", "tau_nom", "boundary_layer_time")
 
 
 def recorded(
-    loop: np.ndarray, stages: StageTable, u: np.ndarray, navigation: Navigation
+    loop: np.ndarray, stages: StageTable, u: np.ndarray, navigation: Navigation, contacts: ContactList
 ) -> list[tuple[Signal, np.ndarray]]:
     """The signals of a row in order, each with its memory. The measurements are recorded unless navigation is perfect.
     Raises InputError if two states have one name, or a state's name is taken or is not an identifier."""
@@ -35,7 +36,7 @@ def recorded(
     ]
     if not isinstance(navigation, Perfect):
         found += [(signal, stages.signals[signal.name.removesuffix("_m")]) for signal in MEASURED]
-    found.append((thruster_signal(len(u)), u))
+    found += [*contacts.recorded(loop), (thruster_signal(len(u)), u)]
     own = [each for each in stages.states() if each[1] != "zeta" or not isinstance(each[0], ImpedanceTask)]
     check_states([(stage, name) for stage, name, _ in own])
     return found + [(state_signal(stage, name, memory.size), memory) for stage, name, memory in own]
@@ -44,7 +45,8 @@ def recorded(
 def check_states(states: Sequence[tuple[Stage, str]]) -> None:
     """Refuse states that can't be recorded under their names. Raises InputError if two states have one name, or a
     state's name is taken or is not an identifier."""
-    taken = {signal.name for signal in (*RECORDED, *MEASURED, thruster_signal(0))} | _ATTRIBUTES
+    own = (*contact_signals(0), thruster_signal(0))
+    taken = {signal.name for signal in (*RECORDED, *MEASURED, *own)} | _ATTRIBUTES
     faults: dict[Stage, list[Fault]] = {}
     for stage, name in states:
         if name in taken:

@@ -11,6 +11,7 @@ from ...scenario import Scenario
 from ...stages.signals import FINAL_WINDOW_S
 from .attachment import set_water
 from .callback import entry_point
+from .contact_list import ContactList
 from .layouts import LOOP, STOP_STAGE
 from .memory import stopped
 from .rows import recorded, spans
@@ -39,7 +40,8 @@ class RunMemory:
         n = len(vehicle.thrusters)
         self.stages = stages = StageTable(setup, self.loop["true"], self.context["water"])
         self.u = np.zeros(n)
-        self.recorded = recorded(self.loop, stages, self.u, setup.scenario.navigation)
+        self.contacts = ContactList(setup)
+        self.recorded = recorded(self.loop, stages, self.u, setup.scenario.navigation, self.contacts)
         self._spans = np.array(list(spans([memory for _, memory in self.recorded])))
         self.rows = np.zeros((0, sum(signal.size for signal, _ in self.recorded)))
         allocation = stages.allocation
@@ -65,6 +67,7 @@ class RunMemory:
             "u_at": self.u,
             "spans_at": self._spans,
             "rows_at": self.rows,
+            **self.contacts.reached,
             **memory,
         }
         if "task" in stages.entries:
@@ -76,7 +79,7 @@ class RunMemory:
         arrays = [self.loop, self.context, stages.signals, allocation, stages.u_cmd, self.u, stages.rows]
         kept = [entry for entry in stages.running if entry.states or type(entry.stage).memory]
         arrays += [each for entry in kept for each in (entry.state, entry.state_dot)]
-        arrays += engine.state
+        arrays += [*self.contacts.state, *engine.state]
         self.context["loop_at"] = self.loop.ctypes.data
         self._start = [(array.view(np.uint8), array.view(np.uint8).copy()) for array in arrays]
 
@@ -166,6 +169,7 @@ def write_wall(memory: RunMemory, setup: Setup) -> None:
     contact = memory.loop["contact"]
     for name, value in contact_settings(setup.scenario.wall, setup.mass_along_face).items():
         contact[name] = value
+    memory.contacts.write(memory.loop, memory.context, setup)
 
 
 def write_initial(memory: RunMemory, setup: Setup) -> None:
@@ -187,7 +191,7 @@ def write_control(memory: RunMemory, setup: Setup) -> None:
 WRITERS: tuple[tuple[tuple[str, ...], Callable[[RunMemory, Setup], None]], ...] = (
     (("simulation.timestep", "simulation.duration"), write_time),
     (("current", "disturbance"), lambda memory, setup: set_water(memory.context, motion_of_water(setup.scenario))),
-    (("wall", "reference.attitude_deg"), write_wall),
+    (("wall", "walls", "bumper", "reference.attitude_deg"), write_wall),
     (("initial",), write_initial),
     (("impedance",), write_impedance),
     (("simulation.seed",), lambda memory, setup: memory.stages.write_keys(setup.scenario)),

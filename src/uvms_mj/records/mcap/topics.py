@@ -142,6 +142,9 @@ def columns(header: Header, rows: np.ndarray) -> dict[str, np.ndarray]:
     for name in ("quat_WB", "quat_d", "quat_WB_m"):
         if name in values:
             values[f"{name}.xyzw"] = values[name][:, [1, 2, 3, 0]]
+    if "tau_contact_B" in values:
+        values["f_contact.wrench"] = values["tau_contact_B"]
+        return values
     depth = np.maximum(0.0, values["p_WB"][:, 0] - header.scenario.wall.position)
     arm = header.geometry.reach - 0.5 * depth
     f_W, R = values["f_contact_W"], rotation_matrix(values["quat_WB"])
