@@ -12,6 +12,7 @@ import pytest
 
 from command import run
 from uvms_mj import Trace
+from uvms_mj.files import shipped
 
 ROOT = Path(__file__).parents[1]
 SHORT = ("--set", "simulation.duration=0.05")
@@ -41,7 +42,7 @@ def test_the_wheel_has_everything_and_runs_from_anywhere(tmp_path):
     (file,) = (tmp_path / "dist").glob("*.whl")
     with zipfile.ZipFile(file) as archive:
         names = archive.namelist()
-    assert "uvms_mj/models/bluerov1.xml" in names
+    assert {f"uvms_mj/models/{name}.xml" for name in shipped("models")} <= set(names)
     assert "uvms_mj/scenarios/push_wall.toml" in names
     site = tmp_path / "site"
     subprocess.run([*pip, "install", "--no-deps", "--target", str(site), str(file)], check=True, capture_output=True)

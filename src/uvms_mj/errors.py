@@ -141,6 +141,7 @@ _SENTENCES = {
     "missing": "lacks this key",
     "greater_than": "must be greater than {gt:g}",
     "greater_than_equal": "must be at least {ge:g}",
+    "less_than": "must be less than {lt:g}",
     "less_than_equal": "must be at most {le:g}",
     "literal_error": "must be {expected}",
     "string_type": "is not a string",

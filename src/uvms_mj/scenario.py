@@ -22,7 +22,7 @@ from .control.task import TASK_KEYS, move_task_keys
 from .errors import Fault, InputError, faults_of, shortened, suggestion
 from .files import plain, scenario_path, tables_of
 from .guidance import FilteredSteps, Guidance
-from .navigation import Navigation, Perfect
+from .navigation import Navigation, NoObserver, Observer, Perfect
 from .plant.settings import Current, Disturbance, Initial, VehicleChoice, Wall
 from .plant.surfaces import OF_WALLS, Bumper, Surface, override_walls
 from .quantities import STRICT, Duration, Lowercase, Step, doc, overrides_of
@@ -32,6 +32,7 @@ from .stages.loader import Choice, Recorded, stage_of, table_of
 STAGES: dict[str, Choice] = {
     "reference": Choice(Guidance, guidance.SHIPPED, FilteredSteps),
     "navigation": Choice(Navigation, navigation.SHIPPED, Perfect),
+    "observer": Choice(Observer, navigation.OBSERVERS, NoObserver),
     "controller": Choice(Controller, control.SHIPPED, Gsta),
     "actuation": Choice(Actuation, actuation.SHIPPED, PseudoInverse),
 }
@@ -68,6 +69,7 @@ class Scenario:
     impedance: Impedance = Impedance()
     estimates: Estimates = Estimates()
     navigation: Navigation = Perfect()
+    observer: Observer = NoObserver()
     task: ImpedanceTask = ImpedanceTask()
     controller: Controller = Gsta()
     actuation: Actuation = PseudoInverse()
@@ -76,7 +78,8 @@ class Scenario:
     def stages(self) -> tuple[Stage, ...]:
         """The stages of the loop in the order of an instant."""
         task = (self.task,) if self.controller.uses_task else ()
-        return (self.navigation, self.reference, *task, self.controller, self.actuation)
+        observer = (self.observer,) if self.observer.runs else ()
+        return (self.navigation, self.reference, *observer, *task, self.controller, self.actuation)
 
     @property
     def steps(self) -> int:

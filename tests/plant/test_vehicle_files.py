@@ -280,7 +280,7 @@ LOOKS = {
     "frame and copies": edited(
         INERTIAL, f'<frame euler="0 0 9"><replicate count="9" offset="0 .01 0"><site/></replicate></frame>{INERTIAL}'
     ),
-    "remarks": edited("</custom>", '<text name="source" data="Sandoy (2016)"/></custom>'),
+    "remarks": edited("</custom>", '<text name="remark" data="of a thesis"/></custom>'),
     "plain joint": edited('<freejoint name="bluerov1"/>', '<joint type="free" damping="0" armature="0"/>'),
     "wide limits": edited(MOTOR, MOTOR + ' ctrllimited="true" ctrlrange="-1e3 1e3" forcerange="-1e3 1e3"'),
     "group": edited(MOTOR, MOTOR + ' group="2"'),

@@ -8,7 +8,7 @@ import tomli_w
 
 from recorded import LAW
 from uvms_mj import InputError, Scenario, simulate
-from uvms_mj.records.mcap.attachments import header_files, header_of
+from uvms_mj.records.mcap.attachments import FORMAT, header_files, header_of
 
 
 def test_a_header_of_format_1_is_read(tmp_path):
@@ -30,8 +30,10 @@ def test_a_header_of_format_1_is_read(tmp_path):
     assert read.scenario.task == trace.scenario.task
     assert read.sources == now.sources
     assert read.law.code == LAW
-    with pytest.raises(InputError, match=r"log format 4, which .* or later reads; this version reads formats 1 to 3"):
-        header_of(files | {"run.json": json.dumps(run | {"format": 4}).encode()})
+    with pytest.raises(
+        InputError, match=rf"log format {FORMAT + 1}, which .* or later reads; this version reads formats 1 to"
+    ):
+        header_of(files | {"run.json": json.dumps(run | {"format": FORMAT + 1}).encode()})
     with pytest.raises(InputError, match=r"run\.json: stages\.controller: 1 is not a table"):
         header_of(files | {"run.json": json.dumps(run | {"law": 1}).encode()})
 
@@ -45,3 +47,14 @@ def test_a_header_of_format_2_has_no_engine():
     old = header_of(files | {"run.json": json.dumps(run | {"format": 2}).encode()})
     assert old.engine == "mujoco"
     assert old.scenario.to_dict() == header_of(files).scenario.to_dict()
+
+
+def test_a_header_of_format_3_has_no_observer():
+    """Stages that came later were those of the defaults."""
+    files = header_files(simulate(Scenario.load("push_wall", {"simulation.duration": 0.01})).header)
+    run, tables = json.loads(files["run.json"]), tomllib.loads(files["scenario.toml"].decode())
+    run["format"] = 3
+    del run["stages"]["observer"], tables["observer"]
+    old = header_of(files | {"run.json": json.dumps(run).encode(), "scenario.toml": tomli_w.dumps(tables).encode()})
+    assert old.scenario.to_dict() == header_of(files).scenario.to_dict()
+    assert old.sources == header_of(files).sources

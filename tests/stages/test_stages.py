@@ -38,7 +38,7 @@ from dataclasses import dataclass
 import math
 import numpy as np
 from uvms_mj.guidance import Guidance, hold
-from uvms_mj.navigation import Navigation, Perfect
+from uvms_mj.navigation import Navigation, Observer, Perfect
 from uvms_mj.navigation import perfect
 from uvms_mj.actuation import Actuation
 from uvms_mj.actuation import pseudo_inverse
@@ -73,6 +73,23 @@ class Own(Navigation):
             state_dot.bias[i] = 0.01
             noise = standard_normal(given.key, given.instant, i)
             out.f_contact_m_W[i] += state.bias[i] + settings.radius * noise
+""",
+    "observer": """
+class Own(Observer):
+    "A first-order lag of the wrench that the model does not explain, without the acceleration."
+    radius: float = setting(0.1, "s", "time constant")
+    states = {"wrench": 6}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        for i in range(6):
+            unexplained = given.D_hat_nu[i] + given.g_hat[i] - given.tau_hat[i]
+            state_dot.wrench[i] = (unexplained - state.wrench[i]) / settings.radius
+            out.tau_contact_m_B[i] = state.wrench[i]
+        for i in range(3):
+            out.f_contact_m_W[i] = 0.0
+            for j in range(3):
+                out.f_contact_m_W[i] += given.R_WB[i, j] * state.wrench[j]
 """,
     "controller": """
 class Own(Controller):

@@ -25,10 +25,11 @@ def demanded_force(scenario: Scenario, k_c: float | None = None) -> float:
         scenario: with reference, wall and impedance.
         k_c: stiffness of the wall [N/m], infinite for a rigid one; default: the scenario's.
     """
-    impedance, reference, wall = scenario.impedance, scenario.reference, scenario.wall
+    impedance, wall = scenario.impedance, scenario.wall
     if not wall.present or scenario.walls or scenario.vehicle.contact_bodies:
         return math.nan
-    normal = wall_normal(quat_from_euler_deg(*reference.attitude_deg))
+    target, attitude_deg = scenario.reference.rest_pose(scenario)
+    normal = wall_normal(quat_from_euler_deg(*attitude_deg))
     K_f, K_d, F_d = (np.array(values) for values in (impedance.K_f, impedance.K_d, impedance.F_d))
     pushed = np.abs(normal) > 1e-12
     n, K_d, K_f, F_d = normal[pushed], K_d[pushed], K_f[pushed], F_d[pushed]
@@ -37,7 +38,6 @@ def demanded_force(scenario: Scenario, k_c: float | None = None) -> float:
         forces = -F_d[limp] / n[limp]
         return max(0.0, float(forces[0])) if K_f[limp].all() and np.ptp(forces) < 1e-9 else 0.0
     give = K_f / K_d
-    target = reference.rests_at()
     if target is None:
         return math.nan
     distance = target[0] - wall.position - float(n @ (give * F_d))

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Set
 
 import numpy as np
 
+from ..control.design import ATTITUDE_KEYS
 from ..control.sampled import zeta_limit
 from ..control.theory import stage_notes
 from ..errors import Fault, InputError
@@ -45,7 +46,9 @@ def refuse(setup: Setup, touched: Set[str] = _CHECKED) -> None:
     faults: list[Fault] = []
     if not touched.isdisjoint(("simulation.timestep", *_PERIODS)):
         faults += _stage_faults(setup.scenario)
-    if not touched.isdisjoint((*_WALLS, "reference.attitude_deg", "simulation.timestep")):
+    if not touched.isdisjoint(("simulation.timestep", *STAGES)):
+        faults += [fault for stage in setup.scenario.stages for fault in stage.faults(setup)]
+    if not touched.isdisjoint((*_WALLS, *ATTITUDE_KEYS, "simulation.timestep")):
         faults += wall_faults(setup)
     if not touched.isdisjoint(("disturbance", "simulation.timestep")):
         faults += _aliased(setup.scenario)
@@ -66,10 +69,9 @@ def warnings_of(setup: Setup) -> list[str]:
         ]
     rank = np.linalg.matrix_rank(vehicle.B)
     if rank < 6:
-        notes.append(
-            f"the {len(vehicle.thrusters)} thrusters of {vehicle.body} span {rank} of 6 axes: "
-            "tau is the wrench closest to tau_cmd that they can produce"
-        )
+        n = len(vehicle.thrusters)
+        thrusters = f"the {n} thrusters of {vehicle.body} span" if n > 1 else f"the thruster of {vehicle.body} spans"
+        notes.append(f"{thrusters} {rank} of 6 axes: tau is the wrench closest to tau_cmd that they can produce")
     return notes + damping_notes(vehicle.body, vehicle.D_linear, vehicle.D_quadratic)
 
 

@@ -56,7 +56,7 @@ class Setup:
         """All contacts, as the law meets them at the desired pose."""
         scenario, wall = self.scenario, self.scenario.wall
         papers = (Front("wall", self.design.normal, wall.stiffness, wall.damping),) if self.contacts.paper else ()
-        target = np.array(scenario.reference.rests_at() or scenario.initial.position)
+        target = np.array(scenario.reference.rest_pose(scenario)[0] or scenario.initial.position)
         return *papers, *self.contacts.fronts(target, rotation_matrix(self.design.quat_d))
 
     def lightest(self, pair: Pair) -> float:

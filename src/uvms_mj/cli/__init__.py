@@ -19,6 +19,7 @@ from .run import run
 from .stop import Stop, exit_interrupted
 from .study import study
 from .tune import tune
+from .vehicles import vehicles
 
 
 class _Commands(click.Group):
@@ -61,6 +62,7 @@ def main() -> None:
     uvms-mj certify                       allowed and actual rate of change of the disturbance
     uvms-mj controllers                   the laws, their gains, units and defaults
     uvms-mj stages                        guidance, navigation, task, laws and actuation with their settings
+    uvms-mj vehicles                      the vehicles with their source, licence and trust
     uvms-mj keys                          all keys of a scenario
     uvms-mj signals                       signals that a law receives, signals that a run records
     """
@@ -85,6 +87,7 @@ for command in (
     certify,
     controllers,
     stages,
+    vehicles,
     keys,
     signals,
 ):

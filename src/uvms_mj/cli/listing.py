@@ -2,10 +2,11 @@
 
 import dataclasses
 import json
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 
+from ..files import plain
 from .common import bad_input, command
 from .console import print_table, table_of
 
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     from ..stages.base import Stage
 
 
-ROOMS = ("guidance", "navigation", "control", "actuation", "reference", "controller")
+ROOMS = ("guidance", "navigation", "control", "actuation", "reference", "observer", "controller")
 """The rooms, and the tables of a scenario that are called otherwise."""
 
 
@@ -40,7 +41,7 @@ def stages(room: str | None, names: tuple[str, ...]) -> None:
         from ..scenario import STAGES
 
         for table, choice in STAGES.items():
-            if room in (None, choice.base.room.name, table):
+            if room in (None, table, choice.base.room.name) and not (names and room in STAGES and room != table):
                 if table == "controller" and not names:
                     _print_stage(ImpedanceTask)
                 for name in names or choice.shipped:
@@ -54,19 +55,35 @@ def _print_stage(cls: "type[Stage]") -> None:
     title = f"{cls.label()}: {summary_line[0] if summary_line else ''}"
     columns = (room.setting, "default", "unit", "meaning")
     table = table_of(title, *columns, caption=f"[{room.table}]", caption_justify="left", min_width=80)
-    for field in cls.setting_fields():
+    fields, preset_of = _own_settings(cls)
+    for field in fields:
         default = "required" if field.default is dataclasses.MISSING else toml_value(field.default)
         table.add_row(field.name, default, field.metadata.get("unit", ""), field.metadata.get("meaning", ""))
+    if preset_of:
+        table.add_row("", "", "", f"all other settings as in {preset_of}", style="dim")
     if cls.states:
         states = ", ".join(f"{name} ({size})" for name, size in cls.states.items())
         table.add_row("", "", "", f"states: {states}", style="dim")
     print_table(table)
 
 
+def _own_settings(cls: "type[Stage]") -> "tuple[list[dataclasses.Field], str]":
+    """The settings to list, and for a preset, which has other defaults only, the name of the stage that it derives
+    from."""
+    from ..stages.base import is_of_the_package
+
+    fields, parent = list(cls.setting_fields()), cast("type[Stage]", cls.__mro__[1])
+    if not is_of_the_package(cls) or not is_of_the_package(parent):
+        return fields, ""
+    before = {field.name: field.default for field in parent.setting_fields()}
+    own = [field for field in fields if field.name not in before or before[field.name] != field.default]
+    return own, parent.label()
+
+
 def toml_value(value: Any) -> str:
     if value is None:
         return "-"
-    return json.dumps(list(value) if isinstance(value, tuple) else value)
+    return json.dumps(plain(value))
 
 
 @command()

@@ -51,10 +51,12 @@ def static_balance(setup: Any, K: float) -> SteadyState | str:
         The state, or the reason why there is none.
     """
     vehicle, scenario = setup.vehicle, setup.scenario
-    if scenario.reference.rests_at() is None:
+    if scenario.reference.rest_pose(scenario)[0] is None:
         return "the reference does not come to rest"
     if not (is_shipped(scenario.navigation) and is_shipped(scenario.actuation)):
         return "closed forms are known for the shipped navigation and actuation only"
+    if scenario.observer.runs:
+        return "closed forms are not known with an observer of the contact force"
     if K == 0.0 and 0.0 in setup.task.A:
         return "with a zero in A, zeta is not constant at rest: it integrates the remaining error"
     if any(wall.moves for _, wall in setup.contacts.surfaces):
@@ -120,7 +122,7 @@ class _Balance:
         scenario, design = setup.scenario, setup.design
         self.setup, self.K, self.in_contact, self.springs = setup, K, in_contact, springs
         self.v_c_W = np.array(scenario.current.velocity_W)
-        self.target = np.array(scenario.reference.rests_at())
+        self.target = np.array(scenario.reference.rest_pose(scenario)[0])
         self.tau_dist = np.array(scenario.disturbance.bias)
         self.A = np.array(setup.task.A)
         self.M_d_inv = design.M_d_inv

@@ -44,6 +44,10 @@ class Estimates:
     restoring: Factor = doc("g_hat(eta) = f g(eta) of the vehicle's file; f is this key [1]", 1.0)
 
 
+ATTITUDE_KEYS = tuple(f"reference.{key}" for key in ("attitude_deg", "poses", "turns", "heading", "plane_deg", "speed"))
+"""Keys on which the attitude at the end of a run may depend."""
+
+
 @dataclass(frozen=True, eq=False)
 class Design:
     """Constant matrices of a run, (6, 6) in B unless another shape is given."""
@@ -77,7 +81,7 @@ class Design:
             faults.append(Fault("impedance.D_d", str(error)))
         if faults:
             raise InputError(faults)
-        quat_d, normal = _attitude(*scenario.reference.attitude_deg)
+        quat_d, normal = _attitude(*scenario.reference.rest_pose(scenario)[1])
         M_hat = scenario.estimates.inertia * nominal
         return cls(M, M_hat, M_d, M_d_inv, D_d, K_d, quat_d, normal)
 

@@ -85,18 +85,22 @@ class Vibration:
 
         Navigation, law and thrusters each hold their output for a period T. A stage that reads it at its own instants,
         a period T' apart, finds it with a mean age of (T - gcd(T, T'))/2. The contact force itself is held for a time
-        step h. A law that runs at every step on measurements of every step feeds back the force that acts.
+        step h. A law that runs at every step on measurements of every step feeds back the force that acts. An observer
+        of the force adds its lag.
         """
         h = self.setup.scenario.simulation.timestep
         steps = [round(period / h) for period in self._periods.values()]
-        return 0.5 * h * sum(held - math.gcd(held, read) for held, read in zip(steps, [*steps[1:], 1], strict=True))
+        ages = (held - math.gcd(held, read) for held, read in zip(steps, [*steps[1:], 1], strict=True))
+        return 0.5 * h * sum(ages) + self.setup.scenario.observer.age
 
     @property
     def _periods(self) -> dict[str, float]:
         """Periods of the stages from the measurement to the thrust, by name [s]."""
         scenario = self.setup.scenario
         control = scenario.control_period
-        navigation = scenario.navigation.period or control
+        shortest = scenario.simulation.timestep
+        sensor = scenario.observer if scenario.observer.runs else scenario.navigation
+        navigation = sensor.period or (shortest if sensor.every_step else control)
         return {
             "navigation": navigation,
             "control": control,
@@ -153,7 +157,14 @@ class Vibration:
                 f"N/m the contact vibrates faster than a held command can damp; a period below {2.5 / w:.2g} s usually "
                 "suffices"
             )
-        limit, age = self.limit, self.age
+        limit, age, lag = self.limit, self.age, self.setup.scenario.observer.age
+        if lag and age > SLOWLY_DAMPED * limit:
+            yield (
+                f"{label} {'vibrates' if age >= limit else 'hardly damps the vibration'} against the wall with this "
+                f"observer: its estimate of the contact force is {age:.3g} s old, and all of the damping D_d is lost "
+                f"at {limit:.3g} s with wall.stiffness {k_c:g} N/m"
+            )
+            return
         if age > SLOWLY_DAMPED * limit or (age == limit == 0.0):
             lost = 2.0 * limit + self.setup.scenario.simulation.timestep
             what = "limit-cycles against the wall" if age >= limit else "hardly damps the vibration against the wall"

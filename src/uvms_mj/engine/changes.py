@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from ..analysis.sampling import no_overflow, refuse
 from ..analysis.setup import Setup, design_of
+from ..control.design import ATTITUDE_KEYS
 from ..control.task import TASK_KEYS, ImpedanceTask
 from ..errors import Fault, InputError
 from ..plant.settings import VehicleChoice
@@ -19,7 +20,7 @@ _TABLES = [field.name for field in dataclasses.fields(Scenario)]
 _OTHER_CODE = {"simulation.integrator", *(f"vehicle.{field.name}" for field in dataclasses.fields(VehicleChoice))}
 _DESIGN = (
     *("impedance.M_d", "impedance.D_d", "impedance.K_d", "impedance.damping_ratio"),
-    *("estimates.inertia", "reference.attitude_deg"),
+    *("estimates.inertia", *ATTITUDE_KEYS),
 )
 
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 from ..analysis.setup import Setup
 from ..errors import Fault, InputError, suggestion
+from ..scenario import STAGES
 from .base import Engine
 from .free_engine import FreeEngine
 from .mujoco_engine import MujocoEngine
@@ -21,9 +22,7 @@ _KNOWN = {
     "bumper": ("stiffness", "damping"),
 }
 """The keys of the plant and of the stepping that free_body computes."""
-_DEEPEST = 0.01
-"""Depth of the vehicle in the wall at the start [m], above which the wall ejects it and the engines part."""
-_SHARED = ("vehicle", "reference", "impedance", "estimates", "navigation", "task", "controller", "actuation")
+_SHARED = ("vehicle", "impedance", "estimates", "task", *STAGES)
 """The tables that both engines read from the same records."""
 
 
@@ -42,9 +41,6 @@ def refusals(setup: Setup) -> list[str]:
             fields = [field for field in dataclasses.fields(value) if getattr(value, field.name) != field.default]
             known = _KNOWN.get(table.name, ())
             unknown += [f"{table.name}.{field.name}" for field in fields if field.name not in known]
-    depth = scenario.initial.position[0] - scenario.wall.position
-    if setup.contacts.paper and depth > _DEEPEST:
-        unknown.append(f"initial.position[0], a start {depth:g} m inside the wall (at most {_DEEPEST:g} m),")
     return [f"{key} is not computed by the engine free_body; use the engine mujoco" for key in unknown]
 
 

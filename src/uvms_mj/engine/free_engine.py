@@ -1,8 +1,7 @@
 """The engine ``free_body``: the closed loop around one free rigid vehicle, with a step of its own, without MuJoCo.
 
 It computes what MuJoCo computes for such a vehicle, from the same state and with the same kernels; its step is
-MuJoCo's semi-implicit Euler. MuJoCo's contact has an inerter of 1e-4 of the rigid mass besides the wall's spring and
-damper; this engine has the spring and the damper alone.
+MuJoCo's semi-implicit Euler, and its contact is as soft as MuJoCo's (:mod:`uvms_mj.physics.free_body`).
 """
 
 import numpy as np
@@ -34,12 +33,13 @@ class FreeEngine(Engine):
             "r_g": vehicle.r_g,
             "gravity_W": setup.gravity_W,
             "reach": setup.plant.geometry.reach,
+            "softness": setup.plant.softness,
         }
         for name, value in constants.items():
             self._body[name] = value
         self.context["qpos_at"] = self._body["qpos"].ctypes.data
         self.context["qvel_at"] = self._body["qvel"].ctypes.data
-        self.memory = {f"{name}_at": self._body[name] for name in ("qacc", "distance", "fromto")}
+        self.memory = {f"{name}_at": self._body[name] for name in ("qacc", "distance", "fromto", "contact")}
         self.state, self.qpos, self._closed = (self._body,), self._body["qpos"][0], False
         self._addresses = self.context.ctypes.data, self._body.ctypes.data
 

@@ -1,7 +1,11 @@
 """Guidance: the reference. :mod:`uvms_mj.guidance.base` has the contract of a stage."""
 
+from .along_wall import AlongWall
 from .base import Guidance
 from .base import hold as hold
+from .circle import Circle
 from .filtered_steps import FilteredSteps
+from .path import Path
+from .spline import Spline
 
-SHIPPED: dict[str, type[Guidance]] = {cls.name: cls for cls in (FilteredSteps,)}
+SHIPPED: dict[str, type[Guidance]] = {cls.name: cls for cls in (FilteredSteps, Spline, Path, Circle, AlongWall)}

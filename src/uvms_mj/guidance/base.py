@@ -4,7 +4,7 @@ from __future__ import annotations  # so that help(Guidance) shows short type na
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -14,7 +14,11 @@ from ..physics.frames import quat_from_euler_deg
 from ..physics.kernels import kernel
 from ..quantities import Angles
 from ..stages.base import Room, Stage, shared
-from ..stages.signals import CLOCK, KNOWN, REFERENCE
+from ..stages.signals import CLOCK, KNOWN, REFERENCE, record_dtype
+
+_REFERENCES = record_dtype(REFERENCE)
+_FAR, _TURNED = 0.01, 1.0
+"""A reference that begins farther from the vehicle than this is a jump [m, deg]."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,10 +62,31 @@ class Guidance(Stage):
         stage may override it."""
         return None
 
+    def rest_pose(self, scenario: Any) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
+        """The position of :meth:`rests_at` and the attitude [deg] at the end of a run, from its scenario."""
+        return self.rests_at(), self.attitude_deg
+
     def notes(self, setup: Any) -> Iterable[str]:
         """Theory of the reference: warnings for a run, from its :class:`uvms_mj.analysis.setup.Setup`. A stage may
         override it."""
         return ()
+
+
+def start_notes(stage: Guidance, setup: Any) -> Iterator[str]:
+    """A warning if a shipped stage begins far from the vehicle, which the law sees as a jump."""
+    initial, given, out = setup.scenario.initial, np.zeros(1, record_dtype(CLOCK + KNOWN)), np.zeros(1, _REFERENCES)
+    given["p_WB"] = initial.position
+    type(stage).step(
+        stage.record(setup).view(np.recarray)[0], None, given.view(np.recarray)[0], None, out.view(np.recarray)[0]
+    )
+    away = float(np.linalg.norm(out["p_d"][0] - initial.position))
+    cosine = min(1.0, abs(float(out["quat_d"][0] @ quat_from_euler_deg(*initial.attitude_deg))))
+    turned = math.degrees(2.0 * math.acos(cosine))
+    if away > _FAR or turned > _TURNED:
+        yield (
+            f"the law sees a jump at the start: {stage.label()} begins {away:.3g} m and {turned:.3g} deg from the "
+            "vehicle's initial pose"
+        )
 
 
 @kernel

@@ -2,5 +2,11 @@
 
 from .base import Navigation, Perfect
 from .base import perfect as perfect
+from .ekf import Ekf
+from .momentum import MomentumObserver
+from .observer import NoObserver, Observer
+from .presets import PRESETS
+from .sensors import Sensors
 
-SHIPPED: dict[str, type[Navigation]] = {cls.name: cls for cls in (Perfect,)}
+SHIPPED: dict[str, type[Navigation]] = {cls.name: cls for cls in (Perfect, Sensors, *PRESETS, Ekf)}
+OBSERVERS: dict[str, type[Observer]] = {cls.name: cls for cls in (NoObserver, MomentumObserver)}

@@ -38,6 +38,15 @@ def perfect(true, known):
         known.tau_contact_m_B[i] = true.tau_contact_B[i]
 
 
+@kernel
+def perfect_force(true, known):
+    """Set the measured contact force to the truth."""
+    for i in range(3):
+        known.f_contact_m_W[i] = true.f_contact_W[i]
+    for i in range(6):
+        known.tau_contact_m_B[i] = true.tau_contact_B[i]
+
+
 @dataclasses.dataclass(frozen=True)
 class Perfect(Navigation):
     """Perfect sensing: pose, velocity and contact force of the same instant, without an error."""

@@ -10,12 +10,22 @@ The state is that of MuJoCo's free joint: position and attitude, velocity v in W
 
 The added mass belongs to the same acceleration (:mod:`.hydrodynamics`), so that the inertia is M = M_RB + M_A, constant
 in B.
+
+The wall's normal force is that of MuJoCo's soft contact. With the acceleration a_0 along the normal n that all other
+forces cause, the spring and damper force :math:`F_s = k_c \delta - b_c\, n^\top v` and the contact's softness R
+[1/kg], MuJoCo solves
+
+.. math::
+
+    F_n = \max\left(0, \frac{R F_s - a_0}{R + n^\top M^{-1} n}\right).
+
+For large R it is F_s. A contact with the constant impedance d of solimp has R = (1 - d)/d times the inverse rigid mass.
 """
 
 import math
 
 from .fossen import coriolis_rigid_body, matvec, restoring
-from .frames import to_world
+from .frames import to_body, to_world
 from .kernels import kernel
 
 
@@ -42,6 +52,35 @@ def free_acceleration(body, R_WB, nu, tau, work, qacc):
         tau[i] -= work[i]
     matvec(body.M_inv, tau, qacc)
     to_world(R_WB, qacc, qacc)
+
+
+@kernel
+def soft_contact(body, contact, R_WB, work, qacc) -> float:
+    """Add the wall's normal force at B's origin to the free joint's acceleration qacc (6,), and return it [N].
+
+    Args:
+        body: a record with M_inv (6, 6), softness R [1/kg], distance [m] and qvel.
+        contact: a CONTACT record that touches, with the normal of the instant.
+        R_WB: (3, 3).
+        work: (6,) scratch.
+        qacc: (6,) acceleration by all other forces, [m/s^2 in W, rad/s^2 in B].
+    """
+    n, M_inv = contact.normal_W, body.M_inv
+    to_body(R_WB, n, work)
+    x, y, z = work[0], work[1], work[2]
+    for i in range(6):  # acceleration by a unit force
+        work[i] = M_inv[i, 0] * x + M_inv[i, 1] * y + M_inv[i, 2] * z
+    yielding = x * work[0] + y * work[1] + z * work[2]
+    a_0, v_n = 0.0, 0.0
+    for i in range(3):
+        a_0 += n[i] * qacc[i]
+        v_n += n[i] * body.qvel[i]
+    spring = -contact.stiffness * body.distance - contact.damping * v_n
+    f_n = max(0.0, (body.softness * spring - a_0) / (body.softness + yielding))
+    to_world(R_WB, work, work)
+    for i in range(6):
+        qacc[i] += f_n * work[i]
+    return f_n
 
 
 @kernel

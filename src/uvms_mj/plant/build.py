@@ -70,6 +70,12 @@ class Plant:
         return model
 
     @property
+    def softness(self) -> float:
+        """Softness R of the contact pair: the acceleration that a unit of the spring's force is worth to MuJoCo's
+        solver [1/kg]."""
+        return (1.0 - IMPEDANCE) / IMPEDANCE * self.mjcf.inverse_weight / self.choice.mass
+
+    @property
     def body_id(self) -> int:
         return self._ids[0]
 

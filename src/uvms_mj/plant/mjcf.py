@@ -68,12 +68,13 @@ class Mjcf:
                 )
 
     @functools.cached_property
-    def _read(self) -> tuple[Vehicle, Geometry, np.ndarray]:
+    def _read(self) -> tuple[Vehicle, Geometry, np.ndarray, float]:
         whole = self.compiled(self.spec())
         check_model(whole, self.name)
         vehicle, gravity_W = Vehicle.from_model(whole), whole.opt.gravity.copy()
         gravity_W.setflags(write=False)
-        return vehicle, Geometry.of(whole, free_body_id(whole, vehicle.body)), gravity_W
+        body = free_body_id(whole, vehicle.body)
+        return vehicle, Geometry.of(whole, body), gravity_W, float(whole.body_invweight0[body, 0])
 
     @property
     def vehicle(self) -> Vehicle:
@@ -89,6 +90,17 @@ class Mjcf:
     def gravity_W(self) -> np.ndarray:
         """(3,) acceleration of gravity [m/s^2]. Raises InputError as :attr:`vehicle` does."""
         return self._read[2]
+
+    @property
+    def inverse_weight(self) -> float:
+        """MuJoCo's inverse mass of the vehicle's body, without added mass [1/kg]. Raises InputError as :attr:`vehicle`
+        does."""
+        return self._read[3]
+
+    @property
+    def remarks(self) -> dict[str, str]:
+        """The ``<text>`` entries by name. Raises InputError as :meth:`spec` does."""
+        return {text.name: text.data for text in self._parsed.texts}
 
     def spec(self) -> mujoco.MjSpec:
         """A copy of the parsed model. Only the files in ``files`` are read, once. Raises InputError if the model has

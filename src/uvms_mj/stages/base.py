@@ -28,7 +28,7 @@ import functools
 import hashlib
 import sys
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, ClassVar, get_type_hints
 
 import numpy as np
@@ -101,8 +101,12 @@ class Stage:
     needs: ClassVar[tuple[str, ...] | None] = None
     """Tables or dotted keys of the scenario that :meth:`constants` reads besides the stage's own; "design" stands for
     the design matrices. None: any, or none if the class does not override it."""
+    every_step: ClassVar[bool] = False
+    """Whether the default of the period is the time step instead of the control period."""
     external: ClassVar[bool] = False
     """Whether the caller of a Simulation sets the outputs."""
+    runs: ClassVar[bool] = True
+    """Whether the loop calls the stage. One that does not run is the absence of a stage."""
 
     def __post_init__(self) -> None:
         table, noun = self.room.table, self.room.setting
@@ -168,6 +172,10 @@ class Stage:
         :class:`uvms_mj.analysis.setup.Setup`. A user's settings do not depend on it."""
         fields = type(self).__dataclass_fields__  # dataclasses.fields takes longer than the rest
         return {name: value for name, value in vars(self).items() if name in fields}
+
+    def faults(self, setup: Any) -> Iterable[Fault]:
+        """Errors of a run with these settings, which need its :class:`uvms_mj.analysis.setup.Setup`."""
+        return ()
 
     def record(self, setup: Any = None) -> np.ndarray:
         """The constants as a record array (1,): numbers as float64, flags as booleans, tuples as float64 vectors. The

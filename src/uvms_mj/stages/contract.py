@@ -20,7 +20,7 @@ _MOST_STATES = 10_000
 _LONGEST_NAME = 100
 _SIGNALS = {signal.name for signal in (*GIVEN, *RECORDED, *MEASURED, *contact_signals(1), thruster_signal(1))}
 """Signals of a Simulation or a trace, which a state would hide."""
-_OVERRIDDEN = ("name", "states", "memory", "units", "uses_task", "uses_truth")
+_OVERRIDDEN = ("name", "states", "memory", "units", "every_step", "uses_task", "uses_truth")
 
 
 def check_contract(cls: type[Stage], file: str = "") -> None:

@@ -109,6 +109,11 @@ ESTIMATES = (
 )
 """The controller's model of the vehicle."""
 
+APPLIED = (
+    Signal("tau_hat", (6,), _WRENCH, "B", "wrench of the last step's commanded thrusts: B u_cmd with the file's B"),
+)
+"""Thrust that the controller believes to have acted since the last step; zero before the first one."""
+
 IMPEDANCE = (
     Signal("M_d", (6, 6), "kg, kg m, kg m^2", "B", "desired inertia"),
     Signal("D_d", (6, 6), "N s/m, N s, N m s", "B", "desired damping"),
@@ -132,7 +137,10 @@ TASK = (
 WRENCH_COMMAND = Signal("tau_cmd", (6,), _WRENCH, "B", "wrench commanded by the law")
 """Set by the law."""
 
-TASK_GIVEN = CLOCK + KNOWN + REFERENCE + ERRORS + ESTIMATES + IMPEDANCE
+OBSERVER_GIVEN = CLOCK + KNOWN + REFERENCE + ERRORS + ESTIMATES + APPLIED
+"""Given to the observer of the contact force."""
+
+TASK_GIVEN = OBSERVER_GIVEN + IMPEDANCE
 """Given to the impedance task, and to a law that does not use it."""
 
 GIVEN = TASK_GIVEN + TASK

@@ -5,8 +5,8 @@ The sample is one run in a hundred, at least five, and the worst run by each met
 - the status;
 - the final position, relative to 1 m;
 - the rest force, relative to its value in MuJoCo, where it has settled in both engines;
-- the peak force, relative to itself plus the largest thrust, where both engines have the same number of touches:
-  MuJoCo's contact passes on 1e-4 of a thrust step.
+- the peak force, relative to itself plus the largest thrust, where both engines have the same number of touches.
+  A law that chatters at the touch amplifies rounding errors in proportion to its thrust.
 
 A run that diverges is compared by its status alone. A law that chatters touches the wall a number of times that
 rounding decides, and its force does not settle; its runs are compared by status and position.

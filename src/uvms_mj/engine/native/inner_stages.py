@@ -56,6 +56,26 @@ class Tracking(Stage):
 
 
 @dataclass(frozen=True)
+class Sensed(Stage):
+    """The measured pose and velocity, without the force, which an observer sets in place of a force sensor."""
+
+    name = "sensed"
+    needs: ClassVar = ()
+    room: ClassVar[Room] = Room("navigation", "sensed", lambda thrusters: CLOCK + KNOWN, KNOWN[:4])
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        for i in range(3):
+            out.p_WB[i] = given.p_WB[i]
+            for j in range(3):
+                out.R_WB[i, j] = given.R_WB[i, j]
+        for i in range(4):
+            out.quat_WB[i] = given.quat_WB[i]
+        for i in range(6):
+            out.nu[i] = given.nu[i]
+
+
+@dataclass(frozen=True)
 class Truth(Stage):
     """The truth for the ideal law. ``state`` is the vehicle's WATER record."""
 

@@ -56,11 +56,13 @@ BODY = np.dtype(
         ("gravity_W", "f8", (3,)),
         ("face", "f8"),  # x of the wall's face in W
         ("reach", "f8"),  # radius of the probe
+        ("softness", "f8"),  # of MuJoCo's contact [1/kg]
         ("qpos", "f8", (7,)),  # as MuJoCo's free joint has them
         ("qvel", "f8", (6,)),
         ("qacc", "f8", (6,)),
         ("distance", "f8"),  # from the wall's face to the probe
         ("fromto", "f8", (6,)),  # nearest points of both in W
+        ("contact", "f8", (4,)),  # whether they touch, and the wall's normal force in W
         ("force", "f8", (6,)),
         ("work", "f8", (6,)),
     ],
@@ -102,7 +104,7 @@ LOOP = np.dtype(
         # the engine's memory
         ("qacc_at", "i8"),
         ("ctrl_at", "i8"),  # of MuJoCo
-        ("contact_at", "i8"),  # the contact sensor: found, force (3) in W, of MuJoCo's solver; or 0
+        ("contact_at", "i8"),  # the contact sensor: found, normal force (3) in W, of the step
         ("distance_at", "i8"),  # the distance sensor, of the same instant as qpos
         ("fromto_at", "i8"),  # the sensor of the nearest points (6) in W
         ("contact", CONTACT),
@@ -124,6 +126,8 @@ LOOP = np.dtype(
         ("controls", "i8"),  # entries of ctrl
         ("thrusters", "i8"),
         ("columns_at", "i8"),  # (n, 6), the columns of B
+        ("columns_hat_at", "i8"),  # of the file's B, or 0 if tau_hat is tau
+        ("tau_hat_at", "i8"),
         ("u_min_at", "i8"),
         ("u_max_at", "i8"),
         ("ctrl_index_at", "i8"),

@@ -152,6 +152,22 @@ def limit_thrust(loop):
 
 
 @kernel
+def believe_thrust(loop):
+    """Set tau_hat, the wrench of the commanded thrusts as the controller knows the thrusters, for the next instant."""
+    tau_hat, tau = floats(loop.tau_hat_at, 6), loop.true.tau
+    for i in range(6):
+        tau_hat[i] = tau[i] if loop.columns_hat_at == 0 else 0.0
+    if loop.columns_hat_at != 0:
+        n = loop.thrusters
+        u_cmd, u_min, u_max = floats(loop.u_cmd_at, n), floats(loop.u_min_at, n), floats(loop.u_max_at, n)
+        columns = floats(loop.columns_hat_at, 6 * n)
+        for k in range(n):
+            thrust = min(u_max[k], max(u_min[k], u_cmd[k]))
+            for i in range(6):
+                tau_hat[i] += columns[6 * k + i] * thrust
+
+
+@kernel
 def begin_step(context, loop) -> bool:
     """Do everything up to the thrust of step k. Returns True if the step may continue."""
     finish_step(context, loop)
@@ -163,6 +179,7 @@ def begin_step(context, loop) -> bool:
             stop_run(loop, STOP_WAITING, waiting, 0.0)
     if loop.stop == STOP_NONE:
         limit_thrust(loop)
+        believe_thrust(loop)
     if loop.stop != STOP_NONE:
         return False
     row, true = loop.row, loop.true
@@ -187,12 +204,10 @@ def finish_step(context, loop):
     loop.pending = 0
     row, true, contact, h = loop.row, loop.true, loop.contact, loop.timestep
     for i in range(3):
-        row.f_contact_W[i] = contact.f_W[i]
         loop.moment_B[i] = contact.tau_B[i + 3]
-    if loop.contact_at != 0:
-        solved = floats(loop.contact_at, 4)
-        for i in range(3):
-            row.f_contact_W[i] = contact.f_tangential_W[i] + (solved[1 + i] if solved[0] != 0.0 else 0.0)
+    solved = floats(loop.contact_at, 4)
+    for i in range(3):
+        row.f_contact_W[i] = contact.f_tangential_W[i] + (solved[1 + i] if solved[0] != 0.0 else 0.0)
     push, push_before = -row.f_contact_W[0], loop.push[0]
     if context.pairs != 0:
         push += loop.push_of_pairs

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from ...analysis.setup import Setup
+from ...control.design import ATTITUDE_KEYS
 from ...plant.settings import contact_settings
-from ...scenario import Scenario
+from ...scenario import STAGES, Scenario
 from ...stages.signals import FINAL_WINDOW_S
 from .attachment import set_water
 from .callback import entry_point
@@ -70,13 +71,16 @@ class RunMemory:
             **self.contacts.reached,
             **memory,
         }
+        self._reached["tau_hat_at"] = stages.signals["tau_hat"]
+        if not np.array_equal(vehicle.B, setup.nominal.B):
+            self._reached["columns_hat_at"] = np.ascontiguousarray(setup.nominal.B.T)
         if "task" in stages.entries:
             self._reached["s_at"] = stages.signals["s"]
         for name, array in self._reached.items():
             self.loop[name] = array.ctypes.data
         for _, write in WRITERS:
             write(self, setup)
-        arrays = [self.loop, self.context, stages.signals, allocation, stages.u_cmd, self.u, stages.rows]
+        arrays = [self.loop, self.context, stages.signals, stages.sensed, allocation, stages.u_cmd, self.u, stages.rows]
         kept = [entry for entry in stages.running if entry.states or type(entry.stage).memory]
         arrays += [each for entry in kept for each in (entry.state, entry.state_dot)]
         arrays += [*self.contacts.state, *engine.state]
@@ -191,10 +195,10 @@ def write_control(memory: RunMemory, setup: Setup) -> None:
 WRITERS: tuple[tuple[tuple[str, ...], Callable[[RunMemory, Setup], None]], ...] = (
     (("simulation.timestep", "simulation.duration"), write_time),
     (("current", "disturbance"), lambda memory, setup: set_water(memory.context, motion_of_water(setup.scenario))),
-    (("wall", "walls", "bumper", "reference.attitude_deg"), write_wall),
+    (("wall", "walls", "bumper", *ATTITUDE_KEYS), write_wall),
     (("initial",), write_initial),
     (("impedance",), write_impedance),
     (("simulation.seed",), lambda memory, setup: memory.stages.write_keys(setup.scenario)),
-    (("simulation.timestep", "navigation.period", "reference.period", "controller", "actuation.period"), write_control),
+    (("simulation.timestep", "controller", *(f"{table}.period" for table in STAGES)), write_control),
 )
 """Tables or dotted keys of a scenario, and the function that writes the numbers that depend on them."""

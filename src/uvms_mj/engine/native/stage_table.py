@@ -11,10 +11,22 @@ from ...analysis.setup import Setup
 from ...errors import Fault, InputError
 from ...scenario import STAGES, Scenario
 from ...stages.base import Stage, is_shipped, packs_itself, random_key
-from ...stages.signals import CLOCK, ERRORS, ESTIMATES, KNOWN, REFERENCE, TASK, TASK_GIVEN, TRUTH, Signal, record_dtype
+from ...stages.signals import (
+    CLOCK,
+    ERRORS,
+    ESTIMATES,
+    KNOWN,
+    OBSERVER_GIVEN,
+    REFERENCE,
+    TASK,
+    TASK_GIVEN,
+    TRUTH,
+    Signal,
+    record_dtype,
+)
 from .arena import MARGIN, NEARBY, Arena
 from .compilation import NotCompiled
-from .inner_stages import Tracking, Truth
+from .inner_stages import Sensed, Tracking, Truth
 from .layouts import STAGE
 from .plain_stage import PlainStage, StageFault
 from .stage_code import RAISED, compile_stage
@@ -119,6 +131,7 @@ class StageTable:
 
     Attributes:
         signals: the record of the signals that the law is given (1,); each stage fills its part.
+        sensed: the clock and the measurements (1,) that navigation sets if an observer replaces its force.
         allocation: the record that actuation is given (1,).
         u_cmd: (n,) thrusts that actuation sets.
         rows: the table (n,) of STAGE records.
@@ -130,21 +143,26 @@ class StageTable:
         scenario, n = setup.scenario, len(setup.vehicle.thrusters)
         controller, actuation = scenario.controller, scenario.actuation
         self.signals = np.zeros(1, record_dtype(type(controller).given()))
+        self.sensed = np.zeros(1, record_dtype(CLOCK + KNOWN))
         self.allocation = np.zeros(1, record_dtype(type(actuation).given(n)))
         self.u_cmd = np.zeros(n)
         self.entries: dict[str, Entry] = {}
 
         def add(table: str, stage: Stage, given: np.ndarray, out: np.ndarray, state: np.ndarray | None = None) -> None:
-            if getattr(stage, "external", False):
+            if stage.external or not stage.runs:
                 return
             own = type(stage).state_record(n)
             states = type(stage).state_size(n) if state is None else 0
             self.entries[table] = Entry(stage, stage.record(setup), own if state is None else state, given, out, states)
 
-        add("navigation", scenario.navigation, true, part(self.signals, KNOWN))
+        observed = scenario.observer.runs
+        add("navigation", scenario.navigation, true, part(self.sensed if observed else self.signals, KNOWN))
+        if observed:
+            add("sensed", Sensed(), self.sensed, part(self.signals, KNOWN[:4]))
         add("reference", scenario.reference, part(self.signals, CLOCK + KNOWN), part(self.signals, REFERENCE))
         known = part(self.signals, CLOCK + KNOWN + REFERENCE)
         add("tracking", Tracking(), known, part(self.signals, ERRORS + ESTIMATES))
+        add("observer", scenario.observer, part(self.signals, OBSERVER_GIVEN), part(self.signals, KNOWN[4:]))
         if type(controller).uses_task:
             add("task", scenario.task, part(self.signals, TASK_GIVEN), part(self.signals, TASK))
         if type(controller).uses_truth:
@@ -193,12 +211,11 @@ class StageTable:
     def write_periods(self, scenario: Scenario) -> None:
         """Set the periods of all stages."""
         h, control = scenario.simulation.timestep, scenario.control_period
-        periods = {"actuation": h} | {
-            table: stage.period
-            for table in ("navigation", "reference", "actuation")
-            for stage in [getattr(scenario, table)]
-            if stage.period is not None
-        }
+        periods = {"actuation": h}
+        periods |= {table: h for table, entry in self.entries.items() if type(entry.stage).every_step}
+        chosen = {table: getattr(scenario, table).period for table in STAGES}
+        periods |= {table: period for table, period in chosen.items() if period is not None}
+        periods["sensed"] = periods.get("navigation", control)
         steps = [round(periods.get(table, control) / h) for table in self.entries]
         self.rows["period_steps"], self.rows["period"] = steps, [n * h for n in steps]
 

@@ -31,16 +31,14 @@ MOST_BYTES = 256_000_000
 _MOST_VALUES = 200_000
 """Largest number of values (numbers, texts, lists) in one JSON file. Reading takes some 100 bytes of memory for each. A
 mesh is one text."""
-FORMAT = 3
+FORMAT = 4
 """Version of the log format, for a change of run.json or of the topic of a signal. A new signal is not a change."""
 
 
 def _stages_of_law(run: dict[str, Any]) -> dict[str, Any]:
     """Format 1 has the source of the law only; the other stages were those of today's defaults."""
-    others = {name: {"source": each.default.name, "sha256": None, "states": {}} for name, each in STAGES.items()}
-    return {name: value for name, value in run.items() if name != "law"} | {
-        "stages": others | {"controller": run.get("law")}
-    }
+    run = {name: value for name, value in run.items() if name != "law"} | {"stages": {"controller": run.get("law")}}
+    return _stages_since(run)
 
 
 def _mujoco(run: dict[str, Any]) -> dict[str, Any]:
@@ -48,7 +46,16 @@ def _mujoco(run: dict[str, Any]) -> dict[str, Any]:
     return run | {"engine": "mujoco"}
 
 
-_UPGRADES: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {1: _stages_of_law, 2: _mujoco}
+def _stages_since(run: dict[str, Any]) -> dict[str, Any]:
+    """Format 3 lacks the tables of stages that came later; these stages were those of today's defaults."""
+    stages = run.get("stages")
+    if not isinstance(stages, dict):
+        return run
+    defaults = {name: {"source": each.default.name, "sha256": None, "states": {}} for name, each in STAGES.items()}
+    return run | {"stages": defaults | stages}
+
+
+_UPGRADES: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {1: _stages_of_law, 2: _mujoco, 3: _stages_since}
 """By format: a function that makes run.json one of the next format. Logs of these formats and of FORMAT are read."""
 _NEEDED = frozenset(
     (

@@ -33,6 +33,8 @@ _TELLING = 0.1
 """Least sensitivity of a metric to both factors of a map."""
 _FEW_DECADES = 5
 """Decades up to which a logarithmic scale has levels at 1, 2 and 5."""
+_MOST_LABELS = 8
+"""Most labels of the colours of a map."""
 _HATCH = "////"
 _COLOURS = "cividis"
 """A sequential map of colours that colour-blind readers see in the same order."""
@@ -111,8 +113,9 @@ def _row(
         bar.set_ticks(range(0, 101, 20))
     elif isinstance(scale["norm"], LogNorm):
         kilo = EngFormatter(sep="\N{THIN SPACE}")
-        labels = [kilo(level) if level >= 1e3 else f"{level:g}" for level in scale["levels"]]
-        bar.set_ticks(scale["levels"].tolist(), labels=labels)
+        levels = scale["levels"].tolist()
+        levels = levels[:: -(-len(levels) // _MOST_LABELS)]
+        bar.set_ticks(levels, labels=[kilo(level) if level >= 1e3 else f"{level:g}" for level in levels])
         bar.minorticks_off()
 
 

@@ -1,0 +1,88 @@
+r"""Along the wall with a given push: position in the wall's plane, force along its normal.
+
+The reference approaches the wall along x, stops at the depth at which the desired impedance demands the push F from
+eq. (7) and the wall's spring,
+
+.. math:: x_d - x_c = F (n^\top K_d^{-1} K_f n + 1/k_c) + n^\top K_d^{-1} K_f F_d,
+
+and then follows a constant-speed path in the plane (:mod:`.path`) at this depth. n is the wall's normal in B. Without a
+spring K_d along n, F_d alone demands the push, and the depth is zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from pydantic import AfterValidator
+
+from ..physics.frames import quat_from_euler_deg, rotation_matrix
+from ..quantities import Coordinate, NonNegative, Positive, Time
+from ..stages.base import setting
+from .base import Guidance, start_notes
+from .path import MOST_POSES, motion
+from .pieces import follow
+
+_MOMENT = 1e-6
+"""Dwell at a point at which the path only stops [s]."""
+
+
+def _in_plane(points: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
+    if not 1 <= len(points) < MOST_POSES:
+        raise ValueError(f"has {len(points)} points; 1 to {MOST_POSES - 1} are allowed")
+    for i, point in enumerate(points):
+        if len(point) != 2:
+            raise ValueError(f"has {len(point)} values at [{i}]; 2 are needed, y and z of W")
+    return points
+
+
+@dataclass(frozen=True)
+class AlongWall(Guidance):
+    """Along the wall with a given push: approach, dwell, then a constant-speed path in the wall's plane."""
+
+    push: NonNegative = setting(1.5, "N", "push on the wall that the desired impedance demands at rest")
+    points: Annotated[tuple[tuple[Coordinate, ...], ...], AfterValidator(_in_plane)] = setting(
+        ((1.0, 0.0),), "m", "[[y, z], ...] of W after the point of the approach, through which the path goes"
+    )
+    speed: Positive = setting(0.1, "m/s", "speed along the wall")
+    acceleration: Positive = setting(0.05, "m/s^2", "greatest acceleration along the path, at its ends")
+    dwell: Positive = setting(5.0, "s", "time at the wall before the path along it begins")
+    stop: bool = setting(False, "-", "true: stop at each point, with straight lines between them")
+    start_time: Time = setting(1.0, "s", "time at which the approach begins")
+
+    name = "along_wall"
+    needs: ClassVar = ("initial.position", "initial.attitude_deg", "wall", "impedance")
+
+    def depth(self, scenario: Any) -> float:
+        """x_d - x_c [m] that demands the push."""
+        impedance, wall = scenario.impedance, scenario.wall
+        normal = rotation_matrix(quat_from_euler_deg(*self.attitude_deg))[0]
+        pushed = np.abs(normal) > 1e-12
+        n, K_d, K_f, F_d = (np.array(a)[:3][pushed] for a in (normal, impedance.K_d, impedance.K_f, impedance.F_d))
+        if (K_d == 0.0).any():
+            return 0.0
+        give = K_f / K_d
+        return self.push * (float(n @ (give * n)) + 1.0 / wall.stiffness) + float(n @ (give * F_d))
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        """The constants of :func:`.pieces.follow`."""
+        scenario = setup.scenario
+        initial, x_d = scenario.initial, scenario.wall.position + self.depth(scenario)
+        positions = [initial.position, (x_d, *initial.position[1:]), *((x_d, *point) for point in self.points)]
+        attitudes = (initial.attitude_deg, *(self.attitude_deg for _ in positions[1:]))
+        dwells = (0.0, self.dwell, *(_MOMENT if self.stop else 0.0 for _ in self.points))
+        keys = ("wall.position", *(f"reference.points[{i}]" for i in range(len(self.points))))
+        timing = (self.start_time, self.speed, self.acceleration)
+        return motion(tuple(positions), attitudes, dwells, timing, keys)
+
+    def rest_pose(self, scenario: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        return (scenario.wall.position + self.depth(scenario), *self.points[-1]), self.attitude_deg
+
+    def notes(self, setup: Any) -> Iterable[str]:
+        yield from start_notes(self, setup)
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        follow(settings.begins, settings.coefficients, given.t, out)

@@ -1,0 +1,92 @@
+r"""The generalised-momentum observer of the contact force.
+
+With the momentum :math:`\hat M \nu` in B, the paper's eq. (10) gives the wrench that the controller's model does not
+explain,
+
+.. math::
+
+    w = \hat M \dot\nu - \hat\tau + \hat C \nu + \hat D \nu + \hat g, \qquad
+    r = \frac{1}{T} \left( \hat M \nu - \hat M \nu(0) - \int (w_r + r)\, dt \right), \qquad
+    w_r = \hat\tau - \hat C \nu - \hat D \nu - \hat g,
+
+where r is De Luca's residual (De Luca and Mattone, "Actuator failure detection and isolation using generalized
+momenta", ICRA 2003; De Luca, Albu-Schaeffer, Haddadin and Hirzinger, IROS 2006). Their term with the transposed
+Coriolis matrix is the rate of an inertia that depends on the configuration. M_hat is constant in B, so that C_hat nu
+stands in its place. Differentiated, r has no acceleration in it:
+
+.. math::
+
+    T \dot r + r = w = \tau_c + d,
+
+a first-order lag of the contact wrench and of everything else that the model does not contain: the current's drag,
+the disturbance, errors of the estimates and of the thrusters. Over an interval with the mean of w, r goes on by
+1 - exp(-h/T) of the difference, which is exact if w is constant in the interval. At rest r = tau_c + d exactly.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import ClassVar
+
+from ..errors import Fault, InputError
+from ..physics.fossen import matvec
+from ..physics.frames import to_world
+from ..quantities import NonNegative, Positive, Time
+from ..stages.base import setting
+from .observer import Observer
+
+
+@dataclasses.dataclass(frozen=True)
+class MomentumObserver(Observer):
+    """Generalised-momentum observer: the contact force from motion and commanded thrust."""
+
+    time_constant: Positive = setting(0.02, "s", "T of the first-order lag of the estimated wrench")
+    threshold: NonNegative = setting(
+        1.0, "N", "force above which there is a contact; it ends below half of this; 0: always"
+    )
+    calibrate_from: Time = setting(0.0, "s", "begin of the time in which the residual is averaged as the bias")
+    calibrate_until: Time = setting(0.0, "s", "end of this time, before the contact; 0: the bias is zero")
+
+    name = "momentum_observer"
+    states: ClassVar[Mapping[str, int]] = {"residual": 6, "residual_bias": 6, "in_contact": 1}
+    units: ClassVar[Mapping[str, str]] = {"residual": "N, N m", "residual_bias": "N, N m", "in_contact": "1"}
+    memory: ClassVar[Mapping[str, int]] = {"momentum": 6, "explained": 6, "averaged": 1}
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.calibrate_until and self.calibrate_until <= self.calibrate_from:
+            wrong = f"{self.calibrate_until!r} must be 0 or above calibrate_from, {self.calibrate_from!r}"
+            raise InputError([Fault("observer.calibrate_until", wrong)], f"the settings of {self.label()}")
+
+    @property
+    def age(self) -> float:
+        return self.time_constant
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        residual, bias, f_W, wrench = state.residual, state.residual_bias, out.f_contact_m_W, out.tau_contact_m_B
+        h, part = given.period, 1.0 - math.exp(-given.period / settings.time_constant)
+        matvec(given.M_hat, given.nu, wrench)  # the momentum, until it is set below
+        for i in range(6):
+            explained = given.C_hat_nu[i] + given.D_hat_nu[i] + given.g_hat[i]
+            if given.instant > 0:
+                # motion and commanded thrust of the interval that ends now
+                w = (wrench[i] - state.momentum[i]) / h - given.tau_hat[i] + 0.5 * (explained + state.explained[i])
+                residual[i] += part * (w - residual[i])
+            state.momentum[i], state.explained[i] = wrench[i], explained
+        calibrating = given.t < settings.calibrate_until
+        if calibrating and given.t >= settings.calibrate_from:
+            state.averaged[0] += 1.0
+            for i in range(6):
+                bias[i] += (residual[i] - bias[i]) / state.averaged[0]
+        for i in range(6):
+            wrench[i] = residual[i] - bias[i]
+        force = math.sqrt(wrench[0] * wrench[0] + wrench[1] * wrench[1] + wrench[2] * wrench[2])
+        limit = 0.5 * settings.threshold if state.in_contact[0] > 0.0 else settings.threshold
+        state.in_contact[0] = 0.0 if calibrating or force < limit else 1.0
+        if state.in_contact[0] == 0.0:
+            for i in range(6):
+                wrench[i] = 0.0
+        to_world(given.R_WB, wrench, f_W)

@@ -1,0 +1,178 @@
+r"""Sensors of the vehicle: a channel for each measured quantity, and a force sensor with something behind it.
+
+Position is measured in W, everything else in B; velocity and the wrench of the contact are those at B's origin.
+:mod:`.channel` has the errors of a channel.
+
+The force sensor is between the vehicle and a tool of the mass m at r, the water that moves with it included. With the
+acceleration a of the tool's centre, m a = f_c + f_s, where f_s is the force of the vehicle on the tool. The sensor
+measures -f_s, the force of the tool on the vehicle, and drifts with the depth below the start:
+
+.. math::
+
+    f_m = f_c - m a - \kappa (z - z_0), \quad a = \dot v + \omega \times v + \dot\omega \times r
+          + \omega \times (\omega \times r), \quad \tau_m = \tau_c - r \times m a.
+
+The tool's weight in water is taken as zero. The acceleration is that of the last time step, because that of the present
+one depends on the thrust that the measurement decides.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, ClassVar
+
+from annotated_types import Lt
+from pydantic import AfterValidator, BeforeValidator
+
+from ..errors import Fault
+from ..physics.frames import rotation, to_world
+from ..physics.kernels import kernel
+from ..quantities import NonNegative, Number, Positive, Step, Vector3, within
+from ..stages.base import setting, shared
+from .base import Navigation
+from .channel import MEMORY, Channel, measure, measure_attitude
+
+
+def _three(value: Any) -> Any:
+    return (value,) * 3 if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+
+def _not_negative(value: tuple[float, ...]) -> tuple[float, ...]:
+    if min(value) < 0.0:
+        raise ValueError("must not be negative")
+    return value
+
+
+Axes = Annotated[Vector3, BeforeValidator(_three)]
+"""A number of each axis, or one number for all three."""
+_Deviations = Annotated[Axes, AfterValidator(_not_negative)]
+_Latency = Annotated[Number, within(0.0, 100.0, "s")]
+_Scale = Annotated[Number, within(-0.9, 10.0, "")]
+_Probability = Annotated[NonNegative, Lt(1.0)]
+_NONE = (0.0, 0.0, 0.0)
+
+QUANTITIES: Mapping[str, tuple[str, str]] = {
+    "position": ("m", "in W"),
+    "attitude": ("rad", "a rotation vector in B"),
+    "velocity": ("m/s", "in B"),
+    "angular_velocity": ("rad/s", "in B"),
+    "force": ("N", "in B"),
+    "moment": ("N m", "about B's origin, in B"),
+}
+"""The measured quantities in the order of their random numbers, with the units and the frames of their errors."""
+
+
+def _settings() -> Iterator[tuple[str, Any, Any]]:
+    """The settings of all channels: names, types and fields."""
+    for quantity, (unit, frame) in QUANTITIES.items():
+        fields: dict[str, tuple[Any, Any]] = {
+            "period": (Step | None, setting(None, "s", "time between two samples; default: every time step")),
+            "delay": (_Latency, setting(0.0, "s", "delay of each sample")),
+            "jitter": (_Latency, setting(0.0, "s", "largest further delay of a sample, uniform from zero")),
+            "noise": (_Deviations, setting(_NONE, unit, f"standard deviation of each sample, {frame}")),
+            "bias": (Axes, setting(_NONE, unit, f"bias, {frame}")),
+            "walk": (_Deviations, setting(_NONE, f"{unit}/s^(1/2)", f"random walk: deviation after 1 s, {frame}")),
+            "scale": (_Scale, setting(0.0, "1", "relative error")),
+            "quantum": (NonNegative, setting(0.0, unit, "resolution; 0: exact")),
+            "limit": (Positive | None, setting(None, unit, "largest component; default: none")),
+            "dropout": (_Probability, setting(0.0, "1", "probability that a sample is lost")),
+        }
+        if quantity == "attitude":
+            del fields["scale"]
+        yield from ((f"{quantity}_{name}", *field) for name, field in fields.items())
+
+
+_Channels: Any = dataclasses.make_dataclass("_Channels", list(_settings()), bases=(Navigation,), frozen=True)
+
+
+@dataclasses.dataclass(frozen=True)
+class Sensors(_Channels):
+    """Sensors with rates, delays, noise, bias, drift, resolution, limits and lost samples; by default perfect."""
+
+    mass_behind: Annotated[NonNegative, Lt(1e6)] = setting(
+        0.0, "kg", "inertia of what is behind the force sensor, the water that moves with it included"
+    )
+    mass_behind_at: Vector3 = setting(_NONE, "m", "centre of what is behind the force sensor, in B")
+    depth_drift: Axes = setting(_NONE, "N/m", "drift of the force per metre of depth below the start, in B")
+
+    period: Step | None = shared(
+        None, "s", "period of all sensors, a multiple of the time step; default: the time step"
+    )
+
+    name = "sensors"
+    every_step: ClassVar = True
+    needs: ClassVar = ("simulation.timestep",)
+    memory: ClassVar = {**dict.fromkeys(QUANTITIES, MEMORY), "wrench": 6, "start": 1}
+
+    def channel(self, quantity: str) -> Channel:
+        """The channel of a quantity."""
+        names = (field.name for field in dataclasses.fields(Channel))
+        given: dict[str, Any] = {name: getattr(self, f"{quantity}_{name}", 0.0) for name in names}
+        return Channel(**given)
+
+    @property
+    def plain_wrench(self) -> bool:
+        """Whether the measured force is the contact force as it is, in W too."""
+        channels = (self.channel(quantity).perfect for quantity in ("attitude", "force", "moment"))
+        return all(channels) and self.mass_behind == 0.0 and not any(self.depth_drift)
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        """The packed channels (SETTINGS,) by quantity, plain_wrench, and what concerns the force sensor."""
+        step = self.period or setup.scenario.simulation.timestep
+        channels = {quantity: self.channel(quantity).packed(step) for quantity in QUANTITIES}
+        kept = {name: getattr(self, name) for name in ("mass_behind", "mass_behind_at", "depth_drift")}
+        return {**channels, **kept, "plain_wrench": self.plain_wrench}
+
+    def faults(self, setup: Any) -> Iterator[Fault]:
+        step = self.period or setup.scenario.simulation.timestep
+        for quantity in QUANTITIES:
+            for name, wrong in self.channel(quantity).faults(step):
+                yield Fault(f"navigation.{quantity}_{name}", wrong)
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        k, key, nu = given.instant, given.key, given.nu
+        measure(settings.position, state.position, given.p_WB, 0, k, key, 0, out.p_WB)
+        measure_attitude(settings.attitude, state.attitude, given.quat_WB, k, key, 1, out.quat_WB)
+        measure(settings.velocity, state.velocity, nu, 0, k, key, 2, out.nu)
+        measure(settings.angular_velocity, state.angular_velocity, nu, 3, k, key, 3, out.nu)
+        felt_wrench(settings, given, state.start, state.wrench)
+        measure(settings.force, state.force, state.wrench, 0, k, key, 4, out.tau_contact_m_B)
+        measure(settings.moment, state.moment, state.wrench, 3, k, key, 5, out.tau_contact_m_B)
+        if settings.plain_wrench:
+            for i in range(3):
+                out.f_contact_m_W[i] = given.f_contact_W[i]
+                for j in range(3):
+                    out.R_WB[i, j] = given.R_WB[i, j]
+            return
+        rotation(out.quat_WB, out.R_WB)
+        to_world(out.R_WB, out.tau_contact_m_B, out.f_contact_m_W)
+
+
+@kernel
+def felt_wrench(settings, given, start, wrench):
+    """Set the wrench (6,) in B at its origin that the force sensor is exposed to; ``start`` (1,) keeps z of the first
+    instant."""
+    for i in range(6):
+        wrench[i] = given.tau_contact_B[i]
+    if given.instant == 0:
+        start[0] = given.p_WB[2]
+    m = settings.mass_behind
+    if m > 0.0:
+        nu, nu_dot, r = given.nu, given.nu_dot, settings.mass_behind_at
+        p, q, omega_z = nu[3], nu[4], nu[5]
+        v_x = nu[0] + q * r[2] - omega_z * r[1]  # velocity of the centre
+        v_y = nu[1] + omega_z * r[0] - p * r[2]
+        v_z = nu[2] + p * r[1] - q * r[0]
+        f_x = -m * (nu_dot[0] + nu_dot[4] * r[2] - nu_dot[5] * r[1] + q * v_z - omega_z * v_y)
+        f_y = -m * (nu_dot[1] + nu_dot[5] * r[0] - nu_dot[3] * r[2] + omega_z * v_x - p * v_z)
+        f_z = -m * (nu_dot[2] + nu_dot[3] * r[1] - nu_dot[4] * r[0] + p * v_y - q * v_x)
+        wrench[0] += f_x
+        wrench[1] += f_y
+        wrench[2] += f_z
+        wrench[3] += r[1] * f_z - r[2] * f_y
+        wrench[4] += r[2] * f_x - r[0] * f_z
+        wrench[5] += r[0] * f_y - r[1] * f_x
+    for i in range(3):
+        wrench[i] -= settings.depth_drift[i] * (given.p_WB[2] - start[0])

@@ -1,0 +1,170 @@
+"""The observer of the contact force: its closed forms, its place in the loop, and its refusals."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from twin import C_A, D, TwinParameters, rotation
+from uvms_mj import InputError, Scenario, Simulation, simulate
+from uvms_mj.navigation import MomentumObserver
+from uvms_mj.stages.signals import KNOWN, OBSERVER_GIVEN, record_dtype
+
+STILL = {"current.speed": 0.0, "wall.position": 5.0, "reference.target": [0.0, 0.0, 0.0]}
+SOFT = {
+    "observer.name": "momentum_observer",
+    "observer.time_constant": 0.01,
+    "wall.stiffness": 2e3,
+    "reference.target": [1.05, 0.0, 0.0],
+}
+SPRING = 150.0 * 0.05 / (1.0 + 150.0 / 2e3)
+"""Force at rest of the desired stiffness and the wall of SOFT in a row [N]."""
+
+
+def record(signals):
+    return np.zeros(1, record_dtype(signals)).view(np.recarray)[0]
+
+
+def test_the_residual_is_a_first_order_lag_of_the_unexplained_wrench():
+    """Independently: a digital filter of w = M_hat nu_dot - tau_hat + C_hat nu + D_hat nu + g_hat."""
+    h, T, n, rng = 0.01, 0.05, 300, np.random.default_rng(1)
+    M = np.diag([20.0, 30.0, 40.0, 1.0, 2.0, 3.0]) + rng.normal(size=(6, 6))
+    nu, tau, C, D_nu, g = rng.normal(size=(5, n, 6))
+    stage = MomentumObserver(time_constant=T, threshold=0.0)
+    settings, state = (each.view(np.recarray)[0] for each in (stage.record(), stage.state_record()))
+    given, out = record(OBSERVER_GIVEN), record(KNOWN[4:])
+    given.period, given.M_hat[:], given.R_WB[:] = h, M, [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    found = []
+    for k in range(n):
+        given.instant, given.t = k, k * h
+        for name, values in (("nu", nu), ("tau_hat", tau), ("C_hat_nu", C), ("D_hat_nu", D_nu), ("g_hat", g)):
+            given[name][:] = values[k]
+        MomentumObserver.step(settings, state, given, None, out)
+        found.append(state.residual.copy())
+        assert np.array_equal(out.tau_contact_m_B, state.residual)
+        assert np.allclose(out.f_contact_m_W, [-found[-1][1], found[-1][0], found[-1][2]], rtol=1e-14)
+    explained = C + D_nu + g
+    w = np.diff(nu, axis=0) @ M.T / h - tau[1:] + 0.5 * (explained[1:] + explained[:-1])
+    a = np.exp(-h / T)
+    assert found[0] == pytest.approx(np.zeros(6))
+    assert np.allclose(found[1:], lfilter([1.0 - a], [1.0, -a], w, axis=0), rtol=1e-12, atol=1e-10)
+
+
+@pytest.mark.parametrize("engine", ["free_body", "mujoco"])
+def test_a_constant_disturbance_appears_as_one_minus_the_exponential(engine):
+    """The difference is that of the time stepping: it halves with the step."""
+    T, d = 0.02, np.array([3.0, -2.0, 1.0, 0.1, -0.2, 0.3])
+    errors = []
+    for h in (1e-4, 5e-5):
+        settings = {"observer.name": "momentum_observer", "observer.time_constant": T, "observer.threshold": 0.0}
+        settings |= {"simulation.timestep": h, "simulation.duration": 0.1, "disturbance.bias": d.tolist()}
+        trace = simulate(Scenario.load("push_wall", STILL | settings), engine=engine, log_rate="full")
+        errors.append(abs(trace["residual"] - np.outer(1.0 - np.exp(-trace.t / T), d)).max())
+    assert errors[0] < 2e-4
+    assert errors[1] == pytest.approx(0.5 * errors[0], rel=0.1)
+
+
+def test_at_rest_the_residual_is_the_contact_and_the_current_exactly():
+    """tau_c + d, with d = -C_A(nu_r) nu_r - D(nu_r) nu_r of the twin, and nu_r = -nu_c."""
+    trace = simulate(Scenario.load("push_wall", SOFT | {"observer.threshold": 0.0}), engine="free_body")
+    R = rotation(trace.quat_WB[-1])
+    parameters = TwinParameters()
+    nu_r = np.r_[-R.T @ parameters.v_c_W, np.zeros(3)]
+    unknown = -(C_A(parameters, nu_r) + D(parameters, nu_r)) @ nu_r
+    unknown[:3] += R.T @ trace.f_contact_W[-1]
+    assert np.abs(trace.nu[-1]).max() < 1e-5
+    assert trace["residual"][-1] == pytest.approx(unknown, abs=2e-4)
+    assert np.linalg.norm(unknown[:3]) > 5.0
+
+
+def test_a_bias_learned_before_the_contact_leaves_the_contact_force():
+    """GSTA without a force sensor then rests where it rests with one, but for what the bias has of the transient."""
+    learned = {"observer.calibrate_from": 6.0, "observer.calibrate_until": 7.0, "reference.step_time": 7.0}
+    trace = simulate(Scenario.load("push_wall", SOFT | learned), engine="free_body")
+    assert trace["in_contact"][-1] == 1.0
+    assert not trace["in_contact"][trace.t < 7.0].any()
+    assert not trace.f_contact_m_W[trace.t < 7.0].any()
+    assert trace.f_contact_m_W[-1] == pytest.approx(trace.f_contact_W[-1], abs=1e-4)
+    assert trace.push[-1] == pytest.approx(SPRING, rel=2e-5)
+
+
+def test_the_threshold_has_a_hysteresis():
+    """No contact below the threshold; a contact ends below half of it."""
+    stage = MomentumObserver(time_constant=1e-6, threshold=2.0)
+    settings, state = (each.view(np.recarray)[0] for each in (stage.record(), stage.state_record()))
+    given, out = record(OBSERVER_GIVEN), record(KNOWN[4:])
+    given.period, given.R_WB[:], given.instant = 1.0, np.eye(3), 1
+    seen = []
+    for force in (1.5, -2.5, 1.5, 0.9, 1.5, 3.0):
+        given.tau_hat[0] = -force
+        MomentumObserver.step(settings, state, given, None, out)
+        seen.append(out.f_contact_m_W[0])
+    assert seen == [0.0, -2.5, 1.5, 0.0, 0.0, 3.0]
+
+
+def test_the_force_sensor_is_replaced_not_mixed_in(tmp_path):
+    """A sensor that is wrong by 100 N changes nothing, at any of the periods."""
+    sensor = tmp_path / "wrong.py"
+    sensor.write_text(
+        """
+from dataclasses import dataclass
+from uvms_mj import Navigation
+from uvms_mj.navigation import perfect
+
+@dataclass(frozen=True)
+class Wrong(Navigation):
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        perfect(given, out)
+        out.f_contact_m_W[0] += 100.0
+        out.tau_contact_m_B[0] += 100.0
+"""
+    )
+    for periods in ({}, {"controller.period": 2e-3, "navigation.period": 1e-3, "observer.period": 4e-3}):
+        settings = SOFT | periods | {"simulation.duration": 2.0, "wall.position": 0.01}
+        right = simulate(Scenario.load("push_wall", settings), engine="free_body")
+        wrong = simulate(
+            Scenario.load("push_wall", settings | {"navigation.name": f"{sensor}:Wrong"}), engine="free_body"
+        )
+        assert right["touches"][-1] > 0
+        for name in ("f_contact_m_W", "nu", "tau", "residual"):
+            assert np.array_equal(right[name], wrong[name]), name
+
+
+def test_the_believed_thrust_is_that_of_the_files_thrusters():
+    """The true thrusters may stand elsewhere: their moments are part of the residual."""
+    offset = {"vehicle.thruster_offset": [[0.02, 0.0, 0.01]] + [[0.0, 0.0, 0.0]] * 5}
+    for settings in ({}, offset):
+        with Simulation(Scenario.load("push_wall", settings), engine="free_body") as sim:
+            sim.step(300)
+            tau_hat, tau, B = sim.signals.tau_hat, sim.signals.tau, sim.setup.nominal.B
+            assert tau_hat == pytest.approx(B @ sim.signals.u, rel=1e-13, abs=1e-13)
+            assert np.abs(tau_hat).max() > 1.0
+            assert np.array_equal(tau_hat, tau) is not bool(settings)
+
+
+def test_the_same_run_after_a_reset():
+    with Simulation(Scenario.load("push_wall", SOFT), engine="free_body") as sim:
+        found = []
+        for threshold in (1.0, 0.0, 1.0):
+            sim.reset(overrides={"observer.threshold": threshold})
+            sim.step(2000)
+            found.append(sim.signals.f_contact_m_W.copy())
+    assert np.array_equal(found[0], found[2])
+    assert not np.array_equal(found[0], found[1])
+
+
+def test_a_force_that_is_too_old_for_the_wall_is_said_before_the_run():
+    """D_d/(K_f k_c) is 0.88 ms at 1e5 N/m: the loop vibrates with an estimate that is 10 ms old."""
+    with pytest.warns(UserWarning, match=r"vibrates against the wall with this observer: .* 0\.01 s old"):
+        trace = simulate(Scenario.load("push_wall", SOFT | {"wall.stiffness": 1e5}), engine="free_body")
+    assert trace["touches"][-1] > 3
+    assert "observer" in trace.analytic.reason
+
+
+def test_wrong_settings_are_refused():
+    with pytest.raises(InputError, match=r"observer.calibrate_until: 0.5 must be 0 or above calibrate_from, 1.0"):
+        Scenario.load("push_wall", SOFT | {"observer.calibrate_from": 1.0, "observer.calibrate_until": 0.5})
+    with pytest.raises(InputError, match=r"no observer 'momentum'; did you mean 'momentum_observer'"):
+        Scenario.load("push_wall", {"observer.name": "momentum"})
+    with pytest.raises(InputError, match=r"observer.time_constant: 0"):
+        Scenario.load("push_wall", SOFT | {"observer.time_constant": 0.0})
