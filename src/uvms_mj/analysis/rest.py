@@ -42,6 +42,5 @@ def demanded_force(scenario: Scenario, k_c: float | None = None) -> float:
         return math.nan
     distance = target[0] - wall.position - float(n @ (give * F_d))
     yielding = float(n @ (give * n)) + 1.0 / (wall.stiffness if k_c is None else k_c)
-    if scenario.bumper.stiffness is not None:
-        yielding += 1.0 / scenario.bumper.stiffness
+    yielding += 1.0 / (scenario.bumper.stiffness or math.inf)
     return max(0.0, distance / yielding) if yielding > 0.0 else math.inf if distance > 0.0 else 0.0

@@ -15,9 +15,9 @@ import numpy as np
 from ..control.springs import Springs
 from ..errors import Fault
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
-from ..plant.contacts import impossible, in_series_fast
+from ..plant.contacts import impossible
 from ..plant.settings import Wall, contact_settings
-from ..plant.surfaces import Surface
+from ..plant.surfaces import Surface, in_series_fast
 from .setup import Setup
 
 RESOLVED = 0.3

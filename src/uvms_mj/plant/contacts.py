@@ -17,7 +17,7 @@ from ..errors import Fault
 from ..physics.pairs import PAIR
 from ..physics.surfaces import SHAPES, SURFACE, nearest_on_segment, signed_distance
 from .settings import contact_settings
-from .surfaces import ContactBody, Surface
+from .surfaces import ContactBody, Surface, in_series
 
 OUT_OF_REACH = 1e9
 """A distance beyond the bounds of a run [m]."""
@@ -162,25 +162,6 @@ def impossible(scenario: Any) -> Iterator[Fault]:
             "bumper.stiffness",
             "is that of the probe, which vehicle.contact_bodies replace; give vehicle.contact_bodies[0].stiffness",
         )
-
-
-def in_series(k_c: float, b_c: float, k_b: float, b_b: float) -> tuple[float, float]:
-    """Stiffness [N/m] and damping [N s/m] of a wall and a bumper in series for slow motion; k_b is 0 without a bumper.
-
-    To first order in the frequency, of (k_c + i w b_c)(k_b + i w b_b)/(k_c + k_b + i w (b_c + b_b)).
-    """
-    if k_b == 0.0:
-        return k_c, b_c
-    total = k_c + k_b
-    return k_c * k_b / total, (b_c * k_b * k_b + b_b * k_c * k_c) / (total * total)
-
-
-def in_series_fast(k_c: float, b_c: float, k_b: float, b_b: float) -> tuple[float, float]:
-    """As :func:`in_series`, for fast motion: the dampers hold wall and bumper against each other."""
-    if k_b == 0.0 or b_c + b_b == 0.0:
-        return in_series(k_c, b_c, k_b, b_b)
-    total = b_c + b_b
-    return (k_b * b_c * b_c + k_c * b_b * b_b) / (total * total), b_c * b_b / total
 
 
 def _ends(body: ContactBody, wall: Surface) -> Iterator[np.ndarray]:

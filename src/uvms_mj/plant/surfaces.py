@@ -81,6 +81,25 @@ class Surface:
         return rotation_matrix(quat_from_euler_deg(*self.attitude_deg))
 
 
+def in_series(k_c: float, b_c: float, k_b: float, b_b: float) -> tuple[float, float]:
+    """Stiffness [N/m] and damping [N s/m] of a wall and a bumper in series for slow motion; k_b is 0 without a bumper.
+
+    To first order in the frequency, of (k_c + i w b_c)(k_b + i w b_b)/(k_c + k_b + i w (b_c + b_b)).
+    """
+    if k_b == 0.0:
+        return k_c, b_c
+    total = k_c + k_b
+    return k_c * k_b / total, (b_c * k_b * k_b + b_b * k_c * k_c) / (total * total)
+
+
+def in_series_fast(k_c: float, b_c: float, k_b: float, b_b: float) -> tuple[float, float]:
+    """As :func:`in_series`, for fast motion: the dampers hold wall and bumper against each other."""
+    if k_b == 0.0 or b_c + b_b == 0.0:
+        return in_series(k_c, b_c, k_b, b_b)
+    total = b_c + b_b
+    return (k_b * b_c * b_c + k_c * b_b * b_b) / (total * total), b_c * b_b / total
+
+
 @dataclass(frozen=True, config=STRICT)
 class ContactBody:
     """One table of ``[[vehicle.contact_bodies]]``: a sphere, or a capsule if ``end`` is given."""
@@ -109,6 +128,10 @@ class Bumper:
     def __post_init__(self) -> None:
         if self.stiffness is None and self.damping:
             raise ValueError("damping needs stiffness: without it there is no bumper")
+
+    def in_front_of(self, stiffness: float, damping: float) -> tuple[float, float]:
+        """:func:`in_series` of a wall and this bumper."""
+        return in_series(stiffness, damping, self.stiffness or 0.0, self.damping)
 
 
 OF_WALLS = re.compile(r"walls(?:\[(\d{1,9})\]\.(\w+))?")

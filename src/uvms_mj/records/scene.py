@@ -88,9 +88,11 @@ def scene_of(header: Header) -> Scene:
     start = np.array([0.4 * face, 0.0, 0.5])
     tip = start + CURRENT_SCALE * np.array(current.velocity_W)
     walls = [as_surface(header.scenario.wall, header.geometry.reach)] if header.scenario.wall.present else []
-    arrow = Arrow("current", f"current {current.speed:g} m/s", SKY, 0.014, start, tip)
+    speed = math.hypot(*current.velocity_W)
+    text = f"{'current' if current.constant else 'constant part of the current'} {speed:g} m/s"
+    arrow = Arrow("current", text, SKY, 0.014, start, tip)
     shapes = tuple(drawn_wall(wall) for wall in (*walls, *header.scenario.walls))
-    return Scene((drawn_vehicle(header),), shapes, (arrow,) if current.speed else ())
+    return Scene((drawn_vehicle(header),), shapes, (arrow,) if speed else ())
 
 
 def drawn_wall(wall: Surface) -> Shape:
