@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pressed import PUSH, M
-from uvms_mj import Controller, InputError, Scenario, Simulation, Trace, gain, simulate
+from uvms_mj import Controller, InputError, McapLog, Scenario, Simulation, Trace, gain, simulate
 from uvms_mj.analysis.rest import demanded_force
 from uvms_mj.analysis.sampling import SamplingWarning
 from uvms_mj.analysis.setup import set_up
@@ -205,7 +205,7 @@ def test_a_layered_wall_at_rest():
     depth = (K_X * 0.05 - k * w_1 + k_1 * w_1) / (K_X + k_1)
     assert depth > w_1
     force = k * w_1 + k_1 * (depth - w_1)
-    assert trace.depths[-1, 0] == pytest.approx(depth, rel=1e-6)
+    assert trace.contact_depths[-1, 0] == pytest.approx(depth, rel=1e-6)
     assert trace.push[-1] == pytest.approx(force, rel=1e-6)
     assert trace.analytic.force == pytest.approx(force, rel=1e-9)
 
@@ -255,7 +255,7 @@ def test_three_contact_points_rest_at_the_static_balance(engine):
     assert (np.linalg.norm(forces, axis=1) > 0.5).all(), "all three touch"
     size = np.linalg.norm(wrench[:3])
     assert trace.f_contacts_W[-1] == pytest.approx(forces, abs=1e-6 * size)
-    assert trace.tau_contact_B[-1] == pytest.approx(wrench, abs=1e-6 * size)
+    assert trace.tau_contacts_B[-1] == pytest.approx(wrench, abs=1e-6 * size)
     assert np.abs(wrench[3:]).max() > 0.05
     K_d = np.array(trace.scenario.impedance.K_d)
     assert K_d * trace.eta_e[-1] == pytest.approx(wrench, abs=1e-6 * size)
@@ -353,3 +353,15 @@ def test_a_scenario_with_walls_goes_through_its_own_toml(tmp_path: Path):
     path = tmp_path / "again.toml"
     path.write_text(scenario.to_toml())
     assert Scenario.load(path) == scenario
+
+
+def test_a_log_of_a_run_with_walls_gives_the_run_back(tmp_path: Path):
+    path = tmp_path / "pile.mcap"
+    scenario = Scenario.load("press_pile", {"simulation.duration": 0.3, "initial.position": [1.05, 0.0, 0.0]})
+    trace = simulate(scenario, sinks=[McapLog(path)], **FREE)
+    read = Trace.load(path)
+    assert read.scenario == trace.scenario
+    for name in trace:
+        np.testing.assert_array_equal(read[name], trace[name])
+    assert read.push.max() > 0.0
+    np.testing.assert_array_equal(read.push, read.f_normal)

@@ -237,8 +237,8 @@ def contact_signals(n: int) -> tuple[Signal, ...]:
     return (
         Signal("f_normal", (), "N", "-", "pushing force: sum of the normal forces of all contacts"),
         Signal("f_contacts_W", (n, 3), "N", "W", "force of each contact of the list on the vehicle"),
-        Signal("depths", (n,), "m", "-", "depth of each contact of the list"),
-        _SET["tau_contact_B"],
+        Signal("contact_depths", (n,), "m", "-", "depth of each contact of the list"),
+        Signal("tau_contacts_B", (6,), _WRENCH, "B", "total contact force as a wrench at B's origin"),
     )
 
 
