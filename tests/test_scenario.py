@@ -102,7 +102,7 @@ def test_faults_read_well(tmp_path, text, expected):
 @pytest.mark.parametrize(
     ("key", "expected"),
     [
-        ("stiffness", "did you mean 'wall.stiffness'?"),
+        ("stiffness", "did you mean 'wall.stiffness' or 'bumper.stiffness'?"),
         ("k_1", "did you mean 'controller.k_1'?"),
         ("wal.stiffness", "did you mean 'wall'?"),
         ("wall.stifness", "did you mean 'stiffness'?"),

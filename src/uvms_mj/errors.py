@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pydantic import ValidationError
+from pydantic_core import ArgsKwargs
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,8 @@ def faults_of(
             message = f"no such key; {suggestion(word, (choices or {}).get(table.partition('[')[0], ()))}"
         elif item["type"] == "missing" and isinstance(item["loc"][-1], str):
             message = _SENTENCES["missing"]  # the value is that of the table around it
+        elif isinstance(item["input"], Mapping | ArgsKwargs) and item["type"] == "value_error":
+            message = _sentence(item)  # of several keys of the table
         else:
             given = item["input"]
             message = f"{shortened(list(given) if isinstance(given, tuple) else given)} {_sentence(item)}"

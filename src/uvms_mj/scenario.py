@@ -25,6 +25,7 @@ from .files import plain, scenario_path, tables_of
 from .guidance import FilteredSteps, Guidance
 from .navigation import Navigation, NoObserver, Observer, Perfect
 from .plant.settings import Initial, VehicleChoice, Wall
+from .plant.surfaces import OF_WALLS, Bumper, Surface, override_walls
 from .plant.water import Current, Disturbance, Tether
 from .quantities import STRICT, Duration, Lowercase, Step, doc, overrides_of
 from .stages.base import Stage
@@ -66,6 +67,8 @@ class Scenario:
     disturbance: Disturbance = Disturbance()
     tether: Tether = Tether()
     wall: Wall = Wall()
+    walls: tuple[Surface, ...] = ()
+    bumper: Bumper = Bumper()
     reference: Guidance = FilteredSteps()
     impedance: Impedance = Impedance()
     estimates: Estimates = Estimates()
@@ -169,7 +172,8 @@ class Scenario:
         try:
             scenario = _VALIDATOR.validate_python(tables)
         except ValidationError as error:
-            faults += faults_of(error, choices=_KEYS | _INNER_KEYS)
+            inner = _INNER_KEYS | {"walls": [f.name for f in dataclasses.fields(Surface)]}
+            faults += faults_of(error, choices=_KEYS | inner)
         if faults:
             raise InputError(faults, place)
         return scenario
@@ -210,6 +214,7 @@ class Scenario:
             if name in STAGES and name != "controller":
                 values.append((f"{name}.name", Path(table.source()).name, kind.source()))
             values += [(f"{name}.{f.name}", getattr(table, f.name), f.default) for f in dataclasses.fields(table)]
+        values.append(("walls", self.walls, ()))
         other = [
             f"{key} = {shortened(value)}" for key, value, default in values if value not in (default, (default,) * 6)
         ]
@@ -252,6 +257,8 @@ def _absolute(source: Any) -> Any:
 
 
 def _override(tables: dict[str, Any], key: str, value: Any) -> list[Fault]:
+    if found := OF_WALLS.fullmatch(key):
+        return override_walls(tables, key, found, value)
     table, _, word = key.partition(".")
     if not word:
         if table in ("name", "description"):
@@ -287,3 +294,4 @@ def keys() -> Iterable[tuple[str, Any, str]]:
         for field in dataclasses.fields(Controller if name == "controller" else table):
             unit = f" [{field.metadata['unit']}]" if "unit" in field.metadata else ""
             yield f"{name}.{field.name}", field.default, field.metadata.get("meaning", "") + unit
+    yield "walls", (), f"further walls: tables of {', '.join(field.name for field in dataclasses.fields(Surface))}"

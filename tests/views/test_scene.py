@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
+from uvms_mj import Scenario, simulate
 from uvms_mj.files import shipped
+from uvms_mj.physics.frames import rotation_matrix
+from uvms_mj.plant.geometry import Geometry
 from uvms_mj.plant.mjcf import Mjcf
 from uvms_mj.records import scene
 from uvms_mj.views.rerun.solids import solids
@@ -37,3 +40,35 @@ def test_solids_are_closed_and_have_their_volume(name):
         assert np.mean(outwards[np.linalg.norm(area, axis=1) > 1e-12] > 0.0) > 0.98
     reach = max(solid.vertices[:, 0].max() for solid in solids(geometry))
     assert reach == pytest.approx(geometry.reach, abs=1e-3)
+
+
+def test_walls_and_contact_bodies_are_drawn_where_they_touch():
+    """The drawn shapes have the distances of the contacts: a ray along the normal meets them at the contact."""
+    bodies = [
+        {"position": [0.3, 0.1, 0.0], "radius": 0.05},
+        {"position": [0.3, 0.2, 0.0], "end": [0.3, -0.2, 0.1], "radius": 0.03},
+    ]
+    walls = [
+        {"shape": "plane", "position": [1.3, 0.2, 0.1], "attitude_deg": [10.0, 20.0, 30.0]},
+        {"shape": "cylinder", "position": [1.5, 0.0, 0.0], "radius": 0.2, "attitude_deg": [40.0, 0.0, 0.0]},
+        {"shape": "sphere", "position": [0.0, 2.0, 0.0], "radius": 0.3},
+        {"shape": "box", "position": [0.0, -2.0, 0.0], "edges": [0.4, 0.6, 0.8], "attitude_deg": [0.0, 0.0, 20.0]},
+    ]
+    overrides = {"wall.present": False, "walls": walls[:3], "vehicle.contact_bodies": bodies}
+    run = simulate(Scenario.load("push_wall", overrides | {"simulation.duration": 1e-3}), engine="free_body")
+    drawn = scene.scene_of(run.header)
+    plane, cylinder, sphere = drawn.walls
+    face = np.array(plane.position) - plane.size[0] * rotation_matrix(np.array(plane.quat))[:, 0]
+    assert face == pytest.approx(walls[0]["position"], abs=1e-12)
+    assert (cylinder.kind, cylinder.size[0], sphere.kind, sphere.size[0]) == ("cylinder", 0.2, "sphere", 0.3)
+    box = scene.drawn_wall(Scenario.load("push_wall", {"walls": walls[3:]}).walls[0])
+    assert (box.kind, box.size) == ("box", (0.2, 0.3, 0.4))
+    ball, capsule = drawn.vehicles[0].shapes[-2:]
+    assert (ball.kind, ball.position, ball.size[0]) == ("sphere", (0.3, 0.1, 0.0), 0.05)
+    along = capsule.size[1] * rotation_matrix(np.array(capsule.quat))[:, 2]
+    ends = [np.array(capsule.position) - along, np.array(capsule.position) + along]
+    assert ends[0] == pytest.approx(bodies[1]["position"], abs=1e-12)
+    assert ends[1] == pytest.approx(bodies[1]["end"], abs=1e-12)
+    for round_wall in (cylinder, sphere):
+        (solid,) = solids(Geometry((round_wall,), {}))
+        assert len(solid.triangles) > 100

@@ -17,14 +17,17 @@ def demanded_force(scenario: Scenario, k_c: float | None = None) -> float:
     .. math:: F = \max\left(0, \frac{x_d - x_c - n^\top K_d^{-1} K_f F_d}{n^\top K_d^{-1} K_f n + 1/k_c}\right)
 
     For the paper's K_f = I, F_d = 0 this is K_x (x_d - x_c) / (1 + K_x / k_c), and K_x (x_d - x_c) for a rigid wall. If
-    K_d is zero along n, it is the force demanded by F_d. F_d must be without moments. The result is infinite for a
-    rigid wall and K_f = 0, and NaN for a reference that does not come to rest.
+    K_d is zero along n, it is the force demanded by F_d. F_d must be without moments. A bumper is in series with the
+    wall, 1/k_c + 1/k_b. The result is infinite for a rigid wall and K_f = 0, and NaN for a reference that does not come
+    to rest, or if the probe and ``[wall]`` are not the only contact.
 
     Args:
         scenario: with reference, wall and impedance.
         k_c: stiffness of the wall [N/m], infinite for a rigid one; default: the scenario's.
     """
     impedance, wall = scenario.impedance, scenario.wall
+    if not wall.present or scenario.walls or scenario.vehicle.contact_bodies:
+        return math.nan
     target, attitude_deg = scenario.reference.rest_pose(scenario)
     normal = wall_normal(quat_from_euler_deg(*attitude_deg))
     K_f, K_d, F_d = (np.array(values) for values in (impedance.at_end[0], impedance.K_d, impedance.at_end[1]))
@@ -39,4 +42,5 @@ def demanded_force(scenario: Scenario, k_c: float | None = None) -> float:
         return math.nan
     distance = target[0] - wall.position - float(n @ (give * F_d))
     yielding = float(n @ (give * n)) + 1.0 / (wall.stiffness if k_c is None else k_c)
+    yielding += 1.0 / (scenario.bumper.stiffness or math.inf)
     return max(0.0, distance / yielding) if yielding > 0.0 else math.inf if distance > 0.0 else 0.0

@@ -19,7 +19,8 @@ from .setup import Setup, set_up
 from .wall import wall_faults, wall_notes
 from .water import water_faults
 
-_CHECKED = frozenset({"wall", "simulation.timestep", "current", "disturbance"})
+_WALLS = ("wall", "walls", "bumper")
+_CHECKED = frozenset({*_WALLS, "simulation.timestep", "current", "disturbance"})
 _PERIODS = tuple(f"{table}.period" for table in STAGES)
 _SMALL, _LARGE = 1e-6, 1e8
 """If an equation overflows, the message names the keys with numbers outside this range."""
@@ -49,7 +50,7 @@ def refuse(setup: Setup, touched: Set[str] = _CHECKED) -> None:
         faults += _stage_faults(setup.scenario)
     if not touched.isdisjoint(("simulation.timestep", *STAGES)):
         faults += [fault for stage in setup.scenario.stages for fault in stage.faults(setup)]
-    if not touched.isdisjoint(("wall", *ATTITUDE_KEYS, "simulation.timestep")):
+    if not touched.isdisjoint((*_WALLS, *ATTITUDE_KEYS, "simulation.timestep")):
         faults += wall_faults(setup)
     if not touched.isdisjoint(("current", "disturbance", "simulation.timestep")):
         scenario = setup.scenario

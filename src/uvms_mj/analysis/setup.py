@@ -10,8 +10,9 @@ from ..control.design import Design
 from ..errors import InputError
 from ..physics.frames import rotation_matrix
 from ..plant.build import Plant, build
+from ..plant.contacts import Contacts, Front, Pair, contacts_of
 from ..plant.mjcf import Mjcf
-from ..plant.settings import lightest_along_face
+from ..plant.settings import lightest_along_face, lightest_at
 from ..plant.variation import varied
 from ..plant.vehicle import Vehicle
 from ..scenario import Scenario
@@ -44,6 +45,23 @@ class Setup:
     def gravity_W(self) -> np.ndarray:
         """(3,) acceleration of gravity [m/s^2]."""
         return self.plant.mjcf.gravity_W
+
+    @functools.cached_property
+    def contacts(self) -> Contacts:
+        """The contacts beside that of the probe and ``[wall]``."""
+        return contacts_of(self.scenario, self.plant.geometry.reach)
+
+    @functools.cached_property
+    def fronts(self) -> tuple[Front, ...]:
+        """All contacts, as the law meets them at the desired pose."""
+        scenario, wall = self.scenario, self.scenario.wall
+        papers = (Front("wall", self.design.normal, wall.stiffness, wall.damping),) if self.contacts.paper else ()
+        target = np.array(scenario.reference.rest_pose(scenario)[0] or scenario.initial.position)
+        return *papers, *self.contacts.fronts(target, rotation_matrix(self.design.quat_d))
+
+    def lightest(self, pair: Pair) -> float:
+        """Least effective mass at a contact of the list in any direction [kg]."""
+        return lightest_at(self.design.M, pair.ends_B, pair.radius)
 
     def mass_along_normal(self) -> float:
         """Effective mass at the contact point along the wall's normal [kg]."""

@@ -103,8 +103,9 @@ def keys() -> None:
 def signals() -> None:
     """List the signals that each stage receives and sets, and the signals that a run records."""
     from ..scenario import STAGES
-    from ..stages.signals import DELAYED, MEASURED, RECORDED, SCHEDULED, thruster_signal
+    from ..stages.signals import DELAYED, MEASURED, RECORDED, SCHEDULED, contact_signals, thruster_signal
 
+    of_contacts = {signal.name for signal in contact_signals(0)}
     rooms = [choice.base.room for choice in STAGES.values()]
     inputs = [(f"Inputs of the {room.noun}: {room.arguments[2]}.<name>", room.given(0)) for room in rooms]
     outputs = [
@@ -112,12 +113,13 @@ def signals() -> None:
     ]
     recorded = (
         "Recorded signals: trace.<name>; the states of the stages are recorded too",
-        (*RECORDED, *MEASURED, *SCHEDULED, *DELAYED, thruster_signal(0)),
+        (*RECORDED, *MEASURED, *SCHEDULED, *DELAYED, *contact_signals(0), thruster_signal(0)),
     )
     for title, listed in (*inputs, *outputs, recorded):
         columns = ("name", "shape", "unit", "frame", "meaning")
         table = table_of(title, *columns, fixed=("name", "shape"), min_width=80)
         for signal in listed:
-            shape = " x ".join(str(length) if length else "thrusters" for length in signal.shape)
+            counted = "contacts" if signal.name in of_contacts else "thrusters"
+            shape = " x ".join(str(length) if length else counted for length in signal.shape)
             table.add_row(signal.name, shape or "scalar", signal.unit, signal.frame, signal.meaning)
         print_table(table)

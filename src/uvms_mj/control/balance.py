@@ -18,7 +18,8 @@ For A = 0 and K > 0 the left factor is infinite, which is eq. (6). T = B B_hat^+
 for a commanded one, and tau = g - d - tau_c holds the vehicle. Here d = tau_dist - C_A(-nu_c)(-nu_c) - D(-nu_c)(-nu_c)
 is the wrench of the current and the constant disturbance on the vehicle at rest, at its rest attitude; tau_dist has
 the drag of a tether in it.
-The frictionless wall gives tau_c = -k_c (x - x_c) along its normal for x > x_c. For GSTA with the attitude reference
+The frictionless wall gives tau_c = -k_c (x - x_c) along its normal for x > x_c; each contact of the list gives the
+force of its springs with its moment (:mod:`.springs`). For GSTA with the attitude reference
 along W this is eq. (12) at rest against the spring of eq. (34), F = K_x (x_d - x_c) / (1 + K_x / k_c); the paper's
 1.5 N neglects the compliance of the wall.
 
@@ -50,7 +51,12 @@ from ..physics.frames import quat_error, rotation_matrix
 from ..physics.tether import add_tether
 from ..stages.base import is_shipped
 from .delivery import Delivery
+from .newton import newton
 from .rest import SteadyState
+from .springs import Springs
+
+_SOFTER = (1e-2, 0.1, 1.0)
+"""Factors of the stiffness of the list of contacts, by which the set of contacts at rest is found."""
 
 
 def static_balance(
@@ -79,6 +85,8 @@ def static_balance(
         return "closed forms are known for the shipped observers only"
     if residual is None and K == 0.0 and 0.0 in setup.task.A:
         return "with a zero in A, zeta is not constant at rest: it integrates the remaining error"
+    if any(wall.moves for _, wall in setup.contacts.surfaces):
+        return "a wall moves"
     delivery = Delivery.of(setup)
     if isinstance(delivery, str):
         return delivery
@@ -99,7 +107,9 @@ def static_balance(
     weak = delivery.weak(np.asarray(state.tau))
     if weak:
         return weak
-    if state.force > 0.0 and setup.scenario.wall.friction > 0.0:
+    springs = Springs(setup)
+    _, normal = springs.wrench(np.asarray(state.position), rotation_matrix(np.asarray(state.quat)))
+    if (_in_wall(setup, state) and scenario.wall.friction > 0.0) or (springs.friction & (normal > 0.0)).any():
         return "with friction, the rest position depends on the path"
     return state
 
@@ -109,33 +119,35 @@ def unknown_acceleration(setup: Any, state: SteadyState) -> np.ndarray:
     :func:`static_balance`."""
     delivery, turn = Delivery.of(setup), np.empty(4)
     assert not isinstance(delivery, str)  # the state was found with it
-    balance = _Balance(setup, np.inf, state.force > 0.0, delivery)
+    balance = _Balance(setup, np.inf, _in_wall(setup, state), delivery)
     quat_error(setup.design.quat_d, state.quat, turn)
     sine = float(np.linalg.norm(turn[1:]))
     vector = turn[1:] * (2.0 * np.arctan2(sine, turn[0]) / sine if sine > 0.0 else 2.0)
     return balance.unknown(np.concatenate([state.position - balance.target, vector]))
 
 
+def _in_wall(setup: Any, state: SteadyState) -> bool:
+    """Whether the probe is in ``[wall]``."""
+    return bool(setup.contacts.paper and np.asarray(state.position)[0] > setup.scenario.wall.position)
+
+
 def _solve(setup: Any, K: float, delivery: Delivery, residual_of: Any = None) -> tuple[SteadyState, Any] | None:
-    """Newton's method on the six equations, first without the wall, then in contact if that position is inside it.
-    Returns the state with its measurements."""
+    """Newton's method on the six equations, first without ``[wall]``, then in contact if that position is inside it.
+    The contacts of the list are found as their stiffness grows. Returns the state with its measurements."""
     wall = setup.scenario.wall
-    for in_contact in (False, True):
+    for in_contact in (False, True) if setup.contacts.paper else (False,):
         balance = _Balance(setup, K, in_contact, delivery, residual_of is not None)
-        of = balance if residual_of is None else functools.partial(residual_of, balance)
+        of, springs = balance if residual_of is None else functools.partial(residual_of, balance), balance.springs
         x = np.zeros(6)
-        for _ in range(60):
-            residual = of(x)
-            columns = [(of(x + e) - of(x - e)) / 2e-6 for e in 1e-6 * np.eye(6)]  # of the Jacobian
-            step = np.linalg.lstsq(np.array(columns).T, residual, rcond=None)[0]
-            x = x - step * min(1.0, 0.5 / max(np.abs(step).max(), 1e-300))
-            if np.abs(step).max() < 1e-14:
-                break
+        for scale in _SOFTER if len(springs) else (1.0,):
+            springs.scale = scale
+            x = newton(of, x, len(springs) > 0)
         at_rest = bool(np.abs(of(x)).max() < 1e-8)
-        position, quat, _ = balance.pose(x)
-        depth = position[0] - wall.position
+        position, quat, R_WB = balance.pose(x)
+        depth = position[0] - wall.position if setup.contacts.paper else 0.0
         if at_rest and (depth >= 0.0 if in_contact else depth <= 0.0):
             force = wall.stiffness * depth if in_contact else 0.0
+            force += springs.wrench(position, R_WB)[1].sum()
             state = SteadyState(float(force), position, quat, balance.sliding(x), balance.thrust(x))
             return state, balance.known(x)
     return None
@@ -147,7 +159,7 @@ class _Balance:
 
     def __init__(self, setup: Any, K: float, in_contact: bool, delivery: Delivery, own: bool = False) -> None:
         scenario, design = setup.scenario, setup.design
-        self.setup, self.K, self.in_contact = setup, K, in_contact
+        self.setup, self.K, self.in_contact, self.springs = setup, K, in_contact, Springs(setup)
         self.target = np.array(scenario.reference.rest_pose(scenario)[0])
         self.tau_dist = np.array(scenario.disturbance.bias)
         self.A = np.array(setup.task.A)
@@ -179,7 +191,7 @@ class _Balance:
         wall, tau_c = self.setup.scenario.wall, np.zeros(6)
         if self.in_contact:
             tau_c[:3] = -wall.stiffness * (position[0] - wall.position) * R_WB[0]
-        return tau_c
+        return tau_c + self.springs.wrench(position, R_WB)[0] if len(self.springs) else tau_c
 
     def error(self, x: np.ndarray) -> np.ndarray:
         """eta_e (6,) as the law measures it."""

@@ -99,10 +99,11 @@ class Design:
         M_hat = scenario.estimates.inertia * nominal
         return cls(M, M_hat, M_d, M_d_inv, D_d, K_d, quat_d, normal)
 
-    def along_normal(self, inertia: np.ndarray) -> float:
-        """Effective mass of an inertia (6, 6) along the wall's normal, with all other directions free [kg]."""
-        inverse = _inertia(inertia.tobytes())[1]
-        return 1.0 / float(self.normal.dot(inverse).dot(self.normal))
+    def along_normal(self, inertia: np.ndarray, normal: np.ndarray | None = None) -> float:
+        """Effective mass of an inertia (6, 6) along a normal (6,), with all other directions free [kg]; by default
+        along that of the wall."""
+        inverse, n = _inertia(inertia.tobytes())[1], self.normal if normal is None else normal
+        return 1.0 / float(n.dot(inverse).dot(n))
 
 
 def ott_damping(M_d: np.ndarray, K_d: np.ndarray, damping_ratio: float) -> np.ndarray:

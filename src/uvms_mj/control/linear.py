@@ -58,13 +58,13 @@ class Linear:
         steps, read = (round(T / h) for T in (scenario.control_period, scenario.actuation.period or h))
         return Vibration.of(self.setup).age - 0.5 * h * (steps - math.gcd(steps, read))
 
-    def growth(self, period: float, k_c: float) -> float:
-        """Growth rate of the fastest growing motion, on a wall of stiffness k_c [N/m] or without one (0) [1/s]."""
+    def growth(self, period: float, front: Any = None) -> float:
+        """Growth rate of the fastest growing motion at a contact, one of ``setup.fronts``, or without one [1/s]."""
         h = self.setup.scenario.simulation.timestep
         late = round(self.late / h)
         steps = max(1, round(period / h), -(-late // _MOST_COMMANDS))
         whole, rest = divmod(late, steps)
-        step, held, contact = self._step(k_c)
+        step, held, contact = self._step(front)
         (free, old), (after, new) = _held(step, held, rest), _held(step, held, steps - rest)
         n = (len(self.law) - 6) // 2
         seen = np.zeros((18 + n, 12 + n))  # x, nu, tau_c and states, from x, nu and states
@@ -83,12 +83,13 @@ class Linear:
         radius = float(np.abs(np.linalg.eigvals(change)).max())
         return math.log(radius) / (h * steps) if radius > 0.0 else -math.inf
 
-    def _step(self, k_c: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _step(self, front: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """One time step of x and nu: by itself (12, 12), by tau (12, 6), and tau_c (6, 12) before it."""
         setup, h = self.setup, self.setup.scenario.simulation.timestep
-        n, one, M_inv = setup.design.normal, np.eye(6), np.linalg.inv(setup.design.M)
-        b_c = setup.scenario.wall.damping if k_c else 0.0
-        contact = -np.outer(n, n) @ np.hstack([k_c * one, b_c * one])
+        one, M_inv, contact = np.eye(6), np.linalg.inv(setup.design.M), np.zeros((6, 12))
+        if front is not None:
+            n = front.normal
+            contact = -np.outer(n, n) @ np.hstack([front.stiffness * one, front.damping * one])
         force = M_inv @ (contact - np.hstack([0.0 * one, setup.vehicle.D_linear]))
         step, held = np.eye(12), np.vstack([h * h * M_inv, h * M_inv])
         step[:6] += h * (np.hstack([0.0 * one, one]) + h * force)
@@ -97,9 +98,15 @@ class Linear:
 
     @functools.cached_property
     def growths(self) -> tuple[float, float]:
-        """Growth rates without a wall and at the wall, at the control period [1/s]."""
-        scenario = self.setup.scenario
-        return self.growth(scenario.control_period, 0.0), self.growth(scenario.control_period, scenario.wall.stiffness)
+        """Growth rates without a wall and at the worst one, at the control period [1/s]."""
+        period = self.setup.scenario.control_period
+        free = self.growth(period)
+        return free, self.growth(period, self._worst) if self._worst else free
+
+    @functools.cached_property
+    def _worst(self) -> Any:
+        period = self.setup.scenario.control_period
+        return max(self.setup.fronts, key=lambda front: self.growth(period, front), default=None)
 
     def checked(self, state: SteadyState | str) -> SteadyState | str:
         """The state at rest, or the reason why the sampled law does not come to rest there."""
@@ -114,12 +121,13 @@ class Linear:
     def notes(self, label: str) -> Iterator[str]:
         """A warning if a motion grows, without a wall or against it."""
         scenario, (free, pressed) = self.setup.scenario, self.growths
-        period, k_c = scenario.control_period, scenario.wall.stiffness
+        period, front = scenario.control_period, self._worst
         if max(free, pressed) <= GROWS:
             return
-        where, k_c = ("without contact", 0.0) if free > GROWS else (f"against the wall, {k_c:g} N/m", k_c)
+        where = "without contact" if free > GROWS else f"against the wall, {front.stiffness:g} N/m"
+        front = None if free > GROWS else front
         h, shorter = scenario.simulation.timestep, round(period / scenario.simulation.timestep) // 2
-        while shorter and self.growth(shorter * h, k_c) > GROWS:
+        while shorter and self.growth(shorter * h, front) > GROWS:
             shorter //= 2
         cure = f"a period of {shorter * h:.4g} s suffices" if shorter else "these gains and estimates need a change"
         rate = free if free > GROWS else pressed
@@ -139,7 +147,7 @@ def _jacobian(setup: Any, about: tuple[tuple[str, tuple[float, ...]], ...]) -> n
     signals.M_hat, signals.M_d, signals.D_d = design.M_hat, design.M_d, design.D_d
     signals.K_d = np.diag(design.K_d)
     impedance = setup.scenario.impedance
-    signals.K_f, signals.F_d = np.array(impedance.K_f), np.array(impedance.F_d)
+    signals.K_f, signals.F_d = (np.array(each) for each in impedance.at_end)
     signals.quat_e, signals.period, signals.instant = np.array([1.0, 0.0, 0.0, 0.0]), setup.scenario.control_period, 1
     gains, task_gains = _fields(law.constants(setup)), _fields(task.constants(setup))
     state, rates = (_fields({name: np.zeros(size) for name, size in kind.states.items()}) for _ in range(2))

@@ -19,9 +19,13 @@ SLOWLY_DAMPED = 0.75
 """If more than this fraction of the damping against the wall is lost, a vibration lasts for many seconds."""
 
 
+_NO_CONTACT = (False, 0.0, 0.0, 0.0, 0.0)
+"""Fields of the vibration of a vehicle without any contact."""
+
+
 @dataclass(frozen=True)
 class Vibration:
-    """The vibration of a vehicle against the wall under a sampled law, along v = G K_f n.
+    """The vibration of a vehicle against a wall under a sampled law, along v = G K_f n.
 
     Against a spring k_c, feedback of the contact force with unit gain and age T acts as a negative damping k_c T. The
     sliding mode laws impose M_d and D_d on any vehicle: G, the matrix before D_d v in v_dot, is M_d^-1. The laws
@@ -30,6 +34,7 @@ class Vibration:
 
     Attributes:
         setup: the run's :class:`uvms_mj.analysis.setup.Setup`.
+        front: the contact, one of ``setup.fronts``, or None without any.
         shaped: whether the law answers to the contact force through its own inertia, as impedance and ideal do.
         compliant: n^T v [1/kg]. Without a positive one there is no such vibration.
         fed_back: part of it that the law feeds back [1/kg].
@@ -38,6 +43,7 @@ class Vibration:
     """
 
     setup: Any
+    front: Any
     shaped: bool
     compliant: float
     fed_back: float
@@ -46,17 +52,23 @@ class Vibration:
 
     @classmethod
     def of(cls, setup: Any, M_hat: np.ndarray | None = None) -> "Vibration":
-        """The vibration under a law that imposes M_d, or that answers through its own inertia with M_hat (6, 6)."""
+        """The vibration under a law that imposes M_d, or that answers through its own inertia with M_hat (6, 6): that
+        of the contact that is damped worst."""
+        found = [cls._at(setup, front, M_hat) for front in setup.fronts]
+        return max(found, key=lambda each: (each.growth > 1.0, -each.limit), default=cls(setup, None, *_NO_CONTACT))
+
+    @classmethod
+    def _at(cls, setup: Any, front: Any, M_hat: np.ndarray | None) -> "Vibration":
         design = setup.design
-        n, M_d_inv = design.normal, design.M_d_inv
+        n, M_d_inv = front.normal, design.M_d_inv
         G = M_d_inv if M_hat is None else np.linalg.solve(design.M, M_hat @ M_d_inv)
         v = G @ (np.array(setup.scenario.impedance.at_end[0]) * n)
         compliant = float(n @ v)
-        fed_back = compliant - (0.0 if M_hat is None else 1.0 / design.along_normal(design.M))
+        fed_back = compliant - (0.0 if M_hat is None else 1.0 / design.along_normal(design.M, n))
         if compliant <= 0.0:
-            return cls(setup, M_hat is not None, compliant, fed_back, 0.0, 0.0)
+            return cls(setup, front, M_hat is not None, compliant, fed_back, 0.0, 0.0)
         damping, stiffness = float(n @ G @ design.D_d @ v) / compliant, float(n @ G @ design.K_d @ v) / compliant
-        return cls(setup, M_hat is not None, compliant, fed_back, damping, stiffness)
+        return cls(setup, front, M_hat is not None, compliant, fed_back, damping, stiffness)
 
     @property
     def limit(self) -> float:
@@ -67,8 +79,8 @@ class Vibration:
         """
         if self.compliant <= 0.0 or self.fed_back <= 1e-9 * self.compliant:
             return np.inf
-        wall = self.setup.scenario.wall
-        return (self.damping + self.compliant * wall.damping) / (self.fed_back * wall.stiffness)
+        front = self.front
+        return (self.damping + self.compliant * front.damping) / (self.fed_back * front.stiffness)
 
     @property
     def age(self) -> float:
@@ -127,9 +139,9 @@ class Vibration:
         if not self.shaped or self.compliant <= 0.0:
             return 0.0
         scenario, design = self.setup.scenario, self.setup.design
-        h, k_c = scenario.simulation.timestep, scenario.wall.stiffness
+        h, k_c = scenario.simulation.timestep, self.front.stiffness
         gains = [self.stiffness + self.fed_back * k_c, self.damping]
-        stiff = h * k_c * (1.0 / design.along_normal(design.M))  # h w^2
+        stiff = h * k_c * (1.0 / design.along_normal(design.M, self.front.normal))  # h w^2
         step, force = np.array([[1.0 - h * stiff, h], [-stiff, 1.0]]), np.array([h * h, h])
         free = np.linalg.matrix_power(step, round(self._periods[self._longest] / h))
         forced = np.linalg.solve(np.eye(2) - step, (np.eye(2) - free) @ force)
@@ -147,12 +159,14 @@ class Vibration:
 
     def notes(self, label: str) -> Iterator[str]:
         """Warnings if the sampled law damps the vibration slowly, or not at all."""
-        longest, k_c = self._longest, self.setup.scenario.wall.stiffness
+        if self.front is None:
+            return
+        longest, k_c, key = self._longest, self.front.stiffness, self.front.key
         here = f"at {'an' if longest == 'actuation' else 'a'} {longest} period of {self._periods[longest]:g} s"
         if self.growth > 1.0:
-            w = np.sqrt(k_c / self.setup.design.along_normal(self.setup.design.M))
+            w = np.sqrt(k_c / self.setup.design.along_normal(self.setup.design.M, self.front.normal))
             yield (
-                f"{label} oscillates against the wall {here}: at wall.stiffness {k_c:g} "
+                f"{label} oscillates against the wall {here}: at {key}.stiffness {k_c:g} "
                 f"N/m the contact vibrates faster than a held command can damp; a period below {2.5 / w:.2g} s usually "
                 "suffices"
             )
@@ -161,7 +175,7 @@ class Vibration:
             yield (
                 f"{label} {'vibrates' if age >= limit else 'hardly damps the vibration'} against the wall with this "
                 f"observer: its estimate of the contact force is {age:.3g} s old, and all of the damping D_d is lost "
-                f"at {limit:.3g} s with wall.stiffness {k_c:g} N/m"
+                f"at {limit:.3g} s with {key}.stiffness {k_c:g} N/m"
             )
             return
         if age > SLOWLY_DAMPED * limit or (age == limit == 0.0):
@@ -172,12 +186,12 @@ class Vibration:
             if delay > 0.0:
                 yield (
                     f"{label} {what} with thrusters that lag by {delay:.3g} s: the contact force acts on the thrust so "
-                    f"late that {share} at wall.stiffness {k_c:g} N/m; its mean age is {age:.3g} s, and all is lost at "
-                    f"{limit:.3g} s"
+                    f"late that {share} at {key}.stiffness {k_c:g} N/m; its mean age is {age:.3g} s, and all is lost "
+                    f"at {limit:.3g} s"
                 )
                 return
             yield (
-                f"{label} {what} {here}: it holds the contact force so long that {share} at wall.stiffness {k_c:g} "
+                f"{label} {what} {here}: it holds the contact force so long that {share} at {key}.stiffness {k_c:g} "
                 f"N/m; all is lost at a period of {lost:.4g} s"
             )
 

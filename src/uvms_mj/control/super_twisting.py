@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -120,16 +121,17 @@ def bouncing_growth(law: Any, setup: Any) -> float:
     """
     scenario, design = setup.scenario, setup.design
     M, M_d, D_d, K_d = (each[:3, :3] for each in (design.M, design.M_d, design.D_d, design.K_d))
-    g, n = scenario.estimates.inertia * np.eye(3), design.normal[:3]
+    g = scenario.estimates.inertia * np.eye(3)
     if setup.vehicle is not setup.nominal:
         g = np.linalg.solve(M, design.M_hat[:3, :3])
-    K_c, K_f = scenario.wall.stiffness * np.outer(n, n), np.diag(scenario.impedance.at_end[0][:3])
+    K_f = np.diag(scenario.impedance.at_end[0][:3])
     A, zero, one = np.diag(setup.task.A[:3]), np.zeros((3, 3)), np.eye(3)
-    desired = np.hstack([-np.linalg.solve(M_d, np.hstack([K_f @ K_c + K_d, D_d])), zero, zero])
-    free = np.hstack([-np.linalg.solve(M, np.hstack([K_c, setup.vehicle.D_linear[:3, :3]])), zero, zero])
     growing = np.hstack([zero, zero, A, zero])  # A s
-    growth = []
-    for S in _AMPLITUDES:
+    growth = [-math.inf]
+    for front, S in itertools.product(setup.fronts, _AMPLITUDES):
+        K_c = front.stiffness * np.outer(front.normal[:3], front.normal[:3])
+        desired = np.hstack([-np.linalg.solve(M_d, np.hstack([K_f @ K_c + K_d, D_d])), zero, zero])
+        free = np.hstack([-np.linalg.solve(M, np.hstack([K_c, setup.vehicle.D_linear[:3, :3]])), zero, zero])
         a, b = law.k_1 * (S**-0.5 + law.beta), law.k_2 * (0.5 / S + 1.5 * law.beta * S**-0.5 + law.beta**2)
         u = g @ np.hstack([zero, zero, -a * one, one])
         v_dot = g @ (desired - growing) + u if law.nominal else free + u

@@ -42,6 +42,8 @@ def changed(base: Setup, current: Setup, overrides: Mapping[str, Any], place: st
             with no_overflow(scenario) if "impedance" in touched else contextlib.nullcontext():
                 design = design_of(scenario, base.nominal)
         setup = Setup(scenario, base.plant, design)
+        if not touched.isdisjoint(("wall", "walls", "bumper")):
+            _refuse_other_contacts(base, setup)
         refuse(setup, touched)
     except InputError as error:
         raise InputError(error.faults, place) from None
@@ -89,12 +91,18 @@ def _differences(new: dict[str, Any], base: dict[str, Any], current: dict[str, A
     for name, table in new.items():
         if table is not base[name] or table is not current[name]:
             found.add(name)
-            if not isinstance(table, str):
+            if hasattr(table, "__dict__"):
                 one, two = vars(base[name]), vars(current[name])
                 for key, value in vars(table).items():
                     if value is not one.get(key) or value is not two.get(key):
                         found.add(f"{name}.{key}")
     return found
+
+
+def _refuse_other_contacts(base: Setup, setup: Setup) -> None:
+    old, new = base.contacts, setup.contacts
+    if (len(old.surfaces), len(old.pairs), old.paper) != (len(new.surfaces), len(new.pairs), new.paper):
+        raise InputError([Fault("walls", "reset can't change which contacts there are; make a new Simulation")])
 
 
 def _refuse_other_code(base: Scenario, scenario: Scenario) -> None:

@@ -16,7 +16,8 @@ ENGINES: dict[str, Callable[[Setup], Engine]] = {each.name: each for each in (Mu
 _KNOWN = {
     "simulation": ("timestep", "duration", "integrator", "seed"),
     "initial": ("position", "attitude_deg", "velocity"),
-    "wall": ("position", "stiffness", "damping", "friction", "tangential_stiffness", "tangential_damping"),
+    "wall": ("present", "position", "stiffness", "damping", "friction", "tangential_stiffness", "tangential_damping"),
+    "bumper": ("stiffness", "damping"),
 }
 """The keys of the plant and of the stepping that free_body computes."""
 _SHARED = ("vehicle", "current", "disturbance", "tether", "impedance", "estimates", "task", *STAGES)
@@ -26,7 +27,7 @@ _SHARED = ("vehicle", "current", "disturbance", "tether", "impedance", "estimate
 def refusals(setup: Setup) -> list[str]:
     """The reasons why the engine free_body can't run a scenario, one sentence for each key; empty if it can.
 
-    It takes one rigid vehicle in front of one wall, and steps it as MuJoCo's integrator euler. A table or key that it
+    It takes one rigid vehicle among walls, and steps it as MuJoCo's integrator euler. A table or key that it
     does not know is refused unless it has its default.
     """
     scenario, unknown = setup.scenario, list[str]()

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..analysis.setup import Setup
 from ..plant.build import put_at
+from ..plant.contacts import face_of
 from .base import Engine
 from .native.free_body import free_steps
 from .native.layouts import BODY, CONTEXT
@@ -47,7 +48,7 @@ class FreeEngine(Engine):
         return self._closed
 
     def write_wall(self, setup: Setup) -> None:
-        self._body["face"] = setup.scenario.wall.position + setup.plant.geometry.reach
+        self._body["face"] = face_of(setup.scenario, setup.plant.geometry.reach)
 
     def write_initial(self, setup: Setup) -> None:
         put_at(setup.scenario.initial, self._body["qpos"][0], self._body["qvel"][0])

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 
 from ..analysis.setup import Setup
+from ..plant.contacts import face_of
 from ..plant.vehicle import free_joint_addresses
 from .base import Engine
 from .native.attachment import immerse
@@ -46,7 +47,7 @@ class MujocoEngine(Engine):
         self._model.opt.timestep = setup.scenario.simulation.timestep
 
     def write_wall(self, setup: Setup) -> None:
-        self._plant.set_wall(setup.scenario.wall)
+        self._plant.set_wall(setup.scenario.wall, face_of(setup.scenario, setup.plant.geometry.reach))
 
     def write_initial(self, setup: Setup) -> None:
         self._plant.place(self._data, setup.scenario.initial)

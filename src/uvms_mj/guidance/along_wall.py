@@ -53,7 +53,7 @@ class AlongWall(Guidance):
     start_time: Time = setting(1.0, "s", "time at which the approach begins")
 
     name = "along_wall"
-    needs: ClassVar = ("initial.position", "initial.attitude_deg", "wall", "impedance")
+    needs: ClassVar = ("initial.position", "initial.attitude_deg", "wall", "bumper", "impedance")
 
     def depth(self, scenario: Any) -> float:
         """x_d - x_c [m] that demands the push."""
@@ -65,7 +65,8 @@ class AlongWall(Guidance):
         if (K_d == 0.0).any():
             return 0.0
         give = K_f / K_d
-        return self.push * (float(n @ (give * n)) + 1.0 / wall.stiffness) + float(n @ (give * F_d))
+        k_c, _ = scenario.bumper.in_front_of(wall.stiffness, wall.damping)
+        return self.push * (float(n @ (give * n)) + 1.0 / k_c) + float(n @ (give * F_d))
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
         """The constants of :func:`.pieces.follow`."""

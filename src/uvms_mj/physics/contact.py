@@ -69,14 +69,7 @@ def contact_force(contact, distance, fromto, p_WB, R_WB, nu, timestep):
         timestep: [s].
     """
     if distance >= 0.0:
-        if contact.touching != 0:
-            contact.touching = 0
-            for i in range(3):
-                contact.stretch_W[i] = 0.0
-                contact.f_tangential_W[i] = 0.0
-                contact.f_W[i] = 0.0
-                contact.tau_B[i] = 0.0
-                contact.tau_B[i + 3] = 0.0
+        release(contact)
         return
     n, arm, v = contact.normal_W, contact.arm_W, contact.work
     # the difference of nearly equal points is rounding; from the wall to the probe's centre, B's origin, it is not
@@ -87,14 +80,47 @@ def contact_force(contact, distance, fromto, p_WB, R_WB, nu, timestep):
     for i in range(3):
         n[i] /= size
         arm[i] = 0.5 * (fromto[i] + fromto[3 + i]) - p_WB[i]  # halfway, as MuJoCo's contact point
-    to_body(R_WB, arm, v)
-    a_x = nu[0] + nu[4] * v[2] - nu[5] * v[1]  # v + omega x arm, in B
-    a_y = nu[1] + nu[5] * v[0] - nu[3] * v[2]
-    a_z = nu[2] + nu[3] * v[1] - nu[4] * v[0]
-    v[0], v[1], v[2] = a_x, a_y, a_z
-    to_world(R_WB, v, v)
+    point_velocity(R_WB, nu, arm, v)
     v_n = n[0] * v[0] + n[1] * v[1] + n[2] * v[2]
-    f_n = max(0.0, -contact.stiffness * distance - contact.damping * v_n)
+    press(contact, max(0.0, -contact.stiffness * distance - contact.damping * v_n), v_n, R_WB, timestep)
+
+
+@kernel
+def release(contact):
+    """Set the force of a contact point that is not in the wall."""
+    if contact.touching != 0:
+        contact.touching = 0
+        for i in range(3):
+            contact.stretch_W[i] = 0.0
+            contact.f_tangential_W[i] = 0.0
+            contact.f_W[i] = 0.0
+            contact.tau_B[i] = 0.0
+            contact.tau_B[i + 3] = 0.0
+
+
+@kernel
+def point_velocity(R_WB, nu, arm_W, v_W):
+    """Set v_W (3,), the velocity in W of the point of the vehicle at arm_W (3,) from B's origin [m/s]."""
+    to_body(R_WB, arm_W, v_W)
+    a_x = nu[0] + nu[4] * v_W[2] - nu[5] * v_W[1]  # v + omega x arm, in B
+    a_y = nu[1] + nu[5] * v_W[0] - nu[3] * v_W[2]
+    a_z = nu[2] + nu[3] * v_W[1] - nu[4] * v_W[0]
+    v_W[0], v_W[1], v_W[2] = a_x, a_y, a_z
+    to_world(R_WB, v_W, v_W)
+
+
+@kernel
+def press(contact, f_n, v_n, R_WB, timestep):
+    """Set the force of a contact point in the wall, and advance the stretch of its spring.
+
+    Args:
+        contact: a CONTACT record; normal_W and arm_W are set, and work is the velocity relative to the wall in W.
+        f_n: normal force [N].
+        v_n: velocity relative to the wall along the normal [m/s].
+        R_WB: (3, 3) attitude.
+        timestep: [s].
+    """
+    n, v = contact.normal_W, contact.work
     for i in range(3):
         v[i] -= v_n * n[i]
         contact.f_W[i] = f_n * n[i]
@@ -103,7 +129,7 @@ def contact_force(contact, distance, fromto, p_WB, R_WB, nu, timestep):
         for i in range(3):
             contact.f_W[i] += contact.f_tangential_W[i]
     contact.touching = 1
-    wrench_at_origin(R_WB, arm, contact.f_W, v, contact.tau_B)
+    wrench_at_origin(R_WB, contact.arm_W, contact.f_W, v, contact.tau_B)
 
 
 @kernel

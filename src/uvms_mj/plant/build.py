@@ -66,7 +66,7 @@ class Plant:
         _add_surroundings(spec, self.vehicle.body, self.wall, self.geometry.reach)
         model = self.mjcf.compiled(spec)
         vary(model, free_body_id(model, self.vehicle.body), self.vehicle.actuator_ids, self.choice)
-        _set_wall(model, _ids(model, self.vehicle.body), self.wall, self.geometry.reach)
+        _set_wall(model, _ids(model, self.vehicle.body), self.wall, self.wall.position + self.geometry.reach)
         return model
 
     @property
@@ -95,9 +95,9 @@ class Plant:
         qpos, dof = free_joint_addresses(self.model, self.body_id)
         put_at(initial, data.qpos[qpos : qpos + 7], data.qvel[dof : dof + 6])
 
-    def set_wall(self, wall: Wall) -> None:
-        """Move the wall, and set stiffness and damping of the contact pair in N/m and N s/m."""
-        _set_wall(self.model, self._ids, wall, self.geometry.reach)
+    def set_wall(self, wall: Wall, face: float) -> None:
+        """Move the wall's face to x of W [m], and set stiffness and damping of the contact pair in N/m and N s/m."""
+        _set_wall(self.model, self._ids, wall, face)
 
     @functools.cached_property
     def _ids(self) -> tuple[int, int, int]:
@@ -117,11 +117,11 @@ def _ids(model: mujoco.MjModel, body: str) -> tuple[int, int, int]:
     return free_body_id(model, body), model.pair(f"{_OURS}contact").id, model.geom(f"{_OURS}wall").id
 
 
-def _set_wall(model: mujoco.MjModel, ids: tuple[int, int, int], wall: Wall, reach: float) -> None:
-    body, pair, face = ids
+def _set_wall(model: mujoco.MjModel, ids: tuple[int, int, int], wall: Wall, face: float) -> None:
+    body, pair, geom = ids
     scale = model.body_invweight0[body, 0] * (1.0 - IMPEDANCE)
     model.pair_solref[pair] = -wall.stiffness * scale, -wall.damping * scale
-    model.geom_pos[face, 0] = wall.position + reach
+    model.geom_pos[geom, 0] = face
 
 
 def build(mjcf: Mjcf, choice: VehicleChoice, wall: Wall, timestep: float, integrator: str) -> Plant:

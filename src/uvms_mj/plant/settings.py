@@ -18,9 +18,8 @@ from ..quantities import (
     doc,
     within,
 )
+from .surfaces import ContactBody, Friction, Surface, WallDamping, WallStiffness
 
-WallStiffness = Annotated[Number, within(1e-3, 1e12, "N/m")]
-WallDamping = Annotated[Number, within(0.0, 1e9, "N s/m")]
 _TrueFactor = Annotated[Number, within(0.0, 1e3, "")]
 
 
@@ -38,6 +37,7 @@ class VehicleChoice:
     thruster_offset: tuple[Position, ...] | None = doc(
         "offset of each true thruster in B, unknown to the allocation: [[0.02, 0, 0], ...]; default: none [m]", None
     )
+    contact_bodies: tuple[ContactBody, ...] = doc("spheres and capsules that touch walls, in place of the probe", ())
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -52,11 +52,12 @@ class Wall:
     position: Coordinate = doc("x of the body frame in W at which contact begins, x_c [m]", 1.0)
     stiffness: WallStiffness = doc("k_c [N/m]", 1e5)
     damping: WallDamping = doc("b_c [N s/m]", 0.0)
-    friction: Annotated[Number, within(0.0, 100.0, "")] = doc("Coulomb coefficient mu [1]", 0.0)
+    friction: Friction = doc("Coulomb coefficient mu [1]", 0.0)
     tangential_stiffness: WallStiffness | None = doc("k_t of sticking friction [N/m]; default: wall.stiffness", None)
     tangential_damping: WallDamping | None = doc(
         "b_t of sticking friction [N s/m]; default: critical for the lightest motion along the face", None
     )
+    present: bool = doc("false: this wall is not there", True)
 
 
 def lightest_along_face(M: np.ndarray, R_WB: np.ndarray, reach: float) -> float:
@@ -71,7 +72,21 @@ def lightest_along_face(M: np.ndarray, R_WB: np.ndarray, reach: float) -> float:
     return 1.0 / (0.5 * (a + c) + math.hypot(0.5 * (a - c), b))  # the larger eigenvalue
 
 
-def contact_settings(wall: Wall, mass_along_face: Callable[[], float]) -> dict[str, float]:
+def lightest_at(M: np.ndarray, centres_B: np.ndarray, radius: float) -> float:
+    """Least effective mass in any direction at spheres of a radius [m] about centres (n, 3) in B [kg].
+
+    M is the inertia (6, 6), added mass included. The points are those of the spheres along the axes of B.
+    """
+    inverse, masses = np.linalg.inv(M), []
+    for centre in centres_B:
+        for out in (*np.eye(3), *-np.eye(3)):
+            x, y, z = centre + radius * out
+            J = np.hstack([np.eye(3), [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]])  # -S(arm)
+            masses.append(1.0 / float(np.linalg.eigvalsh(J @ inverse @ J.T)[-1]))
+    return min(masses)
+
+
+def contact_settings(wall: Wall | Surface, mass_along_face: Callable[[], float]) -> dict[str, float]:
     """Settings of the wall for a :data:`uvms_mj.physics.contact.CONTACT` record, with the defaults of sticking
     friction.
 

@@ -21,7 +21,7 @@ def varied(nominal: Vehicle, choice: VehicleChoice) -> Vehicle:
     Raises:
         InputError: ``thruster_offset`` does not have one offset a thruster, or would move a pure moment.
     """
-    if choice == VehicleChoice(choice.model):
+    if choice == VehicleChoice(choice.model, contact_bodies=choice.contact_bodies):
         return nominal
     B = nominal.B.copy()
     if choice.thruster_offset is not None:

@@ -4,14 +4,17 @@ MCAP's markers, Rerun and the rendered pictures draw this scene and no shapes of
 Arrows longer than the scene are cut. Rerun's label of a cut arrow is marked.
 """
 
+import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..physics.frames import rotation_matrix
+from ..physics.frames import quat_from_euler_deg, rotation_matrix
+from ..plant.contacts import as_surface
 from ..plant.geometry import Geometry, Shape
+from ..plant.surfaces import ContactBody, Surface
 from .header import Header
 from .palette import ORANGE, SKY, VERMILLION, Colour
 
@@ -23,6 +26,8 @@ WALL_SIZE, WALL_THICKNESS = 1.5, 0.05
 """Size of the drawn part of a wall [m]."""
 WALL_RGBA = (0.62, 0.64, 0.66, 0.35)
 """Colour of a wall, through which the contact can be seen."""
+BODY_RGBA = (0.90, 0.62, 0.0, 0.6)
+"""Colour of a contact body."""
 
 Values = Mapping[str, np.ndarray]
 """Signals (n, size) by name."""
@@ -68,8 +73,9 @@ class Force:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """The constant part of a scene: the shapes of each vehicle in its body frame B; walls as boxes in W, with the face
-    at -x of the box; constant arrows in W."""
+    """The constant part of a scene: the shapes of each vehicle in its body frame B, with its contact bodies; walls as
+    shapes in W, where a plane is a box with the face at -x, and a wall that moves is at its place without motion;
+    constant arrows in W."""
 
     vehicles: tuple[Geometry, ...]
     walls: tuple[Shape, ...]
@@ -81,21 +87,60 @@ def scene_of(header: Header) -> Scene:
     current, face = header.scenario.current, wall_face(header)
     start = np.array([0.4 * face, 0.0, 0.5])
     tip = start + CURRENT_SCALE * np.array(current.velocity_W)
-    half = (WALL_THICKNESS / 2, WALL_SIZE / 2, WALL_SIZE / 2)
-    wall = Shape("box", half, (face + half[0], 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), WALL_RGBA)
+    walls = [as_surface(header.scenario.wall, header.geometry.reach)] if header.scenario.wall.present else []
     speed = math.hypot(*current.velocity_W)
     text = f"{'current' if current.constant else 'constant part of the current'} {speed:g} m/s"
     arrow = Arrow("current", text, SKY, 0.014, start, tip)
-    return Scene((header.geometry,), (wall,), (arrow,) if speed else ())
+    shapes = tuple(drawn_wall(wall) for wall in (*walls, *header.scenario.walls))
+    return Scene((drawn_vehicle(header),), shapes, (arrow,) if speed else ())
+
+
+def drawn_wall(wall: Surface) -> Shape:
+    """A wall in W: a plane is a square plate with its middle at the wall's position, a cylinder is as high."""
+    quat = tuple(quat_from_euler_deg(*wall.attitude_deg).tolist())
+    if wall.shape == "plane":
+        half = (WALL_THICKNESS / 2, WALL_SIZE / 2, WALL_SIZE / 2)
+        middle = np.array(wall.position) + half[0] * wall.R_WS[:, 0]
+        return Shape("box", half, tuple(middle.tolist()), quat, WALL_RGBA)
+    size = (wall.size[0], WALL_SIZE / 2, 0.0) if wall.shape == "cylinder" else wall.size
+    return Shape(wall.shape, size, wall.position, quat, WALL_RGBA)
+
+
+def drawn_vehicle(header: Header) -> Geometry:
+    """The shapes of a vehicle and its contact bodies."""
+    bodies = tuple(drawn_body(body) for body in header.scenario.vehicle.contact_bodies)
+    return (
+        dataclasses.replace(header.geometry, shapes=(*header.geometry.shapes, *bodies)) if bodies else header.geometry
+    )
+
+
+def drawn_body(body: ContactBody) -> Shape:
+    """A contact body in B."""
+    if body.end is None:
+        return Shape("sphere", (body.radius, 0.0, 0.0), body.position, (1.0, 0.0, 0.0, 0.0), BODY_RGBA)
+    a, b = np.array(body.position), np.array(body.end)
+    length = float(np.linalg.norm(b - a))
+    x, y, z = (b - a) / length
+    quat = np.array([1.0 + z, -y, x, 0.0]) if z > -1.0 + 1e-9 else np.array([0.0, 1.0, 0.0, 0.0])  # from z to the axis
+    quat /= np.linalg.norm(quat)
+    middle = tuple((0.5 * (a + b)).tolist())
+    return Shape("capsule", (body.radius, length / 2, 0.0), middle, tuple(quat.tolist()), BODY_RGBA)
 
 
 def wall_face(header: Header) -> float:
-    """Position of the wall's face along x of W [m]: the contact point's position when B's origin is at x_c."""
+    """Position of the wall's face along x of W [m]: the contact point's position when B's origin is at x_c. Without
+    ``[wall]``, the position of the first of ``[[walls]]``."""
+    if not header.scenario.wall.present and header.scenario.walls:
+        return header.scenario.walls[0].position[0]
     return header.scenario.wall.position + header.geometry.reach
 
 
 def _contact(header: Header, values: Values) -> tuple[np.ndarray, np.ndarray]:
-    return values["p_WB"] + [header.geometry.reach, 0.0, 0.0], values["f_contact_W"]
+    reach, forces = header.geometry.reach, values["f_contact_W"]
+    if "f_contacts_W" not in values:
+        return values["p_WB"] + [reach, 0.0, 0.0], forces
+    sizes = magnitudes(forces)[:, None]  # the vehicle's reach against the total force, whatever its contacts are
+    return values["p_WB"] - reach * forces / np.maximum(sizes, 1e-300), forces
 
 
 def _thrust(_: Header, values: Values) -> tuple[np.ndarray, np.ndarray]:

@@ -192,5 +192,7 @@ class Trace:
 
     @property
     def push(self) -> np.ndarray:
-        """(n,) pushing force of the vehicle on the wall [N], zero or positive."""
+        """(n,) pushing force of the vehicle on the walls [N], zero or positive: the sum of the normal forces."""
+        if "f_normal" in self.arrays:
+            return self.arrays["f_normal"]
         return np.maximum(0.0, 0.0 - self.arrays["f_contact_W"][:, 0])

@@ -235,6 +235,16 @@ def thruster_signal(n: int) -> Signal:
     return Signal("u", (n,), "N", "-", "thrust of each thruster")
 
 
+def contact_signals(n: int) -> tuple[Signal, ...]:
+    """Recorded if there are n contacts beside that of the probe and [wall]."""
+    return (
+        Signal("f_normal", (), "N", "-", "pushing force: sum of the normal forces of all contacts"),
+        Signal("f_contacts_W", (n, 3), "N", "W", "force of each contact of the list on the vehicle"),
+        Signal("contact_depths", (n,), "m", "-", "depth of each contact of the list"),
+        Signal("tau_contacts_B", (6,), _WRENCH, "B", "total contact force as a wrench at B's origin"),
+    )
+
+
 def thrusters_given(n: int) -> tuple[Signal, ...]:
     """Given to the thrusters of a vehicle with n of them."""
     return (*CLOCK, commanded_signal(n), Signal("inflow", (n,), "m/s", "-", "speed of advance of each thruster"))

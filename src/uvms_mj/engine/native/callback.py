@@ -45,7 +45,8 @@ def add_inertia(context, R_WB, model, data):
 
 @kernel
 def apply_wrench(context, R_WB, contact):
-    """Add the hydrodynamic wrench and the contact's friction to the free joint's entries of mjData.qfrc_passive.
+    """Add the hydrodynamic wrench, the contact's friction and the contacts of the list to the free joint's entries of
+    mjData.qfrc_passive.
 
     MuJoCo has just reset these entries. If mj_forwardSkip skipped that stage, they still have the values that the
     callback left.
@@ -67,6 +68,10 @@ def apply_wrench(context, R_WB, contact):
         for i in range(3):
             left[i] += contact.f_tangential_W[i]
             left[i + 3] += context.work[i + 3]
+    if context.pairs != 0:
+        for i in range(3):
+            left[i] += context.f_pairs_W[i]
+            left[i + 3] += context.tau_pairs_B[i + 3]
     for i in range(6):
         passive[i] = left[i]
 

@@ -28,6 +28,9 @@ def _free_steps(context, body, n, moving) -> int:
             wrench_at_origin(true.R_WB, contact.arm_W, contact.f_tangential_W, contact.work, body.work)
             for i in range(6):
                 force[i] += body.work[i]
+        if context.pairs != 0:
+            for i in range(6):
+                force[i] += context.tau_pairs_B[i]
         free_acceleration(body, true.R_WB, true.nu, force, body.work, body.qacc)
         body.contact[0] = 0.0
         if contact.touching != 0:

@@ -4,6 +4,8 @@ import numpy as np
 
 from ...physics.contact import CONTACT
 from ...physics.hydrodynamics import WATER
+from ...physics.pairs import PAIR
+from ...physics.surfaces import SURFACE
 from ...physics.varying import varying
 from ...stages.signals import CLOCK, GIVEN, KNOWN, RECORDED, TRUE, record_dtype
 
@@ -45,6 +47,9 @@ CONTEXT = np.dtype(
         ("passive_before", "f8", (6,)),  # qfrc_passive before the callback
         ("passive_left", "f8", (6,)),  # qfrc_passive after the callback
         ("no_contact", CONTACT),  # used without a loop, and so without a wall
+        ("pairs", "i8"),  # number of contacts in the list of the loop
+        ("f_pairs_W", "f8", (3,)),  # their total force on the vehicle
+        ("tau_pairs_B", "f8", (6,)),  # and wrench at B's origin
     ],
     align=True,
 )
@@ -90,7 +95,7 @@ STAGE = np.dtype(
     align=True,
 )
 """One stage of the loop."""
-STAGE_SIZE = STAGE.itemsize
+STAGE_SIZE, PAIR_SIZE, SURFACE_SIZE = STAGE.itemsize, PAIR.itemsize, SURFACE.itemsize
 
 STOP_NONE, STOP_STATE, STOP_COMMAND, STOP_THRUST, STOP_STAGE, STOP_WAITING = range(6)
 
@@ -111,6 +116,13 @@ LOOP = np.dtype(
         ("distance_at", "i8"),  # the distance sensor, of the same instant as qpos
         ("fromto_at", "i8"),  # the sensor of the nearest points (6) in W
         ("contact", CONTACT),
+        # the list of contacts beside that of the probe and [wall]
+        ("surfaces_at", "i8"),  # SURFACE, one after the other
+        ("surfaces", "i8"),
+        ("pairs_at", "i8"),  # PAIR
+        ("f_pairs_at", "i8"),  # (n, 3), force of each pair in W
+        ("depths_at", "i8"),  # (n,)
+        ("push_of_pairs", "f8"),  # sum of their normal forces
         # stages
         ("stages_at", "i8"),  # STAGE, one after the other
         ("stages", "i8"),  # their number
@@ -144,6 +156,7 @@ LOOP = np.dtype(
         ("true", TRUTHS),
         ("p_before", "f8", (3,)),
         ("f_before_W", "f8", (3,)),
+        ("push", "f8", (1,)),  # sum of all normal forces
         ("moment_B", "f8", (3,)),  # of the contact force about B's origin, at t_k and at t_(k-1)
         ("moment_before_B", "f8", (3,)),
         ("qpos_safe", "f8", (7,)),  # initial pose

@@ -15,6 +15,7 @@ from ...physics.kernels import kernel
 from .flow import flow
 from .layouts import STAGE_SIZE, STOP_COMMAND, STOP_NONE, STOP_STAGE, STOP_STATE, STOP_THRUST, STOP_WAITING
 from .memory import call_stage, clock_at, floats, integers, stage_at
+from .touching import touch
 
 _LARGEST = sys.float_info.max
 
@@ -48,6 +49,8 @@ def observe(context, loop):
         true.v_c_W[i] = context.water.v_c_W[i]
     for i in range(6):
         true.tau_contact_B[i] = contact.tau_B[i]
+    if context.pairs != 0:
+        touch(context, loop)
     check_state(loop)
 
 
@@ -212,7 +215,13 @@ def finish_step(context, loop):
     solved = floats(loop.contact_at, 4)
     for i in range(3):
         row.f_contact_W[i] = contact.f_tangential_W[i] + (solved[1 + i] if solved[0] != 0.0 else 0.0)
-    push, push_before = -row.f_contact_W[0], -loop.f_before_W[0]
+    push, push_before = -row.f_contact_W[0], loop.push[0]
+    if context.pairs != 0:
+        push += loop.push_of_pairs
+        for i in range(3):
+            row.f_contact_W[i] += context.f_pairs_W[i]
+            loop.moment_B[i] += context.tau_pairs_B[i + 3]
+    loop.push[0] = push
     if push > 0.0 and push_before <= 0.0:
         row.touches += 1.0
         if row.first_contact < 0.0:

@@ -16,8 +16,10 @@ from ...stages.signals import (
     SCHEDULED,
     UNSTEADY,
     Signal,
+    contact_signals,
     thruster_signal,
 )
+from .contact_list import ContactList
 from .stage_table import StageTable
 
 _ATTRIBUTES = {
@@ -31,7 +33,12 @@ _OF_THE_TASK = ("s", "zeta", "tau_nom", "boundary_layer_time")
 
 
 def recorded(
-    loop: np.ndarray, stages: StageTable, u: np.ndarray, navigation: Navigation, water: np.ndarray
+    loop: np.ndarray,
+    stages: StageTable,
+    u: np.ndarray,
+    navigation: Navigation,
+    water: np.ndarray,
+    contacts: ContactList,
 ) -> list[tuple[Signal, np.ndarray]]:
     """The signals of a row in order, each with its memory. The measurements are recorded unless navigation is perfect,
     the motion of the water, a WATER record, unless the current is constant, and the command of the thrusters where it
@@ -50,7 +57,7 @@ def recorded(
     found += [(signal, stages.allocation["tau_cmd"]) for signal in DELAYED if "delay" in stages.entries]
     if water["unsteady"][0]:
         found += [(signal, water[signal.name]) for signal in UNSTEADY]
-    found.append((thruster_signal(len(u)), u))
+    found += [*contacts.recorded(loop), (thruster_signal(len(u)), u)]
     found += stages.commanded
     own = [each for each in stages.states() if each[1] != "zeta" or not isinstance(each[0], ImpedanceTask)]
     check_states([(stage, name) for stage, name, _ in own], {signal.name for signal, _ in found})
@@ -60,7 +67,7 @@ def recorded(
 def check_states(states: Sequence[tuple[Stage, str]], names: Set[str] = frozenset()) -> None:
     """Refuse states that can't be recorded under their names, beside the signals ``names``. Raises InputError if two
     states have one name, or a state's name is taken or is not an identifier."""
-    recorded = (*RECORDED, *MEASURED, *UNSTEADY, *DELAYED, *SCHEDULED, thruster_signal(0))
+    recorded = (*RECORDED, *MEASURED, *UNSTEADY, *DELAYED, *SCHEDULED, *contact_signals(0), thruster_signal(0))
     taken = names | {signal.name for signal in recorded} | _ATTRIBUTES
     faults: dict[Stage, list[Fault]] = {}
     for stage, name in states:

@@ -11,6 +11,7 @@ from ...plant.settings import contact_settings
 from ...scenario import STAGES
 from ...stages.signals import FINAL_WINDOW_S
 from .callback import entry_point
+from .contact_list import ContactList
 from .layouts import LOOP, STOP_STAGE
 from .memory import stopped
 from .rows import recorded, spans
@@ -39,7 +40,9 @@ class RunMemory:
         n = len(vehicle.thrusters)
         self.stages = stages = StageTable(setup, self.loop["true"], self.context["water"])
         self.u = np.zeros(n)
-        self.recorded = recorded(self.loop, stages, self.u, setup.scenario.navigation, self.context["water"])
+        self.contacts = ContactList(setup)
+        own = setup.scenario.navigation, self.context["water"], self.contacts
+        self.recorded = recorded(self.loop, stages, self.u, *own)
         self._spans = np.array(list(spans([memory for _, memory in self.recorded])))
         self.rows = np.zeros((0, sum(signal.size for signal, _ in self.recorded)))
         allocation = stages.allocation
@@ -67,6 +70,7 @@ class RunMemory:
             "u_at": self.u,
             "spans_at": self._spans,
             "rows_at": self.rows,
+            **self.contacts.reached,
             **memory,
         }
         self._reached["tau_hat_at"] = stages.signals["tau_hat"]
@@ -89,7 +93,7 @@ class RunMemory:
         for entry in stages.running:
             if entry.states or type(entry.stage).memory:
                 yield from (entry.state, entry.state_dot)
-        yield from self.engine.state
+        yield from (*self.contacts.state, *self.engine.state)
 
     def record(self, row_steps: int, capacity: int) -> None:
         """Record a row every so many time steps, at most ``capacity`` of them before they are taken."""
@@ -179,6 +183,7 @@ def write_wall(memory: RunMemory, setup: Setup) -> None:
     contact = memory.loop["contact"]
     for name, value in contact_settings(setup.scenario.wall, setup.mass_along_face).items():
         contact[name] = value
+    memory.contacts.write(memory.loop, memory.context, setup)
 
 
 def write_initial(memory: RunMemory, setup: Setup) -> None:
@@ -206,7 +211,7 @@ def write_limits(memory: RunMemory, setup: Setup) -> None:
 WRITERS: tuple[tuple[tuple[str, ...], Callable[[RunMemory, Setup], None]], ...] = (
     (("simulation.timestep", "simulation.duration"), write_time),
     (("current", "disturbance", "tether"), write_water),
-    (("wall", *ATTITUDE_KEYS), write_wall),
+    (("wall", "walls", "bumper", *ATTITUDE_KEYS), write_wall),
     (("initial",), write_initial),
     (("impedance",), write_impedance),
     (("simulation.seed",), write_seed),

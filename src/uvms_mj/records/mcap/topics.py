@@ -143,6 +143,9 @@ def columns(header: Header, rows: np.ndarray) -> dict[str, np.ndarray]:
     for name in ("quat_WB", "quat_d", "quat_WB_m"):
         if name in values:
             values[f"{name}.xyzw"] = values[name][:, [1, 2, 3, 0]]
+    if "tau_contacts_B" in values:
+        values["f_contact.wrench"] = values["tau_contacts_B"]
+        return values
     depth = np.maximum(0.0, values["p_WB"][:, 0] - header.scenario.wall.position)
     arm = header.geometry.reach - 0.5 * depth
     f_W, R = values["f_contact_W"], rotation_matrix(values["quat_WB"])
@@ -180,9 +183,10 @@ def once(header: Header) -> tuple[tuple[Topic, ...], dict[str, np.ndarray]]:
         "v_c_W": np.array(header.scenario.current.velocity_W),
     }
     if isinstance(analytic, SteadyState):
-        text = "closed form of the contact force at rest"
-        topics.append(Topic("/analytic/contact", _WRENCH, "map", "N", text, ros2.stamped("map", "force", 3, 6)))
-        values["force"] = np.array([-analytic.force, 0.0, 0.0])
+        if "f_normal" not in header.by_name:  # the force is along x
+            text = "closed form of the contact force at rest"
+            topics.append(Topic("/analytic/contact", _WRENCH, "map", "N", text, ros2.stamped("map", "force", 3, 6)))
+            values["force"] = np.array([-analytic.force, 0.0, 0.0])
         if analytic.position is not None:  # a user's law may predict the force only
             text, kind = "closed form of B's position at rest", "geometry_msgs/PointStamped"
             topics.append(Topic("/analytic/position", kind, "map", "m", text, ros2.stamped("map", "position", 3)))

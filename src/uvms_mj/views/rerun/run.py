@@ -13,6 +13,7 @@ import rerun as rr
 
 from ...control.rest import SteadyState
 from ...physics.frames import quat_from_euler_deg
+from ...plant.geometry import Geometry, Shape
 from ...records.header import Header
 from ...records.palette import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, Colour
 from ...records.scene import FORCE_SCALE, FORCES, WALL_SIZE, Force, magnitudes, scene_of, span
@@ -112,7 +113,8 @@ class Run:
         if len(t[rows]):
             for parts, signal, place in self.columns():
                 self._scalars(parts, t[rows], values[signal.name][rows, place])
-            push = np.maximum(0.0, 0.0 - values["f_contact_W"][rows, :1])
+            forces = values["f_normal"] if "f_normal" in values else 0.0 - values["f_contact_W"][:, :1]
+            push = np.maximum(0.0, forces[rows])
             self._scalars(("push",), t[rows], push)
             if isinstance(self.header.analytic, SteadyState):
                 ends = t[rows][[0, -1]]
@@ -174,22 +176,13 @@ class Run:
         self._log(("world",), rr.Transform3D(translation=[0.0, self.place.y, 0.0]))
         shapes = [solid for vehicle in scene.vehicles for solid in solids(vehicle)]
         for i, solid in enumerate(shapes):
-            mesh = rr.Mesh3D(
-                vertex_positions=solid.vertices,
-                vertex_normals=solid.normals,
-                triangle_indices=solid.triangles,
-                albedo_factor=self._tinted(solid.rgba),
-            )
-            self._log(("world", "vehicle", f"part {i + 1}"), mesh)
-        thick, wide, high = np.array([wall.size for wall in scene.walls]).T
-        walls = rr.Boxes3D(
-            centers=[wall.position for wall in scene.walls],
-            half_sizes=np.stack([thick, np.minimum(wide, self.place.width / 2), high], axis=1),
-            quaternions=[np.roll(wall.quat, -1) for wall in scene.walls],
-            colors=[_rgba8(wall.rgba) for wall in scene.walls],
-            fill_mode="solid",
-        )
-        self._log(("world", "wall"), walls)
+            self._log(("world", "vehicle", f"part {i + 1}"), _mesh(solid, self._tinted(solid.rgba)))
+        plates = [wall for wall in scene.walls if wall.kind == "box"]
+        if plates:
+            self._log(("world", "wall"), self._plates(plates))
+        for i, wall in enumerate(wall for wall in scene.walls if wall.kind != "box"):
+            (solid,) = solids(Geometry((wall,), {}))
+            self._log(("world", "wall", f"round {i + 1}"), _mesh(solid, _rgba8(wall.rgba)))
         for force in FORCES:
             self._arrow_style(force.name, self.colour or force.colour, force.radius)
         for arrow in scene.arrows:
@@ -203,6 +196,17 @@ class Run:
             self._log(("world", arrow.name), drawn)
         self._log(("world", "trajectory"), rr.LineStrips3D.from_fields(colors=[self.colour or PURPLE], radii=[0.007]))
         self._names(*bounds(shapes, self.header.geometry.reach))
+
+    def _plates(self, walls: Sequence[Shape]) -> rr.Boxes3D:
+        """Walls that are boxes, not wider than the lane of the run."""
+        thick, wide, high = np.array([wall.size for wall in walls]).T
+        return rr.Boxes3D(
+            centers=[wall.position for wall in walls],
+            half_sizes=np.stack([thick, np.minimum(wide, self.place.width / 2), high], axis=1),
+            quaternions=[np.roll(wall.quat, -1) for wall in walls],
+            colors=[_rgba8(wall.rgba) for wall in walls],
+            fill_mode="solid",
+        )
 
     def _names(self, low: np.ndarray, high: np.ndarray) -> None:
         """Send the reference as a box between the vehicle's corners (3,), and the name of the run or the reference."""
@@ -249,6 +253,15 @@ class Run:
         name = f"{signal.name}.{part}" if part else signal.name
         colour = self.colour or COMPONENTS[component % len(COMPONENTS)]
         return self.named(f"{name} [{unit}]"), REFERENCE if signal.name == "p_d" else colour
+
+
+def _mesh(solid: Solid, rgba: tuple[int, int, int, int]) -> rr.Mesh3D:
+    return rr.Mesh3D(
+        vertex_positions=solid.vertices,
+        vertex_normals=solid.normals,
+        triangle_indices=solid.triangles,
+        albedo_factor=rgba,
+    )
 
 
 def _rgba8(rgba: tuple[float, ...]) -> tuple[int, int, int, int]:

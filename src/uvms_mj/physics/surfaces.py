@@ -1,0 +1,148 @@
+r"""Surfaces in the water, and the signed distance of a point from them: planes, spheres, cylinders and boxes.
+
+A surface has a frame S with the attitude R_WS. In S, the face of a plane is x = 0 and the water is at x < 0, as in
+front of the paper's wall; the axis of a cylinder is z, and it has no ends; a box is centred. The distance is negative
+inside, and its gradient is the normal out of the surface. For a point q in S:
+
+.. math::
+
+    d = -q_x, \qquad d = |q| - r, \qquad d = \sqrt{q_x^2 + q_y^2} - r, \qquad
+    d = \left|\max(|q| - a, 0)\right| + \min(\max_i(|q_i| - a_i), 0)
+
+for a plane, a sphere, a cylinder of the radius r and a box of the half edges a. A surface moves without turning: by a
+table of displacements over time, linear between its rows, and by a sine.
+"""
+
+import math
+
+import numpy as np
+
+from .frames import to_body, to_world
+from .kernels import kernel
+
+SHAPES = ("plane", "sphere", "cylinder", "box")
+"""The shapes; a SURFACE record has the index."""
+PLANE, SPHERE, CYLINDER, BOX = range(4)
+
+SURFACE = np.dtype(
+    [
+        ("kind", "i8"),
+        ("extent", "f8", (3,)),  # radius, or half edges [m]
+        ("R_WS", "f8", (3, 3)),
+        ("p_WS", "f8", (3,)),  # at this instant [m]
+        ("v_W", "f8", (3,)),  # velocity at this instant [m/s]
+        ("moves", "i8"),
+        ("start_W", "f8", (3,)),  # p_WS without motion [m]
+        ("table_at", "i8"),  # rows (time, displacement (3,) in W)
+        ("rows", "i8"),
+        ("row", "i8"),  # the latest one that has begun
+        ("amplitude_W", "f8", (3,)),  # of the sine [m]
+        ("frequency", "f8"),  # [Hz]
+        ("phase", "f8"),  # [rad]
+        ("q", "f8", (3,)),  # scratch
+    ],
+    align=True,
+)
+"""One surface: its shape, and its motion."""
+
+
+@kernel
+def move(surface, table, t):
+    """Set position and velocity of a surface at the time t [s]. Times must not decrease from call to call.
+
+    Before its first row and after its last one, the surface keeps the displacement of this row. table is (4 n,): rows
+    of a time [s] and a displacement in W [m].
+    """
+    angle = 2.0 * math.pi * surface.frequency * t + surface.phase
+    sine, cosine = math.sin(angle), 2.0 * math.pi * surface.frequency * math.cos(angle)
+    for i in range(3):
+        surface.p_WS[i] = surface.start_W[i] + surface.amplitude_W[i] * sine
+        surface.v_W[i] = surface.amplitude_W[i] * cosine
+    if surface.rows == 0:
+        return
+    for k in range(surface.row + 1, surface.rows):
+        if table[4 * k] > t:
+            break
+        surface.row = k
+    k = surface.row
+    past = t - table[4 * k]
+    for i in range(3):
+        here = table[4 * k + 1 + i]
+        if k + 1 < surface.rows and past >= 0.0:
+            rate = (table[4 * k + 5 + i] - here) / (table[4 * k + 4] - table[4 * k])
+            surface.v_W[i] += rate
+            here += rate * past
+        surface.p_WS[i] += here
+
+
+@kernel
+def signed_distance(surface, c_W, n_W) -> float:
+    """The distance of a point c_W (3,) from a surface [m], negative inside. Sets the normal n_W (3,) out of it."""
+    q = surface.q
+    for i in range(3):
+        q[i] = c_W[i] - surface.p_WS[i]
+    to_body(surface.R_WS, q, q)
+    distance = 0.0
+    if surface.kind == PLANE:
+        distance = -q[0]
+        q[0], q[1], q[2] = -1.0, 0.0, 0.0
+    elif surface.kind == BOX:
+        distance = from_box(q, surface.extent)
+    else:
+        if surface.kind == CYLINDER:
+            q[2] = 0.0
+        distance = normalise(q) - surface.extent[0]
+    to_world(surface.R_WS, q, n_W)
+    return distance
+
+
+@kernel
+def normalise(q) -> float:
+    """Make q (3,) a unit vector, -x if it is zero, and return its length."""
+    size = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
+    if size == 0.0:
+        q[0], q[1], q[2] = -1.0, 0.0, 0.0
+    else:
+        for i in range(3):
+            q[i] /= size
+    return size
+
+
+@kernel
+def from_box(q, half) -> float:
+    """The distance of a point q (3,) from a box of the half edges half (3,) [m]. Sets q to the normal, in S."""
+    nearest = 0
+    for i in range(1, 3):
+        if abs(q[i]) - half[i] > abs(q[nearest]) - half[nearest]:
+            nearest = i
+    inside = abs(q[nearest]) - half[nearest]
+    if inside <= 0.0:
+        out = 1.0 if q[nearest] >= 0.0 else -1.0
+        q[0], q[1], q[2] = 0.0, 0.0, 0.0
+        q[nearest] = out
+        return inside
+    for i in range(3):
+        q[i] -= min(half[i], max(-half[i], q[i]))
+    return normalise(q)
+
+
+@kernel
+def nearest_on_segment(surface, a_W, b_W) -> float:
+    """Where on the segment from a_W (3,) to b_W (3,) the point nearest to the centre of a sphere, or to the axis of a
+    cylinder, is: 0 at a_W, 1 at b_W, 0.5 if the segment is parallel to the axis."""
+    R = surface.R_WS
+    along, size = 0.0, 0.0
+    axial, shift = 0.0, 0.0
+    for i in range(3):
+        d, e = b_W[i] - a_W[i], surface.p_WS[i] - a_W[i]
+        along += d * e
+        size += d * d
+        axial += d * R[i, 2]
+        shift += e * R[i, 2]
+    length = size
+    if surface.kind == CYLINDER:  # across the axis only
+        along -= axial * shift
+        size -= axial * axial
+    if size <= 1e-12 * length:
+        return 0.5
+    return min(1.0, max(0.0, along / size))

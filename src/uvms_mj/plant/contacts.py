@@ -1,0 +1,172 @@
+"""The contacts of a scenario: which contact body of the vehicle can touch which wall.
+
+Without contact bodies and without a bumper, MuJoCo's contact pair is that of the probe and ``[wall]``
+(:mod:`.build`), and the list has the probe in front of each of ``[[walls]]``. Otherwise the list has every contact. A
+capsule is a pair of spheres in front of a plane: its ends touch first.
+"""
+
+import functools
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import Fault
+from ..physics.pairs import PAIR
+from ..physics.surfaces import SHAPES, SURFACE, nearest_on_segment, signed_distance
+from .settings import contact_settings
+from .surfaces import ContactBody, Surface, in_series
+
+OUT_OF_REACH = 1e9
+"""A distance beyond the bounds of a run [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """One contact body in front of one wall.
+
+    Attributes:
+        surface: index of the wall in :attr:`Contacts.surfaces`.
+        wall_key, body_key: their tables in the scenario.
+        ends_B: (2, 3) ends of the body's axis in B, equal for a sphere [m].
+        radius: of the body [m].
+        bumper: stiffness, 0 without a bumper [N/m], and damping [N s/m].
+    """
+
+    surface: int
+    wall: Surface
+    wall_key: str
+    body_key: str
+    ends_B: np.ndarray
+    radius: float
+    bumper: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Front:
+    """A contact as a law meets it at the desired pose: the key of its wall, the normal (6,) out of the wall in B as a
+    wrench, and stiffness [N/m] and damping [N s/m] of wall and bumper together."""
+
+    key: str
+    normal: np.ndarray
+    stiffness: float
+    damping: float
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """The walls of the list with their keys, and the pairs. ``paper`` is whether MuJoCo's pair of the probe and
+    ``[wall]`` exists beside them."""
+
+    surfaces: tuple[tuple[str, Surface], ...]
+    pairs: tuple[Pair, ...]
+    paper: bool
+
+    def records(self, lightest: Callable[[Pair], float]) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+        """SURFACE records, PAIR records, and the tables of motion whose addresses are in the former. ``lightest`` gives
+        the least mass at a contact [kg], for the default damping of sticking friction."""
+        surfaces, pairs = np.zeros(len(self.surfaces), SURFACE), np.zeros(len(self.pairs), PAIR)
+        tables = []
+        for row, (_, wall) in zip(surfaces, self.surfaces, strict=True):
+            table = np.array(wall.motion, float).reshape(-1)
+            tables.append(table)
+            row["kind"], row["extent"], row["R_WS"] = SHAPES.index(wall.shape), wall.size, wall.R_WS
+            row["p_WS"] = row["start_W"] = wall.position
+            row["moves"], row["table_at"], row["rows"] = wall.moves, table.ctypes.data, len(wall.motion)
+            row["amplitude_W"], row["frequency"] = wall.amplitude, wall.frequency_hz
+            row["phase"] = math.radians(wall.phase_deg)
+        for row, pair in zip(pairs, self.pairs, strict=True):
+            wall = pair.wall
+            for name, value in contact_settings(wall, functools.partial(lightest, pair)).items():
+                row["contact"][name] = value
+            row["surface"], row["ends_B"], row["radius"] = pair.surface, pair.ends_B, pair.radius
+            row["capsule"] = (pair.ends_B[0] != pair.ends_B[1]).any()
+            row["layer_depth"] = math.inf if wall.layer_depth is None else wall.layer_depth
+            row["layer_stiffness"] = wall.layer_stiffness or wall.stiffness
+            row["bumper_stiffness"], row["bumper_damping"] = pair.bumper
+        return surfaces, pairs, tables
+
+    def fronts(self, position: np.ndarray, R_WB: np.ndarray) -> Iterator[Front]:
+        """The walls of the list at a pose: the contacts in each wall together, or the nearest one."""
+        surfaces, records, _ = self.records(lambda _: 1.0)
+        found: dict[str, list[tuple[float, Front]]] = {}
+        for record, pair in zip(records.view(np.recarray), self.pairs, strict=True):
+            surface, n = surfaces.view(np.recarray)[pair.surface], np.zeros(3)
+            c, end = position + pair.ends_B @ R_WB.T
+            if record.capsule:
+                c = c + nearest_on_segment(surface, c, end) * (end - c)
+            distance = signed_distance(surface, c, n) - pair.radius
+            moment = np.cross(c - position - pair.radius * n, n)
+            stiffness, damping = in_series(pair.wall.stiffness, pair.wall.damping, *pair.bumper)
+            front = Front(pair.wall_key, np.concatenate([R_WB.T @ n, R_WB.T @ moment]), stiffness, damping)
+            found.setdefault(pair.wall_key, []).append((distance, front))
+        for key, each in found.items():
+            inside = [front for distance, front in each if distance < 0.0] or [min(each, key=lambda at: at[0])[1]]
+            total = sum(front.stiffness for front in inside)
+            normal = sum(front.stiffness / total * front.normal for front in inside)
+            yield Front(key, np.asarray(normal), total, sum(front.damping for front in inside))
+
+
+def contacts_of(scenario: Any, reach: float) -> Contacts:
+    """The contacts of a scenario and a vehicle whose probe has the radius ``reach`` [m]."""
+    bodies, bumper = scenario.vehicle.contact_bodies, scenario.bumper
+    paper = is_papers(scenario)
+    walls = [(f"walls[{i}]", wall) for i, wall in enumerate(scenario.walls)]
+    if scenario.wall.present and not paper:
+        walls.insert(0, ("wall", as_surface(scenario.wall, reach)))
+    named = [(f"vehicle.contact_bodies[{i}]", body) for i, body in enumerate(bodies)]
+    if not named:
+        probe = ContactBody((0.0, 0.0, 0.0), reach, None, bumper.stiffness, bumper.damping)
+        named = [("the probe", probe)]
+    pairs = [
+        Pair(index, wall, key, name, ends, body.radius, (body.stiffness or 0.0, body.damping))
+        for index, (key, wall) in enumerate(walls)
+        for name, body in named
+        for ends in _ends(body, wall)
+    ]
+    return Contacts(tuple(walls), tuple(pairs), paper)
+
+
+def is_papers(scenario: Any) -> bool:
+    """Whether the probe touches ``[wall]`` without a bumper, which is MuJoCo's contact pair."""
+    bare = scenario.bumper.stiffness is None and not scenario.vehicle.contact_bodies
+    return bool(scenario.wall.present and bare)
+
+
+def face_of(scenario: Any, reach: float) -> float:
+    """x of the face of ``[wall]`` in W for MuJoCo's pair [m]; out of reach if there is no such pair."""
+    return scenario.wall.position + reach if is_papers(scenario) else OUT_OF_REACH
+
+
+def as_surface(wall: Any, reach: float) -> Surface:
+    """``[wall]`` as one of ``[[walls]]``: the probe of the radius ``reach`` touches it at x_c."""
+    names = ("stiffness", "damping", "friction", "tangential_stiffness", "tangential_damping")
+    given = {name: getattr(wall, name) for name in names}
+    return Surface(shape="plane", position=(wall.position + reach, 0.0, 0.0), **given)
+
+
+def impossible(scenario: Any) -> Iterator[Fault]:
+    """Errors for contacts that are not computed, and for settings without effect."""
+    bodies = scenario.vehicle.contact_bodies
+    for i, wall in enumerate(scenario.walls):
+        for k, body in enumerate(bodies):
+            if wall.shape == "box" and body.end is not None:
+                yield Fault(
+                    f"vehicle.contact_bodies[{k}].end",
+                    f"contact of a capsule with a box, walls[{i}], is not computed; give spheres along the capsule",
+                )
+    if bodies and scenario.bumper.stiffness is not None:
+        yield Fault(
+            "bumper.stiffness",
+            "is that of the probe, which vehicle.contact_bodies replace; give vehicle.contact_bodies[0].stiffness",
+        )
+
+
+def _ends(body: ContactBody, wall: Surface) -> Iterator[np.ndarray]:
+    ends = (body.position, body.position if body.end is None else body.end)
+    if body.end is not None and wall.shape == "plane":
+        yield from (np.array([end, end]) for end in ends)
+    else:
+        yield np.array(ends)
