@@ -1,6 +1,8 @@
 """Thruster models against their own analytic answers, in machine code: the caller of a Simulation commands thrusts."""
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -307,8 +309,6 @@ def test_saturation_is_of_the_command_and_its_loss_is_recorded():
 
 def test_a_stages_state_is_not_hidden_by_the_command():
     """A user's actuation may have a state u_cmd, but not beside thrusters that record their command."""
-    from pathlib import Path
-
     lagging = f"{Path(__file__).parents[2] / 'examples' / 'lagging_thrusters.py'}:LaggingThrusters"
     with Simulation(Scenario.load("push_wall", {"actuation.name": lagging}), **FREE):
         pass
@@ -358,5 +358,13 @@ def test_settings_that_depend_on_each_other_are_checked_in_a_reset():
 def test_ideal_thrusters_are_the_default_and_no_stage():
     assert isinstance(Scenario().thrusters, IdealThrusters)
     with Simulation(Scenario(), **FREE) as sim:
-        assert {"thrusters", "inflow", "shortfall"}.isdisjoint(sim._stages.entries)
+        assert {"thrusters", "inflow"}.isdisjoint(sim._stages.entries)
         assert sim._stages.thrust is sim._stages.u_cmd
+
+
+def test_the_page_has_the_settings_of_the_program():
+    page = (Path(__file__).parents[2] / "docs" / "actuation.md").read_text()
+    table = page.split("| `thrusters.` |")[1].split("\n\n")[0]
+    rows = re.findall(r"^\| (`.*?) \|", table, re.MULTILINE)
+    listed = {name for row in rows for name in re.findall(r"`(\w+)`", row)}
+    assert listed == {"name"} | {field.name for kind in (General, T200) for field in kind.setting_fields()}

@@ -71,6 +71,8 @@ class RunMemory:
             **memory,
         }
         self._reached["tau_hat_at"] = stages.signals["tau_hat"]
+        if stages.commanded:
+            self._reached["tau_lost_at"] = stages.tau_lost
         if setup.scenario.thrusters.runs or not np.array_equal(vehicle.B, setup.nominal.B):
             self._reached["columns_hat_at"] = np.ascontiguousarray(setup.nominal.B.T)
         if "task" in stages.entries:

@@ -28,7 +28,7 @@ from ...stages.signals import (
 )
 from .arena import MARGIN, NEARBY, Arena
 from .compilation import NotCompiled
-from .inner_stages import Inflow, Sensed, Shortfall, Tracking, Truth
+from .inner_stages import Inflow, Sensed, Tracking, Truth
 from .layouts import STAGE
 from .plain_stage import PlainStage, StageFault
 from .stage_code import RAISED, compile_stage
@@ -182,7 +182,6 @@ class StageTable:
         add("actuation", actuation, self.allocation, self.u_cmd)
         self.commanded: list[tuple[Signal, np.ndarray]] = []
         if thrusters.runs or actuation.records_loss:
-            add("shortfall", Shortfall(), self.allocation, self.tau_lost, self.commands)
             self.commanded.append((TAU_LOST, self.tau_lost))
         if thrusters.runs:
             add("inflow", Inflow(), true, self.commands["inflow"][0])
@@ -233,7 +232,7 @@ class StageTable:
         chosen = {table: getattr(scenario, table).period for table in STAGES}
         periods |= {table: period for table, period in chosen.items() if period is not None}
         periods["sensed"] = periods.get("navigation", control)
-        periods |= {"shortfall": periods["actuation"], "inflow": periods.get("thrusters", h)}
+        periods["inflow"] = periods.get("thrusters", h)
         steps = [round(periods.get(table, control) / h) for table in self.entries]
         self.rows["period_steps"], self.rows["period"] = steps, [n * h for n in steps]
 
