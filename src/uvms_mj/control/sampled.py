@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import Fault
+from ..physics.varying import rate_deviation
 from .rest import SteadyState
 
 SLOWLY_DAMPED = 0.75
@@ -74,25 +76,27 @@ class Vibration:
 
         Navigation, law and thrusters each hold their output for a period T. A stage that reads it at its own instants,
         a period T' apart, finds it with a mean age of (T - gcd(T, T'))/2. The contact force itself is held for a time
-        step h. A law that runs at every step on measurements of every step feeds back the force that acts. An observer
-        of the force adds its lag, and the thrusters add their delay of slow changes.
+        step h. A law that runs at every step on measurements of every step feeds back the force that acts. The time
+        that a sample takes to arrive adds to it, and so do the lag of an observer of the force and the thrusters' delay
+        of slow changes.
         """
         scenario = self.setup.scenario
         h = scenario.simulation.timestep
         steps = [n for period in self._periods.values() if (n := round(period / h)) > 1]  # one of a step holds nothing
-        ages = (held - math.gcd(held, read) for held, read in pairwise([*steps, 1]))
-        return 0.5 * h * sum(ages) + scenario.observer.age + scenario.thrusters.mean_delay()
+        late = scenario.observer.age if scenario.observer.runs else scenario.navigation.force_timing[1]
+        holds = sum(held - math.gcd(held, read) for held, read in pairwise([*steps, 1]))
+        return late + 0.5 * h * holds + scenario.thrusters.mean_delay()
 
     @property
     def _periods(self) -> dict[str, float]:
         """Periods of the stages from the measurement to the thrust, by name [s]."""
         scenario = self.setup.scenario
         control = scenario.control_period
-        shortest = scenario.simulation.timestep
-        sensor = scenario.observer if scenario.observer.runs else scenario.navigation
-        navigation = sensor.period or (shortest if sensor.every_step else control)
+        observer, sensor = scenario.observer, scenario.navigation
+        own = scenario.simulation.timestep if sensor.every_step else control
+        force = observer.period or control if observer.runs else sensor.force_timing[0] or sensor.period or own
         return {
-            "navigation": navigation,
+            "navigation": force,
             "control": control,
             "actuation": scenario.actuation.period or scenario.simulation.timestep,
             "thruster": scenario.thrusters.period or scenario.simulation.timestep,
@@ -173,6 +177,26 @@ class Vibration:
             )
 
 
+MOST_WAITING = 1000
+"""Control periods that a computation delay may last."""
+
+
+def delay_faults(scenario: Any) -> Iterator[Fault]:
+    """Errors in the computation delay: it is a multiple of the time step, and not too many control periods long."""
+    h, delay = scenario.simulation.timestep, scenario.controller.delay
+    if delay is None:
+        return
+    if abs(delay / h - round(delay / h)) > 1e-6:
+        n = int(delay / h)
+        nearest = f"the nearest are {n * h:g} and {(n + 1) * h:g} s"
+        yield Fault("controller.delay", f"{delay:g} s is not a multiple of the time step {h:g} s; {nearest}")
+    elif delay > MOST_WAITING * scenario.control_period * (1.0 + 1e-9):
+        longest = f"{MOST_WAITING} control periods of {scenario.control_period:g} s"
+        yield Fault(
+            "controller.delay", f"{delay:g} s must be at most {MOST_WAITING * scenario.control_period:g} s, {longest}"
+        )
+
+
 def zeta_limit(setup: Any) -> float:
     """Control period above which the explicit Euler steps of zeta, eq. (15), grow: |1 + A T| > 1 [s]."""
     fastest = max(abs(a) for a in setup.task.A)
@@ -186,9 +210,15 @@ def zeta_grows(setup: Any) -> str:
 
 
 def disturbance_rate(setup: Any) -> np.ndarray:
-    """Bound (6,) on the rate of M_hat^-1 tau_dist, which eq. (28) has to follow [m/s^3, rad/s^3]."""
+    """Bound (6,) on the rate of M_hat^-1 tau_dist, which eq. (28) has to follow [m/s^3, rad/s^3]. Of a Gauss-Markov
+    process it is the rate that one in 5e8 of its nodes exceeds. The drag of a tether is not in it."""
     disturbance = setup.scenario.disturbance
     rate = 2.0 * np.pi * np.abs(np.array(disturbance.amplitude) * np.array(disturbance.frequency_hz))
+    if disturbance.table is not None:
+        table = np.array(disturbance.table)
+        rate += np.abs(np.diff(table[:, 1:], axis=0) / np.diff(table[:, :1], axis=0)).max(axis=0, initial=0.0)
+    if any(disturbance.deviation):
+        rate += 6.0 * rate_deviation(np.array(disturbance.deviation), disturbance.correlation_time)
     return np.abs(np.linalg.inv(setup.design.M_hat)) @ rate
 
 

@@ -3,11 +3,34 @@
 from __future__ import annotations  # so that help(Navigation) shows short type names
 
 import dataclasses
-from typing import ClassVar
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import numpy as np
 
 from ..physics.kernels import kernel
 from ..stages.base import Room, Stage
 from ..stages.signals import CLOCK, KNOWN, TRUE
+
+
+@dataclasses.dataclass(frozen=True)
+class Known:
+    """Measurements of a vehicle at rest: position (3,) in W, attitude (4,), velocity (6,) and contact wrench (6,), both
+    in B."""
+
+    position: np.ndarray
+    quat: np.ndarray
+    nu: np.ndarray
+    tau_c: np.ndarray
+
+
+RestErrors = Callable[[np.ndarray, np.ndarray, np.ndarray], Known]
+"""Mean measurements of a vehicle at rest from its true position, attitude and contact wrench."""
+
+
+def no_errors(position: np.ndarray, quat: np.ndarray, tau_c: np.ndarray) -> Known:
+    """The truth of a vehicle at rest."""
+    return Known(position, quat, np.zeros(6), tau_c)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -16,6 +39,20 @@ class Navigation(Stage):
     ``out`` has KNOWN."""
 
     room: ClassVar[Room] = Room("navigation", "navigation", lambda thrusters: CLOCK + TRUE, KNOWN, "navigation stage")
+
+    @property
+    def force_timing(self) -> tuple[float | None, float]:
+        """Time from one sample of the contact force to the next, None for the stage's period, and the mean time that a
+        sample takes to arrive [s]."""
+        return None, 0.0
+
+    def rest_errors(self, setup: Any) -> RestErrors | str:
+        """Theory of navigation: the measurements of a vehicle at rest, or the reason why they are not known."""
+        return "no closed form is known for this navigation"
+
+    def out_of_range(self, known: Known) -> str:
+        """The reason why these measurements of a vehicle at rest are impossible; empty if they are not."""
+        return ""
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
@@ -52,6 +89,9 @@ class Perfect(Navigation):
     """Perfect sensing: pose, velocity and contact force of the same instant, without an error."""
 
     name = "perfect"
+
+    def rest_errors(self, setup: Any) -> RestErrors | str:
+        return no_errors
 
     @staticmethod
     def step(settings, state, given, state_dot, out):

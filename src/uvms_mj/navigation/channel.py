@@ -27,9 +27,11 @@ The time unit of the kernels is the instant of the stage, which counts from 0.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -53,6 +55,16 @@ STREAMS = 8
 _UNIT, _NO_LIMIT = 2.0**-53, math.inf
 
 
+_FADING: dict[str, Any] = {
+    "limit": None,
+    "period": None,
+    "delay": 0.0,
+    "jitter": 0.0,
+    "noise": (0.0,) * 3,
+    "dropout": 0.0,
+}
+
+
 @dataclass(frozen=True)
 class Channel:
     """Settings of a channel, valid numbers in SI units; ``period`` None is every instant of the stage."""
@@ -72,6 +84,21 @@ class Channel:
     def perfect(self) -> bool:
         """Whether the measurement is the truth of the same instant."""
         return self == Channel()
+
+    @property
+    def settled(self) -> Channel:
+        """The channel of a constant truth, without what changes no mean."""
+        return dataclasses.replace(self, **_FADING)
+
+    def mean(self, x: np.ndarray) -> np.ndarray:
+        """Mean measurement (3,) of a constant x (3,), without a random walk, a quantum and a limit."""
+        return (1.0 + self.scale) * x + self.bias
+
+    def mean_attitude(self, quat: np.ndarray) -> np.ndarray:
+        """Mean measurement (4,) of a constant attitude (4,), under the same conditions."""
+        measured, memory = np.empty(4), np.zeros(MEMORY)
+        measure_attitude(self.settled.packed(1.0), memory, quat, 0, 0, 0, measured)
+        return measured
 
     def packed(self, step: float) -> np.ndarray:
         """(SETTINGS,) for the kernels; ``step`` is the time from one instant of the stage to the next [s]."""

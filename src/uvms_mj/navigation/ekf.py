@@ -15,7 +15,7 @@ from ..errors import Fault, InputError
 from ..quantities import NonNegative, Positive, Step
 from ..stages.base import setting
 from .aided import begin, depth_fix, due, estimation_error, heading_fix, position_fix, predict, publish, velocity_fix
-from .base import Navigation, perfect_force
+from .base import Navigation, RestErrors, perfect_force
 from .error_state import normalised_square
 
 _AIDS = ("dvl", "depth", "heading", "position")
@@ -62,6 +62,9 @@ class Ekf(Navigation):
         **{"p": 3, "v": 3, "quat": 4, "omega": 3, "turn": 3, "push": 3, "quat_before": 4, "v_before": 3},
         **{"squares": 1, "updates": 1},
     }
+
+    def rest_errors(self, setup: Any) -> RestErrors | str:
+        return "the estimate of the Kalman filter fluctuates, and the vehicle with it"
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
         periods = {aid: getattr(self, f"{aid}_period") for aid in _AIDS}

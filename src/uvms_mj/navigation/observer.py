@@ -18,7 +18,14 @@ class Observer(Stage):
     sensor: no stage is given the force that navigation measures, and ``given`` has the observer's own last one.
     """
 
-    room: ClassVar[Room] = Room("navigation", "observer", lambda thrusters: OBSERVER_GIVEN, KNOWN[4:], "observer")
+    room: ClassVar[Room] = Room(
+        name="navigation",
+        table="observer",
+        given=lambda thrusters: OBSERVER_GIVEN,
+        out=KNOWN[4:],
+        noun="observer",
+        theory=("age",),
+    )
 
     @property
     def age(self) -> float:

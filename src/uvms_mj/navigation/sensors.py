@@ -22,6 +22,7 @@ import dataclasses
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar
 
+import numpy as np
 from annotated_types import Lt
 from pydantic import AfterValidator, BeforeValidator
 
@@ -30,7 +31,7 @@ from ..physics.frames import rotation, to_world
 from ..physics.kernels import kernel
 from ..quantities import NonNegative, Number, Positive, Step, Vector3, within
 from ..stages.base import setting, shared
-from .base import Navigation
+from .base import Known, Navigation, RestErrors, no_errors
 from .channel import MEMORY, Channel, measure, measure_attitude
 
 
@@ -129,6 +130,42 @@ class Sensors(_Channels):
         for quantity in QUANTITIES:
             for name, wrong in self.channel(quantity).faults(step):
                 yield Fault(f"navigation.{quantity}_{name}", wrong)
+
+    @property
+    def force_timing(self) -> tuple[float | None, float]:
+        force = self.channel("force")
+        return force.period, force.delay + 0.5 * force.jitter
+
+    def rest_errors(self, setup: Any) -> RestErrors | str:
+        """The mean of the measurements: scale, bias and the drift with the depth. White noise has none."""
+        channels = {quantity: self.channel(quantity) for quantity in QUANTITIES}
+        for quantity, channel in channels.items():
+            if any(channel.walk):
+                return f"the {quantity.replace('_', ' ')} drifts: navigation.{quantity}_walk"
+            if channel.quantum:
+                return f"the rest is not unique with a resolution: navigation.{quantity}_quantum"
+        if all(channel.settled == Channel() for channel in channels.values()) and not any(self.depth_drift):
+            return no_errors
+        z_0, drift = setup.scenario.initial.position[2], np.array(self.depth_drift)
+
+        def known(position: np.ndarray, quat: np.ndarray, tau_c: np.ndarray) -> Known:
+            still = np.zeros(3)
+            force = tau_c[:3] - drift * (position[2] - z_0)
+            wrench = np.concatenate([channels["force"].mean(force), channels["moment"].mean(tau_c[3:])])
+            nu = np.concatenate([channels["velocity"].mean(still), channels["angular_velocity"].mean(still)])
+            quat_m = channels["attitude"].mean_attitude(quat)
+            return Known(channels["position"].mean(position), quat_m, nu, wrench)
+
+        return known
+
+    def out_of_range(self, known: Known) -> str:
+        values = {"position": known.position, "attitude": 2.0 * known.quat[1:], "velocity": known.nu[:3]}
+        values |= {"angular_velocity": known.nu[3:], "force": known.tau_c[:3], "moment": known.tau_c[3:]}
+        for quantity, value in values.items():
+            limit = self.channel(quantity).limit
+            if limit is not None and np.abs(value).max() > limit:
+                return f"the {quantity.replace('_', ' ')} is out of the sensor's range: navigation.{quantity}_limit"
+        return ""
 
     @staticmethod
     def step(settings, state, given, state_dot, out):

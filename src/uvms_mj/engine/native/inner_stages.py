@@ -1,14 +1,16 @@
-"""Stages that no scenario chooses: tracking errors with estimates, the truth for the ideal law, and the inflow of real
-thrusters."""
+"""Stages that no scenario chooses by name: tracking errors with estimates, the truth for the ideal law, the computation
+delay, and the inflow of real thrusters."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
+from ...control.sampled import MOST_WAITING
 from ...control.task import tracking_errors
 from ...physics.model import model_wrenches, reveal
 from ...stages.base import Room, Stage
@@ -20,6 +22,7 @@ from ...stages.signals import (
     REFERENCE,
     TRUE,
     TRUTH,
+    WRENCH_COMMAND,
     Signal,
 )
 
@@ -83,6 +86,44 @@ class Sensed(Stage):
             out.quat_WB[i] = given.quat_WB[i]
         for i in range(6):
             out.nu[i] = given.nu[i]
+
+
+@dataclass(frozen=True)
+class Delay(Stage):
+    """The computation delay: the command of the law's instant t_k reaches the actuation at t_k + controller.delay.
+    Before the first one it is zero."""
+
+    name = "delay"
+    needs: ClassVar = ("controller.delay", "controller.period", "simulation.timestep")
+    memory: ClassVar = {"queue": 6 * (MOST_WAITING + 1)}
+    room: ClassVar[Room] = Room("control", "delay", lambda thrusters: (*CLOCK, WRENCH_COMMAND), (WRENCH_COMMAND,))
+
+    @staticmethod
+    def steps(scenario: Any) -> tuple[int, int, int]:
+        """Time steps of the control period, of the delay, and of their greatest common divisor, the stage's period."""
+        h = scenario.simulation.timestep
+        period, delay = round(scenario.control_period / h), round(scenario.controller.delay / h)
+        return period, delay, math.gcd(period, delay)
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        """The control period and the delay in periods of the stage."""
+        period, delay, own = self.steps(setup.scenario)
+        return {"control": period / own, "delay": delay / own}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        queue, control, delay = state.queue, int(settings.control), int(settings.delay)
+        if given.instant % control == 0:
+            last = 6 * ((given.instant // control) % (MOST_WAITING + 1))
+            for i in range(6):
+                queue[last + i] = given.tau_cmd[i]
+        if given.instant < delay:
+            for i in range(6):
+                out[i] = 0.0
+        else:
+            due = 6 * (((given.instant - delay) // control) % (MOST_WAITING + 1))
+            for i in range(6):
+                out[i] = queue[due + i]
 
 
 @dataclass(frozen=True)

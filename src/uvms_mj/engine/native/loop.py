@@ -11,10 +11,10 @@ import sys
 
 from ...physics.contact import contact_force
 from ...physics.frames import body_acceleration, body_velocity, rotation
-from ...physics.hydrodynamics import disturbance
 from ...physics.kernels import kernel
 from .layouts import STAGE_SIZE, STOP_COMMAND, STOP_NONE, STOP_STAGE, STOP_STATE, STOP_THRUST, STOP_WAITING
 from .memory import call_stage, clock_at, floats, integers, stage_at
+from .water import flow
 
 _LARGEST = sys.float_info.max
 
@@ -41,6 +41,8 @@ def observe(context, loop):
     distance = floats(loop.distance_at, 1)[0]
     fromto = floats(loop.fromto_at, 6)
     contact_force(contact, distance, fromto, true.p_WB, true.R_WB, true.nu, loop.timestep)
+    flow(context, loop.t, true.p_WB, true.R_WB, true.nu)
+    context.water.fresh = 1
     for i in range(3):
         true.f_contact_W[i] = contact.f_W[i]
         true.v_c_W[i] = context.water.v_c_W[i]
@@ -173,7 +175,7 @@ def believe_thrust(loop):
         tau_hat[0], tau_hat[1], tau_hat[2] = x_0, x_1, x_2
         tau_hat[3], tau_hat[4], tau_hat[5] = x_3, x_4, x_5
     if loop.tau_lost_at != 0:
-        tau_cmd, tau_lost = floats(loop.tau_cmd_at, 6), floats(loop.tau_lost_at, 6)
+        tau_cmd, tau_lost = floats(loop.tau_given_at, 6), floats(loop.tau_lost_at, 6)
         for i in range(6):
             tau_lost[i] = tau_cmd[i] - tau_hat[i]
 
@@ -195,6 +197,10 @@ def begin_step(context, loop) -> bool:
         return False
     row, true = loop.row, loop.true
     row.t = loop.t
+    if context.water.fresh == 0:  # changed since it was observed
+        flow(context, loop.t, true.p_WB, true.R_WB, true.nu)
+    for i in range(6):
+        row.tau_dist[i] = context.water.tau_dist[i]
     if loop.step > 0:
         for i in range(6):
             change = abs(true.tau[i] - loop.tau_before[i])
@@ -237,7 +243,6 @@ def finish_step(context, loop):
     elif loop.step > loop.window_step:
         row.final_low, row.final_high = min(row.final_low, push), max(row.final_high, push)
     body_acceleration(true.R_WB, floats(loop.qacc_at, 6), true.nu, true.nu_dot)
-    disturbance(context.water, loop.t, row.tau_dist)
     write_row(loop)
     if loop.saturated != 0:  # for the coming step
         row.saturation_time += h
