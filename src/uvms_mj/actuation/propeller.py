@@ -180,7 +180,7 @@ class Propeller(Thrusters):
         fails = self.failed > 0 and self.failed_at < setup.scenario.simulation.duration
         if fails and self.failed_stuck:
             return "a thruster is stuck"
-        if self.inflow_loss > 0.0 and setup.scenario.current.speed > 0.0:
+        if self.inflow_loss > 0.0 and any(setup.scenario.current.velocity_W):
             return "the current costs thrust"
         true, assumed = self.curves()
         gain = np.full(len(setup.vehicle.thrusters), self.efficiency / self.assumed_efficiency)
