@@ -64,7 +64,7 @@ def test_signals_are_those_of_the_program(group):
 
 
 def test_allocation_is_that_of_the_program():
-    for signal in signals.actuation_given(99)[-4:]:
+    for signal in (*signals.actuation_given(99)[-4:], *signals.thrusters_given(99)[-2:]):
         shape = " x ".join(str(size).replace("99", "n") for size in signal.shape)
         assert f"| `{signal.name}` | {shape} | {signal.unit} | {signal.frame} | {signal.meaning} |" in EXTENDING
 

@@ -124,25 +124,28 @@ def test_a_failure_after_the_end_of_the_run_is_none():
 
 
 @pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
-def test_a_lag_is_an_age_of_the_force_and_decides_on_the_rest():
-    """The identified lag delays slow changes by 28.7 ms. A soft wall allows it and a stiff one does not."""
-    for stiffness, rests in ((2e3, True), (1e5, False)):
-        overrides = SOFT | {"wall.stiffness": stiffness, "wall.damping": 0.0, "simulation.timestep": 2e-4}
-        overrides |= {"current.speed": 0.0, "simulation.duration": 15.0}
-        scenario = scenario_with("gsta", "t200", overrides)
-        vibration = Vibration.of(set_up(scenario))
-        assert vibration.age == pytest.approx(0.0287, abs=1e-4)
-        assert (vibration.age < vibration.limit) == rests
-        trace = simulate(scenario, log_rate=100, engine="free_body")
-        assert isinstance(trace.analytic, SteadyState) == rests
-        assert any("thrusters that lag by 0.0287 s" in note for note in trace.notes) != rests
-        assert (np.ptp(trace.push[trace.t > 12.0]) < 1.0) == rests
+@pytest.mark.parametrize(("stiffness", "rests"), [(2e3, True), (1e5, False)])
+def test_the_identified_lag_is_for_a_soft_wall_and_a_run_against_a_stiff_one_is_warned_of(stiffness, rests):
+    overrides = SOFT | {"wall.stiffness": stiffness, "wall.damping": 0.0, "simulation.timestep": 2e-4}
+    overrides |= {"current.speed": 0.0, "simulation.duration": 15.0}
+    trace = simulate(scenario_with("gsta", "t200", overrides), log_rate=100, engine="free_body")
+    assert (np.ptp(trace.push[trace.t > 12.0]) < 1.0) == rests
+    assert rests or trace.notes
+
+
+@pytest.mark.parametrize(("lag", "delay"), [("first_order", 0.004), ("third_order", (9258.0 - 6136.0) / 108700.0)])
+def test_a_lag_is_an_age_of_the_force_in_the_thrust(lag, delay):
+    ages = []
+    for name in ("none", lag):
+        setup = set_up(scenario_with("impedance", "general", SOFT, lag=name, time_constant=0.004))
+        ages.append(Vibration.of(setup, setup.design.M_hat).age)
+    assert ages[1] - ages[0] == pytest.approx(delay, rel=1e-12)
 
 
 def test_the_hold_of_the_thrusters_ages_the_force():
     overrides = SOFT | {"controller.period": 6e-3, "thrusters.period": 4e-3}
-    setup = set_up(scenario_with("gsta", "general", overrides))
-    assert Vibration.of(setup).age == pytest.approx(_mean_age(6, 4) * 1e-3)
+    setup = set_up(scenario_with("impedance", "general", overrides))
+    assert Vibration.of(setup, setup.design.M_hat).age == pytest.approx(_mean_age(6, 4) * 1e-3)
 
 
 def _mean_age(control: int, thrusters: int) -> float:

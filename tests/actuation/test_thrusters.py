@@ -1,6 +1,8 @@
 """Thruster models against their own analytic answers, in machine code: the caller of a Simulation commands thrusts."""
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -307,13 +309,60 @@ def test_saturation_is_of_the_command_and_its_loss_is_recorded():
 
 def test_a_stages_state_is_not_hidden_by_the_command():
     """A user's actuation may have a state u_cmd, but not beside thrusters that record their command."""
-    from pathlib import Path
-
     lagging = f"{Path(__file__).parents[2] / 'examples' / 'lagging_thrusters.py'}:LaggingThrusters"
     with Simulation(Scenario.load("push_wall", {"actuation.name": lagging}), **FREE):
         pass
     with pytest.raises(InputError, match=r"states\['u_cmd'\]: is the name of a recorded signal"):
         Simulation(Scenario.load("push_wall", {"actuation.name": lagging, "thrusters.name": "t200"}), **FREE)
+
+
+OWN = """
+import math
+from dataclasses import dataclass
+from uvms_mj import setting
+from uvms_mj.actuation import Thrusters
+
+@dataclass(frozen=True)
+class Lossy(Thrusters):
+    "Thrusters that lose thrust by inflow."
+    c: float = setting(0.7, "N^0.5 s/m", "loss")
+    states = {"lost": "thrusters"}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, u):
+        for k in range(u.shape[0]):
+            state.lost[k] = settings.c * math.sqrt(abs(given.u_cmd[k])) * given.inflow[k]
+            u[k] = given.u_cmd[k] - state.lost[k]
+"""
+
+
+@pytest.mark.parametrize("engine", ["free_body", "mujoco"])
+def test_a_users_thruster_takes_the_same_place(tmp_path, engine):
+    (tmp_path / "lossy.py").write_text(OWN)
+    moving = {
+        "simulation.duration": 0.5,
+        "reference.step_time": 0.0,
+        "initial.velocity": [0.5, 0.1, 0.0, 0.1, 0.0, 0.3],
+    }
+    shipped = {"thrusters.name": "general", "thrusters.inflow_loss": 0.7}
+    own = {"thrusters.name": f"{tmp_path / 'lossy.py'}:Lossy"}
+    mine, theirs = (
+        simulate(Scenario.load("push_wall", moving | each, "impedance"), engine=engine) for each in (own, shipped)
+    )
+    assert np.abs(mine.lost).max() > 0.1
+    assert np.abs(mine.u - theirs.u).max() < 1e-9
+    assert mine.u_cmd - mine.u == pytest.approx(mine.lost, abs=1e-12)
+    assert "shipped thruster models only" in mine.analytic.reason
+
+
+def test_the_lost_command_is_of_the_one_that_the_allocation_is_given():
+    """With a computation delay, too."""
+    late = REAL | {"controller.delay": 0.01, "thrusters.voltage": 10.0, "reference.target": [9.0, 5.0, 0.0]}
+    trace = simulate(Scenario.load("push_wall", late | {"wall.position": 50.0}, "impedance"), **FREE)
+    B = _plain_setup().vehicle.B
+    assert np.abs(trace.tau_lost).max() > 1.0
+    given = trace.tau_lost + trace.u_cmd @ B.T
+    assert np.abs(given[10:] - trace.tau_cmd[:-10]).max() < 1e-9  # rows are 1 ms apart
 
 
 @pytest.mark.parametrize(
@@ -358,5 +407,13 @@ def test_settings_that_depend_on_each_other_are_checked_in_a_reset():
 def test_ideal_thrusters_are_the_default_and_no_stage():
     assert isinstance(Scenario().thrusters, IdealThrusters)
     with Simulation(Scenario(), **FREE) as sim:
-        assert {"thrusters", "inflow", "shortfall"}.isdisjoint(sim._stages.entries)
+        assert {"thrusters", "inflow"}.isdisjoint(sim._stages.entries)
         assert sim._stages.thrust is sim._stages.u_cmd
+
+
+def test_the_page_has_the_settings_of_the_program():
+    page = (Path(__file__).parents[2] / "docs" / "actuation.md").read_text()
+    table = page.split("| `thrusters.` |")[1].split("\n\n")[0]
+    rows = re.findall(r"^\| (`.*?) \|", table, re.MULTILINE)
+    listed = {name for row in rows for name in re.findall(r"`(\w+)`", row)}
+    assert listed == {"name"} | {field.name for kind in (General, T200) for field in kind.setting_fields()}

@@ -41,7 +41,7 @@ _Fraction = Annotated[Number, within(0.0, 1.0, "")]
 Lag = Annotated[Literal["none", "first_order", "third_order"], Lowercase]
 _Quantum = Annotated[Number, within(0.0, 1e3, "us or N")]
 _PASSED = (
-    *("efficiency", "assumed_efficiency", "quantum", "dead_band", "inflow_loss"),
+    *("efficiency", "quantum", "dead_band", "inflow_loss"),
     *("failed_at", "failed_fraction", "failed_stuck"),
 )
 _LARGEST, _TINY = sys.float_info.max, 1e-12
@@ -50,7 +50,7 @@ _LARGEST, _TINY = sys.float_info.max, 1e-12
 @kernel
 def command_of(settings, state, k, u_cmd) -> float:
     """Command of thruster k for a commanded thrust [N], as its speed controller takes it."""
-    command = u_cmd / settings.assumed_efficiency
+    command = settings.wanted * u_cmd
     if settings.inverted:
         if command == 0.0:
             return settings.neutral
@@ -150,6 +150,7 @@ class Propeller(Thrusters):
         thrust_hat, command_hat = assumed.inverse() if assumed is not None else (none, none)
         return {
             **{name: getattr(self, name) for name in _PASSED},
+            "wanted": 1.0 / self.assumed_efficiency,
             "curved": true is not None,
             "command": true.command if true is not None else none,
             "thrust": true.thrust if true is not None else none,
@@ -179,7 +180,7 @@ class Propeller(Thrusters):
         fails = self.failed > 0 and self.failed_at < setup.scenario.simulation.duration
         if fails and self.failed_stuck:
             return "a thruster is stuck"
-        if self.inflow_loss > 0.0 and setup.scenario.current.speed > 0.0:
+        if self.inflow_loss > 0.0 and any(setup.scenario.current.velocity_W):
             return "the current costs thrust"
         true, assumed = self.curves()
         gain = np.full(len(setup.vehicle.thrusters), self.efficiency / self.assumed_efficiency)
@@ -223,4 +224,6 @@ class Propeller(Thrusters):
             state.held[k] = thrust
             if settings.lags:
                 thrust = lagged(settings, state, k, thrust)
-            u[k] = thrust - settings.inflow_loss * math.sqrt(abs(thrust)) * given.inflow[k]
+            if settings.inflow_loss > 0.0:
+                thrust -= settings.inflow_loss * math.sqrt(abs(thrust)) * given.inflow[k]
+            u[k] = thrust

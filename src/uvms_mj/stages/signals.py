@@ -247,7 +247,17 @@ def contact_signals(n: int) -> tuple[Signal, ...]:
 
 def thrusters_given(n: int) -> tuple[Signal, ...]:
     """Given to the thrusters of a vehicle with n of them."""
-    return (*CLOCK, commanded_signal(n), Signal("inflow", (n,), "m/s", "-", "speed of advance of each thruster"))
+    return (
+        *CLOCK,
+        commanded_signal(n),
+        Signal(
+            "inflow",
+            (n,),
+            "m/s",
+            "-",
+            "speed of advance of each thruster: its velocity through the water along its axis",
+        ),
+    )
 
 
 def commanded_signal(n: int) -> Signal:

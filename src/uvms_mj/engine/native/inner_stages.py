@@ -1,5 +1,5 @@
 """Stages that no scenario chooses by name: tracking errors with estimates, the truth for the ideal law, the computation
-delay, and the inflow and the lost command of real thrusters."""
+delay, and the inflow of real thrusters."""
 
 from __future__ import annotations
 
@@ -20,12 +20,10 @@ from ...stages.signals import (
     ESTIMATES,
     KNOWN,
     REFERENCE,
-    TAU_LOST,
     TRUE,
     TRUTH,
     WRENCH_COMMAND,
     Signal,
-    actuation_given,
 )
 
 
@@ -168,24 +166,7 @@ class Inflow(Stage):
         u = nu[0] - (R[0, 0] * v_c[0] + R[1, 0] * v_c[1] + R[2, 0] * v_c[2])
         v = nu[1] - (R[0, 1] * v_c[0] + R[1, 1] * v_c[1] + R[2, 1] * v_c[2])
         w = nu[2] - (R[0, 2] * v_c[0] + R[1, 2] * v_c[1] + R[2, 2] * v_c[2])
+        p, q, r = nu[3], nu[4], nu[5]
         for k in range(out.shape[0]):
-            out[k] = columns[k, 0] * u + columns[k, 1] * v + columns[k, 2] * w
-            out[k] += columns[k, 3] * nu[3] + columns[k, 4] * nu[4] + columns[k, 5] * nu[5]
-
-
-@dataclass(frozen=True)
-class Shortfall(Stage):
-    """The part of tau_cmd that the commanded thrusts do not produce. ``state`` is the record with u_cmd."""
-
-    name = "shortfall"
-    needs: ClassVar = ()
-    room: ClassVar[Room] = Room("actuation", "shortfall", actuation_given, (TAU_LOST,))
-
-    @staticmethod
-    def step(settings, state, given, state_dot, out):
-        for i in range(6):
-            out[i] = given.tau_cmd[i]
-        for k in range(state.u_cmd.shape[0]):
-            thrust = min(given.u_max[k], max(given.u_min[k], state.u_cmd[k]))
-            for i in range(6):
-                out[i] -= given.B[i, k] * thrust
+            linear = columns[k, 0] * u + columns[k, 1] * v + columns[k, 2] * w
+            out[k] = linear + (columns[k, 3] * p + columns[k, 4] * q + columns[k, 5] * r)

@@ -136,6 +136,8 @@ LOOP = np.dtype(
         ("columns_at", "i8"),  # (n, 6), the columns of B
         ("columns_hat_at", "i8"),  # of the file's B, or 0 if tau_hat is tau
         ("tau_hat_at", "i8"),
+        ("tau_lost_at", "i8"),  # the actuation's tau_cmd - tau_hat, or 0 if it is not recorded
+        ("tau_given_at", "i8"),  # tau_cmd as the actuation is given it
         ("u_min_at", "i8"),  # limits of the command
         ("u_max_at", "i8"),
         ("low_at", "i8"),  # limits of the vehicle's file

@@ -156,18 +156,31 @@ def limit_thrust(loop):
 
 @kernel
 def believe_thrust(loop):
-    """Set tau_hat, the wrench of the commanded thrusts as the controller knows the thrusters, for the next instant."""
+    """Set tau_hat, the wrench of the commanded thrusts as the controller knows the thrusters, for the next instant, and
+    the part of tau_cmd that it lacks."""
     tau_hat, tau = floats(loop.tau_hat_at, 6), loop.true.tau
-    for i in range(6):
-        tau_hat[i] = tau[i] if loop.columns_hat_at == 0 else 0.0
-    if loop.columns_hat_at != 0:
+    if loop.columns_hat_at == 0:
+        for i in range(6):
+            tau_hat[i] = tau[i]
+    else:
         n = loop.thrusters
         u_cmd, u_min, u_max = floats(loop.u_cmd_at, n), floats(loop.u_min_at, n), floats(loop.u_max_at, n)
         columns = floats(loop.columns_hat_at, 6 * n)
+        x_0, x_1, x_2, x_3, x_4, x_5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for k in range(n):
             thrust = min(u_max[k], max(u_min[k], u_cmd[k]))
-            for i in range(6):
-                tau_hat[i] += columns[6 * k + i] * thrust
+            x_0 += columns[6 * k] * thrust
+            x_1 += columns[6 * k + 1] * thrust
+            x_2 += columns[6 * k + 2] * thrust
+            x_3 += columns[6 * k + 3] * thrust
+            x_4 += columns[6 * k + 4] * thrust
+            x_5 += columns[6 * k + 5] * thrust
+        tau_hat[0], tau_hat[1], tau_hat[2] = x_0, x_1, x_2
+        tau_hat[3], tau_hat[4], tau_hat[5] = x_3, x_4, x_5
+    if loop.tau_lost_at != 0:
+        tau_cmd, tau_lost = floats(loop.tau_given_at, 6), floats(loop.tau_lost_at, 6)
+        for i in range(6):
+            tau_lost[i] = tau_cmd[i] - tau_hat[i]
 
 
 @kernel

@@ -74,6 +74,8 @@ class RunMemory:
             **memory,
         }
         self._reached["tau_hat_at"] = stages.signals["tau_hat"]
+        if stages.commanded:
+            self._reached["tau_lost_at"], self._reached["tau_given_at"] = stages.tau_lost, allocation["tau_cmd"]
         if setup.scenario.thrusters.runs or not np.array_equal(vehicle.B, setup.nominal.B):
             self._reached["columns_hat_at"] = np.ascontiguousarray(setup.nominal.B.T)
         if "task" in stages.entries:

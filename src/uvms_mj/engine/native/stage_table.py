@@ -30,7 +30,7 @@ from ...stages.signals import (
 )
 from .arena import MARGIN, NEARBY, Arena
 from .compilation import NotCompiled
-from .inner_stages import Delay, Inflow, Sensed, Shortfall, Tracking, Truth
+from .inner_stages import Delay, Inflow, Sensed, Tracking, Truth
 from .layouts import STAGE
 from .plain_stage import PlainStage, StageFault
 from .stage_code import RAISED, compile_stage
@@ -192,7 +192,6 @@ class StageTable:
         add("actuation", actuation, self.allocation, self.u_cmd)
         self.commanded: list[tuple[Signal, np.ndarray]] = []
         if thrusters.runs or actuation.records_loss:
-            add("shortfall", Shortfall(), self.allocation, self.tau_lost, self.commands)
             self.commanded.append((TAU_LOST, self.tau_lost))
         if thrusters.runs:
             add("inflow", Inflow(), true, self.commands["inflow"][0])
@@ -244,13 +243,13 @@ class StageTable:
     def write_periods(self, scenario: Scenario) -> None:
         """Set the periods of all stages."""
         h, control = scenario.simulation.timestep, scenario.control_period
-        periods = {"actuation": h, "thrusters": h}
+        periods = {"actuation": h}
         periods["delay"] = Delay.steps(scenario)[2] * h if "delay" in self.entries else h
         periods |= {table: h for table, entry in self.entries.items() if type(entry.stage).every_step}
         chosen = {table: getattr(scenario, table).period for table in STAGES}
         periods |= {table: period for table, period in chosen.items() if period is not None}
         periods["sensed"] = periods.get("navigation", control)
-        periods |= {"shortfall": periods["actuation"], "inflow": periods["thrusters"]}
+        periods["inflow"] = periods.get("thrusters", h)
         steps = [round(periods.get(table, control) / h) for table in self.entries]
         self.rows["period_steps"], self.rows["period"] = steps, [n * h for n in steps]
 

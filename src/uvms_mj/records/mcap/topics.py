@@ -57,6 +57,7 @@ _TYPES = {
     "tau_cmd_delayed": ("/tau_cmd/delayed", _WRENCH),
     "tau": ("/tau", _WRENCH),
     "tau_dist": ("/tau_dist", _WRENCH),
+    "tau_lost": ("/tau_lost", _WRENCH),
     "u": ("/thrusters", _ARRAY),
     "f_contact_W": ("/contact/map", _WRENCH),
     "f_contact_m_W": ("/contact/measured", _WRENCH),
