@@ -32,10 +32,13 @@ that A s = F_1 eta_e_dot - w, and the estimates are those of the measurements:
         (d + \hat n_m - g(\eta) + \tau_c - \tau_{c,m} + (I - T^{-1}) \tau), \qquad
     \hat n_m = \hat C \nu_m + \hat D \nu_m + \hat g(\eta_m).
 
+An observer measures all that the controller's model does not explain: tau_c,m is tau_c plus the rest of the bracket,
+which is then zero.
 The ideal law knows all wrenches but that of the contact: w = M^-1 (tau_c - tau_c,m). The six equations are solved by
 Newton's method.
 """
 
+import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Any
@@ -71,8 +74,9 @@ def static_balance(
         return "the current is not constant"
     if not (is_shipped(scenario.navigation) and is_shipped(scenario.actuation)):
         return "closed forms are known for the shipped navigation and actuation only"
-    if scenario.observer.runs:
-        return "closed forms are not known with an observer of the contact force"
+    observer = scenario.observer if scenario.observer.runs else None
+    if observer is not None and not is_shipped(observer):
+        return "closed forms are known for the shipped observers only"
     if residual is None and K == 0.0 and 0.0 in setup.task.A:
         return "with a zero in A, zeta is not constant at rest: it integrates the remaining error"
     delivery = Delivery.of(setup)
@@ -89,8 +93,9 @@ def static_balance(
     if solved is None:
         return "the static balance has no solution near the reference"
     state, known = solved
-    if reason := scenario.navigation.out_of_range(known):
-        return reason
+    for sensor in (scenario.navigation, observer):
+        if sensor is not None and (reason := sensor.out_of_range(known)):
+            return reason
     weak = delivery.weak(np.asarray(state.tau))
     if weak:
         return weak
@@ -149,7 +154,7 @@ class _Balance:
         self.M_d_inv = design.M_d_inv
         self.M_hat_inv = np.linalg.inv(design.M_hat)
         self.undelivered = np.eye(6) - np.linalg.inv(delivery.T)
-        self.K_f, self.F_d = np.array(scenario.impedance.K_f), np.array(scenario.impedance.F_d)
+        self.K_f, self.F_d = (np.array(each) for each in scenario.impedance.at_end)
         self.factor_inverse = self.A / (self.A - K)
         self.told, self.own = scenario.controller.uses_truth, own
         self.errors = scenario.navigation.rest_errors(setup)
@@ -192,7 +197,12 @@ class _Balance:
     def known(self, x: np.ndarray) -> Any:
         """The measurements, :class:`uvms_mj.navigation.base.Known`."""
         position, quat, _ = self.pose(x)
-        return self.errors(position, quat, self.contact(x))
+        tau_c = self.contact(x)
+        known = self.errors(position, quat, tau_c)
+        if not self.setup.scenario.observer.runs:
+            return known
+        explained = dataclasses.replace(known, tau_c=tau_c)
+        return dataclasses.replace(known, tau_c=tau_c + self.setup.design.M_hat @ self.unknown(x, explained))
 
     def moving(self, x: np.ndarray) -> np.ndarray:
         """F_1 times the rate (6,) of the pose error that the law derives from a biased velocity, eq. (18)."""
@@ -223,18 +233,20 @@ class _Balance:
         """tau_cmd - C_hat nu - D_hat nu - g_hat (6,) that holds the vehicle at rest."""
         return -self.known(x).tau_c - self.setup.design.M_hat @ self.unknown(x)
 
-    def unknown(self, x: np.ndarray) -> np.ndarray:
-        """The acceleration (6,) that a law without an integral term must balance through s."""
+    def unknown(self, x: np.ndarray, known: Any = None) -> np.ndarray:
+        """The acceleration (6,) that a law without an integral term must balance through s, with the measurements
+        ``known``; default: those at x."""
         d, g_eta = self.environment(x)
-        known, estimates = self.known(x), self.setup.scenario.estimates
+        known = self.known(x) if known is None else known
+        estimates = self.setup.scenario.estimates
         vehicle = self.setup.nominal
         nominal = self.restoring(vehicle, rotation_matrix(known.quat))
         unknown = (estimates.restoring - 1.0) * nominal + (nominal - g_eta) + (self.contact(x) - known.tau_c)
-        return self.M_hat_inv @ (d + unknown + self.resistance(x) + self.undelivered @ self.thrust(x))
+        return self.M_hat_inv @ (d + unknown + self.resistance(known.nu) + self.undelivered @ self.thrust(x))
 
-    def resistance(self, x: np.ndarray) -> np.ndarray:
-        """C_hat nu + D_hat nu (6,) of the measured velocity."""
-        nu, vehicle, estimates = self.known(x).nu, self.setup.nominal, self.setup.scenario.estimates
+    def resistance(self, nu: np.ndarray) -> np.ndarray:
+        """C_hat nu + D_hat nu (6,) of a measured velocity."""
+        vehicle, estimates = self.setup.nominal, self.setup.scenario.estimates
         total, term = np.zeros(6), np.empty(6)
         if nu.any():
             damping(vehicle.D_linear, vehicle.D_quadratic, nu, term)
