@@ -257,7 +257,7 @@ class _Balance:
         return self.M_hat_inv @ (d + unknown + self.resistance(known.nu) + self.undelivered @ self.thrust(x))
 
     def resistance(self, nu: np.ndarray) -> np.ndarray:
-        """C_hat nu + D_hat nu (6,) of a measured velocity (6,)."""
+        """C_hat nu + D_hat nu (6,) of a measured velocity."""
         vehicle, estimates = self.setup.nominal, self.setup.scenario.estimates
         total, term = np.zeros(6), np.empty(6)
         if nu.any():

@@ -11,10 +11,10 @@ Euler takes the vehicle over the time steps:
 
 .. math:: M \dot\nu = \tau + \tau_c - D_{linear} \nu, \qquad \dot x = \nu
 
-The states of the law advance by one explicit Euler step a period. What sensors, an observer, computation and thrusters
-add to the age of the contact force delays the command. The spectral radius of the whole, one matrix for a period,
-decides: above 1 a motion grows. The model leaves out the loss of contact, quadratic damping, the restoring wrench, the
-attitude's effect on the directions, and limits.
+The states of the law advance by one explicit Euler step a period. At the wall, what sensors, an observer, computation
+and thrusters add to the age of the contact force delays the command; elsewhere, what computation and thrusters add. The
+spectral radius of the whole, one matrix for a period, decides: above 1 a motion grows. The model leaves out the loss of
+contact, quadratic damping, the restoring wrench, the attitude's effect on the directions, and limits.
 """
 
 import functools
@@ -51,17 +51,18 @@ class Linear:
         return cls(setup, _jacobian(setup, about))
 
     @functools.cached_property
-    def late(self) -> float:
-        """Age of the contact force in tau besides the law's own period [s]."""
+    def late(self) -> tuple[float, float]:
+        """Delay of the command, and age of the contact force in tau besides the law's own period [s]."""
         scenario = self.setup.scenario
         h = scenario.simulation.timestep
         steps, read = (round(T / h) for T in (scenario.control_period, scenario.actuation.period or h))
-        return Vibration.of(self.setup).age - 0.5 * h * (steps - math.gcd(steps, read))
+        age = Vibration.of(self.setup).age - 0.5 * h * (steps - math.gcd(steps, read))
+        return scenario.thrusters.mean_delay() + (scenario.controller.delay or 0.0), age
 
     def growth(self, period: float, front: Any = None) -> float:
         """Growth rate of the fastest growing motion at a contact, one of ``setup.fronts``, or without one [1/s]."""
         h = self.setup.scenario.simulation.timestep
-        late = round(self.late / h)
+        late = round(self.late[0 if front is None else 1] / h)
         steps = max(1, round(period / h), -(-late // _MOST_COMMANDS))
         whole, rest = divmod(late, steps)
         step, held, contact = self._step(front)
@@ -146,8 +147,7 @@ def _jacobian(setup: Any, about: tuple[tuple[str, tuple[float, ...]], ...]) -> n
     signals = _fields({signal.name: np.zeros(signal.shape) for signal in kind.given()})
     signals.M_hat, signals.M_d, signals.D_d = design.M_hat, design.M_d, design.D_d
     signals.K_d = np.diag(design.K_d)
-    impedance = setup.scenario.impedance
-    signals.K_f, signals.F_d = (np.array(each) for each in impedance.at_end)
+    signals.K_f, signals.F_d = (np.array(each) for each in setup.scenario.impedance.at_end)
     signals.quat_e, signals.period, signals.instant = np.array([1.0, 0.0, 0.0, 0.0]), setup.scenario.control_period, 1
     gains, task_gains = _fields(law.constants(setup)), _fields(task.constants(setup))
     state, rates = (_fields({name: np.zeros(size) for name, size in kind.states.items()}) for _ in range(2))

@@ -59,7 +59,7 @@ class Parallel(Controller):
         """n^T tau_c = n^T F_d, unless the integral is at its limit; the static balance along the other directions."""
         if reason := not_constant(setup):
             return reason
-        F_d = np.array([*setup.scenario.impedance.F_d[:3], 0.0, 0.0, 0.0])
+        F_d = np.array([*setup.scenario.impedance.at_end[1][:3], 0.0, 0.0, 0.0])
         size = float(np.linalg.norm(F_d))
         n = F_d / size if size else F_d
         M_hat = setup.design.M_hat
@@ -74,7 +74,7 @@ class Parallel(Controller):
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if no force is asked for along the wall's normal, or the sampled law oscillates."""
-        asked = -float(setup.design.normal[:3] @ setup.scenario.impedance.F_d[:3])
+        asked = -float(setup.design.normal[:3] @ setup.scenario.impedance.at_end[1][:3])
         if asked <= 0.0 and self.k_i > 0.0:
             yield (
                 f"{self.label()} asks for no push on the wall: impedance.F_d has {-asked:g} N along the wall's normal; "
