@@ -106,6 +106,8 @@ class Current:
 
 @dataclass(frozen=True, config=STRICT)
 class Disturbance:
+    """The wrench tau_dist of eq. (10): constant, plus sines, plus the table, plus a Gauss-Markov process, in B."""
+
     bias: Wrench = doc("constant part of tau_dist in B [N, N m]", (0.0,) * 6)
     amplitude: Wrench = doc("amplitude of the sinusoidal part [N, N m]", (0.0,) * 6)
     frequency_hz: Frequencies = doc("frequency of the sinusoidal part, below half the step rate [Hz]", (0.0,) * 6)
@@ -121,6 +123,11 @@ class Disturbance:
     def spacing(self) -> float:
         """Time between the nodes of the Gauss-Markov part [s]."""
         return self.correlation_time / FINEST
+
+    @property
+    def at_last(self) -> np.ndarray:
+        """(6,) the bias with the last row of the table, which is held, in B [N, N m]."""
+        return np.array(self.bias) + (0.0 if self.table is None else np.array(self.table[-1][1:]))
 
 
 @dataclass(frozen=True, config=STRICT)
