@@ -92,6 +92,11 @@ class Current:
         return self.table is None and not any(self.amplitude) and not any(self.deviation)
 
     @property
+    def flows(self) -> bool:
+        """Whether there is a current at all."""
+        return any(self.velocity_W) or not self.steady
+
+    @property
     def constant(self) -> bool:
         """Whether the current changes neither with time nor with depth."""
         return self.steady and self.shear is None
@@ -123,6 +128,11 @@ class Disturbance:
     def spacing(self) -> float:
         """Time between the nodes of the Gauss-Markov part [s]."""
         return self.correlation_time / FINEST
+
+    @property
+    def steady(self) -> bool:
+        """Whether the disturbance does not change with time."""
+        return self.table is None and not any(self.amplitude) and not any(self.deviation)
 
     @property
     def at_last(self) -> np.ndarray:
