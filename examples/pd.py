@@ -30,8 +30,8 @@ class Pd(Controller):
         exclusions = {
             "the reference does not come to rest": p_d is None,
             "the reference is not aligned with the wall": any(scenario.reference.attitude_deg),
-            "the current pushes a PD law off the reference": scenario.current.speed > 0.0,
-            "the disturbance is not constant": any(disturbance.amplitude),
+            "the current pushes a PD law off the reference": scenario.current.flows,
+            "the disturbance is not constant": not disturbance.steady,
             "the disturbance turns the vehicle": any(disturbance.bias[3:]),
             "with friction, the rest position depends on the path": wall.friction > 0.0,
             "the law gets other measurements than the true ones": scenario.navigation.name != "perfect",

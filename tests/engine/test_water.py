@@ -318,8 +318,9 @@ AT_REST = {"reference.target": [1.01, 0.0, -0.5], "simulation.duration": 25.0, "
         {"current.vertical": -0.2},
         {"current.shear": [[0.0, 1.0], [1.0, 0.4]]},
         {"tether.length": 30.0, "tether.position": [-0.2, 0.0, 0.0]},
+        {"disturbance.table": [[0.0, 2.0, 1.0, -1.0, 0.0, 0.1, 0.0]], "disturbance.bias": [1.0] + [0.0] * 5},
     ],
-    ids=["vertical", "shear", "tether"],
+    ids=["vertical", "shear", "tether", "one row"],
 )
 def test_a_vehicle_rests_where_the_static_balance_says(water):
     """Under impedance control, which does not reject the current: it depends on depth and on the tether."""

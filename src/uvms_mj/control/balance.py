@@ -161,7 +161,7 @@ class _Balance:
         scenario, design = setup.scenario, setup.design
         self.setup, self.K, self.in_contact, self.springs = setup, K, in_contact, Springs(setup)
         self.target = np.array(scenario.reference.rest_pose(scenario)[0])
-        self.tau_dist = np.array(scenario.disturbance.bias)
+        self.tau_dist = scenario.disturbance.at_last
         self.A = np.array(setup.task.A)
         self.M_d_inv = design.M_d_inv
         self.M_hat_inv = np.linalg.inv(design.M_hat)

@@ -92,6 +92,11 @@ class Current:
         return self.table is None and not any(self.amplitude) and not any(self.deviation)
 
     @property
+    def flows(self) -> bool:
+        """Whether there is a current at all."""
+        return any(self.velocity_W) or not self.steady
+
+    @property
     def constant(self) -> bool:
         """Whether the current changes neither with time nor with depth."""
         return self.steady and self.shear is None
@@ -106,6 +111,8 @@ class Current:
 
 @dataclass(frozen=True, config=STRICT)
 class Disturbance:
+    """The wrench tau_dist of eq. (10): constant, plus sines, plus the table, plus a Gauss-Markov process, in B."""
+
     bias: Wrench = doc("constant part of tau_dist in B [N, N m]", (0.0,) * 6)
     amplitude: Wrench = doc("amplitude of the sinusoidal part [N, N m]", (0.0,) * 6)
     frequency_hz: Frequencies = doc("frequency of the sinusoidal part, below half the step rate [Hz]", (0.0,) * 6)
@@ -121,6 +128,16 @@ class Disturbance:
     def spacing(self) -> float:
         """Time between the nodes of the Gauss-Markov part [s]."""
         return self.correlation_time / FINEST
+
+    @property
+    def steady(self) -> bool:
+        """Whether the disturbance does not change with time."""
+        return self.table is None and not any(self.amplitude) and not any(self.deviation)
+
+    @property
+    def at_last(self) -> np.ndarray:
+        """(6,) the bias with the last row of the table, which is held, in B [N, N m]."""
+        return np.array(self.bias) + (0.0 if self.table is None else np.array(self.table[-1][1:]))
 
 
 @dataclass(frozen=True, config=STRICT)
