@@ -15,7 +15,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from . import actuation, control, guidance, navigation
-from .actuation import Actuation, PseudoInverse
+from .actuation import Actuation, IdealThrusters, PseudoInverse, Thrusters
 from .control import Controller, Gsta, ImpedanceTask
 from .control.design import Estimates, Impedance
 from .control.task import TASK_KEYS, move_task_keys
@@ -23,7 +23,8 @@ from .errors import Fault, InputError, faults_of, shortened, suggestion
 from .files import plain, scenario_path, tables_of
 from .guidance import FilteredSteps, Guidance
 from .navigation import Navigation, NoObserver, Observer, Perfect
-from .plant.settings import Current, Disturbance, Initial, VehicleChoice, Wall
+from .plant.settings import Initial, VehicleChoice, Wall
+from .plant.water import Current, Disturbance, Tether
 from .quantities import STRICT, Duration, Lowercase, Step, doc, overrides_of
 from .stages.base import Stage
 from .stages.loader import Choice, Recorded, stage_of, table_of
@@ -34,6 +35,7 @@ STAGES: dict[str, Choice] = {
     "observer": Choice(Observer, navigation.OBSERVERS, NoObserver),
     "controller": Choice(Controller, control.SHIPPED, Gsta),
     "actuation": Choice(Actuation, actuation.SHIPPED, PseudoInverse),
+    "thrusters": Choice(Thrusters, actuation.THRUSTERS, IdealThrusters),
 }
 """The tables that name a stage."""
 
@@ -61,6 +63,7 @@ class Scenario:
     initial: Initial = Initial()
     current: Current = Current()
     disturbance: Disturbance = Disturbance()
+    tether: Tether = Tether()
     wall: Wall = Wall()
     reference: Guidance = FilteredSteps()
     impedance: Impedance = Impedance()
@@ -70,13 +73,15 @@ class Scenario:
     task: ImpedanceTask = ImpedanceTask()
     controller: Controller = Gsta()
     actuation: Actuation = PseudoInverse()
+    thrusters: Thrusters = IdealThrusters()
 
     @property
     def stages(self) -> tuple[Stage, ...]:
         """The stages of the loop in the order of an instant."""
         task = (self.task,) if self.controller.uses_task else ()
         observer = (self.observer,) if self.observer.runs else ()
-        return (self.navigation, self.reference, *observer, *task, self.controller, self.actuation)
+        thrusters = (self.thrusters,) if self.thrusters.runs else ()
+        return (self.navigation, self.reference, *observer, *task, self.controller, self.actuation, *thrusters)
 
     @property
     def steps(self) -> int:

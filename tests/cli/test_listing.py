@@ -1,7 +1,7 @@
 """The commands that list stages, keys and signals."""
 
 from uvms_mj.scenario import STAGES
-from uvms_mj.stages.signals import GIVEN, RECORDED, TRUE, actuation_given
+from uvms_mj.stages.signals import GIVEN, RECORDED, TRUE, actuation_given, thrusters_given
 
 
 def test_keys_and_signals_list_all(here):
@@ -10,7 +10,7 @@ def test_keys_and_signals_list_all(here):
     for word in (*listed, *(f"{table}.name" for table in STAGES)):
         assert word in text
     text = here("signals").stdout
-    for each in (*GIVEN, *TRUE, *actuation_given(6), *RECORDED):
+    for each in (*GIVEN, *TRUE, *actuation_given(6), *thrusters_given(6), *RECORDED):
         assert each.name in text
 
 
@@ -22,7 +22,7 @@ def test_stages_lists_all_with_settings_and_states(here, tmp_path):
         part = here("stages", room).stdout
         assert part in text
         assert here("stages", table).stdout == part
-        for name, cls in STAGES[table].shipped.items():
+        for name, cls in ((name, cls) for choice in _choices(room) for name, cls in choice.shipped.items()):
             assert f"{name}: " in part
             for word in (*(field.name for field in cls.setting_fields()), *cls.states):
                 assert word in part, (name, word)
@@ -35,6 +35,10 @@ def test_stages_lists_all_with_settings_and_states(here, tmp_path):
     wrong = here("stages", "navigation", f"{tmp_path / 'lag.py'}:Lag")
     assert wrong.exit_code == 2
     assert "it is an actuation stage: use actuation.name" in wrong.stderr
+
+
+def _choices(room):
+    return [choice for choice in STAGES.values() if choice.base.room.name == room]
 
 
 LAG = """

@@ -18,7 +18,12 @@ ROUTE = [{key: value for key, value in pose.items() if key != "time"} for pose i
 STAGES = {
     "spline": {"reference.poses": POSES},
     "path": {"reference.poses": ROUTE, "reference.speed": 0.3, "reference.acceleration": 0.2},
-    "straight": {"reference.name": "path", "reference.poses": ROUTE[:1], "reference.speed": 0.2},
+    "straight": {
+        "reference.name": "path",
+        "reference.poses": ROUTE[:1],
+        "reference.speed": 0.2,
+        "reference.acceleration": 0.2,
+    },
     "short": {"reference.name": "path", "reference.poses": [{"position": [0.05, 0.0, 0.0]}], "reference.speed": 1.0},
     "circle": {
         "reference.plane_deg": [20.0, -30.0, 50.0],

@@ -49,12 +49,13 @@ def test_a_header_of_format_2_has_no_engine():
     assert old.scenario.to_dict() == header_of(files).scenario.to_dict()
 
 
-def test_a_header_of_format_3_has_no_observer():
+def test_a_header_of_format_3_has_no_observer_and_no_thrusters():
     """Stages that came later were those of the defaults."""
     files = header_files(simulate(Scenario.load("push_wall", {"simulation.duration": 0.01})).header)
     run, tables = json.loads(files["run.json"]), tomllib.loads(files["scenario.toml"].decode())
     run["format"] = 3
-    del run["stages"]["observer"], tables["observer"]
+    for later in ("observer", "thrusters"):
+        del run["stages"][later], tables[later]
     old = header_of(files | {"run.json": json.dumps(run).encode(), "scenario.toml": tomli_w.dumps(tables).encode()})
     assert old.scenario.to_dict() == header_of(files).scenario.to_dict()
     assert old.sources == header_of(files).sources

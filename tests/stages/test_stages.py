@@ -42,6 +42,7 @@ from uvms_mj.navigation import Navigation, Observer, Perfect
 from uvms_mj.navigation import perfect
 from uvms_mj.actuation import Actuation
 from uvms_mj.actuation import pseudo_inverse
+from uvms_mj.actuation import Thrusters
 from uvms_mj.control import Controller
 from uvms_mj.physics.random import standard_normal
 from uvms_mj.stages.base import setting
@@ -114,6 +115,18 @@ class Own(Actuation):
         for k in range(u.shape[0]):
             state_dot.thrust[k] = (u[k] - state.thrust[k]) / settings.radius
             u[k] = state.thrust[k]
+""",
+    "thrusters": """
+class Own(Thrusters):
+    "Thrusters with a first-order lag that lose thrust to the inflow."
+    radius: float = setting(0.1, "s", "time constant")
+    states = {"thrust": "thrusters"}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, u):
+        for k in range(u.shape[0]):
+            state_dot.thrust[k] = (given.u_cmd[k] - state.thrust[k]) / settings.radius
+            u[k] = state.thrust[k] - 0.5 * given.inflow[k]
 """,
 }
 
@@ -215,6 +228,7 @@ def test_a_stage_that_violates_the_contract_is_refused_with_its_place(tmp_path, 
         ("actuation", "settings.radius", "settings.period", "given.period is the period"),
         ("actuation", "(given, u)", "(given.tau, u)", "given has no 'tau'; did you mean 'tau_cmd'"),
         ("actuation", '"thrusters"', '"thruster"', "'thrust': 'thruster' is not"),
+        ("thrusters", "given.u_cmd[k]", "given.u[k]", "given has no 'u'; .*u_cmd"),
     ],
 )
 def test_wrong_fields_are_found_in_each_room(tmp_path, table, old, new, said):

@@ -5,6 +5,8 @@ from __future__ import annotations  # so that help(Actuation) shows short type n
 import dataclasses
 from typing import ClassVar
 
+import numpy as np
+
 from ..physics.kernels import kernel
 from ..quantities import Step
 from ..stages.base import Room, Stage, shared
@@ -26,11 +28,18 @@ class Actuation(Stage):
         noun="actuation stage",
         arguments=("settings", "state", "given", "state_dot", "u"),
     )
+    records_loss: ClassVar[bool] = False
+    """Whether a run records tau_lost, the part of tau_cmd that u does not produce, also with ideal thrusters."""
 
     @staticmethod
     def step(settings, state, given, state_dot, u):
         """Set u (n,) and state_dot from settings, state and given."""
         raise NotImplementedError
+
+    def inverse(self, B: np.ndarray) -> np.ndarray:
+        """The matrix (n, 6) by which the shipped allocations set u from tau_cmd within the thrusters' limits, for the
+        allocation matrix B (6, n)."""
+        return np.linalg.pinv(B)
 
 
 @kernel

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Set
 import numpy as np
 
 from ..control.design import ATTITUDE_KEYS
-from ..control.sampled import zeta_limit
+from ..control.sampled import delay_faults, zeta_limit
 from ..control.theory import stage_notes
 from ..errors import Fault, InputError
 from ..physics.dissipation import damping_notes
@@ -16,8 +16,9 @@ from ..quantities import leaves
 from ..scenario import STAGES, Scenario
 from .setup import Setup, set_up
 from .wall import wall_faults, wall_notes
+from .water import water_faults
 
-_CHECKED = frozenset({"wall", "simulation.timestep", "disturbance"})
+_CHECKED = frozenset({"wall", "simulation.timestep", "current", "disturbance"})
 _PERIODS = tuple(f"{table}.period" for table in STAGES)
 _SMALL, _LARGE = 1e-6, 1e8
 """If an equation overflows, the message names the keys with numbers outside this range."""
@@ -43,14 +44,15 @@ def refuse(setup: Setup, touched: Set[str] = _CHECKED) -> None:
         InputError: for example, the wall is too stiff for the time step, or a period is not a multiple of it.
     """
     faults: list[Fault] = []
-    if not touched.isdisjoint(("simulation.timestep", *_PERIODS)):
+    if not touched.isdisjoint(("simulation.timestep", "controller.delay", *_PERIODS)):
         faults += _stage_faults(setup.scenario)
     if not touched.isdisjoint(("simulation.timestep", *STAGES)):
         faults += [fault for stage in setup.scenario.stages for fault in stage.faults(setup)]
     if not touched.isdisjoint(("wall", *ATTITUDE_KEYS, "simulation.timestep")):
         faults += wall_faults(setup)
-    if not touched.isdisjoint(("disturbance", "simulation.timestep")):
-        faults += _aliased(setup.scenario)
+    if not touched.isdisjoint(("current", "disturbance", "simulation.timestep")):
+        scenario = setup.scenario
+        faults += water_faults(scenario.current, scenario.disturbance, scenario.simulation.timestep)
     if faults:
         raise InputError(faults, "scenario")
 
@@ -94,20 +96,6 @@ def no_overflow(scenario: Scenario) -> Iterator[None]:
         raise InputError(extreme or [Fault("", what)], what if extreme else "scenario") from None
 
 
-def _aliased(scenario: Scenario) -> list[Fault]:
-    """Errors for disturbance frequencies that the time step would alias to lower ones."""
-    h = scenario.simulation.timestep
-    return [
-        Fault(
-            f"disturbance.frequency_hz[{i}]",
-            f"{f:.12g} Hz must be below half the step rate, {0.5 / h:.6g} Hz: sampled every {h:g} s it would act as "
-            f"{abs(f - round(f * h) / h):.6g} Hz",
-        )
-        for i, f in enumerate(scenario.disturbance.frequency_hz)
-        if f * h >= 0.5 * (1.0 - 1e-9)
-    ]
-
-
 def _stage_faults(scenario: Scenario) -> Iterator[Fault]:
     h = scenario.simulation.timestep
     for stage in scenario.stages:
@@ -118,6 +106,7 @@ def _stage_faults(scenario: Scenario) -> Iterator[Fault]:
             yield Fault(
                 f"{stage.room.table}.period", f"{period:g} s is not a multiple of the time step {h:g} s; {nearest}"
             )
+    yield from delay_faults(scenario)
 
 
 def _sampling_notes(setup: Setup) -> Iterator[str]:

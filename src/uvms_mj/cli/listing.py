@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from ..files import plain
 from .common import bad_input, command
 from .console import print_table, table_of
 
@@ -14,7 +13,7 @@ if TYPE_CHECKING:
     from ..stages.base import Stage
 
 
-ROOMS = ("guidance", "navigation", "control", "actuation", "reference", "observer", "controller")
+ROOMS = ("guidance", "navigation", "control", "actuation", "reference", "observer", "controller", "thrusters")
 """The rooms, and the tables of a scenario that are called otherwise."""
 
 
@@ -83,6 +82,8 @@ def _own_settings(cls: "type[Stage]") -> "tuple[list[dataclasses.Field], str]":
 def toml_value(value: Any) -> str:
     if value is None:
         return "-"
+    from ..files import plain
+
     return json.dumps(plain(value))
 
 
@@ -102,7 +103,7 @@ def keys() -> None:
 def signals() -> None:
     """List the signals that each stage receives and sets, and the signals that a run records."""
     from ..scenario import STAGES
-    from ..stages.signals import MEASURED, RECORDED, thruster_signal
+    from ..stages.signals import DELAYED, MEASURED, RECORDED, thruster_signal
 
     rooms = [choice.base.room for choice in STAGES.values()]
     inputs = [(f"Inputs of the {room.noun}: {room.arguments[2]}.<name>", room.given(0)) for room in rooms]
@@ -111,7 +112,7 @@ def signals() -> None:
     ]
     recorded = (
         "Recorded signals: trace.<name>; the states of the stages are recorded too",
-        (*RECORDED, *MEASURED, thruster_signal(0)),
+        (*RECORDED, *MEASURED, *DELAYED, thruster_signal(0)),
     )
     for title, listed in (*inputs, *outputs, recorded):
         columns = ("name", "shape", "unit", "frame", "meaning")

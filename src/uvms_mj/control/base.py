@@ -14,12 +14,12 @@ A controller is a stage (:mod:`uvms_mj.stages.base`) with gains as settings and 
 from __future__ import annotations  # so that help(Controller) shows short type names
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from pydantic import BeforeValidator
+from pydantic import AfterValidator, BeforeValidator
 
-from ..quantities import Step, Vector6
+from ..quantities import Number, Step, Vector6, within
 from ..stages.base import Room, Stage, setting, shared
 from ..stages.signals import GIVEN, TASK_GIVEN, TRUTH, WRENCH_COMMAND, Signal
 
@@ -35,6 +35,19 @@ def _six(value: Any) -> Any:
 Diagonal = Annotated[Vector6, BeforeValidator(_six)]
 """A diagonal matrix: one number for all six axes, or six numbers."""
 
+
+def _at_least(low: float, words: str) -> AfterValidator:
+    def check(value: tuple[float, ...]) -> tuple[float, ...]:
+        if min(value) < low:
+            raise ValueError(f"must not have {words} entry")
+        return value
+
+    return AfterValidator(check)
+
+
+NonNegativeDiagonal = Annotated[Diagonal, _at_least(0.0, "a negative")]
+PositiveDiagonal = Annotated[Diagonal, _at_least(1e-12, "a zero or negative")]
+
 gain = setting
 
 
@@ -47,6 +60,9 @@ class Controller(Stage):
     """
 
     period: Step | None = shared(None, "s", "control period, a multiple of the time step; default: every step")
+    delay: Annotated[Number, within(0.0, 10.0, "s")] | None = shared(
+        None, "s", "computation delay, a multiple of the time step: the command of t_k acts from t_k + delay on"
+    )
 
     room: ClassVar[Room] = Room(
         name="control",
@@ -70,6 +86,9 @@ class Controller(Stage):
     def law(gains, state, signals, state_dot, tau_cmd):
         """Set tau_cmd (6,) and state_dot from gains, state and signals."""
         raise NotImplementedError
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        return {**super().constants(setup), "delay": None}  # not the law's
 
     def at_rest(self, setup: Any) -> float | str | SteadyState:
         """Theory of the law: the vehicle at rest at the end of the run. A law may override it.

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import Fault
+from ..physics.varying import rate_deviation
 from .rest import SteadyState
 
 SLOWLY_DAMPED = 0.75
@@ -74,12 +76,14 @@ class Vibration:
         Navigation, law and thrusters each hold their output for a period T. A stage that reads it at its own instants,
         a period T' apart, finds it with a mean age of (T - gcd(T, T'))/2. The contact force itself is held for a time
         step h. A law that runs at every step on measurements of every step feeds back the force that acts. The time
-        that a sample takes to arrive adds to it, or the lag of an observer.
+        that a sample takes to arrive adds to it, or the lag of an observer of the force, and so does the thrusters'
+        delay of slow changes.
         """
-        h = self.setup.scenario.simulation.timestep
+        scenario = self.setup.scenario
+        h = scenario.simulation.timestep
         steps = [round(period / h) for period in self._periods.values()]
         holds = sum(held - math.gcd(held, read) for held, read in zip(steps, [*steps[1:], 1], strict=True))
-        return self._sensor.force_timing[1] + 0.5 * h * holds
+        return self._sensor.force_timing[1] + 0.5 * h * holds + scenario.thrusters.mean_delay()
 
     @property
     def _sensor(self) -> Any:
@@ -94,17 +98,18 @@ class Vibration:
         control = scenario.control_period
         sensor = self._sensor
         own = scenario.simulation.timestep if sensor.every_step else control
-        navigation = sensor.force_timing[0] or sensor.period or own
+        force = sensor.force_timing[0] or sensor.period or own
         return {
-            "navigation": navigation,
+            "navigation": force,
             "control": control,
             "actuation": scenario.actuation.period or scenario.simulation.timestep,
+            "thruster": scenario.thrusters.period or scenario.simulation.timestep,
         }
 
     @property
     def _longest(self) -> str:
         """Name of the longest period; of equal ones, the law's."""
-        return max(("control", "navigation", "actuation"), key=self._periods.__getitem__)
+        return max(("control", "navigation", "actuation", "thruster"), key=self._periods.__getitem__)
 
     @property
     def growth(self) -> float:
@@ -133,7 +138,8 @@ class Vibration:
         """The state at rest, or the reason why the sampled law does not come to rest against the wall."""
         if isinstance(state, SteadyState) and state.force > 0.0:
             if self.age >= self.limit:
-                return "the sampled law limit-cycles against this wall"
+                lags = self.setup.scenario.thrusters.mean_delay() > 0.0
+                return f"the {'law with lagging thrusters' if lags else 'sampled law'} limit-cycles against this wall"
             if self.growth > 1.0:
                 return "the held command does not damp the vibration against this wall"
         return state
@@ -160,11 +166,39 @@ class Vibration:
         if age > SLOWLY_DAMPED * limit or (age == limit == 0.0):
             lost = 2.0 * limit + self.setup.scenario.simulation.timestep
             what = "limit-cycles against the wall" if age >= limit else "hardly damps the vibration against the wall"
+            share = f"{min(1.0, age / limit) if limit else 1.0:.0%} of the damping D_d is lost"
+            delay = self.setup.scenario.thrusters.mean_delay()
+            if delay > 0.0:
+                yield (
+                    f"{label} {what} with thrusters that lag by {delay:.3g} s: the contact force acts on the thrust so "
+                    f"late that {share} at wall.stiffness {k_c:g} N/m; its mean age is {age:.3g} s, and all is lost at "
+                    f"{limit:.3g} s"
+                )
+                return
             yield (
-                f"{label} {what} {here}: it holds the contact force so long that "
-                f"{min(1.0, age / limit) if limit else 1.0:.0%} of the damping D_d is lost at wall.stiffness {k_c:g} "
+                f"{label} {what} {here}: it holds the contact force so long that {share} at wall.stiffness {k_c:g} "
                 f"N/m; all is lost at a period of {lost:.4g} s"
             )
+
+
+MOST_WAITING = 1000
+"""Control periods that a computation delay may last."""
+
+
+def delay_faults(scenario: Any) -> Iterator[Fault]:
+    """Errors in the computation delay: it is a multiple of the time step, and not too many control periods long."""
+    h, delay = scenario.simulation.timestep, scenario.controller.delay
+    if delay is None:
+        return
+    if abs(delay / h - round(delay / h)) > 1e-6:
+        n = int(delay / h)
+        nearest = f"the nearest are {n * h:g} and {(n + 1) * h:g} s"
+        yield Fault("controller.delay", f"{delay:g} s is not a multiple of the time step {h:g} s; {nearest}")
+    elif delay > MOST_WAITING * scenario.control_period * (1.0 + 1e-9):
+        longest = f"{MOST_WAITING} control periods of {scenario.control_period:g} s"
+        yield Fault(
+            "controller.delay", f"{delay:g} s must be at most {MOST_WAITING * scenario.control_period:g} s, {longest}"
+        )
 
 
 def zeta_limit(setup: Any) -> float:
@@ -180,9 +214,15 @@ def zeta_grows(setup: Any) -> str:
 
 
 def disturbance_rate(setup: Any) -> np.ndarray:
-    """Bound (6,) on the rate of M_hat^-1 tau_dist, which eq. (28) has to follow [m/s^3, rad/s^3]."""
+    """Bound (6,) on the rate of M_hat^-1 tau_dist, which eq. (28) has to follow [m/s^3, rad/s^3]. Of a Gauss-Markov
+    process it is the rate that one in 5e8 of its nodes exceeds. The drag of a tether is not in it."""
     disturbance = setup.scenario.disturbance
     rate = 2.0 * np.pi * np.abs(np.array(disturbance.amplitude) * np.array(disturbance.frequency_hz))
+    if disturbance.table is not None:
+        table = np.array(disturbance.table)
+        rate += np.abs(np.diff(table[:, 1:], axis=0) / np.diff(table[:, :1], axis=0)).max(axis=0, initial=0.0)
+    if any(disturbance.deviation):
+        rate += 6.0 * rate_deviation(np.array(disturbance.deviation), disturbance.correlation_time)
     return np.abs(np.linalg.inv(setup.design.M_hat)) @ rate
 
 

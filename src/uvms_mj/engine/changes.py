@@ -70,7 +70,8 @@ def _updated(scenario: Scenario, overrides: Mapping[str, Any]) -> Scenario:
 def _replaced(table: Any, values: dict[str, Any]) -> Any:
     """A copy of a table of a scenario with other values. Only these are validated, unless they may depend on others."""
     kind: Any = type(table)
-    if isinstance(table, ImpedanceTask) or (isinstance(table, Stage) and not is_of_the_package(kind)):
+    checks_more = isinstance(table, Stage) and kind.__post_init__ is not Stage.__post_init__
+    if isinstance(table, ImpedanceTask) or checks_more or (isinstance(table, Stage) and not is_of_the_package(kind)):
         return kind(**(vars(table) | values))
     return _with(table, validator(kind, tuple(values)).validate_python(values))
 

@@ -175,7 +175,8 @@ class Simulation:
         """
         with self._alone:
             setup, touched = changed(self.setup, self.setup, overrides_of(overrides, "set: overrides"), "set")
-            fixed = sorted(key for key in touched if key.startswith(("initial.", "simulation.")))
+            delayed = ("controller.delay", "controller.period") if self.scenario.controller.delay is not None else ()
+            fixed = sorted(key for key in touched if key.startswith(("initial.", "simulation.", *delayed)))
             if fixed:
                 raise InputError([Fault(name, "can't change during a run; give it to reset") for name in fixed], "set")
             self._memory.rewrite(setup, touched)

@@ -1,17 +1,32 @@
-"""Stages of every run that no scenario chooses: tracking errors with estimates, and the truth for the ideal law."""
+"""Stages that no scenario chooses by name: tracking errors with estimates, the truth for the ideal law, the computation
+delay, and the inflow and the lost command of real thrusters."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
+from ...control.sampled import MOST_WAITING
 from ...control.task import tracking_errors
 from ...physics.model import model_wrenches, reveal
 from ...stages.base import Room, Stage
-from ...stages.signals import CLOCK, ERRORS, ESTIMATES, KNOWN, REFERENCE, TRUE, TRUTH
+from ...stages.signals import (
+    CLOCK,
+    ERRORS,
+    ESTIMATES,
+    KNOWN,
+    REFERENCE,
+    TAU_LOST,
+    TRUE,
+    TRUTH,
+    WRENCH_COMMAND,
+    Signal,
+    actuation_given,
+)
 
 
 def coefficients(
@@ -76,6 +91,44 @@ class Sensed(Stage):
 
 
 @dataclass(frozen=True)
+class Delay(Stage):
+    """The computation delay: the command of the law's instant t_k reaches the actuation at t_k + controller.delay.
+    Before the first one it is zero."""
+
+    name = "delay"
+    needs: ClassVar = ("controller.delay", "controller.period", "simulation.timestep")
+    memory: ClassVar = {"queue": 6 * (MOST_WAITING + 1)}
+    room: ClassVar[Room] = Room("control", "delay", lambda thrusters: (*CLOCK, WRENCH_COMMAND), (WRENCH_COMMAND,))
+
+    @staticmethod
+    def steps(scenario: Any) -> tuple[int, int, int]:
+        """Time steps of the control period, of the delay, and of their greatest common divisor, the stage's period."""
+        h = scenario.simulation.timestep
+        period, delay = round(scenario.control_period / h), round(scenario.controller.delay / h)
+        return period, delay, math.gcd(period, delay)
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        """The control period and the delay in periods of the stage."""
+        period, delay, own = self.steps(setup.scenario)
+        return {"control": period / own, "delay": delay / own}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        queue, control, delay = state.queue, int(settings.control), int(settings.delay)
+        if given.instant % control == 0:
+            last = 6 * ((given.instant // control) % (MOST_WAITING + 1))
+            for i in range(6):
+                queue[last + i] = given.tau_cmd[i]
+        if given.instant < delay:
+            for i in range(6):
+                out[i] = 0.0
+        else:
+            due = 6 * (((given.instant - delay) // control) % (MOST_WAITING + 1))
+            for i in range(6):
+                out[i] = queue[due + i]
+
+
+@dataclass(frozen=True)
 class Truth(Stage):
     """The truth for the ideal law. ``state`` is the vehicle's WATER record."""
 
@@ -92,3 +145,47 @@ class Truth(Stage):
             for j in range(6):
                 out.M[i, j] = settings.M[i, j]
         reveal(settings, state, given, out, out.g_eta)
+
+
+@dataclass(frozen=True)
+class Inflow(Stage):
+    """The speed of advance of each thruster, a_k^T (v_r + omega x r_k) = B_k^T nu_r, for its axis a_k and its column
+    B_k = [a_k; r_k x a_k] of B. It is zero for a pair that produces a pure moment."""
+
+    name = "inflow"
+    needs: ClassVar = ()
+    room: ClassVar[Room] = Room(
+        "actuation", "inflow", lambda thrusters: CLOCK + TRUE, (Signal("inflow", (0,), "m/s", "-", "speed of advance"),)
+    )
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        B = setup.vehicle.B
+        return {"columns": (B * B[:3].any(axis=0)).T}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        R, nu, v_c, columns = given.R_WB, given.nu, given.v_c_W, settings.columns
+        u = nu[0] - (R[0, 0] * v_c[0] + R[1, 0] * v_c[1] + R[2, 0] * v_c[2])
+        v = nu[1] - (R[0, 1] * v_c[0] + R[1, 1] * v_c[1] + R[2, 1] * v_c[2])
+        w = nu[2] - (R[0, 2] * v_c[0] + R[1, 2] * v_c[1] + R[2, 2] * v_c[2])
+        for k in range(out.shape[0]):
+            out[k] = columns[k, 0] * u + columns[k, 1] * v + columns[k, 2] * w
+            out[k] += columns[k, 3] * nu[3] + columns[k, 4] * nu[4] + columns[k, 5] * nu[5]
+
+
+@dataclass(frozen=True)
+class Shortfall(Stage):
+    """The part of tau_cmd that the commanded thrusts do not produce. ``state`` is the record with u_cmd."""
+
+    name = "shortfall"
+    needs: ClassVar = ()
+    room: ClassVar[Room] = Room("actuation", "shortfall", actuation_given, (TAU_LOST,))
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        for i in range(6):
+            out[i] = given.tau_cmd[i]
+        for k in range(state.u_cmd.shape[0]):
+            thrust = min(given.u_max[k], max(given.u_min[k], state.u_cmd[k]))
+            for i in range(6):
+                out[i] -= given.B[i, k] * thrust

@@ -4,6 +4,7 @@ import numpy as np
 
 from ...physics.contact import CONTACT
 from ...physics.hydrodynamics import WATER
+from ...physics.varying import varying
 from ...stages.signals import CLOCK, GIVEN, KNOWN, RECORDED, TRUE, record_dtype
 
 CLOCKS = record_dtype(CLOCK)
@@ -28,6 +29,13 @@ CONTEXT = np.dtype(
         ("loop_at", "i8"),  # LOOP, or 0 without a closed loop
         ("calls", "i8"),
         ("water", WATER),
+        ("current", varying(3)),  # in W [m/s]
+        ("disturbance", varying(6)),  # in B [N, N m]
+        ("shear_at", "i8"),  # rows of [depth, factor]
+        ("shear_rows", "i8"),
+        ("factor", "f8", (1,)),  # of the current at the vehicle's depth
+        ("slope", "f8", (1,)),  # its derivative by the depth [1/m]
+        ("rate", "f8", (6,)),  # time derivative of the disturbance, not used
         ("nu", "f8", (6,)),
         ("nu_r", "f8", (6,)),
         ("work", "f8", (6,)),
@@ -116,13 +124,16 @@ LOOP = np.dtype(
         ("columns_at", "i8"),  # (n, 6), the columns of B
         ("columns_hat_at", "i8"),  # of the file's B, or 0 if tau_hat is tau
         ("tau_hat_at", "i8"),
-        ("u_min_at", "i8"),
+        ("u_min_at", "i8"),  # limits of the command
         ("u_max_at", "i8"),
+        ("low_at", "i8"),  # limits of the vehicle's file
+        ("high_at", "i8"),
         ("ctrl_index_at", "i8"),
         ("thrust_of_ctrl_at", "i8"),
         ("u_cmd_at", "i8"),  # as the actuation sets it
-        ("u_at", "i8"),  # within the limits
-        ("saturated", "i8"),  # whether a thruster is at its limit
+        ("thrust_at", "i8"),  # as the thrusters set it; u_cmd if they are ideal
+        ("u_at", "i8"),  # within the limits of the vehicle's file
+        ("saturated", "i8"),  # whether a command is at its limit
         ("tau_before", "f8", (6,)),
         # the current step
         ("remaining", "i8"),  # evaluations that are steps, before Simulation has the next word

@@ -11,10 +11,10 @@ import sys
 
 from ...physics.contact import contact_force
 from ...physics.frames import body_acceleration, body_velocity, rotation
-from ...physics.hydrodynamics import disturbance
 from ...physics.kernels import kernel
 from .layouts import STAGE_SIZE, STOP_COMMAND, STOP_NONE, STOP_STAGE, STOP_STATE, STOP_THRUST, STOP_WAITING
 from .memory import call_stage, clock_at, floats, integers, stage_at
+from .water import flow
 
 _LARGEST = sys.float_info.max
 
@@ -41,6 +41,8 @@ def observe(context, loop):
     distance = floats(loop.distance_at, 1)[0]
     fromto = floats(loop.fromto_at, 6)
     contact_force(contact, distance, fromto, true.p_WB, true.R_WB, true.nu, loop.timestep)
+    flow(context, loop.t, true.p_WB, true.R_WB, true.nu)
+    context.water.fresh = 1
     for i in range(3):
         true.f_contact_W[i] = contact.f_W[i]
         true.v_c_W[i] = context.water.v_c_W[i]
@@ -122,21 +124,22 @@ def run_stages(loop, end) -> int:
 
 @kernel
 def limit_thrust(loop):
-    """Set u to the commanded thrusts within the thrusters' limits, and tau = B u."""
+    """Set u to the thrusts within the limits of the vehicle's file, and tau = B u."""
     n, true = loop.thrusters, loop.true
-    u_cmd, u = floats(loop.u_cmd_at, n), floats(loop.u_at, n)
+    u_cmd, produced, u = floats(loop.u_cmd_at, n), floats(loop.thrust_at, n), floats(loop.u_at, n)
     u_min, u_max = floats(loop.u_min_at, n), floats(loop.u_max_at, n)
+    low, high = floats(loop.low_at, n), floats(loop.high_at, n)
     columns = floats(loop.columns_at, 6 * n)
     x_0, x_1, x_2, x_3, x_4, x_5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     loop.saturated = 0
     for k in range(n):
-        if not abs(u_cmd[k]) <= _LARGEST:
-            stop_run(loop, STOP_THRUST, k, u_cmd[k])
-        thrust = min(u_max[k], max(u_min[k], u_cmd[k]))
+        if not abs(produced[k]) <= _LARGEST:
+            stop_run(loop, STOP_THRUST, k, produced[k])
+        thrust = min(high[k], max(low[k], produced[k]))
         if not abs(thrust) <= loop.tau_bound:  # MuJoCo would ignore it
             stop_run(loop, STOP_THRUST, k, thrust)
         u[k] = thrust
-        if thrust <= u_min[k] or thrust >= u_max[k]:
+        if u_cmd[k] <= u_min[k] or u_cmd[k] >= u_max[k]:
             loop.saturated = 1
         x_0 += columns[6 * k] * thrust
         x_1 += columns[6 * k + 1] * thrust
@@ -181,6 +184,10 @@ def begin_step(context, loop) -> bool:
         return False
     row, true = loop.row, loop.true
     row.t = loop.t
+    if context.water.fresh == 0:  # changed since it was observed
+        flow(context, loop.t, true.p_WB, true.R_WB, true.nu)
+    for i in range(6):
+        row.tau_dist[i] = context.water.tau_dist[i]
     if loop.step > 0:
         for i in range(6):
             change = abs(true.tau[i] - loop.tau_before[i])
@@ -223,7 +230,6 @@ def finish_step(context, loop):
     elif loop.step > loop.window_step:
         row.final_low, row.final_high = min(row.final_low, push), max(row.final_high, push)
     body_acceleration(true.R_WB, floats(loop.qacc_at, 6), true.nu, true.nu_dot)
-    disturbance(context.water, loop.t, row.tau_dist)
     write_row(loop)
     if loop.saturated != 0:  # for the coming step
         row.saturation_time += h

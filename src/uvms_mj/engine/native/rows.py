@@ -1,6 +1,6 @@
 """The recorded signals of a run, and where in memory each of them lies."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from ...control.task import ImpedanceTask
 from ...errors import Fault, InputError
 from ...navigation import Navigation, Perfect
 from ...stages.base import Stage
-from ...stages.signals import MEASURED, OWN_UNIT, RECORDED, Signal, thruster_signal
+from ...stages.signals import DELAYED, MEASURED, OWN_UNIT, RECORDED, UNSTEADY, Signal, thruster_signal
 from .stage_table import StageTable
 
 _ATTRIBUTES = {
@@ -22,11 +22,13 @@ _OF_THE_TASK = ("s", "zeta", "tau_nom", "boundary_layer_time")
 
 
 def recorded(
-    loop: np.ndarray, stages: StageTable, u: np.ndarray, navigation: Navigation
+    loop: np.ndarray, stages: StageTable, u: np.ndarray, navigation: Navigation, water: np.ndarray
 ) -> list[tuple[Signal, np.ndarray]]:
-    """The signals of a row in order, each with its memory. The measurements are recorded unless navigation is perfect.
-    Raises InputError if two states have one name, or a state's name is taken or is not an identifier."""
-    records = [loop["row"], loop["true"], loop["contact"], stages.signals, stages.allocation]
+    """The signals of a row in order, each with its memory. The measurements are recorded unless navigation is perfect,
+    the motion of the water, a WATER record, unless the current is constant, and the command of the thrusters where it
+    may differ from their thrust or from tau_cmd. Raises InputError if two states have one name, or a state's name is
+    taken or is not an identifier."""
+    records = [loop["row"], loop["true"], loop["contact"], stages.signals, stages.command]
     places = {name: record[name] for record in reversed(records) for name in record.dtype.names or ()}
     found = [
         (signal, places[signal.name])
@@ -35,16 +37,21 @@ def recorded(
     ]
     if not isinstance(navigation, Perfect):
         found += [(signal, stages.signals[signal.name.removesuffix("_m")]) for signal in MEASURED]
+    found += [(signal, stages.allocation["tau_cmd"]) for signal in DELAYED if "delay" in stages.entries]
+    if water["unsteady"][0]:
+        found += [(signal, water[signal.name]) for signal in UNSTEADY]
     found.append((thruster_signal(len(u)), u))
+    found += stages.commanded
     own = [each for each in stages.states() if each[1] != "zeta" or not isinstance(each[0], ImpedanceTask)]
-    check_states([(stage, name) for stage, name, _ in own])
+    check_states([(stage, name) for stage, name, _ in own], {signal.name for signal, _ in found})
     return found + [(state_signal(stage, name, memory.size), memory) for stage, name, memory in own]
 
 
-def check_states(states: Sequence[tuple[Stage, str]]) -> None:
-    """Refuse states that can't be recorded under their names. Raises InputError if two states have one name, or a
-    state's name is taken or is not an identifier."""
-    taken = {signal.name for signal in (*RECORDED, *MEASURED, thruster_signal(0))} | _ATTRIBUTES
+def check_states(states: Sequence[tuple[Stage, str]], names: Set[str] = frozenset()) -> None:
+    """Refuse states that can't be recorded under their names, beside the signals ``names``. Raises InputError if two
+    states have one name, or a state's name is taken or is not an identifier."""
+    recorded = (*RECORDED, *MEASURED, *UNSTEADY, *DELAYED, thruster_signal(0))
+    taken = names | {signal.name for signal in recorded} | _ATTRIBUTES
     faults: dict[Stage, list[Fault]] = {}
     for stage, name in states:
         if name in taken:

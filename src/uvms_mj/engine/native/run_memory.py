@@ -1,6 +1,6 @@
 """The memory of one run: the records that the loop works on, and the numbers of a scenario in them."""
 
-from collections.abc import Callable, Set
+from collections.abc import Callable, Iterator, Set
 from typing import Any
 
 import numpy as np
@@ -8,9 +8,8 @@ import numpy as np
 from ...analysis.setup import Setup
 from ...control.design import ATTITUDE_KEYS
 from ...plant.settings import contact_settings
-from ...scenario import STAGES, Scenario
+from ...scenario import STAGES
 from ...stages.signals import FINAL_WINDOW_S
-from .attachment import set_water
 from .callback import entry_point
 from .layouts import LOOP, STOP_STAGE
 from .memory import stopped
@@ -40,12 +39,11 @@ class RunMemory:
         n = len(vehicle.thrusters)
         self.stages = stages = StageTable(setup, self.loop["true"], self.context["water"])
         self.u = np.zeros(n)
-        self.recorded = recorded(self.loop, stages, self.u, setup.scenario.navigation)
+        self.recorded = recorded(self.loop, stages, self.u, setup.scenario.navigation, self.context["water"])
         self._spans = np.array(list(spans([memory for _, memory in self.recorded])))
         self.rows = np.zeros((0, sum(signal.size for signal, _ in self.recorded)))
         allocation = stages.allocation
         allocation["B"], allocation["B_pinv"] = setup.nominal.B, np.linalg.pinv(setup.nominal.B)
-        allocation["u_min"], allocation["u_max"] = vehicle.u_min, vehicle.u_max
         sizes = {"stages": len(stages.rows), "actuation": stages.actuation, "thrusters": n}
         sizes["controls"] = memory["ctrl_at"].size if "ctrl_at" in memory else 0
         sizes |= {"spans": len(self._spans), "row_width": self.rows.shape[1], "row_steps": 1}
@@ -56,20 +54,23 @@ class RunMemory:
         # _reached keeps every array alive whose address is in the record
         self._reached = {
             "stages_at": stages.rows,
-            "tau_cmd_at": allocation["tau_cmd"],
+            "tau_cmd_at": stages.tau_cmd,
             "columns_at": np.ascontiguousarray(vehicle.B.T),
             "u_min_at": allocation["u_min"],
             "u_max_at": allocation["u_max"],
+            "low_at": vehicle.u_min,
+            "high_at": vehicle.u_max,
             "thrust_of_ctrl_at": vehicle.thrust_of_ctrl,
             "ctrl_index_at": np.array(vehicle.actuator_ids, dtype=np.int64),
             "u_cmd_at": stages.u_cmd,
+            "thrust_at": stages.thrust,
             "u_at": self.u,
             "spans_at": self._spans,
             "rows_at": self.rows,
             **memory,
         }
         self._reached["tau_hat_at"] = stages.signals["tau_hat"]
-        if not np.array_equal(vehicle.B, setup.nominal.B):
+        if setup.scenario.thrusters.runs or not np.array_equal(vehicle.B, setup.nominal.B):
             self._reached["columns_hat_at"] = np.ascontiguousarray(setup.nominal.B.T)
         if "task" in stages.entries:
             self._reached["s_at"] = stages.signals["s"]
@@ -77,12 +78,18 @@ class RunMemory:
             self.loop[name] = array.ctypes.data
         for _, write in WRITERS:
             write(self, setup)
-        arrays = [self.loop, self.context, stages.signals, stages.sensed, allocation, stages.u_cmd, self.u, stages.rows]
-        kept = [entry for entry in stages.running if entry.states or type(entry.stage).memory]
-        arrays += [each for entry in kept for each in (entry.state, entry.state_dot)]
-        arrays += engine.state
         self.context["loop_at"] = self.loop.ctypes.data
-        self._start = [(array.view(np.uint8), array.view(np.uint8).copy()) for array in arrays]
+        self._start = [(array.view(np.uint8), array.view(np.uint8).copy()) for array in self._restored()]
+
+    def _restored(self) -> Iterator[np.ndarray]:
+        """The arrays that a reset restores, the LOOP record first."""
+        stages = self.stages
+        yield from (self.loop, self.context, stages.signals, stages.sensed, stages.command, stages.allocation)
+        yield from (stages.commands, stages.thrust, stages.tau_lost, self.u, stages.rows)
+        for entry in stages.running:
+            if entry.states or type(entry.stage).memory:
+                yield from (entry.state, entry.state_dot)
+        yield from self.engine.state
 
     def record(self, row_steps: int, capacity: int) -> None:
         """Record a row every so many time steps, at most ``capacity`` of them before they are taken."""
@@ -158,11 +165,13 @@ def write_time(memory: RunMemory, setup: Setup) -> None:
     memory.loop["window_step"] = max(0, scenario.steps - round(FINAL_WINDOW_S / h))
 
 
-def motion_of_water(scenario: Scenario) -> dict[str, tuple[float, ...]]:
-    """The current and the disturbance of a scenario, by the names of :func:`.attachment.attach`'s arguments."""
-    wrench = scenario.disturbance
-    motion = {"bias": wrench.bias, "amplitude": wrench.amplitude, "frequency_hz": wrench.frequency_hz}
-    return {"current_W": scenario.current.velocity_W, **motion}
+def write_water(memory: RunMemory, setup: Setup) -> None:
+    memory.engine.water.move_as(setup.scenario)
+
+
+def write_seed(memory: RunMemory, setup: Setup) -> None:
+    memory.stages.write_keys(setup.scenario)
+    memory.engine.water.seed(setup.scenario.simulation.seed)
 
 
 def write_wall(memory: RunMemory, setup: Setup) -> None:
@@ -188,13 +197,20 @@ def write_control(memory: RunMemory, setup: Setup) -> None:
     memory.loop["epsilon"] = getattr(setup.scenario.controller, "epsilon", DEFAULT_EPSILON)  # of each axis
 
 
+def write_limits(memory: RunMemory, setup: Setup) -> None:
+    memory.stages.allocation["u_min"], memory.stages.allocation["u_max"] = setup.scenario.thrusters.command_limits(
+        setup
+    )
+
+
 WRITERS: tuple[tuple[tuple[str, ...], Callable[[RunMemory, Setup], None]], ...] = (
     (("simulation.timestep", "simulation.duration"), write_time),
-    (("current", "disturbance"), lambda memory, setup: set_water(memory.context, motion_of_water(setup.scenario))),
+    (("current", "disturbance", "tether"), write_water),
     (("wall", *ATTITUDE_KEYS), write_wall),
     (("initial",), write_initial),
     (("impedance",), write_impedance),
-    (("simulation.seed",), lambda memory, setup: memory.stages.write_keys(setup.scenario)),
+    (("simulation.seed",), write_seed),
     (("simulation.timestep", "controller", *(f"{table}.period" for table in STAGES)), write_control),
+    (("thrusters",), write_limits),
 )
 """Tables or dotted keys of a scenario, and the function that writes the numbers that depend on them."""

@@ -20,13 +20,15 @@ from ...stages.signals import (
     REFERENCE,
     TASK,
     TASK_GIVEN,
+    TAU_LOST,
     TRUTH,
     Signal,
+    commanded_signal,
     record_dtype,
 )
 from .arena import MARGIN, NEARBY, Arena
 from .compilation import NotCompiled
-from .inner_stages import Sensed, Tracking, Truth
+from .inner_stages import Delay, Inflow, Sensed, Shortfall, Tracking, Truth
 from .layouts import STAGE
 from .plain_stage import PlainStage, StageFault
 from .stage_code import RAISED, compile_stage
@@ -133,10 +135,16 @@ class StageTable:
         signals: the record of the signals that the law is given (1,); each stage fills its part.
         sensed: the clock and the measurements (1,) that navigation sets if an observer replaces its force.
         allocation: the record that actuation is given (1,).
-        u_cmd: (n,) thrusts that actuation sets.
+        command: the record with the law's command tau_cmd (1,): that of the actuation, or of the delay before it.
+        commands: the record that the thrusters are given (1,).
+        u_cmd: (n,) thrusts that actuation sets, in ``commands``.
+        thrust: (n,) thrusts that the thrusters produce; ``u_cmd`` itself if they are ideal.
+        tau_lost: (6,) part of tau_cmd that u_cmd does not produce.
+        commanded: the recorded signals of the commands, each with its memory.
         rows: the table (n,) of STAGE records.
         running: its stages; ``in_arenas`` are those with an arena.
         control: index of the law, or of the stage that would follow it.
+        actuation: index of the first stage that is given the law's command.
     """
 
     def __init__(self, setup: Setup, true: np.ndarray, water: np.ndarray) -> None:
@@ -145,7 +153,10 @@ class StageTable:
         self.signals = np.zeros(1, record_dtype(type(controller).given()))
         self.sensed = np.zeros(1, record_dtype(CLOCK + KNOWN))
         self.allocation = np.zeros(1, record_dtype(type(actuation).given(n)))
-        self.u_cmd = np.zeros(n)
+        thrusters = scenario.thrusters
+        self.commands = np.zeros(1, record_dtype(type(thrusters).given(n)))
+        self.u_cmd, self.tau_lost = self.commands["u_cmd"][0], np.zeros(6)
+        self.thrust = np.zeros(n) if thrusters.runs else self.u_cmd
         self.entries: dict[str, Entry] = {}
 
         def add(table: str, stage: Stage, given: np.ndarray, out: np.ndarray, state: np.ndarray | None = None) -> None:
@@ -168,9 +179,21 @@ class StageTable:
         if type(controller).uses_truth:
             add("truth", Truth(), true, part(self.signals, TRUTH), water)
         self.control = len(self.entries)
+        late = controller.delay is not None
+        self.command = np.zeros(1, record_dtype(Delay.given())) if late else self.allocation
         add("controller", controller, self.signals, self.tau_cmd)
         self.actuation = len(self.entries)
+        if late:
+            add("delay", Delay(), self.command, self.allocation["tau_cmd"][0])
         add("actuation", actuation, self.allocation, self.u_cmd)
+        self.commanded: list[tuple[Signal, np.ndarray]] = []
+        if thrusters.runs or actuation.records_loss:
+            add("shortfall", Shortfall(), self.allocation, self.tau_lost, self.commands)
+            self.commanded.append((TAU_LOST, self.tau_lost))
+        if thrusters.runs:
+            add("inflow", Inflow(), true, self.commands["inflow"][0])
+            add("thrusters", thrusters, self.commands, self.thrust)
+            self.commanded.append((commanded_signal(n), self.u_cmd))
         self.rows = np.zeros(len(self.entries), STAGE)
         for row, entry in zip(self.rows, self.entries.values(), strict=True):
             entry.fill(row)
@@ -180,12 +203,14 @@ class StageTable:
     @property
     def tau_cmd(self) -> np.ndarray:
         """(6,) wrench that the law commands."""
-        return self.allocation["tau_cmd"][0]
+        return self.command["tau_cmd"][0]
 
     def constants(self, setup: Setup, touched: Set[str]) -> dict[str, dict[str, Any]]:
         """The new constants of the stages that depend on the tables and keys in ``touched``, by table. Raises
         InputError if a stage has other constants than its memory has room for."""
         found, faults = {}, []
+        if (setup.scenario.controller.delay is not None) != ("delay" in self.entries):
+            faults.append(Fault("controller.delay", "reset can't add or remove the delay; 0 is a delay too"))
         for table, entry in self.entries.items():
             if table in touched or entry.needs is None or not touched.isdisjoint(entry.needs):
                 stage = getattr(setup.scenario, table, entry.stage)
@@ -211,11 +236,13 @@ class StageTable:
     def write_periods(self, scenario: Scenario) -> None:
         """Set the periods of all stages."""
         h, control = scenario.simulation.timestep, scenario.control_period
-        periods = {"actuation": h}
+        periods = {"actuation": h, "thrusters": h}
+        periods["delay"] = Delay.steps(scenario)[2] * h if "delay" in self.entries else h
         periods |= {table: h for table, entry in self.entries.items() if type(entry.stage).every_step}
         chosen = {table: getattr(scenario, table).period for table in STAGES}
         periods |= {table: period for table, period in chosen.items() if period is not None}
         periods["sensed"] = periods.get("navigation", control)
+        periods |= {"shortfall": periods["actuation"], "inflow": periods["thrusters"]}
         steps = [round(periods.get(table, control) / h) for table in self.entries]
         self.rows["period_steps"], self.rows["period"] = steps, [n * h for n in steps]
 

@@ -1,0 +1,157 @@
+r"""Allocation to the nearest wrench that the thrusters reach within their limits.
+
+.. math:: \min_u \; |W (B u - \tau_{cmd})|^2 + \epsilon |u|^2, \qquad u_{min} \le u \le u_{max}
+
+W has the weights of the six axes. Where no limit binds, the result is that of the weighted least squares with the least
+thrust, :math:`\epsilon = 0`. Where one binds, :math:`\epsilon` is 1e-6 of the largest eigenvalue of
+:math:`B^\top W^2 B`, and an active-set method solves the problem: free thrusters are solved for, one that would leave
+its limits is held at them, and one whose limit costs most is freed. The problem is strictly convex, so the method
+ends at the solution.
+"""
+
+from __future__ import annotations  # so that help(Constrained) shows short type names
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from annotated_types import MaxLen, MinLen
+
+from ..errors import Fault, InputError
+from ..physics.kernels import kernel
+from ..quantities import Number, within
+from ..stages.base import setting
+from .base import Actuation
+from .weighted import allocate
+
+MOST_THRUSTERS = 16
+"""The solver's memory is of this size."""
+_SMALL = 1e-6
+_ROUNDS = 10 * MOST_THRUSTERS
+_Weights = Annotated[tuple[Annotated[Number, within(1e-3, 1e3, "")], ...], MinLen(6), MaxLen(6)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Constrained(Actuation):
+    """The nearest wrench within the thrusters' limits, by an active-set method."""
+
+    weights: _Weights = setting((1.0, 1.0, 1.0, 5.0, 5.0, 5.0), "1, 1/m", "weight of each axis of the wrench, W")
+
+    name = "constrained"
+    records_loss: ClassVar[bool] = True
+    needs: ClassVar = ()
+    memory: ClassVar[Mapping[str, Any]] = {"L": MOST_THRUSTERS**2} | dict.fromkeys(
+        ("wanted", "trial", "fixed"), MOST_THRUSTERS
+    )
+
+    def inverse(self, B: np.ndarray) -> np.ndarray:
+        W = np.array(self.weights)
+        return np.linalg.pinv(W[:, None] * B) * W
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        B, n = setup.nominal.B, setup.nominal.B.shape[1]
+        if n > MOST_THRUSTERS:
+            wrong = f"constrained is for at most {MOST_THRUSTERS} thrusters; the vehicle has {n}"
+            raise InputError([Fault("actuation.name", wrong)])
+        H, linear = quadratic(B, np.array(self.weights))
+        return {"inverse": self.inverse(B), "H": H, "linear": linear}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, u):
+        if allocate(settings.inverse, given.tau_cmd, given.u_min, given.u_max, u):
+            nearest(settings.H, settings.linear, given.tau_cmd, given.u_min, given.u_max, state, u)
+
+
+def quadratic(B: np.ndarray, W: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """H (n, n) and the matrix (n, 6) of the problem min u^T H u / 2 - u^T linear tau_cmd."""
+    weighted = W[:, None] * B
+    H = weighted.T @ weighted
+    return H + _SMALL * float(np.linalg.eigvalsh(H)[-1]) * np.eye(len(H)), weighted.T * W
+
+
+@kernel
+def nearest(H, linear, tau_cmd, u_min, u_max, memory, u):
+    """Improve u, which is within its limits, to the solution of the bounded quadratic problem."""
+    n, wanted, fixed = u.shape[0], memory.wanted, memory.fixed
+    for k in range(n):
+        wanted[k] = 0.0
+        for i in range(6):
+            wanted[k] += linear[k, i] * tau_cmd[i]
+        fixed[k] = 0.0
+        if u[k] <= u_min[k]:
+            fixed[k] = -1.0
+        elif u[k] >= u_max[k]:
+            fixed[k] = 1.0
+    for _ in range(_ROUNDS):
+        solve_free(H, wanted, fixed, memory.L, memory.trial, u)
+        if move(memory.trial, u_min, u_max, fixed, u) and not release(H, wanted, u_min, u_max, fixed, u):
+            break
+
+
+@kernel
+def solve_free(H, wanted, fixed, L, trial, u):
+    """Set trial to the minimum over the free thrusters, with the others at u, by Cholesky's method."""
+    n = u.shape[0]
+    for i in range(n):
+        total = u[i]
+        if fixed[i] == 0.0:
+            total = wanted[i]
+            for j in range(n):
+                if fixed[j] != 0.0:
+                    total -= H[i, j] * u[j]
+        for j in range(i + 1):
+            entry = 1.0 if i == j else 0.0
+            if fixed[i] == 0.0 and fixed[j] == 0.0:
+                entry = H[i, j]
+            for k in range(j):
+                entry -= L[i * MOST_THRUSTERS + k] * L[j * MOST_THRUSTERS + k]
+            L[i * MOST_THRUSTERS + j] = math.sqrt(entry) if i == j else entry / L[j * MOST_THRUSTERS + j]
+        for j in range(i):
+            total -= L[i * MOST_THRUSTERS + j] * trial[j]
+        trial[i] = total / L[i * MOST_THRUSTERS + i]
+    for i in range(n - 1, -1, -1):
+        for j in range(i + 1, n):
+            trial[i] -= L[j * MOST_THRUSTERS + i] * trial[j]
+        trial[i] /= L[i * MOST_THRUSTERS + i]
+
+
+@kernel
+def move(trial, u_min, u_max, fixed, u) -> bool:
+    """Move u towards trial up to the first limit, and hold that thruster there. Returns whether u arrives at trial."""
+    part, first = 1.0, -1
+    for k in range(u.shape[0]):
+        if fixed[k] == 0.0:
+            limit = u_max[k] if trial[k] > u[k] else u_min[k]
+            if (trial[k] > limit and trial[k] > u[k]) or (trial[k] < limit and trial[k] < u[k]):
+                allowed = (limit - u[k]) / (trial[k] - u[k])
+                if allowed < part:
+                    part = allowed
+                    first = k
+    for k in range(u.shape[0]):
+        if fixed[k] == 0.0:
+            u[k] = trial[k] if first < 0 else u[k] + part * (trial[k] - u[k])
+    if first >= 0:
+        up = trial[first] > u[first]
+        u[first] = u_max[first] if up else u_min[first]
+        fixed[first] = 1.0 if up else -1.0
+    return first < 0
+
+
+@kernel
+def release(H, wanted, u_min, u_max, fixed, u) -> bool:
+    """Free the thruster whose limit costs most. Returns whether there is one."""
+    worst, most = -1, 1e-12
+    for k in range(u.shape[0]):
+        if fixed[k] != 0.0 and u_min[k] < u_max[k]:
+            downhill = wanted[k]  # minus the gradient
+            for j in range(u.shape[0]):
+                downhill -= H[k, j] * u[j]
+            gain = -fixed[k] * downhill
+            if gain > most:
+                most = gain
+                worst = k
+    if worst >= 0:
+        fixed[worst] = 0.0
+    return worst >= 0

@@ -1,0 +1,224 @@
+r"""Thrusters as they are: a static curve, a speed controller with its quantised command, a lag, losses and failures.
+
+The commanded thrust of a thruster passes these elements in order, each of which may be absent:
+
+1. The control system's inverse of the static curve gives the command x, a pulse width [us]. Without an inverse, x is
+   the commanded thrust itself [N]. ``assumed_efficiency`` is the efficiency that the control system knows of.
+2. The speed controller rounds x to multiples of ``quantum`` from neutral.
+3. The true static curve gives a thrust, zero within ``dead_band`` of neutral, times ``efficiency``.
+4. A thruster that was at rest or turns the other way starts after ``start_delay``.
+5. The thrust changes by at most ``rate_limit``.
+6. It follows with a lag, discretised exactly for an input that is held over the stage's period.
+7. The speed of advance u_a of the thruster through the water costs thrust. The bilinear model of a propeller (Fossen
+   2021, Blanke et al. 2000), T = T_nn |n| n - T_nu |n| u_a, is with the thrust f = T_nn |n| n without inflow
+
+   .. math:: u = f - c \sqrt{|f|}\, u_a, \qquad c = T_{nu} / \sqrt{T_{nn}}
+
+A failed thruster keeps the command of its last good instant, or a fraction of its thrust.
+"""
+
+from __future__ import annotations  # so that help(Propeller) shows short type names
+
+import dataclasses
+import math
+import sys
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from ..errors import Fault, InputError
+from ..physics.kernels import kernel
+from ..quantities import Lowercase, NonNegative, Number, Positive, Time, within
+from ..stages.base import setting
+from .curve import Curve, interpolated, interval
+from .lag import discrete, mean_delay
+from .thrusters import Static, Thrusters
+
+_Efficiency = Annotated[Number, within(1e-3, 10.0, "")]
+_Fraction = Annotated[Number, within(0.0, 1.0, "")]
+Lag = Annotated[Literal["none", "first_order", "third_order"], Lowercase]
+_Quantum = Annotated[Number, within(0.0, 1e3, "us or N")]
+_PASSED = (
+    *("efficiency", "assumed_efficiency", "quantum", "dead_band", "inflow_loss"),
+    *("failed_at", "failed_fraction", "failed_stuck"),
+)
+_LARGEST, _TINY = sys.float_info.max, 1e-12
+
+
+@kernel
+def command_of(settings, state, k, u_cmd) -> float:
+    """Command of thruster k for a commanded thrust [N], as its speed controller takes it."""
+    command = u_cmd / settings.assumed_efficiency
+    if settings.inverted:
+        if command == 0.0:
+            return settings.neutral
+        i = interval(settings.thrust_hat, command, int(state.near_hat[k]))
+        state.near_hat[k] = i
+        command = interpolated(settings.thrust_hat, settings.command_hat, i, command)
+    if settings.quantum > 0.0:
+        command = settings.neutral + settings.quantum * np.floor((command - settings.neutral) / settings.quantum + 0.5)
+    return command
+
+
+@kernel
+def static_thrust(settings, state, k) -> float:
+    """Thrust of thruster k by the true curve [N]."""
+    command = state.command[k]
+    if settings.dead_band > 0.0 and abs(command - settings.neutral) <= settings.dead_band:
+        return 0.0
+    if not settings.curved:
+        return command
+    i = interval(settings.command, command, int(state.near[k]))
+    state.near[k] = i
+    return interpolated(settings.command, settings.thrust, i, command)
+
+
+@kernel
+def started(settings, state, k, thrust) -> float:
+    """The thrust after the delay of a thruster that starts, or starts in the other direction."""
+    direction = np.sign(thrust)
+    if direction != state.direction[k]:
+        state.direction[k] = direction
+        state.waits[k] = settings.start_instants
+    if state.waits[k] > 0.0:
+        state.waits[k] -= 1.0
+        return 0.0
+    return thrust
+
+
+@kernel
+def lagged(settings, state, k, thrust) -> float:
+    """The thrust at this instant, before the new input acts; the states go on to the next instant."""
+    Phi, Gamma, C = settings.Phi, settings.Gamma, settings.C
+    x_1, x_2, x_3 = state.x_1[k], state.x_2[k], state.x_3[k]
+    state.x_1[k] = Phi[0, 0] * x_1 + Phi[0, 1] * x_2 + Phi[0, 2] * x_3 + Gamma[0] * thrust
+    state.x_2[k] = Phi[1, 0] * x_1 + Phi[1, 1] * x_2 + Phi[1, 2] * x_3 + Gamma[1] * thrust
+    state.x_3[k] = Phi[2, 0] * x_1 + Phi[2, 1] * x_2 + Phi[2, 2] * x_3 + Gamma[2] * thrust
+    return C[0] * x_1 + C[1] * x_2 + C[2] * x_3
+
+
+@dataclasses.dataclass(frozen=True)
+class Propeller(Thrusters):
+    """Base class of the shipped thruster models. A derived class gives the static curves."""
+
+    efficiency: _Efficiency = setting(1.0, "1", "installed thrust over that of the curve")
+    assumed_efficiency: _Efficiency = setting(1.0, "1", "efficiency that the control system assumes")
+    quantum: _Quantum = setting(0.0, "us or N", "step of the speed controller's command; 0: none")
+    dead_band: _Quantum = setting(
+        0.0, "us or N", "commands as near to neutral as this give no thrust, besides the curve"
+    )
+    start_delay: Annotated[Number, within(0.0, 10.0, "s")] = setting(
+        0.0, "s", "time from the command to the first thrust"
+    )
+    rate_limit: Positive | None = setting(None, "N/s", "greatest rate of the thrust; default: none")
+    lag: Lag = setting("none", "-", "none, first_order with time_constant, or third_order, as identified on a T200")
+    time_constant: Annotated[Number, within(1e-6, 100.0, "s")] = setting(0.03, "s", "of the first-order lag")
+    inflow_loss: NonNegative = setting(0.0, "N^0.5 s/m", "c of the thrust lost by inflow, c sqrt(|f|) u_a")
+    failed: Annotated[int, Field(strict=True, ge=0)] = setting(
+        0, "1", "number of the thruster that fails, from 1; 0: none"
+    )
+    failed_at: Time = setting(0.0, "s", "time of the failure")
+    failed_fraction: _Fraction = setting(0.0, "1", "part of its thrust that a failed thruster keeps")
+    failed_stuck: bool = setting(False, "-", "whether a failed thruster keeps its last command instead")
+
+    needs: ClassVar = ("simulation.timestep",)
+    memory: ClassVar[Mapping[str, Any]] = dict.fromkeys(
+        ("command", "near", "near_hat", "direction", "waits", "held", "x_1", "x_2", "x_3"), "thrusters"
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.failed_stuck and self.failed_fraction > 0.0:
+            wrong = f"{self.failed_fraction:g}: a stuck thruster keeps its command; set failed_fraction or failed_stuck"
+            raise InputError([Fault("thrusters.failed_fraction", wrong)])
+
+    def curves(self) -> tuple[Curve | None, Curve | None]:
+        """The true curve and the one that the control system inverts, or None without one."""
+        return None, None
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        n = len(setup.vehicle.thrusters)
+        if self.failed > n:
+            raise InputError([Fault("thrusters.failed", f"{self.failed}: the vehicle has {n} thrusters")])
+        period = self.period or setup.scenario.simulation.timestep
+        true, assumed = self.curves()
+        none = np.zeros(2)
+        thrust_hat, command_hat = assumed.inverse() if assumed is not None else (none, none)
+        return {
+            **{name: getattr(self, name) for name in _PASSED},
+            "curved": true is not None,
+            "command": true.command if true is not None else none,
+            "thrust": true.thrust if true is not None else none,
+            "inverted": assumed is not None,
+            "thrust_hat": thrust_hat,
+            "command_hat": command_hat,
+            "neutral": assumed.neutral if assumed is not None else 0.0,
+            "start_instants": float(round(self.start_delay / period)),
+            "change": np.inf if self.rate_limit is None else self.rate_limit * period,
+            "lags": self.lag != "none",
+            **discrete(self.lag, self.time_constant, period),
+            "failed": self.failed - 1.0,
+        }
+
+    def command_limits(self, setup: Any) -> tuple[np.ndarray, np.ndarray]:
+        low, high = super().command_limits(setup)
+        true, assumed = self.curves()
+        ends = assumed.thrust if assumed is not None else true.command if true is not None else None
+        if ends is None:
+            return low, high
+        return np.maximum(low, self.assumed_efficiency * ends[0]), np.minimum(high, self.assumed_efficiency * ends[-1])
+
+    def mean_delay(self) -> float:
+        return 0.0 if self.lag == "none" else mean_delay(self.lag, self.time_constant)
+
+    def at_rest(self, setup: Any) -> Static | str:
+        fails = self.failed > 0 and self.failed_at < setup.scenario.simulation.duration
+        if fails and self.failed_stuck:
+            return "a thruster is stuck"
+        if self.inflow_loss > 0.0 and setup.scenario.current.speed > 0.0:
+            return "the current costs thrust"
+        true, assumed = self.curves()
+        gain = np.full(len(setup.vehicle.thrusters), self.efficiency / self.assumed_efficiency)
+        if fails:
+            gain[self.failed - 1] *= self.failed_fraction
+
+        def command(u_cmd: np.ndarray) -> np.ndarray:
+            return u_cmd if assumed is None else assumed.command_for(u_cmd)
+
+        def thrust(u_cmd: np.ndarray) -> np.ndarray:
+            x = command(u_cmd / self.assumed_efficiency)
+            return gain * self.assumed_efficiency * (x if true is None else true.at(x))
+
+        neutral = 0.0 if assumed is None else assumed.neutral
+        edges = command(np.array([-_TINY, _TINY])) - neutral
+        edges = neutral + np.array([min(edges[0], -self.dead_band), max(edges[1], self.dead_band)])
+        start = self.efficiency * (edges if true is None else true.at(edges))
+        proportional = true is None or (assumed is not None and assumed.same_as(true))
+        error = "the command of the thrusters is quantised" if self.quantum > 0.0 else ""
+        if not proportional:
+            error = "the thrusters' curve is not the one that the control system assumes"
+        return Static(thrust, gain if proportional else None, (float(start[0]), float(start[1])), error)
+
+    @staticmethod
+    def step(settings, state, given, state_dot, u):
+        for k in range(u.shape[0]):
+            failed = k == settings.failed and given.t >= settings.failed_at
+            if not abs(given.u_cmd[k]) <= _LARGEST:  # the run stops
+                u[k] = given.u_cmd[k]
+                continue
+            if given.instant == 0:
+                state.command[k] = settings.neutral
+            if not (failed and settings.failed_stuck):
+                state.command[k] = command_of(settings, state, k, given.u_cmd[k])
+            thrust = settings.efficiency * static_thrust(settings, state, k)
+            if failed and not settings.failed_stuck:
+                thrust *= settings.failed_fraction
+            if settings.start_instants > 0.0:
+                thrust = started(settings, state, k, thrust)
+            thrust = min(state.held[k] + settings.change, max(state.held[k] - settings.change, thrust))
+            state.held[k] = thrust
+            if settings.lags:
+                thrust = lagged(settings, state, k, thrust)
+            u[k] = thrust - settings.inflow_loss * math.sqrt(abs(thrust)) * given.inflow[k]

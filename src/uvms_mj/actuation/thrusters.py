@@ -1,0 +1,81 @@
+"""The contract of a thruster model, a stage between the allocation and the vehicle, and ideal thrusters."""
+
+from __future__ import annotations  # so that help(Thrusters) shows short type names
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..errors import Fault, InputError
+from ..quantities import Step
+from ..stages.base import Room, Stage, shared
+from ..stages.signals import thruster_signal, thrusters_given
+
+
+@dataclasses.dataclass(frozen=True)
+class Static:
+    """The thrust of thrusters under a constant command.
+
+    Attributes:
+        thrust: thrust (n,) for commanded thrusts (n,) [N].
+        gain: (n,) thrust over command, or None if they are not proportional.
+        start: thrust next to zero in reverse and forwards, where it jumps [N].
+        error: the error of the thrust that only a law that integrates compensates, as a text; empty if there is none.
+    """
+
+    thrust: Callable[[np.ndarray], np.ndarray]
+    gain: np.ndarray | None
+    start: tuple[float, float] = (0.0, 0.0)
+    error: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Thrusters(Stage):
+    """Base class of all thruster models. ``given`` has the signals of :func:`uvms_mj.stages.signals.thrusters_given`,
+    and u (n,) is the thrust of each thruster [N]. The limits of the vehicle's file act on u afterwards."""
+
+    period: Step | None = shared(None, "s", "period, a multiple of the time step; default: every step")
+
+    room: ClassVar[Room] = Room(
+        name="actuation",
+        table="thrusters",
+        given=thrusters_given,
+        out=(thruster_signal(0),),
+        noun="thruster model",
+        arguments=("settings", "state", "given", "state_dot", "u"),
+    )
+
+    @staticmethod
+    def step(settings, state, given, state_dot, u):
+        """Set u (n,) and state_dot from settings, state and given."""
+        raise NotImplementedError
+
+    def command_limits(self, setup: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Least and greatest thrust (n,) that the allocation may command [N]."""
+        return setup.vehicle.u_min, setup.vehicle.u_max
+
+    def at_rest(self, setup: Any) -> Static | str:
+        """The thrust for a constant command, or the reason why it is not known."""
+        return "closed forms are known for the shipped thruster models only"
+
+    def mean_delay(self) -> float:
+        """Delay of slow changes of the thrust behind the command [s]."""
+        return 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class IdealThrusters(Thrusters):
+    """Ideal thrusters: they produce the commanded thrust at once."""
+
+    name = "ideal"
+    runs: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.period is not None:
+            raise InputError([Fault("thrusters.period", "ideal thrusters have no period; choose thrusters.name")])
+
+    def at_rest(self, setup: Any) -> Static:
+        return Static(lambda u_cmd: u_cmd, np.ones(len(setup.vehicle.thrusters)))
