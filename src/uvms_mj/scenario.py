@@ -18,6 +18,7 @@ from . import actuation, control, guidance, navigation
 from .actuation import Actuation, IdealThrusters, PseudoInverse, Thrusters
 from .control import Controller, Gsta, ImpedanceTask
 from .control.design import Estimates, Impedance
+from .control.schedule import Change
 from .control.task import TASK_KEYS, move_task_keys
 from .errors import Fault, InputError, faults_of, shortened, suggestion
 from .files import plain, scenario_path, tables_of
@@ -168,7 +169,7 @@ class Scenario:
         try:
             scenario = _VALIDATOR.validate_python(tables)
         except ValidationError as error:
-            faults += faults_of(error, choices=_KEYS)
+            faults += faults_of(error, choices=_KEYS | _INNER_KEYS)
         if faults:
             raise InputError(faults, place)
         return scenario
@@ -223,6 +224,8 @@ _TABLES: dict[str, Any] = {
 _KEYS: dict[str, list[str]] = {"": [f.name for f in dataclasses.fields(Scenario)]} | {
     name: [f.name for f in dataclasses.fields(table)] for name, table in _TABLES.items()
 }
+_INNER_KEYS: dict[str, list[str]] = {"impedance.schedule": [f.name for f in dataclasses.fields(Change)]}
+"""The keys of the tables within a table."""
 
 
 def _anchor(tables: dict[str, Any], folder: Path | None) -> None:

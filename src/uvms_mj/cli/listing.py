@@ -103,7 +103,7 @@ def keys() -> None:
 def signals() -> None:
     """List the signals that each stage receives and sets, and the signals that a run records."""
     from ..scenario import STAGES
-    from ..stages.signals import DELAYED, MEASURED, RECORDED, thruster_signal
+    from ..stages.signals import DELAYED, MEASURED, RECORDED, SCHEDULED, thruster_signal
 
     rooms = [choice.base.room for choice in STAGES.values()]
     inputs = [(f"Inputs of the {room.noun}: {room.arguments[2]}.<name>", room.given(0)) for room in rooms]
@@ -112,7 +112,7 @@ def signals() -> None:
     ]
     recorded = (
         "Recorded signals: trace.<name>; the states of the stages are recorded too",
-        (*RECORDED, *MEASURED, *DELAYED, thruster_signal(0)),
+        (*RECORDED, *MEASURED, *SCHEDULED, *DELAYED, thruster_signal(0)),
     )
     for title, listed in (*inputs, *outputs, recorded):
         columns = ("name", "shape", "unit", "frame", "meaning")

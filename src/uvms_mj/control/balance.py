@@ -164,7 +164,7 @@ class _Balance:
         self.M_d_inv = design.M_d_inv
         self.M_hat_inv = np.linalg.inv(design.M_hat)
         self.undelivered = np.eye(6) - np.linalg.inv(delivery.T)
-        self.K_f, self.F_d = np.array(scenario.impedance.K_f), np.array(scenario.impedance.F_d)
+        self.K_f, self.F_d = (np.array(each) for each in scenario.impedance.at_end)
         self.factor_inverse = self.A / (self.A - K)
         self.told = scenario.controller.uses_truth
         self.errors = scenario.navigation.rest_errors(setup)

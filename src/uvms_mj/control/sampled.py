@@ -6,6 +6,7 @@ The limits take the run's :class:`uvms_mj.analysis.setup.Setup`.
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -49,7 +50,7 @@ class Vibration:
         design = setup.design
         n, M_d_inv = design.normal, design.M_d_inv
         G = M_d_inv if M_hat is None else np.linalg.solve(design.M, M_hat @ M_d_inv)
-        v = G @ (np.array(setup.scenario.impedance.K_f) * n)
+        v = G @ (np.array(setup.scenario.impedance.at_end[0]) * n)
         compliant = float(n @ v)
         fed_back = compliant - (0.0 if M_hat is None else 1.0 / design.along_normal(design.M))
         if compliant <= 0.0:
@@ -76,13 +77,13 @@ class Vibration:
         Navigation, law and thrusters each hold their output for a period T. A stage that reads it at its own instants,
         a period T' apart, finds it with a mean age of (T - gcd(T, T'))/2. The contact force itself is held for a time
         step h. A law that runs at every step on measurements of every step feeds back the force that acts. The time
-        that a sample takes to arrive adds to it, or the lag of an observer of the force, and so does the thrusters'
-        delay of slow changes.
+        that a sample takes to arrive adds to it, or the lag of an observer, and so does the thrusters' delay of slow
+        changes.
         """
         scenario = self.setup.scenario
         h = scenario.simulation.timestep
-        steps = [round(period / h) for period in self._periods.values()]
-        holds = sum(held - math.gcd(held, read) for held, read in zip(steps, [*steps[1:], 1], strict=True))
+        steps = [n for period in self._periods.values() if (n := round(period / h)) > 1]  # one of a step holds nothing
+        holds = sum(held - math.gcd(held, read) for held, read in pairwise([*steps, 1]))
         return self._sensor.force_timing[1] + 0.5 * h * holds + scenario.thrusters.mean_delay()
 
     @property
@@ -222,7 +223,7 @@ def disturbance_rate(setup: Any) -> np.ndarray:
         table = np.array(disturbance.table)
         rate += np.abs(np.diff(table[:, 1:], axis=0) / np.diff(table[:, :1], axis=0)).max(axis=0, initial=0.0)
     if any(disturbance.deviation):
-        rate += 6.0 * rate_deviation(np.array(disturbance.deviation), disturbance.correlation_time)
+        rate += 6.0 * rate_deviation(np.array(disturbance.deviation), disturbance.correlation_time, disturbance.spacing)
     return np.abs(np.linalg.inv(setup.design.M_hat)) @ rate
 
 

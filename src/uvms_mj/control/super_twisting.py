@@ -123,7 +123,7 @@ def bouncing_growth(law: Any, setup: Any) -> float:
     g, n = scenario.estimates.inertia * np.eye(3), design.normal[:3]
     if setup.vehicle is not setup.nominal:
         g = np.linalg.solve(M, design.M_hat[:3, :3])
-    K_c, K_f = scenario.wall.stiffness * np.outer(n, n), np.diag(scenario.impedance.K_f[:3])
+    K_c, K_f = scenario.wall.stiffness * np.outer(n, n), np.diag(scenario.impedance.at_end[0][:3])
     A, zero, one = np.diag(setup.task.A[:3]), np.zeros((3, 3)), np.eye(3)
     desired = np.hstack([-np.linalg.solve(M_d, np.hstack([K_f @ K_c + K_d, D_d])), zero, zero])
     free = np.hstack([-np.linalg.solve(M, np.hstack([K_c, setup.vehicle.D_linear[:3, :3]])), zero, zero])

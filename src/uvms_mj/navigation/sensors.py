@@ -115,6 +115,10 @@ class Sensors(_Channels):
         return Channel(**given)
 
     @property
+    def white_channels(self) -> Mapping[str, Channel]:
+        return {quantity: self.channel(quantity) for quantity in QUANTITIES}
+
+    @property
     def plain_wrench(self) -> bool:
         """Whether the measured force is the contact force as it is, in W too."""
         channels = (self.channel(quantity).perfect for quantity in ("attitude", "force", "moment"))
@@ -140,7 +144,7 @@ class Sensors(_Channels):
 
     def rest_errors(self, setup: Any) -> RestErrors | str:
         """The mean of the measurements: scale, bias and the drift with the depth. White noise has none."""
-        channels = {quantity: self.channel(quantity) for quantity in QUANTITIES}
+        channels = self.white_channels
         for quantity, channel in channels.items():
             if any(channel.walk):
                 return f"the {quantity.replace('_', ' ')} drifts: navigation.{quantity}_walk"

@@ -8,7 +8,16 @@ from ...control.task import ImpedanceTask
 from ...errors import Fault, InputError
 from ...navigation import Navigation, Perfect
 from ...stages.base import Stage
-from ...stages.signals import DELAYED, MEASURED, OWN_UNIT, RECORDED, UNSTEADY, Signal, thruster_signal
+from ...stages.signals import (
+    DELAYED,
+    MEASURED,
+    OWN_UNIT,
+    RECORDED,
+    SCHEDULED,
+    UNSTEADY,
+    Signal,
+    thruster_signal,
+)
 from .stage_table import StageTable
 
 _ATTRIBUTES = {
@@ -37,6 +46,7 @@ def recorded(
     ]
     if not isinstance(navigation, Perfect):
         found += [(signal, stages.signals[signal.name.removesuffix("_m")]) for signal in MEASURED]
+    found += [(signal, stages.signals[signal.name]) for signal in SCHEDULED if "schedule" in stages.entries]
     found += [(signal, stages.allocation["tau_cmd"]) for signal in DELAYED if "delay" in stages.entries]
     if water["unsteady"][0]:
         found += [(signal, water[signal.name]) for signal in UNSTEADY]
@@ -50,7 +60,7 @@ def recorded(
 def check_states(states: Sequence[tuple[Stage, str]], names: Set[str] = frozenset()) -> None:
     """Refuse states that can't be recorded under their names, beside the signals ``names``. Raises InputError if two
     states have one name, or a state's name is taken or is not an identifier."""
-    recorded = (*RECORDED, *MEASURED, *UNSTEADY, *DELAYED, thruster_signal(0))
+    recorded = (*RECORDED, *MEASURED, *UNSTEADY, *DELAYED, *SCHEDULED, thruster_signal(0))
     taken = names | {signal.name for signal in recorded} | _ATTRIBUTES
     faults: dict[Stage, list[Fault]] = {}
     for stage, name in states:
