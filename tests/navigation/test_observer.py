@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from twin import C_A, D, TwinParameters, rotation
-from uvms_mj import InputError, Scenario, Simulation, simulate
+from uvms_mj import InputError, LawError, Scenario, Simulation, Trace, simulate
 from uvms_mj.navigation import MomentumObserver
 from uvms_mj.stages.signals import KNOWN, OBSERVER_GIVEN, record_dtype
 
@@ -49,6 +49,7 @@ def test_the_residual_is_a_first_order_lag_of_the_unexplained_wrench():
     assert np.allclose(found[1:], lfilter([1.0 - a], [1.0, -a], w, axis=0), rtol=1e-12, atol=1e-10)
 
 
+@pytest.mark.filterwarnings("ignore:gsta vibrates")
 @pytest.mark.parametrize("engine", ["free_body", "mujoco"])
 def test_a_constant_disturbance_appears_as_one_minus_the_exponential(engine):
     """The difference is that of the time stepping: it halves with the step."""
@@ -77,10 +78,12 @@ def test_at_rest_the_residual_is_the_contact_and_the_current_exactly():
 
 
 @pytest.mark.parametrize("law", ["gsta", "fosm", "sta", "impedance"])
-def test_without_a_calibration_the_law_rests_at_the_static_balance(law):
-    """The observer gives the impedance all that the model does not explain, errors of the estimates included."""
+@pytest.mark.parametrize("thrusters", [{}, {"thrusters.name": "general", "thrusters.efficiency": 0.8}])
+def test_without_a_calibration_the_law_rests_at_the_static_balance(law, thrusters):
+    """The observer gives the impedance all that the model does not explain: errors of the estimates, and the thrust
+    that is missing."""
     more = {"observer.threshold": 0.0, "estimates.restoring": 1.1, "disturbance.bias": [0.5, -0.4, 0.3, 0.1, 0.1, 0.1]}
-    settings = SOFT | more | {"wall.damping": 100.0, "simulation.duration": 40.0}
+    settings = SOFT | more | thrusters | {"wall.damping": 100.0, "simulation.duration": 40.0}
     trace = simulate(Scenario.load("push_wall", settings, law), engine="free_body")
     rest = trace.analytic
     assert rest.force > 1.0
@@ -152,16 +155,53 @@ class Wrong(Navigation):
             assert np.array_equal(right[name], wrong[name]), name
 
 
-def test_the_believed_thrust_is_that_of_the_files_thrusters():
-    """The true thrusters may stand elsewhere: their moments are part of the residual."""
+def test_the_believed_thrust_is_that_of_the_command_and_of_the_files_thrusters():
+    """The true thrusters may stand elsewhere, or lag behind: the difference is part of the residual."""
     offset = {"vehicle.thruster_offset": [[0.02, 0.0, 0.01]] + [[0.0, 0.0, 0.0]] * 5}
-    for settings in ({}, offset):
+    lag = {"thrusters.name": "general", "thrusters.lag": "first_order", "thrusters.time_constant": 0.05}
+    for settings, u in (({}, "u"), (offset, "u"), (lag, "u_cmd")):
         with Simulation(Scenario.load("push_wall", settings), engine="free_body") as sim:
             sim.step(300)
             tau_hat, tau, B = sim.signals.tau_hat, sim.signals.tau, sim.setup.nominal.B
-            assert tau_hat == pytest.approx(B @ sim.signals.u, rel=1e-13, abs=1e-13)
+            assert tau_hat == pytest.approx(B @ sim.signals[u], rel=1e-13, abs=1e-13)
             assert np.abs(tau_hat).max() > 1.0
             assert np.array_equal(tau_hat, tau) is not bool(settings)
+
+
+USERS = """
+from dataclasses import dataclass
+from uvms_mj import setting
+from uvms_mj.navigation import Observer
+
+@dataclass(frozen=True)
+class Own(Observer):
+    until: float = setting(1.0, "s", "time at which it divides by zero")
+    states = {"seen": 6}
+    units = {"seen": "N, N m"}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        for i in range(6):
+            state.seen[i] = given.tau_hat[i]
+            out.tau_contact_m_B[i] = 0.01 * given.tau_hat[i] / (given.t - settings.until)
+        for i in range(3):
+            out.f_contact_m_W[i] = out.tau_contact_m_B[i]
+"""
+
+
+def test_a_users_observer_runs_is_recorded_and_is_named_if_it_fails(tmp_path):
+    path = tmp_path / "own.py"
+    path.write_text(USERS)
+    scenario = Scenario.load("push_wall", {"observer.name": f"{path}:Own", "simulation.duration": 0.02})
+    trace = simulate(scenario, engine="free_body", log_rate="full")
+    assert trace["seen"][1:] == pytest.approx(trace.tau[:-1], rel=1e-12, abs=1e-12)
+    assert trace.f_contact_m_W == pytest.approx(0.01 * trace["seen"][:, :3] / (trace.t - 1.0)[:, None], rel=1e-12)
+    assert trace.f_contact_m_W.any()
+    assert "shipped observers only" in trace.analytic.reason
+    trace.save(tmp_path / "run.mcap")
+    assert np.array_equal(Trace.load(tmp_path / "run.mcap")["seen"], trace["seen"])
+    with pytest.raises(LawError, match=r"t = 0.01 s: your observer Own \(own.py\) .*in own.py, line 16"):
+        simulate(scenario.updated({"observer.until": 0.01}), engine="free_body")
 
 
 def test_the_same_run_after_a_reset():
