@@ -2,6 +2,7 @@
 
     python scripts/render.py                                a PNG of 1280x720, docs/push_wall.png
     python scripts/render.py --out FILE.png --size 1920 1080
+    python scripts/render.py --out FILE.png --vehicle bluerov2_heavy --distance 1.2
 
 Wall, force and current are those of the run's scene at its end. Water, floor and textures are decoration. The orange
 arrow is the force of the wall on the vehicle, the blue arrows are the ocean current. Arrows are drawn above everything
@@ -128,8 +129,8 @@ def pixel(scene: mujoco.MjvScene, point_W: np.ndarray, width: int, height: int) 
     return width / 2 + scale * (ray @ np.cross(left.forward, left.up)), height / 2 + scale * (ray @ left.up)
 
 
-def render(trace: Trace, width: int, height: int) -> Image.Image:
-    """The picture of the last instant of a trace, with labels."""
+def render(trace: Trace, width: int, height: int, distance: float) -> Image.Image:
+    """The picture of the last instant of a trace, with labels; ``distance`` is that of the camera [m]."""
     scenario, drawn = trace.scenario, scene_of(trace.header)
     contact, (current,) = FORCES[0], drawn.arrows
     last = {name: trace[name][-1:] for name in trace}
@@ -142,7 +143,7 @@ def render(trace: Trace, width: int, height: int) -> Image.Image:
     data.qpos[:] = *trace.p_WB[-1], *trace.quat_WB[-1]
     mujoco.mj_forward(model, data)
     camera = mujoco.MjvCamera()
-    camera.lookat, camera.distance, camera.azimuth, camera.elevation = [1.03, 0.0, 0.08], 0.93, 75.0, -31.0
+    camera.lookat, camera.distance, camera.azimuth, camera.elevation = [1.03, 0.0, 0.08], distance, 75.0, -31.0
     with mujoco.Renderer(model, FINER * height, FINER * width) as renderer:
         renderer.update_scene(data, camera)
         scene = renderer.scene
@@ -180,10 +181,12 @@ def render(trace: Trace, width: int, height: int) -> Image.Image:
     help="PNG to write.",
 )
 @click.option("--size", nargs=2, type=int, default=(1280, 720), help="Width and height in pixels.")
-def main(out: Path, size: tuple[int, int]) -> None:
+@click.option("--vehicle", default="bluerov1", show_default=True, help="Name of a vehicle that ships.")
+@click.option("--distance", default=0.93, show_default=True, help="Distance of the camera in metres.")
+def main(out: Path, size: tuple[int, int], vehicle: str, distance: float) -> None:
     """Render the built-in scenario at rest on the wall."""
-    trace = simulate(Scenario.load("push_wall", {"simulation.duration": DURATION_S}))
-    render(trace, *size).save(out, optimize=True)
+    trace = simulate(Scenario.load("push_wall", {"simulation.duration": DURATION_S, "vehicle.model": vehicle}))
+    render(trace, *size, distance).save(out, optimize=True)
     print(f"{out}: {out.stat().st_size / 1000:.0f} kB, contact force {trace.f_contact_W[-1, 0]:.3f} N")
 
 

@@ -12,6 +12,8 @@ _HOME = {
     "Actuation": "actuation",
     "Attachment": "engine.native",
     "Controller": "control",
+    "Current": "plant.water",
+    "Disturbance": "plant.water",
     "Diverged": "engine.simulation",
     "Fosm": "control",
     "Gsta": "control",
@@ -29,6 +31,7 @@ _HOME = {
     "StageFault": "engine.native.plain_stage",
     "Status": "records.header",
     "Study": "studies.study",
+    "Tether": "plant.water",
     "Trace": "records.trace",
     "attach": "engine.native",
     "converge": "studies.convergence",
@@ -61,6 +64,9 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .errors import InputError as InputError
     from .guidance import Guidance as Guidance
     from .navigation import Navigation as Navigation
+    from .plant.water import Current as Current
+    from .plant.water import Disturbance as Disturbance
+    from .plant.water import Tether as Tether
     from .records.header import Status as Status
     from .records.mcap import McapLog as McapLog
     from .records.trace import Trace as Trace

@@ -24,7 +24,8 @@ from .errors import Fault, InputError, faults_of, shortened, suggestion
 from .files import plain, scenario_path, tables_of
 from .guidance import FilteredSteps, Guidance
 from .navigation import Navigation, NoObserver, Observer, Perfect
-from .plant.settings import Current, Disturbance, Initial, VehicleChoice, Wall
+from .plant.settings import Initial, VehicleChoice, Wall
+from .plant.water import Current, Disturbance, Tether
 from .quantities import STRICT, Duration, Lowercase, Step, doc, overrides_of
 from .stages.base import Stage
 from .stages.loader import Choice, Recorded, stage_of, table_of
@@ -63,6 +64,7 @@ class Scenario:
     initial: Initial = Initial()
     current: Current = Current()
     disturbance: Disturbance = Disturbance()
+    tether: Tether = Tether()
     wall: Wall = Wall()
     reference: Guidance = FilteredSteps()
     impedance: Impedance = Impedance()

@@ -65,13 +65,23 @@ DAMPED = {
     "vehicle.displaced_mass": 0.97,
     "vehicle.thruster_offset": [[0.02, 0.01, -0.01], [0.0, 0.02, 0.01], [-0.02, 0.0, 0.02], *[[0.0, 0.0, 0.0]] * 3],
 }
+UNSTEADY = {
+    "current.amplitude": [0.2, 0.1, 0.1],
+    "current.frequency_hz": [0.3, 0.5, 0.7],
+    "current.deviation": [0.1, 0.1, 0.1],
+    "current.shear": [[-1.0, 1.3], [1.0, 0.5]],
+    "tether.length": 10.0,
+    "tether.position": [-0.2, 0.1, 0.0],
+}
 ANOTHER = DAMPED | {"vehicle.mass": 1.2, "vehicle.added_mass": 0.7}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mjcf", [None, LIMITED], ids=["bluerov1", "any vehicle"])
 @pytest.mark.parametrize(
-    "overrides", [{}, {"estimates.inertia": 0.9}, ANOTHER], ids=["M_hat = M", "M_hat = 0.9 M", "another true vehicle"]
+    "overrides",
+    [{}, {"estimates.inertia": 0.9}, ANOTHER, ANOTHER | UNSTEADY],
+    ids=["M_hat = M", "M_hat = 0.9 M", "another true vehicle", "unsteady water"],
 )
 def test_eq_11_from_the_water_is_what_eq_10_leaves_unexplained(overrides, mjcf):
     world = OTHER_WORLD | ({"simulation.duration": 0.2} if mjcf is LIMITED else {})

@@ -10,7 +10,7 @@ from uvms_mj import Scenario, simulate
 from uvms_mj.analysis.noise import Deviations, deviations
 from uvms_mj.analysis.setup import set_up
 from uvms_mj.analysis.summary import summary
-from uvms_mj.navigation import Navigation, Perfect
+from uvms_mj.navigation import Perfect
 
 PUSHING = {
     "navigation.name": "sensors",
@@ -149,7 +149,7 @@ def test_where_there_is_no_closed_form_a_sentence_says_why(law, settings, reason
 def test_without_noise_nothing_is_computed():
     assert deviations(setup_of(PUSHING)) is None
     assert deviations(setup_of({})) is None
-    assert Perfect().channels == Navigation.channels.fget(Perfect()) == {}
+    assert Perfect().white_channels == {}
 
 
 def test_the_summary_has_both_deviations():

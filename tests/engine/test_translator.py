@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 
+from uvms_mj.analysis.setup import set_up
 from uvms_mj.control import BUILT_IN
 from uvms_mj.engine.native.compilation import native_function
 from uvms_mj.engine.native.expressions import Untranslatable
@@ -97,7 +98,8 @@ def test_machine_code_is_plain_python_bit_for_bit(kernel):
 
 @pytest.mark.parametrize("name", sorted(BUILT_IN))
 def test_each_shipped_law_gives_the_same_as_machine_code_and_as_plain_python(name):
-    law, gains = BUILT_IN[name], Scenario.load("push_wall", {}, name).controller.record()
+    scenario, law = Scenario.load("push_wall", {}, name), BUILT_IN[name]
+    gains = scenario.controller.record(set_up(scenario))
     state = law.state_record()
     kind = record_dtype(law.given())
     native = native_function(law.law, [gains.dtype, state.dtype, kind, state.dtype, np.dtype(("f8", (6,)))])

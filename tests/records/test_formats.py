@@ -54,8 +54,8 @@ def test_a_header_of_format_3_has_no_observer_and_no_thrusters():
     files = header_files(simulate(Scenario.load("push_wall", {"simulation.duration": 0.01})).header)
     run, tables = json.loads(files["run.json"]), tomllib.loads(files["scenario.toml"].decode())
     run["format"] = 3
-    for table in ("observer", "thrusters"):
-        del run["stages"][table], tables[table]
+    for later in ("observer", "thrusters"):
+        del run["stages"][later], tables[later]
     old = header_of(files | {"run.json": json.dumps(run).encode(), "scenario.toml": tomli_w.dumps(tables).encode()})
     assert old.scenario.to_dict() == header_of(files).scenario.to_dict()
     assert old.sources == header_of(files).sources

@@ -70,6 +70,8 @@ def experienced(trace: Trace) -> Experienced | str:
         return "the run diverged"
     if len(trace) < 4:
         return "fewer than four samples"
+    if not trace.scenario.current.constant and "v_c_W" not in trace:
+        return "the motion of the water was not recorded: run the scenario itself, not a reset of another one"
     apart = float(np.diff(trace.t).max())
     if trace.header.row_steps > 1 and apart > ROWS_S:
         return f"rows {apart:g} s apart may miss the fastest change: run with --log-rate 1000, or full"
@@ -95,9 +97,13 @@ def _rate(t: np.ndarray, values: np.ndarray) -> np.ndarray:
 def lumped_disturbance(trace: Trace, setup: Setup) -> np.ndarray:
     """tau_bar_dist (n, 6) of the paper's eq. (11), estimates minus truth [N, N m]."""
     true, nominal, factors = setup.vehicle, setup.nominal, trace.scenario.estimates
-    nu, nu_c = trace.nu, _in_body(trace, np.array(trace.scenario.current.velocity_W))
+    unsteady = not trace.scenario.current.constant
+    v_c_W = trace.v_c_W if unsteady else np.array(trace.scenario.current.velocity_W)
+    nu, nu_c = trace.nu, _in_body(trace, v_c_W)
     nu_c_dot = np.zeros_like(nu_c)
-    nu_c_dot[:, :3] = -np.cross(nu[:, 3:], nu_c[:, :3])  # constant in W
+    nu_c_dot[:, :3] = -np.cross(nu[:, 3:], nu_c[:, :3])
+    if unsteady:
+        nu_c_dot += _in_body(trace, trace.v_c_dot_W)
 
     def term(kernel: Callable, *arguments: Any) -> np.ndarray:
         """(n, 6) of an equation of :mod:`uvms_mj.physics.fossen` for all rows."""
@@ -117,13 +123,22 @@ def lumped_disturbance(trace: Trace, setup: Setup) -> np.ndarray:
         masses = vehicle.mass, vehicle.displaced_mass, vehicle.r_g, vehicle.r_b
         return term(restoring, *masses, setup.gravity_W, R_WB)
 
+    def restored_in_water() -> np.ndarray:
+        """g(eta) of the true vehicle; see :func:`uvms_mj.physics.model.reveal`."""
+        if not unsteady:
+            return restored(true)
+        weight = term(restoring, true.mass, 0.0, true.r_g, true.r_b, (setup.gravity_W - trace.v_c_dot_W).T, R_WB)
+        return weight + term(
+            restoring, 0.0, true.displaced_mass, true.r_g, true.r_b, (setup.gravity_W - trace.a_c_W).T, R_WB
+        )
+
     return (
         trace.tau_dist
         + nu_c_dot @ true.M.T
         + (factors.coriolis * coriolis(nominal, nu) - coriolis(true, nu - nu_c))
         + (factors.damping * damped(nominal, nu) - damped(true, nu - nu_c))
         + ((factors.inertia - 1.0) * (trace.nu_dot @ nominal.M.T) + trace.nu_dot @ (nominal.M - true.M).T)
-        + ((factors.restoring - 1.0) * restored(nominal) + (restored(nominal) - restored(true)))
+        + ((factors.restoring - 1.0) * restored(nominal) + (restored(nominal) - restored_in_water()))
     )
 
 

@@ -98,14 +98,23 @@ class RestingLaw:
         self.settings = [_record(stage.record(setup)) for stage in self.stages]
         self.sizes = [type(stage).state_size() for stage in self.stages]
         self.tau_cmd = np.zeros(6)
-        self.at_rest = np.zeros(sum(self.sizes))
-        if len(self.stages) == 2 and rest.s is not None:  # zeta, from eq. (14)
-            self(np.zeros(18), self.at_rest)
-            gains, signals = self.task, self.signals
-            self.at_rest[:6] = (rest.s - signals.nu_e - np.array(gains.F_1) * signals.eta_e) / np.array(gains.F_2)
+        self.at_rest, self.known_rest = self._settled(setup, np.asarray(rest.tau))
+
+    def _settled(self, setup: Setup, tau: np.ndarray) -> tuple[np.ndarray, bool]:
+        """The states (n,) with which the law holds the vehicle at rest, and whether they do."""
+        states, small = np.zeros(sum(self.sizes)), np.full(sum(self.sizes), 1e-6)
+        delivered = setup.vehicle.B @ np.linalg.pinv(setup.nominal.B)
+        wanted = np.concatenate([np.linalg.solve(delivered, tau), np.zeros(len(states))])
+        for _ in range(5):
+            by_state = jacobian(lambda xs: self(np.zeros(18), xs), states, small)
+            if not np.isfinite(by_state).all():
+                return states, False
+            states = states - np.linalg.lstsq(by_state, self(np.zeros(18), states) - wanted, rcond=None)[0]
+        missing = np.abs(self(np.zeros(18), states) - wanted).max()
+        return states, bool(missing <= 1e-6 * max(1.0, np.abs(wanted).max()))
 
     def __call__(self, y: np.ndarray, states: np.ndarray) -> np.ndarray:
-        """tau_cmd and the rates of the states (6 + n,)."""
+        """tau_cmd and the rates of the states (6 + n,); NaN if the law sets a state itself."""
         signals, known = self.signals, self.known
         signals["p_WB"], signals["quat_WB"] = known.position + y[:3], quat_turned(known.quat, y[3:6])
         signals["R_WB"], signals["nu"] = rotation_matrix(signals.quat_WB), known.nu + y[6:12]
@@ -119,7 +128,8 @@ class RestingLaw:
             state.view("f8")[:size] = states[first : first + size]
             out = self.tau_cmd if stage is self.controller else signals
             type(stage).function()(settings, _record(state), signals, _record(state_dot), out)
-            rates.append(state_dot.view("f8")[:size])
+            own = state.view("f8")[:size] == states[first : first + size]
+            rates.append(np.where(own, state_dot.view("f8")[:size], np.nan))
             first += size
         return np.concatenate([self.tau_cmd, *rates])
 
@@ -157,13 +167,15 @@ class LinearLaw:
             step[i] = reach[i]
             far = [self.law((start + sign * step)[:n], (start + sign * step)[n:]) for sign in (1.0, -1.0)]
             expected = both[:, i] * reach[i]
-            if np.abs(0.5 * (far[0] - far[1]) - expected).max() > 0.03 * np.abs(expected).max() + rounding:
+            if not np.abs(0.5 * (far[0] - far[1]) - expected).max() <= 0.03 * np.abs(expected).max() + rounding:
                 return False
         return True
 
 
 def jacobian(function: Any, x: np.ndarray, steps: np.ndarray) -> np.ndarray:
     """Derivatives (m, n) by central differences with the steps (n,)."""
+    if not len(x):
+        return np.zeros((len(function(x)), 0))
     return np.array([(function(x + e) - function(x - e)) / (2.0 * e.max()) for e in np.diag(steps)]).T
 
 

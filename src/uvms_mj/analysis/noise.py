@@ -28,6 +28,7 @@ from ..navigation.channel import Channel
 from ..physics.frames import rotation_matrix
 from .linear_loop import LinearLaw, RestingLaw, RestingVehicle, jacobian
 from .setup import Setup
+from .summary import noisy
 
 MOST_STEPS, MOST_STATES = 20_000, 600
 """Limits of a closed form: steps of the common period, and numbers of the state."""
@@ -54,8 +55,8 @@ class Deviations:
 
 def deviations(setup: Setup) -> Deviations | str | None:
     """The standard deviations of a run at its rest, the reason why there is no closed form, or None without noise."""
-    channels = setup.scenario.navigation.channels
-    if not setup.scenario.navigation.noisy:
+    channels = setup.scenario.navigation.white_channels
+    if not noisy(setup.scenario):
         return None
     if reason := _unknown(setup, channels):
         return reason
@@ -64,9 +65,12 @@ def deviations(setup: Setup) -> Deviations | str | None:
         return getattr(rest, "reason", "the law's theory gives no whole state at rest")
     vehicle, known = RestingVehicle(setup, rest), setup.scenario.navigation.rest_errors(setup)
     assert not isinstance(known, str)  # the rest is known
-    law = LinearLaw.of(RestingLaw(setup, rest, known(vehicle.position, vehicle.quat, vehicle.contact(np.zeros(12)))))
+    at_rest = known(vehicle.position, vehicle.quat, vehicle.contact(np.zeros(12)))
+    law, label = LinearLaw.of(RestingLaw(setup, rest, at_rest)), setup.scenario.controller.label()
     if law is None:
-        return f"{setup.scenario.controller.label()} is not smooth at its rest"
+        return f"{label} is not smooth at its rest"
+    if not law.law.known_rest:
+        return f"the states of {label} at rest are not known"
     loop = _Loop(setup, vehicle, law, channels)
     if loop.steps > MOST_STEPS or loop.size > MOST_STATES:
         return "the periods have too large a common multiple, or too many samples are on their way"
@@ -76,7 +80,7 @@ def deviations(setup: Setup) -> Deviations | str | None:
 def _unknown(setup: Setup, channels: Mapping[str, Channel]) -> str:
     """What of a scenario the closed form does not know; empty if nothing."""
     scenario = setup.scenario
-    others = [stage.label() for stage in scenario.stages if stage.room.table not in _KNOWN_STAGES]
+    others = [stage.label() for stage in scenario.stages if stage.runs and stage.room.table not in _KNOWN_STAGES]
     if others:
         return f"the noise's way through {others[0]} is not known"
     if scenario.actuation.label() != "pseudo_inverse":

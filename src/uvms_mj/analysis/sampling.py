@@ -16,9 +16,11 @@ from ..quantities import leaves
 from ..scenario import STAGES, Scenario
 from .setup import Setup, set_up
 from .wall import wall_faults, wall_notes
+from .water import water_faults
 
-_CHECKED = frozenset({"wall", "simulation.timestep", "disturbance"})
+_CHECKED = frozenset({"wall", "simulation.timestep", "current", "disturbance"})
 _PERIODS = tuple(f"{table}.period" for table in STAGES)
+_AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 _SMALL, _LARGE = 1e-6, 1e8
 """If an equation overflows, the message names the keys with numbers outside this range."""
 
@@ -49,8 +51,9 @@ def refuse(setup: Setup, touched: Set[str] = _CHECKED) -> None:
         faults += [fault for stage in setup.scenario.stages for fault in stage.faults(setup)]
     if not touched.isdisjoint(("wall", *ATTITUDE_KEYS, "simulation.timestep")):
         faults += wall_faults(setup)
-    if not touched.isdisjoint(("disturbance", "simulation.timestep")):
-        faults += _aliased(setup.scenario)
+    if not touched.isdisjoint(("current", "disturbance", "simulation.timestep")):
+        scenario = setup.scenario
+        faults += water_faults(scenario.current, scenario.disturbance, scenario.simulation.timestep)
     if faults:
         raise InputError(faults, "scenario")
 
@@ -70,7 +73,11 @@ def warnings_of(setup: Setup) -> list[str]:
     if rank < 6:
         n = len(vehicle.thrusters)
         thrusters = f"the {n} thrusters of {vehicle.body} span" if n > 1 else f"the thruster of {vehicle.body} spans"
-        notes.append(f"{thrusters} {rank} of 6 axes: tau is the wrench closest to tau_cmd that they can produce")
+        missing = [axis for axis, row in zip(_AXES, vehicle.B, strict=True) if np.abs(row).max(initial=0.0) < 1e-12]
+        without = f", none gives {' or '.join(missing)}" if missing else ""
+        notes.append(
+            f"{thrusters} {rank} of 6 axes{without}: tau is the wrench closest to tau_cmd that they can produce"
+        )
     return notes + damping_notes(vehicle.body, vehicle.D_linear, vehicle.D_quadratic)
 
 
@@ -92,20 +99,6 @@ def no_overflow(scenario: Scenario) -> Iterator[None]:
         ]
         what = f"an equation of the design has no finite result: {error}"
         raise InputError(extreme or [Fault("", what)], what if extreme else "scenario") from None
-
-
-def _aliased(scenario: Scenario) -> list[Fault]:
-    """Errors for disturbance frequencies that the time step would alias to lower ones."""
-    h = scenario.simulation.timestep
-    return [
-        Fault(
-            f"disturbance.frequency_hz[{i}]",
-            f"{f:.12g} Hz must be below half the step rate, {0.5 / h:.6g} Hz: sampled every {h:g} s it would act as "
-            f"{abs(f - round(f * h) / h):.6g} Hz",
-        )
-        for i, f in enumerate(scenario.disturbance.frequency_hz)
-        if f * h >= 0.5 * (1.0 - 1e-9)
-    ]
 
 
 def _stage_faults(scenario: Scenario) -> Iterator[Fault]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ..records.header import Header
     from ..records.trace import Trace
+    from ..scenario import Scenario
 
 
 def _last(name: str) -> "Callable[[Trace], Any]":
@@ -44,10 +45,15 @@ def ending(trace: "Trace") -> tuple[str, ...]:
     return () if distance is None else (lost.format(distance),)
 
 
+def noisy(scenario: "Scenario") -> bool:
+    """Whether a sensor has white noise."""
+    return any(any(channel.noise) for channel in scenario.navigation.white_channels.values())
+
+
 @functools.lru_cache(maxsize=1)
 def _deviations(header: "Header") -> Any:
     """The closed form of the noise, the reason why there is none, or None without noise."""
-    if not header.scenario.navigation.noisy:
+    if not noisy(header.scenario):
         return None
     from .noise import deviations
     from .setup import set_up
@@ -58,7 +64,7 @@ def _deviations(header: "Header") -> Any:
 def _push_deviation(trace: "Trace") -> float | None:
     """The push's standard deviation over the last half of the run, or what the trace has of it [N]; None without
     noise."""
-    if not trace.scenario.navigation.noisy or not len(trace):
+    if not noisy(trace.scenario) or not len(trace):
         return None
     return float(trace.push[trace.t >= 0.5 * trace.t[-1]].std())
 

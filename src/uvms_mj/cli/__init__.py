@@ -13,6 +13,7 @@ from .common import EXIT_BAD_INPUT, end
 from .converge import converge
 from .listing import controllers, keys, signals, stages
 from .logs import export, info, replay
+from .new import new
 from .paper import paper
 from .plot import compare, plot
 from .run import run
@@ -63,6 +64,7 @@ def main() -> None:
     uvms-mj controllers                   the laws, their gains, units and defaults
     uvms-mj stages                        guidance, navigation, task, laws and actuation with their settings
     uvms-mj vehicles                      the vehicles with their source, licence and trust
+    uvms-mj new law my_law                a commented file of your own: vehicle, scenario, law, reference or sensor
     uvms-mj keys                          all keys of a scenario
     uvms-mj signals                       signals that a law receives, signals that a run records
     """
@@ -88,6 +90,7 @@ for command in (
     controllers,
     stages,
     vehicles,
+    new,
     keys,
     signals,
 ):

@@ -160,7 +160,7 @@ def _simulate(
 ) -> int:
     """Run, write and report; return the exit status. The files that the run opens are added to ``files``."""
     from ..analysis.metrics import AROUND_THE_END_S
-    from ..analysis.summary import ending, summary
+    from ..analysis.summary import ending, noisy, summary
     from ..engine.run import LawError, SinkError, simulate
     from ..errors import InputError
     from ..records.mcap import McapLog
@@ -178,7 +178,7 @@ def _simulate(
                 log_rate=log_rate,
                 progress=progress,
                 sinks=sinks,
-                keep_s=half if scenario.navigation.noisy else AROUND_THE_END_S,  # for the push's deviation
+                keep_s=half if noisy(scenario) else AROUND_THE_END_S,  # for the push's deviation
                 engine=engine,
                 mjcf=mjcf,
             )

@@ -1,5 +1,6 @@
 """The age of the contact force in tau: what holds or delays it between the contact and the thrust."""
 
+import itertools
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -26,7 +27,7 @@ class ForceAge:
         h, control = scenario.simulation.timestep, scenario.control_period
         observed = scenario.observer.runs
         sensor = scenario.observer if observed else scenario.navigation
-        rate, late = (None, 0.0) if observed else scenario.navigation.force_timing
+        rate, late = sensor.force_timing
         periods = {
             "navigation": rate or sensor.period or (h if sensor.every_step else control),
             "control": control,
@@ -34,8 +35,7 @@ class ForceAge:
             "thruster": scenario.thrusters.period or h,
         }
         delays = {
-            "force sensor's delay": late,
-            "observer's lag": scenario.observer.age,
+            "observer's lag" if observed else "force sensor's delay": late,
             "computation delay": scenario.controller.delay or 0.0,
             "thrusters' lag": scenario.thrusters.mean_delay(),
         }
@@ -45,17 +45,20 @@ class ForceAge:
     def holds(self) -> dict[str, float]:
         """Mean age that each period adds, by the period's name [s].
 
-        A stage that reads a held output at its own instants, a period T' apart, finds it with a mean age of
-        (T - gcd(T, T'))/2. A command that the computation delay shifts off the instants of the actuation waits for the
-        next one.
+        A stage of one step holds nothing. One that holds its output for a period T is read by the next one that holds
+        its own, at instants a period T' apart, with a mean age of (T - gcd(T, T'))/2. A computation delay shifts the
+        output off these instants, and it waits for the next one.
         """
-        h = self.timestep
+        h, names = self.timestep, list(self.periods)
         steps = [round(period / h) for period in self.periods.values()]
-        readers = zip(steps, [*steps[1:], 1], strict=True)
-        ages = [0.5 * (held - math.gcd(held, read)) for held, read in readers]
-        shift = round(self.delays["computation delay"] / h)
-        ages[1] += -shift % math.gcd(steps[1], steps[2])
-        return {f"{name} period": h * age for name, age in zip(self.periods, ages, strict=True)}
+        ages, shift = dict.fromkeys(names, 0.0), round(self.delays["computation delay"] / h)
+        holding = [i for i, held in enumerate(steps) if held > 1]
+        for i, reader in itertools.pairwise([*holding, len(steps)]):
+            common = math.gcd(steps[i], steps[reader]) if reader < len(steps) else 1
+            ages[names[i]] = 0.5 * (steps[i] - common)
+            if i <= _LAW < reader:
+                ages[names[i]] += -shift % common
+        return {f"{name} period": h * age for name, age in ages.items()}
 
     @property
     def mean(self) -> float:
@@ -101,5 +104,6 @@ class ForceAge:
         return self.parts((*_COMMAND, "control period"))
 
 
+_LAW = 1  # the law's place among the periods
 _MEASURED = ("force sensor's delay", "observer's lag", "navigation period", "control period")
 _COMMAND = ("computation delay", "actuation period", "thruster period", "thrusters' lag")

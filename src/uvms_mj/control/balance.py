@@ -16,7 +16,8 @@ eq. (10) is then
 
 For A = 0 and K > 0 the left factor is infinite, which is eq. (6). T = B B_hat^+ gives the wrench of the true thrusters
 for a commanded one, and tau = g - d - tau_c holds the vehicle. Here d = tau_dist - C_A(-nu_c)(-nu_c) - D(-nu_c)(-nu_c)
-is the wrench of the current and the constant disturbance on the vehicle at rest, at its rest attitude.
+is the wrench of the current and the constant disturbance on the vehicle at rest, at its rest attitude; tau_dist has
+the drag of a tether in it.
 The frictionless wall gives tau_c = -k_c (x - x_c) along its normal for x > x_c. For GSTA with the attitude reference
 along W this is eq. (12) at rest against the spring of eq. (34), F = K_x (x_d - x_c) / (1 + K_x / k_c); the paper's
 1.5 N neglects the compliance of the wall.
@@ -31,27 +32,36 @@ that A s = F_1 eta_e_dot - w, and the estimates are those of the measurements:
         (d + \hat n_m - g(\eta) + \tau_c - \tau_{c,m} + (I - T^{-1}) \tau), \qquad
     \hat n_m = \hat C \nu_m + \hat D \nu_m + \hat g(\eta_m).
 
+An observer measures all that the controller's model does not explain: tau_c,m is tau_c plus the rest of the bracket,
+which is then zero.
 The ideal law knows all wrenches but that of the contact: w = M^-1 (tau_c - tau_c,m). The six equations are solved by
 Newton's method.
 """
 
+import dataclasses
+import functools
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from ..physics.frames import quat_error, rotation_matrix
+from ..physics.tether import add_tether
 from ..stages.base import is_shipped
 from .delivery import Delivery
 from .rest import SteadyState
 
 
-def static_balance(setup: Any, K: float) -> SteadyState | str:
+def static_balance(
+    setup: Any, K: float, residual: "Callable[[_Balance, np.ndarray], np.ndarray] | None" = None
+) -> SteadyState | str:
     """The vehicle at rest under a law that is the nominal control minus M_hat (A + K) s near rest.
 
     Args:
         setup: the run's :class:`uvms_mj.analysis.setup.Setup`.
         K: slope of the law over s [1/s]; infinite for a law that integrates, so that s is zero at rest.
+        residual: the six equations of another law, from the balance and x (6,), in place of the ones above.
 
     Returns:
         The state, or the reason why there is none.
@@ -59,10 +69,13 @@ def static_balance(setup: Any, K: float) -> SteadyState | str:
     scenario = setup.scenario
     if scenario.reference.rest_pose(scenario)[0] is None:
         return "the reference does not come to rest"
+    if not scenario.current.steady:
+        return "the current is not constant"
     if not (is_shipped(scenario.navigation) and is_shipped(scenario.actuation)):
         return "closed forms are known for the shipped navigation and actuation only"
-    if scenario.observer.runs:
-        return "closed forms are not known with an observer of the contact force"
+    observer = scenario.observer if scenario.observer.runs else None
+    if observer is not None and not is_shipped(observer):
+        return "closed forms are known for the shipped observers only"
     if K == 0.0 and 0.0 in setup.task.A:
         return "with a zero in A, zeta is not constant at rest: it integrates the remaining error"
     delivery = Delivery.of(setup)
@@ -70,17 +83,20 @@ def static_balance(setup: Any, K: float) -> SteadyState | str:
         return delivery
     if not delivery.can_be_any():
         return "the thrusters can't produce every wrench"
-    if delivery.static.error and np.isfinite(K):
-        return f"{delivery.static.error}, and the law does not integrate"
     errors = scenario.navigation.rest_errors(setup)
     if isinstance(errors, str):
         return errors
-    solved = _solve(setup, K, delivery)
+    if residual is not None and (observer is not None or not _exact(errors)):
+        return "with errors of the sensors, closed forms are known for the laws of the impedance task only"
+    if delivery.static.error and (np.isfinite(K) or residual is not None):
+        return f"{delivery.static.error}, and the law does not integrate"
+    solved = _solve(setup, K, delivery, residual)
     if solved is None:
         return "the static balance has no solution near the reference"
     state, known = solved
-    if reason := scenario.navigation.out_of_range(known):
-        return reason
+    for sensor in (scenario.navigation, observer):
+        if sensor is not None and (reason := sensor.out_of_range(known)):
+            return reason
     weak = delivery.weak(np.asarray(state.tau))
     if weak:
         return weak
@@ -89,21 +105,42 @@ def static_balance(setup: Any, K: float) -> SteadyState | str:
     return state
 
 
-def _solve(setup: Any, K: float, delivery: Delivery) -> tuple[SteadyState, Any] | None:
+def _exact(errors: Any) -> bool:
+    """Whether the measurements of a vehicle at rest are the truth."""
+    position, quat, tau_c = np.ones(3), np.full(4, 0.5), np.ones(6)
+    known = errors(position, quat, tau_c)
+    pairs = ((known.position, position), (known.quat, quat), (known.tau_c, tau_c), (known.nu, np.zeros(6)))
+    return all(np.array_equal(measured, true) for measured, true in pairs)
+
+
+def unknown_acceleration(setup: Any, state: SteadyState) -> np.ndarray:
+    """The acceleration (6,) of disturbances and model errors at rest, M_hat^-1 tau_dist of eq. (11), in a state of
+    :func:`static_balance`."""
+    delivery, turn = Delivery.of(setup), np.empty(4)
+    assert not isinstance(delivery, str)  # the state was found with it
+    balance = _Balance(setup, np.inf, state.force > 0.0, delivery)
+    quat_error(setup.design.quat_d, state.quat, turn)
+    sine = float(np.linalg.norm(turn[1:]))
+    vector = turn[1:] * (2.0 * np.arctan2(sine, turn[0]) / sine if sine > 0.0 else 2.0)
+    return balance.unknown(np.concatenate([state.position - balance.target, vector]))
+
+
+def _solve(setup: Any, K: float, delivery: Delivery, residual_of: Any = None) -> tuple[SteadyState, Any] | None:
     """Newton's method on the six equations, first without the wall, then in contact if that position is inside it.
     Returns the state with its measurements."""
     wall = setup.scenario.wall
     for in_contact in (False, True):
         balance = _Balance(setup, K, in_contact, delivery)
+        of = balance if residual_of is None else functools.partial(residual_of, balance)
         x = np.zeros(6)
         for _ in range(60):
-            residual = balance(x)
-            columns = [(balance(x + e) - balance(x - e)) / 2e-6 for e in 1e-6 * np.eye(6)]  # of the Jacobian
+            residual = of(x)
+            columns = [(of(x + e) - of(x - e)) / 2e-6 for e in 1e-6 * np.eye(6)]  # of the Jacobian
             step = np.linalg.lstsq(np.array(columns).T, residual, rcond=None)[0]
             x = x - step * min(1.0, 0.5 / max(np.abs(step).max(), 1e-300))
             if np.abs(step).max() < 1e-14:
                 break
-        at_rest = bool(np.abs(balance(x)).max() < 1e-8)
+        at_rest = bool(np.abs(of(x)).max() < 1e-8)
         position, quat, _ = balance.pose(x)
         depth = position[0] - wall.position
         if at_rest and (depth >= 0.0 if in_contact else depth <= 0.0):
@@ -114,13 +151,12 @@ def _solve(setup: Any, K: float, delivery: Delivery) -> tuple[SteadyState, Any] 
 
 
 class _Balance:
-    """Residual (6,) of the balance, a function of x (6,): position minus reference in W, and the rotation vector from
-    the desired attitude."""
+    """Residual (6,) of the balance and its terms, functions of x (6,): position minus reference in W, and the rotation
+    vector from the desired attitude."""
 
     def __init__(self, setup: Any, K: float, in_contact: bool, delivery: Delivery) -> None:
         scenario, design = setup.scenario, setup.design
         self.setup, self.K, self.in_contact = setup, K, in_contact
-        self.v_c_W = np.array(scenario.current.velocity_W)
         self.target = np.array(scenario.reference.rest_pose(scenario)[0])
         self.tau_dist = np.array(scenario.disturbance.bias)
         self.A = np.array(setup.task.A)
@@ -154,18 +190,28 @@ class _Balance:
             tau_c[:3] = -wall.stiffness * (position[0] - wall.position) * R_WB[0]
         return tau_c
 
+    def error(self, x: np.ndarray) -> np.ndarray:
+        """eta_e (6,) as the law measures it."""
+        known, quat_e = self.known(x), np.empty(4)
+        quat_error(self.setup.design.quat_d, known.quat, quat_e)
+        return np.concatenate([rotation_matrix(known.quat).T @ (known.position - self.target), quat_e[1:]])
+
     def asked(self, x: np.ndarray) -> np.ndarray:
-        """w = M_d^-1 (K_d eta_e + D_d nu_e - K_f (tau_c - F_d)) as the law measures them."""
-        known, design, quat_e = self.known(x), self.setup.design, np.empty(4)
-        quat_error(design.quat_d, known.quat, quat_e)
-        eta_e = np.concatenate([rotation_matrix(known.quat).T @ (known.position - self.target), quat_e[1:]])
+        """w = M_d^-1 (K_d eta_e + D_d nu_e - K_f (tau_c - F_d)) as the law measures them, zero where the desired
+        impedance, eq. (7), holds at rest."""
+        known, design = self.known(x), self.setup.design
         forces = self.K_f * (known.tau_c - self.F_d)
-        return self.M_d_inv @ (design.K_d @ eta_e + design.D_d @ known.nu - forces)
+        return self.M_d_inv @ (design.K_d @ self.error(x) + design.D_d @ known.nu - forces)
 
     def known(self, x: np.ndarray) -> Any:
         """The measurements, :class:`uvms_mj.navigation.base.Known`."""
         position, quat, _ = self.pose(x)
-        return self.errors(position, quat, self.contact(x))
+        tau_c = self.contact(x)
+        known = self.errors(position, quat, tau_c)
+        if not self.setup.scenario.observer.runs:
+            return known
+        explained = dataclasses.replace(known, tau_c=tau_c)
+        return dataclasses.replace(known, tau_c=tau_c + self.setup.design.M_hat @ self.unknown(x, explained))
 
     def moving(self, x: np.ndarray) -> np.ndarray:
         """F_1 times the rate (6,) of the pose error that the law derives from a biased velocity, eq. (18)."""
@@ -189,10 +235,16 @@ class _Balance:
         d, g_eta = self.environment(x)
         return g_eta - d - self.contact(x)
 
-    def unknown(self, x: np.ndarray) -> np.ndarray:
-        """The acceleration (6,) that a law without an integral term must balance through s."""
+    def effort(self, x: np.ndarray) -> np.ndarray:
+        """tau_cmd - g_hat(eta) (6,) that holds the vehicle at rest."""
+        return -self.contact(x) - self.setup.design.M_hat @ self.unknown(x)
+
+    def unknown(self, x: np.ndarray, known: Any = None) -> np.ndarray:
+        """The acceleration (6,) that a law without an integral term must balance through s, with the measurements
+        ``known``; default: those at x."""
         d, g_eta = self.environment(x)
-        known, estimates, term = self.known(x), self.setup.scenario.estimates, np.empty(6)
+        known = self.known(x) if known is None else known
+        estimates, term = self.setup.scenario.estimates, np.empty(6)
         vehicle = self.setup.nominal
         nominal = self.restoring(vehicle, rotation_matrix(known.quat))
         unknown = (estimates.restoring - 1.0) * nominal + (nominal - g_eta) + (self.contact(x) - known.tau_c)
@@ -211,11 +263,13 @@ class _Balance:
 
     def environment(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """d and g(eta), (6,) each, in B."""
-        vehicle = self.setup.vehicle
-        _, _, R_WB = self.pose(x)
+        vehicle, scenario = self.setup.vehicle, self.setup.scenario
+        position, _, R_WB = self.pose(x)
         nu_r, term = np.zeros(6), np.empty(6)
-        nu_r[:3] = -R_WB.T @ self.v_c_W
+        nu_r[:3] = -R_WB.T @ scenario.current.steady_at(-position[2])
         d = self.tau_dist.copy()
+        if scenario.tether.factor:
+            add_tether(scenario.tether.factor, scenario.tether.position, nu_r, d)
         coriolis_added_mass(vehicle.M_A, nu_r, term)
         d -= term
         damping(vehicle.D_linear, vehicle.D_quadratic, nu_r, term)

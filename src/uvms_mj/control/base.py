@@ -17,7 +17,7 @@ import dataclasses
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from pydantic import BeforeValidator
+from pydantic import AfterValidator, BeforeValidator
 
 from ..quantities import Number, Step, Vector6, within
 from ..stages.base import Room, Stage, setting, shared
@@ -34,6 +34,19 @@ def _six(value: Any) -> Any:
 
 Diagonal = Annotated[Vector6, BeforeValidator(_six)]
 """A diagonal matrix: one number for all six axes, or six numbers."""
+
+
+def _at_least(low: float, words: str) -> AfterValidator:
+    def check(value: tuple[float, ...]) -> tuple[float, ...]:
+        if min(value) < low:
+            raise ValueError(f"must not have {words} entry")
+        return value
+
+    return AfterValidator(check)
+
+
+NonNegativeDiagonal = Annotated[Diagonal, _at_least(0.0, "a negative")]
+PositiveDiagonal = Annotated[Diagonal, _at_least(1e-12, "a zero or negative")]
 
 gain = setting
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import Fault
+from ..physics.varying import rate_deviation
 from .age import ForceAge
 from .rest import SteadyState
 
@@ -202,9 +203,15 @@ def zeta_grows(setup: Any) -> str:
 
 
 def disturbance_rate(setup: Any) -> np.ndarray:
-    """Bound (6,) on the rate of M_hat^-1 tau_dist, which eq. (28) has to follow [m/s^3, rad/s^3]."""
+    """Bound (6,) on the rate of M_hat^-1 tau_dist, which eq. (28) has to follow [m/s^3, rad/s^3]. Of a Gauss-Markov
+    process it is the rate that one in 5e8 of its nodes exceeds. The drag of a tether is not in it."""
     disturbance = setup.scenario.disturbance
     rate = 2.0 * np.pi * np.abs(np.array(disturbance.amplitude) * np.array(disturbance.frequency_hz))
+    if disturbance.table is not None:
+        table = np.array(disturbance.table)
+        rate += np.abs(np.diff(table[:, 1:], axis=0) / np.diff(table[:, :1], axis=0)).max(axis=0, initial=0.0)
+    if any(disturbance.deviation):
+        rate += 6.0 * rate_deviation(np.array(disturbance.deviation), disturbance.correlation_time, disturbance.spacing)
     return np.abs(np.linalg.inv(setup.design.M_hat)) @ rate
 
 

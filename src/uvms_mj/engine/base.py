@@ -7,6 +7,7 @@ import numpy as np
 
 from ..analysis.setup import Setup
 from ..errors import InputError
+from .native.water import Water
 
 
 class Engine(ABC):
@@ -15,6 +16,7 @@ class Engine(ABC):
     Attributes:
         chunk_steps: largest number of steps from one reading of the clock to the next: a few milliseconds of wall time.
         context: the CONTEXT record (1,).
+        water: the motion of the water in it.
         memory: the engine's arrays whose addresses are in the LOOP record, by their fields.
         state: the arrays that a reset restores.
         qpos: (7,) the vehicle's pose.
@@ -24,6 +26,7 @@ class Engine(ABC):
     name: ClassVar[str]
     chunk_steps: ClassVar[int]
     context: np.ndarray
+    water: Water
     memory: dict[str, np.ndarray]
     state: tuple[np.ndarray, ...]
     qpos: np.ndarray

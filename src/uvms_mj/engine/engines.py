@@ -16,12 +16,10 @@ ENGINES: dict[str, Callable[[Setup], Engine]] = {each.name: each for each in (Mu
 _KNOWN = {
     "simulation": ("timestep", "duration", "integrator", "seed"),
     "initial": ("position", "attitude_deg", "velocity"),
-    "current": ("speed", "direction_deg"),
-    "disturbance": ("bias", "amplitude", "frequency_hz"),
     "wall": ("position", "stiffness", "damping", "friction", "tangential_stiffness", "tangential_damping"),
 }
 """The keys of the plant and of the stepping that free_body computes."""
-_SHARED = ("vehicle", "impedance", "estimates", "task", *STAGES)
+_SHARED = ("vehicle", "current", "disturbance", "tether", "impedance", "estimates", "task", *STAGES)
 """The tables that both engines read from the same records."""
 
 

@@ -9,10 +9,9 @@ import numpy as np
 from ..analysis.setup import Setup
 from ..plant.build import put_at
 from .base import Engine
-from .native.attachment import fill_water
 from .native.free_body import free_steps
 from .native.layouts import BODY, CONTEXT
-from .native.run_memory import motion_of_water
+from .native.water import Water
 
 
 class FreeEngine(Engine):
@@ -24,7 +23,8 @@ class FreeEngine(Engine):
     def __init__(self, setup: Setup) -> None:
         vehicle = setup.vehicle
         self.context, self._body = np.zeros(1, CONTEXT), np.zeros(1, BODY)
-        fill_water(self.context, vehicle, setup.gravity_W, motion_of_water(setup.scenario))
+        self.water = Water(self.context, vehicle, setup.gravity_W)
+        self.water.move_as(setup.scenario)
         constants = {
             "M_RB": vehicle.M_RB,
             "M_inv": np.linalg.inv(vehicle.M),

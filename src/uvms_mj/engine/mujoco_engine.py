@@ -7,7 +7,6 @@ from ..analysis.setup import Setup
 from ..plant.vehicle import free_joint_addresses
 from .base import Engine
 from .native.attachment import immerse
-from .native.run_memory import motion_of_water
 
 CHUNK_STEPS = 1000
 """Largest number of steps from one reading of the clock to the next: a few milliseconds of wall time."""
@@ -23,7 +22,9 @@ class MujocoEngine(Engine):
     def __init__(self, setup: Setup) -> None:
         self._plant = plant = setup.plant
         self._model, self._data = plant.model, plant.initial_data(setup.scenario.initial)
-        self._attachment = immerse(self._model, self._data, plant.vehicle, motion_of_water(setup.scenario))
+        self._attachment = immerse(self._model, self._data, plant.vehicle)
+        self.water = self._attachment.water
+        self.water.move_as(setup.scenario)
         self.context, self.state = self._attachment.context, (self._data.qpos, self._data.qvel)
         qpos, dof = free_joint_addresses(self._model, plant.body_id)
         self.qpos = self._data.qpos[qpos : qpos + 7]

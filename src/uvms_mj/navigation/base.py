@@ -42,14 +42,9 @@ class Navigation(Stage):
     room: ClassVar[Room] = Room("navigation", "navigation", lambda thrusters: CLOCK + TRUE, KNOWN, "navigation stage")
 
     @property
-    def channels(self) -> Mapping[str, Channel]:
-        """The channels with white noise by quantity, for the closed form of the noise; empty if none is known."""
+    def white_channels(self) -> Mapping[str, Channel]:
+        """The channels of white noise by quantity, for the closed form of the noise; empty if none is known."""
         return {}
-
-    @property
-    def noisy(self) -> bool:
-        """Whether a channel has white noise."""
-        return any(any(channel.noise) for channel in self.channels.values())
 
     @property
     def force_timing(self) -> tuple[float | None, float]:
@@ -83,15 +78,6 @@ def perfect(true, known):
         known.quat_WB[i] = true.quat_WB[i]
     for i in range(6):
         known.nu[i] = true.nu[i]
-        known.tau_contact_m_B[i] = true.tau_contact_B[i]
-
-
-@kernel
-def perfect_force(true, known):
-    """Set the measured contact force to the truth."""
-    for i in range(3):
-        known.f_contact_m_W[i] = true.f_contact_W[i]
-    for i in range(6):
         known.tau_contact_m_B[i] = true.tau_contact_B[i]
 
 

@@ -2,19 +2,27 @@ r"""Hydrodynamics of one vehicle: its added inertia and its wrench for one state
 
 Added mass belongs in the inertia matrix: a force -M_A nu_dot, computed from an earlier acceleration, diverges if the
 added mass exceeds the rigid mass. With T = blockdiag(R_WB^T, I), nu = T qvel, the joint-space inertia grows by
-T^T M_A T. The rest is a force. From v_dot = R_WB^T a_W - omega x v and a current that is constant and irrotational in W
-(v_c_dot = -omega x v_c in B),
+T^T M_A T. The rest is a force. From v_dot = R_WB^T a_W - omega x v and v_c_dot = R_WB^T v_c_dot_W - omega x v_c in B,
 
 .. math::
 
-    M_A \dot\nu_r = M_A T\, \ddot q - M_A \begin{bmatrix} \omega \times v_r \\ 0 \end{bmatrix},
+    M_A \dot\nu_r = M_A T\, \ddot q - M_A \begin{bmatrix} \omega \times v_r + R_{WB}^\top \dot v_c \\ 0 \end{bmatrix},
 
-so that the wrench on the right-hand side of the paper's eq. (10) is
+where the derivative of the current v_c in W is taken along the vehicle's path. The wrench on the right-hand side of the
+paper's eq. (10) is
 
 .. math::
 
-    -C_A(\nu_r)\nu_r - D(\nu_r)\nu_r + M_A \begin{bmatrix} \omega \times v_r \\ 0 \end{bmatrix}
+    -C_A(\nu_r)\nu_r - D(\nu_r)\nu_r
+        + M_A \begin{bmatrix} \omega \times v_r + R_{WB}^\top \dot v_c \\ 0 \end{bmatrix}
         + \text{buoyancy} + \tau_{dist}(t).
+
+**Froude-Krylov force.** The pressure gradient that accelerates the water, a_c = Dv_c/Dt, acts on the vehicle as well:
+the buoyancy of the displaced mass is that of gravity minus a_c (Newman, "Marine Hydrodynamics", 1977, sec. 4.17; Fossen
+2021, sec. 10.3, has constant currents only). It is included. Eq. (10), in which M = M_RB + M_A multiplies nu_r_dot,
+holds as it stands for a vehicle whose weight and buoyancy balance in size and place. For any other one g(eta) is to be
+taken in the accelerated frame of the water (:func:`uvms_mj.physics.model.reveal`). In uniform water that accelerates, a
+neutral vehicle therefore moves as in still water, seen from the water.
 
 MuJoCo itself computes rigid-body Coriolis forces, weight and thrust.
 """
@@ -31,15 +39,21 @@ WATER = np.dtype(
         ("D_linear", "f8", (6, 6)),  # D(nu) nu = D_linear nu + D_quadratic (abs(nu) nu) [N s/m, N s, N m s]
         ("D_quadratic", "f8", (6, 6)),  # [N s^2/m^2, N s^2/m, N s^2, N m s^2]
         ("buoyancy_W", "f8", (3,)),  # buoyant force in W [N]
+        ("displaced_mass", "f8"),  # [kg]
         ("r_b", "f8", (3,)),  # centre of buoyancy in B [m]
+        ("tether", "f8"),  # factor of the tether's drag [N s^2/m^2], or 0
+        ("r_t", "f8", (3,)),  # its point of attachment in B [m]
+        ("unsteady", "i8"),  # whether the current is not constant
+        # at the vehicle, at one instant
+        ("fresh", "i8"),  # whether it is the instant in hand of a closed loop
         ("v_c_W", "f8", (3,)),  # velocity of the current in W [m/s]
-        ("bias", "f8", (6,)),  # tau_dist = bias + amplitude sin(2 pi frequency t), in B [N, N m]
-        ("amplitude", "f8", (6,)),
-        ("frequency", "f8", (6,)),  # [Hz]
+        ("v_c_dot_W", "f8", (3,)),  # its time derivative along the vehicle's path [m/s^2]; zero if it is constant
+        ("a_c_W", "f8", (3,)),  # acceleration of the water [m/s^2]; zero if the current is constant
+        ("tau_dist", "f8", (6,)),  # disturbance in B, with the tether [N, N m]
     ],
     align=True,
 )
-"""Hydrodynamic coefficients of one vehicle, its current and its disturbance."""
+"""Hydrodynamic coefficients of one vehicle, and the motion of the water at this instant."""
 
 
 @kernel
@@ -85,44 +99,44 @@ def factor(lower, L, D_inverse):
 
 
 @kernel
-def disturbance(water, t, tau_dist):
-    """Set tau_dist (6,) [N, N m] in B at time t [s]: a bias and a sinusoid for each axis."""
-    for i in range(6):
-        tau_dist[i] = water.bias[i]
-        if water.amplitude[i] != 0.0:
-            tau_dist[i] += water.amplitude[i] * np.sin(2.0 * np.pi * water.frequency[i] * t)
+def relative_velocity(water, R_WB, nu, nu_r):
+    """Set nu_r (6,) to the velocity relative to the current, from nu (6,) [m/s, rad/s, B]."""
+    to_body(R_WB, water.v_c_W, nu_r)
+    for i in range(3):
+        nu_r[i] = nu[i] - nu_r[i]
+        nu_r[i + 3] = nu[i + 3]
 
 
 @kernel
-def water_wrench(water, t, R_WB, nu, nu_r, work, out):
+def water_wrench(water, R_WB, nu, nu_r, work, out):
     """The hydrodynamic wrench on the vehicle, with the disturbance and without the part in the inertia matrix.
 
     Args:
         water: a WATER record.
-        t: time [s].
         R_WB: (3, 3).
         nu: (6,) velocity in B [m/s, rad/s].
         nu_r: (6,) is set to the velocity relative to the current.
         work: (6,) scratch.
         out: (6,) is set to the wrench at B's origin, in B [N, N m].
     """
-    to_body(R_WB, water.v_c_W, nu_r)
-    for i in range(3):
-        nu_r[i] = nu[i] - nu_r[i]
-        nu_r[i + 3] = nu[i + 3]
-    disturbance(water, t, out)
+    relative_velocity(water, R_WB, nu, nu_r)
     coriolis_added_mass(water.M_A, nu_r, work)
     for i in range(6):
-        out[i] -= work[i]
+        out[i] = water.tau_dist[i] - work[i]
     damping(water.D_linear, water.D_quadratic, nu_r, work)
     for i in range(6):
         out[i] -= work[i]
     a_x = nu_r[4] * nu_r[2] - nu_r[5] * nu_r[1]  # omega x v_r
     a_y = nu_r[5] * nu_r[0] - nu_r[3] * nu_r[2]
     a_z = nu_r[3] * nu_r[1] - nu_r[4] * nu_r[0]
+    if water.unsteady != 0:
+        to_body(R_WB, water.v_c_dot_W, work)
+        a_x, a_y, a_z = a_x + work[0], a_y + work[1], a_z + work[2]
     for i in range(6):
         out[i] += water.M_A[i, 0] * a_x + water.M_A[i, 1] * a_y + water.M_A[i, 2] * a_z
-    to_body(R_WB, water.buoyancy_W, work)
+    for i in range(3):
+        work[i] = water.buoyancy_W[i] + water.displaced_mass * water.a_c_W[i]
+    to_body(R_WB, work, work)
     r_b = water.r_b
     for i in range(3):
         out[i] += work[i]

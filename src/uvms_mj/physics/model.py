@@ -6,7 +6,7 @@ Their errors are terms of the lumped disturbance of the paper's eq. (11).
 
 from .fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from .frames import to_body
-from .hydrodynamics import disturbance
+from .hydrodynamics import relative_velocity
 from .kernels import kernel
 
 
@@ -29,15 +29,36 @@ def model_wrenches(coefficients, nu, R_WB, C_nu, D_nu, g_eta):
 def reveal(coefficients, water, signals, truth, work):
     """Set a :data:`uvms_mj.stages.signals.TRUTH` record, except M, from the true coefficients; work is (6,) scratch.
 
-    It is for eq. (13): velocity in the water and wrenches, which a real vehicle can't measure.
+    It is for eq. (13): velocity in the water and wrenches, which a real vehicle can't measure. In water that
+    accelerates, g(eta) has the weight in gravity minus v_c_dot and the buoyancy in gravity minus a_c, both in W: with
+    it, eq. (10) has the force of the water's acceleration on every vehicle (:mod:`.hydrodynamics`).
     """
     nu, nu_r, nu_c_dot = signals.nu, truth.nu_r, truth.nu_c_dot
+    relative_velocity(water, signals.R_WB, nu, nu_r)
     to_body(signals.R_WB, water.v_c_W, work)
-    for i in range(3):
-        nu_r[i] = nu[i] - work[i]
-        nu_r[i + 3] = nu[i + 3]
-    nu_c_dot[0] = nu[5] * work[1] - nu[4] * work[2]  # -omega x v_c: constant in W
+    nu_c_dot[0] = nu[5] * work[1] - nu[4] * work[2]  # -omega x v_c
     nu_c_dot[1] = nu[3] * work[2] - nu[5] * work[0]
     nu_c_dot[2] = nu[4] * work[0] - nu[3] * work[1]
     model_wrenches(coefficients, nu_r, signals.R_WB, truth.C_nu_r, truth.D_nu_r, truth.g_eta)
-    disturbance(water, signals.t, truth.tau_dist)
+    if water.unsteady != 0:
+        to_body(signals.R_WB, water.v_c_dot_W, work)
+        for i in range(3):
+            nu_c_dot[i] += work[i]
+        accelerated_frame(coefficients, water, signals.R_WB, work, truth.g_eta, truth.tau_dist)
+    for i in range(6):
+        truth.tau_dist[i] = water.tau_dist[i]
+
+
+@kernel
+def accelerated_frame(coefficients, water, R_WB, work, g_eta, g_buoyancy):
+    """Set g_eta (6,) to the restoring wrench in the frame of water that accelerates; work and g_buoyancy are (6,)
+    scratch."""
+    r_g, r_b = coefficients.r_g, coefficients.r_b
+    for i in range(3):
+        work[i] = coefficients.gravity_W[i] - water.a_c_W[i]
+    restoring(0.0, coefficients.displaced_mass, r_g, r_b, work, R_WB, g_buoyancy)
+    for i in range(3):
+        work[i] = coefficients.gravity_W[i] - water.v_c_dot_W[i]
+    restoring(coefficients.mass, 0.0, r_g, r_b, work, R_WB, g_eta)
+    for i in range(6):
+        g_eta[i] += g_buoyancy[i]

@@ -5,6 +5,7 @@ numbers: as easy as 1, 2, 3", SC11, 2011) turns a key of 64 bits and a counter o
 integers stay below 2^63, so that plain Python and machine code compute the same.
 """
 
+import hashlib
 import math
 
 from .kernels import kernel
@@ -55,3 +56,8 @@ def standard_normal(key, instant, index) -> float:
     x = (random_bits(key, instant, index, 0) + 1) * _UNIT  # in (0, 1]: its logarithm is finite
     y = random_bits(key, instant, index, 1) * _UNIT
     return math.sqrt(-2.0 * math.log(x)) * math.cos(2.0 * math.pi * y)
+
+
+def key_of(seed: int, name: str) -> int:
+    """The key of the random numbers of a named thing, an integer in [0, 2^62), from the seed of a run."""
+    return int.from_bytes(hashlib.sha256(f"{seed} {name}".encode()).digest()[:8]) >> 2

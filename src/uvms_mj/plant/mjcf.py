@@ -92,15 +92,15 @@ class Mjcf:
         return self._read[2]
 
     @property
+    def remarks(self) -> dict[str, str]:
+        """The ``<text>`` entries by name. Raises InputError as :meth:`spec` does."""
+        return {text.name: text.data for text in self._parsed.texts}
+
+    @property
     def inverse_weight(self) -> float:
         """MuJoCo's inverse mass of the vehicle's body, without added mass [1/kg]. Raises InputError as :attr:`vehicle`
         does."""
         return self._read[3]
-
-    @property
-    def remarks(self) -> dict[str, str]:
-        """The ``<text>`` entries by name. Raises InputError as :meth:`spec` does."""
-        return {text.name: text.data for text in self._parsed.texts}
 
     def spec(self) -> mujoco.MjSpec:
         """A copy of the parsed model. Only the files in ``files`` are read, once. Raises InputError if the model has

@@ -1,4 +1,4 @@
-"""Settings of a plant: the vehicle, its initial state, the ocean current, the disturbance and the wall."""
+"""Settings of a plant: the vehicle, its initial state and the wall. :mod:`.water` has those of the water."""
 
 import math
 from collections.abc import Callable
@@ -9,15 +9,12 @@ from pydantic.dataclasses import dataclass
 
 from ..quantities import (
     STRICT,
-    Angle,
     Angles,
     Coordinate,
-    Frequencies,
     Number,
     Position,
     PositiveFactor,
     Twist,
-    Wrench,
     doc,
     within,
 )
@@ -48,25 +45,6 @@ class Initial:
     position: Position = doc("position of the body frame in W [m]", (0.0, 0.0, 0.0))
     attitude_deg: Angles = doc("roll, pitch, yaw [deg]", (0.0, 0.0, 0.0))
     velocity: Twist = doc("[v; omega] in B [m/s, rad/s]", (0.0,) * 6)
-
-
-@dataclass(frozen=True, config=STRICT)
-class Current:
-    speed: Annotated[Number, within(0.0, 100.0, "m/s")] = doc("speed of the ocean current [m/s]", 0.5)
-    direction_deg: Angle = doc("heading of the current in W, 0 towards the wall, 90 to the left [deg]", 120.0)
-
-    @property
-    def velocity_W(self) -> tuple[float, float, float]:
-        """(3,) velocity of the current in W [m/s]."""
-        heading = math.radians(self.direction_deg)
-        return self.speed * math.cos(heading), self.speed * math.sin(heading), 0.0
-
-
-@dataclass(frozen=True, config=STRICT)
-class Disturbance:
-    bias: Wrench = doc("constant part of tau_dist in B [N, N m]", (0.0,) * 6)
-    amplitude: Wrench = doc("amplitude of the sinusoidal part [N, N m]", (0.0,) * 6)
-    frequency_hz: Frequencies = doc("frequency of the sinusoidal part, below half the step rate [Hz]", (0.0,) * 6)
 
 
 @dataclass(frozen=True, config=STRICT)

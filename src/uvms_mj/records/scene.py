@@ -83,8 +83,10 @@ def scene_of(header: Header) -> Scene:
     tip = start + CURRENT_SCALE * np.array(current.velocity_W)
     half = (WALL_THICKNESS / 2, WALL_SIZE / 2, WALL_SIZE / 2)
     wall = Shape("box", half, (face + half[0], 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), WALL_RGBA)
-    arrow = Arrow("current", f"current {current.speed:g} m/s", SKY, 0.014, start, tip)
-    return Scene((header.geometry,), (wall,), (arrow,) if current.speed else ())
+    speed = math.hypot(*current.velocity_W)
+    text = f"{'current' if current.constant else 'constant part of the current'} {speed:g} m/s"
+    arrow = Arrow("current", text, SKY, 0.014, start, tip)
+    return Scene((header.geometry,), (wall,), (arrow,) if speed else ())
 
 
 def wall_face(header: Header) -> float:

@@ -25,7 +25,6 @@ from __future__ import annotations  # so that help(Stage) shows short type names
 
 import dataclasses
 import functools
-import hashlib
 import sys
 import types
 from collections.abc import Callable, Iterable, Mapping
@@ -36,6 +35,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
 from typing_extensions import TypedDict
 
 from ..errors import Fault, InputError, faults_of
+from ..physics.random import key_of
 from ..quantities import Step
 from .signals import Signal
 
@@ -236,8 +236,7 @@ def packs_itself(cls: type[Stage]) -> bool:
 
 def random_key(seed: int, stage: Stage) -> int:
     """The key of a stage's random numbers, at least 0, from ``simulation.seed`` and the stage's table."""
-    digest = hashlib.sha256(f"{seed} {stage.room.table}".encode()).digest()
-    return int.from_bytes(digest[:8]) >> 2
+    return key_of(seed, stage.room.table)
 
 
 def _is_number(value: Any) -> bool:

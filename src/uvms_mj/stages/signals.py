@@ -157,7 +157,7 @@ TRUTH = (
     Signal("C_nu_r", (6,), _WRENCH, "B", "Coriolis and centripetal wrench C(nu_r) nu_r"),
     Signal("D_nu_r", (6,), _WRENCH, "B", "damping wrench D(nu_r) nu_r"),
     Signal("g_eta", (6,), _WRENCH, "B", "restoring wrench"),
-    Signal("tau_dist", (6,), _WRENCH, "B", "disturbance wrench, eq. (10)"),
+    Signal("tau_dist", (6,), _WRENCH, "B", "disturbance wrench, eq. (10), with the drag of the tether"),
 )
 """True values, given to the ideal law, eq. (13), only."""
 
@@ -204,6 +204,13 @@ MEASURED = (
 
 DELAYED = (Signal("tau_cmd_delayed", (6,), _WRENCH, "B", "tau_cmd after controller.delay, given to the actuation"),)
 """Recorded if the law has a computation delay."""
+
+UNSTEADY = (
+    _SET["v_c_W"],
+    Signal("v_c_dot_W", (3,), "m/s^2", "W", "time derivative of v_c_W along the vehicle's path"),
+    Signal("a_c_W", (3,), "m/s^2", "W", "acceleration of the water at the vehicle"),
+)
+"""Recorded unless the current is constant."""
 
 FINAL_WINDOW_S = 0.5
 """Length of the window at the end of a run that gives its final values [s]."""

@@ -9,7 +9,18 @@ from collections.abc import Sequence
 
 from ..records.palette import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, Colour
 
-LAWS: dict[str, Colour] = {"impedance": PURPLE, "fosm": ORANGE, "gsta": BLUE, "sta": SKY, "ideal": GREEN}
+LAWS: dict[str, Colour] = {
+    "impedance": PURPLE,
+    "fosm": ORANGE,
+    "gsta": BLUE,
+    "sta": SKY,
+    "ideal": GREEN,
+    "pid": (136, 34, 85),
+    "admittance": (51, 34, 136),
+    "parallel": (140, 190, 50),
+    "dob_impedance": (0, 80, 95),
+    "aismc": (210, 30, 45),
+}
 """Colours of the built-in laws, by name."""
 _OTHERS: tuple[Colour, ...] = (VERMILLION, (120, 94, 60), (110, 110, 110), (150, 160, 30))
 """Colours of other laws, in order of appearance."""

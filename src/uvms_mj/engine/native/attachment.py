@@ -4,20 +4,22 @@ import ctypes
 import threading
 import warnings
 import weakref
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
 
-from ...errors import Fault, InputError
+from ...errors import InputError
 from ...physics.dissipation import damping_notes
-from ...physics.hydrodynamics import WATER, factor
+from ...physics.hydrodynamics import factor
 from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses
+from ...plant.water import Current, Disturbance, Tether
 from .callback import entry_point
 from .layouts import CONTEXT
 from .memory import CAPACITY, registry
+from .motion import Motion, finite_numbers
 from .soundness import refuse_unsound
+from .water import Water
 
 _lock = threading.RLock()
 _attached: dict[int, "Attachment"] = {}
@@ -40,11 +42,12 @@ class Attachment:
     ``current_W`` can be set at any time and takes effect at the next step.
     """
 
-    __slots__ = ("__weakref__", "_address", "_finalizer", "_row", "body_id", "context", "vehicle")
+    __slots__ = ("__weakref__", "_address", "_finalizer", "_row", "body_id", "context", "vehicle", "water")
 
-    def __init__(self, vehicle: Vehicle, context: np.ndarray, data: mujoco.MjData, body_id: int) -> None:
+    def __init__(self, vehicle: Vehicle, context: np.ndarray, data: mujoco.MjData, body_id: int, water: Water) -> None:
         self.vehicle = vehicle
         self.context = context
+        self.water = water
         self._address = data._address
         self.body_id = body_id
         self._row = _register(self)
@@ -66,15 +69,15 @@ class Attachment:
 
     @property
     def current_W(self) -> np.ndarray:
-        """(3,) velocity of the current in W [m/s], as a copy. To change it, assign the whole vector."""
-        current = self.context["water"]["v_c_W"][0].copy()
+        """(3,) constant part of the current in W [m/s], as a copy. To change it, assign the whole vector."""
+        current = self.water.mean_W
         current.setflags(write=False)
         return current
 
     @current_W.setter
     def current_W(self, value: Sequence[float]) -> None:
         """Set the current. Raises InputError unless the value is three finite numbers."""
-        self.context["water"]["v_c_W"] = _finite_numbers({"current_W": value}, {"current_W": 3})["current_W"]
+        self.water.mean_W = finite_numbers({"current_W": value}, {"current_W": 3})["current_W"]
 
     @property
     def detached(self) -> bool:
@@ -113,6 +116,10 @@ def attach(
     bias: Sequence[float] = (0.0,) * 6,
     amplitude: Sequence[float] = (0.0,) * 6,
     frequency_hz: Sequence[float] = (0.0,) * 6,
+    current: Current | None = None,
+    disturbance: Disturbance | None = None,
+    tether: Tether | None = None,
+    seed: int = 0,
 ) -> Attachment:
     """Add hydrodynamics to a vehicle in any model: added mass, Coriolis, damping, buoyancy, current and disturbance.
 
@@ -135,6 +142,9 @@ def attach(
         current_W: (3,) velocity of the current in W [m/s], constant and irrotational.
         bias, amplitude, frequency_hz: (6,) disturbance wrench bias + amplitude sin(2 pi f t) in B [N, N m, Hz], eq.
             (10).
+        current, disturbance, tether: settings of a scenario, ``Current(speed=0.3, deviation=(0.1, 0.1, 0.0))``. The
+            first two replace ``current_W``, and ``bias``, ``amplitude`` and ``frequency_hz``.
+        seed: of their Gauss-Markov processes. It and the time of ``data`` alone decide them.
 
     Returns:
         The attachment. Its ``detach()`` removes the hydrodynamics.
@@ -151,56 +161,20 @@ def attach(
     vehicle = Vehicle.from_model(model, body)
     for note in damping_notes(vehicle.body, vehicle.D_linear, vehicle.D_quadratic):
         warnings.warn(note, stacklevel=2)
-    motion = {"current_W": current_W, "bias": bias, "amplitude": amplitude, "frequency_hz": frequency_hz}
-    return immerse(model, data, vehicle, motion)
+    vectors = {"current_W": current_W, "bias": bias, "amplitude": amplitude, "frequency_hz": frequency_hz}
+    motion = Motion.checked(vectors, current, disturbance, tether, seed, model.opt.timestep)
+    attachment = immerse(model, data, vehicle)
+    motion.apply(attachment.water)
+    return attachment
 
 
-def immerse(
-    model: mujoco.MjModel, data: mujoco.MjData, vehicle: Vehicle, motion: Mapping[str, Sequence[float] | np.ndarray]
-) -> Attachment:
-    """:func:`attach` for a vehicle of the model that was read and checked already."""
+def immerse(model: mujoco.MjModel, data: mujoco.MjData, vehicle: Vehicle) -> Attachment:
+    """Attach a vehicle of the model that was read and checked already, in still water."""
     body_id = free_body_id(model, vehicle.body)
     refuse_unsound(model, body_id)
     context = np.zeros(1, CONTEXT)
     _fill(context[0], model, data, body_id)
-    numbers = _finite_numbers(motion, {name: WATER[field].shape[0] for name, field in _WATER.items()})
-    fill_water(context, vehicle, model.opt.gravity, numbers)
-    return Attachment(vehicle, context, data, body_id)
-
-
-def fill_water(
-    context: np.ndarray, vehicle: Vehicle, gravity_W: np.ndarray, motion: Mapping[str, Sequence[float] | np.ndarray]
-) -> None:
-    """Set the vehicle's coefficients, the current and the disturbance in a CONTEXT record (1,)."""
-    water = context["water"]
-    water["M_A"], water["D_linear"], water["D_quadratic"] = vehicle.M_A, vehicle.D_linear, vehicle.D_quadratic
-    water["buoyancy_W"] = -vehicle.displaced_mass * gravity_W
-    water["r_b"] = vehicle.r_b
-    set_water(context, motion)
-
-
-def set_water(context: np.ndarray, motion: Mapping[str, Sequence[float] | np.ndarray]) -> None:
-    """Set the current and the disturbance in a CONTEXT record (1,), by the names of :func:`attach`'s arguments."""
-    for name, field in _WATER.items():
-        context["water"][field] = motion[name]
-
-
-_WATER = {"current_W": "v_c_W", "bias": "bias", "amplitude": "amplitude", "frequency_hz": "frequency"}
-
-
-def _finite_numbers(given: Mapping[str, Any], sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
-    """Vectors of finite numbers by name. An InputError lists all values that are not such a vector."""
-    numbers, faults = {}, []
-    for name, value in given.items():
-        try:
-            numbers[name] = np.asarray(value, dtype=float)
-        except (TypeError, ValueError):
-            numbers[name] = np.array(np.nan)
-        if numbers[name].shape != (sizes[name],) or not np.isfinite(numbers[name]).all():
-            faults.append(Fault(name, f"{value!r}: must be {sizes[name]} finite numbers"))
-    if faults:
-        raise InputError(faults, "attach")
-    return numbers
+    return Attachment(vehicle, context, data, body_id, Water(context, vehicle, model.opt.gravity))
 
 
 def _register(attachment: Attachment) -> int:

@@ -12,6 +12,7 @@ from ...physics.frames import body_velocity, to_world
 from ...physics.hydrodynamics import added_inertia, factor, water_wrench
 from ...physics.kernels import kernel
 from .compilation import native_function
+from .flow import flow
 from .layouts import CONTEXT, STOP_NONE
 from .loop import begin_step, finish_step, observe, run_stages
 from .memory import context_at, floats, integers, loop_at, mj_factorM, registered, triples
@@ -98,8 +99,7 @@ def evaluate(context, model, data):
     context.calls += 1
     R_WB = triples(context.R_at, 3)
     add_inertia(context, R_WB, model, data)
-    t = floats(context.time_at, 1)[0]
-    contact = context.no_contact
+    contact, alone = context.no_contact, True
     if context.loop_at != 0:
         loop = loop_at(context.loop_at)
         contact = loop.contact
@@ -109,9 +109,12 @@ def evaluate(context, model, data):
                 hold(context, loop)
                 return
             apply_thrust(loop)
-            t = loop.t
+            alone = False
     body_velocity(R_WB, floats(context.qvel_at, 6), context.nu)
-    water_wrench(context.water, t, R_WB, context.nu, context.nu_r, context.work, context.wrench)
+    if alone:
+        context.water.fresh = 0
+        flow(context, floats(context.time_at, 1)[0], floats(context.qpos_at, 7), R_WB, context.nu)
+    water_wrench(context.water, R_WB, context.nu, context.nu_r, context.work, context.wrench)
     apply_wrench(context, R_WB, contact)
 
 

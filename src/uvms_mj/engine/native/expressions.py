@@ -13,7 +13,7 @@ from llvmlite import ir
 from .values import BOOL, BYTE, DOUBLE, FLAG, FLOAT, INT, NUMBERS, SCALARS, WORD, Kind, Value, scalar, view
 
 _MATH = {math.sqrt: "sqrt", math.exp: "exp", math.log: "log", math.sin: "sin", math.cos: "cos", np.sin: "sin"}
-_MATH |= {math.floor: "floor"}
+_MATH |= {math.floor: "floor", np.floor: "floor"}
 _BITS = {"BitAnd": "and_", "BitOr": "or_", "BitXor": "xor", "LShift": "shl", "RShift": "ashr"}
 _COMPARISONS = {"Lt": "<", "LtE": "<=", "Gt": ">", "GtE": ">=", "Eq": "==", "NotEq": "!="}
 

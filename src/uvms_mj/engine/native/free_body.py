@@ -21,7 +21,7 @@ def _free_steps(context, body, n, moving) -> int:
     for k in range(n):
         if not begin_step(context, loop):
             return k
-        water_wrench(context.water, loop.t, true.R_WB, true.nu, context.nu_r, body.work, force)
+        water_wrench(context.water, true.R_WB, true.nu, context.nu_r, body.work, force)
         for i in range(6):
             force[i] += true.tau[i]
         if contact.touching != 0 and contact.friction > 0.0:

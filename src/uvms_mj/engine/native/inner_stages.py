@@ -71,6 +71,26 @@ class Tracking(Stage):
 
 
 @dataclass(frozen=True)
+class Sensed(Stage):
+    """The measured pose and velocity, without the force, which an observer sets in place of a force sensor."""
+
+    name = "sensed"
+    needs: ClassVar = ()
+    room: ClassVar[Room] = Room("navigation", "sensed", lambda thrusters: CLOCK + KNOWN, KNOWN[:4])
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        for i in range(3):
+            out.p_WB[i] = given.p_WB[i]
+            for j in range(3):
+                out.R_WB[i, j] = given.R_WB[i, j]
+        for i in range(4):
+            out.quat_WB[i] = given.quat_WB[i]
+        for i in range(6):
+            out.nu[i] = given.nu[i]
+
+
+@dataclass(frozen=True)
 class Delay(Stage):
     """The computation delay: the command of the law's instant t_k reaches the actuation at t_k + controller.delay.
     Before the first one it is zero."""
@@ -106,26 +126,6 @@ class Delay(Stage):
             due = 6 * (((given.instant - delay) // control) % (MOST_WAITING + 1))
             for i in range(6):
                 out[i] = queue[due + i]
-
-
-@dataclass(frozen=True)
-class Sensed(Stage):
-    """The measured pose and velocity, without the force, which an observer sets in place of a force sensor."""
-
-    name = "sensed"
-    needs: ClassVar = ()
-    room: ClassVar[Room] = Room("navigation", "sensed", lambda thrusters: CLOCK + KNOWN, KNOWN[:4])
-
-    @staticmethod
-    def step(settings, state, given, state_dot, out):
-        for i in range(3):
-            out.p_WB[i] = given.p_WB[i]
-            for j in range(3):
-                out.R_WB[i, j] = given.R_WB[i, j]
-        for i in range(4):
-            out.quat_WB[i] = given.quat_WB[i]
-        for i in range(6):
-            out.nu[i] = given.nu[i]
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ import numpy as np
 
 from ...physics.contact import CONTACT
 from ...physics.hydrodynamics import WATER
+from ...physics.varying import varying
 from ...stages.signals import CLOCK, GIVEN, KNOWN, RECORDED, TRUE, record_dtype
 
 CLOCKS = record_dtype(CLOCK)
@@ -28,6 +29,13 @@ CONTEXT = np.dtype(
         ("loop_at", "i8"),  # LOOP, or 0 without a closed loop
         ("calls", "i8"),
         ("water", WATER),
+        ("current", varying(3)),  # in W [m/s]
+        ("disturbance", varying(6)),  # in B [N, N m]
+        ("shear_at", "i8"),  # rows of [depth, factor]
+        ("shear_rows", "i8"),
+        ("factor", "f8", (1,)),  # of the current at the vehicle's depth
+        ("slope", "f8", (1,)),  # its derivative by the depth [1/m]
+        ("rate", "f8", (6,)),  # time derivative of the disturbance, not used
         ("nu", "f8", (6,)),
         ("nu_r", "f8", (6,)),
         ("work", "f8", (6,)),

@@ -11,8 +11,8 @@ import sys
 
 from ...physics.contact import contact_force
 from ...physics.frames import body_acceleration, body_velocity, rotation
-from ...physics.hydrodynamics import disturbance
 from ...physics.kernels import kernel
+from .flow import flow
 from .layouts import STAGE_SIZE, STOP_COMMAND, STOP_NONE, STOP_STAGE, STOP_STATE, STOP_THRUST, STOP_WAITING
 from .memory import call_stage, clock_at, floats, integers, stage_at
 
@@ -41,6 +41,8 @@ def observe(context, loop):
     distance = floats(loop.distance_at, 1)[0]
     fromto = floats(loop.fromto_at, 6)
     contact_force(contact, distance, fromto, true.p_WB, true.R_WB, true.nu, loop.timestep)
+    flow(context, loop.t, true.p_WB, true.R_WB, true.nu)
+    context.water.fresh = 1
     for i in range(3):
         true.f_contact_W[i] = contact.f_W[i]
         true.v_c_W[i] = context.water.v_c_W[i]
@@ -182,6 +184,10 @@ def begin_step(context, loop) -> bool:
         return False
     row, true = loop.row, loop.true
     row.t = loop.t
+    if context.water.fresh == 0:  # changed since it was observed
+        flow(context, loop.t, true.p_WB, true.R_WB, true.nu)
+    for i in range(6):
+        row.tau_dist[i] = context.water.tau_dist[i]
     if loop.step > 0:
         for i in range(6):
             change = abs(true.tau[i] - loop.tau_before[i])
@@ -224,7 +230,6 @@ def finish_step(context, loop):
     elif loop.step > loop.window_step:
         row.final_low, row.final_high = min(row.final_low, push), max(row.final_high, push)
     body_acceleration(true.R_WB, floats(loop.qacc_at, 6), true.nu, true.nu_dot)
-    disturbance(context.water, loop.t, row.tau_dist)
     write_row(loop)
     if loop.saturated != 0:  # for the coming step
         row.saturation_time += h

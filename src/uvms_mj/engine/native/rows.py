@@ -8,7 +8,16 @@ from ...control.task import ImpedanceTask
 from ...errors import Fault, InputError
 from ...navigation import Navigation, Perfect
 from ...stages.base import Stage
-from ...stages.signals import DELAYED, MEASURED, OWN_UNIT, RECORDED, SCHEDULED, Signal, thruster_signal
+from ...stages.signals import (
+    DELAYED,
+    MEASURED,
+    OWN_UNIT,
+    RECORDED,
+    SCHEDULED,
+    UNSTEADY,
+    Signal,
+    thruster_signal,
+)
 from .stage_table import StageTable
 
 _ATTRIBUTES = {
@@ -22,12 +31,13 @@ _OF_THE_TASK = ("s", "zeta", "tau_nom", "boundary_layer_time")
 
 
 def recorded(
-    loop: np.ndarray, stages: StageTable, u: np.ndarray, navigation: Navigation
+    loop: np.ndarray, stages: StageTable, u: np.ndarray, navigation: Navigation, water: np.ndarray
 ) -> list[tuple[Signal, np.ndarray]]:
     """The signals of a row in order, each with its memory. The measurements are recorded unless navigation is perfect,
-    and the command of the thrusters where it may differ from their thrust or from tau_cmd. Raises InputError if two
-    states have one name, or a state's name is taken or is not an identifier."""
-    records = [loop["row"], loop["true"], loop["contact"], stages.signals, stages.ordered]
+    the motion of the water, a WATER record, unless the current is constant, and the command of the thrusters where it
+    may differ from their thrust or from tau_cmd. Raises InputError if two states have one name, or a state's name is
+    taken or is not an identifier."""
+    records = [loop["row"], loop["true"], loop["contact"], stages.signals, stages.command]
     places = {name: record[name] for record in reversed(records) for name in record.dtype.names or ()}
     found = [
         (signal, places[signal.name])
@@ -38,6 +48,8 @@ def recorded(
         found += [(signal, stages.signals[signal.name.removesuffix("_m")]) for signal in MEASURED]
     found += [(signal, stages.signals[signal.name]) for signal in SCHEDULED if "schedule" in stages.entries]
     found += [(signal, stages.allocation["tau_cmd"]) for signal in DELAYED if "delay" in stages.entries]
+    if water["unsteady"][0]:
+        found += [(signal, water[signal.name]) for signal in UNSTEADY]
     found.append((thruster_signal(len(u)), u))
     found += stages.commanded
     own = [each for each in stages.states() if each[1] != "zeta" or not isinstance(each[0], ImpedanceTask)]
@@ -48,7 +60,8 @@ def recorded(
 def check_states(states: Sequence[tuple[Stage, str]], names: Set[str] = frozenset()) -> None:
     """Refuse states that can't be recorded under their names, beside the signals ``names``. Raises InputError if two
     states have one name, or a state's name is taken or is not an identifier."""
-    taken = names | {signal.name for signal in (*RECORDED, *MEASURED, thruster_signal(0))} | _ATTRIBUTES
+    recorded = (*RECORDED, *MEASURED, *UNSTEADY, *DELAYED, *SCHEDULED, thruster_signal(0))
+    taken = names | {signal.name for signal in recorded} | _ATTRIBUTES
     faults: dict[Stage, list[Fault]] = {}
     for stage, name in states:
         if name in taken:

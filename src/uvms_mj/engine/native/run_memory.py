@@ -1,6 +1,6 @@
 """The memory of one run: the records that the loop works on, and the numbers of a scenario in them."""
 
-from collections.abc import Callable, Set
+from collections.abc import Callable, Iterator, Set
 from typing import Any
 
 import numpy as np
@@ -8,9 +8,8 @@ import numpy as np
 from ...analysis.setup import Setup
 from ...control.design import ATTITUDE_KEYS
 from ...plant.settings import contact_settings
-from ...scenario import STAGES, Scenario
+from ...scenario import STAGES
 from ...stages.signals import FINAL_WINDOW_S
-from .attachment import set_water
 from .callback import entry_point
 from .layouts import LOOP, STOP_STAGE
 from .memory import stopped
@@ -40,7 +39,7 @@ class RunMemory:
         n = len(vehicle.thrusters)
         self.stages = stages = StageTable(setup, self.loop["true"], self.context["water"])
         self.u = np.zeros(n)
-        self.recorded = recorded(self.loop, stages, self.u, setup.scenario.navigation)
+        self.recorded = recorded(self.loop, stages, self.u, setup.scenario.navigation, self.context["water"])
         self._spans = np.array(list(spans([memory for _, memory in self.recorded])))
         self.rows = np.zeros((0, sum(signal.size for signal, _ in self.recorded)))
         allocation = stages.allocation
@@ -79,13 +78,18 @@ class RunMemory:
             self.loop[name] = array.ctypes.data
         for _, write in WRITERS:
             write(self, setup)
-        arrays = [self.loop, self.context, stages.signals, stages.sensed, allocation, stages.ordered, self.u]
-        arrays += [stages.rows, stages.commands, stages.thrust, stages.tau_lost]
-        kept = [entry for entry in stages.running if entry.states or type(entry.stage).memory]
-        arrays += [each for entry in kept for each in (entry.state, entry.state_dot)]
-        arrays += engine.state
         self.context["loop_at"] = self.loop.ctypes.data
-        self._start = [(array.view(np.uint8), array.view(np.uint8).copy()) for array in arrays]
+        self._start = [(array.view(np.uint8), array.view(np.uint8).copy()) for array in self._restored()]
+
+    def _restored(self) -> Iterator[np.ndarray]:
+        """The arrays that a reset restores, the LOOP record first."""
+        stages = self.stages
+        yield from (self.loop, self.context, stages.signals, stages.sensed, stages.command, stages.allocation)
+        yield from (stages.commands, stages.thrust, stages.tau_lost, self.u, stages.rows)
+        for entry in stages.running:
+            if entry.states or type(entry.stage).memory:
+                yield from (entry.state, entry.state_dot)
+        yield from self.engine.state
 
     def record(self, row_steps: int, capacity: int) -> None:
         """Record a row every so many time steps, at most ``capacity`` of them before they are taken."""
@@ -161,11 +165,13 @@ def write_time(memory: RunMemory, setup: Setup) -> None:
     memory.loop["window_step"] = max(0, scenario.steps - round(FINAL_WINDOW_S / h))
 
 
-def motion_of_water(scenario: Scenario) -> dict[str, tuple[float, ...]]:
-    """The current and the disturbance of a scenario, by the names of :func:`.attachment.attach`'s arguments."""
-    wrench = scenario.disturbance
-    motion = {"bias": wrench.bias, "amplitude": wrench.amplitude, "frequency_hz": wrench.frequency_hz}
-    return {"current_W": scenario.current.velocity_W, **motion}
+def write_water(memory: RunMemory, setup: Setup) -> None:
+    memory.engine.water.move_as(setup.scenario)
+
+
+def write_seed(memory: RunMemory, setup: Setup) -> None:
+    memory.stages.write_keys(setup.scenario)
+    memory.engine.water.seed(setup.scenario.simulation.seed)
 
 
 def write_wall(memory: RunMemory, setup: Setup) -> None:
@@ -199,11 +205,11 @@ def write_limits(memory: RunMemory, setup: Setup) -> None:
 
 WRITERS: tuple[tuple[tuple[str, ...], Callable[[RunMemory, Setup], None]], ...] = (
     (("simulation.timestep", "simulation.duration"), write_time),
-    (("current", "disturbance"), lambda memory, setup: set_water(memory.context, motion_of_water(setup.scenario))),
+    (("current", "disturbance", "tether"), write_water),
     (("wall", *ATTITUDE_KEYS), write_wall),
     (("initial",), write_initial),
     (("impedance",), write_impedance),
-    (("simulation.seed",), lambda memory, setup: memory.stages.write_keys(setup.scenario)),
+    (("simulation.seed",), write_seed),
     (("simulation.timestep", "controller", *(f"{table}.period" for table in STAGES)), write_control),
     (("thrusters",), write_limits),
 )

@@ -137,7 +137,7 @@ class StageTable:
         signals: the record of the signals that the law is given (1,); each stage fills its part.
         sensed: the clock and the measurements (1,) that navigation sets if an observer replaces its force.
         allocation: the record that actuation is given (1,).
-        ordered: the record with the law's command tau_cmd (1,): that of the actuation, or of the delay before it.
+        command: the record with the law's command tau_cmd (1,): that of the actuation, or of the delay before it.
         commands: the record that the thrusters are given (1,).
         u_cmd: (n,) thrusts that actuation sets, in ``commands``.
         thrust: (n,) thrusts that the thrusters produce; ``u_cmd`` itself if they are ideal.
@@ -184,11 +184,11 @@ class StageTable:
             add("truth", Truth(), true, part(self.signals, TRUTH), water)
         self.control = len(self.entries)
         late = controller.delay is not None
-        self.ordered = np.zeros(1, record_dtype(Delay.given())) if late else self.allocation
+        self.command = np.zeros(1, record_dtype(Delay.given())) if late else self.allocation
         add("controller", controller, self.signals, self.tau_cmd)
         self.actuation = len(self.entries)
         if late:
-            add("delay", Delay(), self.ordered, self.allocation["tau_cmd"][0])
+            add("delay", Delay(), self.command, self.allocation["tau_cmd"][0])
         add("actuation", actuation, self.allocation, self.u_cmd)
         self.commanded: list[tuple[Signal, np.ndarray]] = []
         if thrusters.runs or actuation.records_loss:
@@ -207,7 +207,7 @@ class StageTable:
     @property
     def tau_cmd(self) -> np.ndarray:
         """(6,) wrench that the law commands."""
-        return self.ordered["tau_cmd"][0]
+        return self.command["tau_cmd"][0]
 
     def constants(self, setup: Setup, touched: Set[str]) -> dict[str, dict[str, Any]]:
         """The new constants of the stages that depend on the tables and keys in ``touched``, by table. Raises
@@ -244,13 +244,13 @@ class StageTable:
     def write_periods(self, scenario: Scenario) -> None:
         """Set the periods of all stages."""
         h, control = scenario.simulation.timestep, scenario.control_period
-        delay = Delay.steps(scenario)[2] * h if "delay" in self.entries else h
-        periods = {"actuation": h, "delay": delay}
+        periods = {"actuation": h, "thrusters": h}
+        periods["delay"] = Delay.steps(scenario)[2] * h if "delay" in self.entries else h
         periods |= {table: h for table, entry in self.entries.items() if type(entry.stage).every_step}
         chosen = {table: getattr(scenario, table).period for table in STAGES}
         periods |= {table: period for table, period in chosen.items() if period is not None}
         periods["sensed"] = periods.get("navigation", control)
-        periods |= {"shortfall": periods["actuation"], "inflow": periods.get("thrusters", h)}
+        periods |= {"shortfall": periods["actuation"], "inflow": periods["thrusters"]}
         steps = [round(periods.get(table, control) / h) for table in self.entries]
         self.rows["period_steps"], self.rows["period"] = steps, [n * h for n in steps]
 

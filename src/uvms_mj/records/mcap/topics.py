@@ -166,10 +166,11 @@ def once(header: Header) -> tuple[tuple[Topic, ...], dict[str, np.ndarray]]:
     scene, analytic = scene_of(header), header.analytic
     wall = ros2.transforms(("map", "wall", "face", "turn.xyzw"))
     current = ros2.stamped("map", "v_c_W", 3)
+    meaning = "velocity of the current" if header.scenario.current.constant else "constant part of the current"
     shapes, surroundings = markers.vehicles(scene), markers.surroundings(scene)
     topics = [
         Topic("/tf_static", _TF, "map", "m, 1", "pose of the wall's face in map", wall),
-        Topic("/current", _VECTOR, "map", "m/s", "velocity of the current", current),
+        Topic("/current", _VECTOR, "map", "m/s", meaning, current),
         Topic("/markers/vehicle", _MARKERS, "base_link", "m", "geoms of the vehicle", shapes),
         Topic("/markers/surroundings", _MARKERS, "map", "m", "the wall, and the current as an arrow", surroundings),
     ]

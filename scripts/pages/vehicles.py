@@ -1,0 +1,72 @@
+"""Draw docs/vehicles.png: the vehicles that ship, from the front and from behind.
+
+    python scripts/pages/vehicles.py
+
+It needs an EGL driver. Variants of a frame look alike, so each frame is drawn once.
+"""
+
+import os
+import sys
+from pathlib import Path
+
+if sys.platform == "linux":
+    os.environ.setdefault("MUJOCO_GL", "egl")  # mujoco reads it when it is imported
+
+import mujoco
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image
+
+from uvms_mj.files import shipped
+
+OUT = Path(__file__).parents[2] / "docs" / "vehicles.png"
+FRAMES = {"bluerov1": 0.78, "bluerov2": 0.78, "bluerov2_heavy": 0.92, "lauv": 1.25}
+"""Vehicles, and the distance of the camera [m]."""
+VIEWS = {"from the front": (212.0, -20.0), "from behind": (328.0, -24.0)}
+"""Azimuth and elevation of the camera [deg]."""
+WIDTH, HEIGHT, FINER = 330, 250, 2
+WATER = (0.85, 0.91, 0.95)
+COLOURS = 256
+"""Colours of the PNG's palette, for a small file."""
+
+
+def views_of(name: str, distance: float) -> list[np.ndarray]:
+    """Pictures (HEIGHT, WIDTH, 3) of a vehicle, one for each view."""
+    spec = mujoco.MjSpec.from_file(str(shipped("models")[name]))
+    kind, builtin = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_FLAT
+    spec.add_texture(name="water", type=kind, builtin=builtin, width=8, height=48, rgb1=WATER, rgb2=WATER)
+    spec.visual.quality.offsamples = 8
+    model = spec.compile()
+    model.vis.global_.offwidth, model.vis.global_.offheight = FINER * WIDTH, FINER * HEIGHT
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    pictures = []
+    with mujoco.Renderer(model, FINER * HEIGHT, FINER * WIDTH) as renderer:
+        for azimuth, elevation in VIEWS.values():
+            camera = mujoco.MjvCamera()
+            camera.lookat, camera.distance, camera.azimuth, camera.elevation = [0, 0, 0], distance, azimuth, elevation
+            renderer.update_scene(data, camera)
+            fine = renderer.render().reshape(HEIGHT, FINER, WIDTH, FINER, 3)
+            pictures.append(fine.mean(axis=(1, 3)) / 255)
+    return pictures
+
+
+def main() -> None:
+    """Draw the picture."""
+    rows = np.hstack([np.vstack(views_of(name, distance)) for name, distance in FRAMES.items()])
+    height, width, _ = rows.shape
+    figure = Figure(figsize=(width / 100, height / 100), dpi=100)
+    figure.figimage(rows)
+    for i, name in enumerate(FRAMES):
+        figure.text((i * WIDTH + 10) / width, (height - 22) / height, name, size=11, color="#10304a")
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]).quantize(COLOURS, Image.Quantize.MAXCOVERAGE).save(
+        OUT, optimize=True
+    )
+    print(f"{OUT}: {OUT.stat().st_size / 1000:.0f} kB")
+
+
+if __name__ == "__main__":
+    main()

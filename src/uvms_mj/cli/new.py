@@ -1,0 +1,51 @@
+"""``uvms-mj new``: a commented file of the user's own, which runs as it is."""
+
+import keyword
+from pathlib import Path
+
+import click
+
+from .common import bad_input, command, force_option, path_option, refuse_existing
+
+KINDS = {
+    "vehicle": ("vehicle.xml", "uvms-mj run --set vehicle.model={file}"),
+    "scenario": ("scenario.toml", "uvms-mj run {file}"),
+    "law": ("law.py", "uvms-mj run --controller {file}:{cls}"),
+    "reference": ("reference.py", "uvms-mj run --set reference.name={file}:{cls}"),
+    "sensor": ("sensor.py", "uvms-mj run --set navigation.name={file}:{cls}"),
+}
+"""Template and use of each kind. A template is a valid file about ``template_name`` with the class ``TemplateName``."""
+
+
+@command()
+@click.argument("kind", type=click.Choice(list(KINDS)), metavar="|".join(KINDS))
+@click.argument("name")
+@path_option("-o", "--out", metavar="FOLDER", default=".", help="Folder of the new file [default: here].")
+@force_option
+def new(kind: str, name: str, out: str, force: bool) -> None:
+    """Write a commented file NAME.xml, NAME.toml or NAME.py, which runs as it is.
+
+    \b
+    uvms-mj new vehicle my_rov
+    uvms-mj new law my_law
+    """
+    with bad_input():
+        from ..errors import InputError
+        from ..files import whole
+
+        cls = "".join(word[:1].upper() + word[1:] for word in name.split("_"))
+        if not name.isascii() or not all(map(_is_name, (name, cls))):
+            hint = f"must be a word of letters, digits and _ that begins with a letter, as my_{kind}"
+            raise InputError(f"NAME {name!r}: {hint}; --out names a folder")
+        template, use = KINDS[kind]
+        source = Path(__file__).parent / "templates" / template
+        path = Path(out, f"{name}{source.suffix}")
+        refuse_existing("NAME", path, force)
+        text = source.read_text(encoding="utf-8").replace("template_name", name).replace("TemplateName", cls)
+        with whole(path) as part:
+            part.write_text(text, encoding="utf-8")
+    click.echo(f"{path}: {use.format(file=path, cls=cls)}")
+
+
+def _is_name(word: str) -> bool:
+    return word.isidentifier() and not keyword.iskeyword(word)

@@ -1,0 +1,141 @@
+r"""The loop of a law at the wall, linear about rest: does the sampled law damp it?
+
+The law's own function is linearized by differences, with w and tau_nom of the impedance task if the law uses them; it
+must not use s and zeta. Position and attitude enter as x (6,) = (R^T (p - p_d), rotation vector), the wall as the
+spring and the damper
+
+.. math:: \tau_c = -n n^\top (k_c x + b_c \nu)
+
+along its normal n, which the law is given at its own instants. Between two instants the command is held, and symplectic
+Euler takes the vehicle over the time steps:
+
+.. math:: M \dot\nu = \tau + \tau_c - D_{linear} \nu, \qquad \dot x = \nu
+
+The states of the law advance by one explicit Euler step a period. The spectral radius of the whole, one matrix for a
+period, decides: above 1 a motion grows. The model leaves out the loss of contact, quadratic damping, the restoring
+wrench, the attitude's effect on the directions, limits, and the periods of the other stages.
+"""
+
+import functools
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from .rest import SteadyState
+
+GROWS = 1e-3
+"""A growth rate above this is more than rounding [1/s]."""
+_EPS = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """A law linearized about rest; ``law`` (6 + n, 18 + n) gives tau and the derivatives of its n states from x, nu,
+    tau_c and these states."""
+
+    setup: Any
+    law: np.ndarray
+
+    @classmethod
+    def of(cls, setup: Any, states: Mapping[str, np.ndarray] | None = None) -> "Linear":
+        """The law of a run; ``states`` are those of the law at rest that are not zero."""
+        about = tuple((name, tuple(value.tolist())) for name, value in (states or {}).items())
+        return cls(setup, _jacobian(setup, about))
+
+    def growth(self, period: float, k_c: float) -> float:
+        """Growth rate of the fastest growing motion, on a wall of stiffness k_c [N/m] or without one (0) [1/s]."""
+        setup, h = self.setup, self.setup.scenario.simulation.timestep
+        n, one, M_inv = setup.design.normal, np.eye(6), np.linalg.inv(setup.design.M)
+        b_c = setup.scenario.wall.damping if k_c else 0.0
+        contact = -np.outer(n, n) @ np.hstack([k_c * one, b_c * one])  # tau_c from x and nu
+        force = M_inv @ (contact - np.hstack([0.0 * one, setup.vehicle.D_linear]))
+        step, held = np.eye(12), np.vstack([h * h * M_inv, h * M_inv])
+        step[:6] += h * (np.hstack([0.0 * one, one]) + h * force)
+        step[6:] += h * force
+        free, forced = np.eye(12), np.zeros((12, 6))
+        for bit in f"{max(1, round(period / h)):b}":  # free = step^k, forced = (1 + step + ... + step^(k - 1)) held
+            free, forced = free @ free, free @ forced + forced
+            if bit == "1":
+                free, forced = step @ free, step @ forced + held
+        size = len(self.law) - 6
+        seen = np.zeros((18 + size, 12 + size))  # x, nu, tau_c and states, from x, nu and states
+        seen[:12, :12], seen[12:18, :12], seen[18:, 12:] = np.eye(12), contact, np.eye(size)
+        given = self.law @ seen
+        whole = np.vstack([forced @ given[:6], period * given[6:]]) + np.eye(12 + size)
+        whole[:12, :12] += free - np.eye(12)
+        radius = float(np.abs(np.linalg.eigvals(whole)).max())
+        return math.log(radius) / period if radius > 0.0 else -math.inf
+
+    @functools.cached_property
+    def growths(self) -> tuple[float, float]:
+        """Growth rates without a wall and at the wall, at the control period [1/s]."""
+        scenario = self.setup.scenario
+        return self.growth(scenario.control_period, 0.0), self.growth(scenario.control_period, scenario.wall.stiffness)
+
+    def checked(self, state: SteadyState | str) -> SteadyState | str:
+        """The state at rest, or the reason why the sampled law does not come to rest there."""
+        if isinstance(state, SteadyState):
+            free, pressed = self.growths
+            if free > GROWS:
+                return "the sampled law is unstable without contact"
+            if state.force > 0.0 and pressed > GROWS:
+                return "the sampled law does not damp the vibration against this wall"
+        return state
+
+    def notes(self, label: str) -> Iterator[str]:
+        """A warning if a motion grows, without a wall or against it."""
+        scenario, (free, pressed) = self.setup.scenario, self.growths
+        period, k_c = scenario.control_period, scenario.wall.stiffness
+        if max(free, pressed) <= GROWS:
+            return
+        where, k_c = ("without contact", 0.0) if free > GROWS else (f"against the wall, {k_c:g} N/m", k_c)
+        h, shorter = scenario.simulation.timestep, round(period / scenario.simulation.timestep) // 2
+        while shorter and self.growth(shorter * h, k_c) > GROWS:
+            shorter //= 2
+        cure = f"a period of {shorter * h:.4g} s suffices" if shorter else "these gains and estimates need a change"
+        rate = free if free > GROWS else pressed
+        yield (
+            f"{label} oscillates {where}: at a control period of {period:g} s a small motion grows with {rate:.3g} "
+            f"1/s; {cure}"
+        )
+
+
+@functools.lru_cache(maxsize=8)  # the warnings and the rest of a run need the same one
+def _jacobian(setup: Any, about: tuple[tuple[str, tuple[float, ...]], ...]) -> np.ndarray:
+    """The matrix ``law`` of :class:`Linear`, by differences."""
+    law, task, design, impedance = setup.scenario.controller, setup.task, setup.design, setup.scenario.impedance
+    kind = type(law)
+    # records of NumPy, which the functions also take, are five times slower
+    signals = _fields({signal.name: np.zeros(signal.shape) for signal in kind.given()})
+    signals.M_hat, signals.M_d, signals.D_d = design.M_hat, design.M_d, design.D_d
+    signals.K_d, signals.K_f, signals.F_d = np.diag(design.K_d), np.array(impedance.K_f), np.array(impedance.F_d)
+    signals.quat_e, signals.period, signals.instant = np.array([1.0, 0.0, 0.0, 0.0]), setup.scenario.control_period, 1
+    gains, task_gains = _fields(law.constants(setup)), _fields(task.constants(setup))
+    state, rates = (_fields({name: np.zeros(size) for name, size in kind.states.items()}) for _ in range(2))
+    zeta, zeta_dot = _fields({"zeta": np.zeros(6)}), _fields({"zeta": np.zeros(6)})
+    vars(state).update({name: np.array(value) for name, value in about})
+    states = list(vars(state).values())
+    base, ends = np.concatenate([*states, np.zeros(0)]), np.cumsum([len(each) for each in states])
+    D_hat, half = setup.scenario.estimates.damping * setup.nominal.D_linear, np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
+
+    def evaluate(y: np.ndarray) -> np.ndarray:
+        signals.eta_e, signals.nu, signals.tau_contact_m_B = half * y[:6], y[6:12], y[12:18]
+        signals.nu_e, signals.D_hat_nu, tau_cmd = signals.nu, D_hat @ signals.nu, np.zeros(6)
+        for own, value in zip(states, np.split(base + y[18:], ends), strict=False):
+            own[:] = value
+        if kind.uses_task:
+            type(task).step(task_gains, zeta, signals, zeta_dot, signals)
+        kind.law(gains, state, signals, rates, tau_cmd)
+        return np.concatenate([tau_cmd, *vars(rates).values()])
+
+    at_rest = evaluate(np.zeros(18 + len(base)))
+    return np.array([evaluate(e) - at_rest for e in _EPS * np.eye(18 + len(base))]).T / _EPS
+
+
+def _fields(values: Mapping[str, Any]) -> SimpleNamespace:
+    """Values by attribute, tuples as arrays."""
+    return SimpleNamespace(**{name: np.array(x) if isinstance(x, tuple) else x for name, x in values.items()})

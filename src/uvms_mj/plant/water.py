@@ -1,0 +1,139 @@
+"""Settings of the water: the ocean current, the disturbance of eq. (10), and the tether."""
+
+import itertools
+import math
+from typing import Annotated
+
+import numpy as np
+from pydantic import AfterValidator
+from pydantic.dataclasses import dataclass
+
+from ..physics.tether import drag_factor
+from ..physics.varying import FINEST
+from ..quantities import STRICT, Angle, Frequencies, Number, Position, Time, Wrench, doc, within
+
+MOST_ROWS = 100_000
+"""Largest number of rows of a table."""
+
+Speed = Annotated[Number, within(-100.0, 100.0, "m/s")]
+Depth = Annotated[Number, within(-1e6, 1e6, "m")]
+_ShearFactor = Annotated[Number, within(-1e3, 1e3, "")]
+_CorrelationTime = Annotated[Number, within(1e-3, 1e6, "s")]
+
+
+def _increasing(rows: tuple[tuple[float, ...], ...] | None) -> tuple[tuple[float, ...], ...] | None:
+    if rows is None:
+        return None
+    if not 0 < len(rows) <= MOST_ROWS:
+        raise ValueError(f"has {len(rows)} rows; 1 to {MOST_ROWS} are possible")
+    first = next((i for i, (a, b) in enumerate(itertools.pairwise(rows)) if b[0] <= a[0]), None)
+    if first is not None:
+        raise ValueError(
+            f"row {first + 1} begins with {rows[first + 1][0]:g} after {rows[first][0]:g}: the first numbers of the "
+            "rows must increase"
+        )
+    return rows
+
+
+_ROWS = AfterValidator(_increasing)
+_Hz = Annotated[Number, within(0.0, 1e7, "Hz")]
+_Sigma = Annotated[Number, within(0.0, 100.0, "m/s")]
+_Force = Annotated[Number, within(-1e6, 1e6, "N, N m")]
+_ForceSigma = Annotated[Number, within(0.0, 1e6, "N, N m")]
+Three = tuple[Speed, Speed, Speed]
+CurrentTable = Annotated[tuple[tuple[Time, Speed, Speed, Speed], ...] | None, _ROWS]
+ShearTable = Annotated[tuple[tuple[Depth, _ShearFactor], ...] | None, _ROWS]
+DisturbanceTable = Annotated[tuple[tuple[Time, _Force, _Force, _Force, _Force, _Force, _Force], ...] | None, _ROWS]
+
+
+@dataclass(frozen=True, config=STRICT)
+class Current:
+    """The ocean current: factor(depth) times the horizontal part, and the vertical part, of a sum in W. The sum is the
+    constant vector of speed, direction and vertical, plus sines, plus the table, plus a Gauss-Markov process."""
+
+    speed: Annotated[Number, within(0.0, 100.0, "m/s")] = doc("speed of the ocean current [m/s]", 0.5)
+    direction_deg: Angle = doc("heading of the current in W, 0 towards the wall, 90 to the left [deg]", 120.0)
+    vertical: Speed = doc("vertical part of the current, upwards [m/s]", 0.0)
+    amplitude: Three = doc("amplitude of the sinusoidal part in W [m/s]", (0.0,) * 3)
+    frequency_hz: tuple[_Hz, _Hz, _Hz] = doc(
+        "frequency of the sinusoidal part, below half the step rate [Hz]", (0.0,) * 3
+    )
+    table: CurrentTable = doc(
+        "part given over time in W, [[t, v_x, v_y, v_z], ...], linear between rows [s, m/s]", None
+    )
+    deviation: tuple[_Sigma, _Sigma, _Sigma] = doc(
+        "standard deviation of the Gauss-Markov part in W, from simulation.seed [m/s]", (0.0,) * 3
+    )
+    correlation_time: _CorrelationTime = doc("correlation time of the Gauss-Markov part [s]", 10.0)
+    shortest_gust: _CorrelationTime | None = doc(
+        "time between the random numbers of the Gauss-Markov part, from 1/64 of its correlation time, the default, to "
+        "the whole [s]",
+        None,
+    )
+    shear: ShearTable = doc(
+        "factor of the horizontal part over the depth below z = 0, [[depth, factor], ...], linear between rows [m, 1]",
+        None,
+    )
+
+    @property
+    def spacing(self) -> float:
+        """Time between the nodes of the Gauss-Markov part [s]."""
+        return self.correlation_time / FINEST if self.shortest_gust is None else self.shortest_gust
+
+    @property
+    def velocity_W(self) -> tuple[float, float, float]:
+        """(3,) constant part of the current in W, where the factor of the depth is 1 [m/s]."""
+        heading = math.radians(self.direction_deg)
+        return self.speed * math.cos(heading), self.speed * math.sin(heading), self.vertical
+
+    @property
+    def steady(self) -> bool:
+        """Whether the current does not change with time."""
+        return self.table is None and not any(self.amplitude) and not any(self.deviation)
+
+    @property
+    def constant(self) -> bool:
+        """Whether the current changes neither with time nor with depth."""
+        return self.steady and self.shear is None
+
+    def steady_at(self, depth: float) -> np.ndarray:
+        """(3,) constant part of the current in W at a depth [m/s]."""
+        v_c_W = np.array(self.velocity_W)
+        if self.shear is not None:
+            v_c_W[:2] *= np.interp(depth, *np.array(self.shear).T)
+        return v_c_W
+
+
+@dataclass(frozen=True, config=STRICT)
+class Disturbance:
+    bias: Wrench = doc("constant part of tau_dist in B [N, N m]", (0.0,) * 6)
+    amplitude: Wrench = doc("amplitude of the sinusoidal part [N, N m]", (0.0,) * 6)
+    frequency_hz: Frequencies = doc("frequency of the sinusoidal part, below half the step rate [Hz]", (0.0,) * 6)
+    table: DisturbanceTable = doc(
+        "part given over time in B, [[t, X, Y, Z, K, M, N], ...], linear between rows [s, N, N m]", None
+    )
+    deviation: tuple[_ForceSigma, _ForceSigma, _ForceSigma, _ForceSigma, _ForceSigma, _ForceSigma] = doc(
+        "standard deviation of the Gauss-Markov part, from simulation.seed [N, N m]", (0.0,) * 6
+    )
+    correlation_time: _CorrelationTime = doc("correlation time of the Gauss-Markov part [s]", 10.0)
+
+    @property
+    def spacing(self) -> float:
+        """Time between the nodes of the Gauss-Markov part [s]."""
+        return self.correlation_time / FINEST
+
+
+@dataclass(frozen=True, config=STRICT)
+class Tether:
+    """A cable whose drag acts on the vehicle. The diameter is that of Blue Robotics' Fathom tether, the drag
+    coefficient that of a smooth cylinder across the flow (Hoerner, 1965): assumptions for any other cable."""
+
+    length: Annotated[Number, within(0.0, 1e5, "m")] = doc("length whose drag the vehicle bears; 0: no tether [m]", 0.0)
+    diameter: Annotated[Number, within(1e-4, 1.0, "m")] = doc("diameter of the tether [m]", 7.6e-3)
+    drag_coefficient: Annotated[Number, within(0.0, 10.0, "")] = doc("C_d of the tether across the flow [1]", 1.2)
+    position: Position = doc("point of attachment in B [m]", (0.0, 0.0, 0.0))
+
+    @property
+    def factor(self) -> float:
+        """Its drag over the square of its velocity in the water [N s^2/m^2]."""
+        return drag_factor(self.length, self.diameter, self.drag_coefficient)

@@ -1,0 +1,109 @@
+"""``uvms-mj new``: each template runs as it is written, and says only what is true."""
+
+import re
+import shlex
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uvms_mj import Scenario, Trace
+from uvms_mj.cli.new import KINDS
+from uvms_mj.plant.mjcf import Mjcf
+
+
+def ran(here, kind: str, *settings: str) -> Trace:
+    """A run of a new file by the command that is printed, with further settings."""
+    done = here("new", kind, "mine")
+    assert done.exit_code == 0, done.stderr
+    path, _, command = done.stdout.strip().partition(": uvms-mj ")
+    assert Path(path).is_file()
+    options = ("--out", "out", "--engine", "free_body", "-q")
+    run = here(*shlex.split(command), *settings, *options)
+    assert run.exit_code == 0, run.stderr
+    assert run.stderr == ""
+    return Trace.load("out/run.mcap")
+
+
+def test_the_texts_have_the_name(here, tmp_path):
+    for kind, (template, _) in KINDS.items():
+        here("new", kind, "sea_cow")
+        text = (tmp_path / f"sea_cow.{template.partition('.')[2]}").read_text()
+        assert "emplate" not in text
+        assert ("class SeaCow(" in text) == template.endswith(".py")
+        own = re.findall(r"uvms-mj (?:run|vehicles|controllers|stages).*(sea_cow\S*)", text)
+        assert own
+        assert all(use.startswith(f"sea_cow.{template.partition('.')[2]}") for use in own)
+
+
+def test_the_keys_that_a_scenario_leaves_out_are_valid_and_have_their_defaults(here, tmp_path):
+    here("new", "scenario", "mine")
+    text = (tmp_path / "mine.toml").read_text()
+    whole, n = re.subn(r"^# (\w+ = )", r"\1", text, flags=re.MULTILINE)
+    assert n > 8
+    (tmp_path / "whole.toml").write_text(whole)
+    plain, full = (Scenario.load(tmp_path / name).to_dict() for name in ("mine.toml", "whole.toml"))
+    assert full.pop("controller").items() >= plain.pop("controller").items()
+    assert plain == full
+    assert tomllib.loads(text)["vehicle"]["model"] == "bluerov2_heavy"
+
+
+def test_the_scenario_rests_at_its_closed_form(here):
+    trace = ran(here, "scenario", "simulation.timestep=2e-4")
+    assert trace.push[-1] == pytest.approx(1.5 / (1.0 + 150.0 / 1e5), rel=1e-6)
+
+
+def test_the_vehicle_is_complete(here):
+    trace = ran(here, "vehicle", "simulation.timestep=2e-4")
+    assert trace.push[-1] == pytest.approx(1.5 / (1.0 + 150.0 / 1e5), rel=1e-6)
+    mjcf = Mjcf.find("mine.xml")
+    assert np.linalg.matrix_rank(mjcf.vehicle.B) == 6
+    assert set(mjcf.remarks) == {"description", "source", "licence", "trust"}
+
+
+def test_the_law_brings_the_vehicle_back_against_a_force(here):
+    """The integral takes the force over: k_i xi = force at rest."""
+    settings = ("current.speed=0", "disturbance.bias=[0,3,0,0,0,0]", "wall.position=5", "reference.target=[0,0,0]")
+    trace = ran(here, "law", *settings, "controller.k_i=60", "simulation.timestep=1e-3")
+    assert trace.p_WB[-1] == pytest.approx([0, 0, 0], abs=1e-3)
+    assert 60.0 * trace["xi"][-1, 1] == pytest.approx(3.0, rel=1e-2)
+
+
+def test_the_reference_gives_its_own_derivatives(here):
+    trace = ran(here, "reference", "simulation.duration=0.5", "simulation.timestep=1e-3", "--log-rate=full")
+    for value, rate in ((trace.p_d, trace.p_d_dot), (trace.p_d_dot, trace.p_d_ddot)):
+        assert np.abs(np.gradient(value, trace.t, axis=0) - rate)[1:-1].max() < 1e-6
+    assert np.ptp(trace.p_d[:, 1]) > 1e-3
+
+
+def test_the_sensor_adds_white_noise_to_the_velocity_alone(here):
+    trace = ran(here, "sensor", "simulation.duration=1", "simulation.timestep=1e-3", "--log-rate=full")
+    error = trace["velocity_error"]
+    n = error.size
+    assert n > 2900
+    assert abs((error**2).sum() / 0.002**2 - n) < 4.0 * np.sqrt(2.0 * n)  # chi-square, 4 standard deviations
+
+
+@pytest.mark.parametrize("name", ["a/b", "two words", "2nd", "class", "none", "", "__", "my-law", "café"])
+def test_a_name_that_is_not_a_plain_word_is_refused(here, tmp_path, name):
+    done = here("new", "law", name)
+    assert done.exit_code == 2
+    assert done.stderr.startswith(f"error: NAME {name!r}: must be a word of letters")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_is_not_overwritten_without_force(here, tmp_path):
+    (tmp_path / "mine.py").write_text("precious")
+    done = here("new", "law", "mine")
+    assert done.exit_code == 2
+    assert "NAME mine.py: exists; choose another name, or replace it with --force" in done.stderr
+    assert (tmp_path / "mine.py").read_text() == "precious"
+    assert here("new", "law", "mine", "--force").exit_code == 0
+    assert "class Mine" in (tmp_path / "mine.py").read_text()
+
+
+def test_a_folder_that_is_not_there_is_one_message(here):
+    done = here("new", "law", "mine", "--out", "nowhere")
+    assert done.exit_code == 2
+    assert done.stderr == "error: nowhere/mine.py: can't write it: No such file or directory\n"
