@@ -7,6 +7,8 @@ from scipy.optimize import brentq
 from uvms_mj import Scenario, simulate
 from uvms_mj.analysis.metrics import final_force
 from uvms_mj.analysis.setup import set_up
+from uvms_mj.control.age import ForceAge
+from uvms_mj.control.late_command import swing
 from uvms_mj.control.rest import NoClosedForm, SteadyState
 from uvms_mj.control.sampled import Vibration
 
@@ -160,7 +162,7 @@ def test_the_mean_age_of_the_force_is_that_of_a_list_of_instants(navigation, con
         ages.append(step - held)
     periods = {"navigation": navigation, "controller": control, "actuation": actuation}
     overrides = {f"{table}.period": steps * h for table, steps in periods.items()}
-    found = Vibration.of(set_up(Scenario.load("push_wall", overrides))).age
+    found = ForceAge.of(set_up(Scenario.load("push_wall", overrides))).mean
     assert found == pytest.approx(age * h)
     assert found == pytest.approx(np.mean(ages) * h)
 
@@ -207,3 +209,126 @@ def test_a_control_period_at_which_zeta_grows_is_noted_and_has_no_closed_form():
         trace = simulate(Scenario.load("push_wall", overrides), log_rate=100)
         assert any("zeta" in note for note in trace.notes) == grows
         assert (isinstance(trace.analytic, NoClosedForm) and "zeta" in trace.analytic.reason) == grows
+
+
+def retuned(**more):
+    """The paper's scenario with ideal sensors and thrusters, 100 Hz and gains for it."""
+    gains = {"controller.k_1": 1.0, "controller.k_2": 1.0, "controller.beta": 2.0, "task.A": -20.0}
+    rate = {"controller.period": 0.01, "simulation.timestep": 1e-3, "simulation.duration": 30.0}
+    return Scenario.load("push_wall", {"wall.stiffness": 2e3, **gains, **rate, **more})
+
+
+@pytest.mark.parametrize("more", [{}, {"reference.period": 0.1}])
+def test_at_100_hz_a_retuned_gsta_holds_against_a_soft_wall(more):
+    """1.39536 N measured, and K_x (x_d - x_c)/(1 + K_x/k_c) = 1.5 N/1.075 = 1.39535 N in closed form."""
+    trace = simulate(retuned(**more), log_rate=100, engine="free_body")
+    force, settled = final_force(trace)
+    assert not trace.notes
+    assert settled
+    assert trace.touches[-1] == 1.0
+    assert trace.analytic.force == pytest.approx(1.5 / 1.075, rel=1e-12)
+    assert force == pytest.approx(1.5 / 1.075, rel=1e-4)
+
+
+@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+def test_at_100_hz_the_stiff_wall_is_explained_before_and_after_the_run():
+    """The age is 4.5 ms for a time step of 1 ms, the limit D_d/k_c 0.877 ms, and 1e5 N/m 0.877/4.5 = 1.95e4 N/m."""
+    scenario = Scenario.load(
+        "push_wall", {"controller.period": 0.01, "simulation.timestep": 1e-3, "simulation.duration": 20.0}
+    )
+    trace = simulate(scenario, log_rate=100, engine="free_body")
+    before = " ".join(trace.notes)
+    for words in ("limit-cycles", "control period of 0.01 s", "4.5 ms old", "= 0.877 ms", "control period 4.5 ms"):
+        assert words in before
+    assert "less than 1.95e+04 N/m" in before
+    assert "4.5 ms old" in trace.analytic.reason
+    assert not final_force(trace)[1]
+    assert trace.touches[-1] > 10.0
+
+
+@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+def test_a_run_that_diverges_repeats_its_warning():
+    """With a command that is 1 s late, the vehicle is thrown back from the wall farther each time."""
+    more = {"wall.stiffness": 2e3, "controller.delay": 1.0, "simulation.duration": 60.0, "current.speed": 0.0}
+    trace = simulate(retuned(**more), log_rate=100, engine="free_body")
+    assert trace.status.name == "unstable"
+    assert "It began with a warning: gsta oscillates against the wall without end: its command acts" in trace.message
+
+
+@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.parametrize("table", ["controller.delay", "actuation.period"])
+@pytest.mark.parametrize("factor", [0.85, 1.15])
+def test_a_late_command_is_age_of_the_force_for_inertia_shaping(factor, table):
+    """M_d = M/3: with an age 15 % below the limit of eq. (4) the contact is damped, and vibrates 15 % above."""
+    overrides = {"current.speed": 0.0, "simulation.duration": 20.0, "impedance.M_d": [m / 3.0 for m in INERTIA]}
+    overrides |= {"wall.stiffness": 1e4}
+    setup = set_up(Scenario.load("push_wall", overrides, "impedance"))
+    limit = Vibration.of(setup, setup.design.M_hat).limit
+    steps = round(factor * limit / 1e-4) * (2 if table == "actuation.period" else 1)
+    trace = simulate(Scenario.load("push_wall", {**overrides, table: steps * 1e-4}, "impedance"), log_rate=100)
+    assert (trace.final_high[-1] - trace.final_low[-1] < 1e-2) == (factor < 1.0)
+    assert any("limit-cycles" in note for note in trace.notes) == (factor > 1.0)
+
+
+@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.parametrize(
+    ("table", "value", "law"),
+    [
+        ("controller.delay", 0.002, "gsta"),
+        ("controller.delay", 0.008, "gsta"),
+        ("controller.delay", 0.004, "sta"),
+        ("actuation.period", 0.01, "gsta"),
+    ],
+)
+def test_a_late_command_makes_super_twisting_vibrate_by_what_is_said(table, value, law):
+    """Its measurements agree with each other: ages far above (D_d/K_f + b_c)/k_c = 0.88 ms do not undamp the contact.
+    The amplitude is that of the describing function, whose error is about a third here. The mean is the closed form."""
+    overrides = {"current.speed": 0.0, "simulation.duration": 20.0, table: value}
+    scenario = Scenario.load("push_wall", overrides, law)
+    trace = simulate(scenario, log_rate=1000, engine="free_body")
+    force, _ = swing(Vibration.of(set_up(scenario)), scenario.controller.slopes)
+    measured = float(trace.final_high[-1] - trace.final_low[-1])
+    assert 0.5 < force / measured < 1.1
+    assert any("vibrates against the wall by about" in note for note in trace.notes)
+    assert final_force(trace)[0] == pytest.approx(trace.analytic.force, rel=5e-3)
+
+
+def test_a_command_in_time_is_not_warned_of():
+    setup = set_up(Scenario.load("push_wall", {"controller.delay": 0.0}))
+    assert swing(Vibration.of(setup), setup.scenario.controller.slopes) == (0.0, False)
+    assert not list(setup.scenario.controller.notes(setup))
+
+
+@pytest.mark.parametrize(
+    ("steps", "control", "actuation"), [(0, 6, 4), (1, 6, 4), (5, 6, 4), (13, 6, 4), (7, 4, 8), (3, 5, 1)]
+)
+def test_the_mean_age_of_a_delayed_command_is_that_of_a_list_of_instants(steps, control, actuation):
+    h, ages = 1e-3, []
+    for step in range(240, 480):
+        at = step - step % actuation - steps
+        ages.append(step - (at - at % control))
+    periods = {"controller.period": control * h, "actuation.period": actuation * h, "controller.delay": steps * h}
+    scenario = Scenario.load("push_wall", periods | {"simulation.timestep": h})
+    assert ForceAge.of(set_up(scenario)).mean == pytest.approx(np.mean(ages) * h)
+
+
+@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.parametrize(("delay", "period"), [(0.005, 0.01), (0.02, 0.008)])
+def test_a_delayed_impedance_law_oscillates_where_the_sampled_vibration_grows(delay, period):
+    """The wall at which the spectral radius is 1, with the last commands as states; 10 % softer and stiffer."""
+
+    def scenario_of(stiffness):
+        overrides = {"current.speed": 0.0, "wall.stiffness": stiffness, "simulation.duration": 40.0}
+        overrides |= {"controller.period": period, "controller.delay": delay, "simulation.timestep": 1e-3}
+        return Scenario.load("push_wall", overrides, "impedance")
+
+    def excess(stiffness):
+        setup = set_up(scenario_of(stiffness))
+        return Vibration.of(setup, setup.design.M_hat).growth - 1.0
+
+    critical, swings = brentq(excess, 1e3, 4e5), []
+    for factor in (0.9, 1.1):
+        trace = simulate(scenario_of(factor * critical), log_rate=100, engine="free_body")
+        swings.append(float(trace.final_high[-1] - trace.final_low[-1]))
+    assert swings[0] < 1e-2
+    assert swings[1] > 0.5

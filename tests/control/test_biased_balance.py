@@ -109,6 +109,7 @@ def test_a_late_force_counts_as_its_age():
     """T < D_d / (K_f k_c): the delay and the hold of a force sensor add up."""
     late = {"navigation.name": "sensors", "navigation.force_delay": 0.5e-3, "navigation.force_period": 1e-3}
     state = steady_state(set_up(Scenario.load("push_wall", late)))
-    assert state == NoClosedForm("the sampled law limit-cycles against this wall")
+    assert isinstance(state, NoClosedForm)
+    assert "the sampled law limit-cycles against this wall" in state.reason
     softer = late | {"wall.stiffness": 5e4}
     assert isinstance(steady_state(set_up(Scenario.load("push_wall", softer))), SteadyState)

@@ -217,7 +217,7 @@ def test_the_same_run_after_a_reset():
 
 def test_a_force_that_is_too_old_for_the_wall_is_said_before_the_run():
     """D_d/(K_f k_c) is 0.88 ms at 1e5 N/m: the loop vibrates with an estimate that is 10 ms old."""
-    with pytest.warns(UserWarning, match=r"vibrates against the wall with this observer: .* 0\.01 s old"):
+    with pytest.warns(UserWarning, match=r"limit-cycles against the wall with the observer's lag of 0\.01 s"):
         trace = simulate(Scenario.load("push_wall", SOFT | {"wall.stiffness": 1e5}), engine="free_body")
     assert trace["touches"][-1] > 3
     assert "limit-cycles" in trace.analytic.reason

@@ -11,6 +11,7 @@ import numpy as np
 from ..quantities import NonNegative, Positive
 from .balance import static_balance
 from .base import Controller, gain
+from .late_command import late_notes
 from .rest import SteadyState
 from .sampled import Vibration, not_constant, zeta_grows
 
@@ -54,7 +55,9 @@ class Fosm(Controller):
                 f"{self.label()} chatters at a control period of {period:g} s: K_s = {self.K_s:g} and epsilon = "
                 f"{self.epsilon:g} need a period below {limit:.4g} s"
             )
-        yield from Vibration.of(setup).notes(self.label())
+        vibration = Vibration.of(setup)
+        yield from vibration.notes(self.label())
+        yield from late_notes(vibration, self.label(), lambda S: (self.K_s / max(S, self.epsilon), 0.0))
 
 
 def boundary_layer_limit(law: Fosm, setup: Any) -> float:

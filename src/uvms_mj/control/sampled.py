@@ -3,16 +3,16 @@
 The limits take the run's :class:`uvms_mj.analysis.setup.Setup`.
 """
 
-import math
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from ..errors import Fault
 from ..physics.varying import rate_deviation
+from .age import ForceAge
 from .rest import SteadyState
 
 SLOWLY_DAMPED = 0.75
@@ -82,47 +82,21 @@ class Vibration:
         front = self.front
         return (self.damping + self.compliant * front.damping) / (self.fed_back * front.stiffness)
 
+    @functools.cached_property
+    def chain(self) -> ForceAge:
+        """What holds or delays the contact force on its way to tau."""
+        return ForceAge.of(self.setup)
+
     @property
     def age(self) -> float:
-        """Mean age of the contact force in tau relative to the force in the contact itself [s].
+        """Mean age of the contact force that acts as negative damping [s].
 
-        Navigation, law and thrusters each hold their output for a period T. A stage that reads it at its own instants,
-        a period T' apart, finds it with a mean age of (T - gcd(T, T'))/2. The contact force itself is held for a time
-        step h. A law that runs at every step on measurements of every step feeds back the force that acts. The time
-        that a sample takes to arrive adds to it, or the lag of an observer, and so does the thrusters' delay of slow
-        changes.
+        For a law that answers through its own inertia it is the age of the force in tau. A sliding mode law takes s to
+        zero in its own loop, in which the force and the velocity are of the same instant: only the age of the
+        measurements counts, and :mod:`.late_command` has the limits of a late command. The contact force itself is held
+        for a time step h. A law that runs at every step on measurements of every step feeds back the force that acts.
         """
-        scenario = self.setup.scenario
-        h = scenario.simulation.timestep
-        steps = [n for period in self._periods.values() if (n := round(period / h)) > 1]  # one of a step holds nothing
-        holds = sum(held - math.gcd(held, read) for held, read in pairwise([*steps, 1]))
-        return self._sensor.force_timing[1] + 0.5 * h * holds + scenario.thrusters.mean_delay()
-
-    @property
-    def _sensor(self) -> Any:
-        """The stage that sets the measured force: the observer if there is one, otherwise navigation."""
-        scenario = self.setup.scenario
-        return scenario.observer if scenario.observer.runs else scenario.navigation
-
-    @property
-    def _periods(self) -> dict[str, float]:
-        """Periods of the stages from the measurement to the thrust, by name [s]."""
-        scenario = self.setup.scenario
-        control = scenario.control_period
-        sensor = self._sensor
-        own = scenario.simulation.timestep if sensor.every_step else control
-        force = sensor.force_timing[0] or sensor.period or own
-        return {
-            "navigation": force,
-            "control": control,
-            "actuation": scenario.actuation.period or scenario.simulation.timestep,
-            "thruster": scenario.thrusters.period or scenario.simulation.timestep,
-        }
-
-    @property
-    def _longest(self) -> str:
-        """Name of the longest period; of equal ones, the law's."""
-        return max(("control", "navigation", "actuation", "thruster"), key=self._periods.__getitem__)
+        return self.chain.mean if self.shaped else self.chain.measured
 
     @property
     def growth(self) -> float:
@@ -143,26 +117,44 @@ class Vibration:
         gains = [self.stiffness + self.fed_back * k_c, self.damping]
         stiff = h * k_c * (1.0 / design.along_normal(design.M, self.front.normal))  # h w^2
         step, force = np.array([[1.0 - h * stiff, h], [-stiff, 1.0]]), np.array([h * h, h])
-        free = np.linalg.matrix_power(step, round(self._periods[self._longest] / h))
-        forced = np.linalg.solve(np.eye(2) - step, (np.eye(2) - free) @ force)
-        return float(np.abs(np.linalg.eigvals(free - np.outer(forced, gains))).max())
+        period = round(self.chain.periods[self.chain.longest] / h)
+        whole, rest = divmod(round(self.chain.constant / h), period)
+        old, new = (_held(step, force, steps) for steps in (rest, period - rest))
+        free = np.linalg.matrix_power(step, period)
+        # the state and the last commands u_(k-1), u_(k-2), ..., two of which act in a period
+        commands = np.zeros((2, whole + 2))
+        commands[:, whole + 1] = np.linalg.matrix_power(step, period - rest) @ old
+        commands[:, whole] = new
+        change = np.zeros((whole + 3, whole + 3))
+        change[:2, :2], change[:2, 2:] = free, commands[:, 1:]
+        change[:2, :2] -= np.outer(commands[:, 0], gains)
+        change[2, :2] = -np.array(gains)
+        for i in range(3, whole + 3):
+            change[i, i - 1] = 1.0
+        return float(np.abs(np.linalg.eigvals(change)).max())
 
     def checked(self, state: SteadyState | str) -> SteadyState | str:
         """The state at rest, or the reason why the sampled law does not come to rest against the wall."""
         if isinstance(state, SteadyState) and state.force > 0.0:
             if self.age >= self.limit:
-                lags = self.setup.scenario.thrusters.mean_delay() > 0.0
-                return f"the {'law with lagging thrusters' if lags else 'sampled law'} limit-cycles against this wall"
+                return f"the sampled law limit-cycles against this wall: {self._comparison()}"
             if self.growth > 1.0:
                 return "the held command does not damp the vibration against this wall"
         return state
+
+    def _comparison(self) -> str:
+        return (
+            f"the fed back contact force is {1e3 * self.age:.3g} ms old on average, and all of the damping is lost at "
+            f"(D_d/K_f + b_c)/k_c = {1e3 * self.limit:.3g} ms"
+        )
 
     def notes(self, label: str) -> Iterator[str]:
         """Warnings if the sampled law damps the vibration slowly, or not at all."""
         if self.front is None:
             return
-        longest, k_c, key = self._longest, self.front.stiffness, self.front.key
-        here = f"at {'an' if longest == 'actuation' else 'a'} {longest} period of {self._periods[longest]:g} s"
+        chain, limit, age, k_c = self.chain, self.limit, self.age, self.front.stiffness
+        key, period = self.front.key, chain.periods[chain.longest]
+        here = f"at {'an' if chain.longest == 'actuation' else 'a'} {chain.longest} period of {period:g} s"
         if self.growth > 1.0:
             w = np.sqrt(k_c / self.setup.design.along_normal(self.setup.design.M, self.front.normal))
             yield (
@@ -170,30 +162,25 @@ class Vibration:
                 f"N/m the contact vibrates faster than a held command can damp; a period below {2.5 / w:.2g} s usually "
                 "suffices"
             )
-        limit, age = self.limit, self.age
-        if self.setup.scenario.observer.runs and age > SLOWLY_DAMPED * limit:
-            yield (
-                f"{label} {'vibrates' if age >= limit else 'hardly damps the vibration'} against the wall with this "
-                f"observer: its estimate of the contact force is {age:.3g} s old, and all of the damping D_d is lost "
-                f"at {limit:.3g} s with {key}.stiffness {k_c:g} N/m"
-            )
-            return
         if age > SLOWLY_DAMPED * limit or (age == limit == 0.0):
-            lost = 2.0 * limit + self.setup.scenario.simulation.timestep
             what = "limit-cycles against the wall" if age >= limit else "hardly damps the vibration against the wall"
             share = f"{min(1.0, age / limit) if limit else 1.0:.0%} of the damping D_d is lost"
-            delay = self.setup.scenario.thrusters.mean_delay()
-            if delay > 0.0:
+            delay, longest = max(chain.delays.items(), key=lambda each: each[1])
+            if longest > max(chain.holds.values()):
+                here = f"with the {delay} of {longest:.4g} s"
+            lost = 2.0 * (limit - chain.constant) + chain.timestep
+            why = f"it holds the contact force so long that {share} at {key}.stiffness {k_c:g} N/m"
+            yield f"{label} {what} {here}: {why}" + (f"; all is lost at a period of {lost:.4g} s" if lost > 0.0 else "")
+            if age > 0.0:
                 yield (
-                    f"{label} {what} with thrusters that lag by {delay:.3g} s: the contact force acts on the thrust so "
-                    f"late that {share} at {key}.stiffness {k_c:g} N/m; its mean age is {age:.3g} s, and all is lost "
-                    f"at {limit:.3g} s"
+                    f"{self._comparison()}. Its parts: {chain.parts()}. It takes less of the largest part, or a wall, "
+                    f"or a bumper before it, of less than {k_c * limit / age:.3g} N/m in all"
                 )
-                return
-            yield (
-                f"{label} {what} {here}: it holds the contact force so long that {share} at {key}.stiffness {k_c:g} "
-                f"N/m; all is lost at a period of {lost:.4g} s"
-            )
+
+
+def _held(step: np.ndarray, force: np.ndarray, steps: int) -> np.ndarray:
+    """Effect (2,) on position and velocity of a command that is held for a number of time steps."""
+    return np.linalg.solve(np.eye(2) - step, (np.eye(2) - np.linalg.matrix_power(step, steps)) @ force)
 
 
 MOST_WAITING = 1000

@@ -13,6 +13,7 @@ import numpy as np
 from ..quantities import NonNegative
 from .balance import static_balance
 from .base import Controller, gain
+from .late_command import late_notes, swing
 from .rest import SteadyState
 from .sampled import Vibration, disturbance_rate, zeta_grows
 
@@ -61,16 +62,26 @@ class Gsta(Controller):
             return "super-twisting does not converge without k_1 and k_2"
         if disturbance_rate(setup).max() >= self.k_2 / 2.0:
             return "the disturbance changes faster than k_2/2, which super-twisting can follow"
-        return zeta_grows(setup) or Vibration.of(setup).checked(static_balance(setup, np.inf))
+        vibration = Vibration.of(setup)
+        state = zeta_grows(setup) or vibration.checked(static_balance(setup, np.inf))
+        if isinstance(state, SteadyState) and 0.0 < 2.0 * state.force < swing(vibration, self.slopes)[0]:
+            return "the late command does not hold against this wall"
+        return state
 
     def notes(self: Any, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law vibrates or bounces against the wall."""
-        yield from Vibration.of(setup).notes(self.label())
+        vibration = Vibration.of(setup)
+        yield from vibration.notes(self.label())
+        yield from late_notes(vibration, self.label(), self.slopes)
         if bouncing_growth(self, setup) > _GROWS:
             yield (
                 f"{self.label()} may bounce or oscillate against the wall without end: with these gains and "
                 "estimates it compensates the contact force too late"
             )
+
+    def slopes(self: Any, S: float) -> tuple[float, float]:
+        """Slopes of k_1 phi_1 and k_2 phi_2 for an amplitude S of s [1/s, 1/s^2]."""
+        return self.k_1 * (S**-0.5 + self.beta), self.k_2 * (0.5 / S + 1.5 * self.beta * S**-0.5 + self.beta**2)
 
     def certificate(self: Any, setup: Any) -> Certificate:
         """The certificate of the gains, for the worst axis."""
@@ -91,7 +102,7 @@ class Sta(Controller):
     units: ClassVar = {"z": "m/s^2, rad/s^2"}
     beta: ClassVar = 0.0
     nominal: ClassVar = True
-    at_rest, notes, certificate = Gsta.at_rest, Gsta.notes, Gsta.certificate
+    at_rest, notes, certificate, slopes = Gsta.at_rest, Gsta.notes, Gsta.certificate, Gsta.slopes
 
     @staticmethod
     def law(gains, state, signals, state_dot, tau_cmd):
@@ -132,7 +143,7 @@ def bouncing_growth(law: Any, setup: Any) -> float:
         K_c = front.stiffness * np.outer(front.normal[:3], front.normal[:3])
         desired = np.hstack([-np.linalg.solve(M_d, np.hstack([K_f @ K_c + K_d, D_d])), zero, zero])
         free = np.hstack([-np.linalg.solve(M, np.hstack([K_c, setup.vehicle.D_linear[:3, :3]])), zero, zero])
-        a, b = law.k_1 * (S**-0.5 + law.beta), law.k_2 * (0.5 / S + 1.5 * law.beta * S**-0.5 + law.beta**2)
+        a, b = law.slopes(S)
         u = g @ np.hstack([zero, zero, -a * one, one])
         v_dot = g @ (desired - growing) + u if law.nominal else free + u
         x_dot, z_dot = np.hstack([zero, one, zero, zero]), np.hstack([zero, zero, -b * one, zero])

@@ -114,6 +114,7 @@ class _Run:
 
     def go(self, notes: tuple[str, ...]) -> Trace:
         """Step until the run ends or is stopped, and make the trace."""
+        self.notes = notes
         sim, setup = self.sim, self.sim.setup
         header = Header(
             scenario=self.scenario,
@@ -151,7 +152,10 @@ class _Run:
                 if self.progress is not None:
                     self.progress(done, self.scenario.steps)
                 if sim.divergence:
-                    status, message = Status.unstable, f"t = {sim.t:.6g} s: {sim.divergence}. {_HINT}"
+                    status, message = (
+                        Status.unstable,
+                        f"t = {sim.t:.6g} s: {sim.divergence}. {_HINT}{_warned(self.notes)}",
+                    )
                     break
                 if self.writing.error is not None:
                     status, message = Status.failed, f"t = {sim.t:.6g} s: {self.writing.message}"
@@ -193,6 +197,11 @@ class _Run:
 
 
 _HINT = "Try a smaller simulation.timestep, smaller gains, or a softer wall."
+
+
+def _warned(notes: tuple[str, ...]) -> str:
+    """The warnings with which a run began, for the message if it diverges."""
+    return f" It began with a warning: {'. '.join(notes)}." if notes else ""
 
 
 DEFAULT_LOG_RATE = 1000.0

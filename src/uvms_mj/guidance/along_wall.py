@@ -5,8 +5,9 @@ eq. (7) and the wall's spring,
 
 .. math:: x_d - x_c = F (n^\top K_d^{-1} K_f n + 1/k_c) + n^\top K_d^{-1} K_f F_d,
 
-and then follows a constant-speed path in the plane (:mod:`.path`) at this depth. n is the wall's normal in B. Without a
-spring K_d along n, F_d alone demands the push, and the depth is zero.
+and then follows a constant-speed path in the plane (:mod:`.path`) at this depth. n is the wall's normal in B. K_f and
+F_d are those before the schedule of the impedance, which changes the push on the way. Without a spring K_d along n, F_d
+alone demands the push, and the depth is zero.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ def _in_plane(points: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...],
 class AlongWall(Guidance):
     """Along the wall with a given push: approach, dwell, then a constant-speed path in the wall's plane."""
 
-    push: NonNegative = setting(1.5, "N", "push on the wall that the desired impedance demands at rest")
+    push: NonNegative = setting(1.5, "N", "push that the desired impedance demands at rest, before its schedule")
     points: Annotated[tuple[tuple[Coordinate, ...], ...], AfterValidator(_in_plane)] = setting(
         ((1.0, 0.0),), "m", "[[y, z], ...] of W after the point of the approach, through which the path goes"
     )
@@ -60,8 +61,7 @@ class AlongWall(Guidance):
         impedance, wall = scenario.impedance, scenario.wall
         normal = rotation_matrix(quat_from_euler_deg(*self.attitude_deg))[0]
         pushed = np.abs(normal) > 1e-12
-        K_f, F_d = impedance.at_end
-        n, K_d, K_f, F_d = (np.array(each)[:3][pushed] for each in (normal, impedance.K_d, K_f, F_d))
+        n, K_d, K_f, F_d = (np.array(a)[:3][pushed] for a in (normal, impedance.K_d, impedance.K_f, impedance.F_d))
         if (K_d == 0.0).any():
             return 0.0
         give = K_f / K_d
