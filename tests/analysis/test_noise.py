@@ -84,6 +84,12 @@ def test_every_axis_of_a_vehicle_without_contact():
     assert np.allclose(trace.nu[settled].std(axis=0), found.nu, rtol=0.03)
 
 
+def test_another_law_is_linearised_by_its_own_function():
+    settings = PUSHING | {"navigation.force_noise": 1.0, "navigation.velocity_noise": 5e-3}
+    found, trace, settled = compared(settings, "admittance")
+    assert trace.push[settled].std() == pytest.approx(found.push, rel=0.03)
+
+
 def test_fosm_is_linear_inside_its_boundary_layer():
     settings = PUSHING | LAYER | {"navigation.force_noise": 0.5}
     found, trace, settled = compared(settings, "fosm")
@@ -125,6 +131,8 @@ def test_a_scalar_loop_by_hand():
     [
         ("gsta", {}, "gsta is not smooth at its rest"),
         ("sta", {}, "sta is not smooth at its rest"),
+        ("pid", {}, "pid is not smooth at its rest"),  # its integral is at its limit
+        ("pid", {"controller.k_i": 0.0}, "a state of the law neither decays nor grows about the rest"),
         ("ideal", {}, "the law is told the truth"),
         ("fosm", {"navigation.velocity_noise": 0.1} | LAYER, "fosm is not linear over 3 standard"),
         (

@@ -36,6 +36,8 @@ _PLACES = ("position", "attitude", "velocity", "angular_velocity", "force", "mom
 _KNOWN_STAGES = ("navigation", "reference", "task", "controller", "actuation")
 _REACH = 3.0
 """Standard deviations over which the law has to be linear and the thrusters must not saturate."""
+_ROUNDING = 1e-10
+"""Rounding of an eigenvalue of the loop."""
 _CLEAR = 4.0
 """Standard deviations of the push from losing contact, or of the position from making it."""
 
@@ -205,8 +207,10 @@ class _Loop:
             phi = after.by_state @ phi
             Q = after.by_state @ Q @ after.by_state.T + after.by_noise @ after.by_noise.T
         largest = float(np.abs(np.linalg.eigvals(phi)).max())
-        if largest >= 1.0:
+        if largest > 1.0 + _ROUNDING:
             return "with these sensors the loop is unstable about its rest"
+        if largest > 1.0 - _ROUNDING:
+            return "a state of the law neither decays nor grows about the rest"
         P = solve_discrete_lyapunov(phi, Q)
         sums: dict[str, Any] = {"x": np.zeros((12, 12)), "y": 0.0, "u": 0.0, "states": 0.0}
         for after, y, u in found:
