@@ -18,13 +18,14 @@ from . import actuation, control, guidance, navigation
 from .actuation import Actuation, IdealThrusters, PseudoInverse, Thrusters
 from .control import Controller, Gsta, ImpedanceTask
 from .control.design import Estimates, Impedance
+from .control.schedule import Change
 from .control.task import TASK_KEYS, move_task_keys
 from .errors import Fault, InputError, faults_of, shortened, suggestion
 from .files import plain, scenario_path, tables_of
 from .guidance import FilteredSteps, Guidance
 from .navigation import Navigation, NoObserver, Observer, Perfect
 from .plant.settings import Initial, VehicleChoice, Wall
-from .plant.surfaces import OF_WALLS, Bumper, Surface, override_walls
+from .plant.surfaces import OF_WALLS, Bumper, ContactBody, Surface, override_walls
 from .plant.water import Current, Disturbance, Tether
 from .quantities import STRICT, Duration, Lowercase, Step, doc, overrides_of
 from .stages.base import Stage
@@ -171,7 +172,7 @@ class Scenario:
         try:
             scenario = _VALIDATOR.validate_python(tables)
         except ValidationError as error:
-            faults += faults_of(error, choices=_KEYS | {"walls": [f.name for f in dataclasses.fields(Surface)]})
+            faults += faults_of(error, choices=_KEYS | _INNER_KEYS)
         if faults:
             raise InputError(faults, place)
         return scenario
@@ -227,6 +228,9 @@ _TABLES: dict[str, Any] = {
 _KEYS: dict[str, list[str]] = {"": [f.name for f in dataclasses.fields(Scenario)]} | {
     name: [f.name for f in dataclasses.fields(table)] for name, table in _TABLES.items()
 }
+_INNER: dict[str, Any] = {"impedance.schedule": Change, "walls": Surface, "vehicle.contact_bodies": ContactBody}
+_INNER_KEYS = {name: [f.name for f in dataclasses.fields(table)] for name, table in _INNER.items()}
+"""The keys of the tables within a table."""
 
 
 def _anchor(tables: dict[str, Any], folder: Path | None) -> None:

@@ -71,3 +71,14 @@ def test_a_vehicle_that_cannot_be_read_is_one_message(here, tmp_path, name, reas
     assert done.exit_code == 2
     assert done.stderr.count("\n") == 1
     assert reason in done.stderr
+
+
+def test_remarks_of_an_attached_model_are_found_and_control_no_terminal(here, tmp_path):
+    model = shipped("models")["bluerov2"].read_text().replace("Wu (2018)", "Wu\t[red](2018)")
+    (tmp_path / "rov.xml").write_text(model)
+    (tmp_path / "mine.xml").write_text("""<mujoco><asset><model name="rov" file="rov.xml"/></asset>
+        <worldbody><attach model="rov" body="bluerov2" prefix="my/"/></worldbody></mujoco>""")
+    text = here("vehicles", "mine.xml").stdout
+    assert "thesis, Flinders" in text
+    assert "\t" not in text
+    assert "[red](2018)" in text

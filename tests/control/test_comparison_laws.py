@@ -45,9 +45,9 @@ def pid(g, x, s):
 def admittance(g, x, s):
     nu_a_dot = np.linalg.solve(s.M_d, s.K_f * (s.tau_contact_m_B - s.F_d) - s.D_d @ x.nu_a - s.K_d * x.eta_a)
     e, e_dot = s.eta_e - x.eta_a, s.nu_e - x.nu_a
-    acceleration = s.nu_d_dot + nu_a_dot - g.k_v * e_dot - g.k_p * e - x.xi
+    acceleration = s.nu_d_dot + nu_a_dot - g.k_v * e_dot - g.k_p * e - x.xi_a
     tau = s.M_hat @ acceleration + s.C_hat_nu + s.D_hat_nu + s.g_hat
-    return tau, {"nu_a": nu_a_dot, "eta_a": x.nu_a * [1, 1, 1, 0.5, 0.5, 0.5], "xi": g.k_i * e}
+    return tau, {"nu_a": nu_a_dot, "eta_a": x.nu_a * [1, 1, 1, 0.5, 0.5, 0.5], "xi_a": g.k_i * e}
 
 
 def parallel(g, x, s):

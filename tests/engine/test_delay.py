@@ -25,7 +25,7 @@ def test_the_actuation_gets_the_command_of_so_many_steps_ago(steps, period):
 
 def test_a_delay_of_zero_is_no_delay():
     without, zero = run(), run(**{"controller.delay": 0.0})
-    assert "tau_cmd_delayed" not in without.signals
+    assert "tau_cmd_delayed" not in without.header.by_name
     assert np.array_equal(without.p_WB, zero.p_WB)
     assert np.array_equal(without.tau_cmd, zero.tau_cmd_delayed)
 

@@ -181,7 +181,8 @@ def signals(trace) -> dict:
 
 
 def test_both_engines_have_the_same_water():
-    scenario = Scenario.load("push_wall", IN_A_SCENARIO)
+    """Under a law without switching, which would amplify rounding."""
+    scenario = Scenario.load("push_wall", IN_A_SCENARIO, "impedance")
     one, two = (simulate(scenario, log_rate=100, engine=engine) for engine in ("mujoco", "free_body"))
     for name in ("p_WB", "nu", "v_c_W", "v_c_dot_W", "a_c_W", "tau_dist"):
         scale = np.abs(one[name]).max()
@@ -217,24 +218,40 @@ def test_the_same_seed_is_the_same_run_in_any_chunks_and_another_seed_another_ru
     assert np.array_equal(other, other_seed.p_WB[-1])
 
 
-def test_a_reset_to_other_water_and_back_is_the_run_of_a_new_simulation():
+@pytest.mark.parametrize("engine", ["mujoco", "free_body"])
+@pytest.mark.parametrize("start", [IN_A_SCENARIO, {}], ids=["from moving water", "from a constant current"])
+def test_a_reset_to_other_water_and_back_is_the_run_of_a_new_simulation(start, engine):
     """Tables of other lengths, other processes, no processes."""
-    scenario = Scenario.load("push_wall", IN_A_SCENARIO)
+    scenario = Scenario.load("push_wall", start)
     worlds = [
         {},
         {"current.table": [[0.0, 0.1, 0.0, 0.0], [0.1, 0.2, 0.0, 0.0], [0.3, 0.0, 0.0, 0.1]], "current.shear": None},
         {"current.deviation": [0.0] * 3, "disturbance.deviation": [0.0] * 6, "tether.length": 0.0},
         {"disturbance.correlation_time": 5.0, "disturbance.table": None, "simulation.seed": 4},
+        {name: IN_A_SCENARIO[name] for name in IN_A_SCENARIO if name.startswith(("current", "disturbance", "tether"))},
         {},
     ]
-    with Simulation(scenario, engine="free_body") as sim:
+    with Simulation(scenario, engine=engine) as sim:
         for world in worlds:
             sim.reset(overrides=world)
-            sim.step(1000)
-            with Simulation(scenario.updated(world), engine="free_body") as new:
-                new.step(1000)
+            sim.step(500)
+            with Simulation(scenario.updated(world), engine=engine) as new:
+                new.step(500)
                 assert np.array_equal(sim.signals.p_WB, new.signals.p_WB)
                 assert np.array_equal(sim.signals.tau_dist, new.signals.tau_dist)
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "free_body"])
+def test_a_disturbance_that_is_set_during_a_run_acts_in_the_step_in_hand(engine):
+    found = {}
+    for force in (0.0, 3.0):
+        with Simulation(Scenario.load("push_wall", {"wall.position": 20.0}), engine=engine) as sim:
+            sim.step(10)
+            sim.set({"disturbance.bias": [force, 0.0, 0.0, 0.0, 0.0, 0.0]})
+            sim.step(1)
+            assert np.array_equal(sim.signals.tau_dist, [force, 0.0, 0.0, 0.0, 0.0, 0.0])
+            found[force], M = sim.signals.nu_dot.copy(), sim.setup.vehicle.M
+    assert np.allclose(M @ (found[3.0] - found[0.0]), [3.0, 0.0, 0.0, 0.0, 0.0, 0.0], rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "free_body"])
@@ -328,6 +345,16 @@ def test_there_is_no_rest_in_water_that_changes(water, reason):
     assert reason in str(trace.analytic)
 
 
+def test_in_gusts_gsta_holds_its_push_and_impedance_control_loses_the_wall():
+    """The shipped scenario: K_x (x_d - x_c)/(1 + K_x/k_c), eqs. (12) and (34) at rest, against 0.1 m/s of gusts."""
+    settled = {}
+    for law in ("gsta", "impedance"):
+        trace = simulate(Scenario.load("push_wall_gusts", controller=law), engine="free_body")
+        settled[law] = trace.push[trace.t > 10.0]
+    assert np.allclose(settled["gsta"], 1.5 / 1.0015, rtol=1e-3)
+    assert (settled["impedance"] == 0.0).mean() > 0.3
+
+
 def test_bad_water_is_refused_with_every_fault_at_once():
     wrong = {
         "current.amplitude": [0.1, 0.2],
@@ -352,13 +379,17 @@ def test_water_that_the_time_step_does_not_resolve_is_refused():
         "current.frequency_hz": [6000.0, 0.0, 0.0],
         "current.deviation": [0.1, 0.0, 0.0],
         "current.correlation_time": 1e-3,
+        "current.shortest_gust": 2e-3,
+        "disturbance.deviation": [1.0] + [0.0] * 5,
+        "disturbance.correlation_time": 1e-3,
         "current.table": [[1.0, 0.0, 0.0, 0.0], [1.00001, 1.0, 0.0, 0.0]],
     }
     with pytest.raises(InputError) as caught:
         simulate(Scenario.load("push_wall", wrong))
     assert [fault.key for fault in caught.value.faults] == [
         "current.frequency_hz[0]",
-        "current.correlation_time",
+        "disturbance.correlation_time",
+        "current.shortest_gust",
         "current.amplitude[1]",
         "current.table[1]",
     ]

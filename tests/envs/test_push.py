@@ -9,6 +9,7 @@ from scipy.stats import kstest
 from uvms_mj import InputError, Scenario, simulate
 from uvms_mj.analysis.rest import demanded_force
 from uvms_mj.envs.push import OBSERVED, Push
+from uvms_mj.files import shipped
 
 SHORT = {"simulation.duration": 0.3, "simulation.timestep": 5e-4, "initial.position": [0.9995, 0.0, 0.0]}
 CONSTANT = """
@@ -187,3 +188,15 @@ def test_all_wrong_arguments_are_reported_together():
     keys = [fault.key for fault in caught.value.faults]
     assert sorted(keys) == ["control_rate", "force_d", "gains", "randomise['wall.stiffness']", "rate", "seed"]
     assert "did you mean" in str(caught.value) or "choose from" in str(caught.value)
+
+
+@pytest.mark.parametrize("name", shipped("models"))
+def test_the_task_takes_every_vehicle(name):
+    """An action of thrusts has one number a thruster, and moves the vehicle along its wrench."""
+    push = Push("push_wall", overrides=SHORT | {"vehicle.model": name, "current.speed": 0.0}, action="thrusts")
+    vehicle = push.simulation.setup.vehicle
+    push.reset(seed=0)
+    assert push.size == len(vehicle.thrusters)
+    push.apply(np.full(push.size, 0.1))
+    push.advance(1)
+    assert push.simulation.signals.tau == pytest.approx(vehicle.B.sum(axis=1) * 0.1 * push.thrust_scale, abs=1e-12)

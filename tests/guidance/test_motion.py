@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from uvms_mj import Scenario, simulate
+from uvms_mj.analysis.residual import impedance_error
 from uvms_mj.analysis.setup import set_up
 from uvms_mj.stages.signals import CLOCK, KNOWN, REFERENCE, record_dtype
 
@@ -159,15 +160,18 @@ def test_a_circle_is_a_circle_with_the_heading_along_it():
 @pytest.mark.parametrize("name", ["spline", "path", "circle"])
 def test_the_ideal_law_follows_a_motion_in_six_degrees_of_freedom(name):
     """The error is that of the time step: it halves with the step."""
-    errors = []
+    errors, left = [], []
     for timestep in (2e-3, 1e-3):
         more = {"simulation.timestep": timestep, "simulation.duration": 6.0, "current.speed": 0.4}
         trace = simulate(scenario_of(name, **more, **{"controller.name": "ideal"}), log_rate="full", engine="free_body")
         errors.append(np.abs(trace.eta_e).max())
+        left.append(impedance_error(trace))
         turned = np.abs(np.sum(trace.quat_d * trace.quat_d[0], axis=1)).min()
         assert turned < 0.8
     assert errors[1] < 4e-4
     assert errors[1] == pytest.approx(0.5 * errors[0], rel=0.1)
+    assert left[1].max() < 0.02  # N, N m; and of the order of the step
+    assert np.allclose(left[1], 0.5 * left[0], rtol=0.2, atol=1e-4)
 
 
 @pytest.mark.parametrize("name", ["spline", "circle"])

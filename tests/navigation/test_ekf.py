@@ -82,7 +82,7 @@ def test_the_twin_with_dense_matrices_agrees():
     """Sensors, prediction, corrections and NEES over 80 samples of a motion, computed twice."""
     h, key, g_W = 0.005, 12345, np.array([0.0, 0.0, -9.81])
     stage = Ekf(dvl_period=0.02, depth_period=0.03, heading_period=0.05, position_period=0.04)
-    setup = set_up(Scenario.load("push_wall", {"controller.period": h}))
+    setup = set_up(Scenario.load("push_wall", {"simulation.timestep": h, "wall.stiffness": 10.0}))
     settings, state = (each.view(np.recarray)[0] for each in (stage.record(setup), stage.state_record()))
     given, out = record(CLOCK + TRUE), record(KNOWN)
     given.key, given.period = key, h
@@ -217,13 +217,31 @@ def test_the_cholesky_factor_gives_the_normalised_square_and_nan_if_there_is_non
         assert found == pytest.approx(error @ np.linalg.solve(P, error), rel=1e-9)
 
 
-def test_the_estimate_is_held_between_the_samples_of_the_inertial_unit():
-    trace = simulate(
-        Scenario.load("push_wall", MOVING | {"simulation.duration": 0.1}), engine="free_body", log_rate="full"
-    )
+def test_pose_and_velocity_are_held_between_the_samples_of_the_inertial_unit_and_the_force_is_not():
+    """The force is measured in B, and is in W with the estimated attitude."""
+    pressing = MOVING | {"simulation.duration": 0.1, "wall.position": 0.0}
+    trace = simulate(Scenario.load("push_wall", pressing), engine="free_body", log_rate="full")
     changed = np.flatnonzero(np.any(np.diff(trace.p_WB_m, axis=0), axis=1)) + 1
     assert np.array_equal(changed, np.arange(50, 1001, 50))
-    assert np.array_equal(trace.f_contact_m_W, trace.f_contact_W)
+    assert np.abs(trace.f_contact_W).max() > 1.0
+    R_m, R = rotation_matrix(trace.quat_WB_m), rotation_matrix(trace.quat_WB)
+    force_B = np.einsum("nji,nj->ni", R, trace.f_contact_W)
+    # the soft wall has an inerter, which the force of the same instant does not have
+    assert trace.f_contact_m_W == pytest.approx(np.einsum("nij,nj->ni", R_m, force_B), abs=2e-3)
+
+
+def test_the_force_sensor_has_the_errors_of_a_channel():
+    """Noise at its own rate, independent of the filter's."""
+    noisy = {"navigation.force_noise": 0.5, "navigation.force_period": 1e-3, "simulation.duration": 2.0}
+    trace = simulate(
+        Scenario.load("push_wall", MOVING | {"wall.position": 5.0} | noisy), engine="free_body", log_rate=1e3
+    )
+    samples = trace.f_contact_m_W.ravel()
+    low, high = chi2.ppf([0.001, 0.999], samples.size) / samples.size
+    assert low < (samples**2).mean() / 0.25 < high
+    at_imu = trace.nu_m[5::5, 3:] - trace.nu[5::5, 3:]
+    correlation = np.corrcoef(trace.f_contact_m_W[5::5].T, at_imu.T)[:3, 3:]
+    assert abs(correlation).max() < 4.0 / np.sqrt(len(at_imu))
 
 
 def test_one_seed_is_one_run():
@@ -240,13 +258,14 @@ def test_one_seed_is_one_run():
 
 
 def test_periods_that_do_not_fit_are_refused_together():
-    wrong = {"controller.period": 0.002, "navigation.dvl_period": 0.007}
+    wrong = {"navigation.period": 0.002, "navigation.dvl_period": 0.007, "navigation.force_delay": 0.003}
     with pytest.raises(InputError) as raised:
         Simulation(Scenario.load("push_wall", MOVING | wrong), engine="free_body")
     said = str(raised.value)
     assert "navigation.imu_period: 0.005 s is not a multiple of the period of this stage, 0.002 s" in said
     assert "navigation.dvl_period: 0.007 s is not a multiple of imu_period, 0.005 s" in said
-    with Simulation(Scenario.load("push_wall", MOVING), engine="free_body") as sim:
+    assert "navigation.force_delay: 0.003 s is not a multiple of the sensors' period 0.002 s" in said
+    with Simulation(Scenario.load("push_wall", MOVING | {"controller.period": 0.002}), engine="free_body") as sim:
         with pytest.raises(InputError, match=r"navigation.imu_period: 0.00105 s is not"):
             sim.reset(overrides={"navigation.imu_period": 0.00105})
         sim.reset(overrides={"navigation.imu_period": 0.001})

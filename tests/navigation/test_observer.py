@@ -76,6 +76,28 @@ def test_at_rest_the_residual_is_the_contact_and_the_current_exactly():
     assert np.linalg.norm(unknown[:3]) > 5.0
 
 
+@pytest.mark.parametrize("law", ["gsta", "fosm", "sta", "impedance"])
+def test_without_a_calibration_the_law_rests_at_the_static_balance(law):
+    """The observer gives the impedance all that the model does not explain, errors of the estimates included."""
+    more = {"observer.threshold": 0.0, "estimates.restoring": 1.1, "disturbance.bias": [0.5, -0.4, 0.3, 0.1, 0.1, 0.1]}
+    settings = SOFT | more | {"wall.damping": 100.0, "simulation.duration": 40.0}
+    trace = simulate(Scenario.load("push_wall", settings, law), engine="free_body")
+    rest = trace.analytic
+    assert rest.force > 1.0
+    assert trace.push[-1] == pytest.approx(rest.force, rel=1e-5)
+    assert trace.p_WB[-1] == pytest.approx(rest.position, abs=1e-7)
+    assert abs(rest.force - SPRING) > 0.1
+
+
+def test_the_reasons_why_there_is_no_closed_form():
+    for settings, reason in (
+        ({"observer.calibrate_until": 1.0}, "depends on the motion in the time of its average"),
+        ({"observer.threshold": 100.0}, "below observer.threshold"),
+    ):
+        scenario = Scenario.load("push_wall", SOFT | settings | {"simulation.duration": 0.01})
+        assert reason in simulate(scenario, engine="free_body").analytic.reason
+
+
 def test_a_bias_learned_before_the_contact_leaves_the_contact_force():
     """GSTA without a force sensor then rests where it rests with one, but for what the bias has of the transient."""
     learned = {"observer.calibrate_from": 6.0, "observer.calibrate_until": 7.0, "reference.step_time": 7.0}
@@ -158,7 +180,7 @@ def test_a_force_that_is_too_old_for_the_wall_is_said_before_the_run():
     with pytest.warns(UserWarning, match=r"vibrates against the wall with this observer: .* 0\.01 s old"):
         trace = simulate(Scenario.load("push_wall", SOFT | {"wall.stiffness": 1e5}), engine="free_body")
     assert trace["touches"][-1] > 3
-    assert "observer" in trace.analytic.reason
+    assert "limit-cycles" in trace.analytic.reason
 
 
 def test_wrong_settings_are_refused():

@@ -2,13 +2,15 @@
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicHermiteSpline
 from scipy.stats import chi2, kstest
 
 from uvms_mj.engine.native.compilation import native_function
 from uvms_mj.physics.random import key_of
 from uvms_mj.physics.varying import (
+    FINEST,
     NODES,
-    NODES_PER_CORRELATION_TIME,
+    ROWS,
     add_gauss_markov,
     add_interpolated,
     draw_block,
@@ -16,21 +18,21 @@ from uvms_mj.physics.varying import (
     varying,
 )
 
-PHI = np.exp(-1.0 / NODES_PER_CORRELATION_TIME)
-SIZE = 3 * (NODES + 1)
+PHI = np.exp(-1.0 / FINEST)
+SIZE = 3 * ROWS
 
 
 def series_of(seed: int, correlation_time: float = 5.0) -> np.recarray:
     series = np.zeros(1, varying(3))
     series["deviation"], series["key"], series["block"] = 1.0, key_of(seed, "current"), -1
-    series["spacing"] = correlation_time / NODES_PER_CORRELATION_TIME
+    series["spacing"] = correlation_time / FINEST
     series["kept"], series["kick"] = PHI, np.sqrt(1.0 - PHI**2)
     return series.view(np.recarray)
 
 
 @pytest.fixture(scope="module")
 def block():
-    """A function of seed and number that gives the nodes (NODES + 1, 3) of a block, from machine code."""
+    """A function of seed and number that gives the nodes (ROWS, 3) of a block, from machine code."""
     draw = native_function(draw_block, [varying(3), np.dtype(("f8", (SIZE,))), "i8"]).ctypes
 
     def nodes_of(seed: int, number: int = 0) -> np.ndarray:
@@ -44,7 +46,7 @@ def block():
 
 @pytest.fixture(scope="module")
 def many(block):
-    """(NODES + 1, 2400): independent processes of unit variance."""
+    """(ROWS, 2400): independent processes of unit variance."""
     return np.concatenate([block(seed) for seed in range(800)], axis=1)
 
 
@@ -53,7 +55,7 @@ def in_band(statistic: float, degrees: int) -> bool:
     return bool(chi2.ppf(5e-4, degrees) < statistic < chi2.ppf(1.0 - 5e-4, degrees))
 
 
-@pytest.mark.parametrize("node", [0, 1, 700, NODES - 1, NODES])
+@pytest.mark.parametrize("node", [0, 1, 700, NODES, ROWS - 1])
 def test_the_variance_is_one_at_every_node(many, node):
     assert in_band((many[node] ** 2).sum(), many.shape[1])
     assert abs(many[node].mean()) < 4.0 / np.sqrt(many.shape[1])
@@ -80,23 +82,43 @@ def test_the_distribution_is_normal_and_components_are_independent(many):
         assert abs(np.corrcoef(x, y)[0, 1]) < 4.0 / np.sqrt(len(x))
 
 
+def cubic(many, part: float, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    """Values and rates at this part of every 8th interval, by Catmull and Rom's definition as a Hermite cubic."""
+    before, here, there, after = (many[i : i + NODES : 8] for i in range(4))
+    slopes = np.stack([there - before, after - here]) / (2.0 * spacing)
+    curve = CubicHermiteSpline([0.0, spacing], np.stack([here, there]), slopes)
+    return curve(part * spacing), curve.derivative()(part * spacing)
+
+
 def test_the_rate_of_change_has_its_stated_deviation(many):
-    rates = np.diff(many, axis=0)[::8] * NODES_PER_CORRELATION_TIME / 5.0
-    expected = rate_deviation(np.ones(1), 5.0)[0]
-    assert rates.std() == pytest.approx(expected, rel=0.01)
-    assert expected == pytest.approx(11.3 / 5.0, rel=0.01)
+    """In the middle between two nodes, where it is largest."""
+    spacing = 5.0 / FINEST
+    spread = [cubic(many, part, spacing)[1].std() for part in (0.0, 0.25, 0.5)]
+    expected = rate_deviation(np.ones(1), 5.0, spacing)[0]
+    assert spread[2] == pytest.approx(expected, rel=0.01)
+    assert spread[0] < spread[1] < spread[2]
 
 
-def test_between_the_nodes_the_variance_is_half_a_percent_low(many):
-    middle = 0.5 * (many[:-1] + many[1:])  # the least, of all times between two nodes
-    assert (middle**2).mean() / (many**2).mean() == pytest.approx((1.0 + PHI) / 2.0, rel=1e-3)
+@pytest.mark.parametrize("nodes_in_T", [1.0, 5.0, 64.0])
+def test_the_deviation_of_the_rate_is_that_of_the_covariance_of_four_nodes(nodes_in_T):
+    phi, weights = np.exp(-1.0 / nodes_in_T), np.array([1.0, -11.0, 11.0, -1.0]) / 8.0
+    covariance = phi ** np.abs(np.subtract.outer(range(4), range(4)))
+    expected = np.sqrt(weights @ covariance @ weights) * nodes_in_T / 3.0
+    assert rate_deviation(np.ones(2), 3.0, 3.0 / nodes_in_T) == pytest.approx([expected] * 2, rel=1e-12)
+
+
+def test_between_the_nodes_the_variance_is_a_third_of_a_percent_low(many):
+    middle = cubic(many, 0.5, 1.0)[0]
+    expected = (164.0 + 126.0 * PHI - 36.0 * PHI**2 + 2.0 * PHI**3) / 256.0
+    assert 1.0 - expected == pytest.approx(0.0036, abs=1e-4)
+    assert (middle**2).mean() / (many[1 : 1 + NODES : 8] ** 2).mean() == pytest.approx(expected, rel=1e-3)
 
 
 def test_blocks_join_and_continue_one_process(block):
     first, second, again = block(3, 6), block(3, 7), block(3, 6)
     assert np.array_equal(first, again)
-    assert np.allclose(first[-1], second[0], rtol=0.0, atol=1e-13)
-    assert not np.allclose(first[:-1], second[:-1], atol=0.1)
+    assert np.allclose(first[NODES:], second[: ROWS - NODES], rtol=0.0, atol=1e-13)
+    assert not np.allclose(first, second, atol=0.1)
     assert not np.allclose(first, block(4, 6), atol=0.1)
 
 
@@ -109,16 +131,20 @@ def test_plain_python_draws_the_same_block(block):
     assert not nodes.reshape(-1, 3)[:, [0, 2]].any()
 
 
-def test_between_two_nodes_the_process_is_linear(block):
+def test_between_two_nodes_the_process_is_the_cubic(block):
     series, flat = series_of(5), block(5, 0).ravel().copy()
     series["block"], series["deviation"] = 0, [0.5, 1.0, 2.0]
-    spacing = float(series["spacing"][0])
-    values, rates = np.zeros((4, 3)), np.zeros((4, 3))
-    for i, t in enumerate((-1.0, 7.0 * spacing, 7.25 * spacing, 8.0 * spacing)):
-        add_gauss_markov(series[0], flat, t, values[i], rates[i])
-    nodes = flat.reshape(-1, 3) * [0.5, 1.0, 2.0]
-    assert np.allclose(values, [nodes[0], nodes[7], 0.75 * nodes[7] + 0.25 * nodes[8], nodes[8]], rtol=1e-12)
-    assert np.allclose(rates[2], (nodes[8] - nodes[7]) / spacing, rtol=1e-12)
+    spacing, nodes = float(series["spacing"][0]), flat.reshape(-1, 3) * [0.5, 1.0, 2.0]
+    for part in (0.0, 0.25, 0.999):
+        values, rates = cubic(nodes, part, spacing)
+        for k in (0, 8, 800):
+            value, rate = np.zeros(3), np.zeros(3)
+            add_gauss_markov(series[0], flat, (k + part) * spacing, value, rate)
+            assert np.allclose(value, values[k // 8], rtol=1e-9, atol=1e-9)
+            assert np.allclose(rate, rates[k // 8], rtol=1e-9, atol=1e-9)
+    start = np.zeros(3)
+    add_gauss_markov(series[0], flat, -1.0, start, np.zeros(3))  # before the start it is held
+    assert np.array_equal(start, nodes[1])
 
 
 @pytest.mark.parametrize("rows", [1, 2, 3, 50])

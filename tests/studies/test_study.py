@@ -8,6 +8,7 @@ import random
 import signal
 import subprocess
 import time
+import tomllib
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,7 +20,7 @@ from pebble import ProcessExpired
 
 from command import COMMAND, run
 from short_study import study_text
-from uvms_mj import InputError, Study
+from uvms_mj import InputError, Scenario, Study, simulate
 from uvms_mj.studies import results
 from uvms_mj.studies.pool.execution import kept
 from uvms_mj.studies.pool.workers import Workers
@@ -400,3 +401,19 @@ def test_a_damaged_check_is_made_again(study_file, tmp_path):
     study.run(executor=Unlucky())
     assert study.damaged == ("check.parquet",)
     assert_frame_equal(study.check, before, check_exact=True)
+
+
+def test_vehicles_can_vary(tmp_path):
+    """Vehicles with six and with eight thrusters in one study; each run is that of `simulate`."""
+    names = ["bluerov1", "bluerov2_heavy"]
+    text = study_text().replace("runs = 4", "").partition("[[laws]]")[0]
+    text += f'[[laws]]\nname = "gsta"\n[[vary]]\nkey = "vehicle.model"\nvalues = {names}\n'
+    (tmp_path / "vehicles.toml").write_text(text)
+    study = Study.load(tmp_path / "vehicles.toml").run(tmp_path / "out")
+    assert study.frame["vehicle.model"].tolist() == names
+    base = tomllib.loads(text)["base"]
+    del base["scenario"]
+    for name, peak in zip(names, study.frame["contact.peak_N"], strict=True):
+        scenario = Scenario.from_dict(base, {"vehicle.model": name}, "gsta")
+        assert simulate(scenario, engine="free_body").force_peak.max() == peak
+    assert study.frame["contact.peak_N"].nunique() == 2

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from uvms_mj import Scenario, simulate
+from uvms_mj.files import shipped
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.plant.geometry import Geometry
+from uvms_mj.plant.mjcf import Mjcf
 from uvms_mj.records import scene
 from uvms_mj.views.rerun.solids import solids
 
@@ -26,16 +28,18 @@ def test_arrows_of_a_strong_vehicle_stay_in_the_scene_and_both_viewers_have_one_
     np.testing.assert_allclose(np.cross(drawn[2], forces[2]), 0.0, atol=1e-6)
 
 
-def test_solids_are_closed_and_have_their_volume(trace):
-    for solid in solids(trace.header.geometry):
+@pytest.mark.parametrize("name", shipped("models"))
+def test_solids_are_closed_and_have_their_volume(name):
+    geometry = Mjcf.find(name).geometry
+    for solid in solids(geometry):
         np.testing.assert_allclose(np.linalg.norm(solid.normals, axis=1), 1.0, atol=1e-5)
         a, b, c = (solid.vertices[solid.triangles[:, i]].astype(float) for i in range(3))
         area = np.cross(b - a, c - a)
         np.testing.assert_allclose(area.sum(axis=0), 0.0, atol=1e-6)  # closed
         outwards = np.einsum("ij,ij->i", area, solid.normals[solid.triangles[:, 0]])
         assert np.mean(outwards[np.linalg.norm(area, axis=1) > 1e-12] > 0.0) > 0.98
-    reach = max(solid.vertices[:, 0].max() for solid in solids(trace.header.geometry))
-    assert reach == pytest.approx(trace.header.geometry.reach, abs=1e-3)
+    reach = max(solid.vertices[:, 0].max() for solid in solids(geometry))
+    assert reach == pytest.approx(geometry.reach, abs=1e-3)
 
 
 def test_walls_and_contact_bodies_are_drawn_where_they_touch():

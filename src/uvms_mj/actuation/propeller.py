@@ -58,7 +58,9 @@ def command_of(settings, state, k, u_cmd) -> float:
         state.near_hat[k] = i
         command = interpolated(settings.thrust_hat, settings.command_hat, i, command)
     if settings.quantum > 0.0:
-        command = settings.neutral + settings.quantum * np.floor((command - settings.neutral) / settings.quantum + 0.5)
+        command = settings.neutral + settings.quantum * math.floor(
+            (command - settings.neutral) / settings.quantum + 0.5
+        )
     return command
 
 

@@ -38,6 +38,7 @@ class Thrusters(Stage):
 
     period: Step | None = shared(None, "s", "period, a multiple of the time step; default: every step")
 
+    every_step: ClassVar[bool] = True
     room: ClassVar[Room] = Room(
         name="actuation",
         table="thrusters",

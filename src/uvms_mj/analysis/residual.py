@@ -1,5 +1,7 @@
 """Impedance error of a trace: the residual of the desired impedance."""
 
+import itertools
+
 import mujoco
 import numpy as np
 
@@ -45,12 +47,16 @@ def impedance_error(trace: Trace, start: float = 0.0, end: float = np.inf) -> np
     way_W = np.diff((trace.p_WB - trace.p_d)[rows], axis=0) - ahead_W
     change = np.diff(trace.nu_e[rows], axis=0)
     turn = np.array([_turn(trace.quat_WB[a], trace.quat_WB[b]) for a, b in zip(first, last, strict=True)])
-    nu_e = np.hstack([_turned(R_BW, way_W), turn.reshape(-1, 3) - h * change[:, 3:]]) / T
+    turn = turn.reshape(-1, 3) - h * change[:, 3:] - _wanted_turn(trace, rows, R_BW)
+    nu_e = np.hstack([_turned(R_BW, way_W), turn]) / T
     sums = np.diff(cumulative(trace.t, trace.eta_e)[rows], axis=0) - 0.5 * h * np.diff(trace.eta_e[rows], axis=0)
     eta_e = sums / T
     wanted = change / T @ design.M_d.T + nu_e @ design.D_d.T + eta_e @ design.K_d.T
     impedance = trace.scenario.impedance
-    residual = wanted - np.array(impedance.K_f) * (tau_c - np.array(impedance.F_d))
+    K_f, F_d = np.array(impedance.K_f), np.array(impedance.F_d)
+    if impedance.schedule:
+        K_f, F_d = (np.diff(cumulative(trace.t, trace[name])[rows], axis=0) / T for name in ("K_f", "F_d"))
+    residual = wanted - K_f * (tau_c - F_d)
     if not len(residual):
         return np.full(6, np.nan)
     error = np.sqrt((residual**2).mean(axis=0))
@@ -58,6 +64,16 @@ def impedance_error(trace: Trace, start: float = 0.0, end: float = np.inf) -> np
     if rubbed and trace.header.row_steps > 1:
         error[np.abs(design.normal) < 1.0 - 1e-9] = np.nan
     return error
+
+
+def _wanted_turn(trace: Trace, rows: np.ndarray, R_BW: np.ndarray) -> np.ndarray:
+    """(n, 3) rotation vectors in B of the desired attitude from row to row, with the correction of the time step."""
+    if "quat_d" not in trace.header.by_name or (trace.quat_d == trace.quat_d[0]).all():
+        return np.zeros((len(rows) - 1, 3))
+    quat_d, h = trace.quat_d[rows], trace.scenario.simulation.timestep
+    turns = np.array([_turn(a, b) for a, b in itertools.pairwise(quat_d)]).reshape(-1, 3)
+    omega_d = (trace.nu - trace.nu_e)[rows, 3:]
+    return _turned(R_BW, _turned(rotation_matrix(quat_d[:-1]), turns)) - 0.5 * h * np.diff(omega_d, axis=0)
 
 
 def _turned(R: np.ndarray, a: np.ndarray) -> np.ndarray:

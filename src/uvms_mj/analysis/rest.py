@@ -30,7 +30,7 @@ def demanded_force(scenario: Scenario, k_c: float | None = None) -> float:
         return math.nan
     target, attitude_deg = scenario.reference.rest_pose(scenario)
     normal = wall_normal(quat_from_euler_deg(*attitude_deg))
-    K_f, K_d, F_d = (np.array(values) for values in (impedance.K_f, impedance.K_d, impedance.F_d))
+    K_f, K_d, F_d = (np.array(values) for values in (impedance.at_end[0], impedance.K_d, impedance.at_end[1]))
     pushed = np.abs(normal) > 1e-12
     n, K_d, K_f, F_d = normal[pushed], K_d[pushed], K_f[pushed], F_d[pushed]
     limp = K_d == 0.0

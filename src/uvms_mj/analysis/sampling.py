@@ -21,6 +21,7 @@ from .water import water_faults
 _WALLS = ("wall", "walls", "bumper")
 _CHECKED = frozenset({*_WALLS, "simulation.timestep", "current", "disturbance"})
 _PERIODS = tuple(f"{table}.period" for table in STAGES)
+_AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 _SMALL, _LARGE = 1e-6, 1e8
 """If an equation overflows, the message names the keys with numbers outside this range."""
 
@@ -73,7 +74,11 @@ def warnings_of(setup: Setup) -> list[str]:
     if rank < 6:
         n = len(vehicle.thrusters)
         thrusters = f"the {n} thrusters of {vehicle.body} span" if n > 1 else f"the thruster of {vehicle.body} spans"
-        notes.append(f"{thrusters} {rank} of 6 axes: tau is the wrench closest to tau_cmd that they can produce")
+        missing = [axis for axis, row in zip(_AXES, vehicle.B, strict=True) if np.abs(row).max(initial=0.0) < 1e-12]
+        without = f", none gives {' or '.join(missing)}" if missing else ""
+        notes.append(
+            f"{thrusters} {rank} of 6 axes{without}: tau is the wrench closest to tau_cmd that they can produce"
+        )
     return notes + damping_notes(vehicle.body, vehicle.D_linear, vehicle.D_quadratic)
 
 

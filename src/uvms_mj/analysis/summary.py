@@ -3,12 +3,15 @@
 The module imports little: its numbers are also listed for a run that was interrupted during the imports.
 """
 
+import functools
 import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ..records.header import Header
     from ..records.trace import Trace
+    from ..scenario import Scenario
 
 
 def _last(name: str) -> "Callable[[Trace], Any]":
@@ -42,6 +45,39 @@ def ending(trace: "Trace") -> tuple[str, ...]:
     return () if distance is None else (lost.format(distance),)
 
 
+def noisy(scenario: "Scenario") -> bool:
+    """Whether a sensor has white noise."""
+    return any(any(channel.noise) for channel in scenario.navigation.white_channels.values())
+
+
+@functools.lru_cache(maxsize=1)
+def _deviations(header: "Header") -> Any:
+    """The closed form of the noise, the reason why there is none, or None without noise."""
+    if not noisy(header.scenario):
+        return None
+    from .noise import deviations
+    from .setup import set_up
+
+    return deviations(set_up(header.scenario, header.mjcf))
+
+
+def _push_deviation(trace: "Trace") -> float | None:
+    """The push's standard deviation over the last half of the run, or what the trace has of it [N]; None without
+    noise."""
+    if not noisy(trace.scenario) or not len(trace):
+        return None
+    return float(trace.push[trace.t >= 0.5 * trace.t[-1]].std())
+
+
+def _noise_N(trace: "Trace") -> float | None:
+    return getattr(_deviations(trace.header), "push", None)
+
+
+def _no_noise_because(trace: "Trace") -> str | None:
+    found = _deviations(trace.header)
+    return found if isinstance(found, str) else None
+
+
 def _position(trace: "Trace") -> list[float] | None:
     position = getattr(trace.analytic, "position", None)
     return None if position is None else position.tolist()
@@ -66,6 +102,9 @@ NUMBERS: "Mapping[str, Callable[[Trace], Any]]" = {
     "contact.settled": lambda trace: _force(trace)[1],
     "contact.analytic_N": _analytic_N,
     "contact.relative_error": _relative_error,
+    "noise.push_N": _push_deviation,
+    "noise.analytic_N": _noise_N,
+    "noise.none_because": _no_noise_because,
     "effort_N2s": lambda trace: float(trace.effort[-1][:3].sum()) if len(trace) else None,
     "saturated_s": _last("saturation_time"),
     "final.position_m": _last("p_WB"),

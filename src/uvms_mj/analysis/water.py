@@ -3,7 +3,7 @@
 import itertools
 
 from ..errors import Fault
-from ..physics.varying import NODES_PER_CORRELATION_TIME
+from ..physics.varying import FINEST
 from ..plant.water import Current, Disturbance
 
 
@@ -18,10 +18,13 @@ def water_faults(current: Current, disturbance: Disturbance, h: float) -> list[F
                     f"act as {abs(f - round(f * h) / h):.6g} Hz"
                 )
                 faults.append(Fault(f"{name}.frequency_hz[{i}]", wrong))
-        shortest = NODES_PER_CORRELATION_TIME * h
-        if any(motion.deviation) and motion.correlation_time < shortest * (1.0 - 1e-9):
-            wrong = f"must be at least {shortest:g} s, {NODES_PER_CORRELATION_TIME:g} time steps"
-            faults.append(Fault(f"{name}.correlation_time", f"{motion.correlation_time:g} s {wrong}"))
+        if any(motion.deviation) and motion.spacing < h * (1.0 - 1e-9):
+            wrong = f"{motion.correlation_time:g} s must be at least {FINEST * h:g} s, {FINEST:g} time steps"
+            faults.append(Fault(f"{name}.correlation_time", wrong))
+    gust, whole = current.shortest_gust, current.correlation_time
+    if gust is not None and not whole / FINEST * (1.0 - 1e-9) <= gust <= whole * (1.0 + 1e-9):
+        wrong = f"{gust:g} s must be from {whole / FINEST:g} to {whole:g} s at current.correlation_time {whole:g} s"
+        faults.append(Fault("current.shortest_gust", wrong))
     for i, (amplitude, f) in enumerate(zip(current.amplitude, current.frequency_hz, strict=True)):
         if amplitude != 0.0 and f == 0.0:
             faults.append(Fault(f"current.amplitude[{i}]", f"{amplitude:g} m/s has no effect at the frequency 0 Hz"))

@@ -143,6 +143,11 @@ def _contact_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str
     error = contact["relative_error"]
     if error is not None:
         yield "relative error", f"{error:.1e}" if abs(error) >= ROUNDING else "below 1e-9"
+    noise = report["noise"]
+    if noise["push_N"] is not None:
+        yield "deviation of the push", f"{noise['push_N']:.3g} N"
+        analytic_N, reason = noise["analytic_N"], noise["none_because"]
+        yield "analytic deviation", f"{analytic_N:.4g} N" if reason is None else f"none: {reason}"
 
 
 def _motion_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]]:

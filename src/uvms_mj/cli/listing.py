@@ -103,7 +103,7 @@ def keys() -> None:
 def signals() -> None:
     """List the signals that each stage receives and sets, and the signals that a run records."""
     from ..scenario import STAGES
-    from ..stages.signals import DELAYED, MEASURED, RECORDED, contact_signals, thruster_signal
+    from ..stages.signals import DELAYED, MEASURED, RECORDED, SCHEDULED, contact_signals, thruster_signal
 
     of_contacts = {signal.name for signal in contact_signals(0)}
     rooms = [choice.base.room for choice in STAGES.values()]
@@ -113,7 +113,7 @@ def signals() -> None:
     ]
     recorded = (
         "Recorded signals: trace.<name>; the states of the stages are recorded too",
-        (*RECORDED, *MEASURED, *DELAYED, *contact_signals(0), thruster_signal(0)),
+        (*RECORDED, *MEASURED, *SCHEDULED, *DELAYED, *contact_signals(0), thruster_signal(0)),
     )
     for title, listed in (*inputs, *outputs, recorded):
         columns = ("name", "shape", "unit", "frame", "meaning")

@@ -160,7 +160,7 @@ def _simulate(
 ) -> int:
     """Run, write and report; return the exit status. The files that the run opens are added to ``files``."""
     from ..analysis.metrics import AROUND_THE_END_S
-    from ..analysis.summary import ending, summary
+    from ..analysis.summary import ending, noisy, summary
     from ..engine.run import LawError, SinkError, simulate
     from ..errors import InputError
     from ..records.mcap import McapLog
@@ -170,7 +170,7 @@ def _simulate(
         from ..views.rerun import LiveView
 
         sinks.insert(0, LiveView())  # first: without a display it fails before anything is written
-    error = None
+    error, half = None, max(AROUND_THE_END_S, 0.5 * scenario.simulation.duration)
     with console.running(scenario, stop) as progress:
         try:
             trace = simulate(
@@ -178,7 +178,7 @@ def _simulate(
                 log_rate=log_rate,
                 progress=progress,
                 sinks=sinks,
-                keep_s=AROUND_THE_END_S,
+                keep_s=half if noisy(scenario) else AROUND_THE_END_S,  # for the push's deviation
                 engine=engine,
                 mjcf=mjcf,
             )

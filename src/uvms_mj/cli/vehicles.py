@@ -57,10 +57,11 @@ def described(mjcf: "Mjcf") -> dict[str, Any]:
     import numpy as np
 
     vehicle, remarks = mjcf.vehicle, mjcf.remarks
+    prefix = vehicle.body[: vehicle.body.rfind("/") + 1]  # of a model that the file attaches
     matrices = ("M_RB", "M_A", "D_linear", "D_quadratic")
     columns = zip(vehicle.thrusters, vehicle.B.T, vehicle.u_min, vehicle.u_max, strict=True)
     return {
-        **{word: remarks.get(word, "") for word in REMARKS},
+        **{word: remarks.get(word) or remarks.get(prefix + word, "") for word in REMARKS},
         "mass": vehicle.mass,
         "displaced_mass": vehicle.displaced_mass,
         "center_of_gravity": vehicle.r_g.tolist(),

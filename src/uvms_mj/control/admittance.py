@@ -26,8 +26,8 @@ class Admittance(Controller):
         M_d \dot\nu_a + D_d \nu_a + K_d \eta_a &= K_f (\tau_c - F_d), \qquad
         \dot\eta_a = (v_a, \tfrac12 \omega_a)
 
-        \tau &= \hat M (\dot\nu_d + \dot\nu_a - k_v (\tilde\nu - \nu_a) - k_p (\tilde\eta - \eta_a) - \xi)
-            + \hat C \nu + \hat D \nu + \hat g, \qquad \dot\xi = k_i (\tilde\eta - \eta_a)
+        \tau &= \hat M (\dot\nu_d + \dot\nu_a - k_v (\tilde\nu - \nu_a) - k_p (\tilde\eta - \eta_a) - \xi_a)
+            + \hat C \nu + \hat D \nu + \hat g, \qquad \dot\xi_a = k_i (\tilde\eta - \eta_a)
 
     eta_a and nu_a are the offset that the force causes, in B. The inner loop does not use the force, so the wall acts
     on both impedances, the desired one and that of the inner loop, in series. After Siciliano, Sciavicco, Villani and
@@ -41,8 +41,8 @@ class Admittance(Controller):
     name = "admittance"
     needs: ClassVar = ("impedance.M_d",)
     uses_task: ClassVar[bool] = False
-    states: ClassVar = {"eta_a": 6, "nu_a": 6, "xi": 6}
-    units: ClassVar = {"eta_a": "m, 1", "nu_a": "m/s, rad/s", "xi": "m/s^2, rad/s^2"}
+    states: ClassVar = {"eta_a": 6, "nu_a": 6, "xi_a": 6}
+    units: ClassVar = {"eta_a": "m, 1", "nu_a": "m/s, rad/s", "xi_a": "m/s^2, rad/s^2"}
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
         return {**super().constants(setup), "M_d_inv": setup.design.M_d_inv}
@@ -62,10 +62,10 @@ class Admittance(Controller):
         for j in range(6):
             error = signals.eta_e[j] - eta_a[j]
             state_dot.eta_a[j] = nu_a[j] if j < 3 else 0.5 * nu_a[j]  # eq. (17) for small angles
-            state_dot.xi[j] = gains.k_i * error
+            state_dot.xi_a[j] = gains.k_i * error
             a = signals.nu_d_dot[j] + nu_a_dot[j] - gains.k_v * (signals.nu_e[j] - nu_a[j]) - gains.k_p * error
             for i in range(6):
-                tau_cmd[i] += signals.M_hat[i, j] * (a - state.xi[j])
+                tau_cmd[i] += signals.M_hat[i, j] * (a - state.xi_a[j])
 
     def at_rest(self, setup: Any) -> SteadyState | str:
         """With an integral, the static balance with s = 0. Without, the stiffness M_hat k_p in series with K_d:

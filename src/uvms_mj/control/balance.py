@@ -33,10 +33,13 @@ that A s = F_1 eta_e_dot - w, and the estimates are those of the measurements:
         (d + \hat n_m - g(\eta) + \tau_c - \tau_{c,m} + (I - T^{-1}) \tau), \qquad
     \hat n_m = \hat C \nu_m + \hat D \nu_m + \hat g(\eta_m).
 
+An observer measures all that the controller's model does not explain: tau_c,m is tau_c plus the rest of the bracket,
+which is then zero.
 The ideal law knows all wrenches but that of the contact: w = M^-1 (tau_c - tau_c,m). The six equations are solved by
 Newton's method.
 """
 
+import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Any
@@ -51,9 +54,6 @@ from .delivery import Delivery
 from .newton import newton
 from .rest import SteadyState
 from .springs import Springs
-
-_SOFTER = (1e-2, 0.1, 1.0)
-"""Factors of the stiffness of the list of contacts, by which the set of contacts at rest is found."""
 
 
 def static_balance(
@@ -76,8 +76,9 @@ def static_balance(
         return "the current is not constant"
     if not (is_shipped(scenario.navigation) and is_shipped(scenario.actuation)):
         return "closed forms are known for the shipped navigation and actuation only"
-    if scenario.observer.runs:
-        return "closed forms are not known with an observer of the contact force"
+    observer = scenario.observer if scenario.observer.runs else None
+    if observer is not None and not is_shipped(observer):
+        return "closed forms are known for the shipped observers only"
     if K == 0.0 and 0.0 in setup.task.A:
         return "with a zero in A, zeta is not constant at rest: it integrates the remaining error"
     if any(wall.moves for _, wall in setup.contacts.surfaces):
@@ -90,7 +91,7 @@ def static_balance(
     errors = scenario.navigation.rest_errors(setup)
     if isinstance(errors, str):
         return errors
-    if residual is not None and not _exact(errors):
+    if residual is not None and (observer is not None or not _exact(errors)):
         return "with errors of the sensors, closed forms are known for the laws of the impedance task only"
     if delivery.static.error and (np.isfinite(K) or residual is not None):
         return f"{delivery.static.error}, and the law does not integrate"
@@ -98,8 +99,9 @@ def static_balance(
     if solved is None:
         return "the static balance has no solution near the reference"
     state, known = solved
-    if reason := scenario.navigation.out_of_range(known):
-        return reason
+    for sensor in (scenario.navigation, observer):
+        if sensor is not None and (reason := sensor.out_of_range(known)):
+            return reason
     weak = delivery.weak(np.asarray(state.tau))
     if weak:
         return weak
@@ -143,7 +145,7 @@ def _solve(setup: Any, K: float, delivery: Delivery, residual_of: Any = None) ->
         balance = _Balance(setup, K, in_contact, delivery)
         of, springs = balance if residual_of is None else functools.partial(residual_of, balance), balance.springs
         x = np.zeros(6)
-        for scale in _SOFTER if len(springs) else (1.0,):
+        for scale in springs.scales:
             springs.scale = scale
             x = newton(of, x, len(springs) > 0)
         at_rest = bool(np.abs(of(x)).max() < 1e-8)
@@ -170,7 +172,7 @@ class _Balance:
         self.M_d_inv = design.M_d_inv
         self.M_hat_inv = np.linalg.inv(design.M_hat)
         self.undelivered = np.eye(6) - np.linalg.inv(delivery.T)
-        self.K_f, self.F_d = np.array(scenario.impedance.K_f), np.array(scenario.impedance.F_d)
+        self.K_f, self.F_d = (np.array(each) for each in scenario.impedance.at_end)
         self.factor_inverse = self.A / (self.A - K)
         self.told = scenario.controller.uses_truth
         self.errors = scenario.navigation.rest_errors(setup)
@@ -213,7 +215,12 @@ class _Balance:
     def known(self, x: np.ndarray) -> Any:
         """The measurements, :class:`uvms_mj.navigation.base.Known`."""
         position, quat, _ = self.pose(x)
-        return self.errors(position, quat, self.contact(x))
+        tau_c = self.contact(x)
+        known = self.errors(position, quat, tau_c)
+        if not self.setup.scenario.observer.runs:
+            return known
+        explained = dataclasses.replace(known, tau_c=tau_c)
+        return dataclasses.replace(known, tau_c=tau_c + self.setup.design.M_hat @ self.unknown(x, explained))
 
     def moving(self, x: np.ndarray) -> np.ndarray:
         """F_1 times the rate (6,) of the pose error that the law derives from a biased velocity, eq. (18)."""
@@ -241,10 +248,12 @@ class _Balance:
         """tau_cmd - g_hat(eta) (6,) that holds the vehicle at rest."""
         return -self.contact(x) - self.setup.design.M_hat @ self.unknown(x)
 
-    def unknown(self, x: np.ndarray) -> np.ndarray:
-        """The acceleration (6,) that a law without an integral term must balance through s."""
+    def unknown(self, x: np.ndarray, known: Any = None) -> np.ndarray:
+        """The acceleration (6,) that a law without an integral term must balance through s, with the measurements
+        ``known``; default: those at x."""
         d, g_eta = self.environment(x)
-        known, estimates, term = self.known(x), self.setup.scenario.estimates, np.empty(6)
+        known = self.known(x) if known is None else known
+        estimates, term = self.setup.scenario.estimates, np.empty(6)
         vehicle = self.setup.nominal
         nominal = self.restoring(vehicle, rotation_matrix(known.quat))
         unknown = (estimates.restoring - 1.0) * nominal + (nominal - g_eta) + (self.contact(x) - known.tau_c)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
+from pydantic import AfterValidator
 from pydantic.dataclasses import dataclass as table
 
 from ..errors import Fault, InputError
@@ -22,6 +23,7 @@ from ..quantities import (
     doc,
     within,
 )
+from .schedule import Change, in_order
 
 
 @table(frozen=True, config=STRICT)
@@ -31,9 +33,21 @@ class Impedance:
     D_d: Damping = doc("desired damping, diagonal or 6x6; default: Ott's design", None)
     K_f: Factors = doc("force gain, diagonal, eq. (7) [1]", (1.0,) * 6)
     F_d: Wrench = doc("wrench that the wall should exert on the vehicle, in B, eq. (7) [N, N m]", (0.0,) * 6)
+    schedule: Annotated[tuple[Change, ...], AfterValidator(in_order)] = doc(
+        "K_f and F_d over time: [{time = 10.0, K_f = [...], F_d = [...], ramp = 2.0}, ...], from time to time + ramp; "
+        "at most 100 [s, 1, N, N m]",
+        (),
+    )
     damping_ratio: Annotated[Number, within(0.0, 1e3, "")] = doc(
         "damping ratio of Ott's design, used if D_d is not given [1]", 1.0
     )
+
+    @property
+    def at_end(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """K_f and F_d after the last entry of the schedule."""
+        K_f = next((change.K_f for change in reversed(self.schedule) if change.K_f is not None), self.K_f)
+        F_d = next((change.F_d for change in reversed(self.schedule) if change.F_d is not None), self.F_d)
+        return K_f, F_d
 
 
 @table(frozen=True, config=STRICT)

@@ -1,7 +1,8 @@
 r"""The loop of a law at the wall, linear about rest: does the sampled law damp it?
 
-The law's own function is linearized by differences, with the impedance task if the law uses it. Position and attitude
-enter as x (6,) = (R^T (p - p_d), rotation vector), the wall as the spring and the damper
+The law's own function is linearized by differences, with w and tau_nom of the impedance task if the law uses them; it
+must not use s and zeta. Position and attitude enter as x (6,) = (R^T (p - p_d), rotation vector), the wall as the
+spring and the damper
 
 .. math:: \tau_c = -n n^\top (k_c x + b_c \nu)
 
@@ -10,9 +11,9 @@ Euler takes the vehicle over the time steps:
 
 .. math:: M \dot\nu = \tau + \tau_c - D_{linear} \nu, \qquad \dot x = \nu
 
-The states of the law and of the task advance by one explicit Euler step a period. The spectral radius of the whole, one
-matrix for a period, decides: above 1 a motion grows. What the linear model leaves out: the loss of contact, quadratic
-damping, the restoring wrench, the attitude's effect on the directions, limits, and the periods of the other stages.
+The states of the law advance by one explicit Euler step a period. The spectral radius of the whole, one matrix for a
+period, decides: above 1 a motion grows. The model leaves out the loss of contact, quadratic damping, the restoring
+wrench, the attitude's effect on the directions, limits, and the periods of the other stages.
 """
 
 import functools
@@ -124,10 +125,9 @@ def _jacobian(setup: Any, about: tuple[tuple[str, tuple[float, ...]], ...]) -> n
     signals.quat_e, signals.period, signals.instant = np.array([1.0, 0.0, 0.0, 0.0]), setup.scenario.control_period, 1
     gains, task_gains = _fields(law.constants(setup)), _fields(task.constants(setup))
     state, rates = (_fields({name: np.zeros(size) for name, size in kind.states.items()}) for _ in range(2))
-    zeta, zeta_rates = _fields({"zeta": np.zeros(6)}), _fields({"zeta": np.zeros(6)})
+    zeta, zeta_dot = _fields({"zeta": np.zeros(6)}), _fields({"zeta": np.zeros(6)})
     vars(state).update({name: np.array(value) for name, value in about})
-    states = [*vars(state).values(), *([zeta.zeta] if kind.uses_task else [])]
-    derivatives = [*vars(rates).values(), *([zeta_rates.zeta] if kind.uses_task else [])]
+    states = list(vars(state).values())
     base, ends = np.concatenate([*states, np.zeros(0)]), np.cumsum([len(each) for each in states])
     D_hat, half = setup.scenario.estimates.damping * setup.nominal.D_linear, np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
 
@@ -137,9 +137,9 @@ def _jacobian(setup: Any, about: tuple[tuple[str, tuple[float, ...]], ...]) -> n
         for own, value in zip(states, np.split(base + y[18:], ends), strict=False):
             own[:] = value
         if kind.uses_task:
-            type(task).step(task_gains, zeta, signals, zeta_rates, signals)
+            type(task).step(task_gains, zeta, signals, zeta_dot, signals)
         kind.law(gains, state, signals, rates, tau_cmd)
-        return np.concatenate([tau_cmd, *derivatives])
+        return np.concatenate([tau_cmd, *vars(rates).values()])
 
     at_rest = evaluate(np.zeros(18 + len(base)))
     return np.array([evaluate(e) - at_rest for e in _EPS * np.eye(18 + len(base))]).T / _EPS

@@ -56,11 +56,12 @@ class Pid(Controller):
         if reason := not_constant(setup):
             return reason
         K_d, limit = setup.design.K_d, np.array(self.limit)
+        limit = np.where(self.k_i * K_d.diagonal() > 0.0, limit, 0.0)  # elsewhere xi stays zero
 
         def residual(balance: Any, x: np.ndarray) -> np.ndarray:
             spring = K_d @ balance.error(x)
             xi = -(balance.effort(x) + balance.K_f * balance.F_d + spring)
-            return at_limit(xi, spring, limit) if self.k_i else xi
+            return at_limit(xi, spring, limit)
 
         state = Linear.of(setup).checked(static_balance(setup, np.inf, residual))
         return dataclasses.replace(state, s=None) if isinstance(state, SteadyState) else state

@@ -6,6 +6,7 @@ The limits take the run's :class:`uvms_mj.analysis.setup.Setup`.
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -61,7 +62,7 @@ class Vibration:
         design = setup.design
         n, M_d_inv = front.normal, design.M_d_inv
         G = M_d_inv if M_hat is None else np.linalg.solve(design.M, M_hat @ M_d_inv)
-        v = G @ (np.array(setup.scenario.impedance.K_f) * n)
+        v = G @ (np.array(setup.scenario.impedance.at_end[0]) * n)
         compliant = float(n @ v)
         fed_back = compliant - (0.0 if M_hat is None else 1.0 / design.along_normal(design.M, n))
         if compliant <= 0.0:
@@ -88,24 +89,29 @@ class Vibration:
         Navigation, law and thrusters each hold their output for a period T. A stage that reads it at its own instants,
         a period T' apart, finds it with a mean age of (T - gcd(T, T'))/2. The contact force itself is held for a time
         step h. A law that runs at every step on measurements of every step feeds back the force that acts. The time
-        that a sample takes to arrive adds to it, and so do the lag of an observer of the force and the thrusters' delay
-        of slow changes.
+        that a sample takes to arrive adds to it, or the lag of an observer, and so does the thrusters' delay of slow
+        changes.
         """
         scenario = self.setup.scenario
         h = scenario.simulation.timestep
-        steps = [round(period / h) for period in self._periods.values()]
-        late = scenario.observer.age if scenario.observer.runs else scenario.navigation.force_timing[1]
-        holds = sum(held - math.gcd(held, read) for held, read in zip(steps, [*steps[1:], 1], strict=True))
-        return late + 0.5 * h * holds + scenario.thrusters.mean_delay()
+        steps = [n for period in self._periods.values() if (n := round(period / h)) > 1]  # one of a step holds nothing
+        holds = sum(held - math.gcd(held, read) for held, read in pairwise([*steps, 1]))
+        return self._sensor.force_timing[1] + 0.5 * h * holds + scenario.thrusters.mean_delay()
+
+    @property
+    def _sensor(self) -> Any:
+        """The stage that sets the measured force: the observer if there is one, otherwise navigation."""
+        scenario = self.setup.scenario
+        return scenario.observer if scenario.observer.runs else scenario.navigation
 
     @property
     def _periods(self) -> dict[str, float]:
         """Periods of the stages from the measurement to the thrust, by name [s]."""
         scenario = self.setup.scenario
         control = scenario.control_period
-        observer, sensor = scenario.observer, scenario.navigation
+        sensor = self._sensor
         own = scenario.simulation.timestep if sensor.every_step else control
-        force = observer.period or control if observer.runs else sensor.force_timing[0] or sensor.period or own
+        force = sensor.force_timing[0] or sensor.period or own
         return {
             "navigation": force,
             "control": control,
@@ -164,8 +170,8 @@ class Vibration:
                 f"N/m the contact vibrates faster than a held command can damp; a period below {2.5 / w:.2g} s usually "
                 "suffices"
             )
-        limit, age, lag = self.limit, self.age, self.setup.scenario.observer.age
-        if lag and age > SLOWLY_DAMPED * limit:
+        limit, age = self.limit, self.age
+        if self.setup.scenario.observer.runs and age > SLOWLY_DAMPED * limit:
             yield (
                 f"{label} {'vibrates' if age >= limit else 'hardly damps the vibration'} against the wall with this "
                 f"observer: its estimate of the contact force is {age:.3g} s old, and all of the damping D_d is lost "
@@ -231,7 +237,7 @@ def disturbance_rate(setup: Any) -> np.ndarray:
         table = np.array(disturbance.table)
         rate += np.abs(np.diff(table[:, 1:], axis=0) / np.diff(table[:, :1], axis=0)).max(axis=0, initial=0.0)
     if any(disturbance.deviation):
-        rate += 6.0 * rate_deviation(np.array(disturbance.deviation), disturbance.correlation_time)
+        rate += 6.0 * rate_deviation(np.array(disturbance.deviation), disturbance.correlation_time, disturbance.spacing)
     return np.abs(np.linalg.inv(setup.design.M_hat)) @ rate
 
 

@@ -124,7 +124,7 @@ def bouncing_growth(law: Any, setup: Any) -> float:
     g = scenario.estimates.inertia * np.eye(3)
     if setup.vehicle is not setup.nominal:
         g = np.linalg.solve(M, design.M_hat[:3, :3])
-    K_f = np.diag(scenario.impedance.K_f[:3])
+    K_f = np.diag(scenario.impedance.at_end[0][:3])
     A, zero, one = np.diag(setup.task.A[:3]), np.zeros((3, 3)), np.eye(3)
     growing = np.hstack([zero, zero, A, zero])  # A s
     growth = [-math.inf]

@@ -60,7 +60,8 @@ class AlongWall(Guidance):
         impedance, wall = scenario.impedance, scenario.wall
         normal = rotation_matrix(quat_from_euler_deg(*self.attitude_deg))[0]
         pushed = np.abs(normal) > 1e-12
-        n, K_d, K_f, F_d = (np.array(a)[:3][pushed] for a in (normal, impedance.K_d, impedance.K_f, impedance.F_d))
+        K_f, F_d = impedance.at_end
+        n, K_d, K_f, F_d = (np.array(each)[:3][pushed] for each in (normal, impedance.K_d, K_f, F_d))
         if (K_d == 0.0).any():
             return 0.0
         give = K_f / K_d

@@ -14,7 +14,7 @@ from ..physics.random import standard_normal
 from .error_state import add_noise, advance, correct, transition
 from .strapdown import increments, rotation_vector, turned
 
-# first random number of an instant for each use
+# first random number of an instant for each use; those from 64 on are of the force's channels
 _IMU, _WALK, _DVL, _DEPTH, _HEADING, _POSITION, _START = 0, 6, 12, 15, 16, 17, 20
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations  # so that help(Navigation) shows short type names
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from ..physics.kernels import kernel
 from ..stages.base import Room, Stage
 from ..stages.signals import CLOCK, KNOWN, TRUE
+from .channel import Channel
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,6 +40,11 @@ class Navigation(Stage):
     ``out`` has KNOWN."""
 
     room: ClassVar[Room] = Room("navigation", "navigation", lambda thrusters: CLOCK + TRUE, KNOWN, "navigation stage")
+
+    @property
+    def white_channels(self) -> Mapping[str, Channel]:
+        """The channels of white noise by quantity, for the closed form of the noise; empty if none is known."""
+        return {}
 
     @property
     def force_timing(self) -> tuple[float | None, float]:
@@ -72,15 +78,6 @@ def perfect(true, known):
         known.quat_WB[i] = true.quat_WB[i]
     for i in range(6):
         known.nu[i] = true.nu[i]
-        known.tau_contact_m_B[i] = true.tau_contact_B[i]
-
-
-@kernel
-def perfect_force(true, known):
-    """Set the measured contact force to the truth."""
-    for i in range(3):
-        known.f_contact_m_W[i] = true.f_contact_W[i]
-    for i in range(6):
         known.tau_contact_m_B[i] = true.tau_contact_B[i]
 
 

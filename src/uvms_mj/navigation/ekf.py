@@ -1,8 +1,8 @@
 """An error-state Kalman filter of inertial unit, DVL, pressure, heading and a position fix, with its own sensors.
 
 The stage simulates the sensors from the truth and runs the filter on them (:mod:`.aided` has the steps). The inertial
-unit decides the filter's rate. Between its samples the estimate of pose and velocity is held. The contact force is
-measured perfectly at every instant of the stage.
+unit decides the filter's rate. Between its samples the estimate of pose and velocity is held. Force and moment of the
+contact are measured in B by channels (:mod:`.channel`), by default perfectly at every time step.
 """
 
 from __future__ import annotations
@@ -11,18 +11,24 @@ import dataclasses
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
 
-from ..errors import Fault, InputError
+from ..errors import Fault
+from ..physics.frames import to_world
 from ..quantities import NonNegative, Positive, Step
 from ..stages.base import setting
 from .aided import begin, depth_fix, due, estimation_error, heading_fix, position_fix, predict, publish, velocity_fix
-from .base import Navigation, RestErrors, perfect_force
+from .base import Navigation
+from .channel import MEMORY, measure
 from .error_state import normalised_square
+from .sensors import Sensors, channel_settings
 
 _AIDS = ("dvl", "depth", "heading", "position")
+_FORCE = ("force", "moment")
+_SETTINGS = list(channel_settings(*_FORCE))
+_ForceSensor: Any = dataclasses.make_dataclass("_ForceSensor", _SETTINGS, bases=(Navigation,), frozen=True)
 
 
 @dataclasses.dataclass(frozen=True)
-class Ekf(Navigation):
+class Ekf(_ForceSensor):
     """Error-state Kalman filter of inertial unit, DVL, pressure, heading and position fix, with their errors."""
 
     imu_period: Step = setting(0.005, "s", "time between samples of the inertial unit")
@@ -46,7 +52,8 @@ class Ekf(Navigation):
     assumed_noise: Positive = setting(1.0, "1", "what the filter takes all standard deviations for, over the true ones")
 
     name = "ekf"
-    needs: ClassVar = ("simulation.timestep", "controller")
+    every_step: ClassVar = True
+    needs: ClassVar = ("simulation.timestep",)
     states: ClassVar[Mapping[str, int]] = {
         **{"b_g": 3, "b_a": 3, "b_g_true": 3, "b_a_true": 3},
         **{"sigma_p": 3, "sigma_v": 3, "sigma_theta": 3, "sigma_b_g": 3, "sigma_b_a": 3},
@@ -60,35 +67,46 @@ class Ekf(Navigation):
     memory: ClassVar[Mapping[str, int]] = {
         **{"P": 225, "work": 225, "H": 15, "column": 15, "correction": 15, "A": 9, "E": 9},
         **{"p": 3, "v": 3, "quat": 4, "omega": 3, "turn": 3, "push": 3, "quat_before": 4, "v_before": 3},
-        **{"squares": 1, "updates": 1},
+        **{"squares": 1, "updates": 1, "force": MEMORY, "moment": MEMORY},
     }
-
-    def rest_errors(self, setup: Any) -> RestErrors | str:
-        return "the estimate of the Kalman filter fluctuates, and the vehicle with it"
+    channel = Sensors.channel
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
-        periods = {aid: getattr(self, f"{aid}_period") for aid in _AIDS}
-        own, h = self.period or setup.scenario.control_period, self.imu_period
-        faults = list(_odd("imu", h, own, "the period of this stage"))
-        faults += [fault for aid, period in periods.items() for fault in _odd(aid, period, h, "imu_period")]
-        if faults:
-            raise InputError(faults, "scenario")
-        numbers = {name: value for name, value in super().constants(setup).items() if not name.endswith("_period")}
-        samples = {f"{aid}_samples": float(round(period / h)) for aid, period in periods.items()}
-        return {
-            **numbers,
-            **samples,
-            "imu_instants": float(round(h / own)),
-            "interval": h,
-            "gravity_W": setup.gravity_W,
-        }
+        """The settings with the rates in samples and instants, the packed channels of the force, and gravity."""
+        numbers = {f.name: getattr(self, f.name) for f in dataclasses.fields(Ekf) if "period" not in f.name}
+        numbers = {name: value for name, value in numbers.items() if name.partition("_")[0] not in _FORCE}
+        step, h = self.period or setup.scenario.simulation.timestep, self.imu_period
+        rates = {f"{aid}_samples": float(round(getattr(self, f"{aid}_period") / h)) for aid in _AIDS}
+        rates |= {"imu_instants": float(round(h / step)), "interval": h}
+        force = {quantity: self.channel(quantity).packed(step) for quantity in _FORCE}
+        return {**numbers, **rates, **force, "gravity_W": setup.gravity_W}
+
+    def faults(self, setup: Any) -> Iterator[Fault]:
+        step, h = self.period or setup.scenario.simulation.timestep, self.imu_period
+        yield from _odd("imu", h, step, "the period of this stage")
+        for aid in _AIDS:
+            yield from _odd(aid, getattr(self, f"{aid}_period"), h, "imu_period")
+        for quantity in _FORCE:
+            for name, wrong in self.channel(quantity).faults(step):
+                yield Fault(f"navigation.{quantity}_{name}", wrong)
+
+    @property
+    def force_timing(self) -> tuple[float | None, float]:
+        force = self.channel("force")
+        return force.period, force.delay + 0.5 * force.jitter
+
+    def rest_errors(self, setup: Any) -> str:
+        return "the estimate of the Kalman filter fluctuates, and the vehicle with it"
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        perfect_force(given, out)
-        if given.instant % int(settings.imu_instants) != 0:
+        instant, key, wrench = given.instant, given.key, out.tau_contact_m_B
+        measure(settings.force, state.force, given.tau_contact_B, 0, instant, key, 8, wrench)
+        measure(settings.moment, state.moment, given.tau_contact_B, 3, instant, key, 9, wrench)
+        if instant % int(settings.imu_instants) != 0:
+            to_world(out.R_WB, wrench, out.f_contact_m_W)
             return
-        sample = given.instant // int(settings.imu_instants)
+        sample = instant // int(settings.imu_instants)
         if sample == 0:
             begin(settings, state, given, out)
         else:
@@ -107,6 +125,7 @@ class Ekf(Navigation):
             estimation_error(state, given, state.correction)
             state.nees[0] = normalised_square(state.P, state.correction, state.work, state.column)
         publish(state, out)
+        to_world(out.R_WB, wrench, out.f_contact_m_W)
 
 
 def _odd(aid: str, period: float, of: float, called: str) -> Iterator[Fault]:

@@ -30,11 +30,14 @@ import math
 from collections.abc import Mapping
 from typing import ClassVar
 
+import numpy as np
+
 from ..errors import Fault, InputError
 from ..physics.fossen import matvec
 from ..physics.frames import to_world
 from ..quantities import NonNegative, Positive, Time
 from ..stages.base import setting
+from .base import Known
 from .observer import Observer
 
 
@@ -61,8 +64,15 @@ class MomentumObserver(Observer):
             raise InputError([Fault("observer.calibrate_until", wrong)], f"the settings of {self.label()}")
 
     @property
-    def age(self) -> float:
-        return self.time_constant
+    def force_timing(self) -> tuple[float | None, float]:
+        return None, self.time_constant
+
+    def out_of_range(self, known: Known) -> str:
+        if self.calibrate_until:
+            return "the bias of the observer depends on the motion in the time of its average"
+        if np.linalg.norm(known.tau_c[:3]) < self.threshold:
+            return "at rest, the observed force is below observer.threshold"
+        return ""
 
     @staticmethod
     def step(settings, state, given, state_dot, out):

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 from ..stages.base import Room, Stage
 from ..stages.signals import KNOWN, OBSERVER_GIVEN
+from .base import Known
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,13 +25,18 @@ class Observer(Stage):
         given=lambda thrusters: OBSERVER_GIVEN,
         out=KNOWN[4:],
         noun="observer",
-        theory=("age",),
+        theory=("force_timing", "out_of_range"),
     )
 
     @property
-    def age(self) -> float:
-        """Mean age of the estimated force, from its first-order lag [s]."""
-        return 0.0
+    def force_timing(self) -> tuple[float | None, float]:
+        """As that of :class:`.base.Navigation`: None for the stage's period, and the lag of the estimate [s]."""
+        return None, 0.0
+
+    def out_of_range(self, known: Known) -> str:
+        """Theory of an observer: the reason why it does not measure at rest what its model does not explain, the wrench
+        of ``known``; empty if it does."""
+        return "no closed form is known for this observer"
 
     @staticmethod
     def step(settings, state, given, state_dot, out):

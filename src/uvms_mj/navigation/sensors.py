@@ -64,9 +64,10 @@ QUANTITIES: Mapping[str, tuple[str, str]] = {
 """The measured quantities in the order of their random numbers, with the units and the frames of their errors."""
 
 
-def _settings() -> Iterator[tuple[str, Any, Any]]:
-    """The settings of all channels: names, types and fields."""
-    for quantity, (unit, frame) in QUANTITIES.items():
+def channel_settings(*quantities: str) -> Iterator[tuple[str, Any, Any]]:
+    """The settings of channels: names, types and fields."""
+    for quantity in quantities:
+        unit, frame = QUANTITIES[quantity]
         fields: dict[str, tuple[Any, Any]] = {
             "period": (Step | None, setting(None, "s", "time between two samples; default: every time step")),
             "delay": (_Latency, setting(0.0, "s", "delay of each sample")),
@@ -84,7 +85,8 @@ def _settings() -> Iterator[tuple[str, Any, Any]]:
         yield from ((f"{quantity}_{name}", *field) for name, field in fields.items())
 
 
-_Channels: Any = dataclasses.make_dataclass("_Channels", list(_settings()), bases=(Navigation,), frozen=True)
+_SETTINGS = list(channel_settings(*QUANTITIES))
+_Channels: Any = dataclasses.make_dataclass("_Channels", _SETTINGS, bases=(Navigation,), frozen=True)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,6 +115,10 @@ class Sensors(_Channels):
         return Channel(**given)
 
     @property
+    def white_channels(self) -> Mapping[str, Channel]:
+        return {quantity: self.channel(quantity) for quantity in QUANTITIES}
+
+    @property
     def plain_wrench(self) -> bool:
         """Whether the measured force is the contact force as it is, in W too."""
         channels = (self.channel(quantity).perfect for quantity in ("attitude", "force", "moment"))
@@ -138,7 +144,7 @@ class Sensors(_Channels):
 
     def rest_errors(self, setup: Any) -> RestErrors | str:
         """The mean of the measurements: scale, bias and the drift with the depth. White noise has none."""
-        channels = {quantity: self.channel(quantity) for quantity in QUANTITIES}
+        channels = self.white_channels
         for quantity, channel in channels.items():
             if any(channel.walk):
                 return f"the {quantity.replace('_', ' ')} drifts: navigation.{quantity}_walk"

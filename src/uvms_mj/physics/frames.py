@@ -100,3 +100,10 @@ def rotation_matrix(quat: np.ndarray) -> np.ndarray:
     R_WB = np.empty((3, 3, *quat.shape[:-1]))
     rotation(quat.T, R_WB)
     return np.moveaxis(R_WB, (0, 1), (-2, -1))
+
+
+def quat_turned(quat: np.ndarray, phi: np.ndarray) -> np.ndarray:
+    """The attitude (4,) that differs from ``quat`` (4,) by the rotation vector phi (3,) in B."""
+    angle = float(np.linalg.norm(phi))
+    w, v = math.cos(0.5 * angle), 0.5 * np.sinc(0.5 * angle / math.pi) * phi
+    return np.concatenate([[quat[0] * w - quat[1:] @ v], quat[0] * v + w * quat[1:] + np.cross(quat[1:], v)])

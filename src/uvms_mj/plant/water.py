@@ -9,6 +9,7 @@ from pydantic import AfterValidator
 from pydantic.dataclasses import dataclass
 
 from ..physics.tether import drag_factor
+from ..physics.varying import FINEST
 from ..quantities import STRICT, Angle, Frequencies, Number, Position, Time, Wrench, doc, within
 
 MOST_ROWS = 100_000
@@ -64,10 +65,20 @@ class Current:
         "standard deviation of the Gauss-Markov part in W, from simulation.seed [m/s]", (0.0,) * 3
     )
     correlation_time: _CorrelationTime = doc("correlation time of the Gauss-Markov part [s]", 10.0)
+    shortest_gust: _CorrelationTime | None = doc(
+        "time between the random numbers of the Gauss-Markov part, from 1/64 of its correlation time, the default, to "
+        "the whole [s]",
+        None,
+    )
     shear: ShearTable = doc(
         "factor of the horizontal part over the depth below z = 0, [[depth, factor], ...], linear between rows [m, 1]",
         None,
     )
+
+    @property
+    def spacing(self) -> float:
+        """Time between the nodes of the Gauss-Markov part [s]."""
+        return self.correlation_time / FINEST if self.shortest_gust is None else self.shortest_gust
 
     @property
     def velocity_W(self) -> tuple[float, float, float]:
@@ -105,6 +116,11 @@ class Disturbance:
         "standard deviation of the Gauss-Markov part, from simulation.seed [N, N m]", (0.0,) * 6
     )
     correlation_time: _CorrelationTime = doc("correlation time of the Gauss-Markov part [s]", 10.0)
+
+    @property
+    def spacing(self) -> float:
+        """Time between the nodes of the Gauss-Markov part [s]."""
+        return self.correlation_time / FINEST
 
 
 @dataclass(frozen=True, config=STRICT)

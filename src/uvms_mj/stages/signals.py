@@ -123,6 +123,9 @@ IMPEDANCE = (
 )
 """The desired impedance of the scenario."""
 
+SCHEDULED = IMPEDANCE[3:]
+"""Set by the schedule of the impedance, if there is one, and then recorded."""
+
 TASK = (
     Signal("F_1", (6,), "1/s", "B", "gain of the pose error in s, eq. (14), a diagonal"),
     Signal("F_2", (6,), "1", "B", "gain of zeta in s, eq. (14), a diagonal"),

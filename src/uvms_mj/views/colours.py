@@ -19,7 +19,7 @@ LAWS: dict[str, Colour] = {
     "admittance": (51, 34, 136),
     "parallel": (140, 190, 50),
     "dob_impedance": (0, 80, 95),
-    "aismc": (235, 90, 110),
+    "aismc": (210, 30, 45),
 }
 """Colours of the built-in laws, by name."""
 _OTHERS: tuple[Colour, ...] = (VERMILLION, (120, 94, 60), (110, 110, 110), (150, 160, 30))

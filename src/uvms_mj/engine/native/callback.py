@@ -12,10 +12,10 @@ from ...physics.frames import body_velocity, to_world
 from ...physics.hydrodynamics import added_inertia, factor, water_wrench
 from ...physics.kernels import kernel
 from .compilation import native_function
+from .flow import flow
 from .layouts import CONTEXT, STOP_NONE
 from .loop import begin_step, finish_step, observe, run_stages
 from .memory import context_at, floats, integers, loop_at, mj_factorM, registered, triples
-from .water import flow
 
 
 @kernel

@@ -12,10 +12,10 @@ import sys
 from ...physics.contact import contact_force
 from ...physics.frames import body_acceleration, body_velocity, rotation
 from ...physics.kernels import kernel
+from .flow import flow
 from .layouts import STAGE_SIZE, STOP_COMMAND, STOP_NONE, STOP_STAGE, STOP_STATE, STOP_THRUST, STOP_WAITING
 from .memory import call_stage, clock_at, floats, integers, stage_at
 from .touching import touch
-from .water import flow
 
 _LARGEST = sys.float_info.max
 

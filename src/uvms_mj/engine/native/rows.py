@@ -13,6 +13,7 @@ from ...stages.signals import (
     MEASURED,
     OWN_UNIT,
     RECORDED,
+    SCHEDULED,
     UNSTEADY,
     Signal,
     contact_signals,
@@ -52,6 +53,7 @@ def recorded(
     ]
     if not isinstance(navigation, Perfect):
         found += [(signal, stages.signals[signal.name.removesuffix("_m")]) for signal in MEASURED]
+    found += [(signal, stages.signals[signal.name]) for signal in SCHEDULED if "schedule" in stages.entries]
     found += [(signal, stages.allocation["tau_cmd"]) for signal in DELAYED if "delay" in stages.entries]
     if water["unsteady"][0]:
         found += [(signal, water[signal.name]) for signal in UNSTEADY]
@@ -65,7 +67,8 @@ def recorded(
 def check_states(states: Sequence[tuple[Stage, str]], names: Set[str] = frozenset()) -> None:
     """Refuse states that can't be recorded under their names, beside the signals ``names``. Raises InputError if two
     states have one name, or a state's name is taken or is not an identifier."""
-    recorded = (*RECORDED, *MEASURED, *UNSTEADY, *DELAYED, *contact_signals(0), thruster_signal(0))
+    own = (*contact_signals(0), thruster_signal(0))
+    recorded = (*RECORDED, *MEASURED, *UNSTEADY, *DELAYED, *SCHEDULED, *own)
     taken = names | {signal.name for signal in recorded} | _ATTRIBUTES
     faults: dict[Stage, list[Fault]] = {}
     for stage, name in states:

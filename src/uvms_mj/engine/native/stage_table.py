@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...analysis.setup import Setup
+from ...control.schedule import Schedule
 from ...errors import Fault, InputError
 from ...scenario import STAGES, Scenario
 from ...stages.base import Stage, is_shipped, packs_itself, random_key
@@ -18,6 +19,7 @@ from ...stages.signals import (
     KNOWN,
     OBSERVER_GIVEN,
     REFERENCE,
+    SCHEDULED,
     TASK,
     TASK_GIVEN,
     TAU_LOST,
@@ -174,6 +176,8 @@ class StageTable:
         known = part(self.signals, CLOCK + KNOWN + REFERENCE)
         add("tracking", Tracking(), known, part(self.signals, ERRORS + ESTIMATES))
         add("observer", scenario.observer, part(self.signals, OBSERVER_GIVEN), part(self.signals, KNOWN[4:]))
+        if scenario.impedance.schedule:
+            add("schedule", Schedule(), part(self.signals, CLOCK), part(self.signals, SCHEDULED))
         if type(controller).uses_task:
             add("task", scenario.task, part(self.signals, TASK_GIVEN), part(self.signals, TASK))
         if type(controller).uses_truth:
@@ -208,9 +212,13 @@ class StageTable:
     def constants(self, setup: Setup, touched: Set[str]) -> dict[str, dict[str, Any]]:
         """The new constants of the stages that depend on the tables and keys in ``touched``, by table. Raises
         InputError if a stage has other constants than its memory has room for."""
-        found, faults = {}, []
-        if (setup.scenario.controller.delay is not None) != ("delay" in self.entries):
+        found, faults, scenario = {}, [], setup.scenario
+        if (scenario.controller.delay is not None) != ("delay" in self.entries):
             faults.append(Fault("controller.delay", "reset can't add or remove the delay; 0 is a delay too"))
+        if bool(scenario.impedance.schedule) != ("schedule" in self.entries):
+            faults.append(
+                Fault("impedance.schedule", "reset can't add or remove the schedule, only change its entries")
+            )
         for table, entry in self.entries.items():
             if table in touched or entry.needs is None or not touched.isdisjoint(entry.needs):
                 stage = getattr(setup.scenario, table, entry.stage)
