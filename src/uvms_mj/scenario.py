@@ -25,7 +25,7 @@ from .files import plain, scenario_path, tables_of
 from .guidance import FilteredSteps, Guidance
 from .navigation import Navigation, NoObserver, Observer, Perfect
 from .plant.settings import Initial, VehicleChoice, Wall
-from .plant.surfaces import OF_WALLS, Bumper, Surface, override_walls
+from .plant.surfaces import OF_WALLS, Bumper, ContactBody, Surface, override_walls
 from .plant.water import Current, Disturbance, Tether
 from .quantities import STRICT, Duration, Lowercase, Step, doc, overrides_of
 from .stages.base import Stage
@@ -172,8 +172,7 @@ class Scenario:
         try:
             scenario = _VALIDATOR.validate_python(tables)
         except ValidationError as error:
-            inner = _INNER_KEYS | {"walls": [f.name for f in dataclasses.fields(Surface)]}
-            faults += faults_of(error, choices=_KEYS | inner)
+            faults += faults_of(error, choices=_KEYS | _INNER_KEYS)
         if faults:
             raise InputError(faults, place)
         return scenario
@@ -229,7 +228,8 @@ _TABLES: dict[str, Any] = {
 _KEYS: dict[str, list[str]] = {"": [f.name for f in dataclasses.fields(Scenario)]} | {
     name: [f.name for f in dataclasses.fields(table)] for name, table in _TABLES.items()
 }
-_INNER_KEYS: dict[str, list[str]] = {"impedance.schedule": [f.name for f in dataclasses.fields(Change)]}
+_INNER: dict[str, Any] = {"impedance.schedule": Change, "walls": Surface, "vehicle.contact_bodies": ContactBody}
+_INNER_KEYS = {name: [f.name for f in dataclasses.fields(table)] for name, table in _INNER.items()}
 """The keys of the tables within a table."""
 
 

@@ -45,15 +45,13 @@ from typing import Any
 
 import numpy as np
 
-from ..physics.frames import quat_error
+from ..physics.frames import quat_error, rotation_matrix
 from ..stages.base import is_shipped
 from .balance_terms import Balance
 from .delivery import Delivery
 from .newton import newton
 from .rest import SteadyState
-
-_SOFTER = (1e-2, 0.1, 1.0)
-"""Factors of the stiffness of the list of contacts, by which the set of contacts at rest is found."""
+from .springs import Springs
 
 
 def static_balance(
@@ -136,7 +134,7 @@ def _solve(setup: Any, K: float, delivery: Delivery, residual_of: Any = None) ->
         balance = Balance(setup, K, in_contact, delivery, residual_of is not None)
         of, springs = balance if residual_of is None else functools.partial(residual_of, balance), balance.springs
         x = np.zeros(6)
-        for scale in _SOFTER if len(springs) else (1.0,):
+        for scale in springs.scales:
             springs.scale = scale
             x = newton(of, x, len(springs) > 0)
         at_rest = bool(np.abs(of(x)).max() < 1e-8)
