@@ -2,7 +2,6 @@ r"""Adaptive integral sliding mode impedance control."""
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -78,7 +77,6 @@ class Aismc(Controller):
             K = np.minimum(self.K_max, np.maximum(K, np.abs(phi) / RESTS_AT))
         if (np.abs(phi) >= K).any():
             return "the disturbance is larger than the switching gain can balance"
-        state = dataclasses.replace(state, states={"K": K, "nu_hat": -phi / K * self.epsilon})
         return self._steepest(setup).checked(state)
 
     def notes(self, setup: Any) -> Iterator[str]:

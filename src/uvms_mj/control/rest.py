@@ -1,7 +1,6 @@
 """The state of a vehicle at rest, as a law's theory predicts it."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +15,6 @@ class SteadyState:
         quat: (4,) attitude.
         s: (6,) sliding variable.
         tau: (6,) wrench of the thrusters in B [N, N m].
-        states: states of the law by name, for the closed form of the noise; those not given count as zero.
     """
 
     force: float
@@ -24,7 +22,6 @@ class SteadyState:
     quat: np.ndarray | None = None
     s: np.ndarray | None = None
     tau: np.ndarray | None = None
-    states: Mapping[str, np.ndarray] | None = field(default=None, kw_only=True)
 
 
 @dataclass(frozen=True)

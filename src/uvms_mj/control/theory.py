@@ -100,7 +100,7 @@ def _checked(found: Any, controller: Controller) -> SteadyState | NoClosedForm:
         valid = not isinstance(state.force, bool) and 0.0 <= float(state.force) < math.inf
         if not valid or any(a.shape != (_SIZES[n],) or not np.isfinite(a).all() for n, a in arrays.items()):
             raise ValueError
-        return SteadyState(float(state.force), **arrays, states=state.states)
+        return SteadyState(float(state.force), **arrays)
     except (TypeError, ValueError, OverflowError):
         raise _TheoryError(
             f"{controller.label()}.at_rest returned {shortened(found)}: it must return the pushing force [N], zero or "
