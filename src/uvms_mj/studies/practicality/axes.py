@@ -1,5 +1,6 @@
 """The axes from ideal to real, the laws that are compared along them, and the steps from ideal to a pool."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -18,8 +19,8 @@ BASE: Mapping[str, Any] = {
 """The ideal scenario: push_wall with the BlueROV2 Heavy, which starts 5 cm before the wall in the paper's current, at a
 control rate of 10 kHz. Sensors and thrusters are ideal, by stages whose settings the axes change."""
 
-SOFT = 2e3
-"""Stiffness of the soft wall, or of a bumper before a rigid one [N/m]."""
+BUMPER: Mapping[str, Any] = {"bumper.stiffness": 2e3}
+"""A bumper of 2e3 N/m in front of the vehicle."""
 SMOOTHER: Mapping[str, Any] = {
     "controller.k_1": 1.0,
     "controller.k_2": 1.0,
@@ -206,8 +207,13 @@ STEPS: Sequence[tuple[str, Mapping[str, Any]]] = (
 """The steps from ideal to a pool; each adds its keys to those before it. With the T200, 16 V are assumed."""
 
 
+def step_label(law: str, bumper: bool, number: int) -> str:
+    """Label of GSTA with the gains ``law`` after a number of steps."""
+    return f"{law}{' with bumper' if bumper else ''} {number}"
+
+
 def laws_of_steps() -> list[dict[str, Any]]:
-    """GSTA with both sets of gains after each step, as ``[[laws]]`` of a study."""
+    """GSTA with both sets of gains after each step, with and without the bumper, as ``[[laws]]`` of a study."""
     laws, keys = [], dict[str, Any]()
     for number, (_, more) in enumerate(STEPS):
         if more.get("navigation.name"):
@@ -215,6 +221,7 @@ def laws_of_steps() -> list[dict[str, Any]]:
         keys |= more
         if keys.get("thrusters.name"):
             keys["thrusters.assumed_voltage"] = 16.0
-        laws += [{"name": "gsta", "label": f"gsta {number}", **keys}]
-        laws += [{"name": "gsta", "label": f"{RETUNED} {number}", **keys, **SMOOTHER}]
+        for (law, gains), bumper in itertools.product((("gsta", {}), (RETUNED, SMOOTHER)), (False, True)):
+            own = {**keys, **gains, **(BUMPER if bumper else {})}
+            laws.append({"name": "gsta", "label": step_label(law, bumper, number), **own})
     return laws

@@ -6,7 +6,7 @@ from pathlib import Path
 from ..pages import Picture, Table, rendered
 from ..paper.claims.base import Row, Verdict
 from . import figures
-from .axes import AXES, RETUNED, SOFT, STEPS
+from .axes import AXES, RETUNED, STEPS
 from .plans import DEMANDED, PART
 from .results import LABELS, Results, why
 
@@ -53,11 +53,11 @@ def boundaries(results: Results) -> Table:
 
 
 def steps(results: Results) -> Table:
-    """What GSTA does after each step, on the rigid and on the soft wall, with both sets of gains."""
-    columns = [(law, stiffness) for law in ("gsta", RETUNED) for stiffness in (1e5, SOFT)]
+    """What GSTA does after each step, with both sets of gains, without and with the bumper."""
+    columns = [(law, bumper) for law in ("gsta", RETUNED) for bumper in (False, True)]
     rows = []
     for number, (title, _) in enumerate(STEPS):
-        found = [results.step(law, number, stiffness) for law, stiffness in columns]
+        found = [results.step(law, bumper, number) for law, bumper in columns]
         cells = [
             f"works: {row['force_error_N']:+.2g} N, varies by {row['force_range_N']:.2g} N"
             if row["works"]
@@ -65,4 +65,4 @@ def steps(results: Results) -> Table:
             for row in found
         ]
         rows.append((title if number == 0 else f"+ {title}", cells))
-    return Table("step", [f"{law}, {stiffness:g} N/m" for law, stiffness in columns], rows)
+    return Table("step", [f"{law}{' with bumper' if bumper else ''}" for law, bumper in columns], rows)

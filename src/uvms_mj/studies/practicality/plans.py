@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..plan import Plan
-from .axes import AXES, BASE, LAWS, MAPS, SOFT, Axis, laws_of_steps
+from .axes import AXES, BASE, LAWS, MAPS, Axis, laws_of_steps
 
 PART = 0.1
 """Largest error of the mean push, as part of the demanded one."""
@@ -23,8 +23,7 @@ def plans(overrides: Mapping[str, Any]) -> dict[str, Plan]:
     """The studies by name. ``overrides`` are dotted keys of the ideal scenario. Raises InputError if one is invalid."""
     found = {axis.name: _plan(axis.name, axis.base, LAWS, (axis,), overrides) for axis in AXES}
     found |= {name: _plan(name, {}, LAWS, pair, overrides) for name, *pair in MAPS}
-    walls = {"key": "wall.stiffness", "values": [1e5, SOFT]}
-    return found | {STEPS_NAME: _plan(STEPS_NAME, {}, laws_of_steps(), (), overrides, [walls])}
+    return found | {STEPS_NAME: _plan(STEPS_NAME, {}, laws_of_steps(), (), overrides)}
 
 
 def _plan(
@@ -33,13 +32,12 @@ def _plan(
     laws: Sequence[Mapping[str, Any]],
     axes: Sequence[Axis],
     overrides: Mapping[str, Any],
-    vary: Sequence[Mapping[str, Any]] = (),
 ) -> Plan:
     tables = {
         "name": name,
         "base": {"scenario": "push_wall", **BASE, **base, **overrides},
         "laws": [dict(law) for law in laws],
-        "vary": [*(axis.table for axis in axes), *vary],
+        "vary": [axis.table for axis in axes],
         "keep": {"metrics": list(METRICS)},
         "success": dict(SUCCESS),
         "run": {"engine": "free_body"},

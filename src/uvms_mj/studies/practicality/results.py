@@ -12,7 +12,7 @@ from ...analysis.setup import set_up
 from ...control.sampled import Vibration
 from ..plan import Plan
 from ..plan.success import COMPLETED, successes
-from .axes import AXES, LAWS, MAPS, STEPS, Axis
+from .axes import AXES, LAWS, MAPS, STEPS, Axis, step_label
 from .plans import DEMANDED, PART, STEPS_NAME
 
 LABELS: Sequence[str] = tuple(str(law.get("label", law["name"])) for law in LAWS)
@@ -36,9 +36,10 @@ class Boundary:
     why: str
 
     @property
-    def works_at_real(self) -> bool:
-        """Whether the law works at the axis' real value, and at all values between it and the ideal one."""
-        return self.last is not None and self._along(self.last) >= self._along(self.axis.real) - 1e-9
+    def between(self) -> float | None:
+        """The geometric mean of the last value at which the law works and the first one at which it does not; None
+        without one of them."""
+        return None if not self.last or not self.first else math.sqrt(self.last * self.first)
 
     @property
     def text(self) -> str:
@@ -47,11 +48,6 @@ class Boundary:
         if self.first is None:
             return f"works at all values, to {self.last:g}{unit}"
         return f"to {self.last:g}{unit}" if self.last is not None else "not even with everything ideal"
-
-    def _along(self, value: float) -> float:
-        """Place of a value from ideal to real."""
-        values = self.axis.values
-        return math.copysign(1.0, values[-1] - values[0]) * value
 
 
 class Results:
@@ -79,9 +75,13 @@ class Results:
         return Boundary(axis, law, axis.values[first - 1] if first else None, axis.values[first], why(rows.iloc[first]))
 
     def predicted(self, axis: Axis, law: str) -> float | None:
-        """The value of an axis at which the contact force becomes older than its limit; None if it never does."""
-        older = [value for value, ratio in zip(axis.values, self._ages(axis.name, law), strict=True) if ratio >= 1.0]
-        return older[0] if older else None
+        """The value of an axis at which the contact force is as old as its limit, by interpolation; None if it never
+        is."""
+        ages = np.array(self._ages(axis.name, law))
+        if not ages[0] < 1.0 < ages[-1]:
+            return None
+        after = int(np.argmax(ages >= 1.0))
+        return float(np.interp(1.0, ages[after - 1 : after + 1], axis.values[after - 1 : after + 1]))
 
     def limits(self, name: str, law: str) -> np.ndarray:
         """The line (n, 2) of a map on which the contact force is as old as its limit, by interpolation."""
@@ -106,14 +106,14 @@ class Results:
             found.append(vibration.age / vibration.limit)
         return found
 
-    def step(self, law: str, number: int, stiffness: float) -> pd.Series:
+    def step(self, law: str, bumper: bool, number: int) -> pd.Series:
         """The row of GSTA with the gains ``law`` after a number of steps to a pool, with the column ``works``."""
         frame = self.frames[STEPS_NAME].assign(works=self.works(STEPS_NAME))
-        return frame[(frame["law"] == f"{law} {number}") & (frame["wall.stiffness"] == stiffness)].iloc[0]
+        return frame[frame["law"] == step_label(law, bumper, number)].iloc[0]
 
-    def steps_survived(self, law: str, stiffness: float) -> int:
-        """Number of steps from ideal after which a law still works, without a gap."""
-        works = [bool(self.step(law, number, stiffness)["works"]) for number in range(len(STEPS))]
+    def steps_survived(self, law: str, bumper: bool) -> int:
+        """Number of steps from ideal, the ideal one included, after which a law still works, without a gap."""
+        works = [bool(self.step(law, bumper, number)["works"]) for number in range(len(STEPS))]
         return works.index(False) if False in works else len(works)
 
 
