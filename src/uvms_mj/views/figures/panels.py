@@ -76,12 +76,14 @@ def position(trace: Trace) -> Panel:
 def wall(ax: Axes, trace: Trace, reach: np.ndarray) -> None:
     """Draw the wall's position if positions or references, ``reach``, come near it."""
     x_c, span = trace.scenario.wall.position, float(np.ptp(reach))
-    if reach.min() - 0.1 * span <= x_c <= reach.max() + 0.1 * span:
+    if trace.scenario.wall.present and reach.min() - 0.1 * span <= x_c <= reach.max() + 0.1 * span:
         level(ax, trace.t, x_c, "wall", WALL)
 
 
 def near_wall(traces: dict[str, Trace], looks: dict[str, dict[str, Any]]) -> tuple[Inset, ...]:
-    """Inset of x and its reference near the wall, if all runs end close to the same wall."""
+    """Inset of x and its reference near ``[wall]``, if all runs end close to the same one."""
+    if not all(trace.scenario.wall.present for trace in traces.values()):
+        return ()
     walls = {trace.scenario.wall.position for trace in traces.values()}
     depth = max(max(abs(float(trace.p_d[-1, 0]) - min(walls)) for trace in traces.values()), 2e-3)
     x_c = min(walls)
