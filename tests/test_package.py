@@ -44,7 +44,7 @@ def test_the_wheel_has_everything_and_runs_from_anywhere(tmp_path):
     with zipfile.ZipFile(file) as archive:
         names = archive.namelist()
     assert {f"uvms_mj/models/{name}.xml" for name in shipped("models")} <= set(names)
-    assert {f"uvms_mj/cli/templates/{template}" for template, _ in KINDS.values()} <= set(names)
+    assert {f"uvms_mj/cli/templates/{template}.txt" for template, _ in KINDS.values()} <= set(names)
     assert "uvms_mj/scenarios/push_wall.toml" in names
     site = tmp_path / "site"
     subprocess.run([*pip, "install", "--no-deps", "--target", str(site), str(file)], check=True, capture_output=True)

@@ -28,7 +28,6 @@ from ..navigation.channel import Channel
 from ..physics.frames import rotation_matrix
 from .linear_loop import LinearLaw, RestingLaw, RestingVehicle, jacobian
 from .setup import Setup
-from .summary import noisy
 
 MOST_STEPS, MOST_STATES = 20_000, 600
 """Limits of a closed form: steps of the common period, and numbers of the state."""
@@ -58,7 +57,7 @@ class Deviations:
 def deviations(setup: Setup) -> Deviations | str | None:
     """The standard deviations of a run at its rest, the reason why there is no closed form, or None without noise."""
     channels = setup.scenario.navigation.white_channels
-    if not noisy(setup.scenario):
+    if not any(any(channel.noise) for channel in channels.values()):
         return None
     if reason := _unknown(setup, channels):
         return reason

@@ -16,7 +16,8 @@ KINDS = {
     "observer": ("observer.py", "uvms-mj run --set observer.name={file}:{cls}"),
     "thrusters": ("thrusters.py", "uvms-mj run --set thrusters.name={file}:{cls}"),
 }
-"""Template and use of each kind. A template is a valid file about ``template_name`` with the class ``TemplateName``."""
+"""Template and use of each kind. A template, in ``templates`` with the suffix ``.txt``, is a valid file about
+``template_name`` with the class ``TemplateName``."""
 
 
 @command()
@@ -40,8 +41,8 @@ def new(kind: str, name: str, out: str, force: bool) -> None:
             hint = f"must be a word of letters, digits and _ that begins with a letter, as my_{kind}"
             raise InputError(f"NAME {name!r}: {hint}; --out names a folder")
         template, use = KINDS[kind]
-        source = Path(__file__).parent / "templates" / template
-        path = Path(out, f"{name}{source.suffix}")
+        source = Path(__file__).parent / "templates" / f"{template}.txt"
+        path = Path(out, f"{name}{Path(template).suffix}")
         refuse_existing("NAME", path, force)
         text = source.read_text(encoding="utf-8").replace("template_name", name).replace("TemplateName", cls)
         with whole(path) as part:
