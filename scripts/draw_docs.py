@@ -3,8 +3,9 @@
     python scripts/draw_docs.py                   all pictures in docs
     python scripts/draw_docs.py --from results    paper.png from the logs of an earlier `uvms-mj paper --out results`
 
-replay.png needs a Vulkan driver, push_wall.png an EGL driver, and the pages of the studies Chromium; see
-picture_viewer.py, render.py and picture_studies.py, which takes a quarter of an hour.
+replay.png needs a Vulkan driver, push_wall.png, vehicles.png and walls.png an EGL driver, and the pages of the studies
+Chromium; see picture_viewer.py, render.py and picture_studies.py, which takes a quarter of an hour. The folder pages
+has a script for each subject.
 """
 
 import shutil
@@ -17,6 +18,9 @@ import click
 
 SCRIPTS = Path(__file__).parent
 DOCS = SCRIPTS.parent / "docs"
+PAGES = SCRIPTS / "pages"
+PRACTICALITY = PAGES / "practicality.py"
+"""Draws from a folder of ``uvms-mj practicality``."""
 FAILED_CLAIM = 1
 """Exit status of ``uvms-mj paper`` if a claim fails. The figures exist nevertheless."""
 
@@ -38,8 +42,14 @@ def main(source: Path | None) -> None:
         logs = ("--from", str(source)) if source else ()
         draw("-m", "uvms_mj", "paper", *logs, "--out", str(drawn), also=(FAILED_CLAIM,))
         shutil.copyfile(drawn / "overview.png", DOCS / "paper.png")
+        real = Path(folder) / "real"
+        draw("-m", "uvms_mj", "practicality", "--out", str(real), also=(FAILED_CLAIM,))
+        draw(str(PRACTICALITY), str(real))
     for script in ("draw_frames.py", "draw_rooms.py", "render.py", "picture_viewer.py", "picture_studies.py"):
         draw(str(SCRIPTS / script))
+    for page in sorted(PAGES.glob("*.py")):
+        if page != PRACTICALITY:
+            draw(str(page))
 
 
 if __name__ == "__main__":

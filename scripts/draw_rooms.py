@@ -27,6 +27,7 @@ EQUATION = (
 )
 """Eq. (10) of the paper."""
 FLOOR = 0.62
+DASHES = (0, (3, 2))
 SIDES = {
     "above": (0.0, 0.22, "center", "bottom"),
     "below": (0.0, -0.22, "center", "top"),
@@ -35,7 +36,7 @@ SIDES = {
 }
 SUBJECTS = {
     "cli": "commands",
-    "studies": "many runs: the paper, convergence",
+    "studies": "many runs: the paper, practicality, tuning",
     "envs": "dm_env, Gymnasium",
     "engine": "runs it: Simulation, machine code",
     "views": "what is seen: figures, Rerun",
@@ -48,7 +49,7 @@ SUBJECTS = {
     "actuation": "what comes out",
     "plant": "what is in the water",
     "stages": "the contract of a stage, the table of signals",
-    "physics": "Fossen's equations, frames, contact, random numbers",
+    "physics": "Fossen's equations, frames, water, contact, random numbers",
     "quantities": "units and ranges",
     "files": "reading, writing",
     "errors": "bad input",
@@ -136,48 +137,77 @@ def rooms() -> Figure:
     return figure
 
 
+CHAIN = (
+    ("navigation", "[navigation]", STAGE, "KNOWN", "pose, velocity,\nforce"),
+    ("guidance", "[reference]", STAGE, "REFERENCE", "pose and its\nderivatives"),
+    ("tracking", "[estimates]", PLAIN, "ERRORS\nESTIMATES", "to the reference;\nM, C, D, g"),
+    ("task", "[impedance][task]", PLAIN, "TASK", "s, zeta,\ntau_nom"),
+    ("law", "[controller]", STAGE, "tau_cmd", "wrench\nin B"),
+    ("allocation", "[actuation]", STAGE, "u_cmd", "commanded\nthrusts"),
+    ("thrusters", "[thrusters]", STAGE, "", ""),
+)
+"""The stages of an instant: name, tables of the scenario, colour, what they give and its meaning."""
+BETWEEN = {
+    "navigation": [("sensed", "if there is an observer")],
+    "tracking": [("schedule", "K_f, F_d over time"), ("observer", "[observer]")],
+    "task": [("truth", "for the law ideal")],
+    "law": [("delay", "controller.delay")],
+    "allocation": [("inflow", "at the thrusters")],
+}
+"""Stages that a run has only if its scenario asks for them, from the last to the first, by the stage before them."""
+
+
 def instant() -> Figure:
     """One sample on its way through an instant: the stages in their order, around the plant."""
-    figure = Figure(figsize=(10.2, 3.3), facecolor="white")
+    figure = Figure(figsize=(11.4, 4.0), facecolor="white")
     ax = figure.add_axes((0, 0, 1, 1))
-    chain = [
-        ("navigation", "[navigation]", STAGE, "KNOWN", "pose, velocity,\nforce"),
-        ("guidance", "[reference]", STAGE, "REFERENCE", "position,\nattitude"),
-        ("tracking", "[estimates]", PLAIN, "ERRORS\nESTIMATES", "to the reference;\nM, C, D, g"),
-        ("task", "[impedance] [task]", PLAIN, "TASK", "s, zeta,\ntau_nom"),
-        ("law", "[controller]", STAGE, "tau_cmd", "wrench\nin B"),
-        ("actuation", "[actuation]", STAGE, "", ""),
-    ]
-    width, pitch, low, high = 1.3, 2.14, 2.3, 2.9
-    for n, (name, table, fill, signals, meaning) in enumerate(chain):
+    width, pitch, low, high = 1.32, 2.2, 2.45, 3.05
+    for n, (name, table, fill, signals, meaning) in enumerate(CHAIN):
         x, between = n * pitch, n * pitch + (width + pitch) / 2
         box(ax, x, low, width, high - low, fill)
+        if name == "thrusters":
+            ax.patches[-1].set_linestyle(DASHES)
         ax.text(x + width / 2, high - 0.21, name, ha="center", va="center", weight="bold", zorder=4)
         ax.text(x + width / 2, low + 0.17, table, ha="center", va="center", size=7.5, color=GREY, zorder=4)
-        ax.text(between, high + 0.06, signals, ha="center", va="bottom", weight="bold", size=8.6, color=EDGES[STAGE])
-        ax.text(between, low - 0.06, meaning, ha="center", va="top", size=8, color=GREY)
+        lines = signals.count("\n") + 1
+        ax.text(between, low - 0.06, signals, ha="center", va="top", weight="bold", size=8.6, color=EDGES[STAGE])
+        ax.text(between, low - 0.07 - 0.17 * lines, meaning, ha="center", va="top", size=8, color=GREY)
         if signals:
             arrow(ax, (x + width + 0.05, (low + high) / 2), (x + pitch - 0.05, (low + high) / 2))
-    right = (len(chain) - 1) * pitch + width
+        _optional(ax, between, high + 0.2, (low + high) / 2 + 0.06, BETWEEN.get(name, []))
+    right = (len(CHAIN) - 1) * pitch + width
     box(ax, 0.0, 0.72, right, 0.7, WATER)
-    ax.text(right / 2, 1.2, "plant: MuJoCo with the water and the wall, one time step", ha="center", va="center",
+    ax.text(right / 2, 1.2, "plant: the vehicle in the water, at its walls, one time step", ha="center", va="center",
             weight="bold", zorder=4)  # fmt: skip
     ax.text(right / 2, 0.92, EQUATION, ha="center", va="center", size=9.5, zorder=4)
     arrow(ax, (right - width / 2, low - 0.05), (right - width / 2, 1.48))
     arrow(ax, (width / 2, 1.48), (width / 2, low - 0.05), TRUE)
-    ax.text(width / 2 + 0.1, 1.64, "TRUE", color=TRUE, weight="bold", size=8.6, va="center")
-    ax.text(width / 2 + 0.55, 1.64, "state and contact force of this instant", color=GREY, size=8, va="center")
-    ax.text(right - width / 2 - 0.1, 1.88, "u", color=EDGES[STAGE], weight="bold", size=8.6, ha="right", va="center")
-    ax.text(right - width / 2 - 0.28, 1.88, "thrusts", color=GREY, size=8, ha="right", va="center")
-    box(ax, 3.2, 0.02, right - 6.4, 0.34, PLAIN)
+    ax.text(width / 2 + 0.1, 1.6, "TRUE", color=TRUE, weight="bold", size=8.6, va="center")
+    ax.text(width / 2 + 0.6, 1.6, "state and contact force of this instant", color=GREY, size=8, va="center")
+    ax.text(right - width / 2 - 0.1, 1.6, "u", color=EDGES[STAGE], weight="bold", size=8.6, ha="right", va="center")
+    ax.text(right - width / 2 - 0.28, 1.6, "thrusts", color=GREY, size=8, ha="right", va="center")
+    box(ax, 4.0, 0.02, right - 8.0, 0.34, PLAIN)
     ax.text(right / 2, 0.19, "row: state, reference, task, states of the stages, u, contact, sums so far", ha="center",
             va="center", size=8.6, zorder=4)  # fmt: skip
     arrow(ax, (right / 2, 0.68), (right / 2, 0.4), WAY)
-    arrow(ax, (right - 3.14, 0.19), (right - 2.3, 0.19), WAY)
-    ax.text(right - 2.2, 0.19, "Trace, log, viewer", color=WAY, weight="bold", size=8.6, va="center")
-    ax.set(xlim=(-0.15, right + 0.15), ylim=(-0.06, high + 0.48))
+    arrow(ax, (right - 3.94, 0.19), (right - 3.1, 0.19), WAY)
+    ax.text(right - 3.0, 0.19, "Trace, log, viewer", color=WAY, weight="bold", size=8.6, va="center")
+    ax.set(xlim=(-0.15, right + 0.15), ylim=(-0.06, high + 1.2))
     ax.axis("off")
     return figure
+
+
+def _optional(ax: Axes, x: float, y: float, foot: float, stages: list[tuple[str, str]]) -> None:
+    """Draw the stages of one place, one above the other from the last to the first, with a line down to the chain."""
+    for n, (name, meaning) in enumerate(stages):
+        low = y + n * 0.47
+        fill = STAGE if name == "observer" else PLAIN
+        box(ax, x - 0.72, low, 1.44, 0.41, fill)
+        ax.patches[-1].set_linestyle(DASHES)
+        ax.text(x, low + 0.28, name, ha="center", va="center", weight="bold", size=8.6, zorder=4)
+        ax.text(x, low + 0.12, meaning, ha="center", va="center", size=6.8, color=GREY, zorder=4)
+    if stages:
+        ax.plot((x, x), (y, foot), color=GREY, lw=1.0, ls=DASHES, zorder=1)
 
 
 @click.command()
