@@ -1,5 +1,6 @@
 """The page from ideal to real: boundaries and steps on rows that are formulas, the page, and the command's refusals."""
 
+import importlib
 import json
 import math
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from command import no_constants
 from pages import complete_by_itself
 from synthetic_study import frame_of
 from uvms_mj import InputError
@@ -15,7 +17,6 @@ from uvms_mj.cli.practicality import practicality
 from uvms_mj.files import shipped
 from uvms_mj.studies.practicality.axes import AXES, LAWS, MAPS, RETUNED, STEPS, step_label
 from uvms_mj.studies.practicality.claims import judge
-from uvms_mj.studies.practicality.page import page
 from uvms_mj.studies.practicality.plans import DEMANDED, METRICS, STEPS_NAME, plans
 from uvms_mj.studies.practicality.results import LABELS, Results, why
 
@@ -143,8 +144,18 @@ def test_claims_are_finite_json_and_some_of_these_rows_fail(results):
     assert verdicts["impedance"] == "fails"  # it presses with the demanded force here
 
 
-def test_the_page_is_complete_by_itself(results):
-    found = complete_by_itself(page(results, judge(results), {"uvms-mj": "1"}))
+def test_the_command_writes_page_and_claims_and_ends_with_1_if_claims_fail(results, tmp_path, monkeypatch):
+    """With these rows in place of the runs."""
+    module = importlib.import_module("uvms_mj.cli.practicality")
+    monkeypatch.setattr(module, "_run", lambda *arguments: (results, {"uvms-mj": "1"}))
+    (tmp_path / "out").mkdir()
+    done = CliRunner().invoke(module.practicality, ["--out", str(tmp_path / "out"), "--json"])
+    assert done.exit_code == 1, done.output
+    told = json.loads(done.stdout, parse_constant=no_constants)
+    claims = json.loads((tmp_path / "out" / "claims.json").read_text(encoding="utf-8"), parse_constant=no_constants)
+    assert told["claims"] == claims
+    assert told["failed"] == [row["id"] for row in claims if row["verdict"] == "fails"] != []
+    found = complete_by_itself((tmp_path / "out" / "report.html").read_text(encoding="utf-8"))
     assert len(found.of("img")) == 2
     text = " ".join(found.text)
     assert all(axis.title in text for axis in AXES)
