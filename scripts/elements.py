@@ -35,7 +35,7 @@ ELEMENTS: Mapping[str, Mapping[str, Any]] = {
     "tether": {"tether.length": 5.0},
     "friction of the wall": {"wall.friction": 0.3},
     "bumper": {"bumper.stiffness": 2e3, "bumper.damping": 20.0},
-    "a pile in [[walls]]": {"walls": [_PILE]},
+    "a pile among the walls": {"walls": [_PILE]},
     "contact body": {"vehicle.contact_bodies": [_BODY]},
     "schedule": {"impedance.schedule": [_CHANGE]},
     "spline": {"reference.name": "spline", "reference.poses": _POSES},
