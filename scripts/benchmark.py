@@ -1,14 +1,17 @@
-"""Time per step of both engines, per reset and per new run; gain of two threads; cost of logs; memory; start-up time.
+"""Time per step of both engines, per reset and per new run; cost of the elements of a real vehicle and of logs; gain of
+two threads; memory; start-up time.
 
     python scripts/benchmark.py                 print tables
     python scripts/benchmark.py --json FILE     also write the same figures as JSON
     python scripts/benchmark.py --no-start      without the cold and warm start of the command
     python scripts/benchmark.py --hour          memory of a long run over one simulated hour, not ten minutes
+    python scripts/benchmark.py --elements      only the elements of a real vehicle
 
 Bare is ``mj_step`` of the same model in the same contact state: free in the water, or at rest on the wall. The closed
 loops record at 1 kHz. The speed of a shared machine varies, so each round times all subjects in turn with one chunk
 size, and the ratios are medians of the ratios of each round. The cost of a log is the difference between two complete
-runs of the paper's scenario, with and without the log.
+runs of the paper's scenario, with and without the log. An element of a real vehicle costs the 10 %
+quantile of its times less that of the ideal run with the same control rate, GSTA at a wall with the engine free_body.
 """
 
 import functools
@@ -30,6 +33,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from elements import CONTROL_PERIODS, ELEMENTS, IDEAL
 from numpy_loop import NumpyLoop
 from uvms_mj import McapLog, Scenario, Simulation, Trace, simulate
 from uvms_mj.analysis.metrics import AROUND_THE_END_S
@@ -159,6 +163,27 @@ RESETS: dict[str, Callable[[float], dict]] = {
     },
 }
 """Overrides of a reset from a number in [0, 1), so that each reset has new values."""
+
+
+def elements(rounds: int) -> list[dict]:
+    """Time of a step with each element of a real vehicle, and what it adds to the ideal run, for each control rate."""
+    rows = []
+    for rate, period in CONTROL_PERIODS.items():
+        subjects = {}
+        for name, keys in ELEMENTS.items():
+            scenario = Scenario.load("push_wall", {**IDEAL, **keys, "controller.period": period})
+            subjects[name] = Native(scenario, "gsta", 4.0, "free_body")
+        times: dict[str, list[float]] = {name: [] for name in subjects}
+        for _ in range(rounds):
+            for name, subject in subjects.items():
+                subject.chunk()  # into the cache
+                times[name].append(subject.chunk())
+        shortest = {name: 1e6 * float(np.quantile(samples, 0.1)) for name, samples in times.items()}
+        for name, subject in subjects.items():
+            assert not subject.sim.divergence, name
+            over = shortest[name] - shortest["ideal"]
+            rows.append({"what": name, "control": rate, "us_a_step": shortest[name], "us_over_ideal": over})
+    return rows
 
 
 def resets(rounds: int) -> list[dict]:
@@ -369,7 +394,17 @@ def starts(rounds: int) -> list[dict]:
 @click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write the figures to a file.")
 @click.option("--start/--no-start", default=True, help="Also time the cold and warm start of the command.")
 @click.option("--hour", is_flag=True, help="Measure the memory of a long run over one simulated hour.")
-def main(rounds: int, json_file: Path | None, start: bool, hour: bool) -> None:
+@click.option("--elements", "only_elements", is_flag=True, help="Time only the elements of a real vehicle.")
+def main(rounds: int, json_file: Path | None, start: bool, hour: bool, only_elements: bool) -> None:
+    real = elements(rounds)
+    table = Table("element, gsta with free_body", "control", "us per step", "us over ideal")
+    for row in real:
+        table.add_row(row["what"], row["control"], f"{row['us_a_step']:.3f}", f"{row['us_over_ideal']:+.3f}")
+    Console().print(table)
+    if only_elements:
+        if json_file:
+            json_file.write_text(json.dumps({"elements": real}, indent=2) + "\n")
+        return
     steps = measure(rounds)
     table = Table("subject", "state", "us per step", "x bare", "x gsta", "us over gsta", "real-time factor")
     for row in steps:
@@ -419,6 +454,7 @@ def main(rounds: int, json_file: Path | None, start: bool, hour: bool) -> None:
         Console().print(table)
     if json_file:
         figures = {
+            "elements": real,
             "steps": steps,
             "resets": resetting,
             "environments": environment,

@@ -69,6 +69,12 @@ def test_the_ideal_law_has_the_impedance_of_the_schedule_at_each_instant():
     assert left[0] < 2e-3  # of forces of newtons
 
 
+def test_an_entry_may_begin_where_the_one_before_it_ends():
+    """0.1 + 0.2 is above 0.3 by rounding."""
+    schedule = [{"time": 0.1, "ramp": 0.2}, {"time": 0.3, "F_d": [-1.0] + [0.0] * 5}]
+    assert [change.time for change in scenario_of(schedule).impedance.schedule] == [0.1, 0.3]
+
+
 @pytest.mark.parametrize(
     ("schedule", "message"),
     [

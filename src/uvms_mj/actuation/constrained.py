@@ -42,8 +42,8 @@ class Constrained(Actuation):
     name = "constrained"
     records_loss: ClassVar[bool] = True
     needs: ClassVar = ()
-    memory: ClassVar[Mapping[str, Any]] = {"L": MOST_THRUSTERS**2} | dict.fromkeys(
-        ("wanted", "trial", "fixed"), MOST_THRUSTERS
+    memory: ClassVar[Mapping[str, Any]] = {"L": MOST_THRUSTERS**2, "solved": 1, "solved_tau": 6} | dict.fromkeys(
+        ("wanted", "trial", "fixed", "solution"), MOST_THRUSTERS
     )
 
     def inverse(self, B: np.ndarray) -> np.ndarray:
@@ -60,8 +60,11 @@ class Constrained(Actuation):
 
     @staticmethod
     def step(settings, state, given, state_dot, u):
+        if solved_before(given.tau_cmd, state, u):
+            return
         if allocate(settings.inverse, given.tau_cmd, given.u_min, given.u_max, u):
             nearest(settings.H, settings.linear, given.tau_cmd, given.u_min, given.u_max, state, u)
+        keep(given.tau_cmd, state, u)
 
 
 def quadratic(B: np.ndarray, W: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -69,6 +72,29 @@ def quadratic(B: np.ndarray, W: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     weighted = W[:, None] * B
     H = weighted.T @ weighted
     return H + _SMALL * float(np.linalg.eigvalsh(H)[-1]) * np.eye(len(H)), weighted.T * W
+
+
+@kernel
+def solved_before(tau_cmd, memory, u) -> bool:
+    """Whether the last solution is for the same command; u is set to it. Commands are held for a control period."""
+    for i in range(6):
+        if tau_cmd[i] != memory.solved_tau[i]:
+            return False
+    if memory.solved[0] == 0.0:
+        return False
+    for k in range(u.shape[0]):
+        u[k] = memory.solution[k]
+    return True
+
+
+@kernel
+def keep(tau_cmd, memory, u):
+    """Keep a command and its solution."""
+    memory.solved[0] = 1.0
+    for i in range(6):
+        memory.solved_tau[i] = tau_cmd[i]
+    for k in range(u.shape[0]):
+        memory.solution[k] = u[k]
 
 
 @kernel

@@ -127,7 +127,8 @@ class Propeller(Thrusters):
 
     needs: ClassVar = ("simulation.timestep",)
     memory: ClassVar[Mapping[str, Any]] = dict.fromkeys(
-        ("command", "near", "near_hat", "direction", "waits", "held", "x_1", "x_2", "x_3"), "thrusters"
+        ("asked", "command", "near", "near_hat", "static", "direction", "waits", "held", "x_1", "x_2", "x_3"),
+        "thrusters",
     )
 
     def __post_init__(self) -> None:
@@ -213,9 +214,12 @@ class Propeller(Thrusters):
                 continue
             if given.instant == 0:
                 state.command[k] = settings.neutral
-            if not (failed and settings.failed_stuck):
-                state.command[k] = command_of(settings, state, k, given.u_cmd[k])
-            thrust = settings.efficiency * static_thrust(settings, state, k)
+            if given.instant == 0 or given.u_cmd[k] != state.asked[k]:  # a command is held for a control period
+                state.asked[k] = given.u_cmd[k]
+                if not (failed and settings.failed_stuck):
+                    state.command[k] = command_of(settings, state, k, given.u_cmd[k])
+                state.static[k] = settings.efficiency * static_thrust(settings, state, k)
+            thrust = state.static[k]
             if failed and not settings.failed_stuck:
                 thrust *= settings.failed_fraction
             if settings.start_instants > 0.0:

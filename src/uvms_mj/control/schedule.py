@@ -7,6 +7,7 @@ that their first two derivatives are continuous. Without a schedule they are con
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -37,7 +38,8 @@ def in_order(changes: tuple[Change, ...]) -> tuple[Change, ...]:
         raise ValueError(f"has {len(changes)} entries; at most {MOST_ENTRIES} are allowed")
     for before, change in itertools.pairwise(changes):
         ends = before.time + before.ramp
-        if change.time <= before.time or change.time < ends:
+        early = change.time < ends and not math.isclose(change.time, ends)  # 0.1 + 0.2 is above 0.3
+        if early or change.time <= before.time:
             raise ValueError(
                 f"has an entry at {change.time:g} s, but the one before it begins at {before.time:g} s and "
                 f"ends at {ends:g} s"
