@@ -4,11 +4,13 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
 from matplotlib.ticker import EngFormatter
 
 from ...views import colours
@@ -21,6 +23,7 @@ from .results import LABELS, Results
 _COLUMNS = 2
 _TOP = 2.0 * DEMANDED
 """Top of the panels [N]; a push above is drawn there."""
+_HATCH = "#8c8c8c"
 _SHOWN = ("fosm", "gsta", "gsta retuned")
 """The laws of the maps; impedance control alone does not reach the wall."""
 
@@ -74,7 +77,7 @@ def _profile(ax: Axes, results: Results, axis: Axis, shown: dict[str, tuple[floa
 
 def maps(results: Results) -> Figure:
     """The range of the push over two axes, hatched where a law does not work, with the limit of the force's age."""
-    with styled():
+    with styled(), mpl.rc_context({"hatch.linewidth": 0.5}):
         figure = Figure(figsize=(PAGE_IN, 0.5 + 2.0 * len(MAPS)))
         grid = figure.subplots(len(MAPS), len(_SHOWN), squeeze=False, sharey=True)
         drawn = None
@@ -100,8 +103,9 @@ def _map(ax: Axes, results: Results, name: str, law: str, x: Axis, y: Axis) -> A
     across, up = _edges(x.values), _edges(y.values)
     ranges = np.clip(np.nan_to_num(ranges, nan=1e3), 1e-4, 1e3)
     drawn = ax.pcolormesh(across, up, ranges, norm=LogNorm(1e-2, 10.0), cmap="cividis", rasterized=True)
-    broken = np.ma.masked_where(works, np.ones_like(ranges))
-    ax.pcolor(across, up, broken, hatch="////", alpha=0.0)
+    for i, j in np.argwhere(~works):
+        size = across[j + 1] - across[j], up[i + 1] - up[i]
+        ax.add_patch(Rectangle((across[j], up[i]), *size, fill=False, hatch="///", linewidth=0.0, edgecolor=_HATCH))
     limit = results.limits(name, law)
     ax.plot(limit[:, 0], limit[:, 1], color="#ffffff", linewidth=2.2 * LINE)
     ax.plot(limit[:, 0], limit[:, 1], color="#000000", linewidth=1.1 * LINE, linestyle="--")

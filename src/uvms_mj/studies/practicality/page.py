@@ -46,7 +46,8 @@ def boundaries(results: Results) -> Table:
         cells = []
         for law in LABELS:
             found = results.boundaries[axis.name, law]
-            cells.append(f"{found.text}; then it {found.why}" if found.why and found.last is not None else found.text)
+            then = "; then it" if found.last is not None else ": it"
+            cells.append(f"{found.text}{then} {found.why}" if found.why else found.text)
         unit = "" if axis.unit == "1" else f" {axis.unit}"
         rows.append((f"{axis.title} (in a pool {axis.real:g}{unit})", cells))
     return Table("axis", list(LABELS), rows)

@@ -47,7 +47,7 @@ class Boundary:
         unit = "" if self.axis.unit == "1" else f" {self.axis.unit}"
         if self.first is None:
             return f"works at all values, to {self.last:g}{unit}"
-        return f"to {self.last:g}{unit}" if self.last is not None else "not even with everything ideal"
+        return f"to {self.last:g}{unit}" if self.last is not None else f"not even at {self.first:g}{unit}"
 
 
 class Results:
