@@ -105,6 +105,13 @@ def test_faults_read_well(tmp_path, text, expected):
         ("stiffness", "did you mean 'wall.stiffness' or 'bumper.stiffness'?"),
         ("k_1", "did you mean 'controller.k_1'?"),
         ("wal.stiffness", "did you mean 'wall'?"),
+        ("observer.threshold", "observer.threshold: none has no such setting; for this one choose observer.name = mom"),
+        ("controller.K_s", "controller.K_s: gsta has no such gain; for this one choose controller.name = fosm"),
+        (
+            "initial.position[0]",
+            "initial.position[0]: a part of a list can't be set; give the whole list, initial.posi",
+        ),
+        ("reference.poses[0].dwell", "a part of a list can't be set; give the whole list, reference.poses"),
         ("wall.stifness", "did you mean 'stiffness'?"),
         ("wall", "wall: is a table; its keys are wall.position, wall.stiffness"),
         ("controller", "controller: is a table; its keys are controller.name"),

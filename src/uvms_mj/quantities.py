@@ -29,7 +29,9 @@ def within(low: float, high: float, unit: str) -> AfterValidator:
     return AfterValidator(check)
 
 
-def _of_length(n: int) -> AfterValidator:
+def of_length(n: int) -> AfterValidator:
+    """A validator for the length of a list."""
+
     def check(value: tuple[Any, ...]) -> tuple[Any, ...]:
         if len(value) != n:
             raise ValueError(f"has {len(value)} values; {n} are needed")
@@ -52,16 +54,16 @@ Angle = Annotated[Number, within(-1e6, 1e6, "deg")]
 Factor = Annotated[Number, within(-1e3, 1e3, "")]
 PositiveFactor = Annotated[Number, within(1e-3, 1e3, "")]
 
-Position = Annotated[tuple[Coordinate, ...], _of_length(3)]
-Angles = Annotated[tuple[Angle, ...], _of_length(3)]
+Position = Annotated[tuple[Coordinate, ...], of_length(3)]
+Angles = Annotated[tuple[Angle, ...], of_length(3)]
 Moderate = Annotated[Real, Ge(-1e6), Le(1e6)]
-Vector3 = Annotated[tuple[Moderate, ...], _of_length(3)]
-Vector6 = Annotated[tuple[Real, ...], _of_length(6)]
-Twist = Annotated[tuple[Annotated[Number, within(-100.0, 100.0, "m/s, rad/s")], ...], _of_length(6)]
-Wrench = Annotated[tuple[Annotated[Number, within(-1e6, 1e6, "N, N m")], ...], _of_length(6)]
-Frequencies = Annotated[tuple[Annotated[Number, within(0.0, 1e7, "Hz")], ...], _of_length(6)]
-Stiffnesses = Annotated[tuple[Annotated[Number, within(0.0, 1e9, "N/m, N m")], ...], _of_length(6)]
-Factors = Annotated[tuple[Annotated[Number, within(0.0, 1e6, "")], ...], _of_length(6)]
+Vector3 = Annotated[tuple[Moderate, ...], of_length(3)]
+Vector6 = Annotated[tuple[Real, ...], of_length(6)]
+Twist = Annotated[tuple[Annotated[Number, within(-100.0, 100.0, "m/s, rad/s")], ...], of_length(6)]
+Wrench = Annotated[tuple[Annotated[Number, within(-1e6, 1e6, "N, N m")], ...], of_length(6)]
+Frequencies = Annotated[tuple[Annotated[Number, within(0.0, 1e7, "Hz")], ...], of_length(6)]
+Stiffnesses = Annotated[tuple[Annotated[Number, within(0.0, 1e9, "N/m, N m")], ...], of_length(6)]
+Factors = Annotated[tuple[Annotated[Number, within(0.0, 1e6, "")], ...], of_length(6)]
 
 
 def _matrix(limit: float, unit: str) -> Any:

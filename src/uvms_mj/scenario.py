@@ -279,6 +279,8 @@ def _override(tables: dict[str, Any], key: str, value: Any) -> list[Fault]:
         return [Fault(key, f"is not a dotted key{f'; did you mean {hint}?' if hint else ''}")]
     if table not in _TABLES:
         return [Fault(key, f"no table {table!r}; {suggestion(table, _TABLES)}")]
+    if "[" in word:
+        return [Fault(key, f"a part of a list can't be set; give the whole list, {table}.{word.partition('[')[0]}")]
     if not isinstance(tables.get(table, {}), dict):
         return []  # the validator reports it
     tables.setdefault(table, {})[word] = value

@@ -143,7 +143,11 @@ def test_the_loss_is_recorded_only_where_it_may_be_asked_for():
     [
         ({"name": "weighted", "weights": [1.0, 2.0]}, r"actuation.weights: has 2 values; the vehicle has 6 thrusters"),
         ({"name": "weighted", "weights": [0.0] * 6}, r"actuation.weights\[0\]: .*from 0.001 to 1000"),
-        ({"name": "constrained", "weights": [1.0, 2.0]}, r"actuation.weights"),
+        ({"name": "constrained", "weights": [1.0, 2.0]}, r"actuation.weights: .* has 2 values; 6 are needed$"),
+        (
+            {"name": "constrained", "weights": [1.0, 1.0, 1.0, -5.0, 5.0, 5.0]},
+            r"^push_wall: actuation.weights\[3\]: -5.0 must be from 0.001 to 1000$",
+        ),
     ],
 )
 def test_bad_weights_are_said(settings, said):

@@ -18,6 +18,7 @@ SOFT = {
     "simulation.duration": 30.0,
     "current.speed": 0.2,
 }
+SHAPED = {"impedance.M_d": [20.0] * 3 + [2.0] * 3}
 PUSHING = SOFT | {"reference.target": [1.3, 0.0, 0.0]}
 STRONG = {"curve_command": [-20.0, -2.0, 2.0, 30.0], "curve_thrust": [-60.0, 0.0, 0.0, 90.0]}
 CURVE = {"curve_command": [-2.0, -1.0, 1.0, 3.0], "curve_thrust": [-10.0, 0.0, 0.0, 20.0]}
@@ -37,6 +38,8 @@ def scenario_with(law: str, name: str, overrides, **settings) -> Scenario:
         ("impedance", {"actuation.name": "weighted"}, {"failed": 1, "failed_fraction": 0.7}),
         ("impedance", {}, {"lag": "third_order", "rate_limit": 300.0}),
         ("fosm", {"controller.epsilon": 5e-2}, {"efficiency": 0.7, "lag": "first_order", "time_constant": 0.004}),
+        ("ideal", {}, {"efficiency": 0.8}),
+        ("ideal", {"observer.name": "momentum_observer", "observer.threshold": 0.0, **SHAPED}, {"efficiency": 0.8}),
     ],
 )
 def test_a_law_without_an_integral_term_rests_where_the_gain_of_the_thrusters_says(vehicle, law, own, settings):
@@ -98,6 +101,7 @@ def test_super_twisting_rejects_the_errors_of_thrusters(vehicle, name, settings)
         ("gsta", "general", {}, {"failed": 2}, "the thrusters can't produce every wrench"),
         ("gsta", "general", {}, {"inflow_loss": 1.0}, "the current costs thrust"),
         ("impedance", "t200", {}, {}, "the command of the thrusters is quantised, and the law does not integrate"),
+        ("ideal", "t200", {}, {"lag": "none"}, "is quantised, and the law does not integrate"),
         ("impedance", "t200", {}, {"voltage": 12.0, "assumed_voltage": 16.0}, "not the one that the control system"),
         ("impedance", "general", {}, {"inverted": False, **CURVE}, "not the one that the control system assumes"),
     ],

@@ -328,6 +328,18 @@ def test_the_linear_model_predicts_the_growth_of_a_vibration(law, overrides):
     assert np.polyfit(t[linear], np.log(peak[linear]), 1)[0] == pytest.approx(growth, rel=0.05)
 
 
+def test_thrusters_that_take_the_command_at_the_laws_instants_do_not_age_it():
+    """Whatever holds its output next reads the command, the thrusters if the allocation runs at every step. Their lag
+    and the computation delay age the force at the wall, too."""
+    held = AT_WALL | {"controller.period": 0.01, "thrusters.name": "general", "thrusters.period": 0.01}
+    ages = []
+    for more in ({}, {"thrusters.lag": "first_order", "thrusters.time_constant": 0.003}, {"controller.delay": 0.01}):
+        setup = set_up(Scenario.load("push_wall", held | more, "parallel"))
+        ages.append(Linear.of(setup).late[1])
+        assert np.isfinite(Linear.of(setup).growths).all()
+    assert ages == pytest.approx([0.0, 0.003, 0.01], abs=1e-12)
+
+
 def test_a_reset_takes_the_new_inertia_to_the_admittance():
     changed = {"impedance.M_d": [9.0, 15.0, 18.0, 0.3, 0.3, 0.3], "controller.k_p": 200.0}
     overrides = AT_WALL | {"simulation.duration": 1.0}

@@ -17,11 +17,10 @@ from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from annotated_types import MaxLen, MinLen
 
 from ..errors import Fault, InputError
 from ..physics.kernels import kernel
-from ..quantities import Number, within
+from ..quantities import Number, of_length, within
 from ..stages.base import setting
 from .base import Actuation
 from .weighted import allocate
@@ -30,7 +29,7 @@ MOST_THRUSTERS = 16
 """The solver's memory is of this size."""
 _SMALL = 1e-6
 _ROUNDS = 10 * MOST_THRUSTERS
-_Weights = Annotated[tuple[Annotated[Number, within(1e-3, 1e3, "")], ...], MinLen(6), MaxLen(6)]
+_Weights = Annotated[tuple[Annotated[Number, within(1e-3, 1e3, "")], ...], of_length(6)]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -88,8 +88,7 @@ def _unknown(setup: Setup, channels: Mapping[str, Channel]) -> str:
         return f"the noise's way through {scenario.actuation.label()} is not known"
     if scenario.controller.uses_truth:
         return "the law is told the truth"
-    contacts = getattr(setup, "contacts", None)
-    if contacts is not None and contacts.pairs:
+    if setup.contacts.pairs:
         return "it is known for the probe and [wall] alone"
     if getattr(scenario.navigation, "mass_behind", 0.0):
         return "the force sensor sees an acceleration: navigation.mass_behind"

@@ -35,8 +35,8 @@ that A s = F_1 eta_e_dot - w, and the estimates are those of the measurements:
 
 An observer measures all that the controller's model does not explain: tau_c,m is tau_c plus the rest of the bracket,
 which is then zero.
-The ideal law knows all wrenches but that of the contact: w = M^-1 (tau_c - tau_c,m). The six equations are solved by
-Newton's method.
+The ideal law knows all wrenches but that of the contact and the thrust that is missing:
+w = M^-1 (tau_c - tau_c,m + (I - T^-1) tau). The six equations are solved by Newton's method.
 """
 
 import functools
@@ -90,7 +90,7 @@ def static_balance(
     errors = scenario.navigation.rest_errors(setup)
     if isinstance(errors, str):
         return errors
-    if delivery.static.error and np.isfinite(K):
+    if delivery.static.error and (np.isfinite(K) or scenario.controller.uses_truth):
         return f"{delivery.static.error}, and the law does not integrate"
     solved = _solve(setup, K, delivery, residual)
     if solved is None:

@@ -129,7 +129,8 @@ class Balance:
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         if self.told:
-            return self.asked(x) - np.linalg.solve(self.setup.design.M, self.contact(x) - self.known(x).tau_c)
+            unknown = self.contact(x) - self.known(x).tau_c + self.undelivered @ self.thrust(x)
+            return self.asked(x) - np.linalg.solve(self.setup.design.M, unknown)
         return self.asked(x) - (1.0 - self.factor_inverse) * self.moving(x) - self.factor_inverse * self.unknown(x)
 
     def environment(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -26,8 +26,8 @@ from typing import Any
 
 import numpy as np
 
+from .age import ForceAge
 from .rest import SteadyState
-from .sampled import Vibration
 
 GROWS = 1e-3
 """A growth rate above this is more than rounding [1/s]."""
@@ -54,9 +54,7 @@ class Linear:
     def late(self) -> tuple[float, float]:
         """Delay of the command, and age of the contact force in tau besides the law's own period [s]."""
         scenario = self.setup.scenario
-        h = scenario.simulation.timestep
-        steps, read = (round(T / h) for T in (scenario.control_period, scenario.actuation.period or h))
-        age = Vibration.of(self.setup).age - 0.5 * h * (steps - math.gcd(steps, read))
+        age = ForceAge.of(self.setup).mean - 0.5 * (scenario.control_period - scenario.simulation.timestep)
         return scenario.thrusters.mean_delay() + (scenario.controller.delay or 0.0), age
 
     def growth(self, period: float, front: Any = None) -> float:

@@ -6,7 +6,7 @@ import importlib.util
 import os
 import sys
 import traceback
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Generic, TypeVar
@@ -38,7 +38,7 @@ class Choice(Generic[_Stage]):
         settings = dict(table)
         source = settings.pop("name", self.default.name)
         cls = known if known is not None and source == known.source() else self.stage_class(source)
-        return stage_of(cls, settings)
+        return stage_of(cls, settings, self.shipped)
 
     def stage_class(self, source: Any) -> type[_Stage]:
         """The class of a shipped name or of ``path/to/file.py:ClassName``. Raises InputError if there is no such class,
@@ -87,8 +87,10 @@ class Choice(Generic[_Stage]):
             return None
 
 
-def stage_of(cls: type[_Stage], settings: Mapping[str, Any]) -> _Stage:
-    """Make a stage of a class.
+def stage_of(
+    cls: type[_Stage], settings: Mapping[str, Any], others: Mapping[str, type[_Stage]] | None = None
+) -> _Stage:
+    """Make a stage of a class. ``others`` are further stages, by name, which may have a setting that it lacks.
 
     Raises:
         InputError: a setting is unknown, missing or out of range; names every such setting.
@@ -97,7 +99,7 @@ def stage_of(cls: type[_Stage], settings: Mapping[str, Any]) -> _Stage:
     fields = cls.setting_fields()
     choices = [f.name for f in fields]
     faults = [
-        Fault(f"{table}.{key}", f"{cls.label()} has no such {noun}; {suggestion(key, choices)}")
+        Fault(f"{table}.{key}", f"{cls.label()} has no such {noun}; {_instead(key, choices, table, others or {})}")
         for key in settings
         if key not in choices
     ]
@@ -119,6 +121,12 @@ def stage_of(cls: type[_Stage], settings: Mapping[str, Any]) -> _Stage:
     if faults:
         raise InputError(faults)
     return stage
+
+
+def _instead(key: str, choices: Collection[str], table: str, others: Mapping[str, type[Stage]]) -> str:
+    """What to write in place of a setting that a stage lacks."""
+    owners = [name for name, each in others.items() if key in (field.name for field in each.setting_fields())]
+    return f"for this one choose {table}.name = {' or '.join(owners)}" if owners else suggestion(key, choices)
 
 
 def load_file(path: Path, key: str) -> ModuleType:
