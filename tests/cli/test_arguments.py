@@ -31,7 +31,7 @@ SHORT = ("--set", "simulation.duration=0.05")
         (["run", "--out", "/proc/nothing"], "can't write"),
         (["run", "a", "b"], "one scenario at a time"),
         (["run", "--controler", "gsta"], "No such option"),
-        (["controllers", "pid"], "no law 'pid'"),
+        (["controllers", "lqr"], "no law 'lqr'"),
         (["fly"], "No such command"),
     ],
 )

@@ -248,7 +248,7 @@ KEY = '[base]\nscenario = "push_wall"\n[[vary]]\n'
         (KEY + 'key = "impedance.M_d[0]"\nvalues = [1.0]', "vary[0]", "has no components in the base scenario"),
         (KEY + 'key = "wall.stiffness[0]"\nvalues = [1.0]', "vary[0]", "has no component 0"),
         (KEY + 'key = "controller.K_s"\nvalues = [1.0, 2.0]', "vary[0]", "gsta has no such gain"),
-        (KEY + 'key = "vehicle.model"\nvalues = ["bluerov9"]', "vary[0].values[0]", "did you mean 'bluerov1'?"),
+        (KEY + 'key = "vehicle.model"\nvalues = ["bluerov9"]', "vary[0].values[0]", "did you mean 'bluerov2'?"),
         (
             'laws = ["gsta", "fosm"]\n' + KEY + 'key = "controller.K_s"\nvalues = [9.0, 8.0]',
             "vary[0]",

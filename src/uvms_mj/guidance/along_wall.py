@@ -19,6 +19,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from pydantic import AfterValidator
 
+from ..errors import Fault
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..quantities import Coordinate, NonNegative, Positive, Time
 from ..stages.base import setting
@@ -81,6 +82,14 @@ class AlongWall(Guidance):
 
     def rest_pose(self, scenario: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
         return (scenario.wall.position + self.depth(scenario), *self.points[-1]), self.attitude_deg
+
+    def faults(self, setup: Any) -> Iterable[Fault]:
+        scenario = setup.scenario
+        if not scenario.wall.present:
+            yield Fault("reference.name", "along_wall follows [wall], and wall.present is false; use path")
+        elif scenario.vehicle.contact_bodies:
+            touches = "along_wall pushes with the sphere about the origin, and the scenario has vehicle.contact_bodies"
+            yield Fault("reference.name", f"{touches}; use path")
 
     def notes(self, setup: Any) -> Iterable[str]:
         yield from start_notes(self, setup)
