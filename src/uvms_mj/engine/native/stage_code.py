@@ -4,6 +4,7 @@ import ast
 import inspect
 import sys
 import sysconfig
+import threading
 import types
 from importlib.util import find_spec
 from pathlib import Path
@@ -36,6 +37,8 @@ if TYPE_CHECKING:  # global names of the templates below, set for each stage
 
 _PACKAGE = Path(__file__).parents[2]
 _FOREIGN = tuple(Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib", "purelib", "platlib"))
+_parsing = threading.Lock()
+"""Two threads must not parse at once: CPython 3.11 counts the depth of both in one place, and raises SystemError."""
 RETURNED, RAISED, OVERRAN, CHANGED_SETTINGS, NOT_FINITE, NOT_ATTITUDE = range(6)
 """Return codes of a stage's machine code."""
 
@@ -207,7 +210,9 @@ def source_files(module: types.ModuleType) -> list[Path]:
         if found and any(path.is_relative_to(folder) for folder in (*_FOREIGN, _PACKAGE)):
             continue
         found[path] = None
-        for node in ast.walk(ast.parse(path.read_bytes())):
+        with _parsing:
+            tree = ast.parse(path.read_bytes())
+        for node in ast.walk(tree):
             names: list[str] = []
             if isinstance(node, ast.Import):
                 names = [alias.name for alias in node.names]
