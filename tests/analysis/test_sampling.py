@@ -1,13 +1,17 @@
 """Limits of the sampled loop: where vibration grows, and what a run is warned of."""
 
+import warnings
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
 from uvms_mj import Scenario, simulate
 from uvms_mj.analysis.metrics import final_force
+from uvms_mj.analysis.sampling import SamplingWarning
 from uvms_mj.analysis.setup import set_up
 from uvms_mj.control.age import ForceAge
+from uvms_mj.control.fosm import _Layer
 from uvms_mj.control.late_command import swing
 from uvms_mj.control.rest import NoClosedForm, SteadyState
 from uvms_mj.control.sampled import Vibration
@@ -332,3 +336,32 @@ def test_a_delayed_impedance_law_oscillates_where_the_sampled_vibration_grows(de
         swings.append(float(trace.final_high[-1] - trace.final_low[-1]))
     assert swings[0] < 1e-2
     assert swings[1] > 0.5
+
+
+@pytest.mark.parametrize("m", [0, 1, 2, 5, 20])
+def test_the_late_loop_of_first_order_sliding_mode_is_at_its_limit(m):
+    """The roots of z^(m+1) - z^m + r T, r the largest rate, are within the unit circle and reach it."""
+    fastest = _Layer(0.0, 1e-3, m * 1e-3).fastest
+    polynomial = np.zeros(m + 2)
+    polynomial[:2] += (1.0, -1.0)
+    polynomial[-1] += fastest * 1e-3
+    roots = np.roots(polynomial)
+    assert np.abs(roots).max() == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "late", [{"navigation.velocity_period": 0.01}, {"navigation.velocity_delay": 0.02}, {"controller.delay": 0.005}]
+)
+def test_first_order_sliding_mode_with_a_late_velocity_or_command_says_that_it_chatters(late):
+    held = {"controller.period": 5e-3, "controller.epsilon": 0.1, "controller.A": -20.0, "wall.stiffness": 2e3}
+    held |= {"simulation.timestep": 1e-3, "navigation.name": "sensors", "simulation.duration": 8.0}
+    calm, rough = (Scenario.load("push_wall", held | more, "fosm") for more in ({}, late))
+    for scenario, chatters in ((calm, False), (rough, True)):
+        setup = set_up(scenario)
+        assert isinstance(scenario.controller.at_rest(setup), str) == chatters
+        assert any("chatters" in note for note in scenario.controller.notes(setup)) == chatters
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SamplingWarning)
+            trace = simulate(scenario, engine="free_body")
+        moving = np.abs(trace.nu[trace.t > 7.0]).max()
+        assert (moving > 0.01) == chatters

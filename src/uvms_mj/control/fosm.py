@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..quantities import NonNegative, Positive
+from .age import ForceAge
 from .balance import static_balance
 from .base import Controller, gain
 from .late_command import late_notes
@@ -40,7 +42,7 @@ class Fosm(Controller):
             return reason
         if self.K_s == 0.0 and 0.0 in setup.task.A:
             return "with a zero in A and K_s = 0, s drifts"
-        if setup.scenario.control_period >= boundary_layer_limit(self, setup):
+        if _Layer.of(self, setup).chatters:
             return "the sampled first-order law chatters at this step"
         state = zeta_grows(setup) or static_balance(setup, self.K_s / self.epsilon)
         if isinstance(state, SteadyState) and np.abs(np.asarray(state.s)).max() >= self.epsilon:
@@ -49,15 +51,57 @@ class Fosm(Controller):
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law chatters, or vibrates against the wall."""
-        period = setup.scenario.control_period
+        period, layer = setup.scenario.control_period, _Layer.of(self, setup)
         if period >= (limit := boundary_layer_limit(self, setup)):
             yield (
                 f"{self.label()} chatters at a control period of {period:g} s: K_s = {self.K_s:g} and epsilon = "
                 f"{self.epsilon:g} need a period below {limit:.4g} s"
             )
+        elif layer.chatters:
+            yield (
+                f"{self.label()} chatters with a velocity every {layer.period:g} s, and velocity and command together "
+                f"{layer.late:g} s late: K_s = {self.K_s:g} needs an epsilon above "
+                f"{self.epsilon * layer.rate / layer.fastest:.4g}"
+            )
         vibration = Vibration.of(setup)
         yield from vibration.notes(self.label())
         yield from late_notes(vibration, self.label(), lambda S: (self.K_s / max(S, self.epsilon), 0.0))
+
+
+@dataclass(frozen=True)
+class _Layer:
+    """The sampled loop of s inside the boundary layer, s_(k+1) = s_k - rate period s_(k-m) with m = late/period.
+
+    Attributes:
+        rate: fastest rate of s [1/s].
+        period: the longer one of the control period and the time between two velocities [s].
+        late: age of a velocity when the law reads it, and of the command when it acts [s].
+    """
+
+    rate: float
+    period: float
+    late: float
+
+    @classmethod
+    def of(cls, law: Fosm, setup: Any) -> _Layer:
+        scenario, chain = setup.scenario, ForceAge.of(setup)
+        own, late = scenario.navigation.velocity_timing
+        held = chain.holds["actuation period"] + chain.holds["thruster period"]
+        period = max(scenario.control_period, own or scenario.navigation.period or 0.0)
+        return cls(_rate(law, setup), period, late + held + chain.delays["computation delay"])
+
+    @property
+    def fastest(self) -> float:
+        """Rate above which the loop is unstable [1/s].
+
+        On the unit circle z^(m+1) - z^m + rate period = 0 has rate period = 2 sin(pi/(2 (2 m + 1))): 2 for m = 0, and
+        pi/(2 late) for a short period.
+        """
+        return 2.0 * math.sin(0.5 * math.pi / (2.0 * self.late / self.period + 1.0)) / self.period
+
+    @property
+    def chatters(self) -> bool:
+        return self.rate >= self.fastest
 
 
 def boundary_layer_limit(law: Fosm, setup: Any) -> float:
@@ -66,6 +110,10 @@ def boundary_layer_limit(law: Fosm, setup: Any) -> float:
     In the layer, s_dot = -(M^-1 M_hat K_s/epsilon - A) s + ... With explicit sampling this is stable if the period is
     below 2 divided by the fastest rate.
     """
-    gain = np.linalg.solve(setup.design.M, setup.design.M_hat) * law.K_s / law.epsilon
-    rate = float(np.abs(np.linalg.eigvals(gain - np.diag(setup.task.A))).max())
+    rate = _rate(law, setup)
     return 2.0 / rate if rate > 0 else np.inf
+
+
+def _rate(law: Fosm, setup: Any) -> float:
+    gain = np.linalg.solve(setup.design.M, setup.design.M_hat) * law.K_s / law.epsilon
+    return float(np.abs(np.linalg.eigvals(gain - np.diag(setup.task.A))).max())

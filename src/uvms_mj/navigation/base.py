@@ -52,6 +52,11 @@ class Navigation(Stage):
         sample takes to arrive [s]."""
         return None, 0.0
 
+    @property
+    def velocity_timing(self) -> tuple[float | None, float]:
+        """The same of the velocity."""
+        return None, 0.0
+
     def rest_errors(self, setup: Any) -> RestErrors | str:
         """Theory of navigation: the measurements of a vehicle at rest, or the reason why they are not known."""
         return "no closed form is known for this navigation"

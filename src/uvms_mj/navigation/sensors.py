@@ -139,8 +139,16 @@ class Sensors(_Channels):
 
     @property
     def force_timing(self) -> tuple[float | None, float]:
-        force = self.channel("force")
-        return force.period, force.delay + 0.5 * force.jitter
+        return self._timing("force")
+
+    @property
+    def velocity_timing(self) -> tuple[float | None, float]:
+        found = [self._timing(quantity) for quantity in ("velocity", "angular_velocity")]
+        return max((period for period, _ in found if period), default=None), max(late for _, late in found)
+
+    def _timing(self, quantity: str) -> tuple[float | None, float]:
+        channel = self.channel(quantity)
+        return channel.period, channel.delay + 0.5 * channel.jitter
 
     def rest_errors(self, setup: Any) -> RestErrors | str:
         """The mean of the measurements: scale, bias and the drift with the depth. White noise has none."""
