@@ -94,7 +94,7 @@ def _differences(new: dict[str, Any], base: dict[str, Any], current: dict[str, A
             if hasattr(table, "__dict__"):
                 one, two = vars(base[name]), vars(current[name])
                 for key, value in vars(table).items():
-                    if value is not one.get(key) or value is not two.get(key):
+                    if any(value is not old and value != old for old in (one.get(key), two.get(key))):
                         found.add(f"{name}.{key}")
     return found
 

@@ -49,6 +49,8 @@ class ContactList:
 
     def write(self, loop: np.ndarray, context: np.ndarray, setup: Any) -> None:
         """Set the numbers of a scenario with as many walls and pairs."""
+        if not setup.contacts.surfaces:
+            return
         surfaces, pairs, tables = setup.contacts.records(setup.lightest)
         self.surfaces[:] = surfaces
         for name in _OF_PAIR:
