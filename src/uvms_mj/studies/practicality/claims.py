@@ -6,7 +6,7 @@ import numpy as np
 
 from ..pages import number
 from ..paper.claims.base import Claim, Measured, Row
-from .axes import AXES, LAWS, MAPS, RETUNED, STEPS
+from .axes import AXES, MAPS, RETUNED, STEPS
 from .plans import DEMANDED
 from .results import Results
 
@@ -289,5 +289,4 @@ CLAIMS: Sequence[Claim] = (
 
 def judge(results: Results) -> list[Row]:
     """The claims with their measured values and verdicts."""
-    assert {str(law.get("label", law["name"])) for law in LAWS} >= {"gsta", "fosm", "impedance", RETUNED}
     return [Row.of(claim, results) for claim in CLAIMS]
