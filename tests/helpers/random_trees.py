@@ -128,8 +128,8 @@ def _inertial(part: Rigid, p: Array, R: Array) -> str:
 
 
 def _element(tree: TwinTree, k: int, frame: tuple[Array, Array]) -> str:
-    """A body with all that hangs at it; ``frame`` is that of the element around it, in the frame of its parent. A
-    second part is a welded body, and the links hang at that."""
+    """A body with all that hangs at it; ``frame`` is that of the element around it, in the frame of its parent. Each
+    further part is a welded body, and the links hang at the last."""
     body, (p_F, R_F) = tree.bodies[k], frame
     here = p, R = np.zeros(3), np.eye(3)
     name, place = ("rov", "") if k == 0 else (f"link{k}", "")
@@ -142,8 +142,8 @@ def _element(tree: TwinTree, k: int, frame: tuple[Array, Array]) -> str:
     inside, tail = head + _inertial(first, *here), ""
     for part in others:
         p, R = here = np.array([0.1, -0.2, 0.3]), rotation([0.5, 0.5, -0.1, 0.7])
-        inside += f'<body pos="{_numbers(p)}" quat="{_numbers(_quat(R))}">{_inertial(part, p, R)}'
-        tail += "</body>"
+        inside += f'{tail}<body pos="{_numbers(p)}" quat="{_numbers(_quat(R))}">{_inertial(part, p, R)}'
+        tail = "</body>"
     inside += "".join(_element(tree, c, here) for c in range(k + 1, tree.n + 1) if tree.bodies[c].parent == k)
     return f'<body name="{name}" {place} simple="false">{inside}{tail}</body>'
 

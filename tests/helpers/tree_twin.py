@@ -9,6 +9,7 @@ nu of the base in B, linear part first. All coefficients are about the origin of
 part first. Inside this module a spatial vector has its angular part first, as Featherstone's.
 """
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -47,11 +48,11 @@ class TwinBody:
     anchor: Array = field(default_factory=lambda: np.zeros(3))  # (3,), m, a point of the axis of a hinge
     damping: float = 0.0  # N m s or N s/m, of the joint
 
-    @property
+    @functools.cached_property
     def mass(self) -> float:
         return sum(part.mass for part in self.parts)
 
-    @property
+    @functools.cached_property
     def M_RB(self) -> Array:
         """Rigid-body inertia about the frame's origin, (6, 6), linear part first."""
         total = np.zeros((6, 6))
@@ -59,6 +60,17 @@ class TwinBody:
             m, S = part.mass, skew(part.r_g)
             total += np.block([[m * np.eye(3), -m * S], [m * S, part.inertia - m * S @ S]])
         return total
+
+    @functools.cached_property
+    def spatial(self) -> tuple[Array, Array]:
+        """M_RB and M_A, angular part first."""
+        return self.M_RB[np.ix_(_SWAP, _SWAP)], self.M_A[np.ix_(_SWAP, _SWAP)]
+
+    @functools.cached_property
+    def S(self) -> Array:
+        """Velocity of the link's frame for a joint velocity of 1, (6,), angular part first."""
+        zero = np.zeros(3)
+        return np.r_[zero, self.axis] if self.slide else np.r_[self.axis, np.cross(self.anchor, self.axis)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,39 +115,35 @@ def poses(tree: TwinTree, p: Array, R: Array, q: Array) -> list[tuple[Array, Arr
     return found
 
 
-def _first_angular(M: Array) -> Array:
-    return M[np.ix_(_SWAP, _SWAP)]
-
-
 def _cross_motion(V: Array) -> Array:
     """V x, (6, 6), on motion vectors; minus its transpose works on forces. Featherstone, eqs. (2.31), (2.32)."""
-    return np.block([[skew(V[:3]), np.zeros((3, 3))], [skew(V[3:]), skew(V[:3])]])
+    out = np.zeros((6, 6))
+    out[:3, :3] = out[3:, 3:] = skew(V[:3])
+    out[3:, :3] = skew(V[3:])
+    return out
 
 
 def _from_parent(body: TwinBody, q: float) -> Array:
     """Transform of motion vectors from the parent's frame, (6, 6); its transpose takes forces to it. Eq. (2.24)."""
     R, p = in_parent(body, q)
-    return np.block([[R.T, np.zeros((3, 3))], [-R.T @ skew(p), R.T]])
-
-
-def _free_motion(body: TwinBody) -> Array:
-    """Velocity of a link's frame for a joint velocity of 1, (6,)."""
-    zero = np.zeros(3)
-    return np.r_[zero, body.axis] if body.slide else np.r_[body.axis, np.cross(body.anchor, body.axis)]
+    out = np.zeros((6, 6))
+    out[:3, :3] = out[3:, 3:] = R.T
+    out[3:, :3] = -R.T @ skew(p)
+    return out
 
 
 def inertia(tree: TwinTree, q: Array) -> Array:
     """M(q), (6 + n, 6 + n), of zeta, with the added mass: composite inertias, Featherstone, table 6.2."""
     X = [np.eye(6), *(_from_parent(body, x) for body, x in zip(tree.bodies[1:], q, strict=True))]
-    composite = [_first_angular(body.M_RB + body.M_A) for body in tree.bodies]
+    composite = [sum(body.spatial) for body in tree.bodies]
     for k in range(tree.n, 0, -1):
         composite[tree.bodies[k].parent] += X[k].T @ composite[k] @ X[k]
     M = np.zeros((6 + tree.n, 6 + tree.n))
-    M[:6, :6] = _first_angular(composite[0])
+    M[:6, :6] = composite[0][np.ix_(_SWAP, _SWAP)]
     for k in range(1, tree.n + 1):
-        force, at = composite[k] @ _free_motion(tree.bodies[k]), k
+        force, at = composite[k] @ tree.bodies[k].S, k
         while at > 0:
-            M[5 + at, 5 + k] = M[5 + k, 5 + at] = _free_motion(tree.bodies[at]) @ force
+            M[5 + at, 5 + k] = M[5 + k, 5 + at] = tree.bodies[at].S @ force
             force, at = X[at].T @ force, tree.bodies[at].parent
         M[:6, 5 + k] = M[5 + k, :6] = force[_SWAP]
     return M
@@ -143,17 +151,17 @@ def inertia(tree: TwinTree, q: Array) -> Array:
 
 def _resistance_of(body: TwinBody, tree: TwinTree, R: Array, V: Array, a: Array) -> Array:
     """Inertial forces of a body and the water around it less the forces of weight, buoyancy and drag, (6,)."""
-    M_RB, M_A = _first_angular(body.M_RB), _first_angular(body.M_A)
+    M_RB, M_A = body.spatial
     v_c, up = R.T @ tree.v_c_W, R.T @ [0.0, 0.0, 1.0]
     V_r = V - np.r_[np.zeros(3), v_c]
-    a_r = a + np.r_[np.zeros(3), np.cross(V[:3], v_c)]  # the current is constant in W, so it turns in the link
+    a_r = a + np.r_[np.zeros(3), skew(V[:3]) @ v_c]  # the current is constant in W, so it turns in the link
     force = M_RB @ a - _cross_motion(V).T @ M_RB @ V
     force += M_A @ a_r - _cross_motion(V_r).T @ M_A @ V_r  # Kirchhoff's equations, Fossen (2021), sec. 6.3
     nu_r = V_r[_SWAP]
     force += ((body.D_linear + body.D_quadratic * np.abs(nu_r)) @ nu_r)[_SWAP]  # paper eq. (33)
     for r, upward in ((body.r_b, body.displaced_mass), *((part.r_g, -part.mass) for part in body.parts)):
         f = upward * tree.gravity * up
-        force -= np.r_[np.cross(r, f), f]
+        force -= np.r_[skew(r) @ f, f]
     return force
 
 
@@ -162,7 +170,7 @@ def resistance(tree: TwinTree, R: Array, q: Array, zeta: Array) -> Array:
     attitudes = [R for R, _ in poses(tree, np.zeros(3), R, q)]
     X, V, a = [np.eye(6)], [zeta[:6][_SWAP]], [np.zeros(6)]
     for body, x, rate in zip(tree.bodies[1:], q, zeta[6:], strict=True):
-        joint = _free_motion(body) * rate
+        joint = body.S * rate
         X.append(_from_parent(body, x))
         V.append(X[-1] @ V[body.parent] + joint)
         a.append(X[-1] @ a[body.parent] + _cross_motion(V[-1]) @ joint)  # Featherstone, eq. (5.8)
@@ -170,7 +178,7 @@ def resistance(tree: TwinTree, R: Array, q: Array, zeta: Array) -> Array:
     b = np.zeros(6 + tree.n)
     for k in range(tree.n, 0, -1):
         body = tree.bodies[k]
-        b[5 + k] = _free_motion(body) @ force[k] + body.damping * zeta[5 + k]
+        b[5 + k] = body.S @ force[k] + body.damping * zeta[5 + k]
         force[body.parent] = force[body.parent] + X[k].T @ force[k]
     b[:6] = force[0][_SWAP]
     return b
@@ -193,7 +201,7 @@ def momentum_W(tree: TwinTree, p: Array, R: Array, q: Array, zeta: Array) -> Arr
     total = np.zeros(6)
     V: list[Array] = [zeta[:6][_SWAP]]
     for body, x, rate in zip(tree.bodies[1:], q, zeta[6:], strict=True):
-        V.append(_from_parent(body, x) @ V[body.parent] + _free_motion(body) * rate)
+        V.append(_from_parent(body, x) @ V[body.parent] + body.S * rate)
     for body, (R_L, p_L), velocity in zip(tree.bodies, poses(tree, p, R, q), V, strict=True):
         h = (body.M_RB + body.M_A) @ velocity[_SWAP]
         total += np.r_[R_L @ h[:3], R_L @ h[3:] + np.cross(p_L, R_L @ h[:3])]
@@ -217,6 +225,6 @@ def motion(
         zeta_dot = acceleration(tree, R, y[7 : 7 + n], zeta, given, t)
         return np.r_[R @ zeta[:3], E @ zeta[3:6], zeta[6:], zeta_dot]
 
-    solution = solve_ivp(rate, (0.0, times[-1]), np.concatenate(start), "DOP853", times, rtol=1e-11, atol=1e-12)
+    solution = solve_ivp(rate, (0.0, times[-1]), np.concatenate(start), "DOP853", times, rtol=1e-9, atol=1e-11)
     p, quat, q, zeta = np.split(solution.y.T, [3, 7, 7 + n], axis=1)
     return p, quat / np.linalg.norm(quat, axis=1)[:, None], q, zeta
