@@ -13,7 +13,8 @@ import numpy as np
 
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..plant.contacts import as_surface
-from ..plant.geometry import Geometry, Shape
+from ..plant.geometry import Geometry
+from ..plant.shapes import Shape
 from ..plant.surfaces import ContactBody, Surface
 from .header import Header
 from .palette import ORANGE, SKY, VERMILLION, Colour

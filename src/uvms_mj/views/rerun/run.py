@@ -13,7 +13,8 @@ import rerun as rr
 
 from ...control.rest import SteadyState
 from ...physics.frames import quat_from_euler_deg
-from ...plant.geometry import Geometry, Shape
+from ...plant.geometry import Geometry
+from ...plant.shapes import Shape
 from ...records.header import Header
 from ...records.palette import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, Colour
 from ...records.scene import FORCE_SCALE, FORCES, WALL_SIZE, Force, magnitudes, scene_of, span

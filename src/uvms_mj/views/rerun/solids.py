@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...physics.frames import rotation_matrix
-from ...plant.geometry import Geometry, Mesh, Shape
+from ...plant.geometry import Geometry
+from ...plant.shapes import Mesh, Shape
 
 _AROUND, _ALONG = 28, 12
 """Faces around and along round shapes."""
