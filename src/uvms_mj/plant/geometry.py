@@ -1,6 +1,7 @@
 """Geometry of a vehicle as plain data, for drawing: the shapes of its body and of its links."""
 
-from typing import Any, get_args
+import math
+from typing import get_args
 
 import mujoco
 import numpy as np
@@ -9,6 +10,7 @@ from pydantic.dataclasses import dataclass
 
 from ..errors import InputError, faults_of
 from ..quantities import STRICT, Positive
+from .arm import Link
 from .link_geometry import LinkGeometry
 from .shapes import Kind, Mesh, Shape
 
@@ -39,7 +41,7 @@ class Geometry:
                 raise ValueError(f"link {link.name!r} must come after its parent")
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, body_id: int, links: tuple[Any, ...] = ()) -> "Geometry":
+    def of(cls, model: mujoco.MjModel, body_id: int, links: tuple[Link, ...] = ()) -> "Geometry":
         """Geometry of a compiled model's body and its links. Shapes are those that MuJoCo's viewer shows; reach counts
         all geoms of the body. Raises InputError if a geom's size, position or colour is out of range."""
         meshes: dict[str, Mesh] = {}
@@ -101,7 +103,7 @@ def _pose(model: mujoco.MjModel, data: mujoco.MjData, geom: int, body_id: int) -
     return position, quat
 
 
-def _link(link: Any, shapes: tuple[Shape, ...]) -> LinkGeometry:
+def _link(link: Link, shapes: tuple[Shape, ...]) -> LinkGeometry:
     quat = np.zeros(4)
     mujoco.mju_mat2Quat(quat, np.ascontiguousarray(link.R_0).reshape(9))
     w, x, y, z = quat.tolist()
@@ -114,15 +116,10 @@ def _link(link: Any, shapes: tuple[Shape, ...]) -> LinkGeometry:
         quat=(w, x, y, z),
         axis=tuple(link.axis.tolist()),
         anchor=tuple(link.anchor.tolist()),
-        range=_limits(link.range),
-        effort=_limits(link.effort),
+        range=link.range if all(map(math.isfinite, link.range)) else None,
+        effort=link.effort if math.isfinite(link.effort) else None,
         shapes=shapes,
     )
-
-
-def _limits(ends: Any) -> tuple[float, float] | None:
-    low, high = (float(end) for end in ends)
-    return (low, high) if np.isfinite([low, high]).all() else None
 
 
 def _rgba(model: mujoco.MjModel, geom: int) -> tuple[float, float, float, float]:

@@ -7,7 +7,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from ..physics.frames import quat_product, rotation_matrix
-from ..quantities import STRICT, Real, Vector3
+from ..quantities import STRICT, NonNegative, Real, Vector3
 from .shapes import Shape
 
 
@@ -22,7 +22,7 @@ class LinkGeometry:
         position, quat: of the link's frame in its parent's frame at q = 0 [m], w x y z.
         axis, anchor: of the joint in the link's frame: unit vector, and a point on it [m].
         range: limits of the joint's position [rad, or m if it slides]; None without limits.
-        effort: limits of the motor's torque or force [N m, or N if it slides]; None without limits.
+        effort: greatest torque of the motor [N m, or N if it slides]; 0 without a motor, None without a limit.
     """
 
     name: str
@@ -34,7 +34,7 @@ class LinkGeometry:
     axis: Vector3
     anchor: Vector3
     range: tuple[Real, Real] | None
-    effort: tuple[Real, Real] | None
+    effort: NonNegative | None
     shapes: tuple[Shape, ...]
 
     def pose(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -134,8 +134,8 @@ def _transforms(header: Header, names: set[str]) -> Topic:
 
 
 def _joints(header: Header) -> Iterator[Topic]:
-    """The topics of the states of the joints."""
-    for name, (meaning, signals) in _JOINTS.items():
+    """The topics of the states of the joints, if there are any."""
+    for name, (meaning, signals) in _JOINTS.items() if header.geometry.links else ():
         message = joints.state(header, *signals)
         yield Topic(name, _JOINT_STATE, "-", "rad, m", meaning, message)
 
@@ -150,7 +150,7 @@ def _alone(header: Header, signal: Signal) -> Topic:
         name, kind = f"/{room}/{signal.name}", _ARRAY if signal.shape else _NUMBER
     frame = _FRAMES.get(signal.frame, "-")
     if kind == _ARRAY:
-        message = ros2.multi_array(", ".join(signal.components), signal.name, signal.size)
+        message = ros2.multi_array(", ".join(header.components(signal)), signal.name, signal.size)
     elif kind == _NUMBER:
         message = Message().hole(signal.name)
     else:
