@@ -136,6 +136,11 @@ def wall_face(header: Header) -> float:
     return header.scenario.wall.position + header.geometry.reach
 
 
+def origin(header: Header) -> str:
+    """The position that the reference p_d is for: that of B's origin, or that of the tool."""
+    return "p_WT" if "p_WT" in header.by_name else "p_WB"
+
+
 def _contact(header: Header, values: Values) -> tuple[np.ndarray, np.ndarray]:
     reach, forces = header.geometry.reach, values["f_contact_W"]
     if "f_contacts_W" not in values:
