@@ -11,17 +11,19 @@ from typing import Any, ClassVar
 from ..physics.kernels import kernel
 from ..quantities import Step
 from ..stages.base import Room, Stage, shared
-from ..stages.signals import joint_torque_signal, joints_given
+from ..stages.joint_signals import joint_torque_signal, joints_given
 
 
 @dataclasses.dataclass(frozen=True)
 class Joints(Stage):
-    """Base class of all joint interfaces. ``given`` has the signals of :func:`uvms_mj.stages.signals.joints_given`, and
-    tau_q (n,) is the torque of each joint's motor [N m or N]."""
+    """Base class of all joint interfaces. ``given`` has the signals of
+    :func:`uvms_mj.stages.joint_signals.joints_given`, and tau_q (n,) is the torque of each joint's motor [N m or N]."""
 
     period: Step | None = shared(None, "s", "period, a multiple of the time step; default: every step")
 
     every_step: ClassVar[bool] = True
+    obeys: ClassVar[bool] = True
+    """Whether the torque follows the commanded one, which is then recorded."""
     room: ClassVar[Room] = Room(
         name="actuation",
         table="joints",

@@ -65,7 +65,8 @@ def read_motion(path: str, joints: Sequence[str]) -> tuple[np.ndarray, np.ndarra
     if missing:
         there = f"its columns are {', '.join(header[:30])}" if header else "it is empty"
         raise InputError([Fault(key, f"{path}: has no column {', '.join(missing)}; {there}")])
-    places, numbers = [header.index(name) for name in wanted], []
+    places = [header.index(name) for name in wanted]
+    numbers: list[list[float]] = []
     for line, row in enumerate(rows[1:], 2):
         if not any(word.strip() for word in row):
             continue

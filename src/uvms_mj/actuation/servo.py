@@ -50,7 +50,9 @@ class Servo(Joints):
     )
     velocity_bandwidth: Positive = setting(200.0, "rad/s", "bandwidth omega_v of the velocity loop")
 
+    obeys: ClassVar = False
     needs: ClassVar = ("initial.joints",)
+    memory: ClassVar = {"carried": "joints"}
     _inner_keys: ClassVar = {"joints.motion": ("time", "joints")}
 
     def __post_init__(self) -> None:
@@ -99,12 +101,12 @@ class Servo(Joints):
 
 
 @kernel
-def velocity_loop(settings, state, given, state_dot, j, v) -> float:
+def velocity_loop(settings, state, given, j, v) -> float:
     """The torque of joint j for the commanded velocity v [rad/s or m/s]."""
     error = settings.K_v[j] * (v - given.q_dot_m[j])
-    tau = error + state.servo_torque[j]
+    tau = error + state.carried[j]
     limited = deliverable(tau, given.q_dot_m[j], given.effort[j], given.speed_limit[j])
-    state_dot.servo_torque[j] = settings.omega_i * (error + limited - tau)
+    state.carried[j] += given.period * settings.omega_i * (error + limited - tau)
     return limited
 
 
@@ -113,8 +115,6 @@ class Velocity(Servo):
     """Velocity interface: each joint follows a given velocity, zero by default."""
 
     name = "velocity"
-    states: ClassVar = {"servo_torque": "joints"}
-    units: ClassVar = {"servo_torque": "N m or N"}
 
     def at_start(self, setup: Any) -> np.ndarray:
         return np.zeros(len(setup.vehicle.arm.links))
@@ -125,7 +125,7 @@ class Velocity(Servo):
         n = piece_at(begins, given.t)
         for j in range(tau_q.shape[0]):
             v = value_at(begins, coefficients, n, j, given.t)
-            tau_q[j] = velocity_loop(settings, state, given, state_dot, j, v)
+            tau_q[j] = velocity_loop(settings, state, given, j, v)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -135,8 +135,6 @@ class Position(Servo):
     position_bandwidth: Positive = setting(40.0, "rad/s", "bandwidth omega_p of the position loop")
 
     name = "position"
-    states: ClassVar = {"servo_torque": "joints"}
-    units: ClassVar = {"servo_torque": "N m or N"}
 
     def at_start(self, setup: Any) -> np.ndarray:
         return setup.initial_joints
@@ -152,7 +150,7 @@ class Position(Servo):
             v = rate_at(begins, coefficients, n, j, given.t)
             v += settings.omega_p * (value_at(begins, coefficients, n, j, given.t) - given.q_m[j])
             limit = given.speed_limit[j]
-            tau_q[j] = velocity_loop(settings, state, given, state_dot, j, min(limit, max(-limit, v)))
+            tau_q[j] = velocity_loop(settings, state, given, j, min(limit, max(-limit, v)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -160,10 +158,10 @@ class Auto(Joints):
     """The interface that fits the task: torque with the task frame at a tool, otherwise position at the start."""
 
     name = "auto"
-    needs: ClassVar = Position.needs
+    runs: ClassVar[bool] = False
 
     def meant(self, setup: Any) -> Joints:
-        at_body = setup.scenario.task.frame == "body"
+        at_body = getattr(setup.scenario.task, "frame", "body") == "body"
         return Position(period=self.period) if at_body else Torque(period=self.period)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:

@@ -15,7 +15,7 @@ from ..physics.kernels import kernel
 from ..physics.random import standard_normal
 from ..quantities import Lowercase, Moderate, NonNegative, Number, Step, Time, within
 from ..stages.base import Room, Stage, setting, shared
-from ..stages.signals import encoder_given, encoder_signals
+from ..stages.joint_signals import encoder_given, encoder_signals
 
 MOST_JOINTS = 30
 MOST_LATE = 500
@@ -26,20 +26,16 @@ def _one(value: Any) -> Any:
     return (value,) if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
-def _of_joints(number: Any) -> Any:
-    return Annotated[tuple[number, ...], BeforeValidator(_one)]
-
-
-OfJoints = _of_joints(Moderate)
+OfJoints = Annotated[tuple[Moderate, ...], BeforeValidator(_one)]
 """A number of each joint, or one number for all."""
-_Deviations = _of_joints(NonNegative)
+_Deviations = Annotated[tuple[NonNegative, ...], BeforeValidator(_one)]
 
 
 @dataclasses.dataclass(frozen=True)
 class Encoder(Stage):
     """Base class of all encoders of the joints. ``given`` has CLOCK and the signals of
-    :func:`uvms_mj.stages.signals.joint_signals`, and ``out`` has those of
-    :func:`uvms_mj.stages.signals.encoder_signals`."""
+    :func:`uvms_mj.stages.joint_signals.joint_signals`, and ``out`` has those of
+    :func:`uvms_mj.stages.joint_signals.encoder_signals`."""
 
     period: Step | None = shared(None, "s", "time between two samples, a multiple of the time step; default: the step")
 

@@ -21,6 +21,7 @@ import numpy as np
 
 from ..physics.frames import quat_from_euler_deg
 from .geometry import Geometry
+from .joints import set_constraints
 from .mjcf import Mjcf
 from .settings import Initial, VehicleChoice, Wall
 from .variation import varied, vary
@@ -65,6 +66,7 @@ class Plant:
         spec.option.integrator = getattr(mujoco.mjtIntegrator, _INTEGRATORS[self.integrator])
         _add_surroundings(spec, self.vehicle.body, self.wall, self.geometry.reach)
         model = self.mjcf.compiled(spec)
+        set_constraints(model)
         vary(model, free_body_id(model, self.vehicle.body), self.vehicle.actuator_ids, self.choice)
         _set_wall(model, _ids(model, self.vehicle.body), self.wall, self.wall.position + self.geometry.reach)
         return model
@@ -94,6 +96,14 @@ class Plant:
         """Put the vehicle at an initial state."""
         qpos, dof = free_joint_addresses(self.model, self.body_id)
         put_at(initial, data.qpos[qpos : qpos + 7], data.qvel[dof : dof + 6])
+        joints = self.initial_joints(initial)
+        data.qpos[qpos + 7 : qpos + 7 + len(joints)] = joints
+
+    def initial_joints(self, initial: Initial) -> np.ndarray:
+        """(n,) positions of the joints at an initial state [rad or m]."""
+        if initial.joints is not None:
+            return np.array(initial.joints)
+        return np.array([min(max(0.0, link.range[0]), link.range[1]) for link in self.vehicle.arm.links])
 
     def set_wall(self, wall: Wall, face: float) -> None:
         """Move the wall's face to x of W [m], and set stiffness and damping of the contact pair in N/m and N s/m."""

@@ -46,7 +46,8 @@ def inertia(vehicle: Vehicle, q: np.ndarray) -> np.ndarray:
     zeta_q = [nu; q_dot]: the sum of J_k^T (M_RB + M_A) J_k over the links."""
     size = 6 + len(q)
     J_base = np.eye(6, size)
-    M, columns = J_base.T @ vehicle.M @ J_base, []
+    M = J_base.T @ vehicle.M @ J_base
+    columns: list[np.ndarray] = []
     for k, link in enumerate(vehicle.arm.links):
         R, p = link.R_0, link.p_0 + link.R_0 @ link.axis * q[k]
         if not link.slide:
