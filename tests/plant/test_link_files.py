@@ -129,7 +129,7 @@ REFUSED = {
     "negative damping": ({"joint": '<joint name="elbow" damping="-1"/>'}, "must be one number that is not neg"),
     "range": ({"joint": '<joint name="elbow" range="2 -1"/>'}, "must be two numbers, the lower limit first"),
     "force range": ({"joint": '<joint name="elbow" actuatorfrcrange="-1 1"/>'}, "actuatorfrcrange is not supported"),
-    "free joint below": ({"joint": '<freejoint/>', "motor": ""}, "free joint can only be used on top level"),
+    "free joint below": ({"joint": "<freejoint/>", "motor": ""}, "free joint can only be used on top level"),
     "two motors": ({"motor": MOTOR + '<motor joint="elbow"/>'}, "joint 'elbow': has 2 motors; give it one"),
     "lopsided motor": ({"motor": MOTOR.replace("-9 9", "-5 9")}, "m: ctrlrange -5 9: must be symmetric"),
     "no gear": ({"motor": MOTOR.replace("ctrl", 'gear="0" ctrl')}, "m: gear 0 0 0 0 0 0: a joint's motor"),
@@ -193,4 +193,14 @@ def test_an_attached_arm_has_its_prefix():
         <attach model="rov" body="bluerov1" prefix="left/"/></worldbody></mujoco>"""
     (link,) = mjcf(main, rov=file().encode()).vehicle.arm.links
     assert (link.name, link.joint) == ("arm", "elbow")
+    assert link.displaced_mass == pytest.approx(ROD.displaced_mass, rel=1e-12)
+
+
+@pytest.mark.parametrize("prefix", ["my_", "my/"])
+def test_an_arm_from_a_file_of_its_own_is_attached_to_a_vehicle(prefix):
+    arm = f'<mujoco><custom>{WATER}</custom><worldbody><body name="arm">{JOINT}{GEOM}</body></worldbody></mujoco>'
+    text = BLUEROV.replace("<asset>", '<asset><model name="arm" file="arm.xml"/>')
+    text = text.replace(INERTIAL, f'<attach model="arm" body="arm" prefix="{prefix}"/>{INERTIAL}')
+    (link,) = mjcf(text, arm=arm.encode()).vehicle.arm.links
+    assert (link.name, link.joint) == (f"{prefix}arm", f"{prefix}elbow")
     assert link.displaced_mass == pytest.approx(ROD.displaced_mass, rel=1e-12)

@@ -19,10 +19,10 @@ def wrong_numerics(model: mujoco.MjModel, base: int, prefix: str, alone: bool = 
     faults = []
     for name in (model.numeric(i).name for i in range(model.nnumeric)):
         word = name.removeprefix(prefix)
-        if not name.startswith(prefix) or "/" in word:  # of another attached model
+        owner, dot, entry = word.rpartition(".")
+        if not name.startswith(prefix) or ("/" in word and owner not in links | joints):  # of another attached model
             message: str | None = _IGNORED
-        elif "." in word:
-            owner, _, entry = word.rpartition(".")
+        elif dot:
             message = _of_a_link(owner, entry, links, joints, model, prefix)
         else:
             message = None if word in KNOWN_NUMERICS else _misspelt(word, KNOWN_NUMERICS) or _IGNORED
