@@ -141,7 +141,7 @@ ELEMENTS: Mapping[str, Mapping[str, Rule] | None] = {
     "freejoint": _rules("name group", align=_TURNS_B),
     "joint": _rules(
         "name class group limited",
-        "pos axis solreffriction solimpfriction solreflimit solimplimit margin",
+        "pos axis",
         type=_only("free", "hinge", "slide", reason="must be 'hinge' or 'slide'; chain three hinges for a ball"),
         damping=_not_negative,
         armature=_not_negative,
