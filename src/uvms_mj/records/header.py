@@ -48,10 +48,10 @@ class StageSource:
     states: Mapping[str, int]
 
     @classmethod
-    def of(cls, stage: Stage, thrusters: int = 0) -> "StageSource":
-        """The source of a stage for a vehicle with so many thrusters."""
+    def of(cls, stage: Stage, counts: Mapping[str, int] | None = None) -> "StageSource":
+        """The source of a stage for a vehicle with so many ``thrusters`` and ``joints``."""
         kind, source = type(stage), type(stage).source()
-        record = kind.state_record(thrusters).dtype
+        record = kind.state_record((counts or {}).get(kind.room.counts, 0)).dtype
         states = {name: record[name].itemsize // 8 for name in kind.states}
         if source in STAGES[kind.room.table].shipped:
             return cls(source, None, "", states)
@@ -169,9 +169,9 @@ def code_file(table: str, source: str) -> str:
     return f"{'law' if table == 'controller' else table}/{source.rpartition(':')[0]}"
 
 
-def sources_of(scenario: Scenario, thrusters: int) -> dict[str, StageSource]:
-    """The sources of a scenario's stages by table."""
-    return {name: StageSource.of(getattr(scenario, name), thrusters) for name in STAGES}
+def sources_of(scenario: Scenario, counts: Mapping[str, int]) -> dict[str, StageSource]:
+    """The sources of a scenario's stages by table, for a vehicle with so many ``thrusters`` and ``joints``."""
+    return {name: StageSource.of(getattr(scenario, name), counts) for name in STAGES}
 
 
 @functools.cache

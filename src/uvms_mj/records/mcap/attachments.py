@@ -31,7 +31,7 @@ MOST_BYTES = 256_000_000
 _MOST_VALUES = 200_000
 """Largest number of values (numbers, texts, lists) in one JSON file. Reading takes some 100 bytes of memory for each. A
 mesh is one text."""
-FORMAT = 4
+FORMAT = 5
 """Version of the log format, for a change of run.json or of the topic of a signal. A new signal is not a change."""
 
 
@@ -47,7 +47,7 @@ def _mujoco(run: dict[str, Any]) -> dict[str, Any]:
 
 
 def _stages_since(run: dict[str, Any]) -> dict[str, Any]:
-    """Format 3 lacks the tables of stages that came later; these stages were those of today's defaults."""
+    """Formats 3 and 4 lack the tables of stages that came later; these stages were those of today's defaults."""
     stages = run.get("stages")
     if not isinstance(stages, dict):
         return run
@@ -55,7 +55,12 @@ def _stages_since(run: dict[str, Any]) -> dict[str, Any]:
     return run | {"stages": defaults | stages}
 
 
-_UPGRADES: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {1: _stages_of_law, 2: _mujoco, 3: _stages_since}
+_UPGRADES: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {
+    1: _stages_of_law,
+    2: _mujoco,
+    3: _stages_since,
+    4: _stages_since,
+}
 """By format: a function that makes run.json one of the next format. Logs of these formats and of FORMAT are read."""
 _NEEDED = frozenset(
     (
