@@ -14,6 +14,8 @@ JOINTS = ("shoulder", "extension", "hinge")
 MOVING = {
     "vehicle.model": str(TREE),
     "initial.joints": [0.5, 0.05, 0.3],
+    "joints.name": "position",
+    "joints.target": [0.9, -0.05, 0.3],
     "initial.attitude_deg": [5.0, -4.0, 8.0],
     "wall.position": 0.002,
     "reference.step_time": 0.0,
