@@ -79,7 +79,7 @@ class Statics:
         for body, J, factor in zip(self.bodies, self.jacobians, factors or self._ones, strict=True):
             M += factor * (J.T @ (body.M_RB + body.M_A) @ J)
         for k, link in enumerate(self.bodies[1:]):
-            M[6 + k, 6 + k] += link.armature
+            M[6 + k, 6 + k] += (factors or self._ones)[1 + k] * link.armature
         return M
 
     def mobility(self, carrier: Any) -> np.ndarray:
