@@ -23,6 +23,7 @@ import numpy as np
 
 from ..physics.frames import quat_from_euler_deg
 from .geometry import Geometry
+from .joints import set_constraints
 from .mjcf import Mjcf
 from .probe import Probe
 from .settings import Initial, VehicleChoice, Wall
@@ -69,6 +70,7 @@ class Plant:
         spec.option.integrator = getattr(mujoco.mjtIntegrator, _INTEGRATORS[self.integrator])
         _add_surroundings(spec, self.vehicle.body, self.wall, self.probe)
         model = self.mjcf.compiled(spec)
+        set_constraints(model)
         vary(model, free_body_id(model, self.vehicle.body), self.vehicle.actuator_ids, self.choice)
         _set_wall(model, _ids(model, self.probe.body), self.wall, self.wall.position + self.probe.radius)
         return model
