@@ -20,8 +20,8 @@ from .kernels import kernel
 
 @kernel
 def cholesky(M, N, L):
-    """Set the lower triangle of L (N, N) to the factor of M (N, N), with the reciprocals of its diagonal. Only the lower
-    triangle of M is read. L may be M."""
+    """Set the lower triangle of L (N, N) to the factor of M (N, N), with the reciprocals of its diagonal. Only the
+    lower triangle of M is read. L may be M."""
     for i in range(N):
         for j in range(i):
             x = M[N * i + j]
