@@ -1,10 +1,10 @@
-r"""Eigenvalues of small symmetric matrices, by cyclic Jacobi rotations (Golub and Van Loan, "Matrix Computations", 2013,
-sec. 8.5).
+r"""Eigenvalues of small symmetric matrices, by cyclic Jacobi rotations (Golub and Van Loan, "Matrix Computations",
+2013, sec. 8.5).
 
 A rotation in the plane of two axes p < q makes the entry a_pq zero. With :math:`\vartheta = (a_{qq} - a_{pp}) / (2
 a_{pq})` its tangent is :math:`t = \pm 1 / (|\vartheta| + \sqrt{1 + \vartheta^2})`, with the sign of
-:math:`\vartheta`. A sweep takes all pairs once. The other entries fall quadratically: four or five sweeps are enough for
-matrices of 6 by 6.
+:math:`\vartheta`. A sweep takes all pairs once. The other entries fall quadratically: four or five sweeps are enough
+for matrices of 6 by 6.
 """
 
 import math

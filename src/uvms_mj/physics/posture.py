@@ -1,5 +1,7 @@
-r"""Secondary tasks of a vehicle with joints in strict priority: what its tool leaves free (Sentis and Khatib, "Synthesis
-of whole-body behaviors through hierarchical control of behavioral primitives", 2005).
+r"""Secondary tasks of a vehicle with joints in strict priority, in the motion that its tool leaves free.
+
+Source: Sentis and Khatib, "Synthesis of whole-body behaviors through hierarchical control of behavioral primitives"
+(2005).
 
 zeta = [nu; q_dot] (N,) has the inertia M. P (N, N) maps generalised forces to the accelerations that are free:
 :math:`P = N M^{-1} N^\top = M^{-1} N^\top` for the projector N of the tasks above. It is symmetric, positive
@@ -18,7 +20,10 @@ J_prev = J N. The torque N^T J^T F is M P J^T F, so the torque of all levels is 
 are then shares of freedom, from 1 (nothing above takes any) to 0 (all is taken), for rows of any units. S^+ has the
 function of each eigenvalue
 
-.. math:: f(\sigma) = 1/\sigma \;\; (\sigma \ge \epsilon), \qquad (2 - \sigma/\epsilon)/\epsilon \;\; (\sigma < \epsilon),
+.. math::
+
+    f(\sigma) = 1/\sigma \quad (\sigma \ge \epsilon), \qquad
+    f(\sigma) = (2 - \sigma/\epsilon)/\epsilon \quad (\sigma < \epsilon),
 
 which is continuous with its derivative. Above epsilon a demand is met and no lower level disturbs it. Below, the demand
 fades, and with it the claim on the motion: the acceleration of a direction is :math:`\sqrt{\sigma} f \to 0`, at most
@@ -33,7 +38,7 @@ from .eigen import symmetric_eigen
 from .frames import quat_error
 from .kernels import kernel
 
-FREEDOM = 1e-3
+FREEDOM = 1e-2
 """Share of freedom epsilon below which a level's demand fades."""
 ATTITUDE, STATION, JOINTS = range(3)
 """The levels."""
@@ -111,8 +116,10 @@ def tangents(k_x, k_y, k_z, T):
 
 @kernel
 def station(settings, known, work):
-    """Set the rows T (3, 3) of the linear velocity and their demand b, from the error in B: v_dot = R^T p_ddot - omega x
-    v."""
+    """Set the rows T (3, 3) of the linear velocity and their demand b, from the error in B.
+
+    B rotates: v_dot = R_WB^T p_ddot - omega x v.
+    """
     omega, damping, R, nu = settings.frequency[STATION], settings.damping[STATION], known.R_WB, known.zeta
     x = known.p_WB[0] - settings.p_d[0]
     y = known.p_WB[1] - settings.p_d[1]
