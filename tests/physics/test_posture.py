@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from uvms_mj.engine.native.compilation import native_function
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
-from uvms_mj.physics.posture import ATTITUDE, FREEDOM, JOINTS, STATION, posture
+from uvms_mj.physics.posture import ATTITUDE, FREEDOM, JOINTS, STATION, WORK, posture
 
 LEVELS = (ATTITUDE, STATION, JOINTS)
 
@@ -25,6 +25,10 @@ def record(**fields):
 
 MOST = 12
 """Most joints of a case. All cases have arrays of this size, so that one compilation serves them all."""
+
+
+_flat = np.dtype(("f8", ((6 + MOST) ** 2,)))
+KINDS = [np.dtype(("f8", (6 + MOST,))), np.dtype(("f8", (MOST,))), "i8", _flat, _flat, _flat, WORK]
 
 
 def conditioned(rng, rows, columns, low, high):
@@ -70,15 +74,12 @@ class Case:
             p_d=self.p_d,
             joints=padded(self.joints, MOST),
         )
-        R_WB = rotation_matrix(self.quat)
-        state = {"zeta": padded(self.zeta, most), "q": padded(self.q, MOST)}
-        known = record(p_WB=self.p, quat_WB=self.quat, R_WB=R_WB, **state)
-        square = dict.fromkeys("TGSV", np.zeros(MOST * MOST))
-        work = record(a=np.zeros(most), x=np.zeros(most), b=np.zeros(MOST), X=np.zeros(MOST * most), **square)
+        known = record(p_WB=self.p, quat_WB=self.quat, R_WB=rotation_matrix(self.quat))
+        zeta, q, work = padded(self.zeta, most), padded(self.q, MOST), np.zeros(1, WORK)
         matrices = [padded(each, most * most) for each in (self.M, self.M_inv, self.P if P is None else P)]
-        flat = np.dtype(("f8", (most * most,)))
-        native = native_function(posture, [settings.dtype, known.dtype, "i8", flat, flat, flat, work.dtype]).ctypes
-        native(settings.ctypes.data, known.ctypes.data, N, *(m.ctypes.data for m in matrices), work.ctypes.data)
+        arrays = [zeta, q, N, *matrices, work]
+        native = native_function(posture, [settings.dtype, known.dtype, *KINDS]).ctypes
+        native(*(each if isinstance(each, int) else each.ctypes.data for each in (settings, known, *arrays)))
         return work["a"][0, :N].copy(), matrices[2][: N * N].reshape(N, N)
 
     def demands(self):

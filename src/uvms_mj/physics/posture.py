@@ -33,6 +33,8 @@ deviations are least in the metric (J M^{-1} J^T)^{-1}, the level's inertia.
 
 import math
 
+import numpy as np
+
 from .dense import cholesky, forward
 from .eigen import symmetric_eigen
 from .frames import quat_error
@@ -44,39 +46,56 @@ ATTITUDE, STATION, JOINTS = range(3)
 """The levels."""
 
 
+MOST_JOINTS = 30
+_N = 6 + MOST_JOINTS
+
+WORK = np.dtype(
+    [
+        ("a", "f8", (_N,)),  # accelerations of all levels
+        ("x", "f8", (_N,)),
+        ("b", "f8", (MOST_JOINTS,)),  # demand of a level
+        *((name, "f8", (MOST_JOINTS**2,)) for name in ("T", "G", "S", "V")),
+        ("X", "f8", (MOST_JOINTS * _N,)),
+    ],
+    align=True,
+)
+"""Memory of the kernel :func:`posture`. A matrix uses the beginning of its array, row by row, at its own size."""
+
+
 @kernel
-def posture(settings, known, N, M, M_inv, P, work):
-    """Set work.a (N,) to the acceleration that the posture demands, within what is free.
+def posture(settings, known, zeta, q, N, M, M_inv, P, work):
+    """Set work.a to the acceleration (N,) that the posture demands, within what is free.
 
     Args:
         settings: record with levels (3,): in order of priority, ATTITUDE, STATION, JOINTS or -1; frequency (3,) [rad/s]
             and damping (3,) [1/s], 2 zeta omega, of each of these levels in their own order; yaw, whether the attitude
             has three components; quat_d (4,), up_d (3,), the world's up direction in B at quat_d; p_d (3,) [m, W];
             joints (N - 6,) [rad or m]; free_damping [1/s].
-        known: record with p_WB, quat_WB and R_WB of the base, zeta (N,) and q (N - 6,).
+        known: record with p_WB, quat_WB and R_WB of the base.
+        zeta, q: [nu; q_dot] (N,) and the positions of the joints (N - 6,).
         M, M_inv: inertia and its inverse (N, N).
         P: free mobility (N, N); becomes what the levels leave.
-        work: record with a (N,), x (N,), b (n,), T, G, S, V (n, n), X (n, N), n = max(3, N - 6).
+        work: a WORK record.
     """
     for i in range(N):
         work.a[i] = 0.0
     for k in range(3):
         kind = int(settings.levels[k])
         if kind == ATTITUDE:
-            rows = attitude(settings, known, work)
+            rows = attitude(settings, known, zeta, work)
             govern(3, 3, rows, N, M_inv, P, work)
         elif kind == STATION:
-            station(settings, known, work)
+            station(settings, known, zeta, work)
             govern(0, 3, 3, N, M_inv, P, work)
         elif kind == JOINTS:
-            joints(settings, known, N - 6, work)
+            joints(settings, zeta, q, N - 6, work)
             govern(6, N - 6, N - 6, N, M_inv, P, work)
     if settings.free_damping > 0.0:
-        slow(settings.free_damping, known.zeta, N, M, P, work)
+        slow(settings.free_damping, zeta, N, M, P, work)
 
 
 @kernel
-def attitude(settings, known, work) -> int:
+def attitude(settings, known, zeta, work) -> int:
     """Set the rows T (rows, 3) of the angular velocity and their demand b. Returns the number of rows.
 
     With yaw, e is twice the vector part of the error quaternion. Without, it is e = n 2 sin(theta/2), for the angle
@@ -89,15 +108,15 @@ def attitude(settings, known, work) -> int:
         for i in range(3):
             for j in range(3):
                 T[3 * i + j] = 1.0 if i == j else 0.0
-            b[i] = -omega * omega * 2.0 * x[1 + i] - damping * known.zeta[3 + i]
+            b[i] = -omega * omega * 2.0 * x[1 + i] - damping * zeta[3 + i]
         return 3
     k_x, k_y, k_z = R[2, 0], R[2, 1], R[2, 2]
     tangents(k_x, k_y, k_z, T)
     half = math.sqrt(max(0.5 + 0.5 * (k_x * k_d[0] + k_y * k_d[1] + k_z * k_d[2]), 1e-6))  # cos(theta/2)
     scale = omega * omega / half
-    b_x = -scale * (k_y * k_d[2] - k_z * k_d[1]) - damping * known.zeta[3]
-    b_y = -scale * (k_z * k_d[0] - k_x * k_d[2]) - damping * known.zeta[4]
-    b_z = -scale * (k_x * k_d[1] - k_y * k_d[0]) - damping * known.zeta[5]
+    b_x = -scale * (k_y * k_d[2] - k_z * k_d[1]) - damping * zeta[3]
+    b_y = -scale * (k_z * k_d[0] - k_x * k_d[2]) - damping * zeta[4]
+    b_z = -scale * (k_x * k_d[1] - k_y * k_d[0]) - damping * zeta[5]
     for i in range(2):
         b[i] = T[3 * i] * b_x + T[3 * i + 1] * b_y + T[3 * i + 2] * b_z
     return 2
@@ -115,12 +134,12 @@ def tangents(k_x, k_y, k_z, T):
 
 
 @kernel
-def station(settings, known, work):
+def station(settings, known, nu, work):
     """Set the rows T (3, 3) of the linear velocity and their demand b, from the error in B.
 
     B rotates: v_dot = R_WB^T p_ddot - omega x v.
     """
-    omega, damping, R, nu = settings.frequency[STATION], settings.damping[STATION], known.R_WB, known.zeta
+    omega, damping, R = settings.frequency[STATION], settings.damping[STATION], known.R_WB
     x = known.p_WB[0] - settings.p_d[0]
     y = known.p_WB[1] - settings.p_d[1]
     z = known.p_WB[2] - settings.p_d[2]
@@ -135,13 +154,13 @@ def station(settings, known, work):
 
 
 @kernel
-def joints(settings, known, n, work):
+def joints(settings, zeta, q, n, work):
     """Set the rows T (n, n) of the joint velocities and their demand b."""
     omega, damping = settings.frequency[JOINTS], settings.damping[JOINTS]
     for i in range(n):
         for j in range(n):
             work.T[n * i + j] = 1.0 if i == j else 0.0
-        work.b[i] = -omega * omega * (known.q[i] - settings.joints[i]) - damping * known.zeta[6 + i]
+        work.b[i] = -omega * omega * (q[i] - settings.joints[i]) - damping * zeta[6 + i]
 
 
 @kernel
