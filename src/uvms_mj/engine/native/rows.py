@@ -8,6 +8,7 @@ from ...control.task import ImpedanceTask
 from ...errors import Fault, InputError
 from ...navigation import Navigation, Perfect
 from ...stages.base import Stage
+from ...stages.joint_signals import JOINT_SIGNALS
 from ...stages.signals import (
     DELAYED,
     MEASURED,
@@ -17,7 +18,6 @@ from ...stages.signals import (
     UNSTEADY,
     Signal,
     contact_signals,
-    joint_signals,
     thruster_signal,
 )
 from .contact_list import ContactList
@@ -71,7 +71,7 @@ def recorded(
 def check_states(states: Sequence[tuple[Stage, str]], names: Set[str] = frozenset()) -> None:
     """Refuse states that can't be recorded under their names, beside the signals ``names``. Raises InputError if two
     states have one name, or a state's name is taken or is not an identifier."""
-    own = (*contact_signals(0), *joint_signals(0), thruster_signal(0))
+    own = (*contact_signals(0), *JOINT_SIGNALS, thruster_signal(0))
     recorded = (*RECORDED, *MEASURED, *UNSTEADY, *DELAYED, *SCHEDULED, *own)
     taken = names | {signal.name for signal in recorded} | _ATTRIBUTES
     faults: dict[Stage, list[Fault]] = {}

@@ -39,9 +39,10 @@ class RunMemory:
         self.context_at = self.context.ctypes.data
         vehicle, memory = setup.vehicle, engine.memory
         n = len(vehicle.thrusters)
-        self.stages = stages = StageTable(setup, self.loop["true"], self.context["water"])
+        self.joints = Joints(setup)
+        self.stages = stages = StageTable(setup, self.loop["true"], self.context["water"], self.joints)
         self.u = np.zeros(n)
-        self.contacts, self.joints = ContactList(setup), Joints(vehicle.arm)
+        self.contacts = ContactList(setup)
         own = setup.scenario.navigation, self.context["water"], self.contacts, self.joints
         self.recorded = recorded(self.loop, stages, self.u, *own)
         self._spans = np.array(list(spans([memory for _, memory in self.recorded])))

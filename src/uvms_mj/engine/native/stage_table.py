@@ -13,6 +13,7 @@ from ...control.schedule import Schedule
 from ...errors import Fault, InputError
 from ...scenario import STAGES, Scenario
 from ...stages.base import Stage, is_shipped, packs_itself, random_key
+from ...stages.joint_signals import encoder_signals
 from ...stages.signals import (
     CLOCK,
     ERRORS,
@@ -33,6 +34,7 @@ from ...stages.signals import (
 from .arena import MARGIN, NEARBY, Arena
 from .compilation import NotCompiled
 from .inner_stages import Delay, Inflow, Sensed, Tracking, Truth
+from .joints import Joints
 from .layouts import STAGE
 from .plain_stage import PlainStage, StageFault
 from .stage_code import RAISED, compile_stage
@@ -133,7 +135,8 @@ def _shape(value: Any) -> tuple[int, ...]:
 
 
 class StageTable:
-    """The stages of a run and their memory. ``true`` is the record (1,) given to navigation, ``water`` the vehicle's.
+    """The stages of a run and their memory. ``true`` is the record (1,) given to navigation, ``water`` the vehicle's,
+    ``joints`` the memory of its joints.
 
     Attributes:
         signals: the record of the signals that the law is given (1,); each stage fills its part.
@@ -151,7 +154,7 @@ class StageTable:
         actuation: index of the first stage that is given the law's command.
     """
 
-    def __init__(self, setup: Setup, true: np.ndarray, water: np.ndarray) -> None:
+    def __init__(self, setup: Setup, true: np.ndarray, water: np.ndarray, joints: Joints) -> None:
         scenario, n = setup.scenario, len(setup.vehicle.thrusters)
         controller, actuation = scenario.controller, scenario.actuation
         self.signals = np.zeros(1, record_dtype(type(controller).given()))
@@ -166,14 +169,17 @@ class StageTable:
         def add(table: str, stage: Stage, given: np.ndarray, out: np.ndarray, state: np.ndarray | None = None) -> None:
             if stage.external or not stage.runs:
                 return
-            own = type(stage).state_record(n)
-            states = type(stage).state_size(n) if state is None else 0
+            counted = joints.n if stage.room.counts == "joints" else n
+            own = type(stage).state_record(counted)
+            states = type(stage).state_size(counted) if state is None else 0
             self.entries[table] = Entry(stage, stage.record(setup), own if state is None else state, given, out, states)
 
         observed = scenario.observer.runs
         add("navigation", scenario.navigation, true, part(self.sensed if observed else self.signals, KNOWN))
         if observed:
             add("sensed", Sensed(), self.sensed, part(self.signals, KNOWN[:4]))
+        if joints.interface is not None:
+            add("encoder", scenario.encoder, joints.true, part(joints.given, encoder_signals(joints.n)))
         add("reference", scenario.reference, part(self.signals, CLOCK + KNOWN), part(self.signals, REFERENCE))
         known = part(self.signals, CLOCK + KNOWN + REFERENCE)
         add("tracking", Tracking(), known, part(self.signals, ERRORS + ESTIMATES))
@@ -194,6 +200,8 @@ class StageTable:
         if late:
             add("delay", Delay(), self.command, self.allocation["tau_cmd"][0])
         add("actuation", actuation, self.allocation, self.u_cmd)
+        if joints.interface is not None:
+            add("joints", joints.interface, joints.given, joints.wanted)
         self.commanded: list[tuple[Signal, np.ndarray]] = []
         if thrusters.runs or actuation.records_loss:
             self.commanded.append((TAU_LOST, self.tau_lost))
