@@ -37,10 +37,12 @@ class _Bodies:
         for k, link in enumerate(links, 1):
             carried[k] = carried[link.parent + 1]
             carried[k, k - 1] = True
-        matrices = (np.array([getattr(b, name) for b in bodies]) for name in ("M_RB", "M_A", "D_linear", "D_quadratic"))
+        names = ("M_RB", "M_A", "D_linear", "D_quadratic")
+        M_RB, M_A, D_linear, D_quadratic = (np.array([getattr(b, name) for b in bodies]) for name in names)
         buoyant = np.array([b.displaced_mass - b.mass for b in bodies])
         lever = np.array([b.mass * b.r_g - b.displaced_mass * b.r_b for b in bodies])
-        return cls(*matrices, buoyant, lever, np.array([link.armature for link in links]), carried)
+        armature = np.array([link.armature for link in links])
+        return cls(M_RB, M_A, D_linear, D_quadratic, buoyant, lever, armature, carried)
 
 
 class Statics:
@@ -58,6 +60,10 @@ class Statics:
 
     def __init__(self, vehicle: Any, q: np.ndarray, like: "Statics | None" = None) -> None:
         self.vehicle, self.bodies, self.q = vehicle, (vehicle, *vehicle.arm.links), q
+        self.R: np.ndarray
+        self.p: np.ndarray
+        self.axes: np.ndarray
+        self.anchors: np.ndarray
         if like is not None:
             self.R, self.p, self.axes, self.anchors = like.R, like.p, like.axes, like.anchors
             self.jacobians = like.jacobians
