@@ -31,6 +31,8 @@ def refusals(setup: Setup) -> list[str]:
     does not know is refused unless it has its default.
     """
     scenario, unknown = setup.scenario, list[str]()
+    if setup.vehicle.arm.links:
+        return [f"vehicle.model = {scenario.vehicle.model!r} has joints, which the engine free_body does not compute"]
     if scenario.simulation.integrator != "euler":
         unknown.append(f"simulation.integrator = {scenario.simulation.integrator!r}")
     for table in dataclasses.fields(scenario):

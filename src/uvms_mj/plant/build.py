@@ -94,6 +94,14 @@ class Plant:
         """Put the vehicle at an initial state."""
         qpos, dof = free_joint_addresses(self.model, self.body_id)
         put_at(initial, data.qpos[qpos : qpos + 7], data.qvel[dof : dof + 6])
+        joints = self.initial_joints(initial)
+        data.qpos[qpos + 7 : qpos + 7 + len(joints)] = joints
+
+    def initial_joints(self, initial: Initial) -> np.ndarray:
+        """(n,) positions of the joints at an initial state [rad or m]."""
+        if initial.joints is not None:
+            return np.array(initial.joints)
+        return np.array([min(max(0.0, link.range[0]), link.range[1]) for link in self.vehicle.arm.links])
 
     def set_wall(self, wall: Wall, face: float) -> None:
         """Move the wall's face to x of W [m], and set stiffness and damping of the contact pair in N/m and N s/m."""

@@ -11,8 +11,6 @@ import math
 import re
 from collections.abc import Callable, Mapping
 
-from .vehicle import LINKS_ARE_DRY
-
 LARGEST_NUMBER = 1e10
 """MuJoCo's mjMAXVAL: a larger number in a state means that the simulation has diverged."""
 MOST_ELEMENTS = 10_000
@@ -81,7 +79,7 @@ _TURNS_B = _only("false", "auto", reason="it would rotate the body frame of the 
 _INERTIA = "the file must give the true mass and inertia"
 _WATER = "hydrodynamic forces come from the coefficients in <custom>"
 _LIMITS = {"ctrlrange": _range, "forcerange": _range}
-_MOTOR = _rules("name class group site ctrllimited forcelimited", "gear", **_LIMITS)
+_MOTOR = _rules("name class group site joint ctrllimited forcelimited", "gear", **_LIMITS)
 
 ELEMENTS: Mapping[str, Mapping[str, Rule] | None] = {
     "mujoco": _rules("model"),
@@ -137,11 +135,11 @@ ELEMENTS: Mapping[str, Mapping[str, Rule] | None] = {
     "inertial": _rules(numbers=f"{_PLACE} mass diaginertia fullinertia"),
     "freejoint": _rules("name group", align=_TURNS_B),
     "joint": _rules(
-        "name class group",
-        type=_only("free", reason=LINKS_ARE_DRY),
-        damping=_zero(_WATER),
-        armature=_zero(_INERTIA),
-        frictionloss=_zero(_WATER),
+        "name class group limited actuatorfrclimited",
+        "pos axis damping armature frictionloss solreffriction solimpfriction solreflimit solimplimit margin",
+        type=_only("free", "hinge", "slide"),
+        range=_range,
+        ref=_zero("the coefficients hold for the pose of the file"),
         stiffness=_zero("a spring would hold the vehicle in place"),
     ),
     "geom": _rules(
@@ -167,7 +165,7 @@ REASONS: Mapping[str, str] = {
     "option": "a run has its own solver settings; leave it out",
     "statistic": "a run has its own solver settings; leave it out",
     "body": "a vehicle is one free rigid body; leave it out",
-    "joint": LINKS_ARE_DRY,
+    "joint": "a joint of a link is a hinge or a slide; leave it out",
     "geom": _WALL,
     **dict.fromkeys(("motor", "general"), _PLAIN),
     "flag": "a run has its own flags; leave it out",

@@ -45,6 +45,9 @@ class Initial:
     position: Position = doc("position of the body frame in W [m]", (0.0, 0.0, 0.0))
     attitude_deg: Angles = doc("roll, pitch, yaw [deg]", (0.0, 0.0, 0.0))
     velocity: Twist = doc("[v; omega] in B [m/s, rad/s]", (0.0,) * 6)
+    joints: tuple[Number, ...] | None = doc(
+        "position of each joint; default: zero, or the end of its range next to zero [rad or m]", None
+    )
 
 
 @dataclass(frozen=True, config=STRICT)

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import Fault, InputError
 from ..physics.frames import rotation_matrix
+from .arm import Link
 from .settings import VehicleChoice
 from .vehicle import Vehicle
 
@@ -35,8 +36,24 @@ def varied(nominal: Vehicle, choice: VehicleChoice) -> Vehicle:
         D_quadratic=choice.quadratic_damping * nominal.D_quadratic,
         displaced_mass=choice.displaced_mass * nominal.displaced_mass,
         B=B,
+        arm=dataclasses.replace(nominal.arm, links=tuple(_varied(link, choice) for link in nominal.arm.links)),
     )
     for array in (true.M_RB, true.M_A, true.D_linear, true.D_quadratic, true.B):
+        array.setflags(write=False)
+    return true
+
+
+def _varied(link: Link, choice: VehicleChoice) -> Link:
+    """A link with the factors of the vehicle."""
+    true = dataclasses.replace(
+        link,
+        M_RB=choice.mass * link.M_RB,
+        M_A=choice.added_mass * link.M_A,
+        D_linear=choice.linear_damping * link.D_linear,
+        D_quadratic=choice.quadratic_damping * link.D_quadratic,
+        displaced_mass=choice.displaced_mass * link.displaced_mass,
+    )
+    for array in (true.M_RB, true.M_A, true.D_linear, true.D_quadratic):
         array.setflags(write=False)
     return true
 

@@ -18,13 +18,9 @@ import numpy as np
 
 from ..errors import Fault, InputError, suggestion
 from ..physics.frames import rotation_matrix
-from .coefficients import KNOWN_NUMERICS, added_mass, damping_matrix, numeric
+from .arm import Arm, centre_of_gravity, read_arm, rigid_inertia
+from .coefficients import KNOWN_NUMERICS, LINK_NUMERICS, added_mass, damping_matrix, numeric
 from .thrusters import read_thrusters, turning_thrusters
-
-LINKS_ARE_DRY = (
-    "a vehicle's only joint is its free joint; a link on another joint would be dry, without buoyancy, "
-    "added mass and damping"
-)
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 """Names of the components of nu and tau."""
@@ -58,6 +54,8 @@ class Vehicle:
     """(n,) least thrust [N]."""
     u_max: np.ndarray
     """(n,) greatest thrust [N]."""
+    arm: Arm = Arm()
+    """Its links; all other coefficients are those of the base alone."""
 
     @property
     def M(self) -> np.ndarray:
@@ -72,7 +70,7 @@ class Vehicle:
     @property
     def r_g(self) -> np.ndarray:
         """(3,) centre of gravity [m]: M_RB[3:, :3] = m S(r_g)."""
-        return np.array([self.M_RB[5, 1], self.M_RB[3, 2], self.M_RB[4, 0]]) / self.mass
+        return centre_of_gravity(self.M_RB)
 
     @classmethod
     def from_model(cls, model: mujoco.MjModel, body: str | None = None) -> "Vehicle":
@@ -84,8 +82,7 @@ class Vehicle:
                 (``"left/bluerov1"``), the numerics are read with the same prefix.
 
         Raises:
-            InputError: coefficients are missing, misspelt, malformed or unphysical (all errors at once), or the vehicle
-                has a link on another joint.
+            InputError: coefficients are missing, misspelt, malformed or unphysical (all errors at once).
         """
         if body is None:
             free = _free(model)
@@ -93,7 +90,6 @@ class Vehicle:
                 raise InputError(f"name the vehicle's body; bodies with a free joint: {', '.join(free) or 'none'}")
             body = free[0]
         body_id = free_body_id(model, body)
-        _refuse_links(model, body_id)
         prefix = body[: body.rfind("/") + 1]
         faults = wrong_numerics(model, prefix)
         M_A = added_mass(model, prefix, faults)
@@ -105,7 +101,8 @@ class Vehicle:
         r_b = numeric(model, prefix + "center_of_buoyancy", 3, faults, default=np.zeros(3))
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
-        M_RB = _rigid_body_inertia(model, data, body_id)
+        arm = read_arm(model, body_id, prefix, faults)
+        M_RB = rigid_inertia(model, data, body_id) if arm.links else _rigid_body_inertia(model, data, body_id)
         thrusters, ids, thrust_of_ctrl, B, u_min, u_max = read_thrusters(model, data, body_id, faults)
         if not np.isfinite(M_RB).all():
             faults.append(Fault("M_RB", "mass or inertia is not finite"))
@@ -123,7 +120,7 @@ class Vehicle:
         for array in arrays:
             array.setflags(write=False)
         water = M_A, D_linear, D_quadratic, displaced_mass, r_b
-        return cls(body, M_RB, *water, thrusters, ids, thrust_of_ctrl, B, u_min, u_max)
+        return cls(body, M_RB, *water, thrusters, ids, thrust_of_ctrl, B, u_min, u_max, arm)
 
 
 def free_body_id(model: mujoco.MjModel, body: str) -> int:
@@ -145,20 +142,6 @@ def free_joint_addresses(model: mujoco.MjModel, body_id: int) -> tuple[int, int]
     return int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
 
 
-def _refuse_links(model: mujoco.MjModel, body_id: int) -> None:
-    """Refuse bodies that move relative to the vehicle. Bodies fixed to it are part of its rigid body."""
-    links = np.flatnonzero((model.body_rootid == body_id) & (model.body_dofnum > 0))
-    faults = [
-        Fault(
-            f"body {model.body(i).name or int(i)!r}", f"moves relative to {model.body(body_id).name!r}: {LINKS_ARE_DRY}"
-        )
-        for i in links
-        if i != body_id
-    ]
-    if faults:
-        raise InputError(faults, f"vehicle {model.body(body_id).name!r}")
-
-
 def wrong_numerics(model: mujoco.MjModel, prefix: str, alone: bool = False) -> list[Fault]:
     """Errors for numerics with this prefix that are named almost like a coefficient. Other numerics are allowed in a
     model, unless it consists of one vehicle ``alone``."""
@@ -167,7 +150,7 @@ def wrong_numerics(model: mujoco.MjModel, prefix: str, alone: bool = False) -> l
     for name in (model.numeric(i).name for i in range(model.nnumeric)):
         word = name.removeprefix(prefix)
         ours = name.startswith(prefix) and "/" not in word  # not of another attached model
-        if ours and word in KNOWN_NUMERICS:
+        if ours and (word in KNOWN_NUMERICS or word.rpartition(".")[2] in KNOWN_NUMERICS | LINK_NUMERICS):
             continue
         close = difflib.get_close_matches(word.lower(), known, n=1, cutoff=0.8) if ours else []
         if close:

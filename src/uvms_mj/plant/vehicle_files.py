@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import Fault, InputError, suggestion
 from .mjcf_elements import ELEMENTS, MOST_ELEMENTS, REASONS, finite, values_of
-from .vehicle import LINKS_ARE_DRY, wrong_numerics
+from .vehicle import wrong_numerics
 
 _CLOSE = 0.8
 """Least similarity at which an attribute counts as misspelt."""
@@ -113,7 +113,7 @@ def check_model(model: mujoco.MjModel, main: str) -> None:
     """
     free = model.jnt_type == mujoco.mjtJoint.mjJNT_FREE
     bodies = [_body(model, i) for i in model.jnt_bodyid[free]]
-    faults = [Fault(_body(model, i), f"has another joint: {LINKS_ARE_DRY}") for i in model.jnt_bodyid[~free]]
+    faults = [_held(model, i) for i in np.flatnonzero(free).tolist() if _is_held(model, i)]
     if len(bodies) != 1:
         found = " and ".join(bodies) or "none"
         faults.append(Fault("<freejoint>", f"a vehicle must have one body on a free joint; this file has {found}"))
@@ -123,6 +123,16 @@ def check_model(model: mujoco.MjModel, main: str) -> None:
         faults += wrong_numerics(model, prefix, alone=True) + _thrusters(model) + _collisions(model)
     if faults:
         raise InputError(faults, f"vehicle.model {main}")
+
+
+def _is_held(model: mujoco.MjModel, joint: int) -> bool:
+    dofs = slice(model.jnt_dofadr[joint], model.jnt_dofadr[joint] + 6)
+    return any(each[dofs].any() for each in (model.dof_damping, model.dof_armature, model.dof_frictionloss))
+
+
+def _held(model: mujoco.MjModel, joint: int) -> Fault:
+    reason = "has damping, armature or frictionloss: hydrodynamic forces come from the coefficients in <custom>"
+    return Fault(f"free joint {model.joint(joint).name!r}", f"{reason}; leave them out")
 
 
 def _body(model: mujoco.MjModel, i: int) -> str:
@@ -136,6 +146,8 @@ def _thrusters(model: mujoco.MjModel) -> list[Fault]:
     faults = []
     for i in range(model.nu):
         name = model.actuator(i).name or f"actuator {i}"
+        if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT:
+            continue
         site = model.actuator_trnid[i, 0]
         if model.body_weldid[model.site_bodyid[site]] == 0:
             faults.append(Fault(name, f"its site {model.site(site).name!r} is not on the vehicle"))

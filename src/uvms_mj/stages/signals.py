@@ -235,6 +235,15 @@ def thruster_signal(n: int) -> Signal:
     return Signal("u", (n,), "N", "-", "thrust of each thruster")
 
 
+def joint_signals(n: int) -> tuple[Signal, ...]:
+    """Recorded of a vehicle with n joints; the units are those of hinges, of a slide m, m/s and N."""
+    return (
+        Signal("q", (n,), "rad", "-", "position of each joint"),
+        Signal("q_dot", (n,), "rad/s", "-", "velocity of each joint"),
+        Signal("tau_q", (n,), "N m", "-", "torque of each joint's motor"),
+    )
+
+
 def contact_signals(n: int) -> tuple[Signal, ...]:
     """Recorded if there are n contacts beside that of the probe and [wall]."""
     return (

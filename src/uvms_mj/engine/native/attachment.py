@@ -16,6 +16,7 @@ from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses
 from ...plant.water import Current, Disturbance, Tether
 from .callback import entry_point
 from .layouts import CONTEXT
+from .links import water_links
 from .memory import CAPACITY, registry
 from .motion import Motion, finite_numbers
 from .soundness import refuse_unsound
@@ -42,10 +43,19 @@ class Attachment:
     ``current_W`` can be set at any time and takes effect at the next step.
     """
 
-    __slots__ = ("__weakref__", "_address", "_finalizer", "_row", "body_id", "context", "vehicle", "water")
+    __slots__ = ("__weakref__", "_address", "_finalizer", "_row", "body_id", "context", "links", "vehicle", "water")
 
-    def __init__(self, vehicle: Vehicle, context: np.ndarray, data: mujoco.MjData, body_id: int, water: Water) -> None:
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        context: np.ndarray,
+        data: mujoco.MjData,
+        body_id: int,
+        water: Water,
+        links: dict[str, np.ndarray],
+    ) -> None:
         self.vehicle = vehicle
+        self.links = links  # keeps the memory of the links alive
         self.context = context
         self.water = water
         self._address = data._address
@@ -174,7 +184,8 @@ def immerse(model: mujoco.MjModel, data: mujoco.MjData, vehicle: Vehicle) -> Att
     refuse_unsound(model, body_id)
     context = np.zeros(1, CONTEXT)
     _fill(context[0], model, data, body_id)
-    return Attachment(vehicle, context, data, body_id, Water(context, vehicle, model.opt.gravity))
+    links = _fill_links(context[0], model, data, body_id, vehicle) if vehicle.arm.links else {}
+    return Attachment(vehicle, context, data, body_id, Water(context, vehicle, model.opt.gravity), links)
 
 
 def _register(attachment: Attachment) -> int:
@@ -228,6 +239,35 @@ def _fill(context: np.void, model: mujoco.MjModel, data: mujoco.MjData, body_id:
         context["qLD_at"] = data.qLD[model.M_rowadr[dof] :].ctypes.data
         context["qLDiagInv_at"] = data.qLDiagInv[dof:].ctypes.data
     context["passive_at"] = data.qfrc_passive[dof:].ctypes.data
+
+
+def _fill_links(
+    context: np.void, model: mujoco.MjModel, data: mujoco.MjData, body_id: int, vehicle: Vehicle
+) -> dict[str, np.ndarray]:
+    """Set what the callback needs of the links. Returns the arrays whose addresses are in the record."""
+    qpos, dof = free_joint_addresses(model, body_id)
+    links, n = water_links(vehicle), len(vehicle.arm.links)
+    first = int(model.M_rowadr[dof])
+    rows = np.array([0, *(model.M_rowadr[dof + 6 : dof + 6 + n] - first)], dtype=np.int64)
+    size = int(rows[-1] + model.M_rownnz[dof + 5 + n])
+    numbers = [int(model.body_dofadr[link.body_id]) for link in vehicle.arm.links]
+    full = model.M_rownnz[dof + 6 : dof + 6 + n] == 6 + links["depth"][1:]
+    if numbers != list(range(dof + 6, dof + 6 + n)) or not full.all():
+        raise RuntimeError(f"uvms-mj does not support the layout of mjData.M in MuJoCo {mujoco.__version__}")
+    arrays = {
+        "M_left_at": np.zeros(size),
+        "M_rows_at": rows,
+        "wrench_at": np.zeros(6 + n),
+        "joints_before_at": np.zeros(n),
+        "joints_left_at": np.zeros(n),
+    }
+    for name, array in arrays.items():
+        context[name] = array.ctypes.data
+    context["tree"]["links_at"], context["tree"]["links"] = links.ctypes.data, 1 + n
+    context["gravity_W"], context["M_size"] = model.opt.gravity, size
+    context["q_at"] = data.qpos[qpos + 7 :].ctypes.data
+    context["q_dot_at"] = data.qvel[dof + 6 :].ctypes.data
+    return arrays | {"links": links}
 
 
 def _factors_alone(model: mujoco.MjModel, data: mujoco.MjData, body_id: int) -> bool:

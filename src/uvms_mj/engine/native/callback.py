@@ -16,6 +16,7 @@ from .flow import flow
 from .layouts import CONTEXT, STOP_NONE
 from .loop import begin_step, finish_step, observe, run_stages
 from .memory import context_at, floats, integers, loop_at, mj_factorM, registered, triples
+from .tree import add_tree_inertia, apply_to_joints, place_links, water_on_links
 
 
 @kernel
@@ -84,6 +85,20 @@ def apply_thrust(loop):
     ctrl = floats(loop.ctrl_at, loop.controls)
     for k in range(loop.thrusters):
         ctrl[index[k]] = u[k] / thrust_of_ctrl[k]
+    if loop.joints != 0:
+        drive_joints(loop, ctrl)
+
+
+@kernel
+def drive_joints(loop, ctrl):
+    """Write the motors' torques, within their limits, to MuJoCo's ctrl (m,)."""
+    n = loop.joints
+    tau_q_cmd, tau_q, effort = floats(loop.tau_q_cmd_at, n), floats(loop.tau_q_at, n), floats(loop.effort_at, n)
+    index, torque_of_ctrl = integers(loop.motor_index_at, n), floats(loop.torque_of_ctrl_at, n)
+    for k in range(n):
+        tau_q[k] = min(effort[k], max(-effort[k], tau_q_cmd[k]))
+        if index[k] >= 0:
+            ctrl[index[k]] = tau_q[k] / torque_of_ctrl[k]
 
 
 @kernel
@@ -96,6 +111,12 @@ def hold(context, loop):
         qvel[i] = 0.0
     for k in range(loop.controls):
         ctrl[k] = 0.0
+    if loop.joints != 0:
+        n = loop.joints
+        q, q_dot, q_safe = floats(context.q_at, n), floats(context.q_dot_at, n), floats(loop.q_safe_at, n)
+        for k in range(n):
+            q[k] = q_safe[k]
+            q_dot[k] = 0.0
 
 
 @kernel
@@ -103,7 +124,12 @@ def evaluate(context, model, data):
     """Apply the hydrodynamics of one attached vehicle in one forward evaluation, and run its loop if it has one."""
     context.calls += 1
     R_WB = triples(context.R_at, 3)
-    add_inertia(context, R_WB, model, data)
+    joints = context.tree.links - 1
+    if joints > 0:
+        place_links(context.tree, floats(context.q_at, joints))
+        add_tree_inertia(context, R_WB, model, data)
+    else:
+        add_inertia(context, R_WB, model, data)
     contact, alone = context.no_contact, True
     if context.loop_at != 0:
         loop = loop_at(context.loop_at)
@@ -119,7 +145,14 @@ def evaluate(context, model, data):
     if alone:
         context.water.fresh = 0
         flow(context, floats(context.time_at, 1)[0], floats(context.qpos_at, 7), R_WB, context.nu)
-    water_wrench(context.water, R_WB, context.nu, context.nu_r, context.work, context.wrench)
+    if joints > 0:
+        wrench = floats(context.wrench_at, 6 + joints)
+        water_on_links(context, R_WB, wrench)
+        for i in range(6):
+            context.wrench[i] = wrench[i]
+        apply_to_joints(context)
+    else:
+        water_wrench(context.water, R_WB, context.nu, context.nu_r, context.work, context.wrench)
     apply_wrench(context, R_WB, contact)
 
 

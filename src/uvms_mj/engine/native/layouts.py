@@ -6,6 +6,7 @@ from ...physics.contact import CONTACT
 from ...physics.hydrodynamics import WATER
 from ...physics.pairs import PAIR
 from ...physics.surfaces import SURFACE
+from ...physics.tree import LINK
 from ...physics.varying import varying
 from ...stages.signals import CLOCK, GIVEN, KNOWN, RECORDED, TRUE, record_dtype
 
@@ -17,6 +18,10 @@ _OTHERS = {s.name for s in GIVEN + TRUE} - {s.name for s in KNOWN} | {s.name for
 _OTHERS |= {"tau_cmd", "f_contact_m_W", *(CONTACT.names or ())}
 ROW = record_dtype(tuple(s for s in RECORDED if s.name in ("t", "f_contact_W") or s.name not in _OTHERS))
 """The recorded signals that the core computes; all others lie where a stage or the contact has set them."""
+
+TREE = np.dtype([("links_at", "i8"), ("links", "i8")], align=True)
+"""A tree of LINK records, one after the other, base first. A rigid vehicle has none."""
+LINK_SIZE = LINK.itemsize
 
 CONTEXT = np.dtype(
     [
@@ -50,6 +55,17 @@ CONTEXT = np.dtype(
         ("pairs", "i8"),  # number of contacts in the list of the loop
         ("f_pairs_W", "f8", (3,)),  # their total force on the vehicle
         ("tau_pairs_B", "f8", (6,)),  # and wrench at B's origin
+        # of a vehicle with joints
+        ("tree", TREE),  # the water on its links
+        ("gravity_W", "f8", (3,)),
+        ("q_at", "i8"),  # of MuJoCo
+        ("q_dot_at", "i8"),
+        ("M_size", "i8"),  # entries of mjData.M of the whole tree
+        ("M_left_at", "i8"),  # they after the callback
+        ("M_rows_at", "i8"),  # where the row of each link begins in them
+        ("wrench_at", "i8"),  # (6 + n,) generalised wrench of the water, in B
+        ("joints_before_at", "i8"),  # (n,) qfrc_passive before the callback
+        ("joints_left_at", "i8"),  # and after it
     ],
     align=True,
 )
@@ -97,7 +113,9 @@ STAGE = np.dtype(
 """One stage of the loop."""
 STAGE_SIZE, PAIR_SIZE, SURFACE_SIZE = STAGE.itemsize, PAIR.itemsize, SURFACE.itemsize
 
-STOP_NONE, STOP_STATE, STOP_COMMAND, STOP_THRUST, STOP_STAGE, STOP_WAITING = range(6)
+STOP_NONE, STOP_STATE, STOP_COMMAND, STOP_THRUST, STOP_STAGE, STOP_WAITING, STOP_JOINT = range(7)
+JOINT_BOUND = 1e3
+"""Largest |q| and |q_dot| of a joint in a run [rad or m, and per second]."""
 
 LOOP = np.dtype(
     [
@@ -148,6 +166,17 @@ LOOP = np.dtype(
         ("thrust_at", "i8"),  # as the thrusters set it; u_cmd if they are ideal
         ("u_at", "i8"),  # within the limits of the vehicle's file
         ("saturated", "i8"),  # whether a command is at its limit
+        # joints
+        ("joints", "i8"),  # their number
+        ("q_at", "i8"),  # (n,) at t_k
+        ("q_dot_at", "i8"),
+        ("q_ddot_at", "i8"),  # of the last step
+        ("tau_q_cmd_at", "i8"),  # commanded torque
+        ("tau_q_at", "i8"),  # torque of the motors
+        ("effort_at", "i8"),  # its limit
+        ("motor_index_at", "i8"),  # in ctrl, -1 without a motor
+        ("torque_of_ctrl_at", "i8"),
+        ("q_safe_at", "i8"),  # initial positions
         ("tau_before", "f8", (6,)),
         # the current step
         ("remaining", "i8"),  # evaluations that are steps, before Simulation has the next word

@@ -12,8 +12,9 @@ import sys
 from ...physics.contact import contact_force
 from ...physics.frames import body_acceleration, body_velocity, rotation
 from ...physics.kernels import kernel
+from .bounds import check_command, check_state, observe_joints, stop_run
 from .flow import flow
-from .layouts import STAGE_SIZE, STOP_COMMAND, STOP_NONE, STOP_STAGE, STOP_STATE, STOP_THRUST, STOP_WAITING
+from .layouts import STAGE_SIZE, STOP_NONE, STOP_STAGE, STOP_THRUST, STOP_WAITING
 from .memory import call_stage, clock_at, floats, integers, stage_at
 from .touching import touch
 
@@ -49,39 +50,11 @@ def observe(context, loop):
         true.v_c_W[i] = context.water.v_c_W[i]
     for i in range(6):
         true.tau_contact_B[i] = contact.tau_B[i]
+    if loop.joints != 0:
+        observe_joints(context, loop)
     if context.pairs != 0:
         touch(context, loop)
     check_state(loop)
-
-
-@kernel
-def stop_run(loop, kind, index, value):
-    """Stop the run and record the first reason: its kind, an index and the value out of bounds."""
-    if loop.stop == STOP_NONE:
-        loop.stop = kind
-        loop.stop_index = index
-        loop.stop_value = value
-
-
-@kernel
-def check_state(loop):
-    """Stop the run if the position or the velocity is out of bounds. A NaN fails every comparison."""
-    true = loop.true
-    for i in range(3):
-        if not abs(true.p_WB[i] - loop.qpos_safe[i]) <= loop.position_bound:
-            stop_run(loop, STOP_STATE, i, true.p_WB[i])
-    for i in range(6):
-        if not abs(true.nu[i]) <= loop.speed_bound[i]:
-            stop_run(loop, STOP_STATE, 3 + i, true.nu[i])
-
-
-@kernel
-def check_command(loop):
-    """Stop the run if tau_cmd is out of bounds."""
-    tau_cmd = floats(loop.tau_cmd_at, 6)
-    for i in range(6):
-        if not abs(tau_cmd[i]) <= loop.tau_bound:
-            stop_run(loop, STOP_COMMAND, i, tau_cmd[i])
 
 
 @kernel
@@ -252,6 +225,10 @@ def finish_step(context, loop):
     elif loop.step > loop.window_step:
         row.final_low, row.final_high = min(row.final_low, push), max(row.final_high, push)
     body_acceleration(true.R_WB, floats(loop.qacc_at, 6), true.nu, true.nu_dot)
+    if loop.joints != 0:
+        q_ddot, qacc = floats(loop.q_ddot_at, loop.joints), floats(loop.qacc_at + 48, loop.joints)
+        for k in range(loop.joints):
+            q_ddot[k] = qacc[k]
     write_row(loop)
     if loop.saturated != 0:  # for the coming step
         row.saturation_time += h

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...physics.pairs import PAIR
 from ...physics.surfaces import SURFACE
+from ...physics.tree import LINK
 from .layouts import CLOCKS, CONTEXT, LOOP, STAGE
 
 CAPACITY = 1024
@@ -72,8 +73,8 @@ def _reader(dtype: np.dtype) -> Callable[[int], Any]:
     return record_at
 
 
-RECORDS = {_reader(dtype): dtype for dtype in (CONTEXT, LOOP, STAGE, CLOCKS, PAIR, SURFACE)}
-context_at, loop_at, stage_at, clock_at, pair_at, surface_at = RECORDS
+RECORDS = {_reader(dtype): dtype for dtype in (CONTEXT, LOOP, STAGE, CLOCKS, PAIR, SURFACE, LINK)}
+context_at, loop_at, stage_at, clock_at, pair_at, surface_at, link_at = RECORDS
 
 
 def registered() -> np.ndarray:

@@ -17,9 +17,11 @@ from ...stages.signals import (
     UNSTEADY,
     Signal,
     contact_signals,
+    joint_signals,
     thruster_signal,
 )
 from .contact_list import ContactList
+from .joints import Joints
 from .stage_table import StageTable
 
 _ATTRIBUTES = {
@@ -39,6 +41,7 @@ def recorded(
     navigation: Navigation,
     water: np.ndarray,
     contacts: ContactList,
+    joints: Joints,
 ) -> list[tuple[Signal, np.ndarray]]:
     """The signals of a row in order, each with its memory. The measurements are recorded unless navigation is perfect,
     the motion of the water, a WATER record, unless the current is constant, and the command of the thrusters where it
@@ -59,6 +62,7 @@ def recorded(
         found += [(signal, water[signal.name]) for signal in UNSTEADY]
     found += [*contacts.recorded(loop), (thruster_signal(len(u)), u)]
     found += stages.commanded
+    found += joints.recorded()
     own = [each for each in stages.states() if each[1] != "zeta" or not isinstance(each[0], ImpedanceTask)]
     check_states([(stage, name) for stage, name, _ in own], {signal.name for signal, _ in found})
     return found + [(state_signal(stage, name, memory.size), memory) for stage, name, memory in own]
@@ -67,7 +71,7 @@ def recorded(
 def check_states(states: Sequence[tuple[Stage, str]], names: Set[str] = frozenset()) -> None:
     """Refuse states that can't be recorded under their names, beside the signals ``names``. Raises InputError if two
     states have one name, or a state's name is taken or is not an identifier."""
-    own = (*contact_signals(0), thruster_signal(0))
+    own = (*contact_signals(0), *joint_signals(0), thruster_signal(0))
     recorded = (*RECORDED, *MEASURED, *UNSTEADY, *DELAYED, *SCHEDULED, *own)
     taken = names | {signal.name for signal in recorded} | _ATTRIBUTES
     faults: dict[Stage, list[Fault]] = {}

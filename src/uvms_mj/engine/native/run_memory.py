@@ -12,6 +12,7 @@ from ...scenario import STAGES
 from ...stages.signals import FINAL_WINDOW_S
 from .callback import entry_point
 from .contact_list import ContactList
+from .joints import Joints
 from .layouts import LOOP, STOP_STAGE
 from .memory import stopped
 from .rows import recorded, spans
@@ -40,14 +41,14 @@ class RunMemory:
         n = len(vehicle.thrusters)
         self.stages = stages = StageTable(setup, self.loop["true"], self.context["water"])
         self.u = np.zeros(n)
-        self.contacts = ContactList(setup)
-        own = setup.scenario.navigation, self.context["water"], self.contacts
+        self.contacts, self.joints = ContactList(setup), Joints(vehicle.arm)
+        own = setup.scenario.navigation, self.context["water"], self.contacts, self.joints
         self.recorded = recorded(self.loop, stages, self.u, *own)
         self._spans = np.array(list(spans([memory for _, memory in self.recorded])))
         self.rows = np.zeros((0, sum(signal.size for signal, _ in self.recorded)))
         allocation = stages.allocation
         allocation["B"], allocation["B_pinv"] = setup.nominal.B, np.linalg.pinv(setup.nominal.B)
-        sizes = {"stages": len(stages.rows), "actuation": stages.actuation, "thrusters": n}
+        sizes = {"stages": len(stages.rows), "actuation": stages.actuation, "thrusters": n, "joints": self.joints.n}
         sizes["controls"] = memory["ctrl_at"].size if "ctrl_at" in memory else 0
         sizes |= {"spans": len(self._spans), "row_width": self.rows.shape[1], "row_steps": 1}
         bounds = {"speed_bound": SPEED_BOUND, "position_bound": POSITION_BOUND, "tau_bound": TAU_BOUND}
@@ -71,6 +72,7 @@ class RunMemory:
             "spans_at": self._spans,
             "rows_at": self.rows,
             **self.contacts.reached,
+            **self.joints.reached,
             **memory,
         }
         self._reached["tau_hat_at"] = stages.signals["tau_hat"]
@@ -95,7 +97,7 @@ class RunMemory:
         for entry in stages.running:
             if entry.states or type(entry.stage).memory:
                 yield from (entry.state, entry.state_dot)
-        yield from (*self.contacts.state, *self.engine.state)
+        yield from (*self.contacts.state, *self.joints.state, *self.engine.state)
 
     def record(self, row_steps: int, capacity: int) -> None:
         """Record a row every so many time steps, at most ``capacity`` of them before they are taken."""
@@ -191,6 +193,7 @@ def write_wall(memory: RunMemory, setup: Setup) -> None:
 def write_initial(memory: RunMemory, setup: Setup) -> None:
     memory.engine.write_initial(setup)
     memory.loop["qpos_safe"] = memory.engine.qpos
+    memory.joints.q_safe[:] = setup.plant.initial_joints(setup.scenario.initial)
 
 
 def write_impedance(memory: RunMemory, setup: Setup) -> None:

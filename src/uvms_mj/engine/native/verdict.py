@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .layouts import STOP_COMMAND, STOP_STATE, STOP_THRUST, STOP_WAITING
+from .layouts import JOINT_BOUND, STOP_COMMAND, STOP_JOINT, STOP_STATE, STOP_THRUST, STOP_WAITING
 
 SPEED_BOUND = (100.0,) * 3 + (200.0,) * 3
 """Speeds above this mean that the simulation has diverged [m/s, rad/s]."""
@@ -32,5 +32,9 @@ def verdict(loop: np.void) -> str:
         return f"tau_cmd[{i}] = {value:.6g} {unit}, {what}"
     if loop["stop"] == STOP_THRUST:
         return f"u[{i}] = {value:.6g} N, {f'beyond {TAU_BOUND:g} N' if np.isfinite(value) else 'not a finite number'}"
+    if loop["stop"] == STOP_JOINT:
+        n = int(loop["joints"])
+        what = f"position of joint {i + 1}" if i < n else f"velocity of joint {i - n + 1}"
+        return f"{what} = {value:.6g}, beyond {JOINT_BOUND:g}"
     assert loop["stop"] != STOP_WAITING, "a stage in plain Python was not called"
     return ""

@@ -1,0 +1,31 @@
+"""The records of a vehicle's links, base first: for the water that acts on them, and for the model of a law."""
+
+import numpy as np
+
+from ...physics.tree import LINK
+from ...plant.arm import Link
+from ...plant.vehicle import Vehicle
+
+
+def link_records(vehicle: Vehicle) -> np.ndarray:
+    """LINK records (1 + n,) of a vehicle and its arm with the geometry of the joints; the coefficients are zero."""
+    links = np.zeros(1 + len(vehicle.arm.links), LINK)
+    links["coriolis"] = 1.0
+    links["R_PL"][0] = links["R_BL"][0] = np.eye(3)
+    for record, link in zip(links[1:], vehicle.arm.links, strict=True):
+        record["parent"], record["slide"] = link.parent + 1, link.slide
+        record["depth"] = links["depth"][link.parent + 1] + 1
+        for name in ("p_0", "R_0", "axis", "anchor", "S"):
+            record[name] = getattr(link, name)
+    return links
+
+
+def water_links(vehicle: Vehicle) -> np.ndarray:
+    """LINK records (1 + n,) for the water: the inertia is the added mass, and only displaced water has weight."""
+    links = link_records(vehicle)
+    bodies: tuple[Vehicle | Link, ...] = (vehicle, *vehicle.arm.links)
+    for record, body in zip(links, bodies, strict=True):
+        record["M"] = body.M_A
+        for name in ("D_linear", "D_quadratic", "displaced_mass", "r_b"):
+            record[name] = getattr(body, name)
+    return links

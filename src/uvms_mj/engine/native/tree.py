@@ -1,0 +1,152 @@
+"""The water on a vehicle with joints: the passes of :mod:`uvms_mj.physics.tree` over all links, and their results in
+MuJoCo's coordinates, in which the base's linear velocity is in W."""
+
+from ...physics.frames import to_body, to_world
+from ...physics.hydrodynamics import added_inertia, relative_velocity
+from ...physics.kernels import kernel
+from ...physics.tree import (
+    add_composite,
+    along_joint,
+    coriolis_wrench,
+    damping_wrench,
+    hand_down,
+    joint_column,
+    move,
+    place,
+    restoring_wrench,
+    start_composite,
+    to_parent,
+)
+from .layouts import LINK_SIZE
+from .memory import floats, integers, link_at, mj_factorM
+
+
+@kernel
+def place_links(tree, q):
+    """Set the poses of all links at the joint positions q (n,)."""
+    for k in range(1, tree.links):
+        link = link_at(tree.links_at + LINK_SIZE * k)
+        place(link, link_at(tree.links_at + LINK_SIZE * link.parent), q[k - 1])
+
+
+@kernel
+def move_links(tree, q_dot):
+    """Set velocities, accelerations and gravity of all links from those of the base, and the joint velocities (n,)."""
+    for k in range(1, tree.links):
+        link = link_at(tree.links_at + LINK_SIZE * k)
+        move(link, link_at(tree.links_at + LINK_SIZE * link.parent), q_dot[k - 1])
+
+
+@kernel
+def compose_links(tree):
+    """Set the composite inertias of all links."""
+    for k in range(tree.links):
+        start_composite(link_at(tree.links_at + LINK_SIZE * k))
+    for k in range(tree.links - 1, 0, -1):
+        link = link_at(tree.links_at + LINK_SIZE * k)
+        add_composite(link, link_at(tree.links_at + LINK_SIZE * link.parent))
+
+
+@kernel
+def gather_wrenches(tree, out):
+    """Set out (6 + n,) to the generalised wrench of the wrenches f of all links, which are summed towards the base."""
+    for k in range(tree.links - 1, 0, -1):
+        link = link_at(tree.links_at + LINK_SIZE * k)
+        out[5 + k] = along_joint(link, link.f)
+        hand_down(link, link_at(tree.links_at + LINK_SIZE * link.parent))
+    base = link_at(tree.links_at)
+    for i in range(6):
+        out[i] = base.f[i]
+
+
+@kernel
+def add_tree_inertia(context, R_WB, model, data):
+    """Add the links' added mass to mjData.M and factor it, unless M already contains it.
+
+    A row of M has the entries of the base, of the joints from the base to the link, and of the link's own joint.
+    """
+    tree, M, left = context.tree, floats(context.M_at, context.M_size), floats(context.M_left_at, context.M_size)
+    same = True
+    for i in range(context.M_size):
+        if M[i] != left[i]:
+            same = False
+    if same:
+        return
+    compose_links(tree)
+    added_inertia(link_at(tree.links_at).composite, R_WB, context.added)
+    for i in range(21):
+        M[i] += context.added[i]
+    rows = integers(context.M_rows_at, tree.links)
+    for k in range(1, tree.links):
+        link = link_at(tree.links_at + LINK_SIZE * k)
+        joint_column(link)
+        f, above, place_of = link.f, k, rows[k] + 5 + link.depth
+        for _ in range(link.depth):
+            joint = link_at(tree.links_at + LINK_SIZE * above)
+            M[place_of] += along_joint(joint, f)
+            to_parent(joint, f)
+            above = joint.parent
+            place_of -= 1
+        to_world(R_WB, f, context.work)
+        for i in range(3):
+            M[rows[k] + i] += context.work[i]
+            M[rows[k] + 3 + i] += f[3 + i]
+    for i in range(context.M_size):
+        left[i] = M[i]
+    mj_factorM(model, data)
+
+
+@kernel
+def water_on_links(context, R_WB, out):
+    """Set out (6 + n,) to the generalised wrench of the water in B, with the disturbance and the contacts of the
+    links."""
+    tree, water = context.tree, context.water
+    base = link_at(tree.links_at)
+    nu, a, gravity_W = base.nu, base.a, context.work
+    relative_velocity(water, R_WB, context.nu, nu)
+    for i in range(6):
+        context.nu_r[i] = nu[i]
+        a[i] = 0.0
+    if water.unsteady != 0:
+        to_body(R_WB, water.v_c_dot_W, a)
+    a[0] = -(nu[4] * nu[2] - nu[5] * nu[1] + a[0])  # omega x v_r + R^T v_c_dot
+    a[1] = -(nu[5] * nu[0] - nu[3] * nu[2] + a[1])
+    a[2] = -(nu[3] * nu[1] - nu[4] * nu[0] + a[2])
+    for i in range(3):
+        gravity_W[i] = context.gravity_W[i] - water.a_c_W[i]  # of the displaced water
+    to_body(R_WB, gravity_W, base.gravity)
+    move_links(tree, floats(context.q_dot_at, tree.links - 1))
+    for k in range(tree.links):
+        link = link_at(tree.links_at + LINK_SIZE * k)
+        f, part = link.f, context.work
+        for i in range(6):
+            f[i] = link.f_ext[i]
+        coriolis_wrench(link, part)
+        for i in range(6):
+            f[i] -= part[i]
+        damping_wrench(link, part)
+        for i in range(6):
+            f[i] -= part[i]
+        restoring_wrench(link, part)
+        for i in range(6):
+            f[i] -= part[i]
+    for i in range(6):
+        base.f[i] += water.tau_dist[i]
+    gather_wrenches(tree, out)
+
+
+@kernel
+def apply_to_joints(context):
+    """Add the generalised wrench of the joints to mjData.qfrc_passive, as :func:`.callback.apply_wrench` does."""
+    n = context.tree.links - 1
+    passive, wrench = floats(context.passive_at + 48, n), floats(context.wrench_at + 48, n)
+    before, left = floats(context.joints_before_at, n), floats(context.joints_left_at, n)
+    same = True
+    for k in range(n):
+        if passive[k] != left[k]:
+            same = False
+    for k in range(n):
+        if not same:
+            before[k] = passive[k]
+        left[k] = before[k] + wrench[k]
+        passive[k] = left[k]

@@ -1,0 +1,259 @@
+"""The arm of a vehicle: its links, joints and sites, read from the MJCF.
+
+A body below the vehicle's base that has a joint, a hinge or a slide, is a *link*. A body without a joint is part of the
+body that carries it. Each link has coefficients of its own, ``<numeric>`` entries whose names begin with that of the
+link's body and a dot, for example ``upper_arm.displaced_mass``. They are those of :mod:`.coefficients`, about the
+origin of the link's body frame and in its axes; damping that is not given is zero.
+"""
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from ..errors import Fault
+from .coefficients import DERIVATIVES, added_mass, damping_matrix, has_numeric, numeric
+
+MOST_JOINTS = 30
+_HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """One link and the joint that carries it. Arrays are in the link's frame unless said otherwise.
+
+    Attributes:
+        name, joint: of the link's body and of its joint, without the prefix of an attached model.
+        body_id: index of the body in the compiled model.
+        parent: index of the link that carries it, -1 for the base.
+        slide: whether the joint is a slide.
+        p_0, R_0: (3,), (3, 3) pose in the parent's frame at q = 0 [m].
+        axis: (3,) of the joint.
+        anchor: (3,) a point of the hinge's axis [m].
+        M_RB: (6, 6) rigid-body inertia about the frame's origin [kg, kg m, kg m^2].
+        M_A, D_linear, D_quadratic: (6, 6), as those of :class:`uvms_mj.plant.vehicle.Vehicle`.
+        displaced_mass: [kg]
+        r_b: (3,) centre of buoyancy [m].
+        range: least and greatest q [rad or m], infinite without limits.
+        effort: greatest torque of the motor [N m or N], 0 without a motor.
+        speed_limit: of the motor [rad/s or m/s], infinite if it is not given.
+        damping: viscous friction of the gear [N m s or N s/m].
+        friction: Coulomb friction of the gear [N m or N].
+        armature: inertia of the rotor, as the joint sees it [kg m^2 or kg].
+        actuator_id: index of the motor in mjData.ctrl, -1 without one.
+        torque_of_ctrl: torque per unit of mjData.ctrl [N m or N].
+    """
+
+    name: str
+    joint: str
+    body_id: int
+    parent: int
+    slide: bool
+    p_0: np.ndarray
+    R_0: np.ndarray
+    axis: np.ndarray
+    anchor: np.ndarray
+    M_RB: np.ndarray
+    M_A: np.ndarray
+    D_linear: np.ndarray
+    D_quadratic: np.ndarray
+    displaced_mass: float
+    r_b: np.ndarray
+    range: tuple[float, float]
+    effort: float
+    speed_limit: float
+    damping: float
+    friction: float
+    armature: float
+    actuator_id: int
+    torque_of_ctrl: float
+
+    @property
+    def mass(self) -> float:
+        """Rigid mass [kg]."""
+        return float(self.M_RB[0, 0])
+
+    @property
+    def r_g(self) -> np.ndarray:
+        """(3,) centre of gravity [m]."""
+        return centre_of_gravity(self.M_RB)
+
+    @functools.cached_property
+    def S(self) -> np.ndarray:
+        """(6,) velocity of the link's origin per unit of q_dot, in the link's axes, linear first."""
+        if self.slide:
+            return np.concatenate([self.axis, np.zeros(3)])
+        return np.concatenate([np.cross(self.anchor, self.axis), self.axis])
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """A named site: the link that carries it (-1: the base), its pose p (3,) [m], R (3, 3) in that link's frame, and
+    the radius of the sphere at it [m]."""
+
+    link: int
+    p: np.ndarray
+    R: np.ndarray
+    radius: float
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """The links of a vehicle, each behind the one that carries it, as MuJoCo orders its joints, and the sites of the
+    whole vehicle by name. A rigid vehicle has no links."""
+
+    links: tuple[Link, ...] = ()
+    sites: Mapping[str, Site] = None  # type: ignore[assignment]
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints in their order."""
+        return tuple(link.joint for link in self.links)
+
+
+def centre_of_gravity(M_RB: np.ndarray) -> np.ndarray:
+    """(3,) centre of gravity from M_RB (6, 6): M_RB[3:, :3] = m S(r_g)."""
+    return np.array([M_RB[5, 1], M_RB[3, 2], M_RB[4, 0]]) / (M_RB[0, 0] or 1.0)
+
+
+def moving_bodies(model: mujoco.MjModel, base: int) -> list[int]:
+    """The bodies below the base that have a joint, in their order."""
+    return [int(i) for i in np.flatnonzero((model.body_rootid == base) & (model.body_dofnum > 0)) if i != base]
+
+
+def read_arm(model: mujoco.MjModel, base: int, prefix: str, faults: list[Fault]) -> Arm:
+    """Read the links and the sites of a vehicle whose free joint is on the body ``base``. Errors are appended to
+    ``faults``; ``prefix`` is that of an attached model."""
+    data = mujoco.MjData(model)
+    data.qpos[model.jnt_qposadr[model.body_jntadr[base]] + 3] = 1.0
+    bodies = moving_bodies(model, base)
+    for body in bodies:
+        data.qpos[model.jnt_qposadr[model.body_jntadr[body]]] = 0.0
+    mujoco.mj_kinematics(model, data)
+    numbers = {base: -1} | {body: k for k, body in enumerate(bodies)}
+    if len(bodies) > MOST_JOINTS:
+        faults.append(Fault("<joint>", f"the vehicle has {len(bodies)} joints; at most {MOST_JOINTS} are computed"))
+    links = [_link(model, data, body, numbers, prefix, faults) for body in bodies]
+    sites = {}
+    for i in range(model.nsite):
+        carrier = int(model.body_weldid[model.site_bodyid[i]])
+        name = model.site(i).name
+        if carrier in numbers and name.startswith(prefix):
+            R_WL = data.xmat[carrier].reshape(3, 3)
+            p = R_WL.T @ (data.site_xpos[i] - data.xpos[carrier])
+            R = R_WL.T @ data.site_xmat[i].reshape(3, 3)
+            sites[name.removeprefix(prefix)] = Site(numbers[carrier], p, R, float(model.site_size[i, 0]))
+    return Arm(tuple(links), sites)
+
+
+def rigid_inertia(model: mujoco.MjModel, data: mujoco.MjData, carrier: int) -> np.ndarray:
+    """M_RB (6, 6) about the origin of a body's frame, in its axes, of the body and of all bodies welded to it."""
+    M_RB, R_WL = np.zeros((6, 6)), data.xmat[carrier].reshape(3, 3)
+    for body in np.flatnonzero(model.body_weldid == carrier):
+        m = float(model.body_mass[body])
+        R = R_WL.T @ data.ximat[body].reshape(3, 3)
+        x, y, z = R_WL.T @ (data.xipos[body] - data.xpos[carrier])
+        S = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        M_RB[:3, :3] += m * np.eye(3)
+        M_RB[:3, 3:] -= m * S
+        M_RB[3:, :3] += m * S
+        M_RB[3:, 3:] += R @ np.diag(model.body_inertia[body]) @ R.T - m * S @ S
+    return 0.5 * (M_RB + M_RB.T)
+
+
+def _link(
+    model: mujoco.MjModel, data: mujoco.MjData, body: int, numbers: Mapping[int, int], prefix: str, faults: list[Fault]
+) -> Link:
+    joint, dof = int(model.body_jntadr[body]), int(model.body_dofadr[body])
+    name, kind = model.body(body).name, int(model.jnt_type[joint])
+    called = f"body {name or body!r}"
+    if not name:
+        faults.append(Fault(called, "has a joint and no name: name it, its coefficients are named after it"))
+    if model.body_dofnum[body] != 1 or kind not in (_HINGE, _SLIDE):
+        faults.append(Fault(called, "a link has one joint, a hinge or a slide; put a further joint on a body between"))
+    if model.qpos0[model.jnt_qposadr[joint]] != 0.0:
+        faults.append(Fault(called, "its joint's ref must be 0"))
+    carrier = int(model.body_weldid[model.body_parentid[body]])
+    R_WP, R_WL = data.xmat[carrier].reshape(3, 3), data.xmat[body].reshape(3, 3)
+    limits = tuple(model.jnt_range[joint].tolist()) if model.jnt_limited[joint] else (-np.inf, np.inf)
+    water = _water(model, f"{name}.", faults)
+    actuator, torque, effort = _motor(model, joint, faults)
+    joint_name = model.joint(joint).name.removeprefix(prefix)
+    speed = numeric(model, f"{model.joint(joint).name}.speed_limit", 1, faults, np.array([np.inf]))[0]
+    arrays = {
+        "p_0": R_WP.T @ (data.xpos[body] - data.xpos[carrier]),
+        "R_0": R_WP.T @ R_WL,
+        "axis": model.jnt_axis[joint].copy(),
+        "anchor": model.jnt_pos[joint].copy(),
+        "M_RB": rigid_inertia(model, data, body),
+        **water,
+    }
+    for array in arrays.values():
+        if isinstance(array, np.ndarray):
+            array.setflags(write=False)
+    return Link(
+        name=name.removeprefix(prefix),
+        joint=joint_name or name.removeprefix(prefix),
+        body_id=body,
+        parent=numbers[carrier],
+        slide=kind == _SLIDE,
+        range=limits,
+        effort=effort,
+        speed_limit=float(speed),
+        damping=float(model.dof_damping[dof]),
+        friction=float(model.dof_frictionloss[dof]),
+        armature=float(model.dof_armature[dof]),
+        actuator_id=actuator,
+        torque_of_ctrl=torque,
+        **arrays,
+    )
+
+
+def _water(model: mujoco.MjModel, prefix: str, faults: list[Fault]) -> dict[str, np.ndarray | float]:
+    """The coefficients of one link, from the numerics with its prefix."""
+    if not any(model.numeric(i).name.startswith(prefix) for i in range(model.nnumeric)):
+        reason = "moves on a joint and has no coefficient, so that it would be dry"
+        faults.append(Fault(f"body {prefix[:-1]!r}", f"{reason}: give {prefix}displaced_mass, {prefix}M_A, ..."))
+        zero = np.zeros((6, 6))
+        return {"M_A": zero, "D_linear": zero, "D_quadratic": zero, "displaced_mass": 0.0, "r_b": np.zeros(3)}
+    displaced_mass = float(numeric(model, f"{prefix}displaced_mass", 1, faults)[0])
+    if displaced_mass < 0.0:
+        faults.append(Fault(f"{prefix}displaced_mass", f"{displaced_mass:g} kg: must not be negative"))
+
+    def given(matrix: str) -> bool:
+        return any(has_numeric(model, prefix + each) for each in (matrix, *DERIVATIVES[matrix].flat))
+
+    damping = {
+        matrix: damping_matrix(model, prefix, matrix, faults) if given(matrix) else np.zeros((6, 6))
+        for matrix in ("D_linear", "D_quadratic")
+    }
+    return {
+        "M_A": added_mass(model, prefix, faults),
+        **damping,
+        "displaced_mass": displaced_mass,
+        "r_b": numeric(model, f"{prefix}center_of_buoyancy", 3, faults, default=np.zeros(3)),
+    }
+
+
+def _motor(model: mujoco.MjModel, joint: int, faults: list[Fault]) -> tuple[int, float, float]:
+    """Index in ctrl, torque per unit of ctrl and greatest torque of a joint's motor; -1, 1 and 0 without one."""
+    acts = (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (model.actuator_trnid[:, 0] == joint)
+    found = np.flatnonzero(acts)
+    if not len(found):
+        return -1, 1.0, 0.0
+    if len(found) > 1:
+        faults.append(Fault(f"joint {model.joint(joint).name!r}", f"has {len(found)} motors; give it one"))
+    i = int(found[0])
+    torque = float(model.actuator_gainprm[i, 0] * model.actuator_gear[i, 0])
+    if torque == 0.0:
+        faults.append(Fault(model.actuator(i).name or f"actuator {i}", "its gear or gain is zero: no torque"))
+        return -1, 1.0, 0.0
+    effort = np.inf
+    if model.actuator_ctrllimited[i]:
+        effort = min(effort, abs(torque) * float(np.abs(model.actuator_ctrlrange[i]).min()))
+    if model.actuator_forcelimited[i]:
+        gear = abs(float(model.actuator_gear[i, 0]))
+        effort = min(effort, gear * float(np.abs(model.actuator_forcerange[i]).min()))
+    return i, torque, effort
