@@ -10,12 +10,12 @@ from ..control.design import ATTITUDE_KEYS
 from ..control.sampled import delay_faults, zeta_limit
 from ..control.theory import stage_notes
 from ..errors import Fault, InputError
-from ..physics.dissipation import damping_notes
 from ..plant.mjcf import Mjcf
-from ..plant.vehicle import AXES
+from ..plant.vehicle import AXES, notes_on_damping
 from ..quantities import leaves
 from ..scenario import STAGES, Scenario
 from .setup import Setup, set_up
+from .task_frame import task_faults
 from .wall import wall_faults, wall_notes
 from .water import water_faults
 
@@ -50,6 +50,7 @@ def refuse(setup: Setup, touched: Set[str] = _CHECKED) -> None:
         faults += _stage_faults(setup.scenario)
     if not touched.isdisjoint(("simulation.timestep", *STAGES)):
         faults += [fault for stage in setup.scenario.stages for fault in stage.faults(setup)]
+        faults += task_faults(setup)
     if not touched.isdisjoint((*_WALLS, *ATTITUDE_KEYS, "simulation.timestep")):
         faults += wall_faults(setup)
     if not touched.isdisjoint(("current", "disturbance", "simulation.timestep")):
@@ -79,7 +80,7 @@ def warnings_of(setup: Setup) -> list[str]:
         notes.append(
             f"{thrusters} {rank} of 6 axes{without}: tau is the wrench closest to tau_cmd that they can produce"
         )
-    return notes + damping_notes(vehicle.body, vehicle.D_linear, vehicle.D_quadratic)
+    return notes + notes_on_damping(vehicle)
 
 
 @contextlib.contextmanager

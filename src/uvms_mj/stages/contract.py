@@ -14,11 +14,24 @@ import numpy as np
 
 from ..errors import Fault, InputError, shortened, suggestion
 from .base import THRUSTERS, Stage, base_of, packs_itself
-from .signals import DELAYED, GIVEN, MEASURED, RECORDED, TASK, TRUTH, contact_signals, joint_signals, thruster_signal
+from .signals import (
+    DELAYED,
+    GIVEN,
+    MANIPULABILITY,
+    MEASURED,
+    RECORDED,
+    TASK,
+    TOOL,
+    TRUTH,
+    contact_signals,
+    joint_signals,
+    thruster_signal,
+)
 
 _MOST_STATES = 10_000
 _LONGEST_NAME = 100
-_RECORDED = (*RECORDED, *MEASURED, *DELAYED, *contact_signals(1), *joint_signals(1), thruster_signal(1))
+_RECORDED = (*RECORDED, *MEASURED, *DELAYED, *TOOL, MANIPULABILITY)
+_RECORDED = (*_RECORDED, *contact_signals(1), *joint_signals(1), thruster_signal(1))
 _SIGNALS = {signal.name for signal in (*GIVEN, *_RECORDED)}
 """Signals of a Simulation or a trace, which a state would hide."""
 _OVERRIDDEN = ("name", "states", "memory", "units", "every_step", "uses_task", "uses_truth")

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...analysis.setup import Setup
 from ...control.schedule import Schedule
+from ...control.task import BODY
 from ...errors import Fault, InputError
 from ...scenario import STAGES, Scenario
 from ...stages.base import Stage, is_shipped, packs_itself, random_key
@@ -23,6 +24,7 @@ from ...stages.signals import (
     TASK,
     TASK_GIVEN,
     TAU_LOST,
+    TOOL,
     TRUTH,
     Signal,
     commanded_signal,
@@ -31,9 +33,12 @@ from ...stages.signals import (
 from .arena import MARGIN, NEARBY, Arena
 from .compilation import NotCompiled
 from .inner_stages import Delay, Inflow, Sensed, Tracking, Truth
+from .joints import Joints
 from .layouts import STAGE
+from .model_memory import ModelMemory
 from .plain_stage import PlainStage, StageFault
 from .stage_code import RAISED, compile_stage
+from .task_frame import UP_TO_ESTIMATES, Errors, ModelAtBody, ModelAtTool, ResolveAtBody, ResolveAtTool, ToolMotion
 
 SEARCH_S = 0.25
 """Wall time from one search of a stage's margins to the next [s]. A search takes a few milliseconds."""
@@ -136,8 +141,13 @@ class StageTable:
     Attributes:
         signals: the record of the signals that the law is given (1,); each stage fills its part.
         sensed: the clock and the measurements (1,) that navigation sets if an observer replaces its force.
+        base: the clock and the measurements (1,) at B; ``signals`` itself unless the law is at a tool.
+        model, tool: memory of the law's model and of the true tool; None for a rigid vehicle, or without a tool.
+        motion: the recorded motion of the tool (1,).
         allocation: the record that actuation is given (1,).
-        command: the record with the law's command tau_cmd (1,): that of the actuation, or of the delay before it.
+        command: the record with the law's command tau_cmd (1,): that of the actuation, or of the delay or the
+            resolution before it.
+        delayed: the record with the command behind the delay (1,).
         commands: the record that the thrusters are given (1,).
         u_cmd: (n,) thrusts that actuation sets, in ``commands``.
         thrust: (n,) thrusts that the thrusters produce; ``u_cmd`` itself if they are ideal.
@@ -149,7 +159,7 @@ class StageTable:
         actuation: index of the first stage that is given the law's command.
     """
 
-    def __init__(self, setup: Setup, true: np.ndarray, water: np.ndarray) -> None:
+    def __init__(self, setup: Setup, true: np.ndarray, water: np.ndarray, joints: Joints) -> None:
         scenario, n = setup.scenario, len(setup.vehicle.thrusters)
         controller, actuation = scenario.controller, scenario.actuation
         self.signals = np.zeros(1, record_dtype(type(controller).given()))
@@ -168,13 +178,23 @@ class StageTable:
             states = type(stage).state_size(n) if state is None else 0
             self.entries[table] = Entry(stage, stage.record(setup), own if state is None else state, given, out, states)
 
-        observed = scenario.observer.runs
-        add("navigation", scenario.navigation, true, part(self.sensed if observed else self.signals, KNOWN))
+        observed, at_tool = scenario.observer.runs, scenario.task.frame != BODY
+        self.base = np.zeros(1, record_dtype(CLOCK + KNOWN)) if at_tool else self.signals
+        self.model = ModelMemory(setup, setup.nominal, joints) if at_tool or joints.n else None
+        self.tool = ModelMemory(setup, setup.vehicle, joints) if at_tool else None
+        self.motion = np.zeros(1, record_dtype(TOOL))
+        if self.tool is not None:
+            add("tool", ToolMotion(), true, self.motion, self.tool.record)
+        add("navigation", scenario.navigation, true, part(self.sensed if observed else self.base, KNOWN))
         if observed:
             add("sensed", Sensed(), self.sensed, part(self.signals, KNOWN[:4]))
+        if self.model is not None:
+            model = ModelAtTool() if at_tool else ModelAtBody()
+            out = part(self.signals, UP_TO_ESTIMATES)
+            add("model", model, part(self.base, CLOCK + KNOWN), out, self.model.record)
         add("reference", scenario.reference, part(self.signals, CLOCK + KNOWN), part(self.signals, REFERENCE))
         known = part(self.signals, CLOCK + KNOWN + REFERENCE)
-        add("tracking", Tracking(), known, part(self.signals, ERRORS + ESTIMATES))
+        add("tracking", Errors() if self.model else Tracking(), known, part(self.signals, ERRORS + ESTIMATES))
         add("observer", scenario.observer, part(self.signals, OBSERVER_GIVEN), part(self.signals, KNOWN[4:]))
         if scenario.impedance.schedule:
             add("schedule", Schedule(), part(self.signals, CLOCK), part(self.signals, SCHEDULED))
@@ -184,11 +204,15 @@ class StageTable:
             add("truth", Truth(), true, part(self.signals, TRUTH), water)
         self.control = len(self.entries)
         late = controller.delay is not None
-        self.command = np.zeros(1, record_dtype(Delay.given())) if late else self.allocation
+        behind = np.zeros(1, record_dtype(Delay.given())) if self.model else self.allocation
+        self.command, self.delayed = np.zeros(1, record_dtype(Delay.given())) if late else behind, behind
         add("controller", controller, self.signals, self.tau_cmd)
         self.actuation = len(self.entries)
         if late:
-            add("delay", Delay(), self.command, self.allocation["tau_cmd"][0])
+            add("delay", Delay(), self.command, self.delayed["tau_cmd"][0])
+        if self.model is not None:
+            resolution = ResolveAtTool() if at_tool else ResolveAtBody()
+            add("resolve", resolution, self.delayed, self.allocation["tau_cmd"][0], self.model.record)
         add("actuation", actuation, self.allocation, self.u_cmd)
         self.commanded: list[tuple[Signal, np.ndarray]] = []
         if thrusters.runs or actuation.records_loss:
@@ -245,6 +269,7 @@ class StageTable:
         h, control = scenario.simulation.timestep, scenario.control_period
         periods = {"actuation": h}
         periods["delay"] = Delay.steps(scenario)[2] * h if "delay" in self.entries else h
+        periods |= {"tool": h, "resolve": periods["delay"] if "delay" in self.entries else control}
         periods |= {table: h for table, entry in self.entries.items() if type(entry.stage).every_step}
         chosen = {table: getattr(scenario, table).period for table in STAGES}
         periods |= {table: period for table, period in chosen.items() if period is not None}

@@ -1,0 +1,54 @@
+"""The memory of a law's model and of the true tool, with the numbers of a scenario in it."""
+
+import numpy as np
+
+from ...analysis.setup import Setup
+from ...control.design import Estimates
+from ...control.task import BODY
+from ...plant.arm import Link
+from ...plant.vehicle import Vehicle
+from .joints import Joints
+from .layouts import MODEL
+from .links import link_records
+
+
+class ModelMemory:
+    """A MODEL record (1,) of a vehicle, and the arrays whose addresses it has.
+
+    Attributes:
+        record: the MODEL record.
+        links: its LINK records (1 + n,).
+    """
+
+    def __init__(self, setup: Setup, vehicle: Vehicle, joints: Joints) -> None:
+        arm, frame = vehicle.arm, setup.scenario.task.frame
+        n, N = len(arm.links), 6 + len(arm.links)
+        self.record, self.links = np.zeros(1, MODEL), link_records(vehicle)
+        tool = self.record["tool"]
+        if frame != BODY:
+            site = arm.sites[frame]
+            tool["link"], tool["p_LT"], tool["R_LT"] = site.link + 1, site.p, site.R
+        self.record["n"], self.record["N"], self.record["gravity_W"] = n, N, setup.gravity_W
+        self.record["tree"]["links"], self.record["tree"]["links_at"] = n + 1, self.links.ctypes.data
+        sizes = {"M": N * N, "L": N * N, "J_T": 6 * N, "MJ_T": 6 * N, "C": N, "D": N, "g": N, "tau": N}
+        sizes |= {"armature": n, "gear": n}
+        self.arrays = {name: np.zeros(size) for name, size in sizes.items()}
+        self.arrays |= {"q": joints.q, "q_dot": joints.q_dot, "tau_q_cmd": joints.tau_q_cmd}
+        for name, array in self.arrays.items():
+            self.record[f"{name}_at"] = array.ctypes.data
+
+    def estimate(self, vehicle: Vehicle, estimates: Estimates) -> None:
+        """Set the coefficients to those of a vehicle's file with the factors of the estimates."""
+        bodies: list[tuple[Vehicle | Link, Estimates]] = [(vehicle, estimates)]
+        bodies += [(link, estimates.of(link.name)) for link in vehicle.arm.links]
+        for record, (body, factors) in zip(self.links, bodies, strict=True):
+            record["M"] = factors.inertia * (body.M_RB + body.M_A)
+            record["coriolis"] = factors.coriolis / factors.inertia
+            record["D_linear"] = factors.damping * body.D_linear
+            record["D_quadratic"] = factors.damping * body.D_quadratic
+            record["mass"], record["r_g"] = factors.restoring * body.mass, body.r_g
+            record["displaced_mass"], record["r_b"] = factors.restoring * body.displaced_mass, body.r_b
+        for k, link in enumerate(vehicle.arm.links):
+            factors = estimates.of(link.name)
+            self.arrays["armature"][k] = factors.inertia * link.armature
+            self.arrays["gear"][k] = factors.damping * link.damping
