@@ -8,45 +8,39 @@ import difflib
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import tomli_w
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from . import actuation, control, guidance, navigation
-from .actuation import Actuation, IdealThrusters, PseudoInverse, Thrusters
+from .actuation import Actuation, Auto, IdealThrusters, Joints, PseudoInverse, Thrusters
 from .control import Controller, Gsta, ImpedanceTask
 from .control.design import INNER_TABLES, Estimates, Impedance
 from .control.task import TASK_KEYS, move_task_keys
 from .errors import Fault, InputError, faults_of, shortened, suggestion
 from .files import plain, scenario_path, tables_of
 from .guidance import FilteredSteps, Guidance
-from .navigation import Navigation, NoObserver, Observer, Perfect
-from .plant.settings import Initial, VehicleChoice, Wall
+from .navigation import Encoder, Navigation, NoObserver, Observer, Perfect, PerfectEncoder
+from .plant.settings import Initial, Stepping, VehicleChoice, Wall
 from .plant.surfaces import OF_WALLS, Bumper, ContactBody, Surface, override_walls
 from .plant.water import Current, Disturbance, Tether
-from .quantities import STRICT, Duration, Lowercase, Step, doc, overrides_of
+from .quantities import STRICT, overrides_of
 from .stages.base import Stage
 from .stages.loader import Choice, Recorded, stage_of, table_of
 
 STAGES: dict[str, Choice] = {
     "reference": Choice(Guidance, guidance.SHIPPED, FilteredSteps),
     "navigation": Choice(Navigation, navigation.SHIPPED, Perfect),
+    "encoder": Choice(Encoder, navigation.ENCODERS, PerfectEncoder),
     "observer": Choice(Observer, navigation.OBSERVERS, NoObserver),
     "controller": Choice(Controller, control.SHIPPED, Gsta),
     "actuation": Choice(Actuation, actuation.SHIPPED, PseudoInverse),
+    "joints": Choice(Joints, actuation.JOINTS, Auto),
     "thrusters": Choice(Thrusters, actuation.THRUSTERS, IdealThrusters),
 }
 """The tables that name a stage."""
-
-
-@dataclass(frozen=True, config=STRICT)
-class Stepping:
-    timestep: Step = doc("time step [s]", 1e-4)
-    duration: Duration = doc("simulated time [s]", 20.0)
-    integrator: Annotated[Literal["euler", "implicitfast"], Lowercase] = doc("MuJoCo's integrator", "euler")
-    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = doc("seed of the random numbers of the stages", 0)
 
 
 @dataclass(frozen=True, repr=False, config=STRICT)
@@ -72,19 +66,21 @@ class Scenario:
     impedance: Impedance = Impedance()
     estimates: Estimates = Estimates()
     navigation: Navigation = Perfect()
+    encoder: Encoder = PerfectEncoder()
     observer: Observer = NoObserver()
     task: ImpedanceTask = ImpedanceTask()
     controller: Controller = Gsta()
     actuation: Actuation = PseudoInverse()
+    joints: Joints = Auto()
     thrusters: Thrusters = IdealThrusters()
 
     @property
     def stages(self) -> tuple[Stage, ...]:
         """The stages of the loop in the order of an instant."""
         task = (self.task,) if self.controller.uses_task else ()
-        observer = (self.observer,) if self.observer.runs else ()
-        thrusters = (self.thrusters,) if self.thrusters.runs else ()
-        return (self.navigation, self.reference, *observer, *task, self.controller, self.actuation, *thrusters)
+        before, behind = (self.navigation, self.encoder, self.reference, self.observer), (self.joints, self.thrusters)
+        stages = (*before, *task, self.controller, self.actuation, *behind)
+        return tuple(stage for stage in stages if stage.runs)
 
     @property
     def steps(self) -> int:

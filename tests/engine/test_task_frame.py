@@ -111,7 +111,7 @@ def test_inertia_and_bias_at_the_tool_are_those_of_dense_algebra(vehicle):
                 np.sqrt(np.linalg.det(M[:6, :6]) / np.linalg.det(Lambda)), rel=1e-10
             )
             assert signals.manipulability >= 1.0
-            memory = sim._memory.stages.model
+            memory = sim._memory.stages.frame.model
             np.testing.assert_allclose(memory.record["J_dot_zeta"][0], J_dot_zeta, rtol=0, atol=1e-8)
             C, D, g = (memory.arrays[name] for name in "CDg")
             np.testing.assert_allclose(signals.C_hat_nu, J_bar_T @ C - Lambda @ J_dot_zeta, rtol=0, atol=1e-6)

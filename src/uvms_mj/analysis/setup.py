@@ -13,6 +13,7 @@ from ..errors import InputError
 from ..physics.frames import rotation_matrix
 from ..plant.build import Plant, build
 from ..plant.contacts import Contacts, Front, Pair, contacts_of
+from ..plant.joints import felt_inertia
 from ..plant.mjcf import Mjcf
 from ..plant.settings import Initial, lightest_along_face, lightest_at
 from ..plant.vehicle import Vehicle
@@ -47,6 +48,16 @@ class Setup:
     def gravity_W(self) -> np.ndarray:
         """(3,) acceleration of gravity [m/s^2]."""
         return self.plant.mjcf.gravity_W
+
+    @property
+    def initial_joints(self) -> np.ndarray:
+        """(n,) positions of the joints at the start [rad or m]."""
+        return self.plant.initial_joints(self.scenario.initial)
+
+    @property
+    def joint_inertia(self) -> np.ndarray:
+        """(n,) inertia that each motor feels at the start, by the vehicle's file [kg m^2 or kg]."""
+        return felt_inertia(self.nominal, self.initial_joints)
 
     @functools.cached_property
     def initial(self) -> Initial:

@@ -124,7 +124,10 @@ class _Run:
             notes=notes,
             mjcf=setup.plant.mjcf,
             geometry=setup.plant.geometry,
-            sources=sources_of(self.scenario, len(setup.vehicle.thrusters)),
+            sources=sources_of(
+                self.scenario,
+                {"thrusters": len(setup.vehicle.thrusters), "joints": len(setup.vehicle.arm.links)},
+            ),
             versions=versions(),
             engine=sim.engine,
         )

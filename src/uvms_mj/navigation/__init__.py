@@ -3,6 +3,9 @@
 from .base import Navigation, Perfect
 from .base import perfect as perfect
 from .ekf import Ekf
+from .encoder import ENCODERS as ENCODERS
+from .encoder import Encoder as Encoder
+from .encoder import PerfectEncoder as PerfectEncoder
 from .momentum import MomentumObserver
 from .observer import NoObserver, Observer
 from .presets import PRESETS

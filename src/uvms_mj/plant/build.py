@@ -21,6 +21,7 @@ import numpy as np
 
 from ..physics.frames import quat_from_euler_deg
 from .geometry import Geometry
+from .joints import set_constraints
 from .mjcf import Mjcf
 from .settings import Initial, VehicleChoice, Wall
 from .variation import varied, vary
@@ -65,6 +66,7 @@ class Plant:
         spec.option.integrator = getattr(mujoco.mjtIntegrator, _INTEGRATORS[self.integrator])
         _add_surroundings(spec, self.vehicle.body, self.wall, self.geometry.reach)
         model = self.mjcf.compiled(spec)
+        set_constraints(model)
         vary(model, free_body_id(model, self.vehicle.body), self.vehicle.actuator_ids, self.choice)
         _set_wall(model, _ids(model, self.vehicle.body), self.wall, self.wall.position + self.geometry.reach)
         return model

@@ -1,19 +1,24 @@
-"""Settings of a plant: the vehicle, its initial state and the wall. :mod:`.water` has those of the water."""
+"""Settings of a plant: the vehicle, its simulation, its initial state and the wall. :mod:`.water` has the
+others."""
 
 import math
 from collections.abc import Callable
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from ..quantities import (
     STRICT,
     Angles,
     Coordinate,
+    Duration,
+    Lowercase,
     Number,
     Position,
     PositiveFactor,
+    Step,
     Twist,
     doc,
     within,
@@ -38,6 +43,14 @@ class VehicleChoice:
         "offset of each true thruster in B, unknown to the allocation: [[0.02, 0, 0], ...]; default: none [m]", None
     )
     contact_bodies: tuple[ContactBody, ...] = doc("spheres and capsules that touch walls, in place of the probe", ())
+
+
+@dataclass(frozen=True, config=STRICT)
+class Stepping:
+    timestep: Step = doc("time step [s]", 1e-4)
+    duration: Duration = doc("simulated time [s]", 20.0)
+    integrator: Annotated[Literal["euler", "implicitfast"], Lowercase] = doc("MuJoCo's integrator", "euler")
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = doc("seed of the random numbers of the stages", 0)
 
 
 @dataclass(frozen=True, config=STRICT)

@@ -22,7 +22,7 @@ from ..plant.mjcf import Mjcf
 from ..quantities import STRICT, NonNegative
 from ..scenario import STAGES, Scenario
 from ..stages.base import Stage
-from ..stages.signals import Signal
+from ..stages.signals import OF_JOINTS, Signal
 
 _PACKAGES = ("uvms-mj", "mujoco", "numpy", "numba", "llvmlite", "mcap")
 
@@ -48,10 +48,10 @@ class StageSource:
     states: Mapping[str, int]
 
     @classmethod
-    def of(cls, stage: Stage, thrusters: int = 0) -> "StageSource":
-        """The source of a stage for a vehicle with so many thrusters."""
+    def of(cls, stage: Stage, counts: Mapping[str, int] | None = None) -> "StageSource":
+        """The source of a stage for a vehicle with so many ``thrusters`` and ``joints``."""
         kind, source = type(stage), type(stage).source()
-        record = kind.state_record(thrusters).dtype
+        record = kind.state_record((counts or {}).get(kind.room.counts, 0)).dtype
         states = {name: record[name].itemsize // 8 for name in kind.states}
         if source in STAGES[kind.room.table].shipped:
             return cls(source, None, "", states)
@@ -113,6 +113,18 @@ class Header:
     def by_name(self) -> dict[str, Signal]:
         return {signal.name: signal for signal in self.signals}
 
+    def components(self, signal: Signal) -> tuple[str, ...]:
+        """Names of a signal's components; those of joints if it has one number a joint."""
+        joints = tuple(link.joint for link in self.geometry.links)
+        return joints if signal.name in OF_JOINTS and len(joints) == signal.size else signal.components
+
+    def units(self, signal: Signal) -> tuple[str, ...]:
+        """Units of a signal's components; "rad or m" is rad for a hinge and m for a slide."""
+        if " or " not in signal.unit:
+            return signal.units
+        hinge, slide = signal.unit.split(" or ")
+        return tuple(slide if link.slide else hinge for link in self.geometry.links)
+
     @property
     def width(self) -> int:
         """Numbers in a row."""
@@ -157,9 +169,9 @@ def code_file(table: str, source: str) -> str:
     return f"{'law' if table == 'controller' else table}/{source.rpartition(':')[0]}"
 
 
-def sources_of(scenario: Scenario, thrusters: int) -> dict[str, StageSource]:
-    """The sources of a scenario's stages by table."""
-    return {name: StageSource.of(getattr(scenario, name), thrusters) for name in STAGES}
+def sources_of(scenario: Scenario, counts: Mapping[str, int]) -> dict[str, StageSource]:
+    """The sources of a scenario's stages by table, for a vehicle with so many ``thrusters`` and ``joints``."""
+    return {name: StageSource.of(getattr(scenario, name), counts) for name in STAGES}
 
 
 @functools.cache

@@ -55,12 +55,13 @@ class Room:
     """A room of stages: its package, its table in a scenario, its words in messages, and its stages' function.
 
     Attributes:
-        given: the signals that a stage is given, from the number of thrusters.
+        given: the signals that a stage is given, from the number of thrusters or joints.
         out: the signals that it sets; one without a name's record is the array of the last argument.
         constants: names of constants that the function gets besides its settings.
         theory: methods beside the function that a stage may override.
         reserved: names that a setting must not have, each with the reason.
         optional: names of the signals of ``out`` that stay zero if a user's stage does not set them.
+        counts: whose number ``given`` and the sizes of states depend on: "thrusters" or "joints".
     """
 
     name: str
@@ -75,6 +76,7 @@ class Room:
     theory: tuple[str, ...] = ()
     reserved: Mapping[str, str] = dataclasses.field(default_factory=dict)
     optional: tuple[str, ...] = ()
+    counts: str = "thrusters"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,7 +91,8 @@ class Stage:
 
     name: ClassVar[str] = ""
     states: ClassVar[Mapping[str, Any]] = {}
-    """Sizes of the states by name; ``"thrusters"`` is the number of the vehicle's thrusters."""
+    """Sizes of the states by name; ``"thrusters"`` is the number of the vehicle's thrusters, and in a stage of the
+    joints ``"joints"`` is their number."""
     memory: ClassVar[Mapping[str, Any]] = {}
     """Sizes of further numbers that the stage keeps from instant to instant, by name, in the same record ``state``.
     They do not advance, and they are not recorded: a queue of delayed samples, for example."""
@@ -189,19 +192,17 @@ class Stage:
         return record
 
     @classmethod
-    def state_size(cls, thrusters: int = 0) -> int:
-        """Number of states that advance."""
-        return sum(thrusters if size == THRUSTERS else size for size in cls.states.values())
+    def state_size(cls, counted: int = 0) -> int:
+        """Number of states that advance, with so many thrusters or joints."""
+        return sum(counted if size == cls.room.counts else size for size in cls.states.values())
 
     @classmethod
-    def state_record(cls, thrusters: int = 0) -> np.ndarray:
+    def state_record(cls, counted: int = 0) -> np.ndarray:
         """The states and then the memory, all zero, as a record array (1,) of float64 vectors."""
-        sizes = {name: thrusters if size == THRUSTERS else size for name, size in {**cls.states, **cls.memory}.items()}
+        given = {**cls.states, **cls.memory}
+        sizes = {name: counted if size == cls.room.counts else size for name, size in given.items()}
         fields = [(name, "f8", (size,)) for name, size in sizes.items()]
         return np.zeros(1, np.dtype(fields or [("none", "f8", (0,))], align=True))
-
-
-THRUSTERS = "thrusters"
 
 
 def base_of(cls: type[Stage]) -> type[Stage]:

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import Fault, InputError, shortened, suggestion
-from .base import THRUSTERS, Stage, base_of, packs_itself
+from .base import Stage, base_of, packs_itself
+from .joint_signals import JOINT_SIGNALS
 from .signals import (
     DELAYED,
     GIVEN,
@@ -24,14 +25,15 @@ from .signals import (
     TOOL,
     TRUTH,
     contact_signals,
-    joint_signals,
     thruster_signal,
 )
 
 _MOST_STATES = 10_000
 _LONGEST_NAME = 100
-_RECORDED = (*RECORDED, *MEASURED, *DELAYED, *TOOL, MANIPULABILITY)
-_RECORDED = (*_RECORDED, *contact_signals(1), *joint_signals(1), thruster_signal(1))
+_RECORDED = (
+    *(*RECORDED, *MEASURED, *DELAYED, *TOOL, MANIPULABILITY),
+    *(*contact_signals(1), *JOINT_SIGNALS, thruster_signal(1)),
+)
 _SIGNALS = {signal.name for signal in (*GIVEN, *_RECORDED)}
 """Signals of a Simulation or a trace, which a state would hide."""
 _OVERRIDDEN = ("name", "states", "memory", "units", "every_step", "uses_task", "uses_truth")
@@ -81,7 +83,7 @@ def _wrong(cls: type[Stage]) -> Iterator[str]:
         flag = getattr(cls, name, False)
         if not isinstance(flag, bool):
             yield f"{name} = {shortened(flag)} must be true or false"
-    states = [*_wrong_states(cls.states, "states"), *_wrong_states(cls.memory, "memory")]
+    states = [*_wrong_states(cls.states, "states", room.counts), *_wrong_states(cls.memory, "memory", room.counts)]
     if not states:
         states += [f"{name!r} is both a state and memory" for name in cls.memory if name in cls.states]
     yield from states
@@ -93,7 +95,7 @@ def _wrong(cls: type[Stage]) -> Iterator[str]:
         yield from _unknown_fields(cls)
 
 
-def _wrong_states(states: Any, called: str) -> Iterator[str]:
+def _wrong_states(states: Any, called: str, counted: str) -> Iterator[str]:
     wanted = f"{called} must be names with sizes from 1 to {_MOST_STATES}, as in {{'xi': 6}}"
     if not isinstance(states, Mapping):
         yield f"{wanted}; {shortened(states)} is not"
@@ -101,7 +103,7 @@ def _wrong_states(states: Any, called: str) -> Iterator[str]:
     good = [
         isinstance(name, str)
         and name.isidentifier()
-        and (size == THRUSTERS or (type(size) is int and 0 < size <= _MOST_STATES))
+        and (size == counted or (type(size) is int and 0 < size <= _MOST_STATES))
         for name, size in states.items()
     ]
     for (name, size), fits in zip(states.items(), good, strict=True):
@@ -113,7 +115,7 @@ def _wrong_states(states: Any, called: str) -> Iterator[str]:
             yield f"{name!r} is an attribute of NumPy's records; give the state another name"
         elif name in _SIGNALS:
             yield f"{name!r} is the name of a signal; give the state another name"
-    total = sum(size for size in states.values() if size != THRUSTERS) if all(good) else 0
+    total = sum(size for size in states.values() if size != counted) if all(good) else 0
     if total > _MOST_STATES:
         yield f"{called} has {total} numbers in all; at most {_MOST_STATES} are allowed"
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+OF_JOINTS = ("q", "q_dot", "tau_q", "q_m", "q_dot_m", "tau_q_cmd")
+"""Signals with one number a joint."""
 OWN_UNIT = "law's own"
 """Unit shown for a state or gain of a law that declares none."""
 
@@ -31,7 +33,7 @@ class Signal:
     @property
     def components(self) -> tuple[str, ...]:
         """Name of each component: x y z, w x y z, x y z roll pitch yaw, or 1 2 3 ...; an empty name for a scalar."""
-        if self.name == "u" or self.size not in _COMPONENTS:
+        if self.name in ("u", *OF_JOINTS) or self.size not in _COMPONENTS:
             return tuple(str(i + 1) for i in range(self.size))
         return _COMPONENTS[self.size]
 
@@ -245,15 +247,6 @@ def actuation_given(n: int) -> tuple[Signal, ...]:
 def thruster_signal(n: int) -> Signal:
     """The signal of the thrust u = B^+ tau_cmd (n,) within its limits, eq. (25)."""
     return Signal("u", (n,), "N", "-", "thrust of each thruster")
-
-
-def joint_signals(n: int) -> tuple[Signal, ...]:
-    """Recorded of a vehicle with n joints; the units are those of hinges, of a slide m, m/s and N."""
-    return (
-        Signal("q", (n,), "rad", "-", "position of each joint"),
-        Signal("q_dot", (n,), "rad/s", "-", "velocity of each joint"),
-        Signal("tau_q", (n,), "N m", "-", "torque of each joint's motor"),
-    )
 
 
 def contact_signals(n: int) -> tuple[Signal, ...]:

@@ -10,6 +10,7 @@ from typing import Any
 from ...physics.contact import wrench_at_origin
 from ...physics.frames import body_velocity, to_world
 from ...physics.hydrodynamics import added_inertia, factor, water_wrench
+from ...physics.joints import deliverable
 from ...physics.kernels import kernel
 from .compilation import native_function
 from .flow import flow
@@ -93,10 +94,11 @@ def apply_thrust(loop):
 def drive_joints(loop, ctrl):
     """Write the motors' torques, within their limits, to MuJoCo's ctrl (m,)."""
     n = loop.joints
-    tau_q_cmd, tau_q, effort = floats(loop.tau_q_cmd_at, n), floats(loop.tau_q_at, n), floats(loop.effort_at, n)
+    wanted, tau_q, q_dot = floats(loop.wanted_at, n), floats(loop.tau_q_at, n), floats(loop.q_dot_at, n)
+    effort, speed_limit = floats(loop.effort_at, n), floats(loop.speed_limit_at, n)
     index, torque_of_ctrl = integers(loop.motor_index_at, n), floats(loop.torque_of_ctrl_at, n)
     for k in range(n):
-        tau_q[k] = min(effort[k], max(-effort[k], tau_q_cmd[k]))
+        tau_q[k] = deliverable(wanted[k], q_dot[k], effort[k], speed_limit[k])
         if index[k] >= 0:
             ctrl[index[k]] = tau_q[k] / torque_of_ctrl[k]
 

@@ -205,9 +205,10 @@ LOOP = np.dtype(
         ("q_at", "i8"),  # (n,) at t_k
         ("q_dot_at", "i8"),
         ("q_ddot_at", "i8"),  # of the last step
-        ("tau_q_cmd_at", "i8"),  # commanded torque
+        ("wanted_at", "i8"),  # torque that the interface sets
         ("tau_q_at", "i8"),  # torque of the motors
-        ("effort_at", "i8"),  # its limit
+        ("effort_at", "i8"),  # its limits
+        ("speed_limit_at", "i8"),
         ("motor_index_at", "i8"),  # in ctrl, -1 without a motor
         ("torque_of_ctrl_at", "i8"),
         ("q_safe_at", "i8"),  # initial positions

@@ -7,20 +7,23 @@ from ...control.design import Estimates
 from ...control.task import BODY
 from ...plant.arm import Link
 from ...plant.vehicle import Vehicle
+from ...stages.signals import CLOCK, KNOWN, MANIPULABILITY, TOOL, Signal, record_dtype
 from .joints import Joints
 from .layouts import MODEL
 from .links import link_records
+from .task_frame import ModelAtBody, ModelAtTool, ResolveAtBody, ResolveAtTool
 
 
 class ModelMemory:
-    """A MODEL record (1,) of a vehicle, and the arrays whose addresses it has.
+    """A MODEL record (1,) of a vehicle, and the arrays whose addresses it has. q and q_dot (n,) are the memory of the
+    joints' positions and velocities that it reads.
 
     Attributes:
         record: the MODEL record.
         links: its LINK records (1 + n,).
     """
 
-    def __init__(self, setup: Setup, vehicle: Vehicle, joints: Joints) -> None:
+    def __init__(self, setup: Setup, vehicle: Vehicle, joints: Joints, q: np.ndarray, q_dot: np.ndarray) -> None:
         arm, frame = vehicle.arm, setup.scenario.task.frame
         n, N = len(arm.links), 6 + len(arm.links)
         self.record, self.links = np.zeros(1, MODEL), link_records(vehicle)
@@ -33,7 +36,7 @@ class ModelMemory:
         sizes = {"M": N * N, "L": N * N, "J_T": 6 * N, "MJ_T": 6 * N, "C": N, "D": N, "g": N, "tau": N}
         sizes |= {"armature": n, "gear": n}
         self.arrays = {name: np.zeros(size) for name, size in sizes.items()}
-        self.arrays |= {"q": joints.q, "q_dot": joints.q_dot, "tau_q_cmd": joints.tau_q_cmd}
+        self.arrays |= {"q": q, "q_dot": q_dot, "tau_q_cmd": joints.tau_q_cmd}
         for name, array in self.arrays.items():
             self.record[f"{name}_at"] = array.ctypes.data
 
@@ -52,3 +55,34 @@ class ModelMemory:
             factors = estimates.of(link.name)
             self.arrays["armature"][k] = factors.inertia * link.armature
             self.arrays["gear"][k] = factors.damping * link.damping
+
+
+class TaskFrame:
+    """What a run has beside the stages of a rigid vehicle at B, if there are joints or a tool.
+
+    Attributes:
+        base: the clock and the measurements (1,) at B; the law's own record unless the law is at a tool.
+        model: memory of the law's model, or None for a rigid vehicle at B.
+        tool: memory of the true tool, or None without one.
+        motion: its recorded motion (1,).
+        estimation, resolution: the stages of the model and of the command.
+    """
+
+    def __init__(self, setup: Setup, signals: np.ndarray, joints: Joints) -> None:
+        at_tool = setup.scenario.task.frame != BODY
+        self.base = np.zeros(1, record_dtype(CLOCK + KNOWN)) if at_tool else signals
+        self.motion = np.zeros(1, record_dtype(TOOL))
+        self.model = self.tool = None
+        if at_tool or joints.n:
+            self.model = ModelMemory(setup, setup.nominal, joints, joints.q_m, joints.q_dot_m)
+        if at_tool:
+            self.tool = ModelMemory(setup, setup.vehicle, joints, joints.q, joints.q_dot)
+        self.estimation = ModelAtTool() if at_tool else ModelAtBody()
+        self.resolution = ResolveAtTool() if at_tool else ResolveAtBody()
+
+    def recorded(self) -> list[tuple[Signal, np.ndarray]]:
+        """The recorded signals of a tool, each with its memory."""
+        if self.tool is None or self.model is None:
+            return []
+        motion = [(signal, self.motion[signal.name]) for signal in TOOL]
+        return [*motion, (MANIPULABILITY, self.model.record["manipulability"])]

@@ -8,6 +8,7 @@ from ...control.task import ImpedanceTask
 from ...errors import Fault, InputError
 from ...navigation import Navigation, Perfect
 from ...stages.base import Stage
+from ...stages.joint_signals import JOINT_SIGNALS
 from ...stages.signals import (
     DELAYED,
     MANIPULABILITY,
@@ -19,7 +20,6 @@ from ...stages.signals import (
     UNSTEADY,
     Signal,
     contact_signals,
-    joint_signals,
     thruster_signal,
 )
 from .contact_list import ContactList
@@ -57,7 +57,7 @@ def recorded(
         if "task" in stages.entries or signal.name not in _OF_THE_TASK
     ]
     if not isinstance(navigation, Perfect):
-        found += [(signal, stages.base[signal.name.removesuffix("_m")]) for signal in MEASURED]
+        found += [(signal, stages.frame.base[signal.name.removesuffix("_m")]) for signal in MEASURED]
     found += [(signal, stages.signals[signal.name]) for signal in SCHEDULED if "schedule" in stages.entries]
     found += [(signal, stages.delayed["tau_cmd"]) for signal in DELAYED if "delay" in stages.entries]
     if water["unsteady"][0]:
@@ -65,9 +65,7 @@ def recorded(
     found += [*contacts.recorded(loop), (thruster_signal(len(u)), u)]
     found += stages.commanded
     found += joints.recorded()
-    if stages.tool is not None and stages.model is not None:
-        found += [(signal, stages.motion[signal.name]) for signal in TOOL]
-        found.append((MANIPULABILITY, stages.model.record["manipulability"]))
+    found += stages.frame.recorded()
     own = [each for each in stages.states() if each[1] != "zeta" or not isinstance(each[0], ImpedanceTask)]
     check_states([(stage, name) for stage, name, _ in own], {signal.name for signal, _ in found})
     return found + [(state_signal(stage, name, memory.size), memory) for stage, name, memory in own]
@@ -76,7 +74,7 @@ def recorded(
 def check_states(states: Sequence[tuple[Stage, str]], names: Set[str] = frozenset()) -> None:
     """Refuse states that can't be recorded under their names, beside the signals ``names``. Raises InputError if two
     states have one name, or a state's name is taken or is not an identifier."""
-    own = (*contact_signals(0), *joint_signals(0), thruster_signal(0))
+    own = (*contact_signals(0), *JOINT_SIGNALS, thruster_signal(0))
     recorded = (*RECORDED, *MEASURED, *UNSTEADY, *DELAYED, *SCHEDULED, *TOOL, MANIPULABILITY, *own)
     taken = names | {signal.name for signal in recorded} | _ATTRIBUTES
     faults: dict[Stage, list[Fault]] = {}

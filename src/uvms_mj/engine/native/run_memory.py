@@ -39,7 +39,7 @@ class RunMemory:
         self.context_at = self.context.ctypes.data
         vehicle, memory = setup.vehicle, engine.memory
         n = len(vehicle.thrusters)
-        self.joints = Joints(vehicle.arm)
+        self.joints = Joints(setup)
         self.stages = stages = StageTable(setup, self.loop["true"], self.context["water"], self.joints)
         self.u = np.zeros(n)
         self.contacts = ContactList(setup)
@@ -95,7 +95,7 @@ class RunMemory:
         stages = self.stages
         yield from (self.loop, self.context, stages.signals, stages.sensed, stages.command, stages.allocation)
         yield from (stages.commands, stages.thrust, stages.tau_lost, self.u, stages.rows)
-        yield from (stages.base, stages.delayed, stages.motion)
+        yield from (stages.frame.base, stages.frame.motion, stages.delayed)
         for entry in stages.running:
             if entry.states or type(entry.stage).memory:
                 yield from (entry.state, entry.state_dot)
@@ -160,7 +160,7 @@ class RunMemory:
     def views(self) -> dict[str, np.ndarray]:
         """Every signal by name as a read-only view: those that the law is given, and the recorded ones."""
         found = {signal.name: memory.reshape(signal.shape) for signal, memory in self.recorded}
-        signals, base = self.stages.signals, self.stages.base
+        signals, base = self.stages.signals, self.stages.frame.base
         given = {name: signals[name] for name in signals.dtype.names} | {s.name: base[s.name] for s in KNOWN}
         found = {name: each[0:1].reshape(each.shape[1:]) for name, each in given.items()} | found
         for view in found.values():
@@ -206,8 +206,8 @@ def write_impedance(memory: RunMemory, setup: Setup) -> None:
 
 
 def write_estimates(memory: RunMemory, setup: Setup) -> None:
-    if memory.stages.model is not None:
-        memory.stages.model.estimate(setup.nominal, setup.scenario.estimates)
+    if memory.stages.frame.model is not None:
+        memory.stages.frame.model.estimate(setup.nominal, setup.scenario.estimates)
 
 
 def write_control(memory: RunMemory, setup: Setup) -> None:

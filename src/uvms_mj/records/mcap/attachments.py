@@ -23,7 +23,7 @@ from ...plant.mjcf import Mjcf
 from ...quantities import STRICT, NonNegative, Real
 from ...scenario import STAGES, Scenario
 from ...stages.loader import recorded_stage
-from ...stages.signals import RECORDED, Signal
+from ...stages.signals import OF_JOINTS, RECORDED, Signal
 from ..header import Header, Outcome, StageSource, code_file
 
 MOST_BYTES = 256_000_000
@@ -31,7 +31,7 @@ MOST_BYTES = 256_000_000
 _MOST_VALUES = 200_000
 """Largest number of values (numbers, texts, lists) in one JSON file. Reading takes some 100 bytes of memory for each. A
 mesh is one text."""
-FORMAT = 4
+FORMAT = 5
 """Version of the log format, for a change of run.json or of the topic of a signal. A new signal is not a change."""
 
 
@@ -47,7 +47,7 @@ def _mujoco(run: dict[str, Any]) -> dict[str, Any]:
 
 
 def _stages_since(run: dict[str, Any]) -> dict[str, Any]:
-    """Format 3 lacks the tables of stages that came later; these stages were those of today's defaults."""
+    """Formats 3 and 4 lack the tables of stages that came later; these stages were those of today's defaults."""
     stages = run.get("stages")
     if not isinstance(stages, dict):
         return run
@@ -55,7 +55,12 @@ def _stages_since(run: dict[str, Any]) -> dict[str, Any]:
     return run | {"stages": defaults | stages}
 
 
-_UPGRADES: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {1: _stages_of_law, 2: _mujoco, 3: _stages_since}
+_UPGRADES: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {
+    1: _stages_of_law,
+    2: _mujoco,
+    3: _stages_since,
+    4: _stages_since,
+}
 """By format: a function that makes run.json one of the next format. Logs of these formats and of FORMAT are read."""
 _NEEDED = frozenset(
     (
@@ -194,6 +199,10 @@ def header_of(files: Mapping[str, bytes]) -> Header:
     if differ or not _are_sound(signals, states):
         version = run.versions.get("uvms-mj", "of another version")
         raise InputError(f"run.json: its signals differ from this version's; the log was written by uvms-mj {version}")
+    geometry = Geometry.from_json(files["geometry.json"])
+    wrong = [s.name for s in signals if geometry.links and s.name in OF_JOINTS and s.shape != (len(geometry.links),)]
+    if wrong:
+        raise InputError(f"run.json: {', '.join(wrong)} must have {len(geometry.links)} numbers, one a joint")
     models = {name.removeprefix("model/"): data for name, data in files.items() if name.startswith("model/")}
     for name in models:
         if not name.strip(".") or not name.isprintable() or "/" in name or "\\" in name:
@@ -210,7 +219,7 @@ def header_of(files: Mapping[str, bytes]) -> Header:
         else SteadyState(rest.force, *(each if each is None else np.array(each) for each in _arrays(rest))),
         notes=run.notes,
         mjcf=Mjcf(run.vehicle, models),
-        geometry=Geometry.from_json(files["geometry.json"]),
+        geometry=geometry,
         sources=sources,
         versions=run.versions,
         engine=run.engine,

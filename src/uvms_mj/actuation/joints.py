@@ -1,0 +1,62 @@
+"""The contract of a joint interface, a stage that sets the torques of the joints' motors, and the torque interface.
+
+Whatever torque the stage sets, the motor gives at most what :func:`uvms_mj.physics.joints.deliverable` says.
+"""
+
+from __future__ import annotations  # so that help(Joints) shows short type names
+
+import dataclasses
+from typing import Any, ClassVar
+
+from ..physics.kernels import kernel
+from ..quantities import Step
+from ..stages.base import Room, Stage, shared
+from ..stages.joint_signals import joint_torque_signal, joints_given
+
+
+@dataclasses.dataclass(frozen=True)
+class Joints(Stage):
+    """Base class of all joint interfaces. ``given`` has the signals of
+    :func:`uvms_mj.stages.joint_signals.joints_given`, and tau_q (n,) is the torque of each joint's motor [N m or N]."""
+
+    period: Step | None = shared(None, "s", "period, a multiple of the time step; default: every step")
+
+    every_step: ClassVar[bool] = True
+    obeys: ClassVar[bool] = True
+    """Whether the torque follows the commanded one, which is then recorded."""
+    room: ClassVar[Room] = Room(
+        name="actuation",
+        table="joints",
+        given=joints_given,
+        out=(joint_torque_signal(0),),
+        noun="joint interface",
+        arguments=("settings", "state", "given", "state_dot", "tau_q"),
+        counts="joints",
+    )
+
+    def meant(self, setup: Any) -> Joints:
+        """The interface that a run uses: itself."""
+        return self
+
+    @staticmethod
+    def step(settings, state, given, state_dot, tau_q):
+        """Set tau_q (n,) and state_dot from settings, state and given."""
+        raise NotImplementedError
+
+
+@kernel
+def commanded(given, tau_q):
+    """Set the torques to the commanded ones. A stage that calls it first changes only the rest."""
+    for j in range(tau_q.shape[0]):
+        tau_q[j] = given.tau_q_cmd[j]
+
+
+@dataclasses.dataclass(frozen=True)
+class Torque(Joints):
+    """Torque interface: the motors give the torques that the law at the tool commands, within their limits."""
+
+    name = "torque"
+
+    @staticmethod
+    def step(settings, state, given, state_dot, tau_q):
+        commanded(given, tau_q)

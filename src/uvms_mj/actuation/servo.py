@@ -1,0 +1,168 @@
+r"""Velocity and position interfaces: the servo loops of a joint's drive, which follow a given motion.
+
+The velocity loop is a PI controller with the bandwidth :math:`\omega_v`, for the inertia I that the motor feels while
+all other joints and the vehicle are free, at the start:
+
+.. math::
+
+    \tau_q = K_v (v - \dot q_m) + z, \qquad
+    \dot z = \frac{\omega_v}{4} (K_v (v - \dot q_m) + \tau_{lim} - \tau_q), \qquad K_v = \omega_v I
+
+with the torque :math:`\tau_{lim}` that the motor gives instead of tau_q where it is at its limit, so that z does not
+wind up. The position loop around it is proportional, with feed-forward of the given velocity,
+
+.. math:: v = \dot q_d + \omega_p (q_d - q_m), \qquad |v| \le \dot q_{max}
+
+The loops know no weight, buoyancy or water: z carries them.
+"""
+
+from __future__ import annotations  # so that help(Servo) shows short type names
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+
+from ..errors import Fault, InputError
+from ..physics.joints import deliverable
+from ..physics.kernels import kernel
+from ..quantities import Lowercase, Positive, Time
+from ..stages.base import setting
+from .joints import Joints, Torque
+from .motion import Coordinates, Waypoints, piece_at, pieces, rate_at, read_motion, value_at
+
+_SOURCES = ("target", "motion", "motion_file")
+
+
+@dataclasses.dataclass(frozen=True)
+class Servo(Joints):
+    """Base class of the velocity and the position interface."""
+
+    target: Coordinates | None = setting(None, "rad or m (/s)", "constant target of each joint")
+    motion: Waypoints = setting((), "s, rad or m (/s)", "[{time = 2.0, joints = [0.5, 1.2]}, ...] in place of a target")
+    motion_file: str | None = setting(
+        None, "-", "CSV file in place of a target, with the column time [s] and one for each joint by its name"
+    )
+    motion_start: Time = setting(0.0, "s", "time of the run at which the time of the motion is zero")
+    interpolation: Annotated[Literal["linear", "cubic"], Lowercase] = setting(
+        "cubic", "-", "of the motion between its times: linear or cubic"
+    )
+    velocity_bandwidth: Positive = setting(200.0, "rad/s", "bandwidth omega_v of the velocity loop")
+
+    obeys: ClassVar = False
+    needs: ClassVar = ("initial.joints",)
+    memory: ClassVar = {"carried": "joints"}
+    _inner_keys: ClassVar = {"joints.motion": ("time", "joints")}
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        given = [f"joints.{name}" for name in _SOURCES if getattr(self, name) not in (None, ())]
+        if len(given) > 1:
+            raise InputError([Fault(given[1], f"is given beside {given[0]}; give one of them")])
+
+    def at_start(self, setup: Any) -> np.ndarray:
+        """The value (n,) where no target and no motion is given."""
+        raise NotImplementedError
+
+    def given_motion(self, setup: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Times (m,) of the run [s] and values (m, n) of the given motion, one time and value if it is constant. Raises
+        InputError if a file can't be read."""
+        if self.motion_file is not None:
+            times, values = read_motion(self.motion_file, setup.vehicle.arm.joints)
+        elif self.motion:
+            times = np.array([waypoint.time for waypoint in self.motion])
+            values = np.array([waypoint.joints for waypoint in self.motion])
+        else:
+            times, values = np.zeros(1), np.array([self.at_start(setup) if self.target is None else self.target])
+        return times + self.motion_start, values
+
+    def faults(self, setup: Any) -> Iterator[Fault]:
+        joints = setup.vehicle.arm.joints
+        given = [("joints.target", self.target)] if self.target is not None else []
+        given += [(f"joints.motion[{i}].joints", waypoint.joints) for i, waypoint in enumerate(self.motion)]
+        wrong = [(key, values) for key, values in given if len(values) != len(joints)]
+        for key, values in wrong:
+            yield Fault(key, f"has {len(values)} values; the vehicle has {len(joints)} joints: {', '.join(joints)}")
+        if self.motion_file is not None:
+            try:
+                self.given_motion(setup)
+            except InputError as error:
+                yield from error.faults
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        """The gains K_v (n,), and the motion as :func:`.motion.pieces`."""
+        inertia = setup.joint_inertia
+        return {
+            "K_v": self.velocity_bandwidth * inertia,
+            "omega_i": 0.25 * self.velocity_bandwidth,
+            **pieces(*self.given_motion(setup), self.interpolation),
+        }
+
+
+@kernel
+def velocity_loop(settings, state, given, j, v) -> float:
+    """The torque of joint j for the commanded velocity v [rad/s or m/s]."""
+    error = settings.K_v[j] * (v - given.q_dot_m[j])
+    tau = error + state.carried[j]
+    limited = deliverable(tau, given.q_dot_m[j], given.effort[j], given.speed_limit[j])
+    state.carried[j] += given.period * settings.omega_i * (error + limited - tau)
+    return limited
+
+
+@dataclasses.dataclass(frozen=True)
+class Velocity(Servo):
+    """Velocity interface: each joint follows a given velocity, zero by default."""
+
+    name = "velocity"
+
+    def at_start(self, setup: Any) -> np.ndarray:
+        return np.zeros(len(setup.vehicle.arm.links))
+
+    @staticmethod
+    def step(settings, state, given, state_dot, tau_q):
+        begins, coefficients = settings.begins, settings.coefficients
+        n = piece_at(begins, given.t)
+        for j in range(tau_q.shape[0]):
+            v = value_at(begins, coefficients, n, j, given.t)
+            tau_q[j] = velocity_loop(settings, state, given, j, v)
+
+
+@dataclasses.dataclass(frozen=True)
+class Position(Servo):
+    """Position interface: each joint follows a given position, by default that of the start."""
+
+    position_bandwidth: Positive = setting(40.0, "rad/s", "bandwidth omega_p of the position loop")
+
+    name = "position"
+
+    def at_start(self, setup: Any) -> np.ndarray:
+        return setup.initial_joints
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        return {**super().constants(setup), "omega_p": self.position_bandwidth}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, tau_q):
+        begins, coefficients = settings.begins, settings.coefficients
+        n = piece_at(begins, given.t)
+        for j in range(tau_q.shape[0]):
+            v = rate_at(begins, coefficients, n, j, given.t)
+            v += settings.omega_p * (value_at(begins, coefficients, n, j, given.t) - given.q_m[j])
+            limit = given.speed_limit[j]
+            tau_q[j] = velocity_loop(settings, state, given, j, min(limit, max(-limit, v)))
+
+
+@dataclasses.dataclass(frozen=True)
+class Auto(Joints):
+    """The interface that fits the task: torque with the task frame at a tool, otherwise position at the start."""
+
+    name = "auto"
+    runs: ClassVar[bool] = False
+
+    def meant(self, setup: Any) -> Joints:
+        at_body = getattr(setup.scenario.task, "frame", "body") == "body"
+        return Position(period=self.period) if at_body else Torque(period=self.period)
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        return self.meant(setup).constants(setup)

@@ -1,0 +1,53 @@
+"""The signals of a vehicle's joints. Units are those of hinges or of slides."""
+
+from .signals import CLOCK, Signal
+
+_COORDINATE, _RATE, _EFFORT = "rad or m", "rad/s or m/s", "N m or N"
+
+
+def joint_signals(n: int) -> tuple[Signal, ...]:
+    """The true positions and velocities of n joints."""
+    return (
+        Signal("q", (n,), _COORDINATE, "-", "position of each joint"),
+        Signal("q_dot", (n,), _RATE, "-", "velocity of each joint"),
+    )
+
+
+def encoder_signals(n: int) -> tuple[Signal, ...]:
+    """Set by the encoder of n joints. Recorded unless it is perfect."""
+    return (
+        Signal("q_m", (n,), _COORDINATE, "-", "measured position of each joint"),
+        Signal("q_dot_m", (n,), _RATE, "-", "measured velocity of each joint"),
+    )
+
+
+def encoder_given(n: int) -> tuple[Signal, ...]:
+    """Given to the encoder of n joints."""
+    return CLOCK + joint_signals(n)
+
+
+def joint_command_signal(n: int) -> Signal:
+    """The signal of the commanded torques (n,)."""
+    return Signal("tau_q_cmd", (n,), _EFFORT, "-", "torque commanded of each joint")
+
+
+def joint_torque_signal(n: int) -> Signal:
+    """The signal of the torques (n,) that the joints' motors give."""
+    return Signal("tau_q", (n,), _EFFORT, "-", "torque of each joint's motor")
+
+
+def joints_given(n: int) -> tuple[Signal, ...]:
+    """Given to the interface of n joints."""
+    return (
+        *CLOCK,
+        *encoder_signals(n),
+        joint_command_signal(n),
+        Signal("effort", (n,), _EFFORT, "-", "greatest torque of each motor"),
+        Signal("speed_limit", (n,), _RATE, "-", "speed at which each motor gives no torque; infinite: none"),
+        Signal("q_min", (n,), _COORDINATE, "-", "least position of each joint; infinite: none"),
+        Signal("q_max", (n,), _COORDINATE, "-", "greatest position of each joint; infinite: none"),
+    )
+
+
+JOINT_SIGNALS = (*joint_signals(0), joint_torque_signal(0), *encoder_signals(0), joint_command_signal(0))
+"""Recorded of a vehicle with joints: always q, q_dot and tau_q; the others where they may differ from these."""
