@@ -116,16 +116,18 @@ class Header:
         return {signal.name: signal for signal in self.signals}
 
     def components(self, signal: Signal) -> tuple[str, ...]:
-        """Names of a signal's components; those of joints if it has one number a joint."""
-        joints = tuple(link.joint for link in self.geometry.links)
-        return joints if signal.name in OF_JOINTS and len(joints) == signal.size else signal.components
+        """Names of a signal's components; those of the joints if it has one number a joint."""
+        return tuple(link.joint for link in self.geometry.links) if self._of_joints(signal) else signal.components
 
     def units(self, signal: Signal) -> tuple[str, ...]:
         """Units of a signal's components; "rad or m" is rad for a hinge and m for a slide."""
-        if " or " not in signal.unit:
+        if not self._of_joints(signal) or " or " not in signal.unit:
             return signal.units
         hinge, slide = signal.unit.split(" or ")
         return tuple(slide if link.slide else hinge for link in self.geometry.links)
+
+    def _of_joints(self, signal: Signal) -> bool:
+        return signal.name in OF_JOINTS and signal.size == len(self.geometry.links)
 
     @property
     def task_frame(self) -> tuple[str, str, str]:
