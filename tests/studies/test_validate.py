@@ -177,13 +177,18 @@ def test_the_page_has_every_trial_and_what_was_fitted(results):
         (lambda folder: _line(folder / "a_imu.csv", 7, "0.1,0,0,wide,1"), "a_imu.csv: z_ori in line 7 is not a finite"),
         (lambda folder: _line(folder / "a_imu.csv", 7, "0.0,0,0,0,1"), "with time_secs growing from each line"),
         (
+            lambda folder: _line(folder / "a_mocap.csv", 9, "0.22,0,0,0,0"),
+            "quaternion in line 9 has the length 0, not 1",
+        ),
+        (lambda folder: _later(folder), "a: its files share -11 s; 5 to 600 s are needed"),
+        (
             lambda folder: [path.unlink() for path in folder.iterdir()],
             "has no record; a record is the files NAME_mocap",
         ),
     ],
 )
 def test_a_wrong_folder_gets_one_message(tmp_path, harm, message):
-    t = np.linspace(0.0, 5.0, 200)
+    t = np.linspace(0.0, 6.0, 200)
     for kind, names in (("mocap", "x_ori y_ori z_ori w_ori"), ("imu", "x_ori y_ori z_ori w_ori")):
         rows = np.column_stack([t, np.zeros((200, 3)), np.ones(200)])
         np.savetxt(
@@ -202,6 +207,14 @@ def test_a_wrong_folder_gets_one_message(tmp_path, harm, message):
 
 def _change(path: Path, before: str, after: str) -> None:
     path.write_text(path.read_text().replace(before, after))
+
+
+def _later(folder: Path) -> None:
+    """The clock of the motion capture begins when the others have ended."""
+    rows = np.loadtxt(folder / "a_mocap.csv", delimiter=",", skiprows=1)
+    rows[:, 0] += 17.0
+    header = (folder / "a_mocap.csv").read_text().splitlines()[0]
+    np.savetxt(folder / "a_mocap.csv", rows, "%g", ",", header=header, comments="")
 
 
 def _line(path: Path, number: int, text: str) -> None:

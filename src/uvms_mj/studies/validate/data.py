@@ -23,6 +23,8 @@ ZERO = (3.07, 0.0, 0.0, 2.879)
 """What each joint shows where the joint angle of the model is zero [rad] (Kolano and Davidson)."""
 MOVES = 0.02
 """An arm moves when a joint has left its first posture by this angle [rad]: ten times the noise of the encoders."""
+LEAST, MOST = 5.0, 600.0
+"""Bounds on the time that the three files of a record share [s]."""
 _QUATERNION = ("x_ori", "y_ori", "z_ori", "w_ori")
 _COLUMNS = {"mocap": _QUATERNION, "imu": _QUATERNION, "joint_states": tuple(f"{axis}_pos" for axis in AXES)}
 """Columns that are read of each file, besides time_secs."""
@@ -116,6 +118,10 @@ def _record(folder: Path, name: str, faults: list[Fault]) -> Record | None:
     files = {kind: _columns(folder / f"{name}_{kind}.csv", columns, faults) for kind, columns in _COLUMNS.items()}
     if any(len(values) == 0 for values in files.values()):
         return None
+    shared = min(values[-1, 0] for values in files.values()) - max(values[0, 0] for values in files.values())
+    if not LEAST <= shared <= MOST:
+        faults.append(Fault(name, f"its files share {shared:.4g} s; {LEAST:g} to {MOST:g} s are needed"))
+        return None
     attitudes = [Attitude.of(files[kind][:, 0], files[kind][:, [4, 1, 2, 3]]) for kind in ("mocap", "imu")]
     joints = files["joint_states"]
     return Record(name.removeprefix("traj").strip("_"), joints[:, 0], joints[:, 1:] - ZERO, *attitudes)
@@ -143,6 +149,9 @@ def _columns(path: Path, names: Sequence[str], faults: list[Fault]) -> np.ndarra
         faults.append(Fault(path.name, f"{names[column]} in line {row + 2} is not a finite number"))
     elif len(values) < 100 or (np.diff(values[:, 0]) <= 0.0).any():
         faults.append(Fault(path.name, "needs at least 100 lines, with time_secs growing from each line to the next"))
+    elif names[1:] == _QUATERNION and (np.abs((lengths := np.linalg.norm(values[:, 1:], axis=1)) - 1.0) > 0.01).any():
+        row = int(np.argmax(np.abs(lengths - 1.0)))
+        faults.append(Fault(path.name, f"the quaternion in line {row + 2} has the length {lengths[row]:.4g}, not 1"))
     else:
         return values
     return np.empty((0, 0))

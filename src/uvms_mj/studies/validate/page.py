@@ -30,6 +30,8 @@ def numbers(results: Results) -> dict[str, Any]:
     reference = results.swings()[VARIANTS[0]].angles[:, PITCH]
     return {
         "trials": [trial.name for trial in results.trials],
+        "rms_pitch_deg": _each(results, [*models.values(), results.fitted], "rms"),
+        "peak_pitch_deg": _each(results, [*models.values(), results.fitted], "peak"),
         "mean_rms_pitch_deg": {name: _deg(results.mean(model)) for name, model in models.items()},
         "mean_rms_pitch_aligned_deg": _deg(np.mean(aligned)),
         "mean_rms_pitch_in_motion_deg": _deg(np.mean(in_motion)),
@@ -132,6 +134,15 @@ def rest(results: Results) -> Table:
             values = (seen.mean(), seen.min(), seen.max(), other.mean(), *found)
             rows.append((f"{record.name}, {name}", [_text(value) for value in values]))
     return Table("record at rest", heads, rows)
+
+
+def _each(results: Results, models: list[Variant], what: str) -> dict[str, list[float]]:
+    """rms or peak of the error of the pitch of each trial [deg], by model."""
+    labels = [*VARIANTS, "height fitted"]
+    return {
+        label: [_deg(getattr(results.pitch(k, model), what)) for k, _ in _moving(results)]
+        for label, model in zip(labels, models, strict=True)
+    }
 
 
 def _moving(results: Results) -> Any:
