@@ -2,14 +2,18 @@
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 from pool_records import reach, write
+from tree_twin import Rigid, TwinBody, TwinTree, inertia, resistance
+from twin import rotation, skew
 from uvms_mj import InputError
 from uvms_mj.engine.native.attachment import immerse
 from uvms_mj.physics.frames import quat_from_euler_deg
@@ -132,6 +136,47 @@ def test_weights_foam_and_arm_leave_the_vehicle_neutral():
     links = given.arm.links
     net = given.displaced_mass + sum(k.displaced_mass for k in links) - given.mass - sum(k.mass for k in links)
     assert abs(net) < 0.02  # [kg]
+
+
+def _twin(given):
+    """The independent twin of a vehicle, from its coefficients."""
+
+    def body(parent, M_RB, of, **joint):
+        m, r_g = M_RB[0, 0], np.array([M_RB[5, 1], M_RB[3, 2], M_RB[4, 0]]) / M_RB[0, 0]
+        part = Rigid(m, r_g, M_RB[3:, 3:] + m * skew(r_g) @ skew(r_g))
+        return TwinBody(parent, (part,), of.M_A, of.D_linear, of.D_quadratic, of.displaced_mass, of.r_b, **joint)
+
+    links = [body(k.parent + 1, k.M_RB, k, p_0=k.p_0, R_0=k.R_0, axis=k.axis, anchor=k.anchor) for k in given.arm.links]
+    return TwinTree((body(-1, given.M_RB, given), *links))
+
+
+def _prescribed(tree, motion, attitude, end):
+    """Attitude (3,) at a time of a twin whose joints follow a motion exactly: six equations, no servo, no MuJoCo."""
+
+    def rate(t, y):
+        R, nu = rotation(y[:4] / np.linalg.norm(y[:4])), y[4:]
+        zeta = np.r_[nu, motion.q(t, 1)]
+        M = inertia(tree, motion.q(t))
+        load = -resistance(tree, R, motion.q(t), zeta)[:6] - M[:6, 6:] @ motion.q(t, 2)
+        w, v = y[0], y[1:4]
+        quat_dot = 0.5 * np.r_[-v @ nu[3:], w * nu[3:] + np.cross(v, nu[3:])]
+        return np.r_[quat_dot, np.linalg.solve(M[:6, :6], load)]
+
+    begin = np.r_[quat_from_euler_deg(*np.degrees(attitude)), np.zeros(6)]
+    found = solve_ivp(rate, (motion.begin, end), begin, rtol=1e-6, atol=1e-8).y[:4, -1]
+    return Attitude.of(np.zeros(1), found[None] / np.linalg.norm(found)).angles[0]
+
+
+def test_the_vehicle_answers_the_arm_as_the_independent_twin_does():
+    motion, end = replace(swing(), end=2.0), 1.98
+    last = {}
+    for name in VARIANTS:
+        found = floating(motion, Variant(name))
+        twin = _prescribed(_twin(vehicle(Variant(name), motion.q(0.0))), motion, found.angles[0], end)
+        last[name] = found.at(np.array([end]))[0]
+        assert np.degrees(np.abs(last[name] - twin).max()) < 1e-3  # first order in the time step, and the servos
+    for name in VARIANTS[1:]:
+        assert np.degrees(np.abs(last[name] - last["as is"]).max()) > 0.3
 
 
 def test_lumped_added_mass_is_the_base_block_of_the_inertia():
