@@ -1,5 +1,6 @@
 """Runs against records of a pool: on records that the simulator made, and on the real ones."""
 
+import json
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -8,6 +9,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
@@ -15,13 +17,14 @@ from pool_records import reach, write
 from tree_twin import Rigid, TwinBody, TwinTree, inertia, resistance
 from twin import rotation, skew
 from uvms_mj import InputError
+from uvms_mj.cli import main
 from uvms_mj.engine.native.attachment import immerse
 from uvms_mj.physics.frames import quat_from_euler_deg
 from uvms_mj.studies.study import executor_of
 from uvms_mj.studies.validate import alignment, fit
 from uvms_mj.studies.validate.data import AXES, Attitude, Motion, records
 from uvms_mj.studies.validate.floating import driven, floating
-from uvms_mj.studies.validate.page import numbers, page
+from uvms_mj.studies.validate.page import numbers
 from uvms_mj.studies.validate.results import PITCH, compute
 from uvms_mj.studies.validate.swing import FASTEST, swing
 from uvms_mj.studies.validate.vehicle import (
@@ -204,12 +207,17 @@ def test_the_swing_is_within_the_speed_of_the_arm_and_tells_the_models_apart(res
     assert np.degrees(np.abs(lumped - as_is).max()) > 1.0
 
 
-def test_the_page_has_every_trial_and_what_was_fitted(results):
-    html = page(results, {"uvms-mj": "0"})
+def test_the_command_writes_a_page_with_every_trial_and_what_was_fitted(made, results, tmp_path, monkeypatch):
+    monkeypatch.setattr("uvms_mj.studies.validate.results.compute", lambda *given: results)
+    done = CliRunner().invoke(main, ["validate", "pool", "--data", str(made), "--out", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    assert "height fitted on 000-0, 001-0, 002-0; mean of the other trials" in done.output
+    assert done.output.splitlines()[-1] == f"{tmp_path}/report.html"
+    html = (tmp_path / "report.html").read_text()
     for name in ("000-0 *", "001-0 *", "002-0 *", "003-0", "baseline1, pitch"):
         assert f">{name}<" in html
     assert "Only the height of the centre of buoyancy fitted, on 000-0, 001-0, 002-0" in html
-    found = numbers(results)
+    found = json.loads((tmp_path / "numbers.json").read_text())
     assert found["mean_rms_pitch_fitted_deg"] == pytest.approx(np.degrees(results.pitch(3, results.fitted).rms))
 
 
@@ -275,10 +283,6 @@ def test_too_few_trials_are_refused(made):
 
 
 def test_the_command_names_what_it_looks_for(tmp_path):
-    from click.testing import CliRunner
-
-    from uvms_mj.cli import main
-
     done = CliRunner().invoke(
         main, ["validate", "pool", "--data", str(tmp_path / "none"), "--out", str(tmp_path / "out")]
     )
@@ -288,6 +292,7 @@ def test_the_command_names_what_it_looks_for(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not POOL, reason="UVMS_MJ_POOL_DATA does not name a folder with the records of the pool")
 def test_the_real_pool():
     trials, resting = records(POOL)
