@@ -27,7 +27,6 @@ from typing import Annotated, Any, ClassVar
 from pydantic import AfterValidator
 
 from ..errors import Fault, InputError
-from ..physics.dense import backward, cholesky, forward
 from ..physics.fossen import matvec
 from ..physics.frames import quat_error
 from ..physics.kernels import kernel
@@ -35,6 +34,7 @@ from ..quantities import Step
 from ..stages.base import Room, Stage, shared
 from ..stages.signals import TASK, TASK_GIVEN
 from .base import Diagonal
+from .natural import solve_natural
 
 
 def _nonzero(value: tuple[float, ...]) -> tuple[float, ...]:
@@ -53,6 +53,10 @@ _NonzeroDiagonal = Annotated[Diagonal, AfterValidator(_nonzero)]
 _NegativeDiagonal = Annotated[Diagonal, AfterValidator(_not_positive)]
 
 
+BODY = "body"
+"""The frame of the task at which the paper's equations stand: B."""
+
+
 @dataclasses.dataclass(frozen=True)
 class ImpedanceTask(Stage):
     """The impedance task: sliding variable s, state zeta and nominal control of the desired impedance."""
@@ -61,10 +65,11 @@ class ImpedanceTask(Stage):
     F_1: Diagonal = shared(1.0, "1/s", "gain of the pose error in s, eq. (14)")
     F_2: _NonzeroDiagonal = shared(1.0, "1", "gain of zeta in s, eq. (14)")
     A: _NegativeDiagonal = shared(-100.0, "1/s", "pole of zeta, eq. (15)")
+    frame: str = shared(BODY, "-", "frame of the task: body, or the name of a site of the vehicle, its tool")
     integral: bool = shared(False, "-", "true: s is M_d^-1 times the integral of eq. (6): A is 0, and s(0) is 0")
 
     name = "impedance_task"
-    needs: ClassVar = ("impedance.M_d",)
+    needs: ClassVar = ("impedance.M_d", "initial.joints")
     states: ClassVar = {"zeta": 6}
     memory: ClassVar = {"L": 36}
     units: ClassVar = {"zeta": "m/s, rad/s"}
@@ -83,7 +88,7 @@ class ImpedanceTask(Stage):
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
         natural = setup.scenario.impedance.natural
-        return {**super().constants(setup), "M_d_inv": setup.design.M_d_inv, "natural": natural}
+        return {**super().constants(setup), "frame": None, "M_d_inv": setup.design.M_d_inv, "natural": natural}
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
@@ -121,19 +126,8 @@ class ImpedanceTask(Stage):
             out.zeta[i], out.F_1[i], out.F_2[i], out.A[i] = zeta[i], F_1[i], F_2[i], A[i]
 
 
-@kernel
-def solve_natural(M, force, L, w):
-    """Set w (6,) to M^-1 force, for M (6, 6) that changes; L (36,) is scratch."""
-    for i in range(6):
-        w[i] = force[i]
-        for j in range(i + 1):
-            L[6 * i + j] = M[i, j]
-    cholesky(L, 6, L)
-    forward(L, 6, w, 1)
-    backward(L, 6, w, 1)
-
-
-TASK_KEYS = tuple(f.name for f in dataclasses.fields(ImpedanceTask) if f.name != "period")
+TASK_KEYS = tuple(f.name for f in dataclasses.fields(ImpedanceTask) if f.name not in ("period", "frame"))
+"""The gains of the task, whose earlier place was the table of the law."""
 
 
 def move_task_keys(law: dict[str, Any], task: dict[str, Any], faults: list[Fault]) -> set[str]:
