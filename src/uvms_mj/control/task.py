@@ -53,6 +53,10 @@ _NonzeroDiagonal = Annotated[Diagonal, AfterValidator(_nonzero)]
 _NegativeDiagonal = Annotated[Diagonal, AfterValidator(_not_positive)]
 
 
+BODY = "body"
+"""The frame of the task at which the paper's equations stand: B."""
+
+
 @dataclasses.dataclass(frozen=True)
 class ImpedanceTask(Stage):
     """The impedance task: sliding variable s, state zeta and nominal control of the desired impedance."""
@@ -61,10 +65,11 @@ class ImpedanceTask(Stage):
     F_1: Diagonal = shared(1.0, "1/s", "gain of the pose error in s, eq. (14)")
     F_2: _NonzeroDiagonal = shared(1.0, "1", "gain of zeta in s, eq. (14)")
     A: _NegativeDiagonal = shared(-100.0, "1/s", "pole of zeta, eq. (15)")
+    frame: str = shared(BODY, "-", "frame of the task: body, or the name of a site of the vehicle, its tool")
     integral: bool = shared(False, "-", "true: s is M_d^-1 times the integral of eq. (6): A is 0, and s(0) is 0")
 
     name = "impedance_task"
-    needs: ClassVar = ("impedance.M_d",)
+    needs: ClassVar = ("impedance.M_d", "initial.joints")
     states: ClassVar = {"zeta": 6}
     memory: ClassVar = {"L": 36}
     units: ClassVar = {"zeta": "m/s, rad/s"}
@@ -82,8 +87,8 @@ class ImpedanceTask(Stage):
             object.__setattr__(self, "A", (0.0,) * 6)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
-        natural = setup.scenario.impedance.natural
-        return {**super().constants(setup), "M_d_inv": setup.design.M_d_inv, "natural": natural}
+        own = {"frame": None, "M_d_inv": setup.design.M_d_inv, "natural": setup.scenario.impedance.natural}
+        return {**super().constants(setup), **own}
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
@@ -133,7 +138,8 @@ def solve_natural(M, force, L, w):
     backward(L, 6, w, 1)
 
 
-TASK_KEYS = tuple(f.name for f in dataclasses.fields(ImpedanceTask) if f.name != "period")
+TASK_KEYS = tuple(f.name for f in dataclasses.fields(ImpedanceTask) if f.name not in ("period", "frame"))
+"""The gains of the task, whose earlier place was the table of the law."""
 
 
 def move_task_keys(law: dict[str, Any], task: dict[str, Any], faults: list[Fault]) -> set[str]:
