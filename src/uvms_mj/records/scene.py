@@ -141,11 +141,6 @@ def wall_face(header: Header) -> float:
     return header.scenario.wall.position + header.probe_radius
 
 
-def origin(header: Header) -> str:
-    """The position that the reference p_d is for: that of B's origin, or that of the tool."""
-    return "p_WT" if "p_WT" in header.by_name else "p_WB"
-
-
 def _contact(header: Header, values: Values) -> tuple[np.ndarray, np.ndarray]:
     reach, forces, origin = header.probe_radius, values["f_contact_W"], values[header.task_frame[0]]
     if "f_contacts_W" not in values:
