@@ -27,6 +27,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import AfterValidator
 
 from ..errors import Fault, InputError
+from ..physics.dense import backward, cholesky, forward
 from ..physics.fossen import matvec
 from ..physics.frames import quat_error
 from ..physics.kernels import kernel
@@ -34,7 +35,6 @@ from ..quantities import Step
 from ..stages.base import Room, Stage, shared
 from ..stages.signals import TASK, TASK_GIVEN
 from .base import Diagonal
-from .natural import solve_natural
 
 
 def _nonzero(value: tuple[float, ...]) -> tuple[float, ...]:
