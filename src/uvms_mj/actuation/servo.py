@@ -5,11 +5,16 @@ all other joints and the vehicle are free, at the start:
 
 .. math::
 
-    \tau_q = K_v (v - \dot q_m) + z, \qquad
+    \tau_q = K_v (v - \dot q_m) + z + \tau_g, \qquad
     \dot z = \frac{\omega_v}{4} (K_v (v - \dot q_m) + \tau_{lim} - \tau_q), \qquad K_v = \omega_v I
 
 with the torque :math:`\tau_{lim}` that the motor gives instead of tau_q where it is at its limit, so that z does not
-wind up. The position loop around it is proportional, with feed-forward of the given velocity,
+wind up. The friction of the gear is fed forward, a share :math:`\sigma` of the vehicle's file: the viscous friction
+b and the Coulomb friction :math:`\tau_c`, below the speed :math:`v_s` in proportion to the commanded velocity,
+
+.. math:: \tau_g = \sigma (b v + \tau_c \max(-1, \min(1, v / v_s)))
+
+The position loop around it is proportional, with feed-forward of the given velocity,
 
 .. math:: v = \dot q_d + \omega_p (q_d - q_m), \qquad |v| \le \dot q_{max}
 
@@ -27,11 +32,13 @@ import numpy as np
 from ..errors import Fault, InputError
 from ..physics.joints import deliverable
 from ..physics.kernels import kernel
-from ..quantities import Lowercase, Positive, Time
+from ..quantities import Lowercase, Number, Positive, Time, within
 from ..stages.base import setting
 from .joints import Joints, Torque
 from .motion import Coordinates, Waypoints, piece_at, pieces, rate_at, read_motion, value_at
 
+SLOW = 0.01
+"""Speed v_s below which the Coulomb friction is fed forward in proportion to the commanded velocity [rad/s or m/s]."""
 _SOURCES = ("target", "motion", "motion_file")
 
 
@@ -47,6 +54,9 @@ class Servo(Joints):
     motion_start: Time = setting(0.0, "s", "time of the run at which the time of the motion is zero")
     interpolation: Annotated[Literal["linear", "cubic"], Lowercase] = setting(
         "cubic", "-", "of the motion between its times: linear or cubic"
+    )
+    friction_compensation: Annotated[Number, within(0.0, 1.0, "")] = setting(
+        1.0, "1", "share sigma of the gear's friction that is fed forward"
     )
     velocity_bandwidth: Positive = setting(200.0, "rad/s", "bandwidth omega_v of the velocity loop")
 
@@ -92,10 +102,12 @@ class Servo(Joints):
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
         """The gains K_v (n,), and the motion as :func:`.motion.pieces`."""
-        inertia = setup.joint_inertia
+        links = setup.nominal.arm.links
         return {
-            "K_v": self.velocity_bandwidth * inertia,
+            "K_v": self.velocity_bandwidth * setup.joint_inertia,
             "omega_i": 0.25 * self.velocity_bandwidth,
+            "viscous": self.friction_compensation * np.array([link.damping for link in links]),
+            "coulomb": self.friction_compensation * np.array([link.friction for link in links]),
             **pieces(*self.given_motion(setup), self.interpolation),
         }
 
@@ -104,7 +116,8 @@ class Servo(Joints):
 def velocity_loop(settings, state, given, j, v) -> float:
     """The torque of joint j for the commanded velocity v [rad/s or m/s]."""
     error = settings.K_v[j] * (v - given.q_dot_m[j])
-    tau = error + state.carried[j]
+    friction = settings.viscous[j] * v + settings.coulomb[j] * min(1.0, max(-1.0, v / SLOW))
+    tau = error + state.carried[j] + friction
     limited = deliverable(tau, given.q_dot_m[j], given.effort[j], given.speed_limit[j])
     state.carried[j] += given.period * settings.omega_i * (error + limited - tau)
     return limited

@@ -66,8 +66,8 @@ class Plant:
         spec.option.integrator = getattr(mujoco.mjtIntegrator, _INTEGRATORS[self.integrator])
         _add_surroundings(spec, self.vehicle.body, self.wall, self.geometry.reach)
         model = self.mjcf.compiled(spec)
-        set_constraints(model)
         vary(model, free_body_id(model, self.vehicle.body), self.vehicle.actuator_ids, self.choice)
+        set_constraints(model)
         _set_wall(model, _ids(model, self.vehicle.body), self.wall, self.wall.position + self.geometry.reach)
         return model
 
