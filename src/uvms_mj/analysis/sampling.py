@@ -10,9 +10,8 @@ from ..control.design import ATTITUDE_KEYS
 from ..control.sampled import delay_faults, zeta_limit
 from ..control.theory import stage_notes
 from ..errors import Fault, InputError
-from ..physics.dissipation import damping_notes
 from ..plant.mjcf import Mjcf
-from ..plant.vehicle import AXES
+from ..plant.vehicle import AXES, notes_on_damping
 from ..quantities import leaves
 from ..scenario import STAGES, Scenario
 from .setup import Setup, set_up
@@ -79,7 +78,7 @@ def warnings_of(setup: Setup) -> list[str]:
         notes.append(
             f"{thrusters} {rank} of 6 axes{without}: tau is the wrench closest to tau_cmd that they can produce"
         )
-    return notes + damping_notes(vehicle.body, vehicle.D_linear, vehicle.D_quadratic)
+    return notes + notes_on_damping(vehicle)
 
 
 @contextlib.contextmanager

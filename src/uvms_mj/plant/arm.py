@@ -8,7 +8,7 @@ origin of the link's body frame and in its axes; damping that is not given is ze
 
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
@@ -105,7 +105,7 @@ class Arm:
     whole vehicle by name. A rigid vehicle has no links."""
 
     links: tuple[Link, ...] = ()
-    sites: Mapping[str, Site] = None  # type: ignore[assignment]
+    sites: Mapping[str, Site] = field(default_factory=dict)
 
     @property
     def joints(self) -> tuple[str, ...]:

@@ -17,6 +17,7 @@ import mujoco
 import numpy as np
 
 from ..errors import Fault, InputError, suggestion
+from ..physics.dissipation import damping_notes
 from ..physics.frames import rotation_matrix
 from .arm import Arm, centre_of_gravity, read_arm, rigid_inertia
 from .coefficients import KNOWN_NUMERICS, LINK_NUMERICS, added_mass, damping_matrix, numeric
@@ -121,6 +122,14 @@ class Vehicle:
             array.setflags(write=False)
         water = M_A, D_linear, D_quadratic, displaced_mass, r_b
         return cls(body, M_RB, *water, thrusters, ids, thrust_of_ctrl, B, u_min, u_max, arm)
+
+
+def notes_on_damping(vehicle: Vehicle) -> list[str]:
+    """Warnings for the base and for each link whose damping can feed energy in."""
+    notes = damping_notes(vehicle.body, vehicle.D_linear, vehicle.D_quadratic)
+    for link in vehicle.arm.links:
+        notes += damping_notes(link.name, link.D_linear, link.D_quadratic)
+    return notes
 
 
 def free_body_id(model: mujoco.MjModel, body: str) -> int:

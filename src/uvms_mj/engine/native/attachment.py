@@ -10,9 +10,8 @@ import mujoco
 import numpy as np
 
 from ...errors import InputError
-from ...physics.dissipation import damping_notes
 from ...physics.hydrodynamics import factor
-from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses
+from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses, notes_on_damping
 from ...plant.water import Current, Disturbance, Tether
 from .callback import entry_point
 from .layouts import CONTEXT
@@ -169,7 +168,7 @@ def attach(
         UserWarning: the vehicle's damping can feed energy in.
     """
     vehicle = Vehicle.from_model(model, body)
-    for note in damping_notes(vehicle.body, vehicle.D_linear, vehicle.D_quadratic):
+    for note in notes_on_damping(vehicle):
         warnings.warn(note, stacklevel=2)
     vectors = {"current_W": current_W, "bias": bias, "amplitude": amplitude, "frequency_hz": frequency_hz}
     motion = Motion.checked(vectors, current, disturbance, tether, seed, model.opt.timestep)
