@@ -39,7 +39,14 @@ from .motion import Coordinates, Waypoints, piece_at, pieces, rate_at, read_moti
 
 SLOW = 0.01
 """Speed v_s below which the Coulomb friction is fed forward in proportion to the commanded velocity [rad/s or m/s]."""
+_SLACK = 0.01
+"""How far a given position may be beyond the range, for the errors of a measured motion [rad or m]."""
 _SOURCES = ("target", "motion", "motion_file")
+
+
+def at_body(setup: Any) -> bool:
+    """Whether the law commands a wrench on the body, and no joint torques."""
+    return getattr(setup.scenario.task, "frame", "body") == "body"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,17 +95,31 @@ class Servo(Joints):
         return times + self.motion_start, values
 
     def faults(self, setup: Any) -> Iterator[Fault]:
+        yield from super().faults(setup)
         joints = setup.vehicle.arm.joints
+        if not joints:
+            return
+        if not at_body(setup):
+            instead = "follows a given motion, and the law at a tool commands torques; choose torque"
+            yield Fault("joints.name", f"{self.label()!r} {instead}")
         given = [("joints.target", self.target)] if self.target is not None else []
         given += [(f"joints.motion[{i}].joints", waypoint.joints) for i, waypoint in enumerate(self.motion)]
-        wrong = [(key, values) for key, values in given if len(values) != len(joints)]
-        for key, values in wrong:
-            yield Fault(key, f"has {len(values)} values; the vehicle has {len(joints)} joints: {', '.join(joints)}")
-        if self.motion_file is not None:
-            try:
-                self.given_motion(setup)
-            except InputError as error:
-                yield from error.faults
+        for place, values in given:
+            if len(values) != len(joints):
+                has = f"has {len(values)} values; the vehicle has {len(joints)} joints: {', '.join(joints)}"
+                yield Fault(place, has)
+        try:
+            _, reached = self.given_motion(setup)
+        except InputError as error:
+            yield from error.faults
+        except ValueError:  # of the lengths above
+            pass
+        else:
+            yield from self.out_of_range(setup, reached)
+
+    def out_of_range(self, setup: Any, values: np.ndarray) -> Iterator[Fault]:
+        """Errors for values (m, n) of the given motion that no joint can reach."""
+        return iter(())
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
         """The gains K_v (n,), and the motion as :func:`.motion.pieces`."""
@@ -152,6 +173,14 @@ class Position(Servo):
     def at_start(self, setup: Any) -> np.ndarray:
         return setup.initial_joints
 
+    def out_of_range(self, setup: Any, values: np.ndarray) -> Iterator[Fault]:
+        key = next((f"joints.{name}" for name in _SOURCES if getattr(self, name) not in (None, ())), "initial.joints")
+        for link, low, high in zip(setup.vehicle.arm.links, values.min(axis=0), values.max(axis=0), strict=False):
+            worst = low if low < link.range[0] else high
+            if not link.range[0] - _SLACK <= worst <= link.range[1] + _SLACK:
+                least, most = link.range
+                yield Fault(key, f"{worst:g} of {link.joint} is beyond its range, {least:g} to {most:g}")
+
     def constants(self, setup: Any) -> Mapping[str, Any]:
         return {**super().constants(setup), "omega_p": self.position_bandwidth}
 
@@ -174,8 +203,7 @@ class Auto(Joints):
     runs: ClassVar[bool] = False
 
     def meant(self, setup: Any) -> Joints:
-        at_body = getattr(setup.scenario.task, "frame", "body") == "body"
-        return Position(period=self.period) if at_body else Torque(period=self.period)
+        return Position(period=self.period) if at_body(setup) else Torque(period=self.period)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
         return self.meant(setup).constants(setup)
