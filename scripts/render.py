@@ -26,7 +26,7 @@ from PIL import Image
 
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.files import shipped
-from uvms_mj.plant.geometry import Shape
+from uvms_mj.plant.shapes import Shape
 from uvms_mj.records.palette import Colour
 from uvms_mj.records.scene import FORCES, scene_of
 

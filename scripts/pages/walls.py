@@ -20,7 +20,7 @@ from PIL import Image
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.control.rest import SteadyState
 from uvms_mj.files import shipped
-from uvms_mj.plant.geometry import Shape
+from uvms_mj.plant.shapes import Shape
 from uvms_mj.records.scene import scene_of
 
 OUT = Path(__file__).parents[2] / "docs" / "walls.png"

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import os
 import random
 import signal
 import struct
@@ -14,6 +15,7 @@ from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader
 
 from command import COMMAND
+from killed import started
 from recorded import LAW
 from uvms_mj import McapLog, Scenario, SinkError, Status, Trace, simulate
 
@@ -79,19 +81,19 @@ def test_kill_9_at_twenty_random_moments_loses_no_chunk(tmp_path):
     dice = random.Random(3)
     lengths = []
     for i in range(20):
-        command = [*COMMAND, "run", "simulation.duration=2000", "-q", "-o", f"{i}"]
-        process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL)
+        process = started("run", "simulation.duration=2000", "-q", "-o", f"{i}", cwd=tmp_path)
         log = tmp_path / f"{i}" / "run.mcap"
         deadline = time.monotonic() + 60.0
         while not (log.exists() and log.stat().st_size > 1_200_000):
-            assert process.poll() is None
+            assert process.is_alive()
             if time.monotonic() > deadline:
-                process.send_signal(signal.SIGABRT)  # prints where it hangs
-                process.wait(10.0)
+                os.kill(process.pid, signal.SIGABRT)  # prints where it hangs
+                process.join(10.0)
             time.sleep(0.002)
-        time.sleep(dice.uniform(0.0, 0.3))
-        process.send_signal(signal.SIGKILL)
-        process.wait(60.0)
+        time.sleep(dice.uniform(0.0, 0.1))
+        process.kill()
+        process.join(60.0)
+        assert process.exitcode == -signal.SIGKILL
         trace = Trace.load(log)
         assert trace.status is Status.truncated
         n = min(len(trace), len(whole) - 1)

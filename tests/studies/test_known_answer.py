@@ -9,6 +9,10 @@ STUDY = """
 [base]
 scenario = "push_wall"
 simulation.timestep = 2e-4
+simulation.duration = 5.0
+initial.position = [0.98, 0.0, 0.0]
+reference.step_time = 0.0
+reference.bandwidth = 6.0
 [run]
 engine = "free_body"
 [design]

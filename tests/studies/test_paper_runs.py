@@ -42,7 +42,8 @@ def test_a_log_of_another_run_than_its_name_says_is_refused(tmp_path):
     assert study.load(tmp_path / "logs", jobs).traces["gsta_alone"].scenario == jobs["gsta_alone"]
     longer = Scenario.load("push_wall", {"simulation.duration": 0.03, "controller.k_1": 8.0}, "gsta")
     simulate(longer, sinks=[McapLog(tmp_path / "longer.mcap")])
-    exchanged = [(a, tmp_path / "logs" / f"{b}.mcap") for a in study.RUNS for b in study.RUNS if a != b]
+    names = list(study.RUNS)
+    exchanged = [(a, tmp_path / "logs" / f"{b}.mcap") for a, b in zip(names, names[1:] + names[:1], strict=True)]
     variation = tmp_path / "logs" / "sweep_impedance_still.mcap"
     for i, (name, other) in enumerate([*exchanged, ("gsta", tmp_path / "longer.mcap"), ("impedance", variation)]):
         folder = tmp_path / f"{i}"

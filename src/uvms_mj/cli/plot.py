@@ -7,7 +7,7 @@ import click
 from .common import bad_input, command, draw_to_files, force_option, path_option, refuse_existing
 from .logs import loaded
 
-WHATS = ("position", "force", "sliding", "tau", "integral", "summary")
+WHATS = ("position", "force", "sliding", "tau", "integral", "joints", "summary")
 """The choices of :mod:`uvms_mj.views.figures`, repeated here because its import is too slow for ``--help``."""
 FORMATS = ("png", "svg", "pdf")
 _CAPTIONS = {
@@ -77,6 +77,8 @@ def compare(logs: tuple[str, ...], out: str, force: bool) -> None:
         captions = dict(_CAPTIONS)
         if any(trace.header.law.states for trace in traces.values()):
             captions["integral"] = "The laws' own states"
+        if any(trace.header.geometry.links for trace in traces.values()):
+            captions["joints"] = "Joints"
         pictures = [
             report.Picture(what, f"{caption}: {report.named(traces)}.", figures.plot(traces, what))
             for what, caption in captions.items()

@@ -107,3 +107,10 @@ def quat_turned(quat: np.ndarray, phi: np.ndarray) -> np.ndarray:
     angle = float(np.linalg.norm(phi))
     w, v = math.cos(0.5 * angle), 0.5 * np.sinc(0.5 * angle / math.pi) * phi
     return np.concatenate([[quat[0] * w - quat[1:] @ v], quat[0] * v + w * quat[1:] + np.cross(quat[1:], v)])
+
+
+def quat_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The attitudes (..., 4) a b of unit quaternions (..., 4): first the turn b, then a."""
+    w_a, w_b, v_a, v_b = a[..., :1], b[..., :1], a[..., 1:], b[..., 1:]
+    w = w_a * w_b - (v_a * v_b).sum(axis=-1, keepdims=True)
+    return np.concatenate([w, w_a * v_b + w_b * v_a + np.cross(v_a, v_b)], axis=-1)

@@ -1,128 +1,58 @@
-"""Shapes of a vehicle as plain data, for drawing."""
+"""Geometry of a vehicle as plain data, for drawing: the shapes of its body and of its links."""
 
-import base64
-from typing import Annotated, Any, Literal, get_args
+import math
+from typing import get_args
 
 import mujoco
 import numpy as np
-from pydantic import Field, PlainSerializer, PlainValidator, TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from ..errors import InputError, faults_of
-from ..quantities import STRICT, NonNegative, Positive, Real, Vector3
+from ..quantities import STRICT, Positive
+from .arm import Link
+from .link_geometry import LinkGeometry
+from .shapes import Kind, Mesh, Shape
 
-Kind = Literal["sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh"]
 LAST_VISIBLE_GROUP = 2
 """Geoms of higher groups are for collisions by MuJoCo's convention, and its viewer hides them."""
 PROBE_REACH = 0.1
 """Reach of a vehicle without geoms [m]."""
 
 
-def _rows_of(kind: str) -> PlainValidator:
-    """Validator of rows of three numbers, given as an array or as base64 of little-endian numbers."""
-
-    def read(value: Any) -> np.ndarray:
-        array = value if isinstance(value, np.ndarray) else np.frombuffer(base64.b64decode(value, validate=True), kind)
-        array = np.array(array, kind).reshape(-1, 3)
-        array.setflags(write=False)
-        return array
-
-    return PlainValidator(read)
-
-
-_BASE64 = PlainSerializer(lambda array: base64.b64encode(array.tobytes()).decode(), when_used="json")
-
-
-@dataclass(frozen=True, eq=False, config=STRICT)
-class Mesh:
-    """A triangle mesh: vertices (n, 3) [m], and triangles (m, 3) as indices of vertices, counter-clockwise seen from
-    outside."""
-
-    vertices: Annotated[np.ndarray, _rows_of("<f4"), _BASE64]
-    triangles: Annotated[np.ndarray, _rows_of("<u4"), _BASE64]
-
-    def __post_init__(self) -> None:
-        if not np.isfinite(self.vertices).all() or self.triangles.max(initial=0) >= max(1, len(self.vertices)):
-            raise ValueError("vertices must be finite, and triangles must refer to existing vertices")
-
-    def corners(self) -> np.ndarray:
-        """Corners (3 m, 3) of the triangles, one triangle after the other [m]."""
-        return self.vertices[self.triangles.reshape(-1)]
-
-
-@dataclass(frozen=True, config=STRICT)
-class Shape:
-    """One geom, in the body frame B.
-
-    Attributes:
-        kind: type of the geom.
-        size: as in MJCF [m]: radius (sphere); radius, half length along z (capsule, cylinder); half axes (ellipsoid);
-            half edges (box).
-        position, quat: of its centre in B [m], w x y z.
-        rgba: colour and opacity, 0 to 1.
-        mesh: name of the mesh, if the geom is one.
-    """
-
-    kind: Kind
-    size: tuple[NonNegative, NonNegative, NonNegative]
-    position: Vector3
-    quat: tuple[Real, Real, Real, Real]
-    rgba: tuple[NonNegative, NonNegative, NonNegative, NonNegative]
-    mesh: str | None = None
-
-
 @dataclass(frozen=True, eq=False, config=STRICT)
 class Geometry:
-    """Shapes of a vehicle's body and of the bodies fixed to it, in the order of the MJCF, and their meshes by name.
-    ``reach`` is the distance of the vehicle's front from B's origin along x [m]; the wall's face is at x_c + reach."""
+    """Shapes of a vehicle's body and of the bodies fixed to it, in the order of the MJCF, and all meshes by name.
+    ``reach`` is the distance of the vehicle's front from B's origin along x [m]; the wall's face is at x_c + reach.
+    ``links`` are the links of the arm in the order of q, each with its shapes."""
 
     shapes: tuple[Shape, ...]
     meshes: dict[str, Mesh]
     reach: Positive = Field(default=PROBE_REACH)
+    links: tuple[LinkGeometry, ...] = ()
 
     def __post_init__(self) -> None:
-        lost = {shape.mesh for shape in self.shapes if shape.kind == "mesh"} - set(self.meshes)
+        drawn = [*self.shapes, *(shape for link in self.links for shape in link.shapes)]
+        lost = {shape.mesh for shape in drawn if shape.kind == "mesh"} - set(self.meshes)
         if lost:
             raise ValueError(f"missing mesh {', '.join(map(repr, lost))}")
+        for i, link in enumerate(self.links):
+            if link.parent >= i:
+                raise ValueError(f"link {link.name!r} must come after its parent")
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, body_id: int) -> "Geometry":
-        """Geometry of a compiled model's body. Shapes are those that MuJoCo's viewer shows; reach counts all geoms.
-        Raises InputError if a geom's size, position or colour is out of range."""
-        shapes, meshes, seen = [], {}, []
+    def of(cls, model: mujoco.MjModel, body_id: int, links: tuple[Link, ...] = ()) -> "Geometry":
+        """Geometry of a compiled model's body and its links. Shapes are those that MuJoCo's viewer shows; reach counts
+        all geoms of the body. Raises InputError if a geom's size, position or colour is out of range."""
+        meshes: dict[str, Mesh] = {}
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
-        origin, attitude = data.xpos[body_id], data.xquat[body_id]
-        to_B = np.zeros(4)
-        mujoco.mju_negQuat(to_B, attitude)
-        for geom in range(model.ngeom):
-            kind = mujoco.mjtGeom(model.geom_type[geom]).name.removeprefix("mjGEOM_").lower()
-            rgba = _rgba(model, geom)
-            if model.body_weldid[model.geom_bodyid[geom]] != body_id or kind not in get_args(Kind) or rgba[3] == 0.0:
-                continue
-            # a geom of the body itself is compiled in B; the pose of a fixed body's geom comes from the kinematics
-            position, quat = model.geom_pos[geom].copy(), model.geom_quat[geom].copy()
-            if model.geom_bodyid[geom] != body_id:
-                mujoco.mju_rotVecQuat(position, data.geom_xpos[geom] - origin, to_B)
-                mujoco.mju_mat2Quat(quat, data.geom_xmat[geom])
-                mujoco.mju_mulQuat(quat, to_B, quat.copy())
-            name = None
-            size = (0.0,) * 3 if kind == "mesh" else tuple(model.geom_size[geom].tolist())
-            try:
-                if kind == "mesh":
-                    name = model.mesh(model.geom_dataid[geom]).name
-                    meshes[name] = _mesh(model, model.geom_dataid[geom])
-                pose = {"position": tuple(position.tolist()), "quat": tuple(quat.tolist())}
-                shapes.append(Shape(kind=kind, size=size, **pose, rgba=rgba, mesh=name))
-            except ValidationError as error:
-                called = model.geom(geom).name or geom
-                raise InputError(faults_of(error), f"vehicle.model: geom {called!r} in the body frame") from None
-            seen.append(model.geom_group[geom] <= LAST_VISIBLE_GROUP)
-        visible = [shape for shape, shown in zip(shapes, seen, strict=True) if shown] or shapes
-        return cls(tuple(visible), meshes, _forward_reach(shapes, meshes))
+        every, visible = _shapes(model, data, body_id, meshes)
+        drawn = tuple(_link(link, _shapes(model, data, link.body_id, meshes)[1]) for link in links)
+        return cls(visible, meshes, _forward_reach(every, meshes), drawn)
 
     def to_json(self) -> bytes:
-        return _ADAPTER.dump_json(self)
+        return _ADAPTER.dump_json(self, exclude=None if self.links else {"links"})
 
     @classmethod
     def from_json(cls, data: bytes) -> "Geometry":
@@ -131,6 +61,65 @@ class Geometry:
             return _ADAPTER.validate_json(data)
         except ValidationError as error:
             raise InputError(faults_of(error), "geometry") from None
+
+
+def _shapes(
+    model: mujoco.MjModel, data: mujoco.MjData, body_id: int, meshes: dict[str, Mesh]
+) -> tuple[list[Shape], tuple[Shape, ...]]:
+    """All shapes of a body in its frame, and the visible ones, or all if none is visible. Adds their meshes."""
+    shapes, seen = [], []
+    for geom in range(model.ngeom):
+        kind = mujoco.mjtGeom(model.geom_type[geom]).name.removeprefix("mjGEOM_").lower()
+        rgba = _rgba(model, geom)
+        if model.body_weldid[model.geom_bodyid[geom]] != body_id or kind not in get_args(Kind) or rgba[3] == 0.0:
+            continue
+        position, quat = _pose(model, data, geom, body_id)
+        name = None
+        size = (0.0,) * 3 if kind == "mesh" else tuple(model.geom_size[geom].tolist())
+        try:
+            if kind == "mesh":
+                name = model.mesh(model.geom_dataid[geom]).name
+                meshes[name] = _mesh(model, model.geom_dataid[geom])
+            pose = {"position": tuple(position.tolist()), "quat": tuple(quat.tolist())}
+            shapes.append(Shape(kind=kind, size=size, **pose, rgba=rgba, mesh=name))
+        except ValidationError as error:
+            called = model.geom(geom).name or geom
+            raise InputError(faults_of(error), f"vehicle.model: geom {called!r} in the body frame") from None
+        seen.append(model.geom_group[geom] <= LAST_VISIBLE_GROUP)
+    visible = [shape for shape, shown in zip(shapes, seen, strict=True) if shown] or shapes
+    return shapes, tuple(visible)
+
+
+def _pose(model: mujoco.MjModel, data: mujoco.MjData, geom: int, body_id: int) -> tuple[np.ndarray, np.ndarray]:
+    """Position (3,) and attitude (4,) of a geom in the frame of the body that carries it."""
+    # a geom of the body itself is compiled in its frame; the pose of a fixed body's geom comes from the kinematics
+    position, quat = model.geom_pos[geom].copy(), model.geom_quat[geom].copy()
+    if model.geom_bodyid[geom] != body_id:
+        to_body = np.zeros(4)
+        mujoco.mju_negQuat(to_body, data.xquat[body_id])
+        mujoco.mju_rotVecQuat(position, data.geom_xpos[geom] - data.xpos[body_id], to_body)
+        mujoco.mju_mat2Quat(quat, data.geom_xmat[geom])
+        mujoco.mju_mulQuat(quat, to_body, quat.copy())
+    return position, quat
+
+
+def _link(link: Link, shapes: tuple[Shape, ...]) -> LinkGeometry:
+    quat = np.zeros(4)
+    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(link.R_0).reshape(9))
+    w, x, y, z = quat.tolist()
+    return LinkGeometry(
+        name=link.name,
+        joint=link.joint,
+        parent=link.parent,
+        slide=link.slide,
+        position=tuple(link.p_0.tolist()),
+        quat=(w, x, y, z),
+        axis=tuple(link.axis.tolist()),
+        anchor=tuple(link.anchor.tolist()),
+        range=link.range if all(map(math.isfinite, link.range)) else None,
+        effort=link.effort if math.isfinite(link.effort) else None,
+        shapes=shapes,
+    )
 
 
 def _rgba(model: mujoco.MjModel, geom: int) -> tuple[float, float, float, float]:

@@ -74,7 +74,7 @@ class Mjcf:
         vehicle, gravity_W = Vehicle.from_model(whole), whole.opt.gravity.copy()
         gravity_W.setflags(write=False)
         body = free_body_id(whole, vehicle.body)
-        return vehicle, Geometry.of(whole, body), gravity_W, float(whole.body_invweight0[body, 0])
+        return vehicle, Geometry.of(whole, body, vehicle.arm.links), gravity_W, float(whole.body_invweight0[body, 0])
 
     @property
     def vehicle(self) -> Vehicle:

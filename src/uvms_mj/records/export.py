@@ -70,8 +70,9 @@ def _mat(trace: Trace, path: Path) -> None:
 
 def _about(trace: Trace) -> dict[str, dict[str, str]]:
     """Unit, frame, meaning and components of each signal."""
+    parts = trace.header.components
     return {
-        s.name: {"unit": s.unit, "frame": s.frame, "meaning": s.meaning, "components": " ".join(s.components)}
+        s.name: {"unit": s.unit, "frame": s.frame, "meaning": s.meaning, "components": " ".join(parts(s))}
         for s in trace.signals
     }
 

@@ -22,7 +22,7 @@ from ..plant.mjcf import Mjcf
 from ..quantities import STRICT, NonNegative
 from ..scenario import STAGES, Scenario
 from ..stages.base import Stage
-from ..stages.signals import Signal
+from ..stages.signals import OF_JOINTS, Signal
 
 _PACKAGES = ("uvms-mj", "mujoco", "numpy", "numba", "llvmlite", "mcap")
 
@@ -112,6 +112,18 @@ class Header:
     @functools.cached_property
     def by_name(self) -> dict[str, Signal]:
         return {signal.name: signal for signal in self.signals}
+
+    def components(self, signal: Signal) -> tuple[str, ...]:
+        """Names of a signal's components; those of joints if it has one number a joint."""
+        joints = tuple(link.joint for link in self.geometry.links)
+        return joints if signal.name in OF_JOINTS and len(joints) == signal.size else signal.components
+
+    def units(self, signal: Signal) -> tuple[str, ...]:
+        """Units of a signal's components; "rad or m" is rad for a hinge and m for a slide."""
+        if " or " not in signal.unit:
+            return signal.units
+        hinge, slide = signal.unit.split(" or ")
+        return tuple(slide if link.slide else hinge for link in self.geometry.links)
 
     @property
     def width(self) -> int:

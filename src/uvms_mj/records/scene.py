@@ -13,7 +13,8 @@ import numpy as np
 
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..plant.contacts import as_surface
-from ..plant.geometry import Geometry, Shape
+from ..plant.geometry import Geometry
+from ..plant.shapes import Shape
 from ..plant.surfaces import ContactBody, Surface
 from .header import Header
 from .palette import ORANGE, SKY, VERMILLION, Colour
@@ -133,6 +134,11 @@ def wall_face(header: Header) -> float:
     if not header.scenario.wall.present and header.scenario.walls:
         return header.scenario.walls[0].position[0]
     return header.scenario.wall.position + header.geometry.reach
+
+
+def origin(header: Header) -> str:
+    """The position that the reference p_d is for: that of B's origin, or that of the tool."""
+    return "p_WT" if "p_WT" in header.by_name else "p_WB"
 
 
 def _contact(header: Header, values: Values) -> tuple[np.ndarray, np.ndarray]:

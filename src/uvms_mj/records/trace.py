@@ -112,7 +112,8 @@ class Trace:
         """The samples component by component: ``t``, ``p_WB.x``, ``p_WB.y``, ..."""
         for signal in self.signals:
             values = self[signal.name].reshape(len(self), signal.size)
-            for i, (component, unit) in enumerate(zip(signal.components, signal.units, strict=True)):
+            named = zip(self.header.components(signal), self.header.units(signal), strict=True)
+            for i, (component, unit) in enumerate(named):
                 name = f"{signal.name}.{component}" if component else signal.name
                 yield Column(name, unit, signal, values[:, i])
 

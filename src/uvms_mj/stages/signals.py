@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+OF_JOINTS = ("q", "q_dot", "tau_q", "q_m", "q_dot_m", "tau_q_cmd")
+"""Signals with one number a joint."""
 OWN_UNIT = "law's own"
 """Unit shown for a state or gain of a law that declares none."""
 
@@ -31,7 +33,7 @@ class Signal:
     @property
     def components(self) -> tuple[str, ...]:
         """Name of each component: x y z, w x y z, x y z roll pitch yaw, or 1 2 3 ...; an empty name for a scalar."""
-        if self.name == "u" or self.size not in _COMPONENTS:
+        if self.name in ("u", *OF_JOINTS) or self.size not in _COMPONENTS:
             return tuple(str(i + 1) for i in range(self.size))
         return _COMPONENTS[self.size]
 

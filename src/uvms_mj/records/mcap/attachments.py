@@ -23,7 +23,7 @@ from ...plant.mjcf import Mjcf
 from ...quantities import STRICT, NonNegative, Real
 from ...scenario import STAGES, Scenario
 from ...stages.loader import recorded_stage
-from ...stages.signals import RECORDED, Signal
+from ...stages.signals import OF_JOINTS, RECORDED, Signal
 from ..header import Header, Outcome, StageSource, code_file
 
 MOST_BYTES = 256_000_000
@@ -199,6 +199,10 @@ def header_of(files: Mapping[str, bytes]) -> Header:
     if differ or not _are_sound(signals, states):
         version = run.versions.get("uvms-mj", "of another version")
         raise InputError(f"run.json: its signals differ from this version's; the log was written by uvms-mj {version}")
+    geometry = Geometry.from_json(files["geometry.json"])
+    wrong = [s.name for s in signals if geometry.links and s.name in OF_JOINTS and s.shape != (len(geometry.links),)]
+    if wrong:
+        raise InputError(f"run.json: {', '.join(wrong)} must have {len(geometry.links)} numbers, one a joint")
     models = {name.removeprefix("model/"): data for name, data in files.items() if name.startswith("model/")}
     for name in models:
         if not name.strip(".") or not name.isprintable() or "/" in name or "\\" in name:
@@ -215,7 +219,7 @@ def header_of(files: Mapping[str, bytes]) -> Header:
         else SteadyState(rest.force, *(each if each is None else np.array(each) for each in _arrays(rest))),
         notes=run.notes,
         mjcf=Mjcf(run.vehicle, models),
-        geometry=Geometry.from_json(files["geometry.json"]),
+        geometry=geometry,
         sources=sources,
         versions=run.versions,
         engine=run.engine,

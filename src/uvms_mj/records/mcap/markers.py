@@ -6,10 +6,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...physics.frames import rotation_matrix
-from ...plant.geometry import Shape
+from ...plant.shapes import Shape
 from ..header import Header
 from ..scene import FORCE_SCALE, FORCES, Arrow, Force, Scene
 from . import ros2
+from .joints import frame_of
 from .ros2 import Message
 
 _NO_POINTS = np.zeros((0, 3))
@@ -33,12 +34,18 @@ def force_columns(header: Header, rows: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def vehicles(scene: Scene) -> Message:
-    """The geoms of the vehicles."""
-    parts = [(vehicle, part) for vehicle in scene.vehicles for shape in vehicle.shapes for part in _parts(shape)]
+    """The geoms of the vehicles, each in the frame of the body or link that carries it."""
+    parts = [
+        (vehicle, frame, part)
+        for vehicle in scene.vehicles
+        for frame, shapes in (("base_link", vehicle.shapes), *((frame_of(link), link.shapes) for link in vehicle.links))
+        for shape in shapes
+        for part in _parts(shape)
+    ]
     message = Message().put("u4", len(parts))
-    for i, (vehicle, shape) in enumerate(parts):
+    for i, (vehicle, frame, shape) in enumerate(parts):
         points = vehicle.meshes[str(shape.mesh)].corners() if shape.kind == "mesh" else _NO_POINTS
-        _solid(message, "base_link", "vehicle", i, shape, points)
+        _solid(message, frame, "vehicle", i, shape, points)
     return message
 
 

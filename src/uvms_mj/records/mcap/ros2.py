@@ -46,6 +46,9 @@ DEFINITIONS = {
         "std_msgs/Header header\nstring child_frame_id\n"
         "geometry_msgs/PoseWithCovariance pose\ngeometry_msgs/TwistWithCovariance twist"
     ),
+    "sensor_msgs/JointState": (
+        "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"
+    ),
     "sensor_msgs/CompressedImage": "std_msgs/Header header\nstring format\nuint8[] data",
     "visualization_msgs/UVCoordinate": "float32 u\nfloat32 v",
     "visualization_msgs/MeshFile": "string filename\nuint8[] data",

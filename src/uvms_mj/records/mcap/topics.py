@@ -5,10 +5,12 @@ of their own. All other signals have a topic of numbers, so a new signal needs n
 not all recorded is left out.
 
 Frames follow REP 105: ``map`` is W and ``base_link`` is B; ``reference`` is the desired pose and ``wall`` the face of
-the wall, with x out of it. Each row of a run gives one message on each topic of :func:`sampled`.
+the wall, with x out of it. :mod:`.joints` has those of an arm. Each row of a run gives one message on each topic of
+:func:`sampled`.
 """
 
 import dataclasses
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +20,7 @@ from ...physics.frames import quat_from_euler_deg, rotation_matrix
 from ...stages.signals import RUNNING, Signal
 from ..header import Header
 from ..scene import FORCE_SCALE, scene_of, wall_face
-from . import markers, ros2
+from . import joints, markers, ros2
 from .ros2 import STAMP, Message
 
 ARROWS_HZ = 20.0
@@ -26,8 +28,8 @@ ARROWS_HZ = 20.0
 _ARRAY, _NUMBER = "std_msgs/Float64MultiArray", "std_msgs/Float64"
 _ACCEL, _TWIST = "geometry_msgs/AccelStamped", "geometry_msgs/TwistStamped"
 _POSE, _VECTOR, _WRENCH = "geometry_msgs/PoseStamped", "geometry_msgs/Vector3Stamped", "geometry_msgs/WrenchStamped"
-_TF, _MARKERS = "tf2_msgs/TFMessage", "visualization_msgs/MarkerArray"
-_FRAMES = {"W": "map", "B": "base_link", "-": "-"}
+_TF, _MARKERS, _JOINT_STATE = "tf2_msgs/TFMessage", "visualization_msgs/MarkerArray", "sensor_msgs/JointState"
+_FRAMES = {"W": "map", "B": "base_link", "T": "tool", "-": "-"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +52,7 @@ _TYPES = {
     "eta_e": ("/error/pose", _ARRAY),
     "nu_e": ("/error/twist", _TWIST),
     "nu_m": ("/measured/twist", _TWIST),
+    "nu_T": ("/tool/twist", _TWIST),
     "s": ("/s", _ARRAY),
     "zeta": ("/zeta", _ARRAY),
     "tau_nom": ("/tau_nom", _WRENCH),
@@ -74,14 +77,6 @@ def _pose(position: str, quat: str) -> Message:
 
 _TOGETHER = (
     Topic(
-        "/tf",
-        _TF,
-        "map",
-        "m, 1",
-        "pose of base_link and of reference in map",
-        ros2.transforms(("map", "base_link", "p_WB", "quat_WB.xyzw"), ("map", "reference", "p_d", "quat_d.xyzw")),
-    ),
-    Topic(
         "/odom",
         "nav_msgs/Odometry",
         "map, base_link",
@@ -91,6 +86,7 @@ _TOGETHER = (
     ),
     Topic("/reference/pose", _POSE, "map", "m, 1", "desired pose", _pose("p_d", "quat_d.xyzw")),
     Topic("/measured/pose", _POSE, "map", "m, 1", "measured pose", _pose("p_WB_m", "quat_WB_m.xyzw")),
+    Topic("/tool/pose", _POSE, "map", "m, 1", "pose of the tool", _pose("p_WT", "quat_WT.xyzw")),
     Topic(
         "/contact/base_link",
         _WRENCH,
@@ -103,18 +99,45 @@ _TOGETHER = (
 """Topics with several signals, or with numbers that are computed from signals by :func:`columns`."""
 _COMPUTED = {"quat_d", "f_contact.wrench"}
 """Values that need not be signals."""
+_JOINTS = {
+    "/joint_states": ("position, velocity and torque of each joint", ("q", "q_dot", "tau_q")),
+    "/measured/joint_states": ("measured position and velocity of each joint", ("q_m", "q_dot_m")),
+}
+"""Meaning and signals of the topics of joints."""
 
 
 def sampled(header: Header) -> tuple[Topic, ...]:
     """The topics with one message per row, in their order in the log."""
     names = {*header.by_name} - {*header.law.states}
-    together, there = [], {"t"}
-    for topic in _TOGETHER:
-        needed = {hole.removesuffix(".xyzw") for hole in topic.message.holes if not hole.startswith(STAMP)}
-        if needed <= names | _COMPUTED:
-            together.append(topic)
-            there |= needed
+    known = names | _COMPUTED
+    together = [_transforms(header, names), *(t for t in (*_TOGETHER, *_joints(header)) if _signals_of(t) <= known)]
+    there = {"t"}.union(*map(_signals_of, together))
     return *together, *(_alone(header, signal) for signal in header.signals if signal.name not in there)
+
+
+def _signals_of(topic: Topic) -> set[str]:
+    """The values that a topic has holes for."""
+    return {hole.removesuffix(".xyzw") for hole in topic.message.holes if not hole.startswith(STAMP)}
+
+
+def _transforms(header: Header, names: set[str]) -> Topic:
+    """The topic of the frames that move; those of the tool and of the links are there if their signals are recorded."""
+    items, said = [("map", "base_link", "p_WB", "quat_WB.xyzw"), ("map", "reference", "p_d", "quat_d.xyzw")], ""
+    if {"p_WT", "quat_WT"} <= names:
+        items.append(("map", "tool", "p_WT", "quat_WT.xyzw"))
+        said = ", of the tool in map"
+    if "q" in names:
+        items += joints.transforms(header)
+        said += ", of each link in its parent"
+    meaning = f"pose of base_link and of reference in map{said}"
+    return Topic("/tf", _TF, "map", "m, 1", meaning, ros2.transforms(*items))
+
+
+def _joints(header: Header) -> Iterator[Topic]:
+    """The topics of the states of the joints, if there are any."""
+    for name, (meaning, signals) in _JOINTS.items() if header.geometry.links else ():
+        message = joints.state(header, *signals)
+        yield Topic(name, _JOINT_STATE, "-", "rad, m", meaning, message)
 
 
 def _alone(header: Header, signal: Signal) -> Topic:
@@ -127,7 +150,7 @@ def _alone(header: Header, signal: Signal) -> Topic:
         name, kind = f"/{room}/{signal.name}", _ARRAY if signal.shape else _NUMBER
     frame = _FRAMES.get(signal.frame, "-")
     if kind == _ARRAY:
-        message = ros2.multi_array(", ".join(signal.components), signal.name, signal.size)
+        message = ros2.multi_array(", ".join(header.components(signal)), signal.name, signal.size)
     elif kind == _NUMBER:
         message = Message().hole(signal.name)
     else:
@@ -141,9 +164,11 @@ def columns(header: Header, rows: np.ndarray) -> dict[str, np.ndarray]:
     if "quat_d" not in values:
         quat_d = quat_from_euler_deg(*header.scenario.reference.attitude_deg)
         values["quat_d"] = np.broadcast_to(quat_d, (len(rows), 4))
-    for name in ("quat_WB", "quat_d", "quat_WB_m"):
+    for name in ("quat_WB", "quat_d", "quat_WB_m", "quat_WT"):
         if name in values:
             values[f"{name}.xyzw"] = values[name][:, [1, 2, 3, 0]]
+    if "q" in values:
+        values |= joints.columns(header, values["q"])
     if "tau_contacts_B" in values:
         values["f_contact.wrench"] = values["tau_contacts_B"]
         return values

@@ -12,14 +12,14 @@ from matplotlib.lines import Line2D
 from ...errors import InputError, suggestion
 from ...records.header import Status
 from ...records.trace import Trace
-from ..figures import contact, panels
+from ..figures import contact, joints, panels
 from .insets import place
 from .overlay import Overlay
 from .panels import ANGULAR, LINEAR, Panel
 from .scales import logarithmic, number, prefix_of
 from .style import COLUMN_IN, PAGE_IN, size_in, styled, ticks
 
-WHATS = ("position", "force", "sliding", "tau", "integral", "summary")
+WHATS = ("position", "force", "sliding", "tau", "integral", "joints", "summary")
 """Quantities that :func:`plot` can draw."""
 RUNS = ("impedance", "fosm", "gsta", "gsta_alone")
 """The paper's runs."""
@@ -156,9 +156,12 @@ def _of_one(label: str, trace: Trace, what: str) -> Rows:
         "sliding": lambda: [halves("s")],
         "tau": lambda: [[panels.tau(trace, fine), panels.vector(trace, "tau", ANGULAR)]],
         "integral": states,
+        "joints": lambda: [joints.joint_panels(trace)],
     }
     if what == "summary":
         drawn = [[panels.position(trace), contact.force(trace)], *rows["sliding"](), *rows["tau"](), *states()]
+        arm = joints.joint_panels(trace)
+        drawn += [arm[i : i + 2] for i in range(0, len(arm), 2)]
         return [row for row in drawn if row]
     drawn = [[panel] for row in rows[what]() for panel in row]
     return drawn or _refuse([label], what)
@@ -171,6 +174,7 @@ def _of_several(runs: Overlay, what: str) -> Rows:
         "sliding": lambda: runs.signal("s"),
         "tau": lambda: runs.signal("tau"),
         "integral": lambda: [row for name in runs.states() for row in runs.signal(name)],
+        "joints": lambda: [row for name in joints.SIGNALS for row in runs.signal(name)],
     }
     if what == "summary":
         return [row for each in rows.values() for row in each()]
@@ -178,8 +182,9 @@ def _of_several(runs: Overlay, what: str) -> Rows:
 
 
 _MISSING = {
-    "sliding": ("no sliding variable", "a sliding variable"),
-    "integral": ("no integral term and no other state", "an integral term or another state"),
+    "sliding": ("its law has no sliding variable", "no law has a sliding variable"),
+    "integral": ("its law has no integral term and no other state", "no law has an integral term or another state"),
+    "joints": ("its vehicle has no joints", "no vehicle has joints"),
 }
 """Words for a quantity that not every run has: of one run, and of several."""
 
@@ -187,9 +192,9 @@ _MISSING = {
 def _refuse(names: Sequence[str], what: str) -> Never:
     one, several = _MISSING[what]
     if len(names) > 1:
-        raise InputError(f"{', '.join(names)}: no law has {several}")
+        raise InputError(f"{', '.join(names)}: {several}")
     others = ", ".join(each for each in WHATS if each != what)
-    raise InputError(f"{names[0]}: its law has {one}; draw one of {others}")
+    raise InputError(f"{names[0]}: {one}; draw one of {others}")
 
 
 def _grid(rows: Rows, width: float, title: str, more: Sequence[Line2D] = ()) -> Figure:

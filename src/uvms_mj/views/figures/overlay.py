@@ -10,8 +10,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 
+from ...records.scene import origin
 from ...records.trace import Trace
-from ...stages.signals import AXES, Signal
+from ...stages.signals import AXES, OF_JOINTS, Signal
 from ...views import colours
 from .insets import Inset
 from .panels import ANGULAR, LINEAR, MOST_LINES, REFERENCE, Panel, near_wall, states_of, unit_of, wall
@@ -40,23 +41,25 @@ class Overlay:
 
     def position(self, i: int) -> Panel:
         """x, y or z, with references; x with walls."""
-        values = {label: trace.p_WB[:, i] for label, trace in self.traces.items()}
-        wholes = [largest(trace.p_WB) for trace in self.traces.values()]
+        names = {label: origin(trace.header) for label, trace in self.traces.items()}
+        values = {label: trace[names[label]][:, i] for label, trace in self.traces.items()}
+        wholes = [largest(trace[names[label]]) for label, trace in self.traces.items()]
 
         def draw(ax: Axes) -> None:
             for label, trace in self.traces.items():
-                line(ax, trace.t, values[label], f"p_WB.{AXES[i]}", **self.looks[label])
-            for trace in self.traces.values():
+                line(ax, trace.t, values[label], f"{names[label]}.{AXES[i]}", **self.looks[label])
+            for label, trace in self.traces.items():
                 line(ax, trace.t, trace.p_d[:, i], f"p_d.{AXES[i]}", **REFERENCE | {"label": "reference"})
                 if i == 0:
-                    wall(ax, trace, np.concatenate([trace.p_WB[:, 0], trace.p_d[:, 0]]))
+                    wall(ax, trace, np.concatenate([trace[names[label]][:, 0], trace.p_d[:, 0]]))
 
         unlabelled = {label: {**look, "label": None} for label, look in self.looks.items()}
         inset = near_wall(self.traces, unlabelled) if i == 0 else ()
         return _panel(f"position {AXES[i]}", "m", draw, values, wholes, inset)
 
     def signal(self, name: str) -> list[list[Panel]]:
-        """A signal of the runs that have it: a row of linear and a row of angular components; no rows without it."""
+        """A signal of the runs that have it: a row of linear and a row of angular components, or rows of three joints;
+        no rows without it."""
         owners = {label: trace for label, trace in self.traces.items() if name in trace.arrays}
         if not owners:
             return []
@@ -65,6 +68,8 @@ class Overlay:
         if size > MOST_LINES:
             return [[self._range(name, owners)]]
         rows = [LINEAR, ANGULAR] if size == 6 else [slice(0, size)]
+        if name in OF_JOINTS:
+            rows = [slice(i, min(i + 3, size)) for i in range(0, size, 3)]
         return [[self._component(name, i, part, owners, signals) for i in range(size)[part]] for part in rows]
 
     def _component(
@@ -75,14 +80,15 @@ class Overlay:
         values = {label: each[:, i] for label, each in flat.items()}
         wholes = [largest(each[:, part]) for each in flat.values()]
         label = next(iter(having))
-        component = signals[label].components[i]
+        header = having[label].header
+        component = header.components(signals[label])[i]
 
         def draw(ax: Axes) -> None:
             for label, trace in having.items():
                 look = self.looks[label] | ({"zorder": _BELOW} if fills(values[label]) else {})
                 line(ax, trace.t, values[label], f"{name}.{component}".rstrip("."), **look)
 
-        symbol = {"tau": "τ"}.get(name, name)
+        symbol = {"tau": "τ", "tau_q": "τ"}.get(name, name)
         return _panel(
             f"{symbol}.{component}" if component else symbol,
             unit_of(signals[label], slice(i, i + 1)),

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from ...records.scene import origin
 from ...records.trace import Trace
 from ...stages.signals import AXES, OWN_UNIT, Signal
 from .insets import Inset
@@ -60,17 +61,19 @@ class Panel:
 
 
 def position(trace: Trace) -> Panel:
-    """Position in W, reference and wall; with an inset of x near the wall if the run ends there."""
-    reach = np.concatenate([trace.p_WB, trace.p_d])
+    """Position in W of B or of the tool, reference and wall; with an inset of x near the wall if the run ends there."""
+    name = origin(trace.header)
+    p, reach = trace[name], np.concatenate([trace[name], trace.p_d])
 
     def draw(ax: Axes) -> None:
         for i, axis in enumerate(AXES[LINEAR]):
-            line(ax, trace.t, trace.p_WB[:, i], f"p_WB.{axis}", label=axis, color=COLOURS[axis], **stripe(i, 3))
+            line(ax, trace.t, p[:, i], f"{name}.{axis}", label=axis, color=COLOURS[axis], **stripe(i, 3))
         for i, axis in enumerate(AXES[LINEAR]):
             line(ax, trace.t, trace.p_d[:, i], f"p_d.{axis}", label="reference", **REFERENCE)
         wall(ax, trace, reach)
 
-    return Panel("position", "m", draw, largest(reach), near_wall({"": trace}, {"": {"color": COLOURS["x"]}}))
+    what = "tool position" if name == "p_WT" else "position"
+    return Panel(what, "m", draw, largest(reach), near_wall({"": trace}, {"": {"color": COLOURS["x"]}}))
 
 
 def wall(ax: Axes, trace: Trace, reach: np.ndarray) -> None:
@@ -85,20 +88,21 @@ def near_wall(traces: dict[str, Trace], looks: dict[str, dict[str, Any]]) -> tup
     if not all(trace.scenario.wall.present for trace in traces.values()):
         return ()
     walls = {trace.scenario.wall.position for trace in traces.values()}
+    ways = {label: trace[origin(trace.header)][:, 0] for label, trace in traces.items()}
     depth = max(max(abs(float(trace.p_d[-1, 0]) - min(walls)) for trace in traces.values()), 2e-3)
     x_c = min(walls)
-    ends = [float(trace.p_WB[-1, 0]) for trace in traces.values()]
+    ends = [float(x[-1]) for x in ways.values()]
     low, high = min(x_c - 0.9 * depth, *ends), x_c + 1.3 * depth
-    seen = [trace for trace in traces.values() if np.ptp(trace.p_WB[:, 0]) > 5.0 * (high - low)]
+    seen = [label for label, x in ways.items() if np.ptp(x) > 5.0 * (high - low)]
     if len(walls) > 1 or not x_c - 3.0 * depth < min(ends) <= max(ends) < high or len(seen) < len(traces):
         return ()
     low -= 0.1 * depth
-    first = min(float(trace.t[np.argmax(trace.p_WB[:, 0] > low)]) for trace in seen)
+    first = min(float(traces[label].t[np.argmax(ways[label] > low)]) for label in seen)
 
     def draw(ax: Axes, power: float) -> None:
         for label, trace in traces.items():
             rest = slice(int(np.searchsorted(trace.t, first)), None)
-            line(ax, trace.t[rest], trace.p_WB[rest, 0], "p_WB.x", **looks[label])
+            line(ax, trace.t[rest], ways[label][rest], f"{origin(trace.header)}.x", **looks[label])
             line(ax, trace.t[rest], trace.p_d[rest, 0], "p_d.x", **REFERENCE)
         last = max(float(trace.t[-1]) for trace in traces.values())
         level(ax, np.array([first, last]), x_c, "wall", WALL)

@@ -1,12 +1,14 @@
 """Layout of the viewer: a 3-D view and, to its right, the plots."""
 
 import hashlib
+import itertools
 from collections.abc import Iterable, Sequence
 
 import rerun as rr
 import rerun.blueprint as rrb
 
 from ...control.rest import SteadyState
+from ...plant.arm import MOST_JOINTS
 from ...records.scene import wall_face
 from .extents import readable
 from .run import TIMELINE, Run
@@ -37,18 +39,13 @@ def layout(runs: Sequence[Run]) -> rrb.Blueprint:
     """The layout for one run, or for the comparison of several runs."""
     together = 3 if len(runs) == 1 else 1
     states = dict.fromkeys(state for run in runs for state in run.header.law.states)
+    thrust, sliding = _signal(runs, "Thrust", "tau", together), _signal(runs, "Sliding variable", "s", together)
+    law = [_signal(runs, "State", state, together) for state in states]
+    arms = any(run.header.geometry.links for run in runs)
+    groups = [_joints(runs), [*thrust, *sliding, *itertools.chain(*law)]] if arms else [thrust, sliding, *law]
+    position = _signal(runs, "Position", runs[0].origin, 1, reference="p_d")
     plots = rrb.Vertical(
-        _tabs(_contact(runs), 0 if _over(runs) else -1),
-        *(
-            _tabs(views)
-            for views in (
-                _signal(runs, "Position", "p_WB", 1, reference="p_d"),
-                _signal(runs, "Thrust", "tau", together),
-                _signal(runs, "Sliding variable", "s", together),
-                *(_signal(runs, "State", state, together) for state in states),
-            )
-            if views
-        ),
+        _tabs(_contact(runs), 0 if _over(runs) else -1), *(_tabs(views) for views in (position, *groups) if views)
     )
     return rrb.Blueprint(
         rrb.Horizontal(_scene(runs), plots, column_shares=[11, 9]),
@@ -106,19 +103,28 @@ def _contact(runs: Sequence[Run]) -> list[rrb.View]:
     return [_plot(runs, "Contact force [N]", lines, [(0.0, top)]), whole]
 
 
+def _joints(runs: Sequence[Run]) -> list[rrb.View]:
+    """Views of the joints: positions, torques, velocities, manipulability."""
+    kinds = (("Joints", "q"), ("Torque", "tau_q"), ("Velocity", "q_dot"), ("Manipulability", "manipulability"))
+    together = MOST_JOINTS if len(runs) == 1 else 1
+    return [view for what, name in kinds for view in _signal(runs, what, name, together)]
+
+
 def _signal(runs: Sequence[Run], what: str, name: str, together: int, reference: str = "") -> list[rrb.View]:
     """Views of a signal, ``together`` components in each, with those of the first run's reference; empty without it."""
     owners = [run for run in runs if name in run.header.by_name]
     views: list[rrb.View] = []
     if not owners:
         return views
-    signal = max((run.header.by_name[name] for run in owners), key=lambda signal: signal.size)
+    owner = max(owners, key=lambda run: run.header.by_name[name].size)
+    signal = owner.header.by_name[name]
+    parts, units = owner.header.components(signal), owner.header.units(signal)
     for start in range(0, signal.size, together):
         these = range(start, min(start + together, signal.size))
         lines = [(run, name, i) for run in owners for i in these if i < run.header.by_name[name].size]
         lines += [(runs[0], reference, i) for i in these if reference]
         limits = [run.extents.ranges[name][i] for run, name, i in lines if run.extents is not None]
-        title = f"{' '.join(signal.components[i] for i in these)} [{signal.units[start]}]"
+        title = f"{' '.join(parts[i] for i in these)} [{', '.join(dict.fromkeys(units[i] for i in these))}]"
         full = f"{what} {name}: {title}" if start == 0 else f"{name}: {title}"
         views.append(_plot(runs, full, [run.line(name, i) for run, name, i in lines], limits if _over(runs) else ()))
     return views

@@ -13,14 +13,16 @@ import rerun as rr
 
 from ...control.rest import SteadyState
 from ...physics.frames import quat_from_euler_deg
-from ...plant.geometry import Geometry, Shape
+from ...plant.geometry import Geometry
+from ...plant.shapes import Shape
 from ...records.header import Header
 from ...records.palette import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, Colour
-from ...records.scene import FORCE_SCALE, FORCES, WALL_SIZE, Force, magnitudes, scene_of, span
+from ...records.scene import FORCE_SCALE, FORCES, WALL_SIZE, Force, magnitudes, origin, scene_of, span
 from ...stages.signals import Signal
 from ..colours import mixed
+from . import arm
 from .extents import Extents
-from .solids import Solid, solids
+from .solids import Solid, mesh_of, rgba8, solids
 
 TIMELINE = "sim_time"
 """Simulated time [s]."""
@@ -57,6 +59,7 @@ class Run:
         row_steps: rows between two samples that are sent.
         extents: ranges of the signals of a finished run; None while the run is in progress.
         plotted: signals that the layout plots.
+        origin: signal that the reference p_d is for, p_WB or p_WT; the trajectory is its way.
     """
 
     header: Header
@@ -71,7 +74,9 @@ class Run:
         duration = self.header.scenario.steps * self.header.scenario.simulation.timestep
         self.pose_steps = max(1, round(1.0 / (POSE_HZ * row_s)))
         self.piece_steps = self.pose_steps * max(1, round(duration / TRAJECTORY_PIECES / (self.pose_steps * row_s)))
-        self.plotted = ("p_WB", "p_d", "tau", "s", *self.header.law.states)
+        joints = ("q", "q_dot", "tau_q", "p_WT") if self.header.geometry.links else ()
+        self.plotted = ("p_WB", "p_d", "tau", "s", *joints, *self.header.law.states)
+        self.origin = origin(self.header)
         self._rows = 0
         self._last_p: np.ndarray | None = None
 
@@ -81,7 +86,8 @@ class Run:
     def line(self, name: str, component: int) -> str:
         """Path of one component of a plotted signal."""
         signal = self.header.by_name[name]
-        return self.path("signals", name, *([signal.components[component]] if signal.size > 1 else []))
+        part = [self.header.components(signal)[component]] if signal.size > 1 else []
+        return self.path("signals", name, *part)
 
     def named(self, what: str) -> str:
         return f"{self.label}: {what}" if self.label else what
@@ -90,7 +96,7 @@ class Run:
         """Entities of all signals: parts of the path, the signal, and the components stored there."""
         for signal in self.header.signals:
             if signal.name in self.plotted and signal.size > 1:
-                for i, component in enumerate(signal.components):
+                for i, component in enumerate(self.header.components(signal)):
                     yield ("signals", signal.name, component), signal, slice(i, i + 1)
             elif signal.name != "t":
                 yield ("signals", signal.name), signal, slice(None)
@@ -120,7 +126,7 @@ class Run:
                 ends = t[rows][[0, -1]]
                 self._scalars(("push", "analytic"), ends, np.full((2, 1), self.header.analytic.force))
         self._poses({name: value[every(self.pose_steps)] for name, value in values.items()})
-        self._trajectory(t[every(self.piece_steps)], values["p_WB"][every(self.piece_steps)])
+        self._trajectory(t[every(self.piece_steps)], values[self.origin][every(self.piece_steps)])
 
     def _send(self, parts: tuple[str, ...], t: np.ndarray, columns: Iterable[rr.ComponentColumn]) -> None:
         ns = np.rint(t * 1e9).astype("timedelta64[ns]")
@@ -143,9 +149,11 @@ class Run:
         quat_d = values.get("quat_d")
         if quat_d is None:
             quat_d = np.tile(quat_from_euler_deg(*self.header.scenario.reference.attitude_deg), (len(t), 1))
-        for name, p, quat in (("vehicle", values["p_WB"], values["quat_WB"]), ("reference", values["p_d"], quat_d)):
+        vehicle, reference = (values["p_WB"], values["quat_WB"]), (values["p_d"], quat_d)
+        moving = ((("vehicle",), *vehicle), (("reference",), *reference), *arm.poses(self.header, values))
+        for parts, p, quat in moving:
             poses = rr.Transform3D.columns(translation=p, quaternion=quat[:, [1, 2, 3, 0]])
-            self._send(("world", name), t, poses)
+            self._send(("world", *parts), t, poses)
         for force in FORCES:
             self._force(force, t, values)
 
@@ -176,13 +184,16 @@ class Run:
         self._log(("world",), rr.Transform3D(translation=[0.0, self.place.y, 0.0]))
         shapes = [solid for vehicle in scene.vehicles for solid in solids(vehicle)]
         for i, solid in enumerate(shapes):
-            self._log(("world", "vehicle", f"part {i + 1}"), _mesh(solid, self._tinted(solid.rgba)))
+            self._log(("world", "vehicle", f"part {i + 1}"), mesh_of(solid, self._tinted(solid.rgba)))
+        for vehicle in scene.vehicles:
+            for parts, solid in arm.link_solids(vehicle):
+                self._log(("world", "vehicle", *parts), mesh_of(solid, self._tinted(solid.rgba)))
         plates = [wall for wall in scene.walls if wall.kind == "box"]
         if plates:
             self._log(("world", "wall"), self._plates(plates))
         for i, wall in enumerate(wall for wall in scene.walls if wall.kind != "box"):
             (solid,) = solids(Geometry((wall,), {}))
-            self._log(("world", "wall", f"round {i + 1}"), _mesh(solid, _rgba8(wall.rgba)))
+            self._log(("world", "wall", f"round {i + 1}"), mesh_of(solid, rgba8(wall.rgba)))
         for force in FORCES:
             self._arrow_style(force.name, self.colour or force.colour, force.radius)
         for arrow in scene.arrows:
@@ -204,12 +215,13 @@ class Run:
             centers=[wall.position for wall in walls],
             half_sizes=np.stack([thick, np.minimum(wide, self.place.width / 2), high], axis=1),
             quaternions=[np.roll(wall.quat, -1) for wall in walls],
-            colors=[_rgba8(wall.rgba) for wall in walls],
+            colors=[rgba8(wall.rgba) for wall in walls],
             fill_mode="solid",
         )
 
     def _names(self, low: np.ndarray, high: np.ndarray) -> None:
-        """Send the reference as a box between the vehicle's corners (3,), and the name of the run or the reference."""
+        """Send the reference, a box between the vehicle's corners (3,), or a triad if it is that of a tool, and the
+        name of the run or the reference."""
         box = rr.Boxes3D(
             centers=[(low + high) / 2],
             half_sizes=[(high - low) / 2],
@@ -217,13 +229,16 @@ class Run:
             radii=[0.003],
             fill_mode="majorwireframe",
         )
-        self._log(("world", "reference"), box)
+        if at_tool := "p_WT" in self.header.by_name:
+            self._log(("world", "tool"), arm.triad())
+        self._log(("world", "reference"), arm.triad(0.6) if at_tool else box)
         if self.label:
             above = (0.0, 0.0, high[2] + _ABOVE)
             name = rr.Points3D([above], radii=[0.0], colors=[mixed(self.colour or LIGHT, 0.5)], labels=[self.label])
             self._log(("world", "vehicle", "name"), name)
         else:
-            label = rr.Points3D([(low[0], 0.0, high[2])], radii=[0.0], colors=[LIGHT], labels=["reference"])
+            place = (0.0, 0.0, 1.2 * arm.TRIAD_M) if at_tool else (low[0], 0.0, high[2])
+            label = rr.Points3D([place], radii=[0.0], colors=[LIGHT], labels=["reference"])
             self._log(("world", "reference", "label"), label)
 
     def _arrow_style(self, name: str, colour: Colour, radius: float) -> None:
@@ -231,7 +246,7 @@ class Run:
         self._log(("world", name, "text"), rr.Points3D.from_fields(colors=[mixed(colour, 0.25)], radii=[0.0]))
 
     def _tinted(self, rgba: tuple[float, float, float, float]) -> tuple[int, int, int, int]:
-        r, g, b, a = _rgba8(rgba)
+        r, g, b, a = rgba8(rgba)
         if self.colour is not None:
             r, g, b = (round(0.4 * own + 0.6 * tint) for own, tint in zip((r, g, b), self.colour, strict=True))
         return r, g, b, a
@@ -249,24 +264,10 @@ class Run:
 
     def series(self, signal: Signal, component: int) -> tuple[str, Colour]:
         """Name and colour of one component of a signal."""
-        part, unit = signal.components[component], signal.units[component]
+        part, unit = self.header.components(signal)[component], self.header.units(signal)[component]
         name = f"{signal.name}.{part}" if part else signal.name
         colour = self.colour or COMPONENTS[component % len(COMPONENTS)]
         return self.named(f"{name} [{unit}]"), REFERENCE if signal.name == "p_d" else colour
-
-
-def _mesh(solid: Solid, rgba: tuple[int, int, int, int]) -> rr.Mesh3D:
-    return rr.Mesh3D(
-        vertex_positions=solid.vertices,
-        vertex_normals=solid.normals,
-        triangle_indices=solid.triangles,
-        albedo_factor=rgba,
-    )
-
-
-def _rgba8(rgba: tuple[float, ...]) -> tuple[int, int, int, int]:
-    r, g, b, a = (min(255, round(255 * c)) for c in rgba)
-    return r, g, b, a
 
 
 def bounds(shapes: Sequence[Solid], reach: float) -> tuple[np.ndarray, np.ndarray]:

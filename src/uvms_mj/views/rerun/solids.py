@@ -7,9 +7,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import rerun as rr
 
 from ...physics.frames import rotation_matrix
-from ...plant.geometry import Geometry, Mesh, Shape
+from ...plant.geometry import Geometry
+from ...plant.shapes import Mesh, Shape
 
 _AROUND, _ALONG = 28, 12
 """Faces around and along round shapes."""
@@ -43,6 +45,20 @@ def solids(geometry: Geometry) -> Iterator[Solid]:
             np.concatenate(triangles).astype("u4"),
             rgba,
         )
+
+
+def mesh_of(solid: Solid, rgba: tuple[int, int, int, int]) -> rr.Mesh3D:
+    return rr.Mesh3D(
+        vertex_positions=solid.vertices,
+        vertex_normals=solid.normals,
+        triangle_indices=solid.triangles,
+        albedo_factor=rgba,
+    )
+
+
+def rgba8(rgba: tuple[float, ...]) -> tuple[int, int, int, int]:
+    r, g, b, a = (min(255, round(255 * c)) for c in rgba)
+    return r, g, b, a
 
 
 _Triangles = tuple[np.ndarray, np.ndarray, np.ndarray]

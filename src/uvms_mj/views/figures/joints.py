@@ -1,0 +1,81 @@
+"""Panels of an arm: positions and torques of its joints, the force on its tool, and its manipulability."""
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from ...records.trace import Trace
+from ...stages.signals import AXES
+from .panels import LINEAR, Panel, level
+from .scales import largest
+from .style import COLOURS, LINE, line, stripe
+
+_NEAR = 0.4
+"""Fraction of a motor's limit from which the limit is drawn; a limit far away would make the lines flat."""
+_NAMES = {"q": "joint position q", "tau_q": "joint torque τ"}
+SIGNALS = (*_NAMES, "manipulability")
+"""Signals of an arm that are drawn for several runs."""
+
+
+def joint_panels(trace: Trace) -> list[Panel]:
+    """All panels of the arm whose signals are recorded; none for a rigid vehicle."""
+    found = [panel for name in _NAMES if name in trace.arrays for panel in _of_joints(trace, name)]
+    return [*found, *tool_panels(trace)] if trace.header.geometry.links else []
+
+
+def tool_panels(trace: Trace) -> list[Panel]:
+    """The force on the tool by its components in W, and the manipulability, as far as they are recorded."""
+    found = []
+    if "p_WT" in trace.arrays:
+        found.append(_force(trace))
+    if "manipulability" in trace.arrays:
+        found.append(_manipulability(trace))
+    return found
+
+
+def _of_joints(trace: Trace, name: str) -> list[Panel]:
+    """A signal of the joints: one panel for hinges and one for slides, because their units differ."""
+    units = trace.header.units(trace.header.by_name[name])
+    numbered = sorted(range(len(units)), key=lambda i: units[i] != units[0])
+    groups = itertools.groupby(numbered, key=lambda i: units[i])
+    return [_lines(trace, name, unit, list(joints)) for unit, joints in groups]
+
+
+def _lines(trace: Trace, name: str, unit: str, joints: Sequence[int]) -> Panel:
+    """Lines of some joints, with the limits of their motors."""
+    links, colours = trace.header.geometry.links, list(COLOURS.values())
+
+    def draw(ax: Axes) -> None:
+        for k, i in enumerate(joints):
+            look = {"color": colours[i % len(colours)], "label": links[i].joint, **stripe(k, len(joints))}
+            line(ax, trace.t, trace[name][:, i], f"{name}.{links[i].joint}", **look)
+            limit = links[i].effort
+            if name == "tau_q" and limit and largest(trace[name][:, i]) > _NEAR * limit:
+                edge = {"color": colours[i % len(colours)], "linestyle": (0, (1, 1.5)), "linewidth": 0.7 * LINE}
+                for value in (-limit, limit):
+                    level(ax, trace.t, value, f"limit of {links[i].joint}", {**edge, "zorder": 1.9})
+
+    return Panel(_NAMES[name], unit, draw, largest(trace[name][:, joints]))
+
+
+def _force(trace: Trace) -> Panel:
+    force = trace.f_contact_W
+
+    def draw(ax: Axes) -> None:
+        for i, axis in enumerate(AXES[LINEAR]):
+            line(ax, trace.t, force[:, i], f"f_contact_W.{axis}", label=axis, color=COLOURS[axis], **stripe(i, 3))
+
+    return Panel("force on the tool, W", "N", draw, largest(force))
+
+
+def _manipulability(trace: Trace) -> Panel:
+    values = trace.manipulability
+
+    def draw(ax: Axes) -> None:
+        line(ax, trace.t, values, "manipulability", color=COLOURS["yaw"])
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
+        ax.set_ylim(min(0.0, low), 1.1 * max(high, 1e-300))
+
+    return Panel("manipulability", trace.header.by_name["manipulability"].unit.replace("1", ""), draw, largest(values))
