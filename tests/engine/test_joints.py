@@ -202,6 +202,11 @@ def test_wrong_input_is_refused_before_the_run(scenario, overrides, message):
     assert message in str(raised.value)
 
 
+def test_solver_settings_of_the_file_are_refused(scenario):
+    with pytest.raises(InputError, match=r'solreflimit="0.01 1">: friction and stops of a joint'):
+        Simulation(scenario(hinge='solreflimit="0.01 1"'))
+
+
 @pytest.mark.parametrize("key", ["joints.name", "encoder.name"])
 def test_a_rigid_vehicle_has_no_joints(key):
     with pytest.raises(InputError, match="is for a vehicle with joints; bluerov1 has none"):

@@ -74,6 +74,7 @@ def _rules(words: str = "", numbers: str = "", **others: Rule) -> dict[str, Rule
     return dict.fromkeys(words.split(), _any) | dict.fromkeys(numbers.split(), _numbers) | others
 
 
+_OF_A_RUN = _only(reason="friction and stops of a joint have constants of the run; leave it out")
 _PLACE = "pos quat axisangle euler xyaxes zaxis"
 _TURNS_B = _only("false", "auto", reason="it would rotate the body frame of the coefficients; leave it out")
 _INERTIA = "the file must give the true mass and inertia"
@@ -136,7 +137,8 @@ ELEMENTS: Mapping[str, Mapping[str, Rule] | None] = {
     "freejoint": _rules("name group", align=_TURNS_B),
     "joint": _rules(
         "name class group limited actuatorfrclimited",
-        "pos axis damping armature frictionloss solreffriction solimpfriction solreflimit solimplimit margin",
+        "pos axis damping armature frictionloss",
+        **dict.fromkeys(("solreffriction", "solimpfriction", "solreflimit", "solimplimit", "margin"), _OF_A_RUN),
         type=_only("free", "hinge", "slide"),
         range=_range,
         ref=_zero("the coefficients hold for the pose of the file"),
