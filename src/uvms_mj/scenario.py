@@ -17,8 +17,7 @@ from pydantic.dataclasses import dataclass
 from . import actuation, control, guidance, navigation
 from .actuation import Actuation, Auto, IdealThrusters, Joints, PseudoInverse, Thrusters
 from .control import Controller, Gsta, ImpedanceTask
-from .control.design import Estimates, Impedance
-from .control.schedule import Change
+from .control.design import INNER_TABLES, Estimates, Impedance
 from .control.task import TASK_KEYS, move_task_keys
 from .errors import Fault, InputError, faults_of, shortened, suggestion
 from .files import plain, scenario_path, tables_of
@@ -224,7 +223,7 @@ _TABLES: dict[str, Any] = {
 _KEYS: dict[str, list[str]] = {"": [f.name for f in dataclasses.fields(Scenario)]} | {
     name: [f.name for f in dataclasses.fields(table)] for name, table in _TABLES.items()
 }
-_INNER: dict[str, Any] = {"impedance.schedule": Change, "walls": Surface, "vehicle.contact_bodies": ContactBody}
+_INNER: dict[str, Any] = {**INNER_TABLES, "walls": Surface, "vehicle.contact_bodies": ContactBody}
 _INNER_KEYS = {name: [f.name for f in dataclasses.fields(table)] for name, table in _INNER.items()}
 """The keys of the tables within a table."""
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from uvms_mj import Diverged, InputError, LawError, Scenario, Simulation, StageFault, simulate
-from uvms_mj.engine.native import stage_table
+from uvms_mj.engine.native import entry
 from uvms_mj.engine.native.compilation import NotCompiled
 from uvms_mj.engine.run import PlainPythonWarning
 
@@ -244,14 +244,14 @@ def test_the_notes_are_those_of_the_scenario_in_hand(sim):
 @pytest.fixture
 def no_numba(monkeypatch):
     """Numba compiles no user's stage."""
-    compile_stage = stage_table.compile_stage
+    compile_stage = entry.compile_stage
 
     def refuse(*arguments, guarded):
         if guarded:
             raise NotCompiled("for the test")
         return compile_stage(*arguments, guarded=guarded)
 
-    monkeypatch.setattr(stage_table, "compile_stage", refuse)
+    monkeypatch.setattr(entry, "compile_stage", refuse)
 
 
 PERIODS = {"navigation.period": 2e-3, "reference.period": 1e-3, "controller.period": 4e-4, "actuation.period": 5e-4}

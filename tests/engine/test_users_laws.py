@@ -98,7 +98,7 @@ def test_a_law_as_plain_python_gives_what_it_gives_compiled(monkeypatch):
     def refuse(*_, **__):
         raise compilation.NotCompiled("for the test")
 
-    monkeypatch.setattr("uvms_mj.engine.native.stage_table.compile_stage", refuse)
+    monkeypatch.setattr("uvms_mj.engine.native.entry.compile_stage", refuse)
     with pytest.warns(PlainPythonWarning, match="for the test"):
         plain = simulate(scenario)
     assert plain.touches[-1] > 0
@@ -204,7 +204,7 @@ def test_what_a_law_writes_on_its_signals_is_not_recorded_nor_kept(tmp_path, mon
         def refuse(*_, **__):
             raise compilation.NotCompiled("for the test")
 
-        monkeypatch.setattr("uvms_mj.engine.native.stage_table.compile_stage", refuse)
+        monkeypatch.setattr("uvms_mj.engine.native.entry.compile_stage", refuse)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PlainPythonWarning)
         ours, theirs = (simulate(Scenario.load("push_wall", SHORT, f"{path}:{n}")) for n in ("Careful", "Careless"))

@@ -76,6 +76,8 @@ def experienced(trace: Trace) -> Experienced | str:
     if trace.header.row_steps > 1 and apart > ROWS_S:
         return f"rows {apart:g} s apart may miss the fastest change: run with --log-rate 1000, or full"
     setup = set_up(trace.scenario, trace.header.mjcf)
+    if setup.not_rigid:
+        return f"the lumped disturbance is computed for a rigid vehicle at B, and {setup.not_rigid}"
     wrench = lumped_disturbance(trace, setup) + trace.tau - trace.tau_cmd
     bound = certificate(setup)
     if bound is not None and not bound.nominal:

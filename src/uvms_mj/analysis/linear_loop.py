@@ -91,7 +91,7 @@ class RestingLaw:
         constants = {"M_hat": design.M_hat, "M_d": design.M_d, "D_d": design.D_d, "K_d": impedance.K_d}
         K_f, F_d = impedance.at_end
         constants |= {"K_f": K_f, "F_d": F_d, "quat_d": design.quat_d, "t": scenario.simulation.duration}
-        constants |= {"p_d": scenario.reference.rest_pose(scenario)[0]}
+        constants |= {"p_d": setup.rest_pose[0]}
         constants |= {"period": scenario.control_period, "instant": 1}
         for name, value in constants.items():
             self.signals[name] = value

@@ -59,6 +59,8 @@ def deviations(setup: Setup) -> Deviations | str | None:
     channels = setup.scenario.navigation.white_channels
     if not any(any(channel.noise) for channel in channels.values()):
         return None
+    if setup.not_rigid:
+        return f"the noise is known for a rigid vehicle at B, and {setup.not_rigid}"
     if reason := _unknown(setup, channels):
         return reason
     rest = steady_state(setup)

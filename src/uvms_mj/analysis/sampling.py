@@ -15,6 +15,7 @@ from ..plant.vehicle import AXES, notes_on_damping
 from ..quantities import leaves
 from ..scenario import STAGES, Scenario
 from .setup import Setup, set_up
+from .task_frame import task_faults
 from .wall import wall_faults, wall_notes
 from .water import water_faults
 
@@ -49,6 +50,7 @@ def refuse(setup: Setup, touched: Set[str] = _CHECKED) -> None:
         faults += _stage_faults(setup.scenario)
     if not touched.isdisjoint(("simulation.timestep", *STAGES)):
         faults += [fault for stage in setup.scenario.stages for fault in stage.faults(setup)]
+        faults += task_faults(setup)
     if not touched.isdisjoint((*_WALLS, *ATTITUDE_KEYS, "simulation.timestep")):
         faults += wall_faults(setup)
     if not touched.isdisjoint(("current", "disturbance", "simulation.timestep")):

@@ -1,5 +1,6 @@
 """A scenario with its plant and design: the basis of a run, and of everything that is computed about it."""
 
+import dataclasses
 import functools
 from dataclasses import dataclass
 
@@ -7,16 +8,17 @@ import numpy as np
 
 from ..control import ImpedanceTask
 from ..control.design import Design
+from ..control.task import BODY
 from ..errors import InputError
 from ..physics.frames import rotation_matrix
 from ..plant.build import Plant, build
 from ..plant.contacts import Contacts, Front, Pair, contacts_of
 from ..plant.joints import felt_inertia
 from ..plant.mjcf import Mjcf
-from ..plant.settings import lightest_along_face, lightest_at
-from ..plant.variation import varied
+from ..plant.settings import Initial, lightest_along_face, lightest_at
 from ..plant.vehicle import Vehicle
 from ..scenario import Scenario
+from .task_frame import check_frame, task_inertias, task_start
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +60,26 @@ class Setup:
         return felt_inertia(self.nominal, self.initial_joints)
 
     @functools.cached_property
+    def initial(self) -> Initial:
+        """The initial pose of the frame of the task."""
+        return task_start(self.scenario, self.nominal.arm)
+
+    @functools.cached_property
+    def rest_pose(self) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
+        """Position [m] and attitude [deg] of the reference at the end of the run; no position if it does not rest."""
+        scenario = self.scenario
+        if self.initial is not scenario.initial:
+            scenario = dataclasses.replace(scenario, initial=self.initial)
+        return scenario.reference.rest_pose(scenario)
+
+    @property
+    def not_rigid(self) -> str:
+        """The reason why the equations of a rigid vehicle at B are not those of the run; empty if they are."""
+        if self.nominal.arm.links:
+            return f"{self.vehicle.body} has joints"
+        return "" if self.scenario.task.frame == BODY else f"task.frame is {self.scenario.task.frame!r}"
+
+    @functools.cached_property
     def contacts(self) -> Contacts:
         """The contacts beside that of the probe and ``[wall]``."""
         return contacts_of(self.scenario, self.plant.geometry.reach)
@@ -65,9 +87,9 @@ class Setup:
     @functools.cached_property
     def fronts(self) -> tuple[Front, ...]:
         """All contacts, as the law meets them at the desired pose."""
-        scenario, wall = self.scenario, self.scenario.wall
+        wall = self.scenario.wall
         papers = (Front("wall", self.design.normal, wall.stiffness, wall.damping),) if self.contacts.paper else ()
-        target = np.array(scenario.reference.rest_pose(scenario)[0] or scenario.initial.position)
+        target = np.array(self.rest_pose[0] or self.initial.position)
         return *papers, *self.contacts.fronts(target, rotation_matrix(self.design.quat_d))
 
     def lightest(self, pair: Pair) -> float:
@@ -107,4 +129,5 @@ def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
 def design_of(scenario: Scenario, nominal: Vehicle) -> Design:
     """The design matrices of a scenario and the vehicle of its file. Raises InputError if the desired impedance is not
     physical, or the factors of the true vehicle do not fit it."""
-    return Design.of(scenario, varied(nominal, scenario.vehicle).M, nominal.M)
+    check_frame(scenario, nominal)
+    return Design.of(scenario, *task_inertias(scenario, nominal))

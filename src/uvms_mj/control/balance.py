@@ -69,7 +69,9 @@ def static_balance(
         The state, or the reason why there is none.
     """
     scenario = setup.scenario
-    if scenario.reference.rest_pose(scenario)[0] is None:
+    if setup.not_rigid:
+        return f"closed forms are known for a rigid vehicle at B, and {setup.not_rigid}"
+    if setup.rest_pose[0] is None:
         return "the reference does not come to rest"
     if not scenario.current.steady:
         return "the current is not constant"

@@ -19,7 +19,7 @@ class Balance:
     def __init__(self, setup: Any, K: float, in_contact: bool, delivery: Delivery, own: bool = False) -> None:
         scenario, design = setup.scenario, setup.design
         self.setup, self.K, self.in_contact, self.springs = setup, K, in_contact, Springs(setup)
-        self.target = np.array(scenario.reference.rest_pose(scenario)[0])
+        self.target = np.array(setup.rest_pose[0])
         self.tau_dist = scenario.disturbance.at_last
         self.A = np.array(setup.task.A)
         self.M_d_inv = design.M_d_inv

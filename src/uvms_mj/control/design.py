@@ -1,5 +1,6 @@
 """Desired impedance, estimates and desired attitude of a run. The loop and the closed forms share them."""
 
+import dataclasses
 import functools
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -50,24 +51,57 @@ class Impedance:
         return K_f, F_d
 
 
+def _named_once(links: "tuple[LinkEstimates, ...]") -> "tuple[LinkEstimates, ...]":
+    names = [link.name for link in links]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"has two tables of {', '.join(map(repr, twice))}; give one")
+    return links
+
+
+@table(frozen=True, config=STRICT)
+class LinkEstimates:
+    """One table of ``[[estimates.links]]``: the factors of one link in place of those of ``[estimates]``."""
+
+    name: str
+    inertia: PositiveFactor | None = None
+    coriolis: Factor | None = None
+    damping: Factor | None = None
+    restoring: Factor | None = None
+
+
 @table(frozen=True, config=STRICT)
 class Estimates:
     inertia: PositiveFactor = doc("M_hat = f M of the vehicle's file; f is this key [1]", 1.0)
     coriolis: Factor = doc("C_hat(nu) nu = f C(nu) nu of the vehicle's file; f is this key [1]", 1.0)
     damping: Factor = doc("D_hat(nu) nu = f D(nu) nu of the vehicle's file; f is this key [1]", 1.0)
     restoring: Factor = doc("g_hat(eta) = f g(eta) of the vehicle's file; f is this key [1]", 1.0)
+    links: Annotated[tuple[LinkEstimates, ...], AfterValidator(_named_once)] = doc(
+        "factors of single links in place of the ones above: [{name = ..., inertia = ..., coriolis = ..., "
+        "damping = ..., restoring = ...}, ...] [1]",
+        (),
+    )
+
+    def of(self, link: str) -> "Estimates":
+        """The factors of a link by its name."""
+        own = next((each for each in self.links if each.name == link), None)
+        given = {} if own is None else {key: value for key, value in vars(own).items() if value is not None}
+        return dataclasses.replace(self, **{key: value for key, value in given.items() if key != "name"})
 
 
+INNER_TABLES = {"impedance.schedule": Change, "estimates.links": LinkEstimates}
+"""The tables within a table, by their key."""
 ATTITUDE_KEYS = tuple(f"reference.{key}" for key in ("attitude_deg", "poses", "turns", "heading", "plane_deg", "speed"))
 """Keys on which the attitude at the end of a run may depend."""
 
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """Constant matrices of a run, (6, 6) in B unless another shape is given."""
+    """Constant matrices of a run, (6, 6) in the frame of the task unless another shape is given. Of a vehicle with
+    joints, the inertias are those of the initial posture."""
 
     M: np.ndarray
-    """True inertia of the vehicle, added mass included."""
+    """True inertia, added mass included; at a tool Lambda."""
     M_hat: np.ndarray
     M_d: np.ndarray
     M_d_inv: np.ndarray
@@ -79,9 +113,10 @@ class Design:
     """(6,) the wall's normal (x of W) in B at the desired attitude, as a wrench."""
 
     @classmethod
-    def of(cls, scenario: Any, M: np.ndarray, nominal: np.ndarray) -> "Design":
-        """Matrices of a run, from its :class:`uvms_mj.scenario.Scenario` and the inertias (6, 6) of the true vehicle
-        and of its file. Raises InputError if M_d is not symmetric positive definite, or D_d is not dissipative."""
+    def of(cls, scenario: Any, M: np.ndarray, nominal: np.ndarray, M_hat: np.ndarray) -> "Design":
+        """Matrices of a run, from its :class:`uvms_mj.scenario.Scenario` and the inertias (6, 6) of the true vehicle,
+        of its file and of the estimates. Raises InputError if M_d is not symmetric positive definite, or D_d is not
+        dissipative."""
         impedance: Impedance = scenario.impedance
         inertia, faults = impedance.M_d if impedance.M_d is not None else nominal.tobytes(), []
         try:
@@ -96,7 +131,6 @@ class Design:
         if faults:
             raise InputError(faults)
         quat_d, normal = _attitude(*scenario.reference.rest_pose(scenario)[1])
-        M_hat = scenario.estimates.inertia * nominal
         return cls(M, M_hat, M_d, M_d_inv, D_d, K_d, quat_d, normal)
 
     def along_normal(self, inertia: np.ndarray, normal: np.ndarray | None = None) -> float:

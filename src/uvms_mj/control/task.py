@@ -52,6 +52,10 @@ _NonzeroDiagonal = Annotated[Diagonal, AfterValidator(_nonzero)]
 _NegativeDiagonal = Annotated[Diagonal, AfterValidator(_not_positive)]
 
 
+BODY = "body"
+"""The frame of the task at which the paper's equations stand: B."""
+
+
 @dataclasses.dataclass(frozen=True)
 class ImpedanceTask(Stage):
     """The impedance task: sliding variable s, state zeta and nominal control of the desired impedance."""
@@ -60,10 +64,11 @@ class ImpedanceTask(Stage):
     F_1: Diagonal = shared(1.0, "1/s", "gain of the pose error in s, eq. (14)")
     F_2: _NonzeroDiagonal = shared(1.0, "1", "gain of zeta in s, eq. (14)")
     A: _NegativeDiagonal = shared(-100.0, "1/s", "pole of zeta, eq. (15)")
+    frame: str = shared(BODY, "-", "frame of the task: body, or the name of a site of the vehicle, its tool")
     integral: bool = shared(False, "-", "true: s is M_d^-1 times the integral of eq. (6): A is 0, and s(0) is 0")
 
     name = "impedance_task"
-    needs: ClassVar = ("impedance.M_d",)
+    needs: ClassVar = ("impedance.M_d", "initial.joints")
     states: ClassVar = {"zeta": 6}
     units: ClassVar = {"zeta": "m/s, rad/s"}
     room: ClassVar[Room] = Room("control", "task", lambda thrusters: TASK_GIVEN, TASK, "task", "gain")
@@ -80,7 +85,7 @@ class ImpedanceTask(Stage):
             object.__setattr__(self, "A", (0.0,) * 6)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
-        return {**super().constants(setup), "M_d_inv": setup.design.M_d_inv}
+        return {**super().constants(setup), "frame": None, "M_d_inv": setup.design.M_d_inv}
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
@@ -115,7 +120,8 @@ class ImpedanceTask(Stage):
             out.zeta[i], out.F_1[i], out.F_2[i], out.A[i] = zeta[i], F_1[i], F_2[i], A[i]
 
 
-TASK_KEYS = tuple(f.name for f in dataclasses.fields(ImpedanceTask) if f.name != "period")
+TASK_KEYS = tuple(f.name for f in dataclasses.fields(ImpedanceTask) if f.name not in ("period", "frame"))
+"""The gains of the task, whose earlier place was the table of the law."""
 
 
 def move_task_keys(law: dict[str, Any], task: dict[str, Any], faults: list[Fault]) -> set[str]:

@@ -17,10 +17,14 @@ from ..scenario import STAGES, Scenario
 from ..stages.base import Stage, is_of_the_package, validator
 
 _TABLES = [field.name for field in dataclasses.fields(Scenario)]
-_OTHER_CODE = {"simulation.integrator", *(f"vehicle.{field.name}" for field in dataclasses.fields(VehicleChoice))}
+_OTHER_CODE = {
+    "simulation.integrator",
+    "task.frame",
+    *(f"vehicle.{field.name}" for field in dataclasses.fields(VehicleChoice)),
+}
 _DESIGN = (
     *("impedance.M_d", "impedance.D_d", "impedance.K_d", "impedance.damping_ratio"),
-    *("estimates.inertia", *ATTITUDE_KEYS),
+    *("estimates.inertia", "estimates.links", "initial.joints", *ATTITUDE_KEYS),
 )
 
 
@@ -112,6 +116,8 @@ def _refuse_other_code(base: Scenario, scenario: Scenario) -> None:
         faults += [Fault(f"vehicle.{key}", "reset can't change the vehicle; make a new Simulation") for key in keys]
     if scenario.simulation.integrator != base.simulation.integrator:
         faults.append(Fault("simulation.integrator", "reset can't change the integrator; make a new Simulation"))
+    if scenario.task.frame != base.task.frame:
+        faults.append(Fault("task.frame", "reset can't change the frame of the task; make a new Simulation"))
     faults += [
         Fault(f"{table}.name", "reset can't change a stage, only its settings; make a new Simulation")
         for table in STAGES

@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Callable
 
 from ..analysis.setup import Setup
+from ..control.task import BODY
 from ..errors import Fault, InputError, suggestion
 from ..scenario import STAGES
 from .base import Engine
@@ -33,6 +34,8 @@ def refusals(setup: Setup) -> list[str]:
     scenario, unknown = setup.scenario, list[str]()
     if setup.vehicle.arm.links:
         return [f"vehicle.model = {scenario.vehicle.model!r} has joints, which the engine free_body does not compute"]
+    if scenario.task.frame != BODY:
+        unknown.append(f"task.frame = {scenario.task.frame!r}")
     if scenario.simulation.integrator != "euler":
         unknown.append(f"simulation.integrator = {scenario.simulation.integrator!r}")
     for table in dataclasses.fields(scenario):

@@ -55,7 +55,7 @@ class AlongWall(Guidance):
     start_time: Time = setting(1.0, "s", "time at which the approach begins")
 
     name = "along_wall"
-    needs: ClassVar = ("initial.position", "initial.attitude_deg", "wall", "bumper", "impedance")
+    needs: ClassVar = ("initial.position", "initial.attitude_deg", "initial.joints", "wall", "bumper", "impedance")
 
     def depth(self, scenario: Any) -> float:
         """x_d - x_c [m] that demands the push."""
@@ -72,7 +72,7 @@ class AlongWall(Guidance):
     def constants(self, setup: Any) -> Mapping[str, Any]:
         """The constants of :func:`.pieces.follow`."""
         scenario = setup.scenario
-        initial, x_d = scenario.initial, scenario.wall.position + self.depth(scenario)
+        initial, x_d = setup.initial, scenario.wall.position + self.depth(scenario)
         positions = [initial.position, (x_d, *initial.position[1:]), *((x_d, *point) for point in self.points)]
         attitudes = (initial.attitude_deg, *(self.attitude_deg for _ in positions[1:]))
         dwells = (0.0, self.dwell, *(_MOMENT if self.stop else 0.0 for _ in self.points))

@@ -74,7 +74,7 @@ class Guidance(Stage):
 
 def start_notes(stage: Guidance, setup: Any) -> Iterator[str]:
     """A warning if a shipped stage begins far from the vehicle, which the law sees as a jump."""
-    initial, given, out = setup.scenario.initial, np.zeros(1, record_dtype(CLOCK + KNOWN)), np.zeros(1, _REFERENCES)
+    initial, given, out = setup.initial, np.zeros(1, record_dtype(CLOCK + KNOWN)), np.zeros(1, _REFERENCES)
     given["p_WB"] = initial.position
     type(stage).step(
         stage.record(setup).view(np.recarray)[0], None, given.view(np.recarray)[0], None, out.view(np.recarray)[0]
@@ -83,9 +83,10 @@ def start_notes(stage: Guidance, setup: Any) -> Iterator[str]:
     cosine = min(1.0, abs(float(out["quat_d"][0] @ quat_from_euler_deg(*initial.attitude_deg))))
     turned = math.degrees(2.0 * math.acos(cosine))
     if away > _FAR or turned > _TURNED:
+        frame, its = setup.scenario.task.frame, ", ".join(f"{angle:.4g}" for angle in initial.attitude_deg)
+        whose = "the vehicle's initial pose" if frame == "body" else f"the initial pose of {frame}, at [{its}] deg"
         yield (
-            f"the law sees a jump at the start: {stage.label()} begins {away:.3g} m and {turned:.3g} deg from the "
-            "vehicle's initial pose"
+            f"the law sees a jump at the start: {stage.label()} begins {away:.3g} m and {turned:.3g} deg from {whose}"
         )
 
 

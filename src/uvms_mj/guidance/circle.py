@@ -40,7 +40,7 @@ class Circle(Guidance):
     )
 
     name = "circle"
-    needs: ClassVar = ("initial.position", "initial.attitude_deg")
+    needs: ClassVar = ("initial.position", "initial.attitude_deg", "initial.joints")
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
         """quat_d (4,) at the start; u and v (3,), radii of the plane along x and y [m]; centre and normal (3,); angle
@@ -52,7 +52,7 @@ class Circle(Guidance):
         if self.turns > 0.0 and abs(rate) * self.rise > whole:  # too short for the speed
             rate = math.copysign(whole / self.rise, rate)
         end = whole / abs(rate) + self.rise if self.turns > 0.0 and rate else math.inf
-        start = np.array(self.start or setup.scenario.initial.position)
+        start = np.array(self.start or setup.initial.position)
         return {
             "quat_d": quat_from_euler_deg(*self.attitude_deg),
             "u": tuple(u),

@@ -25,7 +25,7 @@ from pydantic.dataclasses import dataclass as table
 
 from ..quantities import STRICT, Number, Position, Time, within
 from ..stages.base import setting
-from .base import Guidance
+from .base import Guidance, start_notes
 
 MOST_WAYPOINTS = 1000
 _FASTEST = 0.5
@@ -77,7 +77,7 @@ class FilteredSteps(Guidance):
     )
 
     name = "filtered_steps"
-    needs: ClassVar = ("initial.position",)
+    needs: ClassVar = ("initial.position", "initial.attitude_deg", "initial.joints")
     _inner_keys: ClassVar = {"reference.waypoints": ("time", "position")}
 
     @property
@@ -91,13 +91,15 @@ class FilteredSteps(Guidance):
         that the machine code is the same for any number of steps. A step at infinity never comes."""
         times, positions = _padded(self.step_time, self.target, self.waypoints)
         values = {**super().constants(setup), "target": None, "step_time": None, "waypoints": None}
-        start = self.start or setup.scenario.initial.position
+        start = self.start or setup.initial.position
         return {**values, "start": start, "times": times, "positions": positions}
 
     def rests_at(self) -> tuple[float, ...]:
         return self.waypoints[-1].position if self.waypoints else self.target
 
     def notes(self, setup: Any) -> Iterable[str]:
+        if setup.scenario.task.frame != "body":  # whose attitude is that of a posture, not a choice
+            yield from start_notes(self, setup)
         period = setup.scenario.control_period
         if self.bandwidth * period > _FASTEST:
             yield (

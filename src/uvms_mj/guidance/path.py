@@ -140,12 +140,12 @@ class Path(Guidance):
     start_time: Time = setting(1.0, "s", "time at which the path begins")
 
     name = "path"
-    needs: ClassVar = ("initial.position", "initial.attitude_deg")
+    needs: ClassVar = ("initial.position", "initial.attitude_deg", "initial.joints")
     _inner_keys: ClassVar = {"reference.poses": ("position", "attitude_deg", "dwell")}
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
         """The constants of :func:`.pieces.follow`."""
-        initial = setup.scenario.initial
+        initial = setup.initial
         positions = (self.start or initial.position, *(pose.position for pose in self.poses))
         attitudes = (initial.attitude_deg, *(pose.attitude_deg or self.attitude_deg for pose in self.poses))
         keys = tuple(f"reference.poses[{i}]" for i in range(len(self.poses)))

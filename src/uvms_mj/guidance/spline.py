@@ -70,12 +70,12 @@ class Spline(Guidance):
     )
 
     name = "spline"
-    needs: ClassVar = ("initial.position", "initial.attitude_deg")
+    needs: ClassVar = ("initial.position", "initial.attitude_deg", "initial.joints")
     _inner_keys: ClassVar = {"reference.poses": ("time", "position", "attitude_deg", "dwell")}
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
         """The constants of :func:`.pieces.follow`."""
-        initial = setup.scenario.initial
+        initial = setup.initial
         attitudes = (initial.attitude_deg, *(pose.attitude_deg or self.attitude_deg for pose in self.poses))
         return _motion(self.poses, self.start or initial.position, attitudes)
 

@@ -62,6 +62,26 @@ def rotation(quat, R_WB):
 
 
 @kernel
+def attitude(R, quat):
+    """Set quat (4,) to the unit quaternion of a rotation R (3, 3): of q and -q that which is nearer to the quaternion
+    in ``quat`` before, so that it does not jump. The largest of its components is computed first (Shepperd 1978)."""
+    trace = R[0, 0] + R[1, 1] + R[2, 2]
+    largest = max(trace, R[0, 0], R[1, 1], R[2, 2])
+    if largest == trace:
+        w, x, y, z = 1.0 + trace, R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    elif largest == R[0, 0]:
+        w, x, y, z = R[2, 1] - R[1, 2], 1.0 + 2.0 * R[0, 0] - trace, R[1, 0] + R[0, 1], R[0, 2] + R[2, 0]
+    elif largest == R[1, 1]:
+        w, x, y, z = R[0, 2] - R[2, 0], R[1, 0] + R[0, 1], 1.0 + 2.0 * R[1, 1] - trace, R[2, 1] + R[1, 2]
+    else:
+        w, x, y, z = R[1, 0] - R[0, 1], R[0, 2] + R[2, 0], R[2, 1] + R[1, 2], 1.0 + 2.0 * R[2, 2] - trace
+    scale = 1.0 / math.sqrt(w * w + x * x + y * y + z * z)
+    if w * quat[0] + x * quat[1] + y * quat[2] + z * quat[3] < 0.0:
+        scale = -scale
+    quat[0], quat[1], quat[2], quat[3] = scale * w, scale * x, scale * y, scale * z
+
+
+@kernel
 def quat_error(quat_d, quat, out):
     """Set the error quaternion out = conj(quat_d) * quat (paper, below eq. (12)), with w >= 0.
 

@@ -107,6 +107,12 @@ class Arm:
     links: tuple[Link, ...] = ()
     sites: Mapping[str, Site] = field(default_factory=dict)
 
+    def start(self, joints: tuple[float, ...] | None) -> np.ndarray:
+        """(n,) initial positions of the joints, by default zero or the end of the range next to it [rad or m]."""
+        if joints is not None:
+            return np.array(joints, float)
+        return np.array([min(max(0.0, link.range[0]), link.range[1]) for link in self.links])
+
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of the joints in their order."""

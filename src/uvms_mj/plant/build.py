@@ -101,9 +101,7 @@ class Plant:
 
     def initial_joints(self, initial: Initial) -> np.ndarray:
         """(n,) positions of the joints at an initial state [rad or m]."""
-        if initial.joints is not None:
-            return np.array(initial.joints)
-        return np.array([min(max(0.0, link.range[0]), link.range[1]) for link in self.vehicle.arm.links])
+        return self.vehicle.arm.start(initial.joints)
 
     def set_wall(self, wall: Wall, face: float) -> None:
         """Move the wall's face to x of W [m], and set stiffness and damping of the contact pair in N/m and N s/m."""

@@ -232,7 +232,8 @@ def is_shipped(stage: Stage) -> bool:
 
 def packs_itself(cls: type[Stage]) -> bool:
     """Whether the class computes the constants of its function, so that its settings may be of any type."""
-    return cls.constants is not base_of(cls).constants
+    base = base_of(cls)
+    return cls.constants is not (Stage if base is cls else base).constants
 
 
 def random_key(seed: int, stage: Stage) -> int:

@@ -18,9 +18,11 @@ from .joint_signals import JOINT_SIGNALS
 from .signals import (
     DELAYED,
     GIVEN,
+    MANIPULABILITY,
     MEASURED,
     RECORDED,
     TASK,
+    TOOL,
     TRUTH,
     contact_signals,
     thruster_signal,
@@ -28,7 +30,10 @@ from .signals import (
 
 _MOST_STATES = 10_000
 _LONGEST_NAME = 100
-_RECORDED = (*RECORDED, *MEASURED, *DELAYED, *contact_signals(1), *JOINT_SIGNALS, thruster_signal(1))
+_RECORDED = (
+    *(*RECORDED, *MEASURED, *DELAYED, *TOOL, MANIPULABILITY),
+    *(*contact_signals(1), *JOINT_SIGNALS, thruster_signal(1)),
+)
 _SIGNALS = {signal.name for signal in (*GIVEN, *_RECORDED)}
 """Signals of a Simulation or a trace, which a state would hide."""
 _OVERRIDDEN = ("name", "states", "memory", "units", "every_step", "uses_task", "uses_truth")

@@ -85,6 +85,18 @@ TRUE = (
 )
 """Given to navigation: the truth that its sensors measure. nu_dot and tau are those of the last step."""
 
+TOOL = (
+    Signal("p_WT", (3,), "m", "W", "position of the tool's frame T, the frame of the task"),
+    Signal("quat_WT", (4,), "1", "W", "attitude of T, w x y z"),
+    Signal("nu_T", (6,), _TWIST, "T", "velocity of T"),
+)
+"""Recorded with a tool: its true motion."""
+
+MANIPULABILITY = Signal(
+    "manipulability", (), "1", "-", "volume of the tool's accelerations over that with locked joints, at least 1"
+)
+"""Recorded with a tool: sqrt(det(M_BB) det(J M^-1 J^T)) of the law's model (:mod:`uvms_mj.physics.operational`)."""
+
 REFERENCE = (
     Signal("p_d", (3,), "m", "W", "desired position"),
     Signal("p_d_dot", (3,), "m/s", "W", "desired velocity"),

@@ -11,10 +11,12 @@ from ...stages.base import Stage
 from ...stages.joint_signals import JOINT_SIGNALS
 from ...stages.signals import (
     DELAYED,
+    MANIPULABILITY,
     MEASURED,
     OWN_UNIT,
     RECORDED,
     SCHEDULED,
+    TOOL,
     UNSTEADY,
     Signal,
     contact_signals,
@@ -55,14 +57,15 @@ def recorded(
         if "task" in stages.entries or signal.name not in _OF_THE_TASK
     ]
     if not isinstance(navigation, Perfect):
-        found += [(signal, stages.signals[signal.name.removesuffix("_m")]) for signal in MEASURED]
+        found += [(signal, stages.frame.base[signal.name.removesuffix("_m")]) for signal in MEASURED]
     found += [(signal, stages.signals[signal.name]) for signal in SCHEDULED if "schedule" in stages.entries]
-    found += [(signal, stages.allocation["tau_cmd"]) for signal in DELAYED if "delay" in stages.entries]
+    found += [(signal, stages.delayed["tau_cmd"]) for signal in DELAYED if "delay" in stages.entries]
     if water["unsteady"][0]:
         found += [(signal, water[signal.name]) for signal in UNSTEADY]
     found += [*contacts.recorded(loop), (thruster_signal(len(u)), u)]
     found += stages.commanded
     found += joints.recorded()
+    found += stages.frame.recorded()
     own = [each for each in stages.states() if each[1] != "zeta" or not isinstance(each[0], ImpedanceTask)]
     check_states([(stage, name) for stage, name, _ in own], {signal.name for signal, _ in found})
     return found + [(state_signal(stage, name, memory.size), memory) for stage, name, memory in own]
@@ -72,7 +75,7 @@ def check_states(states: Sequence[tuple[Stage, str]], names: Set[str] = frozense
     """Refuse states that can't be recorded under their names, beside the signals ``names``. Raises InputError if two
     states have one name, or a state's name is taken or is not an identifier."""
     own = (*contact_signals(0), *JOINT_SIGNALS, thruster_signal(0))
-    recorded = (*RECORDED, *MEASURED, *UNSTEADY, *DELAYED, *SCHEDULED, *own)
+    recorded = (*RECORDED, *MEASURED, *UNSTEADY, *DELAYED, *SCHEDULED, *TOOL, MANIPULABILITY, *own)
     taken = names | {signal.name for signal in recorded} | _ATTRIBUTES
     faults: dict[Stage, list[Fault]] = {}
     for stage, name in states:

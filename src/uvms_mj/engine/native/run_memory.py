@@ -9,7 +9,7 @@ from ...analysis.setup import Setup
 from ...control.design import ATTITUDE_KEYS
 from ...plant.settings import contact_settings
 from ...scenario import STAGES
-from ...stages.signals import FINAL_WINDOW_S
+from ...stages.signals import FINAL_WINDOW_S, KNOWN
 from .callback import entry_point
 from .contact_list import ContactList
 from .joints import Joints
@@ -95,6 +95,7 @@ class RunMemory:
         stages = self.stages
         yield from (self.loop, self.context, stages.signals, stages.sensed, stages.command, stages.allocation)
         yield from (stages.commands, stages.thrust, stages.tau_lost, self.u, stages.rows)
+        yield from (stages.frame.base, stages.frame.motion, stages.delayed)
         for entry in stages.running:
             if entry.states or type(entry.stage).memory:
                 yield from (entry.state, entry.state_dot)
@@ -159,8 +160,9 @@ class RunMemory:
     def views(self) -> dict[str, np.ndarray]:
         """Every signal by name as a read-only view: those that the law is given, and the recorded ones."""
         found = {signal.name: memory.reshape(signal.shape) for signal, memory in self.recorded}
-        signals = self.stages.signals
-        found = {name: signals[name][0:1].reshape(signals.dtype[name].shape) for name in signals.dtype.names} | found
+        signals, base = self.stages.signals, self.stages.frame.base
+        given = {name: signals[name] for name in signals.dtype.names} | {s.name: base[s.name] for s in KNOWN}
+        found = {name: each[0:1].reshape(each.shape[1:]) for name, each in given.items()} | found
         for view in found.values():
             view.flags.writeable = False
         return found
@@ -203,6 +205,11 @@ def write_impedance(memory: RunMemory, setup: Setup) -> None:
     signals["K_f"], signals["F_d"] = impedance.K_f, impedance.F_d
 
 
+def write_estimates(memory: RunMemory, setup: Setup) -> None:
+    if memory.stages.frame.model is not None:
+        memory.stages.frame.model.estimate(setup.nominal, setup.scenario.estimates)
+
+
 def write_control(memory: RunMemory, setup: Setup) -> None:
     memory.stages.write_periods(setup.scenario)
     memory.loop["epsilon"] = getattr(setup.scenario.controller, "epsilon", DEFAULT_EPSILON)  # of each axis
@@ -217,9 +224,10 @@ def write_limits(memory: RunMemory, setup: Setup) -> None:
 WRITERS: tuple[tuple[tuple[str, ...], Callable[[RunMemory, Setup], None]], ...] = (
     (("simulation.timestep", "simulation.duration"), write_time),
     (("current", "disturbance", "tether"), write_water),
-    (("wall", "walls", "bumper", *ATTITUDE_KEYS), write_wall),
+    (("wall", "walls", "bumper", "initial.joints", *ATTITUDE_KEYS), write_wall),
     (("initial",), write_initial),
-    (("impedance",), write_impedance),
+    (("impedance", "initial.joints"), write_impedance),
+    (("estimates",), write_estimates),
     (("simulation.seed",), write_seed),
     (("simulation.timestep", "controller", *(f"{table}.period" for table in STAGES)), write_control),
     (("thrusters",), write_limits),

@@ -1,8 +1,6 @@
 """The stages of a run in the order of an instant, as the loop calls them."""
 
-import functools
-import time
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Callable, Iterator, Mapping, Set
 from typing import Any
 
 import numpy as np
@@ -11,7 +9,7 @@ from ...analysis.setup import Setup
 from ...control.schedule import Schedule
 from ...errors import Fault, InputError
 from ...scenario import STAGES, Scenario
-from ...stages.base import Stage, is_shipped, packs_itself, random_key
+from ...stages.base import Stage, random_key
 from ...stages.joint_signals import encoder_signals
 from ...stages.signals import (
     CLOCK,
@@ -29,103 +27,18 @@ from ...stages.signals import (
     commanded_signal,
     record_dtype,
 )
-from .arena import MARGIN, NEARBY, Arena
-from .compilation import NotCompiled
+from .entry import Entry
 from .inner_stages import Delay, Inflow, Sensed, Tracking, Truth
 from .joints import Joints
 from .layouts import STAGE
-from .plain_stage import PlainStage, StageFault
-from .stage_code import RAISED, compile_stage
-
-SEARCH_S = 0.25
-"""Wall time from one search of a stage's margins to the next [s]. A search takes a few milliseconds."""
-
-
-class Entry:
-    """One stage of the loop with its records (1,). ``given`` and ``out``, a record or an array, are in the loop's
-    memory; ``states`` is how many numbers of ``state`` advance."""
-
-    def __init__(
-        self, stage: Stage, settings: np.ndarray, state: np.ndarray, given: np.ndarray, out: np.ndarray, states: int
-    ) -> None:
-        self.stage, self.settings, self.state = stage, settings, state
-        self.given, self.out, self.states = given, out, states
-        needs = type(stage).needs
-        self.needs = () if needs is None and not packs_itself(type(stage)) else needs
-        self.shapes = {name: settings.dtype[name].shape for name in settings.dtype.names or () if name != "_"}
-        self.state_dot = np.zeros_like(state)
-        self.constants: dict[str, Any] = {}
-        self.guarded, self._searched = not is_shipped(stage), time.monotonic()
-        self._out_kind = out.dtype if out.dtype.names else np.dtype(("f8", out.shape))
-        self.code, self.not_compiled = None, ""
-        try:
-            kinds = settings.dtype, state.dtype, given.dtype, self._out_kind
-            self.code = compile_stage(type(stage).function(), *kinds, guarded=self.guarded)
-        except NotCompiled as reason:
-            self.not_compiled = str(reason)
-
-    def new(self, constants: Mapping[str, Any]) -> dict[str, Any]:
-        """The constants that may differ from those in memory."""
-        old = self.constants
-        return {name: value for name, value in constants.items() if value is not old.get(name) or _mutable(value)}
-
-    @functools.cached_property
-    def arena(self) -> Arena:
-        return Arena(self.stage.room, self.settings, self.state, self.given.dtype, self._out_kind)
-
-    @functools.cached_property
-    def _plain(self) -> PlainStage:
-        return PlainStage(self.stage, self.arena)
-
-    def fill(self, row: np.void) -> None:
-        """Set the addresses of a STAGE record."""
-        row["code_at"] = self.code.address if self.code is not None else 0
-        row["settings_at"] = self.arena.address if self.guarded else self.settings.ctypes.data
-        row["state_at"], row["state_dot_at"] = self.state.ctypes.data, self.state_dot.ctypes.data
-        row["given_at"], row["out_at"], row["states"] = self.given.ctypes.data, self.out.ctypes.data, self.states
-
-    def call_plain(self) -> None:
-        """Run the stage as plain Python. Raises StageFault if the stage raised or violated its contract."""
-        self.arena.fill(self.given, self.state)
-        self._plain()
-        self.arena.take(self.state, self.state_dot, self.out)
-
-    def check(self, everything: bool) -> None:
-        """Search the arena's margins, all of them from time to time or if ``everything`` is true. Raises StageFault if
-        the stage wrote beyond one of its arrays."""
-        now = time.monotonic()
-        everything = everything or now - self._searched > SEARCH_S
-        if everything:
-            self._searched = now
-        fault = self.arena.overrun(MARGIN if everything else NEARBY)
-        if fault:
-            raise self._plain.fault(fault)
-
-    def explain(self, code: int) -> StageFault:
-        """The exception for a compiled stage that stopped the run with this return code."""
-        fault = self.arena.fault() if code != RAISED else ""
-        self.arena.reset()
-        self.arena.fill(self.given, self.state)
-        return self._plain.explain(fault)
-
-    @property
-    def slow(self) -> str:
-        """A note on a stage that runs as plain Python; empty for a compiled one."""
-        if self.code is not None:
-            return ""
-        slow = "runs as plain Python, which is slow, because numba can't compile it"
-        hint = "; mark the called function with numba.njit" if "<class 'function'>" in str(self.not_compiled) else ""
-        return f"{self.stage.label()} {slow}: {self.not_compiled}{hint}"
+from .model_memory import TaskFrame
+from .task_frame import UP_TO_ESTIMATES, Errors, ToolMotion
 
 
 def part(record: np.ndarray, signals: tuple[Signal, ...]) -> np.ndarray:
     """Consecutive fields of a record (1,) as a record of their own (1,), in the same memory."""
     offset = record.dtype.fields[signals[0].name][1]  # type: ignore[index]  # records have fields
     return np.ndarray(1, record_dtype(signals), record.view(np.uint8), offset)
-
-
-def _mutable(value: Any) -> bool:
-    return value.flags.writeable if isinstance(value, np.ndarray) else not isinstance(value, float | int | tuple)
 
 
 def _shape(value: Any) -> tuple[int, ...]:
@@ -139,8 +52,11 @@ class StageTable:
     Attributes:
         signals: the record of the signals that the law is given (1,); each stage fills its part.
         sensed: the clock and the measurements (1,) that navigation sets if an observer replaces its force.
+        frame: the stages and the memory of a vehicle with joints or a tool.
         allocation: the record that actuation is given (1,).
-        command: the record with the law's command tau_cmd (1,): that of the actuation, or of the delay before it.
+        command: the record with the law's command tau_cmd (1,): that of the actuation, or of the delay or the
+            resolution before it.
+        delayed: the record with the command behind the delay (1,).
         commands: the record that the thrusters are given (1,).
         u_cmd: (n,) thrusts that actuation sets, in ``commands``.
         thrust: (n,) thrusts that the thrusters produce; ``u_cmd`` itself if they are ideal.
@@ -172,15 +88,14 @@ class StageTable:
             states = type(stage).state_size(counted) if state is None else 0
             self.entries[table] = Entry(stage, stage.record(setup), own if state is None else state, given, out, states)
 
-        observed = scenario.observer.runs
-        add("navigation", scenario.navigation, true, part(self.sensed if observed else self.signals, KNOWN))
-        if observed:
-            add("sensed", Sensed(), self.sensed, part(self.signals, KNOWN[:4]))
-        if joints.interface is not None:
-            add("encoder", scenario.encoder, joints.true, part(joints.given, encoder_signals(joints.n)))
+        frame = self.frame = TaskFrame(setup, self.signals, joints)
+        late = controller.delay is not None
+        behind = np.zeros(1, record_dtype(Delay.given())) if frame.model else self.allocation
+        self.command, self.delayed = np.zeros(1, record_dtype(Delay.given())) if late else behind, behind
+        self._measure(add, scenario, true, joints)
         add("reference", scenario.reference, part(self.signals, CLOCK + KNOWN), part(self.signals, REFERENCE))
         known = part(self.signals, CLOCK + KNOWN + REFERENCE)
-        add("tracking", Tracking(), known, part(self.signals, ERRORS + ESTIMATES))
+        add("tracking", Errors() if frame.model else Tracking(), known, part(self.signals, ERRORS + ESTIMATES))
         add("observer", scenario.observer, part(self.signals, OBSERVER_GIVEN), part(self.signals, KNOWN[4:]))
         if scenario.impedance.schedule:
             add("schedule", Schedule(), part(self.signals, CLOCK), part(self.signals, SCHEDULED))
@@ -189,12 +104,12 @@ class StageTable:
         if type(controller).uses_truth:
             add("truth", Truth(), true, part(self.signals, TRUTH), water)
         self.control = len(self.entries)
-        late = controller.delay is not None
-        self.command = np.zeros(1, record_dtype(Delay.given())) if late else self.allocation
         add("controller", controller, self.signals, self.tau_cmd)
         self.actuation = len(self.entries)
         if late:
-            add("delay", Delay(), self.command, self.allocation["tau_cmd"][0])
+            add("delay", Delay(), self.command, self.delayed["tau_cmd"][0])
+        if frame.model is not None:
+            add("resolve", frame.resolution, self.delayed, self.allocation["tau_cmd"][0], frame.model.record)
         add("actuation", actuation, self.allocation, self.u_cmd)
         if joints.interface is not None:
             add("joints", joints.interface, joints.given, joints.wanted)
@@ -210,6 +125,20 @@ class StageTable:
             entry.fill(row)
         self.running = tuple(self.entries.values())
         self.in_arenas = [entry for entry in self.running if entry.guarded or entry.code is None]
+
+    def _measure(self, add: Callable[..., None], scenario: Scenario, true: np.ndarray, joints: Joints) -> None:
+        """Add the stages that measure, and the law's model of what they measure."""
+        frame, observed = self.frame, scenario.observer.runs
+        if frame.tool is not None:
+            add("tool", ToolMotion(), true, frame.motion, frame.tool.record)
+        add("navigation", scenario.navigation, true, part(self.sensed if observed else frame.base, KNOWN))
+        if observed:
+            add("sensed", Sensed(), self.sensed, part(self.signals, KNOWN[:4]))
+        if joints.interface is not None:
+            add("encoder", scenario.encoder, joints.true, part(joints.given, encoder_signals(joints.n)))
+        if frame.model is not None:
+            out = part(self.signals, UP_TO_ESTIMATES)
+            add("model", frame.estimation, part(frame.base, CLOCK + KNOWN), out, frame.model.record)
 
     @property
     def tau_cmd(self) -> np.ndarray:
@@ -253,6 +182,7 @@ class StageTable:
         h, control = scenario.simulation.timestep, scenario.control_period
         periods = {"actuation": h}
         periods["delay"] = Delay.steps(scenario)[2] * h if "delay" in self.entries else h
+        periods |= {"tool": h, "resolve": periods["delay"] if "delay" in self.entries else control}
         periods |= {table: h for table, entry in self.entries.items() if type(entry.stage).every_step}
         chosen = {table: getattr(scenario, table).period for table in STAGES}
         periods |= {table: period for table, period in chosen.items() if period is not None}

@@ -1,0 +1,93 @@
+"""The frame of the task in the design of a run: the inertia that a law meets there, the place where the frame starts,
+and the combinations that are not computed."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from ..control.task import BODY
+from ..errors import Fault, InputError, suggestion
+from ..physics.frames import quat_from_euler_deg, rotation_matrix
+from ..physics.statics import Statics
+from ..plant.arm import Arm
+from ..plant.settings import Initial
+from ..plant.variation import varied
+from ..plant.vehicle import Vehicle
+from ..scenario import Scenario
+
+
+def check_frame(scenario: Scenario, nominal: Vehicle) -> None:
+    """Raise InputError if the frame of the task is not a site of the vehicle, or the initial joints do not fit it."""
+    frame, arm, faults = scenario.task.frame, nominal.arm, []
+    if frame != BODY and frame not in arm.sites:
+        faults.append(Fault("task.frame", f"{frame!r} is not {BODY!r} or a site; {suggestion(frame, arm.sites)}"))
+    names = [link.name for link in arm.links]
+    for i, link in enumerate(scenario.estimates.links):
+        if link.name not in names:
+            wrong = f"{link.name!r} is not a link of {nominal.body}; {suggestion(link.name, names)}"
+            faults.append(Fault(f"estimates.links[{i}].name", wrong))
+    given = scenario.initial.joints
+    if given is not None and len(given) != len(arm.links):
+        joints = ", ".join(arm.joints) or "none"
+        faults.append(
+            Fault("initial.joints", f"has {len(given)} positions; {nominal.body} has {len(names)} ({joints})")
+        )
+    if faults:
+        raise InputError(faults)
+
+
+def task_inertias(scenario: Scenario, nominal: Vehicle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The inertia (6, 6) at the frame of the task in the initial posture: that of the true vehicle, of its file, and of
+    the estimates. At a tool it is Lambda."""
+    true, estimates = varied(nominal, scenario.vehicle), scenario.estimates
+    if scenario.task.frame == BODY and not nominal.arm.links:
+        return true.M, nominal.M, estimates.inertia * nominal.M
+    factors = [estimates.inertia, *(estimates.of(link.name).inertia for link in nominal.arm.links)]
+    vehicles = ((true, None), (nominal, None), (nominal, factors))
+    found = [_inertia(vehicle, scenario, given) for vehicle, given in vehicles]
+    return found[0], found[1], found[2]
+
+
+def _inertia(vehicle: Vehicle, scenario: Scenario, factors: list[float] | None) -> np.ndarray:
+    statics = Statics(vehicle, vehicle.arm.start(scenario.initial.joints))
+    M = statics.inertia(factors)
+    if scenario.task.frame == BODY:
+        return np.ascontiguousarray(M[:6, :6])
+    J = statics.jacobian(vehicle.arm.sites[scenario.task.frame])
+    Lambda = np.linalg.inv(J @ np.linalg.solve(M, J.T))
+    return 0.5 * (Lambda + Lambda.T)
+
+
+def task_start(scenario: Scenario, arm: Arm) -> Initial:
+    """The initial pose of the frame of the task: that of B, or of the tool, whose velocity is left out."""
+    initial = scenario.initial
+    if scenario.task.frame == BODY:
+        return initial
+    site = arm.sites[scenario.task.frame]
+    p_BT, R_BT = Statics(_Posture(arm), arm.start(initial.joints)).pose(site)
+    R_WB = rotation_matrix(quat_from_euler_deg(*initial.attitude_deg))
+    R = R_WB @ R_BT
+    roll, yaw = math.atan2(R[2, 1], R[2, 2]), math.atan2(R[1, 0], R[0, 0])
+    pitch = math.atan2(-R[2, 0], math.hypot(R[2, 1], R[2, 2]))
+    position = np.array(initial.position) + R_WB @ p_BT
+    return Initial(tuple(position.tolist()), tuple(math.degrees(angle) for angle in (roll, pitch, yaw)))
+
+
+class _Posture:
+    """Links without coefficients, for their poses alone."""
+
+    def __init__(self, arm: Arm) -> None:
+        self.arm = arm
+
+
+def task_faults(setup: Any) -> Iterator[Fault]:
+    """Errors for elements that are computed for a rigid vehicle with the frame of the task at B only."""
+    reason, scenario = setup.not_rigid, setup.scenario
+    if reason and scenario.controller.uses_truth:
+        label = scenario.controller.label()
+        yield Fault("controller.name", f"{label} knows the truth of a rigid vehicle at B only, and {reason}")
+    if reason and scenario.observer.runs:
+        label = scenario.observer.label()
+        yield Fault("observer.name", f"{label} observes a rigid vehicle at B only, and {reason}; use none")

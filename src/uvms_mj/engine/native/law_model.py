@@ -1,0 +1,122 @@
+r"""The model of a law for a vehicle with joints or a tool: the equations of the plant with the estimated coefficients,
+at the measured state.
+
+M, C, D and g of the tree are in :math:`\zeta = [\nu; \dot q]`. At a tool, Lambda and the task's bias take their place
+(:mod:`uvms_mj.physics.operational`).
+"""
+
+from ...physics.dense import product
+from ...physics.frames import to_body
+from ...physics.kernels import kernel
+from ...physics.operational import at_task, at_tool, base_rows, joint_row, task_inertia, tool_in_base
+from ...physics.tree import along_joint, coriolis_wrench, damping_wrench, joint_column, restoring_wrench, to_parent
+from .layouts import LINK_SIZE
+from .memory import floats, link_at
+from .tree import compose_links, gather_wrenches, move_links, place_links
+
+
+@kernel
+def move_model(model, R_WB, nu):
+    """Set poses, velocities and accelerations of all links from the measured state."""
+    base = link_at(model.tree.links_at)
+    for i in range(6):
+        base.nu[i] = nu[i]
+        base.a[i] = 0.0
+    to_body(R_WB, model.gravity_W, base.gravity)
+    place_links(model.tree, floats(model.q_at, model.n))
+    move_links(model.tree, floats(model.q_dot_at, model.n))
+
+
+@kernel
+def estimate_wrenches(model):
+    """Set C zeta, D zeta and g (N,)."""
+    tree, C, D, g = model.tree, floats(model.C_at, model.N), floats(model.D_at, model.N), floats(model.g_at, model.N)
+    for k in range(tree.links):
+        link = link_at(tree.links_at + LINK_SIZE * k)
+        coriolis_wrench(link, link.f)
+    gather_wrenches(tree, C)
+    for k in range(tree.links):
+        link = link_at(tree.links_at + LINK_SIZE * k)
+        damping_wrench(link, link.f)
+    gather_wrenches(tree, D)
+    for k in range(tree.links):
+        link = link_at(tree.links_at + LINK_SIZE * k)
+        restoring_wrench(link, link.f)
+    gather_wrenches(tree, g)
+    gear, q_dot = floats(model.gear_at, model.n), floats(model.q_dot_at, model.n)
+    for k in range(model.n):
+        D[6 + k] += gear[k] * q_dot[k]
+
+
+@kernel
+def estimate_inertia(model):
+    """Set M (N, N)."""
+    tree, N, M = model.tree, model.N, floats(model.M_at, model.N * model.N)
+    armature = floats(model.armature_at, model.n)
+    compose_links(tree)
+    base = link_at(tree.links_at)
+    for i in range(6):
+        for j in range(6):
+            M[N * i + j] = base.composite[i, j]
+    for k in range(1, tree.links):
+        link, row, above = link_at(tree.links_at + LINK_SIZE * k), 5 + k, k
+        for j in range(6, row):
+            M[N * row + j] = 0.0
+            M[N * j + row] = 0.0
+        joint_column(link)
+        f = link.f
+        for _ in range(link.depth):
+            joint = link_at(tree.links_at + LINK_SIZE * above)
+            entry = along_joint(joint, f)
+            M[N * row + 5 + above] = entry
+            M[N * (5 + above) + row] = entry
+            to_parent(joint, f)
+            above = joint.parent
+        M[N * row + row] += armature[k - 1]
+        for j in range(6):
+            M[N * row + j] = f[j]
+            M[N * j + row] = f[j]
+
+
+@kernel
+def place_tool(model):
+    """Set the pose of the tool in B, and J^T (N, 6)."""
+    tree, tool, J_T = model.tree, model.tool, floats(model.J_T_at, 6 * model.N)
+    link = link_at(tree.links_at + LINK_SIZE * tool.link)
+    tool_in_base(tool, link)
+    base_rows(tool, J_T)
+    above = tool.link
+    for _ in range(link.depth):  # the rows of all other joints are zero
+        joint = link_at(tree.links_at + LINK_SIZE * above)
+        joint_row(tool, joint, 5 + above, J_T)
+        above = joint.parent
+
+
+@kernel
+def estimate_at_body(model, out):
+    """Set the estimates at B: the rows of the base."""
+    N, M, C = model.N, floats(model.M_at, model.N * model.N), floats(model.C_at, model.N)
+    D, g = floats(model.D_at, N), floats(model.g_at, N)
+    for i in range(6):
+        out.C_hat_nu[i], out.D_hat_nu[i], out.g_hat[i] = C[i], D[i], g[i]
+        for j in range(6):
+            out.M_hat[i, j] = M[N * i + j]
+
+
+@kernel
+def estimate_at_tool(model, out):
+    """Set the estimates at the tool: Lambda, and J_bar^T h - Lambda J_dot zeta, whose last term is that of C."""
+    N, Lambda, work, MJ_T = model.N, model.Lambda, model.work, floats(model.MJ_T_at, 6 * model.N)
+    link = link_at(model.tree.links_at + LINK_SIZE * model.tool.link)
+    J_T, M, L = floats(model.J_T_at, 6 * N), floats(model.M_at, N * N), floats(model.L_at, N * N)
+    task_inertia(M, N, J_T, L, MJ_T, model.L_task, Lambda, model.manipulability)
+    at_tool(model.tool, link.nu, model.nu_T)
+    at_tool(model.tool, link.a, model.J_dot_zeta)
+    at_task(Lambda, MJ_T, N, floats(model.C_at, N), work, out.C_hat_nu)
+    at_task(Lambda, MJ_T, N, floats(model.D_at, N), work, out.D_hat_nu)
+    at_task(Lambda, MJ_T, N, floats(model.g_at, N), work, out.g_hat)
+    product(Lambda, 6, 6, model.J_dot_zeta, 1, work)
+    for i in range(6):
+        out.C_hat_nu[i] -= work[i]
+        for j in range(6):
+            out.M_hat[i, j] = Lambda[6 * i + j]

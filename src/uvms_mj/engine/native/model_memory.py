@@ -1,0 +1,88 @@
+"""The memory of a law's model and of the true tool, with the numbers of a scenario in it."""
+
+import numpy as np
+
+from ...analysis.setup import Setup
+from ...control.design import Estimates
+from ...control.task import BODY
+from ...plant.arm import Link
+from ...plant.vehicle import Vehicle
+from ...stages.signals import CLOCK, KNOWN, MANIPULABILITY, TOOL, Signal, record_dtype
+from .joints import Joints
+from .layouts import MODEL
+from .links import link_records
+from .task_frame import ModelAtBody, ModelAtTool, ResolveAtBody, ResolveAtTool
+
+
+class ModelMemory:
+    """A MODEL record (1,) of a vehicle, and the arrays whose addresses it has. q and q_dot (n,) are the memory of the
+    joints' positions and velocities that it reads.
+
+    Attributes:
+        record: the MODEL record.
+        links: its LINK records (1 + n,).
+    """
+
+    def __init__(self, setup: Setup, vehicle: Vehicle, joints: Joints, q: np.ndarray, q_dot: np.ndarray) -> None:
+        arm, frame = vehicle.arm, setup.scenario.task.frame
+        n, N = len(arm.links), 6 + len(arm.links)
+        self.record, self.links = np.zeros(1, MODEL), link_records(vehicle)
+        tool = self.record["tool"]
+        if frame != BODY:
+            site = arm.sites[frame]
+            tool["link"], tool["p_LT"], tool["R_LT"] = site.link + 1, site.p, site.R
+        self.record["n"], self.record["N"], self.record["gravity_W"] = n, N, setup.gravity_W
+        self.record["tree"]["links"], self.record["tree"]["links_at"] = n + 1, self.links.ctypes.data
+        sizes = {"M": N * N, "L": N * N, "J_T": 6 * N, "MJ_T": 6 * N, "C": N, "D": N, "g": N, "tau": N}
+        sizes |= {"armature": n, "gear": n}
+        self.arrays = {name: np.zeros(size) for name, size in sizes.items()}
+        self.arrays |= {"q": q, "q_dot": q_dot, "tau_q_cmd": joints.tau_q_cmd}
+        for name, array in self.arrays.items():
+            self.record[f"{name}_at"] = array.ctypes.data
+
+    def estimate(self, vehicle: Vehicle, estimates: Estimates) -> None:
+        """Set the coefficients to those of a vehicle's file with the factors of the estimates."""
+        bodies: list[tuple[Vehicle | Link, Estimates]] = [(vehicle, estimates)]
+        bodies += [(link, estimates.of(link.name)) for link in vehicle.arm.links]
+        for record, (body, factors) in zip(self.links, bodies, strict=True):
+            record["M"] = factors.inertia * (body.M_RB + body.M_A)
+            record["coriolis"] = factors.coriolis / factors.inertia
+            record["D_linear"] = factors.damping * body.D_linear
+            record["D_quadratic"] = factors.damping * body.D_quadratic
+            record["mass"], record["r_g"] = factors.restoring * body.mass, body.r_g
+            record["displaced_mass"], record["r_b"] = factors.restoring * body.displaced_mass, body.r_b
+        for k, link in enumerate(vehicle.arm.links):
+            factors = estimates.of(link.name)
+            self.arrays["armature"][k] = factors.inertia * link.armature
+            self.arrays["gear"][k] = factors.damping * link.damping
+
+
+class TaskFrame:
+    """What a run has beside the stages of a rigid vehicle at B, if there are joints or a tool.
+
+    Attributes:
+        base: the clock and the measurements (1,) at B; the law's own record unless the law is at a tool.
+        model: memory of the law's model, or None for a rigid vehicle at B.
+        tool: memory of the true tool, or None without one.
+        motion: its recorded motion (1,).
+        estimation, resolution: the stages of the model and of the command.
+    """
+
+    def __init__(self, setup: Setup, signals: np.ndarray, joints: Joints) -> None:
+        at_tool = setup.scenario.task.frame != BODY
+        self.base = np.zeros(1, record_dtype(CLOCK + KNOWN)) if at_tool else signals
+        self.motion = np.zeros(1, record_dtype(TOOL))
+        self.model = self.tool = None
+        if at_tool or joints.n:
+            self.model = ModelMemory(setup, setup.nominal, joints, joints.q_m, joints.q_dot_m)
+        if at_tool:
+            self.tool = ModelMemory(setup, setup.vehicle, joints, joints.q, joints.q_dot)
+        self.estimation = ModelAtTool() if at_tool else ModelAtBody()
+        self.resolution = ResolveAtTool() if at_tool else ResolveAtBody()
+
+    def recorded(self) -> list[tuple[Signal, np.ndarray]]:
+        """The recorded signals of a tool, each with its memory."""
+        if self.tool is None or self.model is None:
+            return []
+        motion = [(signal, self.motion[signal.name]) for signal in TOOL]
+        return [*motion, (MANIPULABILITY, self.model.record["manipulability"])]

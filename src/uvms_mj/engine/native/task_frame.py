@@ -1,0 +1,141 @@
+"""The stages of a run with joints or a tool: the law's model before the law, and behind it the resolution of its
+command into the wrench on the base and the torques of the joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ...control.task import tracking_errors
+from ...physics.frames import attitude
+from ...physics.kernels import kernel
+from ...physics.operational import at_tool, resolve, tool_in_base, tool_in_world, wrench_at_tool
+from ...stages.base import Room, Stage
+from ...stages.signals import CLOCK, ERRORS, ESTIMATES, KNOWN, REFERENCE, TOOL, TRUE, WRENCH_COMMAND
+from .law_model import estimate_at_body, estimate_at_tool, estimate_inertia, estimate_wrenches, move_model, place_tool
+from .layouts import LINK_SIZE
+from .memory import floats, link_at
+from .tree import move_links, place_links
+
+UP_TO_ESTIMATES = KNOWN + REFERENCE + ERRORS + ESTIMATES
+"""What the model's stage may set: at a tool KNOWN and ESTIMATES, otherwise ESTIMATES."""
+
+
+@dataclass(frozen=True)
+class ToolMotion(Stage):
+    """The true motion of the tool, for the record. ``state`` is a MODEL record with the true positions of the
+    joints."""
+
+    name = "tool"
+    needs: ClassVar = ()
+    room: ClassVar[Room] = Room("navigation", "tool", lambda thrusters: CLOCK + TRUE, TOOL)
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        tree, tool = state.tree, state.tool
+        base, link = link_at(tree.links_at), link_at(tree.links_at + LINK_SIZE * tool.link)
+        for i in range(6):
+            base.nu[i] = given.nu[i]
+        place_links(tree, floats(state.q_at, state.n))
+        move_links(tree, floats(state.q_dot_at, state.n))
+        tool_in_base(tool, link)
+        tool_in_world(tool, given.p_WB, given.R_WB, out.p_WT, tool.R_WT)
+        attitude(tool.R_WT, out.quat_WT)
+        at_tool(tool, link.nu, out.nu_T)
+
+
+@dataclass(frozen=True)
+class ModelAtBody(Stage):
+    """The estimates at B of a vehicle with joints. ``state`` is a MODEL record."""
+
+    name = "model_at_body"
+    needs: ClassVar = ()
+    room: ClassVar[Room] = Room("control", "model", lambda thrusters: CLOCK + KNOWN, UP_TO_ESTIMATES)
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        move_model(state, given.R_WB, given.nu)
+        estimate_inertia(state)
+        estimate_wrenches(state)
+        estimate_at_body(state, out)
+
+
+@dataclass(frozen=True)
+class ModelAtTool(Stage):
+    """The measurements and the estimates at a tool. ``given`` has the measurements at B; ``state`` is a MODEL
+    record."""
+
+    name = "model_at_tool"
+    needs: ClassVar = ()
+    room: ClassVar[Room] = Room("control", "model", lambda thrusters: CLOCK + KNOWN, UP_TO_ESTIMATES)
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        move_model(state, given.R_WB, given.nu)
+        estimate_inertia(state)
+        estimate_wrenches(state)
+        place_tool(state)
+        estimate_at_tool(state, out)
+        tool_in_world(state.tool, given.p_WB, given.R_WB, out.p_WB, out.R_WB)
+        attitude(out.R_WB, out.quat_WB)
+        for i in range(3):
+            out.f_contact_m_W[i] = given.f_contact_m_W[i]
+        for i in range(6):
+            out.nu[i] = state.nu_T[i]
+        wrench_at_tool(state.tool, given.tau_contact_m_B, out.tau_contact_m_B)
+
+
+@dataclass(frozen=True)
+class Errors(Stage):
+    """Tracking errors alone: the estimates are those of the model's stage."""
+
+    name = "errors"
+    needs: ClassVar = ()
+    room: ClassVar[Room] = Room("control", "tracking", lambda thrusters: CLOCK + KNOWN + REFERENCE, ERRORS + ESTIMATES)
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        tracking_errors(given, out)
+
+
+@dataclass(frozen=True)
+class ResolveAtBody(Stage):
+    """The command at B for a vehicle with joints: the wrench of the law on the base. ``state`` is a MODEL record."""
+
+    name = "resolve_at_body"
+    needs: ClassVar = ()
+    room: ClassVar[Room] = Room("control", "resolve", lambda thrusters: (*CLOCK, WRENCH_COMMAND), (WRENCH_COMMAND,))
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        tau = floats(state.tau_at, state.N)
+        for i in range(6):
+            tau[i] = given.tau_cmd[i]
+        for i in range(6, state.N):
+            tau[i] = 0.0
+        deliver(state, tau, out)
+
+
+@dataclass(frozen=True)
+class ResolveAtTool(Stage):
+    """tau = J^T F of the law's wrench F at the tool. ``state`` is a MODEL record."""
+
+    name = "resolve_at_tool"
+    needs: ClassVar = ()
+    room: ClassVar[Room] = Room("control", "resolve", lambda thrusters: (*CLOCK, WRENCH_COMMAND), (WRENCH_COMMAND,))
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        tau = floats(state.tau_at, state.N)
+        resolve(floats(state.J_T_at, 6 * state.N), state.N, given.tau_cmd, tau)
+        deliver(state, tau, out)
+
+
+@kernel
+def deliver(model, tau, tau_B):
+    """Give tau (N,) to the allocation, tau_B (6,), and to the joints."""
+    tau_q_cmd = floats(model.tau_q_cmd_at, model.n)
+    for i in range(6):
+        tau_B[i] = tau[i]
+    for k in range(model.n):
+        tau_q_cmd[k] = tau[6 + k]

@@ -1,0 +1,107 @@
+r"""Linear algebra for matrices whose size is known at run time only: factors, substitutions and products.
+
+A matrix (rows, columns) is a flat array, row by row. The matrices are those of a vehicle with joints: the inertia M (N,
+N) with N = 6 + n, the Jacobian of a tool, and the inertia that the tool has. They are small, at most 36 by 36, and
+symmetric positive definite where they are factored,
+
+.. math::
+
+    M = L L^\top, \quad L_{ij} = \frac{M_{ij} - \sum_{k<j} L_{ik} L_{jk}}{L_{jj}}
+
+(Cholesky; Golub and Van Loan, "Matrix Computations", 2013, sec. 4.2). The array of L has the reciprocals 1 / L_ii on
+its diagonal, because a division takes as long as many products. A matrix that is not positive definite gives NaN, which
+ends the run at the next command.
+"""
+
+import math
+
+from .kernels import kernel
+
+
+@kernel
+def cholesky(M, N, L):
+    """Set the lower triangle of L (N, N) to the factor of M (N, N), with the reciprocals of its diagonal. Only the
+    lower triangle of M is read. L may be M."""
+    for i in range(N):
+        for j in range(i):
+            x = M[N * i + j]
+            for k in range(j):
+                x -= L[N * i + k] * L[N * j + k]
+            L[N * i + j] = x * L[N * j + j]
+        x = M[N * i + i]
+        for k in range(i):
+            x -= L[N * i + k] * L[N * i + k]
+        L[N * i + i] = 1.0 / math.sqrt(x) if x > 0.0 else math.nan
+
+
+@kernel
+def forward(L, N, B, columns):
+    """B (N, columns) becomes L^-1 B, for L of :func:`cholesky`."""
+    for i in range(N):
+        for k in range(i):
+            scale = L[N * i + k]
+            for c in range(columns):
+                B[columns * i + c] -= scale * B[columns * k + c]
+        scale = L[N * i + i]
+        for c in range(columns):
+            B[columns * i + c] *= scale
+
+
+@kernel
+def backward(L, N, B, columns):
+    """B (N, columns) becomes L^-T B, for L of :func:`cholesky`."""
+    for i in range(N - 1, -1, -1):
+        for k in range(i + 1, N):
+            scale = L[N * k + i]
+            for c in range(columns):
+                B[columns * i + c] -= scale * B[columns * k + c]
+        scale = L[N * i + i]
+        for c in range(columns):
+            B[columns * i + c] *= scale
+
+
+@kernel
+def gram(Y, rows, columns, A):
+    """Set A (columns, columns) to Y^T Y, for Y (rows, columns)."""
+    for i in range(columns):
+        for j in range(i + 1):
+            x = 0.0
+            for k in range(rows):
+                x += Y[columns * k + i] * Y[columns * k + j]
+            A[columns * i + j] = x
+            A[columns * j + i] = x
+
+
+@kernel
+def inverse(L, N, A):
+    """Set A (N, N) to (L L^T)^-1, for L of :func:`cholesky`; A is exactly symmetric."""
+    for i in range(N):
+        for j in range(N):
+            A[N * i + j] = 1.0 if i == j else 0.0
+    forward(L, N, A, N)
+    backward(L, N, A, N)
+    for i in range(N):
+        for j in range(i):
+            A[N * j + i] = A[N * i + j]
+
+
+@kernel
+def product(A, rows, inner, B, columns, out):
+    """Set out (rows, columns) to A B, for A (rows, inner) and B (inner, columns); out is neither of them."""
+    for i in range(rows):
+        for c in range(columns):
+            out[columns * i + c] = 0.0
+        for k in range(inner):
+            scale = A[inner * i + k]
+            for c in range(columns):
+                out[columns * i + c] += scale * B[columns * k + c]
+
+
+@kernel
+def transposed_product(A, rows, inner, x, out):
+    """Set out (inner,) to A^T x, for A (rows, inner) and x (rows,); out is not x."""
+    for i in range(inner):
+        out[i] = 0.0
+    for k in range(rows):
+        for i in range(inner):
+            out[i] += A[inner * k + i] * x[k]
