@@ -46,7 +46,7 @@ _SOURCES = ("target", "motion", "motion_file")
 
 def at_body(setup: Any) -> bool:
     """Whether the law commands a wrench on the body, and no joint torques."""
-    return getattr(setup.scenario.task, "frame", "body") == "body"
+    return setup.scenario.task.frame == "body"
 
 
 @dataclasses.dataclass(frozen=True)
