@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 ROOMS = (
     *("guidance", "navigation", "control", "actuation"),
-    *("reference", "encoder", "observer", "controller", "joints", "thrusters"),
+    *("reference", "encoder", "wrist", "observer", "controller", "joints", "thrusters"),
 )
 """The rooms, and the tables of a scenario that are called otherwise."""
 
