@@ -12,6 +12,7 @@ else.
 import os
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 if sys.platform == "linux":
@@ -37,6 +38,8 @@ FINER = 2
 FORCE_SCALE = 0.15
 """Length of the force's arrow in this close view [m/N]."""
 FLOOR = -0.42
+
+Point = tuple[float, float, float]
 
 
 def noise(seed: int, slope: float, n: int = 1024) -> np.ndarray:
@@ -129,21 +132,42 @@ def pixel(scene: mujoco.MjvScene, point_W: np.ndarray, width: int, height: int) 
     return width / 2 + scale * (ray @ np.cross(left.forward, left.up)), height / 2 + scale * (ray @ left.up)
 
 
-def render(trace: Trace, width: int, height: int, distance: float) -> Image.Image:
-    """The picture of the last instant of a trace, with labels; ``distance`` is that of the camera [m]."""
+@dataclass(frozen=True)
+class View:
+    """Where the camera looks, from where, and where the arrows of the current begin, in W.
+
+    Attributes:
+        distance: of the camera from the point that it looks at [m].
+        azimuth, elevation: direction in which the camera looks [deg].
+        lookat: the point that it looks at [m].
+        streams: starts of the current's arrows [m].
+        labels: offsets of the labels of the force and of the current, right and up [pixels of a height of 720].
+    """
+
+    distance: float
+    azimuth: float = 75.0
+    elevation: float = -31.0
+    lookat: Point = (1.03, 0.0, 0.08)
+    streams: tuple[Point, ...] = ((0.74, -0.16, 0.0), (0.66, 0.03, 0.0), (0.82, 0.24, 0.0))
+    labels: tuple[tuple[int, int], tuple[int, int]] = ((22, 48), (-150, -34))
+
+
+def render(trace: Trace, width: int, height: int, view: View) -> Image.Image:
+    """The picture of the last instant of a trace, with labels."""
     scenario, drawn = trace.scenario, scene_of(trace.header)
     contact, (current,) = FORCES[0], drawn.arrows
     last = {name: trace[name][-1:] for name in trace}
     start_W, tip_W = (ends[0] for ends in contact.ends(trace.header, last, FORCE_SCALE))
-    streams_W = np.array([[0.74, -0.16, 0.0], [0.66, 0.03, 0.0], [0.82, 0.24, 0.0]])
+    streams_W = np.array(view.streams)
 
     model = picture(scenario, drawn.walls)
     model.vis.global_.offwidth, model.vis.global_.offheight = FINER * width, FINER * height
     data = mujoco.MjData(model)
-    data.qpos[:] = *trace.p_WB[-1], *trace.quat_WB[-1]
+    data.qpos[:] = *trace.p_WB[-1], *trace.quat_WB[-1], *(trace.q[-1] if "q" in trace.arrays else ())
     mujoco.mj_forward(model, data)
     camera = mujoco.MjvCamera()
-    camera.lookat, camera.distance, camera.azimuth, camera.elevation = [1.03, 0.0, 0.08], distance, 75.0, -31.0
+    camera.lookat, camera.distance = view.lookat, view.distance
+    camera.azimuth, camera.elevation = view.azimuth, view.elevation
     with mujoco.Renderer(model, FINER * height, FINER * width) as renderer:
         renderer.update_scene(data, camera)
         scene = renderer.scene
@@ -162,10 +186,9 @@ def render(trace: Trace, width: int, height: int, distance: float) -> Image.Imag
     figure = Figure(figsize=(width / 100, height / 100), dpi=100)
     canvas = FigureCanvasAgg(figure)
     figure.figimage(fine.mean(axis=(1, 3)) / 255)
-    for (x, y), right, up, text in (
-        (at_force, 22, 48, f"{contact.name} {np.linalg.norm(trace.f_contact_W[-1]):.1f} N"),
-        (at_current, -150, -34, current.label),
-    ):
+    newtons = np.linalg.norm(trace.f_contact_W[-1])
+    texts = (at_force, f"{contact.name} {newtons:.1f} N"), (at_current, current.label)
+    for ((x, y), text), (right, up) in zip(texts, view.labels, strict=True):
         size = height / 720
         figure.text((x + right * size) / width, (y + up * size) / height, text, color="white", size=17 * size)
     canvas.draw()
@@ -186,7 +209,7 @@ def render(trace: Trace, width: int, height: int, distance: float) -> Image.Imag
 def main(out: Path, size: tuple[int, int], vehicle: str, distance: float) -> None:
     """Render the built-in scenario at rest on the wall."""
     trace = simulate(Scenario.load("push_wall", {"simulation.duration": DURATION_S, "vehicle.model": vehicle}))
-    render(trace, *size, distance).save(out, optimize=True)
+    render(trace, *size, View(distance)).save(out, optimize=True)
     print(f"{out}: {out.stat().st_size / 1000:.0f} kB, contact force {trace.f_contact_W[-1, 0]:.3f} N")
 
 

@@ -66,8 +66,9 @@ Stiffnesses = Annotated[tuple[Annotated[Number, within(0.0, 1e9, "N/m, N m")], .
 Factors = Annotated[tuple[Annotated[Number, within(0.0, 1e6, "")], ...], of_length(6)]
 
 
-def _matrix(limit: float, unit: str) -> Any:
-    """A 6x6 matrix, given as six numbers (its diagonal) or as six rows of six numbers."""
+def _matrix(limit: float, unit: str, word: str = "") -> Any:
+    """A 6x6 matrix, given as six numbers (its diagonal) or as six rows of six numbers, or a word in its place."""
+    either = f'"{word}", ' if word else ""
 
     def number(x: Any) -> bool:
         return type(x) in (int, float)
@@ -76,20 +77,20 @@ def _matrix(limit: float, unit: str) -> Any:
         return isinstance(row, list | tuple) and len(row) == 6
 
     def check(value: Any) -> Any:
-        if value is None:
-            return None
+        if value is None or (word and value == word):
+            return value
         if not (six(value) and (all(map(number, value)) or all(six(row) and all(map(number, row)) for row in value))):
-            raise ValueError("must be six numbers, a diagonal, or six rows of six numbers")
+            raise ValueError(f"must be {either}six numbers, a diagonal, or six rows of six numbers")
         rows = [value] if number(value[0]) else value
         if not all(abs(x) <= limit for row in rows for x in row):
             raise ValueError(f"must have numbers from {-limit:g} to {limit:g} {unit}")
         rows = [tuple(float(x) for x in row) for row in rows]
         return rows[0] if number(value[0]) else tuple(rows)
 
-    return Annotated[tuple[Any, ...] | None, BeforeValidator(check)]
+    return Annotated[tuple[Any, ...] | str | None, BeforeValidator(check)]
 
 
-Inertia = _matrix(1e9, "kg, kg m, kg m^2")
+Inertia = _matrix(1e9, "kg, kg m, kg m^2", "natural")
 Damping = _matrix(1e9, "N s/m, N s, N m s")
 
 

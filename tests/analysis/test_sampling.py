@@ -36,7 +36,7 @@ def test_inertia_shaping_is_stable_up_to_the_step_that_is_said():
             "controller.period": 2.0 * factor * limit,
             "simulation.duration": 8.0,
         }
-        trace = simulate(Scenario.load("push_wall", overrides, "impedance"))
+        trace = simulate(Scenario.load("push_wall", overrides, "impedance"), engine="free_body")
         assert bool(trace.notes) == (factor > 1.0)
         swing.append(np.ptp(trace.push[trace.t > 7.0]))
     assert swing[0] < 0.01
@@ -61,7 +61,9 @@ INERTIA = [12.81, 20.01, 21.88, 0.28, 0.28, 0.28]
 )
 def test_super_twisting_that_would_bounce_on_the_wall_is_warned_of(overrides, bounces):
     """The linear prediction agrees with the run. A run without a warning reaches the closed form."""
-    trace = simulate(Scenario.load("push_wall", {**overrides, "simulation.duration": 30.0}, "gsta"), log_rate=100)
+    trace = simulate(
+        Scenario.load("push_wall", {**overrides, "simulation.duration": 30.0}, "gsta"), log_rate=100, engine="free_body"
+    )
     assert any("bounce" in note for note in trace.notes) == bounces
     force, settled = final_force(trace)
     assert settled != bounces
@@ -98,7 +100,7 @@ def test_the_age_of_the_force_decides_whether_a_held_command_keeps_the_contact_d
     age, settled = 0.5e-4 * (max(periods.values()) - 1), []
     for factor in (1.05, 0.95):
         scenario = shaped(brentq(lambda share, wanted=factor * age: limit(share) - wanted, 1e-3, 0.5))
-        trace = simulate(scenario, log_rate=100)
+        trace = simulate(scenario, log_rate=100, engine="free_body")
         settled.append(final_force(trace)[1])
         assert any("limit-cycles" in note for note in trace.notes) != settled[-1]
     assert settled == [True, False]
@@ -137,7 +139,7 @@ def test_a_force_that_is_sampled_slowly_needs_a_damped_wall(tmp_path, damping):
     for factor in (0.85, 1.15):
         sensor = {"navigation.name": f"{tmp_path / 'held.py'}:HeldForce"}
         sensor["navigation.every"] = float(round(2e4 * factor * limit + 1.0))
-        trace = simulate(Scenario.load("push_wall", overrides | sensor), log_rate=100)
+        trace = simulate(Scenario.load("push_wall", overrides | sensor), log_rate=100, engine="free_body")
         swings.append(float(trace.final_high[-1] - trace.final_low[-1]))
     assert swings[0] < 1e-3
     assert swings[1] > 1.0
@@ -146,7 +148,7 @@ def test_a_force_that_is_sampled_slowly_needs_a_damped_wall(tmp_path, damping):
 @pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
 @pytest.mark.parametrize(("period", "rests"), [(0.001, True), (0.003, False)])
 def test_measurements_that_are_held_for_long_are_warned_of_and_have_no_closed_form(period, rests):
-    trace = simulate(Scenario.load("push_wall", {"navigation.period": period}), log_rate=100)
+    trace = simulate(Scenario.load("push_wall", {"navigation.period": period}), log_rate=100, engine="free_body")
     assert final_force(trace)[1] == rests
     assert isinstance(trace.analytic, SteadyState) == rests
     assert any("limit-cycles" in note and "navigation period" in note for note in trace.notes) != rests
@@ -178,7 +180,7 @@ def test_the_limits_of_the_sampled_loop_are_where_they_are_said_to_be():
     variation = []
     for factor in (0.98, 1.02):
         overrides = {"simulation.timestep": factor * limit, "simulation.duration": 3.0, "reference.step_time": 0.0}
-        trace = simulate(Scenario.load("push_wall", overrides, "fosm"))
+        trace = simulate(Scenario.load("push_wall", overrides, "fosm"), engine="free_body")
         rest = trace.t > 2.0
         variation.append(np.ptp(trace.tau_variation[rest][:, 0]))
         assert bool(trace.notes) == (factor > 1.0)
@@ -198,7 +200,7 @@ def test_a_held_impedance_law_oscillates_where_the_sampled_vibration_grows(stiff
         "controller.period": period,
         "simulation.duration": 40.0,
     }
-    trace = simulate(Scenario.load("push_wall", overrides, "impedance"), log_rate=100)
+    trace = simulate(Scenario.load("push_wall", overrides, "impedance"), log_rate=100, engine="free_body")
     swing = float(trace.final_high[-1] - trace.final_low[-1])
     assert (swing < 1e-2) == rests
     assert isinstance(trace.analytic, NoClosedForm) != rests
@@ -210,7 +212,7 @@ def test_a_control_period_at_which_zeta_grows_is_noted_and_has_no_closed_form():
     """|1 + A T| > 1 in the explicit Euler steps of eq. (15)."""
     for period, grows in ((0.019, False), (0.021, True)):
         overrides = {"wall.stiffness": 1e3, "controller.period": period, "simulation.duration": 1.0}
-        trace = simulate(Scenario.load("push_wall", overrides), log_rate=100)
+        trace = simulate(Scenario.load("push_wall", overrides), log_rate=100, engine="free_body")
         assert any("zeta" in note for note in trace.notes) == grows
         assert (isinstance(trace.analytic, NoClosedForm) and "zeta" in trace.analytic.reason) == grows
 
@@ -269,7 +271,9 @@ def test_a_late_command_is_age_of_the_force_for_inertia_shaping(factor, table):
     setup = set_up(Scenario.load("push_wall", overrides, "impedance"))
     limit = Vibration.of(setup, setup.design.M_hat).limit
     steps = round(factor * limit / 1e-4) * (2 if table == "actuation.period" else 1)
-    trace = simulate(Scenario.load("push_wall", {**overrides, table: steps * 1e-4}, "impedance"), log_rate=100)
+    trace = simulate(
+        Scenario.load("push_wall", {**overrides, table: steps * 1e-4}, "impedance"), log_rate=100, engine="free_body"
+    )
     assert (trace.final_high[-1] - trace.final_low[-1] < 1e-2) == (factor < 1.0)
     assert any("limit-cycles" in note for note in trace.notes) == (factor > 1.0)
 

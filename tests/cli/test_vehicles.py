@@ -89,3 +89,34 @@ def test_motors_without_a_name_are_all_there(here, tmp_path):
     (tmp_path / "mine.xml").write_text(text)
     thrusters = json.loads(here("vehicles", "mine.xml", "--json").stdout)["mine.xml"]["thrusters"]
     assert list(thrusters) == ["thruster 1", "surge_right", "thruster 3", "sway_high", "heave_front", "heave_rear"]
+
+
+def test_the_arm_is_listed_with_joints_links_and_the_sites_that_can_be_the_tool(here):
+    arm = Mjcf.find("bluerov2_alpha5").vehicle.arm
+    about = json.loads(here("vehicles", "bluerov2_alpha5", "--json").stdout)["bluerov2_alpha5"]
+    for found, link in zip(about["links"], arm.links, strict=True):
+        assert (found["joint"], found["mass"], found["effort"]) == (link.joint, link.mass, link.effort)
+        assert np.array_equal(found["M_A"], link.M_A)
+    assert [link["carried_by"] for link in about["links"]] == ["bluerov2_alpha5", "shoulder", "upper_arm", "forearm"]
+    assert list(about["sites"]) == ["tool"]  # the sites of thrusters are none
+    assert about["sites"]["tool"]["reach"] == pytest.approx(np.hypot(0.02, 0.046) + 0.15 + 0.02 + 0.225)
+    text = here("vehicles", "bluerov2_alpha5").stdout
+    for words in ("-175 .. 175 deg", "2.5 N m s, 4 N m", "30 deg/s", "at most 0.4452", "15.962 kg, 15.972 kg", "tool"):
+        assert words in text
+
+
+def test_what_strip_theory_filled_in_is_said(here, tmp_path):
+    link = """<body name="rod"><joint type="slide" range="-.1 .2"/><geom type="capsule" size=".02 .1" mass=".1"/>
+        <site name="tip" pos="0 0 .1" size=".02"/></body>"""
+    text = CUBE.read_text().replace(
+        "<freejoint", link.replace("<geom", '<geom contype="0" conaffinity="0"') + "<freejoint"
+    )
+    text = text.replace("</custom>", '<numeric name="rod.strip_theory" data="1 1.1"/></custom>')
+    (tmp_path / "mine.xml").write_text(text)
+    about = json.loads(here("vehicles", "mine.xml", "--json").stdout)["mine.xml"]
+    assert about["links"][0]["strip_theory"] == ["displaced_mass", "center_of_buoyancy", "M_A", "D_quadratic"]
+    assert about["links"][0]["effort"] == 0.0
+    assert about["sites"]["tip"]["reach"] == pytest.approx(0.3)
+    text = here("vehicles", "mine.xml").stdout
+    for words in ("displaced_mass, center_of_buoyancy, M_A, D_quadratic: from its capsules", "-0.1 .. 0.2 m", "none"):
+        assert words in text

@@ -89,33 +89,41 @@ EVERYWHERE = [
 ]
 
 
-@pytest.mark.parametrize("statement", EVERYWHERE)
-def test_compiled_code_raises_where_numpy_does_and_nowhere_else(tmp_path, statement):
+def everything(tmp_path) -> Scenario:
+    """A law with all these statements: its gain k is ten times the index of the one that it executes, plus n."""
+    body = f"{SET}n = int(gains.k) % 10\n"
+    for i, statement in enumerate(EVERYWHERE):
+        body += f"if int(gains.k) // 10 == {i}:\n    {statement.format(n='n')}\n"
+    return scenario(tmp_path, law(body)).updated({"simulation.duration": 1e-3})
+
+
+@pytest.mark.slow
+def test_compiled_code_raises_where_numpy_does_and_nowhere_else(tmp_path):
     """Operands of 1, 5, 6 and 7 numbers, as compiled code and as the equivalent plain Python."""
-    space = {"np": np}
-    exec(f"def plain(tau_cmd, signals, state):\n    {statement.format(n='n')}".replace("plain(", "plain(n, "), space)
 
     class Record:
         M_hat, xi = np.eye(6), np.zeros(6)
 
-    body = f"{SET}n = int(gains.k)\n{statement.format(n='n')}"
-    raised = {}
-    for n in (1, 5, 6, 7):
-        try:
-            space["plain"](n, np.ones(6), Record, Record)
-            plain = False
-        except (ValueError, IndexError):
-            plain = True
-        case = scenario(tmp_path, law(body)).updated({"controller.k": float(n), "simulation.duration": 1e-3})
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", PlainPythonWarning)
+    case, raised = everything(tmp_path), {}
+    for i, statement in enumerate(EVERYWHERE):
+        space = {"np": np}
+        exec(f"def plain(n, tau_cmd, signals, state):\n    {statement.format(n='n')}", space)
+        for n in (1, 5, 6, 7):
             try:
-                simulate(case)
-                compiled = False
-            except LawError:
-                compiled = True
-        raised[n] = (plain, compiled)
+                space["plain"](n, np.ones(6), Record, Record)
+                plain = False
+            except (ValueError, IndexError):
+                plain = True
+            with warnings.catch_warnings():
+                warnings.simplefilter("error", PlainPythonWarning)
+                try:
+                    simulate(case.updated({"controller.k": 10.0 * i + n}))
+                    compiled = False
+                except LawError:
+                    compiled = True
+            raised[statement, n] = (plain, compiled)
     assert all(plain == compiled for plain, compiled in raised.values()), raised
+    assert {plain for plain, _ in raised.values()} == {True, False}
 
 
 @pytest.mark.parametrize("name", ["gains", "signals", "state", "state_dot", "tau_cmd"])

@@ -175,9 +175,9 @@ def test_a_deformed_bumper_touches_again_only_where_it_has_returned():
 def test_the_force_acts_at_the_contact_point_relative_to_a_wall_that_moves():
     """A damped sphere off the origin: force and moment by vector algebra."""
     contact = pair(stiffness=1e4, damping=200.0, radius=0.1)
-    contact.ends_B[:] = (0.2, 0.3, -0.1)
+    contact.ends_C[:] = (0.2, 0.3, -0.1)
     R, p, nu = rotation_matrix(quat_from_euler_deg(10.0, 20.0, 30.0)), np.array([0.1, 0.2, 0.3]), np.arange(6.0) / 10.0
-    centre = p + R @ contact.ends_B[0]
+    centre = p + R @ contact.ends_C[0]
     wall = surface("sphere", size=(0.5, 0.0, 0.0), position=centre + (0.5 + 0.1 - 2e-3) * np.array([0.6, 0.0, 0.8]))
     wall.v_W[:] = (-0.3, 0.1, 0.2)
     pair_force(contact, wall, p, R, nu, 1e-4)

@@ -60,9 +60,15 @@ REFUSED = {
     "gravcomp nan": (edited(BODY, BODY + ' gravcomp="nan"'), 'gravcomp="nan">: must be 0'),
     "mocap": (edited(BODY, '<body name="m" mocap="true"/>' + BODY), '<body name="m" mocap="true">'),
     "sleep": (edited(BODY, BODY + ' sleep="init"'), 'sleep="init">'),
-    "joint damping": (edited('<freejoint name="bluerov1"', '<joint type="free" damping="1"'), '<joint damping="1">'),
+    "joint damping": (
+        edited('<freejoint name="bluerov1"', '<joint type="free" damping="1"'),
+        "the free joint of body 'bluerov1'",
+    ),
     "joint spring": (edited('<freejoint name="bluerov1"', '<joint type="free" stiffness="1"'), 'stiffness="1">'),
-    "joint class": (edited("<default>", '<default><joint frictionloss="1"/>'), '<joint frictionloss="1">'),
+    "joint class": (
+        edited("<default>", '<default><joint frictionloss="1"/>').replace("<freejoint", '<joint type="free"'),
+        "the free joint of body 'bluerov1': has damping, armature or frictionloss",
+    ),
     "geom friction": (edited("<default>", '<default><geom friction="0 0 0"/>'), '<geom friction="0 0 0">'),
     "geom margin": (edited("<default>", '<default><geom margin=".1"/>'), '<geom margin=".1">'),
     "moving surface": (edited("<default>", '<default><geom surfacevel="1 0 0 0 0 0"/>'), "<geom surfacevel="),
@@ -71,7 +77,7 @@ REFUSED = {
     "limits": (edited(MOTOR, MOTOR + ' ctrlrange="5 -5"'), 'ctrlrange="5 -5">: must be two numbers, the lower'),
     "force limits": (edited(MOTOR, MOTOR + ' forcerange="1 1"'), 'forcerange="1 1">: must be two numbers, the lower'),
     "class limits": (edited("<default>", '<default><motor ctrlrange="5 -5"/>'), '<motor ctrlrange="5 -5">'),
-    "joint motor": (edited("<actuator>", '<actuator><motor joint="bluerov1"/>'), '<motor joint="bluerov1">'),
+    "joint motor": (edited("<actuator>", '<actuator><motor joint="bluerov1"/>'), "actuator 0: drives the free joint"),
     "lag": (edited("<actuator>", '<actuator><general dyntype="filter"/>'), '<general dyntype="filter">'),
     "servo": (edited("<actuator>", '<actuator><position site="lateral"/>'), "<position>: is not supported"),
     "misspelt motor": (edited("<actuator>", '<actuator><motr site="lateral"/>'), "did you mean 'motor'"),
@@ -80,6 +86,7 @@ REFUSED = {
         edited(BODY, '<site name="w"/>' + BODY).replace(MOTOR, MOTOR.replace('site="surge_left"', 'site="w"')),
         "surge_left: its site 'w' is not on the vehicle",
     ),
+    "motor on no site": (edited('site="lateral"', 'site="laterl"'), "transmission target 'laterl' not found"),
     "no thrusters": (re.sub("<actuator>.*</actuator>", "", BLUEROV, flags=re.DOTALL), "<actuator>: has no thruster"),
     "site nan": (edited('<site name="surge_left"/>', '<site name="surge_left" pos="0 nan 0"/>'), 'pos="0 nan 0">'),
     "mass inf": (edited(INERTIAL, '<inertial mass="inf"'), '<inertial mass="inf">: must be finite numbers'),
@@ -109,18 +116,6 @@ REFUSED = {
     "rock": (
         edited(BODY, '<geom name="rock" size="1"/>' + BODY).replace('contype="0"', ""),
         "geom 'rock': is fixed to the world",
-    ),
-    "arm": (
-        edited(INERTIAL, '<body name="arm"><joint type="hinge"/><geom size=".1" mass="1"/></body>' + INERTIAL),
-        '<joint type="hinge">: a vehicle\'s only joint is its free joint; a link on another joint would be dry',
-    ),
-    "arm without a type": (
-        edited(INERTIAL, '<body name="arm"><joint/><geom size=".1" mass="1"/></body>' + INERTIAL),
-        "body 'arm': has another joint",
-    ),
-    "arm with an axis": (
-        edited(INERTIAL, '<body name="arm"><joint axis="0 1 0"/><geom size=".1" mass="1"/></body>' + INERTIAL),
-        '<joint axis="0 1 0">: axis is not supported; a vehicle\'s only joint is its free joint',
     ),
     "many copies": (
         edited(INERTIAL, '<replicate count="200"><replicate count="200"><site/></replicate></replicate>' + INERTIAL),

@@ -322,10 +322,10 @@ def test_kill_9_at_random_moments_changes_no_row(study_file, tmp_path):
     path, folder = study_file(runs=100), tmp_path / "killed"
     Study.load(path).run(tmp_path / "whole", workers=2)
     chance = random.Random(12)
-    for attempt in range(10):
+    for attempt in range(5):
         marker = f"kill-{os.getpid()}-{attempt}"
         process = started(folder, path, marker)
-        until(folder, chance.randrange(18 * attempt, 18 * attempt + 18))
+        until(folder, chance.randrange(30 * attempt, 30 * attempt + 30))
         time.sleep(chance.random() * 0.2)
         process.kill()
         process.wait()

@@ -22,6 +22,7 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
 from traces import TASK, without
+from tree_run import tree_run, with_tool
 from uvms_mj import Controller, InputError, Scenario, simulate
 from uvms_mj.cli.plot import FORMATS
 from uvms_mj.stages.signals import AXES
@@ -32,7 +33,8 @@ from uvms_mj.views.figures.style import COLOURS, stripe, thin
 pytestmark = pytest.mark.slow  # the runs of the paper's figures
 
 PAPER = [*(f"fig{i:02d}" for i in range(1, 13)), "overview"]
-LEVELS = ("expected", "analytic", "wall")
+OF_RIGID = [what for what in figures.WHATS if what != "joints"]
+LEVELS = ("expected", "analytic", "wall", "motor limit")
 LAWS = {"impedance": {}, "fosm": {}, "gsta": {}, "gsta_alone": {"nominal": False}}
 
 
@@ -53,8 +55,11 @@ def fine():
 @pytest.fixture(scope="module")
 def drawn(traces, fine):
     """The paper's figures, and plots of one log, of several logs and of unusual logs, by name."""
-    plots = {f"{what} of one": figures.plot({"gsta": traces["gsta"]}, what) for what in figures.WHATS}
-    for what in figures.WHATS:
+    plots = {f"{what} of one": figures.plot({"gsta": traces["gsta"]}, what) for what in OF_RIGID}
+    tree = with_tool(tree_run())
+    plots |= {f"{what} of a tree": figures.plot({"tree": tree}, what) for what in ("position", "joints", "summary")}
+    plots["joints of trees"] = figures.plot({"a": tree, "b": tree, **traces}, "joints")
+    for what in OF_RIGID:
         plots[f"{what} of four"] = figures.plot(traces, what)
     plots["summary at every step"] = figures.plot({"a $name_ that is too long " * 5: fine["fosm"]}, "summary")
     plots["states of a user's law"] = figures.plot({"Odd": odd_run()}, "integral")
@@ -431,7 +436,7 @@ def test_runs_lie_on_the_same_axes_each_in_the_colour_of_its_law_everywhere(draw
     laws = [trace.header.law.source for trace in traces.values()]
     expected = {label: to_hex([c / 255 for c in rgb]) for label, rgb in zip(traces, colours.of_runs(laws), strict=True)}
     assert len(set(expected.values())) == 4
-    for what in figures.WHATS:
+    for what in OF_RIGID:
         for ax in drawn[f"{what} of four"].axes:
             for signal, line in lines_of(drawn[f"{what} of four"], ax):
                 if line.get_label() in expected:
@@ -470,7 +475,7 @@ def test_a_run_that_diverged_is_drawn_with_others(traces, tmp_path):
         wild[name] *= growth[:, None]
         wild[name][-3:] = np.nan
     wild = dataclasses.replace(gsta, arrays=wild)
-    for what in figures.WHATS:
+    for what in OF_RIGID:
         for runs in ({"wild": wild}, {"wild": wild, "tame": gsta}):
             figures.save(figures.plot(runs, what), tmp_path / what, ("png",))
 

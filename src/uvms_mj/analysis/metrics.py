@@ -64,11 +64,11 @@ def settling_time(t: np.ndarray, y: np.ndarray, final: float, tolerance: float) 
 
 
 def position_settling_time(trace: Trace, band: float = 0.02) -> float | None:
-    """Time from which x of W stays near its final mean, within ``band`` times its whole change [s].
+    """Time from which x of W of the task's frame stays near its final mean, within ``band`` times its whole change [s].
 
     None if x :func:`drifts` at the end of the run, because it has not settled at its final mean.
     """
-    x = trace.p_WB[:, 0]
+    x = _origin(trace)[:, 0]
     final = _final_mean(trace, x)
     return _settled(trace.t, x, final, band * abs(final - x[0]))
 
@@ -105,11 +105,12 @@ def drifts(t: np.ndarray, y: np.ndarray, since: float, tolerance: float) -> bool
 
 
 def overshoot(trace: Trace) -> float | None:
-    r"""Overshoot of x of W beyond its final mean, relative to its whole change [1]; None if x has not settled.
+    r"""Overshoot of x of W of the task's frame beyond its final mean, relative to its whole change [1]; None if x has
+    not settled.
 
     .. math:: \max(0, \max_k \sigma (x_k - x_\infty)) / |x_\infty - x_0|, \qquad \sigma = \mathrm{sgn}(x_\infty - x_0)
     """
-    x, settled = trace.p_WB[:, 0], position_settling_time(trace)
+    x, settled = _origin(trace)[:, 0], position_settling_time(trace)
     if settled is None or settled > trace.t[-1] - FINAL_WINDOW_S:
         return None
     change = _final_mean(trace, x) - x[0]
@@ -138,7 +139,7 @@ def astray(trace: Trace) -> float | None:
     if len(trace) == 0 or trace.status is not Status.completed:
         return None
     late = trace.t >= trace.t[-1] - FINAL_WINDOW_S
-    error = trace.p_WB[late] - trace.p_d[late]
+    error = _origin(trace)[late] - trace.p_d[late]
     if trace.final_high[-1] > 0.0:
         error[:, 0] = 0.0
     distance = float(np.linalg.norm(error, axis=1).max())
@@ -224,6 +225,11 @@ def boundary_layer_share(trace: Trace, start: float = 0.0, end: float = np.inf) 
     """Fraction (6,) of the time with |s_i| < epsilon, over every step [1]; epsilon = 1e-3 for laws without epsilon."""
     inside, duration = gain(trace, "boundary_layer_time", start, end)
     return inside / max(duration, 1e-300)
+
+
+def _origin(trace: Trace) -> np.ndarray:
+    """(n, 3) position of the origin of the task's frame in W [m]."""
+    return trace[trace.header.task_frame[0]]
 
 
 def _final_mean(trace: Trace, y: np.ndarray) -> float:

@@ -16,7 +16,8 @@ INTERVAL_S = 0.01
 
 
 def impedance_error(trace: Trace, start: float = 0.0, end: float = np.inf) -> np.ndarray:
-    r"""Rms (6,) of the residual of eq. (12), or of eq. (7) with K_f and F_d, after averaging over 10 ms intervals.
+    r"""Rms (6,) of the residual of eq. (12), or of eq. (7) with K_f and F_d, after averaging over 10 ms intervals. At a
+    tool, B stands for its frame.
 
     .. math:: r_j = \frac{1}{T} \int_{t_j}^{t_j + T} (M_d \dot{\tilde\nu} + D_d \tilde\nu + K_d \tilde\eta
               - K_f (\tau_c - F_d)) \, dt, \qquad \sqrt{\tfrac{1}{n} \sum_j r_j^2}
@@ -38,15 +39,16 @@ def impedance_error(trace: Trace, start: float = 0.0, end: float = np.inf) -> np
     integral = cumulative(trace.t, f)
     integral[:, 0] = -trace.impulse
     force_W = (integral[last] - integral[first] + 0.5 * h * (f[first] - f[last])) / T
-    arm_W = np.array([trace.header.geometry.reach, 0.0, 0.0])
-    R_WB = rotation_matrix(trace.quat_WB[rows])
+    arm_W = np.array([trace.header.probe_radius, 0.0, 0.0])
+    position, attitude, velocity = (trace[name] for name in trace.header.task_frame)
+    R_WB = rotation_matrix(attitude[rows])
     R_BW = 0.5 * np.swapaxes(R_WB[:-1] + R_WB[1:], 1, 2)
     tau_c = np.hstack([_turned(R_BW, force_W), _turned(R_BW, np.cross(arm_W, force_W))])
-    v_W = _turned(R_WB, trace.nu[rows, :3])
+    v_W = _turned(R_WB, velocity[rows, :3])
     ahead_W = h * np.diff(v_W, axis=0) - 0.5 * h * np.diff(trace.p_d_dot[rows], axis=0)
-    way_W = np.diff((trace.p_WB - trace.p_d)[rows], axis=0) - ahead_W
+    way_W = np.diff((position - trace.p_d)[rows], axis=0) - ahead_W
     change = np.diff(trace.nu_e[rows], axis=0)
-    turn = np.array([_turn(trace.quat_WB[a], trace.quat_WB[b]) for a, b in zip(first, last, strict=True)])
+    turn = np.array([_turn(attitude[a], attitude[b]) for a, b in zip(first, last, strict=True)])
     turn = turn.reshape(-1, 3) - h * change[:, 3:] - _wanted_turn(trace, rows, R_BW)
     nu_e = np.hstack([_turned(R_BW, way_W), turn]) / T
     sums = np.diff(cumulative(trace.t, trace.eta_e)[rows], axis=0) - 0.5 * h * np.diff(trace.eta_e[rows], axis=0)
@@ -72,7 +74,7 @@ def _wanted_turn(trace: Trace, rows: np.ndarray, R_BW: np.ndarray) -> np.ndarray
         return np.zeros((len(rows) - 1, 3))
     quat_d, h = trace.quat_d[rows], trace.scenario.simulation.timestep
     turns = np.array([_turn(a, b) for a, b in itertools.pairwise(quat_d)]).reshape(-1, 3)
-    omega_d = (trace.nu - trace.nu_e)[rows, 3:]
+    omega_d = (trace[trace.header.task_frame[2]] - trace.nu_e)[rows, 3:]
     return _turned(R_BW, _turned(rotation_matrix(quat_d[:-1]), turns)) - 0.5 * h * np.diff(omega_d, axis=0)
 
 

@@ -10,11 +10,13 @@ from ..control import ImpedanceTask
 from ..control.design import Design
 from ..control.task import BODY
 from ..errors import InputError
-from ..physics.frames import rotation_matrix
+from ..physics.frames import quat_from_euler_deg, rotation_matrix
+from ..physics.statics import Statics
 from ..plant.build import Plant, build
 from ..plant.contacts import Contacts, Front, Pair, contacts_of
 from ..plant.joints import felt_inertia
 from ..plant.mjcf import Mjcf
+from ..plant.probe import frame_of
 from ..plant.settings import Initial, lightest_along_face, lightest_at
 from ..plant.vehicle import Vehicle
 from ..scenario import Scenario
@@ -82,7 +84,7 @@ class Setup:
     @functools.cached_property
     def contacts(self) -> Contacts:
         """The contacts beside that of the probe and ``[wall]``."""
-        return contacts_of(self.scenario, self.plant.geometry.reach)
+        return contacts_of(self.scenario, self.plant.probe, self.nominal)
 
     @functools.cached_property
     def fronts(self) -> tuple[Front, ...]:
@@ -92,9 +94,24 @@ class Setup:
         target = np.array(self.rest_pose[0] or self.initial.position)
         return *papers, *self.contacts.fronts(target, rotation_matrix(self.design.quat_d))
 
+    @functools.cached_property
+    def start(self) -> Statics:
+        """The true vehicle in its initial posture."""
+        return Statics(self.vehicle, self.plant.initial_joints(self.scenario.initial))
+
+    def initial_poses(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Positions (3,) and attitudes (3, 3) in W of the frames that contact bodies are fixed to, at the start."""
+        initial = self.scenario.initial
+        p_WB, R_WB = np.array(initial.position), rotation_matrix(quat_from_euler_deg(*initial.attitude_deg))
+        poses = (self.start.pose(carrier) for carrier in self.contacts.carriers)
+        return [(p_WB + R_WB @ p, R_WB @ R) for p, R in poses]
+
     def lightest(self, pair: Pair) -> float:
-        """Least effective mass at a contact of the list in any direction [kg]."""
-        return lightest_at(self.design.M, pair.ends_B, pair.radius)
+        """Least effective mass at a contact of the list in any direction, in the initial posture [kg]."""
+        carrier = self.contacts.carriers[pair.carrier]
+        rigid = carrier.is_B and not self.vehicle.arm.links
+        M = self.design.M if rigid else np.linalg.inv(self.start.mobility(carrier))
+        return lightest_at(M, pair.ends_C, pair.radius)
 
     def mass_along_normal(self) -> float:
         """Effective mass at the contact point along the wall's normal [kg]."""
@@ -102,7 +119,7 @@ class Setup:
 
     def mass_along_face(self) -> float:
         """Least effective mass at the contact point along the wall's face [kg]."""
-        return _along_face(self.design, self.plant.geometry.reach)
+        return _along_face(self.design, self.plant.probe.radius)
 
 
 @functools.lru_cache(maxsize=8)
@@ -122,7 +139,8 @@ def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
         raise InputError(f"mjcf: expected an Mjcf, got {mjcf!r}; use Mjcf.find(name or path)")
     mjcf = mjcf if mjcf is not None else Mjcf.find(scenario.vehicle.model)
     design = design_of(scenario, mjcf.vehicle)
-    plant = build(mjcf, scenario.vehicle, scenario.wall, scenario.simulation.timestep, scenario.simulation.integrator)
+    stepping = scenario.simulation
+    plant = build(mjcf, scenario.vehicle, frame_of(scenario), scenario.wall, stepping.timestep, stepping.integrator)
     return Setup(scenario, plant, design)
 
 

@@ -10,12 +10,10 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
-
 from ..control.springs import Springs
 from ..errors import Fault
-from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..plant.contacts import impossible
+from ..plant.probe import BODY, frame_of
 from ..plant.settings import Wall, contact_settings
 from ..plant.surfaces import Surface, in_series_fast
 from .setup import Setup
@@ -48,7 +46,7 @@ class _Direction:
 def wall_faults(setup: Setup) -> Iterator[Fault]:
     """Errors for springs and dampers of the walls, normal or tangential, with which the time step is unstable, and for
     contacts that are not computed."""
-    yield from impossible(setup.scenario)
+    yield from impossible(setup.scenario, setup.nominal)
     h = setup.scenario.simulation.timestep
     for each in _directions(setup):
         k, b, m = each.k, each.b, each.m
@@ -90,12 +88,14 @@ def wall_notes(setup: Setup) -> Iterator[str]:
         given = one.tangential_stiffness is not None or one.tangential_damping is not None
         if one.friction == 0.0 and given:
             yield f"{table}.tangential_stiffness and {table}.tangential_damping have no effect: {table}.friction is 0"
-    start = setup.scenario.initial.position[0]
+    frame = frame_of(setup.scenario)
+    start = setup.scenario.initial.position[0] if frame == BODY else float(setup.initial_poses()[0][0][0])
     depth = start - wall.position if setup.contacts.paper else 0.0
     if depth > 0.0 and wall.stiffness * depth > START_FORCE:
+        what, where = ("the vehicle", "initial.position[0]") if frame == BODY else (f"the {frame}", f"x of the {frame}")
         yield (
-            f"the vehicle starts {depth:.4g} m inside the wall, which pushes it out with "
-            f"{wall.stiffness * depth:.4g} N at once: initial.position[0] is {start:g} m, "
+            f"{what} starts {depth:.4g} m inside the wall, which pushes it out with "
+            f"{wall.stiffness * depth:.4g} N at once: {where} is {start:g} m, "
             f"wall.position {wall.position:g} m"
         )
     yield from _starts_inside(setup)
@@ -107,10 +107,10 @@ START_FORCE = 100.0
 
 def _starts_inside(setup: Setup) -> Iterator[str]:
     """Warnings for contacts of the list that start deep inside their wall."""
-    initial, pairs = setup.scenario.initial, setup.contacts.pairs
-    springs = Springs(setup)
-    R_WB = rotation_matrix(quat_from_euler_deg(*initial.attitude_deg))
-    _, normal = springs.wrench(np.array(initial.position), R_WB)
+    pairs, springs = setup.contacts.pairs, Springs(setup)
+    if not pairs:
+        return
+    _, normal = springs.wrenches(setup.initial_poses())
     for pair, force, depth in zip(pairs, normal, springs.depths, strict=True):
         if force > START_FORCE:
             yield (

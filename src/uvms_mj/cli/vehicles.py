@@ -7,6 +7,7 @@ import click
 
 from .common import bad_input, command, json_option, printable
 from .console import facts, print_table, table_of, warn
+from .vehicle_arm import MATRICES, described_arm, print_arm
 
 if TYPE_CHECKING:
     from ..plant.mjcf import Mjcf
@@ -29,8 +30,8 @@ def vehicles(names: tuple[str, ...], as_json: bool) -> None:
     """
     with bad_input():
         from ..files import shipped
-        from ..physics.dissipation import damping_notes
         from ..plant.mjcf import Mjcf
+        from ..plant.vehicle import notes_on_damping
 
         found = {name: Mjcf.find(name) for name in names or shipped("models")}
         about = {name: described(mjcf) for name, mjcf in found.items()}
@@ -42,8 +43,7 @@ def vehicles(names: tuple[str, ...], as_json: bool) -> None:
         return
     for name, mjcf in found.items():
         _print_one(name, about[name])
-        vehicle = mjcf.vehicle
-        for note in damping_notes(vehicle.body, vehicle.D_linear, vehicle.D_quadratic):
+        for note in notes_on_damping(mjcf.vehicle):
             warn(note)
 
 
@@ -51,13 +51,13 @@ def described(mjcf: "Mjcf") -> dict[str, Any]:
     """What is known of a vehicle, as numbers, texts and lists: SI units, body frame B.
 
     Of each thruster ``wrench`` is its column of B, the wrench of 1 N of thrust, or of 1 N m if it is a pure moment. A
-    limit is None if there is none. Raises InputError if the file is not one physical vehicle.
+    limit is None if there is none. Coefficients are those of the base; links have their own. Raises InputError if the
+    file is not one physical vehicle.
     """
     import numpy as np
 
     vehicle, remarks = mjcf.vehicle, mjcf.remarks
     prefix = vehicle.body[: vehicle.body.rfind("/") + 1]  # of a model that the file attaches
-    matrices = ("M_RB", "M_A", "D_linear", "D_quadratic")
     names = [name or f"thruster {i + 1}" for i, name in enumerate(vehicle.thrusters)]
     columns = zip(names, vehicle.B.T, vehicle.u_min, vehicle.u_max, strict=True)
     return {
@@ -67,12 +67,13 @@ def described(mjcf: "Mjcf") -> dict[str, Any]:
         "center_of_gravity": vehicle.r_g.tolist(),
         "center_of_buoyancy": vehicle.r_b.tolist(),
         "reach": float(mjcf.geometry.reach),
-        **{name: getattr(vehicle, name).tolist() for name in matrices},
+        **{name: getattr(vehicle, name).tolist() for name in MATRICES},
         "axes": int(np.linalg.matrix_rank(vehicle.B)),
         "thrusters": {
             name: {"wrench": wrench.tolist(), "least": _finite(least), "greatest": _finite(greatest)}
             for name, wrench, least, greatest in columns
         },
+        **described_arm(vehicle),
     }
 
 
@@ -82,12 +83,14 @@ def _finite(limit: float) -> float | None:
 
 def _print_list(about: dict[str, dict[str, Any]]) -> None:
     title = "Vehicles: --set vehicle.model=NAME; `uvms-mj vehicles NAME` lists the numbers of one"
-    columns = ("name", "mass, displaced [kg]", "thrusters", "axes", "source, licence, trust")
+    columns = ("name", "mass, displaced [kg]", "thrusters", "axes", "joints", "source, licence, trust")
     table = table_of(title, *columns, fixed=("name",), min_width=80)
     for name, each in about.items():
-        masses = f"{each['mass']:.4g}, {each['displaced_mass']:.4g}"
+        parts = [each, *each["links"]]
+        masses = ", ".join(f"{sum(part[word] for part in parts):.4g}" for word in ("mass", "displaced_mass"))
         remarks = "\n".join(_remark(each, word) for word in REMARKS[1:])
-        table.add_row(name, masses, str(len(each["thrusters"])), f"{each['axes']} of 6", remarks, end_section=True)
+        numbers = str(len(each["thrusters"])), f"{each['axes']} of 6", str(len(each["links"]))
+        table.add_row(name, masses, *numbers, remarks, end_section=True)
     print_table(table)
 
 
@@ -101,11 +104,14 @@ def _print_one(name: str, each: dict[str, Any]) -> None:
     table = facts(printable(f"{name}: {each['description'] or 'a vehicle without a description'}"))
     for word in REMARKS[1:]:
         table.add_row(word, _remark(each, word))
+    if each["links"]:
+        whole = [sum(part[word] for part in (each, *each["links"])) for word in ("mass", "displaced_mass")]
+        table.add_row("with its links", f"{whole[0]:.6g} kg, {whole[1]:.6g} kg; all that follows is the base's alone")
     table.add_row("mass, displaced mass", f"{each['mass']:.6g} kg, {each['displaced_mass']:.6g} kg")
     for word in ("gravity", "buoyancy"):
         table.add_row(f"centre of {word}", f"{_numbers(each[f'center_of_{word}'])} m")
     table.add_row("front, on x", f"{each['reach']:.6g} m")
-    for matrix in ("M_RB", "M_A", "D_linear", "D_quadratic"):
+    for matrix in MATRICES:
         table.add_row(matrix, _matrix(each[matrix]))
     print_table(table)
     title = f"Thrusters: wrench of 1 N, body frame; they span {each['axes']} of 6 axes"
@@ -115,6 +121,8 @@ def _print_one(name: str, each: dict[str, Any]) -> None:
         limits = "none" if least == greatest == "none" else f"{least} .. {greatest}"
         table.add_row(printable(thruster), *(f"{round(x, 4) + 0.0:.4g}" for x in given["wrench"]), limits)
     print_table(table)
+    if each["links"]:
+        print_arm(each, _matrix)
 
 
 def _numbers(values: list[float]) -> str:

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ..errors import Fault
 from ..quantities import NonNegative, Positive
 from .balance import static_balance
 from .base import Controller, gain
@@ -65,6 +66,12 @@ class Admittance(Controller):
             a = signals.nu_d_dot[j] + nu_a_dot[j] - gains.k_v * (signals.nu_e[j] - nu_a[j]) - gains.k_p * error
             for i in range(6):
                 tau_cmd[i] += signals.M_hat[i, j] * (a - state.xi_a[j])
+
+    def faults(self, setup: Any) -> Iterator[Fault]:
+        """Refuse an inertia that changes: the offset is a state of its own, with a constant M_d."""
+        if setup.scenario.impedance.natural:
+            why = "changes with the posture; the law admittance needs a constant inertia: six numbers or a 6x6 matrix"
+            yield Fault("impedance.M_d", f"{setup.scenario.impedance.M_d!r} {why}")
 
     def at_rest(self, setup: Any) -> SteadyState | str:
         """With an integral, K_d eta_e = K_f (tau_c - F_d). Without, the stiffness M_hat k_p in series with K_d:

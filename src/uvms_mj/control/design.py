@@ -19,6 +19,7 @@ from ..quantities import (
     Inertia,
     Number,
     PositiveFactor,
+    Step,
     Stiffnesses,
     Wrench,
     doc,
@@ -30,7 +31,9 @@ from .schedule import Change, in_order
 @table(frozen=True, config=STRICT)
 class Impedance:
     K_d: Stiffnesses = doc("desired stiffness, diagonal [N/m, N m]", (150.0, 1500.0, 1500.0, 50.0, 50.0, 50.0))
-    M_d: Inertia = doc("desired inertia, diagonal or 6x6; default: M of the vehicle's file", None)
+    M_d: Inertia = doc(
+        'desired inertia, diagonal or 6x6, or "natural": M_hat of each instant; default: M of the vehicle\'s file', None
+    )
     D_d: Damping = doc("desired damping, diagonal or 6x6; default: Ott's design", None)
     K_f: Factors = doc("force gain, diagonal, eq. (7) [1]", (1.0,) * 6)
     F_d: Wrench = doc("wrench that the wall should exert on the vehicle, in B, eq. (7) [N, N m]", (0.0,) * 6)
@@ -42,6 +45,12 @@ class Impedance:
     damping_ratio: Annotated[Number, within(0.0, 1e3, "")] = doc(
         "damping ratio of Ott's design, used if D_d is not given [1]", 1.0
     )
+    damping_period: Step = doc("time from one D_d of Ott's design to the next, used if M_d is natural [s]", 1e-3)
+
+    @property
+    def natural(self) -> bool:
+        """Whether M_d is M_hat of each instant."""
+        return isinstance(self.M_d, str)
 
     @property
     def at_end(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -118,7 +127,10 @@ class Design:
         of its file and of the estimates. Raises InputError if M_d is not symmetric positive definite, or D_d is not
         dissipative."""
         impedance: Impedance = scenario.impedance
-        inertia, faults = impedance.M_d if impedance.M_d is not None else nominal.tobytes(), []
+        M_hat, faults = scenario.estimates.inertia * nominal, []
+        inertia = (
+            nominal.tobytes() if impedance.M_d is None else M_hat.tobytes() if impedance.natural else impedance.M_d
+        )
         try:
             M_d, M_d_inv = _inertia(inertia)
         except ValueError as error:

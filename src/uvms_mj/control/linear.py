@@ -149,7 +149,8 @@ def _jacobian(setup: Any, about: tuple[tuple[str, tuple[float, ...]], ...]) -> n
     signals.quat_e, signals.period, signals.instant = np.array([1.0, 0.0, 0.0, 0.0]), setup.scenario.control_period, 1
     gains, task_gains = _fields(law.constants(setup)), _fields(task.constants(setup))
     state, rates = (_fields({name: np.zeros(size) for name, size in kind.states.items()}) for _ in range(2))
-    zeta, zeta_dot = _fields({"zeta": np.zeros(6)}), _fields({"zeta": np.zeros(6)})
+    own = {**type(task).states, **type(task).memory}
+    zeta, zeta_dot = (_fields({name: np.zeros(size) for name, size in own.items()}) for _ in range(2))
     vars(state).update({name: np.array(value) for name, value in about})
     states = list(vars(state).values())
     base, ends = np.concatenate([*states, np.zeros(0)]), np.cumsum([len(each) for each in states])
@@ -158,8 +159,8 @@ def _jacobian(setup: Any, about: tuple[tuple[str, tuple[float, ...]], ...]) -> n
     def evaluate(y: np.ndarray) -> np.ndarray:
         signals.eta_e, signals.nu, signals.tau_contact_m_B = half * y[:6], y[6:12], y[12:18]
         signals.nu_e, signals.D_hat_nu, tau_cmd = signals.nu, D_hat @ signals.nu, np.zeros(6)
-        for own, value in zip(states, np.split(base + y[18:], ends), strict=False):
-            own[:] = value
+        for each, value in zip(states, np.split(base + y[18:], ends), strict=False):
+            each[:] = value
         if kind.uses_task:
             type(task).step(task_gains, zeta, signals, zeta_dot, signals)
         kind.law(gains, state, signals, rates, tau_cmd)

@@ -1,5 +1,6 @@
 """The static force of the list of contacts, for the balance of a vehicle at rest."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -34,10 +35,18 @@ class Springs:
         return len(self._pairs)
 
     def wrench(self, position: np.ndarray, R_WB: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The wrench (6,) on the vehicle in B at its origin, and the normal force (n,) of each contact."""
-        total, normal, nu = np.zeros(6), np.zeros(len(self)), np.zeros(6)
+        """The wrench (6,) on a vehicle whose contact bodies are fixed to B, in B at its origin, and the normal force
+        (n,) of each contact."""
+        wrenches, normal = self.wrenches([(position, R_WB)])
+        return wrenches[0], normal
+
+    def wrenches(self, poses: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+        """The wrench (m, 6) on each carrier in its frame at its origin, for their positions (3,) and attitudes (3, 3)
+        in W, and the normal force (n,) of each contact."""
+        total, normal, nu = np.zeros((len(poses), 6)), np.zeros(len(self)), np.zeros(6)
         for i, pair in enumerate(self._pairs):
-            pair_force(pair, self._surfaces[pair.surface], position, R_WB, nu, 1.0)
-            total += pair.contact.tau_B
+            p_WC, R_WC = poses[pair.carrier]
+            pair_force(pair, self._surfaces[pair.surface], p_WC, R_WC, nu, 1.0)
+            total[pair.carrier] += pair.contact.tau_B
             normal[i], self.depths[i] = pair.f_n, pair.depth
         return self.scale * total, self.scale * normal

@@ -32,7 +32,7 @@ class FreeEngine(Engine):
             "mass": vehicle.mass,
             "r_g": vehicle.r_g,
             "gravity_W": setup.gravity_W,
-            "reach": setup.plant.geometry.reach,
+            "reach": setup.plant.probe.radius,
             "softness": setup.plant.softness,
         }
         for name, value in constants.items():
@@ -48,7 +48,7 @@ class FreeEngine(Engine):
         return self._closed
 
     def write_wall(self, setup: Setup) -> None:
-        self._body["face"] = face_of(setup.scenario, setup.plant.geometry.reach)
+        self._body["face"] = face_of(setup.scenario, setup.plant.probe.radius)
 
     def write_initial(self, setup: Setup) -> None:
         put_at(setup.scenario.initial, self._body["qpos"][0], self._body["qvel"][0])

@@ -47,7 +47,7 @@ class MujocoEngine(Engine):
         self._model.opt.timestep = setup.scenario.simulation.timestep
 
     def write_wall(self, setup: Setup) -> None:
-        self._plant.set_wall(setup.scenario.wall, face_of(setup.scenario, setup.plant.geometry.reach))
+        self._plant.set_wall(setup.scenario.wall, face_of(setup.scenario, setup.plant.probe.radius))
 
     def write_initial(self, setup: Setup) -> None:
         self._plant.place(self._data, setup.scenario.initial)

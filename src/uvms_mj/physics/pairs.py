@@ -1,6 +1,7 @@
 r"""Force between one surface and one contact body of the vehicle, from the state of the same instant.
 
-A contact body is a sphere, or a capsule: all points within a radius of a segment. The depth is
+A contact body is a sphere, or a capsule: all points within a radius of a segment. It is fixed to a frame C, which is B
+for a rigid vehicle. The depth is
 :math:`\delta = r - d`, with the distance d of the sphere's centre, or of the nearest point of the segment, from the
 surface (:mod:`.surfaces`). The contact point is halfway between the two surfaces, and its velocity v is relative to the
 wall, which may move. The wall yields by w, and the bumper of the contact body, in series with it, by x:
@@ -34,7 +35,8 @@ PAIR = np.dtype(
         ("contact", CONTACT),
         ("surface", "i8"),  # index of the SURFACE
         ("capsule", "i8"),  # whether the body has two ends
-        ("ends_B", "f8", (2, 3)),  # of the segment, or the centre [m]
+        ("carrier", "i8"),  # index of the frame C that the body is fixed to
+        ("ends_C", "f8", (2, 3)),  # of the segment, or the centre, in C [m]
         ("radius", "f8"),  # [m]
         ("layer_depth", "f8"),  # w_1 [m]
         ("layer_stiffness", "f8"),  # k_1 [N/m]
@@ -52,26 +54,26 @@ PAIR = np.dtype(
 
 
 @kernel
-def pair_force(pair, surface, p_WB, R_WB, nu, timestep):
+def pair_force(pair, surface, p_WC, R_WC, nu, timestep):
     """Set the force of a contact body at this instant, and advance the states of the contact. Call it once per step.
 
     Args:
         pair: a PAIR record.
         surface: its SURFACE record, at this instant.
-        p_WB: (3,) position of B's origin [m].
-        R_WB: (3, 3) attitude.
-        nu: (6,) velocity in B [m/s, rad/s].
+        p_WC: (3,) position of C's origin [m].
+        R_WC: (3, 3) attitude of C.
+        nu: (6,) velocity of C, in C [m/s, rad/s].
         timestep: [s].
     """
     contact, c = pair.contact, pair.centre_W
     n, arm, v = contact.normal_W, contact.arm_W, contact.work
     for i in range(3):
-        v[i] = pair.ends_B[0, i]
-    to_world(R_WB, v, c)
+        v[i] = pair.ends_C[0, i]
+    to_world(R_WC, v, c)
     for i in range(3):
-        c[i] += p_WB[i]
+        c[i] += p_WC[i]
     if pair.capsule != 0:
-        nearest_of_capsule(pair, surface, p_WB, R_WB)
+        nearest_of_capsule(pair, surface, p_WC, R_WC)
     distance = signed_distance(surface, c, n) - pair.radius
     pair.depth = max(0.0, -distance)
     pair.f_n = 0.0
@@ -80,25 +82,25 @@ def pair_force(pair, surface, p_WB, R_WB, nu, timestep):
         release(contact)
         return
     for i in range(3):
-        arm[i] = c[i] - p_WB[i] - (pair.radius + 0.5 * distance) * n[i]
-    point_velocity(R_WB, nu, arm, v)
+        arm[i] = c[i] - p_WC[i] - (pair.radius + 0.5 * distance) * n[i]
+    point_velocity(R_WC, nu, arm, v)
     v_n = 0.0
     for i in range(3):
         v[i] -= surface.v_W[i]
         v_n += n[i] * v[i]
     pair.f_n = series_force(pair, -distance, -v_n, timestep)
-    press(contact, pair.f_n, v_n, R_WB, timestep)
+    press(contact, pair.f_n, v_n, R_WC, timestep)
 
 
 @kernel
-def nearest_of_capsule(pair, surface, p_WB, R_WB):
+def nearest_of_capsule(pair, surface, p_WC, R_WC):
     """Move the centre from the first end to the point of the segment that is nearest to the surface."""
     c, end = pair.centre_W, pair.end_W
     for i in range(3):
-        end[i] = pair.ends_B[1, i]
-    to_world(R_WB, end, end)
+        end[i] = pair.ends_C[1, i]
+    to_world(R_WC, end, end)
     for i in range(3):
-        end[i] += p_WB[i]
+        end[i] += p_WC[i]
     part = nearest_on_segment(surface, c, end)
     for i in range(3):
         c[i] += part * (end[i] - c[i])

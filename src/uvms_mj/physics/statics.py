@@ -8,11 +8,41 @@ module; the loop has the kernels of :mod:`.tree`.
 import functools
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from .fossen import coriolis_added_mass, damping, restoring
+
+@dataclass(frozen=True, eq=False)
+class _Bodies:
+    """Coefficients of the base and the links, one row a body, and which joints carry each of them (m, n)."""
+
+    M_RB: np.ndarray
+    M_A: np.ndarray
+    D_linear: np.ndarray
+    D_quadratic: np.ndarray
+    buoyant: np.ndarray
+    """(m,) displaced mass minus mass [kg]."""
+    lever: np.ndarray
+    """(m, 3) mass times centre of gravity minus displaced mass times centre of buoyancy [kg m]."""
+    armature: np.ndarray
+    carried: np.ndarray
+
+    @classmethod
+    @functools.lru_cache(maxsize=8)
+    def of(cls, vehicle: Any) -> "_Bodies":
+        bodies, links = (vehicle, *vehicle.arm.links), vehicle.arm.links
+        carried = np.zeros((len(bodies), len(links)), dtype=bool)
+        for k, link in enumerate(links, 1):
+            carried[k] = carried[link.parent + 1]
+            carried[k, k - 1] = True
+        names = ("M_RB", "M_A", "D_linear", "D_quadratic")
+        M_RB, M_A, D_linear, D_quadratic = (np.array([getattr(b, name) for b in bodies]) for name in names)
+        buoyant = np.array([b.displaced_mass - b.mass for b in bodies])
+        lever = np.array([b.mass * b.r_g - b.displaced_mass * b.r_b for b in bodies])
+        armature = np.array([link.armature for link in links])
+        return cls(M_RB, M_A, D_linear, D_quadratic, buoyant, lever, armature, carried)
 
 
 class Statics:
@@ -20,29 +50,38 @@ class Statics:
 
     Args:
         vehicle: with M_RB, M_A, D_linear, D_quadratic, mass, r_g, displaced_mass, r_b, and ``arm.links``, each of which
-            has these too, and parent, slide, p_0, R_0, axis, anchor.
+            has these too, and parent, slide, p_0, R_0, axis, anchor, armature.
+        like: the same links at the same q, with other coefficients, whose poses are taken over.
 
     Attributes:
         bodies: the base and the links.
         R, p: attitudes (n + 1, 3, 3) and positions (n + 1, 3) of their frames in B [m].
     """
 
-    def __init__(self, vehicle: Any, q: np.ndarray) -> None:
-        links = vehicle.arm.links
-        self.bodies, self.q = (vehicle, *links), q
-        n = len(links)
+    def __init__(self, vehicle: Any, q: np.ndarray, like: "Statics | None" = None) -> None:
+        self.vehicle, self.bodies, self.q = vehicle, (vehicle, *vehicle.arm.links), q
+        self.R: np.ndarray
+        self.p: np.ndarray
+        self.axes: np.ndarray
+        self.anchors: np.ndarray
+        if like is not None:
+            self.R, self.p, self.axes, self.anchors = like.R, like.p, like.axes, like.anchors
+            self.jacobians = like.jacobians
+            return
+        n = len(vehicle.arm.links)
         self.R, self.p = np.tile(np.eye(3), (n + 1, 1, 1)), np.zeros((n + 1, 3))
-        for k, (link, q_k) in enumerate(zip(links, q, strict=True), 1):
+        self.axes, self.anchors = np.zeros((n, 3)), np.zeros((n, 3))  # of the joints, in B
+        for k, (link, q_k) in enumerate(zip(vehicle.arm.links, q, strict=True), 1):
             above = link.parent + 1
             turn = np.eye(3) if link.slide else _rotation(link.axis, float(q_k))
-            R_PL = link.R_0 @ turn
             moved = link.axis * q_k if link.slide else link.anchor - turn @ link.anchor
-            self.R[k] = self.R[above] @ R_PL
+            self.R[k] = self.R[above] @ (link.R_0 @ turn)
             self.p[k] = self.p[above] + self.R[above] @ (link.p_0 + link.R_0 @ moved)
+            self.axes[k - 1], self.anchors[k - 1] = self.R[k] @ link.axis, self.p[k] + self.R[k] @ link.anchor
 
-    @property
-    def _ones(self) -> Sequence[float]:
-        return (1.0,) * len(self.bodies)
+    @functools.cached_property
+    def _bodies(self) -> _Bodies:
+        return _Bodies.of(self.vehicle)
 
     def pose(self, carrier: Any) -> tuple[np.ndarray, np.ndarray]:
         """Position (3,) and attitude (3, 3) in B of a frame on a link, with link (-1: the base), p and R."""
@@ -52,72 +91,79 @@ class Statics:
     def jacobian(self, carrier: Any) -> np.ndarray:
         """J (6, 6 + n) of a frame on a link, in its axes."""
         p, R = self.pose(carrier)
-        J = np.zeros((6, 6 + len(self.q)))
-        J[:3, :3] = J[3:, 3:6] = np.eye(3)
-        J[:3, 3:6] = -skew(p)
-        k = carrier.link + 1
-        while k > 0:
-            link = self.bodies[k]
-            axis = self.R[k] @ link.axis
-            if link.slide:
-                J[:3, 5 + k] = axis
-            else:
-                J[:3, 5 + k] = np.cross(axis, p - self.p[k] - self.R[k] @ link.anchor)
-                J[3:, 5 + k] = axis
-            k = link.parent + 1
-        J[:3], J[3:] = R.T @ J[:3], R.T @ J[3:]
-        return J
+        return self._jacobians(p[None], R[None], self._bodies.carried[carrier.link + 1][None])[0]
 
     @functools.cached_property
     def jacobians(self) -> np.ndarray:
         """(n + 1, 6, 6 + n), those of the frames of all bodies."""
-        return np.array([self.jacobian(_Frame(k - 1)) for k in range(len(self.bodies))])
+        return self._jacobians(self.p, self.R, self._bodies.carried)
+
+    def _jacobians(self, p: np.ndarray, R: np.ndarray, carried: np.ndarray) -> np.ndarray:
+        """(m, 6, 6 + n) of m frames with the poses p (m, 3), R (m, 3, 3), and the joints that carry them (m, n)."""
+        J = np.zeros((len(p), 6, 6 + len(self.q)))
+        J[:, :3, :3] = J[:, 3:, 3:6] = np.eye(3)
+        x, y, z = p.T
+        J[:, 0, 4], J[:, 0, 5], J[:, 1, 3], J[:, 1, 5], J[:, 2, 3], J[:, 2, 4] = z, -y, -z, x, y, -x
+        slides = np.array([link.slide for link in self.vehicle.arm.links], dtype=bool)
+        a, arm = self.axes, p[:, None] - self.anchors
+        turning = np.stack(
+            [
+                a[:, 1] * arm[..., 2] - a[:, 2] * arm[..., 1],
+                a[:, 2] * arm[..., 0] - a[:, 0] * arm[..., 2],
+                a[:, 0] * arm[..., 1] - a[:, 1] * arm[..., 0],
+            ],
+            axis=1,
+        )
+        J[:, :3, 6:] = np.where(slides, a.T, turning) * carried[:, None]
+        J[:, 3:, 6:] = np.where(slides, 0.0, a.T) * carried[:, None]
+        R_T = np.swapaxes(R, 1, 2)
+        return np.concatenate([R_T @ J[:, :3], R_T @ J[:, 3:]], axis=1)
 
     def inertia(self, factors: Sequence[float] | None = None) -> np.ndarray:
         """M(q) (6 + n, 6 + n), added mass and armature included, with a factor for that of each body."""
-        M = np.zeros((6 + len(self.q),) * 2)
-        for body, J, factor in zip(self.bodies, self.jacobians, factors or self._ones, strict=True):
-            M += factor * (J.T @ (body.M_RB + body.M_A) @ J)
-        for k, link in enumerate(self.bodies[1:]):
-            M[6 + k, 6 + k] += (factors or self._ones)[1 + k] * link.armature
+        bodies, J = self._bodies, self.jacobians
+        inertia, armature = bodies.M_RB + bodies.M_A, bodies.armature
+        if factors is not None:
+            inertia, armature = np.array(factors)[:, None, None] * inertia, np.array(factors)[1:] * armature
+        M = (np.swapaxes(J, 1, 2) @ inertia @ J).sum(axis=0)
+        M[6:, 6:] += np.diag(armature)
         return M
+
+    def mobility(self, carrier: Any) -> np.ndarray:
+        """J M^-1 J^T (6, 6), the acceleration of a frame by wrenches at its origin: the inverse of Lambda."""
+        J = self.jacobian(carrier)
+        return J @ np.linalg.solve(self.inertia(), J.T)
 
     def restoring(self, R_WB: np.ndarray, gravity_W: np.ndarray, factors: Sequence[float] | None = None) -> np.ndarray:
         """g (6 + n,): minus weight and buoyancy of all bodies, with a factor for those of each body."""
-        total, g = np.zeros(6 + len(self.q)), np.empty(6)
-        for body, R, J, factor in zip(self.bodies, self.R, self.jacobians, factors or self._ones, strict=True):
-            restoring(body.mass, body.displaced_mass, body.r_g, body.r_b, gravity_W, R_WB @ R, g)
-            total += factor * (J.T @ g)
-        return total
+        g = gravity_W @ R_WB @ self.R  # in the links' axes
+        wrenches = np.hstack([self._bodies.buoyant[:, None] * g, np.cross(g, self._bodies.lever)])
+        return self._generalised(wrenches if factors is None else np.array(factors)[:, None] * wrenches)
 
     def stream(self, R_WB: np.ndarray, v_c_W: np.ndarray) -> np.ndarray:
         """The wrench (6 + n,) of a constant current on all bodies at rest, -C_A(nu_r) nu_r - D(nu_r) nu_r."""
-        total, nu_r, part = np.zeros(6 + len(self.q)), np.zeros(6), np.empty(6)
-        for body, R, J in zip(self.bodies, self.R, self.jacobians, strict=True):
-            nu_r[:3] = -(R_WB @ R).T @ v_c_W
-            coriolis_added_mass(body.M_A, nu_r, part)
-            wrench = -part
-            damping(body.D_linear, body.D_quadratic, nu_r, part)
-            total += J.T @ (wrench - part)
-        return total
+        bodies, nu_r = self._bodies, np.zeros((len(self.bodies), 6))
+        nu_r[:, :3] = -(v_c_W @ R_WB @ self.R)
+        wrenches = bodies.D_linear @ nu_r[..., None] + bodies.D_quadratic @ (np.abs(nu_r) * nu_r)[..., None]
+        momentum = (bodies.M_A @ nu_r[..., None])[:, :3, 0]
+        wrenches = wrenches[..., 0]
+        wrenches[:, 3:] += np.cross(nu_r[:, :3], momentum)
+        return -self._generalised(wrenches)
 
-
-class _Frame:
-    """The frame of a link itself."""
-
-    p, R = np.zeros(3), np.eye(3)
-
-    def __init__(self, link: int) -> None:
-        self.link = link
-
-
-def skew(a: np.ndarray) -> np.ndarray:
-    """S(a) (3, 3): S(a) b = a x b."""
-    x, y, z = a
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    def _generalised(self, wrenches: np.ndarray) -> np.ndarray:
+        """(6 + n,) of wrenches (n + 1, 6) at the origins of all bodies, in their axes."""
+        return np.einsum("kij,ki->j", self.jacobians, wrenches)
 
 
 def _rotation(axis: np.ndarray, angle: float) -> np.ndarray:
     """Rotation (3, 3) by an angle [rad] about a unit vector (3,)."""
-    S = skew(axis)
-    return np.eye(3) + math.sin(angle) * S + (1.0 - math.cos(angle)) * (S @ S)
+    x, y, z = axis.tolist()
+    c, s = math.cos(angle), math.sin(angle)
+    v = 1.0 - c
+    return np.array(
+        [
+            [c + v * x * x, v * x * y - s * z, v * x * z + s * y],
+            [v * x * y + s * z, c + v * y * y, v * y * z - s * x],
+            [v * x * z - s * y, v * y * z + s * x, c + v * z * z],
+        ]
+    )

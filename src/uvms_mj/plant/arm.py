@@ -3,7 +3,7 @@
 A body below the vehicle's base that has a joint, a hinge or a slide, is a *link*. A body without a joint is part of the
 body that carries it. Each link has coefficients of its own, ``<numeric>`` entries whose names begin with that of the
 link's body and a dot, for example ``upper_arm.displaced_mass``. They are those of :mod:`.coefficients`, about the
-origin of the link's body frame and in its axes; damping that is not given is zero.
+origin of the link's body frame and in its axes (:mod:`.link_water`).
 """
 
 import functools
@@ -14,7 +14,8 @@ import mujoco
 import numpy as np
 
 from ..errors import Fault
-from .coefficients import DERIVATIVES, added_mass, damping_matrix, has_numeric, numeric
+from .coefficients import numeric
+from .link_water import water_of
 
 MOST_JOINTS = 30
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
@@ -36,6 +37,7 @@ class Link:
         M_A, D_linear, D_quadratic: (6, 6), as those of :class:`uvms_mj.plant.vehicle.Vehicle`.
         displaced_mass: [kg]
         r_b: (3,) centre of buoyancy [m].
+        filled_in: names of the coefficients that strip theory gave, and not the file.
         range: least and greatest q [rad or m], infinite without limits.
         effort: greatest torque of the motor [N m or N], 0 without a motor.
         speed_limit: of the motor [rad/s or m/s], infinite if it is not given.
@@ -61,6 +63,7 @@ class Link:
     D_quadratic: np.ndarray
     displaced_mass: float
     r_b: np.ndarray
+    filled_in: tuple[str, ...]
     range: tuple[float, float]
     effort: float
     speed_limit: float
@@ -184,10 +187,12 @@ def _link(
     carrier = int(model.body_weldid[model.body_parentid[body]])
     R_WP, R_WL = data.xmat[carrier].reshape(3, 3), data.xmat[body].reshape(3, 3)
     limits = tuple(model.jnt_range[joint].tolist()) if model.jnt_limited[joint] else (-np.inf, np.inf)
-    water = _water(model, f"{name}.", faults)
+    water = water_of(model, data, body, faults)
     actuator, torque, effort = _motor(model, joint, faults)
-    joint_name = model.joint(joint).name.removeprefix(prefix)
-    speed = numeric(model, f"{model.joint(joint).name}.speed_limit", 1, faults, np.array([np.inf]))[0]
+    joint_name = model.joint(joint).name or name
+    speed = numeric(model, f"{joint_name}.speed_limit", 1, faults, np.array([np.inf]))[0]
+    if speed <= 0.0:
+        faults.append(Fault(f"{joint_name}.speed_limit", f"{speed:g}: must be positive"))
     arrays = {
         "p_0": R_WP.T @ (data.xpos[body] - data.xpos[carrier]),
         "R_0": R_WP.T @ R_WL,
@@ -196,12 +201,14 @@ def _link(
         "M_RB": rigid_inertia(model, data, body),
         **water,
     }
+    if not np.isfinite(arrays["M_RB"]).all():
+        faults.append(Fault(called, "its mass or inertia is not finite"))
     for array in arrays.values():
         if isinstance(array, np.ndarray):
             array.setflags(write=False)
     return Link(
         name=name.removeprefix(prefix),
-        joint=joint_name or name.removeprefix(prefix),
+        joint=joint_name.removeprefix(prefix),
         body_id=body,
         parent=numbers[carrier],
         slide=kind == _SLIDE,
@@ -217,32 +224,6 @@ def _link(
     )
 
 
-def _water(model: mujoco.MjModel, prefix: str, faults: list[Fault]) -> dict[str, np.ndarray | float]:
-    """The coefficients of one link, from the numerics with its prefix."""
-    if not any(model.numeric(i).name.startswith(prefix) for i in range(model.nnumeric)):
-        reason = "moves on a joint and has no coefficient, so that it would be dry"
-        faults.append(Fault(f"body {prefix[:-1]!r}", f"{reason}: give {prefix}displaced_mass, {prefix}M_A, ..."))
-        zero = np.zeros((6, 6))
-        return {"M_A": zero, "D_linear": zero, "D_quadratic": zero, "displaced_mass": 0.0, "r_b": np.zeros(3)}
-    displaced_mass = float(numeric(model, f"{prefix}displaced_mass", 1, faults)[0])
-    if displaced_mass < 0.0:
-        faults.append(Fault(f"{prefix}displaced_mass", f"{displaced_mass:g} kg: must not be negative"))
-
-    def given(matrix: str) -> bool:
-        return any(has_numeric(model, prefix + each) for each in (matrix, *DERIVATIVES[matrix].flat))
-
-    damping = {
-        matrix: damping_matrix(model, prefix, matrix, faults) if given(matrix) else np.zeros((6, 6))
-        for matrix in ("D_linear", "D_quadratic")
-    }
-    return {
-        "M_A": added_mass(model, prefix, faults),
-        **damping,
-        "displaced_mass": displaced_mass,
-        "r_b": numeric(model, f"{prefix}center_of_buoyancy", 3, faults, default=np.zeros(3)),
-    }
-
-
 def _motor(model: mujoco.MjModel, joint: int, faults: list[Fault]) -> tuple[int, float, float]:
     """Index in ctrl, torque per unit of ctrl and greatest torque of a joint's motor; -1, 1 and 0 without one."""
     acts = (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (model.actuator_trnid[:, 0] == joint)
@@ -252,14 +233,19 @@ def _motor(model: mujoco.MjModel, joint: int, faults: list[Fault]) -> tuple[int,
     if len(found) > 1:
         faults.append(Fault(f"joint {model.joint(joint).name!r}", f"has {len(found)} motors; give it one"))
     i = int(found[0])
-    torque = float(model.actuator_gainprm[i, 0] * model.actuator_gear[i, 0])
-    if torque == 0.0:
-        faults.append(Fault(model.actuator(i).name or f"actuator {i}", "its gear or gain is zero: no torque"))
+    name, gear = model.actuator(i).name or f"actuator {i}", model.actuator_gear[i]
+    torque = float(model.actuator_gainprm[i, 0] * gear[0])
+    if torque == 0.0 or gear[1:].any():
+        found_gear = " ".join(f"{x:g}" for x in gear)
+        faults.append(Fault(name, f"gear {found_gear}: a joint's motor has one gear, which is not zero"))
         return -1, 1.0, 0.0
     effort = np.inf
-    if model.actuator_ctrllimited[i]:
-        effort = min(effort, abs(torque) * float(np.abs(model.actuator_ctrlrange[i]).min()))
-    if model.actuator_forcelimited[i]:
-        gear = abs(float(model.actuator_gear[i, 0]))
-        effort = min(effort, gear * float(np.abs(model.actuator_forcerange[i]).min()))
+    for kind, limited, limits, unit in (
+        ("ctrlrange", model.actuator_ctrllimited[i], model.actuator_ctrlrange[i], abs(torque)),
+        ("forcerange", model.actuator_forcelimited[i], model.actuator_forcerange[i], abs(float(gear[0]))),
+    ):
+        if limited and limits[0] != -limits[1]:
+            faults.append(Fault(name, f"{kind} {limits[0]:g} {limits[1]:g}: must be symmetric on a joint's motor"))
+        elif limited:
+            effort = min(effort, unit * float(limits[1]))
     return i, torque, effort

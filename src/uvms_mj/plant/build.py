@@ -8,8 +8,10 @@ because MuJoCo's friction cone couples the slip into the normal force of a conta
 computes friction from the distance and the nearest points, which two sensors measure in the position stage. Friction
 and the law therefore use the contact of the same instant.
 
-The probe is centred on B's origin, so that the wall's normal force gives no moment. Its radius is the vehicle's reach
-forward. Contact begins when the origin is at x_c, and in pictures the vehicle's front is then at the wall's face.
+The probe is centred on the origin of the frame of the task, so that the wall's normal force gives no moment there. In
+B, its radius is the vehicle's reach forward; at a site, it is the size of the site. Contact begins when the origin is
+at x_c, and in pictures the front of the vehicle or of the tool is then at the wall's face. At a site, w is that of the
+link that carries it.
 """
 
 import functools
@@ -23,6 +25,7 @@ from ..physics.frames import quat_from_euler_deg
 from .geometry import Geometry
 from .joints import set_constraints
 from .mjcf import Mjcf
+from .probe import Probe
 from .settings import Initial, VehicleChoice, Wall
 from .variation import varied, vary
 from .vehicle import Vehicle, free_body_id, free_joint_addresses
@@ -52,7 +55,8 @@ class Plant:
     vehicle: Vehicle
     """The true one: that of the MJCF with the factors of ``choice``."""
     geometry: Geometry
-    """Shapes of the vehicle; the probe's radius is its reach."""
+    """Shapes of the vehicle."""
+    probe: Probe
     choice: VehicleChoice
     wall: Wall
     timestep: float
@@ -64,11 +68,11 @@ class Plant:
         spec = self.mjcf.spec()
         spec.option.timestep = self.timestep
         spec.option.integrator = getattr(mujoco.mjtIntegrator, _INTEGRATORS[self.integrator])
-        _add_surroundings(spec, self.vehicle.body, self.wall, self.geometry.reach)
+        _add_surroundings(spec, self.vehicle.body, self.wall, self.probe)
         model = self.mjcf.compiled(spec)
         vary(model, free_body_id(model, self.vehicle.body), self.vehicle.actuator_ids, self.choice)
         set_constraints(model)
-        _set_wall(model, _ids(model, self.vehicle.body), self.wall, self.wall.position + self.geometry.reach)
+        _set_wall(model, _ids(model, self.probe.body), self.wall, self.wall.position + self.probe.radius)
         return model
 
     @property
@@ -77,9 +81,10 @@ class Plant:
         solver [1/kg]."""
         return (1.0 - IMPEDANCE) / IMPEDANCE * self.mjcf.inverse_weight / self.choice.mass
 
-    @property
+    @functools.cached_property
     def body_id(self) -> int:
-        return self._ids[0]
+        """The id of the vehicle's body."""
+        return free_body_id(self.model, self.vehicle.body)
 
     @functools.cached_property
     def sensors(self) -> Mapping[str, int]:
@@ -109,7 +114,7 @@ class Plant:
 
     @functools.cached_property
     def _ids(self) -> tuple[int, int, int]:
-        return _ids(self.model, self.vehicle.body)
+        return _ids(self.model, self.probe.body)
 
 
 def put_at(initial: Initial, qpos: np.ndarray, qvel: np.ndarray) -> None:
@@ -121,8 +126,8 @@ def put_at(initial: Initial, qpos: np.ndarray, qvel: np.ndarray) -> None:
 
 
 def _ids(model: mujoco.MjModel, body: str) -> tuple[int, int, int]:
-    """Ids of the vehicle's body, of the contact pair and of the wall's geom."""
-    return free_body_id(model, body), model.pair(f"{_OURS}contact").id, model.geom(f"{_OURS}wall").id
+    """Ids of the probe's body, of the contact pair and of the wall's geom."""
+    return model.body(body).id, model.pair(f"{_OURS}contact").id, model.geom(f"{_OURS}wall").id
 
 
 def _set_wall(model: mujoco.MjModel, ids: tuple[int, int, int], wall: Wall, face: float) -> None:
@@ -132,10 +137,13 @@ def _set_wall(model: mujoco.MjModel, ids: tuple[int, int, int], wall: Wall, face
     model.geom_pos[geom, 0] = face
 
 
-def build(mjcf: Mjcf, choice: VehicleChoice, wall: Wall, timestep: float, integrator: str) -> Plant:
-    """A plant with a time step [s] and an integrator, "euler" or "implicitfast". Raises InputError if the vehicle's
-    file can't be used, or is not physical, or ``choice`` does not fit it."""
-    return Plant(mjcf, varied(mjcf.vehicle, choice), mjcf.geometry, choice, wall, timestep, integrator)
+def build(mjcf: Mjcf, choice: VehicleChoice, frame: str, wall: Wall, timestep: float, integrator: str) -> Plant:
+    """A plant with the probe at a frame, "body" or a site, a time step [s] and an integrator, "euler" or
+    "implicitfast". Raises InputError if the vehicle's file can't be used, or is not physical, or ``choice`` does not
+    fit it."""
+    vehicle, geometry = varied(mjcf.vehicle, choice), mjcf.geometry
+    probe = Probe.of(frame, mjcf)
+    return Plant(mjcf, vehicle, geometry, probe, choice, wall, timestep, integrator)
 
 
 def _plain_class(spec: mujoco.MjSpec) -> mujoco.MjsDefault:
@@ -150,23 +158,27 @@ def _plain_class(spec: mujoco.MjSpec) -> mujoco.MjsDefault:
     return plain
 
 
-def _add_surroundings(spec: mujoco.MjSpec, body_name: str, wall: Wall, reach: float) -> None:
+def _add_surroundings(spec: mujoco.MjSpec, vehicle: str, wall: Wall, probe: Probe) -> None:
     """Add wall, probe, contact pair, sensors and options to the vehicle's model."""
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.tolerance = _TOLERANCE
     # with one vehicle and one wall, constraint islands save no time
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_ISLAND
-    body = spec.body(body_name)
-    body.simple = False
+    spec.body(vehicle).simple = False
     spec.compiler.discardvisual = True
     plain = _plain_class(spec)
-    body.add_geom(plain, name=f"{_OURS}probe", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[reach, 0, 0])
-    face = wall.position + reach
+    spec.body(probe.body).add_geom(
+        plain,
+        name=f"{_OURS}probe",
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        size=[probe.radius, 0, 0],
+        pos=probe.carrier.p,
+    )
     spec.worldbody.add_geom(
         plain,
         name=f"{_OURS}wall",
         type=mujoco.mjtGeom.mjGEOM_PLANE,
-        pos=[face, 0, 0],
+        pos=[wall.position + probe.radius, 0, 0],
         quat=[np.sqrt(0.5), 0, -np.sqrt(0.5), 0],  # its normal is -x of W
         size=[1, 1, 0.1],  # for drawing only: the plane has no edge
     )

@@ -35,8 +35,11 @@ KNOWN_NUMERICS = frozenset(
 )
 """Names of all ``<numeric>`` entries that are read from a vehicle's file."""
 
-LINK_NUMERICS = frozenset(["speed_limit"])
-"""Names of further numerics behind the name of a link or a joint and a dot."""
+LINK_NUMERICS = KNOWN_NUMERICS | {"strip_theory"}
+"""Names of the numerics behind the name of a link and a dot."""
+
+JOINT_NUMERICS = frozenset(["speed_limit"])
+"""Names of the numerics behind the name of a joint and a dot."""
 
 LARGEST = 1e15
 """Bound on every number, in SI units; products of larger numbers could overflow."""

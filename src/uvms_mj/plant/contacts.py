@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import Fault
+from ..errors import Fault, suggestion
 from ..physics.pairs import PAIR
 from ..physics.surfaces import SHAPES, SURFACE, nearest_on_segment, signed_distance
+from .probe import Carrier, Probe
 from .settings import contact_settings
 from .surfaces import ContactBody, Surface, in_series
 
@@ -30,7 +31,8 @@ class Pair:
     Attributes:
         surface: index of the wall in :attr:`Contacts.surfaces`.
         wall_key, body_key: their tables in the scenario.
-        ends_B: (2, 3) ends of the body's axis in B, equal for a sphere [m].
+        carrier: index of the body's frame C in :attr:`Contacts.carriers`.
+        ends_C: (2, 3) ends of the body's axis in C, equal for a sphere [m].
         radius: of the body [m].
         bumper: stiffness, 0 without a bumper [N/m], and damping [N s/m].
     """
@@ -39,15 +41,16 @@ class Pair:
     wall: Surface
     wall_key: str
     body_key: str
-    ends_B: np.ndarray
+    carrier: int
+    ends_C: np.ndarray
     radius: float
     bumper: tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
 class Front:
-    """A contact as a law meets it at the desired pose: the key of its wall, the normal (6,) out of the wall in B as a
-    wrench, and stiffness [N/m] and damping [N s/m] of wall and bumper together."""
+    """A contact as a law meets it at the desired pose: the key of its wall, the normal (6,) out of the wall as a wrench
+    in the frame of the task, and stiffness [N/m] and damping [N s/m] of wall and bumper together."""
 
     key: str
     normal: np.ndarray
@@ -57,11 +60,12 @@ class Front:
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """The walls of the list with their keys, and the pairs. ``paper`` is whether MuJoCo's pair of the probe and
-    ``[wall]`` exists beside them."""
+    """The walls of the list with their keys, the pairs, and the frames that contact bodies are fixed to, that of the
+    probe first. ``paper`` is whether MuJoCo's pair of the probe and ``[wall]`` exists beside them."""
 
     surfaces: tuple[tuple[str, Surface], ...]
     pairs: tuple[Pair, ...]
+    carriers: tuple[Carrier, ...]
     paper: bool
 
     def records(self, lightest: Callable[[Pair], float]) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
@@ -81,26 +85,29 @@ class Contacts:
             wall = pair.wall
             for name, value in contact_settings(wall, functools.partial(lightest, pair)).items():
                 row["contact"][name] = value
-            row["surface"], row["ends_B"], row["radius"] = pair.surface, pair.ends_B, pair.radius
-            row["capsule"] = (pair.ends_B[0] != pair.ends_B[1]).any()
+            row["surface"], row["carrier"], row["radius"] = pair.surface, pair.carrier, pair.radius
+            row["ends_C"], row["capsule"] = pair.ends_C, (pair.ends_C[0] != pair.ends_C[1]).any()
             row["layer_depth"] = math.inf if wall.layer_depth is None else wall.layer_depth
             row["layer_stiffness"] = wall.layer_stiffness or wall.stiffness
             row["bumper_stiffness"], row["bumper_damping"] = pair.bumper
         return surfaces, pairs, tables
 
-    def fronts(self, position: np.ndarray, R_WB: np.ndarray) -> Iterator[Front]:
-        """The walls of the list at a pose: the contacts in each wall together, or the nearest one."""
+    def fronts(self, position: np.ndarray, R_WC: np.ndarray) -> Iterator[Front]:
+        """The walls of the list at a pose of the probe's frame C: the contacts in each wall together, or the nearest
+        one. Contacts on other links are not in it."""
         surfaces, records, _ = self.records(lambda _: 1.0)
         found: dict[str, list[tuple[float, Front]]] = {}
         for record, pair in zip(records.view(np.recarray), self.pairs, strict=True):
+            if pair.carrier != 0:
+                continue
             surface, n = surfaces.view(np.recarray)[pair.surface], np.zeros(3)
-            c, end = position + pair.ends_B @ R_WB.T
+            c, end = position + pair.ends_C @ R_WC.T
             if record.capsule:
                 c = c + nearest_on_segment(surface, c, end) * (end - c)
             distance = signed_distance(surface, c, n) - pair.radius
             moment = np.cross(c - position - pair.radius * n, n)
             stiffness, damping = in_series(pair.wall.stiffness, pair.wall.damping, *pair.bumper)
-            front = Front(pair.wall_key, np.concatenate([R_WB.T @ n, R_WB.T @ moment]), stiffness, damping)
+            front = Front(pair.wall_key, np.concatenate([R_WC.T @ n, R_WC.T @ moment]), stiffness, damping)
             found.setdefault(pair.wall_key, []).append((distance, front))
         for key, each in found.items():
             inside = [front for distance, front in each if distance < 0.0] or [min(each, key=lambda at: at[0])[1]]
@@ -109,24 +116,36 @@ class Contacts:
             yield Front(key, np.asarray(normal), total, sum(front.damping for front in inside))
 
 
-def contacts_of(scenario: Any, reach: float) -> Contacts:
-    """The contacts of a scenario and a vehicle whose probe has the radius ``reach`` [m]."""
+def contacts_of(scenario: Any, probe: Probe, vehicle: Any) -> Contacts:
+    """The contacts of a scenario and a vehicle with its probe. A link that the vehicle does not have counts as its
+    base; :func:`impossible` reports it."""
     bodies, bumper = scenario.vehicle.contact_bodies, scenario.bumper
     paper = is_papers(scenario)
     walls = [(f"walls[{i}]", wall) for i, wall in enumerate(scenario.walls)]
     if scenario.wall.present and not paper:
-        walls.insert(0, ("wall", as_surface(scenario.wall, reach)))
-    named = [(f"vehicle.contact_bodies[{i}]", body) for i, body in enumerate(bodies)]
+        walls.insert(0, ("wall", as_surface(scenario.wall, probe.radius)))
+    carriers = [probe.carrier]
+    named = [(f"vehicle.contact_bodies[{i}]", body, _carrier(body, vehicle, carriers)) for i, body in enumerate(bodies)]
     if not named:
-        probe = ContactBody((0.0, 0.0, 0.0), reach, None, bumper.stiffness, bumper.damping)
-        named = [("the probe", probe)]
+        sphere = ContactBody((0.0, 0.0, 0.0), probe.radius, None, bumper.stiffness, bumper.damping)
+        named = [("the probe", sphere, 0)]
     pairs = [
-        Pair(index, wall, key, name, ends, body.radius, (body.stiffness or 0.0, body.damping))
+        Pair(index, wall, key, name, carrier, ends, body.radius, (body.stiffness or 0.0, body.damping))
         for index, (key, wall) in enumerate(walls)
-        for name, body in named
+        for name, body, carrier in named
         for ends in _ends(body, wall)
     ]
-    return Contacts(tuple(walls), tuple(pairs), paper)
+    return Contacts(tuple(walls), tuple(pairs), tuple(carriers), paper)
+
+
+def _carrier(body: ContactBody, vehicle: Any, carriers: list[Carrier]) -> int:
+    """Index of the frame of the link that carries a contact body, in ``carriers``, to which it is added."""
+    links = [link.name for link in vehicle.arm.links]
+    own = Carrier.of_link(links.index(body.body) if body.body in links else -1)
+    found = [i for i, carrier in enumerate(carriers) if carrier.same(own)]
+    if not found:
+        carriers.append(own)
+    return found[0] if found else len(carriers) - 1
 
 
 def is_papers(scenario: Any) -> bool:
@@ -135,21 +154,27 @@ def is_papers(scenario: Any) -> bool:
     return bool(scenario.wall.present and bare)
 
 
-def face_of(scenario: Any, reach: float) -> float:
-    """x of the face of ``[wall]`` in W for MuJoCo's pair [m]; out of reach if there is no such pair."""
-    return scenario.wall.position + reach if is_papers(scenario) else OUT_OF_REACH
+def face_of(scenario: Any, radius: float) -> float:
+    """x of the face of ``[wall]`` in W for MuJoCo's pair and a probe of a radius [m]; out of reach if there is no such
+    pair."""
+    return scenario.wall.position + radius if is_papers(scenario) else OUT_OF_REACH
 
 
-def as_surface(wall: Any, reach: float) -> Surface:
-    """``[wall]`` as one of ``[[walls]]``: the probe of the radius ``reach`` touches it at x_c."""
+def as_surface(wall: Any, radius: float) -> Surface:
+    """``[wall]`` as one of ``[[walls]]``: a probe of a radius [m] touches it at x_c."""
     names = ("stiffness", "damping", "friction", "tangential_stiffness", "tangential_damping")
     given = {name: getattr(wall, name) for name in names}
-    return Surface(shape="plane", position=(wall.position + reach, 0.0, 0.0), **given)
+    return Surface(shape="plane", position=(wall.position + radius, 0.0, 0.0), **given)
 
 
-def impossible(scenario: Any) -> Iterator[Fault]:
-    """Errors for contacts that are not computed, and for settings without effect."""
+def impossible(scenario: Any, vehicle: Any) -> Iterator[Fault]:
+    """Errors for contacts that are not computed, for links that the vehicle does not have, and for settings without
+    effect."""
     bodies = scenario.vehicle.contact_bodies
+    names = [vehicle.body, *(link.name for link in vehicle.arm.links)]
+    for k, body in enumerate(bodies):
+        if body.body is not None and body.body not in names:
+            yield Fault(f"vehicle.contact_bodies[{k}].body", f"no link {body.body!r}; {suggestion(body.body, names)}")
     for i, wall in enumerate(scenario.walls):
         for k, body in enumerate(bodies):
             if wall.shape == "box" and body.end is not None:

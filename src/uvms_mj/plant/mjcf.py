@@ -115,7 +115,10 @@ class Mjcf:
         texts = {name: ElementTree.tostring(tree) for name, tree in parsed.items()}
         rest = {name: texts.get(name, data) for name, data in self.files.items() if name != self.name}
         with _compiling(self.name):
-            return mujoco.MjSpec.from_string(texts[self.name].decode(), include=rest, assets=rest)
+            spec = mujoco.MjSpec.from_string(texts[self.name].decode(), include=rest, assets=rest)
+            if len(spec.copy().actuators) < len(spec.actuators):
+                spec.compile()  # it names the motor without a site or a joint, which a copy loses without a word
+            return spec
 
     def __reduce__(self) -> tuple[Any, ...]:
         """The files alone: MuJoCo's parsed model can't be pickled."""

@@ -57,6 +57,11 @@ def _at_most(largest: int) -> Rule:
     return rule
 
 
+def _not_negative(text: str) -> str:
+    values = values_of(text)
+    return "" if len(values) == 1 and 0.0 <= values[0] <= LARGEST_NUMBER else "must be one number that is not negative"
+
+
 def _only(*choices: str, reason: str = "") -> Rule:
     said = reason or f"must be {' or '.join(map(repr, choices))}"
     return lambda text: "" if text in choices else said
@@ -136,13 +141,16 @@ ELEMENTS: Mapping[str, Mapping[str, Rule] | None] = {
     "inertial": _rules(numbers=f"{_PLACE} mass diaginertia fullinertia"),
     "freejoint": _rules("name group", align=_TURNS_B),
     "joint": _rules(
-        "name class group limited actuatorfrclimited",
-        "pos axis damping armature frictionloss",
+        "name class group limited",
+        "pos axis",
+        type=_only("free", "hinge", "slide", reason="must be 'hinge' or 'slide'; chain three hinges for a ball"),
+        damping=_not_negative,
+        armature=_not_negative,
+        frictionloss=_not_negative,
         **dict.fromkeys(("solreffriction", "solimpfriction", "solreflimit", "solimplimit", "margin"), _OF_A_RUN),
-        type=_only("free", "hinge", "slide"),
         range=_range,
         ref=_zero("the coefficients hold for the pose of the file"),
-        stiffness=_zero("a spring would hold the vehicle in place"),
+        stiffness=_zero("springs are not computed; a gear's friction is damping and frictionloss"),
     ),
     "geom": _rules(
         "name class contype conaffinity group mesh material shellinertia",
@@ -158,16 +166,21 @@ ELEMENTS: Mapping[str, Mapping[str, Rule] | None] = {
 
 _WALL = "the vehicle may touch only the scenario's wall; leave it out"
 _HOLDS = "it would constrain the vehicle; leave it out"
-_RIGID = "a vehicle is one rigid body; leave it out"
-_PLAIN = "a thruster acts on a site of the vehicle, and its thrust is gain times ctrl without delay; leave it out"
-_THRUSTER = "a thruster must be a <motor> on a site; leave it out"
+_RIGID = "a vehicle is a rigid body and its links; leave it out"
+_PLAIN = (
+    "a motor acts on a site or a joint of the vehicle, and its force is gain times ctrl without delay; leave it out"
+)
+_THRUSTER = (
+    "a thruster must be a <motor> on a site, and a joint's motor a <motor> on a joint; the scenario's [joints] drives "
+    "it to a position or at a velocity"
+)
 
 REASONS: Mapping[str, str] = {
     "compiler": "it would change the vehicle that the file describes; leave it out",
     "option": "a run has its own solver settings; leave it out",
     "statistic": "a run has its own solver settings; leave it out",
-    "body": "a vehicle is one free rigid body; leave it out",
-    "joint": "a joint of a link is a hinge or a slide; leave it out",
+    "body": "a vehicle is one free body and its links; leave it out",
+    "joint": "of a joint, only range, damping, armature and frictionloss are computed; leave it out",
     "geom": _WALL,
     **dict.fromkeys(("motor", "general"), _PLAIN),
     "flag": "a run has its own flags; leave it out",

@@ -105,11 +105,12 @@ class ContactBody:
     """One table of ``[[vehicle.contact_bodies]]``: a sphere, or a capsule if ``end`` is given."""
 
     position: Position
-    """Centre of the sphere, or first end of the capsule's axis, in B [m]."""
+    """Centre of the sphere, or first end of the capsule's axis, in the frame of the link that carries it [m]."""
     radius: Length
-    end: Position | None = doc("second end of the capsule's axis in B [m]; default: a sphere", None)
+    end: Position | None = doc("second end of the capsule's axis [m]; default: a sphere", None)
     stiffness: WallStiffness | None = doc("of the body's bumper, in series with the wall's; default: rigid [N/m]", None)
     damping: WallDamping = doc("of the body's bumper [N s/m]", 0.0)
+    body: str | None = doc("link that carries it; default: the vehicle's base", None)
 
     def __post_init__(self) -> None:
         if self.end is not None and math.dist(self.position, self.end) < 1e-6:

@@ -10,7 +10,6 @@ They are ``<custom><numeric>`` entries: M_A, D_linear and D_quadratic, described
 The rigid body is given by MuJoCo's ``<inertial>``. The actuators are the thrusters.
 """
 
-import difflib
 from dataclasses import dataclass
 
 import mujoco
@@ -20,7 +19,8 @@ from ..errors import Fault, InputError, suggestion
 from ..physics.dissipation import damping_notes
 from ..physics.frames import rotation_matrix
 from .arm import Arm, centre_of_gravity, read_arm, rigid_inertia
-from .coefficients import KNOWN_NUMERICS, LINK_NUMERICS, added_mass, damping_matrix, numeric
+from .coefficients import added_mass, damping_matrix, numeric
+from .numerics import wrong_numerics
 from .thrusters import read_thrusters, turning_thrusters
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
@@ -92,7 +92,7 @@ class Vehicle:
             body = free[0]
         body_id = free_body_id(model, body)
         prefix = body[: body.rfind("/") + 1]
-        faults = wrong_numerics(model, prefix)
+        faults = wrong_numerics(model, body_id, prefix)
         M_A = added_mass(model, prefix, faults)
         D_linear = damping_matrix(model, prefix, "D_linear", faults)
         D_quadratic = damping_matrix(model, prefix, "D_quadratic", faults)
@@ -149,25 +149,6 @@ def free_joint_addresses(model: mujoco.MjModel, body_id: int) -> tuple[int, int]
     """Addresses of a free body's pose (7,) in qpos and of its velocity (6,) in qvel."""
     joint = model.body_jntadr[body_id]
     return int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
-
-
-def wrong_numerics(model: mujoco.MjModel, prefix: str, alone: bool = False) -> list[Fault]:
-    """Errors for numerics with this prefix that are named almost like a coefficient. Other numerics are allowed in a
-    model, unless it consists of one vehicle ``alone``."""
-    known = {each.lower(): each for each in sorted(KNOWN_NUMERICS)}
-    faults = []
-    for name in (model.numeric(i).name for i in range(model.nnumeric)):
-        word = name.removeprefix(prefix)
-        ours = name.startswith(prefix) and "/" not in word  # not of another attached model
-        if ours and (word in KNOWN_NUMERICS or word.rpartition(".")[2] in KNOWN_NUMERICS | LINK_NUMERICS):
-            continue
-        close = difflib.get_close_matches(word.lower(), known, n=1, cutoff=0.8) if ours else []
-        if close:
-            faults.append(Fault(name, f"is not a coefficient; did you mean {known[close[0]]!r}?"))
-        elif alone:
-            reason = "is not a coefficient and would be ignored; leave it out, or write a remark as <text>"
-            faults.append(Fault(name, reason))
-    return faults
 
 
 def _free(model: mujoco.MjModel) -> list[str]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import Fault, InputError, suggestion
 from .mjcf_elements import ELEMENTS, MOST_ELEMENTS, REASONS, finite, values_of
-from .vehicle import wrong_numerics
+from .numerics import wrong_numerics
 
 _CLOSE = 0.8
 """Least similarity at which an attribute counts as misspelt."""
@@ -118,9 +118,15 @@ def check_model(model: mujoco.MjModel, main: str) -> None:
         found = " and ".join(bodies) or "none"
         faults.append(Fault("<freejoint>", f"a vehicle must have one body on a free joint; this file has {found}"))
     else:
-        name = model.body(model.jnt_bodyid[free][0]).name
+        base = int(model.jnt_bodyid[free][0])
+        name = model.body(base).name
         prefix = name[: name.rfind("/") + 1]
-        faults += wrong_numerics(model, prefix, alone=True) + _thrusters(model) + _collisions(model)
+        faults += wrong_numerics(model, base, prefix, alone=True) + _thrusters(model) + _collisions(model)
+        faults += [
+            Fault(_body(model, i), f"moves on a joint and is not carried by {_body(model, base)}; leave the joint out")
+            for i in model.jnt_bodyid[~free]
+            if model.body_rootid[i] != base
+        ]
     if faults:
         raise InputError(faults, f"vehicle.model {main}")
 
@@ -132,7 +138,7 @@ def _is_held(model: mujoco.MjModel, joint: int) -> bool:
 
 def _held(model: mujoco.MjModel, joint: int) -> Fault:
     reason = "has damping, armature or frictionloss: hydrodynamic forces come from the coefficients in <custom>"
-    return Fault(f"free joint {model.joint(joint).name!r}", f"{reason}; leave them out")
+    return Fault(f"the free joint of {_body(model, model.jnt_bodyid[joint])}", f"{reason}; leave them out")
 
 
 def _body(model: mujoco.MjModel, i: int) -> str:
@@ -141,26 +147,41 @@ def _body(model: mujoco.MjModel, i: int) -> str:
 
 def _thrusters(model: mujoco.MjModel) -> list[Fault]:
     """Errors for a model without thrusters, and for thrusters without effect on the vehicle."""
-    if model.nu == 0:
-        return [Fault("<actuator>", 'has no thruster; a thruster is <motor site="..." gear="1 0 0 0 0 0"/>')]
+    thrusters = np.flatnonzero(model.actuator_trntype == mujoco.mjtTrn.mjTRN_SITE)
     faults = []
-    for i in range(model.nu):
+    if not len(thrusters):
+        faults.append(Fault("<actuator>", 'has no thruster; a thruster is <motor site="..." gear="1 0 0 0 0 0"/>'))
+    for i in thrusters.tolist():
         name = model.actuator(i).name or f"actuator {i}"
-        if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT:
-            continue
         site = model.actuator_trnid[i, 0]
         if model.body_weldid[model.site_bodyid[site]] == 0:
             faults.append(Fault(name, f"its site {model.site(site).name!r} is not on the vehicle"))
         if not model.actuator_gear[i].any():
             faults.append(Fault(name, "its gear is zero, so that it gives no force; leave it out"))
+    faults += [
+        Fault(model.actuator(i).name or f"actuator {i}", "drives the free joint; a thruster is a <motor> on a site")
+        for i in np.flatnonzero(model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT).tolist()
+        if model.jnt_type[model.actuator_trnid[i, 0]] == mujoco.mjtJoint.mjJNT_FREE
+    ]
     return faults
 
 
 def _collisions(model: mujoco.MjModel) -> list[Fault]:
-    """Errors for geoms fixed to the world that would collide with the vehicle."""
-    fixed = model.body_weldid[model.geom_bodyid] == 0
+    """Errors for geoms that would collide with the vehicle, or with another of its links: such a contact has nothing of
+    the scenario's walls."""
+    carrier = model.body_weldid[model.geom_bodyid]
     types, affinities = model.geom_contype, model.geom_conaffinity
     meets = (types[:, None] & affinities[None, :]) | (affinities[:, None] & types[None, :])
-    names = [model.geom(i).name or str(i) for i in np.flatnonzero(fixed) if meets[i, ~fixed].any()]
-    reason = "is fixed to the world and would collide with the vehicle, which may touch only the scenario's wall"
-    return [Fault(f"geom {name!r}", f'{reason}; write contype="0" conaffinity="0"') for name in names]
+    meets = (meets != 0) & (carrier[:, None] != carrier[None, :])
+    faults = []
+    for i in np.flatnonzero(meets.any(axis=1)).tolist():
+        called = f"geom {model.geom(i).name or str(i)!r}"
+        if carrier[i] == 0:
+            reason = (
+                "is fixed to the world and would collide with the vehicle, which may touch only the scenario's wall"
+            )
+            faults.append(Fault(called, f'{reason}; write contype="0" conaffinity="0"'))
+        elif (other := np.flatnonzero(meets[i] & (carrier != 0)).tolist()) and i < other[-1]:
+            reason = f"of {_body(model, carrier[i])} would collide with those of {_body(model, carrier[other[-1]])}"
+            faults.append(Fault(called, f'{reason}; write contype="0" conaffinity="0"'))
+    return faults

@@ -19,6 +19,7 @@ from pydantic.dataclasses import dataclass as checked
 from ..control.rest import NoClosedForm, SteadyState
 from ..plant.geometry import Geometry
 from ..plant.mjcf import Mjcf
+from ..plant.probe import BODY, Probe, frame_of
 from ..quantities import STRICT, NonNegative
 from ..scenario import STAGES, Scenario
 from ..stages.base import Stage
@@ -114,16 +115,31 @@ class Header:
         return {signal.name: signal for signal in self.signals}
 
     def components(self, signal: Signal) -> tuple[str, ...]:
-        """Names of a signal's components; those of joints if it has one number a joint."""
-        joints = tuple(link.joint for link in self.geometry.links)
-        return joints if signal.name in OF_JOINTS and len(joints) == signal.size else signal.components
+        """Names of a signal's components; those of the joints if it has one number a joint."""
+        return tuple(link.joint for link in self.geometry.links) if self._of_joints(signal) else signal.components
 
     def units(self, signal: Signal) -> tuple[str, ...]:
         """Units of a signal's components; "rad or m" is rad for a hinge and m for a slide."""
-        if " or " not in signal.unit:
+        if not self._of_joints(signal) or " or " not in signal.unit:
             return signal.units
         hinge, slide = signal.unit.split(" or ")
         return tuple(slide if link.slide else hinge for link in self.geometry.links)
+
+    def _of_joints(self, signal: Signal) -> bool:
+        return signal.name in OF_JOINTS and signal.size == len(self.geometry.links)
+
+    @property
+    def task_frame(self) -> tuple[str, str, str]:
+        """Names of the position, the attitude and the velocity of the frame of the task: those of B, or of the tool."""
+        at_tool = "p_WT" in self.by_name and frame_of(self.scenario) != BODY
+        return ("p_WT", "quat_WT", "nu_T") if at_tool else ("p_WB", "quat_WB", "nu")
+
+    @property
+    def probe_radius(self) -> float:
+        """Distance from the origin of the frame of the task to the wall's face at the beginning of contact [m]."""
+        if frame_of(self.scenario) == BODY:
+            return self.geometry.reach
+        return Probe.of(frame_of(self.scenario), self.mjcf).radius
 
     @property
     def width(self) -> int:

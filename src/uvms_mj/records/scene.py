@@ -88,7 +88,7 @@ def scene_of(header: Header) -> Scene:
     current, face = header.scenario.current, wall_face(header)
     start = np.array([0.4 * face, 0.0, 0.5])
     tip = start + CURRENT_SCALE * np.array(current.velocity_W)
-    walls = [as_surface(header.scenario.wall, header.geometry.reach)] if header.scenario.wall.present else []
+    walls = [as_surface(header.scenario.wall, header.probe_radius)] if header.scenario.wall.present else []
     speed = math.hypot(*current.velocity_W)
     text = f"{'current' if current.constant else 'constant part of the current'} {speed:g} m/s"
     arrow = Arrow("current", text, SKY, 0.014, start, tip)
@@ -129,11 +129,11 @@ def drawn_body(body: ContactBody) -> Shape:
 
 
 def wall_face(header: Header) -> float:
-    """Position of the wall's face along x of W [m]: the contact point's position when B's origin is at x_c. Without
-    ``[wall]``, the position of the first of ``[[walls]]``."""
+    """Position of the wall's face along x of W [m]: the contact point's position when the origin of the frame of the
+    task is at x_c. Without ``[wall]``, the position of the first of ``[[walls]]``."""
     if not header.scenario.wall.present and header.scenario.walls:
         return header.scenario.walls[0].position[0]
-    return header.scenario.wall.position + header.geometry.reach
+    return header.scenario.wall.position + header.probe_radius
 
 
 def origin(header: Header) -> str:
@@ -142,11 +142,11 @@ def origin(header: Header) -> str:
 
 
 def _contact(header: Header, values: Values) -> tuple[np.ndarray, np.ndarray]:
-    reach, forces = header.geometry.reach, values["f_contact_W"]
+    reach, forces, origin = header.probe_radius, values["f_contact_W"], values[header.task_frame[0]]
     if "f_contacts_W" not in values:
-        return values["p_WB"] + [reach, 0.0, 0.0], forces
+        return origin + np.array([reach, 0.0, 0.0]), forces
     sizes = magnitudes(forces)[:, None]  # the vehicle's reach against the total force, whatever its contacts are
-    return values["p_WB"] - reach * forces / np.maximum(sizes, 1e-300), forces
+    return origin - reach * forces / np.maximum(sizes, 1e-300), forces
 
 
 def _thrust(_: Header, values: Values) -> tuple[np.ndarray, np.ndarray]:

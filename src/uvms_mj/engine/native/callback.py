@@ -65,12 +65,12 @@ def apply_wrench(context, R_WB, contact):
     for i in range(3):
         left[i] += before[i]
         left[i + 3] = before[i + 3] + context.wrench[i + 3]
-    if contact.touching != 0 and contact.friction > 0.0:
+    if contact.touching != 0 and contact.friction > 0.0 and context.carriers == 0:
         wrench_at_origin(R_WB, contact.arm_W, contact.f_tangential_W, contact.work, context.work)
         for i in range(3):
             left[i] += contact.f_tangential_W[i]
             left[i + 3] += context.work[i + 3]
-    if context.pairs != 0:
+    if context.pairs + context.carriers != 0:
         for i in range(3):
             left[i] += context.f_pairs_W[i]
             left[i + 3] += context.tau_pairs_B[i + 3]

@@ -5,13 +5,15 @@ from typing import Any
 
 import numpy as np
 
+from ...physics.carriers import CARRIER
 from ...physics.pairs import PAIR
 from ...physics.surfaces import SURFACE
+from ...plant.contacts import Contacts
 from ...stages.signals import Signal, contact_signals
 
 _OF_CONTACT = ("stiffness", "damping", "friction", "tangential_stiffness", "tangential_damping")
 _OF_PAIR = (
-    *("surface", "capsule", "ends_B", "radius", "layer_depth", "layer_stiffness"),
+    *("surface", "capsule", "carrier", "ends_C", "radius", "layer_depth", "layer_stiffness"),
     *("bumper_stiffness", "bumper_damping"),
 )
 """Settings; the other fields are states and forces, which go on if a setting changes during a run."""
@@ -24,18 +26,21 @@ class ContactList:
         surfaces, pairs: SURFACE and PAIR records.
         f_W: (n, 3) force of each pair on the vehicle in W [N].
         depths: (n,) [m].
+        carriers: CARRIER records; none if B carries all contacts.
     """
 
     def __init__(self, setup: Any) -> None:
         n = len(setup.contacts.pairs)
         self.surfaces, self.pairs = np.zeros(len(setup.contacts.surfaces), SURFACE), np.zeros(n, PAIR)
         self.f_W, self.depths = np.zeros((n, 3)), np.zeros(n)
+        self.carriers = self._carried(setup.contacts)
         self._tables: list[list[np.ndarray]] = []  # those of the start and of now
 
     @property
     def state(self) -> list[np.ndarray]:
         """The arrays that a reset restores."""
-        return [self.surfaces, self.pairs, self.f_W, self.depths] if len(self.pairs) else []
+        listed = [self.surfaces, self.pairs, self.f_W, self.depths] if len(self.pairs) else []
+        return [*listed, self.carriers] if len(self.carriers) else listed
 
     @property
     def reached(self) -> dict[str, np.ndarray]:
@@ -45,10 +50,21 @@ class ContactList:
             "pairs_at": self.pairs,
             "f_pairs_at": self.f_W,
             "depths_at": self.depths,
+            "carriers_at": self.carriers,
         }
+
+    @staticmethod
+    def _carried(contacts: Contacts) -> np.ndarray:
+        carriers = contacts.carriers if not all(carrier.is_B for carrier in contacts.carriers) else ()
+        records = np.zeros(len(carriers), CARRIER)
+        for record, carrier in zip(records, carriers, strict=True):
+            record["link"], record["p_LC"], record["R_LC"] = carrier.link + 1, carrier.p, carrier.R
+            record["p_BC"], record["R_BC"] = carrier.p, carrier.R  # those on the base never change
+        return records
 
     def write(self, loop: np.ndarray, context: np.ndarray, setup: Any) -> None:
         """Set the numbers of a scenario with as many walls and pairs."""
+        context["carriers"] = len(self.carriers)
         if not setup.contacts.surfaces:
             return
         surfaces, pairs, tables = setup.contacts.records(setup.lightest)

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ...physics.carriers import CARRIER
 from ...physics.contact import CONTACT
 from ...physics.hydrodynamics import WATER
 from ...physics.operational import TOOL
@@ -87,8 +88,9 @@ CONTEXT = np.dtype(
         ("passive_left", "f8", (6,)),  # qfrc_passive after the callback
         ("no_contact", CONTACT),  # used without a loop, and so without a wall
         ("pairs", "i8"),  # number of contacts in the list of the loop
-        ("f_pairs_W", "f8", (3,)),  # their total force on the vehicle
+        ("f_pairs_W", "f8", (3,)),  # their total force on the base
         ("tau_pairs_B", "f8", (6,)),  # and wrench at B's origin
+        ("carriers", "i8"),  # frames of contacts, if there are others than B
         # of a vehicle with joints
         ("tree", TREE),  # the water on its links
         ("gravity_W", "f8", (3,)),
@@ -175,7 +177,7 @@ STAGE = np.dtype(
     align=True,
 )
 """One stage of the loop."""
-STAGE_SIZE, PAIR_SIZE, SURFACE_SIZE = STAGE.itemsize, PAIR.itemsize, SURFACE.itemsize
+STAGE_SIZE, PAIR_SIZE, SURFACE_SIZE, CARRIER_SIZE = (each.itemsize for each in (STAGE, PAIR, SURFACE, CARRIER))
 
 STOP_NONE, STOP_STATE, STOP_COMMAND, STOP_THRUST, STOP_STAGE, STOP_WAITING, STOP_JOINT = range(7)
 JOINT_BOUND = 1e3
@@ -205,6 +207,8 @@ LOOP = np.dtype(
         ("f_pairs_at", "i8"),  # (n, 3), force of each pair in W
         ("depths_at", "i8"),  # (n,)
         ("push_of_pairs", "f8"),  # sum of their normal forces
+        ("carriers_at", "i8"),  # CARRIER
+        ("f_carried_W", "f8", (3,)),  # sum of the contact forces that MuJoCo's contact solver does not apply
         # stages
         ("stages_at", "i8"),  # STAGE, one after the other
         ("stages", "i8"),  # their number

@@ -13,9 +13,10 @@ from ...physics.contact import contact_force
 from ...physics.frames import body_acceleration, body_velocity, rotation
 from ...physics.kernels import kernel
 from .bounds import check_command, check_state, observe_joints, stop_run
+from .carrying import place_carriers, press_links, work_on_walls
 from .flow import flow
 from .layouts import STAGE_SIZE, STOP_NONE, STOP_STAGE, STOP_THRUST, STOP_WAITING
-from .memory import call_stage, clock_at, floats, integers, stage_at
+from .memory import call_stage, carrier_at, clock_at, floats, integers, stage_at
 from .touching import touch
 
 _LARGEST = sys.float_info.max
@@ -40,9 +41,16 @@ def observe(context, loop):
         true.quat_WB[i] = qpos[3 + i] / norm
     rotation(true.quat_WB, true.R_WB)
     body_velocity(true.R_WB, floats(context.qvel_at, 6), true.nu)
+    if loop.joints != 0:
+        observe_joints(context, loop)
     distance = floats(loop.distance_at, 1)[0]
     fromto = floats(loop.fromto_at, 6)
-    contact_force(contact, distance, fromto, true.p_WB, true.R_WB, true.nu, loop.timestep)
+    if context.carriers == 0:
+        contact_force(contact, distance, fromto, true.p_WB, true.R_WB, true.nu, loop.timestep)
+    else:
+        place_carriers(context, loop)
+        probe = carrier_at(loop.carriers_at)
+        contact_force(contact, distance, fromto, probe.p_WC, probe.R_WC, probe.nu, loop.timestep)
     flow(context, loop.t, true.p_WB, true.R_WB, true.nu)
     context.water.fresh = 1
     for i in range(3):
@@ -50,10 +58,10 @@ def observe(context, loop):
         true.v_c_W[i] = context.water.v_c_W[i]
     for i in range(6):
         true.tau_contact_B[i] = contact.tau_B[i]
-    if loop.joints != 0:
-        observe_joints(context, loop)
     if context.pairs != 0:
         touch(context, loop)
+    if context.carriers != 0:
+        press_links(context, loop)
     check_state(loop)
 
 
@@ -207,6 +215,8 @@ def finish_step(context, loop):
         for i in range(3):
             row.f_contact_W[i] += context.f_pairs_W[i]
             loop.moment_B[i] += context.tau_pairs_B[i + 3]
+    if context.carriers != 0:
+        work_on_walls(context, loop)
     loop.push[0] = push
     if push > 0.0 and push_before <= 0.0:
         row.touches += 1.0
@@ -215,7 +225,7 @@ def finish_step(context, loop):
     row.force_peak = max(row.force_peak, push)
     if loop.step > 0:  # trapezoidal rule, by which a linear spring does no work over a rebound
         row.impulse += 0.5 * h * (push + push_before)
-        for i in range(3):
+        for i in range(3 if context.carriers == 0 else 0):
             row.wall_work -= 0.5 * (row.f_contact_W[i] + loop.f_before_W[i]) * (true.p_WB[i] - loop.p_before[i])
             row.wall_work -= 0.5 * (loop.moment_B[i] + loop.moment_before_B[i]) * h * true.nu[i + 3]
         if loop.step > loop.window_step:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from ...analysis.setup import Setup
+from ...control.natural import NaturalInertia
 from ...control.schedule import Schedule
 from ...errors import Fault, InputError
 from ...scenario import STAGES, Scenario
@@ -15,6 +16,7 @@ from ...stages.signals import (
     CLOCK,
     ERRORS,
     ESTIMATES,
+    IMPEDANCE,
     KNOWN,
     OBSERVER_GIVEN,
     REFERENCE,
@@ -98,6 +100,8 @@ class StageTable:
         add("observer", scenario.observer, part(self.signals, OBSERVER_GIVEN), part(self.signals, KNOWN[4:]))
         if scenario.impedance.schedule:
             add("schedule", Schedule(), part(self.signals, CLOCK), part(self.signals, SCHEDULED))
+        if scenario.impedance.natural:
+            add("natural", NaturalInertia(), part(self.signals, TASK_GIVEN), part(self.signals, IMPEDANCE[:2]))
         if type(controller).uses_task:
             add("task", scenario.task, part(self.signals, TASK_GIVEN), part(self.signals, TASK))
         if type(controller).uses_truth:
@@ -156,6 +160,8 @@ class StageTable:
             faults.append(
                 Fault("impedance.schedule", "reset can't add or remove the schedule, only change its entries")
             )
+        if scenario.impedance.natural != ("natural" in self.entries):
+            faults.append(Fault("impedance.M_d", "reset can't change between a natural and a constant inertia"))
         for table, entry in self.entries.items():
             if table in touched or entry.needs is None or not touched.isdisjoint(entry.needs):
                 stage = getattr(setup.scenario, table, entry.stage)

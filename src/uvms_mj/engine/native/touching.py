@@ -3,13 +3,14 @@
 from ...physics.kernels import kernel
 from ...physics.pairs import pair_force
 from ...physics.surfaces import move
-from .layouts import PAIR_SIZE, SURFACE_SIZE
-from .memory import floats, pair_at, surface_at
+from .layouts import CARRIER_SIZE, PAIR_SIZE, SURFACE_SIZE
+from .memory import carrier_at, floats, pair_at, surface_at
 
 
 @kernel
 def touch(context, loop):
-    """Move the walls to t_k, compute the force of each pair, and add all of them to the true contact force."""
+    """Move the walls to t_k, compute the force of each pair, and add all of them to the true contact force, or to those
+    of the carriers."""
     for k in range(loop.surfaces):
         surface = surface_at(loop.surfaces_at + SURFACE_SIZE * k)
         if surface.moves != 0:
@@ -24,7 +25,14 @@ def touch(context, loop):
     for k in range(context.pairs):
         pair = pair_at(loop.pairs_at + PAIR_SIZE * k)
         surface = surface_at(loop.surfaces_at + SURFACE_SIZE * pair.surface)
-        pair_force(pair, surface, true.p_WB, true.R_WB, true.nu, loop.timestep)
+        if context.carriers == 0:
+            pair_force(pair, surface, true.p_WB, true.R_WB, true.nu, loop.timestep)
+        else:
+            carrier = carrier_at(loop.carriers_at + CARRIER_SIZE * pair.carrier)
+            pair_force(pair, surface, carrier.p_WC, carrier.R_WC, carrier.nu, loop.timestep)
+            for i in range(6):
+                carrier.tau[i] += pair.contact.tau_B[i]
+                carrier.applied[i] += pair.contact.tau_B[i]
         loop.push_of_pairs += pair.f_n
         depths[k] = pair.depth
         for i in range(3):

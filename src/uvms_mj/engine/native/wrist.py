@@ -5,14 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from ...physics.carriers import add_turned
 from ...physics.frames import to_body, to_world
 from ...physics.kernels import kernel
 from ...physics.tree import coriolis_wrench, damping_wrench, hand_down, move, restoring_wrench
 from ...stages.base import Room, Stage
 from ...stages.joint_signals import WRIST_TRUE
 from ...stages.signals import CLOCK, KNOWN, TRUE
-from .layouts import LINK_SIZE
-from .memory import context_at, floats, link_at
+from .layouts import CARRIER_SIZE, LINK_SIZE
+from .memory import carrier_at, context_at, floats, link_at, loop_at
 from .tree import place_links
 
 
@@ -82,8 +83,35 @@ def felt_wrench(wrist, true, out):
         link_at(wrist.wet.links_at + LINK_SIZE * wrist.link),
     )
     for i in range(6):
-        wrist.work[i] = solid.f[i] + around.f[i]
+        solid.f[i] += around.f[i]
+    context = context_at(wrist.context_at)
+    if context.carriers != 0:
+        release(context, wrist, solid)
+    for i in range(6):
+        wrist.work[i] = solid.f[i]
     at_sensor(wrist, wrist.work, out)
+
+
+@kernel
+def release(context, wrist, first):
+    """Subtract the contact forces on the links behind the sensor from f of the first of them."""
+    loop, tree, tau_B = loop_at(context.loop_at), wrist.rigid, wrist.modelled
+    for i in range(6):
+        tau_B[i] = 0.0
+    for k in range(context.carriers):
+        carrier = carrier_at(loop.carriers_at + CARRIER_SIZE * k)
+        above = carrier.link
+        for _ in range(link_at(tree.links_at + LINK_SIZE * carrier.link).depth):
+            if above == wrist.link:
+                add_turned(carrier.R_BC, carrier.p_BC, carrier.tau, tau_B)
+            above = link_at(tree.links_at + LINK_SIZE * above).parent
+    R, p = first.R_BL, first.p_BL
+    x = tau_B[3] - (p[1] * tau_B[2] - p[2] * tau_B[1])  # the moment about the link's origin, in B
+    y = tau_B[4] - (p[2] * tau_B[0] - p[0] * tau_B[2])
+    z = tau_B[5] - (p[0] * tau_B[1] - p[1] * tau_B[0])
+    for i in range(3):
+        first.f[i] -= R[0, i] * tau_B[0] + R[1, i] * tau_B[1] + R[2, i] * tau_B[2]
+        first.f[i + 3] -= R[0, i] * x + R[1, i] * y + R[2, i] * z
 
 
 @kernel

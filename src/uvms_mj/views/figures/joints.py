@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,10 +11,12 @@ from ...records.trace import Trace
 from ...stages.signals import AXES
 from .panels import LINEAR, Panel, level
 from .scales import largest
-from .style import COLOURS, LINE, line, stripe
+from .style import COLOURS, line, stripe
 
 _NEAR = 0.4
 """Fraction of a motor's limit from which the limit is drawn; a limit far away would make the lines flat."""
+LIMIT: dict[str, Any] = {"linestyle": (0, (1, 1.5)), "linewidth": 0.8, "zorder": 1.9}
+"""Line style of a motor's limit, in the colour of its joint."""
 _NAMES = {"q": "joint position q", "tau_q": "joint torque τ"}
 SIGNALS = (*_NAMES, "manipulability")
 """Signals of an arm that are drawn for several runs."""
@@ -53,9 +56,8 @@ def _lines(trace: Trace, name: str, unit: str, joints: Sequence[int]) -> Panel:
             line(ax, trace.t, trace[name][:, i], f"{name}.{links[i].joint}", **look)
             limit = links[i].effort
             if name == "tau_q" and limit and largest(trace[name][:, i]) > _NEAR * limit:
-                edge = {"color": colours[i % len(colours)], "linestyle": (0, (1, 1.5)), "linewidth": 0.7 * LINE}
-                for value in (-limit, limit):
-                    level(ax, trace.t, value, f"limit of {links[i].joint}", {**edge, "zorder": 1.9})
+                for edge in (-limit, limit):
+                    level(ax, trace.t, edge, "motor limit", {**LIMIT, "color": look["color"]})
 
     return Panel(_NAMES[name], unit, draw, largest(trace[name][:, joints]))
 

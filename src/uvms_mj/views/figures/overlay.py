@@ -91,7 +91,7 @@ class Overlay:
         symbol = {"tau": "τ", "tau_q": "τ"}.get(name, name)
         return _panel(
             f"{symbol}.{component}" if component else symbol,
-            unit_of(signals[label], slice(i, i + 1)),
+            header.units(signals[label])[i] if name in OF_JOINTS else unit_of(signals[label], slice(i, i + 1)),
             draw,
             values,
             wholes,

@@ -1,0 +1,83 @@
+r"""The natural inertia as the desired one, ``impedance.M_d = "natural"``: classical impedance control without a force.
+
+With M_d = M_hat the contact force cancels in the nominal control (23), as in the paper's eq. (4) with Lambda_des =
+Lambda:
+
+.. math:: \tau_{nom} = \hat M \dot\nu_d + \hat C \nu + \hat D \nu + \hat g - K_d \tilde\eta - D_d \tilde\nu
+    + (K_f - I) \tau_c - K_f F_d.
+
+M_hat of a tool, Lambda_hat, changes with the posture of the arm, so the damping has to change with it. Ott (2008), sec.
+3.3: with M_d = L L^T and the eigenvectors V of :math:`L^{-1} K_d L^{-T} = V \operatorname{diag}(k) V^\top`,
+
+.. math:: D_d = 2 \zeta\, (L V) \operatorname{diag}(\sqrt{k})\, (L V)^\top,
+
+gives every mode of the frozen system the damping ratio zeta. It is 2 zeta times the geometric mean of M_d and K_d.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from ..physics.dense import cholesky, forward
+from ..physics.eigen import symmetric_eigen
+from ..physics.kernels import kernel
+from ..stages.base import Room, Stage
+from ..stages.signals import IMPEDANCE, TASK_GIVEN
+
+
+@dataclass(frozen=True)
+class NaturalInertia(Stage):
+    """M_d = M_hat of every control instant, with D_d of Ott's design unless it is given."""
+
+    name = "natural_inertia"
+    needs: ClassVar = ("impedance", "controller.period", "simulation.timestep")
+    memory: ClassVar = {"L": 36, "Y": 36, "A": 36, "V": 36}
+    room: ClassVar[Room] = Room("control", "natural", lambda thrusters: TASK_GIVEN, IMPEDANCE[:2])
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        """Damping ratio; number of control instants from one D_d to the next, or 0 if D_d is given."""
+        scenario = setup.scenario
+        impedance = scenario.impedance
+        every = max(1, round(impedance.damping_period / scenario.control_period)) if impedance.D_d is None else 0
+        return {"damping_ratio": impedance.damping_ratio, "every": every}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        every = int(settings.every)
+        for i in range(6):
+            for j in range(6):
+                out.M_d[i, j] = given.M_hat[i, j]
+        if every > 0 and given.instant % every == 0:
+            natural_damping(given.M_hat, given.K_d, settings.damping_ratio, state, out.D_d)
+
+
+@kernel
+def natural_damping(M, K_d, damping_ratio, work, D_d):
+    """Set D_d (6, 6) to Ott's design for M (6, 6) and K_d (6,), as :func:`.design.ott_damping` does; work is a record
+    with L, Y, A and V (36,)."""
+    L, Y, A, V = work.L, work.Y, work.A, work.V
+    for i in range(6):
+        for j in range(6):
+            L[6 * i + j] = M[i, j]
+            Y[6 * i + j] = math.sqrt(K_d[i]) if i == j else 0.0
+    cholesky(L, 6, L)
+    forward(L, 6, Y, 6)  # Y Y^T = L^-1 K_d L^-T
+    for i in range(6):
+        for j in range(i, 6):
+            A[6 * i + j] = 0.0
+            for k in range(i + 1):  # Y is a lower triangle
+                A[6 * i + j] += Y[6 * i + k] * Y[6 * j + k]
+    symmetric_eigen(A, 6, V)
+    for i in range(6):
+        for j in range(6):
+            D_d[i, j] = 0.0
+    for k in range(6):
+        scale = 2.0 * damping_ratio * math.sqrt(max(A[7 * k], 0.0))
+        for i in range(6):
+            Y[i] = V[6 * k + i] / L[7 * i]  # row i of L V: L has the reciprocals of its diagonal
+            for j in range(i):
+                Y[i] += L[6 * i + j] * V[6 * k + j]
+        for i in range(6):
+            for j in range(6):
+                D_d[i, j] += scale * Y[i] * Y[j]

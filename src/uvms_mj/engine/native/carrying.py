@@ -1,0 +1,92 @@
+"""Contacts at the tool and on links: poses and velocities of their carriers, and the links that their forces act on."""
+
+from ...physics.carriers import add_turned, arrive, ride, ride_joint, stand_on
+from ...physics.contact import wrench_at_origin
+from ...physics.frames import to_world
+from ...physics.kernels import kernel
+from .layouts import CARRIER_SIZE, LINK_SIZE
+from .memory import carrier_at, floats, link_at
+from .tree import place_links
+
+
+@kernel
+def place_carriers(context, loop):
+    """Set the pose and the velocity of each carrier from the state of the instant."""
+    true, tree = loop.true, context.tree
+    if loop.joints != 0:
+        place_links(tree, floats(loop.q_at, loop.joints))
+        q_dot = floats(loop.q_dot_at, loop.joints)
+    for k in range(context.carriers):
+        carrier = carrier_at(loop.carriers_at + CARRIER_SIZE * k)
+        if carrier.link == 0:
+            ride(carrier, true.p_WB, true.R_WB, true.nu)
+        else:
+            own = link_at(tree.links_at + LINK_SIZE * carrier.link)
+            stand_on(carrier, own.p_BL, own.R_BL)
+            ride(carrier, true.p_WB, true.R_WB, true.nu)
+            above = carrier.link
+            for _ in range(own.depth):
+                link = link_at(tree.links_at + LINK_SIZE * above)
+                ride_joint(carrier, link, q_dot[above - 1])
+                above = link.parent
+        arrive(carrier)
+
+
+@kernel
+def press_links(context, loop):
+    """Add the contact forces of all carriers to the true contact force, and let those that MuJoCo's contact solver does
+    not apply act on their links."""
+    true, contact, tau_B = loop.true, loop.contact, context.tau_pairs_B
+    probe = carrier_at(loop.carriers_at)
+    for i in range(6):
+        probe.tau[i] += contact.tau_B[i]
+    if contact.touching != 0 and contact.friction > 0.0:
+        wrench_at_origin(probe.R_WC, contact.arm_W, contact.f_tangential_W, contact.work, context.work)
+        for i in range(6):
+            probe.applied[i] += context.work[i]
+    for i in range(6):
+        true.tau_contact_B[i] = 0.0
+        tau_B[i] = 0.0
+    for k in range(context.carriers):
+        carrier = carrier_at(loop.carriers_at + CARRIER_SIZE * k)
+        if carrier.link != 0:
+            link = link_at(context.tree.links_at + LINK_SIZE * carrier.link)
+            for i in range(6):
+                link.f_ext[i] = 0.0
+    for i in range(3):
+        loop.f_carried_W[i] = 0.0
+    for k in range(context.carriers):
+        carrier = carrier_at(loop.carriers_at + CARRIER_SIZE * k)
+        add_turned(carrier.R_BC, carrier.p_BC, carrier.tau, true.tau_contact_B)
+        to_world(carrier.R_WC, carrier.applied, context.work)
+        for i in range(3):
+            loop.f_carried_W[i] += context.work[i]
+        if carrier.link == 0:
+            add_turned(carrier.R_BC, carrier.p_BC, carrier.applied, tau_B)
+        else:
+            link = link_at(context.tree.links_at + LINK_SIZE * carrier.link)
+            add_turned(carrier.R_LC, carrier.p_LC, carrier.applied, link.f_ext)
+    to_world(true.R_WB, true.tau_contact_B, true.f_contact_W)
+    to_world(true.R_WB, tau_B, context.f_pairs_W)
+
+
+@kernel
+def work_on_walls(context, loop):
+    """Complete the contact force of the row with the normal force that MuJoCo's contact solver applied, and add the
+    work on the walls since the last instant, by the trapezoidal rule."""
+    contact, row, solved, f_W = loop.contact, loop.row, floats(loop.contact_at, 4), context.work
+    for i in range(3):
+        row.f_contact_W[i] = loop.f_carried_W[i] + (solved[1 + i] if solved[0] != 0.0 else 0.0)
+    for k in range(context.carriers):
+        carrier = carrier_at(loop.carriers_at + CARRIER_SIZE * k)
+        to_world(carrier.R_WC, carrier.tau, f_W)
+        for i in range(3):
+            if k == 0:  # in place of its closed form
+                f_W[i] += (solved[1 + i] if solved[0] != 0.0 else 0.0) - (contact.f_W[i] - contact.f_tangential_W[i])
+            moment = carrier.tau[3 + i]
+            if loop.step > 0:
+                row.wall_work -= 0.5 * (f_W[i] + carrier.f_before_W[i]) * (carrier.p_WC[i] - carrier.p_before[i])
+                row.wall_work -= 0.5 * (moment + carrier.moment_before[i]) * loop.timestep * carrier.nu[3 + i]
+            carrier.f_before_W[i] = f_W[i]
+            carrier.moment_before[i] = moment
+            carrier.p_before[i] = carrier.p_WC[i]

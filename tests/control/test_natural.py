@@ -1,0 +1,158 @@
+"""The natural inertia: Ott's damping in machine code, force feedback that cancels, energy that falls."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from uvms_mj import Scenario, Simulation, simulate
+from uvms_mj.analysis.setup import set_up
+from uvms_mj.control.design import ott_damping
+from uvms_mj.control.natural import NaturalInertia, natural_damping
+from uvms_mj.engine.native.compilation import native_function
+from uvms_mj.errors import InputError
+
+NATURAL = {"impedance.M_d": "natural"}
+_work = NaturalInertia.state_record()
+_matrix, _six = np.dtype(("f8", (6, 6))), np.dtype(("f8", (6,)))
+RATIO = np.dtype([("damping_ratio", "f8")], align=True)
+
+
+def _damping(M, K_d, settings, work, D_d):
+    natural_damping(M, K_d, settings.damping_ratio, work, D_d)
+
+
+_native = native_function(_damping, [_matrix, _six, RATIO, _work.dtype, _matrix]).ctypes
+
+
+def damping(M, K_d, ratio):
+    """D_d (6, 6) by machine code."""
+    D_d, settings = np.full((6, 6), np.nan), np.array([ratio], RATIO)
+    arrays = M, K_d, settings, _work, D_d
+    _native(*(each.ctypes.data for each in arrays))
+    return D_d
+
+
+def inertia(rng):
+    """A random inertia with the scales of a vehicle: kg and kg m^2."""
+    A = rng.normal(size=(6, 6)) * np.sqrt([[20.0]] * 3 + [[0.3]] * 3)
+    return A @ A.T + np.diag([5.0] * 3 + [0.05] * 3)
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.05, 0.95), st.integers(0, 3))
+def test_every_mode_has_the_damping_ratio(seed, ratio, free):
+    """Eigenvalues of M x'' + D x' + K x = 0; a direction without stiffness has no damping."""
+    rng = np.random.default_rng(seed)
+    M, K_d = inertia(rng), 10.0 ** rng.uniform(0.0, 4.0, size=6)
+    K_d[:free] = 0.0
+    D = damping(M, K_d, ratio)
+    assert np.allclose(D, D.T, rtol=0.0, atol=1e-12 * np.abs(D).max())
+    assert np.allclose(D, ott_damping(M, np.diag(K_d), ratio), rtol=0.0, atol=1e-10 * np.abs(D).max())
+    I, O = np.eye(6), np.zeros((6, 6))  # noqa: E741
+    poles = np.linalg.eigvals(np.block([[O, I], [-np.linalg.solve(M, np.diag(K_d)), -np.linalg.solve(M, D)]]))
+    moving = poles[np.argsort(np.abs(poles))][2 * free :]
+    assert np.allclose(-moving.real / np.abs(moving), ratio, rtol=0.0, atol=1e-6)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_the_damping_is_twice_the_geometric_mean_of_inertia_and_stiffness(seed):
+    """Without eigenvalues: D M^-1 D = 4 zeta^2 K, Riccati's equation of the mean."""
+    rng = np.random.default_rng(seed)
+    M, K_d = inertia(rng), 10.0 ** rng.uniform(0.0, 4.0, size=6)
+    D = damping(M, K_d, 0.7)
+    assert np.allclose(D @ np.linalg.solve(M, D), 4.0 * 0.49 * np.diag(K_d), rtol=0.0, atol=1e-9 * K_d.max())
+
+
+NEAR = {"wall.position": 0.2, "reference.target": [0.3, 0.05, 0.0], "simulation.duration": 3.0}
+WRONG = NEAR | {"estimates.inertia": 1.3, "estimates.damping": 0.7, "current.speed": 0.1}
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("law", ["impedance", "pid", "dob_impedance", "parallel", "ideal", "aismc"])
+def test_for_a_rigid_vehicle_it_is_a_constant_inertia(law):
+    base = Scenario.load("push_wall", WRONG, law)
+    constant = simulate(base.updated({"impedance.M_d": set_up(base).design.M_hat.tolist()}))
+    natural = simulate(base.updated(NATURAL))
+    assert constant.touches[-1] > 0.0
+    for name in ("p_WB", "nu", "tau_cmd", "f_contact_W"):
+        assert np.allclose(natural[name], constant[name], rtol=0.0, atol=1e-9 * np.abs(constant[name]).max()), name
+
+
+@pytest.mark.parametrize("law", ["impedance", "gsta"])
+def test_both_engines_and_the_closed_form_agree(law):
+    still = {"current.speed": 0.0} if law == "impedance" else {}
+    settings = NEAR | NATURAL | still | {"simulation.duration": 8.0, "estimates.inertia": 1.2}
+    scenario = Scenario.load("push_wall", settings, law)
+    slow, fast = simulate(scenario, log_rate=10.0), simulate(scenario, log_rate=10.0, engine="free_body")
+    assert slow.push[-1] == pytest.approx(slow.analytic.force, rel=1e-4)
+    assert fast.push[-1] == pytest.approx(slow.analytic.force, rel=1e-4)
+
+
+def test_the_law_needs_no_force():
+    """A sensor that is wrong by 3 N changes nothing; with another inertia it does."""
+    wrong = {"navigation.name": "sensors", "navigation.force_bias": [3.0, -2.0, 1.0]}
+    for M_d, same in (("natural", True), (None, False)):
+        base = Scenario.load("push_wall", WRONG | ({"impedance.M_d": M_d} if M_d else {}), "impedance")
+        blind, told = simulate(base.updated(wrong)), simulate(base)
+        difference = np.abs(blind.tau_cmd - told.tau_cmd).max()
+        assert (difference < 1e-9) == same
+
+
+def test_energy_falls_in_free_motion():
+    """V = nu^T M nu/2 + k |p - p_d|^2/2 + 2 kappa (1 - q_w): V_dot = -nu^T D_d nu with exact estimates."""
+    free = {
+        "current.speed": 0.0,
+        "wall.present": False,
+        "reference.target": [0.0, 0.0, 0.0],
+        "simulation.duration": 6.0,
+    }
+    k, kappa = 80.0, 12.0
+    start = {"initial.velocity": [0.4, -0.3, 0.2, 0.5, -0.7, 0.6], "initial.attitude_deg": [30.0, -20.0, 50.0]}
+    settings = free | start | NATURAL | {"impedance.K_d": [k] * 3 + [kappa] * 3, "impedance.damping_ratio": 0.2}
+    scenario = Scenario.load("push_wall", settings, "impedance")
+    trace = simulate(scenario, log_rate=100.0)
+    design, nu = set_up(scenario).design, trace.nu
+    half_angle = np.linalg.norm(trace.eta_e[:, 3:], axis=1)
+    potential = 0.5 * k * (trace.eta_e[:, :3] ** 2).sum(axis=1) + 2.0 * kappa * (1.0 - np.sqrt(1.0 - half_angle**2))
+    V = 0.5 * np.einsum("ki,ij,kj->k", nu, design.M, nu) + potential
+    assert (np.diff(V)[V[:-1] > 1e-6] < 0.0).all()
+    lost = np.einsum("ki,ij,kj->k", nu, design.D_d, nu)
+    assert V[0] - V[-1] == pytest.approx(np.trapezoid(lost, trace.t), rel=2e-3)
+    assert V[-1] < 0.1 * V[0]
+
+
+def test_a_reset_gives_the_same_run_as_a_new_simulation():
+    changes = {"impedance.K_d": [90.0] * 6, "impedance.damping_ratio": 0.4, "estimates.inertia": 1.5}
+    base = Scenario.load("push_wall", NATURAL, "impedance")
+    with Simulation(base) as sim, Simulation(base.updated(changes)) as new:
+        sim.step(50)
+        sim.reset(overrides=changes)
+        for each in (sim, new):
+            each.step(200)
+        assert np.array_equal(sim.signals.D_d, new.signals.D_d)
+        assert np.array_equal(sim.signals.tau_cmd, new.signals.tau_cmd)
+        expected = ott_damping(1.5 * sim.setup.nominal.M, 90.0 * np.eye(6), 0.4)
+        assert np.allclose(sim.signals.D_d, expected, rtol=0.0, atol=1e-10 * expected.max())
+        with pytest.raises(InputError, match=r"impedance.M_d: reset can't change between a natural and a constant"):
+            sim.reset(overrides={"impedance.M_d": [10.0] * 6})
+
+
+def test_damping_that_is_given_stays():
+    given_damping = [30.0, 40.0, 50.0, 3.0, 4.0, 5.0]
+    with Simulation(Scenario.load("push_wall", NATURAL | {"impedance.D_d": given_damping}, "impedance")) as sim:
+        sim.step(20)
+        assert np.array_equal(sim.signals.D_d, np.diag(given_damping))
+        assert np.array_equal(sim.signals.M_d, sim.signals.M_hat)
+
+
+@pytest.mark.parametrize(
+    ("law", "M_d", "message"),
+    [
+        ("admittance", "natural", "impedance.M_d: 'natural' changes with the posture; the law admittance needs"),
+        ("gsta", "naturel", "impedance.M_d: 'naturel' must be \"natural\", six numbers, a diagonal, or six rows"),
+    ],
+)
+def test_what_is_not_possible_is_refused_by_name(law, M_d, message):
+    with pytest.raises(InputError) as refused:
+        simulate(Scenario.load("push_wall", {"impedance.M_d": M_d}, law))
+    assert message in str(refused.value)
