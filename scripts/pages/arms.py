@@ -1,6 +1,6 @@
 """Draw docs/tool_push.png: a tool that presses on a wall at the end of the run, and its force over time.
 
-python scripts/pages/arm.py
+python scripts/pages/arms.py
 """
 
 import sys
@@ -11,8 +11,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from PIL import Image
-from render import View, render
 
+from render import View, render
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.control.rest import SteadyState
 from uvms_mj.views.figures.panels import LEVELS, level
