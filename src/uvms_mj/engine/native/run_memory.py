@@ -238,7 +238,7 @@ WRITERS: tuple[tuple[tuple[str, ...], Callable[[RunMemory, Setup], None]], ...] 
     (("estimates",), write_estimates),
     (("estimates", "wrist"), write_wrist),
     (("simulation.seed",), write_seed),
-    (("simulation.timestep", "controller", *(f"{table}.period" for table in STAGES)), write_control),
+    (("simulation.timestep", "controller", "posture", *(f"{table}.period" for table in STAGES)), write_control),
     (("thrusters",), write_limits),
 )
 """Tables or dotted keys of a scenario, and the function that writes the numbers that depend on them."""

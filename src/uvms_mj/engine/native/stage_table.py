@@ -198,6 +198,7 @@ class StageTable:
         periods = {"actuation": h}
         periods["delay"] = Delay.steps(scenario)[2] * h if "delay" in self.entries else h
         periods |= {"tool": h, "resolve": periods["delay"] if "delay" in self.entries else control}
+        periods["below"] = control * max(1, round(scenario.posture.period / control))
         periods |= {table: h for table, entry in self.entries.items() if type(entry.stage).every_step}
         chosen = {table: getattr(scenario, table).period for table in STAGES}
         periods |= {table: period for table, period in chosen.items() if period is not None}
