@@ -19,7 +19,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from ..physics.dense import backward, cholesky, forward
+from ..physics.dense import cholesky, forward
 from ..physics.eigen import symmetric_eigen
 from ..physics.kernels import kernel
 from ..stages.base import Room, Stage
@@ -81,15 +81,3 @@ def natural_damping(M, K_d, damping_ratio, work, D_d):
         for i in range(6):
             for j in range(6):
                 D_d[i, j] += scale * Y[i] * Y[j]
-
-
-@kernel
-def solve_natural(M, force, L, w):
-    """Set w (6,) to M^-1 force, for M (6, 6) that changes; L (36,) is scratch."""
-    for i in range(6):
-        w[i] = force[i]
-        for j in range(i + 1):
-            L[6 * i + j] = M[i, j]
-    cholesky(L, 6, L)
-    forward(L, 6, w, 1)
-    backward(L, 6, w, 1)

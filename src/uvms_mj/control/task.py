@@ -27,6 +27,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import AfterValidator
 
 from ..errors import Fault, InputError
+from ..physics.dense import backward, cholesky, forward
 from ..physics.fossen import matvec
 from ..physics.frames import quat_error
 from ..physics.kernels import kernel
@@ -34,7 +35,6 @@ from ..quantities import Step
 from ..stages.base import Room, Stage, shared
 from ..stages.signals import TASK, TASK_GIVEN
 from .base import Diagonal
-from .natural import solve_natural
 
 
 def _nonzero(value: tuple[float, ...]) -> tuple[float, ...]:
@@ -87,8 +87,8 @@ class ImpedanceTask(Stage):
             object.__setattr__(self, "A", (0.0,) * 6)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
-        natural = setup.scenario.impedance.natural
-        return {**super().constants(setup), "frame": None, "M_d_inv": setup.design.M_d_inv, "natural": natural}
+        own = {"frame": None, "M_d_inv": setup.design.M_d_inv, "natural": setup.scenario.impedance.natural}
+        return {**super().constants(setup), **own}
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
@@ -124,6 +124,18 @@ class ImpedanceTask(Stage):
         for i in range(6):
             out.s[i] = nu_e[i] + F_1[i] * eta_e[i] + F_2[i] * zeta[i]  # eq. (14)
             out.zeta[i], out.F_1[i], out.F_2[i], out.A[i] = zeta[i], F_1[i], F_2[i], A[i]
+
+
+@kernel
+def solve_natural(M, force, L, w):
+    """Set w (6,) to M^-1 force, for M (6, 6) that changes; L (36,) is scratch."""
+    for i in range(6):
+        w[i] = force[i]
+        for j in range(i + 1):
+            L[6 * i + j] = M[i, j]
+    cholesky(L, 6, L)
+    forward(L, 6, w, 1)
+    backward(L, 6, w, 1)
 
 
 TASK_KEYS = tuple(f.name for f in dataclasses.fields(ImpedanceTask) if f.name not in ("period", "frame"))
