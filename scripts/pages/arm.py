@@ -11,21 +11,21 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from PIL import Image
-from render import View, render
 
+from render import View, render
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.control.rest import SteadyState
 from uvms_mj.views.figures.panels import LEVELS, level
 from uvms_mj.views.figures.style import COLOURS, LINE, PAGE_IN, line, save, styled
 
 DOCS = Path(__file__).parents[2] / "docs"
-PIXELS = (900, 600)
+PIXELS = (840, 640)
 VIEW = View(
-    distance=1.25,
-    azimuth=97.0,
-    elevation=-14.0,
+    distance=1.15,
+    azimuth=66.0,
+    elevation=-20.0,
     lookat=(0.56, 0.0, -0.02),
-    streams=((0.25, -0.45, 0.28), (0.45, 0.35, 0.33)),
+    streams=((0.62, -0.10, 0.26), (0.42, -0.05, 0.30), (0.78, -0.02, 0.12)),
     labels=((-250, 36), (-40, 26)),
 )
 
@@ -46,14 +46,14 @@ def main() -> None:
     picture = render(trace, *PIXELS, VIEW)
     with styled():
         figure, (left, right) = plt.subplots(
-            1, 2, figsize=(PAGE_IN, 2.75), layout="constrained", width_ratios=[1.72, 1.0]
+            1, 2, figsize=(PAGE_IN, 2.9), layout="constrained", width_ratios=[1.4, 1.0]
         )
         left.imshow(picture)
         left.set_axis_off()
         force(right, trace)
         (file,) = save(figure, DOCS / "tool_push", ("png",))
-    small = Image.open(file).convert("RGB").resize((1065, 412), Image.Resampling.LANCZOS)
-    small.quantize(96, dither=Image.Dither.NONE).save(file, optimize=True)
+    small = Image.open(file).convert("RGB").resize((1065, 435), Image.Resampling.LANCZOS)
+    small.quantize(200, dither=Image.Dither.NONE).save(file, optimize=True)
     print(file, file.stat().st_size)
 
 
