@@ -1,6 +1,6 @@
 """Draw docs/tool_push.png: a tool that presses on a wall at the end of the run, and its force over time.
 
-python scripts/pages/arm.py
+python scripts/pages/arms.py
 """
 
 import sys
