@@ -74,15 +74,23 @@ def gram(Y, rows, columns, A):
 
 @kernel
 def inverse(L, N, A):
-    """Set A (N, N) to (L L^T)^-1, for L of :func:`cholesky`; A is exactly symmetric."""
-    for i in range(N):
-        for j in range(N):
-            A[N * i + j] = 1.0 if i == j else 0.0
-    forward(L, N, A, N)
-    backward(L, N, A, N)
+    """Set A (N, N) to (L L^T)^-1, for L of :func:`cholesky`; A is exactly symmetric, and not L."""
+    for i in range(N):  # the lower triangle: L^-1
+        A[N * i + i] = L[N * i + i]
+        for j in range(i):
+            x = 0.0
+            for k in range(j, i):
+                x += L[N * i + k] * A[N * k + j]
+            A[N * i + j] = -x * L[N * i + i]
+    for i in range(N):  # the upper triangle: L^-T L^-1
+        for j in range(i + 1):
+            x = 0.0
+            for k in range(i, N):
+                x += A[N * k + i] * A[N * k + j]
+            A[N * j + i] = x
     for i in range(N):
         for j in range(i):
-            A[N * j + i] = A[N * i + j]
+            A[N * i + j] = A[N * j + i]
 
 
 @kernel

@@ -65,7 +65,7 @@ def recorded(
     found += [*contacts.recorded(loop), (thruster_signal(len(u)), u)]
     found += stages.commanded
     found += joints.recorded()
-    found += stages.frame.recorded()
+    found += stages.frame.recorded(loop["true"])
     own = [each for each in stages.states() if each[1] != "zeta" or not isinstance(each[0], ImpedanceTask)]
     check_states([(stage, name) for stage, name, _ in own], {signal.name for signal, _ in found})
     return found + [(state_signal(stage, name, memory.size), memory) for stage, name, memory in own]
