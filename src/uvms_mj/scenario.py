@@ -18,6 +18,7 @@ from . import actuation, control, guidance, navigation
 from .actuation import Actuation, Auto, IdealThrusters, Joints, PseudoInverse, Thrusters
 from .control import Controller, Gsta, ImpedanceTask
 from .control.design import INNER_TABLES, Estimates, Impedance
+from .control.posture import Posture
 from .control.task import TASK_KEYS, move_task_keys
 from .errors import Fault, InputError, faults_of, shortened, suggestion
 from .files import plain, scenario_path, tables_of
@@ -69,6 +70,7 @@ class Scenario:
     encoder: Encoder = PerfectEncoder()
     observer: Observer = NoObserver()
     task: ImpedanceTask = ImpedanceTask()
+    posture: Posture = Posture()
     controller: Controller = Gsta()
     actuation: Actuation = PseudoInverse()
     joints: Joints = Auto()

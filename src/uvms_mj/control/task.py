@@ -87,8 +87,7 @@ class ImpedanceTask(Stage):
             object.__setattr__(self, "A", (0.0,) * 6)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
-        natural = setup.scenario.impedance.natural
-        own = {"frame": None, "M_d_inv": setup.design.M_d_inv, "natural": natural}
+        own = {"frame": None, "M_d_inv": setup.design.M_d_inv, "natural": setup.scenario.impedance.natural}
         return {**super().constants(setup), **own}
 
     @staticmethod

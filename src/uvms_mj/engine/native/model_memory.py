@@ -11,6 +11,7 @@ from ...stages.signals import CLOCK, KNOWN, MANIPULABILITY, TOOL, Signal, record
 from .joints import Joints
 from .layouts import MODEL
 from .links import link_records
+from .posture import PostureBelowTool, PostureBesideBase
 from .task_frame import ModelAtBody, ModelAtTool, ResolveAtBody, ResolveAtTool
 
 
@@ -33,7 +34,7 @@ class ModelMemory:
         self.record["n"], self.record["N"], self.record["gravity_W"] = n, N, setup.gravity_W
         self.record["tree"]["links"], self.record["tree"]["links_at"] = n + 1, self.links.ctypes.data
         sizes = {"M": N * N, "L": N * N, "J_T": 6 * N, "MJ_T": 6 * N, "C": N, "D": N, "g": N, "tau": N}
-        sizes |= {"armature": n, "gear": n}
+        sizes |= {"tau_posture": N, "armature": n, "gear": n}
         self.arrays = {name: np.zeros(size) for name, size in sizes.items()}
         self.arrays |= {"q": joints.q_m, "q_dot": joints.q_dot_m, "tau_q_cmd": joints.tau_q_cmd}
         for name, array in self.arrays.items():
@@ -60,24 +61,26 @@ class TaskFrame:
     """What a run has beside the stages of a rigid vehicle at B, if there are joints or a tool.
 
     Attributes:
+        at_tool: whether the task's frame is a site.
         base: the clock and the measurements (1,) at B; the law's own record unless the law is at a tool.
         model: memory of the law's model, or None for a rigid vehicle at B.
         probe: the CARRIER record (1,) of the true tool; empty without one, or if it is B.
         quat: (1, 4) attitude of the true tool.
-        estimation, resolution: the stages of the model and of the command.
+        estimation, resolution, posture: the stages of the model, of the command and of what the task leaves free.
     """
 
     def __init__(self, setup: Setup, signals: np.ndarray, joints: Joints, carriers: np.ndarray) -> None:
-        at_tool = setup.scenario.task.frame != BODY
+        self.at_tool = at_tool = setup.scenario.task.frame != BODY
         self.base = np.zeros(1, record_dtype(CLOCK + KNOWN)) if at_tool else signals
         self.probe, self.quat = carriers[: int(at_tool)], np.zeros((1, 4))
         self.model = ModelMemory(setup, setup.nominal, joints) if at_tool or joints.n else None
         self.estimation = ModelAtTool() if at_tool else ModelAtBody()
         self.resolution = ResolveAtTool() if at_tool else ResolveAtBody()
+        self.posture = PostureBelowTool() if at_tool else PostureBesideBase()
 
     def recorded(self, true: np.ndarray) -> list[tuple[Signal, np.ndarray]]:
         """The recorded signals of a tool, each with its memory; ``true`` is the record (1,) given to navigation."""
-        if self.model is None or not isinstance(self.estimation, ModelAtTool):
+        if self.model is None or not self.at_tool:
             return []
         motion = [true["p_WB"], true["quat_WB"], true["nu"]]
         if len(self.probe):
