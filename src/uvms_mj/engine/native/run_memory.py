@@ -42,9 +42,10 @@ class RunMemory:
         n = len(vehicle.thrusters)
         self.joints = Joints(setup)
         self.wrist = WristMemory(setup, self.joints, self.context) if setup.scenario.wrist.runs else None
-        self.stages = stages = StageTable(setup, self.loop["true"], self.context["water"], self.joints, self.wrist)
-        self.u = np.zeros(n)
         self.contacts = ContactList(setup)
+        outside = self.loop["true"], self.context["water"], self.joints, self.contacts.carriers, self.wrist
+        self.stages = stages = StageTable(setup, *outside)
+        self.u = np.zeros(n)
         own = setup.scenario.navigation, self.context["water"], self.contacts, self.joints
         self.recorded = recorded(self.loop, stages, self.u, *own)
         self._spans = np.array(list(spans([memory for _, memory in self.recorded])))
@@ -97,7 +98,7 @@ class RunMemory:
         stages = self.stages
         yield from (self.loop, self.context, stages.signals, stages.sensed, stages.command, stages.allocation)
         yield from (stages.commands, stages.thrust, stages.tau_lost, self.u, stages.rows)
-        yield from (stages.frame.base, stages.frame.motion, stages.delayed)
+        yield from (stages.frame.base, stages.frame.quat, stages.delayed)
         for entry in stages.running:
             if entry.states or type(entry.stage).memory:
                 yield from (entry.state, entry.state_dot)

@@ -34,7 +34,7 @@ from .inner_stages import Delay, Inflow, Sensed, Tracking, Truth
 from .joints import Joints
 from .layouts import STAGE
 from .model_memory import TaskFrame
-from .task_frame import UP_TO_ESTIMATES, Errors, ToolMotion
+from .task_frame import UP_TO_ESTIMATES, Errors, ToolAttitude
 from .wrist_memory import WristMemory
 
 
@@ -44,7 +44,7 @@ def _shape(value: Any) -> tuple[int, ...]:
 
 class StageTable:
     """The stages of a run and their memory. ``true`` is the record (1,) given to navigation, ``water`` the vehicle's,
-    ``joints`` the memory of its joints.
+    ``joints`` the memory of its joints, ``carriers`` the CARRIER records of its contacts.
 
     Attributes:
         signals: the record of the signals that the law is given (1,); each stage fills its part.
@@ -67,7 +67,13 @@ class StageTable:
     """
 
     def __init__(
-        self, setup: Setup, true: np.ndarray, water: np.ndarray, joints: Joints, wrist: WristMemory | None
+        self,
+        setup: Setup,
+        true: np.ndarray,
+        water: np.ndarray,
+        joints: Joints,
+        carriers: np.ndarray,
+        wrist: WristMemory | None,
     ) -> None:
         scenario, n = setup.scenario, len(setup.vehicle.thrusters)
         controller = scenario.controller
@@ -89,7 +95,7 @@ class StageTable:
             self.entries[table] = Entry(stage, stage.record(setup), own if state is None else state, given, out, states)
 
         self.wrist = wrist
-        frame = self.frame = TaskFrame(setup, self.signals, joints)
+        frame = self.frame = TaskFrame(setup, self.signals, joints, carriers)
         late = controller.delay is not None
         behind = np.zeros(1, record_dtype(Delay.given())) if frame.model else self.allocation
         self.command, self.delayed = np.zeros(1, record_dtype(Delay.given())) if late else behind, behind
@@ -137,8 +143,8 @@ class StageTable:
     def _measure(self, add: Callable[..., None], scenario: Scenario, true: np.ndarray, joints: Joints) -> None:
         """Add the stages that measure, and the law's model of what they measure."""
         frame, observed = self.frame, scenario.observer.runs
-        if frame.tool is not None:
-            add("tool", ToolMotion(), true, frame.motion, frame.tool.record)
+        if len(frame.probe):
+            add("tool", ToolAttitude(), true, frame.quat[0], frame.probe)
         add("navigation", scenario.navigation, true, part(self.sensed if observed else frame.base, KNOWN))
         if observed:
             add("sensed", Sensed(), self.sensed, part(self.signals, KNOWN[:4]))
