@@ -41,8 +41,9 @@ class RunMemory:
         vehicle, memory = setup.vehicle, engine.memory
         n = len(vehicle.thrusters)
         self.joints = Joints(setup)
-        self.wrist = WristMemory(setup, self.joints, self.context) if setup.scenario.wrist.runs else None
-        self.stages = stages = StageTable(setup, self.loop["true"], self.context["water"], self.joints, self.wrist)
+        if setup.scenario.wrist.runs:
+            self.joints.wrist = WristMemory(setup, self.joints, self.context)
+        self.stages = stages = StageTable(setup, self.loop["true"], self.context["water"], self.joints)
         self.u = np.zeros(n)
         self.contacts = ContactList(setup)
         own = setup.scenario.navigation, self.context["water"], self.contacts, self.joints
@@ -102,7 +103,7 @@ class RunMemory:
             if entry.states or type(entry.stage).memory:
                 yield from (entry.state, entry.state_dot)
         yield from (*self.contacts.state, *self.joints.state, *self.engine.state)
-        yield from () if self.wrist is None else self.wrist.state
+        yield from () if self.joints.wrist is None else self.joints.wrist.state
 
     def record(self, row_steps: int, capacity: int) -> None:
         """Record a row every so many time steps, at most ``capacity`` of them before they are taken."""
@@ -214,8 +215,8 @@ def write_estimates(memory: RunMemory, setup: Setup) -> None:
 
 
 def write_wrist(memory: RunMemory, setup: Setup) -> None:
-    if memory.wrist is not None:
-        memory.wrist.write(setup)
+    if memory.joints.wrist is not None:
+        memory.joints.wrist.write(setup)
 
 
 def write_control(memory: RunMemory, setup: Setup) -> None:
