@@ -66,10 +66,10 @@ class StageTable:
 
     def __init__(self, setup: Setup, true: np.ndarray, water: np.ndarray, joints: Joints) -> None:
         scenario, n = setup.scenario, len(setup.vehicle.thrusters)
-        controller, actuation = scenario.controller, scenario.actuation
+        controller = scenario.controller
         self.signals = np.zeros(1, record_dtype(type(controller).given()))
         self.sensed = np.zeros(1, record_dtype(CLOCK + KNOWN))
-        self.allocation = np.zeros(1, record_dtype(type(actuation).given(n)))
+        self.allocation = np.zeros(1, record_dtype(type(scenario.actuation).given(n)))
         thrusters = scenario.thrusters
         self.commands = np.zeros(1, record_dtype(type(thrusters).given(n)))
         self.u_cmd, self.tau_lost = self.commands["u_cmd"][0], np.zeros(6)
@@ -108,21 +108,26 @@ class StageTable:
             add("delay", Delay(), self.command, self.delayed["tau_cmd"][0])
         if frame.model is not None:
             add("resolve", frame.resolution, self.delayed, self.allocation["tau_cmd"][0], frame.model.record)
-        add("actuation", actuation, self.allocation, self.u_cmd)
-        if joints.interface is not None:
-            add("joints", joints.interface, joints.given, joints.wanted)
-        self.commanded: list[tuple[Signal, np.ndarray]] = []
-        if thrusters.runs or actuation.records_loss:
-            self.commanded.append((TAU_LOST, self.tau_lost))
-        if thrusters.runs:
-            add("inflow", Inflow(), true, self.commands["inflow"][0])
-            add("thrusters", thrusters, self.commands, self.thrust)
-            self.commanded.append((commanded_signal(n), self.u_cmd))
+        self._actuate(add, scenario, true, joints)
         self.rows = np.zeros(len(self.entries), STAGE)
         for row, entry in zip(self.rows, self.entries.values(), strict=True):
             entry.fill(row)
         self.running = tuple(self.entries.values())
         self.in_arenas = [entry for entry in self.running if entry.guarded or entry.code is None]
+
+    def _actuate(self, add: Callable[..., None], scenario: Scenario, true: np.ndarray, joints: Joints) -> None:
+        """Add the stages behind the command: allocation, joints and thrusters."""
+        add("actuation", scenario.actuation, self.allocation, self.u_cmd)
+        if joints.interface is not None:
+            add("joints", joints.interface, joints.given, joints.wanted)
+        self.commanded: list[tuple[Signal, np.ndarray]] = []
+        thrusters = scenario.thrusters
+        if thrusters.runs or scenario.actuation.records_loss:
+            self.commanded.append((TAU_LOST, self.tau_lost))
+        if thrusters.runs:
+            add("inflow", Inflow(), true, self.commands["inflow"][0])
+            add("thrusters", thrusters, self.commands, self.thrust)
+            self.commanded.append((commanded_signal(len(self.u_cmd)), self.u_cmd))
 
     def _measure(self, add: Callable[..., None], scenario: Scenario, true: np.ndarray, joints: Joints) -> None:
         """Add the stages that measure, and the law's model of what they measure."""
