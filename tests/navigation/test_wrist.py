@@ -187,3 +187,9 @@ def test_at_rest_the_derived_force_is_that_of_the_wall(tmp_path):
     trace = simulate(Scenario.load("push_wall", STILL | own))
     assert np.linalg.norm(trace.f_contact_W[-1]) > 2.0
     assert np.abs(trace.f_contact_m_W[-1] - trace.f_contact_W[-1]).max() < 1e-6
+
+
+def test_a_run_with_a_wrist_sensor_has_no_closed_form_of_its_rest(tmp_path):
+    own = {"vehicle.model": str(arm_file(tmp_path)), "wrist.name": "sensor", "wrist.site": "hand", "task.frame": "tool"}
+    with Simulation(Scenario.load("push_wall", STILL | own)) as sim:
+        assert "with a wrist sensor" in sim.scenario.controller.at_rest(sim.setup)
