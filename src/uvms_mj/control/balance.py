@@ -131,6 +131,8 @@ def _with_arm(setup: Any, K: float, delivery: Delivery) -> SteadyState | str:
     (:mod:`.tool_balance`)."""
     if not setup.scenario.navigation.name == setup.scenario.encoder.name == "perfect":
         return "with errors of navigation, the rest of the tool depends on the posture"
+    if setup.scenario.wrist.runs:
+        return "with a wrist sensor, what its model lacks is taken for a contact force, which depends on the posture"
     if any(pair.carrier != 0 for pair in setup.contacts.pairs):
         return "with contact bodies away from the frame of the task, the rest depends on the posture"
     if np.isfinite(K):
