@@ -35,7 +35,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from arm import HOLDING, tool_at_wall
+from arm import tool_at_wall
 from elements import CONTROL_PERIODS, ELEMENTS, IDEAL
 from numpy_arm_loop import NumpyArmLoop
 from numpy_loop import NumpyLoop
@@ -103,8 +103,6 @@ class BareArm:
         setup = set_up(scenario)
         self.model, self.data = setup.plant.model, setup.plant.initial_data(scenario.initial)
         self.model.opt.gravity[2] = 0.0
-        for link in setup.vehicle.arm.links:
-            self.data.ctrl[link.actuator_id] = HOLDING / link.torque_of_ctrl if link.actuator_id >= 0 else 0.0
         self.attachment = attach(self.model, self.data, setup.vehicle.body) if wet else None
 
     def chunk(self) -> float:
