@@ -2,6 +2,7 @@
 
     python scripts/draw_docs.py                   all pictures in docs
     python scripts/draw_docs.py --from results    paper.png from the logs of an earlier `uvms-mj paper --out results`
+    python scripts/draw_docs.py --pool pool_2023  pool.png too, from the records in the folder pool_2023
 
 replay.png needs a Vulkan driver, push_wall.png, vehicles.png and walls.png an EGL driver, and the pages of the studies
 Chromium; see picture_viewer.py, render.py and picture_studies.py, which takes a quarter of an hour. The folder pages
@@ -21,6 +22,8 @@ DOCS = SCRIPTS.parent / "docs"
 PAGES = SCRIPTS / "pages"
 PRACTICALITY = PAGES / "practicality.py"
 """Draws from a folder of ``uvms-mj practicality``."""
+POOL = PAGES / "pool.py"
+"""Draws from records that are not in the repository."""
 FAILED_CLAIM = 1
 """Exit status of ``uvms-mj paper`` if a claim fails. The figures exist nevertheless."""
 
@@ -35,7 +38,8 @@ def draw(*arguments: str, also: tuple[int, ...] = ()) -> None:
 
 @click.command()
 @click.option("--from", "source", type=click.Path(exists=True, path_type=Path), help="Folder of an earlier run.")
-def main(source: Path | None) -> None:
+@click.option("--pool", type=click.Path(exists=True, path_type=Path), help="Folder of the records of the pool.")
+def main(source: Path | None, pool: Path | None) -> None:
     """Regenerate all pictures in docs."""
     with tempfile.TemporaryDirectory() as folder:
         drawn = Path(folder) / "paper"
@@ -48,8 +52,10 @@ def main(source: Path | None) -> None:
     for script in ("draw_frames.py", "draw_rooms.py", "render.py", "picture_viewer.py", "picture_studies.py"):
         draw(str(SCRIPTS / script))
     for page in sorted(PAGES.glob("*.py")):
-        if page != PRACTICALITY:
+        if page not in (PRACTICALITY, POOL):
             draw(str(page))
+    if pool:
+        draw(str(POOL), str(pool))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Draw docs/vehicles.png: the vehicles that ship, from the front and from behind.
+"""Draw docs/vehicles.png: the vehicles that ship, from the front and from behind, with an arm from the side.
 
     python scripts/pages/vehicles.py
 
@@ -21,17 +21,27 @@ from PIL import Image
 from uvms_mj.files import shipped
 
 OUT = Path(__file__).parents[2] / "docs" / "vehicles.png"
-FRAMES = {"bluerov1": 0.78, "bluerov2": 0.78, "bluerov2_heavy": 0.92, "lauv": 1.25}
-"""Vehicles, and the distance of the camera [m]."""
+FRAMES = {
+    "bluerov1": (0.78, 0.0, ()),
+    "bluerov2": (0.78, 0.0, ()),
+    "lauv": (1.25, 0.0, ()),
+    "bluerov2_heavy": (0.92, 0.0, ()),
+    "bluerov2_alpha5": (1.12, 0.18, (0.5, 1.7, 2.1, 0.6)),
+    "planar_arm": (1.3, 0.26, (0.6, -0.9)),
+}
+"""Vehicles: distance of the camera, x that it looks at [m], and positions of the joints [rad]."""
+COLUMNS = 3
 VIEWS = {"from the front": (212.0, -20.0), "from behind": (328.0, -24.0)}
 """Azimuth and elevation of the camera [deg]."""
+FROM_THE_SIDE = (265.0, -8.0)
+"""In place of the view from behind, which hides an arm."""
 WIDTH, HEIGHT, FINER = 330, 250, 2
 WATER = (0.85, 0.91, 0.95)
 COLOURS = 256
 """Colours of the PNG's palette, for a small file."""
 
 
-def views_of(name: str, distance: float) -> list[np.ndarray]:
+def views_of(name: str, distance: float, ahead: float, joints: tuple[float, ...]) -> list[np.ndarray]:
     """Pictures (HEIGHT, WIDTH, 3) of a vehicle, one for each view."""
     spec = mujoco.MjSpec.from_file(str(shipped("models")[name]))
     kind, builtin = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtBuiltin.mjBUILTIN_FLAT
@@ -40,12 +50,15 @@ def views_of(name: str, distance: float) -> list[np.ndarray]:
     model = spec.compile()
     model.vis.global_.offwidth, model.vis.global_.offheight = FINER * WIDTH, FINER * HEIGHT
     data = mujoco.MjData(model)
+    data.qpos[7:] = joints
     mujoco.mj_forward(model, data)
     pictures = []
     with mujoco.Renderer(model, FINER * HEIGHT, FINER * WIDTH) as renderer:
-        for azimuth, elevation in VIEWS.values():
+        front, behind = VIEWS.values()
+        for azimuth, elevation in (front, FROM_THE_SIDE if joints else behind):
             camera = mujoco.MjvCamera()
-            camera.lookat, camera.distance, camera.azimuth, camera.elevation = [0, 0, 0], distance, azimuth, elevation
+            camera.lookat, camera.distance = [ahead, 0, -0.3 * ahead], distance
+            camera.azimuth, camera.elevation = azimuth, elevation
             renderer.update_scene(data, camera)
             fine = renderer.render().reshape(HEIGHT, FINER, WIDTH, FINER, 3)
             pictures.append(fine.mean(axis=(1, 3)) / 255)
@@ -54,12 +67,14 @@ def views_of(name: str, distance: float) -> list[np.ndarray]:
 
 def main() -> None:
     """Draw the picture."""
-    rows = np.hstack([np.vstack(views_of(name, distance)) for name, distance in FRAMES.items()])
+    columns = [np.vstack(views_of(name, *look)) for name, look in FRAMES.items()]
+    rows = np.vstack([np.hstack(columns[i : i + COLUMNS]) for i in range(0, len(columns), COLUMNS)])
     height, width, _ = rows.shape
     figure = Figure(figsize=(width / 100, height / 100), dpi=100)
     figure.figimage(rows)
     for i, name in enumerate(FRAMES):
-        figure.text((i * WIDTH + 10) / width, (height - 22) / height, name, size=11, color="#10304a")
+        x, y = i % COLUMNS * WIDTH + 10, height - i // COLUMNS * len(VIEWS) * HEIGHT - 22
+        figure.text(x / width, y / height, name, size=11, color="#10304a")
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]).quantize(COLOURS, Image.Quantize.MAXCOVERAGE).save(

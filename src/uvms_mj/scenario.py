@@ -18,13 +18,14 @@ from . import actuation, control, guidance, navigation
 from .actuation import Actuation, Auto, IdealThrusters, Joints, PseudoInverse, Thrusters
 from .control import Controller, Gsta, ImpedanceTask
 from .control.design import INNER_TABLES, Estimates, Impedance
+from .control.posture import Posture
 from .control.task import TASK_KEYS, move_task_keys
 from .errors import Fault, InputError, faults_of, shortened, suggestion
 from .files import plain, scenario_path, tables_of
 from .guidance import FilteredSteps, Guidance
 from .navigation import Encoder, Navigation, NoObserver, Observer, Perfect, PerfectEncoder
-from .plant.settings import Initial, Stepping, VehicleChoice, Wall
-from .plant.surfaces import OF_WALLS, Bumper, ContactBody, Surface, override_walls
+from .plant.settings import OF_VEHICLE, Initial, Stepping, VehicleChoice, Wall
+from .plant.surfaces import OF_WALLS, Bumper, Surface, override_walls
 from .plant.water import Current, Disturbance, Tether
 from .quantities import STRICT, overrides_of
 from .stages.base import Stage
@@ -69,6 +70,7 @@ class Scenario:
     encoder: Encoder = PerfectEncoder()
     observer: Observer = NoObserver()
     task: ImpedanceTask = ImpedanceTask()
+    posture: Posture = Posture()
     controller: Controller = Gsta()
     actuation: Actuation = PseudoInverse()
     joints: Joints = Auto()
@@ -223,7 +225,7 @@ _TABLES: dict[str, Any] = {
 _KEYS: dict[str, list[str]] = {"": [f.name for f in dataclasses.fields(Scenario)]} | {
     name: [f.name for f in dataclasses.fields(table)] for name, table in _TABLES.items()
 }
-_INNER: dict[str, Any] = {**INNER_TABLES, "walls": Surface, "vehicle.contact_bodies": ContactBody}
+_INNER: dict[str, Any] = {**INNER_TABLES, **OF_VEHICLE, "walls": Surface}
 _INNER_KEYS = {name: [f.name for f in dataclasses.fields(table)] for name, table in _INNER.items()}
 """The keys of the tables within a table."""
 

@@ -24,8 +24,11 @@ _THRUSTERS = (  # x, y, z [m], angles of its frame [deg]
 )
 
 
-def arm_file(folder: Path, name: str = "armed", drag_free: bool = False) -> Path:
-    """Write the file of a vehicle like a BlueROV2 Heavy with an arm. Each link's frame is at its middle, x along it."""
+def arm_file(folder: Path, name: str = "armed", loose: bool = False) -> Path:
+    """Write the file of a vehicle like a BlueROV2 Heavy with an arm. Each link's frame is at its middle, x along it.
+
+    A ``loose`` one has no damping, and joints without motors.
+    """
     numerics, arm, motors, at, before = [], "", [], "0.25 0 -0.06", 0.0
     for link, axis, length, mass, displaced, radius in _LINKS:
         half, volume = 0.5 * length, math.pi * radius**2 * length
@@ -58,9 +61,9 @@ def arm_file(folder: Path, name: str = "armed", drag_free: bool = False) -> Path
         f'<geom type="box" size="0.22 0.16 0.12"/>{"".join(sites)}{arm}</body></worldbody>'
         f"<actuator>{''.join(motors)}</actuator></mujoco>"
     )
-    if drag_free:
+    if loose:
         text = re.sub(r'(name="[a-z_.]*D_(linear|quadratic)" data=")[^"]*', rf"\g<1>{_diagonal(*[0.0] * 6)}", text)
-        text = text.replace('damping="0.2"', "")
+        text = re.sub(r'<motor name="[a-z_]*" joint[^>]*>', "", text.replace('damping="0.2"', ""))
     path.write_text(text)
     return path
 

@@ -51,12 +51,17 @@ class Case:
         A = conditioned(rng, N, N, 0.3, 6.0)
         self.M = A @ A.T
         self.M_inv = np.linalg.inv(self.M)
-        self.J = conditioned(rng, 6, N, 0.5, 2.0)
+        self.X, self.B = conditioned(rng, 6, 6, 0.5, 2.0), conditioned(rng, 6, n, 0.3, 2.0)
         self.zeta, self.q = rng.normal(size=N), rng.normal(size=n)
         self.quat, self.quat_d = (quat_from_euler_deg(*rng.uniform(-40.0, 40.0, size=3)) for _ in range(2))
         self.p, self.p_d, self.joints = rng.normal(size=3), rng.normal(size=3), rng.normal(size=n)
         self.frequency, ratio = rng.uniform(0.5, 3.0, size=3), rng.uniform(0.3, 1.5, size=3)
         self.damping, self.free_damping = 2.0 * ratio * self.frequency, free_damping
+
+    @property
+    def J(self):
+        """Of the task (6, N), X (nu + B q_dot): the base can always do it."""
+        return np.hstack([self.X, self.X @ self.B])
 
     @property
     def P(self):
@@ -129,9 +134,14 @@ def test_the_task_above_feels_nothing_and_no_level_feels_a_lower_one(seed, n, or
             assert np.abs(J @ (a - above)).max() < 1e-10 * scale
 
 
+def reference(J, case):
+    """What the rows have in all: the base without a task, the joints below it."""
+    return J @ (case.P if J[:, 6:].any() else case.M_inv) @ J.T
+
+
 def shares(J, case, P=None):
     """The shares of freedom of a level below the task, ascending."""
-    L = np.linalg.cholesky(J @ case.M_inv @ J.T)
+    L = np.linalg.cholesky(reference(J, case))
     W = np.linalg.solve(L, J)
     return np.linalg.eigvalsh(W @ (case.P if P is None else P) @ W.T)
 
@@ -167,38 +177,42 @@ def test_order_matters_where_freedom_is_short(seed, order):
 
 @given(cases)
 def test_demands_beyond_the_freedom_are_met_in_the_least_squares_of_the_inertia(seed):
-    """Six joint demands in two degrees of freedom, against NumPy's least squares in a basis of the free motion."""
-    case = Case(seed, 6, order=(JOINTS,))
-    held = Case(seed + 1, 6).J[:4]
-    case.J = np.vstack([case.J, held])
+    """Six joint demands in three degrees of freedom, against NumPy's least squares in a basis of the free motion."""
+    case = Case(seed, 6, order=(ATTITUDE, JOINTS), yaw=True)
     a, _ = case.run()
-    ((J, b),) = case.demands()
-    Z = np.linalg.svd(case.J)[2][10:].T  # (12, 2)
-    W = np.linalg.inv(np.linalg.cholesky(J @ case.M_inv @ J.T))
-    if np.sort(shares(J, case))[-2] > FREEDOM:
-        y = np.linalg.lstsq(W @ J @ Z, W @ b, rcond=None)[0]
-        assert np.allclose(a, Z @ y, rtol=0.0, atol=1e-8 * (1.0 + np.abs(a).max()))
+    (attitude, b_a), (J, b) = case.demands()
+    if shares(attitude, case)[0] > FREEDOM:
+        above = np.vstack([case.J, attitude])
+        W = np.linalg.inv(np.linalg.cholesky(reference(J, case)))
+        first = case.P @ attitude.T @ np.linalg.solve(attitude @ case.P @ attitude.T, b_a)
+        Z = np.linalg.svd(above)[2][9:].T  # (12, 3)
+        y = np.linalg.lstsq(W @ J @ Z, W @ (b - J @ first), rcond=None)[0]
+        assert np.allclose(a, first + Z @ y, rtol=0.0, atol=1e-8 * (1.0 + np.abs(a).max()))
 
 
 def test_a_direction_that_loses_its_freedom_fades_without_a_jump():
-    """The task turns until it holds the first joint: along the way the acceleration is continuous and bounded, and
-    where the joint is held it is met no more."""
-    case = Case(3, 3, order=(JOINTS,))
-    (_, b), start = next(case.demands()), case.J.copy()
-    first = np.eye(case.N)[6]
-    along = []
-    for angle in np.concatenate([-np.geomspace(0.5, 1e-9, 2000), [0.0], np.geomspace(1e-9, 0.5, 2000)]):
-        case.J = start.copy()
-        case.J[0] = np.cos(angle) * first + np.sin(angle) * start[0]
-        a, _ = case.run()
-        along.append(a)
-    along = np.array(along)
-    steps = np.abs(np.diff(along, axis=0)).max(axis=1)
-    assert steps.max() < 0.02 * np.abs(along).max()
-    assert abs(along[2000, 6]) < 1e-9 < abs(b[0])
-    norm = np.sqrt(np.einsum("ki,ij,kj->k", along, case.M, along))
-    W = np.linalg.cholesky(np.linalg.inv(case.M_inv[6:, 6:]))
-    assert norm.max() < 1.09 / np.sqrt(FREEDOM) * np.linalg.norm(W.T @ b)
+    """The joints turn until they can no longer roll the base. Along the way the acceleration is continuous and bounded,
+    and where the base can't roll it is not tried."""
+    roll, b, largest = Case(3).B[3], 0.0, []
+
+    def along(points):
+        nonlocal b
+        case = Case(3, 5, order=(ATTITUDE, JOINTS), yaw=True)
+        for share in np.linspace(-0.4, 0.4, points):
+            case.B[3] = share * roll
+            case.order = (ATTITUDE,)
+            a, _ = case.run()
+            ((_, b),) = case.demands()
+            W = np.linalg.inv(np.linalg.cholesky(case.M_inv[3:6, 3:6]))
+            largest.append(np.sqrt(a @ case.M @ a) / np.linalg.norm(W @ b))
+            case.order = (ATTITUDE, JOINTS)
+            yield case.run()[0]
+
+    coarse, fine = np.array(list(along(1001))), np.array(list(along(4001)))
+    steps = [np.abs(np.diff(each, axis=0)).max() for each in (coarse, fine)]
+    assert steps[1] < 0.3 * steps[0] < 0.3
+    assert abs(fine[2000, 3]) < 1e-9 < abs(b[0])
+    assert 2.0 < max(largest) < 1.03 / np.sqrt(FREEDOM)
 
 
 @given(cases, st.integers(3, 6))
@@ -230,7 +244,7 @@ def test_the_attitude_turns_the_short_way_about_the_axis_of_its_error(yaw, angle
     """About the x axis the demand is -omega^2 2 sin(theta/2), and only about it."""
     case = Case(2, 6, order=(ATTITUDE,), yaw=yaw)
     case.M_inv = case.M = np.eye(case.N)
-    case.J, case.zeta[:] = np.zeros((0, case.N)), 0.0
+    case.zeta[:] = 0.0
     case.quat, case.quat_d = quat_from_euler_deg(angle_deg, 0.0, 0.0), np.array([1.0, 0.0, 0.0, 0.0])
     a, _ = case.run(np.eye(case.N))
     expected = -(case.frequency[ATTITUDE] ** 2) * 2.0 * np.sin(np.radians(angle_deg) / 2.0)

@@ -30,8 +30,8 @@ class Coast(Controller):
 
 
 @pytest.fixture(scope="module")
-def drag_free(tmp_path_factory) -> str:
-    return str(arm_file(tmp_path_factory.mktemp("vehicle"), drag_free=True))
+def loose(tmp_path_factory) -> str:
+    return str(arm_file(tmp_path_factory.mktemp("vehicle"), loose=True))
 
 
 def thrown(model: str, timestep: float, **overrides) -> Trace:
@@ -65,11 +65,11 @@ def energy(trace: Trace, k: int) -> float:
     return float(total)
 
 
-def test_walls_store_and_return_the_energy_of_all_links(drag_free):
+def test_walls_store_and_return_the_energy_of_all_links(loose):
     """Energy plus the work on the walls stays the same, but for the error of first order of the time step."""
     errors = []
     for timestep in (2e-4, 1e-4):
-        trace = thrown(drag_free, timestep)
+        trace = thrown(loose, timestep)
         rows = np.linspace(0, len(trace) - 1, 25).astype(int)
         total = np.array([energy(trace, k) for k in rows]) + trace.wall_work[rows]
         errors.append(np.abs(total - total[0]).max())
@@ -80,9 +80,9 @@ def test_walls_store_and_return_the_energy_of_all_links(drag_free):
     assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.15)
 
 
-def test_friction_on_a_link_is_that_of_coulomb(drag_free):
+def test_friction_on_a_link_is_that_of_coulomb(loose):
     """A contact that slips has F_t = mu F_n, and no contact has more."""
-    trace = thrown(drag_free, 1e-4, walls=[TILTED | {"friction": 0.2}])
+    trace = thrown(loose, 1e-4, walls=[TILTED | {"friction": 0.2}])
     normal_W = set_up(trace.scenario).contacts.surfaces[0][1].R_WS @ [-1.0, 0.0, 0.0]
     f_n = trace.f_contacts_W @ normal_W
     f_t = np.linalg.norm(trace.f_contacts_W - f_n[..., None] * normal_W, axis=2)
@@ -93,7 +93,7 @@ def test_friction_on_a_link_is_that_of_coulomb(drag_free):
     np.testing.assert_allclose(trace.f_contacts_W.sum(axis=1), trace.f_contact_W, atol=1e-12)
 
 
-def test_a_link_that_does_not_exist_is_named(drag_free):
-    wrong = {"vehicle.model": drag_free, "vehicle.contact_bodies": [BODIES[0] | {"body": "hands"}]}
+def test_a_link_that_does_not_exist_is_named(loose):
+    wrong = {"vehicle.model": loose, "vehicle.contact_bodies": [BODIES[0] | {"body": "hands"}]}
     with pytest.raises(InputError, match=r"vehicle\.contact_bodies\[0\]\.body: no link 'hands'; did you mean 'hand'\?"):
         simulate(Scenario.load("push_wall", wrong), Coast())

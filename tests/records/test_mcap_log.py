@@ -13,7 +13,7 @@ from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Statistics
 
 from recorded import decoded, same
-from tree_run import tree_run, with_tool
+from tree_run import tool_run
 from uvms_mj import McapLog, Scenario, Status, Trace, simulate
 from uvms_mj.records.mcap.layout import Format
 from uvms_mj.records.scene import span
@@ -225,7 +225,7 @@ def test_the_docs_list_every_topic_with_its_type_unit_and_frame(logged):
     listed = {row[0]: row[1:] for row in cells if row[0].startswith("/")}
     gsta = simulate(Scenario.load("push_wall", {"simulation.duration": 0.01}))
     topics = {t.name: t for header in (trace.header, gsta.header) for t in Format(header).topics}
-    tree = with_tool(tree_run(0.01, **{"encoder.name": "encoder"}))
+    tree = tool_run(0.01)
     topics = {t.name: t for t in Format(tree.header).topics if not t.name.startswith("/signals/")} | topics
     expected = {name: [t.type, t.frame, t.unit, t.meaning] for name, t in topics.items()}
     state = expected.pop("/law/z")

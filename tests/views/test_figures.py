@@ -22,7 +22,7 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
 from traces import TASK, without
-from tree_run import tree_run, with_tool
+from tree_run import tool_run
 from uvms_mj import Controller, InputError, Scenario, simulate
 from uvms_mj.cli.plot import FORMATS
 from uvms_mj.stages.signals import AXES
@@ -56,7 +56,7 @@ def fine():
 def drawn(traces, fine):
     """The paper's figures, and plots of one log, of several logs and of unusual logs, by name."""
     plots = {f"{what} of one": figures.plot({"gsta": traces["gsta"]}, what) for what in OF_RIGID}
-    tree = with_tool(tree_run())
+    tree = tool_run()
     plots |= {f"{what} of a tree": figures.plot({"tree": tree}, what) for what in ("position", "joints", "summary")}
     plots["joints of trees"] = figures.plot({"a": tree, "b": tree, **traces}, "joints")
     for what in OF_RIGID:

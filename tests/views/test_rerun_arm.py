@@ -7,7 +7,7 @@ import pytest
 import rerun.blueprint as rrb
 from rerun.chunk import RrdReader
 
-from tree_run import JOINTS, tree_run, with_tool
+from tree_run import JOINTS, tool_run
 from uvms_mj.views import rerun as rerun_view
 from uvms_mj.views.rerun import arm, viewer
 from uvms_mj.views.rerun.layout import layout
@@ -19,7 +19,7 @@ PATHS = {"boom": "boom", "rod": "boom/rod", "flap": "flap"}
 
 @pytest.fixture(scope="module")
 def armed(tmp_path_factory):
-    trace = with_tool(tree_run())
+    trace = tool_run()
     rerun_view.save({"run": trace}, path := tmp_path_factory.mktemp("rrd") / "run.rrd")
     return trace, columns(path)
 

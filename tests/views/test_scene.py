@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tree_run import tree_run
 from uvms_mj import Scenario, simulate
 from uvms_mj.files import shipped
 from uvms_mj.physics.frames import rotation_matrix
@@ -72,3 +73,17 @@ def test_walls_and_contact_bodies_are_drawn_where_they_touch():
     for round_wall in (cylinder, sphere):
         (solid,) = solids(Geometry((round_wall,), {}))
         assert len(solid.triangles) > 100
+
+
+def test_a_contact_body_is_drawn_with_the_link_that_carries_it():
+    bodies = [
+        {"position": [0.1, 0.0, 0.0], "radius": 0.05, "body": "rod"},
+        {"position": [0.3, 0.1, 0.0], "radius": 0.02},
+    ]
+    header = tree_run(1e-3, **{"vehicle.contact_bodies": bodies}).header
+    (drawn,) = scene.scene_of(header).vehicles
+    assert drawn.shapes[-1].position == (0.3, 0.1, 0.0)
+    _, rod, _ = drawn.links
+    assert (rod.shapes[-1].kind, rod.shapes[-1].position, rod.shapes[-1].size[0]) == ("sphere", (0.1, 0.0, 0.0), 0.05)
+    more = [len(a.shapes) - len(b.shapes) for a, b in zip(drawn.links, header.geometry.links, strict=True)]
+    assert more == [0, 1, 0]

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Set
 import numpy as np
 
 from ..control.design import ATTITUDE_KEYS
+from ..control.posture import posture_faults, posture_notes
 from ..control.sampled import delay_faults, zeta_limit
 from ..control.theory import stage_notes
 from ..errors import Fault, InputError
@@ -20,7 +21,7 @@ from .wall import wall_faults, wall_notes
 from .water import water_faults
 
 _WALLS = ("wall", "walls", "bumper")
-_CHECKED = frozenset({*_WALLS, "simulation.timestep", "current", "disturbance"})
+_CHECKED = frozenset({*_WALLS, "simulation.timestep", "current", "disturbance", "posture"})
 _PERIODS = tuple(f"{table}.period" for table in STAGES)
 _SMALL, _LARGE = 1e-6, 1e8
 """If an equation overflows, the message names the keys with numbers outside this range."""
@@ -56,6 +57,8 @@ def refuse(setup: Setup, touched: Set[str] = _CHECKED) -> None:
     if not touched.isdisjoint(("current", "disturbance", "simulation.timestep")):
         scenario = setup.scenario
         faults += water_faults(scenario.current, scenario.disturbance, scenario.simulation.timestep)
+    if "posture" in touched:
+        faults += posture_faults(setup)
     if faults:
         raise InputError(faults, "scenario")
 
@@ -69,6 +72,7 @@ def warnings_of(setup: Setup) -> list[str]:
             *wall_notes(setup),
             *stage_notes(scenario.reference, setup),
             *_sampling_notes(setup),
+            *posture_notes(setup),
             *stage_notes(scenario.controller, setup),
         ]
     rank = np.linalg.matrix_rank(vehicle.B)

@@ -16,7 +16,6 @@ from ..plant.build import Plant, build
 from ..plant.contacts import Contacts, Front, Pair, contacts_of
 from ..plant.joints import felt_inertia
 from ..plant.mjcf import Mjcf
-from ..plant.probe import frame_of
 from ..plant.settings import Initial, lightest_along_face, lightest_at
 from ..plant.vehicle import Vehicle
 from ..scenario import Scenario
@@ -54,7 +53,7 @@ class Setup:
     @property
     def initial_joints(self) -> np.ndarray:
         """(n,) positions of the joints at the start [rad or m]."""
-        return self.plant.initial_joints(self.scenario.initial)
+        return self.vehicle.arm.start(self.scenario.initial.joints)
 
     @property
     def joint_inertia(self) -> np.ndarray:
@@ -97,7 +96,7 @@ class Setup:
     @functools.cached_property
     def start(self) -> Statics:
         """The true vehicle in its initial posture."""
-        return Statics(self.vehicle, self.plant.initial_joints(self.scenario.initial))
+        return Statics(self.vehicle, self.vehicle.arm.start(self.scenario.initial.joints))
 
     def initial_poses(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Positions (3,) and attitudes (3, 3) in W of the frames that contact bodies are fixed to, at the start."""
@@ -140,7 +139,7 @@ def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
     mjcf = mjcf if mjcf is not None else Mjcf.find(scenario.vehicle.model)
     design = design_of(scenario, mjcf.vehicle)
     stepping = scenario.simulation
-    plant = build(mjcf, scenario.vehicle, frame_of(scenario), scenario.wall, stepping.timestep, stepping.integrator)
+    plant = build(mjcf, scenario.vehicle, scenario.task.frame, scenario.wall, stepping.timestep, stepping.integrator)
     return Setup(scenario, plant, design)
 
 

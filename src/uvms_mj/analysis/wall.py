@@ -11,9 +11,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ..control.springs import Springs
+from ..control.task import BODY
 from ..errors import Fault
 from ..plant.contacts import impossible
-from ..plant.probe import BODY, frame_of
 from ..plant.settings import Wall, contact_settings
 from ..plant.surfaces import Surface, in_series_fast
 from .setup import Setup
@@ -88,7 +88,7 @@ def wall_notes(setup: Setup) -> Iterator[str]:
         given = one.tangential_stiffness is not None or one.tangential_damping is not None
         if one.friction == 0.0 and given:
             yield f"{table}.tangential_stiffness and {table}.tangential_damping have no effect: {table}.friction is 0"
-    frame = frame_of(setup.scenario)
+    frame = setup.scenario.task.frame
     start = setup.scenario.initial.position[0] if frame == BODY else float(setup.initial_poses()[0][0][0])
     depth = start - wall.position if setup.contacts.paper else 0.0
     if depth > 0.0 and wall.stiffness * depth > START_FORCE:

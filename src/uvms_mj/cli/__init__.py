@@ -21,6 +21,7 @@ from .run import run
 from .stop import Stop, exit_interrupted
 from .study import study
 from .tune import tune
+from .validate import validate
 from .vehicles import vehicles
 
 
@@ -56,6 +57,7 @@ def main() -> None:
     uvms-mj tune mine.toml                gains for an objective and constraints over a study's runs
     uvms-mj paper --out results           the paper's section 5: figures, claims, report
     uvms-mj practicality --out real       from ideal to real: where each law stops working on a BlueROV2 Heavy
+    uvms-mj validate pool --data DIR      runs against a real pool: a floating vehicle whose arm moves
     uvms-mj replay runs/.../run.mcap      show one or several logs in Rerun
     uvms-mj plot runs/.../run.mcap        plot one or several logs
     uvms-mj compare a.mcap b.mcap         one HTML page that compares logs
@@ -83,6 +85,7 @@ for command in (
     tune,
     paper,
     practicality,
+    validate,
     replay,
     plot,
     compare,

@@ -69,8 +69,8 @@ def static_balance(
         The state, or the reason why there is none.
     """
     scenario = setup.scenario
-    if setup.not_rigid:
-        return f"closed forms are known for a rigid vehicle at B, and {setup.not_rigid}"
+    if setup.not_rigid and residual is not None:
+        return f"the closed form of this law is known for a rigid vehicle at B, and {setup.not_rigid}"
     if setup.rest_pose[0] is None:
         return "the reference does not come to rest"
     if not scenario.current.steady:
@@ -94,6 +94,8 @@ def static_balance(
         return errors
     if delivery.static.error and (np.isfinite(K) or scenario.controller.uses_truth):
         return f"{delivery.static.error}, and the law does not integrate"
+    if setup.not_rigid:
+        return _with_arm(setup, K, delivery)
     solved = _solve(setup, K, delivery, residual)
     if solved is None:
         return "the static balance has no solution near the reference"
@@ -121,6 +123,28 @@ def unknown_acceleration(setup: Any, state: SteadyState) -> np.ndarray:
     sine = float(np.linalg.norm(turn[1:]))
     vector = turn[1:] * (2.0 * np.arctan2(sine, turn[0]) / sine if sine > 0.0 else 2.0)
     return balance.unknown(np.concatenate([state.position - balance.target, vector]))
+
+
+def _with_arm(setup: Any, K: float, delivery: Delivery) -> SteadyState | str:
+    """The rest of :func:`static_balance` for a vehicle with an arm, or with its task at a tool.
+
+    A law that integrates rests at w = 0. In these six equations the pose of the task's frame is the only unknown:
+    neither the posture, nor the estimates, nor the disturbance is in them.
+    """
+    if not setup.scenario.navigation.name == setup.scenario.encoder.name == "perfect":
+        return "with errors of navigation, the rest of the tool depends on the posture"
+    if any(pair.carrier != 0 for pair in setup.contacts.pairs):
+        return "with contact bodies away from the frame of the task, the rest depends on the posture"
+    if np.isfinite(K):
+        return "without an integral term, the rest depends on the posture"
+    solved = _solve(setup, K, delivery)
+    if solved is None:
+        return "the static balance has no solution near the reference"
+    state, springs = solved[0], Springs(setup)
+    _, normal = springs.wrench(np.asarray(state.position), rotation_matrix(np.asarray(state.quat)))
+    if (_in_wall(setup, state) and setup.scenario.wall.friction > 0.0) or (springs.friction & (normal > 0.0)).any():
+        return "with friction, the rest position depends on the path"
+    return SteadyState(state.force, s=np.zeros(6))
 
 
 def _in_wall(setup: Any, state: SteadyState) -> bool:

@@ -127,7 +127,7 @@ class Design:
         of its file and of the estimates. Raises InputError if M_d is not symmetric positive definite, or D_d is not
         dissipative."""
         impedance: Impedance = scenario.impedance
-        M_hat, faults = scenario.estimates.inertia * nominal, []
+        faults = []
         inertia = (
             nominal.tobytes() if impedance.M_d is None else M_hat.tobytes() if impedance.natural else impedance.M_d
         )

@@ -36,6 +36,8 @@ def refusals(setup: Setup) -> list[str]:
         return [f"vehicle.model = {scenario.vehicle.model!r} has joints, which the engine free_body does not compute"]
     if scenario.task.frame != BODY:
         unknown.append(f"task.frame = {scenario.task.frame!r}")
+    if scenario.vehicle.payloads:
+        unknown.append("vehicle.payloads")
     if scenario.simulation.integrator != "euler":
         unknown.append(f"simulation.integrator = {scenario.simulation.integrator!r}")
     for table in dataclasses.fields(scenario):

@@ -16,32 +16,34 @@ the levels above, a_prev,
 S^+ is the inertia Lambda that the level has in the motion that is left to it, J P J^T = J_prev M^{-1} J_prev^T with
 J_prev = J N. The torque N^T J^T F is M P J^T F, so the torque of all levels is M a.
 
-**Freedom.** The level's rows are first divided by the factor of what they had alone, J M^{-1} J^T. The eigenvalues of S
-are then shares of freedom, from 1 (nothing above takes any) to 0 (all is taken), for rows of any units. S^+ has the
-function of each eigenvalue
+**Freedom.** The rows of a level are first divided by the Cholesky factor of a reference: for attitude and station what
+they have without a task, J M^-1 J^T, for the joints what the task leaves them, J P_1 J^T, which is never singular. The
+eigenvalues of S are then shares of freedom, from 1 to 0, whatever the units of the rows. S^+ has the function of each
+eigenvalue
 
 .. math::
 
     f(\sigma) = 1/\sigma \quad (\sigma \ge \epsilon), \qquad
-    f(\sigma) = (2 - \sigma/\epsilon)/\epsilon \quad (\sigma < \epsilon),
+    f(\sigma) = (3 - 2 \sigma/\epsilon)\, \sigma/\epsilon^2 \quad (\sigma < \epsilon),
 
 which is continuous with its derivative. Above epsilon a demand is met and no lower level disturbs it. Below, the demand
-fades, and with it the claim on the motion: the acceleration of a direction is :math:`\sqrt{\sigma} f \to 0`, at most
-:math:`1.09/\sqrt{\epsilon}` times that of the same demand with all freedom. If more is demanded than is free, the
-deviations are least in the metric (J M^{-1} J^T)^{-1}, the level's inertia.
+fades, and with it the claim on the motion, :math:`\sigma f`. The acceleration is at most :math:`1.03/\sqrt{\epsilon}`
+times that of the same demand with all freedom, and falls to zero with sigma. If more is demanded than is free, the
+deviations are least in the metric of the level's inertia, the inverse of the reference. The shares of the joints are 1
+or 0, except in a direction that a level above claims in part, and epsilon is 1: the joints take over in proportion.
 """
 
 import math
 
 import numpy as np
 
-from .dense import cholesky, forward
+from .dense import cholesky, forward, inverse, product
 from .eigen import symmetric_eigen
 from .frames import quat_error
 from .kernels import kernel
 
 FREEDOM = 1e-2
-"""Share of freedom epsilon below which a level's demand fades."""
+"""Share of freedom epsilon below which the demand of attitude or station fades."""
 ATTITUDE, STATION, JOINTS = range(3)
 """The levels."""
 
@@ -51,20 +53,54 @@ _N = 6 + MOST_JOINTS
 
 WORK = np.dtype(
     [
-        ("a", "f8", (_N,)),  # accelerations of all levels
+        ("a", "f8", (_N,)),  # acceleration of the task and of all levels
         ("x", "f8", (_N,)),
         ("b", "f8", (MOST_JOINTS,)),  # demand of a level
         *((name, "f8", (MOST_JOINTS**2,)) for name in ("T", "G", "S", "V")),
         ("X", "f8", (MOST_JOINTS * _N,)),
+        ("zeta", "f8", (_N,)),
+        ("h", "f8", (_N,)),  # C zeta + D zeta + g
+        ("free", "f8", (_N,)),  # P h, without the acceleration of the task
+        ("P_qq", "f8", (MOST_JOINTS**2,)),  # of the joints, below the task
+        ("M_inv", "f8", (_N * _N,)),
+        ("P", "f8", (_N * _N,)),
     ],
     align=True,
 )
-"""Memory of the kernel :func:`posture`. A matrix uses the beginning of its array, row by row, at its own size."""
+"""Memory of the posture. A matrix uses the beginning of its array, row by row, at its own size."""
+
+
+@kernel
+def free_of_tool(M_inv, MJ_T, Lambda, N, X, P):
+    """Set P (N, N) to M^-1 - M^-1 J^T Lambda J M^-1, for MJ_T = M^-1 J^T (N, 6); X (N, 6) is scratch."""
+    product(MJ_T, N, 6, Lambda, 6, X)
+    for i in range(N):
+        for j in range(i + 1):
+            value = M_inv[N * i + j]
+            for k in range(6):
+                value -= X[6 * i + k] * MJ_T[6 * j + k]
+            P[N * i + j] = value
+            P[N * j + i] = value
+
+
+@kernel
+def free_of_base(M, N, G, X, P):
+    """Set P (N, N) for a task that holds the base, J = [I 0]: the inverse inertia of the joints; G and X (N - 6, N - 6)
+    are scratch."""
+    n = N - 6
+    for i in range(n):
+        for j in range(n):
+            G[n * i + j] = M[N * (6 + i) + 6 + j]
+    cholesky(G, n, G)
+    inverse(G, n, X)
+    for i in range(N):
+        for j in range(N):
+            P[N * i + j] = X[n * (i - 6) + j - 6] if i >= 6 and j >= 6 else 0.0
 
 
 @kernel
 def posture(settings, known, zeta, q, N, M, M_inv, P, work):
-    """Set work.a to the acceleration (N,) that the posture demands, within what is free.
+    """Add to work.a, the acceleration (N,) that the task gives, what the levels demand within the motion that is free.
 
     Args:
         settings: record with levels (3,): in order of priority, ATTITUDE, STATION, JOINTS or -1; frequency (3,) [rad/s]
@@ -77,19 +113,24 @@ def posture(settings, known, zeta, q, N, M, M_inv, P, work):
         P: free mobility (N, N); becomes what the levels leave.
         work: a WORK record.
     """
-    for i in range(N):
-        work.a[i] = 0.0
+    n = N - 6
+    for i in range(n):
+        for j in range(n):
+            work.P_qq[n * i + j] = P[N * (6 + i) + 6 + j]
     for k in range(3):
         kind = int(settings.levels[k])
         if kind == ATTITUDE:
             rows = attitude(settings, known, zeta, work)
-            govern(3, 3, rows, N, M_inv, P, work)
+            whiten(3, 3, rows, M_inv, N, 3, work)
+            govern(3, 3, rows, N, FREEDOM, P, work)
         elif kind == STATION:
             station(settings, known, zeta, work)
-            govern(0, 3, 3, N, M_inv, P, work)
+            whiten(0, 3, 3, M_inv, N, 0, work)
+            govern(0, 3, 3, N, FREEDOM, P, work)
         elif kind == JOINTS:
-            joints(settings, zeta, q, N - 6, work)
-            govern(6, N - 6, N - 6, N, M_inv, P, work)
+            joints(settings, zeta, q, n, work)
+            whiten(6, n, n, work.P_qq, n, 0, work)
+            govern(6, n, n, N, 1.0, P, work)
     if settings.free_damping > 0.0:
         slow(settings.free_damping, zeta, N, M, P, work)
 
@@ -164,11 +205,10 @@ def joints(settings, zeta, q, n, work):
 
 
 @kernel
-def govern(first, width, rows, N, M_inv, P, work):
+def govern(first, width, rows, N, epsilon, P, work):
     """Add the acceleration of one level to work.a, and take its motion out of P. Its Jacobian is T (rows, width) in the
-    columns from ``first`` on, and b its demand; both are lost."""
+    columns from ``first`` on, and b is its demand beyond work.a, both as :func:`whiten` leaves them."""
     T, b, X, S, V, x, a = work.T, work.b, work.X, work.S, work.V, work.x, work.a
-    whiten(first, width, rows, N, M_inv, work)
     for i in range(rows):  # X = J P, S = X J^T
         for c in range(N):
             value = 0.0
@@ -184,7 +224,7 @@ def govern(first, width, rows, N, M_inv, P, work):
     symmetric_eigen(S, rows, V)
     for i in range(rows):
         sigma = S[rows * i + i]
-        f = 1.0 / sigma if sigma >= FREEDOM else (2.0 - max(sigma, 0.0) / FREEDOM) / FREEDOM
+        f = 1.0 / sigma if sigma >= epsilon else (3.0 - 2.0 * sigma / epsilon) * sigma / (epsilon * epsilon)
         demand = 0.0
         for j in range(rows):
             demand += V[rows * i + j] * b[j]
@@ -199,15 +239,15 @@ def govern(first, width, rows, N, M_inv, P, work):
 
 
 @kernel
-def whiten(first, width, rows, N, M_inv, work):
-    """T becomes L^-1 T and b becomes L^-1 (b - T a), for L L^T = T M^-1 T^T, so that the rows are as free as each
-    other and without coupling while nothing is taken."""
+def whiten(first, width, rows, reference, stride, at, work):
+    """T becomes L^-1 T and b becomes L^-1 (b - T a), for L L^T = T R T^T, with the block R of the matrix ``reference``,
+    whose rows have ``stride`` numbers, that begins at row and column ``at``."""
     T, b, X, G = work.T, work.b, work.X, work.G
     for i in range(rows):
         for c in range(width):
             value = 0.0
             for k in range(width):
-                value += T[width * i + k] * M_inv[N * (first + k) + first + c]
+                value += T[width * i + k] * reference[stride * (at + k) + at + c]
             X[width * i + c] = value
             b[i] -= T[width * i + c] * work.a[first + c]
     for i in range(rows):

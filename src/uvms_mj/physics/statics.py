@@ -5,6 +5,7 @@ axes, and a wrench F at its origin in its axes is the generalised force :math:`J
 module; the loop has the kernels of :mod:`.tree`.
 """
 
+import copy
 import functools
 import math
 from collections.abc import Sequence
@@ -51,23 +52,14 @@ class Statics:
     Args:
         vehicle: with M_RB, M_A, D_linear, D_quadratic, mass, r_g, displaced_mass, r_b, and ``arm.links``, each of which
             has these too, and parent, slide, p_0, R_0, axis, anchor, armature.
-        like: the same links at the same q, with other coefficients, whose poses are taken over.
 
     Attributes:
         bodies: the base and the links.
         R, p: attitudes (n + 1, 3, 3) and positions (n + 1, 3) of their frames in B [m].
     """
 
-    def __init__(self, vehicle: Any, q: np.ndarray, like: "Statics | None" = None) -> None:
+    def __init__(self, vehicle: Any, q: np.ndarray) -> None:
         self.vehicle, self.bodies, self.q = vehicle, (vehicle, *vehicle.arm.links), q
-        self.R: np.ndarray
-        self.p: np.ndarray
-        self.axes: np.ndarray
-        self.anchors: np.ndarray
-        if like is not None:
-            self.R, self.p, self.axes, self.anchors = like.R, like.p, like.axes, like.anchors
-            self.jacobians = like.jacobians
-            return
         n = len(vehicle.arm.links)
         self.R, self.p = np.tile(np.eye(3), (n + 1, 1, 1)), np.zeros((n + 1, 3))
         self.axes, self.anchors = np.zeros((n, 3)), np.zeros((n, 3))  # of the joints, in B
@@ -78,6 +70,13 @@ class Statics:
             self.R[k] = self.R[above] @ (link.R_0 @ turn)
             self.p[k] = self.p[above] + self.R[above] @ (link.p_0 + link.R_0 @ moved)
             self.axes[k - 1], self.anchors[k - 1] = self.R[k] @ link.axis, self.p[k] + self.R[k] @ link.anchor
+
+    def with_coefficients(self, vehicle: Any) -> "Statics":
+        """The same posture of a vehicle whose links are in the same places and have other coefficients."""
+        other = copy.copy(self)
+        other.vehicle, other.bodies = vehicle, (vehicle, *vehicle.arm.links)
+        vars(other).pop("_bodies", None)
+        return other
 
     @functools.cached_property
     def _bodies(self) -> _Bodies:

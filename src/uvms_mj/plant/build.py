@@ -25,6 +25,7 @@ from ..physics.frames import quat_from_euler_deg
 from .geometry import Geometry
 from .joints import set_constraints
 from .mjcf import Mjcf
+from .payload import load
 from .probe import Probe
 from .settings import Initial, VehicleChoice, Wall
 from .variation import varied, vary
@@ -69,6 +70,8 @@ class Plant:
         spec.option.timestep = self.timestep
         spec.option.integrator = getattr(mujoco.mjtIntegrator, _INTEGRATORS[self.integrator])
         _add_surroundings(spec, self.vehicle.body, self.wall, self.probe)
+        if self.choice.payloads:
+            load(spec, self.mjcf.compiled(self.mjcf.spec()), self.choice.payloads, self.choice.mass)
         model = self.mjcf.compiled(spec)
         set_constraints(model)
         vary(model, free_body_id(model, self.vehicle.body), self.vehicle.actuator_ids, self.choice)

@@ -41,7 +41,9 @@ def _owners(model: mujoco.MjModel, base: int, prefix: str) -> tuple[set[str], se
         if body != base:
             name = model.body(body).name
             links.add(name.removeprefix(prefix))
-            joints.add((model.joint(model.body_jntadr[body]).name or name).removeprefix(prefix))
+            first = model.body_jntadr[body]
+            names = [model.joint(i).name or name for i in range(first, first + model.body_jntnum[body])]
+            joints |= {each.removeprefix(prefix) for each in names}
     return links, joints
 
 

@@ -5,14 +5,6 @@ from typing import Any
 
 import numpy as np
 
-BODY = "body"
-"""The frame of the task that is B."""
-
-
-def frame_of(scenario: Any) -> str:
-    """The frame of the task of a scenario: BODY, or the name of a site."""
-    return getattr(scenario.task, "frame", BODY)
-
 
 @dataclass(frozen=True, eq=False)
 class Carrier:
@@ -57,7 +49,7 @@ class Probe:
         """The probe at the frame of a task, "body" or the name of a site, from the vehicle's
         :class:`uvms_mj.plant.mjcf.Mjcf`."""
         vehicle = mjcf.vehicle
-        if frame == BODY:
+        if frame == "body":
             return cls(vehicle.body, Carrier.of_link(-1), mjcf.geometry.reach)
         site = vehicle.arm.sites[frame]
         body = vehicle.arm.links[site.link].name if site.link >= 0 else vehicle.body

@@ -28,6 +28,20 @@ from .surfaces import ContactBody, Friction, Surface, WallDamping, WallStiffness
 _TrueFactor = Annotated[Number, within(0.0, 1e3, "")]
 
 
+_Mass = Annotated[Number, within(0.0, 1e6, "kg")]
+
+
+@dataclass(frozen=True, config=STRICT)
+class Payload:
+    """One table of ``[[vehicle.payloads]]``."""
+
+    link: str
+    """Name of the link, or of the vehicle's body."""
+    mass: _Mass
+    position: Position = doc("in the frame of the link [m]", (0.0, 0.0, 0.0))
+    displaced_mass: _Mass = doc("mass of the water that it displaces [kg]", 0.0)
+
+
 @dataclass(frozen=True, config=STRICT)
 class VehicleChoice:
     """The vehicle's file, and factors that make the true vehicle differ from it. The laws do not know the factors: the
@@ -42,6 +56,11 @@ class VehicleChoice:
     thruster_offset: tuple[Position, ...] | None = doc(
         "offset of each true thruster in B, unknown to the allocation: [[0.02, 0, 0], ...]; default: none [m]", None
     )
+    payloads: tuple[Payload, ...] = doc(
+        "point masses on the base or a link, unknown to the laws: [{link = ..., mass = ..., position = [0, 0, 0], "
+        "displaced_mass = 0}, ...] [kg, m]",
+        (),
+    )
     contact_bodies: tuple[ContactBody, ...] = doc("spheres and capsules that touch walls, in place of the probe", ())
 
 
@@ -51,6 +70,10 @@ class Stepping:
     duration: Duration = doc("simulated time [s]", 20.0)
     integrator: Annotated[Literal["euler", "implicitfast"], Lowercase] = doc("MuJoCo's integrator", "euler")
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = doc("seed of the random numbers of the stages", 0)
+
+
+OF_VEHICLE = {"vehicle.contact_bodies": ContactBody, "vehicle.payloads": Payload}
+"""The tables within the table, by their key."""
 
 
 @dataclass(frozen=True, config=STRICT)

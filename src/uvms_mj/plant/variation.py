@@ -12,6 +12,7 @@ import numpy as np
 from ..errors import Fault, InputError
 from ..physics.frames import rotation_matrix
 from .arm import Link
+from .payload import loaded, payload_faults
 from .settings import VehicleChoice
 from .vehicle import Vehicle
 
@@ -20,7 +21,8 @@ def varied(nominal: Vehicle, choice: VehicleChoice) -> Vehicle:
     """The true vehicle, from the vehicle of a file.
 
     Raises:
-        InputError: ``thruster_offset`` does not have one offset a thruster, or would move a pure moment.
+        InputError: ``thruster_offset`` does not have one offset a thruster, or would move a pure moment, or a payload
+            is on a link that the vehicle does not have.
     """
     if choice == VehicleChoice(choice.model, contact_bodies=choice.contact_bodies):
         return nominal
@@ -28,6 +30,9 @@ def varied(nominal: Vehicle, choice: VehicleChoice) -> Vehicle:
     if choice.thruster_offset is not None:
         _refuse(nominal, choice.thruster_offset)
         B[3:] += np.cross(np.array(choice.thruster_offset), nominal.B[:3].T).T
+    names = [nominal.body, *(link.name for link in nominal.arm.links)]
+    if faults := payload_faults(choice.payloads, names):
+        raise InputError(faults)
     true = dataclasses.replace(
         nominal,
         M_RB=choice.mass * nominal.M_RB,
@@ -40,7 +45,7 @@ def varied(nominal: Vehicle, choice: VehicleChoice) -> Vehicle:
     )
     for array in (true.M_RB, true.M_A, true.D_linear, true.D_quadratic, true.B):
         array.setflags(write=False)
-    return true
+    return loaded(true, [each for each in choice.payloads if each.link == nominal.body])
 
 
 def _varied(link: Link, choice: VehicleChoice) -> Link:
@@ -55,7 +60,7 @@ def _varied(link: Link, choice: VehicleChoice) -> Link:
     )
     for array in (true.M_RB, true.M_A, true.D_linear, true.D_quadratic):
         array.setflags(write=False)
-    return true
+    return loaded(true, [each for each in choice.payloads if each.link == link.name])
 
 
 def _refuse(nominal: Vehicle, offsets: tuple[tuple[float, ...], ...]) -> None:

@@ -17,9 +17,10 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from ..control.rest import NoClosedForm, SteadyState
+from ..control.task import BODY
 from ..plant.geometry import Geometry
 from ..plant.mjcf import Mjcf
-from ..plant.probe import BODY, Probe, frame_of
+from ..plant.probe import Probe
 from ..quantities import STRICT, NonNegative
 from ..scenario import STAGES, Scenario
 from ..stages.base import Stage
@@ -131,15 +132,15 @@ class Header:
     @property
     def task_frame(self) -> tuple[str, str, str]:
         """Names of the position, the attitude and the velocity of the frame of the task: those of B, or of the tool."""
-        at_tool = "p_WT" in self.by_name and frame_of(self.scenario) != BODY
+        at_tool = "p_WT" in self.by_name and self.scenario.task.frame != BODY
         return ("p_WT", "quat_WT", "nu_T") if at_tool else ("p_WB", "quat_WB", "nu")
 
     @property
     def probe_radius(self) -> float:
         """Distance from the origin of the frame of the task to the wall's face at the beginning of contact [m]."""
-        if frame_of(self.scenario) == BODY:
+        if self.scenario.task.frame == BODY:
             return self.geometry.reach
-        return Probe.of(frame_of(self.scenario), self.mjcf).radius
+        return Probe.of(self.scenario.task.frame, self.mjcf).radius
 
     @property
     def width(self) -> int:

@@ -108,15 +108,20 @@ def drawn_wall(wall: Surface) -> Shape:
 
 
 def drawn_vehicle(header: Header) -> Geometry:
-    """The shapes of a vehicle and its contact bodies."""
-    bodies = tuple(drawn_body(body) for body in header.scenario.vehicle.contact_bodies)
-    return (
-        dataclasses.replace(header.geometry, shapes=(*header.geometry.shapes, *bodies)) if bodies else header.geometry
-    )
+    """The shapes of a vehicle and its contact bodies, each with the base or the link that carries it."""
+    geometry, bodies = header.geometry, header.scenario.vehicle.contact_bodies
+    if not bodies:
+        return geometry
+
+    def with_bodies(shapes: tuple[Shape, ...], link: str | None) -> tuple[Shape, ...]:
+        return *shapes, *(drawn_body(body) for body in bodies if body.body == link)
+
+    links = tuple(dataclasses.replace(link, shapes=with_bodies(link.shapes, link.name)) for link in geometry.links)
+    return dataclasses.replace(geometry, shapes=with_bodies(geometry.shapes, None), links=links)
 
 
 def drawn_body(body: ContactBody) -> Shape:
-    """A contact body in B."""
+    """A contact body in the frame of its base or link."""
     if body.end is None:
         return Shape("sphere", (body.radius, 0.0, 0.0), body.position, (1.0, 0.0, 0.0, 0.0), BODY_RGBA)
     a, b = np.array(body.position), np.array(body.end)
@@ -134,11 +139,6 @@ def wall_face(header: Header) -> float:
     if not header.scenario.wall.present and header.scenario.walls:
         return header.scenario.walls[0].position[0]
     return header.scenario.wall.position + header.probe_radius
-
-
-def origin(header: Header) -> str:
-    """The position that the reference p_d is for: that of B's origin, or that of the tool."""
-    return "p_WT" if "p_WT" in header.by_name else "p_WB"
 
 
 def _contact(header: Header, values: Values) -> tuple[np.ndarray, np.ndarray]:

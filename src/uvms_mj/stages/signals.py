@@ -219,6 +219,9 @@ MEASURED = (
 DELAYED = (Signal("tau_cmd_delayed", (6,), _WRENCH, "B", "tau_cmd after controller.delay, given to the actuation"),)
 """Recorded if the law has a computation delay."""
 
+IN_TASK_FRAME = (*(s.name for s in ERRORS + IMPEDANCE + TASK), "tau_cmd", "tau_cmd_delayed", "boundary_layer_time")
+"""Signals whose frame is that of the task. With a tool, their recorded frame is T in place of B."""
+
 UNSTEADY = (
     _SET["v_c_W"],
     Signal("v_c_dot_W", (3,), "m/s^2", "W", "time derivative of v_c_W along the vehicle's path"),

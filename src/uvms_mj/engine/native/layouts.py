@@ -7,6 +7,7 @@ from ...physics.contact import CONTACT
 from ...physics.hydrodynamics import WATER
 from ...physics.operational import TOOL
 from ...physics.pairs import PAIR
+from ...physics.posture import WORK
 from ...physics.surfaces import SURFACE
 from ...physics.tree import LINK
 from ...physics.varying import varying
@@ -46,6 +47,8 @@ MODEL = np.dtype(
         ("J_T_at", "i8"),  # (N, 6) J^T of the tool
         ("MJ_T_at", "i8"),  # (N, 6) M^-1 J^T
         ("tau_at", "i8"),  # (N,) commanded wrench and torques
+        ("tau_posture_at", "i8"),  # (N,) of them, what the posture adds
+        ("posture", WORK),
         ("L_task", "f8", (36,)),
         ("Lambda", "f8", (36,)),
         ("manipulability", "f8", (1,)),

@@ -11,6 +11,7 @@ from ...stages.signals import CLOCK, KNOWN, MANIPULABILITY, TOOL, Signal, record
 from .joints import Joints
 from .layouts import MODEL
 from .links import link_records
+from .posture import PostureBelowTool, PostureBesideBase
 from .task_frame import ModelAtBody, ModelAtTool, ResolveAtBody, ResolveAtTool
 
 
@@ -34,7 +35,7 @@ class ModelMemory:
         self.record["n"], self.record["N"], self.record["gravity_W"] = n, N, setup.gravity_W
         self.record["tree"]["links"], self.record["tree"]["links_at"] = n + 1, self.links.ctypes.data
         sizes = {"M": N * N, "L": N * N, "J_T": 6 * N, "MJ_T": 6 * N, "C": N, "D": N, "g": N, "tau": N}
-        sizes |= {"armature": n, "gear": n}
+        sizes |= {"tau_posture": N, "armature": n, "gear": n}
         self.arrays = {name: np.zeros(size) for name, size in sizes.items()}
         self.arrays |= {"q": q, "q_dot": q_dot, "tau_q_cmd": joints.tau_q_cmd}
         for name, array in self.arrays.items():
@@ -65,7 +66,7 @@ class TaskFrame:
         model: memory of the law's model, or None for a rigid vehicle at B.
         tool: memory of the true tool, or None without one.
         motion: its recorded motion (1,).
-        estimation, resolution: the stages of the model and of the command.
+        estimation, resolution, posture: the stages of the model, of the command and of what the task leaves free.
     """
 
     def __init__(self, setup: Setup, signals: np.ndarray, joints: Joints) -> None:
@@ -79,6 +80,7 @@ class TaskFrame:
             self.tool = ModelMemory(setup, setup.vehicle, joints, joints.q, joints.q_dot)
         self.estimation = ModelAtTool() if at_tool else ModelAtBody()
         self.resolution = ResolveAtTool() if at_tool else ResolveAtBody()
+        self.posture = PostureBelowTool() if at_tool else PostureBesideBase()
 
     def recorded(self) -> list[tuple[Signal, np.ndarray]]:
         """The recorded signals of a tool, each with its memory."""

@@ -1,9 +1,11 @@
 """The recorded signals of a run, and where in memory each of them lies."""
 
 from collections.abc import Iterator, Sequence, Set
+from dataclasses import replace
 
 import numpy as np
 
+from ...control.base import Controller
 from ...control.task import ImpedanceTask
 from ...errors import Fault, InputError
 from ...navigation import Navigation, Perfect
@@ -11,6 +13,7 @@ from ...stages.base import Stage
 from ...stages.joint_signals import JOINT_SIGNALS
 from ...stages.signals import (
     DELAYED,
+    IN_TASK_FRAME,
     MANIPULABILITY,
     MEASURED,
     OWN_UNIT,
@@ -68,7 +71,11 @@ def recorded(
     found += stages.frame.recorded()
     own = [each for each in stages.states() if each[1] != "zeta" or not isinstance(each[0], ImpedanceTask)]
     check_states([(stage, name) for stage, name, _ in own], {signal.name for signal, _ in found})
-    return found + [(state_signal(stage, name, memory.size), memory) for stage, name, memory in own]
+    found += [(state_signal(stage, name, memory.size), memory) for stage, name, memory in own]
+    if stages.frame.tool is None:
+        return found
+    at_tool = {*IN_TASK_FRAME, *(name for stage, name, _ in own if isinstance(stage, Controller))}
+    return [(replace(each, frame="T") if each.name in at_tool else each, memory) for each, memory in found]
 
 
 def check_states(states: Sequence[tuple[Stage, str]], names: Set[str] = frozenset()) -> None:

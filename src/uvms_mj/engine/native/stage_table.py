@@ -143,6 +143,9 @@ class StageTable:
         if frame.model is not None:
             out = part(self.signals, UP_TO_ESTIMATES)
             add("model", frame.estimation, part(frame.base, CLOCK + KNOWN), out, frame.model.record)
+            if joints.interface is not None and type(joints.interface).obeys:
+                torques = frame.model.arrays["tau_posture"]
+                add("below", frame.posture, part(frame.base, CLOCK + KNOWN), torques, frame.model.record)
 
     @property
     def tau_cmd(self) -> np.ndarray:

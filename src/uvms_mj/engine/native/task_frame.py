@@ -133,8 +133,10 @@ class ResolveAtTool(Stage):
 
 @kernel
 def deliver(model, tau, tau_B):
-    """Give tau (N,) to the allocation, tau_B (6,), and to the joints."""
-    tau_q_cmd = floats(model.tau_q_cmd_at, model.n)
+    """Add the posture to tau (N,), and give it to the allocation, tau_B (6,), and to the joints."""
+    tau_q_cmd, tau_posture = floats(model.tau_q_cmd_at, model.n), floats(model.tau_posture_at, model.N)
+    for i in range(model.N):
+        tau[i] += tau_posture[i]
     for i in range(6):
         tau_B[i] = tau[i]
     for k in range(model.n):

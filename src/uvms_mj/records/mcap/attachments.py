@@ -23,7 +23,7 @@ from ...plant.mjcf import Mjcf
 from ...quantities import STRICT, NonNegative, Real
 from ...scenario import STAGES, Scenario
 from ...stages.loader import recorded_stage
-from ...stages.signals import OF_JOINTS, RECORDED, Signal
+from ...stages.signals import IN_TASK_FRAME, OF_JOINTS, RECORDED, Signal
 from ..header import Header, Outcome, StageSource, code_file
 
 MOST_BYTES = 256_000_000
@@ -254,11 +254,17 @@ def _are_sound(signals: tuple[Signal, ...], states: Mapping[str, int]) -> bool:
     """Whether signals begin with t, are all there that a log needs, and are those of this version's table."""
     found = {s.name: (s.shape, s.unit, s.frame) for s in signals}
     table = {s.name: (s.shape, s.unit, s.frame) for s in RECORDED}
+
+    def agrees(name: str, facts: tuple[tuple[int, ...], str, str]) -> bool:
+        shape, unit, frame = facts
+        frame = "B" if "p_WT" in found and frame == "T" and name in IN_TASK_FRAME else frame
+        return (shape, unit, frame) == table.get(name, (shape, unit, frame))
+
     return (
         len(found) == len(signals) > 0
         and signals[0].name == "t"
         and found.keys() >= {*_NEEDED, *states}
-        and all(name.isidentifier() and facts == table.get(name, facts) for name, facts in found.items())
+        and all(name.isidentifier() and agrees(name, facts) for name, facts in found.items())
         and all(found[name][0] == (size,) for name, size in states.items())
         and len(found["u"][0]) == 1
     )

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...control.rest import SteadyState
+from ...control.task import BODY
 from ...physics.frames import quat_from_euler_deg, rotation_matrix
-from ...plant.probe import BODY, frame_of
 from ...stages.signals import RUNNING, Signal
 from ..header import Header
 from ..scene import FORCE_SCALE, scene_of, wall_face
@@ -179,7 +179,7 @@ def columns(header: Header, rows: np.ndarray) -> dict[str, np.ndarray]:
     f_W, R = values["f_contact_W"], rotation_matrix(values["quat_WB"])
     # the contact point is arm (n,) from the origin of the frame of the task along x of W
     moment_W = np.stack([np.zeros(len(f_W)), -arm * f_W[:, 2], arm * f_W[:, 1]], axis=1)
-    if frame_of(header.scenario) != BODY:
+    if header.scenario.task.frame != BODY:
         moment_W += np.cross(origin - values["p_WB"], f_W)
     values["f_contact.wrench"] = np.concatenate([np.einsum("nij,ni->nj", R, each) for each in (f_W, moment_W)], axis=1)
     return values

@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 
-from ...records.scene import origin
 from ...records.trace import Trace
 from ...stages.signals import AXES, OF_JOINTS, Signal
 from ...views import colours
@@ -41,7 +40,7 @@ class Overlay:
 
     def position(self, i: int) -> Panel:
         """x, y or z, with references; x with walls."""
-        names = {label: origin(trace.header) for label, trace in self.traces.items()}
+        names = {label: trace.header.task_frame[0] for label, trace in self.traces.items()}
         values = {label: trace[names[label]][:, i] for label, trace in self.traces.items()}
         wholes = [largest(trace[names[label]]) for label, trace in self.traces.items()]
 

@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from ...records.scene import origin
 from ...records.trace import Trace
 from ...stages.signals import AXES, OWN_UNIT, Signal
 from .insets import Inset
@@ -62,7 +61,7 @@ class Panel:
 
 def position(trace: Trace) -> Panel:
     """Position in W of B or of the tool, reference and wall; with an inset of x near the wall if the run ends there."""
-    name = origin(trace.header)
+    name = trace.header.task_frame[0]
     p, reach = trace[name], np.concatenate([trace[name], trace.p_d])
 
     def draw(ax: Axes) -> None:
@@ -88,7 +87,7 @@ def near_wall(traces: dict[str, Trace], looks: dict[str, dict[str, Any]]) -> tup
     if not all(trace.scenario.wall.present for trace in traces.values()):
         return ()
     walls = {trace.scenario.wall.position for trace in traces.values()}
-    ways = {label: trace[origin(trace.header)][:, 0] for label, trace in traces.items()}
+    ways = {label: trace[trace.header.task_frame[0]][:, 0] for label, trace in traces.items()}
     depth = max(max(abs(float(trace.p_d[-1, 0]) - min(walls)) for trace in traces.values()), 2e-3)
     x_c = min(walls)
     ends = [float(x[-1]) for x in ways.values()]
@@ -102,7 +101,7 @@ def near_wall(traces: dict[str, Trace], looks: dict[str, dict[str, Any]]) -> tup
     def draw(ax: Axes, power: float) -> None:
         for label, trace in traces.items():
             rest = slice(int(np.searchsorted(trace.t, first)), None)
-            line(ax, trace.t[rest], ways[label][rest], f"{origin(trace.header)}.x", **looks[label])
+            line(ax, trace.t[rest], ways[label][rest], f"{trace.header.task_frame[0]}.x", **looks[label])
             line(ax, trace.t[rest], trace.p_d[rest, 0], "p_d.x", **REFERENCE)
         last = max(float(trace.t[-1]) for trace in traces.values())
         level(ax, np.array([first, last]), x_c, "wall", WALL)

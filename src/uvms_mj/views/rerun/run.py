@@ -17,7 +17,7 @@ from ...plant.geometry import Geometry
 from ...plant.shapes import Shape
 from ...records.header import Header
 from ...records.palette import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, Colour
-from ...records.scene import FORCE_SCALE, FORCES, WALL_SIZE, Force, magnitudes, origin, scene_of, span
+from ...records.scene import FORCE_SCALE, FORCES, WALL_SIZE, Force, magnitudes, scene_of, span
 from ...stages.signals import Signal
 from ..colours import mixed
 from . import arm
@@ -76,7 +76,7 @@ class Run:
         self.piece_steps = self.pose_steps * max(1, round(duration / TRAJECTORY_PIECES / (self.pose_steps * row_s)))
         joints = ("q", "q_dot", "tau_q", "p_WT") if self.header.geometry.links else ()
         self.plotted = ("p_WB", "p_d", "tau", "s", *joints, *self.header.law.states)
-        self.origin = origin(self.header)
+        self.origin = self.header.task_frame[0]
         self._rows = 0
         self._last_p: np.ndarray | None = None
 
@@ -229,7 +229,7 @@ class Run:
             radii=[0.003],
             fill_mode="majorwireframe",
         )
-        if at_tool := "p_WT" in self.header.by_name:
+        if at_tool := self.origin == "p_WT":
             self._log(("world", "tool"), arm.triad())
         self._log(("world", "reference"), arm.triad(0.6) if at_tool else box)
         if self.label:

@@ -1,0 +1,82 @@
+"""``uvms-mj validate``: runs that are compared with measurements."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from .common import EXIT_BAD_INPUT, bad_input, command, draw_to_files, end, json_option, path_option, progress_bar
+from .console import print_table, table_of
+from .folders import folder_for
+from .stop import Stop, exit_interrupted
+
+PAGE = "report.html"
+
+
+@click.group()
+def validate() -> None:
+    """Compare runs with measurements.
+
+    \b
+    uvms-mj validate pool --data pool_2023
+    """
+
+
+@command(epilog="Exit status: 0 completed, 2 bad input or no space, 130 interrupted (143 by SIGTERM).")
+@path_option("--data", required=True, metavar="DIR", help="Folder of the records.")
+@path_option("-o", "--out", metavar="DIR", help="Folder of the results [default: runs/validate-pool].")
+@click.option("-j", "--workers", metavar="N", type=click.IntRange(1, 4096), help="Processes [default: one per core].")
+@json_option
+def pool(data: str, out: str | None, workers: int | None, as_json: bool) -> None:
+    """A vehicle that floats in a pool while its arm moves.
+
+    For every trial in DIR the vehicle floats freely, its thrusters off, and the arm is driven along the measured joint
+    angles. The page report.html has measured and simulated roll, pitch and yaw, their errors, those without the links'
+    added mass and drag, with lumped added mass and with a fitted metacentric height, and the motion that would tell
+    these models apart. A trial is NAME_mocap.csv, NAME_imu.csv and NAME_joint_states.csv, as Kolano and Davidson
+    publish them in UVMS-SysID-with-EAs. It takes about a minute.
+
+    \b
+    uvms-mj validate pool --data pool_2023 --out pool
+    """
+    draw_to_files()
+    folder, stop = Path(out or Path("runs", "validate-pool")), Stop()
+    try:
+        with bad_input():
+            from ..records.header import versions
+            from ..studies import pages
+            from ..studies.study import executor_of
+            from ..studies.validate.data import records
+            from ..studies.validate.page import numbers, page
+            from ..studies.validate.results import compute
+
+            trials, resting = records(data)
+            folder_for(str(folder))
+            with progress_bar("running", as_json, stop) as update, executor_of(None, workers) as executor:
+                results = compute(trials, resting, executor, update)
+            found = numbers(results)
+            pages.write(folder / PAGE, page(results, versions()))
+            pages.write(folder / "numbers.json", json.dumps(found, indent=1) + "\n")
+    except KeyboardInterrupt:
+        end("interrupted", exit_interrupted())
+    except OSError as error:
+        end(f"error: {error.filename or folder}: {error.strerror or error}", EXIT_BAD_INPUT)
+    if as_json:
+        click.echo(json.dumps(found | {"report": str(folder / PAGE)}, allow_nan=False))
+        return
+    _table(found)
+    click.echo(str(folder / PAGE))
+
+
+def _table(found: dict[str, Any]) -> None:
+    table = table_of(f"{len(found['trials'])} trials: mean rms error of the pitch", "model", fixed=("deg",))
+    table.add_column("deg", justify="right")
+    for name, value in found["mean_rms_pitch_deg"].items():
+        table.add_row(name, f"{value:.3f}")
+    others = f"height fitted on {', '.join(found['fitted_on'])}; mean of the other trials"
+    table.add_row(others, f"{found['mean_rms_pitch_fitted_deg']:.3f}")
+    print_table(table)
+
+
+validate.add_command(pool)

@@ -1,0 +1,117 @@
+"""The posture of a vehicle with joints: what is done with the motion that the task leaves free.
+
+The kernel is :func:`uvms_mj.physics.posture.posture`. Gains are natural frequencies, so that the torques scale with the
+inertia that a level has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import AfterValidator
+from pydantic.dataclasses import dataclass as table
+
+from ..errors import Fault
+from ..physics.frames import quat_from_euler_deg, rotation_matrix
+from ..physics.posture import MOST_JOINTS
+from ..quantities import STRICT, Angles, Number, Position, doc, within
+
+LEVELS = ("attitude", "station", "joints")
+"""The levels by the numbers of the kernel."""
+_Frequency = Annotated[Number, within(0.0, 1e3, "rad/s")]
+
+
+def _once(order: tuple[str, ...]) -> tuple[str, ...]:
+    if len(set(order)) < len(order):
+        raise ValueError("names a level twice")
+    return order
+
+
+@table(frozen=True, config=STRICT)
+class Posture:
+    """Levels below the task, each with the motion that those before it leave."""
+
+    order: Annotated[tuple[Literal["attitude", "station", "joints"], ...], AfterValidator(_once)] = doc(
+        'levels of the posture, the most important one first: any of "attitude", "station" and "joints"',
+        ("attitude", "joints"),
+    )
+    attitude_deg: Angles | None = doc(
+        "roll, pitch, yaw that the level attitude holds; default: initial.attitude_deg [deg]", None
+    )
+    yaw: bool = doc("true: the level attitude holds yaw too, not roll and pitch alone", False)
+    station: Position | None = doc(
+        "position of B in W that the level station keeps; default: initial.position [m]", None
+    )
+    joints: tuple[Number, ...] | None = doc(
+        "position of each joint that the level joints holds; default: initial.joints [rad or m]", None
+    )
+    attitude_frequency: _Frequency = doc("natural frequency of the level attitude [rad/s]", 2.0)
+    station_frequency: _Frequency = doc("natural frequency of the level station [rad/s]", 0.5)
+    joints_frequency: _Frequency = doc("natural frequency of the level joints [rad/s]", 2.0)
+    damping_ratio: Annotated[Number, within(0.0, 1e3, "")] = doc("damping ratio of all levels [1]", 1.0)
+    free_damping: Annotated[Number, within(0.0, 1e3, "1/s")] = doc(
+        "rate at which the motion that no level governs decays [1/s]", 1.0
+    )
+
+
+def posture_constants(setup: Any) -> dict[str, Any]:
+    """The settings of the kernel :func:`uvms_mj.physics.posture.posture`, from the run's Setup."""
+    given, initial = setup.scenario.posture, setup.scenario.initial
+    frequency = np.array([getattr(given, f"{level}_frequency") for level in LEVELS])
+    levels = [LEVELS.index(level) for level in given.order]
+    joints = setup.plant.initial_joints(initial) if given.joints is None else np.array(given.joints)
+    quat_d = quat_from_euler_deg(*(initial.attitude_deg if given.attitude_deg is None else given.attitude_deg))
+    return {
+        "levels": np.array([*levels, *[-1] * (3 - len(levels))], dtype=float),
+        "frequency": frequency,
+        "damping": 2.0 * given.damping_ratio * frequency,
+        "yaw": given.yaw,
+        "quat_d": quat_d,
+        "up_d": rotation_matrix(quat_d)[2],
+        "p_d": np.array(initial.position if given.station is None else given.station),
+        "joints": np.concatenate([joints, np.zeros(MOST_JOINTS - len(joints))]),
+        "free_damping": given.free_damping,
+    }
+
+
+def posture_faults(setup: Any) -> Iterator[Fault]:
+    """Errors of ``[posture]`` that need the vehicle and the interface of its joints."""
+    given, links = setup.scenario.posture, setup.nominal.arm.links
+    if not links:
+        if given != Posture():
+            model = setup.scenario.vehicle.model
+            yield Fault("posture", f"the vehicle {model!r} has no joints, so the task leaves nothing to a posture")
+        return
+    interface = setup.scenario.joints.meant(setup)
+    if not type(interface).obeys and given != Posture():
+        yield Fault(
+            "posture", f"the joint interface {interface.label()} holds the joints itself; use joints.name=torque"
+        )
+    if given.joints is None:
+        return
+    if len(given.joints) != len(links):
+        names = ", ".join(link.joint for link in links)
+        yield Fault("posture.joints", f"has {len(given.joints)} values; {len(links)} are needed, for {names}")
+        return
+    for k, (q, link) in enumerate(zip(given.joints, links, strict=True)):
+        low, high = link.range
+        if not low <= q <= high:
+            yield Fault(f"posture.joints[{k}]", f"{q:g} is outside the range of {link.joint}, {low:g} to {high:g}")
+
+
+def posture_notes(setup: Any) -> Iterator[str]:
+    """Notes on levels that have no freedom left, by a count of components."""
+    given, free = setup.scenario.posture, len(setup.nominal.arm.links)
+    if not free or not type(setup.scenario.joints.meant(setup)).obeys:
+        return
+    sizes = {"attitude": 3 if given.yaw else 2, "station": 3, "joints": free}
+    held = ("attitude", "station") if setup.scenario.task.frame == "body" else ()
+    above = ["the task"]
+    for level in given.order:
+        if free <= 0 or (level in held and given != Posture()):
+            yield f"posture.order: no freedom is left to the level {level} by {' and '.join(above)}"
+        if level not in held:
+            free -= sizes[level]
+            above.append(level)

@@ -1,0 +1,127 @@
+"""Figures of the page: all trials, the mean error over the height, and the fast swing."""
+
+import math
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from ...views.figures.style import BLACK, GREY, LINE, PAGE_IN, SMALL, line, styled
+from .data import Attitude
+from .fit import HEIGHTS
+from .results import PITCH, ROLL, YAW, Results
+from .swing import swing
+from .vehicle import HEIGHT, VARIANTS, Variant
+
+_AS_IS, _FITTED, _OTHER, _PALE = "#0b5c8a", "#c4541b", "#4d8a3c", "#b9c2cb"
+_NAMES = {ROLL: "roll", PITCH: "pitch", YAW: "yaw"}
+_COLUMNS = 4
+
+
+def trials(results: Results) -> Figure:
+    """Measured and simulated roll, pitch and yaw of every trial, over time: a row a trial."""
+    rows = len(results.trials)
+    with styled():
+        figure = Figure(figsize=(PAGE_IN, 0.5 + 1.0 * rows))
+        grid = figure.subplots(rows, len(_NAMES), squeeze=False)
+        for k, row in enumerate(grid):
+            for angle, ax in zip(_NAMES, row, strict=True):
+                _angle(ax, results, k, angle)
+            row[0].set_ylabel(results.trials[k].name, fontsize=SMALL)
+        for angle, name in _NAMES.items():
+            grid[0, angle].set_title(f"{name} [deg]", fontsize=SMALL)
+            grid[-1, angle].set_xlabel("t [s]", fontsize=SMALL)
+        _legend(figure)
+    return figure
+
+
+def pitches(results: Results) -> Figure:
+    """Measured and simulated pitch of every trial, over time: a panel a trial."""
+    rows = math.ceil(len(results.trials) / _COLUMNS)
+    with styled():
+        figure = Figure(figsize=(PAGE_IN, 0.5 + 1.0 * rows))
+        grid = figure.subplots(rows, _COLUMNS, squeeze=False)
+        for k, ax in enumerate(list(grid.flat)[: len(results.trials)]):
+            _angle(ax, results, k, PITCH)
+            ax.set_title(results.trials[k].name, fontsize=SMALL)
+        for ax in list(grid.flat)[len(results.trials) :]:
+            ax.remove()
+        for row in grid:
+            row[0].set_ylabel("pitch [deg]", fontsize=SMALL)
+        for ax in grid[-1]:
+            ax.set_xlabel("t [s]", fontsize=SMALL)
+        _legend(figure)
+    return figure
+
+
+def _legend(figure: Figure) -> None:
+    labels = {
+        "motion capture": GREY,
+        "inertial unit": _PALE,
+        "model as it is": _AS_IS,
+        "height of the centre of buoyancy fitted": _FITTED,
+    }
+    handles = [Line2D([], [], color=colour, linewidth=2.0 * LINE, label=label) for label, colour in labels.items()]
+    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), fontsize=SMALL, frameon=False)
+
+
+def _angle(ax: Axes, results: Results, k: int, angle: int) -> None:
+    trial, begin = results.trials[k], results.responses[k, Variant()].t[0]
+    for measured, colour, width in ((trial.mocap, GREY, 0.5), (trial.imu, _PALE, 1.0)):
+        values = _degrees(measured, angle, begin)
+        line(ax, measured.t, values, "measured", color=colour, linewidth=width * LINE)
+    for variant, colour in ((Variant(), _AS_IS), (results.fitted, _FITTED)):
+        found = results.responses[k, variant]
+        line(ax, found.t, _degrees(found, angle, begin), "simulated", color=colour, linewidth=LINE)
+    ax.axvline(trial.starts, color=BLACK, linewidth=0.4 * LINE, linestyle=":")
+    ax.tick_params(labelsize=SMALL)
+    ax.margins(x=0.0)
+
+
+def _degrees(attitude: Attitude, angle: int, begin: float) -> np.ndarray:
+    values = attitude.angles[:, angle]
+    return np.degrees(values - np.interp(begin, attitude.t, values) if angle == YAW else values)
+
+
+def heights(results: Results) -> Figure:
+    """Rms error of the pitch over the height of the centre of buoyancy: each trial, and the mean."""
+    errors = np.degrees(results.over_heights)
+    x = 1e3 * np.array(HEIGHTS)
+    with styled():
+        figure = Figure(figsize=(0.5 * PAGE_IN, 2.2))
+        ax = figure.subplots()
+        for k, each in enumerate(errors):
+            ax.plot(x, each, color=_OTHER if k in results.fitted_on else _PALE, linewidth=0.6 * LINE)
+        ax.plot(x, errors[results.left].mean(axis=0), color=_AS_IS, linewidth=1.6 * LINE, marker="o", markersize=3)
+        ax.axvline(1e3 * HEIGHT, color=GREY, linewidth=0.6 * LINE, linestyle=":")
+        ax.axvline(1e3 * results.fitted.height, color=_FITTED, linewidth=0.6 * LINE, linestyle="--")
+        ax.set_xlabel("height of the centre of buoyancy [mm]")
+        ax.set_ylabel("rms error of the pitch [deg]")
+        ax.set_ylim(0.0, 1.05 * float(errors.max()))
+        labels = {"fitted on": _OTHER, "left": _PALE, "mean of those left": _AS_IS}
+        handles = [Line2D([], [], color=colour, linewidth=2.0 * LINE, label=label) for label, colour in labels.items()]
+        ax.legend(handles=handles, fontsize=SMALL, frameon=False, loc="upper center")
+    return figure
+
+
+def fast_swing(results: Results) -> Figure:
+    """The swing of axis d, the pitch of each model, and the differences to the model as it is."""
+    found = results.swings()
+    shades = dict(zip(VARIANTS, (_AS_IS, _FITTED, _OTHER), strict=True))
+    motion, first = swing(), found[VARIANTS[0]]
+    with styled():
+        figure = Figure(figsize=(PAGE_IN, 3.6))
+        grid = figure.subplots(3, 1, sharex=True, height_ratios=(1, 2, 2))
+        grid[0].plot(first.t, np.degrees(motion.q(first.t)[:, 1]), color=GREY, linewidth=LINE)
+        for name, shade in shades.items():
+            pitch = np.degrees(found[name].angles[:, PITCH])
+            grid[1].plot(first.t, pitch, color=shade, linewidth=LINE, label=name)
+            grid[2].plot(first.t, pitch - np.degrees(first.angles[:, PITCH]), color=shade, linewidth=LINE)
+        for ax, label in zip(grid, ("axis d [deg]", "pitch [deg]", "difference [deg]"), strict=True):
+            ax.set_ylabel(label)
+        grid[2].set_xlabel("t [s]")
+        figure.legend(
+            *grid[1].get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=SMALL, frameon=False
+        )
+    return figure

@@ -1,0 +1,157 @@
+"""The page: what was measured, what was simulated, what was fitted, and what would tell the models apart."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..pages import Picture, Table, rendered
+from . import figures
+from .fit import FITTED_ON
+from .results import BEFORE, PITCH, ROLL, YAW, Results
+from .swing import AMPLITUDE, FASTEST, PERIOD
+from .vehicle import FOAM, HEIGHT, MASS, VARIANTS, WEIGHTS, Variant, righting, vehicle
+
+_TRIALS = (
+    "Every trial: measured by two instruments, and simulated. The dotted line is where the arm begins to move. Yaw has "
+    "no restoring moment; it counts from the beginning."
+)
+_HEIGHTS = "Rms error of the pitch over the height of the centre of buoyancy. Dotted: published; dashed: fitted."
+_SWING = "Axis d swings about the stretched arm, at most 30 deg/s: the pitch by each model, and its difference."
+
+
+def numbers(results: Results) -> dict[str, Any]:
+    """What was found, in degrees and metres, as plain numbers."""
+    models = {name: Variant(name) for name in VARIANTS}
+    in_motion = [results.pitch(k, Variant(), 0.0, trial.starts - BEFORE).rms for k, trial in _moving(results)]
+    aligned = [results.pitch(k, Variant(), results.lag(k, Variant())).rms for k, _ in _moving(results)]
+    spread = np.degrees([results.spread(k, Variant()) for k, _ in _moving(results)]).mean(axis=0)
+    reference = results.swings()[VARIANTS[0]].angles[:, PITCH]
+    return {
+        "trials": [trial.name for trial in results.trials],
+        "rms_pitch_deg": _each(results, [*models.values(), results.fitted], "rms"),
+        "peak_pitch_deg": _each(results, [*models.values(), results.fitted], "peak"),
+        "mean_rms_pitch_deg": {name: _deg(results.mean(model)) for name, model in models.items()},
+        "mean_rms_pitch_aligned_deg": _deg(np.mean(aligned)),
+        "mean_rms_pitch_in_motion_deg": _deg(np.mean(in_motion)),
+        "mean_rms_pitch_imu_deg": _deg(
+            np.mean([results.angle(k, Variant(), PITCH, "imu").rms for k, _ in _moving(results)])
+        ),
+        "mean_rms_instruments_deg": _deg(np.mean([results.instruments(k)[1] for k, _ in _moving(results)])),
+        "spread_measured_deg": float(spread[0]),
+        "spread_simulated_deg": float(spread[1]),
+        "fitted_on": [results.trials[k].name for k in results.fitted_on],
+        "height_m": {"published": HEIGHT, "fitted": results.fitted.height},
+        "mean_rms_pitch_fitted_deg": _deg(results.mean(results.fitted, results.left)),
+        "every_choice_deg": {
+            name: _deg(np.quantile(results.choices, part))
+            for name, part in (("least", 0.0), ("median", 0.5), ("greatest", 1.0))
+        },
+        "righting_Nm": {
+            name: float(np.linalg.norm(righting(vehicle(variant, q := results.trials[0].q[0]), q)))
+            for name, variant in (("published", Variant()), ("fitted", results.fitted))
+        },
+        "swing_pitch_deg": {
+            name: _deg(np.abs(found.angles[:, PITCH] - reference).max()) for name, found in results.swings().items()
+        },
+        "swing_span_deg": _deg(np.ptp(reference)),
+    }
+
+
+def page(results: Results, versions: Mapping[str, str]) -> str:
+    """The page as HTML."""
+    return rendered(
+        Path(__file__).with_name("pool.html"),
+        title="Against a pool: a vehicle whose arm moves",
+        found=numbers(results),
+        fitted_on=FITTED_ON,
+        swing={"period": PERIOD, "amplitude": np.degrees(AMPLITUDE), "speed": np.degrees(FASTEST)},
+        trim=(MASS, len(WEIGHTS), len(FOAM)),
+        pitch=pitch(results),
+        others=others(results),
+        rest=rest(results),
+        pictures={
+            "trials": Picture("trials", _TRIALS, figures.trials(results)),
+            "heights": Picture("heights", _HEIGHTS, figures.heights(results)),
+            "swing": Picture("swing", _SWING, figures.fast_swing(results)),
+        },
+        versions=sorted(versions.items()),
+    )
+
+
+def pitch(results: Results) -> Table:
+    """Rms and peak error of the pitch of each trial [deg], by model."""
+    models = {**{name: Variant(name) for name in VARIANTS}, "height fitted": results.fitted}
+    heads = [f"{name}, {what}" for name in models for what in ("rms", "peak")]
+    rows = []
+    for k, trial in _moving(results):
+        errors = [results.pitch(k, model) for model in models.values()]
+        cells = [_text(value) for each in errors for value in (each.rms, each.peak)]
+        rows.append((f"{trial.name}{' *' if k in results.fitted_on else ''}", cells))
+    means = []
+    for model in models.values():
+        chosen = results.left if model == results.fitted else None
+        means += [_text(results.mean(model, chosen)), ""]
+    rows.append(("mean (height fitted: without *)", means))
+    return Table("trial", heads, rows)
+
+
+def others(results: Results) -> Table:
+    """Clocks, instruments and the other angles of each trial, of the model as it is."""
+    heads = [
+        "lag of the arm's clock [s]",
+        "pitch rms, aligned",
+        f"pitch rms from {BEFORE:g} s before the motion",
+        "pitch rms against the inertial unit",
+        "the two instruments: rms",
+        "roll rms",
+        "yaw rms",
+    ]
+    rows = []
+    for k, trial in _moving(results):
+        late = results.lag(k, Variant())
+        values = (
+            results.pitch(k, Variant(), late).rms,
+            results.pitch(k, Variant(), 0.0, trial.starts - BEFORE).rms,
+            results.angle(k, Variant(), PITCH, "imu").rms,
+            results.instruments(k)[1],
+            results.angle(k, Variant(), ROLL, "mocap").rms,
+            results.angle(k, Variant(), YAW, "mocap").rms,
+        )
+        rows.append((trial.name, [f"{late:+.2f}".replace("-", "−"), *map(_text, values)]))
+    return Table("trial", heads, rows)
+
+
+def rest(results: Results) -> Table:
+    """Roll and pitch of the records at rest: measured by both instruments, and predicted."""
+    heads = ["motion capture: mean", "least", "greatest", "inertial unit: mean", "as it is", "height fitted"]
+    rows = []
+    for record in results.resting:
+        for which, name in ((ROLL, "roll"), (PITCH, "pitch")):
+            seen, other = record.mocap.angles[:, which], record.imu.angles[:, which]
+            found = [results.at_rest(record, variant)[which] for variant in (Variant(), results.fitted)]
+            values = (seen.mean(), seen.min(), seen.max(), other.mean(), *found)
+            rows.append((f"{record.name}, {name}", [_text(value) for value in values]))
+    return Table("record at rest", heads, rows)
+
+
+def _each(results: Results, models: list[Variant], what: str) -> dict[str, list[float]]:
+    """rms or peak of the error of the pitch of each trial [deg], by model."""
+    labels = [*VARIANTS, "height fitted"]
+    return {
+        label: [_deg(getattr(results.pitch(k, model), what)) for k, _ in _moving(results)]
+        for label, model in zip(labels, models, strict=True)
+    }
+
+
+def _moving(results: Results) -> Any:
+    return list(enumerate(results.trials))
+
+
+def _deg(value: Any) -> float:
+    return float(np.degrees(value))
+
+
+def _text(radians: float) -> str:
+    return f"{np.degrees(radians):.2f}".replace("-", "−")

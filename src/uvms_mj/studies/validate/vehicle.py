@@ -1,0 +1,138 @@
+"""The vehicle of the pool, and the models of it that are compared.
+
+The arm is that of ``bluerov2_alpha5`` as it ships; the vehicle that carries it is another one. Kolano and Davidson
+(2023, UVMS-SysID-with-EAs, MIT) weighed it and fitted the trim weights' places to its attitude at rest; drag is Wu's
+(2018), inertia and added mass are those of von Benzon et al. (2022) for the BlueROV2 Heavy. Trust: high for mass and
+buoyancy, medium for the trim, whose places are the authors' guesses, medium for the rest.
+"""
+
+import functools
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from ...files import shipped
+from ...plant.arm import Link
+from ...plant.vehicle import Vehicle
+
+ARM_OF = "bluerov2_alpha5"
+GRAVITY = 9.81
+MASS, INERTIA = 13.17, (0.26, 0.23, 0.37)
+DISPLACED, CENTRE_OF_BUOYANCY = 13.082, (0.0074, 0.0, 0.02)
+HEIGHT = CENTRE_OF_BUOYANCY[2]
+"""Height of the vehicle's centre of buoyancy above its centre of gravity, without trim and arm [m]."""
+ADDED_MASS = (6.36, 7.12, 18.69, 0.186, 0.135, 0.222)
+LINEAR, QUADRATIC = (4.03, 6.22, 5.18, 0.07, 0.07, 0.07), (18.18, 21.66, 36.99, 1.55, 1.55, 1.55)
+MOUNT = (0.25, -0.10965, 0.005)
+"""The arm's frame in B; its axes are those of B."""
+TUBE, TUBE_AT = 0.202, (-0.075, -0.006, -0.003)
+"""Displaced mass of the tube that carries the arm [kg], and its centre in the arm's frame."""
+WEIGHTS = (
+    (3.24, (-0.20, 0.165, -0.075)),
+    (1.62, (-0.0975, 0.1275, -0.1325)),
+    (1.62, (-0.0975, -0.1275, -0.1325)),
+    (0.69, (-0.1887, 0.0439, -0.0595)),
+    (1.01, (-0.1542, 0.0439, -0.0795)),
+)
+"""Weight in water [N] and place in B of what trims the vehicle: three weights, the DVL and its bracket."""
+FOAM = ((8.46, (0.0, 0.11, 0.027)), (8.86, (0.0, -0.11, 0.027)))
+"""Force upwards [N] and place in B of the foam."""
+TIMESTEP = 2e-3
+"""Half of it changes the attitude by less than 1e-3 deg [s]."""
+SERVO, TRACKING = 200.0, 0.02
+"""Gain of the joints' servos [N m s/rad], and the time in which they follow [s]: see :mod:`.floating`."""
+VARIANTS = ("as is", "no water on the links", "lumped")
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A model of the vehicle: what is done with the added mass and the drag of its links, one of :data:`VARIANTS`, and
+    the height of the centre of buoyancy [m]."""
+
+    links: str = "as is"
+    height: float = HEIGHT
+
+
+@functools.cache
+def model() -> mujoco.MjModel:
+    """The model of the rigid bodies. Joint damping is that of the servos; the gears have no friction."""
+    spec = mujoco.MjSpec.from_file(str(shipped("models")[ARM_OF]))
+    spec.option.timestep = TIMESTEP
+    spec.compiler.discardvisual = True
+    base = spec.body(ARM_OF)
+    base.mass, base.ipos, base.inertia = MASS, np.zeros(3), INERTIA
+    arm = spec.body("arm_base")
+    arm.pos, arm.quat, arm.alt.type = MOUNT, (1.0, 0.0, 0.0, 0.0), mujoco.mjtOrientation.mjORIENTATION_QUAT
+    for force, place in WEIGHTS:
+        base.add_body(pos=place, mass=force / GRAVITY, ipos=[0, 0, 0], inertia=[1e-6] * 3, explicitinertial=True)
+    for joint in spec.joints:
+        if joint.type == mujoco.mjtJoint.mjJNT_HINGE:
+            joint.damping[0], joint.frictionloss, joint.limited = SERVO, 0.0, mujoco.mjtLimited.mjLIMITED_FALSE
+    for actuator in list(spec.actuators):
+        spec.delete(actuator)
+    return spec.compile()
+
+
+def vehicle(variant: Variant, q: np.ndarray) -> Vehicle:
+    """The vehicle's coefficients. The lumped model adds the added mass of all links, at joint angles q (4,), to that of
+    the base, and keeps the diagonal alone; the links keep their drag."""
+    read = Vehicle.from_model(model())
+    centre = np.array((*CENTRE_OF_BUOYANCY[:2], variant.height))
+    parts = [(DISPLACED, centre), (TUBE, np.add(MOUNT, TUBE_AT))]
+    parts += [(force / GRAVITY, np.array(place)) for force, place in FOAM]
+    displaced = sum(mass for mass, _ in parts)
+    r_b = np.sum([mass * place for mass, place in parts], axis=0) / displaced
+    M_A, links = np.diag(ADDED_MASS), read.arm.links
+    if variant.links == "lumped":
+        M_A = np.diag(np.diag(M_A + _of_links(links, q)))
+    if variant.links != "as is":
+        keeps = 1.0 if variant.links == "lumped" else 0.0
+        links = tuple(
+            replace(link, M_A=np.zeros((6, 6)), D_quadratic=keeps * link.D_quadratic, D_linear=keeps * link.D_linear)
+            for link in links
+        )
+    return replace(
+        read,
+        M_A=M_A,
+        D_linear=np.diag(LINEAR),
+        D_quadratic=np.diag(QUADRATIC),
+        displaced_mass=displaced,
+        r_b=r_b,
+        arm=replace(read.arm, links=links),
+    )
+
+
+def _of_links(links: tuple[Link, ...], q: np.ndarray) -> np.ndarray:
+    """(6, 6) added mass of the links at joint angles q as if they were rigidly on the base: sum of J^T M_A J."""
+    total = np.zeros((6, 6))
+    for link, (p, R) in zip(links, _poses(links, q), strict=True):
+        x, y, z = p
+        J = np.zeros((6, 6))
+        J[:3, :3] = J[3:, 3:] = R.T
+        J[:3, 3:] = -R.T @ np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        total += J.T @ link.M_A @ J
+    return total
+
+
+def _poses(links: tuple[Link, ...], q: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Position (3,) and rotation (3, 3) of each link in B."""
+    data = mujoco.MjData(model())
+    data.qpos[:] = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *q
+    mujoco.mj_kinematics(model(), data)
+    return [(data.xpos[link.body_id].copy(), data.xmat[link.body_id].reshape(3, 3).copy()) for link in links]
+
+
+def righting(given: Vehicle, q: np.ndarray) -> np.ndarray:
+    """(3,) moment of buoyancy and weight, in B [N m]: the sum of each upward force times its place. Where the forces
+    balance, it points upwards at rest, and its length is the moment per unit of sin(heel)."""
+    moment = given.displaced_mass * given.r_b - given.mass * given.r_g
+    for link, (p, R) in zip(given.arm.links, _poses(given.arm.links, q), strict=True):
+        moment = moment + link.displaced_mass * (p + R @ link.r_b) - link.mass * (p + R @ link.r_g)
+    return GRAVITY * moment
+
+
+def at_rest(moment: np.ndarray) -> tuple[float, float]:
+    """Roll and pitch [rad] at rest, from the moment of :func:`righting`."""
+    x, y, z = moment / np.linalg.norm(moment)
+    return float(np.arctan2(y, z)), float(-np.arcsin(x))

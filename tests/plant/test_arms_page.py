@@ -1,0 +1,95 @@
+"""docs/arms.md: its file is complete and runs, its numbers are those of the program, its errors are those that come."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uvms_mj import InputError, Scenario, simulate
+from uvms_mj.files import shipped
+from uvms_mj.plant.mjcf import Mjcf
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "arms.md").read_text()
+FILE = ROOT / "examples" / "bluerov1_two_joints.xml"
+ROV = FILE.read_text()
+LINKS, WATER, MOTORS = re.findall(r"```xml\n(.*?)```", PAGE, re.DOTALL)
+
+
+def test_the_file_is_the_vehicle_with_the_three_parts_of_the_page():
+    text = shipped("models")["bluerov1"].read_text()
+    for part, end in ((LINKS, "    </body>\n  </worldbody>"), (WATER, "  </custom>"), (MOTORS, "  </actuator>")):
+        assert text.count(end) == 1
+        text = text.replace(end, part + end)
+    assert text == ROV
+
+
+def test_the_numbers_of_strip_theory_are_those_of_the_program():
+    link = Mjcf.find(str(FILE)).vehicle.arm.links[0]
+    assert f"= {link.displaced_mass:.3f} kg |" in PAGE
+    assert f"| {link.M_A[2, 2]:.3f} kg, {link.M_A[4, 4]:.5f} kg m^2 |" in PAGE
+    assert f"| {link.D_quadratic[2, 2]:.2f} N s^2/m^2, {link.D_quadratic[4, 4]:.5f} N m s^2 |" in PAGE
+    vehicle = Mjcf.find(str(FILE)).vehicle
+    heavy = sum(each.mass - each.displaced_mass for each in (vehicle, *vehicle.arm.links))
+    assert f"is {heavy:.3f} kg heavier than its water, {9.81 * heavy:.1f} N" in PAGE
+
+
+def scenario(tmp_path, *parts: str) -> Scenario:
+    (tmp_path / "my_rov.xml").write_text(ROV)
+    (tmp_path / "mine.toml").write_text("".join(parts))
+    return Scenario.load(str(tmp_path / "mine.toml"), {"simulation.duration": 6.0})
+
+
+def test_the_joints_go_where_the_scenario_of_the_page_says(tmp_path):
+    given, *_ = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
+    trace = simulate(scenario(tmp_path, given))
+    assert np.allclose(trace.q[0], [0.5, -1.0], atol=1e-12)
+    assert np.abs(trace.q[-1] - [0.0, 0.6]).max() < 1e-3
+    assert np.abs(trace.q_dot).max() < 1.01  # the speed limit
+    assert 0.1 < np.abs(trace.tau_q).max() <= 5.0
+    assert np.abs(trace.nu[:, 4]).max() > 1e-3  # the arm moves the vehicle
+
+
+WHITE = '<geom type="capsule" size="0.025" fromto="-0.1 0 0 0.1 0 0" mass="0.5" material="white"/>'
+ERRORS = {
+    "body 'forearm': moves on": ('<numeric name="forearm.strip_theory" data="1.0 1.1"/>', ""),
+    "foream.strip_theory": ('"forearm.strip_theory"', '"foream.strip_theory"'),
+    "jaw.M_A": ('<site name="tool"', '<body name="jaw"/><site name="tool"'),
+    "forearm.strip_theory: body": (WHITE, '<geom type="box" size=".1 .02 .02" mass="0.5"/>'),
+    "geom '108'": ('mass="0.5"', 'mass="0.5" contype="1" conaffinity="1"'),
+    "<joint type": ('<joint name="elbow" axis="0 1 0" pos="-0.1 0 0" range="-120 120"', '<joint type="ball"'),
+    "body 'forearm': a link has": (
+        '<body name="forearm" pos="0.2 0 0">',
+        '<body name="forearm" pos="0.2 0 0"><joint name="roll" axis="1 0 0"/>',
+    ),
+    "<joint name": ('name="elbow" axis', 'name="elbow" stiffness="3" axis'),
+    "elbow: ctrlrange": ('joint="elbow" gear="1" ctrlrange="-5 5"', 'joint="elbow" gear="1" ctrlrange="-5 9"'),
+    "shoulder: its wrench": ('<motor name="shoulder" joint="shoulder" gear="1"', '<motor name="shoulder" site="tool"'),
+}
+"""Beginning of each message of the page, and an edit of the file that gives it."""
+MESSAGES = re.findall(r"^\| `(.*?)` \|", PAGE[PAGE.index("## Errors") :], re.MULTILINE)
+
+
+@pytest.mark.parametrize("message", [each for each in MESSAGES if "joints.target" not in each])
+def test_an_error_of_the_page_comes(message, tmp_path):
+    (edit,) = (edit for beginning, edit in ERRORS.items() if message.startswith(beginning))
+    assert edit[0] in ROV
+    text = ROV.replace(*edit)
+    if message.startswith("jaw"):
+        text = text.replace("</custom>", '<numeric name="jaw.M_A" data="1"/></custom>')
+    if message.startswith("forearm.strip"):
+        text = text.replace(
+            'size="0.025" fromto="-0.1 0 0 0.1 0 0" mass="0.5" type="box"', 'size=".1 .1 .1" mass="0.5"'
+        )
+        text = text.replace('<geom type="capsule" size=".1', '<geom type="box" size=".1')
+    with pytest.raises(InputError) as error:
+        _ = Mjcf("mine.xml", {"mine.xml": text.encode()}).vehicle
+    assert message.removesuffix(" ...").removesuffix(",") in str(error.value)
+
+
+def test_every_message_of_the_page_is_tried(tmp_path):
+    assert len(MESSAGES) == len(ERRORS) + 1
+    joints = '[vehicle]\nmodel = "my_rov.xml"\n[joints]\nname = "position"\ntarget = [0.0, 1.0, 2.0]\n'
+    with pytest.raises(InputError, match="has 3 values; the vehicle has 2 joints: shoulder, elbow"):
+        simulate(scenario(tmp_path, joints))
