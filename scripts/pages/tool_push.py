@@ -15,6 +15,7 @@ from matplotlib.patches import Circle, Polygon, Rectangle
 
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.analysis.setup import set_up
+from uvms_mj.control.rest import SteadyState
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.physics.statics import Statics
 
@@ -58,6 +59,7 @@ def main() -> None:
     for law, colour in LAWS.items():
         t, state = traces[law].t, traces[law].analytic
         right.plot(t, traces[law].push, color=colour, label=law)
+        assert isinstance(state, SteadyState)
         right.axhline(state.force, color=colour, linestyle=":", linewidth=1.4)
     right.set(xlim=(4.0, 20.0), ylim=(1.0, 2.4), xlabel="time [s]", ylabel="push of the tool [N]")
     right.set_title("dotted: closed form of each law", fontsize=10, color=INK)
