@@ -13,6 +13,8 @@ from uvms_mj.errors import InputError
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.physics.statics import Statics
 
+pytestmark = pytest.mark.filterwarnings("ignore:the law sees a jump")
+
 STILL = {"wall.present": False, "current.speed": 0.0}
 
 
