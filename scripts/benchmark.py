@@ -6,12 +6,14 @@ two threads; memory; start-up time.
     python scripts/benchmark.py --no-start      without the cold and warm start of the command
     python scripts/benchmark.py --hour          memory of a long run over one simulated hour, not ten minutes
     python scripts/benchmark.py --elements      only the elements of a real vehicle
+    python scripts/benchmark.py --arm           only the vehicle with five joints
 
 Bare is ``mj_step`` of the same model in the same contact state: free in the water, or at rest on the wall. The closed
 loops record at 1 kHz. The speed of a shared machine varies, so each round times all subjects in turn with one chunk
 size, and the ratios are medians of the ratios of each round. The cost of a log is the difference between two complete
 runs of the paper's scenario, with and without the log. An element of a real vehicle costs the 10 %
 quantile of its times less that of the ideal run with the same control rate, GSTA at a wall with the engine free_body.
+The times of the vehicle with five joints are 10 % quantiles of rounds, and their ratios those of these.
 """
 
 import functools
@@ -33,9 +35,11 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from arm import HOLDING, tool_at_wall
 from elements import CONTROL_PERIODS, ELEMENTS, IDEAL
+from numpy_arm_loop import NumpyArmLoop
 from numpy_loop import NumpyLoop
-from uvms_mj import McapLog, Scenario, Simulation, Trace, simulate
+from uvms_mj import McapLog, Scenario, Simulation, Trace, attach, simulate
 from uvms_mj.analysis.metrics import AROUND_THE_END_S
 from uvms_mj.analysis.setup import set_up
 from uvms_mj.control import BUILT_IN, Gsta
@@ -83,6 +87,25 @@ class Bare:
             self.data.xfrc_applied[plant.body_id, 0] = push
         self.chunk()
         assert (self.data.ncon > 0) == in_contact
+
+    def chunk(self) -> float:
+        start = time.perf_counter()
+        mujoco.mj_step(self.model, self.data, CHUNK)
+        return (time.perf_counter() - start) / CHUNK
+
+
+class BareArm:
+    """The same model with joints, weightless and at rest, so that it stays where it is; ``wet``: in the water."""
+
+    steps = CHUNK
+
+    def __init__(self, scenario: Scenario, wet: bool) -> None:
+        setup = set_up(scenario)
+        self.model, self.data = setup.plant.model, setup.plant.initial_data(scenario.initial)
+        self.model.opt.gravity[2] = 0.0
+        for link in setup.vehicle.arm.links:
+            self.data.ctrl[link.actuator_id] = HOLDING / link.torque_of_ctrl if link.actuator_id >= 0 else 0.0
+        self.attachment = attach(self.model, self.data, setup.vehicle.body) if wet else None
 
     def chunk(self) -> float:
         start = time.perf_counter()
@@ -183,6 +206,29 @@ def elements(rounds: int) -> list[dict]:
             assert not subject.sim.divergence, name
             over = shortest[name] - shortest["ideal"]
             rows.append({"what": name, "control": rate, "us_a_step": shortest[name], "us_over_ideal": over})
+    return rows
+
+
+def arm(rounds: int) -> list[dict]:
+    """Time of a step of a vehicle with five joints: bare, in the water, with GSTA at its tool, and that in NumPy."""
+    rows = []
+    for state in ("free", "contact"):
+        scenario = tool_at_wall(state == "contact")
+        numpy_loop = NumpyArmLoop(scenario, warm_up_steps=100)
+        subjects: dict[str, Callable[[], float]] = {
+            "bare mj_step": BareArm(scenario, wet=False).chunk,
+            "in the water": BareArm(scenario, wet=True).chunk,
+            "gsta at the tool": Native(scenario, "gsta", 1.0).chunk,
+            "gsta in NumPy": functools.partial(numpy_loop.chunk, NUMPY_CHUNK // 10),
+        }
+        times: dict[str, list[float]] = {name: [] for name in subjects}
+        for _ in range(10 * rounds):
+            for name, chunk in subjects.items():
+                times[name].append(chunk())
+        shortest = {name: 1e6 * float(np.quantile(samples, 0.1)) for name, samples in times.items()}
+        for name, us in shortest.items():
+            over = {"ratio_to_bare": us / shortest["bare mj_step"], "ratio_to_gsta": us / shortest["gsta at the tool"]}
+            rows.append({"what": name, "state": state, "us_a_step": us, **over})
     return rows
 
 
@@ -395,7 +441,19 @@ def starts(rounds: int) -> list[dict]:
 @click.option("--start/--no-start", default=True, help="Also time the cold and warm start of the command.")
 @click.option("--hour", is_flag=True, help="Measure the memory of a long run over one simulated hour.")
 @click.option("--elements", "only_elements", is_flag=True, help="Time only the elements of a real vehicle.")
-def main(rounds: int, json_file: Path | None, start: bool, hour: bool, only_elements: bool) -> None:
+@click.option("--arm", "only_arm", is_flag=True, help="Time only the vehicle with five joints.")
+def main(rounds: int, json_file: Path | None, start: bool, hour: bool, only_elements: bool, only_arm: bool) -> None:
+    joints = [] if only_elements else arm(rounds)
+    if joints:
+        table = Table("five joints", "state", "us per step", "x bare", "x gsta")
+        for row in joints:
+            ratios = (f"{row[key]:.3g}" for key in ("ratio_to_bare", "ratio_to_gsta"))
+            table.add_row(row["what"], row["state"], f"{row['us_a_step']:.2f}", *ratios)
+        Console().print(table)
+    if only_arm:
+        if json_file:
+            json_file.write_text(json.dumps({"arm": joints}, indent=2) + "\n")
+        return
     real = elements(rounds)
     table = Table("element, gsta with free_body", "control", "us per step", "us over ideal")
     for row in real:
@@ -454,6 +512,7 @@ def main(rounds: int, json_file: Path | None, start: bool, hour: bool, only_elem
         Console().print(table)
     if json_file:
         figures = {
+            "arm": joints,
             "elements": real,
             "steps": steps,
             "resets": resetting,

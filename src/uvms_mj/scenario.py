@@ -23,7 +23,7 @@ from .control.task import TASK_KEYS, move_task_keys
 from .errors import Fault, InputError, faults_of, shortened, suggestion
 from .files import plain, scenario_path, tables_of
 from .guidance import FilteredSteps, Guidance
-from .navigation import Encoder, Navigation, NoObserver, Observer, Perfect, PerfectEncoder
+from .navigation import Encoder, Navigation, NoObserver, NoWrist, Observer, Perfect, PerfectEncoder, Wrist
 from .plant.settings import OF_VEHICLE, Initial, Stepping, VehicleChoice, Wall
 from .plant.surfaces import OF_WALLS, Bumper, Surface, override_walls
 from .plant.water import Current, Disturbance, Tether
@@ -35,6 +35,7 @@ STAGES: dict[str, Choice] = {
     "reference": Choice(Guidance, guidance.SHIPPED, FilteredSteps),
     "navigation": Choice(Navigation, navigation.SHIPPED, Perfect),
     "encoder": Choice(Encoder, navigation.ENCODERS, PerfectEncoder),
+    "wrist": Choice(Wrist, navigation.WRISTS, NoWrist),
     "observer": Choice(Observer, navigation.OBSERVERS, NoObserver),
     "controller": Choice(Controller, control.SHIPPED, Gsta),
     "actuation": Choice(Actuation, actuation.SHIPPED, PseudoInverse),
@@ -68,6 +69,7 @@ class Scenario:
     estimates: Estimates = Estimates()
     navigation: Navigation = Perfect()
     encoder: Encoder = PerfectEncoder()
+    wrist: Wrist = NoWrist()
     observer: Observer = NoObserver()
     task: ImpedanceTask = ImpedanceTask()
     posture: Posture = Posture()
@@ -80,7 +82,8 @@ class Scenario:
     def stages(self) -> tuple[Stage, ...]:
         """The stages of the loop in the order of an instant."""
         task = (self.task,) if self.controller.uses_task else ()
-        before, behind = (self.navigation, self.encoder, self.reference, self.observer), (self.joints, self.thrusters)
+        before = (self.navigation, self.encoder, self.wrist, self.reference, self.observer)
+        behind = (self.joints, self.thrusters)
         stages = (*before, *task, self.controller, self.actuation, *behind)
         return tuple(stage for stage in stages if stage.runs)
 

@@ -115,9 +115,10 @@ def test_a_file_that_is_not_there_is_one_message(tmp_path):
 def servo_run(kind, timestep, load, **settings):
     """Velocity and position (m, 2) over 0.2 s of one joint of 0.02 kg m^2 under a constant load, from rest at 0."""
     inertia, steps = 0.02, round(0.2 / timestep)
-    stage = kind(**settings)
+    stage, arm = kind(**settings), SimpleNamespace(links=(SimpleNamespace(damping=0.0, friction=0.0),), joints=("a",))
     setup = SimpleNamespace(
-        vehicle=SimpleNamespace(arm=SimpleNamespace(links=(None,), joints=("a",))),
+        vehicle=SimpleNamespace(arm=arm),
+        nominal=SimpleNamespace(arm=arm),
         joint_inertia=np.array([inertia]),
         initial_joints=np.zeros(1),
     )
@@ -161,7 +162,9 @@ def test_a_servo_at_its_limit_does_not_wind_up():
     state = Velocity.state_record(1).view(np.recarray)[0]
     given = np.zeros(1, record_dtype(joints_given(1))).view(np.recarray)[0]
     given.effort[:], given.speed_limit[:], given.period = 2.0, math.inf, 1e-3
-    constants = np.rec.array([((10.0,), 25.0)], dtype=[("K_v", "f8", (1,)), ("omega_i", "f8")])[0]
+    constants = np.zeros(1, [("K_v", "f8", (1,)), ("omega_i", "f8"), ("viscous", "f8", (1,)), ("coulomb", "f8", (1,))])
+    constants = constants.view(np.recarray)[0]
+    constants.K_v[0], constants.omega_i = 10.0, 25.0
     assert settings.velocity_bandwidth / 4.0 == constants.omega_i
     for _ in range(3000):
         assert velocity_loop(constants, state, given, 0, 5.0) == 2.0

@@ -137,3 +137,16 @@ def test_a_folder_that_is_not_there_is_one_message(here):
     done = here("new", "law", "mine", "--out", "nowhere")
     assert done.exit_code == 2
     assert done.stderr == "error: nowhere/mine.py: can't write it: No such file or directory\n"
+
+
+def test_the_arm_of_the_vehicle_is_one_when_its_marks_are_removed(here, tmp_path):
+    here("new", "vehicle", "mine")
+    text = (tmp_path / "mine.xml").read_text()
+    (arm,) = re.findall(r"<!-- A link of an arm:.*?-->", text, re.DOTALL)
+    numeric, motor = re.findall(r"<(?:numeric|motor) .*?/>", arm)
+    text = text.replace(arm, arm[arm.index("<body") : -len("-->")])
+    text = text.replace("</custom>", f"{numeric}</custom>").replace("</actuator>", f"{motor}</actuator>")
+    (tmp_path / "mine.xml").write_text(text)
+    (link,) = Mjcf.find("mine.xml").vehicle.arm.links
+    assert (link.joint, link.effort, link.filled_in[0]) == ("elbow", 5.0, "displaced_mass")
+    assert "tool" in here("vehicles", "mine.xml").stdout

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from armed import armed_xml
 from uvms_mj import Scenario, Simulation, simulate
 from uvms_mj.analysis.setup import set_up
 from uvms_mj.control.design import ott_damping
@@ -156,3 +157,64 @@ def test_what_is_not_possible_is_refused_by_name(law, M_d, message):
     with pytest.raises(InputError) as refused:
         simulate(Scenario.load("push_wall", {"impedance.M_d": M_d}, law))
     assert message in str(refused.value)
+
+
+@pytest.fixture(scope="module")
+def at_tool(tmp_path_factory):
+    """An arm of four joints that swings below a tool, without water's drag in the energy."""
+    path = tmp_path_factory.mktemp("armed") / "armed.xml"
+    path.write_text(armed_xml(4))
+    settings = {"vehicle.model": str(path), "task.frame": "tool", "wall.present": False, "current.speed": 0.0}
+    settings |= NATURAL | {"initial.joints": [0.3, -0.8, 0.5, 0.4], "reference.step_time": 0.0}
+    settings |= {"posture.joints": [-0.6, 0.5, -0.4, 0.2], "posture.order": ["joints"], "simulation.timestep": 5e-4}
+    initial = set_up(Scenario.load("push_wall", settings)).initial
+    return settings | {"reference.target": initial.position, "reference.attitude_deg": initial.attitude_deg}
+
+
+def test_at_a_tool_inertia_and_damping_follow_the_arm(at_tool):
+    """M_d is Lambda of each instant; D_d is Ott's for it every damping_period, and is held between."""
+    scenario = Scenario.load("push_wall", at_tool | {"impedance.damping_period": 2e-3}, "impedance")
+    with Simulation(scenario) as sim:
+        K_d, first = sim.setup.design.K_d, np.array(sim.signals.M_hat)
+        for _ in range(120):
+            D_d = ott_damping(np.array(sim.signals.M_hat), K_d, 1.0)
+            assert np.allclose(sim.signals.D_d, D_d, rtol=0.0, atol=1e-9 * D_d.max())
+            held = np.array(sim.signals.D_d)
+            for _ in range(3):
+                sim.step()
+                assert np.array_equal(sim.signals.M_d, sim.signals.M_hat)
+                assert np.array_equal(sim.signals.D_d, held)
+            sim.step()
+        assert np.abs(sim.signals.M_hat - first).max() > 0.05 * np.abs(first).max()
+
+
+def test_at_a_tool_the_law_needs_no_force(at_tool):
+    settings = at_tool | {"estimates.inertia": 1.2, "simulation.duration": 0.5}
+    wrong = settings | {"navigation.name": "sensors", "navigation.force_bias": [3.0, -2.0, 1.0]}
+    told, blind = (simulate(Scenario.load("push_wall", each, "impedance")) for each in (settings, wrong))
+    assert np.abs(blind.f_contact_m_W - told.f_contact_m_W).max() > 1.0
+    assert np.allclose(blind.tau_cmd, told.tau_cmd, rtol=0.0, atol=1e-8)
+
+
+def test_at_a_tool_the_energy_falls_by_the_damping_less_half_the_change_of_inertia(at_tool):
+    """V_dot = -nu_e^T (D_d - Lambda_dot/2) nu_e with exact estimates, to first order of the time step."""
+    k, kappa, errors = 60.0, 8.0, []
+    for h in (4e-4, 2e-4):
+        settings = at_tool | {"initial.velocity": [0.3, -0.2, 0.2, 0.4, 0.3, -0.5], "simulation.timestep": h}
+        settings |= {"impedance.K_d": [k] * 3 + [kappa] * 3, "impedance.damping_ratio": 0.3}
+        V, lost, before = [], 0.0, None
+        with Simulation(Scenario.load("push_wall", settings, "impedance")) as sim:
+            for step in range(round(1.2 / h)):
+                nu, Lambda, eta_e = (np.array(sim.signals[name]) for name in ("nu_e", "M_hat", "eta_e"))
+                if step % round(0.04 / h) == 0:
+                    q_w = np.sqrt(1.0 - eta_e[3:] @ eta_e[3:])
+                    V.append(0.5 * nu @ Lambda @ nu + 0.5 * k * eta_e[:3] @ eta_e[:3] + 2.0 * kappa * (1.0 - q_w))
+                    found = lost
+                lost += h * nu @ np.array(sim.signals.D_d) @ nu
+                lost -= 0.0 if before is None else 0.5 * nu @ (Lambda - before) @ nu
+                before = Lambda
+                sim.step()
+        assert (np.diff(V) < 0.0).all()
+        errors.append(abs(V[0] - V[-1] - found) / V[0])
+    assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.2)
+    assert errors[1] < 5e-3

@@ -16,6 +16,8 @@ FILE = ROOT / "examples" / "bluerov1_two_joints.xml"
 ROV = FILE.read_text()
 LINKS, WATER, MOTORS = re.findall(r"```xml\n(.*?)```", PAGE, re.DOTALL)
 
+MOVES, PUSHES = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
+
 
 def test_the_file_is_the_vehicle_with_the_three_parts_of_the_page():
     text = shipped("models")["bluerov1"].read_text()
@@ -42,13 +44,25 @@ def scenario(tmp_path, *parts: str) -> Scenario:
 
 
 def test_the_joints_go_where_the_scenario_of_the_page_says(tmp_path):
-    given, *_ = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
-    trace = simulate(scenario(tmp_path, given))
+    trace = simulate(scenario(tmp_path, MOVES))
     assert np.allclose(trace.q[0], [0.5, -1.0], atol=1e-12)
     assert np.abs(trace.q[-1] - [0.0, 0.6]).max() < 1e-3
     assert np.abs(trace.q_dot).max() < 1.01  # the speed limit
     assert 0.1 < np.abs(trace.tau_q).max() <= 5.0
     assert np.abs(trace.nu[:, 4]).max() > 1e-3  # the arm moves the vehicle
+
+
+def test_the_tool_rests_with_the_force_of_the_page(tmp_path):
+    trace = simulate(scenario(tmp_path, PUSHES).updated({"simulation.duration": 14.0}))
+    expected = 150.0 * 0.02 / (1.0 + 150.0 / 1e5)
+    assert trace.push[-1] == pytest.approx(expected, rel=1e-4)
+    assert f"{expected:.4f} N" in PAGE
+
+
+def test_gears_that_stick_keep_the_tool_from_resting(tmp_path):
+    (tmp_path / "sticky.xml").write_text(ROV.replace('damping="0.5"', 'damping="0.5" frictionloss="0.1"'))
+    sticky = scenario(tmp_path, PUSHES.replace("my_rov", "sticky"))
+    assert simulate(sticky.updated({"simulation.duration": 10.0})).touches[-1] > 50
 
 
 WHITE = '<geom type="capsule" size="0.025" fromto="-0.1 0 0 0.1 0 0" mass="0.5" material="white"/>'

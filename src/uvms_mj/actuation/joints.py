@@ -6,8 +6,10 @@ Whatever torque the stage sets, the motor gives at most what :func:`uvms_mj.phys
 from __future__ import annotations  # so that help(Joints) shows short type names
 
 import dataclasses
+from collections.abc import Iterator
 from typing import Any, ClassVar
 
+from ..errors import Fault
 from ..physics.kernels import kernel
 from ..quantities import Step
 from ..stages.base import Room, Stage, shared
@@ -37,6 +39,10 @@ class Joints(Stage):
     def meant(self, setup: Any) -> Joints:
         """The interface that a run uses: itself."""
         return self
+
+    def faults(self, setup: Any) -> Iterator[Fault]:
+        if not setup.vehicle.arm.links:
+            yield Fault("joints.name", f"{self.label()!r} is for a vehicle with joints; {setup.vehicle.body} has none")
 
     @staticmethod
     def step(settings, state, given, state_dot, tau_q):

@@ -5,11 +5,16 @@ all other joints and the vehicle are free, at the start:
 
 .. math::
 
-    \tau_q = K_v (v - \dot q_m) + z, \qquad
+    \tau_q = K_v (v - \dot q_m) + z + \tau_g, \qquad
     \dot z = \frac{\omega_v}{4} (K_v (v - \dot q_m) + \tau_{lim} - \tau_q), \qquad K_v = \omega_v I
 
 with the torque :math:`\tau_{lim}` that the motor gives instead of tau_q where it is at its limit, so that z does not
-wind up. The position loop around it is proportional, with feed-forward of the given velocity,
+wind up. The friction of the gear is fed forward, a share :math:`\sigma` of the vehicle's file: the viscous friction
+b and the Coulomb friction :math:`\tau_c`, below the speed :math:`v_s` in proportion to the commanded velocity,
+
+.. math:: \tau_g = \sigma (b v + \tau_c \max(-1, \min(1, v / v_s)))
+
+The position loop around it is proportional, with feed-forward of the given velocity,
 
 .. math:: v = \dot q_d + \omega_p (q_d - q_m), \qquad |v| \le \dot q_{max}
 
@@ -27,12 +32,21 @@ import numpy as np
 from ..errors import Fault, InputError
 from ..physics.joints import deliverable
 from ..physics.kernels import kernel
-from ..quantities import Lowercase, Positive, Time
+from ..quantities import Lowercase, Number, Positive, Time, within
 from ..stages.base import setting
 from .joints import Joints, Torque
 from .motion import Coordinates, Waypoints, piece_at, pieces, rate_at, read_motion, value_at
 
+SLOW = 0.01
+"""Speed v_s below which the Coulomb friction is fed forward in proportion to the commanded velocity [rad/s or m/s]."""
+_SLACK = 0.01
+"""How far a given position may be beyond the range, for the errors of a measured motion [rad or m]."""
 _SOURCES = ("target", "motion", "motion_file")
+
+
+def at_body(setup: Any) -> bool:
+    """Whether the law commands a wrench on the body, and no joint torques."""
+    return setup.scenario.task.frame == "body"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,6 +61,9 @@ class Servo(Joints):
     motion_start: Time = setting(0.0, "s", "time of the run at which the time of the motion is zero")
     interpolation: Annotated[Literal["linear", "cubic"], Lowercase] = setting(
         "cubic", "-", "of the motion between its times: linear or cubic"
+    )
+    friction_compensation: Annotated[Number, within(0.0, 1.0, "")] = setting(
+        1.0, "1", "share sigma of the gear's friction that is fed forward"
     )
     velocity_bandwidth: Positive = setting(200.0, "rad/s", "bandwidth omega_v of the velocity loop")
 
@@ -78,24 +95,40 @@ class Servo(Joints):
         return times + self.motion_start, values
 
     def faults(self, setup: Any) -> Iterator[Fault]:
+        yield from super().faults(setup)
         joints = setup.vehicle.arm.joints
+        if not joints:
+            return
+        if not at_body(setup):
+            instead = "follows a given motion, and the law at a tool commands torques; choose torque"
+            yield Fault("joints.name", f"{self.label()!r} {instead}")
         given = [("joints.target", self.target)] if self.target is not None else []
         given += [(f"joints.motion[{i}].joints", waypoint.joints) for i, waypoint in enumerate(self.motion)]
-        wrong = [(key, values) for key, values in given if len(values) != len(joints)]
-        for key, values in wrong:
-            yield Fault(key, f"has {len(values)} values; the vehicle has {len(joints)} joints: {', '.join(joints)}")
-        if self.motion_file is not None:
-            try:
-                self.given_motion(setup)
-            except InputError as error:
-                yield from error.faults
+        for place, values in given:
+            if len(values) != len(joints):
+                has = f"has {len(values)} values; the vehicle has {len(joints)} joints: {', '.join(joints)}"
+                yield Fault(place, has)
+        try:
+            _, reached = self.given_motion(setup)
+        except InputError as error:
+            yield from error.faults
+        except ValueError:  # of the lengths above
+            pass
+        else:
+            yield from self.out_of_range(setup, reached)
+
+    def out_of_range(self, setup: Any, values: np.ndarray) -> Iterator[Fault]:
+        """Errors for values (m, n) of the given motion that no joint can reach."""
+        return iter(())
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
         """The gains K_v (n,), and the motion as :func:`.motion.pieces`."""
-        inertia = setup.joint_inertia
+        links = setup.nominal.arm.links
         return {
-            "K_v": self.velocity_bandwidth * inertia,
+            "K_v": self.velocity_bandwidth * setup.joint_inertia,
             "omega_i": 0.25 * self.velocity_bandwidth,
+            "viscous": self.friction_compensation * np.array([link.damping for link in links]),
+            "coulomb": self.friction_compensation * np.array([link.friction for link in links]),
             **pieces(*self.given_motion(setup), self.interpolation),
         }
 
@@ -104,7 +137,8 @@ class Servo(Joints):
 def velocity_loop(settings, state, given, j, v) -> float:
     """The torque of joint j for the commanded velocity v [rad/s or m/s]."""
     error = settings.K_v[j] * (v - given.q_dot_m[j])
-    tau = error + state.carried[j]
+    friction = settings.viscous[j] * v + settings.coulomb[j] * min(1.0, max(-1.0, v / SLOW))
+    tau = error + state.carried[j] + friction
     limited = deliverable(tau, given.q_dot_m[j], given.effort[j], given.speed_limit[j])
     state.carried[j] += given.period * settings.omega_i * (error + limited - tau)
     return limited
@@ -139,6 +173,14 @@ class Position(Servo):
     def at_start(self, setup: Any) -> np.ndarray:
         return setup.initial_joints
 
+    def out_of_range(self, setup: Any, values: np.ndarray) -> Iterator[Fault]:
+        key = next((f"joints.{name}" for name in _SOURCES if getattr(self, name) not in (None, ())), "initial.joints")
+        for link, low, high in zip(setup.vehicle.arm.links, values.min(axis=0), values.max(axis=0), strict=False):
+            worst = low if low < link.range[0] else high
+            if not link.range[0] - _SLACK <= worst <= link.range[1] + _SLACK:
+                least, most = link.range
+                yield Fault(key, f"{worst:g} of {link.joint} is beyond its range, {least:g} to {most:g}")
+
     def constants(self, setup: Any) -> Mapping[str, Any]:
         return {**super().constants(setup), "omega_p": self.position_bandwidth}
 
@@ -161,8 +203,7 @@ class Auto(Joints):
     runs: ClassVar[bool] = False
 
     def meant(self, setup: Any) -> Joints:
-        at_body = getattr(setup.scenario.task, "frame", "body") == "body"
-        return Position(period=self.period) if at_body else Torque(period=self.period)
+        return Position(period=self.period) if at_body(setup) else Torque(period=self.period)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
         return self.meant(setup).constants(setup)

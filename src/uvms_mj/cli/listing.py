@@ -13,7 +13,10 @@ if TYPE_CHECKING:
     from ..stages.base import Stage
 
 
-ROOMS = ("guidance", "navigation", "control", "actuation", "reference", "observer", "controller", "thrusters")
+ROOMS = (
+    *("guidance", "navigation", "control", "actuation"),
+    *("reference", "encoder", "wrist", "observer", "controller", "joints", "thrusters"),
+)
 """The rooms, and the tables of a scenario that are called otherwise."""
 
 
@@ -103,9 +106,11 @@ def keys() -> None:
 def signals() -> None:
     """List the signals that each stage receives and sets, and the signals that a run records."""
     from ..scenario import STAGES
+    from ..stages.joint_signals import JOINT_SIGNALS, joints_given
     from ..stages.signals import DELAYED, MEASURED, RECORDED, SCHEDULED, contact_signals, thruster_signal
 
     of_contacts = {signal.name for signal in contact_signals(0)}
+    of_joints = {signal.name for signal in (*JOINT_SIGNALS, *joints_given(0))}
     rooms = [choice.base.room for choice in STAGES.values()]
     inputs = [(f"Inputs of the {room.noun}: {room.arguments[2]}.<name>", room.given(0)) for room in rooms]
     outputs = [
@@ -113,13 +118,15 @@ def signals() -> None:
     ]
     recorded = (
         "Recorded signals: trace.<name>; the states of the stages are recorded too",
-        (*RECORDED, *MEASURED, *SCHEDULED, *DELAYED, *contact_signals(0), thruster_signal(0)),
+        (*RECORDED, *MEASURED, *SCHEDULED, *DELAYED, *contact_signals(0), thruster_signal(0), *JOINT_SIGNALS),
     )
     for title, listed in (*inputs, *outputs, recorded):
         columns = ("name", "shape", "unit", "frame", "meaning")
         table = table_of(title, *columns, fixed=("name", "shape"), min_width=80)
         for signal in listed:
-            counted = "contacts" if signal.name in of_contacts else "thrusters"
+            counted = (
+                "contacts" if signal.name in of_contacts else "joints" if signal.name in of_joints else "thrusters"
+            )
             shape = " x ".join(str(length) if length else counted for length in signal.shape)
             table.add_row(signal.name, shape or "scalar", signal.unit, signal.frame, signal.meaning)
         print_table(table)

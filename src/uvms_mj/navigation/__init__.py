@@ -10,6 +10,9 @@ from .momentum import MomentumObserver
 from .observer import NoObserver, Observer
 from .presets import PRESETS
 from .sensors import Sensors
+from .wrist import WRISTS as WRISTS
+from .wrist import NoWrist as NoWrist
+from .wrist import Wrist as Wrist
 
 SHIPPED: dict[str, type[Navigation]] = {cls.name: cls for cls in (Perfect, Sensors, *PRESETS, Ekf)}
 OBSERVERS: dict[str, type[Observer]] = {cls.name: cls for cls in (NoObserver, MomentumObserver)}

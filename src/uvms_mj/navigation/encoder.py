@@ -86,6 +86,9 @@ class JointEncoder(Encoder):
     }
 
     def faults(self, setup: Any) -> Iterator[Fault]:
+        if not setup.vehicle.arm.links:
+            yield Fault("encoder.name", f"{self.label()!r} is for a vehicle with joints; {setup.vehicle.body} has none")
+            return
         joints, step = setup.vehicle.arm.joints, self.period or setup.scenario.simulation.timestep
         for name in ("resolution", "bias", "noise", "velocity_noise"):
             n = len(getattr(self, name))

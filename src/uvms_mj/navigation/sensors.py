@@ -64,17 +64,18 @@ QUANTITIES: Mapping[str, tuple[str, str]] = {
 """The measured quantities in the order of their random numbers, with the units and the frames of their errors."""
 
 
-def channel_settings(*quantities: str) -> Iterator[tuple[str, Any, Any]]:
-    """The settings of channels: names, types and fields."""
+def channel_settings(*quantities: str, frame: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """The settings of channels: names, types and fields; ``frame`` replaces that of the quantities."""
     for quantity in quantities:
-        unit, frame = QUANTITIES[quantity]
+        unit, where = QUANTITIES[quantity]
+        where = frame or where
         fields: dict[str, tuple[Any, Any]] = {
             "period": (Step | None, setting(None, "s", "time between two samples; default: every time step")),
             "delay": (_Latency, setting(0.0, "s", "delay of each sample")),
             "jitter": (_Latency, setting(0.0, "s", "largest further delay of a sample, uniform from zero")),
-            "noise": (_Deviations, setting(_NONE, unit, f"standard deviation of each sample, {frame}")),
-            "bias": (Axes, setting(_NONE, unit, f"bias, {frame}")),
-            "walk": (_Deviations, setting(_NONE, f"{unit}/s^(1/2)", f"random walk: deviation after 1 s, {frame}")),
+            "noise": (_Deviations, setting(_NONE, unit, f"standard deviation of each sample, {where}")),
+            "bias": (Axes, setting(_NONE, unit, f"bias, {where}")),
+            "walk": (_Deviations, setting(_NONE, f"{unit}/s^(1/2)", f"random walk: deviation after 1 s, {where}")),
             "scale": (_Scale, setting(0.0, "1", "relative error")),
             "quantum": (NonNegative, setting(0.0, unit, "resolution; 0: exact")),
             "limit": (Positive | None, setting(None, unit, "largest component; default: none")),

@@ -74,23 +74,21 @@ def gram(Y, rows, columns, A):
 
 @kernel
 def inverse(L, N, A):
-    """Set A (N, N) to (L L^T)^-1, for L of :func:`cholesky`; A is exactly symmetric, and not L."""
-    for i in range(N):  # the lower triangle: L^-1
-        A[N * i + i] = L[N * i + i]
+    """Set A (N, N) to (L L^T)^-1 = L^-T L^-1, for L of :func:`cholesky`; A is exactly symmetric."""
+    for i in range(N):  # L^-1
         for j in range(i):
             x = 0.0
             for k in range(j, i):
-                x += L[N * i + k] * A[N * k + j]
-            A[N * i + j] = -x * L[N * i + i]
-    for i in range(N):  # the upper triangle: L^-T L^-1
+                x -= L[N * i + k] * A[N * k + j]
+            A[N * i + j] = x * L[N * i + i]
+        A[N * i + i] = L[N * i + i]
+    for i in range(N):  # an entry needs those below and at its right, which are still of L^-1
         for j in range(i + 1):
             x = 0.0
             for k in range(i, N):
                 x += A[N * k + i] * A[N * k + j]
+            A[N * i + j] = x
             A[N * j + i] = x
-    for i in range(N):
-        for j in range(i):
-            A[N * i + j] = A[N * j + i]
 
 
 @kernel

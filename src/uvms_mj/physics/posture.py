@@ -16,9 +16,15 @@ the levels above, a_prev,
 S^+ is the inertia Lambda that the level has in the motion that is left to it, J P J^T = J_prev M^{-1} J_prev^T with
 J_prev = J N. The torque N^T J^T F is M P J^T F, so the torque of all levels is M a.
 
-**Freedom.** The rows of a level are first divided by the Cholesky factor of a reference: for attitude and station what
-they have without a task, J M^-1 J^T, for the joints what the task leaves them, J P_1 J^T, which is never singular. The
-eigenvalues of S are then shares of freedom, from 1 to 0, whatever the units of the rows. S^+ has the function of each
+**Joints.** The level ``joints`` has all that is left. Its inertia is that of the joints while the task is held,
+:math:`(J P_1 J^\top)^{-1}` with the P_1 that the task leaves, which is never singular:
+
+.. math:: F = (J P_1 J^\top)^{-1} (b - J a_{prev}).
+
+If nothing is between, the demand is met. Otherwise the deviations are the least in the metric of this inertia.
+
+**Freedom.** The rows of ``attitude`` and ``station`` are first divided by the Cholesky factor of what they have
+without a task, J M^-1 J^T. The eigenvalues of S are then shares of freedom, from 1 to 0. S^+ has the function of each
 eigenvalue
 
 .. math::
@@ -27,17 +33,15 @@ eigenvalue
     f(\sigma) = (3 - 2 \sigma/\epsilon)\, \sigma/\epsilon^2 \quad (\sigma < \epsilon),
 
 which is continuous with its derivative. Above epsilon a demand is met and no lower level disturbs it. Below, the demand
-fades, and with it the claim on the motion, :math:`\sigma f`. The acceleration is at most :math:`1.03/\sqrt{\epsilon}`
-times that of the same demand with all freedom, and falls to zero with sigma. If more is demanded than is free, the
-deviations are least in the metric of the level's inertia, the inverse of the reference. The shares of the joints are 1
-or 0, except in a direction that a level above claims in part, and epsilon is 1: the joints take over in proportion.
+fades, and with it the claim on the motion, :math:`\sigma f`; the joints take over in proportion. The acceleration is at
+most :math:`1.03/\sqrt{\epsilon}` times that of the same demand with all freedom, and falls to zero with sigma.
 """
 
 import math
 
 import numpy as np
 
-from .dense import cholesky, forward, inverse, product
+from .dense import backward, cholesky, forward, inverse, product
 from .eigen import symmetric_eigen
 from .frames import quat_error
 from .kernels import kernel
@@ -56,8 +60,8 @@ WORK = np.dtype(
         ("a", "f8", (_N,)),  # acceleration of the task and of all levels
         ("x", "f8", (_N,)),
         ("b", "f8", (MOST_JOINTS,)),  # demand of a level
-        *((name, "f8", (MOST_JOINTS**2,)) for name in ("T", "G", "S", "V")),
-        ("X", "f8", (MOST_JOINTS * _N,)),
+        *((name, "f8", (9,)) for name in ("T", "G", "S", "V")),
+        ("X", "f8", (MOST_JOINTS**2,)),
         ("zeta", "f8", (_N,)),
         ("h", "f8", (_N,)),  # C zeta + D zeta + g
         ("free", "f8", (_N,)),  # P h, without the acceleration of the task
@@ -121,16 +125,13 @@ def posture(settings, known, zeta, q, N, M, M_inv, P, work):
         kind = int(settings.levels[k])
         if kind == ATTITUDE:
             rows = attitude(settings, known, zeta, work)
-            whiten(3, 3, rows, M_inv, N, 3, work)
-            govern(3, 3, rows, N, FREEDOM, P, work)
+            govern(3, rows, N, M_inv, P, work)
         elif kind == STATION:
             station(settings, known, zeta, work)
-            whiten(0, 3, 3, M_inv, N, 0, work)
-            govern(0, 3, 3, N, FREEDOM, P, work)
+            govern(0, 3, N, M_inv, P, work)
         elif kind == JOINTS:
-            joints(settings, zeta, q, n, work)
-            whiten(6, n, n, work.P_qq, n, 0, work)
-            govern(6, n, n, N, 1.0, P, work)
+            joints(settings, zeta, q, N, P, work)
+            return
     if settings.free_damping > 0.0:
         slow(settings.free_damping, zeta, N, M, P, work)
 
@@ -195,36 +196,39 @@ def station(settings, known, nu, work):
 
 
 @kernel
-def joints(settings, zeta, q, n, work):
-    """Set the rows T (n, n) of the joint velocities and their demand b."""
-    omega, damping = settings.frequency[JOINTS], settings.damping[JOINTS]
+def joints(settings, zeta, q, N, P, work):
+    """Add the acceleration of the level joints to work.a. It has what is left."""
+    omega, damping, n, a, F = settings.frequency[JOINTS], settings.damping[JOINTS], N - 6, work.a, work.b
     for i in range(n):
+        F[i] = -omega * omega * (q[i] - settings.joints[i]) - damping * zeta[6 + i] - a[6 + i]
+    cholesky(work.P_qq, n, work.P_qq)
+    forward(work.P_qq, n, F, 1)
+    backward(work.P_qq, n, F, 1)
+    for c in range(N):
         for j in range(n):
-            work.T[n * i + j] = 1.0 if i == j else 0.0
-        work.b[i] = -omega * omega * (q[i] - settings.joints[i]) - damping * zeta[6 + i]
+            a[c] += P[N * c + 6 + j] * F[j]
 
 
 @kernel
-def govern(first, width, rows, N, epsilon, P, work):
-    """Add the acceleration of one level to work.a, and take its motion out of P. Its Jacobian is T (rows, width) in the
-    columns from ``first`` on, and b is its demand beyond work.a, both as :func:`whiten` leaves them."""
+def govern(first, rows, N, M_inv, P, work):
+    """Add the acceleration of attitude or station to work.a, and take its motion out of P. Its Jacobian is T (rows, 3)
+    in the columns from ``first`` on, and b its demand; both are lost."""
     T, b, X, S, V, x, a = work.T, work.b, work.X, work.S, work.V, work.x, work.a
+    whiten(first, rows, N, M_inv, work)
     for i in range(rows):  # X = J P, S = X J^T
         for c in range(N):
-            value = 0.0
-            for k in range(width):
-                value += T[width * i + k] * P[N * (first + k) + c]
-            X[N * i + c] = value
+            X[N * i + c] = 0.0
+            for k in range(3):
+                X[N * i + c] += T[3 * i + k] * P[N * (first + k) + c]
     for i in range(rows):
         for j in range(rows):
-            value = 0.0
-            for k in range(width):
-                value += X[N * i + first + k] * T[width * j + k]
-            S[rows * i + j] = value
+            S[rows * i + j] = 0.0
+            for k in range(3):
+                S[rows * i + j] += X[N * i + first + k] * T[3 * j + k]
     symmetric_eigen(S, rows, V)
     for i in range(rows):
         sigma = S[rows * i + i]
-        f = 1.0 / sigma if sigma >= epsilon else (3.0 - 2.0 * sigma / epsilon) * sigma / (epsilon * epsilon)
+        f = 1.0 / sigma if sigma >= FREEDOM else (3.0 - 2.0 * sigma / FREEDOM) * sigma / (FREEDOM * FREEDOM)
         demand = 0.0
         for j in range(rows):
             demand += V[rows * i + j] * b[j]
@@ -239,25 +243,23 @@ def govern(first, width, rows, N, epsilon, P, work):
 
 
 @kernel
-def whiten(first, width, rows, reference, stride, at, work):
-    """T becomes L^-1 T and b becomes L^-1 (b - T a), for L L^T = T R T^T, with the block R of the matrix ``reference``,
-    whose rows have ``stride`` numbers, that begins at row and column ``at``."""
+def whiten(first, rows, N, M_inv, work):
+    """T becomes L^-1 T and b becomes L^-1 (b - T a), for L L^T = T M^-1 T^T, so that the rows are as free as each
+    other and without coupling while nothing is taken."""
     T, b, X, G = work.T, work.b, work.X, work.G
     for i in range(rows):
-        for c in range(width):
-            value = 0.0
-            for k in range(width):
-                value += T[width * i + k] * reference[stride * (at + k) + at + c]
-            X[width * i + c] = value
-            b[i] -= T[width * i + c] * work.a[first + c]
+        for c in range(3):
+            X[3 * i + c] = 0.0
+            for k in range(3):
+                X[3 * i + c] += T[3 * i + k] * M_inv[N * (first + k) + first + c]
+            b[i] -= T[3 * i + c] * work.a[first + c]
     for i in range(rows):
         for j in range(rows):
-            value = 0.0
-            for c in range(width):
-                value += X[width * i + c] * T[width * j + c]
-            G[rows * i + j] = value
+            G[rows * i + j] = 0.0
+            for c in range(3):
+                G[rows * i + j] += X[3 * i + c] * T[3 * j + c]
     cholesky(G, rows, G)
-    forward(G, rows, T, width)
+    forward(G, rows, T, 3)
     forward(G, rows, b, 1)
 
 

@@ -73,8 +73,8 @@ class Plant:
         if self.choice.payloads:
             load(spec, self.mjcf.compiled(self.mjcf.spec()), self.choice.payloads, self.choice.mass)
         model = self.mjcf.compiled(spec)
-        set_constraints(model)
         vary(model, free_body_id(model, self.vehicle.body), self.vehicle.actuator_ids, self.choice)
+        set_constraints(model)
         _set_wall(model, _ids(model, self.probe.body), self.wall, self.wall.position + self.probe.radius)
         return model
 

@@ -79,6 +79,7 @@ def _rules(words: str = "", numbers: str = "", **others: Rule) -> dict[str, Rule
     return dict.fromkeys(words.split(), _any) | dict.fromkeys(numbers.split(), _numbers) | others
 
 
+_OF_A_RUN = _only(reason="friction and stops of a joint have constants of the run; leave it out")
 _PLACE = "pos quat axisangle euler xyaxes zaxis"
 _TURNS_B = _only("false", "auto", reason="it would rotate the body frame of the coefficients; leave it out")
 _INERTIA = "the file must give the true mass and inertia"
@@ -146,6 +147,7 @@ ELEMENTS: Mapping[str, Mapping[str, Rule] | None] = {
         damping=_not_negative,
         armature=_not_negative,
         frictionloss=_not_negative,
+        **dict.fromkeys(("solreffriction", "solimpfriction", "solreflimit", "solimplimit", "margin"), _OF_A_RUN),
         range=_range,
         ref=_zero("the coefficients hold for the pose of the file"),
         stiffness=_zero("springs are not computed; a gear's friction is damping and frictionloss"),

@@ -123,10 +123,11 @@ class Stage:
         except Exception as error:  # pydantic and evaluating an annotation raise exceptions of many types
             reason = " ".join(str(error).split("\n\n")[0].split()) or type(error).__name__
             raise InputError(f"an annotation is not a valid type of a {noun}: {reason}", place) from None
+        ours = {field.name for field in dataclasses.fields(base_of(kind))}
         faults = [
             Fault(f"{table}.{name}", f"{value!r}: a {noun} is a number, true or false, or a tuple of numbers")
             for name, value in valid.items()
-            if not _is_number(value) and not packs_itself(kind)
+            if not _is_number(value) and not packs_itself(kind) and name not in ours
         ]
         if faults:
             raise InputError(faults, place)

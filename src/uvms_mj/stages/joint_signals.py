@@ -49,5 +49,22 @@ def joints_given(n: int) -> tuple[Signal, ...]:
     )
 
 
-JOINT_SIGNALS = (*joint_signals(0), joint_torque_signal(0), *encoder_signals(0), joint_command_signal(0))
+WRIST_TRUE = Signal("wrench_S", (6,), "N, N m", "S", "wrench of the parent on the links behind the wrist sensor")
+WRIST_READING = Signal("wrench_m_S", (6,), "N, N m", "S", "reading of the wrist sensor")
+"""Recorded with a wrist sensor, about its origin in its frame."""
+
+
+def wrist_given(n: int) -> tuple[Signal, ...]:
+    """Given to the wrist sensor."""
+    return (*CLOCK, WRIST_TRUE)
+
+
+JOINT_SIGNALS = (
+    *joint_signals(0),
+    joint_torque_signal(0),
+    *encoder_signals(0),
+    joint_command_signal(0),
+    WRIST_TRUE,
+    WRIST_READING,
+)
 """Recorded of a vehicle with joints: always q, q_dot and tau_q; the others where they may differ from these."""

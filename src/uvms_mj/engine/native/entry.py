@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...stages.base import Stage, is_shipped, packs_itself
+from ...stages.signals import Signal, record_dtype
 from .arena import MARGIN, NEARBY, Arena
 from .compilation import NotCompiled
 from .plain_stage import PlainStage, StageFault
@@ -96,3 +97,9 @@ class Entry:
 
 def _mutable(value: Any) -> bool:
     return value.flags.writeable if isinstance(value, np.ndarray) else not isinstance(value, float | int | tuple)
+
+
+def part(record: np.ndarray, signals: tuple[Signal, ...]) -> np.ndarray:
+    """Consecutive fields of a record (1,) as a record of their own (1,), in the same memory."""
+    offset = record.dtype.fields[signals[0].name][1]  # type: ignore[index]  # records have fields
+    return np.ndarray(1, record_dtype(signals), record.view(np.uint8), offset)

@@ -136,6 +136,36 @@ BODY = np.dtype(
 )
 """The vehicle of the free_body engine: constants, state, and distance to the wall."""
 
+WRIST = np.dtype(
+    [
+        ("rigid", TREE),  # true inertia of the links
+        ("wet", TREE),  # true water on them
+        ("model", TREE),  # estimates of both
+        ("link", "i8"),  # index of the link behind the sensor
+        ("p_LS", "f8", (3,)),  # pose of the sensor in the link's frame
+        ("R_LS", "f8", (3, 3)),
+        ("gravity_W", "f8", (3,)),
+        ("weighs", "i8"),  # whether the model has weight, and motion
+        ("dynamic", "i8"),
+        ("context_at", "i8"),  # CONTEXT
+        ("n", "i8"),  # joints
+        ("q_at", "i8"),  # (n,) true
+        ("q_dot_at", "i8"),
+        ("q_ddot_at", "i8"),
+        ("q_m_at", "i8"),  # (n,) measured
+        ("q_dot_m_at", "i8"),
+        ("q_ddot_m_at", "i8"),
+        ("q_dot_before_at", "i8"),  # (n,) of the instant before
+        ("nu_before", "f8", (6,)),
+        ("reading_at", "i8"),  # (6,)
+        ("modelled", "f8", (6,)),
+        ("work", "f8", (6,)),
+        ("moment", "f8", (3,)),
+    ],
+    align=True,
+)
+"""The wrist sensor of a run."""
+
 STAGE = np.dtype(
     [
         ("code_at", "i8"),  # machine code, or 0 if the stage runs as plain Python

@@ -68,7 +68,7 @@ class PostureBesideBase(PostureBelowTool):
         measure(state, given)
         cholesky(M, N, L)
         inverse(L, N, own.M_inv)
-        free_of_base(M, N, own.G, own.X, own.P)
+        free_of_base(M, N, own.P_qq, own.X, own.P)
         for i in range(N):
             own.a[i] = 0.0
         posture(settings, given, own.zeta, q, N, M, own.M_inv, own.P, own)

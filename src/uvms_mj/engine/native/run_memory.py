@@ -18,6 +18,7 @@ from .memory import stopped
 from .rows import recorded, spans
 from .stage_table import StageTable
 from .verdict import POSITION_BOUND, SPEED_BOUND, TAU_BOUND
+from .wrist_memory import WristMemory
 
 DEFAULT_EPSILON = 1e-3
 """Width of the boundary layer for controllers without a gain of that name: the paper's value."""
@@ -40,8 +41,9 @@ class RunMemory:
         vehicle, memory = setup.vehicle, engine.memory
         n = len(vehicle.thrusters)
         self.joints = Joints(setup)
+        self.wrist = WristMemory(setup, self.joints, self.context) if setup.scenario.wrist.runs else None
         self.contacts = ContactList(setup)
-        outside = self.loop["true"], self.context["water"], self.joints, self.contacts.carriers
+        outside = self.loop["true"], self.context["water"], self.joints, self.wrist, self.contacts.carriers
         self.stages = stages = StageTable(setup, *outside)
         self.u = np.zeros(n)
         own = setup.scenario.navigation, self.context["water"], self.contacts, self.joints
@@ -101,6 +103,7 @@ class RunMemory:
             if entry.states or type(entry.stage).memory:
                 yield from (entry.state, entry.state_dot)
         yield from (*self.contacts.state, *self.joints.state, *self.engine.state)
+        yield from () if self.wrist is None else self.wrist.state
 
     def record(self, row_steps: int, capacity: int) -> None:
         """Record a row every so many time steps, at most ``capacity`` of them before they are taken."""
@@ -211,6 +214,11 @@ def write_estimates(memory: RunMemory, setup: Setup) -> None:
         memory.stages.frame.model.estimate(setup.nominal, setup.scenario.estimates)
 
 
+def write_wrist(memory: RunMemory, setup: Setup) -> None:
+    if memory.wrist is not None:
+        memory.wrist.write(setup)
+
+
 def write_control(memory: RunMemory, setup: Setup) -> None:
     memory.stages.write_periods(setup.scenario)
     memory.loop["epsilon"] = getattr(setup.scenario.controller, "epsilon", DEFAULT_EPSILON)  # of each axis
@@ -229,6 +237,7 @@ WRITERS: tuple[tuple[tuple[str, ...], Callable[[RunMemory, Setup], None]], ...] 
     (("initial",), write_initial),
     (("impedance", "initial.joints"), write_impedance),
     (("estimates",), write_estimates),
+    (("estimates", "wrist"), write_wrist),
     (("simulation.seed",), write_seed),
     (("simulation.timestep", "controller", *(f"{table}.period" for table in STAGES)), write_control),
     (("thrusters",), write_limits),

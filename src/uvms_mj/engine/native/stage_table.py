@@ -29,18 +29,13 @@ from ...stages.signals import (
     commanded_signal,
     record_dtype,
 )
-from .entry import Entry
+from .entry import Entry, part
 from .inner_stages import Delay, Inflow, Sensed, Tracking, Truth
 from .joints import Joints
 from .layouts import STAGE
 from .model_memory import TaskFrame
 from .task_frame import UP_TO_ESTIMATES, Errors, ToolAttitude
-
-
-def part(record: np.ndarray, signals: tuple[Signal, ...]) -> np.ndarray:
-    """Consecutive fields of a record (1,) as a record of their own (1,), in the same memory."""
-    offset = record.dtype.fields[signals[0].name][1]  # type: ignore[index]  # records have fields
-    return np.ndarray(1, record_dtype(signals), record.view(np.uint8), offset)
+from .wrist_memory import WristMemory
 
 
 def _shape(value: Any) -> tuple[int, ...]:
@@ -54,6 +49,7 @@ class StageTable:
     Attributes:
         signals: the record of the signals that the law is given (1,); each stage fills its part.
         sensed: the clock and the measurements (1,) that navigation sets if an observer replaces its force.
+        wrist: the wrist sensor, or None.
         frame: the stages and the memory of a vehicle with joints or a tool.
         allocation: the record that actuation is given (1,).
         command: the record with the law's command tau_cmd (1,): that of the actuation, or of the delay or the
@@ -70,12 +66,20 @@ class StageTable:
         actuation: index of the first stage that is given the law's command.
     """
 
-    def __init__(self, setup: Setup, true: np.ndarray, water: np.ndarray, joints: Joints, carriers: np.ndarray) -> None:
+    def __init__(
+        self,
+        setup: Setup,
+        true: np.ndarray,
+        water: np.ndarray,
+        joints: Joints,
+        wrist: WristMemory | None,
+        carriers: np.ndarray,
+    ) -> None:
         scenario, n = setup.scenario, len(setup.vehicle.thrusters)
-        controller, actuation = scenario.controller, scenario.actuation
+        controller = scenario.controller
         self.signals = np.zeros(1, record_dtype(type(controller).given()))
         self.sensed = np.zeros(1, record_dtype(CLOCK + KNOWN))
-        self.allocation = np.zeros(1, record_dtype(type(actuation).given(n)))
+        self.allocation = np.zeros(1, record_dtype(type(scenario.actuation).given(n)))
         thrusters = scenario.thrusters
         self.commands = np.zeros(1, record_dtype(type(thrusters).given(n)))
         self.u_cmd, self.tau_lost = self.commands["u_cmd"][0], np.zeros(6)
@@ -90,6 +94,7 @@ class StageTable:
             states = type(stage).state_size(counted) if state is None else 0
             self.entries[table] = Entry(stage, stage.record(setup), own if state is None else state, given, out, states)
 
+        self.wrist = wrist
         frame = self.frame = TaskFrame(setup, self.signals, joints, carriers)
         late = controller.delay is not None
         behind = np.zeros(1, record_dtype(Delay.given())) if frame.model else self.allocation
@@ -114,21 +119,26 @@ class StageTable:
             add("delay", Delay(), self.command, self.delayed["tau_cmd"][0])
         if frame.model is not None:
             add("resolve", frame.resolution, self.delayed, self.allocation["tau_cmd"][0], frame.model.record)
-        add("actuation", actuation, self.allocation, self.u_cmd)
-        if joints.interface is not None:
-            add("joints", joints.interface, joints.given, joints.wanted)
-        self.commanded: list[tuple[Signal, np.ndarray]] = []
-        if thrusters.runs or actuation.records_loss:
-            self.commanded.append((TAU_LOST, self.tau_lost))
-        if thrusters.runs:
-            add("inflow", Inflow(), true, self.commands["inflow"][0])
-            add("thrusters", thrusters, self.commands, self.thrust)
-            self.commanded.append((commanded_signal(n), self.u_cmd))
+        self._actuate(add, scenario, true, joints)
         self.rows = np.zeros(len(self.entries), STAGE)
         for row, entry in zip(self.rows, self.entries.values(), strict=True):
             entry.fill(row)
         self.running = tuple(self.entries.values())
         self.in_arenas = [entry for entry in self.running if entry.guarded or entry.code is None]
+
+    def _actuate(self, add: Callable[..., None], scenario: Scenario, true: np.ndarray, joints: Joints) -> None:
+        """Add the stages behind the command: allocation, joints and thrusters."""
+        add("actuation", scenario.actuation, self.allocation, self.u_cmd)
+        if joints.interface is not None:
+            add("joints", joints.interface, joints.given, joints.wanted)
+        self.commanded: list[tuple[Signal, np.ndarray]] = []
+        thrusters = scenario.thrusters
+        if thrusters.runs or scenario.actuation.records_loss:
+            self.commanded.append((TAU_LOST, self.tau_lost))
+        if thrusters.runs:
+            add("inflow", Inflow(), true, self.commands["inflow"][0])
+            add("thrusters", thrusters, self.commands, self.thrust)
+            self.commanded.append((commanded_signal(len(self.u_cmd)), self.u_cmd))
 
     def _measure(self, add: Callable[..., None], scenario: Scenario, true: np.ndarray, joints: Joints) -> None:
         """Add the stages that measure, and the law's model of what they measure."""
@@ -140,6 +150,8 @@ class StageTable:
             add("sensed", Sensed(), self.sensed, part(self.signals, KNOWN[:4]))
         if joints.interface is not None:
             add("encoder", scenario.encoder, joints.true, part(joints.given, encoder_signals(joints.n)))
+        if self.wrist is not None:
+            self.wrist.add(add, true, frame.base)
         if frame.model is not None:
             out = part(self.signals, UP_TO_ESTIMATES)
             add("model", frame.estimation, part(frame.base, CLOCK + KNOWN), out, frame.model.record)
@@ -196,6 +208,7 @@ class StageTable:
         chosen = {table: getattr(scenario, table).period for table in STAGES}
         periods |= {table: period for table, period in chosen.items() if period is not None}
         periods["sensed"] = periods.get("navigation", control)
+        periods["felt"], periods["derived"] = periods.get("wrist", control), periods["sensed"]
         periods["inflow"] = periods.get("thrusters", h)
         steps = [round(periods.get(table, control) / h) for table in self.entries]
         self.rows["period_steps"], self.rows["period"] = steps, [n * h for n in steps]

@@ -17,6 +17,8 @@ _NEAR = 0.4
 """Fraction of a motor's limit from which the limit is drawn; a limit far away would make the lines flat."""
 LIMIT: dict[str, Any] = {"linestyle": (0, (1, 1.5)), "linewidth": 0.8, "zorder": 1.9}
 """Line style of a motor's limit, in the colour of its joint."""
+_COLOURS = [COLOURS[name] for name in ("roll", "pitch", "force", "yaw", "x", "y", "z")]
+"""Colours of the joints in their order, first those that x, y and z do not have."""
 _NAMES = {"q": "joint position q", "tau_q": "joint torque τ"}
 SIGNALS = (*_NAMES, "manipulability")
 """Signals of an arm that are drawn for several runs."""
@@ -48,11 +50,11 @@ def _of_joints(trace: Trace, name: str) -> list[Panel]:
 
 def _lines(trace: Trace, name: str, unit: str, joints: Sequence[int]) -> Panel:
     """Lines of some joints, with the limits of their motors."""
-    links, colours = trace.header.geometry.links, list(COLOURS.values())
+    links = trace.header.geometry.links
 
     def draw(ax: Axes) -> None:
         for k, i in enumerate(joints):
-            look = {"color": colours[i % len(colours)], "label": links[i].joint, **stripe(k, len(joints))}
+            look = {"color": _COLOURS[i % len(_COLOURS)], "label": links[i].joint, **stripe(k, len(joints))}
             line(ax, trace.t, trace[name][:, i], f"{name}.{links[i].joint}", **look)
             limit = links[i].effort
             if name == "tau_q" and limit and largest(trace[name][:, i]) > _NEAR * limit:

@@ -9,7 +9,7 @@ import rerun.blueprint as rrb
 
 from ...control.rest import SteadyState
 from ...plant.arm import MOST_JOINTS
-from ...records.scene import wall_face
+from ...records.scene import span, wall_face
 from .extents import readable
 from .run import TIMELINE, Run
 
@@ -61,7 +61,8 @@ def _scene(runs: Sequence[Run]) -> rrb.Spatial3DView:
     header, scale = runs[0].header, runs[0].place.force_scale
     start, face = header.scenario.initial.position, wall_face(header)
     lanes = abs(runs[0].place.y - runs[-1].place.y)
-    distance = 1.15 * abs(face - start[0]) + header.geometry.reach + lanes
+    room = span(header) if header.geometry.links else abs(face - start[0])  # an arm reaches to the wall from afar
+    distance = 1.15 * room + header.geometry.reach + lanes
     centre = (start[0] + 0.65 * (face - start[0]), start[1], start[2])
     up_to_now = rrb.VisibleTimeRanges(
         timeline=TIMELINE, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
