@@ -283,3 +283,16 @@ def test_biased_sensors_mislead_the_law_and_not_the_record(arm_of_four):
         R_WT = rotation_matrix(sim.signals.quat_WT)
         np.testing.assert_allclose(np.linalg.norm(sim.signals.eta_e[:3]), np.linalg.norm(seen_error), rtol=1e-12)
         assert np.abs(R_WT.T @ seen_error - sim.signals.eta_e[:3]).max() > 1e-4  # the law's axes are turned, too
+
+
+def test_a_tool_on_a_rigid_vehicle_is_fixed_in_b(tmp_path):
+    path = tmp_path / "rigid.xml"
+    path.write_text(armed_xml(0))
+    settings = {"reference.target": [0.3, 0.1, -0.1], "simulation.duration": 0.5, "initial.velocity": [0.1] * 6}
+    trace = simulate(at(path, settings, "gsta"))
+    site, R_WB = set_up(trace.scenario).vehicle.arm.sites["tool"], rotation_matrix(trace.quat_WB)
+    np.testing.assert_allclose(trace.p_WT, trace.p_WB + R_WB @ site.p, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(rotation_matrix(trace.quat_WT), R_WB @ site.R, rtol=0, atol=1e-14)
+    v_T = trace.nu[:, :3] + np.cross(trace.nu[:, 3:], site.p)
+    np.testing.assert_allclose(trace.nu_T, np.hstack([v_T @ site.R, trace.nu[:, 3:] @ site.R]), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(trace.manipulability, 1.0, rtol=1e-12)
