@@ -63,7 +63,7 @@ class Setup:
     @functools.cached_property
     def initial(self) -> Initial:
         """The initial pose of the frame of the task."""
-        return task_start(self.scenario, self.nominal.arm)
+        return task_start(self.scenario, self.nominal)
 
     @functools.cached_property
     def rest_pose(self) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
