@@ -43,9 +43,10 @@ class RunMemory:
         self.joints = Joints(setup)
         if setup.scenario.wrist.runs:
             self.joints.wrist = WristMemory(setup, self.joints, self.context)
-        self.stages = stages = StageTable(setup, self.loop["true"], self.context["water"], self.joints)
-        self.u = np.zeros(n)
         self.contacts = ContactList(setup)
+        outside = self.loop["true"], self.context["water"], self.joints, self.contacts.carriers
+        self.stages = stages = StageTable(setup, *outside)
+        self.u = np.zeros(n)
         own = setup.scenario.navigation, self.context["water"], self.contacts, self.joints
         self.recorded = recorded(self.loop, stages, self.u, *own)
         self._spans = np.array(list(spans([memory for _, memory in self.recorded])))
@@ -98,7 +99,7 @@ class RunMemory:
         stages = self.stages
         yield from (self.loop, self.context, stages.signals, stages.sensed, stages.command, stages.allocation)
         yield from (stages.commands, stages.thrust, stages.tau_lost, self.u, stages.rows)
-        yield from (stages.frame.base, stages.frame.motion, stages.delayed)
+        yield from (stages.frame.base, stages.frame.quat, stages.delayed)
         for entry in stages.running:
             if entry.states or type(entry.stage).memory:
                 yield from (entry.state, entry.state_dot)
@@ -239,7 +240,7 @@ WRITERS: tuple[tuple[tuple[str, ...], Callable[[RunMemory, Setup], None]], ...] 
     (("estimates",), write_estimates),
     (("estimates", "wrist"), write_wrist),
     (("simulation.seed",), write_seed),
-    (("simulation.timestep", "controller", *(f"{table}.period" for table in STAGES)), write_control),
+    (("simulation.timestep", "controller", "posture", *(f"{table}.period" for table in STAGES)), write_control),
     (("thrusters",), write_limits),
 )
 """Tables or dotted keys of a scenario, and the function that writes the numbers that depend on them."""

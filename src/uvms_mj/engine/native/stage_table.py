@@ -34,7 +34,7 @@ from .inner_stages import Delay, Inflow, Sensed, Tracking, Truth
 from .joints import Joints
 from .layouts import STAGE
 from .model_memory import TaskFrame
-from .task_frame import UP_TO_ESTIMATES, Errors, ToolMotion
+from .task_frame import UP_TO_ESTIMATES, Errors, ToolAttitude
 
 
 def _shape(value: Any) -> tuple[int, ...]:
@@ -43,7 +43,7 @@ def _shape(value: Any) -> tuple[int, ...]:
 
 class StageTable:
     """The stages of a run and their memory. ``true`` is the record (1,) given to navigation, ``water`` the vehicle's,
-    ``joints`` the memory of its joints.
+    ``joints`` the memory of its joints, ``carriers`` the CARRIER records of its contacts.
 
     Attributes:
         signals: the record of the signals that the law is given (1,); each stage fills its part.
@@ -64,7 +64,7 @@ class StageTable:
         actuation: index of the first stage that is given the law's command.
     """
 
-    def __init__(self, setup: Setup, true: np.ndarray, water: np.ndarray, joints: Joints) -> None:
+    def __init__(self, setup: Setup, true: np.ndarray, water: np.ndarray, joints: Joints, carriers: np.ndarray) -> None:
         scenario, n = setup.scenario, len(setup.vehicle.thrusters)
         controller = scenario.controller
         self.signals = np.zeros(1, record_dtype(type(controller).given()))
@@ -84,7 +84,7 @@ class StageTable:
             states = type(stage).state_size(counted) if state is None else 0
             self.entries[table] = Entry(stage, stage.record(setup), own if state is None else state, given, out, states)
 
-        frame = self.frame = TaskFrame(setup, self.signals, joints)
+        frame = self.frame = TaskFrame(setup, self.signals, joints, carriers)
         late = controller.delay is not None
         behind = np.zeros(1, record_dtype(Delay.given())) if frame.model else self.allocation
         self.command, self.delayed = np.zeros(1, record_dtype(Delay.given())) if late else behind, behind
@@ -132,8 +132,8 @@ class StageTable:
     def _measure(self, add: Callable[..., None], scenario: Scenario, true: np.ndarray, joints: Joints) -> None:
         """Add the stages that measure, and the law's model of what they measure."""
         frame, observed = self.frame, scenario.observer.runs
-        if frame.tool is not None:
-            add("tool", ToolMotion(), true, frame.motion, frame.tool.record)
+        if len(frame.probe):
+            add("tool", ToolAttitude(), true, frame.quat[0], frame.probe)
         add("navigation", scenario.navigation, true, part(self.sensed if observed else frame.base, KNOWN))
         if observed:
             add("sensed", Sensed(), self.sensed, part(self.signals, KNOWN[:4]))
@@ -193,6 +193,7 @@ class StageTable:
         periods = {"actuation": h}
         periods["delay"] = Delay.steps(scenario)[2] * h if "delay" in self.entries else h
         periods |= {"tool": h, "resolve": periods["delay"] if "delay" in self.entries else control}
+        periods["below"] = control * max(1, round(scenario.posture.period / control))
         periods |= {table: h for table, entry in self.entries.items() if type(entry.stage).every_step}
         chosen = {table: getattr(scenario, table).period for table in STAGES}
         periods |= {table: period for table, period in chosen.items() if period is not None}
