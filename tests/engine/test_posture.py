@@ -157,9 +157,10 @@ def test_a_rigid_vehicle_has_no_posture():
 
 
 def test_joints_that_hold_themselves_have_no_posture(at_rest):
+    held = at_rest | {"joints.name": "position", "task.frame": "body"}
     with pytest.raises(InputError, match=r"posture: the joint interface position holds the joints itself"):
-        simulate(scenario(at_rest | {"task.frame": "body"}, order=["joints"]))
-    with Simulation(scenario(at_rest | {"task.frame": "body"})) as sim:
+        simulate(scenario(held, order=["joints"]))
+    with Simulation(scenario(held)) as sim:
         sim.step(20)
         assert not sim._memory.stages.frame.model.arrays["tau_posture"].any()
 

@@ -17,7 +17,7 @@ from ..errors import Fault
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..physics.posture import FREEDOM, MOST_JOINTS
 from ..physics.statics import Statics
-from ..quantities import STRICT, Angles, Number, Position, doc, within
+from ..quantities import STRICT, Angles, Number, Position, Step, doc, within
 
 LEVELS = ("attitude", "station", "joints")
 """The levels by the numbers of the kernel."""
@@ -52,6 +52,9 @@ class Posture:
     station_frequency: _Frequency = doc("natural frequency of the level station [rad/s]", 0.5)
     joints_frequency: _Frequency = doc("natural frequency of the level joints [rad/s]", 2.0)
     damping_ratio: Annotated[Number, within(0.0, 1e3, "")] = doc("damping ratio of all levels [1]", 1.0)
+    period: Step = doc(
+        "time between its instants, rounded to control periods, at least one: its motion is slow [s]", 1e-3
+    )
     free_damping: Annotated[Number, within(0.0, 1e3, "1/s")] = doc(
         "rate at which the motion that no level governs decays [1/s]", 1.0
     )

@@ -42,7 +42,6 @@ TOOL = np.dtype(
         # of one instant
         ("p_BT", "f8", (3,)),  # pose in B
         ("R_BT", "f8", (3, 3)),
-        ("R_WT", "f8", (3, 3)),
     ],
     align=True,
 )

@@ -171,11 +171,19 @@ def to_parent(link, f):
 @kernel
 def hand_down(link, parent):
     """Add the wrench f of a link, as one at its parent's origin, to that of the parent."""
-    for i in range(6):
-        link.work[i] = link.f[i]
-    to_parent(link, link.work)
-    for i in range(6):
-        parent.f[i] += link.work[i]
+    R, p, f, out = link.R_PL, link.p_PL, link.f, parent.f
+    x = R[0, 0] * f[0] + R[0, 1] * f[1] + R[0, 2] * f[2]
+    y = R[1, 0] * f[0] + R[1, 1] * f[1] + R[1, 2] * f[2]
+    z = R[2, 0] * f[0] + R[2, 1] * f[1] + R[2, 2] * f[2]
+    a = R[0, 0] * f[3] + R[0, 1] * f[4] + R[0, 2] * f[5] + p[1] * z - p[2] * y
+    b = R[1, 0] * f[3] + R[1, 1] * f[4] + R[1, 2] * f[5] + p[2] * x - p[0] * z
+    c = R[2, 0] * f[3] + R[2, 1] * f[4] + R[2, 2] * f[5] + p[0] * y - p[1] * x
+    out[0] += x
+    out[1] += y
+    out[2] += z
+    out[3] += a
+    out[4] += b
+    out[5] += c
 
 
 @kernel

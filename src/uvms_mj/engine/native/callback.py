@@ -170,6 +170,8 @@ def _advance(context, end) -> int:
     that waits for Python to call it, otherwise -1."""
     loop = loop_at(context.loop_at)
     finish_step(context, loop)
+    if loop.joints != 0:
+        place_links(context.tree, floats(context.q_at, loop.joints))
     if loop.stop == STOP_NONE:
         observe(context, loop)
     if loop.stop == STOP_NONE:

@@ -6,15 +6,13 @@ from ...physics.frames import to_world
 from ...physics.kernels import kernel
 from .layouts import CARRIER_SIZE, LINK_SIZE
 from .memory import carrier_at, floats, link_at
-from .tree import place_links
 
 
 @kernel
 def place_carriers(context, loop):
-    """Set the pose and the velocity of each carrier from the state of the instant."""
+    """Set the pose and the velocity of each carrier from the state of the instant; the links are in their place."""
     true, tree = loop.true, context.tree
     if loop.joints != 0:
-        place_links(tree, floats(loop.q_at, loop.joints))
         q_dot = floats(loop.q_dot_at, loop.joints)
     for k in range(context.carriers):
         carrier = carrier_at(loop.carriers_at + CARRIER_SIZE * k)

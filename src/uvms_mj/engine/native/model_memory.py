@@ -16,15 +16,14 @@ from .task_frame import ModelAtBody, ModelAtTool, ResolveAtBody, ResolveAtTool
 
 
 class ModelMemory:
-    """A MODEL record (1,) of a vehicle, and the arrays whose addresses it has. q and q_dot (n,) are the memory of the
-    joints' positions and velocities that it reads.
+    """A MODEL record (1,) of a vehicle, and the arrays whose addresses it has.
 
     Attributes:
         record: the MODEL record.
         links: its LINK records (1 + n,).
     """
 
-    def __init__(self, setup: Setup, vehicle: Vehicle, joints: Joints, q: np.ndarray, q_dot: np.ndarray) -> None:
+    def __init__(self, setup: Setup, vehicle: Vehicle, joints: Joints) -> None:
         arm, frame = vehicle.arm, setup.scenario.task.frame
         n, N = len(arm.links), 6 + len(arm.links)
         self.record, self.links = np.zeros(1, MODEL), link_records(vehicle)
@@ -37,7 +36,7 @@ class ModelMemory:
         sizes = {"M": N * N, "L": N * N, "J_T": 6 * N, "MJ_T": 6 * N, "C": N, "D": N, "g": N, "tau": N}
         sizes |= {"tau_posture": N, "armature": n, "gear": n}
         self.arrays = {name: np.zeros(size) for name, size in sizes.items()}
-        self.arrays |= {"q": q, "q_dot": q_dot, "tau_q_cmd": joints.tau_q_cmd}
+        self.arrays |= {"q": joints.q_m, "q_dot": joints.q_dot_m, "tau_q_cmd": joints.tau_q_cmd}
         for name, array in self.arrays.items():
             self.record[f"{name}_at"] = array.ctypes.data
 
@@ -67,29 +66,28 @@ class TaskFrame:
     """What a run has beside the stages of a rigid vehicle at B, if there are joints or a tool.
 
     Attributes:
+        at_tool: whether the task's frame is a site.
         base: the clock and the measurements (1,) at B; the law's own record unless the law is at a tool.
         model: memory of the law's model, or None for a rigid vehicle at B.
-        tool: memory of the true tool, or None without one.
-        motion: its recorded motion (1,).
+        probe: the CARRIER record (1,) of the true tool; empty without one, or if it is B.
+        quat: (1, 4) attitude of the true tool.
         estimation, resolution, posture: the stages of the model, of the command and of what the task leaves free.
     """
 
-    def __init__(self, setup: Setup, signals: np.ndarray, joints: Joints) -> None:
-        at_tool = setup.scenario.task.frame != BODY
+    def __init__(self, setup: Setup, signals: np.ndarray, joints: Joints, carriers: np.ndarray) -> None:
+        self.at_tool = at_tool = setup.scenario.task.frame != BODY
         self.base = np.zeros(1, record_dtype(CLOCK + KNOWN)) if at_tool else signals
-        self.motion = np.zeros(1, record_dtype(TOOL))
-        self.model = self.tool = None
-        if at_tool or joints.n:
-            self.model = ModelMemory(setup, setup.nominal, joints, joints.q_m, joints.q_dot_m)
-        if at_tool:
-            self.tool = ModelMemory(setup, setup.vehicle, joints, joints.q, joints.q_dot)
+        self.probe, self.quat = carriers[: int(at_tool)], np.zeros((1, 4))
+        self.model = ModelMemory(setup, setup.nominal, joints) if at_tool or joints.n else None
         self.estimation = ModelAtTool() if at_tool else ModelAtBody()
         self.resolution = ResolveAtTool() if at_tool else ResolveAtBody()
         self.posture = PostureBelowTool() if at_tool else PostureBesideBase()
 
-    def recorded(self) -> list[tuple[Signal, np.ndarray]]:
-        """The recorded signals of a tool, each with its memory."""
-        if self.tool is None or self.model is None:
+    def recorded(self, true: np.ndarray) -> list[tuple[Signal, np.ndarray]]:
+        """The recorded signals of a tool, each with its memory; ``true`` is the record (1,) given to navigation."""
+        if self.model is None or not self.at_tool:
             return []
-        motion = [(signal, self.motion[signal.name]) for signal in TOOL]
-        return [*motion, (MANIPULABILITY, self.model.record["manipulability"])]
+        motion = [true["p_WB"], true["quat_WB"], true["nu"]]
+        if len(self.probe):
+            motion = [self.probe["p_WC"], self.quat, self.probe["nu"]]
+        return [*zip(TOOL, motion, strict=True), (MANIPULABILITY, self.model.record["manipulability"])]

@@ -68,12 +68,11 @@ def recorded(
     found += [*contacts.recorded(loop), (thruster_signal(len(u)), u)]
     found += stages.commanded
     found += joints.recorded()
-    found += stages.wrist.recorded() if stages.wrist is not None else []
-    found += stages.frame.recorded()
+    found += stages.frame.recorded(loop["true"])
     own = [each for each in stages.states() if each[1] != "zeta" or not isinstance(each[0], ImpedanceTask)]
     check_states([(stage, name) for stage, name, _ in own], {signal.name for signal, _ in found})
     found += [(state_signal(stage, name, memory.size), memory) for stage, name, memory in own]
-    if stages.frame.tool is None:
+    if not stages.frame.at_tool:
         return found
     at_tool = {*IN_TASK_FRAME, *(name for stage, name, _ in own if isinstance(stage, Controller))}
     return [(replace(each, frame="T") if each.name in at_tool else each, memory) for each, memory in found]

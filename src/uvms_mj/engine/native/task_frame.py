@@ -9,39 +9,27 @@ from typing import ClassVar
 from ...control.task import tracking_errors
 from ...physics.frames import attitude
 from ...physics.kernels import kernel
-from ...physics.operational import at_tool, resolve, tool_in_base, tool_in_world, wrench_at_tool
+from ...physics.operational import resolve, tool_in_world, wrench_at_tool
 from ...stages.base import Room, Stage
 from ...stages.signals import CLOCK, ERRORS, ESTIMATES, KNOWN, REFERENCE, TOOL, TRUE, WRENCH_COMMAND
 from .law_model import estimate_at_body, estimate_at_tool, estimate_inertia, estimate_wrenches, move_model, place_tool
-from .layouts import LINK_SIZE
-from .memory import floats, link_at
-from .tree import move_links, place_links
+from .memory import floats
 
 UP_TO_ESTIMATES = KNOWN + REFERENCE + ERRORS + ESTIMATES
 """What the model's stage may set: at a tool KNOWN and ESTIMATES, otherwise ESTIMATES."""
 
 
 @dataclass(frozen=True)
-class ToolMotion(Stage):
-    """The true motion of the tool, for the record. ``state`` is a MODEL record with the true positions of the
-    joints."""
+class ToolAttitude(Stage):
+    """The true attitude of the tool, for the record. ``state`` is its CARRIER record."""
 
     name = "tool"
     needs: ClassVar = ()
-    room: ClassVar[Room] = Room("navigation", "tool", lambda thrusters: CLOCK + TRUE, TOOL)
+    room: ClassVar[Room] = Room("navigation", "tool", lambda thrusters: CLOCK + TRUE, TOOL[1:2])
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        tree, tool = state.tree, state.tool
-        base, link = link_at(tree.links_at), link_at(tree.links_at + LINK_SIZE * tool.link)
-        for i in range(6):
-            base.nu[i] = given.nu[i]
-        place_links(tree, floats(state.q_at, state.n))
-        move_links(tree, floats(state.q_dot_at, state.n))
-        tool_in_base(tool, link)
-        tool_in_world(tool, given.p_WB, given.R_WB, out.p_WT, tool.R_WT)
-        attitude(tool.R_WT, out.quat_WT)
-        at_tool(tool, link.nu, out.nu_T)
+        attitude(state.R_WC, out)
 
 
 @dataclass(frozen=True)
