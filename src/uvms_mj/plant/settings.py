@@ -53,6 +53,9 @@ class VehicleChoice:
     linear_damping: _TrueFactor = doc("true linear damping over the file's, unknown to the laws [1]", 1.0)
     quadratic_damping: _TrueFactor = doc("true quadratic damping over the file's, unknown to the laws [1]", 1.0)
     displaced_mass: _TrueFactor = doc("true displaced mass over the file's, unknown to the laws [1]", 1.0)
+    coulomb_friction: _TrueFactor = doc(
+        "true Coulomb friction of the joints' gears over the file's, unknown to the laws [1]", 1.0
+    )
     thruster_offset: tuple[Position, ...] | None = doc(
         "offset of each true thruster in B, unknown to the allocation: [[0.02, 0, 0], ...]; default: none [m]", None
     )

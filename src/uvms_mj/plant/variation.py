@@ -57,6 +57,7 @@ def _varied(link: Link, choice: VehicleChoice) -> Link:
         D_linear=choice.linear_damping * link.D_linear,
         D_quadratic=choice.quadratic_damping * link.D_quadratic,
         displaced_mass=choice.displaced_mass * link.displaced_mass,
+        friction=choice.coulomb_friction * link.friction,
     )
     for array in (true.M_RB, true.M_A, true.D_linear, true.D_quadratic):
         array.setflags(write=False)
@@ -80,7 +81,7 @@ def _refuse(nominal: Vehicle, offsets: tuple[tuple[float, ...], ...]) -> None:
 
 
 def vary(model: mujoco.MjModel, body_id: int, actuator_ids: tuple[int, ...], choice: VehicleChoice) -> None:
-    """Give a compiled model the masses and the thrusters of the true vehicle.
+    """Give a compiled model the masses, the gears and the thrusters of the true vehicle.
 
     A motor acts at its site with a force and a moment in the site's frame. An offset of the thruster is the moment of
     its force about the site, so that a site may have several motors.
@@ -90,6 +91,7 @@ def vary(model: mujoco.MjModel, body_id: int, actuator_ids: tuple[int, ...], cho
         model.body_mass[bodies] *= choice.mass
         model.body_inertia[bodies] *= choice.mass
         mujoco.mj_setConst(model, mujoco.MjData(model))  # body_invweight0, which the wall's spring needs
+    model.dof_frictionloss[:] *= choice.coulomb_friction
     if choice.thruster_offset is not None:
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
