@@ -1,5 +1,9 @@
-"""A vehicle with five joints at the wall, for the benchmark: the Reach Alpha 5 whose jaw turns as well."""
+"""A vehicle with five joints at the wall, for the benchmark: the Reach Alpha 5 whose jaw turns as well.
 
+Its gears have no Coulomb friction and its motors are fast, so that it obeys the torques of a law.
+"""
+
+import re
 import tempfile
 from pathlib import Path
 
@@ -8,7 +12,8 @@ from uvms_mj.analysis.setup import set_up
 from uvms_mj.files import shipped
 
 JAW = '<body name="jaw" pos="0 0 -.092">'
-FIFTH_JOINT = '<joint name="axis_a" axis="1 0 0" damping=".2" frictionloss=".1"/>'
+FIFTH_JOINT = '<joint name="axis_a" axis="1 0 0" damping=".2"/>'
+MOTOR = '<motor name="axis_a" joint="axis_a" ctrlrange="-5 5"/>'
 WATER = '<numeric name="jaw.displaced_mass" data=".02"/>' + "".join(
     f'<numeric name="jaw.{name}" data="{-value}"/>'
     for name, value in zip(
@@ -17,8 +22,6 @@ WATER = '<numeric name="jaw.displaced_mass" data=".02"/>' + "".join(
 )
 POSTURE = [0.3, 1.0, 1.2, 0.4, 0.2]
 """Positions of the joints at the start [rad], away from their limits."""
-HOLDING = 0.05
-"""Torque on each joint of the bare model [N m], less than its friction, which therefore acts as in the closed loop."""
 
 
 def five_joints() -> Path:
@@ -26,7 +29,10 @@ def five_joints() -> Path:
     text = shipped("models")["bluerov2_alpha5"].read_text()
     assert JAW in text
     path = Path(tempfile.mkdtemp(), "alpha5_with_jaw.xml")
-    path.write_text(text.replace(JAW, JAW + FIFTH_JOINT).replace("</custom>", WATER + "</custom>"))
+    text = re.sub(r' frictionloss="[^"]*"|<numeric name="[^"]*speed_limit"[^>]*/>', "", text)
+    for place, added in ((JAW, FIFTH_JOINT), ("<custom>", WATER), ("<actuator>", MOTOR)):
+        text = text.replace(place, place + added)
+    path.write_text(text)
     return path
 
 

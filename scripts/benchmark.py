@@ -35,7 +35,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from arm import HOLDING, tool_at_wall
+from arm import tool_at_wall
 from elements import CONTROL_PERIODS, ELEMENTS, IDEAL
 from numpy_arm_loop import NumpyArmLoop
 from numpy_loop import NumpyLoop
@@ -95,17 +95,22 @@ class Bare:
 
 
 class BareArm:
-    """The same model with joints, weightless and at rest, so that it stays where it is; ``wet``: in the water."""
+    """The same model with joints, weightless and at rest, so that it stays where it is; ``wet``: in the water. In
+    contact, constant forces balance that of the wall."""
 
     steps = CHUNK
 
-    def __init__(self, scenario: Scenario, wet: bool) -> None:
+    def __init__(self, scenario: Scenario, contact: bool, wet: bool) -> None:
         setup = set_up(scenario)
         self.model, self.data = setup.plant.model, setup.plant.initial_data(scenario.initial)
         self.model.opt.gravity[2] = 0.0
-        for link in setup.vehicle.arm.links:
-            self.data.ctrl[link.actuator_id] = HOLDING / link.torque_of_ctrl if link.actuator_id >= 0 else 0.0
+        if contact:
+            self.data.qpos[0] += 1.5 / scenario.wall.stiffness
+            mujoco.mj_forward(self.model, self.data)
+            self.data.qfrc_applied[:] = -self.data.qfrc_constraint
         self.attachment = attach(self.model, self.data, setup.vehicle.body) if wet else None
+        self.chunk()
+        assert (self.data.ncon > 0) == contact
 
     def chunk(self) -> float:
         start = time.perf_counter()
@@ -212,13 +217,13 @@ def elements(rounds: int) -> list[dict]:
 def arm(rounds: int) -> list[dict]:
     """Time of a step of a vehicle with five joints: bare, in the water, with GSTA at its tool, and that in NumPy."""
     rows = []
-    for state in ("free", "contact"):
-        scenario = tool_at_wall(state == "contact")
+    for contact in (False, True):
+        scenario, state = tool_at_wall(contact), "contact" if contact else "free"
         numpy_loop = NumpyArmLoop(scenario, warm_up_steps=100)
         subjects: dict[str, Callable[[], float]] = {
-            "bare mj_step": BareArm(scenario, wet=False).chunk,
-            "in the water": BareArm(scenario, wet=True).chunk,
-            "gsta at the tool": Native(scenario, "gsta", 1.0).chunk,
+            "bare mj_step": BareArm(scenario, contact, wet=False).chunk,
+            "in the water": BareArm(scenario, contact, wet=True).chunk,
+            "gsta at the tool": Native(scenario, "gsta", 6.0).chunk,
             "gsta in NumPy": functools.partial(numpy_loop.chunk, NUMPY_CHUNK // 10),
         }
         times: dict[str, list[float]] = {name: [] for name in subjects}

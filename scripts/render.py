@@ -90,7 +90,8 @@ def picture(scenario: Scenario, walls: Sequence[Shape]) -> mujoco.MjModel:
         spec.add_texture(name=name, type=kind, width=width, height=height, nchannel=3).data = pixels.tobytes()
         material = spec.add_material(name=name, texuniform=True, specular=0.05)
         material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
-    spec.material("acrylic").rgba = [0.75, 0.93, 1.0, 0.36]
+    if (acrylic := spec.material("acrylic")) is not None:
+        acrylic.rgba = [0.75, 0.93, 1.0, 0.36]
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[20, 20, 1], pos=[0, 0, FLOOR], material="sand")
     for wall in walls:
         spec.worldbody.add_geom(
@@ -100,7 +101,8 @@ def picture(scenario: Scenario, walls: Sequence[Shape]) -> mujoco.MjModel:
             quat=[0.5, 0.5, -0.5, -0.5],  # the texture is mapped to x and y, which must be the axes of the wall's face
             material="concrete",
         )
-    sun = spec.light("sun")
+    directional = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    sun = spec.light("sun") or spec.worldbody.add_light(name="sun", type=directional, pos=[0, 0, 2])
     sun.castshadow, sun.dir, sun.diffuse = True, [0.35, -0.25, -1.0], [0.85, 0.90, 0.90]
     visual = spec.visual
     visual.headlight.ambient, visual.headlight.diffuse = [0.34, 0.42, 0.46], [0.25, 0.27, 0.28]

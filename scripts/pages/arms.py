@@ -9,6 +9,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import matplotlib.pyplot as plt
+import numpy as np
 from matplotlib.axes import Axes
 from PIL import Image
 
@@ -16,18 +17,25 @@ from render import View, render
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.control.rest import SteadyState
 from uvms_mj.views.figures.panels import LEVELS, level
-from uvms_mj.views.figures.style import COLOURS, LINE, PAGE_IN, line, save, styled
+from uvms_mj.views.figures.style import COLOURS, LINE, PAGE_IN, line, save, styled, ticks
 
 DOCS = Path(__file__).parents[2] / "docs"
-PIXELS = (900, 600)
-VIEW = View(
-    distance=1.25,
-    azimuth=97.0,
-    elevation=-14.0,
-    lookat=(0.56, 0.0, -0.02),
-    streams=((0.25, -0.45, 0.28), (0.45, 0.35, 0.33)),
-    labels=((-250, 36), (-40, 26)),
-)
+PIXELS = (840, 640)
+
+
+def view_of(trace: Trace) -> View:
+    """The vehicle and its tool from the side, wherever they come to rest."""
+    base, tool = trace.p_WB[-1], trace.p_WT[-1]
+    middle, width = 0.5 * (base + tool), float(np.linalg.norm(tool - base))
+    streams = middle + width * np.array([[0.1, -0.1, 0.55], [-0.25, 0.0, 0.62], [0.35, 0.1, 0.4]])
+    return View(
+        distance=2.0 * width,
+        azimuth=66.0,
+        elevation=-20.0,
+        lookat=tuple(middle.tolist()),
+        streams=tuple(tuple(start) for start in streams.tolist()),
+        labels=((-60, 46), (-40, 26)),
+    )
 
 
 def force(ax: Axes, trace: Trace) -> None:
@@ -37,23 +45,25 @@ def force(ax: Axes, trace: Trace) -> None:
         level(ax, trace.t, trace.analytic.force, "closed form", LEVELS["analytic"])
     top = 1.6 * trace.push[trace.t > 0.5 * trace.t[-1]].max()
     ax.set(xlabel="time [s]", ylabel="push on the wall [N]", xlim=(0.0, trace.t[-1]), ylim=(-0.03 * top, top))
+    ticks(ax, 6)
     ax.legend(loc="lower right")
 
 
 def main() -> None:
     """Simulate, render and draw."""
     trace = simulate(Scenario.load("tool_push"))
-    picture = render(trace, *PIXELS, VIEW)
+    picture = render(trace, *PIXELS, view_of(trace))
     with styled():
         figure, (left, right) = plt.subplots(
-            1, 2, figsize=(PAGE_IN, 2.75), layout="constrained", width_ratios=[1.72, 1.0]
+            1, 2, figsize=(PAGE_IN, 2.9), layout="constrained", width_ratios=[1.4, 1.0]
         )
         left.imshow(picture)
         left.set_axis_off()
         force(right, trace)
         (file,) = save(figure, DOCS / "tool_push", ("png",))
-    small = Image.open(file).convert("RGB").resize((1065, 412), Image.Resampling.LANCZOS)
-    small.quantize(96, dither=Image.Dither.NONE).save(file, optimize=True)
+    small = Image.open(file).convert("RGB").resize((1065, 435), Image.Resampling.LANCZOS)
+    palette = small.quantize(256, Image.Quantize.FASTOCTREE)
+    small.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG).save(file, optimize=True)
     print(file, file.stat().st_size)
 
 

@@ -1,4 +1,5 @@
-"""Draw docs/joints.png: a motor on its torque-speed line, a gear that sticks, and a servo that follows a motion.
+"""Draw docs/joints.png: a motor on its torque-speed line, a gear that sticks, a servo that follows a motion, and the
+contact force that a wrist sensor derives in a swing without contact.
 
 python scripts/pages/joints.py
 """
@@ -17,7 +18,7 @@ EFFORT, LIMIT, COULOMB = 9.0, np.deg2rad(30.0), 1.3
 ELBOW, START = 2, [0.0, 1.2, 1.0, 0.0]
 
 
-def run(duration: float, waypoints: list[tuple[float, float]], **others: float) -> Trace:
+def run(duration: float, waypoints: list[tuple[float, float]], **others: float | str) -> Trace:
     """The Alpha 5 below a vehicle in still water that holds its pose; the elbow moves by waypoints (time, angle)."""
     motion = [{"time": t, "joints": [*START[:ELBOW], q, START[-1]]} for t, q in waypoints]
     overrides = {
@@ -35,8 +36,8 @@ def run(duration: float, waypoints: list[tuple[float, float]], **others: float) 
 
 
 def main() -> None:
-    figure = Figure(figsize=(10.5, 3.1), layout="constrained", dpi=110)
-    line, stick, follow = figure.subplots(1, 3)
+    figure = Figure(figsize=(9.0, 5.4), layout="constrained", dpi=100)
+    (line, stick), (follow, felt) = figure.subplots(2, 2)
     fast = run(
         3.0,
         [(0.0, 1.0), (0.2, 1.6), (1.4, 1.6), (1.6, 1.0)],
@@ -62,7 +63,16 @@ def main() -> None:
         follow.plot(trace.t, 1e3 * (trace.q[:, ELBOW] - wanted), color=colour, lw=1.0, label=f"sigma = {share:g}")
     follow.set(xlabel="time [s]", ylabel="error [mrad]", title="The servo, without and with feed-forward")
     follow.legend(frameon=False, fontsize=7)
-    for axes in (line, stick, follow):
+    swing = [(0.2, 1.0), (1.4, 1.4), (2.6, 1.0)]
+    for compensation, colour in (("none", GREY), ("weight", RED), ("dynamic", BLUE)):
+        sensor = {"wrist.name": "sensor", "wrist.site": "forearm", "wrist.compensation": compensation}
+        trace = run(3.0, swing, **sensor, **{"controller.name": "pid"})
+        felt.plot(trace.t, np.linalg.norm(trace.f_contact_m_W, axis=1), color=colour, lw=1.0, label=compensation)
+    felt.set_yscale("log")
+    felt.set(xlabel="time [s]", ylabel="derived force [N]", title="A swing without contact: wrist sensor")
+    felt.set_ylim(1e-6, 100.0)
+    felt.legend(frameon=False, fontsize=7, ncols=3, loc="upper right")
+    for axes in (line, stick, follow, felt):
         axes.title.set_fontsize(9)
         axes.tick_params(labelsize=7)
         axes.xaxis.label.set_fontsize(8)

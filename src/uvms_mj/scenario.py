@@ -237,7 +237,7 @@ def _anchor(tables: dict[str, Any], folder: Path | None) -> None:
     """Make paths absolute that are relative to the folder of the scenario file."""
     if folder is None:
         return
-    for table, key in (("vehicle", "model"), *((name, "name") for name in STAGES)):
+    for table, key in (("vehicle", "model"), ("joints", "motion_file"), *((name, "name") for name in STAGES)):
         value = tables.get(table, {}).get(key) if isinstance(tables.get(table), dict) else None
         if isinstance(value, str) and (folder / value.split(":")[0]).is_file():
             tables[table][key] = str((folder / value).absolute())

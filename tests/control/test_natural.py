@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from armed import armed_xml
 from uvms_mj import Scenario, Simulation, simulate
+from uvms_mj.analysis.residual import impedance_error
 from uvms_mj.analysis.setup import set_up
 from uvms_mj.control.design import ott_damping
 from uvms_mj.control.natural import NaturalInertia, natural_damping
@@ -192,6 +193,8 @@ def test_at_a_tool_the_law_needs_no_force(at_tool):
     settings = at_tool | {"estimates.inertia": 1.2, "simulation.duration": 0.5}
     wrong = settings | {"navigation.name": "sensors", "navigation.force_bias": [3.0, -2.0, 1.0]}
     told, blind = (simulate(Scenario.load("push_wall", each, "impedance")) for each in (settings, wrong))
+    with pytest.raises(InputError, match=r"impedance\.M_d: 'natural' changes with the posture of the arm"):
+        impedance_error(told)
     assert np.abs(blind.f_contact_m_W - told.f_contact_m_W).max() > 1.0
     assert np.allclose(blind.tau_cmd, told.tau_cmd, rtol=0.0, atol=1e-8)
 

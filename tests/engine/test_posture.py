@@ -81,6 +81,7 @@ def test_the_joints_follow_their_natural_frequency_while_the_task_rests(at_rest,
     assert worst[1] < 2e-3
 
 
+@pytest.mark.filterwarnings("ignore:posture.order")
 def test_the_order_decides_what_gives_way(at_rest):
     """Four joints leave two components below the attitude: it is met, and the joints in part; and the other way."""
     settings = at_rest | {"simulation.duration": 8.0}
@@ -156,9 +157,10 @@ def test_a_rigid_vehicle_has_no_posture():
 
 
 def test_joints_that_hold_themselves_have_no_posture(at_rest):
+    held = at_rest | {"joints.name": "position", "task.frame": "body"}
     with pytest.raises(InputError, match=r"posture: the joint interface position holds the joints itself"):
-        simulate(scenario(at_rest | {"joints.name": "position"}, order=["joints"]))
-    with Simulation(scenario(at_rest | {"joints.name": "position"})) as sim:
+        simulate(scenario(held, order=["joints"]))
+    with Simulation(scenario(held)) as sim:
         sim.step(20)
         assert not sim._memory.stages.frame.model.arrays["tau_posture"].any()
 
@@ -170,6 +172,7 @@ def test_joints_that_hold_themselves_have_no_posture(at_rest):
         (["attitude", "joints"], "tool", None),
         (["station", "attitude", "joints"], "tool", "the task and station and attitude"),
         (["station", "joints"], "body", "the task"),
+        (["station", "attitude"], "tool", None),
     ],
 )
 def test_a_level_without_freedom_gets_a_note(at_rest, order, frame, above):
@@ -179,3 +182,19 @@ def test_a_level_without_freedom_gets_a_note(at_rest, order, frame, above):
         assert np.isfinite(sim.signals.tau_q).all()
     assert len(found) == (above is not None)
     assert all(note.endswith(f" by {above}") for note in found)
+
+
+def test_a_planar_arm_pitches_its_base_and_leaves_the_roll():
+    """Two links in the x-z plane: of the attitude the pitch is held, the roll is not tried, and one joint is left."""
+    settings = STILL | {"vehicle.model": "planar_arm", "task.frame": "tool", "initial.joints": [0.6, 0.9]}
+    settings |= {"simulation.duration": 6.0, "initial.attitude_deg": [0.0, 8.0, 0.0]}
+    initial = set_up(Scenario.load("push_wall", settings)).initial
+    settings |= {"reference.target": initial.position, "reference.attitude_deg": initial.attitude_deg}
+    level = scenario(settings, order=["attitude", "joints"], attitude_deg=[5.0, 0.0, 0.0], attitude_frequency=2.0)
+    with Simulation(level) as sim:
+        assert not [note for note in sim.notes if note.startswith("posture")]
+    trace = simulate(level, log_rate=100.0)
+    roll, pitch = rotation_matrix(trace.quat_WB)[:, 2, 1], -rotation_matrix(trace.quat_WB)[:, 2, 0]
+    assert np.abs(roll).max() < 1e-6
+    assert np.allclose(pitch, np.sin(np.radians(8.0) * critical(trace.t, 2.0)), rtol=0.0, atol=2e-3)
+    assert np.abs(trace.eta_e).max() < 1e-4

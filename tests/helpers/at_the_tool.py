@@ -34,7 +34,8 @@ def random_push(model: str, rng: np.random.Generator) -> tuple[dict[str, Any], f
     n = (R_WB @ R).T @ [1.0, 0.0, 0.0]
     depth = float(rng.uniform(0.004, 0.02))
     force = depth / (n @ (n / K_d[:3]) + 1.0 / k_c)
-    factors = {key: rng.uniform(0.7, 1.4, JOINTS) for key in ("inertia", "coriolis", "damping", "restoring")}
+    factors = {key: rng.uniform(0.7, 1.4, JOINTS) for key in ("inertia", "coriolis", "restoring")}
+    factors["damping"] = rng.uniform(0.4, 1.0, JOINTS)  # more than the true one would drive the free motion
     links = [{"name": name, **{key: float(each[k]) for key, each in factors.items()}} for k, name in enumerate(LINKS)]
     target = [float(tool[0]) + depth, *tool[1:].tolist()]
     return {

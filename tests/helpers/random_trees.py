@@ -138,6 +138,7 @@ def _element(tree: TwinTree, k: int, frame: tuple[Array, Array]) -> str:
         place = f'pos="{_numbers(R_F.T @ (body.p_0 - p_F))}" quat="{_numbers(_quat(R_F.T @ body.R_0))}"'
         kind = "slide" if body.slide else f'hinge" pos="{_numbers(body.anchor)}'
         head = f'<joint name="joint{k}" type="{kind}" axis="{_numbers(body.axis)}" damping="{body.damping!r}"/>'
+        head += '<site name="tool"/>' if k == tree.n else ""
     first, *others = body.parts
     inside, tail = head + _inertial(first, *here), ""
     for part in others:
@@ -163,7 +164,8 @@ def _coefficients(tree: TwinTree) -> str:
 
 
 def tree_xml(tree: TwinTree, timestep: float = 1e-3, integrator: str = "Euler") -> str:
-    """MJCF of the tree, with one motor per axis of the base and one per joint."""
+    """MJCF of the tree, with one motor per axis of the base and one per joint, and the site ``tool`` in the frame of
+    the last link."""
     axes = "".join(f'<motor name="m{i}" site="origin" gear="{_numbers(np.eye(6)[i])}"/>' for i in range(6))
     joints = "".join(f'<motor joint="joint{k}" gear="1" ctrlrange="-1000 1000"/>' for k in range(1, tree.n + 1))
     return f"""<mujoco><option gravity="0 0 {-tree.gravity!r}" timestep="{timestep!r}" integrator="{integrator}"/>

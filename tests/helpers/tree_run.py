@@ -22,6 +22,9 @@ OF_JOINTS = {
 AT_TOOL = {
     "task.frame": "tool",
     "encoder.name": "encoder",
+    "posture.joints": [1.2, -0.1, 0.3],
+    "posture.order": ["joints"],
+    "posture.joints_frequency": 5.0,
     "wall.position": 0.669,
     "reference.target": [0.75, 0.15, -0.35],
     "reference.attitude_deg": [5.484, 24.53, 10.63],

@@ -196,14 +196,19 @@ def acceleration(tree: TwinTree, R: Array, q: Array, zeta: Array, tau: Array, t:
     return np.linalg.solve(inertia(tree, q), load)
 
 
-def momentum_W(tree: TwinTree, p: Array, R: Array, q: Array, zeta: Array) -> Array:
-    """Momentum of bodies and water, (6,), linear part first, in W about its origin, in still water."""
-    total = np.zeros(6)
+def velocities(tree: TwinTree, q: Array, zeta: Array) -> list[Array]:
+    """Velocity of each body in its frame, (6,), linear part first."""
     V: list[Array] = [zeta[:6][_SWAP]]
     for body, x, rate in zip(tree.bodies[1:], q, zeta[6:], strict=True):
         V.append(_from_parent(body, x) @ V[body.parent] + body.S * rate)
-    for body, (R_L, p_L), velocity in zip(tree.bodies, poses(tree, p, R, q), V, strict=True):
-        h = (body.M_RB + body.M_A) @ velocity[_SWAP]
+    return [each[_SWAP] for each in V]
+
+
+def momentum_W(tree: TwinTree, p: Array, R: Array, q: Array, zeta: Array) -> Array:
+    """Momentum of bodies and water, (6,), linear part first, in W about its origin, in still water."""
+    total = np.zeros(6)
+    for body, (R_L, p_L), nu in zip(tree.bodies, poses(tree, p, R, q), velocities(tree, q, zeta), strict=True):
+        h = (body.M_RB + body.M_A) @ nu
         total += np.r_[R_L @ h[:3], R_L @ h[3:] + np.cross(p_L, R_L @ h[:3])]
     return total
 

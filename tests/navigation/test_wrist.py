@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from random_trees import of_bodies, place_tree, random_state, random_tree, tree_xml
+from tool_arm import arm_file
 from tree_twin import _cross_motion, _from_parent, _resistance_of, poses
 from twin import rotation
 from two_joints import STILL, two_joints
@@ -163,3 +164,32 @@ def test_estimates_of_a_link_act_on_the_model(tmp_path):
 def test_wrong_settings_are_refused(scenario, own, message):
     with pytest.raises(InputError, match=message):
         Simulation(scenario(random_tree(0, 2), 1, own))
+
+
+def test_at_rest_the_derived_force_is_that_of_the_wall(tmp_path):
+    """The arm is stretched until its tip presses a tilted wall with friction. A law that switches would not come to
+    rest."""
+    wall = {"shape": "plane", "position": [0.78, 0.0, 0.0], "attitude_deg": [0.0, 10.0, 20.0], "stiffness": 2e3}
+    motion = [{"time": 0.2, "joints": [0.1, -0.9, 1.4, 0.2, 0.1]}, {"time": 2.0, "joints": [0.1, -0.4, 0.7, 0.2, 0.1]}]
+    own = {
+        "vehicle.model": str(arm_file(tmp_path)),
+        "vehicle.contact_bodies": [{"position": [0.045, 0.0, 0.0], "radius": 0.02, "body": "hand"}],
+        "wall.present": False,
+        "walls": [wall | {"friction": 0.3, "damping": 50.0}],
+        "initial.joints": motion[0]["joints"],
+        "joints.name": "position",
+        "joints.motion": motion,
+        "wrist.name": "sensor",
+        "wrist.site": "wrist",
+        "controller.name": "pid",
+        "simulation.duration": 15.0,
+    }
+    trace = simulate(Scenario.load("push_wall", STILL | own))
+    assert np.linalg.norm(trace.f_contact_W[-1]) > 2.0
+    assert np.abs(trace.f_contact_m_W[-1] - trace.f_contact_W[-1]).max() < 1e-6
+
+
+def test_a_run_with_a_wrist_sensor_has_no_closed_form_of_its_rest(tmp_path):
+    own = {"vehicle.model": str(arm_file(tmp_path)), "wrist.name": "sensor", "wrist.site": "hand", "task.frame": "tool"}
+    with Simulation(Scenario.load("push_wall", STILL | own)) as sim:
+        assert "with a wrist sensor" in sim.scenario.controller.at_rest(sim.setup)

@@ -1,6 +1,7 @@
 """Vehicle files with joints: what a link and its joint may have, and what is refused by name."""
 
 import re
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from edited_vehicles import BLUEROV, INERTIAL, mjcf, plant
 from uvms_mj import InputError
 from uvms_mj.physics.dissipation import quadratic_gain
+from uvms_mj.plant.mjcf_elements import ELEMENTS
 from uvms_mj.plant.strip import Part, strip_theory
 from uvms_mj.plant.vehicle import Vehicle
 
@@ -204,3 +206,27 @@ def test_an_arm_from_a_file_of_its_own_is_attached_to_a_vehicle(prefix):
     (link,) = mjcf(text, arm=arm.encode()).vehicle.arm.links
     assert (link.name, link.joint) == (f"{prefix}arm", f"{prefix}elbow")
     assert link.displaced_mass == pytest.approx(ROD.displaced_mass, rel=1e-12)
+
+
+VALUES = ("0", "-1", "1e9", "1e-300", "nan", "0 0 0", "1 0 0", "", "abc", "hinge", "free", "2 -1", "arm", "elbow")
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_any_value_of_an_arm_gives_a_plant_or_one_clear_error(seed):
+    rng = np.random.default_rng(seed)
+    root = ElementTree.fromstring(file(water=WATER + numeric("elbow.speed_limit", 1.0)))
+    arm = next(body for body in root.iter("body") if body.get("name") == "arm")
+    elements = [*arm.iter(), *(each for each in root.iter("numeric") if "." in each.get("name", ""))]
+    elements += [each for each in root.iter("motor") if "joint" in each.attrib]
+    for _ in range(rng.integers(1, 3)):
+        element = elements[rng.integers(len(elements))]
+        attributes = [*element.attrib, *(ELEMENTS[element.tag] or ()), "unknown"]
+        element.set(attributes[rng.integers(len(attributes))], VALUES[rng.integers(len(VALUES))])
+    try:
+        built = plant(ElementTree.tostring(root).decode())
+        assert built.model.nv >= 6
+    except InputError:
+        return
+    for link in built.vehicle.arm.links:
+        for matrix in (link.M_RB, link.M_A, link.D_linear, link.D_quadratic):
+            assert np.isfinite(matrix).all()

@@ -38,11 +38,11 @@ from dataclasses import dataclass
 import math
 import numpy as np
 from uvms_mj.guidance import Guidance, hold
-from uvms_mj.navigation import Navigation, Observer, Perfect
+from uvms_mj.navigation import Encoder, Navigation, Observer, Perfect, Wrist
 from uvms_mj.navigation import perfect
 from uvms_mj.actuation import Actuation
 from uvms_mj.actuation import pseudo_inverse
-from uvms_mj.actuation import Thrusters
+from uvms_mj.actuation import Joints, Thrusters, commanded
 from uvms_mj.control import Controller
 from uvms_mj.physics.random import standard_normal
 from uvms_mj.stages.base import setting
@@ -127,6 +127,40 @@ class Own(Thrusters):
         for k in range(u.shape[0]):
             state_dot.thrust[k] = (given.u_cmd[k] - state.thrust[k]) / settings.radius
             u[k] = state.thrust[k] - 0.5 * given.inflow[k]
+""",
+    "encoder": """
+class Own(Encoder):
+    "Encoders with a bias."
+    radius: float = setting(0.1, "rad", "bias")
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        for j in range(out.q_m.shape[0]):
+            out.q_m[j] = given.q[j] + settings.radius
+            out.q_dot_m[j] = given.q_dot[j]
+""",
+    "wrist": """
+class Own(Wrist):
+    "A sensor with a scale error."
+    radius: float = setting(0.1, "1", "scale error")
+
+    @staticmethod
+    def step(settings, state, given, state_dot, reading):
+        for i in range(6):
+            reading[i] = (1.0 + settings.radius) * given.wrench_S[i]
+""",
+    "joints": """
+class Own(Joints):
+    "Motors with a first-order lag."
+    radius: float = setting(0.1, "s", "time constant")
+    states = {"lagged": "joints"}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, tau_q):
+        commanded(given, tau_q)
+        for j in range(tau_q.shape[0]):
+            state_dot.lagged[j] = (tau_q[j] - state.lagged[j]) / settings.radius
+            tau_q[j] = state.lagged[j]
 """,
 }
 

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from ..control.design import Design
+from ..errors import Fault, InputError
 from ..physics.frames import rotation_matrix
 from ..records.trace import Trace
 from . import setup
@@ -29,8 +30,14 @@ def impedance_error(trace: Trace, start: float = 0.0, end: float = np.inf) -> np
     (correction h/2 nu_d). eta_e and the rotation of B are integrated over rows by the trapezoidal rule: at rest any log
     rate is sufficient, an impact needs 1 kHz or more. Friction is integrated over rows as well, but may change its sign
     at every step. With wall friction, a log without every step therefore gives nan in the components with friction.
+
+    Raises:
+        InputError: M_d is the natural inertia of a vehicle with joints, which changes.
     """
     design, h = design_of(trace), trace.scenario.simulation.timestep
+    if trace.scenario.impedance.natural and trace.header.mjcf.vehicle.arm.links:
+        reason = "changes with the posture of the arm and is not recorded; the impedance error needs a constant inertia"
+        raise InputError([Fault("impedance.M_d", f"'natural' {reason}")])
     rows = grid(trace, start, end, INTERVAL_S)
     first, last = rows[:-1], rows[1:]
     T = (trace.t[last] - trace.t[first])[:, None]

@@ -74,6 +74,11 @@ class Setup:
         return scenario.reference.rest_pose(scenario)
 
     @property
+    def at_tool(self) -> bool:
+        """Whether the frame of the task is a site."""
+        return self.scenario.task.frame != BODY
+
+    @property
     def not_rigid(self) -> str:
         """The reason why the equations of a rigid vehicle at B are not those of the run; empty if they are."""
         if self.nominal.arm.links:

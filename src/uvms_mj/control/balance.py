@@ -52,6 +52,7 @@ from .delivery import Delivery
 from .newton import newton
 from .rest import SteadyState
 from .springs import Springs
+from .tool_balance import tool_rest
 
 
 def static_balance(
@@ -126,17 +127,16 @@ def unknown_acceleration(setup: Any, state: SteadyState) -> np.ndarray:
 
 
 def _with_arm(setup: Any, K: float, delivery: Delivery) -> SteadyState | str:
-    """The rest of :func:`static_balance` for a vehicle with an arm, or with its task at a tool.
-
-    A law that integrates rests at w = 0. In these six equations the pose of the task's frame is the only unknown:
-    neither the posture, nor the estimates, nor the disturbance is in them.
-    """
+    """The rest of :func:`static_balance` for a vehicle with an arm, or with its task at a tool
+    (:mod:`.tool_balance`)."""
     if not setup.scenario.navigation.name == setup.scenario.encoder.name == "perfect":
         return "with errors of navigation, the rest of the tool depends on the posture"
+    if setup.scenario.wrist.runs:
+        return "with a wrist sensor, what its model lacks is taken for a contact force, which depends on the posture"
     if any(pair.carrier != 0 for pair in setup.contacts.pairs):
         return "with contact bodies away from the frame of the task, the rest depends on the posture"
     if np.isfinite(K):
-        return "without an integral term, the rest depends on the posture"
+        return tool_rest(setup, K, delivery)
     solved = _solve(setup, K, delivery)
     if solved is None:
         return "the static balance has no solution near the reference"

@@ -15,8 +15,9 @@ from pydantic.dataclasses import dataclass as table
 
 from ..errors import Fault
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
-from ..physics.posture import MOST_JOINTS
-from ..quantities import STRICT, Angles, Number, Position, doc, within
+from ..physics.posture import FREEDOM, MOST_JOINTS
+from ..physics.statics import Statics
+from ..quantities import STRICT, Angles, Number, Position, Step, doc, within
 
 LEVELS = ("attitude", "station", "joints")
 """The levels by the numbers of the kernel."""
@@ -51,6 +52,9 @@ class Posture:
     station_frequency: _Frequency = doc("natural frequency of the level station [rad/s]", 0.5)
     joints_frequency: _Frequency = doc("natural frequency of the level joints [rad/s]", 2.0)
     damping_ratio: Annotated[Number, within(0.0, 1e3, "")] = doc("damping ratio of all levels [1]", 1.0)
+    period: Step = doc(
+        "time between its instants, rounded to control periods, at least one: its motion is slow [s]", 1e-3
+    )
     free_damping: Annotated[Number, within(0.0, 1e3, "1/s")] = doc(
         "rate at which the motion that no level governs decays [1/s]", 1.0
     )
@@ -102,16 +106,24 @@ def posture_faults(setup: Any) -> Iterator[Fault]:
 
 
 def posture_notes(setup: Any) -> Iterator[str]:
-    """Notes on levels that have no freedom left, by a count of components."""
-    given, free = setup.scenario.posture, len(setup.nominal.arm.links)
-    if not free or not type(setup.scenario.joints.meant(setup)).obeys:
+    """Notes on levels that have no freedom left in the initial posture."""
+    given, arm = setup.scenario.posture, setup.nominal.arm
+    if not arm.links or not type(setup.scenario.joints.meant(setup)).obeys:
         return
-    sizes = {"attitude": 3 if given.yaw else 2, "station": 3, "joints": free}
-    held = ("attitude", "station") if setup.scenario.task.frame == "body" else ()
+    statics = Statics(setup.nominal, setup.plant.initial_joints(setup.scenario.initial))
+    frame, one = setup.scenario.task.frame, np.eye(6 + len(arm.links))
+    J, mobility = one[:6] if frame == "body" else statics.jacobian(arm.sites[frame]), np.linalg.inv(statics.inertia())
+    free = mobility - mobility @ J.T @ np.linalg.solve(J @ mobility @ J.T, J @ mobility)
+    up = rotation_matrix(quat_from_euler_deg(*setup.scenario.initial.attitude_deg))[2]
+    tilt = np.linalg.svd(up[None])[2][1:] @ one[3:6]
+    rows = {"attitude": one[3:6] if given.yaw else tilt, "station": one[:3], "joints": one[6:]}
     above = ["the task"]
     for level in given.order:
-        if free <= 0 or (level in held and given != Posture()):
+        J = np.linalg.solve(np.linalg.cholesky(rows[level] @ mobility @ rows[level].T), rows[level])
+        shares, V = np.linalg.eigh(J @ free @ J.T)
+        claimed = shares > (FREEDOM if level != "joints" else 1e-9)
+        if not claimed.any() and given != Posture():
             yield f"posture.order: no freedom is left to the level {level} by {' and '.join(above)}"
-        if level not in held:
-            free -= sizes[level]
-            above.append(level)
+        X = (V.T @ J @ free)[claimed]
+        free = free - X.T @ (X / shares[claimed, None])
+        above.append(level)

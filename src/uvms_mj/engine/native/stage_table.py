@@ -35,7 +35,6 @@ from .joints import Joints
 from .layouts import STAGE
 from .model_memory import TaskFrame
 from .task_frame import UP_TO_ESTIMATES, Errors, ToolAttitude
-from .wrist_memory import WristMemory
 
 
 def _shape(value: Any) -> tuple[int, ...]:
@@ -49,7 +48,6 @@ class StageTable:
     Attributes:
         signals: the record of the signals that the law is given (1,); each stage fills its part.
         sensed: the clock and the measurements (1,) that navigation sets if an observer replaces its force.
-        wrist: the wrist sensor, or None.
         frame: the stages and the memory of a vehicle with joints or a tool.
         allocation: the record that actuation is given (1,).
         command: the record with the law's command tau_cmd (1,): that of the actuation, or of the delay or the
@@ -66,15 +64,7 @@ class StageTable:
         actuation: index of the first stage that is given the law's command.
     """
 
-    def __init__(
-        self,
-        setup: Setup,
-        true: np.ndarray,
-        water: np.ndarray,
-        joints: Joints,
-        wrist: WristMemory | None,
-        carriers: np.ndarray,
-    ) -> None:
+    def __init__(self, setup: Setup, true: np.ndarray, water: np.ndarray, joints: Joints, carriers: np.ndarray) -> None:
         scenario, n = setup.scenario, len(setup.vehicle.thrusters)
         controller = scenario.controller
         self.signals = np.zeros(1, record_dtype(type(controller).given()))
@@ -94,7 +84,6 @@ class StageTable:
             states = type(stage).state_size(counted) if state is None else 0
             self.entries[table] = Entry(stage, stage.record(setup), own if state is None else state, given, out, states)
 
-        self.wrist = wrist
         frame = self.frame = TaskFrame(setup, self.signals, joints, carriers)
         late = controller.delay is not None
         behind = np.zeros(1, record_dtype(Delay.given())) if frame.model else self.allocation
@@ -150,8 +139,8 @@ class StageTable:
             add("sensed", Sensed(), self.sensed, part(self.signals, KNOWN[:4]))
         if joints.interface is not None:
             add("encoder", scenario.encoder, joints.true, part(joints.given, encoder_signals(joints.n)))
-        if self.wrist is not None:
-            self.wrist.add(add, true, frame.base)
+        if joints.wrist is not None:
+            joints.wrist.add(add, true, frame.base)
         if frame.model is not None:
             out = part(self.signals, UP_TO_ESTIMATES)
             add("model", frame.estimation, part(frame.base, CLOCK + KNOWN), out, frame.model.record)
@@ -204,6 +193,7 @@ class StageTable:
         periods = {"actuation": h}
         periods["delay"] = Delay.steps(scenario)[2] * h if "delay" in self.entries else h
         periods |= {"tool": h, "resolve": periods["delay"] if "delay" in self.entries else control}
+        periods["below"] = control * max(1, round(scenario.posture.period / control))
         periods |= {table: h for table, entry in self.entries.items() if type(entry.stage).every_step}
         chosen = {table: getattr(scenario, table).period for table in STAGES}
         periods |= {table: period for table, period in chosen.items() if period is not None}

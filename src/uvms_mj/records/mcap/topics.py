@@ -218,7 +218,8 @@ def once(header: Header) -> tuple[tuple[Topic, ...], dict[str, np.ndarray]]:
             topics.append(Topic("/analytic/contact", _WRENCH, "map", "N", text, ros2.stamped("map", "force", 3, 6)))
             values["force"] = np.array([-analytic.force, 0.0, 0.0])
         if analytic.position is not None:  # a user's law may predict the force only
-            text, kind = "closed form of B's position at rest", "geometry_msgs/PointStamped"
+            whose = "the tool's" if header.task_frame[0] == "p_WT" else "B's"
+            text, kind = f"closed form of {whose} position at rest", "geometry_msgs/PointStamped"
             topics.append(Topic("/analytic/position", kind, "map", "m", text, ros2.stamped("map", "position", 3)))
             values["position"] = analytic.position
     return tuple(dataclasses.replace(topic, latched=True) for topic in topics), values

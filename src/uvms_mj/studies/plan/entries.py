@@ -14,7 +14,7 @@ from .study_file import StudyFile, Vary
 
 _OF_STUDY = ("design", "keep", "run")
 _NOT_OF_BASE = ("laws", "vary", "design", "keep", "run", "success")
-_PATHS = ("vehicle.model", *(f"{table}.name" for table in STAGES))
+_PATHS = ("vehicle.model", "joints.motion_file", *(f"{table}.name" for table in STAGES))
 """The dotted keys whose value may be the path of a file."""
 
 
