@@ -28,6 +28,7 @@ BASE = {
     "posture.attitude_deg": [0.0, 0.0, 0.0],
     "posture.joints": list(WANTED),
     "simulation.timestep": 5e-4,
+    "posture.period": 5e-4,
     "simulation.duration": 5.0,
 }
 

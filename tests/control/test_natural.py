@@ -168,6 +168,7 @@ def at_tool(tmp_path_factory):
     settings = {"vehicle.model": str(path), "task.frame": "tool", "wall.present": False, "current.speed": 0.0}
     settings |= NATURAL | {"initial.joints": [0.3, -0.8, 0.5, 0.4], "reference.step_time": 0.0}
     settings |= {"posture.joints": [-0.6, 0.5, -0.4, 0.2], "posture.order": ["joints"], "simulation.timestep": 5e-4}
+    settings |= {"posture.period": 1e-6}  # every control instant: the projection is that of the instant
     initial = set_up(Scenario.load("push_wall", settings)).initial
     return settings | {"reference.target": initial.position, "reference.attitude_deg": initial.attitude_deg}
 
