@@ -26,23 +26,22 @@ class PostureAtRest:
         (6 + n, 6 + n)."""
         a, P, P_qq = np.zeros(len(P)), P.copy(), P[6:, 6:]
         for kind in self.settings["levels"]:
-            share = FREEDOM
+            frequency = self.settings["frequency"][int(kind)]
             if kind == ATTITUDE:
                 columns, (T, b) = slice(3, 6), self._attitude(R_WB)
             elif kind == STATION:
                 columns, T, b = slice(0, 3), np.eye(3), R_WB.T @ (self.settings["p_d"] - p_WB)
-            elif kind == JOINTS:
-                columns, T, b = slice(6, None), np.eye(self.n), self.settings["joints"][: self.n] - q
-                share = 1.0
             else:
+                if kind == JOINTS:  # it has all that is left
+                    b = frequency**2 * (self.settings["joints"][: self.n] - q)
+                    a += P[:, 6:] @ np.linalg.solve(P_qq, b - a[6:])
                 break
-            alone = P_qq if kind == JOINTS else M_inv[columns, columns]
-            L_inv = np.linalg.inv(np.linalg.cholesky(T @ alone @ T.T))
-            b = L_inv @ (self.settings["frequency"][int(kind)] ** 2 * b - T @ a[columns])
+            L_inv = np.linalg.inv(np.linalg.cholesky(T @ M_inv[columns, columns] @ T.T))
+            b = L_inv @ (frequency**2 * b - T @ a[columns])
             X = L_inv @ T @ P[columns]
             sigma, V = np.linalg.eigh(X[:, columns] @ (L_inv @ T).T)
-            fading = (3.0 - 2.0 * sigma / share) * sigma / share**2
-            f = np.where(sigma >= share, 1.0 / np.maximum(sigma, share), fading)
+            fading = (3.0 - 2.0 * sigma / FREEDOM) * sigma / FREEDOM**2
+            f = np.where(sigma >= FREEDOM, 1.0 / np.maximum(sigma, FREEDOM), fading)
             x = V.T @ X
             a += x.T @ (f * (V.T @ b))
             P -= (x.T * f) @ x
