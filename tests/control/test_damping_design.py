@@ -41,8 +41,8 @@ def test_six_numbers_are_the_diagonal_of_a_matrix(D_d):
     def matrix(six):
         return None if six is None else tuple(map(tuple, np.diag(six).tolist()))
 
-    given = Design.of(Scenario(impedance=Impedance(M_d=SIX, D_d=D_d, K_d=OTHER)), M, M)
-    other = Design.of(Scenario(impedance=Impedance(M_d=matrix(SIX), D_d=matrix(D_d), K_d=OTHER)), M, M)
+    given = Design.of(Scenario(impedance=Impedance(M_d=SIX, D_d=D_d, K_d=OTHER)), M, M, M)
+    other = Design.of(Scenario(impedance=Impedance(M_d=matrix(SIX), D_d=matrix(D_d), K_d=OTHER)), M, M, M)
     for name in ("M_d", "M_d_inv", "D_d", "K_d"):
         assert np.allclose(getattr(given, name), getattr(other, name), rtol=1e-13, atol=1e-12), name
     assert np.allclose(given.M_d @ given.M_d_inv, np.eye(6))
@@ -53,7 +53,7 @@ def test_both_matrices_that_are_not_physical_are_named(form):
     wrong = form((1.0,) * 5 + (-1.0,))
     scenario = Scenario(impedance=Impedance(M_d=wrong, D_d=wrong))
     with pytest.raises(InputError, match=r"(?s)impedance.M_d.*not positive definite.*impedance.D_d.*not dissipative"):
-        Design.of(scenario, M, M)
+        Design.of(scenario, M, M, M)
 
 
 @given(st.tuples(*[st.floats(-180.0, 180.0)] * 3), st.floats(0.0, 1.0))
