@@ -1,4 +1,4 @@
-"""Draw docs/tool_push.png: a tool that presses on a wall at the end of the run, and its force over time.
+"""Draw docs/arms.png: a tool that presses on a wall at the end of the run, and its force over time.
 
 python scripts/pages/arms.py
 """
@@ -60,7 +60,7 @@ def main() -> None:
         left.imshow(picture)
         left.set_axis_off()
         force(right, trace)
-        (file,) = save(figure, DOCS / "tool_push", ("png",))
+        (file,) = save(figure, DOCS / "arms", ("png",))
     small = Image.open(file).convert("RGB").resize((1065, 435), Image.Resampling.LANCZOS)
     palette = small.quantize(256, Image.Quantize.FASTOCTREE)
     small.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG).save(file, optimize=True)
