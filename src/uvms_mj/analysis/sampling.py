@@ -16,7 +16,7 @@ from ..plant.vehicle import AXES, notes_on_damping
 from ..quantities import leaves
 from ..scenario import STAGES, Scenario
 from .setup import Setup, set_up
-from .task_frame import task_faults
+from .task_frame import task_faults, task_notes
 from .wall import wall_faults, wall_notes
 from .water import water_faults
 
@@ -73,6 +73,7 @@ def warnings_of(setup: Setup) -> list[str]:
             *stage_notes(scenario.reference, setup),
             *_sampling_notes(setup),
             *posture_notes(setup),
+            *task_notes(setup),
             *stage_notes(scenario.controller, setup),
         ]
     rank = np.linalg.matrix_rank(vehicle.B)

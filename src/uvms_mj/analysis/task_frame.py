@@ -90,3 +90,15 @@ def task_faults(setup: Any) -> Iterator[Fault]:
     if reason and scenario.observer.runs:
         label = scenario.observer.label()
         yield Fault("observer.name", f"{label} observes a rigid vehicle at B only, and {reason}; use none")
+
+
+def task_notes(setup: Any) -> Iterator[str]:
+    """Warnings for a law at a tool: Coulomb friction of the gears, which no law compensates."""
+    rubbing = [link for link in setup.vehicle.arm.links if link.friction > 0.0]
+    if rubbing and setup.scenario.task.frame != BODY:
+        most = max(rubbing, key=lambda link: link.friction)
+        yield (
+            f"the gears have Coulomb friction, up to {most.friction:g} N m or N at {most.joint}, which the law at "
+            f"{setup.scenario.task.frame} does not know: the tool may stick, and lose a wall again and again; "
+            "vehicle.coulomb_friction = 0 leaves it out"
+        )

@@ -49,6 +49,8 @@ def tool_rest(setup: Any, K: float, delivery: Delivery) -> SteadyState | str:
     arguments are those of :func:`.balance.static_balance`; K is finite."""
     if any(link.friction > 0.0 for link in setup.vehicle.arm.links):
         return "with Coulomb friction in the joints, the rest posture depends on the path"
+    if setup.scenario.impedance.natural:
+        return "with impedance.M_d = 'natural' the desired inertia depends on the rest posture, which is not computed"
     wall = setup.scenario.wall
     of = ToolBalance(setup, K, delivery)
     y = of.start
