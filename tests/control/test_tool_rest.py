@@ -61,7 +61,7 @@ WRONG = [{"name": "hand", "inertia": 1.1, "restoring": 0.3}, {"name": "upper_arm
     [
         ("impedance", {"current.speed": 0.2}),
         ("impedance", {"current.speed": 0.2, "estimates.links": WRONG}),
-        ("fosm", {"controller.epsilon": 2e-3, "posture.order": ["station", "joints"]}),
+        ("fosm", {"controller.epsilon": 2e-3}),
         ("fosm", {"controller.epsilon": 3e-3, "estimates.links": WRONG, "wall.damping": 50.0}),
     ],
 )
