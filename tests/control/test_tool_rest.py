@@ -13,7 +13,7 @@ from uvms_mj.analysis.setup import set_up
 from uvms_mj.control.rest import NoClosedForm
 from uvms_mj.control.theory import steady_state
 
-SHORT = {"simulation.timestep": 2e-4, "simulation.duration": 8.0}
+COARSE = {"simulation.timestep": 2e-4}
 
 
 @pytest.fixture(scope="module")
@@ -21,16 +21,16 @@ def model(tmp_path_factory) -> str:
     return str(arm_file(tmp_path_factory.mktemp("vehicle")))
 
 
-def pushes(model: str, seed: int, n: int) -> list[tuple[float, float, float, float]]:
+def pushes(model: str, seed: int, n: int, duration: float) -> list[tuple[float, float, float, float]]:
     """Mean force over the last 0.5 s of n random pushes, the force by hand, the one that the impedance demands, and the
     closed form of the law [N]."""
     rng, found = np.random.default_rng(seed), []
     drawn = [random_push(model, rng) for _ in range(n)]
-    with Simulation(Scenario.load("push_wall", drawn[0][0] | SHORT)) as sim:
+    with Simulation(Scenario.load("push_wall", drawn[0][0] | COARSE | {"simulation.duration": duration})) as sim:
         for overrides, by_hand in drawn:
             sim.reset(overrides=overrides)
             sim.step(sim.scenario.steps)
-            mean = float(sim.signals.final_impulse) / (0.5 - SHORT["simulation.timestep"])  # without the last step
+            mean = float(sim.signals.final_impulse) / (0.5 - COARSE["simulation.timestep"])  # without the last step
             found.append((mean, by_hand, demanded_force(sim.scenario), steady_state(sim.setup).force))
     return found
 
@@ -44,13 +44,13 @@ def check(found: list[tuple[float, float, float, float]]) -> None:
 
 @pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
 def test_super_twisting_rests_at_the_force_that_the_impedance_demands_at_the_tool(model):
-    check(pushes(model, 3, 3))
+    check(pushes(model, 3, 3, 8.0))
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
 def test_fifty_random_postures_walls_and_gains(model):
-    check(pushes(model, 4, 50))
+    check(pushes(model, 4, 50, 12.0))
 
 
 WRONG = [{"name": "hand", "inertia": 1.1, "restoring": 0.3}, {"name": "upper_arm", "inertia": 0.7, "restoring": 1.6}]

@@ -191,6 +191,10 @@ def test_an_encoder_with_a_period_is_held_between_its_samples(scenario):
         ({"joints.name": "position", "joints.target": [9.0, 0.0]}, "joints.target: 9 of shoulder is beyond its range"),
         ({"joints.name": "position", "joints.motion_file": "none.csv"}, "joints.motion_file: none.csv: "),
         ({"joints.target": [0.1, 0.0]}, "for this one choose joints.name = velocity or position"),
+        (
+            {"joints.name": "velocity", "task.frame": "tip"},
+            "joints.name: 'velocity' follows a given motion, and the law at a tool commands torques; choose torque",
+        ),
         ({"joints.name": "spring"}, "joints.name: no joint interface 'spring'"),
         ({"encoder.name": "encoder", "encoder.bias": [1.0, 2.0, 3.0]}, "encoder.bias: has 3 values"),
         ({"encoder.period": 1e-3}, "a perfect encoder has no period"),

@@ -13,6 +13,8 @@ from uvms_mj.errors import InputError
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.physics.statics import Statics
 
+pytestmark = pytest.mark.filterwarnings("ignore:the law sees a jump")
+
 STILL = {"wall.present": False, "current.speed": 0.0}
 
 
@@ -265,3 +267,32 @@ def test_the_engine_without_joints_refuses_a_tool(tmp_path):
     path.write_text(armed_xml(0))
     with pytest.raises(InputError, match=r"task\.frame = 'origin' is not computed by the engine free_body"):
         Simulation(at(path, {"task.frame": "origin"}), engine="free_body")
+
+
+def test_biased_sensors_mislead_the_law_and_not_the_record(arm_of_four):
+    """The law sees the tool where the biased position and the biased joints have it; p_WT is the true one."""
+    q, bias = [0.3, -0.8, 0.5, 0.4], [0.02, -0.01, 0.03, 0.0]
+    sensors = {"encoder.name": "encoder", "encoder.bias": bias, "encoder.velocity": "measured"}
+    sensors |= {"navigation.name": "sensors", "navigation.position_bias": [0.1, 0.0, -0.05]}
+    start = {"initial.joints": q, "initial.position": [0.5, -0.2, 0.1]}
+    with Simulation(at(arm_of_four, sensors | start, "external")) as sim:
+        site, p_WB = sim.setup.vehicle.arm.sites["tool"], np.array(start["initial.position"])
+        true, seen = (p_WB + Statics(sim.setup.vehicle, np.array(each)).pose(site)[0] for each in (q, np.add(q, bias)))
+        np.testing.assert_allclose(sim.signals.p_WT, true, rtol=0, atol=1e-14)
+        seen_error = np.add(seen, [0.1, 0.0, -0.05]) - sim.signals.p_d
+        R_WT = rotation_matrix(sim.signals.quat_WT)
+        np.testing.assert_allclose(np.linalg.norm(sim.signals.eta_e[:3]), np.linalg.norm(seen_error), rtol=1e-12)
+        assert np.abs(R_WT.T @ seen_error - sim.signals.eta_e[:3]).max() > 1e-4  # the law's axes are turned, too
+
+
+def test_a_tool_on_a_rigid_vehicle_is_fixed_in_b(tmp_path):
+    path = tmp_path / "rigid.xml"
+    path.write_text(armed_xml(0))
+    settings = {"reference.target": [0.3, 0.1, -0.1], "simulation.duration": 0.5, "initial.velocity": [0.1] * 6}
+    trace = simulate(at(path, settings, "gsta"))
+    site, R_WB = set_up(trace.scenario).vehicle.arm.sites["tool"], rotation_matrix(trace.quat_WB)
+    np.testing.assert_allclose(trace.p_WT, trace.p_WB + R_WB @ site.p, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(rotation_matrix(trace.quat_WT), R_WB @ site.R, rtol=0, atol=1e-14)
+    v_T = trace.nu[:, :3] + np.cross(trace.nu[:, 3:], site.p)
+    np.testing.assert_allclose(trace.nu_T, np.hstack([v_T @ site.R, trace.nu[:, 3:] @ site.R]), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(trace.manipulability, 1.0, rtol=1e-12)

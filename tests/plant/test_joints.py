@@ -3,10 +3,9 @@
 import math
 
 import mujoco
-import numpy as np
 import pytest
 
-from uvms_mj.plant.joints import STOP_TIME, creep, set_constraints
+from uvms_mj.plant.joints import STOP_TIME, set_constraints
 
 INERTIA = 0.01
 PENDULUM = f"""
@@ -39,7 +38,6 @@ def test_a_joint_that_sticks_creeps_as_its_closed_form_says(timestep):
     before = data.qpos[0]
     mujoco.mj_step(model, data, 1000)
     speed = (data.qpos[0] - before) / (1000 * timestep)
-    assert speed == pytest.approx(creep(model, np.array([1.0]))[0], rel=1e-6)
     assert speed == pytest.approx(1e-6 * timestep / INERTIA, rel=1e-6)
 
 
@@ -78,7 +76,7 @@ def test_added_mass_changes_neither_the_creep_nor_the_sliding_torque():
         torque, acceleration = data.qfrc_constraint[0], data.qacc[0]
     finally:
         mujoco.set_mjcb_control(None)
-    assert speed == pytest.approx(creep(model, np.array([1.0]))[0], rel=1e-4)
+    assert speed == pytest.approx(1e-6 * 1e-4 / INERTIA, rel=1e-3)
     assert torque == pytest.approx(-1.5, rel=1e-12)
     assert acceleration == pytest.approx(1.0 / (11.0 * INERTIA), rel=1e-9)
 

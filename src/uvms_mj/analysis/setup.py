@@ -14,7 +14,6 @@ from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..physics.statics import Statics
 from ..plant.build import Plant, build
 from ..plant.contacts import Contacts, Front, Pair, contacts_of
-from ..plant.joints import felt_inertia
 from ..plant.mjcf import Mjcf
 from ..plant.settings import Initial, lightest_along_face, lightest_at
 from ..plant.vehicle import Vehicle
@@ -57,13 +56,15 @@ class Setup:
 
     @property
     def joint_inertia(self) -> np.ndarray:
-        """(n,) inertia that each motor feels at the start, by the vehicle's file [kg m^2 or kg]."""
-        return felt_inertia(self.nominal, self.initial_joints)
+        """(n,) inertia that each motor feels at the start while all else is free, by the vehicle's file: the inverses
+        of the diagonal of M(q)^-1 [kg m^2 or kg]."""
+        M = Statics(self.nominal, self.initial_joints).inertia()
+        return 1.0 / np.diag(np.linalg.inv(M))[6:]
 
     @functools.cached_property
     def initial(self) -> Initial:
         """The initial pose of the frame of the task."""
-        return task_start(self.scenario, self.nominal.arm)
+        return task_start(self.scenario, self.nominal)
 
     @functools.cached_property
     def rest_pose(self) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:

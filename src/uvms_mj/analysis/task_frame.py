@@ -11,7 +11,6 @@ from ..control.task import BODY
 from ..errors import Fault, InputError, suggestion
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..physics.statics import Statics
-from ..plant.arm import Arm
 from ..plant.settings import Initial
 from ..plant.variation import varied
 from ..plant.vehicle import Vehicle
@@ -60,26 +59,26 @@ def _inertia(vehicle: Vehicle, scenario: Scenario, factors: list[float] | None) 
     return 0.5 * (Lambda + Lambda.T)
 
 
-def task_start(scenario: Scenario, arm: Arm) -> Initial:
+def task_start(scenario: Scenario, nominal: Vehicle) -> Initial:
     """The initial pose of the frame of the task: that of B, or of the tool, whose velocity is left out."""
     initial = scenario.initial
     if scenario.task.frame == BODY:
         return initial
-    site = arm.sites[scenario.task.frame]
-    p_BT, R_BT = Statics(_Posture(arm), arm.start(initial.joints)).pose(site)
+    posture = Statics(nominal, nominal.arm.start(initial.joints))
+    p_BT, R_BT = posture.pose(nominal.arm.sites[scenario.task.frame])
     R_WB = rotation_matrix(quat_from_euler_deg(*initial.attitude_deg))
-    R = R_WB @ R_BT
-    roll, yaw = math.atan2(R[2, 1], R[2, 2]), math.atan2(R[1, 0], R[0, 0])
-    pitch = math.atan2(-R[2, 0], math.hypot(R[2, 1], R[2, 2]))
     position = np.array(initial.position) + R_WB @ p_BT
-    return Initial(tuple(position.tolist()), tuple(math.degrees(angle) for angle in (roll, pitch, yaw)))
+    return Initial(tuple(position.tolist()), euler_deg(R_WB @ R_BT))
 
 
-class _Posture:
-    """Links without coefficients, for their poses alone."""
-
-    def __init__(self, arm: Arm) -> None:
-        self.arm = arm
+def euler_deg(R: np.ndarray) -> tuple[float, float, float]:
+    """Roll, pitch and yaw of a rotation (3, 3) [deg]; roll is zero where only its sum with yaw counts."""
+    level = math.hypot(R[2, 1], R[2, 2])
+    pitch = math.atan2(-R[2, 0], level)
+    roll, yaw = math.atan2(R[2, 1], R[2, 2]), math.atan2(R[1, 0], R[0, 0])
+    if level < 1e-9:
+        roll, yaw = 0.0, math.atan2(-R[0, 1], R[1, 1])
+    return math.degrees(roll), math.degrees(pitch), math.degrees(yaw)
 
 
 def task_faults(setup: Any) -> Iterator[Fault]:

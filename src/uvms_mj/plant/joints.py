@@ -13,13 +13,7 @@ of solref:
 - Stops: a stop is a critically damped spring of the stiffness ``1 / (T^2 (1 - d) 0.01 w)``, whose time constant is T.
 """
 
-import math
-
 import mujoco
-import numpy as np
-
-from ..physics.frames import rotation_matrix
-from .vehicle import Vehicle
 
 FRICTION_IMPEDANCE = 0.9999
 """MuJoCo's greatest impedance, mjMAXIMP."""
@@ -40,37 +34,3 @@ def set_constraints(model: mujoco.MjModel) -> None:
     model.dof_solimp[:, :2] = FRICTION_IMPEDANCE
     model.jnt_solref[:] = max(STOP_TIME, 2.0 * h), 1.0
     model.jnt_solimp[:, :2] = STOP_IMPEDANCE
-
-
-def creep(model: mujoco.MjModel, load: np.ndarray) -> np.ndarray:
-    """Velocities (n,) with which joints creep that stick under loads (n,), for the last n degrees of freedom of a model
-    with :func:`set_constraints` [rad/s or m/s]."""
-    return (1.0 - FRICTION_IMPEDANCE) * model.opt.timestep * model.dof_invweight0[-len(load) :] * load
-
-
-def inertia(vehicle: Vehicle, q: np.ndarray) -> np.ndarray:
-    """The inertia M(q) (6 + n, 6 + n) of a vehicle with its joints at q (n,), added mass and rotors included, for
-    zeta_q = [nu; q_dot]: the sum of J_k^T (M_RB + M_A) J_k over the links."""
-    size = 6 + len(q)
-    J_base = np.eye(6, size)
-    M = J_base.T @ vehicle.M @ J_base
-    columns: list[np.ndarray] = []
-    for k, link in enumerate(vehicle.arm.links):
-        R, p = link.R_0, link.p_0 + link.R_0 @ link.axis * q[k]
-        if not link.slide:
-            half = 0.5 * q[k]
-            R = link.R_0 @ rotation_matrix(np.array([math.cos(half), *(math.sin(half) * link.axis)]))
-            p = link.p_0 + (link.R_0 - R) @ link.anchor
-        v, omega = np.vsplit(columns[link.parent] if link.parent >= 0 else J_base, 2)
-        J = np.vstack([R.T @ (v + np.cross(omega, p, axisa=0).T), R.T @ omega])
-        J[:, 6 + k] += link.S
-        columns.append(J)
-        M += J.T @ (link.M_RB + link.M_A) @ J
-        M[6 + k, 6 + k] += link.armature
-    return M
-
-
-def felt_inertia(vehicle: Vehicle, q: np.ndarray) -> np.ndarray:
-    """The inertia (n,) that each motor feels while the vehicle and all other joints are free: the inverses of the
-    diagonal of M(q)^-1 [kg m^2 or kg]."""
-    return 1.0 / np.diag(np.linalg.inv(inertia(vehicle, q)))[6:]

@@ -30,7 +30,12 @@ def move_model(model, R_WB, nu):
 @kernel
 def estimate_wrenches(model):
     """Set C zeta, D zeta and g (N,)."""
-    tree, C, D, g = model.tree, floats(model.C_at, model.N), floats(model.D_at, model.N), floats(model.g_at, model.N)
+    tree, C, D, g = (
+        model.tree,
+        floats(model.C_at, model.tau.shape[0]),
+        floats(model.D_at, model.tau.shape[0]),
+        floats(model.g_at, model.tau.shape[0]),
+    )
     for k in range(tree.links):
         link = link_at(tree.links_at + LINK_SIZE * k)
         coriolis_wrench(link, link.f)
@@ -51,7 +56,8 @@ def estimate_wrenches(model):
 @kernel
 def estimate_inertia(model):
     """Set M (N, N)."""
-    tree, N, M = model.tree, model.N, floats(model.M_at, model.N * model.N)
+    tree, N = model.tree, model.tau.shape[0]
+    M = floats(model.M_at, N * N)
     armature = floats(model.armature_at, model.n)
     compose_links(tree)
     base = link_at(tree.links_at)
@@ -81,7 +87,7 @@ def estimate_inertia(model):
 @kernel
 def place_tool(model):
     """Set the pose of the tool in B, and J^T (N, 6)."""
-    tree, tool, J_T = model.tree, model.tool, floats(model.J_T_at, 6 * model.N)
+    tree, tool, J_T = model.tree, model.tool, floats(model.J_T_at, 6 * model.tau.shape[0])
     link = link_at(tree.links_at + LINK_SIZE * tool.link)
     tool_in_base(tool, link)
     base_rows(tool, J_T)
@@ -95,8 +101,8 @@ def place_tool(model):
 @kernel
 def estimate_at_body(model, out):
     """Set the estimates at B: the rows of the base."""
-    N, M, C = model.N, floats(model.M_at, model.N * model.N), floats(model.C_at, model.N)
-    D, g = floats(model.D_at, N), floats(model.g_at, N)
+    N = model.tau.shape[0]
+    M, C, D, g = floats(model.M_at, N * N), floats(model.C_at, N), floats(model.D_at, N), floats(model.g_at, N)
     for i in range(6):
         out.C_hat_nu[i], out.D_hat_nu[i], out.g_hat[i] = C[i], D[i], g[i]
         for j in range(6):
@@ -106,7 +112,7 @@ def estimate_at_body(model, out):
 @kernel
 def estimate_at_tool(model, out):
     """Set the estimates at the tool: Lambda, and J_bar^T h - Lambda J_dot zeta, whose last term is that of C."""
-    N, Lambda, work, MJ_T = model.N, model.Lambda, model.work, floats(model.MJ_T_at, 6 * model.N)
+    N, Lambda, work, MJ_T = model.tau.shape[0], model.Lambda, model.work, floats(model.MJ_T_at, 6 * model.tau.shape[0])
     link = link_at(model.tree.links_at + LINK_SIZE * model.tool.link)
     J_T, M, L = floats(model.J_T_at, 6 * N), floats(model.M_at, N * N), floats(model.L_at, N * N)
     task_inertia(M, N, J_T, L, MJ_T, model.L_task, Lambda, model.manipulability)

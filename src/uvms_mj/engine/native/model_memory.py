@@ -9,7 +9,7 @@ from ...plant.arm import Link
 from ...plant.vehicle import Vehicle
 from ...stages.signals import CLOCK, KNOWN, MANIPULABILITY, TOOL, Signal, record_dtype
 from .joints import Joints
-from .layouts import MODEL
+from .layouts import model_dtype
 from .links import link_records
 from .posture import PostureBelowTool, PostureBesideBase
 from .task_frame import ModelAtBody, ModelAtTool, ResolveAtBody, ResolveAtTool
@@ -26,14 +26,14 @@ class ModelMemory:
     def __init__(self, setup: Setup, vehicle: Vehicle, joints: Joints) -> None:
         arm, frame = vehicle.arm, setup.scenario.task.frame
         n, N = len(arm.links), 6 + len(arm.links)
-        self.record, self.links = np.zeros(1, MODEL), link_records(vehicle)
+        self.record, self.links = np.zeros(1, model_dtype(n)), link_records(vehicle)
         tool = self.record["tool"]
         if frame != BODY:
             site = arm.sites[frame]
             tool["link"], tool["p_LT"], tool["R_LT"] = site.link + 1, site.p, site.R
-        self.record["n"], self.record["N"], self.record["gravity_W"] = n, N, setup.gravity_W
+        self.record["n"], self.record["gravity_W"] = n, setup.gravity_W
         self.record["tree"]["links"], self.record["tree"]["links_at"] = n + 1, self.links.ctypes.data
-        sizes = {"M": N * N, "L": N * N, "J_T": 6 * N, "MJ_T": 6 * N, "C": N, "D": N, "g": N, "tau": N}
+        sizes = {"M": N * N, "L": N * N, "J_T": 6 * N, "MJ_T": 6 * N, "C": N, "D": N, "g": N}
         sizes |= {"tau_posture": N, "armature": n, "gear": n}
         self.arrays = {name: np.zeros(size) for name, size in sizes.items()}
         self.arrays |= {"q": joints.q_m, "q_dot": joints.q_dot_m, "tau_q_cmd": joints.tau_q_cmd}

@@ -38,7 +38,7 @@ class PostureBelowTool(Stage):
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        N, own = state.N, state.posture
+        N, own = state.tau.shape[0], state.posture
         M, q = floats(state.M_at, N * N), floats(state.q_at, state.n)
         measure(state, given)
         inverse(floats(state.L_at, N * N), N, own.M_inv)
@@ -63,7 +63,7 @@ class PostureBesideBase(PostureBelowTool):
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        N, own = state.N, state.posture
+        N, own = state.tau.shape[0], state.posture
         M, L, q = floats(state.M_at, N * N), floats(state.L_at, N * N), floats(state.q_at, state.n)
         measure(state, given)
         cholesky(M, N, L)
@@ -80,7 +80,7 @@ class PostureBesideBase(PostureBelowTool):
 @kernel
 def measure(model, given):
     """Set zeta and h (N,) of the posture's memory from the measurements at B and the law's model."""
-    N, own, q_dot = model.N, model.posture, floats(model.q_dot_at, model.n)
+    N, own, q_dot = model.tau.shape[0], model.posture, floats(model.q_dot_at, model.n)
     C, D, g = floats(model.C_at, N), floats(model.D_at, N), floats(model.g_at, N)
     for i in range(6):
         own.zeta[i] = given.nu[i]

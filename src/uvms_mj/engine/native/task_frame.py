@@ -96,10 +96,10 @@ class ResolveAtBody(Stage):
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        tau = floats(state.tau_at, state.N)
+        tau = state.tau
         for i in range(6):
             tau[i] = given.tau_cmd[i]
-        for i in range(6, state.N):
+        for i in range(6, state.tau.shape[0]):
             tau[i] = 0.0
         deliver(state, tau, out)
 
@@ -114,16 +114,16 @@ class ResolveAtTool(Stage):
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        tau = floats(state.tau_at, state.N)
-        resolve(floats(state.J_T_at, 6 * state.N), state.N, given.tau_cmd, tau)
+        tau = state.tau
+        resolve(floats(state.J_T_at, 6 * state.tau.shape[0]), state.tau.shape[0], given.tau_cmd, tau)
         deliver(state, tau, out)
 
 
 @kernel
 def deliver(model, tau, tau_B):
     """Add the posture to tau (N,), and give it to the allocation, tau_B (6,), and to the joints."""
-    tau_q_cmd, tau_posture = floats(model.tau_q_cmd_at, model.n), floats(model.tau_posture_at, model.N)
-    for i in range(model.N):
+    tau_q_cmd, tau_posture = floats(model.tau_q_cmd_at, model.n), floats(model.tau_posture_at, model.tau.shape[0])
+    for i in range(model.tau.shape[0]):
         tau[i] += tau_posture[i]
     for i in range(6):
         tau_B[i] = tau[i]
