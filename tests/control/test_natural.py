@@ -205,7 +205,7 @@ def test_at_a_tool_the_energy_falls_by_the_damping_less_half_the_change_of_inert
     k, kappa, errors = 60.0, 8.0, []
     for h in (4e-4, 2e-4):
         settings = at_tool | {"initial.velocity": [0.3, -0.2, 0.2, 0.4, 0.3, -0.5], "simulation.timestep": h}
-        settings |= {"impedance.K_d": [k] * 3 + [kappa] * 3, "impedance.damping_ratio": 0.3}
+        settings |= {"impedance.K_d": [k] * 3 + [kappa] * 3, "impedance.damping_ratio": 0.3, "task.inertia_period": h}
         V, lost, before = [], 0.0, None
         with Simulation(Scenario.load("push_wall", settings, "impedance")) as sim:
             for step in range(round(1.2 / h)):

@@ -143,7 +143,12 @@ def test_a_wrench_at_the_tool_accelerates_it_as_lambda_and_the_bias_say(vehicle)
 def residual(path, h):
     """Largest residual of the desired impedance in free motion, from the differences of the tool's velocity."""
     start = {"initial.joints": [0.3, -0.8, 0.5, 0.4], "initial.velocity": [0.1, 0.05, -0.1, 0.1, 0.0, 0.1]}
-    wanted = {"reference.target": [0.6, 0.1, -0.5], "reference.step_time": 0.0, "simulation.duration": 0.5}
+    wanted = {
+        "reference.target": [0.6, 0.1, -0.5],
+        "reference.step_time": 0.0,
+        "simulation.duration": 0.5,
+        "task.inertia_period": h,
+    }
     settings = start | wanted | {"simulation.timestep": h, "reference.attitude_deg": [0.3, 35.0, -95.0]}
     trace = simulate(at(path, settings), log_rate="full")
     design = set_up(trace.scenario).design

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..control.task import BODY
+from ..control.task import BODY, ImpedanceTask
 from ..errors import Fault, InputError, suggestion
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..physics.statics import Statics
@@ -82,8 +82,11 @@ def euler_deg(R: np.ndarray) -> tuple[float, float, float]:
 
 
 def task_faults(setup: Any) -> Iterator[Fault]:
-    """Errors for elements that are computed for a rigid vehicle with the frame of the task at B only."""
+    """Errors for elements that are computed for a rigid vehicle with the frame of the task at B only, and for a setting
+    without effect there."""
     reason, scenario = setup.not_rigid, setup.scenario
+    if not reason and scenario.task.inertia_period != ImpedanceTask().inertia_period:
+        yield Fault("task.inertia_period", "has no effect: M_hat of a rigid vehicle at B is constant")
     if reason and scenario.controller.uses_truth:
         label = scenario.controller.label()
         yield Fault("controller.name", f"{label} knows the truth of a rigid vehicle at B only, and {reason}")

@@ -65,6 +65,9 @@ class ImpedanceTask(Stage):
     F_1: Diagonal = shared(1.0, "1/s", "gain of the pose error in s, eq. (14)")
     F_2: _NonzeroDiagonal = shared(1.0, "1", "gain of zeta in s, eq. (14)")
     A: _NegativeDiagonal = shared(-100.0, "1/s", "pole of zeta, eq. (15)")
+    inertia_period: Step = shared(
+        1e-3, "s", "with joints or a tool: time between two computations of M_hat, rounded to control periods"
+    )
     frame: str = shared(BODY, "-", "frame of the task: body, or the name of a site of the vehicle, its tool")
     integral: bool = shared(False, "-", "true: s is M_d^-1 times the integral of eq. (6): A is 0, and s(0) is 0")
 
@@ -87,8 +90,8 @@ class ImpedanceTask(Stage):
             object.__setattr__(self, "A", (0.0,) * 6)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
-        own = {"frame": None, "M_d_inv": setup.design.M_d_inv, "natural": setup.scenario.impedance.natural}
-        return {**super().constants(setup), **own}
+        own = {"M_d_inv": setup.design.M_d_inv, "natural": setup.scenario.impedance.natural}
+        return {**super().constants(setup), "frame": None, "inertia_period": None, **own}
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
@@ -138,7 +141,8 @@ def solve_natural(M, force, L, w):
     backward(L, 6, w, 1)
 
 
-TASK_KEYS = tuple(f.name for f in dataclasses.fields(ImpedanceTask) if f.name not in ("period", "frame"))
+_OF_THE_FRAME = ("period", "inertia_period", "frame")
+TASK_KEYS = tuple(f.name for f in dataclasses.fields(ImpedanceTask) if f.name not in _OF_THE_FRAME)
 """The gains of the task, whose earlier place was the table of the law."""
 
 

@@ -110,12 +110,23 @@ def estimate_at_body(model, out):
 
 
 @kernel
+def estimate_lambda(model):
+    """Set Lambda and M^-1 J^T from M and J."""
+    N = model.tau.shape[0]
+    J_T, MJ_T, M, L = (
+        floats(model.J_T_at, 6 * N),
+        floats(model.MJ_T_at, 6 * N),
+        floats(model.M_at, N * N),
+        floats(model.L_at, N * N),
+    )
+    task_inertia(M, N, J_T, L, MJ_T, model.L_task, model.Lambda, model.manipulability)
+
+
+@kernel
 def estimate_at_tool(model, out):
     """Set the estimates at the tool: Lambda, and J_bar^T h - Lambda J_dot zeta, whose last term is that of C."""
     N, Lambda, work, MJ_T = model.tau.shape[0], model.Lambda, model.work, floats(model.MJ_T_at, 6 * model.tau.shape[0])
     link = link_at(model.tree.links_at + LINK_SIZE * model.tool.link)
-    J_T, M, L = floats(model.J_T_at, 6 * N), floats(model.M_at, N * N), floats(model.L_at, N * N)
-    task_inertia(M, N, J_T, L, MJ_T, model.L_task, Lambda, model.manipulability)
     at_tool(model.tool, link.nu, model.nu_T)
     at_tool(model.tool, link.a, model.J_dot_zeta)
     at_task(Lambda, MJ_T, N, floats(model.C_at, N), work, out.C_hat_nu)

@@ -3,8 +3,9 @@ command into the wrench on the base and the torques of the joints."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from ...control.task import tracking_errors
 from ...physics.frames import attitude
@@ -12,7 +13,15 @@ from ...physics.kernels import kernel
 from ...physics.operational import resolve, tool_in_world, wrench_at_tool
 from ...stages.base import Room, Stage
 from ...stages.signals import CLOCK, ERRORS, ESTIMATES, KNOWN, REFERENCE, TOOL, TRUE, WRENCH_COMMAND
-from .law_model import estimate_at_body, estimate_at_tool, estimate_inertia, estimate_wrenches, move_model, place_tool
+from .law_model import (
+    estimate_at_body,
+    estimate_at_tool,
+    estimate_inertia,
+    estimate_lambda,
+    estimate_wrenches,
+    move_model,
+    place_tool,
+)
 from .memory import floats
 
 UP_TO_ESTIMATES = KNOWN + REFERENCE + ERRORS + ESTIMATES
@@ -32,18 +41,28 @@ class ToolAttitude(Stage):
         attitude(state.R_WC, out)
 
 
+def instants(setup: Any) -> int:
+    """Number of control instants from one estimate of the inertia to the next."""
+    scenario = setup.scenario
+    return max(1, round(scenario.task.inertia_period / scenario.control_period))
+
+
 @dataclass(frozen=True)
 class ModelAtBody(Stage):
     """The estimates at B of a vehicle with joints. ``state`` is a MODEL record."""
 
     name = "model_at_body"
-    needs: ClassVar = ()
+    needs: ClassVar = ("task", "controller.period", "simulation.timestep")
     room: ClassVar[Room] = Room("control", "model", lambda thrusters: CLOCK + KNOWN, UP_TO_ESTIMATES)
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        return {"every": instants(setup)}
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
         move_model(state, given.R_WB, given.nu)
-        estimate_inertia(state)
+        if given.instant % int(settings.every) == 0:
+            estimate_inertia(state)
         estimate_wrenches(state)
         estimate_at_body(state, out)
 
@@ -54,15 +73,20 @@ class ModelAtTool(Stage):
     record."""
 
     name = "model_at_tool"
-    needs: ClassVar = ()
+    needs: ClassVar = ("task", "controller.period", "simulation.timestep")
     room: ClassVar[Room] = Room("control", "model", lambda thrusters: CLOCK + KNOWN, UP_TO_ESTIMATES)
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        return {"every": instants(setup)}
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
         move_model(state, given.R_WB, given.nu)
-        estimate_inertia(state)
-        estimate_wrenches(state)
         place_tool(state)
+        if given.instant % int(settings.every) == 0:
+            estimate_inertia(state)
+            estimate_lambda(state)
+        estimate_wrenches(state)
         estimate_at_tool(state, out)
         tool_in_world(state.tool, given.p_WB, given.R_WB, out.p_WB, out.R_WB)
         attitude(out.R_WB, out.quat_WB)
