@@ -15,8 +15,9 @@ from pydantic.dataclasses import dataclass as table
 
 from ..errors import Fault
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
-from ..physics.posture import FREEDOM, MOST_JOINTS
+from ..physics.posture import FREEDOM
 from ..physics.statics import Statics
+from ..physics.tree import MOST_JOINTS
 from ..quantities import STRICT, Angles, Number, Position, Step, doc, within
 
 LEVELS = ("attitude", "station", "joints")

@@ -13,11 +13,11 @@ from pydantic import BeforeValidator
 from ..errors import Fault, InputError
 from ..physics.kernels import kernel
 from ..physics.random import standard_normal
+from ..physics.tree import MOST_JOINTS
 from ..quantities import Lowercase, Moderate, NonNegative, Number, Step, Time, within
 from ..stages.base import Room, Stage, setting, shared
 from ..stages.joint_signals import encoder_given, encoder_signals
 
-MOST_JOINTS = 30
 MOST_LATE = 500
 """Largest delay in periods of the encoder."""
 

@@ -45,14 +45,12 @@ from .dense import backward, cholesky, forward, inverse, product
 from .eigen import symmetric_eigen
 from .frames import quat_error
 from .kernels import kernel
+from .tree import MOST_JOINTS
 
 FREEDOM = 1e-2
 """Share of freedom epsilon below which the demand of attitude or station fades."""
 ATTITUDE, STATION, JOINTS = range(3)
 """The levels."""
-
-
-MOST_JOINTS = 30
 _N = 6 + MOST_JOINTS
 
 WORK = np.dtype(

@@ -30,6 +30,9 @@ from .fossen import coriolis_added_mass, damping, matvec
 from .frames import to_body, to_world
 from .kernels import kernel
 
+MOST_JOINTS = 30
+"""Joints of a vehicle that are computed."""
+
 LINK = np.dtype(
     [
         ("parent", "i8"),  # index of the link that carries it; the base is link 0

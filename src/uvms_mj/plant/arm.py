@@ -14,10 +14,10 @@ import mujoco
 import numpy as np
 
 from ..errors import Fault
+from ..physics.tree import MOST_JOINTS
 from .coefficients import numeric
 from .link_water import water_of
 
-MOST_JOINTS = 30
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
 
 

@@ -8,7 +8,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ...control.rest import SteadyState
-from ...plant.arm import MOST_JOINTS
+from ...physics.tree import MOST_JOINTS
 from ...records.scene import span, wall_face
 from .extents import readable
 from .run import TIMELINE, Run
