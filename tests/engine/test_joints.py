@@ -189,7 +189,12 @@ def test_an_encoder_with_a_period_is_held_between_its_samples(scenario):
     [
         ({"joints.name": "position", "joints.target": [0.1]}, "joints.target: has 1 values; the vehicle has 2 joints"),
         ({"joints.name": "position", "joints.target": [9.0, 0.0]}, "joints.target: 9 of shoulder is beyond its range"),
-        ({"joints.name": "position", "joints.motion_file": "none.csv"}, "joints.motion_file: none.csv: "),
+        ({"joints.name": "position", "joints.motion_file": "none.csv"}, "none.csv: No such file or directory"),
+        (
+            {"joints.name": "position", "joints.period": 0.02},
+            "200 rad/s is unstable at a period of 0.02 s",
+        ),
+        ({"initial.joints": [9.0, 0.0]}, "initial.joints[0]: 9 is outside the range of shoulder"),
         ({"joints.target": [0.1, 0.0]}, "for this one choose joints.name = velocity or position"),
         (
             {"joints.name": "velocity", "task.frame": "tip"},

@@ -8,6 +8,7 @@ import pytest
 
 from armed import armed_xml
 from uvms_mj import Scenario, Simulation, Status, simulate
+from uvms_mj.analysis.sampling import warnings_of
 from uvms_mj.analysis.setup import set_up
 from uvms_mj.errors import InputError
 from uvms_mj.physics.frames import rotation_matrix
@@ -265,6 +266,20 @@ def test_an_unknown_frame_link_or_joint_is_named_with_the_choices(arm_of_four):
     assert "task.frame: 'tol' is not 'body' or a site; did you mean 'tool'?" in message
     assert "estimates.links[0].name: 'link9' is not a link of rov" in message
     assert "initial.joints: has 1 positions; rov has 4 (joint1, joint2, joint3, joint4)" in message
+
+
+def test_a_joint_without_a_motor_is_noted(arm_of_four, tmp_path):
+    path = tmp_path / "passive.xml"
+    path.write_text(armed_xml(4, motors=False))
+    assert "no motor drives joint1, joint2, joint3, joint4" in " ".join(warnings_of(set_up(at(path))))
+    assert "no motor" not in " ".join(warnings_of(set_up(at(arm_of_four))))
+
+
+def test_a_factor_of_friction_without_joints_is_refused(tmp_path):
+    path = tmp_path / "rigid.xml"
+    path.write_text(armed_xml(0))
+    with pytest.raises(InputError, match=r"vehicle\.coulomb_friction: has no effect: rov has no joints"):
+        set_up(at(path, {"task.frame": "body", "vehicle.coulomb_friction": 0.5}))
 
 
 def test_the_engine_without_joints_refuses_a_tool(tmp_path):

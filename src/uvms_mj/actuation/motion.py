@@ -58,7 +58,8 @@ def read_motion(path: str, joints: Sequence[str]) -> tuple[np.ndarray, np.ndarra
         with Path(path).open(encoding="utf-8-sig", newline="") as file:
             rows = list(csv.reader(file))
     except (OSError, ValueError, csv.Error) as error:
-        raise InputError([Fault(key, f"{path}: {error}")]) from None
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise InputError([Fault(key, f"can't read {Path(path).absolute()}: {reason}")]) from None
     header = [word.strip() for word in rows[0]] if rows else []
     wanted = ["time", *joints]
     missing = [name for name in wanted if name not in header]

@@ -41,6 +41,8 @@ SLOW = 0.01
 """Speed v_s below which the Coulomb friction is fed forward in proportion to the commanded velocity [rad/s or m/s]."""
 _SLACK = 0.01
 """How far a given position may be beyond the range, for the errors of a measured motion [rad or m]."""
+FASTEST = 2.0
+"""Bandwidth of the velocity loop times its period: above, a sampled gain on the velocity diverges."""
 _SOURCES = ("target", "motion", "motion_file")
 
 
@@ -102,6 +104,10 @@ class Servo(Joints):
         if not at_body(setup):
             instead = "follows a given motion, and the law at a tool commands torques; choose torque"
             yield Fault("joints.name", f"{self.label()!r} {instead}")
+        period = self.period or setup.scenario.control_period
+        if self.velocity_bandwidth * period > FASTEST:
+            limit = f"unstable at a period of {period:g} s, which allows {FASTEST / period:g} rad/s"
+            yield Fault("joints.velocity_bandwidth", f"{self.velocity_bandwidth:g} rad/s is {limit}")
         given = [("joints.target", self.target)] if self.target is not None else []
         given += [(f"joints.motion[{i}].joints", waypoint.joints) for i, waypoint in enumerate(self.motion)]
         for place, values in given:

@@ -16,12 +16,18 @@ from ..plant.variation import varied
 from ..plant.vehicle import Vehicle
 from ..scenario import Scenario
 
+BEYOND = 0.01
+"""How far beyond its range a joint may start, as its limits give way [rad or m]."""
+
 
 def check_frame(scenario: Scenario, nominal: Vehicle) -> None:
     """Raise InputError if the frame of the task is not a site of the vehicle, or the initial joints do not fit it."""
     frame, arm, faults = scenario.task.frame, nominal.arm, []
     if frame != BODY and frame not in arm.sites:
-        faults.append(Fault("task.frame", f"{frame!r} is not {BODY!r} or a site; {suggestion(frame, arm.sites)}"))
+        tools = [BODY, *(name for name in arm.sites if name not in nominal.thrusters)]
+        faults.append(Fault("task.frame", f"{frame!r} is not {BODY!r} or a site; {suggestion(frame, tools)}"))
+    if not arm.links and scenario.vehicle.coulomb_friction != 1.0:
+        faults.append(Fault("vehicle.coulomb_friction", f"has no effect: {nominal.body} has no joints"))
     names = [link.name for link in arm.links]
     for i, link in enumerate(scenario.estimates.links):
         if link.name not in names:
@@ -33,6 +39,12 @@ def check_frame(scenario: Scenario, nominal: Vehicle) -> None:
         faults.append(
             Fault("initial.joints", f"has {len(given)} positions; {nominal.body} has {len(names)} ({joints})")
         )
+    elif given is not None:
+        faults += [
+            Fault(f"initial.joints[{i}]", f"{q:g} is outside the range of {link.joint}, {low:g} to {high:g} rad or m")
+            for i, (q, link) in enumerate(zip(given, arm.links, strict=True))
+            if not (low := link.range[0]) - BEYOND <= q <= (high := link.range[1]) + BEYOND
+        ]
     if faults:
         raise InputError(faults)
 
@@ -96,7 +108,14 @@ def task_faults(setup: Any) -> Iterator[Fault]:
 
 
 def task_notes(setup: Any) -> Iterator[str]:
-    """Warnings for a law at a tool: Coulomb friction of the gears, which no law compensates."""
+    """Warnings for joints without a motor, and for a law at a tool: Coulomb friction of the gears, which no law
+    compensates."""
+    passive = [link.joint for link in setup.vehicle.arm.links if link.effort == 0.0]
+    if passive:
+        yield (
+            f"no motor drives {', '.join(passive)}, which a law at a tool, a posture and the joint interfaces command: "
+            "a joint without a motor moves freely"
+        )
     rubbing = [link for link in setup.vehicle.arm.links if link.friction > 0.0]
     if rubbing and setup.scenario.task.frame != BODY:
         most = max(rubbing, key=lambda link: link.friction)

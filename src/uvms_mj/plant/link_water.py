@@ -48,6 +48,9 @@ def water_of(model: mujoco.MjModel, data: mujoco.MjData, body: int, faults: list
     given = {name for name in _NAMES if any(has_numeric(model, prefix + each) for each in _entries(name))}
     filled_in = tuple(name for name in _FROM_STRIPS if strips and name not in given)
     instead = strips or Strips(0.0, np.zeros(3), np.zeros((6, 6)), np.zeros((6, 6)))
+    if strips is None and "M_A" not in given:
+        ways = f"{prefix}M_A, its derivatives {prefix}X_udot, ..., or {prefix}strip_theory"
+        faults.append(Fault(f"{prefix}M_A", f"is missing: give {ways}"))
     displaced_mass = instead.displaced_mass
     if "displaced_mass" not in filled_in:
         displaced_mass = float(numeric(model, f"{prefix}displaced_mass", 1, faults)[0])
@@ -58,7 +61,7 @@ def water_of(model: mujoco.MjModel, data: mujoco.MjData, body: int, faults: list
     return {
         "displaced_mass": displaced_mass,
         "r_b": numeric(model, f"{prefix}center_of_buoyancy", 3, faults, default=instead.center_of_buoyancy),
-        "M_A": instead.M_A if "M_A" in filled_in else added_mass(model, prefix, faults),
+        "M_A": instead.M_A if "M_A" not in given else added_mass(model, prefix, faults),
         "D_linear": damping["D_linear"],
         "D_quadratic": damping["D_quadratic"],
         "filled_in": filled_in,

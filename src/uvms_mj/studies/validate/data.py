@@ -95,7 +95,7 @@ def records(folder: str | Path) -> tuple[list[Record], list[Record]]:
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise InputError(f"--data {folder}: no such folder; {_WANTED}")
+        raise InputError(f"--data {folder}: {'is not a folder' if folder.exists() else 'no such folder'}; {_WANTED}")
     stems = sorted(
         {path.name.removesuffix(f"_{kind}.csv") for kind in _COLUMNS for path in folder.glob(f"*_{kind}.csv")}
     )
