@@ -56,6 +56,12 @@ def coriolis_rigid_body(M_RB, nu, out):
 def coriolis_added_mass(M_A, nu, out):
     """out = C_A(nu) nu (6,) [N, N m], Fossen (2021), eq. (6.44), M_A (6, 6) symmetric [kg, kg m, kg m^2]."""
     matvec(M_A, nu, out)
+    turn_momentum(nu, out)
+
+
+@kernel
+def turn_momentum(nu, out):
+    """Set out (6,), a momentum M nu, to the wrench C(nu) nu that turns it, in place."""
     a_0, a_1, a_2, a_3, a_4, a_5 = out[0], out[1], out[2], out[3], out[4], out[5]
     out[0], out[1], out[2], out[3], out[4], out[5] = (  # at once: of columns (6, n), a_0 to a_5 are views of out
         nu[4] * a_2 - nu[5] * a_1,

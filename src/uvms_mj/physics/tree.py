@@ -26,7 +26,7 @@ import math
 
 import numpy as np
 
-from .fossen import coriolis_added_mass, damping, matvec
+from .fossen import coriolis_added_mass, damping, matvec, turn_momentum
 from .frames import to_body, to_world
 from .kernels import kernel
 
@@ -47,6 +47,8 @@ LINK = np.dtype(
         ("coriolis", "f8"),  # factor of the Coriolis and centripetal wrench of M
         ("D_linear", "f8", (6, 6)),
         ("D_quadratic", "f8", (6, 6)),
+        ("M_diagonal", "i8"),  # whether M is a diagonal, which most links have; 0 if nobody looked
+        ("D_diagonal", "i8"),  # whether both damping matrices are
         ("mass", "f8"),  # whose weight counts, at r_g [kg, m]
         ("r_g", "f8", (3,)),
         ("displaced_mass", "f8"),  # [kg]
@@ -134,8 +136,15 @@ def move(link, parent, q_dot):
 @kernel
 def coriolis_wrench(link, out):
     """Set out (6,) to M a + C(nu) nu of a link, without the links that it carries."""
-    coriolis_added_mass(link.M, link.nu, out)
-    matvec(link.M, link.a, link.work)
+    M, nu, a, work = link.M, link.nu, link.a, link.work
+    if link.M_diagonal != 0:
+        for i in range(6):
+            out[i] = M[i, i] * nu[i]
+            work[i] = M[i, i] * a[i]
+        turn_momentum(nu, out)
+    else:
+        coriolis_added_mass(M, nu, out)
+        matvec(M, a, work)
     for i in range(6):
         out[i] = link.coriolis * (out[i] + link.work[i])
 
@@ -143,7 +152,12 @@ def coriolis_wrench(link, out):
 @kernel
 def damping_wrench(link, out):
     """Set out (6,) to D(nu) nu of a link."""
-    damping(link.D_linear, link.D_quadratic, link.nu, out)
+    D, Q, nu = link.D_linear, link.D_quadratic, link.nu
+    if link.D_diagonal != 0:
+        for i in range(6):
+            out[i] = D[i, i] * nu[i] + Q[i, i] * (abs(nu[i]) * nu[i])
+    else:
+        damping(D, Q, nu, out)
 
 
 @kernel

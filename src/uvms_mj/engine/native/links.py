@@ -6,6 +6,8 @@ from ...physics.tree import LINK
 from ...plant.arm import Link
 from ...plant.vehicle import Vehicle
 
+DAMPING = ("D_linear", "D_quadratic")
+
 
 def link_records(vehicle: Vehicle) -> np.ndarray:
     """LINK records (1 + n,) of a vehicle and its arm with the geometry of the joints; the coefficients are zero."""
@@ -20,12 +22,20 @@ def link_records(vehicle: Vehicle) -> np.ndarray:
     return links
 
 
+def find_diagonals(links: np.ndarray) -> None:
+    """Note which matrices of LINK records (n,) are diagonals: their products take a sixth of the time."""
+    for record in links:
+        diagonal = [not (record[name] - np.diag(np.diag(record[name]))).any() for name in ("M", *DAMPING)]
+        record["M_diagonal"], record["D_diagonal"] = diagonal[0], all(diagonal[1:])
+
+
 def water_links(vehicle: Vehicle) -> np.ndarray:
     """LINK records (1 + n,) for the water: the inertia is the added mass, and only displaced water has weight."""
     links = link_records(vehicle)
     bodies: tuple[Vehicle | Link, ...] = (vehicle, *vehicle.arm.links)
     for record, body in zip(links, bodies, strict=True):
         record["M"] = body.M_A
-        for name in ("D_linear", "D_quadratic", "displaced_mass", "r_b"):
+        for name in (*DAMPING, "displaced_mass", "r_b"):
             record[name] = getattr(body, name)
+    find_diagonals(links)
     return links

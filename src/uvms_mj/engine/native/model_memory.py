@@ -10,7 +10,7 @@ from ...plant.vehicle import Vehicle
 from ...stages.signals import CLOCK, KNOWN, MANIPULABILITY, TOOL, Signal, record_dtype
 from .joints import Joints
 from .layouts import model_dtype
-from .links import link_records
+from .links import find_diagonals, link_records
 from .posture import PostureBelowTool, PostureBesideBase
 from .task_frame import ModelAtBody, ModelAtTool, ResolveAtBody, ResolveAtTool
 
@@ -43,6 +43,7 @@ class ModelMemory:
     def estimate(self, vehicle: Vehicle, estimates: Estimates) -> None:
         """Set the coefficients to those of a vehicle's file with the factors of the estimates."""
         estimate_links(self.links, vehicle, estimates)
+        find_diagonals(self.links)
         for k, link in enumerate(vehicle.arm.links):
             factors = estimates.of(link.name)
             self.arrays["armature"][k] = factors.inertia * link.armature
