@@ -1,9 +1,5 @@
 """The joints of a run: positions, velocities and torques, in memory that the loop and the stages share."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ...analysis.setup import Setup
@@ -20,9 +16,6 @@ from ...stages.signals import (
     record_dtype,
 )
 
-if TYPE_CHECKING:
-    from .wrist_memory import WristMemory
-
 
 class Joints:
     """The joints of a vehicle.
@@ -36,7 +29,6 @@ class Joints:
         tau_q_cmd: (n,) torque or force that the law commands [N m or N].
         wanted: (n,) torque or force that the interface sets.
         tau_q: (n,) torque or force of the motors.
-        wrist: memory of the wrist sensor, which the run sets if there is one.
         interface: the joint interface, or None for a rigid vehicle.
         reached: the arrays whose addresses are in the LOOP record, by its fields.
         state: the arrays that a reset restores.
@@ -44,7 +36,6 @@ class Joints:
 
     def __init__(self, setup: Setup) -> None:
         scenario, links = setup.scenario, setup.vehicle.arm.links
-        self.wrist: WristMemory | None = None
         self.n, self.encoded = len(links), scenario.encoder.runs
         self.interface = scenario.joints.meant(setup) if links else None
         self.true, self.given = (np.zeros(1, record_dtype(each(self.n))) for each in (encoder_given, joints_given))
@@ -82,6 +73,4 @@ class Joints:
             found += zip(encoder_signals(n), (self.q_m, self.q_dot_m), strict=True)
         if type(self.interface).obeys:
             found.append((joint_command_signal(n), self.tau_q_cmd))
-        if self.wrist is not None:
-            found += self.wrist.recorded()
         return found

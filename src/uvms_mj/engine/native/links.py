@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ...control.design import Estimates
 from ...physics.tree import LINK
 from ...plant.arm import Link
 from ...plant.vehicle import Vehicle
@@ -39,3 +40,16 @@ def water_links(vehicle: Vehicle) -> np.ndarray:
             record[name] = getattr(body, name)
     find_diagonals(links)
     return links
+
+
+def estimate_links(links: np.ndarray, vehicle: Vehicle, estimates: Estimates) -> None:
+    """Set the coefficients of LINK records (1 + n,) to those of a vehicle's file with the factors of the estimates."""
+    bodies: list[tuple[Vehicle | Link, Estimates]] = [(vehicle, estimates)]
+    bodies += [(link, estimates.of(link.name)) for link in vehicle.arm.links]
+    for record, (body, factors) in zip(links, bodies, strict=True):
+        record["M"] = factors.inertia * (body.M_RB + body.M_A)
+        record["coriolis"] = factors.coriolis / factors.inertia
+        record["D_linear"] = factors.damping * body.D_linear
+        record["D_quadratic"] = factors.damping * body.D_quadratic
+        record["mass"], record["r_g"] = factors.restoring * body.mass, body.r_g
+        record["displaced_mass"], record["r_b"] = factors.restoring * body.displaced_mass, body.r_b

@@ -5,12 +5,11 @@ import numpy as np
 from ...analysis.setup import Setup
 from ...control.design import Estimates
 from ...control.task import BODY
-from ...plant.arm import Link
 from ...plant.vehicle import Vehicle
 from ...stages.signals import CLOCK, KNOWN, MANIPULABILITY, TOOL, Signal, record_dtype
 from .joints import Joints
 from .layouts import model_dtype
-from .links import find_diagonals, link_records
+from .links import estimate_links, find_diagonals, link_records
 from .posture import PostureBelowTool, PostureBesideBase
 from .task_frame import ModelAtBody, ModelAtTool, ResolveAtBody, ResolveAtTool
 
@@ -48,19 +47,6 @@ class ModelMemory:
             factors = estimates.of(link.name)
             self.arrays["armature"][k] = factors.inertia * link.armature
             self.arrays["gear"][k] = factors.damping * link.damping
-
-
-def estimate_links(links: np.ndarray, vehicle: Vehicle, estimates: Estimates) -> None:
-    """Set the coefficients of LINK records (1 + n,) to those of a vehicle's file with the factors of the estimates."""
-    bodies: list[tuple[Vehicle | Link, Estimates]] = [(vehicle, estimates)]
-    bodies += [(link, estimates.of(link.name)) for link in vehicle.arm.links]
-    for record, (body, factors) in zip(links, bodies, strict=True):
-        record["M"] = factors.inertia * (body.M_RB + body.M_A)
-        record["coriolis"] = factors.coriolis / factors.inertia
-        record["D_linear"] = factors.damping * body.D_linear
-        record["D_quadratic"] = factors.damping * body.D_quadratic
-        record["mass"], record["r_g"] = factors.restoring * body.mass, body.r_g
-        record["displaced_mass"], record["r_b"] = factors.restoring * body.displaced_mass, body.r_b
 
 
 class TaskFrame:

@@ -68,6 +68,7 @@ def recorded(
     found += [*contacts.recorded(loop), (thruster_signal(len(u)), u)]
     found += stages.commanded
     found += joints.recorded()
+    found += stages.wrist.recorded() if stages.wrist is not None else []
     found += stages.frame.recorded(loop["true"])
     own = [each for each in stages.states() if each[1] != "zeta" or not isinstance(each[0], ImpedanceTask)]
     check_states([(stage, name) for stage, name, _ in own], {signal.name for signal, _ in found})

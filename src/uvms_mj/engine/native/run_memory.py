@@ -41,10 +41,9 @@ class RunMemory:
         vehicle, memory = setup.vehicle, engine.memory
         n = len(vehicle.thrusters)
         self.joints = Joints(setup)
-        if setup.scenario.wrist.runs:
-            self.joints.wrist = WristMemory(setup, self.joints, self.context)
+        self.wrist = WristMemory(setup, self.joints, self.context) if setup.scenario.wrist.runs else None
         self.contacts = ContactList(setup)
-        outside = self.loop["true"], self.context["water"], self.joints, self.contacts.carriers
+        outside = self.loop["true"], self.context["water"], self.joints, self.wrist, self.contacts.carriers
         self.stages = stages = StageTable(setup, *outside)
         self.u = np.zeros(n)
         own = setup.scenario.navigation, self.context["water"], self.contacts, self.joints
@@ -104,7 +103,7 @@ class RunMemory:
             if entry.states or type(entry.stage).memory:
                 yield from (entry.state, entry.state_dot)
         yield from (*self.contacts.state, *self.joints.state, *self.engine.state)
-        yield from () if self.joints.wrist is None else self.joints.wrist.state
+        yield from () if self.wrist is None else self.wrist.state
 
     def record(self, row_steps: int, capacity: int) -> None:
         """Record a row every so many time steps, at most ``capacity`` of them before they are taken."""
@@ -216,8 +215,8 @@ def write_estimates(memory: RunMemory, setup: Setup) -> None:
 
 
 def write_wrist(memory: RunMemory, setup: Setup) -> None:
-    if memory.joints.wrist is not None:
-        memory.joints.wrist.write(setup)
+    if memory.wrist is not None:
+        memory.wrist.write(setup)
 
 
 def write_control(memory: RunMemory, setup: Setup) -> None:

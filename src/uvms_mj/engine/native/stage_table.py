@@ -35,6 +35,7 @@ from .joints import Joints
 from .layouts import STAGE
 from .model_memory import TaskFrame
 from .task_frame import UP_TO_ESTIMATES, Errors, ToolAttitude
+from .wrist_memory import WristMemory
 
 
 def _shape(value: Any) -> tuple[int, ...]:
@@ -43,7 +44,8 @@ def _shape(value: Any) -> tuple[int, ...]:
 
 class StageTable:
     """The stages of a run and their memory. ``true`` is the record (1,) given to navigation, ``water`` the vehicle's,
-    ``joints`` the memory of its joints, ``carriers`` the CARRIER records of its contacts.
+    ``joints`` the memory of its joints, ``wrist`` that of their force sensor or None, ``carriers`` the CARRIER records
+    of its contacts.
 
     Attributes:
         signals: the record of the signals that the law is given (1,); each stage fills its part.
@@ -64,7 +66,15 @@ class StageTable:
         actuation: index of the first stage that is given the law's command.
     """
 
-    def __init__(self, setup: Setup, true: np.ndarray, water: np.ndarray, joints: Joints, carriers: np.ndarray) -> None:
+    def __init__(
+        self,
+        setup: Setup,
+        true: np.ndarray,
+        water: np.ndarray,
+        joints: Joints,
+        wrist: WristMemory | None,
+        carriers: np.ndarray,
+    ) -> None:
         scenario, n = setup.scenario, len(setup.vehicle.thrusters)
         controller = scenario.controller
         self.signals = np.zeros(1, record_dtype(type(controller).given()))
@@ -84,7 +94,8 @@ class StageTable:
             states = type(stage).state_size(counted) if state is None else 0
             self.entries[table] = Entry(stage, stage.record(setup), own if state is None else state, given, out, states)
 
-        frame = self.frame = TaskFrame(setup, self.signals, joints, carriers)
+        self.wrist, frame = wrist, TaskFrame(setup, self.signals, joints, carriers)
+        self.frame = frame
         late = controller.delay is not None
         behind = np.zeros(1, record_dtype(Delay.given())) if frame.model else self.allocation
         self.command, self.delayed = np.zeros(1, record_dtype(Delay.given())) if late else behind, behind
@@ -139,8 +150,8 @@ class StageTable:
             add("sensed", Sensed(), self.sensed, part(self.signals, KNOWN[:4]))
         if joints.interface is not None:
             add("encoder", scenario.encoder, joints.true, part(joints.given, encoder_signals(joints.n)))
-        if joints.wrist is not None:
-            joints.wrist.add(add, true, frame.base)
+        if self.wrist is not None:
+            self.wrist.add(add, true, frame.base)
         if frame.model is not None:
             out = part(self.signals, UP_TO_ESTIMATES)
             add("model", frame.estimation, part(frame.base, CLOCK + KNOWN), out, frame.model.record)

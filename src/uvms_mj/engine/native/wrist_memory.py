@@ -12,8 +12,7 @@ from ...stages.signals import CLOCK, KNOWN, Signal, record_dtype
 from .entry import part
 from .joints import Joints
 from .layouts import WRIST
-from .links import link_records, water_links
-from .model_memory import estimate_links
+from .links import estimate_links, link_records, water_links
 from .wrist import Derived, Felt
 
 
