@@ -86,3 +86,10 @@ def test_each_component_of_the_largest_tau_has_three_digits(paper_run, capsys):
     trace = paper_run("gsta")
     shown = [float(number) for number in table_of(trace, capsys)["largest tau"].split("N")[0].split()]
     assert shown == pytest.approx(trace.tau_max[-1], rel=5e-3)
+
+
+def test_the_table_of_a_run_at_a_tool_has_the_tool_and_the_joints(capsys):
+    trace = simulate(Scenario.load("tool_push", {"simulation.duration": 0.01}))
+    table = table_of(trace, capsys)
+    assert float(table["final position, tool"].split()[0]) == pytest.approx(trace.p_WT[-1][0], abs=1e-5)
+    assert [float(q) for q in table["final joints"].split()[:2]] == pytest.approx(trace.q[-1].tolist(), abs=1e-4)

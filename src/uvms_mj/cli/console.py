@@ -154,6 +154,11 @@ def _motion_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]
     final, analytic_m = report["final"], report["analytic"]["position_m"]
     if len(trace):
         yield "final position", f"{_vector(final['position_m'], 5)} m"
+        recorded = {signal.name for signal in trace.signals}
+        if "p_WT" in recorded:
+            yield "final position, tool", f"{_vector(trace.p_WT[-1], 5)} m"
+        if "q" in recorded:
+            yield "final joints", f"{_vector(trace.q[-1], 4)} rad or m"
     if analytic_m and report["status"] != "unstable":
         yield "analytic position", f"{_vector(analytic_m, 5)} m"
     if len(trace):
