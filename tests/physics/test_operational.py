@@ -34,18 +34,6 @@ def test_the_inertia_at_the_tool_is_that_of_numpy(n):
     assert w == pytest.approx(np.sqrt(np.linalg.det(M[:6, :6]) * np.linalg.det(J @ M_inv_J_T)), rel=1e-9)
 
 
-@pytest.mark.parametrize("n", [0, 1, 5, 30])
-def test_torques_in_the_null_space_do_not_accelerate_the_tool(n):
-    (M, J), rng = system(n), np.random.default_rng(1)
-    Lambda, MJ_T, _ = computed(M, J)
-    J_bar = MJ_T @ Lambda
-    tau = rng.normal(size=6 + n)
-    expected, J_T = tau - J.T @ (J_bar.T @ tau), np.ascontiguousarray(J.T).ravel()
-    operational.into_null_space(J_T, Lambda.ravel(), MJ_T.ravel(), 6 + n, tau, np.zeros(6), np.zeros(6))
-    np.testing.assert_allclose(tau, expected, rtol=0, atol=1e-10)
-    np.testing.assert_allclose(J @ np.linalg.solve(M, tau), 0.0, atol=1e-9)
-
-
 @pytest.mark.parametrize("n", [1, 5, 8])
 def test_nothing_is_singular_at_the_tool_of_a_free_vehicle(n):
     """Lambda is at most that with locked joints, also where the arm alone is singular; w is 1 if no joint acts."""

@@ -33,7 +33,6 @@ from .channel import MEMORY, Channel, measure
 from .sensors import channel_settings
 
 QUANTITIES = ("force", "moment")
-COMPENSATIONS = ("none", "weight", "dynamic")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -156,12 +156,3 @@ def at_task(Lambda, MJ_T, N, h, work, out):
 def resolve(J_T, N, F, tau):
     """Set tau (N,) to J^T F."""
     product(J_T, N, 6, F, 1, tau)
-
-
-@kernel
-def into_null_space(J_T, Lambda, MJ_T, N, tau, work, F):
-    """Change tau (N,) to N^T tau, which does not accelerate the tool; work and F are (6,) scratch."""
-    at_task(Lambda, MJ_T, N, tau, work, F)
-    for i in range(N):
-        for j in range(6):
-            tau[i] -= J_T[6 * i + j] * F[j]

@@ -51,7 +51,6 @@ _MODEL = [
     ("manipulability", "f8", (1,)),
     ("J_dot_zeta", "f8", (6,)),
     ("nu_T", "f8", (6,)),
-    ("F", "f8", (6,)),
     ("work", "f8", (6,)),
 ]
 
