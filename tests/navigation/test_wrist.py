@@ -81,7 +81,7 @@ def test_a_dry_arm_gives_what_mujocos_own_sensors_measure(scenario, seed):
         felt, joints = sim._stages.entries["felt"], sim._memory.joints
         record, true = felt.state, felt.given
         local = model.site("wrist")
-        record["p_LS"], record["R_LS"] = local.pos, rotation(local.quat)
+        record["sensor"]["p_LT"], record["sensor"]["R_LT"] = local.pos, rotation(local.quat)
         _, quat, q, zeta = state
         R = rotation(quat)
         true["R_WB"], true["nu"] = R, zeta[:6]

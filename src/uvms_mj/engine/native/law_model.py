@@ -6,10 +6,10 @@ M, C, D and g of the tree are in :math:`\zeta = [\nu; \dot q]`. At a tool, Lambd
 """
 
 from ...physics.dense import product
-from ...physics.frames import to_body
+from ...physics.frames import add_wrench_from, compose_poses, motion_at, to_body
 from ...physics.kernels import kernel
-from ...physics.operational import at_task, at_tool, base_rows, joint_row, task_inertia, tool_in_base
-from ...physics.tree import along_joint, coriolis_wrench, damping_wrench, joint_column, restoring_wrench, to_parent
+from ...physics.operational import at_task, base_rows, task_inertia
+from ...physics.tree import along_joint, coriolis_wrench, damping_wrench, joint_column, restoring_wrench
 from .layouts import LINK_SIZE
 from .memory import floats, link_at
 from .tree import compose_links, gather_wrenches, move_links, place_links
@@ -20,11 +20,19 @@ def move_model(model, R_WB, nu):
     """Set poses, velocities and accelerations of all links from the measured state."""
     base = link_at(model.tree.links_at)
     for i in range(6):
-        base.nu[i] = nu[i]
-        base.a[i] = 0.0
-    to_body(R_WB, model.gravity_W, base.gravity)
+        base.V[i] = nu[i]
+        base.A[i] = 0.0
+    to_body(R_WB, model.gravity_W, model.tree.gravity_B)
     place_links(model.tree, floats(model.q_at, model.n))
     move_links(model.tree, floats(model.q_dot_at, model.n))
+
+
+@kernel
+def turn_to_base(link, wrench):
+    """Set F of a link to a wrench (6,) at its origin in its axes."""
+    for i in range(6):
+        link.F[i] = 0.0
+    add_wrench_from(link.R_BL, link.p_BL, wrench, link.F)
 
 
 @kernel
@@ -38,15 +46,17 @@ def estimate_wrenches(model):
     )
     for k in range(tree.links):
         link = link_at(tree.links_at + LINK_SIZE * k)
-        coriolis_wrench(link, link.f)
+        coriolis_wrench(link, model.work)
+        turn_to_base(link, model.work)
     gather_wrenches(tree, C)
     for k in range(tree.links):
         link = link_at(tree.links_at + LINK_SIZE * k)
-        damping_wrench(link, link.f)
+        damping_wrench(link, model.work)
+        turn_to_base(link, model.work)
     gather_wrenches(tree, D)
     for k in range(tree.links):
         link = link_at(tree.links_at + LINK_SIZE * k)
-        restoring_wrench(link, link.f)
+        restoring_wrench(link, tree.gravity_B, link.F)
     gather_wrenches(tree, g)
     gear, q_dot = floats(model.gear_at, model.n), floats(model.q_dot_at, model.n)
     for k in range(model.n):
@@ -70,18 +80,17 @@ def estimate_inertia(model):
             M[N * row + j] = 0.0
             M[N * j + row] = 0.0
         joint_column(link)
-        f = link.f
+        F = link.F
         for _ in range(link.depth):
             joint = link_at(tree.links_at + LINK_SIZE * above)
-            entry = along_joint(joint, f)
+            entry = along_joint(joint, F)
             M[N * row + 5 + above] = entry
             M[N * (5 + above) + row] = entry
-            to_parent(joint, f)
             above = joint.parent
         M[N * row + row] += armature[k - 1]
         for j in range(6):
-            M[N * row + j] = f[j]
-            M[N * j + row] = f[j]
+            M[N * row + j] = F[j]
+            M[N * j + row] = F[j]
 
 
 @kernel
@@ -89,12 +98,12 @@ def place_tool(model):
     """Set the pose of the tool in B, and J^T (N, 6)."""
     tree, tool, J_T = model.tree, model.tool, floats(model.J_T_at, 6 * model.tau.shape[0])
     link = link_at(tree.links_at + LINK_SIZE * tool.link)
-    tool_in_base(tool, link)
+    compose_poses(link.R_BL, link.p_BL, tool.R_LT, tool.p_LT, tool.R_BT, tool.p_BT)
     base_rows(tool, J_T)
     above = tool.link
     for _ in range(link.depth):  # the rows of all other joints are zero
         joint = link_at(tree.links_at + LINK_SIZE * above)
-        joint_row(tool, joint, 5 + above, J_T)
+        motion_at(tool.R_BT, tool.p_BT, joint.S, floats(model.J_T_at + 48 * (5 + above), 6))
         above = joint.parent
 
 
@@ -126,9 +135,9 @@ def estimate_lambda(model):
 def estimate_at_tool(model, out):
     """Set the estimates at the tool: Lambda, and J_bar^T h - Lambda J_dot zeta, whose last term is that of C."""
     N, Lambda, work, MJ_T = model.tau.shape[0], model.Lambda, model.work, floats(model.MJ_T_at, 6 * model.tau.shape[0])
-    link = link_at(model.tree.links_at + LINK_SIZE * model.tool.link)
-    at_tool(model.tool, link.nu, model.nu_T)
-    at_tool(model.tool, link.a, model.J_dot_zeta)
+    tool, link = model.tool, link_at(model.tree.links_at + LINK_SIZE * model.tool.link)
+    motion_at(tool.R_BT, tool.p_BT, link.V, model.nu_T)
+    motion_at(tool.R_BT, tool.p_BT, link.A, model.J_dot_zeta)
     at_task(Lambda, MJ_T, N, floats(model.C_at, N), work, out.C_hat_nu)
     at_task(Lambda, MJ_T, N, floats(model.D_at, N), work, out.D_hat_nu)
     at_task(Lambda, MJ_T, N, floats(model.g_at, N), work, out.g_hat)

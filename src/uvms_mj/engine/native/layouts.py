@@ -22,8 +22,9 @@ _OTHERS |= {"tau_cmd", "f_contact_m_W", *(CONTACT.names or ())}
 ROW = record_dtype(tuple(s for s in RECORDED if s.name in ("t", "f_contact_W") or s.name not in _OTHERS))
 """The recorded signals that the core computes; all others lie where a stage or the contact has set them."""
 
-TREE = np.dtype([("links_at", "i8"), ("links", "i8")], align=True)
-"""A tree of LINK records, one after the other, base first. A rigid vehicle has none."""
+TREE = np.dtype([("links_at", "i8"), ("links", "i8"), ("gravity_B", "f8", (3,))], align=True)
+"""A tree of LINK records, one after the other, base first, and the acceleration of gravity in B [m/s^2]. A rigid
+vehicle has no links."""
 LINK_SIZE = LINK.itemsize
 
 _MODEL = [
@@ -140,9 +141,7 @@ WRIST = np.dtype(
         ("rigid", TREE),  # true inertia of the links
         ("wet", TREE),  # true water on them
         ("model", TREE),  # estimates of both
-        ("link", "i8"),  # index of the link behind the sensor
-        ("p_LS", "f8", (3,)),  # pose of the sensor in the link's frame
-        ("R_LS", "f8", (3, 3)),
+        ("sensor", TOOL),  # its frame S on the link behind it
         ("gravity_W", "f8", (3,)),
         ("weighs", "i8"),  # whether the model has weight, and motion
         ("dynamic", "i8"),

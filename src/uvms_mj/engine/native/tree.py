@@ -1,7 +1,7 @@
 """The water on a vehicle with joints: the passes of :mod:`uvms_mj.physics.tree` over all links, and their results in
 MuJoCo's coordinates, in which the base's linear velocity is in W."""
 
-from ...physics.frames import to_body, to_world
+from ...physics.frames import add_wrench_from, to_body, to_world
 from ...physics.hydrodynamics import added_inertia, relative_velocity
 from ...physics.kernels import kernel
 from ...physics.tree import (
@@ -12,10 +12,10 @@ from ...physics.tree import (
     hand_down,
     joint_column,
     move,
+    move_frame,
+    own_inertia,
     place,
     restoring_wrench,
-    start_composite,
-    to_parent,
 )
 from .layouts import LINK_SIZE
 from .memory import floats, integers, link_at, mj_factorM
@@ -31,17 +31,19 @@ def place_links(tree, q):
 
 @kernel
 def move_links(tree, q_dot):
-    """Set velocities, accelerations and gravity of all links from those of the base, and the joint velocities (n,)."""
+    """Set velocities and accelerations of all links from those of the base, and the joint velocities (n,)."""
+    move_frame(link_at(tree.links_at))
     for k in range(1, tree.links):
         link = link_at(tree.links_at + LINK_SIZE * k)
         move(link, link_at(tree.links_at + LINK_SIZE * link.parent), q_dot[k - 1])
+        move_frame(link)
 
 
 @kernel
 def compose_links(tree):
     """Set the composite inertias of all links."""
     for k in range(tree.links):
-        start_composite(link_at(tree.links_at + LINK_SIZE * k))
+        own_inertia(link_at(tree.links_at + LINK_SIZE * k))
     for k in range(tree.links - 1, 0, -1):
         link = link_at(tree.links_at + LINK_SIZE * k)
         add_composite(link, link_at(tree.links_at + LINK_SIZE * link.parent))
@@ -49,14 +51,14 @@ def compose_links(tree):
 
 @kernel
 def gather_wrenches(tree, out):
-    """Set out (6 + n,) to the generalised wrench of the wrenches f of all links, which are summed towards the base."""
+    """Set out (6 + n,) to the generalised wrench of the wrenches F of all links, which are summed towards the base."""
     for k in range(tree.links - 1, 0, -1):
         link = link_at(tree.links_at + LINK_SIZE * k)
-        out[5 + k] = along_joint(link, link.f)
+        out[5 + k] = along_joint(link, link.F)
         hand_down(link, link_at(tree.links_at + LINK_SIZE * link.parent))
     base = link_at(tree.links_at)
     for i in range(6):
-        out[i] = base.f[i]
+        out[i] = base.F[i]
 
 
 @kernel
@@ -80,17 +82,16 @@ def add_tree_inertia(context, R_WB, model, data):
     for k in range(1, tree.links):
         link = link_at(tree.links_at + LINK_SIZE * k)
         joint_column(link)
-        f, above, place_of = link.f, k, rows[k] + 5 + link.depth
+        F, above, place_of = link.F, k, rows[k] + 5 + link.depth
         for _ in range(link.depth):
             joint = link_at(tree.links_at + LINK_SIZE * above)
-            M[place_of] += along_joint(joint, f)
-            to_parent(joint, f)
+            M[place_of] += along_joint(joint, F)
             above = joint.parent
             place_of -= 1
-        to_world(R_WB, f, context.work)
+        to_world(R_WB, F, context.work)
         for i in range(3):
             M[rows[k] + i] += context.work[i]
-            M[rows[k] + 3 + i] += f[3 + i]
+            M[rows[k] + 3 + i] += F[3 + i]
     for i in range(context.M_size):
         left[i] = M[i]
     mj_factorM(model, data)
@@ -102,7 +103,7 @@ def water_on_links(context, R_WB, out):
     links."""
     tree, water = context.tree, context.water
     base = link_at(tree.links_at)
-    nu, a, gravity_W = base.nu, base.a, context.work
+    nu, a, gravity_W = base.V, base.A, context.work
     relative_velocity(water, R_WB, context.nu, nu)
     for i in range(6):
         context.nu_r[i] = nu[i]
@@ -114,24 +115,21 @@ def water_on_links(context, R_WB, out):
     a[2] = -(nu[3] * nu[1] - nu[4] * nu[0] + a[2])
     for i in range(3):
         gravity_W[i] = context.gravity_W[i] - water.a_c_W[i]  # of the displaced water
-    to_body(R_WB, gravity_W, base.gravity)
+    to_body(R_WB, gravity_W, tree.gravity_B)
     move_links(tree, floats(context.q_dot_at, tree.links - 1))
     for k in range(tree.links):
         link = link_at(tree.links_at + LINK_SIZE * k)
-        f, part = link.f, context.work
-        for i in range(6):
-            f[i] = link.f_ext[i]
+        F, part, other = link.F, context.work, link.work
+        restoring_wrench(link, tree.gravity_B, F)
         coriolis_wrench(link, part)
+        damping_wrench(link, other)
         for i in range(6):
-            f[i] -= part[i]
-        damping_wrench(link, part)
+            part[i] += other[i]
+        add_wrench_from(link.R_BL, link.p_BL, part, F)
         for i in range(6):
-            f[i] -= part[i]
-        restoring_wrench(link, part)
-        for i in range(6):
-            f[i] -= part[i]
+            F[i] = link.f_ext[i] - F[i]
     for i in range(6):
-        base.f[i] += water.tau_dist[i]
+        base.F[i] += water.tau_dist[i]
     gather_wrenches(tree, out)
 
 

@@ -61,9 +61,10 @@ class WristMemory:
         """Set the numbers of the scenario."""
         wrist = setup.scenario.wrist
         link, site = wrist.carried(setup)
-        self.record["link"], self.record["p_LS"], self.record["R_LS"] = link + 1, 0.0, np.eye(3)
+        sensor = self.record["sensor"]
+        sensor["link"], sensor["p_LT"], sensor["R_LT"] = link + 1, 0.0, np.eye(3)
         if site is not None:
-            self.record["p_LS"], self.record["R_LS"] = site.p, site.R
+            sensor["p_LT"], sensor["R_LT"] = site.p, site.R
         estimate_links(self._model, setup.nominal, setup.scenario.estimates)
         self._model["coriolis"] = 1.0  # of the inertia's factor
         self.record["weighs"], self.record["dynamic"] = wrist.compensation != "none", wrist.compensation == "dynamic"
