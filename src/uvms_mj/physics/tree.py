@@ -31,13 +31,13 @@ import math
 import numpy as np
 
 from .fossen import coriolis_added_mass, damping, matvec, turn_momentum
-from .frames import compose_poses, motion_at, motion_from
+from .frames import add_wrench_from, compose_poses, motion_at, motion_from
 from .kernels import kernel
 
 MOST_JOINTS = 30
 """Joints of a vehicle that are computed."""
 
-LINK = np.dtype(
+FRAME = np.dtype(
     [
         ("parent", "i8"),  # index of the link that carries it; the base is link 0
         ("depth", "i8"),  # number of joints from the base to the link
@@ -49,6 +49,20 @@ LINK = np.dtype(
         ("slope", "f8", (3,)),  # of a slide
         ("anchor", "f8", (3,)),  # a point of the hinge's axis in the link's frame
         ("axis", "f8", (6,)),  # motion of the link per unit of q_dot, at its origin in its axes
+        # of one instant
+        ("R_PL", "f8", (3, 3)),  # pose in the parent's frame
+        ("p_PL", "f8", (3,)),
+        ("R_BL", "f8", (3, 3)),  # pose in B
+        ("p_BL", "f8", (3,)),
+        ("S", "f8", (6,)),  # motion of the link per unit of q_dot, about B's origin in B
+    ],
+    align=True,
+)
+"""The frame of one link of a tree: how its joint carries it, and its pose. Trees at the same joint positions can share
+the frames."""
+
+LINK = np.dtype(
+    [
         ("M", "f8", (6, 6)),  # inertia [kg, kg m, kg m^2]
         ("coriolis", "f8"),  # factor of the Coriolis and centripetal wrench of M
         ("D_linear", "f8", (6, 6)),
@@ -61,11 +75,6 @@ LINK = np.dtype(
         ("r_b", "f8", (3,)),  # centre of buoyancy [m]
         ("f_ext", "f8", (6,)),  # contact forces, as a wrench about B's origin in B [N, N m]
         # of one instant
-        ("R_PL", "f8", (3, 3)),  # pose in the parent's frame
-        ("p_PL", "f8", (3,)),
-        ("R_BL", "f8", (3, 3)),  # pose in B
-        ("p_BL", "f8", (3,)),
-        ("S", "f8", (6,)),  # motion of the link per unit of q_dot, about B's origin in B
         ("V", "f8", (6,)),  # motion, and acceleration without that of the joints, about B's origin in B
         ("A", "f8", (6,)),
         ("nu", "f8", (6,)),  # the same at the link's origin in its axes
@@ -77,27 +86,29 @@ LINK = np.dtype(
     ],
     align=True,
 )
-"""One link of a tree: constants, pose, motion, wrench and composite inertia."""
+"""One link of a tree: coefficients, motion, wrench and composite inertia."""
 
 
 @kernel
-def place(link, parent, q):
-    """Set the pose of a link in B and the motion S of its joint, at the joint position q [rad or m]."""
-    R, p, anchor, c, s = link.R_PL, link.p_PL, link.anchor, math.cos(q), math.sin(q)
+def place(frame, parent, q):
+    """Set the pose of a link in B and the motion S of its joint, at the joint position q [rad or m]; ``parent`` is the
+    frame of the link that carries it."""
+    R, p, anchor, c, s = frame.R_PL, frame.p_PL, frame.anchor, math.cos(q), math.sin(q)
     for i in range(3):
-        a = link.R_still[i, 0] + (c * link.R_cos[i, 0] + s * link.R_sin[i, 0])
-        b = link.R_still[i, 1] + (c * link.R_cos[i, 1] + s * link.R_sin[i, 1])
-        e = link.R_still[i, 2] + (c * link.R_cos[i, 2] + s * link.R_sin[i, 2])
+        a = frame.R_still[i, 0] + (c * frame.R_cos[i, 0] + s * frame.R_sin[i, 0])
+        b = frame.R_still[i, 1] + (c * frame.R_cos[i, 1] + s * frame.R_sin[i, 1])
+        e = frame.R_still[i, 2] + (c * frame.R_cos[i, 2] + s * frame.R_sin[i, 2])
         R[i, 0], R[i, 1], R[i, 2] = a, b, e
-        p[i] = (link.p_0[i] + link.slope[i] * q) - (a * anchor[0] + b * anchor[1] + e * anchor[2])
-    compose_poses(parent.R_BL, parent.p_BL, R, p, link.R_BL, link.p_BL)
-    motion_from(link.R_BL, link.p_BL, link.axis, link.S)
+        p[i] = (frame.p_0[i] + frame.slope[i] * q) - (a * anchor[0] + b * anchor[1] + e * anchor[2])
+    compose_poses(parent.R_BL, parent.p_BL, R, p, frame.R_BL, frame.p_BL)
+    motion_from(frame.R_BL, frame.p_BL, frame.axis, frame.S)
 
 
 @kernel
-def move(link, parent, q_dot):
-    """Set V and A of a link from those of its parent, at the joint velocity q_dot [rad/s or m/s]."""
-    S, V, A, before, at = link.S, link.V, link.A, parent.V, parent.A
+def move(link, S, parent, q_dot):
+    """Set V and A of a link from those of its parent, at the velocity q_dot [rad/s or m/s] of its joint with the motion
+    S (6,)."""
+    V, A, before, at = link.V, link.A, parent.V, parent.A
     v_x, v_y, v_z, p, q, r = before[0], before[1], before[2], before[3], before[4], before[5]
     x, y, z, a, b, c = S[0] * q_dot, S[1] * q_dot, S[2] * q_dot, S[3] * q_dot, S[4] * q_dot, S[5] * q_dot
     V[0], V[1], V[2], V[3], V[4], V[5] = v_x + x, v_y + y, v_z + z, p + a, q + b, r + c
@@ -110,10 +121,14 @@ def move(link, parent, q_dot):
 
 
 @kernel
-def move_frame(link):
+def move_frame(link, frame):
     """Set nu and a of a link from V and A."""
-    motion_at(link.R_BL, link.p_BL, link.V, link.nu)
-    motion_at(link.R_BL, link.p_BL, link.A, link.a)
+    if frame.depth == 0:
+        for i in range(6):
+            link.nu[i], link.a[i] = link.V[i], link.A[i]
+    else:
+        motion_at(frame.R_BL, frame.p_BL, link.V, link.nu)
+        motion_at(frame.R_BL, frame.p_BL, link.A, link.a)
 
 
 @kernel
@@ -144,10 +159,20 @@ def damping_wrench(link, out):
 
 
 @kernel
-def restoring_wrench(link, gravity_B, out):
+def add_to_base(frame, wrench, out):
+    """Add to out (6,), a wrench about B's origin in B, a wrench (6,) at the origin of a link in its axes."""
+    if frame.depth == 0:
+        for i in range(6):
+            out[i] += wrench[i]
+    else:
+        add_wrench_from(frame.R_BL, frame.p_BL, wrench, out)
+
+
+@kernel
+def restoring_wrench(link, frame, gravity_B, out):
     """Set out (6,) to the restoring wrench g of a link about B's origin in B, minus its weight and its buoyancy, for
     the acceleration of gravity (3,) in B [m/s^2]."""
-    m, d, r_g, r_b, R, p = link.mass, link.displaced_mass, link.r_g, link.r_b, link.R_BL, link.p_BL
+    m, d, r_g, r_b, R, p = link.mass, link.displaced_mass, link.r_g, link.r_b, frame.R_BL, frame.p_BL
     g_x, g_y, g_z = gravity_B[0], gravity_B[1], gravity_B[2]
     a, b, c = m * r_g[0] - d * r_b[0], m * r_g[1] - d * r_b[1], m * r_g[2] - d * r_b[2]
     x = (R[0, 0] * a + R[0, 1] * b + R[0, 2] * c) + (m - d) * p[0]
@@ -165,20 +190,24 @@ def hand_down(link, parent):
 
 
 @kernel
-def along_joint(link, F) -> float:
-    """The force or torque along the joint of a link, S^T F, of a wrench F (6,) about B's origin."""
-    S = link.S
+def along_joint(S, F) -> float:
+    """The force or torque S^T F along a joint with the motion S (6,), of a wrench F (6,) about B's origin."""
     return (S[0] * F[0] + S[1] * F[1]) + (S[2] * F[2] + S[3] * F[3]) + (S[4] * F[4] + S[5] * F[5])
 
 
 @kernel
-def own_inertia(link):
+def own_inertia(link, frame):
     r"""Set the composite inertia of a link to its own, about B's origin in B.
 
     With the blocks A, B, D of the inertia in B's axes and S = S(p), X^T M X has the blocks A, G = B - A S and
     D - B^T S + S G.
     """
-    R, p, out, t = link.R_BL, link.p_BL, link.composite, link.turned
+    R, p, out, t = frame.R_BL, frame.p_BL, link.composite, link.turned
+    if frame.depth == 0:
+        for i in range(6):
+            for j in range(6):
+                out[i, j] = link.M[i, j]
+        return
     if link.M_diagonal != 0:
         turn_diagonals(link.M, R, t)
     else:
@@ -240,6 +269,7 @@ def add_composite(link, parent):
 
 
 @kernel
-def joint_column(link):
-    """Set F of a link to its composite inertia times S: the wrench that accelerates its joint alone."""
-    matvec(link.composite, link.S, link.F)
+def joint_column(link, S):
+    """Set F of a link to its composite inertia times the motion S (6,) of its joint: the wrench that accelerates the
+    joint alone."""
+    matvec(link.composite, S, link.F)

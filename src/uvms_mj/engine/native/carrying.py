@@ -4,8 +4,8 @@ from ...physics.carriers import arrive, ride
 from ...physics.contact import wrench_at_origin
 from ...physics.frames import add_wrench_from, compose_poses, to_world
 from ...physics.kernels import kernel
-from .layouts import CARRIER_SIZE, LINK_SIZE
-from .memory import carrier_at, floats, link_at
+from .layouts import CARRIER_SIZE, FRAME_SIZE, LINK_SIZE
+from .memory import carrier_at, floats, frame_at, link_at
 
 
 @kernel
@@ -19,15 +19,15 @@ def place_carriers(context, loop):
         if carrier.link == 0:
             ride(carrier, true.p_WB, true.R_WB, true.nu)
         else:
-            own = link_at(tree.links_at + LINK_SIZE * carrier.link)
+            own = frame_at(tree.frames_at + FRAME_SIZE * carrier.link)
             compose_poses(own.R_BL, own.p_BL, carrier.R_LC, carrier.p_LC, carrier.R_BC, carrier.p_BC)
             ride(carrier, true.p_WB, true.R_WB, true.nu)
             above = carrier.link
             for _ in range(own.depth):
-                link = link_at(tree.links_at + LINK_SIZE * above)
+                frame = frame_at(tree.frames_at + FRAME_SIZE * above)
                 for i in range(6):
-                    carrier.V[i] += link.S[i] * q_dot[above - 1]
-                above = link.parent
+                    carrier.V[i] += frame.S[i] * q_dot[above - 1]
+                above = frame.parent
         arrive(carrier)
 
 

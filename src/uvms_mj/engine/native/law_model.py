@@ -6,12 +6,12 @@ M, C, D and g of the tree are in :math:`\zeta = [\nu; \dot q]`. At a tool, Lambd
 """
 
 from ...physics.dense import product
-from ...physics.frames import add_wrench_from, compose_poses, motion_at, to_body
+from ...physics.frames import compose_poses, motion_at, to_body
 from ...physics.kernels import kernel
 from ...physics.operational import at_task, base_rows, task_inertia
-from ...physics.tree import along_joint, coriolis_wrench, damping_wrench, joint_column, restoring_wrench
-from .layouts import LINK_SIZE
-from .memory import floats, link_at
+from ...physics.tree import add_to_base, along_joint, coriolis_wrench, damping_wrench, joint_column, restoring_wrench
+from .layouts import FRAME_SIZE, LINK_SIZE
+from .memory import floats, frame_at, link_at
 from .tree import compose_links, gather_wrenches, move_links, place_links
 
 
@@ -23,16 +23,17 @@ def move_model(model, R_WB, nu):
         base.V[i] = nu[i]
         base.A[i] = 0.0
     to_body(R_WB, model.gravity_W, model.tree.gravity_B)
-    place_links(model.tree, floats(model.q_at, model.n))
+    if model.places != 0:
+        place_links(model.tree, floats(model.q_at, model.n))
     move_links(model.tree, floats(model.q_dot_at, model.n))
 
 
 @kernel
-def turn_to_base(link, wrench):
-    """Set F of a link to a wrench (6,) at its origin in its axes."""
+def turn_to_base(frame, wrench, F):
+    """Set F (6,) to a wrench (6,) at the origin of a link in its axes, as one about B's origin in B."""
     for i in range(6):
-        link.F[i] = 0.0
-    add_wrench_from(link.R_BL, link.p_BL, wrench, link.F)
+        F[i] = 0.0
+    add_to_base(frame, wrench, F)
 
 
 @kernel
@@ -47,16 +48,16 @@ def estimate_wrenches(model):
     for k in range(tree.links):
         link = link_at(tree.links_at + LINK_SIZE * k)
         coriolis_wrench(link, model.work)
-        turn_to_base(link, model.work)
+        turn_to_base(frame_at(tree.frames_at + FRAME_SIZE * k), model.work, link.F)
     gather_wrenches(tree, C)
     for k in range(tree.links):
         link = link_at(tree.links_at + LINK_SIZE * k)
         damping_wrench(link, model.work)
-        turn_to_base(link, model.work)
+        turn_to_base(frame_at(tree.frames_at + FRAME_SIZE * k), model.work, link.F)
     gather_wrenches(tree, D)
     for k in range(tree.links):
         link = link_at(tree.links_at + LINK_SIZE * k)
-        restoring_wrench(link, tree.gravity_B, link.F)
+        restoring_wrench(link, frame_at(tree.frames_at + FRAME_SIZE * k), tree.gravity_B, link.F)
     gather_wrenches(tree, g)
     gear, q_dot = floats(model.gear_at, model.n), floats(model.q_dot_at, model.n)
     for k in range(model.n):
@@ -75,15 +76,16 @@ def estimate_inertia(model):
         for j in range(6):
             M[N * i + j] = base.composite[i, j]
     for k in range(1, tree.links):
-        link, row, above = link_at(tree.links_at + LINK_SIZE * k), 5 + k, k
+        link, frame = link_at(tree.links_at + LINK_SIZE * k), frame_at(tree.frames_at + FRAME_SIZE * k)
+        row, above = 5 + k, k
         for j in range(6, row):
             M[N * row + j] = 0.0
             M[N * j + row] = 0.0
-        joint_column(link)
+        joint_column(link, frame.S)
         F = link.F
-        for _ in range(link.depth):
-            joint = link_at(tree.links_at + LINK_SIZE * above)
-            entry = along_joint(joint, F)
+        for _ in range(frame.depth):
+            joint = frame_at(tree.frames_at + FRAME_SIZE * above)
+            entry = along_joint(joint.S, F)
             M[N * row + 5 + above] = entry
             M[N * (5 + above) + row] = entry
             above = joint.parent
@@ -97,12 +99,12 @@ def estimate_inertia(model):
 def place_tool(model):
     """Set the pose of the tool in B, and J^T (N, 6)."""
     tree, tool, J_T = model.tree, model.tool, floats(model.J_T_at, 6 * model.tau.shape[0])
-    link = link_at(tree.links_at + LINK_SIZE * tool.link)
-    compose_poses(link.R_BL, link.p_BL, tool.R_LT, tool.p_LT, tool.R_BT, tool.p_BT)
+    frame = frame_at(tree.frames_at + FRAME_SIZE * tool.link)
+    compose_poses(frame.R_BL, frame.p_BL, tool.R_LT, tool.p_LT, tool.R_BT, tool.p_BT)
     base_rows(tool, J_T)
     above = tool.link
-    for _ in range(link.depth):  # the rows of all other joints are zero
-        joint = link_at(tree.links_at + LINK_SIZE * above)
+    for _ in range(frame.depth):  # the rows of all other joints are zero
+        joint = frame_at(tree.frames_at + FRAME_SIZE * above)
         motion_at(tool.R_BT, tool.p_BT, joint.S, floats(model.J_T_at + 48 * (5 + above), 6))
         above = joint.parent
 

@@ -13,7 +13,7 @@ import numpy as np
 from ...physics.carriers import CARRIER
 from ...physics.pairs import PAIR
 from ...physics.surfaces import SURFACE
-from ...physics.tree import LINK
+from ...physics.tree import FRAME, LINK
 from .layouts import CLOCKS, CONTEXT, LOOP, STAGE
 
 CAPACITY = 1024
@@ -74,8 +74,8 @@ def _reader(dtype: np.dtype) -> Callable[[int], Any]:
     return record_at
 
 
-RECORDS = {_reader(dtype): dtype for dtype in (CONTEXT, LOOP, STAGE, CLOCKS, PAIR, SURFACE, LINK, CARRIER)}
-context_at, loop_at, stage_at, clock_at, pair_at, surface_at, link_at, carrier_at = RECORDS
+RECORDS = {_reader(dtype): dtype for dtype in (CONTEXT, LOOP, STAGE, CLOCKS, PAIR, SURFACE, LINK, FRAME, CARRIER)}
+context_at, loop_at, stage_at, clock_at, pair_at, surface_at, link_at, frame_at, carrier_at = RECORDS
 
 
 def registered() -> np.ndarray:

@@ -11,46 +11,45 @@ from ...physics.tree import coriolis_wrench, damping_wrench, hand_down, move, mo
 from ...stages.base import Room, Stage
 from ...stages.joint_signals import WRIST_TRUE
 from ...stages.signals import CLOCK, KNOWN, TRUE
-from .layouts import CARRIER_SIZE, LINK_SIZE
-from .memory import carrier_at, context_at, floats, link_at, loop_at
+from .layouts import CARRIER_SIZE, FRAME_SIZE, LINK_SIZE
+from .memory import carrier_at, context_at, floats, frame_at, link_at, loop_at
 from .tree import place_links
 
 
 @kernel
-def carried_wrench(tree, first, moving, q, q_dot, q_ddot, part):
+def carried_wrench(tree, first, moving, q_dot, q_ddot, part):
     """Set F of the link ``first`` to the wrench that keeps it and all that it carries in their motion, or at rest if
-    ``moving`` is 0, without contacts. Gravity, V and A of the base are set; ``part`` is (6,) scratch."""
-    place_links(tree, q)
+    ``moving`` is 0, without contacts. Frames, gravity, and V and A of the base are set; ``part`` is (6,) scratch."""
     for k in range(1, tree.links):
-        link = link_at(tree.links_at + LINK_SIZE * k)
-        move(link, link_at(tree.links_at + LINK_SIZE * link.parent), q_dot[k - 1])
+        link, frame = link_at(tree.links_at + LINK_SIZE * k), frame_at(tree.frames_at + FRAME_SIZE * k)
+        move(link, frame.S, link_at(tree.links_at + LINK_SIZE * frame.parent), q_dot[k - 1])
         for i in range(6):
-            link.A[i] += link.S[i] * q_ddot[k - 1]
-        move_frame(link)
+            link.A[i] += frame.S[i] * q_ddot[k - 1]
+        move_frame(link, frame)
     for k in range(first, tree.links):
-        link = link_at(tree.links_at + LINK_SIZE * k)
-        restoring_wrench(link, tree.gravity_B, link.F)
+        link, frame = link_at(tree.links_at + LINK_SIZE * k), frame_at(tree.frames_at + FRAME_SIZE * k)
+        restoring_wrench(link, frame, tree.gravity_B, link.F)
         if moving != 0:
             coriolis_wrench(link, part)
-            add_wrench_from(link.R_BL, link.p_BL, part, link.F)
+            add_wrench_from(frame.R_BL, frame.p_BL, part, link.F)
             damping_wrench(link, part)
-            add_wrench_from(link.R_BL, link.p_BL, part, link.F)
+            add_wrench_from(frame.R_BL, frame.p_BL, part, link.F)
     for k in range(tree.links - 1, first, -1):
-        link = link_at(tree.links_at + LINK_SIZE * k)
-        hand_down(link, link_at(tree.links_at + LINK_SIZE * link.parent))
+        frame = frame_at(tree.frames_at + FRAME_SIZE * k)
+        hand_down(link_at(tree.links_at + LINK_SIZE * k), link_at(tree.links_at + LINK_SIZE * frame.parent))
 
 
 @kernel
-def place_sensor(sensor, link):
+def place_sensor(sensor, frame):
     """Set the pose of the sensor in B from that of the link behind it."""
-    compose_poses(link.R_BL, link.p_BL, sensor.R_LT, sensor.p_LT, sensor.R_BT, sensor.p_BT)
+    compose_poses(frame.R_BL, frame.p_BL, sensor.R_LT, sensor.p_LT, sensor.R_BT, sensor.p_BT)
 
 
 @kernel
 def felt_wrench(wrist, true, out):
     """Set out (6,) to the true wrench of the parent on the links behind the sensor, in S."""
     n, water = wrist.n, context_at(wrist.context_at).water
-    q, q_dot, q_ddot = floats(wrist.q_at, n), floats(wrist.q_dot_at, n), floats(wrist.q_ddot_at, n)
+    q_dot, q_ddot = floats(wrist.q_dot_at, n), floats(wrist.q_ddot_at, n)
     rigid, wet, nu, v_c = link_at(wrist.rigid.links_at), link_at(wrist.wet.links_at), true.nu, wrist.work
     to_body(true.R_WB, true.v_c_W, v_c)
     for i in range(3):
@@ -68,8 +67,8 @@ def felt_wrench(wrist, true, out):
     for i in range(3):
         wrist.moment[i] = wrist.gravity_W[i] - water.a_c_W[i]  # of the displaced water
     to_body(true.R_WB, wrist.moment, wrist.wet.gravity_B)
-    carried_wrench(wrist.rigid, wrist.sensor.link, 1, q, q_dot, q_ddot, wrist.work)
-    carried_wrench(wrist.wet, wrist.sensor.link, 1, q, q_dot, q_ddot, wrist.work)
+    carried_wrench(wrist.rigid, wrist.sensor.link, 1, q_dot, q_ddot, wrist.work)
+    carried_wrench(wrist.wet, wrist.sensor.link, 1, q_dot, q_ddot, wrist.work)
     solid, around = (
         link_at(wrist.rigid.links_at + LINK_SIZE * wrist.sensor.link),
         link_at(wrist.wet.links_at + LINK_SIZE * wrist.sensor.link),
@@ -79,7 +78,7 @@ def felt_wrench(wrist, true, out):
     context = context_at(wrist.context_at)
     if context.carriers != 0:
         release(context, wrist, solid)
-    place_sensor(wrist.sensor, solid)
+    place_sensor(wrist.sensor, frame_at(wrist.rigid.frames_at + FRAME_SIZE * wrist.sensor.link))
     wrench_at(wrist.sensor.R_BT, wrist.sensor.p_BT, solid.F, out)
 
 
@@ -92,10 +91,10 @@ def release(context, wrist, first):
     for k in range(context.carriers):
         carrier = carrier_at(loop.carriers_at + CARRIER_SIZE * k)
         above = carrier.link
-        for _ in range(link_at(tree.links_at + LINK_SIZE * carrier.link).depth):
+        for _ in range(frame_at(tree.frames_at + FRAME_SIZE * carrier.link).depth):
             if above == wrist.sensor.link:
                 add_wrench_from(carrier.R_BC, carrier.p_BC, carrier.tau, tau_B)
-            above = link_at(tree.links_at + LINK_SIZE * above).parent
+            above = frame_at(tree.frames_at + FRAME_SIZE * above).parent
     for i in range(6):
         first.F[i] -= tau_B[i]
 
@@ -104,7 +103,7 @@ def release(context, wrist, first):
 def modelled_wrench(wrist, instant, period, R_WB, nu):
     """Set ``modelled`` (6,) to the wrench without contacts by the model, from the measured state."""
     n, base = wrist.n, link_at(wrist.model.links_at)
-    q, q_dot, q_ddot = floats(wrist.q_m_at, n), floats(wrist.q_dot_m_at, n), floats(wrist.q_ddot_m_at, n)
+    q_dot, q_ddot = floats(wrist.q_dot_m_at, n), floats(wrist.q_ddot_m_at, n)
     before, q_dot_before = wrist.nu_before, floats(wrist.q_dot_before_at, n)
     for i in range(6):
         base.V[i] = nu[i]
@@ -114,9 +113,11 @@ def modelled_wrench(wrist, instant, period, R_WB, nu):
         q_ddot[k] = (q_dot[k] - q_dot_before[k]) / period if instant > 0 else 0.0
         q_dot_before[k] = q_dot[k]
     to_body(R_WB, wrist.gravity_W, wrist.model.gravity_B)
-    carried_wrench(wrist.model, wrist.sensor.link, wrist.dynamic, q, q_dot, q_ddot, wrist.work)
+    if wrist.places != 0:
+        place_links(wrist.model, floats(wrist.q_m_at, n))
+    carried_wrench(wrist.model, wrist.sensor.link, wrist.dynamic, q_dot, q_ddot, wrist.work)
     first = link_at(wrist.model.links_at + LINK_SIZE * wrist.sensor.link)
-    place_sensor(wrist.sensor, first)
+    place_sensor(wrist.sensor, frame_at(wrist.model.frames_at + FRAME_SIZE * wrist.sensor.link))
     wrench_at(wrist.sensor.R_BT, wrist.sensor.p_BT, first.F, wrist.modelled)
 
 
