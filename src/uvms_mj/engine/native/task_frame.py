@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from ...control.task import tracking_errors
 from ...physics.frames import attitude, compose_poses, wrench_at
-from ...physics.kernels import kernel
+from ...physics.kernels import fused, kernel
 from ...physics.operational import resolve
 from ...stages.base import Room, Stage
 from ...stages.signals import CLOCK, ERRORS, ESTIMATES, KNOWN, REFERENCE, TOOL, TRUE, WRENCH_COMMAND
@@ -59,6 +59,7 @@ class ModelAtBody(Stage):
         return {"every": instants(setup)}
 
     @staticmethod
+    @fused
     def step(settings, state, given, state_dot, out):
         move_model(state, given.R_WB, given.nu)
         if given.instant % int(settings.every) == 0:
@@ -80,6 +81,7 @@ class ModelAtTool(Stage):
         return {"every": instants(setup)}
 
     @staticmethod
+    @fused
     def step(settings, state, given, state_dot, out):
         move_model(state, given.R_WB, given.nu)
         place_tool(state)
@@ -138,6 +140,7 @@ class ResolveAtTool(Stage):
     room: ClassVar[Room] = Room("control", "resolve", lambda thrusters: (*CLOCK, WRENCH_COMMAND), (WRENCH_COMMAND,))
 
     @staticmethod
+    @fused
     def step(settings, state, given, state_dot, out):
         tau = state.tau
         resolve(floats(state.J_T_at, 6 * state.tau.shape[0]), state.tau.shape[0], given.tau_cmd, tau)

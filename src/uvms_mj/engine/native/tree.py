@@ -3,7 +3,7 @@ MuJoCo's coordinates, in which the base's linear velocity is in W."""
 
 from ...physics.frames import to_body, to_world
 from ...physics.hydrodynamics import added_inertia, relative_velocity
-from ...physics.kernels import kernel
+from ...physics.kernels import fused, kernel
 from ...physics.tree import (
     add_composite,
     add_to_base,
@@ -22,7 +22,7 @@ from .layouts import FRAME_SIZE, LINK_SIZE
 from .memory import floats, frame_at, integers, link_at, mj_factorM
 
 
-@kernel
+@fused
 def place_links(tree, q):
     """Set the frames of all links at the joint positions q (n,)."""
     for k in range(1, tree.links):
@@ -62,7 +62,7 @@ def gather_wrenches(tree, out):
         out[i] = base.F[i]
 
 
-@kernel
+@fused
 def add_tree_inertia(context, R_WB, model, data):
     """Add the links' added mass to mjData.M and factor it, unless M already contains it.
 
@@ -97,7 +97,7 @@ def add_tree_inertia(context, R_WB, model, data):
     mj_factorM(model, data)
 
 
-@kernel
+@fused
 def water_on_links(context, R_WB, out):
     """Set out (6 + n,) to the generalised wrench of the water in B, with the disturbance and the contacts of the
     links."""
