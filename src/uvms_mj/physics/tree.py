@@ -81,6 +81,8 @@ LINK = np.dtype(
         ("a", "f8", (6,)),
         ("work", "f8", (6,)),
         ("F", "f8", (6,)),  # wrench of the link and all that it carries, about B's origin in B
+        ("F_C", "f8", (6,)),  # of a law's model, those of C and D; F is then that of g
+        ("F_D", "f8", (6,)),
         ("turned", "f8", (9, 3)),  # scratch of the composite inertia
         ("composite", "f8", (6, 6)),  # inertia of the link and all that it carries, about B's origin in B
     ],

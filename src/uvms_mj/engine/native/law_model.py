@@ -12,7 +12,7 @@ from ...physics.operational import at_task, base_rows, task_inertia
 from ...physics.tree import add_to_base, along_joint, coriolis_wrench, damping_wrench, joint_column, restoring_wrench
 from .layouts import FRAME_SIZE, LINK_SIZE
 from .memory import floats, frame_at, link_at
-from .tree import compose_links, gather_wrenches, move_links, place_links
+from .tree import compose_links, move_links, place_links
 
 
 @kernel
@@ -29,39 +29,33 @@ def move_model(model, R_WB, nu):
 
 
 @kernel
-def turn_to_base(frame, wrench, F):
-    """Set F (6,) to a wrench (6,) at the origin of a link in its axes, as one about B's origin in B."""
-    for i in range(6):
-        F[i] = 0.0
-    add_to_base(frame, wrench, F)
-
-
-@kernel
 def estimate_wrenches(model):
-    """Set C zeta, D zeta and g (N,)."""
-    tree, C, D, g = (
-        model.tree,
-        floats(model.C_at, model.tau.shape[0]),
-        floats(model.D_at, model.tau.shape[0]),
-        floats(model.g_at, model.tau.shape[0]),
-    )
+    """Set C zeta, D zeta and g (N,), whose wrenches on the links are summed towards the base."""
+    tree, n, N, work = model.tree, model.n, model.tau.shape[0], model.work
+    C, D, g = floats(model.C_at, N), floats(model.D_at, N), floats(model.g_at, N)
+    gear, q_dot = floats(model.gear_at, n), floats(model.q_dot_at, n)
     for k in range(tree.links):
-        link = link_at(tree.links_at + LINK_SIZE * k)
-        coriolis_wrench(link, model.work)
-        turn_to_base(frame_at(tree.frames_at + FRAME_SIZE * k), model.work, link.F)
-    gather_wrenches(tree, C)
-    for k in range(tree.links):
-        link = link_at(tree.links_at + LINK_SIZE * k)
-        damping_wrench(link, model.work)
-        turn_to_base(frame_at(tree.frames_at + FRAME_SIZE * k), model.work, link.F)
-    gather_wrenches(tree, D)
-    for k in range(tree.links):
-        link = link_at(tree.links_at + LINK_SIZE * k)
-        restoring_wrench(link, frame_at(tree.frames_at + FRAME_SIZE * k), tree.gravity_B, link.F)
-    gather_wrenches(tree, g)
-    gear, q_dot = floats(model.gear_at, model.n), floats(model.q_dot_at, model.n)
-    for k in range(model.n):
-        D[6 + k] += gear[k] * q_dot[k]
+        link, frame = link_at(tree.links_at + LINK_SIZE * k), frame_at(tree.frames_at + FRAME_SIZE * k)
+        for i in range(6):
+            link.F_C[i], link.F_D[i] = 0.0, 0.0
+        coriolis_wrench(link, work)
+        add_to_base(frame, work, link.F_C)
+        damping_wrench(link, work)
+        add_to_base(frame, work, link.F_D)
+        restoring_wrench(link, frame, tree.gravity_B, link.F)
+    for k in range(n, 0, -1):
+        link, frame = link_at(tree.links_at + LINK_SIZE * k), frame_at(tree.frames_at + FRAME_SIZE * k)
+        parent = link_at(tree.links_at + LINK_SIZE * frame.parent)
+        C[5 + k] = along_joint(frame.S, link.F_C)
+        D[5 + k] = along_joint(frame.S, link.F_D) + gear[k - 1] * q_dot[k - 1]
+        g[5 + k] = along_joint(frame.S, link.F)
+        for i in range(6):
+            parent.F_C[i] += link.F_C[i]
+            parent.F_D[i] += link.F_D[i]
+            parent.F[i] += link.F[i]
+    base = link_at(tree.links_at)
+    for i in range(6):
+        C[i], D[i], g[i] = base.F_C[i], base.F_D[i], base.F[i]
 
 
 @kernel
