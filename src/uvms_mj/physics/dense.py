@@ -96,18 +96,17 @@ def product(A, rows, inner, B, columns, out):
     """Set out (rows, columns) to A B, for A (rows, inner) and B (inner, columns); out is neither of them."""
     for i in range(rows):
         for c in range(columns):
-            out[columns * i + c] = 0.0
-        for k in range(inner):
-            scale = A[inner * i + k]
-            for c in range(columns):
-                out[columns * i + c] += scale * B[columns * k + c]
+            x = 0.0
+            for k in range(inner):
+                x += A[inner * i + k] * B[columns * k + c]
+            out[columns * i + c] = x
 
 
 @kernel
 def transposed_product(A, rows, inner, x, out):
     """Set out (inner,) to A^T x, for A (rows, inner) and x (rows,); out is not x."""
     for i in range(inner):
-        out[i] = 0.0
-    for k in range(rows):
-        for i in range(inner):
-            out[i] += A[inner * k + i] * x[k]
+        y = 0.0
+        for k in range(rows):
+            y += A[inner * k + i] * x[k]
+        out[i] = y

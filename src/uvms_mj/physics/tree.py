@@ -30,7 +30,7 @@ import math
 
 import numpy as np
 
-from .fossen import coriolis_added_mass, damping, matvec, turn_momentum
+from .fossen import damping, turn_momentum
 from .frames import add_wrench_from, compose_poses, motion_at, motion_from
 from .kernels import kernel
 
@@ -83,8 +83,8 @@ LINK = np.dtype(
         ("F", "f8", (6,)),  # wrench of the link and all that it carries, about B's origin in B
         ("F_C", "f8", (6,)),  # of a law's model, those of C and D; F is then that of g
         ("F_D", "f8", (6,)),
-        ("turned", "f8", (9, 3)),  # scratch of the composite inertia
-        ("composite", "f8", (6, 6)),  # inertia of the link and all that it carries, about B's origin in B
+        # blocks A, G, D of the inertia [A G; G^T D] of the link and all that it carries, about B's origin in B
+        ("composite", "f8", (9, 3)),
     ],
     align=True,
 )
@@ -141,10 +141,14 @@ def coriolis_wrench(link, out):
         for i in range(6):
             out[i] = M[i, i] * nu[i]
             work[i] = M[i, i] * a[i]
-        turn_momentum(nu, out)
     else:
-        coriolis_added_mass(M, nu, out)
-        matvec(M, a, work)
+        x_0, x_1, x_2, x_3, x_4, x_5 = nu[0], nu[1], nu[2], nu[3], nu[4], nu[5]
+        y_0, y_1, y_2, y_3, y_4, y_5 = a[0], a[1], a[2], a[3], a[4], a[5]
+        for i in range(6):
+            b, c, d, e, f, g = M[i, 0], M[i, 1], M[i, 2], M[i, 3], M[i, 4], M[i, 5]
+            out[i] = (b * x_0 + c * x_1) + (d * x_2 + e * x_3) + (f * x_4 + g * x_5)
+            work[i] = (b * y_0 + c * y_1) + (d * y_2 + e * y_3) + (f * y_4 + g * y_5)
+    turn_momentum(nu, out)
     for i in range(6):
         out[i] = link.coriolis * (out[i] + work[i])
 
@@ -204,33 +208,32 @@ def own_inertia(link, frame):
     With the blocks A, B, D of the inertia in B's axes and S = S(p), X^T M X has the blocks A, G = B - A S and
     D - B^T S + S G.
     """
-    R, p, out, t = frame.R_BL, frame.p_BL, link.composite, link.turned
+    M, R, p, J = link.M, frame.R_BL, frame.p_BL, link.composite
     if frame.depth == 0:
-        for i in range(6):
-            for j in range(6):
-                out[i, j] = link.M[i, j]
+        for i in range(3):
+            for j in range(3):
+                J[i, j], J[3 + i, j], J[6 + i, j] = M[i, j], M[i, 3 + j], M[3 + i, 3 + j]
         return
     if link.M_diagonal != 0:
-        turn_diagonals(link.M, R, t)
+        turn_diagonals(M, R, J)
     else:
-        turn_blocks(link.M, R, t)
+        turn_blocks(M, R, J)
     x, y, z = p[0], p[1], p[2]
     for i in range(3):
-        a, b, c = t[i, 0], t[i, 1], t[i, 2]
-        out[i, 0], out[i, 1], out[i, 2] = a, b, c
-        f, g, h = t[3 + i, 0] - (b * z - c * y), t[3 + i, 1] - (c * x - a * z), t[3 + i, 2] - (a * y - b * x)
-        out[i, 3], out[i, 4], out[i, 5] = f, g, h
-        out[3, i], out[4, i], out[5, i] = f, g, h
+        a, b, c = J[3, i], J[4, i], J[5, i]
+        J[6 + i, 0] -= b * z - c * y
+        J[6 + i, 1] -= c * x - a * z
+        J[6 + i, 2] -= a * y - b * x
     for i in range(3):
-        a, b, c = t[3, i], t[4, i], t[5, i]
-        out[3 + i, 3] = t[6 + i, 0] - (b * z - c * y)
-        out[3 + i, 4] = t[6 + i, 1] - (c * x - a * z)
-        out[3 + i, 5] = t[6 + i, 2] - (a * y - b * x)
-    for j in range(3, 6):
-        a, b, c = out[0, j], out[1, j], out[2, j]
-        out[3, j] += y * c - z * b
-        out[4, j] += z * a - x * c
-        out[5, j] += x * b - y * a
+        a, b, c = J[i, 0], J[i, 1], J[i, 2]
+        J[3 + i, 0] -= b * z - c * y
+        J[3 + i, 1] -= c * x - a * z
+        J[3 + i, 2] -= a * y - b * x
+    for j in range(3):
+        a, b, c = J[3, j], J[4, j], J[5, j]
+        J[6, j] += y * c - z * b
+        J[7, j] += z * a - x * c
+        J[8, j] += x * b - y * a
 
 
 @kernel
@@ -265,13 +268,26 @@ def turn_blocks(M, R, out):
 def add_composite(link, parent):
     """Add the composite inertia of a link to that of its parent."""
     own, out = link.composite, parent.composite
-    for i in range(6):
-        for j in range(6):
+    for i in range(9):
+        for j in range(3):
             out[i, j] += own[i, j]
+
+
+@kernel
+def whole(blocks, M):
+    """Set M (6, 6) to the inertia with the blocks (9, 3) of a composite inertia."""
+    for i in range(3):
+        for j in range(3):
+            M[i, j], M[3 + i, 3 + j] = blocks[i, j], blocks[6 + i, j]
+            M[i, 3 + j], M[3 + j, i] = blocks[3 + i, j], blocks[3 + i, j]
 
 
 @kernel
 def joint_column(link, S):
     """Set F of a link to its composite inertia times the motion S (6,) of its joint: the wrench that accelerates the
     joint alone."""
-    matvec(link.composite, S, link.F)
+    J, F, x, y, z, a, b, c = link.composite, link.F, S[0], S[1], S[2], S[3], S[4], S[5]
+    for i in range(3):
+        F[i] = (J[i, 0] * x + J[i, 1] * y + J[i, 2] * z) + (J[3 + i, 0] * a + J[3 + i, 1] * b + J[3 + i, 2] * c)
+        turned = J[3, i] * x + J[4, i] * y + J[5, i] * z
+        F[3 + i] = turned + (J[6 + i, 0] * a + J[6 + i, 1] * b + J[6 + i, 2] * c)

@@ -9,7 +9,15 @@ from ...physics.dense import product
 from ...physics.frames import compose_poses, motion_at, to_body
 from ...physics.kernels import kernel
 from ...physics.operational import at_task, base_rows, task_inertia
-from ...physics.tree import add_to_base, along_joint, coriolis_wrench, damping_wrench, joint_column, restoring_wrench
+from ...physics.tree import (
+    add_to_base,
+    along_joint,
+    coriolis_wrench,
+    damping_wrench,
+    joint_column,
+    restoring_wrench,
+    whole,
+)
 from .layouts import FRAME_SIZE, LINK_SIZE
 from .memory import floats, frame_at, link_at
 from .tree import compose_links, move_links, place_links
@@ -65,10 +73,10 @@ def estimate_inertia(model):
     M = floats(model.M_at, N * N)
     armature = floats(model.armature_at, model.n)
     compose_links(tree)
-    base = link_at(tree.links_at)
+    whole(link_at(tree.links_at).composite, model.M_BB)
     for i in range(6):
         for j in range(6):
-            M[N * i + j] = base.composite[i, j]
+            M[N * i + j] = model.M_BB[i, j]
     for k in range(1, tree.links):
         link, frame = link_at(tree.links_at + LINK_SIZE * k), frame_at(tree.frames_at + FRAME_SIZE * k)
         row, above = 5 + k, k

@@ -48,6 +48,7 @@ _MODEL = [
     ("MJ_T_at", "i8"),  # (N, 6) M^-1 J^T
     ("tau_posture_at", "i8"),  # (N,) of them, what the posture adds
     ("posture", WORK),
+    ("M_BB", "f8", (6, 6)),
     ("L_task", "f8", (36,)),
     ("Lambda", "f8", (36,)),
     ("manipulability", "f8", (1,)),
@@ -100,6 +101,7 @@ CONTEXT = np.dtype(
         ("carriers", "i8"),  # frames of contacts, if there are others than B
         # of a vehicle with joints
         ("tree", TREE),  # the water on its links
+        ("M_BB", "f8", (6, 6)),  # added mass of all links, about B's origin in B
         ("gravity_W", "f8", (3,)),
         ("q_at", "i8"),  # of MuJoCo
         ("q_dot_at", "i8"),

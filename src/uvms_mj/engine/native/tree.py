@@ -17,6 +17,7 @@ from ...physics.tree import (
     own_inertia,
     place,
     restoring_wrench,
+    whole,
 )
 from .layouts import FRAME_SIZE, LINK_SIZE
 from .memory import floats, frame_at, integers, link_at, mj_factorM
@@ -76,7 +77,8 @@ def add_tree_inertia(context, R_WB, model, data):
     if same:
         return
     compose_links(tree)
-    added_inertia(link_at(tree.links_at).composite, R_WB, context.added)
+    whole(link_at(tree.links_at).composite, context.M_BB)
+    added_inertia(context.M_BB, R_WB, context.added)
     for i in range(21):
         M[i] += context.added[i]
         left[i] = M[i]
