@@ -22,16 +22,16 @@ from .kernels import kernel
 def cholesky(M, N, L):
     """Set the lower triangle of L (N, N) to the factor of M (N, N), with the reciprocals of its diagonal. Only the
     lower triangle of M is read. L may be M."""
-    for i in range(N):
-        for j in range(i):
+    for j in range(N):
+        x = M[N * j + j]
+        for k in range(j):
+            x -= L[N * j + k] * L[N * j + k]
+        L[N * j + j] = 1.0 / math.sqrt(x) if x > 0.0 else math.nan
+        for i in range(j + 1, N):
             x = M[N * i + j]
             for k in range(j):
                 x -= L[N * i + k] * L[N * j + k]
             L[N * i + j] = x * L[N * j + j]
-        x = M[N * i + i]
-        for k in range(i):
-            x -= L[N * i + k] * L[N * i + k]
-        L[N * i + i] = 1.0 / math.sqrt(x) if x > 0.0 else math.nan
 
 
 @kernel

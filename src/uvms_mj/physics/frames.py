@@ -57,12 +57,16 @@ def compose_poses(R_1, p_1, R_2, p_2, R, p):
     """Set R (3, 3), p (3,) to the pose of a frame in a first one, from its pose R_2, p_2 in a second one and the pose
     R_1, p_1 of that."""
     x, y, z = p_2[0], p_2[1], p_2[2]
+    a_x, a_y, a_z, b_x, b_y, b_z = R_2[0, 0], R_2[0, 1], R_2[0, 2], R_2[1, 0], R_2[1, 1], R_2[1, 2]
+    c_x, c_y, c_z = R_2[2, 0], R_2[2, 1], R_2[2, 2]
     for i in range(3):
         a, b, c = R_1[i, 0], R_1[i, 1], R_1[i, 2]
         p[i] = p_1[i] + (a * x + b * y + c * z)
-        R[i, 0] = a * R_2[0, 0] + b * R_2[1, 0] + c * R_2[2, 0]
-        R[i, 1] = a * R_2[0, 1] + b * R_2[1, 1] + c * R_2[2, 1]
-        R[i, 2] = a * R_2[0, 2] + b * R_2[1, 2] + c * R_2[2, 2]
+        R[i, 0], R[i, 1], R[i, 2] = (
+            a * a_x + b * b_x + c * c_x,
+            a * a_y + b * b_y + c * c_y,
+            a * a_z + b * b_z + c * c_z,
+        )
 
 
 @kernel
@@ -73,12 +77,14 @@ def motion_at(R, p, motion, out):
     x = motion[0] + (b * p[2] - c * p[1])
     y = motion[1] + (c * p[0] - a * p[2])
     z = motion[2] + (a * p[1] - b * p[0])
-    out[0] = R[0, 0] * x + R[1, 0] * y + R[2, 0] * z
-    out[1] = R[0, 1] * x + R[1, 1] * y + R[2, 1] * z
-    out[2] = R[0, 2] * x + R[1, 2] * y + R[2, 2] * z
-    out[3] = R[0, 0] * a + R[1, 0] * b + R[2, 0] * c
-    out[4] = R[0, 1] * a + R[1, 1] * b + R[2, 1] * c
-    out[5] = R[0, 2] * a + R[1, 2] * b + R[2, 2] * c
+    out[0], out[1], out[2], out[3], out[4], out[5] = (  # at once, so that R is read once
+        R[0, 0] * x + R[1, 0] * y + R[2, 0] * z,
+        R[0, 1] * x + R[1, 1] * y + R[2, 1] * z,
+        R[0, 2] * x + R[1, 2] * y + R[2, 2] * z,
+        R[0, 0] * a + R[1, 0] * b + R[2, 0] * c,
+        R[0, 1] * a + R[1, 1] * b + R[2, 1] * c,
+        R[0, 2] * a + R[1, 2] * b + R[2, 2] * c,
+    )
 
 
 @kernel
