@@ -118,9 +118,11 @@ def overrides_of(given: Any, place: str = "overrides") -> dict[str, Any]:
     Raises:
         InputError: ``given`` is not a mapping, or a key is not a text.
     """
-    if not isinstance(given, Mapping | None) or not all(isinstance(key, str) for key in given or ()):
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping) or not all(isinstance(key, str) for key in given):
         raise InputError(f"{place}: {given!r} is not a mapping from dotted keys to values, {{'wall.stiffness': 1e4}}")
-    return {key: value.tolist() if hasattr(value, "tolist") else value for key, value in (given or {}).items()}
+    return {key: value.tolist() if hasattr(value, "tolist") else value for key, value in given.items()}
 
 
 def doc(meaning: str, default: Any) -> Any:

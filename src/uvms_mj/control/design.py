@@ -94,7 +94,9 @@ class Estimates:
     def of(self, link: str) -> "Estimates":
         """The factors of a link by its name."""
         own = next((each for each in self.links if each.name == link), None)
-        given = {} if own is None else {key: value for key, value in vars(own).items() if value is not None}
+        if own is None:
+            return self
+        given = {key: value for key, value in vars(own).items() if value is not None}
         return dataclasses.replace(self, **{key: value for key, value in given.items() if key != "name"})
 
 

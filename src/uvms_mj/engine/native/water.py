@@ -28,6 +28,12 @@ class Water:
 
     def move(self, current: Current, disturbance: Disturbance, tether: Tether, seed: int) -> None:
         """Set the motion of the water."""
+        self.flow(current, seed)
+        self.push(disturbance, seed)
+        self.pull(tether)
+
+    def flow(self, current: Current, seed: int) -> None:
+        """Set the current."""
         water, series = self._context["water"], self._context["current"]
         series["mean"] = water["v_c_W"] = current.velocity_W
         series["amplitude"], series["frequency"] = current.amplitude, current.frequency_hz
@@ -35,11 +41,20 @@ class Water:
         shear = np.array(current.shear or (), dtype=float)
         self._context["shear_at"], self._context["shear_rows"] = self._address("shear", shear), len(shear)
         water["unsteady"], water["v_c_dot_W"], water["a_c_W"] = not current.constant, 0.0, 0.0
+        water["fresh"] = False
+        self._seed("current", seed)
+
+    def push(self, disturbance: Disturbance, seed: int) -> None:
+        """Set the disturbance."""
         self.disturb(disturbance.bias, disturbance.amplitude, disturbance.frequency_hz)
         self._vary("disturbance", disturbance)
-        water["tether"], water["r_t"] = tether.factor, tether.position
-        self.seed(seed)
-        water["fresh"] = False
+        self._context["water"]["fresh"] = False
+        self._seed("disturbance", seed)
+
+    def pull(self, tether: Tether) -> None:
+        """Set the tether."""
+        water = self._context["water"]
+        water["tether"], water["r_t"], water["fresh"] = tether.factor, tether.position, False
 
     def disturb(self, bias: Numbers, amplitude: Numbers, frequency_hz: Numbers) -> None:
         """Set the constant and the sinusoidal part of the disturbance, (6,) each, in B [N, N m, Hz]."""
@@ -52,10 +67,13 @@ class Water:
 
     def seed(self, seed: int) -> None:
         """Set the seed of the Gauss-Markov processes."""
-        for name in ("current", "disturbance"):
-            series = self._context[name]
-            if series["noisy"][0]:
-                series["key"], series["block"] = key_of(seed, name), -1
+        self._seed("current", seed)
+        self._seed("disturbance", seed)
+
+    def _seed(self, name: str, seed: int) -> None:
+        series = self._context[name]
+        if series["noisy"][0]:
+            series["key"], series["block"] = key_of(seed, name), -1
 
     @property
     def mean_W(self) -> np.ndarray:
