@@ -52,10 +52,8 @@ def refuse(setup: Setup, touched: Set[str] = _CHECKED) -> None:
     timing = not touched.isdisjoint(_TIMING)
     if timing:
         faults += _stage_faults(setup.scenario)
-    if timing or not touched.isdisjoint(STAGES):
-        for stage in setup.scenario.stages:
-            if timing or stage.room.table in touched:
-                faults += stage.faults(setup)
+    chosen = [getattr(setup.scenario, table) for table in STAGES if timing or table in touched]
+    faults += [fault for stage in chosen if stage.runs for fault in stage.faults(setup)]
     if not touched.isdisjoint(("simulation.timestep", "task")):
         faults += task_faults(setup)
     if not touched.isdisjoint(_CONTACT):
