@@ -199,8 +199,8 @@ def quat_from_euler_deg(roll: float, pitch: float, yaw: float) -> np.ndarray:
 def rotation_matrix(quat: np.ndarray) -> np.ndarray:
     """R_WB (3, 3) of a unit quaternion (4,), or (n, 3, 3) of n (n, 4)."""
     R_WB = np.empty((3, 3, *quat.shape[:-1]))
-    rotation(quat.T, R_WB)
-    return np.moveaxis(R_WB, (0, 1), (-2, -1))
+    rotation(quat.tolist() if quat.ndim == 1 else quat.T, R_WB)  # Python's floats are several times as fast as NumPy's
+    return np.moveaxis(R_WB, (0, 1), (-2, -1)) if quat.ndim > 1 else R_WB
 
 
 def quat_turned(quat: np.ndarray, phi: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ file, as those of a control system keep the numbers of a data sheet.
 """
 
 import dataclasses
+import functools
 
 import mujoco
 import numpy as np
@@ -17,6 +18,7 @@ from .settings import VehicleChoice
 from .vehicle import Vehicle
 
 
+@functools.lru_cache(maxsize=8)
 def varied(nominal: Vehicle, choice: VehicleChoice) -> Vehicle:
     """The true vehicle, from the vehicle of a file.
 

@@ -10,6 +10,7 @@ They are ``<custom><numeric>`` entries: M_A, D_linear and D_quadratic, described
 The rigid body is given by MuJoCo's ``<inertial>``. The actuators are the thrusters.
 """
 
+import functools
 from dataclasses import dataclass
 
 import mujoco
@@ -58,10 +59,12 @@ class Vehicle:
     arm: Arm = Arm()
     """Its links; all other coefficients are those of the base alone."""
 
-    @property
+    @functools.cached_property
     def M(self) -> np.ndarray:
         """(6, 6) M = M_RB + M_A."""
-        return self.M_RB + self.M_A
+        M = self.M_RB + self.M_A
+        M.setflags(write=False)
+        return M
 
     @property
     def mass(self) -> float:
