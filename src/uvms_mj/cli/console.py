@@ -4,7 +4,6 @@ import contextlib
 import json
 import math
 import sys
-import warnings
 from collections.abc import Callable, Container, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -38,15 +37,14 @@ class Console:
 
     @contextlib.contextmanager
     def running(self, scenario: Any, stop: Stop) -> Iterator[Callable[[int, int], None]]:
-        """Context of a run: prints warnings as lines, and yields a function of the steps done and their total.
+        """Context of a run: yields a function of the steps done and their total.
 
         The function draws a progress bar if standard error is a terminal, and checks for signals.
         """
         label = f"{scenario.name} · {scenario.controller.label()}"
         column = "{task.fields[simulated]:.1f} s simulated"
         shown = progress_bar(f"{label} · compiling", self.quiet, stop, column, simulated=0.0)
-        with warnings.catch_warnings(), shown as update:
-            warnings.showwarning = warn  # Python's own hook; catch_warnings restores it
+        with shown as update:
             h = scenario.simulation.timestep
             yield lambda done, total: update(done, total, description=label, simulated=done * h)
 
