@@ -138,7 +138,7 @@ class Scenario:
             note: is called with a sentence for each stage that is replaced and whose settings are left out.
         """
         tables = {k: dict(v) if isinstance(v, Mapping) else v for k, v in tables.items()}
-        faults: list[Fault] = []
+        faults, left_out = list[Fault](), list[str]()
         overrides = overrides_of(overrides)
         _anchor(tables, folder)
         for name in (*STAGES, "task"):
@@ -146,7 +146,6 @@ class Scenario:
                 faults.append(Fault(name, f"{tables[name]!r} is not a table"))
                 tables[name] = {}
         chosen = {name: overrides.get(f"{name}.name") for name in STAGES}
-        left_out: list[str] = []
         for name, source in (chosen | {"controller": chosen["controller"] or controller}).items():
             if source is not None:
                 tables[name] = STAGES[name].replaced(tables[name], source, overrides, TASK_KEYS, left_out)
@@ -172,6 +171,7 @@ class Scenario:
                 faults += error.faults
         try:
             scenario = _VALIDATOR.validate_python(tables)
+            faults += scenario.wall.overridden_in_vain(overrides)
         except ValidationError as error:
             faults += faults_of(error, choices=_KEYS | _INNER_KEYS)
         if faults:
