@@ -169,6 +169,10 @@ def _run_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]]:
     if report["saturated_s"]:
         share = report["saturated_s"] / max(report["duration_s"], 1e-300)
         yield "thrusters at their limits", f"{report['saturated_s']:.4g} s, {share:.2%} of the time"
+    joints = report["saturated_joints_s"] or {}
+    if any(joints.values()):
+        shares = (f"{name} {time / report['duration_s']:.2%}" for name, time in joints.items() if time)
+        yield "motors at their limits", f"{printable(', '.join(shares))} of the time"
     factor = report["real_time_factor"]
     if factor:
         step_us = trace.wall_time_s / max(1, trace.steps) * 1e6
