@@ -4,7 +4,6 @@ import contextlib
 import json
 import math
 import sys
-import warnings
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -40,15 +39,14 @@ class Console:
 
     @contextlib.contextmanager
     def running(self, scenario: Any, stop: Stop) -> Iterator[Callable[[int, int], None]]:
-        """Context of a run: prints warnings as lines, and yields a function of the steps done and their total.
+        """Context of a run: yields a function of the steps done and their total.
 
         The function draws a progress bar if standard error is a terminal, and checks for signals.
         """
         label = f"{scenario.name} · {scenario.controller.label()}"
         column = "{task.fields[simulated]:.1f} s simulated"
         shown = progress_bar(f"{label} · compiling", self.quiet, stop, column, simulated=0.0)
-        with warnings.catch_warnings(), shown as update:
-            warnings.showwarning = warn  # Python's own hook; catch_warnings restores it
+        with shown as update:
             h = scenario.simulation.timestep
             yield lambda done, total: update(done, total, description=label, simulated=done * h)
 
@@ -191,6 +189,10 @@ def _run_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]]:
     if report["saturated_s"]:
         share = report["saturated_s"] / max(report["duration_s"], 1e-300)
         yield "thrusters at their limits", f"{report['saturated_s']:.4g} s, {share:.2%} of the time"
+    joints = report["saturated_joints_s"] or {}
+    if any(joints.values()):
+        shares = (f"{name} {time / report['duration_s']:.2%}" for name, time in joints.items() if time)
+        yield "motors at their limits", f"{printable(', '.join(shares))} of the time"
     factor = report["real_time_factor"]
     if factor:
         step_us = trace.wall_time_s / max(1, trace.steps) * 1e6

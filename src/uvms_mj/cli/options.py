@@ -21,7 +21,11 @@ command = functools.partial(click.command, cls=_Command)
 
 scenario_argument = click.argument("arguments", nargs=-1, metavar="[SCENARIO] [KEY=VALUE]...")
 set_option = click.option(
-    "-s", "--set", "settings", multiple=True, metavar="KEY=VALUE", help="Set a key of the scenario; may be repeated."
+    *("-s", "--set", "settings"),
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Set a key of the scenario; may be repeated. Where it names another stage or law, the settings of the "
+    "scenario's own one are left out, and a warning names them.",
 )
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON object on standard output and nothing else."

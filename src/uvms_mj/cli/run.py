@@ -116,7 +116,7 @@ def _from_log(
                 f"{log} was made by the {noun} {then.source}. Code from a log is never executed: name the {noun}'s "
                 f"file with {option}path/to/{then.source} (`uvms-mj info {log} --show {code}` prints the recorded code)"
             )
-    scenario = header.scenario.updated(overrides, controller, place=log)
+    scenario = header.scenario.updated(overrides, controller, place=log, note=warn)
     _warn_of_changes(header, scenario)
     if log_rate is None and "simulation.timestep" not in overrides:
         log_rate = repr(1.0 / (header.row_steps * scenario.simulation.timestep))

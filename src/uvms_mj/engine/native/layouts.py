@@ -251,6 +251,8 @@ LOOP = np.dtype(
         ("speed_limit_at", "i8"),
         ("motor_index_at", "i8"),  # in ctrl, -1 without a motor
         ("torque_of_ctrl_at", "i8"),
+        ("saturation_at", "i8"),  # time at the motors' limits until t_k
+        ("saturation_next_at", "i8"),  # and until t_(k+1)
         ("q_safe_at", "i8"),  # initial positions
         ("tau_before", "f8", (6,)),
         # the current step
