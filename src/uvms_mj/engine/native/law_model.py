@@ -5,6 +5,7 @@ M, C, D and g of the tree are in :math:`\zeta = [\nu; \dot q]`. At a tool, Lambd
 (:mod:`uvms_mj.physics.operational`).
 """
 
+from ...physics.composite import joint_column, whole
 from ...physics.dense import product
 from ...physics.frames import compose_poses, motion_at, to_body
 from ...physics.kernels import kernel
@@ -14,9 +15,7 @@ from ...physics.tree import (
     along_joint,
     coriolis_wrench,
     damping_wrench,
-    joint_column,
     restoring_wrench,
-    whole,
 )
 from .layouts import FRAME_SIZE, LINK_SIZE
 from .memory import floats, frame_at, link_at

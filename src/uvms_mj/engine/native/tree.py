@@ -1,23 +1,20 @@
 """The water on a vehicle with joints: the passes of :mod:`uvms_mj.physics.tree` over all links, and their results in
 MuJoCo's coordinates, in which the base's linear velocity is in W."""
 
+from ...physics.composite import add_composite, joint_column, own_inertia, whole
 from ...physics.frames import to_body, to_world
 from ...physics.hydrodynamics import added_inertia, relative_velocity
 from ...physics.kernels import fused, kernel
 from ...physics.tree import (
-    add_composite,
     add_to_base,
     along_joint,
     coriolis_wrench,
     damping_wrench,
     hand_down,
-    joint_column,
     move,
     move_frame,
-    own_inertia,
     place,
     restoring_wrench,
-    whole,
 )
 from .layouts import FRAME_SIZE, LINK_SIZE
 from .memory import floats, frame_at, integers, link_at, mj_factorM
