@@ -31,7 +31,7 @@ Matrices are flat arrays, row by row; J^T is (N, 6) with N = 6 + n.
 
 import numpy as np
 
-from .dense import backward, cholesky, forward, gram, inverse, product, transposed_product
+from .dense import backward, cholesky, forward, gram, inverse, product
 from .kernels import kernel
 
 TOOL = np.dtype(
@@ -64,8 +64,8 @@ def base_rows(tool, J_T):
 
 
 @kernel
-def task_inertia(M, N, J_T, L, MJ_T, L_task, Lambda, manipulability):
-    """Set Lambda (6, 6), M^-1 J^T (N, 6) and the manipulability (1,).
+def task_inertia(M, N, J_T, L, MJ_T, L_task, Lambda, J_bar, manipulability):
+    """Set Lambda (6, 6), M^-1 J^T and J_bar (N, 6), and the manipulability (1,).
 
     L (N, N) is set to the factor of M (N, N), and L_task (6, 6) to that of J M^-1 J^T.
     """
@@ -77,17 +77,11 @@ def task_inertia(M, N, J_T, L, MJ_T, L_task, Lambda, manipulability):
     backward(L, N, MJ_T, 6)
     cholesky(Lambda, 6, L_task)
     inverse(L_task, 6, Lambda)
+    product(MJ_T, N, 6, Lambda, 6, J_bar)
     roots = 1.0  # of the inverse determinants of M_BB and of J M^-1 J^T
     for i in range(6):
         roots *= L[N * i + i] * L_task[7 * i]
     manipulability[0] = 1.0 / roots
-
-
-@kernel
-def at_task(Lambda, MJ_T, N, h, work, out):
-    """Set out (6,) to J_bar^T h, for h (N,); work is (6,) scratch."""
-    transposed_product(MJ_T, N, 6, h, work)
-    product(Lambda, 6, 6, work, 1, out)
 
 
 @kernel

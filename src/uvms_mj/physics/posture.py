@@ -41,7 +41,7 @@ import math
 
 import numpy as np
 
-from .dense import backward, cholesky, forward, inverse, product
+from .dense import backward, cholesky, forward, inverse
 from .eigen import symmetric_eigen
 from .frames import quat_error
 from .kernels import kernel
@@ -73,14 +73,13 @@ WORK = np.dtype(
 
 
 @kernel
-def free_of_tool(M_inv, MJ_T, Lambda, N, X, P):
-    """Set P (N, N) to M^-1 - M^-1 J^T Lambda J M^-1, for MJ_T = M^-1 J^T (N, 6); X (N, 6) is scratch."""
-    product(MJ_T, N, 6, Lambda, 6, X)
+def free_of_tool(M_inv, MJ_T, J_bar, N, P):
+    """Set P (N, N) to M^-1 - J_bar J M^-1, for MJ_T = M^-1 J^T (N, 6) and J_bar (N, 6)."""
     for i in range(N):
         for j in range(i + 1):
             value = M_inv[N * i + j]
             for k in range(6):
-                value -= X[6 * i + k] * MJ_T[6 * j + k]
+                value -= J_bar[6 * i + k] * MJ_T[6 * j + k]
             P[N * i + j] = value
             P[N * j + i] = value
 

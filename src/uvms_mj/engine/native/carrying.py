@@ -56,6 +56,12 @@ def press_links(context, loop):
         loop.f_carried_W[i] = 0.0
     for k in range(context.carriers):
         carrier = carrier_at(loop.carriers_at + CARRIER_SIZE * k)
+        touches = False
+        for i in range(6):
+            if carrier.tau[i] != 0.0 or carrier.applied[i] != 0.0:
+                touches = True
+        if not touches:
+            continue
         add_wrench_from(carrier.R_BC, carrier.p_BC, carrier.tau, true.tau_contact_B)
         to_world(carrier.R_WC, carrier.applied, context.work)
         for i in range(3):

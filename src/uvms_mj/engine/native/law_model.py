@@ -6,10 +6,10 @@ M, C, D and g of the tree are in :math:`\zeta = [\nu; \dot q]`. At a tool, Lambd
 """
 
 from ...physics.composite import joint_column, whole
-from ...physics.dense import product
+from ...physics.dense import product, transposed_product
 from ...physics.frames import compose_poses, motion_at, to_body
 from ...physics.kernels import kernel
-from ...physics.operational import at_task, base_rows, task_inertia
+from ...physics.operational import base_rows, task_inertia
 from ...physics.tree import (
     add_to_base,
     along_joint,
@@ -131,19 +131,25 @@ def estimate_lambda(model):
         floats(model.M_at, N * N),
         floats(model.L_at, N * N),
     )
-    task_inertia(M, N, J_T, L, MJ_T, model.L_task, model.Lambda, model.manipulability)
+    J_bar = floats(model.J_bar_at, 6 * N)
+    task_inertia(M, N, J_T, L, MJ_T, model.L_task, model.Lambda, J_bar, model.manipulability)
 
 
 @kernel
 def estimate_at_tool(model, out):
     """Set the estimates at the tool: Lambda, and J_bar^T h - Lambda J_dot zeta, whose last term is that of C."""
-    N, Lambda, work, MJ_T = model.tau.shape[0], model.Lambda, model.work, floats(model.MJ_T_at, 6 * model.tau.shape[0])
+    N, Lambda, work, J_bar = (
+        model.tau.shape[0],
+        model.Lambda,
+        model.work,
+        floats(model.J_bar_at, 6 * model.tau.shape[0]),
+    )
     tool, link = model.tool, link_at(model.tree.links_at + LINK_SIZE * model.tool.link)
     motion_at(tool.R_BT, tool.p_BT, link.V, model.nu_T)
     motion_at(tool.R_BT, tool.p_BT, link.A, model.J_dot_zeta)
-    at_task(Lambda, MJ_T, N, floats(model.C_at, N), work, out.C_hat_nu)
-    at_task(Lambda, MJ_T, N, floats(model.D_at, N), work, out.D_hat_nu)
-    at_task(Lambda, MJ_T, N, floats(model.g_at, N), work, out.g_hat)
+    transposed_product(J_bar, N, 6, floats(model.C_at, N), out.C_hat_nu)
+    transposed_product(J_bar, N, 6, floats(model.D_at, N), out.D_hat_nu)
+    transposed_product(J_bar, N, 6, floats(model.g_at, N), out.g_hat)
     product(Lambda, 6, 6, model.J_dot_zeta, 1, work)
     for i in range(6):
         out.C_hat_nu[i] -= work[i]

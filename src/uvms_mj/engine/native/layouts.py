@@ -46,6 +46,7 @@ _MODEL = [
     ("L_at", "i8"),  # (N, N) Cholesky factor of M
     ("J_T_at", "i8"),  # (N, 6) J^T of the tool
     ("MJ_T_at", "i8"),  # (N, 6) M^-1 J^T
+    ("J_bar_at", "i8"),  # (N, 6)
     ("tau_posture_at", "i8"),  # (N,) of them, what the posture adds
     ("posture", WORK),
     ("M_BB", "f8", (6, 6)),

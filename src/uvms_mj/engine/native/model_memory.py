@@ -35,7 +35,7 @@ class ModelMemory:
         tree, own = self.record["tree"], joints.encoded or n == 0
         tree["links"], tree["links_at"] = n + 1, self.links.ctypes.data
         tree["frames_at"] = self._frames.ctypes.data if own else joints.frames_at
-        sizes = {"M": N * N, "L": N * N, "J_T": 6 * N, "MJ_T": 6 * N, "C": N, "D": N, "g": N}
+        sizes = {"M": N * N, "L": N * N, "J_T": 6 * N, "MJ_T": 6 * N, "J_bar": 6 * N, "C": N, "D": N, "g": N}
         sizes |= {"tau_posture": N, "armature": n, "gear": n}
         self.arrays = {name: np.zeros(size) for name, size in sizes.items()}
         self.arrays |= {"q": joints.q_m, "q_dot": joints.q_dot_m, "tau_q_cmd": joints.tau_q_cmd}

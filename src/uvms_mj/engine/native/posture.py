@@ -40,13 +40,12 @@ class PostureBelowTool(Stage):
     @fused
     def step(settings, state, given, state_dot, out):
         N, own = state.tau.shape[0], state.posture
-        M, q = floats(state.M_at, N * N), floats(state.q_at, state.n)
+        M, q, J_bar = floats(state.M_at, N * N), floats(state.q_at, state.n), floats(state.J_bar_at, 6 * N)
         measure(state, given)
         inverse(floats(state.L_at, N * N), N, own.M_inv)
-        free_of_tool(own.M_inv, floats(state.MJ_T_at, 6 * N), state.Lambda, N, own.X, own.P)
+        free_of_tool(own.M_inv, floats(state.MJ_T_at, 6 * N), J_bar, N, own.P)
         product(own.P, N, N, own.h, 1, own.free)
-        product(state.Lambda, 6, 6, state.J_dot_zeta, 1, state.work)
-        product(floats(state.MJ_T_at, 6 * N), N, 6, state.work, 1, own.a)
+        product(J_bar, N, 6, state.J_dot_zeta, 1, own.a)
         for i in range(N):
             own.a[i] = -own.a[i]
             own.free[i] -= own.a[i]
