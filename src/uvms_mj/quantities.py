@@ -4,6 +4,7 @@ The ranges are far wider than any vehicle needs. Within them, no product in the 
 """
 
 import dataclasses
+import itertools
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any
 
@@ -70,22 +71,23 @@ def _matrix(limit: float, unit: str, word: str = "") -> Any:
     """A 6x6 matrix, given as six numbers (its diagonal) or as six rows of six numbers, or a word in its place."""
     either = f'"{word}", ' if word else ""
 
-    def number(x: Any) -> bool:
-        return type(x) in (int, float)
-
     def six(row: Any) -> bool:
-        return isinstance(row, list | tuple) and len(row) == 6
+        return isinstance(row, (list, tuple)) and len(row) == 6
+
+    def numbers(row: Any) -> bool:
+        return six(row) and set(map(type, row)) <= {int, float}
 
     def check(value: Any) -> Any:
         if value is None or (word and value == word):
             return value
-        if not (six(value) and (all(map(number, value)) or all(six(row) and all(map(number, row)) for row in value))):
+        diagonal = numbers(value)
+        if not diagonal and not (six(value) and all(map(numbers, value))):
             raise ValueError(f"must be {either}six numbers, a diagonal, or six rows of six numbers")
-        rows = [value] if number(value[0]) else value
-        if not all(abs(x) <= limit for row in rows for x in row):
+        rows = [value] if diagonal else value
+        if not all(map(limit.__ge__, map(abs, itertools.chain.from_iterable(rows)))):
             raise ValueError(f"must have numbers from {-limit:g} to {limit:g} {unit}")
-        rows = [tuple(float(x) for x in row) for row in rows]
-        return rows[0] if number(value[0]) else tuple(rows)
+        rows = [tuple(map(float, row)) for row in rows]
+        return rows[0] if diagonal else tuple(rows)
 
     return Annotated[tuple[Any, ...] | str | None, BeforeValidator(check)]
 
@@ -118,9 +120,11 @@ def overrides_of(given: Any, place: str = "overrides") -> dict[str, Any]:
     Raises:
         InputError: ``given`` is not a mapping, or a key is not a text.
     """
-    if not isinstance(given, Mapping | None) or not all(isinstance(key, str) for key in given or ()):
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping) or not all(isinstance(key, str) for key in given):
         raise InputError(f"{place}: {given!r} is not a mapping from dotted keys to values, {{'wall.stiffness': 1e4}}")
-    return {key: value.tolist() if hasattr(value, "tolist") else value for key, value in (given or {}).items()}
+    return {key: value.tolist() if hasattr(value, "tolist") else value for key, value in given.items()}
 
 
 def doc(meaning: str, default: Any) -> Any:

@@ -7,7 +7,9 @@ their line by at most 0.8 N. Between two voltages the thrust is interpolated lin
 
 from __future__ import annotations  # so that help(T200) shows short type names
 
+import bisect
 import dataclasses
+import functools
 from typing import Annotated
 
 import numpy as np
@@ -47,14 +49,17 @@ THRUST_GF_10 = (  # of 10 gram-force, a row for each voltage
      29, 47, 64, 82, 102, 128, 158, 192, 225, 266, 306, 344, 396, 455, 514, 571, 626, 672),
 )
 # fmt: on
+_THRUST_N, _PULSE_WIDTHS_US = 0.01 * STANDARD_GRAVITY * np.array(THRUST_GF_10), np.array(PULSE_WIDTHS_US, float)
 _Voltage = Annotated[Number, within(VOLTAGES[0], VOLTAGES[-1], "V")]
 
 
+@functools.lru_cache(maxsize=8)
 def thrust_curve(voltage: float) -> Curve:
     """The static curve at a voltage from 10 to 20 V, on the test stand."""
-    newtons = 0.01 * STANDARD_GRAVITY * np.array(THRUST_GF_10)
-    thrust = np.array([np.interp(voltage, VOLTAGES, column) for column in newtons.T])
-    return Curve(np.array(PULSE_WIDTHS_US, float), thrust, NEUTRAL_US)
+    k = min(bisect.bisect_right(VOLTAGES, voltage), len(VOLTAGES) - 1)  # of the row above
+    low, high = _THRUST_N[k - 1], _THRUST_N[k]
+    thrust = low + (high - low) / (VOLTAGES[k] - VOLTAGES[k - 1]) * (voltage - VOLTAGES[k - 1])
+    return Curve(_PULSE_WIDTHS_US, thrust, NEUTRAL_US)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -22,7 +22,9 @@ from .water import water_faults
 
 _WALLS = ("wall", "walls", "bumper")
 _CHECKED = frozenset({*_WALLS, "simulation.timestep", "current", "disturbance", "posture"})
-_PERIODS = tuple(f"{table}.period" for table in STAGES)
+_TIMING = ("simulation.timestep", "controller.delay", *(f"{table}.period" for table in STAGES))
+_CONTACT = (*_WALLS, *ATTITUDE_KEYS, "simulation.timestep")
+_WATER = ("current", "disturbance", "simulation.timestep")
 _SMALL, _LARGE = 1e-6, 1e8
 """If an equation overflows, the message names the keys with numbers outside this range."""
 
@@ -47,14 +49,16 @@ def refuse(setup: Setup, touched: Set[str] = _CHECKED) -> None:
         InputError: for example, the wall is too stiff for the time step, or a period is not a multiple of it.
     """
     faults: list[Fault] = []
-    if not touched.isdisjoint(("simulation.timestep", "controller.delay", *_PERIODS)):
+    timing = not touched.isdisjoint(_TIMING)
+    if timing:
         faults += _stage_faults(setup.scenario)
-    if not touched.isdisjoint(("simulation.timestep", *STAGES)):
-        faults += [fault for stage in setup.scenario.stages for fault in stage.faults(setup)]
+    chosen = [getattr(setup.scenario, table) for table in STAGES if timing or table in touched]
+    faults += [fault for stage in chosen if stage.runs for fault in stage.faults(setup)]
+    if not touched.isdisjoint(("simulation.timestep", "task")):
         faults += task_faults(setup)
-    if not touched.isdisjoint((*_WALLS, *ATTITUDE_KEYS, "simulation.timestep")):
+    if not touched.isdisjoint(_CONTACT):
         faults += wall_faults(setup)
-    if not touched.isdisjoint(("current", "disturbance", "simulation.timestep")):
+    if not touched.isdisjoint(_WATER):
         scenario = setup.scenario
         faults += water_faults(scenario.current, scenario.disturbance, scenario.simulation.timestep)
     if "posture" in touched:

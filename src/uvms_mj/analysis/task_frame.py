@@ -1,6 +1,7 @@
 """The frame of the task in the design of a run: the inertia that a law meets there, the place where the frame starts,
 and the combinations that are not computed."""
 
+import functools
 import math
 from collections.abc import Iterator
 from typing import Any
@@ -55,20 +56,25 @@ def task_inertias(scenario: Scenario, nominal: Vehicle) -> tuple[np.ndarray, np.
     true, estimates = varied(nominal, scenario.vehicle), scenario.estimates
     if scenario.task.frame == BODY and not nominal.arm.links:
         return true.M, nominal.M, estimates.inertia * nominal.M
-    factors = [estimates.inertia, *(estimates.of(link.name).inertia for link in nominal.arm.links)]
-    vehicles = ((true, None), (nominal, None), (nominal, factors))
-    found = [_inertia(vehicle, scenario, given) for vehicle, given in vehicles]
-    return found[0], found[1], found[2]
+    factors = (estimates.inertia, *(estimates.of(link.name).inertia for link in nominal.arm.links))
+    place = scenario.initial.joints, scenario.task.frame
+    return _inertia(true, *place), _inertia(nominal, *place), _inertia(nominal, *place, factors)
 
 
-def _inertia(vehicle: Vehicle, scenario: Scenario, factors: list[float] | None) -> np.ndarray:
-    statics = Statics(vehicle, vehicle.arm.start(scenario.initial.joints))
+@functools.lru_cache(maxsize=8)
+def _inertia(
+    vehicle: Vehicle, joints: tuple[float, ...] | None, frame: str, factors: tuple[float, ...] | None = None
+) -> np.ndarray:
+    statics = Statics(vehicle, vehicle.arm.start(joints))
     M = statics.inertia(factors)
-    if scenario.task.frame == BODY:
-        return np.ascontiguousarray(M[:6, :6])
-    J = statics.jacobian(vehicle.arm.sites[scenario.task.frame])
-    Lambda = np.linalg.inv(J @ np.linalg.solve(M, J.T))
-    return 0.5 * (Lambda + Lambda.T)
+    if frame == BODY:
+        found = np.ascontiguousarray(M[:6, :6])
+    else:
+        J = statics.jacobian(vehicle.arm.sites[frame])
+        Lambda = np.linalg.inv(J @ np.linalg.solve(M, J.T))
+        found = 0.5 * (Lambda + Lambda.T)
+    found.setflags(write=False)
+    return found
 
 
 def task_start(scenario: Scenario, nominal: Vehicle) -> Initial:
@@ -97,7 +103,7 @@ def task_faults(setup: Any) -> Iterator[Fault]:
     """Errors for elements that are computed for a rigid vehicle with the frame of the task at B only, and for a setting
     without effect there."""
     reason, scenario = setup.not_rigid, setup.scenario
-    if not reason and scenario.task.inertia_period != ImpedanceTask().inertia_period:
+    if not reason and scenario.task.inertia_period != ImpedanceTask.inertia_period:
         yield Fault("task.inertia_period", "has no effect: M_hat of a rigid vehicle at B is constant")
     if reason and scenario.controller.uses_truth:
         label = scenario.controller.label()

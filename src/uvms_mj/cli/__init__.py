@@ -84,25 +84,9 @@ def main() -> None:
 
 
 for command in (
-    run,
-    study,
-    tune,
-    paper,
-    practicality,
-    validate,
-    replay,
-    plot,
-    compare,
-    info,
-    export,
-    converge,
-    certify,
-    controllers,
-    stages,
-    vehicles,
-    new,
-    keys,
-    signals,
+    *(run, study, tune, paper, practicality, validate, converge, certify),
+    *(replay, plot, compare, info, export),
+    *(controllers, stages, vehicles, new, keys, signals),
 ):
     main.add_command(command)
 

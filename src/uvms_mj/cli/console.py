@@ -4,7 +4,7 @@ import contextlib
 import json
 import math
 import sys
-from collections.abc import Callable, Container, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -14,6 +14,8 @@ from .stop import Stop
 
 if TYPE_CHECKING:
     from rich.table import Table
+
+    from ..studies.paper.claims.base import Row
 
 ROUNDING = 1e-9
 """Numbers smaller than this, relative or in SI units, come from rounding and are shown as zero."""
@@ -98,6 +100,24 @@ def print_table(table: Any) -> None:
     import rich.console
 
     rich.console.Console(width=None if sys.stdout.isatty() else 120, markup=False, highlight=False).print(table)
+
+
+def print_verdicts(
+    title: str, heads: Sequence[str], rows: "Sequence[Row]", cells: "Callable[[Row, str], tuple[str, ...]]"
+) -> None:
+    """Print claims with their verdicts; ``cells`` gives those of a row, from its value as text."""
+    from rich.text import Text
+
+    from ..studies.pages import number
+
+    colours = {"holds": "green", "explained": "yellow", "fails": "bold red"}
+    table = table_of(title, show_lines=True)
+    for head in (*heads, "verdict"):
+        table.add_column(head, no_wrap=head == "verdict", overflow="fold")
+    for row in rows:
+        unit, verdict = "" if row.claim.unit == "1" else f" {row.claim.unit}", row.verdict.name
+        table.add_row(*cells(row, number(row.measured.value) + unit), Text(verdict, style=colours[verdict]))
+    print_table(table)
 
 
 def _run_table(trace: Any, report: dict[str, Any]) -> None:

@@ -7,19 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import (
-    EXIT_BAD_INPUT,
-    asked_for,
-    bad_input,
-    command,
-    end,
-    ended,
-    output_options,
-    path_option,
-    run_options,
-)
+from .common import EXIT_BAD_INPUT, bad_input, end, ended
 from .console import Console, warn
 from .folders import LOG, RunFolder, alone_in, output_folder, remove_if_empty
+from .options import asked_for, command, output_options, path_option, run_options
 from .stop import Stop, exit_interrupted
 from .study_row import row_of
 

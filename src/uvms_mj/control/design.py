@@ -2,6 +2,8 @@
 
 import dataclasses
 import functools
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -94,7 +96,9 @@ class Estimates:
     def of(self, link: str) -> "Estimates":
         """The factors of a link by its name."""
         own = next((each for each in self.links if each.name == link), None)
-        given = {} if own is None else {key: value for key, value in vars(own).items() if value is not None}
+        if own is None:
+            return self
+        given = {key: value for key, value in vars(own).items() if value is not None}
         return dataclasses.replace(self, **{key: value for key, value in given.items() if key != "name"})
 
 
@@ -171,7 +175,6 @@ def wall_normal(quat_d: np.ndarray) -> np.ndarray:
     return normal
 
 
-_ONE = np.eye(6)
 _remembered = functools.lru_cache(maxsize=8)
 """A reset of a Simulation computes only the matrices that differ from those of the resets before."""
 
@@ -183,28 +186,30 @@ def _inertia(given: Any) -> tuple[np.ndarray, ...]:
     if _is_diagonal(given):
         if min(given) <= 0.0:
             raise ValueError("is not positive definite")
-        return _frozen(_ONE * given, _ONE * [1.0 / m for m in given])
+        return _frozen(_diagonal(given), _diagonal(1.0 / np.array(given)))
     M_d = np.frombuffer(given).reshape(6, 6) if isinstance(given, bytes) else np.array(given)
     if (M_d != M_d.T).any() and np.abs(M_d - M_d.T).max() > 1e-9 * np.abs(M_d).max():
         raise ValueError("is not symmetric")
-    try:
-        _factor(M_d.tobytes())
-    except np.linalg.LinAlgError:
-        raise ValueError("is not positive definite") from None
-    return _frozen(M_d, np.linalg.inv(M_d))
+    return _frozen(M_d, _factor(M_d.tobytes())[2])
 
 
 @_remembered
-def _factor(M_d: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """The Cholesky factor L of M_d = L L^T, and its inverse."""
-    L = np.linalg.cholesky(np.frombuffer(M_d).reshape(6, 6))
-    return L, np.linalg.inv(L)
+def _factor(M_d: bytes) -> np.ndarray:
+    """The Cholesky factor L of M_d = L L^T, its inverse, and that of M_d. Raises ValueError if there is none."""
+    found = np.empty((3, 6, 6))
+    found[2] = np.frombuffer(M_d).reshape(6, 6)
+    try:
+        found[0] = found[1] = np.linalg.cholesky(found[2])
+    except np.linalg.LinAlgError:
+        raise ValueError("is not positive definite") from None
+    found[1:] = np.linalg.inv(found[1:])  # one call is quicker than two
+    return found
 
 
 @_remembered
 def _modes(M_d: bytes, K_d: bytes) -> tuple[np.ndarray, np.ndarray]:
     """Q^T (6, 6) with Q^T Q = M_d and Q^T diag(k) Q = K_d, and the square roots of k (6,)."""
-    L, L_inv = _factor(M_d)
+    L, L_inv, _ = _factor(M_d)
     k, V = np.linalg.eigh(L_inv.dot(np.frombuffer(K_d).reshape(6, 6)).dot(L_inv.T))
     return L.dot(V), np.sqrt(np.maximum(k, 0.0))
 
@@ -213,13 +218,13 @@ def _modes(M_d: bytes, K_d: bytes) -> tuple[np.ndarray, np.ndarray]:
 def _damping(M_d: Any, D_d: Any, K_d: tuple[float, ...], damping_ratio: float) -> tuple[np.ndarray, ...]:
     """D_d, or if it is None, :func:`ott_damping` of M_d as :func:`_inertia` takes it; and K_d. Raises ValueError if the
     symmetric part of D_d is not positive semi-definite."""
-    stiffness = _ONE * K_d
+    stiffness = _diagonal(K_d)
     if D_d is None and _is_diagonal(M_d):
-        D = _ONE * (2.0 * damping_ratio * np.sqrt(np.array(M_d) * K_d))
+        D = _diagonal([2.0 * damping_ratio * math.sqrt(m * k) for m, k in zip(M_d, K_d, strict=True)])
     elif D_d is None:
         D = ott_damping(_inertia(M_d)[0], stiffness, damping_ratio)
     else:
-        D = _ONE * D_d if _is_diagonal(D_d) else np.array(D_d)
+        D = _diagonal(D_d) if _is_diagonal(D_d) else np.array(D_d)
         if (min(D_d) if _is_diagonal(D_d) else np.linalg.eigvalsh(D + D.T)[0]) < 0.0:
             raise ValueError("is not dissipative: its symmetric part is not positive semi-definite")
     return _frozen(D, stiffness)
@@ -230,6 +235,12 @@ def _attitude(roll: float, pitch: float, yaw: float) -> tuple[np.ndarray, ...]:
     """The desired attitude (4,) and the wall's normal (6,)."""
     quat_d = quat_from_euler_deg(roll, pitch, yaw)
     return _frozen(quat_d, wall_normal(quat_d))
+
+
+def _diagonal(values: Sequence[float] | np.ndarray) -> np.ndarray:
+    matrix = np.zeros((6, 6))
+    matrix.flat[::7] = values
+    return matrix
 
 
 def _is_diagonal(given: Any) -> bool:

@@ -98,7 +98,8 @@ def _differences(new: dict[str, Any], base: dict[str, Any], current: dict[str, A
             if hasattr(table, "__dict__"):
                 one, two = vars(base[name]), vars(current[name])
                 for key, value in vars(table).items():
-                    if any(value is not old and value != old for old in (one.get(key), two.get(key))):
+                    a, b = one.get(key), two.get(key)
+                    if (value is not a and value != a) or (value is not b and value != b):
                         found.add(f"{name}.{key}")
     return found
 

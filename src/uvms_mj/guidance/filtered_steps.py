@@ -31,6 +31,7 @@ MOST_WAYPOINTS = 1000
 _FASTEST = 0.5
 """Largest bandwidth times control period [rad] at which the law sees the reference as a motion, not as a jump."""
 
+_NEVER = np.full(MOST_WAYPOINTS, np.inf)
 _SETTLED = 60.0  # for larger x, 1 - g(x) is below the rounding error of 1
 
 
@@ -51,7 +52,7 @@ def _increasing(waypoints: tuple[Waypoint, ...]) -> tuple[Waypoint, ...]:
 
 @functools.lru_cache(maxsize=8)
 def _padded(step_time: float, target: tuple[float, ...], waypoints: tuple[Waypoint, ...]) -> tuple[np.ndarray, ...]:
-    times, positions = np.full(MOST_WAYPOINTS, np.inf), np.zeros((MOST_WAYPOINTS, 3))
+    times, positions = _NEVER.copy(), np.zeros((MOST_WAYPOINTS, 3))
     times[0], positions[0] = step_time, target
     for n, step in enumerate(waypoints):
         times[n], positions[n] = step.time, step.position

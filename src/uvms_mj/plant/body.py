@@ -1,5 +1,6 @@
 """A body in the water: the coefficients that the base of a vehicle and each link of its arm have."""
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,10 +23,12 @@ class Body:
     r_b: np.ndarray
     """(3,) centre of buoyancy [m]."""
 
-    @property
+    @functools.cached_property
     def M(self) -> np.ndarray:
         """(6, 6) M = M_RB + M_A."""
-        return self.M_RB + self.M_A
+        M = self.M_RB + self.M_A
+        M.setflags(write=False)
+        return M
 
     @property
     def mass(self) -> float:

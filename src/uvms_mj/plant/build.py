@@ -102,7 +102,7 @@ class Plant:
 
     def place(self, data: mujoco.MjData, initial: Initial) -> None:
         """Put the vehicle at an initial state."""
-        qpos, dof = free_joint_addresses(self.model, self.body_id)
+        qpos, dof = self._free_joint
         put_at(initial, data.qpos[qpos : qpos + 7], data.qvel[dof : dof + 6])
         joints = self.initial_joints(initial)
         data.qpos[qpos + 7 : qpos + 7 + len(joints)] = joints
@@ -114,6 +114,10 @@ class Plant:
     def set_wall(self, wall: Wall, face: float) -> None:
         """Move the wall's face to x of W [m], and set stiffness and damping of the contact pair in N/m and N s/m."""
         _set_wall(self.model, self._ids, wall, face)
+
+    @functools.cached_property
+    def _free_joint(self) -> tuple[int, int]:
+        return free_joint_addresses(self.model, self.body_id)
 
     @functools.cached_property
     def _ids(self) -> tuple[int, int, int]:

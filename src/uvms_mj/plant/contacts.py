@@ -126,7 +126,7 @@ def contacts_of(scenario: Any, probe: Probe, vehicle: Any) -> Contacts:
         walls.insert(0, ("wall", as_surface(scenario.wall, probe.radius)))
     carriers = [probe.carrier]
     named = [(f"vehicle.contact_bodies[{i}]", body, _carrier(body, vehicle, carriers)) for i, body in enumerate(bodies)]
-    if not named:
+    if walls and not named:
         sphere = ContactBody((0.0, 0.0, 0.0), probe.radius, None, bumper.stiffness, bumper.damping)
         named = [("the probe", sphere, 0)]
     pairs = [

@@ -5,6 +5,7 @@ file, as those of a control system keep the numbers of a data sheet.
 """
 
 import dataclasses
+import functools
 from typing import TypeVar
 
 import mujoco
@@ -20,6 +21,7 @@ from .vehicle import Vehicle
 _Body = TypeVar("_Body", bound=Body)
 
 
+@functools.lru_cache(maxsize=8)
 def varied(nominal: Vehicle, choice: VehicleChoice) -> Vehicle:
     """The true vehicle, from the vehicle of a file.
 

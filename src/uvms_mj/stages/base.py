@@ -123,11 +123,10 @@ class Stage:
         except Exception as error:  # pydantic and evaluating an annotation raise exceptions of many types
             reason = " ".join(str(error).split("\n\n")[0].split()) or type(error).__name__
             raise InputError(f"an annotation is not a valid type of a {noun}: {reason}", place) from None
-        ours = {field.name for field in dataclasses.fields(base_of(kind))}
         faults = [
-            Fault(f"{table}.{name}", f"{value!r}: a {noun} is a number, true or false, or a tuple of numbers")
-            for name, value in valid.items()
-            if not _is_number(value) and not packs_itself(kind) and name not in ours
+            Fault(f"{table}.{name}", f"{valid[name]!r}: a {noun} is a number, true or false, or a tuple of numbers")
+            for name in _numbers_of(kind)
+            if not _is_number(valid[name])
         ]
         if faults:
             raise InputError(faults, place)
@@ -235,6 +234,14 @@ def packs_itself(cls: type[Stage]) -> bool:
     """Whether the class computes the constants of its function, so that its settings may be of any type."""
     base = base_of(cls)
     return cls.constants is not (Stage if base is cls else base).constants
+
+
+@functools.cache
+def _numbers_of(cls: type[Stage]) -> tuple[str, ...]:
+    """The names of the settings that the class's function gets as they are, besides those of its room's base class."""
+    ours = {field.name for field in dataclasses.fields(base_of(cls))}
+    names = (field.name for field in dataclasses.fields(cls) if field.name not in ours)
+    return () if packs_itself(cls) else tuple(names)
 
 
 def random_key(seed: int, stage: Stage) -> int:

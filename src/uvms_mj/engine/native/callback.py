@@ -188,10 +188,20 @@ def _finish(context):
     finish_step(context, loop_at(context.loop_at))
 
 
+def _restore(spans_at, n):
+    """Copy n spans of numbers; each is three integers: where to, where from, how many."""
+    spans = integers(spans_at, 3 * n)
+    for k in range(n):
+        now, start = integers(spans[3 * k], spans[3 * k + 2]), integers(spans[3 * k + 1], spans[3 * k + 2])
+        for i in range(spans[3 * k + 2]):
+            now[i] = start[i]
+
+
 _ENTRY_POINTS: dict[str, tuple[Any, list[Any]]] = {
     "control": (_callback, ["i8", "i8"]),
     "advance": (_advance, [CONTEXT, "i8"]),
     "finish": (_finish, [CONTEXT]),
+    "restore": (_restore, ["i8", "i8"]),
 }
 
 

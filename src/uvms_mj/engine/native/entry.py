@@ -96,7 +96,10 @@ class Entry:
 
 
 def _mutable(value: Any) -> bool:
-    return value.flags.writeable if isinstance(value, np.ndarray) else not isinstance(value, float | int | tuple)
+    return value.flags.writeable if isinstance(value, np.ndarray) else not isinstance(value, _CONSTANT)
+
+
+_CONSTANT = (float, int, tuple)  # a union is made anew at each use
 
 
 def part(record: np.ndarray, signals: tuple[Signal, ...]) -> np.ndarray:

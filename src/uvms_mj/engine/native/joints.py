@@ -32,14 +32,16 @@ class Joints:
         tau_q: (n,) torque or force of the motors.
         saturation: (n,) time at their limits until t_k [s].
         interface: the joint interface, or None for a rigid vehicle.
+        frames_at: address of the FRAME records (1 + n,) of the links at the true positions.
         reached: the arrays whose addresses are in the LOOP record, by its fields.
         state: the arrays that a reset restores.
     """
 
-    def __init__(self, setup: Setup) -> None:
+    def __init__(self, setup: Setup, context: np.ndarray) -> None:
         scenario, links = setup.scenario, setup.vehicle.arm.links
         self.n, self.encoded = len(links), scenario.encoder.runs
         self.interface = scenario.joints.meant(setup) if links else None
+        self.frames_at = int(context["tree"]["frames_at"][0])
         self.true, self.given = (np.zeros(1, record_dtype(each(self.n))) for each in (encoder_given, joints_given))
         self.q_m, self.q_dot_m = self.given["q_m"][0], self.given["q_dot_m"][0]
         self.q, self.q_dot = self.q_m, self.q_dot_m

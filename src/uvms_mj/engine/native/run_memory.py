@@ -40,7 +40,7 @@ class RunMemory:
         self.context_at = self.context.ctypes.data
         vehicle, memory = setup.vehicle, engine.memory
         n = len(vehicle.thrusters)
-        self.joints = Joints(setup)
+        self.joints = Joints(setup, self.context)
         self.wrist = WristMemory(setup, self.joints, self.context) if setup.scenario.wrist.runs else None
         self.contacts = ContactList(setup)
         outside = self.loop["true"], self.context["water"], self.joints, self.wrist, self.contacts.carriers
@@ -91,7 +91,9 @@ class RunMemory:
         for _, write in WRITERS:
             write(self, setup)
         self.context["loop_at"] = self.loop.ctypes.data
-        self._start = [(array.view(np.uint8), array.view(np.uint8).copy()) for array in self._restored()]
+        self._start = [(array, array.copy()) for array in self._restored()]  # each has whole numbers of 8 bytes
+        self._restores = np.array([(now.ctypes.data, start.ctypes.data, now.nbytes // 8) for now, start in self._start])
+        self._restore = self._restores.ctypes.data, len(self._restores)
 
     def _restored(self) -> Iterator[np.ndarray]:
         """The arrays that a reset restores, the LOOP record first."""
@@ -108,7 +110,7 @@ class RunMemory:
     def record(self, row_steps: int, capacity: int) -> None:
         """Record a row every so many time steps, at most ``capacity`` of them before they are taken."""
         self.rows = np.zeros((capacity, self.rows.shape[1]))
-        for loop in (self.loop, self._start[0][1].view(LOOP)):
+        for loop in self._start[0]:
             loop["row_steps"], loop["row_capacity"], loop["rows_at"] = row_steps, capacity, self.rows.ctypes.data
 
     def taken(self) -> np.ndarray:
@@ -128,8 +130,7 @@ class RunMemory:
         """
         constants = self.stages.constants(setup, touched)
         self.engine.clear()
-        for array, start in self._start:
-            array[:] = start
+        entry_point("restore")(*self._restore)
         self._write(setup, touched, constants)
         for entry in self.stages.in_arenas:
             entry.arena.start()
@@ -180,8 +181,16 @@ def write_time(memory: RunMemory, setup: Setup) -> None:
     memory.loop["window_step"] = max(0, scenario.steps - round(FINAL_WINDOW_S / h))
 
 
-def write_water(memory: RunMemory, setup: Setup) -> None:
-    memory.engine.water.move_as(setup.scenario)
+def write_current(memory: RunMemory, setup: Setup) -> None:
+    memory.engine.water.flow(setup.scenario.current, setup.scenario.simulation.seed)
+
+
+def write_disturbance(memory: RunMemory, setup: Setup) -> None:
+    memory.engine.water.push(setup.scenario.disturbance, setup.scenario.simulation.seed)
+
+
+def write_tether(memory: RunMemory, setup: Setup) -> None:
+    memory.engine.water.pull(setup.scenario.tether)
 
 
 def write_seed(memory: RunMemory, setup: Setup) -> None:
@@ -219,8 +228,11 @@ def write_wrist(memory: RunMemory, setup: Setup) -> None:
         memory.wrist.write(setup)
 
 
-def write_control(memory: RunMemory, setup: Setup) -> None:
+def write_periods(memory: RunMemory, setup: Setup) -> None:
     memory.stages.write_periods(setup.scenario)
+
+
+def write_epsilon(memory: RunMemory, setup: Setup) -> None:
     memory.loop["epsilon"] = getattr(setup.scenario.controller, "epsilon", DEFAULT_EPSILON)  # of each axis
 
 
@@ -230,16 +242,20 @@ def write_limits(memory: RunMemory, setup: Setup) -> None:
     )
 
 
+_PERIODS = tuple(f"{table}.period" for table in STAGES)
 WRITERS: tuple[tuple[tuple[str, ...], Callable[[RunMemory, Setup], None]], ...] = (
     (("simulation.timestep", "simulation.duration"), write_time),
-    (("current", "disturbance", "tether"), write_water),
+    (("current",), write_current),
+    (("disturbance",), write_disturbance),
+    (("tether",), write_tether),
     (("wall", "walls", "bumper", "initial.joints", *ATTITUDE_KEYS), write_wall),
     (("initial",), write_initial),
     (("impedance", "initial.joints"), write_impedance),
     (("estimates",), write_estimates),
     (("estimates", "wrist"), write_wrist),
     (("simulation.seed",), write_seed),
-    (("simulation.timestep", "controller", "posture", *(f"{table}.period" for table in STAGES)), write_control),
+    (("simulation.timestep", "controller.delay", "posture.period", *_PERIODS), write_periods),
+    (("controller",), write_epsilon),
     (("thrusters",), write_limits),
 )
 """Tables or dotted keys of a scenario, and the function that writes the numbers that depend on them."""
