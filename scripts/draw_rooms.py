@@ -17,8 +17,8 @@ from matplotlib.patches import Circle, FancyBboxPatch, Polygon
 
 ROOT = Path(__file__).parents[1]
 INK, GREY, LINE = "#1f2933", "#52606d", "#b8c2cc"
-PLAIN, STAGE, WATER, BASE = "#f4f6f8", "#e3edf7", "#dcf0f2", "#eceff2"
-EDGES = {PLAIN: LINE, STAGE: "#0b5cad", WATER: "#0f7f91", BASE: LINE}
+PLAIN, STAGE, WATER, BASE, ARM = "#f4f6f8", "#e3edf7", "#dcf0f2", "#eceff2", "#fdf3e1"
+EDGES = {PLAIN: LINE, STAGE: "#0b5cad", WATER: "#0f7f91", BASE: LINE, ARM: "#b36b00"}
 WAY, TRUE = "#d02a1e", "#0f7f91"
 STAGES = ("guidance", "navigation", "control", "actuation")
 EQUATION = (
@@ -142,26 +142,40 @@ CHAIN = (
     ("guidance", "[reference]", STAGE, "REFERENCE", "pose and its\nderivatives"),
     ("tracking", "[estimates]", PLAIN, "ERRORS\nESTIMATES", "to the reference;\nM, C, D, g"),
     ("task", "[impedance][task]", PLAIN, "TASK", "s, zeta,\ntau_nom"),
-    ("law", "[controller]", STAGE, "tau_cmd", "wrench\nin B"),
+    ("law", "[controller]", STAGE, "tau_cmd", "wrench at\nB or the tool"),
     ("allocation", "[actuation]", STAGE, "u_cmd", "commanded\nthrusts"),
     ("thrusters", "[thrusters]", STAGE, "", ""),
 )
 """The stages of an instant: name, tables of the scenario, colour, what they give and its meaning."""
 BETWEEN = {
-    "navigation": [("sensed", "if there is an observer")],
-    "tracking": [("schedule", "K_f, F_d over time"), ("observer", "[observer]")],
-    "task": [("truth", "for the law ideal")],
-    "law": [("delay", "controller.delay")],
-    "allocation": [("inflow", "at the thrusters")],
+    "navigation": [
+        ("posture", "[posture]", ARM),
+        ("model", "of the law: M, C, D, g", ARM),
+        ("felt, wrist, derived", "[wrist]", ARM),
+        ("encoder", "[encoder]", ARM),
+        ("sensed", "if there is an observer", PLAIN),
+    ],
+    "tracking": [
+        ("natural", "M_d, D_d of the instant", PLAIN),
+        ("schedule", "K_f, F_d over time", PLAIN),
+        ("observer", "[observer]", STAGE),
+    ],
+    "task": [("truth", "for the law ideal", PLAIN)],
+    "law": [("resolution", "tau and tau_q: J^T F", ARM), ("delay", "controller.delay", PLAIN)],
+    "allocation": [("inflow", "at the thrusters", PLAIN), ("joints", "[joints]", ARM)],
 }
 """Stages that a run has only if its scenario asks for them, from the last to the first, by the stage before them."""
+BEFORE = ("tool", "true attitude", ARM)
+"""The stage before all others, of a run with a tool."""
+STEP = 0.47
+"""Height of an optional stage, with the space to the next one."""
 
 
 def instant() -> Figure:
     """One sample on its way through an instant: the stages in their order, around the plant."""
-    figure = Figure(figsize=(11.4, 4.0), facecolor="white")
+    figure = Figure(figsize=(11.4, 5.5), facecolor="white")
     ax = figure.add_axes((0, 0, 1, 1))
-    width, pitch, low, high = 1.32, 2.2, 2.45, 3.05
+    width, pitch, low, high = 1.32, 2.2, 2.72, 3.32
     for n, (name, table, fill, signals, meaning) in enumerate(CHAIN):
         x, between = n * pitch, n * pitch + (width + pitch) / 2
         box(ax, x, low, width, high - low, fill)
@@ -175,6 +189,8 @@ def instant() -> Figure:
         if signals:
             arrow(ax, (x + width + 0.05, (low + high) / 2), (x + pitch - 0.05, (low + high) / 2))
         _optional(ax, between, high + 0.2, (low + high) / 2 + 0.06, BETWEEN.get(name, []))
+    _optional(ax, width / 2, 1.85, 1.85, [BEFORE], 1.1)
+    _legend(ax, 8.2, high + 0.2 + 4 * STEP)
     right = (len(CHAIN) - 1) * pitch + width
     box(ax, 0.0, 0.72, right, 0.7, WATER)
     ax.text(right / 2, 1.2, "plant: the vehicle in the water, at its walls, one time step", ha="center", va="center",
@@ -186,28 +202,46 @@ def instant() -> Figure:
     ax.text(width / 2 + 0.6, 1.6, "state and contact force of this instant", color=GREY, size=8, va="center")
     ax.text(right - width / 2 - 0.1, 1.6, "u", color=EDGES[STAGE], weight="bold", size=8.6, ha="right", va="center")
     ax.text(right - width / 2 - 0.28, 1.6, "thrusts", color=GREY, size=8, ha="right", va="center")
-    box(ax, 4.0, 0.02, right - 8.0, 0.34, PLAIN)
-    ax.text(right / 2, 0.19, "row: state, reference, task, states of the stages, u, contact, sums so far", ha="center",
-            va="center", size=8.6, zorder=4)  # fmt: skip
+    ax.text(right - width / 2 - 0.95, 1.6, "tau_q", color=EDGES[ARM], weight="bold", size=8.6, ha="right", va="center")
+    ax.text(right - width / 2 - 1.46, 1.6, "torques of the joints", color=GREY, size=8, ha="right", va="center")
+    box(ax, 3.7, 0.02, right - 7.4, 0.34, PLAIN)
+    row = "row: state, joints, reference, task, states of the stages, u, contact, sums so far"
+    ax.text(right / 2, 0.19, row, ha="center", va="center", size=8.6, zorder=4)
     arrow(ax, (right / 2, 0.68), (right / 2, 0.4), WAY)
-    arrow(ax, (right - 3.94, 0.19), (right - 3.1, 0.19), WAY)
-    ax.text(right - 3.0, 0.19, "Trace, log, viewer", color=WAY, weight="bold", size=8.6, va="center")
-    ax.set(xlim=(-0.15, right + 0.15), ylim=(-0.06, high + 1.2))
+    arrow(ax, (right - 3.64, 0.19), (right - 2.8, 0.19), WAY)
+    ax.text(right - 2.7, 0.19, "Trace, log, viewer", color=WAY, weight="bold", size=8.6, va="center")
+    ax.set(xlim=(-0.15, right + 0.15), ylim=(-0.06, high + 0.2 + 5 * STEP + 0.05))
     ax.axis("off")
     return figure
 
 
-def _optional(ax: Axes, x: float, y: float, foot: float, stages: list[tuple[str, str]]) -> None:
+def _optional(
+    ax: Axes, x: float, y: float, foot: float, stages: list[tuple[str, str, str]], width: float = 1.76
+) -> None:
     """Draw the stages of one place, one above the other from the last to the first, with a line down to the chain."""
-    for n, (name, meaning) in enumerate(stages):
-        low = y + n * 0.47
-        fill = STAGE if name == "observer" else PLAIN
-        box(ax, x - 0.72, low, 1.44, 0.41, fill)
-        ax.patches[-1].set_linestyle(DASHES)
-        ax.text(x, low + 0.28, name, ha="center", va="center", weight="bold", size=8.6, zorder=4)
-        ax.text(x, low + 0.12, meaning, ha="center", va="center", size=6.8, color=GREY, zorder=4)
+    for n, (name, meaning, fill) in enumerate(stages):
+        low = y + n * STEP
+        box(ax, x - width / 2, low, width, 0.41, fill)
+        ax.patches[-1].set(linestyle=DASHES, zorder=4)
+        ax.text(x, low + 0.28, name, ha="center", va="center", weight="bold", size=8.6, zorder=5)
+        ax.text(x, low + 0.12, meaning, ha="center", va="center", size=6.8, color=GREY, zorder=5)
     if stages:
         ax.plot((x, x), (y, foot), color=GREY, lw=1.0, ls=DASHES, zorder=1)
+
+
+def _legend(ax: Axes, x: float, y: float) -> None:
+    """Say what the boxes are, from the top down."""
+    kinds = (
+        (STAGE, False, "in every run, chosen by the scenario"),
+        (PLAIN, False, "in every run"),
+        (PLAIN, True, "in a run that asks for it, the upper one first"),
+        (ARM, True, "with joints, or a task at a tool"),
+    )
+    for n, (fill, dashed, meaning) in enumerate(kinds):
+        low = y - 0.3 * n
+        box(ax, x, low, 0.42, 0.2, fill)
+        ax.patches[-1].set_linestyle(DASHES if dashed else "-")
+        ax.text(x + 0.55, low + 0.1, meaning, size=8.6, va="center", color=GREY)
 
 
 @click.command()

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from draw_rooms import SUBJECTS, floors
+from draw_rooms import BEFORE, BETWEEN, CHAIN, SUBJECTS, floors
 from uvms_mj.envs.push import ARGUMENTS, OBSERVED
 from uvms_mj.stages import signals
 from uvms_mj.studies.plan import Plan, study_file
@@ -74,6 +74,16 @@ def test_the_drawing_has_the_rooms_of_the_import_contract():
     assert sorted(rooms) == sorted(SUBJECTS)
     package = {path.stem for path in (ROOT / "src" / "uvms_mj").iterdir() if path.suffix in ("", ".py")}
     assert set(rooms) == package - {"__init__", "__main__", "scenarios", "__pycache__", "py.typed"}
+
+
+def test_the_drawing_of_an_instant_has_the_stages_of_the_table_in_their_order():
+    table = (ROOT / "docs" / "architecture.md").read_text().split("| stage | in a run |")[1].split("\n\n")[0]
+    drawn = [BEFORE[0]]
+    for stage, *_ in CHAIN:
+        drawn += [stage, *(name for name, *_ in reversed(BETWEEN.get(stage, [])))]
+    assert re.findall(r"^\| ([a-z, ]+) \|", table, re.MULTILINE) == drawn
+    picture = (ROOT / "docs" / "instant.svg").read_text()
+    assert all(f"<!-- {name} -->" in picture for name in drawn)
 
 
 def test_the_keys_of_a_study_and_of_a_tuning_are_those_of_the_program():

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..errors import Fault
 from ..physics.tree import MOST_JOINTS
+from .body import Body
 from .coefficients import numeric
 from .link_water import water_of
 
@@ -22,7 +23,7 @@ _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
 
 
 @dataclass(frozen=True, eq=False)
-class Link:
+class Link(Body):
     """One link and the joint that carries it. Arrays are in the link's frame unless said otherwise.
 
     Attributes:
@@ -33,10 +34,6 @@ class Link:
         p_0, R_0: (3,), (3, 3) pose in the parent's frame at q = 0 [m].
         axis: (3,) of the joint.
         anchor: (3,) a point of the hinge's axis [m].
-        M_RB: (6, 6) rigid-body inertia about the frame's origin [kg, kg m, kg m^2].
-        M_A, D_linear, D_quadratic: (6, 6), as those of :class:`uvms_mj.plant.vehicle.Vehicle`.
-        displaced_mass: [kg]
-        r_b: (3,) centre of buoyancy [m].
         filled_in: names of the coefficients that strip theory gave, and not the file.
         range: least and greatest q [rad or m], infinite without limits.
         effort: greatest torque of the motor [N m or N], 0 without a motor.
@@ -57,12 +54,6 @@ class Link:
     R_0: np.ndarray
     axis: np.ndarray
     anchor: np.ndarray
-    M_RB: np.ndarray
-    M_A: np.ndarray
-    D_linear: np.ndarray
-    D_quadratic: np.ndarray
-    displaced_mass: float
-    r_b: np.ndarray
     filled_in: tuple[str, ...]
     range: tuple[float, float]
     effort: float
@@ -72,16 +63,6 @@ class Link:
     armature: float
     actuator_id: int
     torque_of_ctrl: float
-
-    @property
-    def mass(self) -> float:
-        """Rigid mass [kg]."""
-        return float(self.M_RB[0, 0])
-
-    @property
-    def r_g(self) -> np.ndarray:
-        """(3,) centre of gravity [m]."""
-        return centre_of_gravity(self.M_RB)
 
     @functools.cached_property
     def S(self) -> np.ndarray:
@@ -120,11 +101,6 @@ class Arm:
     def joints(self) -> tuple[str, ...]:
         """Names of the joints in their order."""
         return tuple(link.joint for link in self.links)
-
-
-def centre_of_gravity(M_RB: np.ndarray) -> np.ndarray:
-    """(3,) centre of gravity from M_RB (6, 6): M_RB[3:, :3] = m S(r_g)."""
-    return np.array([M_RB[5, 1], M_RB[3, 2], M_RB[4, 0]]) / (M_RB[0, 0] or 1.0)
 
 
 def moving_bodies(model: mujoco.MjModel, base: int) -> list[int]:

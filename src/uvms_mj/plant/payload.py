@@ -12,10 +12,10 @@ import mujoco
 import numpy as np
 
 from ..errors import Fault, suggestion
-from .arm import Link
+from .body import Body
 from .settings import Payload
 
-Body = TypeVar("Body")
+_Body = TypeVar("_Body", bound=Body)
 
 
 def payload_faults(payloads: Sequence[Payload], names: Sequence[str]) -> list[Fault]:
@@ -27,18 +27,17 @@ def payload_faults(payloads: Sequence[Payload], names: Sequence[str]) -> list[Fa
     ]
 
 
-def loaded(body: Body, payloads: Sequence[Payload]) -> Body:
-    """The base or a link, a :class:`.vehicle.Vehicle` or a :class:`.arm.Link`, with payloads."""
+def loaded(body: _Body, payloads: Sequence[Payload]) -> _Body:
+    """The base or a link with payloads."""
     for payload in payloads:
-        link: Link = body  # type: ignore[assignment]  # the fields of both that are used have the same names
         m, p, displaced = payload.mass, np.array(payload.position), payload.displaced_mass
         S = _skew(p)
-        M_RB = link.M_RB + m * np.block([[np.eye(3), -S], [S, -S @ S]])
-        total = link.displaced_mass + displaced
-        r_b = (link.displaced_mass * link.r_b + displaced * p) / total if total > 0.0 else link.r_b
+        M_RB = body.M_RB + m * np.block([[np.eye(3), -S], [S, -S @ S]])
+        total = body.displaced_mass + displaced
+        r_b = (body.displaced_mass * body.r_b + displaced * p) / total if total > 0.0 else body.r_b
         for array in (M_RB, r_b):
             array.setflags(write=False)
-        body = dataclasses.replace(body, M_RB=M_RB, displaced_mass=total, r_b=r_b)  # type: ignore[type-var]
+        body = dataclasses.replace(body, M_RB=M_RB, displaced_mass=total, r_b=r_b)
     return body
 
 

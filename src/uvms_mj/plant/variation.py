@@ -6,16 +6,19 @@ file, as those of a control system keep the numbers of a data sheet.
 
 import dataclasses
 import functools
+from typing import TypeVar
 
 import mujoco
 import numpy as np
 
 from ..errors import Fault, InputError
 from ..physics.frames import rotation_matrix
-from .arm import Link
+from .body import Body
 from .payload import loaded, payload_faults
 from .settings import VehicleChoice
 from .vehicle import Vehicle
+
+_Body = TypeVar("_Body", bound=Body)
 
 
 @functools.lru_cache(maxsize=8)
@@ -35,35 +38,28 @@ def varied(nominal: Vehicle, choice: VehicleChoice) -> Vehicle:
     names = [nominal.body, *(link.name for link in nominal.arm.links)]
     if faults := payload_faults(choice.payloads, names):
         raise InputError(faults)
-    true = dataclasses.replace(
-        nominal,
-        M_RB=choice.mass * nominal.M_RB,
-        M_A=choice.added_mass * nominal.M_A,
-        D_linear=choice.linear_damping * nominal.D_linear,
-        D_quadratic=choice.quadratic_damping * nominal.D_quadratic,
-        displaced_mass=choice.displaced_mass * nominal.displaced_mass,
-        B=B,
-        arm=dataclasses.replace(nominal.arm, links=tuple(_varied(link, choice) for link in nominal.arm.links)),
+    B.setflags(write=False)
+    links = tuple(
+        dataclasses.replace(_varied(link, link.name, choice), friction=choice.coulomb_friction * link.friction)
+        for link in nominal.arm.links
     )
-    for array in (true.M_RB, true.M_A, true.D_linear, true.D_quadratic, true.B):
-        array.setflags(write=False)
-    return loaded(true, [each for each in choice.payloads if each.link == nominal.body])
+    base = _varied(nominal, nominal.body, choice)
+    return dataclasses.replace(base, B=B, arm=dataclasses.replace(nominal.arm, links=links))
 
 
-def _varied(link: Link, choice: VehicleChoice) -> Link:
-    """A link with the factors of the vehicle."""
+def _varied(body: _Body, name: str, choice: VehicleChoice) -> _Body:
+    """The base or a link with the factors and payloads of the vehicle."""
     true = dataclasses.replace(
-        link,
-        M_RB=choice.mass * link.M_RB,
-        M_A=choice.added_mass * link.M_A,
-        D_linear=choice.linear_damping * link.D_linear,
-        D_quadratic=choice.quadratic_damping * link.D_quadratic,
-        displaced_mass=choice.displaced_mass * link.displaced_mass,
-        friction=choice.coulomb_friction * link.friction,
+        body,
+        M_RB=choice.mass * body.M_RB,
+        M_A=choice.added_mass * body.M_A,
+        D_linear=choice.linear_damping * body.D_linear,
+        D_quadratic=choice.quadratic_damping * body.D_quadratic,
+        displaced_mass=choice.displaced_mass * body.displaced_mass,
     )
     for array in (true.M_RB, true.M_A, true.D_linear, true.D_quadratic):
         array.setflags(write=False)
-    return loaded(true, [each for each in choice.payloads if each.link == link.name])
+    return loaded(true, [each for each in choice.payloads if each.link == name])
 
 
 def _refuse(nominal: Vehicle, offsets: tuple[tuple[float, ...], ...]) -> None:

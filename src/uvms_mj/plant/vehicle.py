@@ -10,7 +10,6 @@ They are ``<custom><numeric>`` entries: M_A, D_linear and D_quadratic, described
 The rigid body is given by MuJoCo's ``<inertial>``. The actuators are the thrusters.
 """
 
-import functools
 from dataclasses import dataclass
 
 import mujoco
@@ -19,7 +18,8 @@ import numpy as np
 from ..errors import Fault, InputError, suggestion
 from ..physics.dissipation import damping_notes
 from ..physics.frames import rotation_matrix
-from .arm import Arm, centre_of_gravity, read_arm, rigid_inertia
+from .arm import Arm, read_arm, rigid_inertia
+from .body import Body
 from .coefficients import added_mass, damping_matrix, numeric
 from .numerics import wrong_numerics
 from .thrusters import read_thrusters, turning_thrusters
@@ -29,22 +29,10 @@ AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 
 
 @dataclass(frozen=True, eq=False)
-class Vehicle:
-    """Coefficients of one vehicle, in its body frame B, as read-only arrays."""
+class Vehicle(Body):
+    """Coefficients of one vehicle: of its base, in its body frame B, its thrusters, and its arm."""
 
     body: str
-    M_RB: np.ndarray
-    """(6, 6) rigid-body inertia [kg, kg m, kg m^2]."""
-    M_A: np.ndarray
-    """(6, 6) added mass [kg, kg m, kg m^2]."""
-    D_linear: np.ndarray
-    """(6, 6) linear damping; D(nu) nu = D_linear nu + D_quadratic (abs(nu) nu) [N s/m, N s, N m s]."""
-    D_quadratic: np.ndarray
-    """(6, 6) quadratic damping: D_quadratic[i, j] multiplies abs(nu_j) nu_j [N s^2/m^2, N s^2/m, N s^2, N m s^2]."""
-    displaced_mass: float
-    """[kg]"""
-    r_b: np.ndarray
-    """(3,) centre of buoyancy [m]."""
     thrusters: tuple[str, ...]
     actuator_ids: tuple[int, ...]
     """Index of each thruster in mjData.ctrl."""
@@ -57,24 +45,7 @@ class Vehicle:
     u_max: np.ndarray
     """(n,) greatest thrust [N]."""
     arm: Arm = Arm()
-    """Its links; all other coefficients are those of the base alone."""
-
-    @functools.cached_property
-    def M(self) -> np.ndarray:
-        """(6, 6) M = M_RB + M_A."""
-        M = self.M_RB + self.M_A
-        M.setflags(write=False)
-        return M
-
-    @property
-    def mass(self) -> float:
-        """Rigid mass [kg]."""
-        return float(self.M_RB[0, 0])
-
-    @property
-    def r_g(self) -> np.ndarray:
-        """(3,) centre of gravity [m]: M_RB[3:, :3] = m S(r_g)."""
-        return centre_of_gravity(self.M_RB)
+    """Its links."""
 
     @classmethod
     def from_model(cls, model: mujoco.MjModel, body: str | None = None) -> "Vehicle":
@@ -124,7 +95,7 @@ class Vehicle:
         for array in arrays:
             array.setflags(write=False)
         water = M_A, D_linear, D_quadratic, displaced_mass, r_b
-        return cls(body, M_RB, *water, thrusters, ids, thrust_of_ctrl, B, u_min, u_max, arm)
+        return cls(M_RB, *water, body, thrusters, ids, thrust_of_ctrl, B, u_min, u_max, arm)
 
 
 def notes_on_damping(vehicle: Vehicle) -> list[str]:
