@@ -25,8 +25,12 @@ def command(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
-    """Output of ``uvms-mj paper`` with runs too short for any event of the paper."""
+    """Output of ``uvms-mj paper`` with runs too short for any event of the paper, in a folder with earlier files."""
     folder = tmp_path_factory.mktemp("paper") / "results"
+    (folder / "logs").mkdir(parents=True)
+    (folder / "logs" / "gsta.mcap").write_text("old")
+    (folder / "report.html").write_text("old")
+    (folder / "notes.txt").write_text("mine")
     return folder, CliRunner().invoke(paper, ["--out", str(folder), *SHORT])
 
 
@@ -37,7 +41,8 @@ def test_paper_writes_what_it_says(results):
     assert "fails" in done.stdout
     drawn = [*(f"fig{n:02d}" for n in range(1, 13)), "overview"]
     names = {f"{name}.{kind}" for name in drawn for kind in ("png", "svg")}
-    assert names | {"claims.csv", "claims.json", "report.html", "logs"} == {path.name for path in folder.iterdir()}
+    new = {"claims.csv", "claims.json", "report.html", "logs"}
+    assert names | new | {"earlier-1", "notes.txt"} == {path.name for path in folder.iterdir()}
     runs = ("impedance", "fosm", "gsta", "gsta_alone")
     assert {f"{run}{suffix}.mcap" for run in runs for suffix in ("", "_fine")} <= {
         p.name for p in folder.glob("logs/*")
@@ -65,17 +70,13 @@ def test_paper_redraws_the_same_from_logs(results, command, tmp_path):
         assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes(), name
 
 
-def test_paper_moves_aside_what_is_there(command, tmp_path):
-    (tmp_path / "r" / "logs").mkdir(parents=True)
-    (tmp_path / "r" / "logs" / "gsta.mcap").write_text("old")
-    (tmp_path / "r" / "report.html").write_text("old")
-    (tmp_path / "r" / "notes.txt").write_text("mine")
-    done = command(paper, "--out", "r", "simulation.duration=0.02")
-    assert done.exit_code == 1, done.output
-    assert "was moved to r/earlier-1" in done.stderr
-    assert (tmp_path / "r" / "earlier-1" / "logs" / "gsta.mcap").read_text() == "old"
-    assert (tmp_path / "r" / "earlier-1" / "report.html").read_text() == "old"
-    assert (tmp_path / "r" / "notes.txt").read_text() == "mine"
+def test_paper_moves_aside_what_is_there(results):
+    folder, done = results
+    assert f"was moved to {folder}/earlier-1" in " ".join(done.stderr.split())
+    assert (folder / "earlier-1" / "logs" / "gsta.mcap").read_text() == "old"
+    assert (folder / "earlier-1" / "report.html").read_text() == "old"
+    assert (folder / "notes.txt").read_text() == "mine"
+    assert {path.name for path in (folder / "earlier-1").iterdir()} == {"logs", "report.html"}
 
 
 @pytest.mark.parametrize(

@@ -98,10 +98,10 @@ def test_a_report_of_something_else_is_refused(there, folder):
 
 
 @pytest.mark.parametrize("row", [0, 4, 8])
-def test_a_row_runs_again_bit_for_bit(folder, row, tmp_path):
-    done = run("run", "--from", folder / "out", "--row", str(row), "--json", "--out", tmp_path / "again", cwd=tmp_path)
+def test_a_row_runs_again_bit_for_bit(folder, here, row):
+    done = here("run", "--from", folder / "out", "--row", row, "--json", "--out", "again")
     expected = Study.load(folder / "out").frame.set_index("index").loc[row]
-    assert done.returncode == (3 if expected["status"] == "unstable" else 0), done.stderr
+    assert done.exit_code == (3 if expected["status"] == "unstable" else 0), done.stderr
     found = places(json.loads(done.stdout))
     assert found["status"] == expected["status"]
     assert found["steps"] == expected["steps"]
@@ -114,24 +114,24 @@ def test_a_row_runs_again_bit_for_bit(folder, row, tmp_path):
             assert found[name] == expected[name], name
 
 
-def test_the_engine_is_that_of_the_row(folder, tmp_path):
+def test_the_engine_is_that_of_the_row(there, folder):
     out = folder / "free"
-    done = run("study", "study.toml", "--engine", "free_body", "--out", out, "--quiet", "design.runs=1", cwd=folder)
-    assert done.returncode == 0, done.stderr
+    done = there("study", "study.toml", "--engine", "free_body", "--out", out, "--quiet", "design.runs=1")
+    assert done.exit_code == 0, done.stderr
     frame = Study.load(out).frame
     assert frame["engine"][0] == "free_body"
     peaks = {}
     for name, engine in (("own", ()), ("mujoco", ("--engine", "mujoco"))):
-        done = run("run", "--from", out, "--row", "0", "--json", "-o", tmp_path / name, *engine, cwd=tmp_path)
+        done = there("run", "--from", out, "--row", 0, "--json", "-o", name, *engine)
         peaks[name] = json.loads(done.stdout)["contact"]["peak_N"]
     assert peaks["own"] == frame["contact.peak_N"][0]
     assert peaks["mujoco"] != peaks["own"]
     assert np.isclose(peaks["mujoco"], peaks["own"], rtol=1e-3)
 
 
-def test_a_setting_changes_the_run_of_a_row(folder, tmp_path):
-    arguments = ("--from", folder / "out", "--row", "0", "--json", "--out", tmp_path / "changed")
-    done = run("run", *arguments, "--set", "simulation.duration=0.01", cwd=tmp_path)
+def test_a_setting_changes_the_run_of_a_row(folder, here):
+    arguments = ("--from", folder / "out", "--row", 0, "--json", "--out", "changed")
+    done = here("run", *arguments, "--set", "simulation.duration=0.01")
     assert json.loads(done.stdout)["steps"] == 100
 
 

@@ -160,13 +160,18 @@ def _guarded(function: Any, compiled: Any) -> Any:
     """A helper as machine code that checks indices and shapes, or as plain Python if numba can't compile it."""
     from .guarded import NumbaError, guarded, twin
 
+    compiles = True
+
     @functools.wraps(function)
     def call(*arguments: Any) -> Any:
-        try:
-            with guarded():
-                return twin(compiled)(*arguments)
-        except NumbaError:
-            return function(*arguments)
+        nonlocal compiles
+        if compiles:
+            try:
+                with guarded():
+                    return twin(compiled)(*arguments)
+            except NumbaError:  # it is not tried again, at each step or at each level of a recursion
+                compiles = False
+        return function(*arguments)
 
     return call
 
