@@ -1,6 +1,7 @@
 """Scenarios: TOML in and out, all errors at once, suggestions."""
 
 import dataclasses
+import warnings
 from pathlib import Path
 
 import pytest
@@ -89,6 +90,14 @@ def test_every_fault_is_named_at_once_with_key_value_and_what_would_be_right(tmp
         ("[controller]\nname = 'gtsa'", "did you mean 'gsta'?"),
         ("[controller]\nF_2 = 0.0", "controller.F_2"),
         ("[controller]\nA = 1.0", "controller.A"),
+        (
+            "[posture]\norder = 'joints'",
+            'posture.order: \'joints\' must be a list with any of "attitude", "station" and',
+        ),
+        ("[reference]\nwaypoints = 3", "reference.waypoints: 3 is not a list of tables with time, position"),
+        ("[impedance]\nschedule = 3", "impedance.schedule: 3 is not a list of tables with time, "),
+        ("walls = 3", "walls: 3 is not a list of tables with shape, position, "),
+        ("[initial]\njoints = 3", "initial.joints: 3 is not a list of numbers"),
         ("[[reference.waypoints]]\ntime = 1.0", "reference.waypoints[0].position: "),
         ("x = [", "not a scenario in TOML"),
     ],
@@ -136,10 +145,49 @@ def test_the_files_gains_are_kept_only_if_they_are_that_laws(tmp_path):
         scenario = Scenario.load(path, controller=controller)
         assert scenario.controller == Gsta(k_1=8.0)
         assert scenario.task == ImpedanceTask(A=-50.0)
-    other = Scenario.load(path, controller="fosm")
+    with pytest.warns(UserWarning, match=r"controller\.k_1, controller\.A are left out"):
+        other = Scenario.load(path, controller="fosm")
     assert other.controller == Fosm()
     assert other.task == ImpedanceTask()
-    assert Scenario.load(path, {"controller.K_s": 3.0}, "fosm").controller == Fosm(K_s=3.0)
+    with pytest.warns(UserWarning, match="left out"):
+        assert Scenario.load(path, {"controller.K_s": 3.0}, "fosm").controller == Fosm(K_s=3.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "overrides", "said"),
+    [
+        ("[controller]\nname = 'gsta'\nperiod = 0.01\nk_1 = 8.0", {}, "controller.period, controller.k_1 are left out"),
+        ("[controller]\nk_1 = 8.0\nA = -50.0", {}, "controller.k_1, controller.A are left out"),
+        ("[controller]\nname = 'gsta'\nperiod = 0.01", {"controller.period": 0.02}, ""),
+        ("[controller]\nname = 'gsta'\nk_1 = 5.0", {}, ""),  # its default
+        ("[controller]\nname = 'gsta'", {}, ""),
+        ("[controller]\nname = 'fosm'\nK_s = 3.0", {}, ""),
+    ],
+)
+@pytest.mark.parametrize("as_override", [True, False])
+def test_settings_that_another_stage_does_not_take_over_are_named(tmp_path, text, overrides, said, as_override):
+    overrides, controller = (overrides | {"controller.name": "fosm"}, None) if as_override else (overrides, "fosm")
+    path = write(tmp_path, text)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        scenario = Scenario.load(path, overrides, controller)
+    assert scenario.controller.source() == "fosm"
+    assert [str(each.message) for each in caught] == (
+        [f"controller.name: fosm takes the place of gsta, so {said}"] if said else []
+    )
+    notes = []
+    assert Scenario.load(path).updated(overrides, controller, note=notes.append).controller == scenario.controller
+    assert len(notes) == (said.count("k_1") or said.count("period"))
+
+
+def test_a_stages_settings_that_are_left_out_are_named_at_any_stage(tmp_path):
+    path = write(tmp_path, "[reference]\nname = 'circle'\nradius = 0.3\n[thrusters]\nname = 't200'\nvoltage = 14.0")
+    with pytest.warns(UserWarning, match="left out") as caught:
+        Scenario.load(path, {"reference.name": "filtered_steps", "thrusters.name": "ideal"})
+    assert {str(each.message) for each in caught} == {
+        "reference.name: filtered_steps takes the place of circle, so reference.radius is left out",
+        "thrusters.name: ideal takes the place of t200, so thrusters.voltage is left out",
+    }
 
 
 def test_paths_in_a_file_are_relative_to_it(tmp_path, monkeypatch):

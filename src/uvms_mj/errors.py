@@ -99,6 +99,8 @@ def faults_of(
             message = _SENTENCES["missing"]  # the value is that of the table around it
         elif isinstance(item["input"], Mapping | ArgsKwargs) and item["type"] == "value_error":
             message = _sentence(item)  # of several keys of the table
+        elif item["type"] in ("tuple_type", "list_type") and key in (choices or {}):
+            message = f"{shortened(item['input'])} is not a list of tables with {', '.join((choices or {})[key])}"
         else:
             given = item["input"]
             message = f"{shortened(list(given) if isinstance(given, tuple) else given)} {_sentence(item)}"

@@ -6,7 +6,8 @@ Units are SI; angles are in degrees where a key ends in ``_deg``. The defaults a
 import dataclasses
 import difflib
 import os
-from collections.abc import Iterable, Mapping
+import warnings
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -111,11 +112,11 @@ class Scenario:
             overrides: dotted keys with values that replace the file's, ``{"wall.stiffness": 1e4}``.
             controller: name of a law, or ``path/to/my_law.py:MyLaw``; replaces the file's law. The file's gains are
                 kept only if they belong to this law, as are a table's settings if an override replaces its ``name``.
+                A warning names those that are left out.
         """
         path = scenario_path(scenario)
-        return cls.from_dict(
-            tables_of(path, "scenario"), overrides, controller, folder=path.parent, place=str(scenario)
-        )
+        tables = tables_of(path, "scenario")
+        return cls.from_dict(tables, overrides, controller, path.parent, str(scenario), note=warnings.warn)
 
     @classmethod
     def from_dict(
@@ -126,17 +127,18 @@ class Scenario:
         folder: Path | None = None,
         place: str = "scenario",
         known: Mapping[str, type[Stage]] | None = None,
+        note: Callable[[str], Any] = lambda said: None,
     ) -> "Scenario":
         """Make a scenario from nested tables, as TOML has them, with overrides and controller as in :meth:`load`.
 
         Args:
-            folder: paths in ``tables`` are relative to this folder; paths in ``overrides`` are relative to the working
-                directory.
+            folder: that of relative paths in ``tables``; those in ``overrides`` are relative to the working directory.
             place: name of the tables in error messages.
             known: classes of stages that are already loaded, by table.
+            note: is called with a sentence for each stage that is replaced and whose settings are left out.
         """
         tables = {k: dict(v) if isinstance(v, Mapping) else v for k, v in tables.items()}
-        faults: list[Fault] = []
+        faults, left_out = list[Fault](), list[str]()
         overrides = overrides_of(overrides)
         _anchor(tables, folder)
         for name in (*STAGES, "task"):
@@ -145,10 +147,8 @@ class Scenario:
                 tables[name] = {}
         chosen = {name: overrides.get(f"{name}.name") for name in STAGES}
         for name, source in (chosen | {"controller": chosen["controller"] or controller}).items():
-            if source is not None and not _is_of(tables[name], STAGES[name], source):
-                tables[name] = {}
             if source is not None:
-                tables[name]["name"] = source
+                tables[name] = STAGES[name].replaced(tables[name], source, overrides, TASK_KEYS, left_out)
         old = move_task_keys(tables["controller"], tables["task"], faults)
         replaced = move_task_keys(overrides, overrides, faults)
         for key, value in overrides.items():
@@ -171,19 +171,27 @@ class Scenario:
                 faults += error.faults
         try:
             scenario = _VALIDATOR.validate_python(tables)
+            faults += scenario.wall.overridden_in_vain(overrides)
         except ValidationError as error:
             faults += faults_of(error, choices=_KEYS | _INNER_KEYS)
         if faults:
             raise InputError(faults, place)
+        for said in left_out:
+            note(said)
         return scenario
 
     def updated(
-        self, overrides: Mapping[str, Any], controller: str | None = None, place: str = "scenario"
+        self,
+        overrides: Mapping[str, Any],
+        controller: str | None = None,
+        place: str = "scenario",
+        note: Callable[[str], Any] = lambda said: None,
     ) -> "Scenario":
         """Return a copy with dotted keys replaced, ``{"wall.stiffness": 1e4, "controller.k_1": 8.0}``.
 
         A user's stage of a log is loaded from the file that an override of its ``name`` gives, with its recorded
-        settings if it is the same class. ``place`` names the scenario in error messages.
+        settings if it is the same class. ``place`` names the scenario in error messages; ``note`` is that of
+        :meth:`from_dict`.
         """
         overrides, tables = overrides_of(overrides), self.to_dict()
         known = {name: type(getattr(self, name)) for name in STAGES}
@@ -193,7 +201,7 @@ class Scenario:
                 del known[name]
                 if str(own).rpartition(":")[2] == kind.__name__:
                     tables[name]["name"] = own
-        return Scenario.from_dict(tables, overrides, controller, place=place, known=known)
+        return Scenario.from_dict(tables, overrides, controller, place=place, known=known, note=note)
 
     def to_dict(self) -> dict[str, Any]:
         """Nested tables with every default. Keys whose value is None are left out, since TOML has no null."""
@@ -241,19 +249,6 @@ def _anchor(tables: dict[str, Any], folder: Path | None) -> None:
         value = tables.get(table, {}).get(key) if isinstance(tables.get(table), dict) else None
         if isinstance(value, str) and (folder / value.split(":")[0]).is_file():
             tables[table][key] = str((folder / value).absolute())
-
-
-def _is_of(table: Mapping[str, Any], choice: Choice, source: Any) -> bool:
-    """Whether a table belongs to a stage: by its name, or by its settings if it has no name."""
-    if "name" in table:
-        return _absolute(table["name"]) == _absolute(source)
-    settings = choice.settings(source)
-    return settings is None or set(table) <= {*settings, *TASK_KEYS}
-
-
-def _absolute(source: Any) -> Any:
-    """The source with an absolute path, so that two spellings of one file compare equal."""
-    return str(Path(source).absolute()) if isinstance(source, str) and ".py:" in source else source
 
 
 def _override(tables: dict[str, Any], key: str, value: Any) -> list[Fault]:

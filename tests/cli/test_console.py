@@ -93,3 +93,18 @@ def test_the_table_of_a_run_at_a_tool_has_the_tool_and_the_joints(capsys):
     table = table_of(trace, capsys)
     assert float(table["final position, tool"].split()[0]) == pytest.approx(trace.p_WT[-1][0], abs=1e-5)
     assert [float(q) for q in table["final joints"].split()[:2]] == pytest.approx(trace.q[-1].tolist(), abs=1e-4)
+
+
+def test_the_table_names_the_joints_whose_motors_were_at_their_limit(trace, capsys):
+    """A target that only the shoulder is far from; without joints and without a motor at its limit there is no row."""
+    still = {"vehicle.model": "planar_arm", "initial.joints": [0.0, 0.5], "simulation.duration": 0.1}
+    assert summary(trace, {})["saturated_joints_s"] is None
+    assert "motors at their limits" not in table_of(trace, capsys)
+    for target, limited in ([0.0, 0.5], False), ([1.0, 0.5], True):
+        moving = simulate(Scenario.load("push_wall", still | {"joints.name": "position", "joints.target": target}))
+        times = summary(moving, {})["saturated_joints_s"]
+        assert list(times) == ["shoulder", "elbow"]
+        assert list(times.values()) == moving.joint_saturation_time[-1].tolist()
+        row = table_of(moving, capsys).get("motors at their limits", "")
+        assert row.strip() == (f"shoulder {times['shoulder'] / 0.1:.2%} of the time" if limited else "")
+    assert times["shoulder"] > 0.01

@@ -8,6 +8,8 @@ import pytest
 
 from two_joints import STILL, two_joints
 from uvms_mj import InputError, Scenario, Simulation, Trace, simulate
+from uvms_mj.analysis.sampling import warnings_of
+from uvms_mj.analysis.setup import set_up
 
 OWN = """
 from dataclasses import dataclass
@@ -47,6 +49,40 @@ def scenario(tmp_path):
 
 
 # motors
+
+
+def test_the_time_of_a_motor_at_its_limit_is_counted_at_every_step(scenario):
+    """Of the shoulder, whose limit is 9 N m and then that of its torque-speed line; the jaw gives up to 20 N."""
+    push = {"joints.name": scenario.push, "joints.push": 8.999, "joints.begins": 0.25, "simulation.duration": 1.0}
+    for torque, shares in ((8.999, (0.0, 0.0)), (9.0, (0.75, 0.0)), (12.0, (0.75, 0.0)), (-30.0, (0.75, 0.75))):
+        of_start = scenario(push | {"joints.push": torque}, gravity=0.0, hinge='damping="50"')
+        trace = simulate(of_start, log_rate=100)
+        times = trace.joint_saturation_time
+        assert times[-1] == pytest.approx(shares, abs=1e-3 * max(shares) + 1e-12), torque
+        late = trace.t >= 0.25
+        np.testing.assert_allclose(times[late], np.outer(trace.t[late] - 0.25, np.array(shares) / 0.75), atol=1e-9)
+        assert not times[~late].any()
+    line = scenario(push, custom='<numeric name="shoulder.speed_limit" data="0.4"/>', gravity=0.0)
+    trace = simulate(line, log_rate="full")  # it needs no more than 9 N m, and is limited as soon as it moves
+    limited = (trace.t >= 0.25) & (trace.tau_q[:, 0] < 8.999)
+    assert 0 < np.count_nonzero(limited) < np.count_nonzero(trace.t >= 0.25)
+    assert trace.joint_saturation_time[-1, 0] == pytest.approx(2e-4 * np.count_nonzero(limited[:-1]), abs=1e-9)
+    with Simulation(line) as sim:
+        sim.step(2000)
+        assert sim.signals.joint_saturation_time[0] > 0.1
+        sim.reset()
+        assert not sim.signals.joint_saturation_time.any()
+
+
+def test_motors_that_are_too_weak_for_the_arm_are_named_before_the_run(scenario):
+    """The moment of weight and buoyancy about the shoulder is 0.4 kg m times gravity; the jaw is neutral."""
+    assert not any("too weak" in note for note in warnings_of(set_up(scenario())))
+    said = "the motors are too weak to hold the arm against its weight and buoyancy at the initial joints: "
+    notes = warnings_of(set_up(scenario(gravity=30.0)))
+    assert f"{said}shoulder needs 12 and has 9 N m" in notes
+    assert not any("too weak" in note for note in warnings_of(set_up(scenario(gravity=30.0, hinge='frictionloss="4"'))))
+    load = [{"link": "finger", "mass": 3.0}]
+    assert any("shoulder needs" in note for note in warnings_of(set_up(scenario({"vehicle.payloads": load}))))
 
 
 def test_the_torque_of_a_motor_follows_its_torque_speed_line(scenario):

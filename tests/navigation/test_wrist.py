@@ -12,7 +12,8 @@ from tree_twin import _cross_motion, _from_parent, _resistance_of, poses
 from twin import rotation
 from two_joints import STILL, two_joints
 from uvms_mj import InputError, Scenario, Simulation, simulate
-from uvms_mj.engine.native.memory import call_stage
+from uvms_mj.engine.native.memory import call_stage, context_at
+from uvms_mj.engine.native.tree import place_links
 
 _SWAP = [3, 4, 5, 0, 1, 2]
 CURRENT = {"current.speed": 0.6, "current.direction_deg": -50.0}
@@ -81,12 +82,13 @@ def test_a_dry_arm_gives_what_mujocos_own_sensors_measure(scenario, seed):
         felt, joints = sim._stages.entries["felt"], sim._memory.joints
         record, true = felt.state, felt.given
         local = model.site("wrist")
-        record["p_LS"], record["R_LS"] = local.pos, rotation(local.quat)
+        record["sensor"]["p_LT"], record["sensor"]["R_LT"] = local.pos, rotation(local.quat)
         _, quat, q, zeta = state
         R = rotation(quat)
         true["R_WB"], true["nu"] = R, zeta[:6]
         true["nu_dot"] = np.r_[R.T @ data.qacc[:3] - np.cross(zeta[3:6], zeta[:3]), data.qacc[3:6]]
         joints.q[:], joints.q_dot[:], joints.q_ddot[:] = q, zeta[6:], data.qacc[6:]
+        place_links(context_at(sim._memory.context_at).tree, joints.q)
         places = (each.ctypes.data for each in (felt.settings, record, true, felt.state_dot, felt.out))
         assert call_stage(felt.code.address, *places) == 0
         found = felt.out.copy()

@@ -9,7 +9,7 @@ import pytest
 from pressed import PUSH, M
 from uvms_mj import Controller, InputError, McapLog, Scenario, Simulation, Trace, gain, simulate
 from uvms_mj.analysis.rest import demanded_force
-from uvms_mj.analysis.sampling import SamplingWarning
+from uvms_mj.analysis.sampling import SamplingWarning, warnings_of
 from uvms_mj.analysis.setup import set_up
 from uvms_mj.control.rest import NoClosedForm
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
@@ -365,3 +365,23 @@ def test_a_log_of_a_run_with_walls_gives_the_run_back(tmp_path: Path):
         np.testing.assert_array_equal(read[name], trace[name])
     assert read.push.max() > 0.0
     np.testing.assert_array_equal(read.push, read.f_normal)
+
+
+def test_a_key_of_a_wall_that_is_not_there_does_not_pass_in_silence():
+    """As an override it is an error; in a file, or beside an override that takes the wall away, it is noted."""
+    named = r"wall\.stiffness: has no effect: wall\.present is false"
+    no_wall = Scenario.load("press_pile")
+    assert not any("wall.present" in note for note in warnings_of(set_up(no_wall)))
+    for refused in (no_wall.updated, lambda overrides: Scenario.load("press_pile", overrides)):
+        with pytest.raises(InputError, match=named):
+            refused({"wall.stiffness": 2e4})
+    with Simulation(no_wall, **FREE) as sim:
+        for change in (sim.set, lambda overrides: sim.reset(overrides=overrides)):
+            with pytest.raises(InputError, match=named):
+                change({"wall.stiffness": 2e4})
+    for scenario in (
+        Scenario.from_dict({"wall": {"present": False, "stiffness": 2e4, "friction": 0.1}}),
+        Scenario.load("push_wall", {"wall.present": False, "wall.stiffness": 2e4, "wall.friction": 0.1}),
+    ):
+        notes = [note for note in warnings_of(set_up(scenario)) if "wall." in note]
+        assert notes == ["wall.stiffness, wall.friction have no effect: wall.present is false"]

@@ -1,5 +1,6 @@
 """Logs of a vehicle with joints: the frames and markers are where MuJoCo has the bodies, and the numbers are exact."""
 
+import dataclasses
 import json
 
 import mujoco
@@ -10,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from recorded import decoded, rewritten, same
 from tree_run import JOINTS, TREE, tool_run
 from uvms_mj import InputError, Trace
+from uvms_mj.analysis.summary import summary
 from uvms_mj.stages.joint_signals import JOINT_SIGNALS
 from uvms_mj.stages.signals import OF_JOINTS
 
@@ -66,6 +68,8 @@ def test_joint_states_are_the_signals_and_a_log_gives_the_trace_back(armed):
         assert np.array_equal([getattr(message, part) for message in states], trace[name]), name
     assert {signal.name for signal in JOINT_SIGNALS if signal.shape == (0,)} == set(OF_JOINTS)
     assert "/signals/q" not in topics
+    limited = [message.data for _, message in topics["/running/joint_saturation_time"]]
+    assert np.array_equal(limited, trace.joint_saturation_time)
     twists = [m.twist for _, m in topics["/tool/twist"]]
     assert np.array_equal([[t.linear.x, t.angular.z] for t in twists], trace.nu_T[:, [0, 5]])
     assert {m.header.frame_id for _, m in topics["/tool/twist"]} == {"tool"}
@@ -97,3 +101,15 @@ def test_a_log_whose_joints_and_signals_differ_is_refused(armed, tmp_path):
     (tmp_path / "fewer.mcap").write_bytes(rewritten(path, fewer))
     with pytest.raises(InputError, match=r"run.json: q, q_dot, tau_q, .* must have 2 numbers, one a joint"):
         Trace.load(tmp_path / "fewer.mcap")
+
+
+def test_a_log_from_before_the_time_at_the_motors_limits_is_read(armed, tmp_path):
+    trace, _ = armed
+    header, name = trace.header, "joint_saturation_time"
+    rows = np.delete(trace.rows(), header.places[name], axis=1)
+    signals = tuple(signal for signal in header.signals if signal.name != name)
+    Trace.of(dataclasses.replace(header, signals=signals), rows, trace.outcome).save(tmp_path / "run.mcap")
+    loaded = Trace.load(tmp_path / "run.mcap")
+    assert name not in loaded.arrays
+    assert np.array_equal(loaded.tau_q, trace.tau_q)
+    assert summary(loaded, {})["saturated_joints_s"] is None

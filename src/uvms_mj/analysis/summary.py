@@ -78,6 +78,14 @@ def _no_noise_because(trace: "Trace") -> str | None:
     return found if isinstance(found, str) else None
 
 
+def _saturated_joints(trace: "Trace") -> dict[str, float] | None:
+    """The time that the motor of each joint was at its limit, by the joint's name [s]; None without joints."""
+    times = _last("joint_saturation_time")(trace)
+    if times is None:
+        return None
+    return dict(zip(trace.header.components(trace.header.by_name["joint_saturation_time"]), times, strict=True))
+
+
 def _position(trace: "Trace") -> list[float] | None:
     position = getattr(trace.analytic, "position", None)
     return None if position is None else position.tolist()
@@ -107,6 +115,7 @@ NUMBERS: "Mapping[str, Callable[[Trace], Any]]" = {
     "noise.none_because": _no_noise_because,
     "effort_N2s": lambda trace: float(trace.effort[-1][:3].sum()) if len(trace) else None,
     "saturated_s": _last("saturation_time"),
+    "saturated_joints_s": _saturated_joints,
     "final.position_m": _last("p_WB"),
     "final.attitude_wxyz": _last("quat_WB"),
     "final.s": _last("s"),

@@ -114,14 +114,15 @@ def task_faults(setup: Any) -> Iterator[Fault]:
 
 
 def task_notes(setup: Any) -> Iterator[str]:
-    """Warnings for joints without a motor, and for a law at a tool: Coulomb friction of the gears, which no law
-    compensates."""
+    """Warnings for joints without a motor or with one that is too weak, and for a law at a tool: Coulomb friction of
+    the gears, which no law compensates."""
     passive = [link.joint for link in setup.vehicle.arm.links if link.effort == 0.0]
     if passive:
         yield (
             f"no motor drives {', '.join(passive)}, which a law at a tool, a posture and the joint interfaces command: "
             "a joint without a motor moves freely"
         )
+    yield from _weak_motors(setup)
     rubbing = [link for link in setup.vehicle.arm.links if link.friction > 0.0]
     if rubbing and setup.scenario.task.frame != BODY:
         most = max(rubbing, key=lambda link: link.friction)
@@ -129,4 +130,20 @@ def task_notes(setup: Any) -> Iterator[str]:
             f"the gears have Coulomb friction, up to {most.friction:g} N m or N at {most.joint}, which the law at "
             f"{setup.scenario.task.frame} does not know: the tool may stick, and lose a wall again and again; "
             "vehicle.coulomb_friction = 0 leaves it out"
+        )
+
+
+def _weak_motors(setup: Any) -> Iterator[str]:
+    """A warning for motors that cannot hold the true arm at its initial joints, even with the gears' friction."""
+    R_WB = rotation_matrix(quat_from_euler_deg(*setup.scenario.initial.attitude_deg))
+    needed = np.abs(setup.start.restoring(R_WB, setup.gravity_W)[6:])
+    weak = [
+        f"{link.joint} needs {tau:.3g} and has {link.effort:.3g} {'N' if link.slide else 'N m'}"
+        for link, tau in zip(setup.vehicle.arm.links, needed, strict=True)
+        if 0.0 < link.effort < tau - link.friction
+    ]
+    if weak:
+        yield (
+            "the motors are too weak to hold the arm against its weight and buoyancy at the initial joints: "
+            f"{', '.join(weak)}"
         )

@@ -82,7 +82,10 @@ def wall_notes(setup: Setup) -> Iterator[str]:
                 f"at {w / (2.0 * math.pi):.3g} Hz, {2.0 * math.pi / (h * w):.1f} time steps per period; with a "
                 f"simulation.timestep below {RESOLVED / w:.2g} s its forces are accurate to about 1 %"
             )
-    walls: list[tuple[str, Wall | Surface]] = [("wall", wall)]
+    if wall.without_effect:
+        keys = wall.without_effect
+        yield f"{', '.join(keys)} {'has' if len(keys) == 1 else 'have'} no effect: wall.present is false"
+    walls: list[tuple[str, Wall | Surface]] = [("wall", wall)] if wall.present else []
     walls += [(f"walls[{i}]", other) for i, other in enumerate(setup.scenario.walls)]
     for table, one in walls:
         given = one.tangential_stiffness is not None or one.tangential_damping is not None

@@ -4,12 +4,14 @@ import errno
 import io
 import os
 import sys
+import warnings
 from typing import Any
 
 import click
 
 from .certify import certify
 from .common import EXIT_BAD_INPUT, end
+from .console import warn
 from .converge import converge
 from .listing import controllers, keys, signals, stages
 from .logs import export, info, replay
@@ -30,7 +32,9 @@ class _Commands(click.Group):
         """Handle errors that all commands share: an interrupt, and files that cannot be read or written."""
         Stop()
         try:
-            return super().invoke(ctx)
+            with warnings.catch_warnings():
+                warnings.showwarning = warn  # Python's own hook; catch_warnings restores it
+                return super().invoke(ctx)
         except KeyboardInterrupt:
             end("interrupted", exit_interrupted())
         except OSError as error:
@@ -80,25 +84,9 @@ def main() -> None:
 
 
 for command in (
-    run,
-    study,
-    tune,
-    paper,
-    practicality,
-    validate,
-    replay,
-    plot,
-    compare,
-    info,
-    export,
-    converge,
-    certify,
-    controllers,
-    stages,
-    vehicles,
-    new,
-    keys,
-    signals,
+    *(run, study, tune, paper, practicality, validate, converge, certify),
+    *(replay, plot, compare, info, export),
+    *(controllers, stages, vehicles, new, keys, signals),
 ):
     main.add_command(command)
 

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import bad_input, command, end, ended, output_options, run_options
+from .common import bad_input, end, ended
 from .console import ROUNDING, Console, facts, print_table, table_of
+from .options import command, output_options, run_options
 from .run import chosen
 from .stop import Stop, exit_interrupted
 

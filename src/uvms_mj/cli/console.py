@@ -4,8 +4,7 @@ import contextlib
 import json
 import math
 import sys
-import warnings
-from collections.abc import Callable, Container, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -15,6 +14,8 @@ from .stop import Stop
 
 if TYPE_CHECKING:
     from rich.table import Table
+
+    from ..studies.paper.claims.base import Row
 
 ROUNDING = 1e-9
 """Numbers smaller than this, relative or in SI units, come from rounding and are shown as zero."""
@@ -38,15 +39,14 @@ class Console:
 
     @contextlib.contextmanager
     def running(self, scenario: Any, stop: Stop) -> Iterator[Callable[[int, int], None]]:
-        """Context of a run: prints warnings as lines, and yields a function of the steps done and their total.
+        """Context of a run: yields a function of the steps done and their total.
 
         The function draws a progress bar if standard error is a terminal, and checks for signals.
         """
         label = f"{scenario.name} · {scenario.controller.label()}"
         column = "{task.fields[simulated]:.1f} s simulated"
         shown = progress_bar(f"{label} · compiling", self.quiet, stop, column, simulated=0.0)
-        with warnings.catch_warnings(), shown as update:
-            warnings.showwarning = warn  # Python's own hook; catch_warnings restores it
+        with shown as update:
             h = scenario.simulation.timestep
             yield lambda done, total: update(done, total, description=label, simulated=done * h)
 
@@ -100,6 +100,24 @@ def print_table(table: Any) -> None:
     import rich.console
 
     rich.console.Console(width=None if sys.stdout.isatty() else 120, markup=False, highlight=False).print(table)
+
+
+def print_verdicts(
+    title: str, heads: Sequence[str], rows: "Sequence[Row]", cells: "Callable[[Row, str], tuple[str, ...]]"
+) -> None:
+    """Print claims with their verdicts; ``cells`` gives those of a row, from its value as text."""
+    from rich.text import Text
+
+    from ..studies.pages import number
+
+    colours = {"holds": "green", "explained": "yellow", "fails": "bold red"}
+    table = table_of(title, show_lines=True)
+    for head in (*heads, "verdict"):
+        table.add_column(head, no_wrap=head == "verdict", overflow="fold")
+    for row in rows:
+        unit, verdict = "" if row.claim.unit == "1" else f" {row.claim.unit}", row.verdict.name
+        table.add_row(*cells(row, number(row.measured.value) + unit), Text(verdict, style=colours[verdict]))
+    print_table(table)
 
 
 def _run_table(trace: Any, report: dict[str, Any]) -> None:
@@ -171,6 +189,10 @@ def _run_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]]:
     if report["saturated_s"]:
         share = report["saturated_s"] / max(report["duration_s"], 1e-300)
         yield "thrusters at their limits", f"{report['saturated_s']:.4g} s, {share:.2%} of the time"
+    joints = report["saturated_joints_s"] or {}
+    if any(joints.values()):
+        shares = (f"{name} {time / report['duration_s']:.2%}" for name, time in joints.items() if time)
+        yield "motors at their limits", f"{printable(', '.join(shares))} of the time"
     factor = report["real_time_factor"]
     if factor:
         step_us = trace.wall_time_s / max(1, trace.steps) * 1e6

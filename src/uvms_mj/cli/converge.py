@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import EXIT_BAD_INPUT, EXIT_UNSTABLE, bad_input, command, end, output_options, progress_bar, run_options
+from .common import EXIT_BAD_INPUT, EXIT_UNSTABLE, bad_input, end, progress_bar
 from .console import Console, print_table, table_of, warn
+from .options import command, output_options, run_options
 from .run import chosen
 from .stop import Stop
 

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from .common import bad_input, command
+from .common import bad_input
 from .console import print_table, table_of
+from .options import command
 
 if TYPE_CHECKING:
     from ..stages.base import Stage

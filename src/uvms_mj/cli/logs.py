@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .common import bad_input, command, end, force_option, json_option, path_argument, path_option, refuse_existing
+from .common import bad_input, end, refuse_existing
 from .console import Console, log_tables, warn
+from .options import command, force_option, json_option, path_argument, path_option
 from .stop import exit_interrupted
 
 if TYPE_CHECKING:

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import click
 
-from .common import bad_input, command, force_option, path_option, refuse_existing
+from .common import bad_input, refuse_existing
+from .options import command, force_option, path_option
 
 KINDS = {
     "vehicle": ("vehicle.xml", "uvms-mj run --set vehicle.model={file}"),

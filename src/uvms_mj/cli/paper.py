@@ -10,20 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import (
-    asked_for,
-    bad_input,
-    command,
-    draw_to_files,
-    end,
-    json_option,
-    path_option,
-    progress_bar,
-    scenario_argument,
-    set_option,
-)
-from .console import print_table, table_of
+from .common import bad_input, draw_to_files, end, progress_bar
+from .console import print_verdicts
 from .folders import alone_in, folder_for, move_aside
+from .options import asked_for, command, json_option, path_option, scenario_argument, set_option
 from .stop import Stop, exit_interrupted
 
 if TYPE_CHECKING:
@@ -157,20 +147,11 @@ def _write(folder: Path, runs: "Runs", progress: Callable[[int, int], None]) -> 
 
 
 def _table(rows: "list[Row]") -> None:
-    from rich.text import Text
+    def cells(row: "Row", value: str) -> tuple[str, ...]:
+        claim = row.claim
+        return claim.text, claim.quantity, claim.paper, value, claim.predicate
 
-    from ..studies.pages import number
-
-    colours = {"holds": "green", "explained": "yellow", "fails": "bold red"}
-    table = table_of("claims of the paper", show_lines=True)
-    for column in ("claim", "quantity", "paper", "ours", "threshold", "verdict"):
-        table.add_column(column, no_wrap=column == "verdict", overflow="fold")
-    for row in rows:
-        claim, verdict = row.claim, row.verdict.name
-        unit = "" if claim.unit == "1" else f" {claim.unit}"
-        cells = (claim.text, claim.quantity, claim.paper, f"{number(row.measured.value)}{unit}", claim.predicate)
-        table.add_row(*cells, Text(verdict, style=colours[verdict]))
-    print_table(table)
+    print_verdicts("claims of the paper", ("claim", "quantity", "paper", "ours", "threshold"), rows, cells)
     for name, meaning in {row.verdict.name: row.verdict.value for row in rows}.items():
         click.echo(f"{name}: {meaning}")
     for row in rows:

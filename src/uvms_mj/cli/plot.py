@@ -4,8 +4,9 @@ from pathlib import Path
 
 import click
 
-from .common import bad_input, command, draw_to_files, force_option, path_option, refuse_existing
+from .common import bad_input, draw_to_files, refuse_existing
 from .logs import loaded
+from .options import command, force_option, path_option
 
 WHATS = ("position", "force", "sliding", "tau", "integral", "joints", "summary")
 """The choices of :mod:`uvms_mj.views.figures`, repeated here because its import is too slow for ``--help``."""

@@ -1,5 +1,6 @@
 """``uvms-mj practicality``: where the paper's laws stop working on a real vehicle."""
 
+import functools
 import json
 import sys
 from pathlib import Path
@@ -7,21 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import (
-    EXIT_BAD_INPUT,
-    asked_for,
-    bad_input,
-    command,
-    draw_to_files,
-    end,
-    json_option,
-    path_option,
-    progress_bar,
-    set_option,
-)
-from .console import print_table, table_of
+from .common import draw_to_files, filling, progress_bar
+from .console import print_verdicts
 from .folders import folder_for
-from .stop import Stop, exit_interrupted
+from .options import asked_for, command, json_option, path_option, set_option, workers_option
+from .stop import Stop
+from .study_text import kept
 
 if TYPE_CHECKING:
     from ..studies.paper.claims.base import Row
@@ -37,7 +29,7 @@ PAGE = "report.html"
 )
 @set_option
 @path_option("-o", "--out", metavar="DIR", help="Folder of the results [default: runs/practicality].")
-@click.option("-j", "--workers", metavar="N", type=click.IntRange(1, 4096), help="Processes [default: one per core].")
+@workers_option
 @json_option
 def practicality(settings: tuple[str, ...], out: str | None, workers: int | None, as_json: bool) -> None:
     """From ideal to real: where each of the paper's laws stops working.
@@ -55,22 +47,16 @@ def practicality(settings: tuple[str, ...], out: str | None, workers: int | None
     stop, shown = Stop(), dict[str, int]()
     draw_to_files()
     folder = Path(out or Path("runs", "practicality"))
-    try:
-        with bad_input():
-            results, versions = _run(settings, folder, workers, as_json, stop, shown)
-            from ..studies import pages
-            from ..studies.practicality.claims import judge
-            from ..studies.practicality.page import page
+    with filling(folder, functools.partial(kept, shown, "runs")):
+        results, versions = _run(settings, folder, workers, as_json, stop, shown)
+        from ..studies import pages
+        from ..studies.practicality.claims import judge
+        from ..studies.practicality.page import page
 
-            rows = judge(results)
-            pages.write(folder / PAGE, page(results, rows, versions))
-            claims = [row.as_dict() for row in rows]
-            pages.write(folder / "claims.json", json.dumps(claims, indent=1, ensure_ascii=False) + "\n")
-    except KeyboardInterrupt:
-        done = f"; {shown['done']} of {shown['total']} runs are done and kept" if shown else ""
-        end(f"interrupted{done}: the same command goes on", exit_interrupted())
-    except OSError as error:
-        end(f"error: {error.filename or folder}: {error.strerror or error}", EXIT_BAD_INPUT)
+        rows = judge(results)
+        pages.write(folder / PAGE, page(results, rows, versions))
+        claims = [row.as_dict() for row in rows]
+        pages.write(folder / "claims.json", json.dumps(claims, indent=1, ensure_ascii=False) + "\n")
     failed = [row.claim.id for row in rows if row.verdict.name == "fails"]
     if as_json:
         click.echo(json.dumps({"claims": claims, "failed": failed, "report": str(folder / PAGE)}, allow_nan=False))
@@ -105,16 +91,8 @@ def _run(
 
 
 def _table(rows: "list[Row]") -> None:
-    from rich.text import Text
+    def cells(row: "Row", value: str) -> tuple[str, ...]:
+        claim = row.claim
+        return claim.text, f"{claim.quantity}: {value}\n{row.measured.detail}", claim.predicate
 
-    from ..studies.pages import number
-
-    colours = {"holds": "green", "explained": "yellow", "fails": "bold red"}
-    table = table_of("claims", show_lines=True)
-    for column in ("claim", "measured", "threshold", "verdict"):
-        table.add_column(column, no_wrap=column == "verdict", overflow="fold")
-    for row in rows:
-        claim, unit = row.claim, "" if row.claim.unit == "1" else f" {row.claim.unit}"
-        measured = f"{claim.quantity}: {number(row.measured.value)}{unit}\n{row.measured.detail}"
-        table.add_row(claim.text, measured, claim.predicate, Text(row.verdict.name, style=colours[row.verdict.name]))
-    print_table(table)
+    print_verdicts("claims", ("claim", "measured", "threshold"), rows, cells)

@@ -7,19 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import (
-    EXIT_BAD_INPUT,
-    asked_for,
-    bad_input,
-    command,
-    end,
-    ended,
-    output_options,
-    path_option,
-    run_options,
-)
+from .common import EXIT_BAD_INPUT, bad_input, end, ended
 from .console import Console, warn
 from .folders import LOG, RunFolder, alone_in, output_folder, remove_if_empty
+from .options import asked_for, command, output_options, path_option, run_options
 from .stop import Stop, exit_interrupted
 from .study_row import row_of
 
@@ -125,7 +116,7 @@ def _from_log(
                 f"{log} was made by the {noun} {then.source}. Code from a log is never executed: name the {noun}'s "
                 f"file with {option}path/to/{then.source} (`uvms-mj info {log} --show {code}` prints the recorded code)"
             )
-    scenario = header.scenario.updated(overrides, controller, place=log)
+    scenario = header.scenario.updated(overrides, controller, place=log, note=warn)
     _warn_of_changes(header, scenario)
     if log_rate is None and "simulation.timestep" not in overrides:
         log_rate = repr(1.0 / (header.row_steps * scenario.simulation.timestep))

@@ -1,6 +1,7 @@
 """``uvms-mj study``: many runs of one study file."""
 
 import contextlib
+import functools
 import json
 import sys
 from collections.abc import Callable, Iterator
@@ -9,19 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import (
-    EXIT_BAD_INPUT,
-    asked_for,
-    bad_input,
-    command,
-    end,
-    json_option,
-    output_options,
-    path_option,
-    progress_bar,
-)
+from .common import bad_input, filling, progress_bar
 from .folders import folder_for
-from .stop import Stop, exit_interrupted
+from .options import asked_for, command, json_option, output_options, path_option, workers_option
+from .stop import Stop
 from .study_report import study_report
 from .study_text import head, kept, plan_report, print_result
 
@@ -45,21 +37,13 @@ class _Commands(click.Group):
 @click.argument("arguments", nargs=-1, metavar="STUDY [KEY=VALUE]...")
 @path_option("-o", "--out", metavar="DIR", help="Folder of the results [default: runs/<name of the study>].")
 @click.option("--dry-run", is_flag=True, help="Print runs, steps, keys, time and size; run nothing.")
-@click.option("-j", "--workers", type=click.IntRange(1, 4096), metavar="N", help="Processes [default: one per core].")
+@workers_option
 @click.option("--scheduler", metavar="ADDRESS", help="Use the workers of a Dask scheduler, e.g. tcp://10.0.0.1:8786.")
 @click.option("--engine", type=click.Choice(["auto", "mujoco", "free_body"]), help="In place of run.engine.")
 @click.option("-s", "--set", "settings", multiple=True, metavar="KEY=VALUE", help="Set a key; may be repeated.")
 @output_options
 def run_study(
-    arguments: tuple[str, ...],
-    out: str | None,
-    dry_run: bool,
-    workers: int | None,
-    scheduler: str | None,
-    engine: str | None,
-    settings: tuple[str, ...],
-    as_json: bool,
-    quiet: bool,
+    dry_run: bool, workers: int | None, scheduler: str | None, as_json: bool, quiet: bool, **asked: Any
 ) -> None:
     """Run a study: many runs of one scenario, with laws to compare and keys that vary.
 
@@ -89,24 +73,18 @@ def run_study(
     DIR/rows has one row a run as Parquet. After any interruption the same command goes on where it was, and the rows
     are the same, bit for bit, for any number of workers.
     """
-    stop = Stop()
-    shown: dict[str, int] = {}
-    try:
-        with bad_input():
-            study, folder = _chosen(arguments, settings, engine, out)
-            with pool_of(scheduler, workers) as executor:
-                expected = head(study, executor, folder, dry_run, as_json, quiet)
-                if dry_run:
-                    if as_json:
-                        click.echo(json.dumps(plan_report(study, expected, executor.size), allow_nan=False))
-                    return
-                folder_for(str(folder))
-                with _bar(as_json or quiet, stop, shown) as progress:
-                    study.run(folder, executor=executor, progress=progress)
-    except KeyboardInterrupt:
-        end(f"interrupted{kept(shown, 'runs')}", exit_interrupted())
-    except OSError as error:
-        end(f"error: {error.filename or folder}: {error.strerror or error}{kept(shown, 'runs')}", EXIT_BAD_INPUT)
+    stop, shown = Stop(), dict[str, int]()
+    with bad_input():
+        study, folder = _chosen(**asked)
+    with filling(folder, functools.partial(kept, shown, "runs")), pool_of(scheduler, workers) as executor:
+        expected = head(study, executor, folder, dry_run, as_json, quiet)
+        if dry_run:
+            if as_json:
+                click.echo(json.dumps(plan_report(study, expected, executor.size), allow_nan=False))
+            return
+        folder_for(str(folder))
+        with _bar(as_json or quiet, stop, shown) as progress:
+            study.run(folder, executor=executor, progress=progress)
     for name in study.damaged:
         click.echo(f"note: {name} was damaged; its runs were run again", err=True)
     sys.exit(print_result(study, as_json, quiet))

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .common import bad_input, command, draw_to_files, force_option, path_argument, path_option, refuse_existing
+from .common import bad_input, draw_to_files, refuse_existing
+from .options import command, force_option, path_argument, path_option
 
 if TYPE_CHECKING:
     from ..studies.pages import Table

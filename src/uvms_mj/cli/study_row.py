@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
+from .console import warn
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -29,7 +29,7 @@ def row_of(folder: str, row: int, overrides: dict[str, Any], controller: str | N
     _warn_of_changes(Path(folder), plan)
     scenario = plan.scenario(row)
     if overrides or controller:
-        scenario = scenario.updated(overrides, controller, place=f"row {row} of {folder}")
+        scenario = scenario.updated(overrides, controller, place=f"row {row} of {folder}", note=warn)
     engine = _engine_of(Path(folder), row) or plan.engine
     return scenario, chosen_engine(scenario) if engine == "auto" else engine
 
@@ -59,4 +59,4 @@ def _warn_of_changes(folder: Path, plan: "Plan") -> None:
         raise InputError(f"{folder}: can't be read: {error}") from None
     if code or files:
         changed = "; ".join([*code, *(f"{name} changed" for name in files)])
-        click.echo(f"warning: the run may differ from the row: {changed}", err=True)
+        warn(f"the run may differ from the row: {changed}")

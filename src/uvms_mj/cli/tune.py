@@ -1,5 +1,6 @@
 """``uvms-mj tune``: gains for an objective and constraints over a study's runs."""
 
+import functools
 import json
 import sys
 from pathlib import Path
@@ -7,21 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import (
-    EXIT_BAD_INPUT,
-    asked_for,
-    bad_input,
-    command,
-    draw_to_files,
-    end,
-    output_options,
-    path_option,
-    printable,
-    progress_bar,
-)
-from .console import print_table
+from .common import bad_input, draw_to_files, filling, printable, progress_bar
+from .console import print_table, table_of
 from .folders import folder_for
-from .stop import Stop, exit_interrupted
+from .options import asked_for, command, output_options, path_option, workers_option
+from .stop import Stop
 from .study import pool_of
 from .study_text import duration, finite, kept
 
@@ -40,21 +31,11 @@ EXIT_NOT_FOUND = 1
 @path_option("-o", "--out", metavar="DIR", help="Folder of the results [default: runs/<name of the tuning>].")
 @click.option("--dry-run", is_flag=True, help="Print gains, objective, runs and time; run nothing.")
 @click.option("-n", "--trials", type=click.IntRange(1), metavar="N", help="In place of tune.trials.")
-@click.option("-j", "--workers", type=click.IntRange(1, 4096), metavar="N", help="Processes [default: one per core].")
+@workers_option
 @click.option("--scheduler", metavar="ADDRESS", help="Use the workers of a Dask scheduler, e.g. tcp://10.0.0.1:8786.")
 @click.option("-s", "--set", "settings", multiple=True, metavar="KEY=VALUE", help="Set a key; may be repeated.")
 @output_options
-def tune(
-    arguments: tuple[str, ...],
-    out: str | None,
-    dry_run: bool,
-    trials: int | None,
-    workers: int | None,
-    scheduler: str | None,
-    settings: tuple[str, ...],
-    as_json: bool,
-    quiet: bool,
-) -> None:
+def tune(dry_run: bool, workers: int | None, scheduler: str | None, as_json: bool, quiet: bool, **asked: Any) -> None:
     """Find gains by Optuna, for an objective and constraints over the runs of a study.
 
     TUNE is a TOML file, or the folder of a tuning that was interrupted. It is a study file of one law, with tables for
@@ -85,23 +66,18 @@ def tune(
     DIR gets found.toml, trials.parquet and report.html. A trial in which a run does not complete is infeasible. After
     any interruption the same command goes on where it was. The result is the same for any number of workers.
     """
-    stop = Stop()
+    stop, shown = Stop(), dict[str, int]()
     draw_to_files()
-    shown: dict[str, int] = {}
-    try:
-        with bad_input():
-            tuning, folder = _chosen(arguments, settings, trials, out)
-            with pool_of(scheduler, workers) as executor:
-                if dry_run or not (as_json or quiet):
-                    _head(tuning, executor.size, folder, dry_run, as_json)
-                if dry_run:
-                    return
-                _search(tuning, folder, executor, as_json or quiet, stop, shown)
-            status = _result(tuning, folder, as_json, quiet)
-    except KeyboardInterrupt:
-        end(f"interrupted{kept(shown, 'trials')}", exit_interrupted())
-    except OSError as error:
-        end(f"error: {error.filename or folder}: {error.strerror or error}{kept(shown, 'trials')}", EXIT_BAD_INPUT)
+    with bad_input():
+        tuning, folder = _chosen(**asked)
+    with filling(folder, functools.partial(kept, shown, "trials")):
+        with pool_of(scheduler, workers) as executor:
+            if dry_run or not (as_json or quiet):
+                _head(tuning, executor.size, folder, dry_run, as_json)
+            if dry_run:
+                return
+            _search(tuning, folder, executor, as_json or quiet, stop, shown)
+        status = _result(tuning, folder, as_json, quiet)
     sys.exit(status)
 
 
@@ -217,11 +193,8 @@ def _numbers(tuning: "Tuning", trial: Any) -> dict[str, Any]:
 
 def _table(tuning: "Tuning", baseline: Any, best: Any) -> Any:
     """The baseline beside the best trial."""
-    from rich.table import Table
-
-    table = Table(title=tuning.name, title_justify="left", min_width=60)
+    table = table_of(tuning.name, "", min_width=60)
     shown = [("the file's own", baseline), *([] if best is None else [(f"found, trial {best.number}", best)])]
-    table.add_column("")
     for head, _ in shown:
         table.add_column(head, justify="right")
     for name, *values in tuning.compared([trial for _, trial in shown]):

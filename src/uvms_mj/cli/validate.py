@@ -6,10 +6,11 @@ from typing import Any
 
 import click
 
-from .common import EXIT_BAD_INPUT, bad_input, command, draw_to_files, end, json_option, path_option, progress_bar
+from .common import draw_to_files, filling, progress_bar
 from .console import print_table, table_of
 from .folders import folder_for
-from .stop import Stop, exit_interrupted
+from .options import command, json_option, path_option, workers_option
+from .stop import Stop
 
 PAGE = "report.html"
 
@@ -26,7 +27,7 @@ def validate() -> None:
 @command(epilog="Exit status: 0 completed, 2 bad input or no space, 130 interrupted (143 by SIGTERM).")
 @path_option("--data", required=True, metavar="DIR", help="Folder of the records.")
 @path_option("-o", "--out", metavar="DIR", help="Folder of the results [default: runs/validate-pool].")
-@click.option("-j", "--workers", metavar="N", type=click.IntRange(1, 4096), help="Processes [default: one per core].")
+@workers_option
 @json_option
 def pool(data: str, out: str | None, workers: int | None, as_json: bool) -> None:
     """A vehicle that floats in a pool while its arm moves.
@@ -42,26 +43,21 @@ def pool(data: str, out: str | None, workers: int | None, as_json: bool) -> None
     """
     draw_to_files()
     folder, stop = Path(out or Path("runs", "validate-pool")), Stop()
-    try:
-        with bad_input():
-            from ..records.header import versions
-            from ..studies import pages
-            from ..studies.study import executor_of
-            from ..studies.validate.data import records
-            from ..studies.validate.page import numbers, page
-            from ..studies.validate.results import compute
+    with filling(folder):
+        from ..records.header import versions
+        from ..studies import pages
+        from ..studies.study import executor_of
+        from ..studies.validate.data import records
+        from ..studies.validate.page import numbers, page
+        from ..studies.validate.results import compute
 
-            trials, resting = records(data)
-            folder_for(str(folder))
-            with progress_bar("running", as_json, stop) as update, executor_of(None, workers) as executor:
-                results = compute(trials, resting, executor, update)
-            found = numbers(results)
-            pages.write(folder / PAGE, page(results, versions()))
-            pages.write(folder / "numbers.json", json.dumps(found, indent=1) + "\n")
-    except KeyboardInterrupt:
-        end("interrupted", exit_interrupted())
-    except OSError as error:
-        end(f"error: {error.filename or folder}: {error.strerror or error}", EXIT_BAD_INPUT)
+        trials, resting = records(data)
+        folder_for(str(folder))
+        with progress_bar("running", as_json, stop) as update, executor_of(None, workers) as executor:
+            results = compute(trials, resting, executor, update)
+        found = numbers(results)
+        pages.write(folder / PAGE, page(results, versions()))
+        pages.write(folder / "numbers.json", json.dumps(found, indent=1) + "\n")
     if as_json:
         click.echo(json.dumps(found | {"report": str(folder / PAGE)}, allow_nan=False))
         return

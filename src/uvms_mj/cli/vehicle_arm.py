@@ -1,4 +1,5 @@
-"""The arm of a vehicle in the output of ``uvms-mj vehicles``: joints, links, and the sites that can be the tool."""
+"""Parts of the output of ``uvms-mj vehicles``: the coefficients of a body, and the arm with its joints, links and the
+sites that can be the tool."""
 
 import math
 from typing import TYPE_CHECKING, Any
@@ -7,12 +8,21 @@ from .common import printable
 from .console import facts, print_table, table_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from ..plant.arm import Arm
     from ..plant.vehicle import Vehicle
 
 MATRICES = ("M_RB", "M_A", "D_linear", "D_quadratic")
+
+
+def coefficients(body: Any) -> dict[str, Any]:
+    """Mass, water and matrices of a base or a link."""
+    return {
+        "mass": body.mass,
+        "displaced_mass": body.displaced_mass,
+        "center_of_gravity": body.r_g.tolist(),
+        "center_of_buoyancy": body.r_b.tolist(),
+        **{matrix: getattr(body, matrix).tolist() for matrix in MATRICES},
+    }
 
 
 def described_arm(vehicle: "Vehicle") -> dict[str, Any]:
@@ -26,14 +36,12 @@ def described_arm(vehicle: "Vehicle") -> dict[str, Any]:
             "joint": link.joint,
             "type": "slide" if link.slide else "hinge",
             "carried_by": names[link.parent + 1],
-            "range": [_finite(x) for x in link.range],
+            "range": [finite(x) for x in link.range],
             "motor": link.actuator_id >= 0,
-            "effort": _finite(link.effort),
-            "speed_limit": _finite(link.speed_limit),
-            **{word: getattr(link, word) for word in ("damping", "friction", "armature", "mass", "displaced_mass")},
-            "center_of_gravity": link.r_g.tolist(),
-            "center_of_buoyancy": link.r_b.tolist(),
-            **{matrix: getattr(link, matrix).tolist() for matrix in MATRICES},
+            "effort": finite(link.effort),
+            "speed_limit": finite(link.speed_limit),
+            **{word: getattr(link, word) for word in ("damping", "friction", "armature")},
+            **coefficients(link),
             "strip_theory": list(link.filled_in),
         }
         for link in arm.links
@@ -61,14 +69,35 @@ def reach(arm: "Arm", site: str) -> float | None:
         if joint.slide:
             total += max(map(abs, joint.range))
         at, link = joint.p_0 + joint.R_0 @ joint.anchor, joint.parent
-    return _finite(total)
+    return finite(total)
 
 
-def _finite(limit: float) -> float | None:
+def finite(limit: float) -> float | None:
     return float(limit) if math.isfinite(limit) else None
 
 
-def print_arm(about: dict[str, Any], matrix: "Callable[[list[list[float]]], str]") -> None:
+def add_coefficients(table: Any, about: dict[str, Any], *more: tuple[str, str]) -> None:
+    """Add the rows of :func:`coefficients` to a table, with further ones before the matrices."""
+    table.add_row("mass, displaced mass", f"{about['mass']:.6g} kg, {about['displaced_mass']:.6g} kg")
+    for word in ("gravity", "buoyancy"):
+        table.add_row(f"centre of {word}", f"{_numbers(about[f'center_of_{word}'])} m")
+    for row in (*more, *((name, _matrix(about[name])) for name in MATRICES)):
+        table.add_row(*row)
+
+
+def _numbers(values: list[float]) -> str:
+    return " ".join(f"{round(x, 9) + 0.0:.6g}" for x in values)
+
+
+def _matrix(rows: list[list[float]]) -> str:
+    """The diagonal, and the cross terms by row and column, counted from one as in the literature."""
+    entries = ((i, j, x) for i, row in enumerate(rows) for j, x in enumerate(row) if i != j and abs(x) > 1e-12)
+    cross = [f"({i + 1},{j + 1}) {x:.6g}" for i, j, x in entries]
+    diagonal = f"diag {_numbers([row[i] for i, row in enumerate(rows)])}"
+    return diagonal if not cross else f"{diagonal}\n{', '.join(cross)}"
+
+
+def print_arm(about: dict[str, Any]) -> None:
     """Print joints, links and sites of a vehicle that :func:`described_arm` describes."""
     columns = ("joint", "moves", "type", "range", "motor", "speed limit", "gear friction", "armature")
     table = table_of("Joints, from the base outwards", *columns, fixed=("joint", "moves"), min_width=80)
@@ -77,12 +106,7 @@ def print_arm(about: dict[str, Any], matrix: "Callable[[list[list[float]]], str]
     print_table(table)
     for link in about["links"]:
         table = facts(printable(f"Link {link['name']}, carried by {link['carried_by']}"))
-        table.add_row("mass, displaced mass", f"{link['mass']:.6g} kg, {link['displaced_mass']:.6g} kg")
-        for word in ("gravity", "buoyancy"):
-            numbers = " ".join(f"{round(x, 9) + 0.0:.6g}" for x in link[f"center_of_{word}"])
-            table.add_row(f"centre of {word}", f"{numbers} m")
-        for name in MATRICES:
-            table.add_row(name, matrix(link[name]))
+        add_coefficients(table, link)
         if link["strip_theory"]:
             table.add_row("by strip theory", f"{', '.join(link['strip_theory'])}: from its capsules and cylinders")
         print_table(table)
@@ -90,9 +114,10 @@ def print_arm(about: dict[str, Any], matrix: "Callable[[list[list[float]]], str]
         heads = ("site", "carried by", "position [m]", "radius [m]", "reach from the first joint [m]")
         table = table_of("Sites that can be the tool: --set task.frame=NAME", *heads, fixed=("site",), min_width=80)
         for name, site in about["sites"].items():
-            position = " ".join(f"{round(x, 9) + 0.0:.6g}" for x in site["position"])
             far = "without limit" if site["reach"] is None else f"at most {site['reach']:.4g}"
-            table.add_row(printable(name), printable(site["carried_by"]), position, f"{site['radius']:.4g}", far)
+            table.add_row(
+                printable(name), printable(site["carried_by"]), _numbers(site["position"]), f"{site['radius']:.4g}", far
+            )
         print_table(table)
 
 

@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import bad_input, command, json_option, printable
+from .common import bad_input, printable
 from .console import facts, print_table, table_of, warn
-from .vehicle_arm import MATRICES, described_arm, print_arm
+from .options import command, json_option
+from .vehicle_arm import add_coefficients, coefficients, described_arm, finite, print_arm
 
 if TYPE_CHECKING:
     from ..plant.mjcf import Mjcf
@@ -62,23 +63,15 @@ def described(mjcf: "Mjcf") -> dict[str, Any]:
     columns = zip(names, vehicle.B.T, vehicle.u_min, vehicle.u_max, strict=True)
     return {
         **{word: remarks.get(word) or remarks.get(prefix + word, "") for word in REMARKS},
-        "mass": vehicle.mass,
-        "displaced_mass": vehicle.displaced_mass,
-        "center_of_gravity": vehicle.r_g.tolist(),
-        "center_of_buoyancy": vehicle.r_b.tolist(),
         "reach": float(mjcf.geometry.reach),
-        **{name: getattr(vehicle, name).tolist() for name in MATRICES},
+        **coefficients(vehicle),
         "axes": int(np.linalg.matrix_rank(vehicle.B)),
         "thrusters": {
-            name: {"wrench": wrench.tolist(), "least": _finite(least), "greatest": _finite(greatest)}
+            name: {"wrench": wrench.tolist(), "least": finite(least), "greatest": finite(greatest)}
             for name, wrench, least, greatest in columns
         },
         **described_arm(vehicle),
     }
-
-
-def _finite(limit: float) -> float | None:
-    return float(limit) if abs(limit) != float("inf") else None
 
 
 def _print_list(about: dict[str, dict[str, Any]]) -> None:
@@ -107,12 +100,7 @@ def _print_one(name: str, each: dict[str, Any]) -> None:
     if each["links"]:
         whole = [sum(part[word] for part in (each, *each["links"])) for word in ("mass", "displaced_mass")]
         table.add_row("with its links", f"{whole[0]:.6g} kg, {whole[1]:.6g} kg; all that follows is the base's alone")
-    table.add_row("mass, displaced mass", f"{each['mass']:.6g} kg, {each['displaced_mass']:.6g} kg")
-    for word in ("gravity", "buoyancy"):
-        table.add_row(f"centre of {word}", f"{_numbers(each[f'center_of_{word}'])} m")
-    table.add_row("front, on x", f"{each['reach']:.6g} m")
-    for matrix in MATRICES:
-        table.add_row(matrix, _matrix(each[matrix]))
+    add_coefficients(table, each, ("front, on x", f"{each['reach']:.6g} m"))
     print_table(table)
     title = f"Thrusters: wrench of 1 N, body frame; they span {each['axes']} of 6 axes"
     table = table_of(title, "name", *AXES, "limits [N]", fixed=("name", *AXES), min_width=80)
@@ -122,16 +110,4 @@ def _print_one(name: str, each: dict[str, Any]) -> None:
         table.add_row(printable(thruster), *(f"{round(x, 4) + 0.0:.4g}" for x in given["wrench"]), limits)
     print_table(table)
     if each["links"]:
-        print_arm(each, _matrix)
-
-
-def _numbers(values: list[float]) -> str:
-    return " ".join(f"{round(x, 9) + 0.0:.6g}" for x in values)
-
-
-def _matrix(rows: list[list[float]]) -> str:
-    """The diagonal, and the cross terms by row and column, counted from one as in the literature."""
-    entries = ((i, j, x) for i, row in enumerate(rows) for j, x in enumerate(row) if i != j and abs(x) > 1e-12)
-    cross = [f"({i + 1},{j + 1}) {x:.6g}" for i, j, x in entries]
-    diagonal = f"diag {_numbers([row[i] for i, row in enumerate(rows)])}"
-    return diagonal if not cross else f"{diagonal}\n{', '.join(cross)}"
+        print_arm(each)

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator
+from pydantic import AfterValidator, BeforeValidator
 from pydantic.dataclasses import dataclass as table
 
 from ..errors import Fault
@@ -25,6 +25,12 @@ LEVELS = ("attitude", "station", "joints")
 _Frequency = Annotated[Number, within(0.0, 1e3, "rad/s")]
 
 
+def _list(order: Any) -> Any:
+    if not isinstance(order, list | tuple):
+        raise ValueError('must be a list with any of "attitude", "station" and "joints", for example ["joints"]')
+    return order
+
+
 def _once(order: tuple[str, ...]) -> tuple[str, ...]:
     if len(set(order)) < len(order):
         raise ValueError("names a level twice")
@@ -35,7 +41,9 @@ def _once(order: tuple[str, ...]) -> tuple[str, ...]:
 class Posture:
     """Levels below the task, each with the motion that those before it leave."""
 
-    order: Annotated[tuple[Literal["attitude", "station", "joints"], ...], AfterValidator(_once)] = doc(
+    order: Annotated[
+        tuple[Literal["attitude", "station", "joints"], ...], BeforeValidator(_list), AfterValidator(_once)
+    ] = doc(
         'levels of the posture, the most important one first: any of "attitude", "station" and "joints"',
         ("attitude", "joints"),
     )

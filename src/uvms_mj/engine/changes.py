@@ -47,7 +47,7 @@ def changed(base: Setup, current: Setup, overrides: Mapping[str, Any], place: st
                 design = design_of(scenario, base.nominal)
         setup = Setup(scenario, base.plant, design)
         if not touched.isdisjoint(("wall", "walls", "bumper")):
-            _refuse_other_contacts(base, setup)
+            _refuse_other_contacts(base, setup, overrides)
         refuse(setup, touched)
     except InputError as error:
         raise InputError(error.faults, place) from None
@@ -104,10 +104,12 @@ def _differences(new: dict[str, Any], base: dict[str, Any], current: dict[str, A
     return found
 
 
-def _refuse_other_contacts(base: Setup, setup: Setup) -> None:
+def _refuse_other_contacts(base: Setup, setup: Setup, overrides: Mapping[str, Any]) -> None:
     old, new = base.contacts, setup.contacts
     if (len(old.surfaces), len(old.pairs), old.paper) != (len(new.surfaces), len(new.pairs), new.paper):
         raise InputError([Fault("walls", "reset can't change which contacts there are; make a new Simulation")])
+    if wrong := setup.scenario.wall.overridden_in_vain(overrides):
+        raise InputError(wrong)
 
 
 def _refuse_other_code(base: Scenario, scenario: Scenario) -> None:

@@ -23,9 +23,8 @@ from ..errors import Fault
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..quantities import Coordinate, NonNegative, Positive, Time
 from ..stages.base import setting
-from .base import Guidance, start_notes
 from .path import MOST_POSES, motion
-from .pieces import follow
+from .pieces import Followed
 
 _MOMENT = 1e-6
 """Dwell at a point at which the path only stops [s]."""
@@ -41,7 +40,7 @@ def _in_plane(points: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...],
 
 
 @dataclass(frozen=True)
-class AlongWall(Guidance):
+class AlongWall(Followed):
     """Along the wall with a given push: approach, dwell, then a constant-speed path in the wall's plane."""
 
     push: NonNegative = setting(1.5, "N", "push that the desired impedance demands at rest, before its schedule")
@@ -90,10 +89,3 @@ class AlongWall(Guidance):
         elif scenario.vehicle.contact_bodies:
             touches = "along_wall pushes with the sphere about the origin, and the scenario has vehicle.contact_bodies"
             yield Fault("reference.name", f"{touches}; use path")
-
-    def notes(self, setup: Any) -> Iterable[str]:
-        yield from start_notes(self, setup)
-
-    @staticmethod
-    def step(settings, state, given, state_dot, out):
-        follow(settings.begins, settings.coefficients, given.t, out)

@@ -94,7 +94,7 @@ class Circle(Guidance):
         return tuple((np.array(start) + self.radius * moved).tolist())
 
     def notes(self, setup: Any) -> Iterable[str]:
-        yield from start_notes(self, setup)
+        return start_notes(self, setup)
 
     @staticmethod
     def step(settings, state, given, state_dot, out):

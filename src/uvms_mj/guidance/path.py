@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -21,8 +21,7 @@ from pydantic.dataclasses import dataclass as table
 from ..errors import Fault, InputError
 from ..quantities import STRICT, Angles, Position, Positive, Time
 from ..stages.base import setting
-from .base import Guidance, start_notes
-from .pieces import MOST_PIECES, follow, hermite, packed, pose_numbers
+from .pieces import MOST_PIECES, Followed, hermite, packed, pose_numbers
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
@@ -123,7 +122,7 @@ def _leg(poses: np.ndarray, chords: np.ndarray, t: float, V: float, a: float, cr
 
 
 @dataclass(frozen=True)
-class Path(Guidance):
+class Path(Followed):
     """Constant-speed path: a smooth curve through positions and attitudes by its arc length, from rest to rest."""
 
     poses: Annotated[tuple[Pose, ...], AfterValidator(_some)] = setting(
@@ -140,7 +139,6 @@ class Path(Guidance):
     start_time: Time = setting(1.0, "s", "time at which the path begins")
 
     name = "path"
-    needs: ClassVar = ("initial.position", "initial.attitude_deg", "initial.joints")
     _inner_keys: ClassVar = {"reference.poses": ("position", "attitude_deg", "dwell")}
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
@@ -157,10 +155,3 @@ class Path(Guidance):
 
     def rest_pose(self, scenario: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
         return self.poses[-1].position, self.poses[-1].attitude_deg or self.attitude_deg
-
-    def notes(self, setup: Any) -> Iterable[str]:
-        yield from start_notes(self, setup)
-
-    @staticmethod
-    def step(settings, state, given, state_dot, out):
-        follow(settings.begins, settings.coefficients, given.t, out)

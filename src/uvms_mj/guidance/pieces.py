@@ -13,14 +13,15 @@ and its derivative follow exactly from the polynomials:
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from ..errors import Fault, InputError
 from ..physics.frames import quat_from_euler_deg
 from ..physics.kernels import kernel
+from .base import Guidance, start_notes
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly  # imported where it is needed: most runs start without SciPy
@@ -31,6 +32,19 @@ _SEARCH = 9  # steps of a binary search among 512
 LARGEST_TURN_DEG = 120.0
 """Largest rotation from a pose to the next. With a larger one Q would come near zero, and the rotation would be
 uneven."""
+
+
+class Followed(Guidance):
+    """Base class of the stages whose reference is a motion of :func:`packed`, which their constants are."""
+
+    needs: ClassVar[tuple[str, ...] | None] = ("initial.position", "initial.attitude_deg", "initial.joints")
+
+    def notes(self, setup: Any) -> Iterable[str]:
+        return start_notes(self, setup)
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        follow(settings.begins, settings.coefficients, given.t, out)
 
 
 def pose_numbers(positions: Sequence[Any], attitudes_deg: Sequence[Any], keys: Sequence[str]) -> np.ndarray:

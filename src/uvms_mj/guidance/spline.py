@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
@@ -14,8 +14,7 @@ from pydantic.dataclasses import dataclass as table
 
 from ..quantities import STRICT, Angles, Position, Time
 from ..stages.base import setting
-from .base import Guidance, start_notes
-from .pieces import clamped, follow, packed, pose_numbers
+from .pieces import Followed, clamped, packed, pose_numbers
 
 MOST_POSES = 250
 
@@ -56,7 +55,7 @@ def _motion(poses: tuple[TimedPose, ...], start: Any, attitudes: tuple[Any, ...]
 
 
 @dataclass(frozen=True)
-class Spline(Guidance):
+class Spline(Followed):
     """Timed poses: quintic splines through positions and attitudes, with feed-forward to the acceleration."""
 
     poses: Annotated[tuple[TimedPose, ...], AfterValidator(_in_time)] = setting(
@@ -70,7 +69,6 @@ class Spline(Guidance):
     )
 
     name = "spline"
-    needs: ClassVar = ("initial.position", "initial.attitude_deg", "initial.joints")
     _inner_keys: ClassVar = {"reference.poses": ("time", "position", "attitude_deg", "dwell")}
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
@@ -84,10 +82,3 @@ class Spline(Guidance):
 
     def rest_pose(self, scenario: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
         return self.poses[-1].position, self.poses[-1].attitude_deg or self.attitude_deg
-
-    def notes(self, setup: Any) -> Iterable[str]:
-        yield from start_notes(self, setup)
-
-    @staticmethod
-    def step(settings, state, given, state_dot, out):
-        follow(settings.begins, settings.coefficients, given.t, out)

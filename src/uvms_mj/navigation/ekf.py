@@ -19,7 +19,7 @@ from .aided import begin, depth_fix, due, estimation_error, heading_fix, positio
 from .base import Navigation
 from .channel import MEMORY, measure
 from .error_state import normalised_square
-from .sensors import Sensors, channel_settings
+from .sensors import channel_faults, channel_of, channel_settings
 
 _AIDS = ("dvl", "depth", "heading", "position")
 _FORCE = ("force", "moment")
@@ -69,7 +69,6 @@ class Ekf(_ForceSensor):
         **{"p": 3, "v": 3, "quat": 4, "omega": 3, "turn": 3, "push": 3, "quat_before": 4, "v_before": 3},
         **{"squares": 1, "updates": 1, "force": MEMORY, "moment": MEMORY},
     }
-    channel = Sensors.channel
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
         """The settings with the rates in samples and instants, the packed channels of the force, and gravity."""
@@ -78,7 +77,7 @@ class Ekf(_ForceSensor):
         step, h = self.period or setup.scenario.simulation.timestep, self.imu_period
         rates = {f"{aid}_samples": float(round(getattr(self, f"{aid}_period") / h)) for aid in _AIDS}
         rates |= {"imu_instants": float(round(h / step)), "interval": h}
-        force = {quantity: self.channel(quantity).packed(step) for quantity in _FORCE}
+        force = {quantity: channel_of(self, quantity).packed(step) for quantity in _FORCE}
         return {**numbers, **rates, **force, "gravity_W": setup.gravity_W}
 
     def faults(self, setup: Any) -> Iterator[Fault]:
@@ -86,13 +85,11 @@ class Ekf(_ForceSensor):
         yield from _odd("imu", h, step, "the period of this stage")
         for aid in _AIDS:
             yield from _odd(aid, getattr(self, f"{aid}_period"), h, "imu_period")
-        for quantity in _FORCE:
-            for name, wrong in self.channel(quantity).faults(step):
-                yield Fault(f"navigation.{quantity}_{name}", wrong)
+        yield from channel_faults(self, _FORCE, step)
 
     @property
     def force_timing(self) -> tuple[float | None, float]:
-        force = self.channel("force")
+        force = channel_of(self, "force")
         return force.period, force.delay + 0.5 * force.jitter
 
     def rest_errors(self, setup: Any) -> str:

@@ -19,7 +19,7 @@ one depends on the thrust that the measurement decides.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -86,6 +86,20 @@ def channel_settings(*quantities: str, frame: str = "") -> Iterator[tuple[str, A
         yield from ((f"{quantity}_{name}", *field) for name, field in fields.items())
 
 
+def channel_of(stage: Any, quantity: str) -> Channel:
+    """The channel of a quantity, by the settings of a stage."""
+    names = (field.name for field in dataclasses.fields(Channel))
+    given: dict[str, Any] = {name: getattr(stage, f"{quantity}_{name}", 0.0) for name in names}
+    return Channel(**given)
+
+
+def channel_faults(stage: Any, quantities: Iterable[str], step: float) -> Iterator[Fault]:
+    """Errors of channels for the time between two instants of the stage [s]."""
+    for quantity in quantities:
+        for name, wrong in channel_of(stage, quantity).faults(step):
+            yield Fault(f"{stage.room.table}.{quantity}_{name}", wrong)
+
+
 _SETTINGS = list(channel_settings(*QUANTITIES))
 _Channels: Any = dataclasses.make_dataclass("_Channels", _SETTINGS, bases=(Navigation,), frozen=True)
 
@@ -111,9 +125,7 @@ class Sensors(_Channels):
 
     def channel(self, quantity: str) -> Channel:
         """The channel of a quantity."""
-        names = (field.name for field in dataclasses.fields(Channel))
-        given: dict[str, Any] = {name: getattr(self, f"{quantity}_{name}", 0.0) for name in names}
-        return Channel(**given)
+        return channel_of(self, quantity)
 
     @property
     def white_channels(self) -> Mapping[str, Channel]:
@@ -133,10 +145,7 @@ class Sensors(_Channels):
         return {**channels, **kept, "plain_wrench": self.plain_wrench}
 
     def faults(self, setup: Any) -> Iterator[Fault]:
-        step = self.period or setup.scenario.simulation.timestep
-        for quantity in QUANTITIES:
-            for name, wrong in self.channel(quantity).faults(step):
-                yield Fault(f"navigation.{quantity}_{name}", wrong)
+        return channel_faults(self, QUANTITIES, self.period or setup.scenario.simulation.timestep)
 
     @property
     def force_timing(self) -> tuple[float | None, float]:

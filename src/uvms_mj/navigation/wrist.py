@@ -29,8 +29,8 @@ from ..errors import Fault, InputError
 from ..quantities import Lowercase
 from ..stages.base import Room, Stage, setting
 from ..stages.joint_signals import WRIST_READING, wrist_given
-from .channel import MEMORY, Channel, measure
-from .sensors import channel_settings
+from .channel import MEMORY, measure
+from .sensors import channel_faults, channel_of, channel_settings
 
 QUANTITIES = ("force", "moment")
 
@@ -117,23 +117,14 @@ class WristSensor(_Channels):
     needs: ClassVar = ("simulation.timestep", "controller.period")
     memory: ClassVar = dict.fromkeys(QUANTITIES, MEMORY)
 
-    def channel(self, quantity: str) -> Channel:
-        """The channel of force or moment."""
-        names = (field.name for field in dataclasses.fields(Channel))
-        given: dict[str, Any] = {name: getattr(self, f"{quantity}_{name}", 0.0) for name in names}
-        return Channel(**given)
-
     def constants(self, setup: Any) -> Mapping[str, Any]:
         """The packed channels by quantity."""
         step = self.period or setup.scenario.control_period
-        return {quantity: self.channel(quantity).packed(step) for quantity in QUANTITIES}
+        return {quantity: channel_of(self, quantity).packed(step) for quantity in QUANTITIES}
 
     def faults(self, setup: Any) -> Iterator[Fault]:
         yield from super().faults(setup)
-        step = self.period or setup.scenario.control_period
-        for quantity in QUANTITIES:
-            for name, wrong in self.channel(quantity).faults(step):
-                yield Fault(f"wrist.{quantity}_{name}", wrong)
+        yield from channel_faults(self, QUANTITIES, self.period or setup.scenario.control_period)
 
     @staticmethod
     def step(settings, state, given, state_dot, reading):

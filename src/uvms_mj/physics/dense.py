@@ -22,16 +22,16 @@ from .kernels import kernel
 def cholesky(M, N, L):
     """Set the lower triangle of L (N, N) to the factor of M (N, N), with the reciprocals of its diagonal. Only the
     lower triangle of M is read. L may be M."""
-    for i in range(N):
-        for j in range(i):
+    for j in range(N):
+        x = M[N * j + j]
+        for k in range(j):
+            x -= L[N * j + k] * L[N * j + k]
+        L[N * j + j] = 1.0 / math.sqrt(x) if x > 0.0 else math.nan
+        for i in range(j + 1, N):
             x = M[N * i + j]
             for k in range(j):
                 x -= L[N * i + k] * L[N * j + k]
             L[N * i + j] = x * L[N * j + j]
-        x = M[N * i + i]
-        for k in range(i):
-            x -= L[N * i + k] * L[N * i + k]
-        L[N * i + i] = 1.0 / math.sqrt(x) if x > 0.0 else math.nan
 
 
 @kernel
@@ -96,18 +96,17 @@ def product(A, rows, inner, B, columns, out):
     """Set out (rows, columns) to A B, for A (rows, inner) and B (inner, columns); out is neither of them."""
     for i in range(rows):
         for c in range(columns):
-            out[columns * i + c] = 0.0
-        for k in range(inner):
-            scale = A[inner * i + k]
-            for c in range(columns):
-                out[columns * i + c] += scale * B[columns * k + c]
+            x = 0.0
+            for k in range(inner):
+                x += A[inner * i + k] * B[columns * k + c]
+            out[columns * i + c] = x
 
 
 @kernel
 def transposed_product(A, rows, inner, x, out):
     """Set out (inner,) to A^T x, for A (rows, inner) and x (rows,); out is not x."""
     for i in range(inner):
-        out[i] = 0.0
-    for k in range(rows):
-        for i in range(inner):
-            out[i] += A[inner * k + i] * x[k]
+        y = 0.0
+        for k in range(rows):
+            y += A[inner * k + i] * x[k]
+        out[i] = y

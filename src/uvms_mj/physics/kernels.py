@@ -17,3 +17,18 @@ def kernel(function: Function) -> Function:
     """
     kernels.append(function)
     return function
+
+
+fused_kernels: set[Callable] = set()
+"""All functions marked with :func:`fused`."""
+
+
+def fused(function: Function) -> Function:
+    """Mark a kernel in which, and in all that it calls, a product and a sum may be rounded once, as a fused
+    multiply-add.
+
+    It takes a tenth less time, and its last digits may differ from those of plain Python and of another processor. The
+    kernels of a vehicle with joints are fused. Those of a rigid vehicle are not.
+    """
+    fused_kernels.add(function)
+    return kernel(function)

@@ -49,28 +49,6 @@ TOOL = np.dtype(
 
 
 @kernel
-def tool_in_base(tool, link):
-    """Set the pose of a tool in B from that of its link."""
-    R, p, own, out = link.R_BL, tool.p_LT, tool.R_LT, tool.R_BT
-    for i in range(3):
-        a, b, c = R[i, 0], R[i, 1], R[i, 2]
-        tool.p_BT[i] = link.p_BL[i] + a * p[0] + b * p[1] + c * p[2]
-        for j in range(3):
-            out[i, j] = a * own[0, j] + b * own[1, j] + c * own[2, j]
-
-
-@kernel
-def tool_in_world(tool, p_WB, R_WB, p_WT, R_WT):
-    """Set the pose of a tool in W, p_WT (3,) and R_WT (3, 3), from that of B."""
-    p, own = tool.p_BT, tool.R_BT
-    for i in range(3):
-        a, b, c = R_WB[i, 0], R_WB[i, 1], R_WB[i, 2]
-        p_WT[i] = p_WB[i] + a * p[0] + b * p[1] + c * p[2]
-        for j in range(3):
-            R_WT[i, j] = a * own[0, j] + b * own[1, j] + c * own[2, j]
-
-
-@kernel
 def base_rows(tool, J_T):
     """Set the first six rows of J^T: the velocity of T by that of the base."""
     R, p = tool.R_BT, tool.p_BT
@@ -83,46 +61,6 @@ def base_rows(tool, J_T):
         J_T[18 + i] = p[1] * z - p[2] * y  # R^T (omega x p)
         J_T[24 + i] = p[2] * x - p[0] * z
         J_T[30 + i] = p[0] * y - p[1] * x
-
-
-@kernel
-def joint_row(tool, link, row, J_T):
-    """Set a row of J^T: the velocity of T by the joint of one of the links that carry it."""
-    R, S, own, p = tool.R_BT, link.S, link.R_BL, link.p_BL
-    x, y, z = tool.p_BT[0] - p[0], tool.p_BT[1] - p[1], tool.p_BT[2] - p[2]
-    a = own[0, 0] * S[3] + own[0, 1] * S[4] + own[0, 2] * S[5]
-    b = own[1, 0] * S[3] + own[1, 1] * S[4] + own[1, 2] * S[5]
-    c = own[2, 0] * S[3] + own[2, 1] * S[4] + own[2, 2] * S[5]
-    v_x = own[0, 0] * S[0] + own[0, 1] * S[1] + own[0, 2] * S[2] + b * z - c * y
-    v_y = own[1, 0] * S[0] + own[1, 1] * S[1] + own[1, 2] * S[2] + c * x - a * z
-    v_z = own[2, 0] * S[0] + own[2, 1] * S[1] + own[2, 2] * S[2] + a * y - b * x
-    for i in range(3):
-        J_T[6 * row + i] = R[0, i] * v_x + R[1, i] * v_y + R[2, i] * v_z
-        J_T[6 * row + 3 + i] = R[0, i] * a + R[1, i] * b + R[2, i] * c
-
-
-@kernel
-def at_tool(tool, of_link, out):
-    """Set out (6,) to a velocity or an acceleration of the tool's link, as one of T in T."""
-    R, p, a = tool.R_LT, tool.p_LT, of_link
-    x = a[0] + a[4] * p[2] - a[5] * p[1]
-    y = a[1] + a[5] * p[0] - a[3] * p[2]
-    z = a[2] + a[3] * p[1] - a[4] * p[0]
-    for i in range(3):
-        out[i] = R[0, i] * x + R[1, i] * y + R[2, i] * z
-        out[3 + i] = R[0, i] * a[3] + R[1, i] * a[4] + R[2, i] * a[5]
-
-
-@kernel
-def wrench_at_tool(tool, f, out):
-    """Set out (6,) to a wrench f (6,) at B's origin, in B, as one at T's origin, in T."""
-    R, p = tool.R_BT, tool.p_BT
-    x = f[3] - (p[1] * f[2] - p[2] * f[1])
-    y = f[4] - (p[2] * f[0] - p[0] * f[2])
-    z = f[5] - (p[0] * f[1] - p[1] * f[0])
-    for i in range(3):
-        out[i] = R[0, i] * f[0] + R[1, i] * f[1] + R[2, i] * f[2]
-        out[3 + i] = R[0, i] * x + R[1, i] * y + R[2, i] * z
 
 
 @kernel

@@ -1,14 +1,16 @@
 """Settings of a plant: the vehicle, its simulation, its initial state and the wall. :mod:`.water` has the
 others."""
 
+import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
+from ..errors import Fault
 from ..quantities import (
     STRICT,
     Angles,
@@ -100,6 +102,19 @@ class Wall:
         "b_t of sticking friction [N s/m]; default: critical for the lightest motion along the face", None
     )
     present: bool = doc("false: this wall is not there", True)
+
+    @property
+    def without_effect(self) -> list[str]:
+        """The keys of a wall that is not there and that differ from their defaults."""
+        keys = [] if self.present else [f for f in dataclasses.fields(self) if getattr(self, f.name) != f.default]
+        return [f"wall.{f.name}" for f in keys if f.name != "present"]
+
+    def overridden_in_vain(self, overrides: Collection[str]) -> list[Fault]:
+        """Errors for overrides of a wall that is not there. They may stand beside one of ``wall.present``."""
+        if self.present or "wall.present" in overrides:
+            return []
+        instead = "wall.present is false; set it to true, or set a key of the further walls, walls[0].stiffness"
+        return [Fault(key, f"has no effect: {instead}") for key in overrides if key.startswith("wall.")]
 
 
 def lightest_along_face(M: np.ndarray, R_WB: np.ndarray, reach: float) -> float:

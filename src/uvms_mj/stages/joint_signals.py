@@ -36,6 +36,13 @@ def joint_torque_signal(n: int) -> Signal:
     return Signal("tau_q", (n,), _EFFORT, "-", "torque of each joint's motor")
 
 
+def joint_saturation_signal(n: int) -> Signal:
+    """The running signal of the motors' limits."""
+    return Signal(
+        "joint_saturation_time", (n,), "s", "-", "time with each joint's motor at its limit of torque or speed"
+    )
+
+
 def joints_given(n: int) -> tuple[Signal, ...]:
     """Given to the interface of n joints."""
     return (
@@ -64,7 +71,9 @@ JOINT_SIGNALS = (
     joint_torque_signal(0),
     *encoder_signals(0),
     joint_command_signal(0),
+    joint_saturation_signal(0),
     WRIST_TRUE,
     WRIST_READING,
 )
-"""Recorded of a vehicle with joints: always q, q_dot and tau_q; the others where they may differ from these."""
+"""Recorded of a vehicle with joints: always q, q_dot, tau_q and joint_saturation_time; the
+others where they may differ from these."""

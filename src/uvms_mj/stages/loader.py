@@ -86,6 +86,53 @@ class Choice(Generic[_Stage]):
         except InputError:
             return None
 
+    def replaced(
+        self,
+        table: Mapping[str, Any],
+        source: Any,
+        overrides: Collection[str],
+        others: Collection[str],
+        left_out: list[str],
+    ) -> dict[str, Any]:
+        """The table for the stage ``source``. It has the settings of a table that belongs to it: by its name, or by its
+        settings if it has no name; any table may have the keys ``others``. Otherwise a sentence with the settings that
+        no override sets is appended to ``left_out``."""
+        if "name" in table:
+            belongs = _absolute(table["name"]) == _absolute(source)
+        else:
+            settings = self.settings(source)
+            belongs = settings is None or set(table) <= {*settings, *others}
+        if belongs:
+            return {**table, "name": source}
+        name, old = self.base.room.table, table.get("name", self.default.name)
+        keys = [key for word in self._beyond_defaults(table) if (key := f"{name}.{word}") not in overrides]
+        if keys:
+            are = f"{', '.join(keys)} {'is' if len(keys) == 1 else 'are'} left out"
+            left_out.append(f"{name}.name: {source} takes the place of {old}, so {are}")
+        return {"name": source}
+
+    def _beyond_defaults(self, table: Mapping[str, Any]) -> list[str]:
+        """The settings of a table that are not defaults of its shipped stage; all settings of a user's stage."""
+        settings = [key for key in table if key != "name"]
+        cls = self.shipped.get(str(table.get("name", self.default.name)))
+        if cls is None:
+            return settings
+        given = {f.name: table[f.name] for f in cls.setting_fields() if f.name in table}
+
+        def made(without: str = "") -> _Stage | None:
+            try:
+                return stage_of(cls, {key: value for key, value in given.items() if key != without})
+            except InputError:
+                return None
+
+        stage = made()
+        return [key for key in settings if key not in given or stage is None or stage != made(key)]
+
+
+def _absolute(source: Any) -> Any:
+    """The source with an absolute path, so that two spellings of one file compare equal."""
+    return str(Path(source).absolute()) if isinstance(source, str) and ".py:" in source else source
+
 
 def stage_of(
     cls: type[_Stage], settings: Mapping[str, Any], others: Mapping[str, type[_Stage]] | None = None

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-OF_JOINTS = ("q", "q_dot", "tau_q", "q_m", "q_dot_m", "tau_q_cmd")
+OF_JOINTS = ("q", "q_dot", "tau_q", "q_m", "q_dot_m", "tau_q_cmd", "joint_saturation_time")
 """Signals with one number a joint."""
 OWN_UNIT = "law's own"
 """Unit shown for a state or gain of a law that declares none."""

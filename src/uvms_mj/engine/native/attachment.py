@@ -15,7 +15,7 @@ from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses, notes_
 from ...plant.water import Current, Disturbance, Tether
 from .callback import entry_point
 from .layouts import CONTEXT
-from .links import water_links
+from .links import frame_records, water_links
 from .memory import CAPACITY, registry
 from .motion import Motion, finite_numbers
 from .soundness import refuse_unsound
@@ -245,16 +245,15 @@ def _fill_links(
 ) -> dict[str, np.ndarray]:
     """Set what the callback needs of the links. Returns the arrays whose addresses are in the record."""
     qpos, dof = free_joint_addresses(model, body_id)
-    links, n = water_links(vehicle), len(vehicle.arm.links)
+    links, frames, n = water_links(vehicle), frame_records(vehicle), len(vehicle.arm.links)
     first = int(model.M_rowadr[dof])
     rows = np.array([0, *(model.M_rowadr[dof + 6 : dof + 6 + n] - first)], dtype=np.int64)
     size = int(rows[-1] + model.M_rownnz[dof + 5 + n])
     numbers = [int(model.body_dofadr[link.body_id]) for link in vehicle.arm.links]
-    full = model.M_rownnz[dof + 6 : dof + 6 + n] == 6 + links["depth"][1:]
+    full = model.M_rownnz[dof + 6 : dof + 6 + n] == 6 + frames["depth"][1:]
     if numbers != list(range(dof + 6, dof + 6 + n)) or not full.all():
         raise RuntimeError(f"uvms-mj does not support the layout of mjData.M in MuJoCo {mujoco.__version__}")
     arrays = {
-        "M_left_at": np.zeros(size),
         "M_rows_at": rows,
         "wrench_at": np.zeros(6 + n),
         "joints_before_at": np.zeros(n),
@@ -262,11 +261,12 @@ def _fill_links(
     }
     for name, array in arrays.items():
         context[name] = array.ctypes.data
-    context["tree"]["links_at"], context["tree"]["links"] = links.ctypes.data, 1 + n
+    tree = context["tree"]
+    tree["links"], tree["links_at"], tree["frames_at"] = 1 + n, links.ctypes.data, frames.ctypes.data
     context["gravity_W"], context["M_size"] = model.opt.gravity, size
     context["q_at"] = data.qpos[qpos + 7 :].ctypes.data
     context["q_dot_at"] = data.qvel[dof + 6 :].ctypes.data
-    return arrays | {"links": links}
+    return arrays | {"links": links, "frames": frames}
 
 
 def _factors_alone(model: mujoco.MjModel, data: mujoco.MjData, body_id: int) -> bool:

@@ -97,10 +97,15 @@ def drive_joints(loop, ctrl):
     wanted, tau_q, q_dot = floats(loop.wanted_at, n), floats(loop.tau_q_at, n), floats(loop.q_dot_at, n)
     effort, speed_limit = floats(loop.effort_at, n), floats(loop.speed_limit_at, n)
     index, torque_of_ctrl = integers(loop.motor_index_at, n), floats(loop.torque_of_ctrl_at, n)
+    saturation, saturation_next = floats(loop.saturation_at, n), floats(loop.saturation_next_at, n)
     for k in range(n):
         tau_q[k] = deliverable(wanted[k], q_dot[k], effort[k], speed_limit[k])
         if index[k] >= 0:
             ctrl[index[k]] = tau_q[k] / torque_of_ctrl[k]
+            saturation[k] = saturation_next[k]
+            most = deliverable(2.0 * wanted[k], q_dot[k], effort[k], speed_limit[k])
+            if tau_q[k] == most and wanted[k] != 0.0:  # the motor would give no more
+                saturation_next[k] += loop.timestep
 
 
 @kernel

@@ -1,11 +1,11 @@
 """Contacts at the tool and on links: poses and velocities of their carriers, and the links that their forces act on."""
 
-from ...physics.carriers import add_turned, arrive, ride, ride_joint, stand_on
+from ...physics.carriers import arrive, ride
 from ...physics.contact import wrench_at_origin
-from ...physics.frames import to_world
+from ...physics.frames import add_wrench_from, compose_poses, to_world
 from ...physics.kernels import kernel
-from .layouts import CARRIER_SIZE, LINK_SIZE
-from .memory import carrier_at, floats, link_at
+from .layouts import CARRIER_SIZE, FRAME_SIZE, LINK_SIZE
+from .memory import carrier_at, floats, frame_at, link_at
 
 
 @kernel
@@ -19,14 +19,15 @@ def place_carriers(context, loop):
         if carrier.link == 0:
             ride(carrier, true.p_WB, true.R_WB, true.nu)
         else:
-            own = link_at(tree.links_at + LINK_SIZE * carrier.link)
-            stand_on(carrier, own.p_BL, own.R_BL)
+            own = frame_at(tree.frames_at + FRAME_SIZE * carrier.link)
+            compose_poses(own.R_BL, own.p_BL, carrier.R_LC, carrier.p_LC, carrier.R_BC, carrier.p_BC)
             ride(carrier, true.p_WB, true.R_WB, true.nu)
             above = carrier.link
             for _ in range(own.depth):
-                link = link_at(tree.links_at + LINK_SIZE * above)
-                ride_joint(carrier, link, q_dot[above - 1])
-                above = link.parent
+                frame = frame_at(tree.frames_at + FRAME_SIZE * above)
+                for i in range(6):
+                    carrier.V[i] += frame.S[i] * q_dot[above - 1]
+                above = frame.parent
         arrive(carrier)
 
 
@@ -55,15 +56,15 @@ def press_links(context, loop):
         loop.f_carried_W[i] = 0.0
     for k in range(context.carriers):
         carrier = carrier_at(loop.carriers_at + CARRIER_SIZE * k)
-        add_turned(carrier.R_BC, carrier.p_BC, carrier.tau, true.tau_contact_B)
+        add_wrench_from(carrier.R_BC, carrier.p_BC, carrier.tau, true.tau_contact_B)
         to_world(carrier.R_WC, carrier.applied, context.work)
         for i in range(3):
             loop.f_carried_W[i] += context.work[i]
         if carrier.link == 0:
-            add_turned(carrier.R_BC, carrier.p_BC, carrier.applied, tau_B)
+            add_wrench_from(carrier.R_BC, carrier.p_BC, carrier.applied, tau_B)
         else:
             link = link_at(context.tree.links_at + LINK_SIZE * carrier.link)
-            add_turned(carrier.R_LC, carrier.p_LC, carrier.applied, link.f_ext)
+            add_wrench_from(carrier.R_BC, carrier.p_BC, carrier.applied, link.f_ext)
     to_world(true.R_WB, true.tau_contact_B, true.f_contact_W)
     to_world(true.R_WB, tau_B, context.f_pairs_W)
 

@@ -32,8 +32,9 @@ class Expressions:
     at: ir.IRBuilder
     entry: ir.IRBuilder
 
-    def __init__(self, function: types.FunctionType, call: Callable[..., Value | None]) -> None:
+    def __init__(self, function: types.FunctionType, call: Callable[..., Value | None], fused: bool) -> None:
         self.function, self.call_function = function, call
+        self.rounding = ("contract",) if fused else ()  # of a sum of products: once, or at each operation
         self.variables: dict[str, tuple[Kind, list[ir.Value]]] = {}
         self.names = {name: value for names in inspect.getclosurevars(function)[2::-1] for name, value in names.items()}
         self.line = 1
@@ -155,7 +156,9 @@ class Expressions:
         a, b = self.converted(left, base), self.converted(right, base)
         if name in ("Add", "Sub", "Mult"):
             name = {"Mult": "mul"}.get(name, name.lower())
-            return scalar(getattr(self.at, f"f{name}" if floats else name)(a, b), base)
+            if floats:
+                return scalar(getattr(self.at, f"f{name}")(a, b, flags=self.rounding), FLOAT)
+            return scalar(getattr(self.at, name)(a, b), INT)
         if name == "Div":
             return scalar(self.at.fdiv(a, b), FLOAT)
         if not floats and name in _BITS:
@@ -250,7 +253,7 @@ class Expressions:
             return INTRINSICS[function](self.at, [self.converted(each, INT) for each in arguments])
         if not isinstance(function, types.FunctionType):
             self.refuse(f"kernels can't call {ast.unparse(node.func)}")
-        return self.call_function(self.at, function, arguments)
+        return self.call_function(self.at, function, arguments, fused=bool(self.rounding))
 
     def _better(self, operator: str, best: Value, other: Value) -> Value:
         """As in Python: the first one, unless the other one is less (greater)."""

@@ -9,7 +9,7 @@ from ...physics.operational import TOOL
 from ...physics.pairs import PAIR
 from ...physics.posture import WORK
 from ...physics.surfaces import SURFACE
-from ...physics.tree import LINK
+from ...physics.tree import FRAME, LINK
 from ...physics.varying import varying
 from ...stages.signals import CLOCK, GIVEN, KNOWN, RECORDED, TRUE, record_dtype
 
@@ -22,13 +22,15 @@ _OTHERS |= {"tau_cmd", "f_contact_m_W", *(CONTACT.names or ())}
 ROW = record_dtype(tuple(s for s in RECORDED if s.name in ("t", "f_contact_W") or s.name not in _OTHERS))
 """The recorded signals that the core computes; all others lie where a stage or the contact has set them."""
 
-TREE = np.dtype([("links_at", "i8"), ("links", "i8")], align=True)
-"""A tree of LINK records, one after the other, base first. A rigid vehicle has none."""
-LINK_SIZE = LINK.itemsize
+TREE = np.dtype([("links", "i8"), ("links_at", "i8"), ("frames_at", "i8"), ("gravity_B", "f8", (3,))], align=True)
+"""A tree: LINK records one after the other, base first, FRAME records likewise, and the acceleration of gravity in B
+[m/s^2]. A rigid vehicle has no links."""
+LINK_SIZE, FRAME_SIZE = LINK.itemsize, FRAME.itemsize
 
 _MODEL = [
     ("tree", TREE),
     ("n", "i8"),  # joints
+    ("places", "i8"),  # whether the frames of the tree are its own
     ("tool", TOOL),
     ("gravity_W", "f8", (3,)),
     ("q_at", "i8"),  # (n,) measured position and velocity of the joints
@@ -46,6 +48,7 @@ _MODEL = [
     ("MJ_T_at", "i8"),  # (N, 6) M^-1 J^T
     ("tau_posture_at", "i8"),  # (N,) of them, what the posture adds
     ("posture", WORK),
+    ("M_BB", "f8", (6, 6)),
     ("L_task", "f8", (36,)),
     ("Lambda", "f8", (36,)),
     ("manipulability", "f8", (1,)),
@@ -98,11 +101,11 @@ CONTEXT = np.dtype(
         ("carriers", "i8"),  # frames of contacts, if there are others than B
         # of a vehicle with joints
         ("tree", TREE),  # the water on its links
+        ("M_BB", "f8", (6, 6)),  # added mass of all links, about B's origin in B
         ("gravity_W", "f8", (3,)),
         ("q_at", "i8"),  # of MuJoCo
         ("q_dot_at", "i8"),
         ("M_size", "i8"),  # entries of mjData.M of the whole tree
-        ("M_left_at", "i8"),  # they after the callback
         ("M_rows_at", "i8"),  # where the row of each link begins in them
         ("wrench_at", "i8"),  # (6 + n,) generalised wrench of the water, in B
         ("joints_before_at", "i8"),  # (n,) qfrc_passive before the callback
@@ -140,16 +143,14 @@ WRIST = np.dtype(
         ("rigid", TREE),  # true inertia of the links
         ("wet", TREE),  # true water on them
         ("model", TREE),  # estimates of both
-        ("link", "i8"),  # index of the link behind the sensor
-        ("p_LS", "f8", (3,)),  # pose of the sensor in the link's frame
-        ("R_LS", "f8", (3, 3)),
+        ("sensor", TOOL),  # its frame S on the link behind it
         ("gravity_W", "f8", (3,)),
         ("weighs", "i8"),  # whether the model has weight, and motion
         ("dynamic", "i8"),
         ("context_at", "i8"),  # CONTEXT
         ("n", "i8"),  # joints
-        ("q_at", "i8"),  # (n,) true
-        ("q_dot_at", "i8"),
+        ("places", "i8"),  # whether the frames of the model are its own
+        ("q_dot_at", "i8"),  # (n,) true
         ("q_ddot_at", "i8"),
         ("q_m_at", "i8"),  # (n,) measured
         ("q_dot_m_at", "i8"),
@@ -250,6 +251,8 @@ LOOP = np.dtype(
         ("speed_limit_at", "i8"),
         ("motor_index_at", "i8"),  # in ctrl, -1 without a motor
         ("torque_of_ctrl_at", "i8"),
+        ("saturation_at", "i8"),  # time at the motors' limits until t_k
+        ("saturation_next_at", "i8"),  # and until t_(k+1)
         ("q_safe_at", "i8"),  # initial positions
         ("tau_before", "f8", (6,)),
         # the current step

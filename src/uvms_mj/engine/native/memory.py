@@ -13,7 +13,7 @@ import numpy as np
 from ...physics.carriers import CARRIER
 from ...physics.pairs import PAIR
 from ...physics.surfaces import SURFACE
-from ...physics.tree import LINK
+from ...physics.tree import FRAME, LINK
 from .layouts import CLOCKS, CONTEXT, LOOP, STAGE
 
 CAPACITY = 1024
@@ -51,7 +51,7 @@ def mj_factorM(model: int, data: int) -> None:
 
 def floats(address: int, n: int) -> np.ndarray:
     """The n float64 numbers at an address."""
-    return np.ctypeslib.as_array((ctypes.c_double * n).from_address(address))
+    return np.ctypeslib.as_array((ctypes.c_double * n).from_address(int(address)))
 
 
 def triples(address: int, n: int) -> np.ndarray:
@@ -61,21 +61,21 @@ def triples(address: int, n: int) -> np.ndarray:
 
 def integers(address: int, n: int) -> np.ndarray:
     """The n int64 numbers at an address."""
-    return np.ctypeslib.as_array((ctypes.c_int64 * n).from_address(address))
+    return np.ctypeslib.as_array((ctypes.c_int64 * n).from_address(int(address)))
 
 
 def _reader(dtype: np.dtype) -> Callable[[int], Any]:
     """A function that gives the record at an address."""
 
     def record_at(address: int) -> Any:
-        memory = (ctypes.c_char * dtype.itemsize).from_address(address)
+        memory = (ctypes.c_char * dtype.itemsize).from_address(int(address))
         return np.frombuffer(memoryview(memory), dtype).view(np.recarray)[0]
 
     return record_at
 
 
-RECORDS = {_reader(dtype): dtype for dtype in (CONTEXT, LOOP, STAGE, CLOCKS, PAIR, SURFACE, LINK, CARRIER)}
-context_at, loop_at, stage_at, clock_at, pair_at, surface_at, link_at, carrier_at = RECORDS
+RECORDS = {_reader(dtype): dtype for dtype in (CONTEXT, LOOP, STAGE, CLOCKS, PAIR, SURFACE, LINK, FRAME, CARRIER)}
+context_at, loop_at, stage_at, clock_at, pair_at, surface_at, link_at, frame_at, carrier_at = RECORDS
 
 
 def registered() -> np.ndarray:

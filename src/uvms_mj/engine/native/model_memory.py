@@ -9,7 +9,7 @@ from ...plant.vehicle import Vehicle
 from ...stages.signals import CLOCK, KNOWN, MANIPULABILITY, TOOL, Signal, record_dtype
 from .joints import Joints
 from .layouts import model_dtype
-from .links import estimate_links, find_diagonals, link_records
+from .links import estimate_links, find_diagonals, frame_records, link_records
 from .posture import PostureBelowTool, PostureBesideBase
 from .task_frame import ModelAtBody, ModelAtTool, ResolveAtBody, ResolveAtTool
 
@@ -31,7 +31,10 @@ class ModelMemory:
             site = arm.sites[frame]
             tool["link"], tool["p_LT"], tool["R_LT"] = site.link + 1, site.p, site.R
         self.record["n"], self.record["gravity_W"] = n, setup.gravity_W
-        self.record["tree"]["links"], self.record["tree"]["links_at"] = n + 1, self.links.ctypes.data
+        self._frames, self.record["places"] = frame_records(vehicle), joints.encoded
+        tree, own = self.record["tree"], joints.encoded or n == 0
+        tree["links"], tree["links_at"] = n + 1, self.links.ctypes.data
+        tree["frames_at"] = self._frames.ctypes.data if own else joints.frames_at
         sizes = {"M": N * N, "L": N * N, "J_T": 6 * N, "MJ_T": 6 * N, "C": N, "D": N, "g": N}
         sizes |= {"tau_posture": N, "armature": n, "gear": n}
         self.arrays = {name: np.zeros(size) for name, size in sizes.items()}

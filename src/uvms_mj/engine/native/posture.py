@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 from ...control.posture import posture_constants
 from ...physics.dense import cholesky, inverse, product
-from ...physics.kernels import kernel
+from ...physics.kernels import fused, kernel
 from ...physics.posture import free_of_base, free_of_tool, posture
 from ...stages.base import Room, Stage
 from ...stages.signals import CLOCK, KNOWN, Signal
@@ -37,6 +37,7 @@ class PostureBelowTool(Stage):
         return posture_constants(setup)
 
     @staticmethod
+    @fused
     def step(settings, state, given, state_dot, out):
         N, own = state.tau.shape[0], state.posture
         M, q = floats(state.M_at, N * N), floats(state.q_at, state.n)
@@ -62,6 +63,7 @@ class PostureBesideBase(PostureBelowTool):
     name = "posture_beside_base"
 
     @staticmethod
+    @fused
     def step(settings, state, given, state_dot, out):
         N, own = state.tau.shape[0], state.posture
         M, L, q = floats(state.M_at, N * N), floats(state.L_at, N * N), floats(state.q_at, state.n)

@@ -40,7 +40,7 @@ class RunMemory:
         self.context_at = self.context.ctypes.data
         vehicle, memory = setup.vehicle, engine.memory
         n = len(vehicle.thrusters)
-        self.joints = Joints(setup)
+        self.joints = Joints(setup, self.context)
         self.wrist = WristMemory(setup, self.joints, self.context) if setup.scenario.wrist.runs else None
         self.contacts = ContactList(setup)
         outside = self.loop["true"], self.context["water"], self.joints, self.wrist, self.contacts.carriers

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ...control.task import tracking_errors
-from ...physics.frames import attitude
-from ...physics.kernels import kernel
-from ...physics.operational import resolve, tool_in_world, wrench_at_tool
+from ...physics.frames import attitude, compose_poses, wrench_at
+from ...physics.kernels import fused, kernel
+from ...physics.operational import resolve
 from ...stages.base import Room, Stage
 from ...stages.signals import CLOCK, ERRORS, ESTIMATES, KNOWN, REFERENCE, TOOL, TRUE, WRENCH_COMMAND
 from .law_model import (
@@ -59,6 +59,7 @@ class ModelAtBody(Stage):
         return {"every": instants(setup)}
 
     @staticmethod
+    @fused
     def step(settings, state, given, state_dot, out):
         move_model(state, given.R_WB, given.nu)
         if given.instant % int(settings.every) == 0:
@@ -80,6 +81,7 @@ class ModelAtTool(Stage):
         return {"every": instants(setup)}
 
     @staticmethod
+    @fused
     def step(settings, state, given, state_dot, out):
         move_model(state, given.R_WB, given.nu)
         place_tool(state)
@@ -88,13 +90,14 @@ class ModelAtTool(Stage):
             estimate_lambda(state)
         estimate_wrenches(state)
         estimate_at_tool(state, out)
-        tool_in_world(state.tool, given.p_WB, given.R_WB, out.p_WB, out.R_WB)
+        tool = state.tool
+        compose_poses(given.R_WB, given.p_WB, tool.R_BT, tool.p_BT, out.R_WB, out.p_WB)
         attitude(out.R_WB, out.quat_WB)
         for i in range(3):
             out.f_contact_m_W[i] = given.f_contact_m_W[i]
         for i in range(6):
             out.nu[i] = state.nu_T[i]
-        wrench_at_tool(state.tool, given.tau_contact_m_B, out.tau_contact_m_B)
+        wrench_at(tool.R_BT, tool.p_BT, given.tau_contact_m_B, out.tau_contact_m_B)
 
 
 @dataclass(frozen=True)
@@ -137,6 +140,7 @@ class ResolveAtTool(Stage):
     room: ClassVar[Room] = Room("control", "resolve", lambda thrusters: (*CLOCK, WRENCH_COMMAND), (WRENCH_COMMAND,))
 
     @staticmethod
+    @fused
     def step(settings, state, given, state_dot, out):
         tau = state.tau
         resolve(floats(state.J_T_at, 6 * state.tau.shape[0]), state.tau.shape[0], given.tau_cmd, tau)

@@ -18,6 +18,7 @@ from collections.abc import Sequence
 import numpy as np
 from llvmlite import ir
 
+from ...physics.kernels import fused_kernels
 from .expressions import Expressions
 from .values import BOOL, BYTE, FLAG, INT, NUMBERS, POINTER, SCALARS, WORD, Kind, Value, scalar, view
 
@@ -48,17 +49,19 @@ class _Unit:
         self.module = ir.Module(name)
         self._done: dict[tuple, tuple[ir.Function, np.dtype | None]] = {}
 
-    def call(self, builder: ir.IRBuilder, function: types.FunctionType, arguments: Sequence[Value]) -> Value | None:
-        kinds = tuple(argument.kind for argument in arguments)
-        if (function, kinds) not in self._done:
+    def call(
+        self, builder: ir.IRBuilder, function: types.FunctionType, arguments: Sequence[Value], fused: bool = False
+    ) -> Value | None:
+        kinds, fused = tuple(argument.kind for argument in arguments), fused or function in fused_kernels
+        if (function, kinds, fused) not in self._done:
             returns = NUMBERS.get(inspect.get_annotations(function, eval_str=True).get("return"))
             result = ir.VoidType() if returns is None else SCALARS[returns]
             signature = ir.FunctionType(result, [each for kind in kinds for each in kind.llvm])
             code = ir.Function(self.module, signature, self.module.get_unique_name(f"{function.__name__}."))
             code.linkage = "internal"
-            self._done[function, kinds] = code, returns
-            _Function(self, function, code, returns).translate(kinds)
-        code, returns = self._done[function, kinds]
+            self._done[function, kinds, fused] = code, returns
+            _Function(self, function, code, returns, fused).translate(kinds)
+        code, returns = self._done[function, kinds, fused]
         result = builder.call(code, [each for argument in arguments for each in argument.llvm])
         return None if returns is None else scalar(result, returns)
 
@@ -66,8 +69,10 @@ class _Unit:
 class _Function(Expressions):
     """One function for one combination of its arguments' types."""
 
-    def __init__(self, unit: _Unit, function: types.FunctionType, code: ir.Function, returns: np.dtype | None) -> None:
-        super().__init__(function, unit.call)
+    def __init__(
+        self, unit: _Unit, function: types.FunctionType, code: ir.Function, returns: np.dtype | None, fused: bool
+    ) -> None:
+        super().__init__(function, unit.call, fused)
         self.code, self.returns = code, returns
         self.entry = ir.IRBuilder(code.append_basic_block())  # has the variables, which LLVM moves to registers
         self.at = ir.IRBuilder(code.append_basic_block())

@@ -12,7 +12,7 @@ from ...stages.signals import CLOCK, KNOWN, Signal, record_dtype
 from .entry import part
 from .joints import Joints
 from .layouts import WRIST
-from .links import estimate_links, link_records, water_links
+from .links import estimate_links, frame_records, link_records, water_links
 from .wrist import Derived, Felt
 
 
@@ -39,10 +39,13 @@ class WristMemory:
             record["M"], record["mass"], record["r_g"] = body.M_RB, body.mass, body.r_g
         self._trees = {"rigid": rigid, "wet": water_links(setup.vehicle), "model": self._model}
         for name, links in self._trees.items():
-            self.record[name]["links_at"], self.record[name]["links"] = links.ctypes.data, n + 1
+            tree = self.record[name]
+            tree["links"], tree["links_at"], tree["frames_at"] = n + 1, links.ctypes.data, joints.frames_at
+        self._frames, self.record["places"] = frame_records(setup.nominal), joints.encoded
+        if joints.encoded:
+            self.record["model"]["frames_at"] = self._frames.ctypes.data
         self.record["gravity_W"], self.record["n"] = setup.gravity_W, n
         self._reached = {
-            "q_at": joints.q,
             "q_dot_at": joints.q_dot,
             "q_ddot_at": joints.q_ddot,
             "q_m_at": joints.q_m,
@@ -61,9 +64,10 @@ class WristMemory:
         """Set the numbers of the scenario."""
         wrist = setup.scenario.wrist
         link, site = wrist.carried(setup)
-        self.record["link"], self.record["p_LS"], self.record["R_LS"] = link + 1, 0.0, np.eye(3)
+        sensor = self.record["sensor"]
+        sensor["link"], sensor["p_LT"], sensor["R_LT"] = link + 1, 0.0, np.eye(3)
         if site is not None:
-            self.record["p_LS"], self.record["R_LS"] = site.p, site.R
+            sensor["p_LT"], sensor["R_LT"] = site.p, site.R
         estimate_links(self._model, setup.nominal, setup.scenario.estimates)
         self._model["coriolis"] = 1.0  # of the inertia's factor
         self.record["weighs"], self.record["dynamic"] = wrist.compensation != "none", wrist.compensation == "dynamic"

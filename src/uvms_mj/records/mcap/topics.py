@@ -18,6 +18,7 @@ import numpy as np
 from ...control.rest import SteadyState
 from ...control.task import BODY
 from ...physics.frames import quat_from_euler_deg, rotation_matrix
+from ...stages.joint_signals import joint_saturation_signal
 from ...stages.signals import RUNNING, Signal
 from ..header import Header
 from ..scene import FORCE_SCALE, scene_of, wall_face
@@ -98,6 +99,7 @@ _TOGETHER = (
     ),
 )
 """Topics with several signals, or with numbers that are computed from signals by :func:`columns`."""
+_RUNNING = {signal.name for signal in (*RUNNING, joint_saturation_signal(0))}
 _COMPUTED = {"quat_d", "f_contact.wrench"}
 """Values that need not be signals."""
 _JOINTS = {
@@ -146,8 +148,7 @@ def _alone(header: Header, signal: Signal) -> Topic:
     if signal.name in _TYPES and not own:
         name, kind = _TYPES[signal.name]
     else:
-        running = any(signal.name == each.name for each in RUNNING)
-        room = "running" if running else "law" if own else "signals"
+        room = "running" if signal.name in _RUNNING else "law" if own else "signals"
         name, kind = f"/{room}/{signal.name}", _ARRAY if signal.shape else _NUMBER
     frame = _FRAMES.get(signal.frame, "-")
     if kind == _ARRAY:

@@ -1,0 +1,86 @@
+"""Options and arguments that several commands have."""
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import click
+
+
+class _Command(click.Command):
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Refuse an option that is given twice; click would silently take the last."""
+        _, _, given = self.make_parser(ctx).parse_args(args=list(args))
+        for each in given:
+            if isinstance(each, click.Option) and not (each.multiple or each.is_flag) and given.count(each) > 1:
+                raise click.UsageError(f"{max(each.opts, key=len)} is given more than once; give it once", ctx)
+        return super().parse_args(ctx, args)
+
+
+command = functools.partial(click.command, cls=_Command)
+
+scenario_argument = click.argument("arguments", nargs=-1, metavar="[SCENARIO] [KEY=VALUE]...")
+set_option = click.option(
+    *("-s", "--set", "settings"),
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Set a key of the scenario; may be repeated. Where it names another stage or law, the settings of the "
+    "scenario's own one are left out, and a warning names them.",
+)
+json_option = click.option(
+    "--json", "as_json", is_flag=True, help="Print one JSON object on standard output and nothing else."
+)
+_quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print no progress bar and no table.")
+
+
+def _named(context: click.Context, option: click.Parameter, value: Any) -> Any:
+    if value == "" or (isinstance(value, tuple) and "" in value):
+        raise click.BadParameter("must not be empty")
+    return value
+
+
+path_argument = functools.partial(click.argument, callback=_named)
+path_option = functools.partial(click.option, callback=_named)
+"""An argument and an option with the path of a file or folder; it must not be empty."""
+
+_LAWS = "gsta, sta, fosm, impedance, ideal, or path/to/my_law.py:MyLaw."
+
+
+def run_options(from_help: str, laws: str = _LAWS) -> Callable[[Any], Any]:
+    """The options of all commands that run one scenario, as ``arguments``, ``controller``, ``settings`` and ``log``:
+    effect of ``--from LOG``, choices of ``--controller``."""
+    law_option = click.option("-c", "--controller", metavar="LAW", help=laws)
+    from_option = path_option("--from", "log", metavar="LOG", help=from_help)
+    return lambda function: scenario_argument(law_option(set_option(from_option(function))))
+
+
+def output_options(function: Any) -> Any:
+    """The options ``--json`` and ``--quiet``."""
+    return json_option(_quiet_option(function))
+
+
+workers_option = click.option(
+    "-j", "--workers", type=click.IntRange(1, 4096), metavar="N", help="Processes [default: one per core]."
+)
+force_option = click.option("-f", "--force", is_flag=True, help="Replace FILE if it exists.")
+
+
+def asked_for(
+    arguments: Sequence[str], settings: Sequence[str], noun: str = "scenario"
+) -> tuple[str | None, dict[str, Any]]:
+    """The name of the scenario, if one is given, and the settings by key. Raises InputError if several are named, or a
+    setting is not valid. ``noun`` is the word for a scenario in messages."""
+    from ..errors import InputError
+    from ..files import parse_setting
+
+    names = [a for a in arguments if "=" not in a]
+    if "" in names:
+        raise InputError(f"the name of a {noun} must not be empty")
+    if len(names) > 1:
+        raise InputError(f"one {noun} at a time, please: {', '.join(names)}")
+    overrides: dict[str, Any] = {}
+    for key, value in map(parse_setting, (*settings, *(a for a in arguments if "=" in a))):
+        if key in overrides and overrides[key] != value:
+            raise InputError(f"--set {key}: is given twice, {overrides[key]!r} and {value!r}")
+        overrides[key] = value
+    return (names[0] if names else None), overrides
