@@ -24,9 +24,9 @@ from .one_thread import OneThread
 
 CHUNK_S = 0.25
 """Wall time after which a chunk ends early, for slow stages [s]."""
-SLICE_STEPS = 50
+SLICE_STEPS = 200
 """Largest number of steps from one reading of the clock to the next with a user's stage: it may become slow at any
-step."""
+step. A reading costs as much as two thirds of a step."""
 
 
 class Simulation:

@@ -72,7 +72,9 @@ class Arena:
         kinds = {"settings": settings.dtype, "given": given, "state": states, "state_dot": states, "out": out}
         self.sizes = {name: kind.itemsize for name, kind in kinds.items()}
         self.offsets = offsets(self.sizes)
-        memory = mmap.mmap(-1, self.offsets["end"])
+        memory = mmap.mmap(-1, self.offsets["end"], flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+        if hasattr(mmap, "MADV_HUGEPAGE"):  # of Linux: the arrays lie far apart, and each small page costs a look-up
+            memory.madvise(mmap.MADV_HUGEPAGE)
         self._words = np.frombuffer(memory, np.int64)
         self._words[:] = PATTERN
         self.arrays = {name: np.ndarray(1, kind, memory, self.offsets[name]) for name, kind in kinds.items()}

@@ -88,7 +88,7 @@ def run_stages(loop, end) -> int:
     for i in range(loop.next, end):
         loop.next = i
         stage = stage_at(loop.stages_at + STAGE_SIZE * i)
-        if loop.step % stage.period_steps == 0:
+        if stage.period_steps == 1 or loop.step % stage.period_steps == 0:
             if i == loop.actuation:
                 check_command(loop)
                 if loop.stop != STOP_NONE:
@@ -262,12 +262,17 @@ def write_row(loop):
     """Append row k, gathered from where each recorded signal lies, if one is due."""
     if not (loop.rows < loop.row_capacity and (loop.step % loop.row_steps == 0 or loop.step == loop.steps)):
         return
-    out = floats(loop.rows_at + 8 * loop.rows * loop.row_width, loop.row_width)
+    row_at = loop.rows_at + 8 * loop.rows * loop.row_width
     spans = integers(loop.spans_at, 2 * loop.spans)
-    n = 0
     for k in range(loop.spans):
-        source = floats(spans[2 * k], spans[2 * k + 1])
-        for i in range(spans[2 * k + 1]):
-            out[n] = source[i]
-            n += 1
+        n = spans[2 * k + 1]
+        copy_numbers(floats(spans[2 * k], n), n, floats(row_at, n))
+        row_at += 8 * n
     loop.rows += 1
+
+
+@kernel
+def copy_numbers(source, n, target):
+    """Copy n numbers."""
+    for i in range(n):
+        target[i] = source[i]

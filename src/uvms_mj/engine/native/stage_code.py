@@ -41,6 +41,8 @@ _parsing = threading.Lock()
 """Two threads must not parse at once: CPython 3.11 counts the depth of both in one place, and raises SystemError."""
 RETURNED, RAISED, OVERRAN, CHANGED_SETTINGS, NOT_FINITE, NOT_ATTITUDE = range(6)
 """Return codes of a stage's machine code."""
+MAGNITUDE, INFINITE = 0x7FFFFFFFFFFFFFFF, 0x7FF0000000000000
+"""Bits of a number without its sign, and those of infinity; those of a NaN are larger."""
 
 
 def _record(address):
@@ -68,7 +70,6 @@ def _call(settings_at, state_at, given_at, state_dot_at, out_at):
 
 def _call_in_arena(arena_at, state_at, given_at, state_dot_at, out_at):
     state, state_dot, out = floats(state_at, N_STATE), floats(state_dot_at, N_STATE), integers(out_at, N_OUT)
-    its_out = floats(arena_at + OUT_, N_OUT)
     given, its_given = integers(given_at, N_GIVEN), integers(arena_at + GIVEN_, N_GIVEN)
     for i in range(N_GIVEN):
         its_given[i] = given[i]
@@ -78,25 +79,28 @@ def _call_in_arena(arena_at, state_at, given_at, state_dot_at, out_at):
             its_state[i] = state[first + i]
     settings_at = arena_at + SETTINGS_
     done = call(settings_at, arena_at + STATE_, arena_at + GIVEN_, arena_at + STATE_DOT_, arena_at + OUT_)
+    other = 0  # loops without an exit, of which the processor does several turns at once
     for end in ENDS:
         near = integers(arena_at + end, NEAR)
         for i in range(NEAR):
-            if near[i] != PATTERN:
-                return OVERRAN
+            other |= near[i] ^ PATTERN
+    if other != 0:
+        return OVERRAN
     settings, own_settings = integers(settings_at, N_SETTINGS), integers(arena_at + OWN_SETTINGS, N_SETTINGS)
     for i in range(N_SETTINGS):
-        if settings[i] != own_settings[i]:
-            return CHANGED_SETTINGS
+        other |= settings[i] ^ own_settings[i]
+    if other != 0:
+        return CHANGED_SETTINGS
     if done != RETURNED:
         return done
-    odd = 0.0  # becomes NaN with the first number that is not finite
+    bits, largest = integers(arena_at + OUT_, N_OUT), 0
     for place, _, n in STATES:
-        its_state, its_state_dot = floats(arena_at + STATE_ + place, n), floats(arena_at + STATE_DOT_ + place, n)
+        its_state, its_state_dot = integers(arena_at + STATE_ + place, n), integers(arena_at + STATE_DOT_ + place, n)
         for i in range(n):
-            odd += 0.0 * its_state[i] + 0.0 * its_state_dot[i]
+            largest = max(largest, its_state[i] & MAGNITUDE, its_state_dot[i] & MAGNITUDE)
     for i in range(N_OUT):
-        odd += 0.0 * its_out[i]
-    if odd != 0.0:
+        largest = max(largest, bits[i] & MAGNITUDE)
+    if largest >= INFINITE:
         return NOT_FINITE
     for k in range(len(QUATERNIONS)):
         q = floats(arena_at + OUT_ + QUATERNIONS[k], 4)
@@ -114,7 +118,6 @@ def _call_in_arena(arena_at, state_at, given_at, state_dot_at, out_at):
         for i in range(n):
             state[first + i] = its_state[i]
             state_dot[first + i] = its_state_dot[i]
-    bits = integers(arena_at + OUT_, N_OUT)
     for i in range(N_OUT):
         out[i] = bits[i]
     return RETURNED
