@@ -54,6 +54,8 @@ from .rest import SteadyState
 from .springs import Springs
 from .tool_balance import tool_rest
 
+_UNSOLVED = "the static balance has no solution near the reference"
+
 
 def static_balance(
     setup: Any, K: float, residual: "Callable[[Balance, np.ndarray], np.ndarray] | None" = None
@@ -88,7 +90,7 @@ def static_balance(
     delivery = Delivery.of(setup)
     if isinstance(delivery, str):
         return delivery
-    if not delivery.can_be_any():
+    if min(np.linalg.matrix_rank(setup.nominal.B), np.linalg.matrix_rank(delivery.T)) < 6:
         return "the thrusters can't produce every wrench"
     errors = scenario.navigation.rest_errors(setup)
     if isinstance(errors, str):
@@ -99,7 +101,7 @@ def static_balance(
         return _with_arm(setup, K, delivery)
     solved = _solve(setup, K, delivery, residual)
     if solved is None:
-        return "the static balance has no solution near the reference"
+        return _UNSOLVED
     state, known = solved
     for sensor in (scenario.navigation, observer):
         if sensor is not None and (reason := sensor.out_of_range(known)):
@@ -107,11 +109,15 @@ def static_balance(
     weak = delivery.weak(np.asarray(state.tau))
     if weak:
         return weak
+    return _friction(setup, state) or state
+
+
+def _friction(setup: Any, state: SteadyState) -> str:
+    """The reason why a state is not the only one: friction acts in it; empty if none does."""
     springs = Springs(setup)
     _, normal = springs.wrench(np.asarray(state.position), rotation_matrix(np.asarray(state.quat)))
-    if (_in_wall(setup, state) and scenario.wall.friction > 0.0) or (springs.friction & (normal > 0.0)).any():
-        return "with friction, the rest position depends on the path"
-    return state
+    acts = (_in_wall(setup, state) and setup.scenario.wall.friction > 0.0) or (springs.friction & (normal > 0.0)).any()
+    return "with friction, the rest position depends on the path" if acts else ""
 
 
 def unknown_acceleration(setup: Any, state: SteadyState) -> np.ndarray:
@@ -139,12 +145,8 @@ def _with_arm(setup: Any, K: float, delivery: Delivery) -> SteadyState | str:
         return tool_rest(setup, K, delivery)
     solved = _solve(setup, K, delivery)
     if solved is None:
-        return "the static balance has no solution near the reference"
-    state, springs = solved[0], Springs(setup)
-    _, normal = springs.wrench(np.asarray(state.position), rotation_matrix(np.asarray(state.quat)))
-    if (_in_wall(setup, state) and setup.scenario.wall.friction > 0.0) or (springs.friction & (normal > 0.0)).any():
-        return "with friction, the rest position depends on the path"
-    return SteadyState(state.force, s=np.zeros(6))
+        return _UNSOLVED
+    return _friction(setup, solved[0]) or SteadyState(solved[0].force, s=np.zeros(6))
 
 
 def _in_wall(setup: Any, state: SteadyState) -> bool:

@@ -43,10 +43,6 @@ class Delivery:
         ideal = same and bool((gain == 1.0).all())
         return cls(setup, inverse, static, np.eye(6) if ideal else (setup.vehicle.B * gain) @ inverse)
 
-    def can_be_any(self) -> bool:
-        """Whether the thrusters span all wrenches."""
-        return min(np.linalg.matrix_rank(self.setup.nominal.B), np.linalg.matrix_rank(self.T)) == 6
-
     def weak(self, tau: np.ndarray) -> str:
         """The reason why the thrusters can't hold tau (6,), with their names; empty if they can. Thrusters with a curve
         that the control system does not know are taken to share tau with the least thrust."""

@@ -29,7 +29,7 @@ class Water(TypedDict):
     filled_in: tuple[str, ...]
 
 
-_ZERO = np.zeros((6, 6))
+_NONE, _ZERO = np.zeros(0, str), np.zeros((6, 6))
 _DRY = Water(displaced_mass=0.0, r_b=np.zeros(3), M_A=_ZERO, D_linear=_ZERO, D_quadratic=_ZERO, filled_in=())
 """Returned with an error."""
 
@@ -45,7 +45,11 @@ def water_of(model: mujoco.MjModel, data: mujoco.MjData, body: int, faults: list
     strips = _strips(model, data, body, faults) if has_numeric(model, f"{prefix}strip_theory") else None
     if faults and faults[-1].key == f"{prefix}strip_theory":
         return _DRY
-    given = {name for name in _NAMES if any(has_numeric(model, prefix + each) for each in _entries(name))}
+    given = {
+        name
+        for name in _NAMES
+        if any(has_numeric(model, prefix + each) for each in (name, *DERIVATIVES.get(name, _NONE).flat))
+    }
     filled_in = tuple(name for name in _FROM_STRIPS if strips and name not in given)
     instead = strips or Strips(0.0, np.zeros(3), np.zeros((6, 6)), np.zeros((6, 6)))
     if strips is None and "M_A" not in given:
@@ -66,11 +70,6 @@ def water_of(model: mujoco.MjModel, data: mujoco.MjData, body: int, faults: list
         "D_quadratic": damping["D_quadratic"],
         "filled_in": filled_in,
     }
-
-
-def _entries(name: str) -> list[str]:
-    """The numerics that give a coefficient: its name, or the derivatives of a matrix."""
-    return [name, *DERIVATIVES[name].flat] if name in DERIVATIVES else [name]
 
 
 def _strips(model: mujoco.MjModel, data: mujoco.MjData, body: int, faults: list[Fault]) -> Strips | None:

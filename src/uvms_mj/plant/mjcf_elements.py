@@ -29,10 +29,6 @@ def values_of(text: str) -> list[float]:
     return values if len(values) == len(words) and all(map(math.isfinite, values)) else []
 
 
-def _any(text: str) -> str:
-    return ""
-
-
 def _numbers(text: str) -> str:
     values = values_of(text)
     fits = values and max(map(abs, values)) <= LARGEST_NUMBER
@@ -76,7 +72,7 @@ def _zero(reason: str) -> Rule:
 
 
 def _rules(words: str = "", numbers: str = "", **others: Rule) -> dict[str, Rule]:
-    return dict.fromkeys(words.split(), _any) | dict.fromkeys(numbers.split(), _numbers) | others
+    return dict.fromkeys(words.split(), lambda text: "") | dict.fromkeys(numbers.split(), _numbers) | others
 
 
 _OF_A_RUN = _only(reason="friction and stops of a joint have constants of the run; leave it out")

@@ -209,17 +209,14 @@ def trees(files: Mapping[str, bytes], main: str) -> dict[str, Element]:
         if model(sub):  # MuJoCo reads it again at each reference
             raise InputError(f"vehicle.model {main}: {sub} is a sub-model and must not have sub-models itself")
     for name in files.keys() - found.keys():
-        _refuse_large_picture(name, files[name])
+        if files[name].startswith(_PNG) and len(files[name]) >= 24:
+            width, height = struct.unpack_from(">II", files[name], 16)  # PNG (ISO 15948), 11.2.2
+            if width * height > LARGEST_PICTURE:
+                size = f"has {width} x {height} pixels; at most {LARGEST_PICTURE} allowed"
+                raise InputError(f"vehicle.model {name}: {size}")
     if found[main].tag != "mujoco":
         raise InputError(f"vehicle.model {main}: is not MJCF: its root is <{found[main].tag}>, not <mujoco>")
     return found
-
-
-def _refuse_large_picture(name: str, data: bytes) -> None:
-    if data.startswith(_PNG) and len(data) >= 24:
-        width, height = struct.unpack_from(">II", data, 16)  # PNG (ISO 15948), 11.2.2
-        if width * height > LARGEST_PICTURE:
-            raise InputError(f"vehicle.model {name}: has {width} x {height} pixels; at most {LARGEST_PICTURE} allowed")
 
 
 def _users_tree(name: str, data: bytes) -> Element:

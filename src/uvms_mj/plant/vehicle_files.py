@@ -113,7 +113,7 @@ def check_model(model: mujoco.MjModel, main: str) -> None:
     """
     free = model.jnt_type == mujoco.mjtJoint.mjJNT_FREE
     bodies = [_body(model, i) for i in model.jnt_bodyid[free]]
-    faults = [_held(model, i) for i in np.flatnonzero(free).tolist() if _is_held(model, i)]
+    faults = [fault for i in np.flatnonzero(free).tolist() for fault in _held(model, i)]
     if len(bodies) != 1:
         found = " and ".join(bodies) or "none"
         faults.append(Fault("<freejoint>", f"a vehicle must have one body on a free joint; this file has {found}"))
@@ -131,14 +131,11 @@ def check_model(model: mujoco.MjModel, main: str) -> None:
         raise InputError(faults, f"vehicle.model {main}")
 
 
-def _is_held(model: mujoco.MjModel, joint: int) -> bool:
+def _held(model: mujoco.MjModel, joint: int) -> Iterator[Fault]:
     dofs = slice(model.jnt_dofadr[joint], model.jnt_dofadr[joint] + 6)
-    return any(each[dofs].any() for each in (model.dof_damping, model.dof_armature, model.dof_frictionloss))
-
-
-def _held(model: mujoco.MjModel, joint: int) -> Fault:
     reason = "has damping, armature or frictionloss: hydrodynamic forces come from the coefficients in <custom>"
-    return Fault(f"the free joint of {_body(model, model.jnt_bodyid[joint])}", f"{reason}; leave them out")
+    if any(each[dofs].any() for each in (model.dof_damping, model.dof_armature, model.dof_frictionloss)):
+        yield Fault(f"the free joint of {_body(model, model.jnt_bodyid[joint])}", f"{reason}; leave them out")
 
 
 def _body(model: mujoco.MjModel, i: int) -> str:

@@ -70,7 +70,8 @@ def _corners(ax: Axes, insets: Sequence[Inset]) -> list[Corner | None]:
 def _corner(ax: Axes, inset: Inset, taken: np.ndarray) -> Corner | None:
     """The uppermost, then rightmost, lower left corner for an inset with its numbers and title, whose cells are then
     taken; None without room."""
-    left, right, below, above = _margins(ax)
+    wide, high = (72.0 * side for side in size_in(ax))
+    left, right, below, above = _LEFT_PT / wide, _RIGHT_PT / wide, _BELOW_PT / high, _ABOVE_PT / high
     width, height = _size(ax, inset)
     total = np.pad(taken.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
     nx = int(np.ceil((left + width + right) * CELLS))
@@ -84,12 +85,6 @@ def _corner(ax: Axes, inset: Inset, taken: np.ndarray) -> Corner | None:
     row, column = max(free.tolist())
     taken[row : row + ny, column : column + nx] = 1
     return column / CELLS + left, row / CELLS + below
-
-
-def _margins(ax: Axes) -> tuple[float, float, float, float]:
-    """Margins around an inset, left, right, below, above, in fractions of its panel's size."""
-    wide, high = (72.0 * side for side in size_in(ax))
-    return _LEFT_PT / wide, _RIGHT_PT / wide, _BELOW_PT / high, _ABOVE_PT / high
 
 
 def _size(ax: Axes, inset: Inset) -> tuple[float, float]:

@@ -195,7 +195,9 @@ class Run:
             (solid,) = solids(Geometry((wall,), {}))
             self._log(("world", "wall", f"round {i + 1}"), mesh_of(solid, rgba8(wall.rgba)))
         for force in FORCES:
-            self._arrow_style(force.name, self.colour or force.colour, force.radius)
+            colour = self.colour or force.colour
+            self._log(("world", force.name), rr.Arrows3D.from_fields(colors=[colour], radii=[force.radius]))
+            self._log(("world", force.name, "text"), rr.Points3D.from_fields(colors=[mixed(colour, 0.25)], radii=[0.0]))
         for arrow in scene.arrows:
             drawn = rr.Arrows3D(
                 origins=[arrow.start],
@@ -240,10 +242,6 @@ class Run:
             place = (0.0, 0.0, 1.2 * arm.TRIAD_M) if at_tool else (low[0], 0.0, high[2])
             label = rr.Points3D([place], radii=[0.0], colors=[LIGHT], labels=["reference"])
             self._log(("world", "reference", "label"), label)
-
-    def _arrow_style(self, name: str, colour: Colour, radius: float) -> None:
-        self._log(("world", name), rr.Arrows3D.from_fields(colors=[colour], radii=[radius]))
-        self._log(("world", name, "text"), rr.Points3D.from_fields(colors=[mixed(colour, 0.25)], radii=[0.0]))
 
     def _tinted(self, rgba: tuple[float, float, float, float]) -> tuple[int, int, int, int]:
         r, g, b, a = rgba8(rgba)
