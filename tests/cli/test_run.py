@@ -15,9 +15,9 @@ SHORT = ("--set", "simulation.duration=0.05")
 
 
 @pytest.mark.slow
-def test_a_run_writes_what_it_says_and_says_it_as_json(tmp_path):
-    done = run("run", "--controller", "gsta", "--json", "--out", "here", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+def test_a_run_writes_what_it_says_and_says_it_as_json(here, tmp_path):
+    done = here("run", "--controller", "gsta", "--json", "--out", "here")
+    assert done.exit_code == 0, done.stderr
     report = json.loads(done.stdout, parse_constant=no_constants)
     assert (report["scenario"], report["controller"], report["status"]) == ("push_wall", "gsta", "completed")
     assert report["steps"] == 200_000
@@ -52,15 +52,15 @@ def test_a_run_writes_what_it_says_and_says_it_as_json(tmp_path):
     written = tomllib.loads((tmp_path / "here" / "scenario.toml").read_text())
     assert written["controller"]["k_1"] == 5.0
     assert written["impedance"]["damping_ratio"] == 1.0
-    again = run("run", "here/scenario.toml", "--json", "--out", "again", cwd=tmp_path)
+    again = run("run", "here/scenario.toml", "--json", "--out", "again", cwd=tmp_path)  # in a new process
     repeated = Trace.load(tmp_path / "again" / "run.mcap")
     assert again.returncode == 0
     for name in trace:
         assert np.array_equal(trace[name], repeated[name]), name
 
 
-def test_without_contact_what_does_not_exist_is_null(tmp_path):
-    report = json.loads(run("run", "-c", "impedance", "--json", *SHORT, cwd=tmp_path).stdout)
+def test_without_contact_what_does_not_exist_is_null(here, tmp_path):
+    report = json.loads(here("run", "-c", "impedance", "--json", *SHORT).stdout)
     assert report["contact"]["first_s"] is None
     assert report["contact"]["analytic_N"] is None
     assert report["contact"]["relative_error"] is None
@@ -80,10 +80,10 @@ def test_the_table_has_what_a_user_looks_for(here):
     assert here("run", *SHORT, "--quiet").stdout == ""
 
 
-def test_a_second_run_into_a_folder_keeps_the_first(tmp_path):
-    run("run", *SHORT, "-q", "--out", "here", cwd=tmp_path)
+def test_a_second_run_into_a_folder_keeps_the_first(here, tmp_path):
+    here("run", *SHORT, "-q", "--out", "here")
     first = (tmp_path / "here" / "run.mcap").read_bytes()
-    done = run("run", "--set", "simulation.duration=0.02", "-q", "--out", "here", cwd=tmp_path)
+    done = here("run", "--set", "simulation.duration=0.02", "-q", "--out", "here")
     assert "moved" in done.stderr
     assert (tmp_path / "here" / "earlier-1" / "run.mcap").read_bytes() == first
 
@@ -120,9 +120,9 @@ def test_a_law_that_prints_leaves_json_alone(tmp_path, compiled):
     assert ("plain Python" in done.stderr) != compiled
 
 
-def test_an_unstable_run_says_when_and_what_and_keeps_the_trace(tmp_path):
-    done = run("run", "--set", "controller.period=0.1", "--json", "--out", "here", cwd=tmp_path)
-    assert done.returncode == 3
+def test_an_unstable_run_says_when_and_what_and_keeps_the_trace(here, tmp_path):
+    done = here("run", "--set", "controller.period=0.1", "--json", "--out", "here")
+    assert done.exit_code == 3
     report = json.loads(done.stdout, parse_constant=no_constants)
     assert report["status"] == "unstable"
     assert "t = " in report["message"]
@@ -132,9 +132,9 @@ def test_an_unstable_run_says_when_and_what_and_keeps_the_trace(tmp_path):
     assert (trace.status, trace.message) == (Status.unstable, report["message"])
 
 
-def test_a_law_that_chatters_is_warned_of(tmp_path):
-    done = run("run", "-c", "fosm", "--set", "controller.K_s=25", *SHORT, "--json", cwd=tmp_path)
-    assert done.returncode == 0
+def test_a_law_that_chatters_is_warned_of(here):
+    done = here("run", "-c", "fosm", "--set", "controller.K_s=25", *SHORT, "--json")
+    assert done.exit_code == 0
     assert "chatters" in done.stderr
     assert json.loads(done.stdout)["contact"]["analytic_N"] is None
     assert len(json.loads(done.stdout)["warnings"]) == 1

@@ -7,13 +7,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from command import run
 from recorded import LAW, decoded, same
 from uvms_mj import InputError, McapLog, Scenario, Trace, simulate
+from uvms_mj.cli import main
 from uvms_mj.records.mcap.attachments import without_paths
 
 ROOT = Path(__file__).parents[2]
+
+
+def here(*arguments):
+    """The command in this process."""
+    return CliRunner().invoke(main, [str(each) for each in arguments])
 
 
 def test_a_run_repeats_from_its_log_bit_for_bit(tmp_path):
@@ -47,12 +54,13 @@ def test_a_run_repeats_from_its_log_bit_for_bit(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_users_law_is_recorded_and_never_run_from_a_log(tmp_path):
+def test_a_users_law_is_recorded_and_never_run_from_a_log(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     path = tmp_path / "secret_place" / "my_law.py"
     path.parent.mkdir()
     path.write_text(LAW + "\nprint('ran', __file__)\n")
-    done = run("run", "-c", f"{path}:Mine", "controller.k=3", "simulation.duration=0.2", "-q", "-o", "a", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = here("run", "-c", f"{path}:Mine", "controller.k=3", "simulation.duration=0.2", "-q", "-o", "a")
+    assert done.exit_code == 0, done.stderr
     log = tmp_path / "a" / "run.mcap"
     raw = log.read_bytes()
     assert b"secret_place" not in raw
@@ -69,19 +77,19 @@ def test_a_users_law_is_recorded_and_never_run_from_a_log(tmp_path):
     with pytest.raises(InputError, match="never run"):
         simulate(trace.scenario, mjcf=trace.header.mjcf)
     assert decoded(log)["/law/xi"]
-    refused = run("run", "--from", log, "-q", "-o", "b", cwd=tmp_path)
-    assert refused.returncode == 2
+    refused = here("run", "--from", log, "-q", "-o", "b")
+    assert refused.exit_code == 2
     assert "--controller" in refused.stderr
     assert "ran" not in refused.stdout
-    shown = run("info", log, "--show", "law/my_law.py", cwd=tmp_path)
+    shown = here("info", log, "--show", "law/my_law.py")
     assert shown.stdout == path.read_text()
-    again = run("run", "--from", log, "-c", f"{path}:Mine", "-q", "-o", "c", cwd=tmp_path)
+    again = run("run", "--from", log, "-c", f"{path}:Mine", "-q", "-o", "c", cwd=tmp_path)  # in a new process
     assert again.returncode == 0, again.stderr
     assert "sha256" not in again.stderr
     same(trace, Trace.load(tmp_path / "c" / "run.mcap"))
     path.write_text(LAW.replace("- gains.k", "- 2.0 * gains.k"))
-    edited = run("run", "--from", log, "-c", f"{path}:Mine", "-q", "-o", "d", cwd=tmp_path)
-    assert edited.returncode == 0
+    edited = here("run", "--from", log, "-c", f"{path}:Mine", "-q", "-o", "d")
+    assert edited.exit_code == 0
     assert "differs from the recorded code" in edited.stderr
 
 
