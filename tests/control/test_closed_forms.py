@@ -78,7 +78,7 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_a_settled_run_rests_where_the_closed_form_says(case, engine):
     law, overrides = CASES[case]
-    trace = simulate(Scenario.load("push_wall", overrides, law), engine=engine)
+    trace = simulate(Scenario.load("push_wall", {"simulation.duration": 15.0} | overrides, law), engine=engine)
     analytic, (force, settled) = trace.analytic, final_force(trace)
     assert isinstance(analytic, SteadyState), analytic
     assert settled

@@ -248,7 +248,7 @@ def test_stages_in_plain_python_and_with_guards_run_in_it_too(monkeypatch):
     from uvms_mj.engine.native.compilation import NotCompiled
 
     plant = {key: value for key, value in AT_WALL.items() if not key.startswith("reference")}
-    scenario = Scenario.load("push_wall", plant | {"simulation.duration": 0.02, **OF_EACH_ROOM})
+    scenario = Scenario.load("push_wall", plant | {"simulation.duration": 0.01, **OF_EACH_ROOM})
     compiled = simulate(scenario, **FREE)
     theirs = simulate(scenario)
 

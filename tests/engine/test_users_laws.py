@@ -199,6 +199,7 @@ def test_what_a_law_writes_on_its_signals_is_not_recorded_nor_kept(tmp_path, mon
         "tau = signals.tau_nom\ntau -= 3.0 * signals.s\ntau_cmd[:] = tau\nsignals.zeta[:] = 9.0\nsignals.M_hat[:] = 0.0"
     )
     path = law_file(tmp_path, careful + "\n\n" + one_liner("Careless", slip))
+    duration = {"simulation.duration": 0.2 if compiled else 0.05}
     if not compiled:
 
         def refuse(*_, **__):
@@ -207,7 +208,7 @@ def test_what_a_law_writes_on_its_signals_is_not_recorded_nor_kept(tmp_path, mon
         monkeypatch.setattr("uvms_mj.engine.native.entry.compile_stage", refuse)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PlainPythonWarning)
-        ours, theirs = (simulate(Scenario.load("push_wall", SHORT, f"{path}:{n}")) for n in ("Careful", "Careless"))
+        ours, theirs = (simulate(Scenario.load("push_wall", duration, f"{path}:{n}")) for n in ("Careful", "Careless"))
     for name in ours:
         assert np.array_equal(ours[name], theirs[name]), name
 
