@@ -95,7 +95,7 @@ def test_a_law_that_loops_for_ever_can_be_stopped(tmp_path):
             while not os.path.exists("here/run.mcap"):
                 time.sleep(0.1)
             for _ in range(2):
-                time.sleep(2.0)
+                time.sleep(1.0)
                 os.kill(os.getpid(), signal.SIGTERM)
 
         threading.Thread(target=send, daemon=True).start()

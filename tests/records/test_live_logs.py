@@ -84,7 +84,7 @@ def test_kill_9_at_twenty_random_moments_loses_no_chunk(tmp_path):
         process = started("run", "simulation.duration=2000", "-q", "-o", f"{i}", cwd=tmp_path)
         log = tmp_path / f"{i}" / "run.mcap"
         deadline = time.monotonic() + 60.0
-        while not (log.exists() and log.stat().st_size > 1_200_000):
+        while not (log.exists() and log.stat().st_size > 600_000):
             assert process.is_alive()
             if time.monotonic() > deadline:
                 os.kill(process.pid, signal.SIGABRT)  # prints where it hangs
