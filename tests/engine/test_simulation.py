@@ -54,6 +54,8 @@ def test_one_step_at_a_time_and_all_at_once_are_the_run():
         assert (sim.steps, whole.t) == (1000, 0.1)
 
 
+FULL = (np.diag([20.0, 25.0, 25.0, 4.0, 4.0, 4.0]) + 0.5).tolist()
+ASKEW = (np.diag([20.0, 25.0, 25.0, 4.0, 4.0, 4.0]) + np.eye(6, k=1)).tolist()
 CHANGES = {
     "initial": {"initial.position": [-0.01, 0.02, 0.0], "initial.attitude_deg": [3.0, 2.0, 1.0]},
     "velocity": {"initial.velocity": [0.1, 0.0, 0.0, 0.0, 0.1, 0.0]},
@@ -72,6 +74,19 @@ CHANGES = {
     "controller": {"controller.k_1": 7.0, "controller.nominal": False, "controller.period": 1e-3},
     "simulation": {"simulation.timestep": 2e-4, "simulation.duration": 0.1, "simulation.seed": 3},
     "period": {"navigation.period": 1e-3, "actuation.period": 5e-4},
+    "full matrices": {"impedance.M_d": FULL, "impedance.D_d": FULL},
+    "full inertia": {"impedance.M_d": FULL, "impedance.damping_ratio": 0.6},
+    "attitude at a rough wall": {"wall.friction": 0.2, "reference.attitude_deg": [5.0, 0.0, 3.0]},
+    "random disturbance": {"disturbance.deviation": [1.0] * 6, "simulation.seed": 4},
+    "table": {"disturbance.table": [[0.0] * 7, [0.01, 1.0, 0.0, 2.0, 0.0, 0.0, 0.0]]},
+    "tether": {"tether.length": 30.0, "tether.diameter": 0.01},
+}
+REAL = {**MOVING, "navigation.name": "sensors", "thrusters.name": "t200", "controller.period": 1e-3}
+OF_REAL = {
+    "sensors": {"navigation.force_bias": [0.5, 0.0, 0.0], "navigation.position_noise": 1e-3},
+    "voltage": {"thrusters.voltage": 13.0},
+    "losses": {"thrusters.efficiency": 0.9, "thrusters.quantum": 2.0},
+    "wall": {"wall.stiffness": 2e4},
 }
 
 
@@ -99,10 +114,24 @@ def test_a_reset_with_overrides_is_a_fresh_simulation_of_the_updated_scenario(si
     assert not np.array_equal(state(sim), changed)
 
 
+@pytest.mark.parametrize("change", OF_REAL)
+def test_a_reset_of_a_real_vehicle_is_a_fresh_simulation(change):
+    scenario = Scenario.load("push_wall", REAL)
+    with Simulation(scenario) as sim:
+        for overrides in (OF_REAL[change], {}):
+            sim.step(20)
+            sim.reset(overrides=overrides)
+            sim.step(100)
+            assert np.array_equal(state(sim), after(scenario.updated(overrides), 100))
+
+
 @pytest.mark.parametrize(
     ("overrides", "said"),
     [
         ({"wall.stiffness": 1e9}, "is too much for a time step"),
+        ({"task.inertia_period": 2e-3}, "task.inertia_period: has no effect"),
+        ({"task.integral": True, "task.A": -50.0}, "task.A"),
+        ({"impedance.M_d": ASKEW}, "impedance.M_d: is not symmetric"),
         ({"disturbance.frequency_hz": [6e3, 0, 0, 0, 0, 0]}, "must be below half the step rate"),
         ({"controller.period": 1.5e-4}, "not a multiple of the time step"),
         ({"wall.stifness": 1.0, "current.speed": -1.0}, r"(?s)stiffness.*current.speed|current.speed.*stiffness"),

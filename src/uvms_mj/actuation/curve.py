@@ -1,5 +1,6 @@
 """Static curves of thrusters: thrust over command, and the inverse that a control system uses."""
 
+import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -29,6 +30,7 @@ class Curve:
         dead = x[f == 0.0]
         return cls(x, f, float(0.5 * (dead[0] + dead[-1])) if len(dead) else float(np.interp(0.0, f, x)))
 
+    @functools.lru_cache(maxsize=8)  # noqa: B019  # of a few curves
     def inverse(self) -> tuple[np.ndarray, np.ndarray]:
         """Thrust and command (m,) of the points of the inverse. It jumps over a dead band, where thrust zero is
         repeated. Of a curve without reverse thrust, a negative thrust has the command of zero, and likewise forwards.
@@ -39,6 +41,8 @@ class Curve:
             thrust[dead[:-1]], command[dead[:-1]] = np.arange(1.0 - len(dead), 0.0), command[dead[-1]]
         elif len(dead) and dead[-1] == len(thrust) - 1:
             thrust[dead[1:]], command[dead[1:]] = np.arange(1.0, len(dead)), command[dead[0]]
+        thrust.setflags(write=False)
+        command.setflags(write=False)
         return thrust, command
 
     def same_as(self, other: "Curve") -> bool:

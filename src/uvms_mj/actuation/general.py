@@ -28,8 +28,8 @@ class General(Propeller):
 
     name = "general"
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def check_settings(self) -> None:
+        super().check_settings()
         wrong = wrong_points(self.curve_command, self.curve_thrust, self.inverted)
         faults = [Fault(f"thrusters.{key}", reason) for key, reason in wrong]
         if faults:

@@ -1,5 +1,7 @@
 """Lags of a thrust behind its command, and their exact discretisation for a command that is held over a period."""
 
+import functools
+
 import numpy as np
 
 THIRD_ORDER = ((6136.0, 108700.0), (1.0, 89.0, 9258.0, 108700.0))
@@ -13,6 +15,7 @@ def transfer_function(lag: str, time_constant: float) -> tuple[tuple[float, ...]
     return THIRD_ORDER if lag == "third_order" else ((1.0,), (time_constant, 1.0))
 
 
+@functools.lru_cache(maxsize=8)
 def discrete(lag: str, time_constant: float, period: float) -> dict[str, np.ndarray]:
     """The matrices of x' = Phi x + Gamma f, y = C x for a command f that is held over ``period`` [s].
 
@@ -31,6 +34,8 @@ def discrete(lag: str, time_constant: float, period: float) -> dict[str, np.ndar
     step = expm(block * period)
     Phi, Gamma = np.zeros((ORDER, ORDER)), np.zeros(ORDER)
     Phi[:n, :n], Gamma[:n] = step[:n, :n], step[:n, n]
+    for matrix in (Phi, Gamma, C):
+        matrix.setflags(write=False)
     return {"Phi": Phi, "Gamma": Gamma, "C": C}
 
 

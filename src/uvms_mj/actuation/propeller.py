@@ -131,8 +131,8 @@ class Propeller(Thrusters):
         "thrusters",
     )
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def check_settings(self) -> None:
+        super().check_settings()
         if self.failed_stuck and self.failed_fraction > 0.0:
             wrong = f"{self.failed_fraction:g}: a stuck thruster keeps its command; set failed_fraction or failed_stuck"
             raise InputError([Fault("thrusters.failed_fraction", wrong)])

@@ -74,8 +74,8 @@ class Servo(Joints):
     memory: ClassVar = {"carried": "joints"}
     _inner_keys: ClassVar = {"joints.motion": ("time", "joints")}
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def check_settings(self) -> None:
+        super().check_settings()
         given = [f"joints.{name}" for name in _SOURCES if getattr(self, name) not in (None, ())]
         if len(given) > 1:
             raise InputError([Fault(given[1], f"is given beside {given[0]}; give one of them")])

@@ -73,8 +73,8 @@ class IdealThrusters(Thrusters):
     name = "ideal"
     runs: ClassVar[bool] = False
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def check_settings(self) -> None:
+        super().check_settings()
         if self.period is not None:
             raise InputError([Fault("thrusters.period", "ideal thrusters have no period; choose thrusters.name")])
 

@@ -78,8 +78,8 @@ class ImpedanceTask(Stage):
     units: ClassVar = {"zeta": "m/s, rad/s"}
     room: ClassVar[Room] = Room("control", "task", lambda thrusters: TASK_GIVEN, TASK, "task", "gain")
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def check_settings(self) -> None:
+        super().check_settings()
         if self.period is not None:
             fault = Fault("task.period", f"{self.period!r} must be omitted: the task runs at controller.period")
             raise InputError([fault], "the gains of the task")

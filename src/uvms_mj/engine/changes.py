@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from ..analysis.sampling import no_overflow, refuse
 from ..analysis.setup import Setup, design_of
 from ..control.design import ATTITUDE_KEYS
-from ..control.task import TASK_KEYS, ImpedanceTask
+from ..control.task import TASK_KEYS
 from ..errors import Fault, InputError
 from ..plant.settings import VehicleChoice
 from ..scenario import STAGES, Scenario
@@ -74,12 +74,14 @@ def _updated(scenario: Scenario, overrides: Mapping[str, Any]) -> Scenario:
 
 
 def _replaced(table: Any, values: dict[str, Any]) -> Any:
-    """A copy of a table of a scenario with other values. Only these are validated, unless they may depend on others."""
+    """A copy of a table of a scenario with other values. Only these are validated, unless the class is a user's."""
     kind: Any = type(table)
-    checks_more = isinstance(table, Stage) and kind.__post_init__ is not Stage.__post_init__
-    if isinstance(table, ImpedanceTask) or checks_more or (isinstance(table, Stage) and not is_of_the_package(kind)):
+    if isinstance(table, Stage) and not is_of_the_package(kind):
         return kind(**(vars(table) | values))
-    return _with(table, validator(kind, tuple(values)).validate_python(values))
+    copy = _with(table, validator(kind, tuple(values)).validate_python(values))
+    if isinstance(table, Stage):
+        copy.check_settings()
+    return copy
 
 
 def _with(old: Any, values: Mapping[str, Any]) -> Any:

@@ -40,8 +40,8 @@ class Guidance(Stage):
         theory=("rests_at", "notes"),
     )
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def check_settings(self) -> None:
+        super().check_settings()
         position = self.rests_at()
         if position is not None and not (np.shape(position) == (3,) and all(map(math.isfinite, position))):
             what = f"rests_at returned {shortened(position)}: it must return three numbers [m] or None"

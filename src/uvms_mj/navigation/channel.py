@@ -28,6 +28,7 @@ The time unit of the kernels is the instant of the stage, which counts from 0.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -80,7 +81,7 @@ class Channel:
     limit: float | None = None
     dropout: float = 0.0
 
-    @property
+    @functools.cached_property
     def perfect(self) -> bool:
         """Whether the measurement is the truth of the same instant."""
         return self == Channel()
@@ -100,6 +101,7 @@ class Channel:
         measure_attitude(self.settled.packed(1.0), memory, quat, 0, 0, 0, measured)
         return measured
 
+    @functools.lru_cache(maxsize=64)  # noqa: B019  # of a few small channels
     def packed(self, step: float) -> np.ndarray:
         """(SETTINGS,) for the kernels; ``step`` is the time from one instant of the stage to the next [s]."""
         settings = np.zeros(SETTINGS)
@@ -110,10 +112,15 @@ class Channel:
             settings[LIMIT] = math.inf if self.limit is None else self.limit
             settings[NOISE:BIAS], settings[BIAS:WALK] = self.noise, self.bias
             settings[WALK:] = math.sqrt(T) * np.array(self.walk)
+        settings.setflags(write=False)
         return settings
 
-    def faults(self, step: float) -> Iterator[tuple[str, str]]:
+    @functools.lru_cache(maxsize=64)  # noqa: B019
+    def faults(self, step: float) -> tuple[tuple[str, str], ...]:
         """Errors that depend on the time between two instants of the stage [s]: a setting and a sentence."""
+        return tuple(self._faults(step))
+
+    def _faults(self, step: float) -> Iterator[tuple[str, str]]:
         for name in ("period", "delay", "jitter"):
             time = getattr(self, name) or 0.0
             n = int(time / step + 1e-6)

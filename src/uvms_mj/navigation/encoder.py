@@ -55,8 +55,8 @@ class PerfectEncoder(Encoder):
     name = "perfect"
     runs: ClassVar[bool] = False
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def check_settings(self) -> None:
+        super().check_settings()
         if self.period is not None:
             raise InputError([Fault("encoder.period", "a perfect encoder has no period; choose encoder.name")])
 

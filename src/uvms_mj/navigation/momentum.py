@@ -57,8 +57,8 @@ class MomentumObserver(Observer):
     units: ClassVar[Mapping[str, str]] = {"residual": "N, N m", "residual_bias": "N, N m", "in_contact": "1"}
     memory: ClassVar[Mapping[str, int]] = {"momentum": 6, "explained": 6, "averaged": 1}
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def check_settings(self) -> None:
+        super().check_settings()
         if self.calibrate_until and self.calibrate_until <= self.calibrate_from:
             wrong = f"{self.calibrate_until!r} must be 0 or above calibrate_from, {self.calibrate_from!r}"
             raise InputError([Fault("observer.calibrate_until", wrong)], f"the settings of {self.label()}")

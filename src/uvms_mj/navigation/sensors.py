@@ -19,6 +19,7 @@ one depends on the thrust that the measurement decides.
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any, ClassVar
 
@@ -86,11 +87,14 @@ def channel_settings(*quantities: str, frame: str = "") -> Iterator[tuple[str, A
         yield from ((f"{quantity}_{name}", *field) for name, field in fields.items())
 
 
+_NAMES = tuple(field.name for field in dataclasses.fields(Channel))
+_remembered = functools.lru_cache(maxsize=64)(Channel)
+"""A reset changes few channels, and what was computed of the others is in them."""
+
+
 def channel_of(stage: Any, quantity: str) -> Channel:
     """The channel of a quantity, by the settings of a stage."""
-    names = (field.name for field in dataclasses.fields(Channel))
-    given: dict[str, Any] = {name: getattr(stage, f"{quantity}_{name}", 0.0) for name in names}
-    return Channel(**given)
+    return _remembered(*[getattr(stage, f"{quantity}_{name}", 0.0) for name in _NAMES])
 
 
 def channel_faults(stage: Any, quantities: Iterable[str], step: float) -> Iterator[Fault]:

@@ -98,8 +98,8 @@ class NoWrist(Wrist):
     name = "none"
     runs: ClassVar[bool] = False
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def check_settings(self) -> None:
+        super().check_settings()
         if self.site or self.period is not None:
             raise InputError([Fault("wrist.name", "none has no site and no period; choose wrist.name = sensor")])
 

@@ -131,6 +131,10 @@ class Stage:
         if faults:
             raise InputError(faults, place)
         vars(self).update(valid)
+        self.check_settings()
+
+    def check_settings(self) -> None:
+        """Check the settings, each of which is valid, against each other. Raises InputError if they do not agree."""
 
     def _of_default(self, fault: Fault) -> Fault:
         """The fault, with a hint if the value is the default of the class."""

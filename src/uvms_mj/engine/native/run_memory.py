@@ -200,6 +200,9 @@ def write_seed(memory: RunMemory, setup: Setup) -> None:
 
 def write_wall(memory: RunMemory, setup: Setup) -> None:
     memory.engine.write_wall(setup)
+
+
+def write_contact(memory: RunMemory, setup: Setup) -> None:
     contact = memory.loop["contact"]
     for name, value in contact_settings(setup.scenario.wall, setup.mass_along_face).items():
         contact[name] = value
@@ -248,7 +251,8 @@ WRITERS: tuple[tuple[tuple[str, ...], Callable[[RunMemory, Setup], None]], ...] 
     (("current",), write_current),
     (("disturbance",), write_disturbance),
     (("tether",), write_tether),
-    (("wall", "walls", "bumper", "initial.joints", *ATTITUDE_KEYS), write_wall),
+    (("wall", "walls", "bumper"), write_wall),
+    (("wall", "walls", "bumper", "initial.joints", *ATTITUDE_KEYS), write_contact),
     (("initial",), write_initial),
     (("impedance", "initial.joints"), write_impedance),
     (("estimates",), write_estimates),
