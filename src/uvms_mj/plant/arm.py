@@ -21,8 +21,24 @@ from .link_water import water_of
 _HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
 
 
+class Rigid:
+    """What follows from the rigid-body inertia M_RB (6, 6) of a vehicle's base or of a link."""
+
+    M_RB: np.ndarray
+
+    @property
+    def mass(self) -> float:
+        """Rigid mass [kg]."""
+        return float(self.M_RB[0, 0])
+
+    @property
+    def r_g(self) -> np.ndarray:
+        """(3,) centre of gravity [m]: M_RB[3:, :3] = m S(r_g)."""
+        return np.array([self.M_RB[5, 1], self.M_RB[3, 2], self.M_RB[4, 0]]) / (self.M_RB[0, 0] or 1.0)
+
+
 @dataclass(frozen=True, eq=False)
-class Link:
+class Link(Rigid):
     """One link and the joint that carries it. Arrays are in the link's frame unless said otherwise.
 
     Attributes:
@@ -73,16 +89,6 @@ class Link:
     actuator_id: int
     torque_of_ctrl: float
 
-    @property
-    def mass(self) -> float:
-        """Rigid mass [kg]."""
-        return float(self.M_RB[0, 0])
-
-    @property
-    def r_g(self) -> np.ndarray:
-        """(3,) centre of gravity [m]."""
-        return centre_of_gravity(self.M_RB)
-
     @functools.cached_property
     def S(self) -> np.ndarray:
         """(6,) velocity of the link's origin per unit of q_dot, in the link's axes, linear first."""
@@ -122,11 +128,6 @@ class Arm:
         return tuple(link.joint for link in self.links)
 
 
-def centre_of_gravity(M_RB: np.ndarray) -> np.ndarray:
-    """(3,) centre of gravity from M_RB (6, 6): M_RB[3:, :3] = m S(r_g)."""
-    return np.array([M_RB[5, 1], M_RB[3, 2], M_RB[4, 0]]) / (M_RB[0, 0] or 1.0)
-
-
 def moving_bodies(model: mujoco.MjModel, base: int) -> list[int]:
     """The bodies below the base that have a joint, in their order."""
     return [int(i) for i in np.flatnonzero((model.body_rootid == base) & (model.body_dofnum > 0)) if i != base]
@@ -157,14 +158,19 @@ def read_arm(model: mujoco.MjModel, base: int, prefix: str, faults: list[Fault])
     return Arm(tuple(links), sites)
 
 
+def skew(a: np.ndarray) -> np.ndarray:
+    """S(a) (3, 3): S(a) b = a x b."""
+    x, y, z = a
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
 def rigid_inertia(model: mujoco.MjModel, data: mujoco.MjData, carrier: int) -> np.ndarray:
     """M_RB (6, 6) about the origin of a body's frame, in its axes, of the body and of all bodies welded to it."""
     M_RB, R_WL = np.zeros((6, 6)), data.xmat[carrier].reshape(3, 3)
     for body in np.flatnonzero(model.body_weldid == carrier):
         m = float(model.body_mass[body])
         R = R_WL.T @ data.ximat[body].reshape(3, 3)
-        x, y, z = R_WL.T @ (data.xipos[body] - data.xpos[carrier])
-        S = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        S = skew(R_WL.T @ (data.xipos[body] - data.xpos[carrier]))
         M_RB[:3, :3] += m * np.eye(3)
         M_RB[:3, 3:] -= m * S
         M_RB[3:, :3] += m * S

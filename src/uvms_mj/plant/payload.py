@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from ..errors import Fault, suggestion
-from .arm import Link
+from .arm import Link, skew
 from .settings import Payload
 
 Body = TypeVar("Body")
@@ -32,7 +32,7 @@ def loaded(body: Body, payloads: Sequence[Payload]) -> Body:
     for payload in payloads:
         link: Link = body  # type: ignore[assignment]  # the fields of both that are used have the same names
         m, p, displaced = payload.mass, np.array(payload.position), payload.displaced_mass
-        S = _skew(p)
+        S = skew(p)
         M_RB = link.M_RB + m * np.block([[np.eye(3), -S], [S, -S @ S]])
         total = link.displaced_mass + displaced
         r_b = (link.displaced_mass * link.r_b + displaced * p) / total if total > 0.0 else link.r_b
@@ -40,12 +40,6 @@ def loaded(body: Body, payloads: Sequence[Payload]) -> Body:
             array.setflags(write=False)
         body = dataclasses.replace(body, M_RB=M_RB, displaced_mass=total, r_b=r_b)  # type: ignore[type-var]
     return body
-
-
-def _skew(a: np.ndarray) -> np.ndarray:
-    """S(a) (3, 3): S(a) b = a x b."""
-    x, y, z = a
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def load(spec: mujoco.MjSpec, model: mujoco.MjModel, payloads: Sequence[Payload], factor: float) -> None:
@@ -62,7 +56,7 @@ def load(spec: mujoco.MjSpec, model: mujoco.MjModel, payloads: Sequence[Payload]
         centre = sum(mass * place for mass, place in zip(masses, places, strict=True)) / m
         inertia = R @ np.diag(found.inertia) @ R.T
         for mass, place in zip(masses, places, strict=True):
-            S = _skew(place - centre)
+            S = skew(place - centre)
             inertia = inertia - mass * S @ S
         body = spec.body(name)
         principal, axes = np.linalg.eigh(inertia)

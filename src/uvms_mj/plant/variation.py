@@ -5,6 +5,7 @@ file, as those of a control system keep the numbers of a data sheet.
 """
 
 import dataclasses
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from ..errors import Fault, InputError
 from ..physics.frames import rotation_matrix
 from .arm import Link
-from .payload import loaded, payload_faults
+from .payload import Body, loaded, payload_faults
 from .settings import VehicleChoice
 from .vehicle import Vehicle
 
@@ -30,38 +31,29 @@ def varied(nominal: Vehicle, choice: VehicleChoice) -> Vehicle:
     if choice.thruster_offset is not None:
         _refuse(nominal, choice.thruster_offset)
         B[3:] += np.cross(np.array(choice.thruster_offset), nominal.B[:3].T).T
-    names = [nominal.body, *(link.name for link in nominal.arm.links)]
+    links = nominal.arm.links
+    names = [nominal.body, *(link.name for link in links)]
     if faults := payload_faults(choice.payloads, names):
         raise InputError(faults)
-    true = dataclasses.replace(
-        nominal,
-        M_RB=choice.mass * nominal.M_RB,
-        M_A=choice.added_mass * nominal.M_A,
-        D_linear=choice.linear_damping * nominal.D_linear,
-        D_quadratic=choice.quadratic_damping * nominal.D_quadratic,
-        displaced_mass=choice.displaced_mass * nominal.displaced_mass,
-        B=B,
-        arm=dataclasses.replace(nominal.arm, links=tuple(_varied(link, choice) for link in nominal.arm.links)),
-    )
-    for array in (true.M_RB, true.M_A, true.D_linear, true.D_quadratic, true.B):
-        array.setflags(write=False)
-    return loaded(true, [each for each in choice.payloads if each.link == nominal.body])
+    B.setflags(write=False)
+    true = [_varied(link, link.name, choice, friction=choice.coulomb_friction * link.friction) for link in links]
+    return _varied(nominal, nominal.body, choice, B=B, arm=dataclasses.replace(nominal.arm, links=tuple(true)))
 
 
-def _varied(link: Link, choice: VehicleChoice) -> Link:
-    """A link with the factors of the vehicle."""
-    true = dataclasses.replace(
-        link,
-        M_RB=choice.mass * link.M_RB,
-        M_A=choice.added_mass * link.M_A,
-        D_linear=choice.linear_damping * link.D_linear,
-        D_quadratic=choice.quadratic_damping * link.D_quadratic,
-        displaced_mass=choice.displaced_mass * link.displaced_mass,
-        friction=choice.coulomb_friction * link.friction,
-    )
-    for array in (true.M_RB, true.M_A, true.D_linear, true.D_quadratic):
+def _varied(body: Body, name: str, choice: VehicleChoice, **more: Any) -> Body:
+    """The base or a link of this name with the factors of the vehicle, with ``more``, and with its payloads."""
+    given: Link = body  # type: ignore[assignment]  # the fields of both that are used have the same names
+    arrays = {
+        "M_RB": choice.mass * given.M_RB,
+        "M_A": choice.added_mass * given.M_A,
+        "D_linear": choice.linear_damping * given.D_linear,
+        "D_quadratic": choice.quadratic_damping * given.D_quadratic,
+    }
+    for array in arrays.values():
         array.setflags(write=False)
-    return loaded(true, [each for each in choice.payloads if each.link == link.name])
+    displaced_mass = choice.displaced_mass * given.displaced_mass
+    true = dataclasses.replace(body, **arrays, displaced_mass=displaced_mass, **more)  # type: ignore[type-var]
+    return loaded(true, [each for each in choice.payloads if each.link == name])
 
 
 def _refuse(nominal: Vehicle, offsets: tuple[tuple[float, ...], ...]) -> None:

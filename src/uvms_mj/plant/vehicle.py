@@ -18,7 +18,7 @@ import numpy as np
 from ..errors import Fault, InputError, suggestion
 from ..physics.dissipation import damping_notes
 from ..physics.frames import rotation_matrix
-from .arm import Arm, centre_of_gravity, read_arm, rigid_inertia
+from .arm import Arm, Rigid, read_arm, rigid_inertia
 from .coefficients import added_mass, damping_matrix, numeric
 from .numerics import wrong_numerics
 from .thrusters import read_thrusters, turning_thrusters
@@ -28,7 +28,7 @@ AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 
 
 @dataclass(frozen=True, eq=False)
-class Vehicle:
+class Vehicle(Rigid):
     """Coefficients of one vehicle, in its body frame B, as read-only arrays."""
 
     body: str
@@ -62,16 +62,6 @@ class Vehicle:
     def M(self) -> np.ndarray:
         """(6, 6) M = M_RB + M_A."""
         return self.M_RB + self.M_A
-
-    @property
-    def mass(self) -> float:
-        """Rigid mass [kg]."""
-        return float(self.M_RB[0, 0])
-
-    @property
-    def r_g(self) -> np.ndarray:
-        """(3,) centre of gravity [m]: M_RB[3:, :3] = m S(r_g)."""
-        return centre_of_gravity(self.M_RB)
 
     @classmethod
     def from_model(cls, model: mujoco.MjModel, body: str | None = None) -> "Vehicle":
