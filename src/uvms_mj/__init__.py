@@ -8,37 +8,27 @@ print(trace.push[-1])
 
 from importlib import import_module
 
-_HOME = {
-    "Actuation": "actuation",
-    "Attachment": "engine.native",
-    "Controller": "control",
-    "Current": "plant.water",
-    "Disturbance": "plant.water",
-    "Diverged": "engine.simulation",
-    "Fosm": "control",
-    "Gsta": "control",
-    "Guidance": "guidance",
-    "Ideal": "control",
-    "Impedance": "control",
-    "InputError": "errors",
-    "LawError": "engine.run",
-    "McapLog": "records.mcap",
-    "Navigation": "navigation",
-    "Scenario": "scenario",
-    "Simulation": "engine.simulation",
-    "SinkError": "engine.run",
-    "Sta": "control",
-    "StageFault": "engine.native.plain_stage",
-    "Status": "records.header",
-    "Study": "studies.study",
-    "Tether": "plant.water",
-    "Trace": "records.trace",
-    "attach": "engine.native",
-    "converge": "studies.convergence",
-    "gain": "control",
-    "setting": "stages.base",
-    "simulate": "engine.run",
+_NAMES = {
+    "actuation": "Actuation",
+    "control": "Controller Fosm Gsta Ideal Impedance Sta gain",
+    "engine.native": "Attachment attach",
+    "engine.native.plain_stage": "StageFault",
+    "engine.run": "LawError SinkError simulate",
+    "engine.simulation": "Diverged Simulation",
+    "errors": "InputError",
+    "guidance": "Guidance",
+    "navigation": "Navigation",
+    "plant.water": "Current Disturbance Tether",
+    "records.header": "Status",
+    "records.mcap": "McapLog",
+    "records.trace": "Trace",
+    "scenario": "Scenario",
+    "stages.base": "setting",
+    "studies.convergence": "converge",
+    "studies.study": "Study",
 }
+"""The modules with their public names."""
+_HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 """The public names, each with its module."""
 
 __all__ = sorted(_HOME)

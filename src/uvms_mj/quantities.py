@@ -5,7 +5,7 @@ The ranges are far wider than any vehicle needs. Within them, no product in the 
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Annotated, Any
 
 from annotated_types import Ge, Le
@@ -21,13 +21,27 @@ NonNegative = Annotated[Real, Ge(0), Le(1e12)]
 
 def within(low: float, high: float, unit: str) -> AfterValidator:
     """A validator for a range; its message includes the unit."""
+    return refusing(lambda value: not low <= value <= high, f"must be from {low:g} to {high:g} {unit}".rstrip())
 
-    def check(value: float) -> float:
-        if not low <= value <= high:
-            raise ValueError(f"must be from {low:g} to {high:g} {unit}".rstrip())
+
+def refusing(wrong: Callable[[Any], bool], text: str) -> AfterValidator:
+    """A validator that refuses a wrong value with a text."""
+
+    def check(value: Any) -> Any:
+        if wrong(value):
+            raise ValueError(text)
         return value
 
     return AfterValidator(check)
+
+
+def repeated(n: int) -> BeforeValidator:
+    """A validator that takes one number for n equal ones."""
+
+    def fill(value: Any) -> Any:
+        return (value,) * n if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+    return BeforeValidator(fill)
 
 
 def of_length(n: int) -> AfterValidator:

@@ -157,6 +157,8 @@ class _Loop:
         ends = np.cumsum(sizes)
         self.places = [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]
         self.size = int(ends[-1])
+        # the thrusters of the file, and the true ones
+        self.delivered = vehicle.acceleration_by_thrust @ setup.vehicle.B @ np.linalg.pinv(setup.nominal.B)
         self.sensed = self._sensed()
         self.sigmas = np.diag(np.concatenate([each.noise for each in self.channels]))
 
@@ -188,16 +190,11 @@ class _Loop:
             T = self.h * self.control * np.eye(len(response.by_state) - 6)
             states = states + T @ _Linear(response.by_state[6:], response.by_noise[6:])
         u = commanded if k % self.actuation == 0 else u
-        nu_dot = self.vehicle.acceleration_by_state @ x + self._delivered @ u
+        nu_dot = self.vehicle.acceleration_by_state @ x + self.delivered @ u
         nu = _Linear(x.by_state[6:], x.by_noise[6:]) + self.h * np.eye(6) @ nu_dot
         moved = self.h * np.block([[self.vehicle.R_WB, np.zeros((3, 3))], [np.zeros((3, 3)), np.eye(3)]]) @ nu
         pose = _Linear(x.by_state[:6], x.by_noise[:6]) + moved
         return _stacked([pose, nu, states, *kept, left, u]), y, u
-
-    @property
-    def _delivered(self) -> np.ndarray:
-        """Acceleration (6, 6) by the commanded wrench, through the thrusters of the file and the true ones."""
-        return self.vehicle.acceleration_by_thrust @ self.setup.vehicle.B @ np.linalg.pinv(self.setup.nominal.B)
 
     def solve(self) -> Deviations | str:
         """The covariance that repeats, and the deviations from it."""

@@ -69,10 +69,6 @@ def _push_deviation(trace: "Trace") -> float | None:
     return float(trace.push[trace.t >= 0.5 * trace.t[-1]].std())
 
 
-def _noise_N(trace: "Trace") -> float | None:
-    return getattr(_deviations(trace.header), "push", None)
-
-
 def _no_noise_because(trace: "Trace") -> str | None:
     found = _deviations(trace.header)
     return found if isinstance(found, str) else None
@@ -111,7 +107,7 @@ NUMBERS: "Mapping[str, Callable[[Trace], Any]]" = {
     "contact.analytic_N": _analytic_N,
     "contact.relative_error": _relative_error,
     "noise.push_N": _push_deviation,
-    "noise.analytic_N": _noise_N,
+    "noise.analytic_N": lambda trace: getattr(_deviations(trace.header), "push", None),
     "noise.none_because": _no_noise_because,
     "effort_N2s": lambda trace: float(trace.effort[-1][:3].sum()) if len(trace) else None,
     "saturated_s": _last("saturation_time"),
@@ -152,23 +148,15 @@ def _force_error(trace: "Trace") -> float | None:
     return None if force is None or not math.isfinite(demanded) else force - demanded
 
 
-def _force_range(trace: "Trace") -> float | None:
-    """Greatest minus least pushing force over the last 0.5 s [N]."""
-    return float(trace.final_high[-1] - trace.final_low[-1]) if len(trace) else None
-
-
-def _thrust_peak(trace: "Trace") -> float | None:
-    """Largest of X, Y and Z that the thrusters gave at any step [N]."""
-    return float(trace.tau_max[-1][:3].max()) if len(trace) else None
-
-
 METRICS: "Mapping[str, Callable[[Trace], Any]]" = {
     **NUMBERS,
     "certified_rate_m_per_s3": _certified_rate,
     "chattering_N_per_s": _chattering,
     "force_error_N": _force_error,
-    "force_range_N": _force_range,
-    "thrust_peak_N": _thrust_peak,
+    # greatest minus least pushing force over the last 0.5 s
+    "force_range_N": lambda trace: float(trace.final_high[-1] - trace.final_low[-1]) if len(trace) else None,
+    # largest of X, Y and Z that the thrusters gave at any step
+    "thrust_peak_N": lambda trace: float(trace.tau_max[-1][:3].max()) if len(trace) else None,
 }
 """The numbers that a study can keep: those of a summary, and others that take longer."""
 

@@ -38,7 +38,7 @@ def new(kind: str, name: str, out: str, force: bool) -> None:
         from ..files import whole
 
         cls = "".join(word[:1].upper() + word[1:] for word in name.split("_"))
-        if not name.isascii() or not all(map(_is_name, (name, cls))):
+        if not name.isascii() or any(not word.isidentifier() or keyword.iskeyword(word) for word in (name, cls)):
             hint = f"must be a word of letters, digits and _ that begins with a letter, as my_{kind}"
             raise InputError(f"NAME {name!r}: {hint}; --out names a folder")
         template, use = KINDS[kind]
@@ -49,7 +49,3 @@ def new(kind: str, name: str, out: str, force: bool) -> None:
         with whole(path) as part:
             part.write_text(text, encoding="utf-8")
     click.echo(f"{path}: {use.format(file=path, cls=cls)}")
-
-
-def _is_name(word: str) -> bool:
-    return word.isidentifier() and not keyword.iskeyword(word)

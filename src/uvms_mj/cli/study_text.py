@@ -92,7 +92,9 @@ def print_result(study: "Study", as_json: bool, quiet: bool) -> int:
     elif not quiet:
         _table(study, rows)
         if found is not None:
-            _print_check(found, largest(found))
+            click.echo(f"free_body against mujoco, {found['index'].nunique()} runs, largest differences:")
+            for each in largest(found).to_dict("records"):
+                click.echo(f"  {each['number']}: {each['difference']:.1e} (row {each['index']}, {each['law']})")
         click.echo(f"{study.folder}{os.sep}rows")
     for each in failed:
         click.echo(
@@ -116,7 +118,7 @@ def finite(value: Any) -> Any:
         return {key: finite(each) for key, each in value.items()}
     if isinstance(value, list):
         return [finite(each) for each in value]
-    return None if (isinstance(value, float) and abs(value) in (float("inf"),)) or value != value else value
+    return None if value != value or value in (float("inf"), -float("inf")) else value
 
 
 def _table(study: "Study", rows: "pd.DataFrame") -> None:
@@ -135,9 +137,3 @@ def _table(study: "Study", rows: "pd.DataFrame") -> None:
         table.add_row(law.label, str(len(own)), *(str(own.count(each)) for each in statuses), str(success[mine].sum()))
     print_table(table)
     click.echo(f"{in_words(study.plan.success, 'contact.settled' in rows)}")
-
-
-def _print_check(found: "pd.DataFrame", largest: "pd.DataFrame") -> None:
-    click.echo(f"free_body against mujoco, {found['index'].nunique()} runs, largest differences:")
-    for each in largest.to_dict("records"):
-        click.echo(f"  {each['number']}: {each['difference']:.1e} (row {each['index']}, {each['law']})")

@@ -17,9 +17,7 @@ import dataclasses
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from pydantic import AfterValidator, BeforeValidator
-
-from ..quantities import Number, Step, Vector6, within
+from ..quantities import Number, Step, Vector6, refusing, repeated, within
 from ..stages.base import Room, Stage, setting, shared
 from ..stages.signals import GIVEN, TASK_GIVEN, TRUTH, WRENCH_COMMAND, Signal
 
@@ -28,25 +26,10 @@ if TYPE_CHECKING:
     from .rest import SteadyState
 
 
-def _six(value: Any) -> Any:
-    return (value,) * 6 if isinstance(value, int | float) and not isinstance(value, bool) else value
-
-
-Diagonal = Annotated[Vector6, BeforeValidator(_six)]
+Diagonal = Annotated[Vector6, repeated(6)]
 """A diagonal matrix: one number for all six axes, or six numbers."""
-
-
-def _at_least(low: float, words: str) -> AfterValidator:
-    def check(value: tuple[float, ...]) -> tuple[float, ...]:
-        if min(value) < low:
-            raise ValueError(f"must not have {words} entry")
-        return value
-
-    return AfterValidator(check)
-
-
-NonNegativeDiagonal = Annotated[Diagonal, _at_least(0.0, "a negative")]
-PositiveDiagonal = Annotated[Diagonal, _at_least(1e-12, "a zero or negative")]
+NonNegativeDiagonal = Annotated[Diagonal, refusing(lambda x: min(x) < 0.0, "must not have a negative entry")]
+PositiveDiagonal = Annotated[Diagonal, refusing(lambda x: min(x) < 1e-12, "must not have a zero or negative entry")]
 
 gain = setting
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator
+from pydantic import BeforeValidator
 from pydantic.dataclasses import dataclass as table
 
 from ..errors import Fault
@@ -18,11 +18,12 @@ from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..physics.posture import FREEDOM
 from ..physics.statics import Statics
 from ..physics.tree import MOST_JOINTS
-from ..quantities import STRICT, Angles, Number, Position, Step, doc, within
+from ..quantities import STRICT, Angles, Number, Position, Step, doc, refusing, within
 
 LEVELS = ("attitude", "station", "joints")
 """The levels by the numbers of the kernel."""
 _Frequency = Annotated[Number, within(0.0, 1e3, "rad/s")]
+_Once = refusing(lambda order: len(set(order)) < len(order), "names a level twice")
 
 
 def _list(order: Any) -> Any:
@@ -31,19 +32,11 @@ def _list(order: Any) -> Any:
     return order
 
 
-def _once(order: tuple[str, ...]) -> tuple[str, ...]:
-    if len(set(order)) < len(order):
-        raise ValueError("names a level twice")
-    return order
-
-
 @table(frozen=True, config=STRICT)
 class Posture:
     """Levels below the task, each with the motion that those before it leave."""
 
-    order: Annotated[
-        tuple[Literal["attitude", "station", "joints"], ...], BeforeValidator(_list), AfterValidator(_once)
-    ] = doc(
+    order: Annotated[tuple[Literal["attitude", "station", "joints"], ...], BeforeValidator(_list), _Once] = doc(
         'levels of the posture, the most important one first: any of "attitude", "station" and "joints"',
         ("attitude", "joints"),
     )

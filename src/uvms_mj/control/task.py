@@ -24,35 +24,19 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar
 
-from pydantic import AfterValidator
-
 from ..errors import Fault, InputError
 from ..physics.dense import backward, cholesky, forward
 from ..physics.fossen import matvec
 from ..physics.frames import quat_error
 from ..physics.kernels import kernel
-from ..quantities import Step
+from ..quantities import Step, refusing
 from ..stages.base import Room, Stage, shared
 from ..stages.signals import TASK, TASK_GIVEN
 from .base import Diagonal
 
-
-def _nonzero(value: tuple[float, ...]) -> tuple[float, ...]:
-    if 0.0 in value:
-        raise ValueError("must not have a zero: F_2 has to be invertible")
-    return value
-
-
-def _not_positive(value: tuple[float, ...]) -> tuple[float, ...]:
-    if max(value) > 0.0:
-        raise ValueError("must not have a positive entry: A is negative semi-definite (eq. 8)")
-    return value
-
-
-_NonzeroDiagonal = Annotated[Diagonal, AfterValidator(_nonzero)]
-_NegativeDiagonal = Annotated[Diagonal, AfterValidator(_not_positive)]
-
-
+_NonzeroDiagonal = Annotated[Diagonal, refusing(lambda x: 0.0 in x, "must not have a zero: F_2 has to be invertible")]
+_POSITIVE = "must not have a positive entry: A is negative semi-definite (eq. 8)"
+_NegativeDiagonal = Annotated[Diagonal, refusing(lambda x: max(x) > 0.0, _POSITIVE)]
 BODY = "body"
 """The frame of the task at which the paper's equations stand: B."""
 

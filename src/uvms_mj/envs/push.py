@@ -43,6 +43,8 @@ OBSERVED = ("p_WB", "quat_WB", "nu", "f_contact_m_W", "p_d", "quat_d")
 SPAN = 4.0
 """Largest factor by which an action changes a gain."""
 Action = Literal["wrench", "thrusts", "gains"]
+_REPLACED = {"wrench": {"controller.name": "external"}, "thrusts": {"actuation.name": "external"}}
+"""The stage that the caller replaces, by the action."""
 Observation = dict[str, np.ndarray]
 
 
@@ -90,7 +92,7 @@ class Push:
         )
         if action not in get_args(Action):
             faults.append(Fault("action", f"{action!r}: must be 'wrench', 'thrusts' or 'gains'"))
-        self.action, self.scenario = action, _with_action(chosen, action)
+        self.action, self.scenario = action, chosen.updated(_REPLACED.get(action, {}))
         if force_d is None:
             force_d = demanded_force(self.scenario, self.scenario.wall.stiffness)
         checked = functools.partial(_checked, faults)
@@ -209,13 +211,6 @@ def _random(seed: Any) -> np.random.Generator:
     if not isinstance(seed, int | np.integer | None) or (seed is not None and seed < 0):
         raise InputError([Fault("seed", f"{seed!r}: must be an integer, at least 0")])
     return np.random.default_rng(seed)
-
-
-def _with_action(scenario: Scenario, action: str) -> Scenario:
-    """The scenario with the stage that the caller replaces."""
-    if action == "wrench":
-        return scenario.updated({}, "external")
-    return scenario.updated({"actuation.name": "external"}) if action == "thrusts" else scenario
 
 
 def _bounds(scenario: Scenario, randomise: Any) -> dict[str, tuple[np.ndarray, np.ndarray]]:

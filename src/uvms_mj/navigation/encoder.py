@@ -8,13 +8,12 @@ from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import BeforeValidator
 
 from ..errors import Fault, InputError
 from ..physics.kernels import kernel
 from ..physics.random import standard_normal
 from ..physics.tree import MOST_JOINTS
-from ..quantities import Lowercase, Moderate, NonNegative, Number, Step, Time, within
+from ..quantities import Lowercase, Moderate, NonNegative, Number, Step, Time, repeated, within
 from ..stages.base import Room, Stage, setting, shared
 from ..stages.joint_signals import encoder_given, encoder_signals
 
@@ -22,13 +21,9 @@ MOST_LATE = 500
 """Largest delay in periods of the encoder."""
 
 
-def _one(value: Any) -> Any:
-    return (value,) if isinstance(value, int | float) and not isinstance(value, bool) else value
-
-
-OfJoints = Annotated[tuple[Moderate, ...], BeforeValidator(_one)]
+OfJoints = Annotated[tuple[Moderate, ...], repeated(1)]
 """A number of each joint, or one number for all."""
-_Deviations = Annotated[tuple[NonNegative, ...], BeforeValidator(_one)]
+_Deviations = Annotated[tuple[NonNegative, ...], repeated(1)]
 
 
 @dataclasses.dataclass(frozen=True)

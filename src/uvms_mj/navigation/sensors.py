@@ -25,30 +25,18 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from annotated_types import Lt
-from pydantic import AfterValidator, BeforeValidator
 
 from ..errors import Fault
 from ..physics.frames import rotation, to_world
 from ..physics.kernels import kernel
-from ..quantities import NonNegative, Number, Positive, Step, Vector3, within
+from ..quantities import NonNegative, Number, Positive, Step, Vector3, refusing, repeated, within
 from ..stages.base import setting, shared
 from .base import Known, Navigation, RestErrors, no_errors
 from .channel import MEMORY, Channel, measure, measure_attitude
 
-
-def _three(value: Any) -> Any:
-    return (value,) * 3 if isinstance(value, int | float) and not isinstance(value, bool) else value
-
-
-def _not_negative(value: tuple[float, ...]) -> tuple[float, ...]:
-    if min(value) < 0.0:
-        raise ValueError("must not be negative")
-    return value
-
-
-Axes = Annotated[Vector3, BeforeValidator(_three)]
+Axes = Annotated[Vector3, repeated(3)]
 """A number of each axis, or one number for all three."""
-_Deviations = Annotated[Axes, AfterValidator(_not_negative)]
+_Deviations = Annotated[Axes, refusing(lambda x: min(x) < 0.0, "must not be negative")]
 _Latency = Annotated[Number, within(0.0, 100.0, "s")]
 _Scale = Annotated[Number, within(-0.9, 10.0, "")]
 _Probability = Annotated[NonNegative, Lt(1.0)]

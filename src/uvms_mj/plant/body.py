@@ -39,3 +39,9 @@ class Body:
     def r_g(self) -> np.ndarray:
         """(3,) centre of gravity [m]: M_RB[3:, :3] = m S(r_g)."""
         return np.array([self.M_RB[5, 1], self.M_RB[3, 2], self.M_RB[4, 0]]) / (self.mass or 1.0)
+
+
+def skew(a: np.ndarray) -> np.ndarray:
+    """S(a) (3, 3): S(a) b = a x b."""
+    x, y, z = a
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from ..errors import Fault, suggestion
-from .body import Body
+from .body import Body, skew
 from .settings import Payload
 
 _Body = TypeVar("_Body", bound=Body)
@@ -31,7 +31,7 @@ def loaded(body: _Body, payloads: Sequence[Payload]) -> _Body:
     """The base or a link with payloads."""
     for payload in payloads:
         m, p, displaced = payload.mass, np.array(payload.position), payload.displaced_mass
-        S = _skew(p)
+        S = skew(p)
         M_RB = body.M_RB + m * np.block([[np.eye(3), -S], [S, -S @ S]])
         total = body.displaced_mass + displaced
         r_b = (body.displaced_mass * body.r_b + displaced * p) / total if total > 0.0 else body.r_b
@@ -39,12 +39,6 @@ def loaded(body: _Body, payloads: Sequence[Payload]) -> _Body:
             array.setflags(write=False)
         body = dataclasses.replace(body, M_RB=M_RB, displaced_mass=total, r_b=r_b)
     return body
-
-
-def _skew(a: np.ndarray) -> np.ndarray:
-    """S(a) (3, 3): S(a) b = a x b."""
-    x, y, z = a
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def load(spec: mujoco.MjSpec, model: mujoco.MjModel, payloads: Sequence[Payload], factor: float) -> None:
@@ -61,7 +55,7 @@ def load(spec: mujoco.MjSpec, model: mujoco.MjModel, payloads: Sequence[Payload]
         centre = sum(mass * place for mass, place in zip(masses, places, strict=True)) / m
         inertia = R @ np.diag(found.inertia) @ R.T
         for mass, place in zip(masses, places, strict=True):
-            S = _skew(place - centre)
+            S = skew(place - centre)
             inertia = inertia - mass * S @ S
         body = spec.body(name)
         principal, axes = np.linalg.eigh(inertia)

@@ -13,28 +13,17 @@ from typing import Any
 import numpy as np
 
 from ..errors import Fault, InputError, shortened, suggestion
+from . import signals
 from .base import Stage, base_of, packs_itself
 from .joint_signals import JOINT_SIGNALS
-from .signals import (
-    DELAYED,
-    GIVEN,
-    MANIPULABILITY,
-    MEASURED,
-    RECORDED,
-    TASK,
-    TOOL,
-    TRUTH,
-    contact_signals,
-    thruster_signal,
-)
 
 _MOST_STATES = 10_000
 _LONGEST_NAME = 100
 _RECORDED = (
-    *(*RECORDED, *MEASURED, *DELAYED, *TOOL, MANIPULABILITY),
-    *(*contact_signals(1), *JOINT_SIGNALS, thruster_signal(1)),
+    *(*signals.RECORDED, *signals.MEASURED, *signals.DELAYED, *signals.TOOL, signals.MANIPULABILITY),
+    *(*signals.contact_signals(1), *JOINT_SIGNALS, signals.thruster_signal(1)),
 )
-_SIGNALS = {signal.name for signal in (*GIVEN, *_RECORDED)}
+_SIGNALS = {signal.name for signal in (*signals.GIVEN, *_RECORDED)}
 """Signals of a Simulation or a trace, which a state would hide."""
 _OVERRIDDEN = ("name", "states", "memory", "units", "every_step", "uses_task", "uses_truth")
 
@@ -163,7 +152,7 @@ def _unknown_fields(cls: type[Stage]) -> Iterator[str]:
     if not isinstance(tree, ast.FunctionDef):
         return
     settings = [*cls.room.constants, *(f.name for f in dataclasses.fields(cls) if f.name != "period")]
-    given, out = ([signal.name for signal in signals] for signals in (cls.given(), cls.room.out))
+    given, out = ([signal.name for signal in each] for each in (cls.given(), cls.room.out))
     kept = [*cls.states, *cls.memory]
     roles = zip(cls.room.arguments, (settings, kept, given, list(cls.states), out), strict=True)
     free = {"tau_cmd", "u", *(cls.room.arguments[:1] if packs_itself(cls) else ())}  # arrays, and settings of any type
@@ -190,9 +179,9 @@ def _unknown_fields(cls: type[Stage]) -> Iterator[str]:
 
 def _hint(cls: type[Stage], role: str, word: str, known: list[str]) -> str:
     settings, _, given, *_ = cls.room.arguments
-    if role == "signals" and word in {signal.name for signal in TRUTH}:
+    if role == "signals" and word in {signal.name for signal in signals.TRUTH}:
         return "only the yardstick 'ideal' may use the truth"
-    if role == "signals" and word in {signal.name for signal in TASK}:
+    if role == "signals" and word in {signal.name for signal in signals.TASK}:
         return "the class has uses_task = False"
     if role == settings and word == "period":
         return f"{given}.period is the {'control ' if given == 'signals' else ''}period"

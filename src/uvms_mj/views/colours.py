@@ -49,3 +49,8 @@ def of_runs(laws: Sequence[str]) -> list[Colour]:
         colours.append(mixed(base[law], share))
         seen[law] += 1
     return colours
+
+
+def hex_of_runs(laws: Sequence[str]) -> list[str]:
+    """The colours of :func:`of_runs` as #rrggbb."""
+    return ["#{:02x}{:02x}{:02x}".format(*colour) for colour in of_runs(laws)]

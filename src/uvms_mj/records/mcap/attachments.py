@@ -41,11 +41,6 @@ def _stages_of_law(run: dict[str, Any]) -> dict[str, Any]:
     return _stages_since(run)
 
 
-def _mujoco(run: dict[str, Any]) -> dict[str, Any]:
-    """Formats 1 and 2 have one engine."""
-    return run | {"engine": "mujoco"}
-
-
 def _stages_since(run: dict[str, Any]) -> dict[str, Any]:
     """Formats 3 and 4 lack the tables of stages that came later; these stages were those of today's defaults."""
     stages = run.get("stages")
@@ -57,7 +52,7 @@ def _stages_since(run: dict[str, Any]) -> dict[str, Any]:
 
 _UPGRADES: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {
     1: _stages_of_law,
-    2: _mujoco,
+    2: lambda run: run | {"engine": "mujoco"},  # there was one engine
     3: _stages_since,
     4: _stages_since,
 }

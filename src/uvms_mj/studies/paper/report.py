@@ -15,7 +15,8 @@ from ...records.header import Status
 from ...records.trace import Trace
 from .. import pages
 from ..pages import Table, rendered
-from .claims import REST_S, TRANSIENT_S, Row, Verdict, linear_sum
+from .claims import Row, Verdict
+from .claims.measures import REST_S, TRANSIENT_S, linear_sum
 
 _LEVELS = "Expected: K_x (x_d - x_c), for a rigid wall. Analytic: force at rest of this law at this wall."
 

@@ -10,7 +10,7 @@ from ...analysis.sampling import checked
 from ...errors import Fault, InputError, suggestion
 from .draws import Variation
 from .entries import Law
-from .places import missing, overrides_at
+from .places import missing, overlap, overrides_at
 
 MOST_CHECKED = 50
 """A longer list of numbers is checked at its least and its greatest one."""
@@ -29,7 +29,7 @@ def combination_faults(
             if all_laws and label not in known:
                 yield Fault(f"{each.place}.laws[{i}]", f"no law {label!r}; {suggestion(label, known)}")
         for place in each.keys:
-            twice = next((other for other in seen if _within(place, other) or _within(other, place)), None)
+            twice = next((other for other in seen if overlap(place, other)), None)
             if twice is not None:
                 yield Fault(each.place, f"{place} varies in {seen[twice]} already, as {twice}")
             if place in overrides:
@@ -38,11 +38,6 @@ def combination_faults(
                 if place in law.overrides and each.covers(law.label):
                     yield Fault(f"laws[{i}].{place}", f"{each.place} varies this key: setting it has no effect")
             seen[place] = each.place
-
-
-def _within(place: str, other: str) -> bool:
-    """Whether a place is another one, or a component of it."""
-    return place == other or place.startswith((f"{other}[", f"{other}."))
 
 
 @dataclass(frozen=True, eq=False)

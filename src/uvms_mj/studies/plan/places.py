@@ -2,6 +2,8 @@
 
 import copy
 import difflib
+import functools
+import operator
 import re
 from collections.abc import Mapping
 from typing import Any
@@ -22,6 +24,18 @@ def parsed(place: str) -> tuple[str, list[int | str]]:
     return found[1], [int(index) if index else word for index, word in _PART.findall(found[2])]
 
 
+def overlap(one: str, other: str) -> bool:
+    """Whether two places are the same, or one is a component of the other."""
+    return one == other or one.startswith((f"{other}[", f"{other}.")) or other.startswith((f"{one}[", f"{one}."))
+
+
+def value_at(place: str, tables: Mapping[str, Any]) -> Any:
+    """The value of a place in the tables of a scenario."""
+    key, parts = parsed(place)
+    table, _, word = key.partition(".")
+    return functools.reduce(operator.getitem, parts, tables[table][word])
+
+
 def overrides_at(values: Mapping[str, Any], tables: Mapping[str, Any]) -> dict[str, Any]:
     """Overrides by dotted key, from values by place. A component replaces its number in the value of ``tables``, which
     are those of the scenario."""
@@ -32,10 +46,8 @@ def overrides_at(values: Mapping[str, Any], tables: Mapping[str, Any]) -> dict[s
             overrides[key] = value
             continue
         table, _, word = key.partition(".")
-        inner = overrides.setdefault(key, copy.deepcopy(tables[table][word]))
-        for part in parts[:-1]:
-            inner = inner[part]
-        inner[parts[-1]] = value
+        whole = overrides.setdefault(key, copy.deepcopy(tables[table][word]))
+        functools.reduce(operator.getitem, parts[:-1], whole)[parts[-1]] = value
     return overrides
 
 

@@ -10,7 +10,7 @@ import json
 import os
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -57,7 +57,7 @@ class Parcel:
     def of(cls, plan: "Plan") -> "Parcel":
         """Pack a plan. Raises InputError if a file can't be read."""
         files: dict[str, bytes] = {}
-        return cls(_packed(plan.tables, files), files, code())
+        return cls(_changed(plan.tables, lambda text: _packed(text, files)), files, code())
 
     @functools.cached_property
     def digest(self) -> str:
@@ -77,7 +77,12 @@ class Parcel:
             raise InputError(f"a worker has other code than this machine: {'; '.join(other)}; install the same on both")
         if self.digest not in _plans:
             _plans.clear()
-            _plans[self.digest] = Plan.from_dict(_filled(self.tables, self._folder()))
+            folder = self._folder()
+
+            def here(text: str) -> str:
+                return text.replace(_HERE, folder, 1) if text.startswith(_HERE) else text
+
+            _plans[self.digest] = Plan.from_dict(_changed(self.tables, here))
         return _plans[self.digest]
 
     def _folder(self) -> str:
@@ -103,14 +108,17 @@ _plans: dict[str, "Plan"] = {}
 """The last plan by the digest of its parcel."""
 
 
-def _packed(value: Any, files: dict[str, bytes]) -> Any:
-    """A value of a table with its files packed."""
+def _changed(value: Any, change: Callable[[str], str]) -> Any:
+    """A value of a table with each text in it changed."""
     if isinstance(value, Mapping):
-        return {key: _packed(each, files) for key, each in value.items()}
+        return {key: _changed(each, change) for key, each in value.items()}
     if isinstance(value, list | tuple):
-        return [_packed(each, files) for each in value]
-    if not isinstance(value, str):
-        return value
+        return [_changed(each, change) for each in value]
+    return change(value) if isinstance(value, str) else value
+
+
+def _packed(value: str, files: dict[str, bytes]) -> str:
+    """A text of a table; the name of a file is packed."""
     file, colon, name = value.rpartition(":") if ".py:" in value else (value, "", "")
     path = Path(file)
     if not path.is_absolute() or path.suffix not in (".py", ".xml") or not path.is_file():
@@ -142,12 +150,3 @@ def _pack_vehicle(path: Path, files: dict[str, bytes]) -> str:
 
 def _short(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()[:8]
-
-
-def _filled(value: Any, folder: str) -> Any:
-    """A value of a parcel's table with the paths of this machine."""
-    if isinstance(value, Mapping):
-        return {key: _filled(each, folder) for key, each in value.items()}
-    if isinstance(value, list):
-        return [_filled(each, folder) for each in value]
-    return value.replace(_HERE, folder, 1) if isinstance(value, str) and value.startswith(_HERE) else value

@@ -1,6 +1,5 @@
 """Figures of the page: the push along each axis, and the maps over two axes."""
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,7 +13,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import EngFormatter
 
 from ...views import colours
-from ...views.figures.style import GREY, LINE, PAGE_IN, SMALL, styled
+from ...views.figures.style import ABOVE, GREY, LINE, PAGE_IN, SMALL, keys, panels, styled
 from ..report.figures import decades
 from .axes import MAPS, Axis
 from .plans import DEMANDED, PART
@@ -28,31 +27,25 @@ _SHOWN = ("fosm", "gsta", "gsta retuned")
 """The laws of the maps; impedance control alone does not reach the wall."""
 
 
-def _colours() -> dict[str, tuple[float, float, float]]:
-    shades = colours.of_runs([label.split()[0] for label in LABELS])
-    return {label: (r / 255, g / 255, b / 255) for label, (r, g, b) in zip(LABELS, shades, strict=True)}
+def _colours() -> dict[str, str]:
+    return dict(zip(LABELS, colours.hex_of_runs([label.split()[0] for label in LABELS]), strict=True))
 
 
 def profiles(results: Results, axes: Sequence[Axis]) -> Figure:
     """The push of each law along the axes: mean and range of its last 0.5 s, and where the law stops working."""
     shown = _colours()
     with styled():
-        rows = math.ceil(len(axes) / _COLUMNS)
-        figure = Figure(figsize=(PAGE_IN, 0.5 + 1.35 * rows))
-        grid = figure.subplots(rows, _COLUMNS, squeeze=False, sharey=True)
-        for ax, axis in zip(grid.flat, axes, strict=False):
+        figure, drawn = panels(len(axes), _COLUMNS, 0.5, 1.35, sharey=True)
+        for ax, axis in zip(drawn, axes, strict=True):
             _profile(ax, results, axis, shown)
-        for ax in list(grid.flat)[len(axes) :]:
-            ax.remove()
-        for row in grid:
-            row[0].set_ylabel("push [N]")
-        handles = [Line2D([], [], color=colour, linewidth=2.0 * LINE, label=law) for law, colour in shown.items()]
-        handles.append(Line2D([], [], color=GREY, linestyle=":", label="as in a pool"))
-        figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), fontsize=SMALL, frameon=False)
+        for ax in drawn[::_COLUMNS]:
+            ax.set_ylabel("push [N]")
+        handles = [*keys(shown), Line2D([], [], color=GREY, linestyle=":", label="as in a pool")]
+        figure.legend(handles=handles, ncols=len(handles), **ABOVE)
     return figure
 
 
-def _profile(ax: Axes, results: Results, axis: Axis, shown: dict[str, tuple[float, float, float]]) -> None:
+def _profile(ax: Axes, results: Results, axis: Axis, shown: dict[str, str]) -> None:
     least = min(value for value in axis.values if value > 0.0)
     for i, (law, colour) in enumerate(shown.items()):
         rows = results.along(axis, law)

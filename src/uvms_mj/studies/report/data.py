@@ -10,12 +10,10 @@ import pandas as pd
 from ...views import colours
 from ..plan import Plan
 from ..plan.draws import Variation
-from ..plan.metric import unit_of_column, without_unit
+from ..plan.metric import OF_ROWS, unit_of_column, without_unit
 from ..plan.study_file import DEFAULT_METRICS
 from ..plan.success import COMPLETED, SETTLED, in_words, successes
 
-FIXED = ("index", "draw", "law", "repeat", "seed", "status", "message", "steps", "warnings", "engine")
-"""Columns of a row besides the varied keys and the metrics."""
 PREFERRED = (
     "contact.peak_N",
     "contact.final_N",
@@ -107,8 +105,7 @@ class Data:
     @functools.cached_property
     def colours(self) -> dict[str, str]:
         """Colours of the laws as #rrggbb."""
-        found = colours.of_runs([law.source for law in self.plan.laws])
-        return {law: "#{:02x}{:02x}{:02x}".format(*colour) for law, colour in zip(self.laws, found, strict=True)}
+        return dict(zip(self.laws, colours.hex_of_runs([law.source for law in self.plan.laws]), strict=True))
 
     @functools.cached_property
     def rows(self) -> dict[str, np.ndarray]:
@@ -143,7 +140,7 @@ class Data:
     @functools.cached_property
     def metrics(self) -> tuple[Metric, ...]:
         """The columns of numbers, those of :data:`PREFERRED` first unless the study file lists its metrics."""
-        known = {*FIXED, *self.plan.varied, SETTLED}
+        known = {*OF_ROWS, *self.plan.varied, SETTLED}
         names = [name for name in self.frame if name not in known and self._numbers(name).notna().any()]
         if tuple(self.plan.metrics) == DEFAULT_METRICS:
             names.sort(key=lambda name: PREFERRED.index(name) if name in PREFERRED else len(PREFERRED))

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import EngFormatter, LogLocator, NullLocator
 
-from ...views.figures.style import BLACK, GREY, LINE, PAGE_IN, SMALL, stripe, styled
+from ...views.figures.style import BLACK, GREY, LINE, PAGE_IN, SMALL, panels, stripe, styled
 from .data import Data, Factor, Metric, spans_decades
 from .sensitivity import Sensitivities
 from .statistics import Estimate, rate
@@ -65,21 +65,11 @@ def distributions(data: Data) -> Figure | None:
     if not metrics:
         return None
     with styled():
-        figure, axes = _panels(len(metrics))
+        figure, axes = panels(len(metrics), _COLUMNS, 0.35, 1.55)
         for i, (ax, metric) in enumerate(zip(axes, metrics, strict=True)):
             distribution(ax, data, metric, first=i % _COLUMNS == 0)
         _name_laws(figure, data)
     return figure
-
-
-def _panels(n: int, height: float = 1.55) -> tuple[Figure, Sequence[Axes]]:
-    columns = min(n, _COLUMNS)
-    rows = -(-n // columns)
-    figure = Figure(figsize=(PAGE_IN, 0.35 + height * rows))
-    axes = list(figure.subplots(rows, columns, squeeze=False).flat)
-    for ax in axes[n:]:
-        ax.remove()
-    return figure, axes[:n]
 
 
 def distribution(ax: Axes, data: Data, metric: Metric, first: bool) -> None:
@@ -148,7 +138,8 @@ def sensitivity(found: Sensitivities, data: Data) -> Figure:
     strongest = {f: max(found.strength(metric, f) for metric in found.of) for f in found.factors}
     factors = sorted(found.factors, key=lambda factor: -strongest[factor])[: _COLUMNS * 4]
     with styled():
-        figure, axes = _panels(len(found.of), max(1.0, 0.6 + (0.12 + 0.09 * len(data.laws)) * len(factors)))
+        height = max(1.0, 0.6 + (0.12 + 0.09 * len(data.laws)) * len(factors))
+        figure, axes = panels(len(found.of), _COLUMNS, 0.35, height)
         for k, (ax, (metric, laws)) in enumerate(zip(axes, found.of.items(), strict=True)):
             for i, law in enumerate(data.laws):
                 if law in laws:
@@ -192,7 +183,7 @@ def profile(data: Data, factor: Factor) -> Figure | None:
         return None
     x = data.of(factor)
     with styled():
-        figure, axes = _panels(len(metrics), 1.7)
+        figure, axes = panels(len(metrics), _COLUMNS, 0.35, 1.7)
         for ax, metric in zip(axes, metrics, strict=True):
             y = data.values(metric)
             for law, rows in data.rows.items():

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ...views import colours
-from ...views.figures.style import BLACK, GREY, LINE, PAGE_IN, styled
+from ...views.figures.style import BLACK, GREY, LINE, PAGE_IN, panels, styled
 from ..plan.metric import unit_of_column, without_unit
 from ..report.figures import decades
 from .tables import Measure
@@ -60,19 +60,14 @@ def history(tuning: "Tuning", trials: "Sequence[Trial]") -> Figure:
 
 def slices(tuning: "Tuning", trials: "Sequence[Trial]", units: Mapping[str, str], best: "Trial | None") -> Figure:
     """The objective over each gain, with the file's own value and the best one."""
-    columns = min(len(tuning.gains), _COLUMNS)
-    rows = -(-len(tuning.gains) // columns)
     with styled():
-        figure = Figure(figsize=(PAGE_IN, 0.35 + 2.0 * rows))
-        axes = list(figure.subplots(rows, columns, squeeze=False, sharey=True).flat)
-        for ax in axes[len(tuning.gains) :]:
-            ax.remove()
-        for i, (ax, gain) in enumerate(zip(axes, tuning.gains, strict=False)):
+        figure, axes = panels(len(tuning.gains), _COLUMNS, 0.35, 2.0, sharey=True)
+        for i, (ax, gain) in enumerate(zip(axes, tuning.gains, strict=True)):
             x = np.array([each.gains[gain.key] for each in trials])
             ax.axvline(tuning.start[gain.key], color=GREY, linewidth=LINE, linestyle=(0, (3, 2)))
             _points(ax, tuning, x, trials)
             if best is not None:
-                ax.plot(best.gains[gain.key], best.outcome.objective, "o", markersize=8, **_ring())
+                ax.plot(best.gains[gain.key], np.array(best.outcome.objective, float), "o", markersize=8, **_ring())
             ax.set_xlim(gain.low, gain.high)
             if gain.log:
                 decades(ax, "x")
@@ -80,7 +75,7 @@ def slices(tuning: "Tuning", trials: "Sequence[Trial]", units: Mapping[str, str]
             unit = units[gain.key]
             ax.set_xlabel(f"{gain.key} [{unit}]" if unit else gain.key, parse_math=False)
             _limited(ax, tuning, trials)
-            if i % columns == 0:
+            if i % _COLUMNS == 0:
                 ax.set_ylabel(titled(tuning.objective), parse_math=False)
         _legend(figure, tuning, trials, best=False)
     return figure
@@ -95,8 +90,7 @@ def _worst(tuning: "Tuning") -> float:
 
 
 def _colour(tuning: "Tuning") -> str:
-    (colour,) = colours.of_runs([tuning.plan.laws[0].source])
-    return "#{:02x}{:02x}{:02x}".format(*colour)
+    return colours.hex_of_runs([tuning.plan.laws[0].source])[0]
 
 
 def _points(ax: Axes, tuning: "Tuning", x: np.ndarray, trials: "Sequence[Trial]") -> None:

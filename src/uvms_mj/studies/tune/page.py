@@ -38,16 +38,12 @@ def page(tuning: "Tuning", trials: "Sequence[Trial]", best: "Trial | None", fold
         best=best,
         compared=_compared(tuning, trials, best, units),
         command=f"uvms-mj run {shlex.quote(str(Path(folder, 'found.toml')))}",
-        report_command=_report_command(folder, best),
+        report_command=best and f"uvms-mj study report {shlex.quote(str(Path(folder, f'trial-{best.number:05d}')))}",
         history=Picture("history", _HISTORY, figures.history(tuning, trials)) if trials else None,
         slices=Picture("slices", _SLICES, figures.slices(tuning, trials, units, best)) if trials else None,
         ten=_ten(tuning, trials),
         ranges=_ranges(tuning, units),
     )
-
-
-def _report_command(folder: str, best: "Trial | None") -> str:
-    return "" if best is None else f"uvms-mj study report {shlex.quote(str(Path(folder, f'trial-{best.number:05d}')))}"
 
 
 def _compared(tuning: "Tuning", trials: "Sequence[Trial]", best: "Trial | None", units: dict[str, str]) -> Table | None:

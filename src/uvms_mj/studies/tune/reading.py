@@ -11,7 +11,7 @@ from ...quantities import overrides_of
 from ..plan import Plan
 from ..plan.entries import Law, absolute, base_of, laws_of, split_overrides
 from ..plan.metric import COMPONENTS, columns_of, metric_of
-from ..plan.places import missing, overrides_at, parsed
+from ..plan.places import missing, overlap, overrides_at, parsed, value_at
 from ..plan.study_file import DEFAULT_METRICS, read
 from .tables import TABLES, Gain, valid
 
@@ -47,7 +47,7 @@ def fields_of(
     return {
         "plan": plan,
         "gains": tuple(gain for _, gain in found["gain"]),
-        "start": {gain.key: float(_at(gain.key, plan.laws[0].tables)) for _, gain in found["gain"]},
+        "start": {gain.key: float(value_at(gain.key, plan.laws[0].tables)) for _, gain in found["gain"]},
         "objective": objective,
         "constraints": tuple(each for _, each in found["constraint"]),
         "search": search,
@@ -79,10 +79,7 @@ def _own_tables(own: Mapping[str, Any], folder: Path, faults: list[Fault]) -> di
     for name in TABLES:
         given = own.get(name, [] if name in _LISTS else {} if name == "tune" else None)
         if given is None or (name == "gain" and given == []):
-            example = (
-                'key = "controller.k_1", low = 1.0, high = 20.0' if name == "gain" else 'metric = "contact.peak_N"'
-            )
-            faults.append(Fault(name, f"lacks this table, for example {example}"))
+            faults.append(Fault(name, f"lacks this table, for example {_EXAMPLES[name]}"))
             continue
         if name in _LISTS and not isinstance(given, list):
             faults.append(Fault(name, f"{shortened(given)} is not a list of tables, [[{name}]]"))
@@ -128,16 +125,6 @@ def _law(study: dict[str, Any], folder: Path, overrides: Mapping[str, Any]) -> t
     return laws[0] if laws else None, [key for each in file.vary for key in (*(each.keys or ()), each.key) if key]
 
 
-def _at(place: str, tables: Mapping[str, Any]) -> Any:
-    """The value of a place in the tables of a scenario."""
-    key, parts = parsed(place)
-    table, _, word = key.partition(".")
-    value = tables[table][word]
-    for part in parts:
-        value = value[part]
-    return value
-
-
 def _gain_faults(gains: list[tuple[str, Gain]], law: Law, varied: list[str]) -> list[Fault]:
     """Errors of the keys of the gains and of their ranges."""
     faults: list[Fault] = []
@@ -148,17 +135,13 @@ def _gain_faults(gains: list[tuple[str, Gain]], law: Law, varied: list[str]) -> 
             faults.append(Fault(f"{place}.key", str(error)))
             continue
         others = [*varied, *(other.key for _, other in gains[:i])]
-        if any(_overlap(gain.key, other) for other in others):
+        if any(overlap(gain.key, other) for other in others):
             faults.append(Fault(f"{place}.key", f"{gain.key} is varied or tuned already"))
         elif absent := missing(gain.key, law.tables):
             faults.append(Fault(f"{place}.key", absent))
         else:
             faults += _range_faults(place, gain, law)
     return faults
-
-
-def _overlap(one: str, other: str) -> bool:
-    return one == other or one.startswith((f"{other}[", f"{other}.")) or other.startswith((f"{one}[", f"{one}."))
 
 
 def _range_faults(place: str, gain: Gain, law: Law) -> list[Fault]:
@@ -175,7 +158,7 @@ def _range_faults(place: str, gain: Gain, law: Law) -> list[Fault]:
         return [Fault(f"{place}.key", f"{key}: {message}") for message in found] or [
             Fault(f"{place}.key", f"{gain.key} has no value in the base scenario, where the search begins: give it one")
         ]
-    value = _at(gain.key, law.tables)
+    value = value_at(gain.key, law.tables)
     if isinstance(value, list):
         hint = f"it has {len(value)} components; give one gain for each that is tuned, {gain.key}[0]"
         return [Fault(f"{place}.key", hint)]

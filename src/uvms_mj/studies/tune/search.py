@@ -109,8 +109,8 @@ def _sampler(module: Any, settings: Search, number: int) -> Any:
     seed = int.from_bytes(hashlib.sha256(f"{settings.seed} {number}".encode()).digest()[:4])
     if settings.sampler == "random":
         return module.samplers.RandomSampler(seed=seed)
-    return module.samplers.TPESampler(seed=seed, multivariate=True, constraints_func=_violations)
 
+    def violations(trial: Any) -> list[float]:
+        return list(trial.user_attrs["outcome"]["violations"])
 
-def _violations(trial: Any) -> list[float]:
-    return list(trial.user_attrs["outcome"]["violations"])
+    return module.samplers.TPESampler(seed=seed, multivariate=True, constraints_func=violations)

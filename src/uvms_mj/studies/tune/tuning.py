@@ -187,12 +187,9 @@ class Tuning:
         return one < other if self.objective.direction == "minimize" else one > other
 
     def _best(self, trials: list[Trial]) -> Trial | None:
-        best = None
-        for trial in trials:
-            found = trial.outcome
-            if found.state == "feasible" and (best is None or self._better(found.objective, best.outcome.objective)):
-                best = trial
-        return best
+        feasible = [each for each in trials if each.outcome.state == "feasible"]
+        best: Any = min if self.objective.direction == "minimize" else max
+        return best(feasible, key=lambda each: each.outcome.objective, default=None)
 
     def trials(self, folder: str | os.PathLike) -> list[Trial]:
         """The trials of a folder, in order."""

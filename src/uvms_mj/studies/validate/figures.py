@@ -1,13 +1,10 @@
 """Figures of the page: all trials, the mean error over the height, and the fast swing."""
 
-import math
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
-from ...views.figures.style import BLACK, GREY, LINE, PAGE_IN, SMALL, line, styled
+from ...views.figures.style import ABOVE, BLACK, GREY, LINE, PAGE_IN, SMALL, keys, line, panels, styled
 from .data import Attitude
 from .fit import HEIGHTS
 from .results import PITCH, ROLL, YAW, Results
@@ -38,32 +35,23 @@ def trials(results: Results) -> Figure:
 
 def pitches(results: Results) -> Figure:
     """Measured and simulated pitch of every trial, over time: a panel a trial."""
-    rows = math.ceil(len(results.trials) / _COLUMNS)
     with styled():
-        figure = Figure(figsize=(PAGE_IN, 0.5 + 1.0 * rows))
-        grid = figure.subplots(rows, _COLUMNS, squeeze=False)
-        for k, ax in enumerate(list(grid.flat)[: len(results.trials)]):
+        figure, axes = panels(len(results.trials), _COLUMNS, 0.5, 1.0)
+        for k, ax in enumerate(axes):
             _angle(ax, results, k, PITCH)
             ax.set_title(results.trials[k].name, fontsize=SMALL)
-        for ax in list(grid.flat)[len(results.trials) :]:
-            ax.remove()
-        for row in grid:
-            row[0].set_ylabel("pitch [deg]", fontsize=SMALL)
-        for ax in grid[-1]:
+        for ax in axes[::_COLUMNS]:
+            ax.set_ylabel("pitch [deg]", fontsize=SMALL)
+        for ax in axes[(len(axes) - 1) // _COLUMNS * _COLUMNS :]:
             ax.set_xlabel("t [s]", fontsize=SMALL)
         _legend(figure)
     return figure
 
 
 def _legend(figure: Figure) -> None:
-    labels = {
-        "motion capture": GREY,
-        "inertial unit": _PALE,
-        "model as it is": _AS_IS,
-        "height of the centre of buoyancy fitted": _FITTED,
-    }
-    handles = [Line2D([], [], color=colour, linewidth=2.0 * LINE, label=label) for label, colour in labels.items()]
-    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), fontsize=SMALL, frameon=False)
+    measured = {"motion capture": GREY, "inertial unit": _PALE}
+    simulated = {"model as it is": _AS_IS, "height of the centre of buoyancy fitted": _FITTED}
+    figure.legend(handles=keys(measured | simulated), ncols=4, **ABOVE)
 
 
 def _angle(ax: Axes, results: Results, k: int, angle: int) -> None:
@@ -99,8 +87,7 @@ def heights(results: Results) -> Figure:
         ax.set_xlabel("height of the centre of buoyancy [mm]")
         ax.set_ylabel("rms error of the pitch [deg]")
         ax.set_ylim(0.0, 1.05 * float(errors.max()))
-        labels = {"fitted on": _OTHER, "left": _PALE, "mean of those left": _AS_IS}
-        handles = [Line2D([], [], color=colour, linewidth=2.0 * LINE, label=label) for label, colour in labels.items()]
+        handles = keys({"fitted on": _OTHER, "left": _PALE, "mean of those left": _AS_IS})
         ax.legend(handles=handles, fontsize=SMALL, frameon=False, loc="upper center")
     return figure
 
@@ -121,7 +108,5 @@ def fast_swing(results: Results) -> Figure:
         for ax, label in zip(grid, ("axis d [deg]", "pitch [deg]", "difference [deg]"), strict=True):
             ax.set_ylabel(label)
         grid[2].set_xlabel("t [s]")
-        figure.legend(
-            *grid[1].get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=SMALL, frameon=False
-        )
+        figure.legend(*grid[1].get_legend_handles_labels(), ncols=3, **ABOVE)
     return figure

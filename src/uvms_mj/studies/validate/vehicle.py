@@ -14,6 +14,7 @@ import numpy as np
 
 from ...files import shipped
 from ...plant.arm import Link
+from ...plant.body import skew
 from ...plant.vehicle import Vehicle
 
 ARM_OF = "bluerov2_alpha5"
@@ -107,10 +108,9 @@ def _of_links(links: tuple[Link, ...], q: np.ndarray) -> np.ndarray:
     """(6, 6) added mass of the links at joint angles q as if they were rigidly on the base: sum of J^T M_A J."""
     total = np.zeros((6, 6))
     for link, (p, R) in zip(links, _poses(links, q), strict=True):
-        x, y, z = p
         J = np.zeros((6, 6))
         J[:3, :3] = J[3:, 3:] = R.T
-        J[:3, 3:] = -R.T @ np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        J[:3, 3:] = -R.T @ skew(p)
         total += J.T @ link.M_A @ J
     return total
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import to_hex
 
 from ...records.trace import Trace
 from ...stages.signals import AXES, OF_JOINTS, Signal
@@ -30,13 +29,11 @@ class Overlay:
     def __init__(self, traces: Mapping[str, Trace]) -> None:
         self.traces = dict(traces)
         laws = [trace.header.law.source for trace in traces.values()]
-        shades = colours.of_runs(laws)
+        shades = colours.hex_of_runs(laws)
         names = list(traces) if len(traces) <= MOST_NAMES else [f"{law} ({laws.count(law)} runs)" for law in laws]
         self.looks: dict[str, dict[str, Any]] = {}
         for i, (label, name, shade) in enumerate(zip(traces, names, shades, strict=True)):
-            red, green, blue = shade
-            colour = to_hex((red / 255, green / 255, blue / 255))
-            self.looks[label] = {"color": colour, "label": name, **stripe(i, len(traces))}
+            self.looks[label] = {"color": shade, "label": name, **stripe(i, len(traces))}
 
     def position(self, i: int) -> Panel:
         """x, y or z, with references; x with walls."""

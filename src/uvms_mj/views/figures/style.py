@@ -3,7 +3,7 @@
 import contextlib
 import io
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from ...files import whole
@@ -69,6 +70,27 @@ def thin(t: np.ndarray, values: np.ndarray, columns: int) -> tuple[np.ndarray, n
     rows = np.arange(len(at))
     kept = np.unique(np.concatenate([[0], at[rows, low], at[rows, high], [n - 1]]))
     return t[kept], values[kept]
+
+
+def panels(n: int, columns: int, top: float, height: float, **how: Any) -> tuple[Figure, list[Axes]]:
+    """A figure as wide as a page with n panels in rows of at most ``columns``, and its panels. A row has this height
+    [in], the space above the rows is ``top`` [in], and ``how`` is as for ``Figure.subplots``."""
+    columns = min(n, columns)
+    rows = -(-n // columns)
+    figure = Figure(figsize=(PAGE_IN, top + height * rows))
+    axes = list(figure.subplots(rows, columns, squeeze=False, **how).flat)
+    for ax in axes[n:]:
+        ax.remove()
+    return figure, axes[:n]
+
+
+def keys(colours: Mapping[str, str]) -> list[Line2D]:
+    """The handles of a legend, each a line in a colour beside its name."""
+    return [Line2D([], [], color=colour, linewidth=2.0 * LINE, label=name) for name, colour in colours.items()]
+
+
+ABOVE: dict[str, Any] = {"loc": "outside upper center", "fontsize": SMALL, "frameon": False}
+"""Look of a small legend above all panels."""
 
 
 def size_in(ax: Axes) -> tuple[float, float]:

@@ -97,6 +97,11 @@ class Claim:
         return bool(low <= value <= (np.inf if high is None else high))
 
 
+AS_EXPECTED: dict[str, Any] = {"at_least": 1.4925, "at_most": 1.5075}
+"""The threshold of the expected force, 1.5 N within 0.5 % [N]."""
+AS_FOR_EXPECTED: dict[str, Any] = AS_EXPECTED | {"because": "0.5 %, as for the expected force"}
+
+
 @dataclass(frozen=True)
 class Row:
     """A claim with its measured value and verdict."""

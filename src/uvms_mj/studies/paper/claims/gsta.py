@@ -4,7 +4,7 @@ import numpy as np
 
 from ....analysis import metrics
 from ..claims import measures, robustness
-from .base import Claim
+from .base import AS_EXPECTED, AS_FOR_EXPECTED, Claim
 
 GSTA: tuple[Claim, ...] = (
     Claim(
@@ -13,8 +13,7 @@ GSTA: tuple[Claim, ...] = (
         "fig. 9",
         "force at rest [N]",
         measures.force("gsta"),
-        at_least=1.4925,
-        at_most=1.5075,
+        **AS_EXPECTED,
         because="0.5 %, as for the expected force; the first-order law is outside this range",
         paper="1.5",
     ),
@@ -51,9 +50,7 @@ GSTA: tuple[Claim, ...] = (
         "abstract, eq. (11)",
         "force at rest, worse of two runs with wrong estimates [N]",
         robustness.force_with_model_errors,
-        at_least=1.4925,
-        at_most=1.5075,
-        because="0.5 %, as for the expected force",
+        **AS_FOR_EXPECTED,
         paper="1.5",
     ),
     Claim(
@@ -204,9 +201,7 @@ GSTA: tuple[Claim, ...] = (
         "sec. 5.2",
         "force at rest [N]",
         measures.force("gsta_alone"),
-        at_least=1.4925,
-        at_most=1.5075,
-        because="0.5 %, as for the expected force",
+        **AS_FOR_EXPECTED,
     ),
     Claim(
         "alone-impedance",

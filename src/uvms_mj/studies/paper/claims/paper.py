@@ -6,7 +6,7 @@ words such as "almost", "similar" or "severe", this project chose the number and
 
 from ....analysis import metrics
 from ..claims import measures
-from .base import Claim, Measured, Row, Runs
+from .base import AS_EXPECTED, AS_FOR_EXPECTED, Claim, Measured, Row, Runs
 from .gsta import GSTA
 
 WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
@@ -16,8 +16,7 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
         "eq. (12), sec. 5",
         "force at rest that eq. (12) demands [N]",
         measures.demanded,
-        at_least=1.4925,
-        at_most=1.5075,
+        **AS_EXPECTED,
         because="0.5 %: the paper gives two digits and neglects the compliance of the wall",
         paper="1.5",
     ),
@@ -64,9 +63,7 @@ WORLD_AND_OTHER_LAWS: tuple[Claim, ...] = (
         "eq. (5), fig. 1",
         "force at rest, no current [N]",
         lambda runs: Measured(metrics.final_force(runs.sweep["impedance_still"])[0]),
-        at_least=1.4925,
-        at_most=1.5075,
-        because="0.5 %, as for the expected force",
+        **AS_FOR_EXPECTED,
         paper="1.5",
     ),
     Claim(
