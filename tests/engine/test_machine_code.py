@@ -97,7 +97,7 @@ def test_torn_facts_about_machine_code_are_compiled_again(tmp_path, monkeypatch,
     simulate(Scenario.load("push_wall", SHORT))
     for file in objects._folder().glob("*.json"):
         code, facts = file.with_suffix(".o").read_bytes(), json.loads(file.read_bytes())
-        if facts["externals"] and facts["sha256"] == objects._digest(code, facts):
+        if facts["externals"] and objects.load(file.stem):  # that of a user's law needs numba's symbols
             break
     monkeypatch.setattr(objects, "_folder", lambda: tmp_path)
     (tmp_path / f"{file.stem}.o").write_bytes(code)

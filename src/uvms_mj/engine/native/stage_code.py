@@ -41,7 +41,7 @@ _parsing = threading.Lock()
 """Two threads must not parse at once: CPython 3.11 counts the depth of both in one place, and raises SystemError."""
 RETURNED, RAISED, OVERRAN, CHANGED_SETTINGS, NOT_FINITE, NOT_ATTITUDE = range(6)
 """Return codes of a stage's machine code."""
-_INNER: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+_INNER: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 """Options of numba for functions that only machine code calls: without entries from Python and C, which cost a tenth of
 the compilation."""
 MAGNITUDE, INFINITE = 0x7FFFFFFFFFFFFFFF, 0x7FF0000000000000
