@@ -8,6 +8,7 @@ from ..plant.contacts import face_of
 from ..plant.vehicle import free_joint_addresses
 from .base import Engine
 from .native.attachment import immerse
+from .native.timers import timers_stopped
 
 CHUNK_STEPS = 1000
 """Largest number of steps from one reading of the clock to the next: a few milliseconds of wall time."""
@@ -62,7 +63,8 @@ class MujocoEngine(Engine):
 
     def step(self, loop: np.ndarray, n: int) -> None:
         loop["remaining"] = n
-        mujoco.mj_step(self._model, self._data, n)
+        with timers_stopped:
+            mujoco.mj_step(self._model, self._data, n)
         if loop["remaining"][0]:
             loop["remaining"] = 0
             raise RuntimeError("mjcb_control was replaced during the run: hydrodynamics were no longer applied")

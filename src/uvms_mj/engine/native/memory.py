@@ -33,7 +33,8 @@ def _mujoco_library() -> ctypes.CDLL:
     return ctypes.CDLL(str(min(Path(mujoco.__file__).parent.glob(pattern))))
 
 
-_factorM = _mujoco_library().mj_factorM
+mujoco_library = _mujoco_library()
+_factorM = mujoco_library.mj_factorM
 _factorM.argtypes, _factorM.restype = [ctypes.c_void_p] * 2, None
 
 stopped = np.zeros(1, dtype=np.int64)

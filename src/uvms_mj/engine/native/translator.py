@@ -20,17 +20,17 @@ from llvmlite import ir
 
 from ...physics.kernels import fused_kernels
 from .expressions import Expressions
-from .values import BOOL, BYTE, FLAG, INT, NUMBERS, POINTER, SCALARS, WORD, Kind, Value, scalar, view
+from .values import BOOL, BYTE, DOUBLE, FLAG, INT, NUMBERS, POINTER, SCALARS, WORD, Kind, Value, scalar, view
 
 
 def translate(function: types.FunctionType, parameters: Sequence[np.dtype], name: str) -> ir.Module:
     """A module with one C function of 64-bit integers: each is a number or the address of a record or an array.
 
-    It returns what the Python function returns, or 0 if it returns nothing. Raises Untranslatable if the function, or
-    one that it calls, is not in the language of kernels.
+    It returns what the Python function returns, a 64-bit integer or a double, or 0 if it returns nothing. Raises
+    Untranslatable if the function, or one that it calls, is not in the language of kernels.
     """
-    unit = _Unit(name)
-    entry = ir.Function(unit.module, ir.FunctionType(WORD, [WORD] * len(parameters)), name)
+    unit, returns = _Unit(name), DOUBLE if inspect.get_annotations(function).get("return") is float else WORD
+    entry = ir.Function(unit.module, ir.FunctionType(returns, [WORD] * len(parameters)), name)
     builder = ir.IRBuilder(entry.append_basic_block())
     arguments = [
         scalar(word, INT) if dtype == INT else view(builder.inttoptr(word, POINTER), dtype)
