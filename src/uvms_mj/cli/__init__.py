@@ -4,14 +4,12 @@ import errno
 import io
 import os
 import sys
-import warnings
 from typing import Any
 
 import click
 
 from .certify import certify
 from .common import EXIT_BAD_INPUT, end
-from .console import warn
 from .converge import converge
 from .listing import controllers, keys, signals, stages
 from .logs import export, info, replay
@@ -32,9 +30,7 @@ class _Commands(click.Group):
         """Handle errors that all commands share: an interrupt, and files that cannot be read or written."""
         Stop()
         try:
-            with warnings.catch_warnings():
-                warnings.showwarning = warn  # Python's own hook; catch_warnings restores it
-                return super().invoke(ctx)
+            return super().invoke(ctx)
         except KeyboardInterrupt:
             end("interrupted", exit_interrupted())
         except OSError as error:

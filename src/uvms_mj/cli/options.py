@@ -1,10 +1,13 @@
 """Options and arguments that several commands have."""
 
 import functools
+import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import click
+
+from .console import warn
 
 
 class _Command(click.Command):
@@ -15,6 +18,12 @@ class _Command(click.Command):
             if isinstance(each, click.Option) and not (each.multiple or each.is_flag) and given.count(each) > 1:
                 raise click.UsageError(f"{max(each.opts, key=len)} is given more than once; give it once", ctx)
         return super().parse_args(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Print each warning as one line."""
+        with warnings.catch_warnings():
+            warnings.showwarning = warn  # Python's own hook; catch_warnings restores it
+            return super().invoke(ctx)
 
 
 command = functools.partial(click.command, cls=_Command)
