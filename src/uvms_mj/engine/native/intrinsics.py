@@ -44,10 +44,14 @@ def _mj_factorM(builder: ir.IRBuilder, arguments: Sequence[ir.Value]) -> None:
     _external(builder, "mj_factorM", ir.VoidType(), *arguments)
 
 
-def _registered(builder: ir.IRBuilder, arguments: Sequence[ir.Value]) -> Value:
-    name, size = "uvms_mj_registry", memory.registry.shape
-    table = builder.module.globals.get(name) or ir.GlobalVariable(builder.module, ir.IntType(8), name)
-    return Value(Kind(INT, size[1:]), (table, WORD(size[0])))
+def _shared(name: str, array: np.ndarray):
+    """An array of this process, by its symbol."""
+
+    def generate(builder, arguments):
+        memory = builder.module.globals.get(name) or ir.GlobalVariable(builder.module, ir.IntType(8), name)
+        return Value(Kind(array.dtype, array.shape[1:]), (memory, WORD(len(array))))
+
+    return generate
 
 
 def _call_stage(builder: ir.IRBuilder, arguments: Sequence[ir.Value]) -> Value:
@@ -68,7 +72,8 @@ INTRINSICS |= {
     memory.floats: _array(FLOAT),
     memory.triples: _array(FLOAT, 3),
     memory.integers: _array(INT),
-    memory.registered: _registered,
+    memory.registered: _shared("uvms_mj_registry", memory.registry),
+    memory.frozen_clock: _shared("uvms_mj_clock", memory.clock),
     memory.mj_factorM: _mj_factorM,
     memory.call_stage: _call_stage,
 }

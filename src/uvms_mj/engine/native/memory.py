@@ -40,7 +40,11 @@ _factorM.argtypes, _factorM.restype = [ctypes.c_void_p] * 2, None
 stopped = np.zeros(1, dtype=np.int64)
 """Set by the machine code of a stage in whose loop a signal handler raised, as it does at Ctrl-C."""
 
+clock = np.zeros(1)
+"""What MuJoCo's clock shows while it is stopped (:mod:`.timers`)."""
+
 llvm.add_symbol("uvms_mj_registry", registry.ctypes.data)
+llvm.add_symbol("uvms_mj_clock", clock.ctypes.data)
 llvm.add_symbol("uvms_mj_stopped", stopped.ctypes.data)
 llvm.add_symbol("mj_factorM", ctypes.cast(_factorM, ctypes.c_void_p).value)
 
@@ -82,6 +86,11 @@ context_at, loop_at, stage_at, clock_at, pair_at, surface_at, link_at, frame_at,
 def registered() -> np.ndarray:
     """The registry."""
     return registry
+
+
+def frozen_clock() -> np.ndarray:
+    """What the stopped clock shows (1,)."""
+    return clock
 
 
 def call_stage(function: int, settings: int, state: int, given: int, state_dot: int, out: int) -> int:

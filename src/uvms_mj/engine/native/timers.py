@@ -9,23 +9,26 @@ import functools
 import threading
 
 from .compilation import native_function
-from .memory import mujoco_library
+from .memory import clock, frozen_clock, mujoco_library
 
 _clock = ctypes.c_void_p.in_dll(mujoco_library, "mjcb_time")
+_show = ctypes.CFUNCTYPE(ctypes.c_double)
 
 
 def _stopped() -> float:
-    return 0.0
+    return frozen_clock()[0]
 
 
 @functools.cache
 def _stopped_clock() -> int:
-    """The address of a clock that shows zero. Without a clock, a thread within mj_step might call none."""
+    """The address of a clock that shows when it was stopped. Without a clock, a thread within mj_step might call
+    none."""
     return native_function(_stopped, []).address
 
 
 class _Timers:
-    """Context in which the timers of all threads stand still; it can be entered by several threads at once."""
+    """Context in which the timers of all threads stand still, and after which they go on as if they had not; several
+    threads can enter it at once."""
 
     def __init__(self) -> None:
         self._lock, self._inside, self._before = threading.Lock(), 0, _clock.value
@@ -33,7 +36,9 @@ class _Timers:
     def __enter__(self) -> None:
         with self._lock:
             if self._inside == 0:
-                self._before, _clock.value = _clock.value, _stopped_clock()
+                self._before = _clock.value
+                clock[0] = _show(self._before)() if self._before else 0.0
+                _clock.value = _stopped_clock()
             self._inside += 1
 
     def __exit__(self, *exception: object) -> None:
