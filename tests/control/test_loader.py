@@ -14,7 +14,7 @@ SHORT = {"simulation.duration": 0.2}
     [
         ("nowhere.py:Law", "no file"),
         ("{path}:Lew", "its laws are Law"),
-        ("{path}", "give path/to/file.py:ClassName"),
+        ("{path}", "names no class; give"),
         ("{broken}:Law", "line 3"),
         ("{failing}:Law", "line 2: ZeroDivisionError"),
         ("{undecorated}:Law", "@dataclass"),

@@ -155,10 +155,9 @@ class _Run:
                 if self.progress is not None:
                     self.progress(done, self.scenario.steps)
                 if sim.divergence:
-                    status, message = (
-                        Status.unstable,
-                        f"t = {sim.t:.6g} s: {sim.divergence}. {_HINT}{_warned(self.notes)}",
-                    )
+                    touched = self.memory.loop["row"]["touches"][0] > 0.0
+                    advice = f"{_warned(self.notes)}{_hint(touched)}"
+                    status, message = Status.unstable, f"t = {sim.t:.6g} s: {sim.divergence}. {advice}"
                     break
                 if self.writing.error is not None:
                     status, message = Status.failed, f"t = {sim.t:.6g} s: {self.writing.message}"
@@ -199,12 +198,17 @@ class _Run:
         self.memory.clear()
 
 
-_HINT = "Try a smaller simulation.timestep, smaller gains, or a softer wall."
-
-
 def _warned(notes: tuple[str, ...]) -> str:
     """The warnings with which a run began, for the message if it diverges."""
-    return f" It began with a warning: {'. '.join(notes)}." if notes else ""
+    if len(notes) < 2:
+        return "".join(f"It began with a warning: {note}. " for note in notes)
+    return f"It began with {len(notes)} warnings: {'; '.join(f'({i}) {note}' for i, note in enumerate(notes, 1))}. "
+
+
+def _hint(touched: bool) -> str:
+    return (
+        f"Try a smaller simulation.timestep{', smaller gains, or a softer wall' if touched else ' or smaller gains'}."
+    )
 
 
 DEFAULT_LOG_RATE = 1000.0

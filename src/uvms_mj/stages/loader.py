@@ -53,6 +53,8 @@ class Choice(Generic[_Stage]):
         if not colon or not file.endswith(".py"):
             hint = suggestion(source, self.shipped)
             own = f"for your own {noun} give path/to/file.py:ClassName"
+            if source.endswith(".py"):
+                raise InputError([Fault(key, f"{source!r} names no class; give {source}:ClassName")])
             raise InputError([Fault(key, f"no {noun} {source!r}; {hint}; {own}")])
         path = Path(file)
         try:
