@@ -283,3 +283,9 @@ def test_a_scenario_prints_what_differs_from_the_defaults():
     other = Scenario.load("push_wall", {"reference.name": circle, "reference.radius": 0.3})
     shown = ["    reference.name = 'circle.py:Circle'", "    reference.radius = 0.3>"]
     assert repr(other).splitlines()[1:] == shown
+
+
+def test_two_laws_at_once_are_refused():
+    with pytest.raises(InputError, match=r"controller\.name: 'fosm' and 'gsta' are given; choose one"):
+        Scenario.load("push_wall", {"controller.name": "fosm"}, "gsta")
+    assert Scenario.load("push_wall", {"controller.name": "fosm"}, "fosm").controller.label() == "fosm"

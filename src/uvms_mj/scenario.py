@@ -146,6 +146,10 @@ class Scenario:
                 faults.append(Fault(name, f"{tables[name]!r} is not a table"))
                 tables[name] = {}
         chosen = {name: overrides.get(f"{name}.name") for name in STAGES}
+        if controller is not None and chosen["controller"] not in (None, controller):
+            faults.append(
+                Fault("controller.name", f"{chosen['controller']!r} and {controller!r} are given; choose one")
+            )
         for name, source in (chosen | {"controller": chosen["controller"] or controller}).items():
             if source is not None:
                 tables[name] = STAGES[name].replaced(tables[name], source, overrides, TASK_KEYS, left_out)

@@ -26,7 +26,9 @@ def check_frame(scenario: Scenario, nominal: Vehicle) -> None:
     frame, arm, faults = scenario.task.frame, nominal.arm, []
     if frame != BODY and frame not in arm.sites:
         tools = [BODY, *(name for name in arm.sites if name not in nominal.thrusters)]
-        faults.append(Fault("task.frame", f"{frame!r} is not {BODY!r} or a site; {suggestion(frame, tools)}"))
+        none = f"{frame!r} is no site of {nominal.body}, which has none for a tool; choose {BODY}"
+        known = f"{frame!r} is not {BODY!r} or a site; {suggestion(frame, tools)}"
+        faults.append(Fault("task.frame", known if tools[1:] else none))
     if not arm.links and scenario.vehicle.coulomb_friction != 1.0:
         faults.append(Fault("vehicle.coulomb_friction", f"has no effect: {nominal.body} has no joints"))
     names = [link.name for link in arm.links]
