@@ -7,7 +7,7 @@ import dataclasses
 import difflib
 import os
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Set
 from pathlib import Path
 from typing import Any
 
@@ -147,9 +147,8 @@ class Scenario:
                 tables[name] = {}
         chosen = {name: overrides.get(f"{name}.name") for name in STAGES}
         if controller is not None and chosen["controller"] not in (None, controller):
-            faults.append(
-                Fault("controller.name", f"{chosen['controller']!r} and {controller!r} are given; choose one")
-            )
+            both = f"{chosen['controller']!r} and {controller!r} are given; choose one"
+            faults.append(Fault("controller.name", both))
         for name, source in (chosen | {"controller": chosen["controller"] or controller}).items():
             if source is not None:
                 tables[name] = STAGES[name].replaced(tables[name], source, overrides, TASK_KEYS, left_out)
@@ -158,15 +157,7 @@ class Scenario:
         for key, value in overrides.items():
             faults += _override(tables, key, value)
         old = {key for key in old if f"task.{key}" not in overrides} | replaced
-        try:
-            tables["task"] = stage_of(ImpedanceTask, tables["task"])
-        except InputError as error:
-            del tables["task"]
-            faults += [
-                Fault(f"controller.{word}" if word in old else f.key, f.message)
-                for f in error.faults
-                for word in [f.key.removeprefix("task.").partition("[")[0]]
-            ]
+        _load_task(tables, old, faults)
         for name, choice in STAGES.items():
             try:
                 tables[name] = choice.load(tables[name], (known or {}).get(name))
@@ -253,6 +244,17 @@ def _anchor(tables: dict[str, Any], folder: Path | None) -> None:
         value = tables.get(table, {}).get(key) if isinstance(tables.get(table), dict) else None
         if isinstance(value, str) and (folder / value.split(":")[0]).is_file():
             tables[table][key] = str((folder / value).absolute())
+
+
+def _load_task(tables: dict[str, Any], old: Set[str], faults: list[Fault]) -> None:
+    """Replace the table ``task`` by its stage; ``old`` are keys of it that were given as those of [controller]."""
+    try:
+        tables["task"] = stage_of(ImpedanceTask, tables["task"])
+    except InputError as error:
+        del tables["task"]
+        for fault in error.faults:
+            word = fault.key.removeprefix("task.").partition("[")[0]
+            faults.append(Fault(f"controller.{word}" if word in old else fault.key, fault.message))
 
 
 def _override(tables: dict[str, Any], key: str, value: Any) -> list[Fault]:
