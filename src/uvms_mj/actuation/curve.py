@@ -30,7 +30,7 @@ class Curve:
         dead = x[f == 0.0]
         return cls(x, f, float(0.5 * (dead[0] + dead[-1])) if len(dead) else float(np.interp(0.0, f, x)))
 
-    @functools.lru_cache(maxsize=8)  # noqa: B019  # of a few curves
+    @functools.lru_cache(maxsize=8)  # noqa: B019  # keeps at most eight curves alive
     def inverse(self) -> tuple[np.ndarray, np.ndarray]:
         """Thrust and command (m,) of the points of the inverse. It jumps over a dead band, where thrust zero is
         repeated. Of a curve without reverse thrust, a negative thrust has the command of zero, and likewise forwards.
