@@ -12,6 +12,7 @@ from ..analysis.setup import Setup, design_of
 from ..control.design import ATTITUDE_KEYS
 from ..control.task import TASK_KEYS
 from ..errors import Fault, InputError
+from ..plant.contacts import Contacts, contacts_of
 from ..plant.settings import VehicleChoice
 from ..scenario import STAGES, Scenario
 from ..stages.base import Stage, is_of_the_package, validator
@@ -28,7 +29,7 @@ _DESIGN = (
 )
 
 
-def changed(base: Setup, current: Setup, overrides: Mapping[str, Any], place: str) -> tuple[Setup, set[str]]:
+def changed(base: Setup, current: Setup, overrides: Mapping[str, Any], place: str) -> tuple[Setup, frozenset[str]]:
     """``base`` with overrides by dotted keys, as :func:`.quantities.overrides_of` gives them, and what differs from it
     or from ``current``, the setup of the run before the reset: tables of the scenario, their dotted keys, and
     ``design`` for the design matrices.
@@ -39,15 +40,19 @@ def changed(base: Setup, current: Setup, overrides: Mapping[str, Any], place: st
     """
     try:
         scenario = _updated(base.scenario, overrides)
-        touched = _differences(vars(scenario), vars(base.scenario), vars(current.scenario))
-        design = base.design
-        if not touched.isdisjoint(_DESIGN):
-            touched.add("design")
+        found = _differences(vars(scenario), vars(base.scenario), vars(current.scenario))
+        design, redesigned = base.design, not found.isdisjoint(_DESIGN)
+        touched = frozenset((*found, "design") if redesigned else found)
+        if redesigned:
             with no_overflow(scenario) if "impedance" in touched else contextlib.nullcontext():
                 design = design_of(scenario, base.nominal)
-        setup = Setup(scenario, base.plant, design)
+        contacts = base.contacts
         if not touched.isdisjoint(("wall", "walls", "bumper")):
-            _refuse_other_contacts(base, setup, overrides)
+            contacts = contacts_of(scenario, base.plant.probe, base.nominal)
+            _refuse_other_contacts(base.contacts, contacts, overrides)
+            if wrong := scenario.wall.overridden_in_vain(overrides):
+                raise InputError(wrong)
+        setup = Setup(scenario, base.plant, design, contacts)
         refuse(setup, touched)
     except InputError as error:
         raise InputError(error.faults, place) from None
@@ -106,12 +111,11 @@ def _differences(new: dict[str, Any], base: dict[str, Any], current: dict[str, A
     return found
 
 
-def _refuse_other_contacts(base: Setup, setup: Setup, overrides: Mapping[str, Any]) -> None:
-    old, new = base.contacts, setup.contacts
+def _refuse_other_contacts(old: Contacts, new: Contacts, overrides: Mapping[str, Any]) -> None:
     if (len(old.surfaces), len(old.pairs), old.paper) != (len(new.surfaces), len(new.pairs), new.paper):
-        raise InputError([Fault("walls", "reset can't change which contacts there are; make a new Simulation")])
-    if wrong := setup.scenario.wall.overridden_in_vain(overrides):
-        raise InputError(wrong)
+        keys = [key for key in overrides if key in ("wall.present", "bumper.stiffness") or key.startswith("walls")]
+        wrong = "reset can't change which contacts there are; make a new Simulation"
+        raise InputError([Fault(key, wrong) for key in keys])
 
 
 def _refuse_other_code(base: Scenario, scenario: Scenario) -> None:

@@ -1,6 +1,7 @@
 """The memory of one run: the records that the loop works on, and the numbers of a scenario in them."""
 
-from collections.abc import Callable, Iterator, Set
+import functools
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -122,7 +123,7 @@ class RunMemory:
         """Discard the rows, to make room for the next chunk."""
         self.loop["rows"] = 0
 
-    def restart(self, setup: Setup, touched: Set[str]) -> None:
+    def restart(self, setup: Setup, touched: frozenset[str]) -> None:
         """Return to the start, with the numbers of the tables of a scenario that ``touched`` names from ``setup``.
 
         Raises:
@@ -135,14 +136,13 @@ class RunMemory:
         for entry in self.stages.in_arenas:
             entry.arena.start()
 
-    def rewrite(self, setup: Setup, touched: Set[str]) -> None:
+    def rewrite(self, setup: Setup, touched: frozenset[str]) -> None:
         """As :meth:`restart`, but the run goes on."""
         self._write(setup, touched, self.stages.constants(setup, touched))
 
-    def _write(self, setup: Setup, touched: Set[str], constants: Any) -> None:
-        for tables, write in WRITERS:
-            if not touched.isdisjoint(tables):
-                write(self, setup)
+    def _write(self, setup: Setup, touched: frozenset[str], constants: Any) -> None:
+        for write in _writers(touched):
+            write(self, setup)
         self.stages.write(constants)
 
     def check_stages(self, last: bool) -> None:
@@ -263,3 +263,8 @@ WRITERS: tuple[tuple[tuple[str, ...], Callable[[RunMemory, Setup], None]], ...] 
     (("thrusters",), write_limits),
 )
 """Tables or dotted keys of a scenario, and the function that writes the numbers that depend on them."""
+
+
+@functools.lru_cache(maxsize=64)
+def _writers(touched: frozenset[str]) -> list[Callable[[RunMemory, Setup], None]]:
+    return [write for keys, write in WRITERS if not touched.isdisjoint(keys)]
