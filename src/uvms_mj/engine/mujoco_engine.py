@@ -29,7 +29,8 @@ class MujocoEngine(Engine):
         self.water.move_as(setup.scenario)
         self.context, self.state = self._attachment.context, (self._data.qpos, self._data.qvel)
         qpos, dof = free_joint_addresses(self._model, plant.body_id)
-        self.qpos = self._data.qpos[qpos : qpos + 7]
+        self.qpos, self.qvel = self._data.qpos[qpos : qpos + 7], self._data.qvel[dof : dof + 6]
+        self._q = self._data.qpos[qpos + 7 : qpos + 7 + len(plant.vehicle.arm.links)]
         sensors = {f"{name}_at": self._data.sensordata[address:] for name, address in plant.sensors.items()}
         self.memory = {"qacc_at": self._data.qacc[dof:], "ctrl_at": self._data.ctrl, **sensors}
 
@@ -51,7 +52,8 @@ class MujocoEngine(Engine):
         self._plant.set_wall(setup.scenario.wall, face_of(setup.scenario, setup.plant.probe.radius))
 
     def write_initial(self, setup: Setup) -> None:
-        self._plant.place(self._data, setup.scenario.initial)
+        super().write_initial(setup)
+        self._q[:] = self._plant.initial_joints(setup.scenario.initial)
 
     def sense(self) -> None:
         mujoco.mj_kinematics(self._model, self._data)  # the wall's sensors get the values of the coming step

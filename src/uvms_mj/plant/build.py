@@ -96,16 +96,11 @@ class Plant:
 
     def initial_data(self, initial: Initial) -> mujoco.MjData:
         """Data at an initial state."""
-        data = mujoco.MjData(self.model)
-        self.place(data, initial)
-        return data
-
-    def place(self, data: mujoco.MjData, initial: Initial) -> None:
-        """Put the vehicle at an initial state."""
-        qpos, dof = self._free_joint
+        data, (qpos, dof) = mujoco.MjData(self.model), free_joint_addresses(self.model, self.body_id)
         put_at(initial, data.qpos[qpos : qpos + 7], data.qvel[dof : dof + 6])
         joints = self.initial_joints(initial)
         data.qpos[qpos + 7 : qpos + 7 + len(joints)] = joints
+        return data
 
     def initial_joints(self, initial: Initial) -> np.ndarray:
         """(n,) positions of the joints at an initial state [rad or m]."""
@@ -116,10 +111,6 @@ class Plant:
         _set_wall(self.model, self._ids, wall, face)
 
     @functools.cached_property
-    def _free_joint(self) -> tuple[int, int]:
-        return free_joint_addresses(self.model, self.body_id)
-
-    @functools.cached_property
     def _ids(self) -> tuple[int, int, int]:
         return _ids(self.model, self.probe.body)
 
@@ -127,7 +118,7 @@ class Plant:
 def put_at(initial: Initial, qpos: np.ndarray, qvel: np.ndarray) -> None:
     """Set qpos (7,) and qvel (6,) of the vehicle's free joint to an initial state."""
     quat = quat_from_euler_deg(*initial.attitude_deg)
-    qpos[:] = *initial.position, *quat
+    qpos[:3], qpos[3:] = initial.position, quat
     qvel[:] = initial.velocity
     mujoco.mju_rotVecQuat(qvel[:3], qvel[:3].copy(), quat)
 
