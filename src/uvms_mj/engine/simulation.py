@@ -143,14 +143,14 @@ class Simulation:
         """(n,) commanded thrusts [N]. With the actuation ``external`` the caller sets it before a step."""
         return _view(self._stages.u_cmd, self.scenario.actuation.external)
 
-    def reset(self, *, seed: int | None = None, overrides: Mapping[str, Any] | None = None) -> None:
+    def reset(self, overrides: Mapping[str, Any] | None = None, *, seed: int | None = None) -> None:
         """Return to the start without compiling or building anything.
 
         Args:
-            seed: replaces ``simulation.seed``.
             overrides: dotted keys with values that replace those of the scenario that the Simulation was made with,
                 ``{"wall.position": 1.2, "controller.k_1": 8.0}``, until the next reset. All keys of a scenario but
                 those of ``vehicle`` and the names of stages.
+            seed: replaces ``simulation.seed``.
 
         Raises:
             InputError: a key or value is invalid, or needs a new Simulation. The Simulation is as it was before.
