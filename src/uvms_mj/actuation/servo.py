@@ -182,10 +182,8 @@ class Position(Servo):
     def out_of_range(self, setup: Any, values: np.ndarray) -> Iterator[Fault]:
         key = next((f"joints.{name}" for name in _SOURCES if getattr(self, name) not in (None, ())), "initial.joints")
         for link, low, high in zip(setup.vehicle.arm.links, values.min(axis=0), values.max(axis=0), strict=False):
-            worst = low if low < link.range[0] else high
-            if not link.range[0] - _SLACK <= worst <= link.range[1] + _SLACK:
-                least, most = link.range
-                yield Fault(key, f"{worst:g} of {link.joint} is beyond its range, {least:g} to {most:g}")
+            if wrong := link.out_of_range(low if low < link.range[0] else high, _SLACK):
+                yield Fault(key, wrong)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
         return {**super().constants(setup), "omega_p": self.position_bandwidth}
