@@ -49,7 +49,7 @@ def check_frame(scenario: Scenario, nominal: Vehicle) -> None:
             if (wrong := link.out_of_range(q, BEYOND))
         ]
     if faults:
-        raise InputError(faults)
+        raise InputError(faults, "scenario")
 
 
 def task_inertias(scenario: Scenario, nominal: Vehicle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

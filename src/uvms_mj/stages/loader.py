@@ -258,4 +258,4 @@ def check_stage(stage: Stage) -> None:
     if not is_shipped(stage):
         check_contract(type(stage))
         if getattr(stage, "uses_truth", False):
-            raise InputError([Fault("controller.uses_truth", "is reserved for ideal, the yardstick law")])
+            raise InputError([Fault("controller.uses_truth", "is reserved for ideal, the yardstick law")], "scenario")
