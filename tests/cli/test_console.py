@@ -3,6 +3,7 @@
 import dataclasses
 import re
 
+import numpy as np
 import pytest
 
 from uvms_mj import Scenario, Status, Trace, simulate
@@ -45,6 +46,16 @@ def test_a_run_that_was_stopped_has_no_error_bars(trace, capsys):
     assert "error bars" in table_of(trace, capsys)
     stopped = dataclasses.replace(trace, outcome=dataclasses.replace(trace.outcome, status=Status.failed))
     assert "error bars" not in table_of(stopped, capsys)
+
+
+def test_a_run_that_was_interrupted_says_whether_it_had_settled_by_then(paper_run, capsys):
+    whole = paper_run("gsta")
+    for until, words in ((6.0, "N (interrupted before it settled)"), (15.0, "1.498 N (settled)")):
+        outcome = dataclasses.replace(whole.outcome, status=Status.interrupted, steps=round(until * 1e4))
+        rows = whole.rows()[whole.t <= until + 1e-9]
+        table = table_of(Trace.of(whole.header, rows, outcome), capsys)
+        assert table["final force"].strip().endswith(words)
+        assert "relative error" not in table
 
 
 def test_the_table_prints_the_digits_that_a_run_supports(paper_run, capsys):
@@ -104,7 +115,19 @@ def test_the_table_names_the_joints_whose_motors_were_at_their_limit(trace, caps
         moving = simulate(Scenario.load("push_wall", still | {"joints.name": "position", "joints.target": target}))
         times = summary(moving, {})["saturated_joints_s"]
         assert list(times) == ["shoulder", "elbow"]
-        assert list(times.values()) == moving.joint_saturation_time[-1].tolist()
+        assert list(times.values()) == pytest.approx(moving.joint_saturation_time[-1].tolist())
         row = table_of(moving, capsys).get("motors at their limits", "")
         assert row.strip() == (f"shoulder {times['shoulder'] / 0.1:.2%} of the time" if limited else "")
     assert times["shoulder"] > 0.01
+
+
+@pytest.mark.parametrize(("thrusters", "motors"), [(3, 5), (7, 13)])
+def test_times_of_the_summary_are_counts_of_steps_without_the_noise_of_a_sum(trace, thrusters, motors):
+    """A tenth that is added three times is 0.30000000000000004. The time step is 0.1 ms."""
+    moving = simulate(Scenario.load("push_wall", {"vehicle.model": "planar_arm", "simulation.duration": 0.01}))
+    summed = {"saturation_time": sum([1e-4] * thrusters), "joint_saturation_time": sum([1e-4] * motors)}
+    arrays = {name: np.full_like(moving[name], summed.get(name, 0.0)) for name in moving}
+    report = summary(Trace(moving.header, arrays, moving.outcome), {})
+    assert summed["saturation_time"] != thrusters / 1e4
+    assert report["saturated_s"] == thrusters / 1e4
+    assert list(report["saturated_joints_s"].values()) == [motors / 1e4] * 2

@@ -137,7 +137,7 @@ def _run_table(trace: Any, report: dict[str, Any]) -> None:
 def _contact_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]]:
     from ..control.ideal import TOLD_THE_TRUTH
 
-    contact = report["contact"]
+    contact, status = report["contact"], report["status"]
     if trace.scenario.controller.uses_truth:
         yield "the law is given", TOLD_THE_TRUTH
     if contact["first_s"] is None:
@@ -148,11 +148,12 @@ def _contact_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str
         yield "peak force", f"{contact['peak_N']:.4g} N"
         if contact["settled"]:
             still = (trace.final_high[-1] - trace.final_low[-1]) / (contact["final_N"] or 1.0)
-            digits = 1 + math.floor(-math.log10(max(still, 1e-6)))
+            digits = 1 + math.floor(-math.log10(max(still, 1e-6))) if status == "completed" else 4
             yield "final force", f"{contact['final_N']:.{max(4, digits)}g} N (settled)"
         elif contact["final_N"] is not None:
-            yield "final force", f"{contact['final_N']:.4g} N (not settled)"
-    if report["status"] == "unstable":
+            settled = "not settled" if status in ("completed", "unstable") else f"{status} before it settled"
+            yield "final force", f"{contact['final_N']:.4g} N ({settled})"
+    if status == "unstable":
         yield "analytic force", "not compared: the run diverged"
     elif contact["analytic_N"] is not None:
         yield "analytic force", f"{contact['analytic_N']:.7g} N"
