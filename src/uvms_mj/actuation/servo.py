@@ -96,6 +96,12 @@ class Servo(Joints):
             times, values = np.zeros(1), np.array([self.at_start(setup) if self.target is None else self.target])
         return times + self.motion_start, values
 
+    def target_at(self, setup: Any, t: float) -> np.ndarray:
+        motion = pieces(*self.given_motion(setup), self.interpolation)
+        begins, c = motion["begins"], motion["coefficients"]
+        n = piece_at(begins, t)
+        return np.array([value_at(begins, c, n, j, t) for j in range(c.shape[2])])
+
     def faults(self, setup: Any) -> Iterator[Fault]:
         yield from super().faults(setup)
         joints = setup.vehicle.arm.joints
@@ -155,6 +161,7 @@ class Velocity(Servo):
     """Velocity interface: each joint follows a given velocity, zero by default."""
 
     name = "velocity"
+    follows: ClassVar = "q_dot"
 
     def at_start(self, setup: Any) -> np.ndarray:
         return np.zeros(len(setup.vehicle.arm.links))

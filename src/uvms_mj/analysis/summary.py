@@ -91,6 +91,19 @@ def _saturated_joints(trace: "Trace") -> dict[str, float] | None:
     return {name: _of_steps(trace, time) for name, time in zip(names, times, strict=True)}
 
 
+def _joints(name: str) -> "Callable[[Trace], dict[str, float] | None]":
+    """A function of :mod:`.joints`; None where it names no joint, and without joints."""
+
+    def found(trace: "Trace") -> dict[str, float] | None:
+        if not len(trace) or "q" not in trace.arrays:
+            return None
+        from . import joints
+
+        return getattr(joints, name)(trace) or None
+
+    return found
+
+
 def _of_steps(trace: "Trace", time: float) -> float:
     """A sum of time steps [s] without the rounding errors of its additions: their number times the time step."""
     h = trace.scenario.simulation.timestep
@@ -127,6 +140,8 @@ NUMBERS: "Mapping[str, Callable[[Trace], Any]]" = {
     "effort_N2s": lambda trace: float(trace.effort[-1][:3].sum()) if len(trace) else None,
     "saturated_s": saturated,
     "saturated_joints_s": _saturated_joints,
+    "joints_off_target": _joints("off_target"),
+    "joints_at_stops": _joints("at_stops"),
     "final.position_m": _last("p_WB"),
     "final.attitude_wxyz": _last("quat_WB"),
     "final.s": _last("s"),
@@ -207,4 +222,6 @@ def _finite(value: Any) -> Any:
     """The same value with None in place of numbers that are not finite, which JSON lacks."""
     if isinstance(value, list):
         return [_finite(each) for each in value]
+    if isinstance(value, dict):
+        return {name: _finite(each) for name, each in value.items()}
     return None if isinstance(value, float) and not math.isfinite(value) else value

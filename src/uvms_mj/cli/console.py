@@ -178,12 +178,26 @@ def _motion_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]
             yield "final position, tool", f"{_vector(trace.p_WT[-1], 5)} m"
         if "q" in recorded:
             yield "final joints", f"{_vector(trace.q[-1], 4)} rad or m"
+    yield from _joint_rows(trace, report)
     if analytic_m and report["status"] != "unstable":
         yield "analytic position", f"{_vector(analytic_m, 5)} m"
     if len(trace):
         if final["s"]:
             yield "final sliding variable", " ".join(f"{value: .1e}" for value in final["s"])
         yield "largest tau", f"{'  '.join(f'{value:#.3g}' for value in trace.tau_max[-1])} N, N m"
+
+
+def _joint_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    header = trace.header
+    for name, found, by, signal in (
+        ("joints off their target", report["joints_off_target"], "by ", trace.scenario.joints.follows),
+        ("joints at their stops", report["joints_at_stops"], "", "q"),
+    ):
+        if found:
+            of = header.by_name[signal]
+            units = dict(zip(header.components(of), header.units(of), strict=True))
+            each = (f"{joint} {by}{round(value, 4) + 0.0:.4g} {units[joint]}" for joint, value in found.items())
+            yield name, printable(", ".join(each))
 
 
 def _run_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]]:
