@@ -73,11 +73,13 @@ def test_stages_finds_a_stage_by_its_name_in_whatever_room(here, tmp_path):
         (["gsta", "control"], "no stage 'control'; choose from admittance, aismc, "),  # a room comes first
         (["lag.py"], "'lag.py' names no class; give lag.py:ClassName"),
         (["no.py:Lag"], "no file 'no.py' (looked in "),
+        (["none.py:Lag"], "no stage 'Lag' in none.py; it has none"),
         (["lag.py:Leg"], "no stage 'Leg' in lag.py; did you mean 'Lag'?"),
     ],
 )
 def test_a_wrong_name_of_a_stage_is_one_sentence(here, tmp_path, words, said):
     (tmp_path / "lag.py").write_text(LAG)
+    (tmp_path / "none.py").write_text("class Lag: pass")
     done = here("stages", *words)
     assert done.exit_code == 2
     assert done.stderr.startswith(f"error: {said}")

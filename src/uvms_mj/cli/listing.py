@@ -76,7 +76,9 @@ def _named(name: str, choices: "list[Choice[Any]]", room: str | None) -> "list[t
         of_class = [choice for choice in choices if issubclass(there.get(class_name, object), choice.base)]
         if of_class or room:  # of another room, the choice says so
             return [(of_class or choices)[0].stage_class(name)]
-        raise InputError(f"no stage {class_name!r} in {file}; {suggestion(class_name, there)}")
+        raise InputError(
+            f"no stage {class_name!r} in {file}; {suggestion(class_name, there) if there else 'it has none'}"
+        )
     if name.endswith(".py"):
         raise InputError(f"{name!r} names no class; give {name}:ClassName")
     rooms = set() if room or name in _rooms() else _rooms()
