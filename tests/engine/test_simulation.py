@@ -114,6 +114,21 @@ def test_a_reset_with_overrides_is_a_fresh_simulation_of_the_updated_scenario(si
     assert not np.array_equal(state(sim), changed)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_resets_and_changes_of_a_run_in_any_order_leave_nothing_behind(sim, seed):
+    rng, base = np.random.default_rng(seed), Scenario.load("push_wall", MOVING)
+    sim.reset()
+    for name in rng.permutation(sorted(CHANGES)):
+        of_a_run = {key: value for key, value in CHANGES[name].items() if not key.startswith(("initial", "simulation"))}
+        sim.set(of_a_run)
+        sim.step(5)
+        sim.reset(CHANGES[name] if rng.random() < 0.5 else None)
+    for name in rng.choice(sorted(CHANGES), 3):
+        sim.reset(CHANGES[name])
+        sim.step(100)
+        assert np.array_equal(state(sim), after(base.updated(CHANGES[name]), 100))
+
+
 @pytest.mark.parametrize("change", OF_REAL)
 def test_a_reset_of_a_real_vehicle_is_a_fresh_simulation(change):
     scenario = Scenario.load("push_wall", REAL)

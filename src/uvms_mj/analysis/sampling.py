@@ -2,7 +2,8 @@
 
 import contextlib
 import dataclasses
-from collections.abc import Iterator, Set
+import functools
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
@@ -15,13 +16,14 @@ from ..plant.mjcf import Mjcf
 from ..plant.vehicle import AXES, notes_on_damping
 from ..quantities import leaves
 from ..scenario import STAGES, Scenario
+from ..stages.base import Stage
 from .setup import Setup, set_up
 from .task_frame import task_faults, task_notes
 from .wall import wall_faults, wall_notes
 from .water import water_faults
 
 _WALLS = ("wall", "walls", "bumper")
-_CHECKED = frozenset({*_WALLS, "simulation.timestep", "current", "disturbance", "posture"})
+_EVERYTHING = frozenset({"simulation.timestep", "posture"})
 _TIMING = ("simulation.timestep", "controller.delay", *(f"{table}.period" for table in STAGES))
 _CONTACT = (*_WALLS, *ATTITUDE_KEYS, "simulation.timestep")
 _WATER = ("current", "disturbance", "simulation.timestep")
@@ -42,29 +44,27 @@ def checked(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
     return setup
 
 
-def refuse(setup: Setup, touched: Set[str] = _CHECKED) -> None:
+def refuse(setup: Setup, touched: frozenset[str] = _EVERYTHING) -> None:
     """Raise for a scenario that cannot run. Only checks of the tables and dotted keys in ``touched`` are made.
 
     Raises:
         InputError: for example, the wall is too stiff for the time step, or a period is not a multiple of it.
     """
-    faults: list[Fault] = []
-    timing = not touched.isdisjoint(_TIMING)
-    if timing:
-        faults += _stage_faults(setup.scenario)
-    chosen = [getattr(setup.scenario, table) for table in STAGES if timing or table in touched]
-    faults += [fault for stage in chosen if stage.runs for fault in stage.faults(setup)]
-    if not touched.isdisjoint(("simulation.timestep", "task")):
-        faults += task_faults(setup)
-    if not touched.isdisjoint(_CONTACT):
-        faults += wall_faults(setup)
-    if not touched.isdisjoint(_WATER):
-        scenario = setup.scenario
-        faults += water_faults(scenario.current, scenario.disturbance, scenario.simulation.timestep)
-    if "posture" in touched:
-        faults += posture_faults(setup)
+    kinds = tuple([type(getattr(setup.scenario, table)) for table in STAGES])
+    faults = [fault for check in _checks(touched, kinds) for fault in check(setup)]
     if faults:
         raise InputError(faults, "scenario")
+
+
+@functools.lru_cache(maxsize=64)
+def _checks(touched: frozenset[str], kinds: tuple[type[Stage], ...]) -> list[Callable[[Setup], Iterable[Fault]]]:
+    """The checks that depend on ``touched``, in a scenario with stages of these classes."""
+    of_stages = [
+        ((*_TIMING, table, *(touched if kind.needs is None else kind.needs)), _stage_faults(table))
+        for table, kind in zip(STAGES, kinds, strict=True)
+        if kind.faults is not Stage.faults and kind.runs
+    ]
+    return [check for keys, check in (*of_stages, *_CHECKS) if not touched.isdisjoint(keys)]
 
 
 def warnings_of(setup: Setup) -> list[str]:
@@ -112,7 +112,8 @@ def no_overflow(scenario: Scenario) -> Iterator[None]:
         raise InputError(extreme or [Fault("", what)], what if extreme else "scenario") from None
 
 
-def _stage_faults(scenario: Scenario) -> Iterator[Fault]:
+def _timing_faults(setup: Setup) -> Iterator[Fault]:
+    scenario = setup.scenario
     h = scenario.simulation.timestep
     for stage in scenario.stages:
         period = stage.period
@@ -123,6 +124,25 @@ def _stage_faults(scenario: Scenario) -> Iterator[Fault]:
                 f"{stage.room.table}.period", f"{period:g} s is not a multiple of the time step {h:g} s; {nearest}"
             )
     yield from delay_faults(scenario)
+
+
+def _stage_faults(table: str) -> Callable[[Setup], Iterable[Fault]]:
+    return lambda setup: getattr(setup.scenario, table).faults(setup)
+
+
+def _water_faults(setup: Setup) -> Iterable[Fault]:
+    scenario = setup.scenario
+    return water_faults(scenario.current, scenario.disturbance, scenario.simulation.timestep)
+
+
+_CHECKS: tuple[tuple[tuple[str, ...], Callable[[Setup], Iterable[Fault]]], ...] = (
+    (_TIMING, _timing_faults),
+    (("simulation.timestep", "task"), task_faults),
+    (_CONTACT, wall_faults),
+    (_WATER, _water_faults),
+    (("posture",), posture_faults),
+)
+"""Tables or dotted keys of a scenario, and the check that depends on them."""
 
 
 def _sampling_notes(setup: Setup) -> Iterator[str]:

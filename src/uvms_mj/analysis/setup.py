@@ -23,11 +23,13 @@ from .task_frame import check_frame, task_inertias, task_start
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """A scenario, the plant, and the design matrices of both."""
+    """A scenario, the plant, and the design matrices of both; ``contacts`` are those beside that of the probe and
+    ``[wall]``."""
 
     scenario: Scenario
     plant: Plant
     design: Design
+    contacts: Contacts
 
     @property
     def vehicle(self) -> Vehicle:
@@ -87,11 +89,6 @@ class Setup:
         return "" if self.scenario.task.frame == BODY else f"task.frame is {self.scenario.task.frame!r}"
 
     @functools.cached_property
-    def contacts(self) -> Contacts:
-        """The contacts beside that of the probe and ``[wall]``."""
-        return contacts_of(self.scenario, self.plant.probe, self.nominal)
-
-    @functools.cached_property
     def fronts(self) -> tuple[Front, ...]:
         """All contacts, as the law meets them at the desired pose."""
         wall = self.scenario.wall
@@ -120,21 +117,11 @@ class Setup:
 
     def mass_along_normal(self) -> float:
         """Effective mass at the contact point along the wall's normal [kg]."""
-        return _along_normal(self.design)
+        return self.design.along_normal(self.design.M)
 
     def mass_along_face(self) -> float:
         """Least effective mass at the contact point along the wall's face [kg]."""
-        return _along_face(self.design, self.plant.probe.radius)
-
-
-@functools.lru_cache(maxsize=8)
-def _along_normal(design: Design) -> float:
-    return design.along_normal(design.M)
-
-
-@functools.lru_cache(maxsize=8)
-def _along_face(design: Design, reach: float) -> float:
-    return lightest_along_face(design.M, rotation_matrix(design.quat_d), reach)
+        return lightest_along_face(self.design.M, rotation_matrix(self.design.quat_d), self.plant.probe.radius)
 
 
 def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
@@ -146,7 +133,7 @@ def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
     design = design_of(scenario, mjcf.vehicle)
     stepping = scenario.simulation
     plant = build(mjcf, scenario.vehicle, scenario.task.frame, scenario.wall, stepping.timestep, stepping.integrator)
-    return Setup(scenario, plant, design)
+    return Setup(scenario, plant, design, contacts_of(scenario, plant.probe, mjcf.vehicle))
 
 
 def design_of(scenario: Scenario, nominal: Vehicle) -> Design:

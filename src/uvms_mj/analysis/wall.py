@@ -8,7 +8,7 @@ this limit the forces are accurate. With w = sqrt(k/m), the relative error of pe
 import functools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from ..control.springs import Springs
 from ..control.task import BODY
@@ -22,8 +22,7 @@ RESOLVED = 0.3
 """Largest h w for which the error of an impact stays below about 1 %."""
 
 
-@dataclass(frozen=True)
-class _Direction:
+class _Direction(NamedTuple):
     """Spring [N/m], damper [N s/m] and mass at the contact [kg] of a wall along its normal, or along its face if
     ``prefix`` is "tangential_"; ``table`` is the wall's in the scenario. ``contacts`` is how many contacts of the list
     press on the wall together; 0 for MuJoCo's pair."""

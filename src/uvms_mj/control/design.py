@@ -164,8 +164,8 @@ def ott_damping(M_d: np.ndarray, K_d: np.ndarray, damping_ratio: float) -> np.nd
     M_d is (6, 6) symmetric positive definite [kg, kg m, kg m^2], K_d (6, 6) symmetric positive semi-definite [N/m, N,
     N m], and damping_ratio is zeta [1].
     """
-    Q_T, root = _modes(M_d.tobytes(), K_d.tobytes())
-    return (Q_T * (2.0 * damping_ratio * root)).dot(Q_T.T)  # np.dot is three times as fast as @ for matrices this small
+    L, L_inv, _ = _factor(M_d.tobytes())
+    return _damped(*_modes_of(L, L_inv.dot(K_d).dot(L_inv.T)), damping_ratio)
 
 
 def wall_normal(quat_d: np.ndarray) -> np.ndarray:
@@ -187,17 +187,18 @@ def _inertia(given: Any) -> tuple[np.ndarray, ...]:
         if min(given) <= 0.0:
             raise ValueError("is not positive definite")
         return _frozen(_diagonal(given), _diagonal(1.0 / np.array(given)))
-    M_d = np.frombuffer(given).reshape(6, 6) if isinstance(given, bytes) else np.array(given)
+    M_d = _matrix(given)
     if (M_d != M_d.T).any() and np.abs(M_d - M_d.T).max() > 1e-9 * np.abs(M_d).max():
         raise ValueError("is not symmetric")
-    return _frozen(M_d, _factor(M_d.tobytes())[2])
+    return _frozen(M_d, _factor(given)[2])
 
 
 @_remembered
-def _factor(M_d: bytes) -> np.ndarray:
-    """The Cholesky factor L of M_d = L L^T, its inverse, and that of M_d. Raises ValueError if there is none."""
+def _factor(M_d: Any) -> np.ndarray:
+    """The Cholesky factor L of M_d = L L^T, its inverse, and that of M_d, which is rows of numbers or bytes. Raises
+    ValueError if there is none."""
     found = np.empty((3, 6, 6))
-    found[2] = np.frombuffer(M_d).reshape(6, 6)
+    found[2] = _matrix(M_d)
     try:
         found[0] = found[1] = np.linalg.cholesky(found[2])
     except np.linalg.LinAlgError:
@@ -207,11 +208,21 @@ def _factor(M_d: bytes) -> np.ndarray:
 
 
 @_remembered
-def _modes(M_d: bytes, K_d: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """Q^T (6, 6) with Q^T Q = M_d and Q^T diag(k) Q = K_d, and the square roots of k (6,)."""
+def _modes(M_d: Any, K_d: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """:func:`_modes_of` M_d as :func:`_factor` takes it and a diagonal K_d."""
     L, L_inv, _ = _factor(M_d)
-    k, V = np.linalg.eigh(L_inv.dot(np.frombuffer(K_d).reshape(6, 6)).dot(L_inv.T))
+    return _modes_of(L, (L_inv * K_d).dot(L_inv.T))
+
+
+def _modes_of(L: np.ndarray, K: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Q^T (6, 6) with Q^T Q = M_d and Q^T diag(k) Q = K_d, and the square roots of k (6,), for M_d = L L^T and
+    K = L^-1 K_d L^-T."""
+    k, V = np.linalg.eigh(K)
     return L.dot(V), np.sqrt(np.maximum(k, 0.0))
+
+
+def _damped(Q_T: np.ndarray, root: np.ndarray, damping_ratio: float) -> np.ndarray:
+    return (Q_T * (2.0 * damping_ratio * root)).dot(Q_T.T)  # np.dot is three times as fast as @ for matrices this small
 
 
 @_remembered
@@ -222,7 +233,7 @@ def _damping(M_d: Any, D_d: Any, K_d: tuple[float, ...], damping_ratio: float) -
     if D_d is None and _is_diagonal(M_d):
         D = _diagonal([2.0 * damping_ratio * math.sqrt(m * k) for m, k in zip(M_d, K_d, strict=True)])
     elif D_d is None:
-        D = ott_damping(_inertia(M_d)[0], stiffness, damping_ratio)
+        D = _damped(*_modes(M_d, K_d), damping_ratio)
     else:
         D = _diagonal(D_d) if _is_diagonal(D_d) else np.array(D_d)
         if (min(D_d) if _is_diagonal(D_d) else np.linalg.eigvalsh(D + D.T)[0]) < 0.0:
@@ -241,6 +252,10 @@ def _diagonal(values: Sequence[float] | np.ndarray) -> np.ndarray:
     matrix = np.zeros((6, 6))
     matrix.flat[::7] = values
     return matrix
+
+
+def _matrix(given: Any) -> np.ndarray:
+    return np.frombuffer(given).reshape(6, 6) if isinstance(given, bytes) else np.array(given)
 
 
 def _is_diagonal(given: Any) -> bool:

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..analysis.setup import Setup
 from ..errors import InputError
+from ..plant.build import put_at
 from .native.water import Water
 
 
@@ -19,7 +20,7 @@ class Engine(ABC):
         water: the motion of the water in it.
         memory: the engine's arrays whose addresses are in the LOOP record, by their fields.
         state: the arrays that a reset restores.
-        qpos: (7,) the vehicle's pose.
+        qpos, qvel: (7,) and (6,) the vehicle's pose and velocity, those of its free joint.
         closed: whether the engine can't step any more.
     """
 
@@ -30,6 +31,7 @@ class Engine(ABC):
     memory: dict[str, np.ndarray]
     state: tuple[np.ndarray, ...]
     qpos: np.ndarray
+    qvel: np.ndarray
 
     @property
     def model(self) -> Any:
@@ -58,9 +60,9 @@ class Engine(ABC):
     def write_wall(self, setup: Setup) -> None:
         """Set the wall's position, and the spring and damper that the engine applies."""
 
-    @abstractmethod
     def write_initial(self, setup: Setup) -> None:
         """Put the vehicle at the initial state."""
+        put_at(setup.scenario.initial, self.qpos, self.qvel)
 
     def sense(self) -> None:  # noqa: B027  # an engine may measure in its step
         """Measure the distance to the wall between two steps."""

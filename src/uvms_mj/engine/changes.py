@@ -12,6 +12,7 @@ from ..analysis.setup import Setup, design_of
 from ..control.design import ATTITUDE_KEYS
 from ..control.task import TASK_KEYS
 from ..errors import Fault, InputError
+from ..plant.contacts import Contacts, contacts_of
 from ..plant.settings import VehicleChoice
 from ..scenario import STAGES, Scenario
 from ..stages.base import Stage, is_of_the_package, validator
@@ -28,49 +29,58 @@ _DESIGN = (
 )
 
 
-def changed(base: Setup, current: Setup, overrides: Mapping[str, Any], place: str) -> tuple[Setup, set[str]]:
-    """``base`` with overrides by dotted keys, as :func:`.quantities.overrides_of` gives them, and what differs from it
-    or from ``current``, the setup of the run before the reset: tables of the scenario, their dotted keys, and
-    ``design`` for the design matrices.
+def changed(base: Setup, overrides: Mapping[str, Any], place: str) -> tuple[Setup, frozenset[str]]:
+    """``base`` with overrides by dotted keys, as :func:`.quantities.overrides_of` gives them, and what they touch:
+    tables of the scenario, their dotted keys, and ``design`` for the design matrices.
 
     Raises:
         InputError: a key or value is invalid, or needs another plant or other machine code. ``place`` is the caller's
             name in the message.
     """
     try:
-        scenario = _updated(base.scenario, overrides)
-        touched = _differences(vars(scenario), vars(base.scenario), vars(current.scenario))
-        design = base.design
+        tables, touched = _tables(base.scenario, overrides)
+        scenario, design, contacts = _with(base.scenario, tables), base.design, base.contacts
         if not touched.isdisjoint(_DESIGN):
             touched.add("design")
             with no_overflow(scenario) if "impedance" in touched else contextlib.nullcontext():
                 design = design_of(scenario, base.nominal)
-        setup = Setup(scenario, base.plant, design)
         if not touched.isdisjoint(("wall", "walls", "bumper")):
-            _refuse_other_contacts(base, setup, overrides)
-        refuse(setup, touched)
+            contacts = contacts_of(scenario, base.plant.probe, base.nominal)
+            _refuse_other_contacts(base.contacts, contacts, overrides)
+            if wrong := scenario.wall.overridden_in_vain(overrides):
+                raise InputError(wrong)
+        setup, found = Setup(scenario, base.plant, design, contacts), frozenset(touched)
+        refuse(setup, found)
     except InputError as error:
         raise InputError(error.faults, place) from None
-    return setup, touched
+    return setup, found
 
 
-def _updated(scenario: Scenario, overrides: Mapping[str, Any]) -> Scenario:
-    """As :meth:`Scenario.updated`, but only the tables that have an override are made anew. Raises InputError if a key
-    or value is invalid, or needs another plant or other machine code."""
-    tables: dict[str, dict[str, Any]] = {}
+def _tables(scenario: Scenario, overrides: Mapping[str, Any]) -> tuple[dict[str, Any], set[str]]:
+    """The tables that overrides change, by name, and their names with the dotted keys of what is new. Only these tables
+    are made anew. Raises InputError if a key or value is invalid, or needs another plant or other machine code."""
+    given: dict[str, dict[str, Any]] = {}
     for key, value in overrides.items():
         table, _, word = key.partition(".")
         earlier = table == "controller" and word in TASK_KEYS and f"task.{word}" not in overrides
-        tables.setdefault("task" if earlier else table, {})[word] = value
+        given.setdefault("task" if earlier else table, {})[word] = value
     try:
         if _OTHER_CODE.isdisjoint(overrides):
-            return _with(scenario, {name: _replaced(getattr(scenario, name), new) for name, new in tables.items()})
+            tables = {name: _replaced(getattr(scenario, name), new) for name, new in given.items()}
+            return tables, {*given, *(f"{name}.{word}" for name, new in given.items() for word in new)}
     except (AttributeError, KeyError, TypeError, ValidationError, InputError):  # said in full, or a key of another kind
         pass
     full = scenario.updated(overrides)
     _refuse_other_code(scenario, full)
     old_and_new = ((name, getattr(scenario, name), getattr(full, name)) for name in _TABLES)
-    return _with(scenario, {name: new for name, old, new in old_and_new if new != old})
+    differing = {name: (old, new) for name, old, new in old_and_new if new != old}
+    keys = {
+        f"{name}.{word}"
+        for name, (old, new) in differing.items()
+        for word, value in getattr(new, "__dict__", {}).items()
+        if value != getattr(old, word)
+    }
+    return {name: new for name, (_, new) in differing.items()}, {*differing, *keys}
 
 
 def _replaced(table: Any, values: dict[str, Any]) -> Any:
@@ -91,27 +101,11 @@ def _with(old: Any, values: Mapping[str, Any]) -> Any:
     return copy
 
 
-def _differences(new: dict[str, Any], base: dict[str, Any], current: dict[str, Any]) -> set[str]:
-    """The tables in which a scenario may differ from two others, and their dotted keys."""
-    found = set()
-    for name, table in new.items():
-        if table is not base[name] or table is not current[name]:
-            found.add(name)
-            if hasattr(table, "__dict__"):
-                one, two = vars(base[name]), vars(current[name])
-                for key, value in vars(table).items():
-                    a, b = one.get(key), two.get(key)
-                    if (value is not a and value != a) or (value is not b and value != b):
-                        found.add(f"{name}.{key}")
-    return found
-
-
-def _refuse_other_contacts(base: Setup, setup: Setup, overrides: Mapping[str, Any]) -> None:
-    old, new = base.contacts, setup.contacts
+def _refuse_other_contacts(old: Contacts, new: Contacts, overrides: Mapping[str, Any]) -> None:
     if (len(old.surfaces), len(old.pairs), old.paper) != (len(new.surfaces), len(new.pairs), new.paper):
-        raise InputError([Fault("walls", "reset can't change which contacts there are; make a new Simulation")])
-    if wrong := setup.scenario.wall.overridden_in_vain(overrides):
-        raise InputError(wrong)
+        keys = [key for key in overrides if key in ("wall.present", "bumper.stiffness") or key.startswith("walls")]
+        wrong = "reset can't change which contacts there are; make a new Simulation"
+        raise InputError([Fault(key, wrong) for key in keys])
 
 
 def _refuse_other_code(base: Scenario, scenario: Scenario) -> None:

@@ -7,7 +7,6 @@ MuJoCo's semi-implicit Euler, and its contact is as soft as MuJoCo's (:mod:`uvms
 import numpy as np
 
 from ..analysis.setup import Setup
-from ..plant.build import put_at
 from ..plant.contacts import face_of
 from .base import Engine
 from .native.free_body import free_steps
@@ -25,7 +24,6 @@ class FreeEngine(Engine):
         vehicle = setup.vehicle
         self.context, self._body = np.zeros(1, CONTEXT), np.zeros(1, BODY)
         self.water = Water(self.context, vehicle, setup.gravity_W)
-        self.water.move_as(setup.scenario)
         constants = {
             "M_RB": vehicle.M_RB,
             "M_inv": np.linalg.inv(vehicle.M),
@@ -40,7 +38,8 @@ class FreeEngine(Engine):
         self.context["qpos_at"] = self._body["qpos"].ctypes.data
         self.context["qvel_at"] = self._body["qvel"].ctypes.data
         self.memory = {f"{name}_at": self._body[name] for name in ("qacc", "distance", "fromto", "contact")}
-        self.state, self.qpos, self._closed = (self._body,), self._body["qpos"][0], False
+        self.state, self._closed = (self._body,), False
+        self.qpos, self.qvel = self._body["qpos"][0], self._body["qvel"][0]
         self._addresses = self.context.ctypes.data, self._body.ctypes.data
 
     @property
@@ -49,9 +48,6 @@ class FreeEngine(Engine):
 
     def write_wall(self, setup: Setup) -> None:
         self._body["face"] = face_of(setup.scenario, setup.plant.probe.radius)
-
-    def write_initial(self, setup: Setup) -> None:
-        put_at(setup.scenario.initial, self._body["qpos"][0], self._body["qvel"][0])
 
     def sense(self) -> None:
         free_steps()(*self._addresses, 0, 0)

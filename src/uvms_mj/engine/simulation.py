@@ -64,7 +64,7 @@ class Simulation:
         for stage in scenario.stages:
             check_stage(stage)
         self.setup = checked(scenario, mjcf)
-        self._base = self.setup
+        self._base, self._touched = self.setup, frozenset[str]()  # the latter: what the last reset and set have touched
         self._engine = engine_of(engine, self.setup)
         self._finalizer = weakref.finalize(self, self._engine.close)
         try:
@@ -143,14 +143,14 @@ class Simulation:
         """(n,) commanded thrusts [N]. With the actuation ``external`` the caller sets it before a step."""
         return _view(self._stages.u_cmd, self.scenario.actuation.external)
 
-    def reset(self, *, seed: int | None = None, overrides: Mapping[str, Any] | None = None) -> None:
+    def reset(self, overrides: Mapping[str, Any] | None = None, *, seed: int | None = None) -> None:
         """Return to the start without compiling or building anything.
 
         Args:
-            seed: replaces ``simulation.seed``.
             overrides: dotted keys with values that replace those of the scenario that the Simulation was made with,
                 ``{"wall.position": 1.2, "controller.k_1": 8.0}``, until the next reset. All keys of a scenario but
                 those of ``vehicle`` and the names of stages.
+            seed: replaces ``simulation.seed``.
 
         Raises:
             InputError: a key or value is invalid, or needs a new Simulation. The Simulation is as it was before.
@@ -159,9 +159,9 @@ class Simulation:
         if seed is not None:
             given["simulation.seed"] = seed
         with self._alone:
-            setup, touched = changed(self._base, self.setup, given, "reset")
-            self._memory.restart(setup, touched)
-            self.setup = setup
+            setup, touched = changed(self._base, given, "reset")
+            self._memory.restart(setup, self._touched | touched)
+            self.setup, self._touched = setup, touched
             self._prepare()
 
     def set(self, overrides: Mapping[str, Any]) -> None:
@@ -174,13 +174,13 @@ class Simulation:
             InputError: a key or value is invalid, or can't change during a run. Nothing is changed then.
         """
         with self._alone:
-            setup, touched = changed(self.setup, self.setup, overrides_of(overrides, "set: overrides"), "set")
+            setup, touched = changed(self.setup, overrides_of(overrides, "set: overrides"), "set")
             delayed = ("controller.delay", "controller.period") if self.scenario.controller.delay is not None else ()
             fixed = sorted(key for key in touched if key.startswith(("initial.", "simulation.", *delayed)))
             if fixed:
                 raise InputError([Fault(name, "can't change during a run; give it to reset") for name in fixed], "set")
             self._memory.rewrite(setup, touched)
-            self.setup = setup
+            self.setup, self._touched = setup, self._touched | touched
 
     def step(self, n: int = 1) -> None:
         """Take n time steps, at native speed and without Python's global lock.

@@ -43,7 +43,10 @@ class Guidance(Stage):
     def check_settings(self) -> None:
         super().check_settings()
         position = self.rests_at()
-        if position is not None and not (np.shape(position) == (3,) and all(map(math.isfinite, position))):
+        if position is None:
+            return
+        three = len(position) == 3 if isinstance(position, tuple) else np.shape(position) == (3,)
+        if not (three and all(map(math.isfinite, position))):
             what = f"rests_at returned {shortened(position)}: it must return three numbers [m] or None"
             raise InputError([Fault("reference", f"{self.label()}.{what}")])
 

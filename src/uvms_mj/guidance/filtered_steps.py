@@ -23,6 +23,7 @@ import numpy as np
 from pydantic import AfterValidator
 from pydantic.dataclasses import dataclass as table
 
+from ..physics.frames import quat_from_euler_deg
 from ..quantities import STRICT, Number, Position, Time, within
 from ..stages.base import setting
 from .base import Guidance, start_notes
@@ -87,13 +88,13 @@ class FilteredSteps(Guidance):
         return self.waypoints or (Waypoint(time=self.step_time, position=self.target),)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
-        """Besides those of the base class: start (3,), the position before the first step [m]; times (n,), increasing
-        [s]; positions (n, 3), after the steps [m]; and bandwidth. The arrays have room for :data:`MOST_WAYPOINTS`, so
-        that the machine code is the same for any number of steps. A step at infinity never comes."""
+        """quat_d (4,), the quaternion of attitude_deg; start (3,), the position before the first step [m]; times (n,),
+        increasing [s]; positions (n, 3), after the steps [m]; and bandwidth. The arrays have room for
+        :data:`MOST_WAYPOINTS`, so that the machine code is the same for any number of steps. A step at infinity never
+        comes."""
         times, positions = _padded(self.step_time, self.target, self.waypoints)
-        values = {**super().constants(setup), "target": None, "step_time": None, "waypoints": None}
-        start = self.start or setup.initial.position
-        return {**values, "start": start, "times": times, "positions": positions}
+        start, quat_d = self.start or setup.initial.position, quat_from_euler_deg(*self.attitude_deg)
+        return {"quat_d": quat_d, "start": start, "times": times, "positions": positions, "bandwidth": self.bandwidth}
 
     def rests_at(self) -> tuple[float, ...]:
         return self.waypoints[-1].position if self.waypoints else self.target

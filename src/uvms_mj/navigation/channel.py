@@ -76,10 +76,10 @@ class Channel:
     noise: tuple[float, ...] = (0.0, 0.0, 0.0)
     bias: tuple[float, ...] = (0.0, 0.0, 0.0)
     walk: tuple[float, ...] = (0.0, 0.0, 0.0)
-    scale: float = 0.0
     quantum: float = 0.0
     limit: float | None = None
     dropout: float = 0.0
+    scale: float = 0.0
 
     @functools.cached_property
     def perfect(self) -> bool:

@@ -20,7 +20,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Iterable, Iterator, Mapping
+import operator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -82,7 +83,16 @@ _remembered = functools.lru_cache(maxsize=64)(Channel)
 
 def channel_of(stage: Any, quantity: str) -> Channel:
     """The channel of a quantity, by the settings of a stage."""
-    return _remembered(*[getattr(stage, f"{quantity}_{name}", 0.0) for name in _NAMES])
+    kind: Any = type(stage)  # mypy does not see that the class is hashable
+    return _remembered(*_settings_of(kind, quantity)(stage))
+
+
+@functools.lru_cache(maxsize=64)
+def _settings_of(kind: Any, quantity: str) -> Callable[[Any], tuple[Any, ...]]:
+    """A function for the settings of a channel in the order of :class:`Channel`. An attitude has no scale, which is the
+    last one."""
+    names = [f"{quantity}_{name}" for name in _NAMES]
+    return operator.attrgetter(*(name for name in names if hasattr(kind, name)))
 
 
 def channel_faults(stage: Any, quantities: Iterable[str], step: float) -> Iterator[Fault]:

@@ -1,6 +1,7 @@
 """The stages of a run in the order of an instant, as the loop calls them."""
 
-from collections.abc import Callable, Iterator, Mapping, Set
+import functools
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -125,6 +126,7 @@ class StageTable:
             entry.fill(row)
         self.running = tuple(self.entries.values())
         self.in_arenas = [entry for entry in self.running if entry.guarded or entry.code is None]
+        self._concerned = functools.lru_cache(maxsize=64)(self._entries_of)
 
     def _actuate(self, add: Callable[..., None], scenario: Scenario, true: np.ndarray, joints: Joints) -> None:
         """Add the stages behind the command: allocation, joints and thrusters."""
@@ -164,7 +166,7 @@ class StageTable:
         """(6,) wrench that the law commands."""
         return self.command["tau_cmd"][0]
 
-    def constants(self, setup: Setup, touched: Set[str]) -> dict[str, dict[str, Any]]:
+    def constants(self, setup: Setup, touched: frozenset[str]) -> dict[str, dict[str, Any]]:
         """The new constants of the stages that depend on the tables and keys in ``touched``, by table. Raises
         InputError if a stage has other constants than its memory has room for."""
         found, faults, scenario = {}, [], setup.scenario
@@ -176,17 +178,24 @@ class StageTable:
             )
         if scenario.impedance.natural != ("natural" in self.entries):
             faults.append(Fault("impedance.M_d", "reset can't change between a natural and a constant inertia"))
-        for table, entry in self.entries.items():
-            if table in touched or entry.needs is None or not touched.isdisjoint(entry.needs):
-                stage = getattr(setup.scenario, table, entry.stage)
-                constants = stage.constants(setup).items()
-                now = {name: value for name, value in constants if value is not None and name != "period"}
-                found[table] = new = entry.new(now)
-                if now.keys() != entry.shapes.keys() or any(_shape(new[name]) != entry.shapes[name] for name in new):
-                    faults.append(Fault(table, "reset can't change which settings are given, nor their lengths"))
+        for table, entry in self._concerned(touched):
+            stage = getattr(setup.scenario, table, entry.stage)
+            constants = stage.constants(setup).items()
+            now = {name: value for name, value in constants if value is not None and name != "period"}
+            found[table] = new = entry.new(now)
+            if now.keys() != entry.shapes.keys() or any(_shape(new[name]) != entry.shapes[name] for name in new):
+                faults.append(Fault(table, "reset can't change which settings are given, nor their lengths"))
         if faults:
             raise InputError(faults, "a new Simulation is needed")
         return found
+
+    def _entries_of(self, touched: frozenset[str]) -> list[tuple[str, Entry]]:
+        """The stages, by table, whose constants depend on the tables and keys in ``touched``."""
+        return [
+            (table, entry)
+            for table, entry in self.entries.items()
+            if table in touched or entry.needs is None or not touched.isdisjoint(entry.needs)
+        ]
 
     def write(self, constants: Mapping[str, Mapping[str, Any]]) -> None:
         """Set the constants of stages, by table."""
