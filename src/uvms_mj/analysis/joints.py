@@ -16,14 +16,13 @@ AT_STOP = 1e-4
 def off_target(trace: Trace) -> dict[str, float]:
     """Errors of the joints that are off the target of a servo at the end, by joint [rad or m, of the velocity interface
     per second]. Empty without a servo, or if a log lacks the file of its motion."""
-    interface, targets = trace.scenario.joints, None
+    interface, errors = trace.scenario.joints, np.zeros(0)
     with contextlib.suppress(ValueError):  # the file can't be read, or does not fit the vehicle
         setup = set_up(trace.scenario, trace.header.mjcf)
         targets = interface.meant(setup).target_at(setup, float(trace.t[-1]))
-    if targets is None:
-        return {}
-    errors = trace[interface.follows][-1] - targets
-    return {link.joint: float(e) for link, e in zip(trace.header.geometry.links, errors, strict=True) if abs(e) > OFF}
+        if targets is not None:
+            errors = trace[interface.follows][-1] - targets
+    return {link.joint: float(e) for link, e in zip(trace.header.geometry.links, errors, strict=False) if abs(e) > OFF}
 
 
 def at_stops(trace: Trace) -> dict[str, float]:
