@@ -73,7 +73,6 @@ class Sensed(Stage):
     """The measured pose and velocity, without the force, which an observer sets in place of a force sensor."""
 
     name = "sensed"
-    needs: ClassVar = ()
     room: ClassVar[Room] = Room("navigation", "sensed", lambda thrusters: CLOCK + KNOWN, KNOWN[:4])
 
     @staticmethod
