@@ -16,6 +16,7 @@ from ..plant.mjcf import Mjcf
 from ..plant.vehicle import AXES, notes_on_damping
 from ..quantities import leaves
 from ..scenario import STAGES, Scenario
+from ..stages.base import Stage
 from .setup import Setup, set_up
 from .task_frame import task_faults, task_notes
 from .wall import wall_faults, wall_notes
@@ -49,14 +50,21 @@ def refuse(setup: Setup, touched: frozenset[str] = _EVERYTHING) -> None:
     Raises:
         InputError: for example, the wall is too stiff for the time step, or a period is not a multiple of it.
     """
-    faults = [fault for check in _checks(touched) for fault in check(setup)]
+    kinds = tuple([type(getattr(setup.scenario, table)) for table in STAGES])
+    faults = [fault for check in _checks(touched, kinds) for fault in check(setup)]
     if faults:
         raise InputError(faults, "scenario")
 
 
 @functools.lru_cache(maxsize=64)
-def _checks(touched: frozenset[str]) -> list[Callable[[Setup], Iterable[Fault]]]:
-    return [check for keys, check in _CHECKS if not touched.isdisjoint(keys)]
+def _checks(touched: frozenset[str], kinds: tuple[type[Stage], ...]) -> list[Callable[[Setup], Iterable[Fault]]]:
+    """The checks that depend on ``touched``, in a scenario with stages of these classes."""
+    of_stages = [
+        ((*_TIMING, table, *(touched if kind.needs is None else kind.needs)), _stage_faults(table))
+        for table, kind in zip(STAGES, kinds, strict=True)
+        if kind.faults is not Stage.faults and kind.runs
+    ]
+    return [check for keys, check in (*of_stages, *_CHECKS) if not touched.isdisjoint(keys)]
 
 
 def warnings_of(setup: Setup) -> list[str]:
@@ -119,11 +127,7 @@ def _timing_faults(setup: Setup) -> Iterator[Fault]:
 
 
 def _stage_faults(table: str) -> Callable[[Setup], Iterable[Fault]]:
-    def check(setup: Setup) -> Iterable[Fault]:
-        stage = getattr(setup.scenario, table)
-        return stage.faults(setup) if stage.runs else ()
-
-    return check
+    return lambda setup: getattr(setup.scenario, table).faults(setup)
 
 
 def _water_faults(setup: Setup) -> Iterable[Fault]:
@@ -133,7 +137,6 @@ def _water_faults(setup: Setup) -> Iterable[Fault]:
 
 _CHECKS: tuple[tuple[tuple[str, ...], Callable[[Setup], Iterable[Fault]]], ...] = (
     (_TIMING, _timing_faults),
-    *(((*_TIMING, table), _stage_faults(table)) for table in STAGES),
     (("simulation.timestep", "task"), task_faults),
     (_CONTACT, wall_faults),
     (_WATER, _water_faults),

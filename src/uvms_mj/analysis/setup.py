@@ -117,21 +117,11 @@ class Setup:
 
     def mass_along_normal(self) -> float:
         """Effective mass at the contact point along the wall's normal [kg]."""
-        return _along_normal(self.design)
+        return self.design.along_normal(self.design.M)
 
     def mass_along_face(self) -> float:
         """Least effective mass at the contact point along the wall's face [kg]."""
-        return _along_face(self.design, self.plant.probe.radius)
-
-
-@functools.lru_cache(maxsize=8)
-def _along_normal(design: Design) -> float:
-    return design.along_normal(design.M)
-
-
-@functools.lru_cache(maxsize=8)
-def _along_face(design: Design, reach: float) -> float:
-    return lightest_along_face(design.M, rotation_matrix(design.quat_d), reach)
+        return lightest_along_face(self.design.M, rotation_matrix(self.design.quat_d), self.plant.probe.radius)
 
 
 def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:

@@ -24,7 +24,6 @@ class FreeEngine(Engine):
         vehicle = setup.vehicle
         self.context, self._body = np.zeros(1, CONTEXT), np.zeros(1, BODY)
         self.water = Water(self.context, vehicle, setup.gravity_W)
-        self.water.move_as(setup.scenario)
         constants = {
             "M_RB": vehicle.M_RB,
             "M_inv": np.linalg.inv(vehicle.M),

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 
 from ..analysis.setup import Setup
+from ..plant.build import set_wall
 from ..plant.contacts import face_of
 from ..plant.vehicle import free_joint_addresses
 from .base import Engine
@@ -26,7 +27,6 @@ class MujocoEngine(Engine):
         self._model, self._data = plant.model, plant.initial_data(setup.scenario.initial)
         self._attachment = immerse(self._model, self._data, plant.vehicle)
         self.water = self._attachment.water
-        self.water.move_as(setup.scenario)
         self.context, self.state = self._attachment.context, (self._data.qpos, self._data.qvel)
         qpos, dof = free_joint_addresses(self._model, plant.body_id)
         self.qpos, self.qvel = self._data.qpos[qpos : qpos + 7], self._data.qvel[dof : dof + 6]
@@ -49,7 +49,8 @@ class MujocoEngine(Engine):
         self._model.opt.timestep = setup.scenario.simulation.timestep
 
     def write_wall(self, setup: Setup) -> None:
-        self._plant.set_wall(setup.scenario.wall, face_of(setup.scenario, setup.plant.probe.radius))
+        probe = self._plant.probe
+        set_wall(self._model, probe.body, setup.scenario.wall, face_of(setup.scenario, probe.radius))
 
     def write_initial(self, setup: Setup) -> None:
         super().write_initial(setup)

@@ -95,7 +95,7 @@ def simulate(
         for note in notes:
             slow = note in sim.slow_stages
             warnings.warn(note, PlainPythonWarning if slow else SamplingWarning, stacklevel=2)
-        return _Run(sim, row_steps, progress, sinks, np.inf if keep_s is None else keep_s).go(notes)
+        return _Run(sim, row_steps, progress, sinks, np.inf if keep_s is None else keep_s, notes).go()
 
 
 @dataclasses.dataclass
@@ -107,27 +107,25 @@ class _Run:
     progress: Callable[[int, int], None] | None
     sinks: Sequence[Sink]
     keep_s: float
+    notes: tuple[str, ...]
 
     def __post_init__(self) -> None:
         self.scenario, self.memory = self.sim.scenario, self.sim.record(self.row_steps)
         self.blocks: deque[np.ndarray] = deque()
 
-    def go(self, notes: tuple[str, ...]) -> Trace:
+    def go(self) -> Trace:
         """Step until the run ends or is stopped, and make the trace."""
-        self.notes = notes
         sim, setup = self.sim, self.sim.setup
+        counts = {"thrusters": len(setup.vehicle.thrusters), "joints": len(setup.vehicle.arm.links)}
         header = Header(
             scenario=self.scenario,
             signals=sim.recorded,
             row_steps=self.row_steps,
             rest=functools.partial(steady_state, setup),
-            notes=notes,
+            notes=self.notes,
             mjcf=setup.plant.mjcf,
             geometry=setup.plant.geometry,
-            sources=sources_of(
-                self.scenario,
-                {"thrusters": len(setup.vehicle.thrusters), "joints": len(setup.vehicle.arm.links)},
-            ),
+            sources=sources_of(self.scenario, counts),
             versions=versions(),
             engine=sim.engine,
         )

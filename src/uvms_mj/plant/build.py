@@ -75,7 +75,7 @@ class Plant:
         model = self.mjcf.compiled(spec)
         vary(model, free_body_id(model, self.vehicle.body), self.vehicle.actuator_ids, self.choice)
         set_constraints(model)
-        _set_wall(model, _ids(model, self.probe.body), self.wall, self.wall.position + self.probe.radius)
+        set_wall(model, self.probe.body, self.wall, self.wall.position + self.probe.radius)
         return model
 
     @property
@@ -106,14 +106,6 @@ class Plant:
         """(n,) positions of the joints at an initial state [rad or m]."""
         return self.vehicle.arm.start(initial.joints)
 
-    def set_wall(self, wall: Wall, face: float) -> None:
-        """Move the wall's face to x of W [m], and set stiffness and damping of the contact pair in N/m and N s/m."""
-        _set_wall(self.model, self._ids, wall, face)
-
-    @functools.cached_property
-    def _ids(self) -> tuple[int, int, int]:
-        return _ids(self.model, self.probe.body)
-
 
 def put_at(initial: Initial, qpos: np.ndarray, qvel: np.ndarray) -> None:
     """Set qpos (7,) and qvel (6,) of the vehicle's free joint to an initial state."""
@@ -123,16 +115,12 @@ def put_at(initial: Initial, qpos: np.ndarray, qvel: np.ndarray) -> None:
     mujoco.mju_rotVecQuat(qvel[:3], qvel[:3].copy(), quat)
 
 
-def _ids(model: mujoco.MjModel, body: str) -> tuple[int, int, int]:
-    """Ids of the probe's body, of the contact pair and of the wall's geom."""
-    return model.body(body).id, model.pair(f"{_OURS}contact").id, model.geom(f"{_OURS}wall").id
-
-
-def _set_wall(model: mujoco.MjModel, ids: tuple[int, int, int], wall: Wall, face: float) -> None:
-    body, pair, geom = ids
-    scale = model.body_invweight0[body, 0] * (1.0 - IMPEDANCE)
-    model.pair_solref[pair] = -wall.stiffness * scale, -wall.damping * scale
-    model.geom_pos[geom, 0] = face
+def set_wall(model: mujoco.MjModel, body: str, wall: Wall, face: float) -> None:
+    """Move the wall's face to x of W [m], and set stiffness and damping of the contact pair of the probe on a body in
+    N/m and N s/m."""
+    scale = model.body(body).invweight0[0] * (1.0 - IMPEDANCE)
+    model.pair(f"{_OURS}contact").solref[:] = -wall.stiffness * scale, -wall.damping * scale
+    model.geom(f"{_OURS}wall").pos[0] = face
 
 
 def build(mjcf: Mjcf, choice: VehicleChoice, frame: str, wall: Wall, timestep: float, integrator: str) -> Plant:

@@ -102,8 +102,8 @@ class Stage:
     _inner_keys: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     """Keys of the tables within a setting, by the setting's key."""
     needs: ClassVar[tuple[str, ...] | None] = None
-    """Tables or dotted keys of the scenario that :meth:`constants` reads besides the stage's own; "design" stands for
-    the design matrices. None: any, or none if the class does not override it."""
+    """Tables or dotted keys of the scenario that :meth:`constants` and :meth:`faults` read besides the stage's own and
+    the periods; "design" stands for the design matrices. None: any, or none if the class overrides neither."""
     every_step: ClassVar[bool] = False
     """Whether the default of the period is the time step instead of the control period."""
     external: ClassVar[bool] = False

@@ -113,8 +113,6 @@ def limit_thrust(loop):
     u_cmd, produced, u = floats(loop.u_cmd_at, n), floats(loop.thrust_at, n), floats(loop.u_at, n)
     u_min, u_max = floats(loop.u_min_at, n), floats(loop.u_max_at, n)
     low, high = floats(loop.low_at, n), floats(loop.high_at, n)
-    columns = floats(loop.columns_at, 6 * n)
-    x_0, x_1, x_2, x_3, x_4, x_5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     loop.saturated = 0
     for k in range(n):
         if not abs(produced[k]) <= _LARGEST:
@@ -125,14 +123,22 @@ def limit_thrust(loop):
         u[k] = thrust
         if u_cmd[k] <= u_min[k] or u_cmd[k] >= u_max[k]:
             loop.saturated = 1
+    add_columns(floats(loop.columns_at, 6 * n), u, low, high, n, true.tau)
+
+
+@kernel
+def add_columns(columns, u, low, high, n, wrench):
+    """Set the wrench (6,) B u of n thrusts within their limits; ``columns`` (6 n,) are those of B."""
+    x_0, x_1, x_2, x_3, x_4, x_5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(n):
+        thrust = min(high[k], max(low[k], u[k]))
         x_0 += columns[6 * k] * thrust
         x_1 += columns[6 * k + 1] * thrust
         x_2 += columns[6 * k + 2] * thrust
         x_3 += columns[6 * k + 3] * thrust
         x_4 += columns[6 * k + 4] * thrust
         x_5 += columns[6 * k + 5] * thrust
-    true.tau[0], true.tau[1], true.tau[2] = x_0, x_1, x_2
-    true.tau[3], true.tau[4], true.tau[5] = x_3, x_4, x_5
+    wrench[0], wrench[1], wrench[2], wrench[3], wrench[4], wrench[5] = x_0, x_1, x_2, x_3, x_4, x_5
 
 
 @kernel
@@ -146,18 +152,7 @@ def believe_thrust(loop):
     else:
         n = loop.thrusters
         u_cmd, u_min, u_max = floats(loop.u_cmd_at, n), floats(loop.u_min_at, n), floats(loop.u_max_at, n)
-        columns = floats(loop.columns_hat_at, 6 * n)
-        x_0, x_1, x_2, x_3, x_4, x_5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for k in range(n):
-            thrust = min(u_max[k], max(u_min[k], u_cmd[k]))
-            x_0 += columns[6 * k] * thrust
-            x_1 += columns[6 * k + 1] * thrust
-            x_2 += columns[6 * k + 2] * thrust
-            x_3 += columns[6 * k + 3] * thrust
-            x_4 += columns[6 * k + 4] * thrust
-            x_5 += columns[6 * k + 5] * thrust
-        tau_hat[0], tau_hat[1], tau_hat[2] = x_0, x_1, x_2
-        tau_hat[3], tau_hat[4], tau_hat[5] = x_3, x_4, x_5
+        add_columns(floats(loop.columns_hat_at, 6 * n), u_cmd, u_min, u_max, n, tau_hat)
     if loop.tau_lost_at != 0:
         tau_cmd, tau_lost = floats(loop.tau_given_at, 6), floats(loop.tau_lost_at, 6)
         for i in range(6):

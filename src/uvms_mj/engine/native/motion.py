@@ -57,9 +57,10 @@ class Motion:
 
     def apply(self, water: Water) -> None:
         """Set the motion of the water of a vehicle."""
-        water.move(
-            self.current or Current(speed=0.0), self.disturbance or Disturbance(), self.tether or Tether(), self.seed
-        )
+        water.flow(self.current or Current(speed=0.0))
+        water.push(self.disturbance or Disturbance())
+        water.pull(self.tether or Tether())
+        water.seed(self.seed)
         if self.current is None:
             water.mean_W = self.vectors["current_W"]
         if self.disturbance is None:

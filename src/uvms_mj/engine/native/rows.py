@@ -8,7 +8,8 @@ import numpy as np
 from ...control.base import Controller
 from ...control.task import ImpedanceTask
 from ...errors import Fault, InputError
-from ...navigation import Navigation, Perfect
+from ...navigation import Perfect
+from ...scenario import Scenario
 from ...stages.base import Stage
 from ...stages.joint_signals import JOINT_SIGNALS
 from ...stages.signals import (
@@ -43,7 +44,7 @@ def recorded(
     loop: np.ndarray,
     stages: StageTable,
     u: np.ndarray,
-    navigation: Navigation,
+    scenario: Scenario,
     water: np.ndarray,
     contacts: ContactList,
     joints: Joints,
@@ -59,11 +60,11 @@ def recorded(
         for signal in RECORDED
         if "task" in stages.entries or signal.name not in _OF_THE_TASK
     ]
-    if not isinstance(navigation, Perfect):
+    if not isinstance(scenario.navigation, Perfect):
         found += [(signal, stages.frame.base[signal.name.removesuffix("_m")]) for signal in MEASURED]
     found += [(signal, stages.signals[signal.name]) for signal in SCHEDULED if "schedule" in stages.entries]
     found += [(signal, stages.delayed["tau_cmd"]) for signal in DELAYED if "delay" in stages.entries]
-    if water["unsteady"][0]:
+    if not scenario.current.constant:
         found += [(signal, water[signal.name]) for signal in UNSTEADY]
     found += [*contacts.recorded(loop), (thruster_signal(len(u)), u)]
     found += stages.commanded

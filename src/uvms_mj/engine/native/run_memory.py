@@ -47,7 +47,7 @@ class RunMemory:
         outside = self.loop["true"], self.context["water"], self.joints, self.wrist, self.contacts.carriers
         self.stages = stages = StageTable(setup, *outside)
         self.u = np.zeros(n)
-        own = setup.scenario.navigation, self.context["water"], self.contacts, self.joints
+        own = setup.scenario, self.context["water"], self.contacts, self.joints
         self.recorded = recorded(self.loop, stages, self.u, *own)
         self._spans = np.array(list(spans([memory for _, memory in self.recorded])))
         self.rows = np.zeros((0, sum(signal.size for signal, _ in self.recorded)))
@@ -181,27 +181,6 @@ def write_time(memory: RunMemory, setup: Setup) -> None:
     memory.loop["window_step"] = max(0, scenario.steps - round(FINAL_WINDOW_S / h))
 
 
-def write_current(memory: RunMemory, setup: Setup) -> None:
-    memory.engine.water.flow(setup.scenario.current, setup.scenario.simulation.seed)
-
-
-def write_disturbance(memory: RunMemory, setup: Setup) -> None:
-    memory.engine.water.push(setup.scenario.disturbance, setup.scenario.simulation.seed)
-
-
-def write_tether(memory: RunMemory, setup: Setup) -> None:
-    memory.engine.water.pull(setup.scenario.tether)
-
-
-def write_seed(memory: RunMemory, setup: Setup) -> None:
-    memory.stages.write_keys(setup.scenario)
-    memory.engine.water.seed(setup.scenario.simulation.seed)
-
-
-def write_wall(memory: RunMemory, setup: Setup) -> None:
-    memory.engine.write_wall(setup)
-
-
 def write_contact(memory: RunMemory, setup: Setup) -> None:
     contact = memory.loop["contact"]
     for name, value in contact_settings(setup.scenario.wall, setup.mass_along_face).items():
@@ -231,10 +210,6 @@ def write_wrist(memory: RunMemory, setup: Setup) -> None:
         memory.wrist.write(setup)
 
 
-def write_periods(memory: RunMemory, setup: Setup) -> None:
-    memory.stages.write_periods(setup.scenario)
-
-
 def write_epsilon(memory: RunMemory, setup: Setup) -> None:
     memory.loop["epsilon"] = getattr(setup.scenario.controller, "epsilon", DEFAULT_EPSILON)  # of each axis
 
@@ -245,20 +220,22 @@ def write_limits(memory: RunMemory, setup: Setup) -> None:
     )
 
 
-_PERIODS = tuple(f"{table}.period" for table in STAGES)
+_RANDOM = ("simulation.seed", "current", "disturbance")
+_PERIODS = ("simulation.timestep", "controller.delay", "posture.period", *(f"{table}.period" for table in STAGES))
 WRITERS: tuple[tuple[tuple[str, ...], Callable[[RunMemory, Setup], None]], ...] = (
     (("simulation.timestep", "simulation.duration"), write_time),
-    (("current",), write_current),
-    (("disturbance",), write_disturbance),
-    (("tether",), write_tether),
-    (("wall", "walls", "bumper"), write_wall),
+    (("current",), lambda memory, setup: memory.engine.water.flow(setup.scenario.current)),
+    (("disturbance",), lambda memory, setup: memory.engine.water.push(setup.scenario.disturbance)),
+    (_RANDOM, lambda memory, setup: memory.engine.water.seed(setup.scenario.simulation.seed)),
+    (("tether",), lambda memory, setup: memory.engine.water.pull(setup.scenario.tether)),
+    (("wall", "walls", "bumper"), lambda memory, setup: memory.engine.write_wall(setup)),
     (("wall", "walls", "bumper", "initial.joints", *ATTITUDE_KEYS), write_contact),
     (("initial",), write_initial),
     (("impedance", "initial.joints"), write_impedance),
     (("estimates",), write_estimates),
     (("estimates", "wrist"), write_wrist),
-    (("simulation.seed",), write_seed),
-    (("simulation.timestep", "controller.delay", "posture.period", *_PERIODS), write_periods),
+    (("simulation.seed",), lambda memory, setup: memory.stages.write_keys(setup.scenario)),
+    (_PERIODS, lambda memory, setup: memory.stages.write_periods(setup.scenario)),
     (("controller",), write_epsilon),
     (("thrusters",), write_limits),
 )

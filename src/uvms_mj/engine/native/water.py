@@ -8,7 +8,6 @@ from ...physics.random import key_of
 from ...physics.varying import ROWS
 from ...plant.vehicle import Vehicle
 from ...plant.water import Current, Disturbance, Tether
-from ...scenario import Scenario
 
 Numbers = Sequence[float] | np.ndarray
 
@@ -27,14 +26,8 @@ class Water:
         water["displaced_mass"], water["buoyancy_W"] = vehicle.displaced_mass, -vehicle.displaced_mass * gravity_W
         water["r_b"] = vehicle.r_b
 
-    def move(self, current: Current, disturbance: Disturbance, tether: Tether, seed: int) -> None:
-        """Set the motion of the water."""
-        self.flow(current, seed)
-        self.push(disturbance, seed)
-        self.pull(tether)
-
-    def flow(self, current: Current, seed: int) -> None:
-        """Set the current."""
+    def flow(self, current: Current) -> None:
+        """Set the current. A call of :meth:`seed` must follow."""
         water, series = self._water, self._series["current"]
         series["mean"] = water["v_c_W"] = current.velocity_W
         series["amplitude"], series["frequency"] = current.amplitude, current.frequency_hz
@@ -42,14 +35,12 @@ class Water:
         self._context["shear_at"], self._context["shear_rows"] = self._table("shear", current.shear)
         water["unsteady"], water["v_c_dot_W"], water["a_c_W"] = not current.constant, 0.0, 0.0
         water["fresh"] = False
-        self._seed("current", seed)
 
-    def push(self, disturbance: Disturbance, seed: int) -> None:
-        """Set the disturbance."""
+    def push(self, disturbance: Disturbance) -> None:
+        """Set the disturbance. A call of :meth:`seed` must follow."""
         self.disturb(disturbance.bias, disturbance.amplitude, disturbance.frequency_hz)
         self._vary("disturbance", disturbance)
         self._water["fresh"] = False
-        self._seed("disturbance", seed)
 
     def pull(self, tether: Tether) -> None:
         """Set the tether."""
@@ -61,19 +52,11 @@ class Water:
         series = self._series["disturbance"]
         series["mean"], series["amplitude"], series["frequency"] = bias, amplitude, frequency_hz
 
-    def move_as(self, scenario: Scenario) -> None:
-        """Set the motion of the water of a scenario."""
-        self.move(scenario.current, scenario.disturbance, scenario.tether, scenario.simulation.seed)
-
     def seed(self, seed: int) -> None:
         """Set the seed of the Gauss-Markov processes."""
-        self._seed("current", seed)
-        self._seed("disturbance", seed)
-
-    def _seed(self, name: str, seed: int) -> None:
-        series = self._series[name]
-        if series["noisy"][0]:
-            series["key"], series["block"] = key_of(seed, name), -1
+        for name, series in self._series.items():
+            if series["noisy"][0]:
+                series["key"], series["block"] = key_of(seed, name), -1
 
     @property
     def mean_W(self) -> np.ndarray:

@@ -47,7 +47,7 @@ class Claim:
         where: equation, figure or section of the paper.
         measured: name and unit of the measured quantity, ``force at rest [N]``; without a unit it is a pure number.
         measure: function that measures the quantity.
-        at_least, at_most: limits of the predicate. One of them is required.
+        at_least, at_most: limits of the predicate; infinite for none. One of them is required.
         because: reason for the threshold.
         paper: the paper's value; empty if the paper gives none.
         explanation: known reason why the claim does not hold in the paper's scenario; empty for most claims. It counts
@@ -59,14 +59,14 @@ class Claim:
     where: str
     measured: str
     measure: Callable[[Any], Measured] = field(repr=False)
-    at_least: float | None = None
-    at_most: float | None = None
+    at_least: float = -np.inf
+    at_most: float = np.inf
     because: str = ""
     paper: str = ""
     explanation: str = ""
 
     def __post_init__(self) -> None:
-        if self.at_least is None and self.at_most is None:
+        if -self.at_least == self.at_most == np.inf:
             raise ValueError(f"claim {self.id} has no threshold")
 
     @property
@@ -83,18 +83,15 @@ class Claim:
     def predicate(self) -> str:
         """The threshold in words."""
         unit = "" if self.unit == "1" else f" {self.unit}"
-        if self.at_least is None:
+        if self.at_least == -np.inf:
             return f"at most {self.at_most:g}{unit}"
-        if self.at_most is None:
+        if self.at_most == np.inf:
             return f"at least {self.at_least:g}{unit}"
         return f"{self.at_least:g} to {self.at_most:g}{unit}"
 
     def holds(self, value: float | None) -> bool:
         """Whether a value meets the threshold; False for None and NaN."""
-        if value is None:
-            return False
-        low, high = (-np.inf if self.at_least is None else self.at_least), self.at_most
-        return bool(low <= value <= (np.inf if high is None else high))
+        return value is not None and bool(self.at_least <= value <= self.at_most)
 
 
 AS_EXPECTED: dict[str, Any] = {"at_least": 1.4925, "at_most": 1.5075}
