@@ -36,6 +36,7 @@ from typing import Any
 
 import numpy as np
 
+from ..physics.frames import multiply
 from ..physics.kernels import kernel
 from ..physics.random import random_bits, standard_normal
 
@@ -171,12 +172,8 @@ def measure_attitude(channel, memory, quat, instant, key, index, measured):
         x, y, z = memory[ERROR], memory[ERROR + 1], memory[ERROR + 2]
         angle = math.sqrt(x * x + y * y + z * z)
         half = math.sin(0.5 * angle) / angle if angle > 0.0 else 0.5
-        w, x, y, z = math.cos(0.5 * angle), half * x, half * y, half * z
-        q_w, q_x, q_y, q_z = quat[0], quat[1], quat[2], quat[3]
-        memory[SAMPLE] = q_w * w - q_x * x - q_y * y - q_z * z
-        memory[SAMPLE + 1] = q_w * x + q_x * w + q_y * z - q_z * y
-        memory[SAMPLE + 2] = q_w * y - q_x * z + q_y * w + q_z * x
-        memory[SAMPLE + 3] = q_w * z + q_x * y - q_y * x + q_z * w
+        w = math.cos(0.5 * angle)
+        multiply(quat[0], quat[1], quat[2], quat[3], w, half * x, half * y, half * z, SAMPLE, memory)
         if channel[QUANTUM] > 0.0 or channel[LIMIT] < _NO_LIMIT:
             resolve_attitude(channel, memory)
         send(channel, memory, 4, instant, key, index)
