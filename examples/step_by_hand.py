@@ -8,7 +8,7 @@ from uvms_mj import Scenario, Simulation
 
 def impact(sim: Simulation, stiffness: float) -> tuple[float, float]:
     """Time of the first contact [s], to 1 ms, and the largest force [N] in the 0.1 s after it."""
-    sim.reset(overrides={"wall.stiffness": stiffness})
+    sim.reset({"wall.stiffness": stiffness})
     while not sim.signals.touches:
         sim.step(10)
     first = sim.t

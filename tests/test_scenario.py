@@ -1,6 +1,7 @@
 """Scenarios: TOML in and out, all errors at once, suggestions."""
 
 import dataclasses
+import re
 import warnings
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from uvms_mj import Fosm, Gsta, InputError, Scenario
+from uvms_mj import Fosm, Gsta, InputError, Scenario, simulate
 from uvms_mj.control import ImpedanceTask
 from uvms_mj.files import parse_setting
 from uvms_mj.scenario import keys
@@ -289,3 +290,25 @@ def test_two_laws_at_once_are_refused():
     with pytest.raises(InputError, match=r"controller\.name: 'fosm' and 'gsta' are given; choose one"):
         Scenario.load("push_wall", {"controller.name": "fosm"}, "gsta")
     assert Scenario.load("push_wall", {"controller.name": "fosm"}, "fosm").controller.label() == "fosm"
+
+
+@pytest.mark.parametrize(
+    ("key", "overrides"),
+    [
+        ("task.frame", {"task.frame": "hand"}),
+        ("initial.joints", {"initial.joints": [0.1]}),
+        ("vehicle.thruster_offset", {"vehicle.thruster_offset": [[0.0, 0.0, 0.1]]}),
+        ("vehicle.payloads[0].link", {"vehicle.payloads": [{"link": "hand", "mass": 1.0}]}),
+        ("wrist.site", {"vehicle.model": "planar_arm", "wrist.name": "sensor", "wrist.site": "hand"}),
+        ("thrusters.failed", {"thrusters.name": "t200", "thrusters.failed": 9}),
+        ("actuation.weights", {"actuation.name": "weighted", "actuation.weights": [1.0, 2.0]}),
+        ("controller.name", {"controller.name": "external"}),
+        ("controller.period", {"controller.period": 1.5e-4}),
+        ("engine", {"simulation.integrator": "implicitfast"}),
+    ],
+)
+def test_what_does_not_fit_a_loaded_scenario_begins_with_scenario_and_its_key(key, overrides):
+    """Whichever room finds it, before the first step."""
+    scenario = Scenario.load("push_wall", {"simulation.duration": 1e-3} | overrides)
+    with pytest.raises(InputError, match=rf"^scenario: {re.escape(key)}: "):
+        simulate(scenario, engine="free_body" if key == "engine" else "mujoco")

@@ -93,7 +93,8 @@ def faults_of(
             ):  # the branch of a union is not a key of the scenario
                 key += f".{part}" if key else part
         if item["type"] in ("unexpected_keyword_argument", "extra_forbidden"):
-            table, _, word = key.rpartition(".")
+            word = str(item["loc"][-1])  # may have a dot: wall.stiffness.x
+            table = key.removesuffix(word).removesuffix(".")
             message = f"no such key; {suggestion(word, (choices or {}).get(table.partition('[')[0], ()))}"
         elif item["type"] == "missing" and isinstance(item["loc"][-1], str):
             message = _SENTENCES["missing"]  # the value is that of the table around it
@@ -129,6 +130,8 @@ def _sentence(item: Any) -> str:
         return _of_length(item["input"], item["loc"][-1] + 1)
     if kind == "too_long" and isinstance(item["input"], list | tuple):
         return _of_length(item["input"], context["max_length"])
+    if kind in ("tuple_type", "list_type") and isinstance(item["input"], str):
+        return f"{_SENTENCES[kind]}; write it in brackets, [1.0, 2.0]"
     if kind == "greater_than_equal" and 0.0 < context["ge"] <= 1e-9:
         return "must be positive"
     sentence = _SENTENCES.get(kind)
@@ -137,6 +140,7 @@ def _sentence(item: Any) -> str:
 
 _SENTENCES = {
     **dict.fromkeys(("float_type", "float_parsing", "finite_number"), "is not a finite number"),
+    **dict.fromkeys(("int_type", "int_parsing", "int_from_float"), "is not a whole number"),
     **dict.fromkeys(("tuple_type", "list_type"), "is not a list of numbers"),
     **dict.fromkeys(("bool_type", "bool_parsing"), "is not true or false"),
     **dict.fromkeys(("dataclass_type", "dict_type"), "is not a table"),

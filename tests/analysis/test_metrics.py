@@ -440,6 +440,37 @@ def test_a_position_that_drifts_has_not_settled(synthetic):
     assert metrics.position_settling_time(swinging) == pytest.approx(0.98, abs=0.02)  # swings within the band
 
 
+@pytest.fixture(scope="module")
+def push():
+    """Runs of a given duration. The vehicle touches the wall between 5 and 6 s and has settled at 9 s."""
+    return lambda duration: simulate(
+        Scenario.load("push_wall", {"simulation.duration": duration}), engine="free_body", log_rate=1000
+    )
+
+
+@pytest.mark.parametrize(("stopped_s", "settled"), [(0.3, False), (0.6, False), (6.0, False), (10.0, True)])
+def test_a_run_that_was_stopped_settled_as_the_shorter_run_did(push, stopped_s, settled):
+    """Up to an interrupt, a run is the one whose duration ends there. The window of the latter is of every step."""
+    whole, short = push(20.0), push(stopped_s)
+    kept = whole.t <= stopped_s + 1e-9
+    outcome = Outcome(Status.interrupted, "", short.steps, 1.0)
+    stopped = Trace(whole.header, {name: whole[name][kept] for name in whole}, outcome)
+    assert metrics.final_force(stopped) == (pytest.approx(metrics.final_force(short)[0], rel=1e-9), settled)
+    assert metrics.final_force(short)[1] is settled
+    assert summary(stopped, {})["contact"]["relative_error"] is None  # the closed form is of the end
+    diverged = dataclasses.replace(stopped, outcome=Outcome(Status.unstable, "", short.steps, 1.0))
+    assert metrics.final_force(diverged)[1] is False
+
+
+def test_an_interrupt_between_slow_rows_hides_no_vibration(synthetic):
+    """Every row has the same force, but its mean over every step is another one."""
+    held = synthetic(2.0, f_contact_W=lambda t: axis(np.full(len(t), -1.5), 0, 3), impulse=lambda t: 1.5 * t)
+    vibrates = synthetic(2.0, f_contact_W=lambda t: axis(np.full(len(t), -1.5), 0, 3), impulse=lambda t: 1.6 * t)
+    for trace, settled in ((held, True), (vibrates, False)):
+        stopped = dataclasses.replace(trace, outcome=Outcome(Status.interrupted, "", 2000, 1.0))
+        assert metrics.final_force(decimated(stopped, 100))[1] is settled
+
+
 def test_a_run_that_is_pushed_ever_harder_has_not_settled():
     """The reference keeps moving into the wall, so that the force grows until the end."""
     settings = {

@@ -1,7 +1,14 @@
 """The commands that list stages, keys and signals."""
 
+import re
+
+import pytest
+
 from uvms_mj.scenario import STAGES
 from uvms_mj.stages.signals import GIVEN, RECORDED, TRUE, actuation_given, thrusters_given
+
+HEADINGS = re.compile(r"^\[\w+\]$|^\w+: ", re.MULTILINE)
+"""Tables of a scenario, and titles of stages, in a listing."""
 
 
 def test_keys_and_signals_list_all(here):
@@ -28,6 +35,10 @@ def test_stages_lists_all_with_settings_and_states(here, tmp_path):
                 assert word in part, (name, word)
     assert here("controllers").stdout in here("stages", "control").stdout
     assert "zeta (6)" in here("stages", "control").stdout
+    listed = [(f"[{table}]", list(choice.shipped)) for table, choice in STAGES.items()]
+    listed.insert(list(STAGES).index("controller"), ("[task]", ["impedance_task"]))
+    expected = [word for table, names in listed for word in (table, *(f"{name}: " for name in names))]
+    assert HEADINGS.findall(text) == expected  # the name of a table stands before its stages
     (tmp_path / "lag.py").write_text(LAG)
     own = here("stages", "actuation", f"{tmp_path / 'lag.py'}:Lag").stdout
     for word in ("Lag: Slow thrusters.", "T_u", "0.3", "thrust (thrusters)"):
@@ -35,6 +46,44 @@ def test_stages_lists_all_with_settings_and_states(here, tmp_path):
     wrong = here("stages", "navigation", f"{tmp_path / 'lag.py'}:Lag")
     assert wrong.exit_code == 2
     assert "it is an actuation stage: use actuation.name" in wrong.stderr
+
+
+def test_stages_finds_a_stage_by_its_name_in_whatever_room(here, tmp_path):
+    (tmp_path / "lag.py").write_text(LAG)
+    own = f"{tmp_path / 'lag.py'}:Lag"
+    assert (
+        here("stages", "gsta").stdout == here("stages", "control", "gsta").stdout == here("controllers", "gsta").stdout
+    )
+    assert here("stages", "t200").stdout == here("stages", "actuation", "t200").stdout  # of another table of this room
+    assert here("stages", own).stdout == here("stages", "actuation", own).stdout
+    assert here("stages", "impedance_task").stdout == here("stages", "task").stdout
+    both = here("stages", "none", "ekf").stdout  # two tables have it, and every name is listed
+    assert HEADINGS.findall(both) == ["[wrist]", "none: ", "[observer]", "none: ", "[navigation]", "ekf: "]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["gst"], "no stage 'gst'; did you mean 'gsta'?; for your own give path/to/file.py:ClassName"),
+        (["navigaton"], "no stage 'navigaton'; did you mean 'navigation'?; for your own"),
+        (
+            ["guidance", "ekf"],
+            "no stage 'ekf' in guidance; choose from along_wall, circle, filtered_steps, path, spline; ",
+        ),
+        (["gsta", "control"], "no stage 'control'; choose from admittance, aismc, "),  # a room comes first
+        (["lag.py"], "'lag.py' names no class; give lag.py:ClassName"),
+        (["no.py:Lag"], "no file 'no.py' (looked in "),
+        (["none.py:Lag"], "no stage 'Lag' in none.py; it has none"),
+        (["lag.py:Leg"], "no stage 'Leg' in lag.py; did you mean 'Lag'?"),
+    ],
+)
+def test_a_wrong_name_of_a_stage_is_one_sentence(here, tmp_path, words, said):
+    (tmp_path / "lag.py").write_text(LAG)
+    (tmp_path / "none.py").write_text("class Lag: pass")
+    done = here("stages", *words)
+    assert done.exit_code == 2
+    assert done.stderr.startswith(f"error: {said}")
+    assert done.stderr.count("\n") == 1
 
 
 def _choices(room):

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import re
 
 import numpy as np
 import pytest
@@ -224,7 +225,10 @@ def test_an_encoder_with_a_period_is_held_between_its_samples(scenario):
     ("overrides", "message"),
     [
         ({"joints.name": "position", "joints.target": [0.1]}, "joints.target: has 1 values; the vehicle has 2 joints"),
-        ({"joints.name": "position", "joints.target": [9.0, 0.0]}, "joints.target: 9 of shoulder is beyond its range"),
+        (
+            {"joints.name": "position", "joints.target": [9.0, 0.0]},
+            "joints.target: 9 is outside the range of shoulder, -1 to 1 rad",
+        ),
         ({"joints.name": "position", "joints.motion_file": "none.csv"}, "none.csv: No such file or directory"),
         (
             {"joints.name": "position", "joints.period": 0.02},
@@ -245,6 +249,22 @@ def test_wrong_input_is_refused_before_the_run(scenario, overrides, message):
     with pytest.raises(InputError) as raised:
         Simulation(scenario(overrides, hinge='range="-1 1"'))
     assert message in str(raised.value)
+
+
+@pytest.mark.parametrize("key", ["initial.joints", "joints.target", "posture.joints"])
+@pytest.mark.parametrize(
+    ("joints", "message"),
+    [
+        ([30.0, 0.0], "30 is outside the range of shoulder, -1 to 1 rad (in degrees? 30 deg are 0.524 rad)"),
+        ([60.0, 0.0], "60 is outside the range of shoulder, -1 to 1 rad"),  # in degrees it is outside too
+        ([0.0, 0.5], "0.5 is outside the range of jaw, -0.1 to 0.1 m"),  # a slide has no degrees
+    ],
+)
+def test_a_joint_out_of_range_is_told_in_its_own_unit(scenario, key, joints, message):
+    of_key = {"joints.target": {"joints.name": "position"}, "posture.joints": {"task.frame": "tip"}}
+    overrides = of_key.get(key, {}) | {key: joints}
+    with pytest.raises(InputError, match=rf"{re.escape(message)}$"):
+        Simulation(scenario(overrides, hinge='range="-1 1"', slide='range="-0.1 0.1"'))
 
 
 def test_solver_settings_of_the_file_are_refused(scenario):

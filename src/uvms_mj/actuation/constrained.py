@@ -53,7 +53,7 @@ class Constrained(Actuation):
         B, n = setup.nominal.B, setup.nominal.B.shape[1]
         if n > MOST_THRUSTERS:
             wrong = f"constrained is for at most {MOST_THRUSTERS} thrusters; the vehicle has {n}"
-            raise InputError([Fault("actuation.name", wrong)])
+            raise InputError([Fault("actuation.name", wrong)], "scenario")
         H, linear = quadratic(B, np.array(self.weights))
         return {"inverse": self.inverse(B), "H": H, "linear": linear}
 

@@ -9,6 +9,8 @@ import dataclasses
 from collections.abc import Iterator
 from typing import Any, ClassVar
 
+import numpy as np
+
 from ..errors import Fault
 from ..physics.kernels import kernel
 from ..quantities import Step
@@ -26,6 +28,8 @@ class Joints(Stage):
     every_step: ClassVar[bool] = True
     obeys: ClassVar[bool] = True
     """Whether the torque follows the commanded one, which is then recorded."""
+    follows: ClassVar[str] = "q"
+    """The signal of :meth:`target_at`: "q" or "q_dot"."""
     room: ClassVar[Room] = Room(
         name="actuation",
         table="joints",
@@ -39,6 +43,11 @@ class Joints(Stage):
     def meant(self, setup: Any) -> Joints:
         """The interface that a run uses: itself."""
         return self
+
+    def target_at(self, setup: Any, t: float) -> np.ndarray | None:
+        """The value (n,) that the interface makes the signal :attr:`follows` have at the time t [s]; None if it follows
+        nothing that is known before the run."""
+        return None
 
     def faults(self, setup: Any) -> Iterator[Fault]:
         if not setup.vehicle.arm.links:

@@ -144,7 +144,8 @@ class Propeller(Thrusters):
     def constants(self, setup: Any) -> Mapping[str, Any]:
         n = len(setup.vehicle.thrusters)
         if self.failed > n:
-            raise InputError([Fault("thrusters.failed", f"{self.failed}: the vehicle has {n} thrusters")])
+            wrong = f"{self.failed}: the vehicle has {n} thrusters"
+            raise InputError([Fault("thrusters.failed", wrong)], "scenario")
         period = self.period or setup.scenario.simulation.timestep
         true, assumed = self.curves()
         none = np.zeros(2)

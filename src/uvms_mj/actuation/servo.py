@@ -96,6 +96,12 @@ class Servo(Joints):
             times, values = np.zeros(1), np.array([self.at_start(setup) if self.target is None else self.target])
         return times + self.motion_start, values
 
+    def target_at(self, setup: Any, t: float) -> np.ndarray:
+        motion = pieces(*self.given_motion(setup), self.interpolation)
+        begins, c = motion["begins"], motion["coefficients"]
+        n = piece_at(begins, t)
+        return np.array([value_at(begins, c, n, j, t) for j in range(c.shape[2])])
+
     def faults(self, setup: Any) -> Iterator[Fault]:
         yield from super().faults(setup)
         joints = setup.vehicle.arm.joints
@@ -155,6 +161,7 @@ class Velocity(Servo):
     """Velocity interface: each joint follows a given velocity, zero by default."""
 
     name = "velocity"
+    follows: ClassVar = "q_dot"
 
     def at_start(self, setup: Any) -> np.ndarray:
         return np.zeros(len(setup.vehicle.arm.links))
@@ -182,10 +189,8 @@ class Position(Servo):
     def out_of_range(self, setup: Any, values: np.ndarray) -> Iterator[Fault]:
         key = next((f"joints.{name}" for name in _SOURCES if getattr(self, name) not in (None, ())), "initial.joints")
         for link, low, high in zip(setup.vehicle.arm.links, values.min(axis=0), values.max(axis=0), strict=False):
-            worst = low if low < link.range[0] else high
-            if not link.range[0] - _SLACK <= worst <= link.range[1] + _SLACK:
-                least, most = link.range
-                yield Fault(key, f"{worst:g} of {link.joint} is beyond its range, {least:g} to {most:g}")
+            if wrong := link.out_of_range(low if low < link.range[0] else high, _SLACK):
+                yield Fault(key, wrong)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
         return {**super().constants(setup), "omega_p": self.position_bandwidth}

@@ -50,7 +50,7 @@ class Weighted(Actuation):
     def inverse(self, B: np.ndarray) -> np.ndarray:
         if self.weights and len(self.weights) != B.shape[1]:
             wrong = f"has {len(self.weights)} values; the vehicle has {B.shape[1]} thrusters"
-            raise InputError([Fault("actuation.weights", wrong)])
+            raise InputError([Fault("actuation.weights", wrong)], "scenario")
         root = np.sqrt(np.array(self.weights or (1.0,) * B.shape[1]))
         return np.linalg.pinv(B / root) / root[:, None]
 

@@ -25,8 +25,9 @@ FAST_PERIODS = 10
 def final_force(trace: Trace) -> tuple[float | None, bool]:
     """Mean pushing force over the last 0.5 s [N], and whether it has settled in this window.
 
-    Both are computed from every step, at any log rate. For a run that stopped early, the mean is taken over the last
-    0.5 s of its rows, and the force has not settled.
+    Both are computed from every step, at any log rate. For a run that stopped early, the window is the last 0.5 s of
+    its rows. The mean is still that of every step; the force has settled if no row in the window differs from it. A run
+    that diverged, or that has no 0.5 s, has not settled.
     """
     if len(trace) == 0:
         return None, False
@@ -34,11 +35,17 @@ def final_force(trace: Trace) -> tuple[float | None, bool]:
     if trace.status is Status.completed and trace.duration_s >= FINAL_WINDOW_S:
         mean = float(trace.final_impulse[-1]) / FINAL_WINDOW_S
         spread = float(trace.final_high[-1] - trace.final_low[-1])
-        still = mean > 0.0 or bool(np.abs(trace.nu[-1]).max() < AT_REST)
-        return mean, bool(still and spread <= SETTLED * mean)
+        return mean, _at_rest(trace, mean, spread)
     start = max(0, int(np.searchsorted(t, t[-1] - FINAL_WINDOW_S + 1e-9, side="right")) - 1)
     length = float(t[-1] - t[start])
-    return float(impulse[-1] - impulse[start]) / length if length > 0.0 else float(trace.push[-1]), False
+    mean = float(impulse[-1] - impulse[start]) / length if length > 0.0 else float(trace.push[-1])
+    whole = trace.status is not Status.unstable and length >= FINAL_WINDOW_S - 1e-9
+    return mean, whole and _at_rest(trace, mean, float(np.ptp([mean, *trace.push[start:]])))
+
+
+def _at_rest(trace: Trace, mean: float, spread: float) -> bool:
+    still = mean > 0.0 or bool(np.abs(trace.nu[-1]).max() < AT_REST)
+    return bool(still and spread <= SETTLED * mean)
 
 
 def rest_force(trace: Trace) -> float | None:

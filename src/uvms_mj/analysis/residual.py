@@ -37,7 +37,7 @@ def impedance_error(trace: Trace, start: float = 0.0, end: float = np.inf) -> np
     design, h = design_of(trace), trace.scenario.simulation.timestep
     if trace.scenario.impedance.natural and trace.header.mjcf.vehicle.arm.links:
         reason = "changes with the posture of the arm and is not recorded; the impedance error needs a constant inertia"
-        raise InputError([Fault("impedance.M_d", f"'natural' {reason}")])
+        raise InputError([Fault("impedance.M_d", f"'natural' {reason}")], "scenario")
     rows = grid(trace, start, end, INTERVAL_S)
     first, last = rows[:-1], rows[1:]
     T = (trace.t[last] - trace.t[first])[:, None]

@@ -31,8 +31,10 @@ def _analytic_N(trace: "Trace") -> float | None:
 
 
 def _relative_error(trace: "Trace") -> float | None:
-    """None unless the force has settled, because the closed form describes the state at rest."""
+    """None unless the run completed and the force has settled, because the closed form describes the rest at the
+    end."""
     (final_N, settled), analytic_N = _force(trace), _analytic_N(trace)
+    settled = settled and trace.status.name == "completed"
     return (final_N - analytic_N) / analytic_N if settled and final_N and analytic_N else None
 
 
@@ -74,12 +76,38 @@ def _no_noise_because(trace: "Trace") -> str | None:
     return found if isinstance(found, str) else None
 
 
+def saturated(trace: "Trace") -> float | None:
+    """The time with a thruster at its limit [s]; None if the run has no row."""
+    time = _last("saturation_time")(trace)
+    return None if time is None else _of_steps(trace, time)
+
+
 def _saturated_joints(trace: "Trace") -> dict[str, float] | None:
     """The time that the motor of each joint was at its limit, by the joint's name [s]; None without joints."""
     times = _last("joint_saturation_time")(trace)
     if times is None:
         return None
-    return dict(zip(trace.header.components(trace.header.by_name["joint_saturation_time"]), times, strict=True))
+    names = trace.header.components(trace.header.by_name["joint_saturation_time"])
+    return {name: _of_steps(trace, time) for name, time in zip(names, times, strict=True)}
+
+
+def _joints(name: str) -> "Callable[[Trace], dict[str, float] | None]":
+    """A function of :mod:`.joints`; None where it names no joint, and without joints."""
+
+    def found(trace: "Trace") -> dict[str, float] | None:
+        if not len(trace) or "q" not in trace.arrays:
+            return None
+        from . import joints
+
+        return getattr(joints, name)(trace) or None
+
+    return found
+
+
+def _of_steps(trace: "Trace", time: float) -> float:
+    """A sum of time steps [s] without the rounding errors of its additions: their number times the time step."""
+    h = trace.scenario.simulation.timestep
+    return float(f"{round(time / h) * h:.15g}")
 
 
 def _position(trace: "Trace") -> list[float] | None:
@@ -110,8 +138,10 @@ NUMBERS: "Mapping[str, Callable[[Trace], Any]]" = {
     "noise.analytic_N": lambda trace: getattr(_deviations(trace.header), "push", None),
     "noise.none_because": _no_noise_because,
     "effort_N2s": lambda trace: float(trace.effort[-1][:3].sum()) if len(trace) else None,
-    "saturated_s": _last("saturation_time"),
+    "saturated_s": saturated,
     "saturated_joints_s": _saturated_joints,
+    "joints_off_target": _joints("off_target"),
+    "joints_at_stops": _joints("at_stops"),
     "final.position_m": _last("p_WB"),
     "final.attitude_wxyz": _last("quat_WB"),
     "final.s": _last("s"),
@@ -192,4 +222,6 @@ def _finite(value: Any) -> Any:
     """The same value with None in place of numbers that are not finite, which JSON lacks."""
     if isinstance(value, list):
         return [_finite(each) for each in value]
+    if isinstance(value, dict):
+        return {name: _finite(each) for name, each in value.items()}
     return None if isinstance(value, float) and not math.isfinite(value) else value

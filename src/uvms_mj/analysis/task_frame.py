@@ -44,12 +44,12 @@ def check_frame(scenario: Scenario, nominal: Vehicle) -> None:
         )
     elif given is not None:
         faults += [
-            Fault(f"initial.joints[{i}]", f"{q:g} is outside the range of {link.joint}, {low:g} to {high:g} rad or m")
+            Fault(f"initial.joints[{i}]", wrong)
             for i, (q, link) in enumerate(zip(given, arm.links, strict=True))
-            if not (low := link.range[0]) - BEYOND <= q <= (high := link.range[1]) + BEYOND
+            if (wrong := link.out_of_range(q, BEYOND))
         ]
     if faults:
-        raise InputError(faults)
+        raise InputError(faults, "scenario")
 
 
 def task_inertias(scenario: Scenario, nominal: Vehicle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

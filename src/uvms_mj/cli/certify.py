@@ -117,6 +117,7 @@ def _report_gains(gains: "Certificate", rate: float, state: float, console: Cons
 
 def _report(certificate: "Certificate", trace: "Trace", console: Console) -> None:
     from ..analysis.disturbance import experienced
+    from ..analysis.summary import saturated
 
     found = experienced(trace)
     report: dict[str, Any] = {
@@ -126,7 +127,7 @@ def _report(certificate: "Certificate", trace: "Trace", console: Console) -> Non
         "gains": {name: getattr(certificate, name) for name in ("k_1", "k_2", "beta", "nominal")},
         "certified": {name: getattr(certificate, name) for name in ("rate", "state", "limit")},
         "experienced": None,
-        "saturated_s": float(trace.saturation_time[-1]) if len(trace) else None,
+        "saturated_s": saturated(trace),
     }
     if isinstance(found, str):
         report |= {"is_certified": None, "verdict": f"no verdict on this scenario: {found}"}

@@ -137,7 +137,7 @@ def _run_table(trace: Any, report: dict[str, Any]) -> None:
 def _contact_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]]:
     from ..control.ideal import TOLD_THE_TRUTH
 
-    contact = report["contact"]
+    contact, status = report["contact"], report["status"]
     if trace.scenario.controller.uses_truth:
         yield "the law is given", TOLD_THE_TRUTH
     if contact["first_s"] is None:
@@ -148,11 +148,12 @@ def _contact_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str
         yield "peak force", f"{contact['peak_N']:.4g} N"
         if contact["settled"]:
             still = (trace.final_high[-1] - trace.final_low[-1]) / (contact["final_N"] or 1.0)
-            digits = 1 + math.floor(-math.log10(max(still, 1e-6)))
+            digits = 1 + math.floor(-math.log10(max(still, 1e-6))) if status == "completed" else 4
             yield "final force", f"{contact['final_N']:.{max(4, digits)}g} N (settled)"
         elif contact["final_N"] is not None:
-            yield "final force", f"{contact['final_N']:.4g} N (not settled)"
-    if report["status"] == "unstable":
+            settled = "not settled" if status in ("completed", "unstable") else f"{status} before it settled"
+            yield "final force", f"{contact['final_N']:.4g} N ({settled})"
+    if status == "unstable":
         yield "analytic force", "not compared: the run diverged"
     elif contact["analytic_N"] is not None:
         yield "analytic force", f"{contact['analytic_N']:.7g} N"
@@ -177,12 +178,26 @@ def _motion_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]
             yield "final position, tool", f"{_vector(trace.p_WT[-1], 5)} m"
         if "q" in recorded:
             yield "final joints", f"{_vector(trace.q[-1], 4)} rad or m"
+    yield from _joint_rows(trace, report)
     if analytic_m and report["status"] != "unstable":
         yield "analytic position", f"{_vector(analytic_m, 5)} m"
     if len(trace):
         if final["s"]:
             yield "final sliding variable", " ".join(f"{value: .1e}" for value in final["s"])
         yield "largest tau", f"{'  '.join(f'{value:#.3g}' for value in trace.tau_max[-1])} N, N m"
+
+
+def _joint_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    header = trace.header
+    for name, found, by, signal in (
+        ("joints off their target", report["joints_off_target"], "by ", trace.scenario.joints.follows),
+        ("joints at their stops", report["joints_at_stops"], "", "q"),
+    ):
+        if found:
+            of = header.by_name[signal]
+            units = dict(zip(header.components(of), header.units(of), strict=True))
+            each = (f"{joint} {by}{round(value, 4) + 0.0:.4g} {units[joint]}" for joint, value in found.items())
+            yield name, printable(", ".join(each))
 
 
 def _run_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]]:

@@ -1,7 +1,8 @@
-"""``uvms-mj controllers``, ``keys`` and ``signals``: lists of laws, scenario keys and signals."""
+"""``uvms-mj controllers``, ``stages``, ``keys`` and ``signals``: lists of laws, stages, scenario keys and signals."""
 
 import dataclasses
 import json
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, cast
 
 import click
@@ -12,13 +13,7 @@ from .options import command
 
 if TYPE_CHECKING:
     from ..stages.base import Stage
-
-
-ROOMS = (
-    *("guidance", "navigation", "control", "actuation"),
-    *("reference", "encoder", "wrist", "observer", "controller", "joints", "thrusters"),
-)
-"""The rooms, and the tables of a scenario that are called otherwise."""
+    from ..stages.loader import Choice
 
 
 @command()
@@ -29,26 +24,77 @@ def controllers(laws: tuple[str, ...]) -> None:
         from ..scenario import STAGES
 
         choice = STAGES["controller"]
-        for law in laws or choice.shipped:
-            _print_stage(choice.stage_class(law))
+        _print_stages([choice.stage_class(law) for law in laws or choice.shipped])
 
 
 @command()
-@click.argument("room", required=False, type=click.Choice(ROOMS))
-@click.argument("names", nargs=-1, metavar="[STAGE]...")
-def stages(room: str | None, names: tuple[str, ...]) -> None:
-    """List the stages of all rooms, or of ROOM, with their settings, units, defaults and states; STAGE may be
-    path/to/file.py:ClassName."""
+@click.argument("names", nargs=-1, metavar="[ROOM] [STAGE]...")
+def stages(names: tuple[str, ...]) -> None:
+    """List stages with their settings, units, defaults and states: all of them, those of ROOM (guidance, navigation,
+    control, actuation, or a table of a scenario), or each STAGE by its name or path/to/file.py:ClassName.
+
+    \b
+    uvms-mj stages navigation
+    uvms-mj stages gsta t200
+    """
     with bad_input():
-        from ..control import ImpedanceTask
         from ..scenario import STAGES
 
-        for table, choice in STAGES.items():
-            if room in (None, table, choice.base.room.name) and not (names and room in STAGES and room != table):
-                if table == "controller" and not names:
-                    _print_stage(ImpedanceTask)
-                for name in names or choice.shipped:
-                    _print_stage(choice.stage_class(name))
+        room = next((word for word in names[:1] if word in _rooms()), None)
+        choices = [choice for table, choice in STAGES.items() if room in (None, table, choice.base.room.name)]
+        if wanted := names[1:] if room else names:
+            _print_stages([cls for name in wanted for cls in _named(name, choices, room)])
+        else:
+            _print_stages([cls for choice in choices for cls in _shipped(choice).values()])
+
+
+def _rooms() -> set[str]:
+    """The names of the rooms, and of the tables of their stages."""
+    from ..scenario import STAGES
+
+    return {word for table, choice in STAGES.items() for word in (table, choice.base.room.name)}
+
+
+def _shipped(choice: "Choice[Any]") -> "dict[str, type[Stage]]":
+    """The shipped stages of a table by name; before the laws, the task."""
+    from ..control import Controller, ImpedanceTask
+
+    return ({"task": ImpedanceTask} if choice.base is Controller else {}) | dict(choice.shipped)
+
+
+def _named(name: str, choices: "list[Choice[Any]]", room: str | None) -> "list[type[Stage]]":
+    """The stages of a name among these choices, those of a room if one is given. Raises InputError if there is none."""
+    from ..errors import InputError, suggestion
+    from ..stages.loader import stages_in
+
+    shipped = [_shipped(choice) for choice in choices]
+    if found := [cls for stages in shipped for key, cls in stages.items() if name in (key, cls.label())]:
+        return found
+    file, _, class_name = name.rpartition(":")
+    if file.endswith(".py"):
+        there = stages_in(file, "")
+        of_class = [choice for choice in choices if issubclass(there.get(class_name, object), choice.base)]
+        if of_class or room:  # of another room, the choice says so
+            return [(of_class or choices)[0].stage_class(name)]
+        raise InputError(
+            f"no stage {class_name!r} in {file}; {suggestion(class_name, there) if there else 'it has none'}"
+        )
+    if name.endswith(".py"):
+        raise InputError(f"{name!r} names no class; give {name}:ClassName")
+    rooms = set() if room or name in _rooms() else _rooms()
+    known = {each for stages in shipped for each in stages} | rooms
+    hint, own = suggestion(name, known), "for your own give path/to/file.py:ClassName"
+    raise InputError(f"no stage {name!r}{f' in {room}' if room else ''}; {hint}; {own}")
+
+
+def _print_stages(listed: "Sequence[type[Stage]]") -> None:
+    """Print a table for each stage, with the name of the scenario's table before the first one of it."""
+    table = ""
+    for cls in listed:
+        if cls.room.table != table:
+            click.echo(f"[{cls.room.table}]\n")
+        table = cls.room.table
+        _print_stage(cls)
 
 
 def _print_stage(cls: "type[Stage]") -> None:
@@ -56,8 +102,7 @@ def _print_stage(cls: "type[Stage]") -> None:
     written = "" if (cls.__doc__ or "").startswith(f"{cls.__name__}(") else cls.__doc__  # not dataclass's own
     summary_line = (written or "").strip().splitlines()
     title = f"{cls.label()}: {summary_line[0] if summary_line else ''}"
-    columns = (room.setting, "default", "unit", "meaning")
-    table = table_of(title, *columns, caption=f"[{room.table}]", caption_justify="left", min_width=80)
+    table = table_of(title, room.setting, "default", "unit", "meaning", min_width=80)
     fields, preset_of = _own_settings(cls)
     for field in fields:
         default = "required" if field.default is dataclasses.MISSING else toml_value(field.default)
@@ -68,6 +113,7 @@ def _print_stage(cls: "type[Stage]") -> None:
         states = ", ".join(f"{name} ({size})" for name, size in cls.states.items())
         table.add_row("", "", "", f"states: {states}", style="dim")
     print_table(table)
+    click.echo()
 
 
 def _own_settings(cls: "type[Stage]") -> "tuple[list[dataclasses.Field], str]":

@@ -102,6 +102,8 @@ def replay(logs: tuple[str, ...], save: str | None, web: bool, force: bool) -> N
 
         if save is not None and web:
             raise InputError("--save and --web exclude each other; choose one")
+        if save is not None and Path(save).suffix.lower() != ".rrd":
+            raise InputError(f"--save {save}: the name must end in .rrd")
         if save is not None:
             refuse_existing("--save", Path(save), force)
         traces = loaded(logs)

@@ -81,10 +81,14 @@ def asked_for(
     setting is not valid. ``noun`` is the word for a scenario in messages."""
     from ..errors import InputError
     from ..files import parse_setting
+    from ..scenario import keys
 
     names = [a for a in arguments if "=" not in a]
     if "" in names:
         raise InputError(f"the name of a {noun} must not be empty")
+    if keys_given := {key for key, *_ in keys()} & set(names):
+        key = min(keys_given)
+        raise InputError(f"{key}: is a key, not the name of a {noun}; give its value in the same word, {key}=VALUE")
     if len(names) > 1:
         raise InputError(f"one {noun} at a time, please: {', '.join(names)}")
     overrides: dict[str, Any] = {}

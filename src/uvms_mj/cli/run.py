@@ -56,7 +56,15 @@ def run(
             try:
                 with alone_in(folder):
                     status = _simulate(
-                        scenario, mjcf, folder, files, log_rate, engine or recorded, viewer, console, stop
+                        scenario,
+                        mjcf,
+                        folder,
+                        files,
+                        log_rate,
+                        recorded if engine is None else engine,
+                        viewer,
+                        console,
+                        stop,
                     )
             finally:
                 remove_if_empty(made)
@@ -83,6 +91,8 @@ def chosen(
     name, overrides = asked_for(arguments, settings)
     if row is not None and log is None:
         raise InputError(f"--row {row}: name the folder of its study with --from DIR")
+    if name is not None and name.endswith(".mcap"):
+        raise InputError(f"{name}: is a log, not a scenario; --from {name} uses the scenario and the vehicle of a log")
     if log is None:
         return Scenario.load(name or "push_wall", overrides, controller), None, log_rate, "mujoco"
     if name is not None:

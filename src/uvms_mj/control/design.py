@@ -145,7 +145,7 @@ class Design:
         except ValueError as error:
             faults.append(Fault("impedance.D_d", str(error)))
         if faults:
-            raise InputError(faults)
+            raise InputError(faults, "scenario")
         quat_d, normal = _attitude(*scenario.reference.rest_pose(scenario)[1])
         return cls(M, M_hat, M_d, M_d_inv, D_d, K_d, quat_d, normal)
 

@@ -102,9 +102,8 @@ def posture_faults(setup: Any) -> Iterator[Fault]:
         yield Fault("posture.joints", f"has {len(given.joints)} values; {len(links)} are needed, for {names}")
         return
     for k, (q, link) in enumerate(zip(given.joints, links, strict=True)):
-        low, high = link.range
-        if not low <= q <= high:
-            yield Fault(f"posture.joints[{k}]", f"{q:g} is outside the range of {link.joint}, {low:g} to {high:g}")
+        if wrong := link.out_of_range(q):
+            yield Fault(f"posture.joints[{k}]", wrong)
 
 
 def posture_notes(setup: Any) -> Iterator[str]:

@@ -12,7 +12,7 @@ import numpy as np
 from ..analysis.sampling import SamplingWarning
 from ..control import Controller
 from ..control.theory import steady_state
-from ..errors import InputError
+from ..errors import Fault, InputError
 from ..plant.mjcf import Mjcf
 from ..plant.mujoco_warnings import mujoco_warnings
 from ..records.header import Header, Outcome, Sink, Status, sources_of, versions
@@ -86,10 +86,9 @@ def simulate(
     for stage in (scenario.controller, scenario.actuation):
         if stage.external:
             table, sets = stage.room.table, stage.room.out[0].name
-            raise InputError(
-                f"{table}.name: {stage.label()} leaves {sets} to the caller of a Simulation; "
-                f"a run needs another {stage.room.noun}"
-            )
+            needed = f"a run needs another {stage.room.noun}"
+            wrong = f"{stage.label()} leaves {sets} to the caller of a Simulation; {needed}"
+            raise InputError([Fault(f"{table}.name", wrong)], "scenario")
     with mujoco_warnings(), Simulation(scenario, engine=engine, mjcf=mjcf) as sim:
         notes = sim.notes
         for note in notes:

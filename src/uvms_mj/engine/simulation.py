@@ -34,7 +34,7 @@ class Simulation:
 
         with Simulation(Scenario.load("push_wall")) as sim:
             for seed in range(10):
-                sim.reset(seed=seed, overrides={"wall.position": 1.0 + 0.01 * seed})
+                sim.reset({"wall.position": 1.0 + 0.01 * seed}, seed=seed)
                 sim.step(1000)
                 print(sim.t, sim.signals.nu)
 

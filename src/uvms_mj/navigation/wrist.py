@@ -72,7 +72,7 @@ class Wrist(Stage):
             return site.link, site
         known = [*names, *(name for name, each in arm.sites.items() if each.link >= 0)]
         wanted = f"is neither a link nor a site on one; choose from {', '.join(known)}"
-        raise InputError([Fault("wrist.site", f"{self.site!r} {wanted}")])
+        raise InputError([Fault("wrist.site", f"{self.site!r} {wanted}")], "scenario")
 
     def faults(self, setup: Any) -> Iterator[Fault]:
         if not setup.vehicle.arm.links:

@@ -7,6 +7,7 @@ origin of the link's body frame and in its axes (:mod:`.link_water`).
 """
 
 import functools
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -70,6 +71,21 @@ class Link(Body):
         if self.slide:
             return np.concatenate([self.axis, np.zeros(3)])
         return np.concatenate([np.cross(self.anchor, self.axis), self.axis])
+
+    @property
+    def unit(self) -> str:
+        """Unit of q."""
+        return "m" if self.slide else "rad"
+
+    def out_of_range(self, q: float, slack: float = 0.0) -> str:
+        """Why the joint can't be given the position q; empty if it is in the range, or at most ``slack`` beyond it."""
+        low, high = self.range
+        if low - slack <= q <= high + slack:
+            return ""
+        said, turned = f"{q:g} is outside the range of {self.joint}, {low:g} to {high:g} {self.unit}", math.radians(q)
+        if self.slide or not low <= turned <= high:
+            return said
+        return f"{said} (in degrees? {q:g} deg are {turned:.3g} rad)"
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,7 +37,7 @@ def varied(nominal: Vehicle, choice: VehicleChoice) -> Vehicle:
         B[3:] += np.cross(np.array(choice.thruster_offset), nominal.B[:3].T).T
     names = [nominal.body, *(link.name for link in nominal.arm.links)]
     if faults := payload_faults(choice.payloads, names):
-        raise InputError(faults)
+        raise InputError(faults, "scenario")
     B.setflags(write=False)
     links = tuple(
         dataclasses.replace(_varied(link, link.name, choice), friction=choice.coulomb_friction * link.friction)
@@ -66,16 +66,15 @@ def _refuse(nominal: Vehicle, offsets: tuple[tuple[float, ...], ...]) -> None:
     n = len(nominal.thrusters)
     if len(offsets) != n:
         thrusters = ", ".join(nominal.thrusters)
-        raise InputError(
-            [Fault("vehicle.thruster_offset", f"has {len(offsets)} offsets; {n} are needed, of {thrusters}")]
-        )
+        wrong = f"has {len(offsets)} offsets; {n} are needed, of {thrusters}"
+        raise InputError([Fault("vehicle.thruster_offset", wrong)], "scenario")
     faults = [
         Fault(f"vehicle.thruster_offset[{i}]", f"{nominal.thrusters[i]} is a pure moment: an offset has no effect")
         for i, offset in enumerate(offsets)
         if any(offset) and not nominal.B[:3, i].any()
     ]
     if faults:
-        raise InputError(faults)
+        raise InputError(faults, "scenario")
 
 
 def vary(model: mujoco.MjModel, body_id: int, actuator_ids: tuple[int, ...], choice: VehicleChoice) -> None:

@@ -56,18 +56,7 @@ class Choice(Generic[_Stage]):
             if source.endswith(".py"):
                 raise InputError([Fault(key, f"{source!r} names no class; give {source}:ClassName")])
             raise InputError([Fault(key, f"no {noun} {source!r}; {hint}; {own}")])
-        path = Path(file)
-        try:
-            is_there, reason = path.is_file(), f"looked in {Path.cwd()}"
-        except OSError as error:
-            is_there, reason = False, str(error.strerror)
-        if not is_there:
-            raise InputError([Fault(key, f"no file {file!r} ({reason})")])
-        stages = {
-            name: value
-            for name, value in vars(load_file(path.absolute(), key)).items()
-            if isinstance(value, type) and issubclass(value, Stage) and hasattr(value, "room")
-        }
+        stages = stages_in(file, key)
         found = {n: cls for n, cls in stages.items() if issubclass(cls, self.base) and cls is not self.base}
         if class_name not in found:
             there = f"its {noun}s are {', '.join(sorted(found))}"
@@ -178,6 +167,22 @@ def _instead(key: str, choices: Collection[str], table: str, others: Mapping[str
     return f"for this one choose {table}.name = {' or '.join(owners)}" if owners else suggestion(key, choices)
 
 
+def stages_in(file: str, key: str) -> dict[str, type[Stage]]:
+    """The classes of stages in a user's file, by name. Raises InputError with this key if it can't be loaded."""
+    path = Path(file)
+    try:
+        is_there, reason = path.is_file(), f"looked in {Path.cwd()}"
+    except OSError as error:
+        is_there, reason = False, str(error.strerror)
+    if not is_there:
+        raise InputError([Fault(key, f"no file {file!r} ({reason})")])
+    return {
+        name: value
+        for name, value in vars(load_file(path.absolute(), key)).items()
+        if isinstance(value, type) and issubclass(value, Stage) and hasattr(value, "room")
+    }
+
+
 def load_file(path: Path, key: str) -> ModuleType:
     """Import a user's file anew, with its folder on sys.path for the file's imports."""
     name = f"uvms_mj_stage_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
@@ -258,4 +263,4 @@ def check_stage(stage: Stage) -> None:
     if not is_shipped(stage):
         check_contract(type(stage))
         if getattr(stage, "uses_truth", False):
-            raise InputError([Fault("controller.uses_truth", "is reserved for ideal, the yardstick law")])
+            raise InputError([Fault("controller.uses_truth", "is reserved for ideal, the yardstick law")], "scenario")

@@ -19,7 +19,10 @@ NOT_METRICS = {
     **dict.fromkeys(("scenario", "controller", "warnings"), "is the same for many runs; see the scenario"),
     **dict.fromkeys(("status", "message", "steps"), "is a column of every row; leave it out"),
     **dict.fromkeys(("timestep_s", "duration_s"), "follows from steps and simulation.timestep; leave it out"),
-    "saturated_joints_s": "has a number for each joint; take it from a function of the trace",
+    **dict.fromkeys(
+        ("saturated_joints_s", "joints_off_target", "joints_at_stops"),
+        "has a number for each joint; take it from a function of the trace",
+    ),
     **dict.fromkeys(("wall_time_s", "real_time_factor"), "differs from one execution to the next, and rows must not"),
 }
 """Numbers of a summary that are not metrics of a study, with the reason."""
