@@ -32,7 +32,6 @@ import functools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -55,16 +54,6 @@ error and the components of the sample in hand, and the queue."""
 STREAMS = 8
 """Random numbers of a sample: noise and walk of three components, jitter and dropout."""
 _UNIT, _NO_LIMIT = 2.0**-53, math.inf
-
-
-_FADING: dict[str, Any] = {
-    "limit": None,
-    "period": None,
-    "delay": 0.0,
-    "jitter": 0.0,
-    "noise": (0.0,) * 3,
-    "dropout": 0.0,
-}
 
 
 @dataclass(frozen=True)
@@ -90,7 +79,7 @@ class Channel:
     @property
     def settled(self) -> Channel:
         """The channel of a constant truth, without what changes no mean."""
-        return dataclasses.replace(self, **_FADING)
+        return dataclasses.replace(self, limit=None, period=None, delay=0.0, jitter=0.0, noise=(0.0,) * 3, dropout=0.0)
 
     def mean(self, x: np.ndarray) -> np.ndarray:
         """Mean measurement (3,) of a constant x (3,), without a random walk, a quantum and a limit."""

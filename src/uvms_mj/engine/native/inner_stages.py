@@ -12,17 +12,7 @@ from ...control.sampled import MOST_WAITING
 from ...control.task import tracking_errors
 from ...physics.model import coefficients, model_wrenches, reveal
 from ...stages.base import Room, Stage
-from ...stages.signals import (
-    CLOCK,
-    ERRORS,
-    ESTIMATES,
-    KNOWN,
-    REFERENCE,
-    TRUE,
-    TRUTH,
-    WRENCH_COMMAND,
-    Signal,
-)
+from ...stages.signals import CLOCK, ERRORS, ESTIMATES, KNOWN, REFERENCE, TRUE, TRUTH, WRENCH_COMMAND, Signal
 
 
 @dataclass(frozen=True)

@@ -19,17 +19,9 @@ DISTRIBUTIONS: Mapping[str, tuple[str, ...]] = {
 }
 """The distributions with their parameters."""
 DEFAULT_METRICS = (
-    "contact.first_s",
-    "contact.touches",
-    "contact.peak_N",
-    "contact.impulse_Ns",
-    "contact.final_N",
-    "contact.settled",
-    "contact.analytic_N",
-    "contact.relative_error",
-    "effort_N2s",
-    "saturated_s",
-    "final.position_m",
+    *("contact.first_s", "contact.touches", "contact.peak_N", "contact.impulse_Ns", "contact.final_N"),
+    *("contact.settled", "contact.analytic_N", "contact.relative_error"),
+    *("effort_N2s", "saturated_s", "final.position_m"),
 )
 
 
