@@ -64,13 +64,7 @@ KNOWN = (
     Signal("quat_WB", (4,), "1", "W", "attitude, unit quaternion w x y z"),
     Signal("R_WB", (3, 3), "1", "W", "attitude, rotation matrix: a_W = R_WB a_B"),
     Signal("nu", (6,), _TWIST, "B", "velocity [v; omega]"),
-    Signal(
-        "f_contact_m_W",
-        (3,),
-        "N",
-        "W",
-        "measured force of the wall on the vehicle, of the same instant: k_c depth + b_c v",
-    ),
+    Signal("f_contact_m_W", (3,), "N", "W", "measured force of the wall, of the same instant: k_c depth + b_c v"),
     Signal("tau_contact_m_B", (6,), _WRENCH, "B", "f_contact_m_W as a wrench at B's origin"),
 )
 """Set by navigation: the measurements."""
@@ -92,10 +86,8 @@ TOOL = (
 )
 """Recorded with a tool: its true motion."""
 
-MANIPULABILITY = Signal(
-    "manipulability", (), "1", "-", "volume of the tool's accelerations over that with locked joints, at least 1"
-)
-"""Recorded with a tool: sqrt(det(M_BB) det(J M^-1 J^T)) of the law's model (:mod:`uvms_mj.physics.operational`)."""
+MANIPULABILITY = Signal("manipulability", (), "1", "-", "volume of the tool's accelerations over that of locked joints")
+"""Recorded with a tool: sqrt(det(M_BB) det(J M^-1 J^T)) >= 1 of the law's model, :mod:`uvms_mj.physics.operational`."""
 
 REFERENCE = (
     Signal("p_d", (3,), "m", "W", "desired position"),
@@ -267,13 +259,7 @@ def thrusters_given(n: int) -> tuple[Signal, ...]:
     return (
         *CLOCK,
         commanded_signal(n),
-        Signal(
-            "inflow",
-            (n,),
-            "m/s",
-            "-",
-            "speed of advance of each thruster: its velocity through the water along its axis",
-        ),
+        Signal("inflow", (n,), "m/s", "-", "speed of advance, the velocity of each thruster in water along its axis"),
     )
 
 
@@ -282,9 +268,7 @@ def commanded_signal(n: int) -> Signal:
     return Signal("u_cmd", (n,), "N", "-", "thrust commanded of each thruster")
 
 
-TAU_LOST = Signal(
-    "tau_lost", (6,), _WRENCH, "B", "part of tau_cmd that the allocation does not reach, tau_cmd - B u_cmd"
-)
+TAU_LOST = Signal("tau_lost", (6,), _WRENCH, "B", "part of tau_cmd that is not allocated, tau_cmd - B u_cmd")
 
 
 def record_dtype(signals: tuple[Signal, ...]) -> np.dtype:

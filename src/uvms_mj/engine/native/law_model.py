@@ -10,13 +10,7 @@ from ...physics.dense import product, transposed_product
 from ...physics.frames import compose_poses, motion_at, to_body
 from ...physics.kernels import kernel
 from ...physics.operational import base_rows, task_inertia
-from ...physics.tree import (
-    add_to_base,
-    along_joint,
-    coriolis_wrench,
-    damping_wrench,
-    restoring_wrench,
-)
+from ...physics.tree import add_to_base, along_joint, coriolis_wrench, damping_wrench, restoring_wrench
 from .layouts import FRAME_SIZE, LINK_SIZE
 from .memory import floats, frame_at, link_at
 from .tree import compose_links, move_links, place_links

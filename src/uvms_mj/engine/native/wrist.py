@@ -137,7 +137,6 @@ class Felt(Stage):
     """The wrench that the wrist sensor is exposed to. ``state`` is the WRIST record."""
 
     name = "felt"
-    needs: ClassVar = ()
     room: ClassVar[Room] = Room("navigation", "felt", lambda thrusters: CLOCK + TRUE, (WRIST_TRUE,))
 
     @staticmethod
@@ -150,7 +149,6 @@ class Derived(Stage):
     """The contact force and wrench that are derived from the reading. ``state`` is the WRIST record."""
 
     name = "derived"
-    needs: ClassVar = ()
     room: ClassVar[Room] = Room("navigation", "derived", lambda thrusters: CLOCK + KNOWN[:4], KNOWN[4:])
 
     @staticmethod
