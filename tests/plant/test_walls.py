@@ -384,3 +384,24 @@ def test_a_key_of_a_wall_that_is_not_there_does_not_pass_in_silence():
     ):
         notes = [note for note in warnings_of(set_up(scenario)) if "wall." in note]
         assert notes == ["wall.stiffness, wall.friction have no effect: wall.present is false"]
+
+
+def test_a_key_of_a_bumper_without_any_wall_does_not_pass_in_silence():
+    """As those of a wall that is not there. With one of [[walls]] the bumper acts."""
+    named = r"bumper\.stiffness: has no effect: there is no wall; set wall\.present to true, or give walls"
+    open_water = Scenario.from_dict({"wall": {"present": False}})
+    with pytest.raises(InputError, match=named):
+        open_water.updated({"bumper.stiffness": 2e3})
+    with Simulation(open_water, **FREE) as sim:
+        for change in (sim.set, sim.reset):
+            with pytest.raises(InputError, match=named):
+                change({"bumper.stiffness": 2e3})
+    both = {"bumper.stiffness": 2e3, "bumper.damping": 1.0}
+    beside = [open_water.updated(both | taken) for taken in ({"wall.present": False}, {"walls": []})]
+    for scenario in (*beside, Scenario.from_dict({"wall": {"present": False}, "bumper": {"stiffness": 2e3}})):
+        (note,) = [note for note in warnings_of(set_up(scenario)) if "bumper" in note]
+        keys = "bumper.stiffness, bumper.damping have" if scenario.bumper.damping else "bumper.stiffness has"
+        assert note == f"{keys} no effect: there is no wall"
+    walls = {"walls": [{"shape": "plane", "position": [2.0, 0.0, 0.0]}]}
+    for scenario in (open_water.updated(walls), open_water.updated({"wall.present": True})):
+        assert not any("bumper" in note for note in warnings_of(set_up(scenario.updated(both))))
