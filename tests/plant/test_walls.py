@@ -11,8 +11,11 @@ from uvms_mj import Controller, InputError, McapLog, Scenario, Simulation, Trace
 from uvms_mj.analysis.rest import demanded_force
 from uvms_mj.analysis.sampling import SamplingWarning, warnings_of
 from uvms_mj.analysis.setup import set_up
+from uvms_mj.analysis.summary import METRICS
 from uvms_mj.control.rest import NoClosedForm
+from uvms_mj.envs import push
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
+from uvms_mj.views.figures.contact import expected_forces
 
 FREE = {"engine": "free_body"}
 K_C, K_X = 1e5, 150.0
@@ -405,3 +408,17 @@ def test_a_key_of_a_bumper_without_any_wall_does_not_pass_in_silence():
     walls = {"walls": [{"shape": "plane", "position": [2.0, 0.0, 0.0]}]}
     for scenario in (open_water.updated(walls), open_water.updated({"wall.present": True})):
         assert not any("bumper" in note for note in warnings_of(set_up(scenario.updated(both))))
+
+
+def test_no_force_is_demanded_along_several_normals():
+    wall = {"shape": "plane", "position": [1.5, 0.0, 0.0]}
+    body = {"position": [0.0, 0.0, 0.0], "radius": 0.05}
+    for other in ({"walls": [wall]}, {"vehicle.contact_bodies": [body]}):
+        trace = run({"simulation.duration": 0.01, **other})
+        assert np.isnan(demanded_force(trace.scenario))
+        assert METRICS["force_error_N"](trace) is None
+        assert "expected" not in dict(expected_forces(trace))
+        with pytest.raises(InputError, match=r"^push: force_d: .* without it, it is the one that the scenario"):
+            push.Push(trace.scenario)
+        push.Push(trace.scenario, force_d=1.5)
+    assert "expected" in dict(expected_forces(run({"simulation.duration": 0.01})))
