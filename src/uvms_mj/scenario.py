@@ -25,7 +25,7 @@ from .errors import Fault, InputError, faults_of, shortened, suggestion
 from .files import plain, tables_of, toml_path
 from .guidance import FilteredSteps, Guidance
 from .navigation import Encoder, Navigation, NoObserver, NoWrist, Observer, Perfect, PerfectEncoder, Wrist
-from .plant.settings import OF_VEHICLE, Initial, Stepping, VehicleChoice, Wall
+from .plant.settings import OF_VEHICLE, Initial, Stepping, VehicleChoice, Wall, overridden_in_vain
 from .plant.surfaces import OF_WALLS, Bumper, Surface, override_walls
 from .plant.water import Current, Disturbance, Tether
 from .quantities import STRICT, overrides_of
@@ -166,7 +166,7 @@ class Scenario:
                 faults += error.faults
         try:
             scenario = _VALIDATOR.validate_python(tables)
-            faults += scenario.wall.overridden_in_vain(overrides)
+            faults += overridden_in_vain(scenario, overrides)
         except ValidationError as error:
             faults += faults_of(error, choices=_KEYS | _INNER_KEYS)
         if faults:

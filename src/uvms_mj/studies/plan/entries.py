@@ -107,8 +107,9 @@ def base_of(
     return None
 
 
-def laws_of(given: list[Any] | None, base: Scenario, folder: Path, faults: list[Fault]) -> list[Law]:
-    """The laws of a study; default: the base scenario's. Errors are appended to ``faults``."""
+def laws_of(given: list[Any] | None, base: Scenario, folder: Path, faults: list[Fault], notes: list[str]) -> list[Law]:
+    """The laws of a study; default: the base scenario's. Errors are appended to ``faults``, and to ``notes`` sentences
+    with the settings of the base scenario that a law leaves out."""
     laws: list[Law] = []
     if given == []:
         faults.append(Fault("laws", "is empty; leave it out for the law of the base scenario"))
@@ -119,7 +120,9 @@ def laws_of(given: list[Any] | None, base: Scenario, folder: Path, faults: list[
             continue
         table = {"name": entry} if isinstance(entry, str) else dict(entry)
         source, label = absolute(table.pop("name", None), folder), table.pop("label", None)
-        found = _law(source, label, _flat(table, folder), base, place, faults)
+        left_out: list[str] = []
+        found = _law(source, label, _flat(table, folder), base, place, faults, left_out)
+        notes += [f"{place}: {said}" for said in left_out]
         if found is not None and any(found.label == law.label for law in laws):
             faults.append(Fault(f"{place}.label", f"{found.label!r} is used twice; give each law a label"))
         elif found is not None:
@@ -128,7 +131,13 @@ def laws_of(given: list[Any] | None, base: Scenario, folder: Path, faults: list[
 
 
 def _law(
-    source: Any, label: Any, overrides: dict[str, Any], base: Scenario, place: str, faults: list[Fault]
+    source: Any,
+    label: Any,
+    overrides: dict[str, Any],
+    base: Scenario,
+    place: str,
+    faults: list[Fault],
+    left_out: list[str],
 ) -> Law | None:
     """One law. Errors are appended to ``faults``; then it is None."""
     wrong = [
@@ -144,7 +153,7 @@ def _law(
         faults += wrong
         return None
     try:
-        scenario = base.updated(overrides, source)
+        scenario = base.updated(overrides, source, note=left_out.append)
     except InputError as error:
         prefixed = [_prefixed(fault, place) for fault in error.faults]
         faults += [Fault(fault.key.replace(".controller.name", ".name"), fault.message) for fault in prefixed]

@@ -30,7 +30,8 @@ def fields_of(
     changed, of_base = split_overrides(tables, overrides, faults)
     study = _completed(read(changed, faults), folder)
     base = base_of(study.base, folder, of_base, faults)
-    laws = laws_of(study.laws, base, folder, faults) if base is not None else []
+    left_out: list[str] = []
+    laws = laws_of(study.laws, base, folder, faults, left_out) if base is not None else []
     variations = []
     for i, each in enumerate(study.vary):
         if not any(fault.key.startswith(f"vary[{i}]") for fault in faults):
@@ -74,7 +75,7 @@ def fields_of(
         "tolerance": study.run.tolerance,
         "time_limit_s": study.run.time_limit_s,
         "success": success,
-        "notes": tuple(notes),
+        "notes": (*left_out, *notes),
     }
 
 
