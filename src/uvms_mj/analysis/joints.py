@@ -16,12 +16,12 @@ AT_STOP = 1e-4
 def off_target(trace: Trace) -> dict[str, float]:
     """Errors of the joints that are off the target of a servo at the end, by joint [rad or m, of the velocity interface
     per second]. Empty without a servo, or if a log lacks the file of its motion."""
-    interface, errors = trace.scenario.joints, np.zeros(0)
+    errors = np.zeros(0)
     with contextlib.suppress(ValueError):  # the file can't be read, or does not fit the vehicle
         setup = set_up(trace.scenario, trace.header.mjcf)
-        targets = interface.meant(setup).target_at(setup, float(trace.t[-1]))
+        targets = setup.interface.target_at(setup, float(trace.t[-1]))
         if targets is not None:
-            errors = trace[interface.follows][-1] - targets
+            errors = trace[setup.interface.follows][-1] - targets
     return {link.joint: float(e) for link, e in zip(trace.header.geometry.links, errors, strict=False) if abs(e) > OFF}
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from ..control.design import Design
 from ..errors import Fault, InputError
 from ..physics.frames import rotation_matrix
+from ..plant.inertia import task_inertias
 from ..records.trace import Trace
-from . import setup
 from .metrics import cumulative, grid
 
 INTERVAL_S = 0.01
@@ -100,4 +100,4 @@ def _turn(first: np.ndarray, last: np.ndarray) -> np.ndarray:
 
 def design_of(trace: Trace) -> Design:
     """Design of a run's controller, from the header of its log."""
-    return setup.design_of(trace.scenario, trace.header.mjcf.vehicle)
+    return Design.of(trace.scenario, *task_inertias(trace.scenario, trace.header.mjcf.vehicle))

@@ -1,20 +1,17 @@
 """Checks of a run before its first step: errors, and warnings of a sampled loop that chatters or limit-cycles."""
 
-import contextlib
-import dataclasses
 import functools
 from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
-from ..control.design import ATTITUDE_KEYS
+from ..control.design import ATTITUDE_KEYS, no_overflow
 from ..control.posture import posture_faults, posture_notes
 from ..control.sampled import delay_faults, zeta_limit
 from ..control.theory import stage_notes
 from ..errors import Fault, InputError
 from ..plant.mjcf import Mjcf
 from ..plant.vehicle import AXES, notes_on_damping
-from ..quantities import leaves
 from ..scenario import STAGES, Scenario
 from ..stages.base import Stage
 from .setup import Setup, set_up
@@ -27,8 +24,6 @@ _EVERYTHING = frozenset({"simulation.timestep", "posture"})
 _TIMING = ("simulation.timestep", "controller.delay", *(f"{table}.period" for table in STAGES))
 _CONTACT = (*_WALLS, *ATTITUDE_KEYS, "simulation.timestep")
 _WATER = ("current", "disturbance", "simulation.timestep")
-_SMALL, _LARGE = 1e-6, 1e8
-"""If an equation overflows, the message names the keys with numbers outside this range."""
 
 
 class SamplingWarning(UserWarning):
@@ -90,26 +85,6 @@ def warnings_of(setup: Setup) -> list[str]:
             f"{thrusters} {rank} of 6 axes{without}: tau is the wrench closest to tau_cmd that they can produce"
         )
     return notes + notes_on_damping(vehicle)
-
-
-@contextlib.contextmanager
-def no_overflow(scenario: Scenario) -> Iterator[None]:
-    """Name the keys with extreme values if an equation of the design has no finite result.
-
-    Raises:
-        InputError: in place of NumPy's exception.
-    """
-    try:
-        with np.errstate(over="raise", invalid="raise", divide="raise"):
-            yield
-    except (ArithmeticError, np.linalg.LinAlgError) as error:
-        extreme = [
-            Fault(key, f"{value:g} is too {'large' if abs(value) > 1.0 else 'small'} relative to the other numbers")
-            for key, value in leaves(dataclasses.asdict(scenario))
-            if isinstance(value, int | float) and value and not _SMALL <= abs(value) <= _LARGE
-        ]
-        what = f"an equation of the design has no finite result: {error}"
-        raise InputError(extreme or [Fault("", what)], what if extreme else "scenario") from None
 
 
 def _timing_faults(setup: Setup) -> Iterator[Fault]:

@@ -6,19 +6,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..actuation import Joints
 from ..control import ImpedanceTask
 from ..control.design import Design
-from ..control.task import BODY
-from ..errors import InputError
-from ..physics.frames import quat_from_euler_deg, rotation_matrix
+from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ..physics.statics import Statics
 from ..plant.build import Plant, build
-from ..plant.contacts import Contacts, Front, Pair, contacts_of
+from ..plant.contacts import Contacts, Front, Pair
 from ..plant.mjcf import Mjcf
 from ..plant.settings import Initial, lightest_along_face, lightest_at
 from ..plant.vehicle import Vehicle
 from ..scenario import Scenario
-from .task_frame import check_frame, task_inertias, task_start
+from .task_frame import task_start
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +66,11 @@ class Setup:
     def initial(self) -> Initial:
         """The initial pose of the frame of the task."""
         return task_start(self.scenario, self.nominal)
+
+    @functools.cached_property
+    def interface(self) -> Joints:
+        """The joint interface of the run."""
+        return self.scenario.joints.meant(self)
 
     @functools.cached_property
     def rest_pose(self) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
@@ -125,19 +129,7 @@ class Setup:
 
 
 def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
-    """Build the plant of a scenario and compute its design. ``mjcf`` replaces the model of ``scenario.vehicle.model``.
-    Raises InputError if the vehicle's file can't be used or is not physical, or the desired impedance is not."""
-    if not isinstance(mjcf, Mjcf | None):
-        raise InputError(f"mjcf: expected an Mjcf, got {mjcf!r}; use Mjcf.find(name or path)")
-    mjcf = mjcf if mjcf is not None else Mjcf.find(scenario.vehicle.model)
-    design = design_of(scenario, mjcf.vehicle)
-    stepping = scenario.simulation
-    plant = build(mjcf, scenario.vehicle, scenario.task.frame, scenario.wall, stepping.timestep, stepping.integrator)
-    return Setup(scenario, plant, design, contacts_of(scenario, plant.probe, mjcf.vehicle))
-
-
-def design_of(scenario: Scenario, nominal: Vehicle) -> Design:
-    """The design matrices of a scenario and the vehicle of its file. Raises InputError if the desired impedance is not
-    physical, or the factors of the true vehicle do not fit it."""
-    check_frame(scenario, nominal)
-    return Design.of(scenario, *task_inertias(scenario, nominal))
+    """Build the plant of a scenario and compute its design. The arguments are those of :func:`.build.build`. Raises
+    InputError as it does, or if the desired impedance is not physical."""
+    plant, contacts, inertias = build(scenario, mjcf)
+    return Setup(scenario, plant, Design.of(scenario, *inertias), contacts)

@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from ..control.springs import Springs
-from ..control.task import BODY
 from ..errors import Fault
+from ..physics.frames import BODY
 from ..plant.contacts import impossible
 from ..plant.settings import Wall, contact_settings, without_effect
 from ..plant.surfaces import Surface, in_series_fast

@@ -14,7 +14,7 @@ from pydantic import BeforeValidator
 from pydantic.dataclasses import dataclass as table
 
 from ..errors import Fault
-from ..physics.frames import quat_from_euler_deg, rotation_matrix
+from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ..physics.posture import FREEDOM
 from ..physics.statics import Statics
 from ..physics.tree import MOST_JOINTS
@@ -90,7 +90,7 @@ def posture_faults(setup: Any) -> Iterator[Fault]:
             model = setup.scenario.vehicle.model
             yield Fault("posture", f"the vehicle {model!r} has no joints, so the task leaves nothing to a posture")
         return
-    interface = setup.scenario.joints.meant(setup)
+    interface = setup.interface
     if not type(interface).obeys and given != Posture():
         yield Fault(
             "posture", f"the joint interface {interface.label()} holds the joints itself; use joints.name=torque"
@@ -109,11 +109,11 @@ def posture_faults(setup: Any) -> Iterator[Fault]:
 def posture_notes(setup: Any) -> Iterator[str]:
     """Notes on levels that have no freedom left in the initial posture."""
     given, arm = setup.scenario.posture, setup.nominal.arm
-    if not arm.links or not type(setup.scenario.joints.meant(setup)).obeys:
+    if not arm.links or not type(setup.interface).obeys:
         return
     statics = Statics(setup.nominal, setup.plant.initial_joints(setup.scenario.initial))
     frame, one = setup.scenario.task.frame, np.eye(6 + len(arm.links))
-    J, mobility = one[:6] if frame == "body" else statics.jacobian(arm.sites[frame]), np.linalg.inv(statics.inertia())
+    J, mobility = one[:6] if frame == BODY else statics.jacobian(arm.sites[frame]), np.linalg.inv(statics.inertia())
     free = mobility - mobility @ J.T @ np.linalg.solve(J @ mobility @ J.T, J @ mobility)
     up = rotation_matrix(quat_from_euler_deg(*setup.scenario.initial.attitude_deg))[2]
     tilt = np.linalg.svd(up[None])[2][1:] @ one[3:6]

@@ -27,7 +27,7 @@ from typing import Annotated, Any, ClassVar
 from ..errors import Fault, InputError
 from ..physics.dense import backward, cholesky, forward
 from ..physics.fossen import matvec
-from ..physics.frames import quat_error
+from ..physics.frames import BODY, quat_error
 from ..physics.kernels import kernel
 from ..quantities import Step, refusing
 from ..stages.base import Room, Stage, shared
@@ -37,8 +37,6 @@ from .base import Diagonal
 _NonzeroDiagonal = Annotated[Diagonal, refusing(lambda x: 0.0 in x, "must not have a zero: F_2 has to be invertible")]
 _POSITIVE = "must not have a positive entry: A is negative semi-definite (eq. 8)"
 _NegativeDiagonal = Annotated[Diagonal, refusing(lambda x: max(x) > 0.0, _POSITIVE)]
-BODY = "body"
-"""The frame of the task at which the paper's equations stand: B."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -7,12 +7,14 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from ..analysis.sampling import no_overflow, refuse
-from ..analysis.setup import Setup, design_of
-from ..control.design import ATTITUDE_KEYS
+from ..analysis.sampling import refuse
+from ..analysis.setup import Setup
+from ..control.design import ATTITUDE_KEYS, Design, no_overflow
 from ..control.task import TASK_KEYS
 from ..errors import Fault, InputError
 from ..plant.contacts import Contacts, contacts_of
+from ..plant.fit import check_fit
+from ..plant.inertia import task_inertias
 from ..plant.settings import VehicleChoice, overridden_in_vain
 from ..scenario import STAGES, Scenario
 from ..stages.base import Stage, is_of_the_package, validator
@@ -43,7 +45,8 @@ def changed(base: Setup, overrides: Mapping[str, Any], place: str) -> tuple[Setu
         if not touched.isdisjoint(_DESIGN):
             touched.add("design")
             with no_overflow(scenario) if "impedance" in touched else contextlib.nullcontext():
-                design = design_of(scenario, base.nominal)
+                check_fit(scenario, base.nominal)
+                design = Design.of(scenario, *task_inertias(scenario, base.nominal))
         if not touched.isdisjoint(("wall", "walls", "bumper")):
             contacts = contacts_of(scenario, base.plant.probe, base.nominal)
             _refuse_other_contacts(base.contacts, contacts, overrides)

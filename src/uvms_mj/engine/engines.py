@@ -4,8 +4,8 @@ import dataclasses
 from collections.abc import Callable
 
 from ..analysis.setup import Setup
-from ..control.task import BODY
 from ..errors import Fault, InputError, suggestion
+from ..physics.frames import BODY
 from ..scenario import STAGES
 from .base import Engine
 from .free_engine import FreeEngine

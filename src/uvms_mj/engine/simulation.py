@@ -7,7 +7,9 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from ..analysis.sampling import checked, warnings_of
+from ..analysis.sampling import refuse, warnings_of
+from ..analysis.setup import set_up
+from ..control.design import no_overflow
 from ..errors import Fault, InputError
 from ..plant.mjcf import Mjcf
 from ..quantities import overrides_of
@@ -63,7 +65,9 @@ class Simulation:
         scenario = valid_scenario(scenario)
         for stage in scenario.stages:
             check_stage(stage)
-        self.setup = checked(scenario, mjcf)
+        with no_overflow(scenario):
+            self.setup = set_up(scenario, mjcf)
+            refuse(self.setup)
         self._base, self._touched = self.setup, frozenset[str]()  # the latter: what the last reset and set have touched
         self._engine = engine_of(engine, self.setup)
         self._finalizer = weakref.finalize(self, self._engine.close)

@@ -13,6 +13,9 @@ import numpy as np
 
 from .kernels import kernel
 
+BODY = "body"
+"""The frame of the task at which the paper's equations stand: B."""
+
 
 @kernel
 def to_world(R_WB, a_B, a_W):

@@ -17,12 +17,17 @@ link that carries it.
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
 
+from ..errors import InputError
 from ..physics.frames import quat_from_euler_deg
+from .contacts import Contacts, contacts_of
+from .fit import check_fit
 from .geometry import Geometry
+from .inertia import Inertias, task_inertias
 from .joints import set_constraints
 from .mjcf import Mjcf
 from .payload import load
@@ -123,13 +128,19 @@ def set_wall(model: mujoco.MjModel, body: str, wall: Wall, face: float) -> None:
     model.geom(f"{_OURS}wall").pos[0] = face
 
 
-def build(mjcf: Mjcf, choice: VehicleChoice, frame: str, wall: Wall, timestep: float, integrator: str) -> Plant:
-    """A plant with the probe at a frame, "body" or a site, a time step [s] and an integrator, "euler" or
-    "implicitfast". Raises InputError if the vehicle's file can't be used, or is not physical, or ``choice`` does not
-    fit it."""
-    vehicle, geometry = varied(mjcf.vehicle, choice), mjcf.geometry
-    probe = Probe.of(frame, mjcf)
-    return Plant(mjcf, vehicle, geometry, probe, choice, wall, timestep, integrator)
+def build(scenario: Any, mjcf: Mjcf | None = None) -> tuple[Plant, Contacts, Inertias]:
+    """The plant of a scenario, the contacts beside that of the probe and ``[wall]``, and the inertias of
+    :func:`.inertia.task_inertias`. ``mjcf`` replaces the model of ``scenario.vehicle.model``. Raises InputError if the
+    vehicle's file can't be used or is not physical, or the scenario does not fit it."""
+    if not isinstance(mjcf, Mjcf | None):
+        raise InputError(f"mjcf: expected an Mjcf, got {mjcf!r}; use Mjcf.find(name or path)")
+    mjcf = mjcf if mjcf is not None else Mjcf.find(scenario.vehicle.model)
+    nominal, choice, stepping = mjcf.vehicle, scenario.vehicle, scenario.simulation
+    check_fit(scenario, nominal)
+    true, probe = varied(nominal, choice), Probe.of(scenario.task.frame, mjcf)
+    contacts = contacts_of(scenario, probe, nominal)
+    plant = Plant(mjcf, true, mjcf.geometry, probe, choice, scenario.wall, stepping.timestep, stepping.integrator)
+    return plant, contacts, task_inertias(scenario, nominal)
 
 
 def _plain_class(spec: mujoco.MjSpec) -> mujoco.MjsDefault:

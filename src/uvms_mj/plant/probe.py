@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from ..physics.frames import BODY
+
 
 @dataclass(frozen=True, eq=False)
 class Carrier:
@@ -49,7 +51,7 @@ class Probe:
         """The probe at the frame of a task, "body" or the name of a site, from the vehicle's
         :class:`uvms_mj.plant.mjcf.Mjcf`."""
         vehicle = mjcf.vehicle
-        if frame == "body":
+        if frame == BODY:
             return cls(vehicle.body, Carrier.of_link(-1), mjcf.geometry.reach)
         site = vehicle.arm.sites[frame]
         body = vehicle.arm.links[site.link].name if site.link >= 0 else vehicle.body

@@ -17,7 +17,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from ..control.rest import NoClosedForm, SteadyState
-from ..control.task import BODY
+from ..physics.frames import BODY
 from ..plant.geometry import Geometry
 from ..plant.mjcf import Mjcf
 from ..plant.probe import Probe

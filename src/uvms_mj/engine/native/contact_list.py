@@ -80,4 +80,4 @@ class ContactList:
         """The signals of the list, each with its memory; none without a pair."""
         if len(self.pairs):
             memory = (loop["push"], self.f_W, self.depths, loop["true"]["tau_contact_B"])
-            yield from zip(contact_signals(len(self.pairs)), memory, strict=True)
+            yield from zip(contact_signals(len(self.depths)), memory, strict=True)

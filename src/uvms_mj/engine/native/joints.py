@@ -40,7 +40,7 @@ class Joints:
     def __init__(self, setup: Setup, context: np.ndarray) -> None:
         scenario, links = setup.scenario, setup.vehicle.arm.links
         self.n, self.encoded = len(links), scenario.encoder.runs
-        self.interface = scenario.joints.meant(setup) if links else None
+        self.interface = setup.interface if links else None
         self.frames_at = int(context["tree"]["frames_at"][0])
         self.true, self.given = (np.zeros(1, record_dtype(each(self.n))) for each in (encoder_given, joints_given))
         self.q_m, self.q_dot_m = self.given["q_m"][0], self.given["q_dot_m"][0]

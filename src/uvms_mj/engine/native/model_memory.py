@@ -4,7 +4,7 @@ import numpy as np
 
 from ...analysis.setup import Setup
 from ...control.design import Estimates
-from ...control.task import BODY
+from ...physics.frames import BODY
 from ...plant.vehicle import Vehicle
 from ...stages.signals import CLOCK, KNOWN, MANIPULABILITY, TOOL, Signal, record_dtype
 from .joints import Joints

@@ -16,8 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...control.rest import SteadyState
-from ...control.task import BODY
-from ...physics.frames import quat_from_euler_deg, rotation_matrix
+from ...physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ...stages.joint_signals import joint_saturation_signal
 from ...stages.signals import RUNNING, Signal
 from ..header import Header
