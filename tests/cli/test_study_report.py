@@ -173,6 +173,39 @@ def test_a_row_of_a_law_that_changed_is_refused_unless_the_law_is_named(there, f
     assert "law.py" not in done.stderr
 
 
+def test_a_report_needs_no_file_of_a_law_a_metric_or_a_base(there, folder):
+    """The base has the law, too, and a gain of it varies."""
+    own = LAW.replace("pass", "own: float = gain(2.0, '1/s', 'gain')").replace("import Fosm", "import Fosm, gain")
+    (folder / "own.py").write_text(own)
+    (folder / "metric.py").write_text("def zero(trace):\n    return 0.0\n")
+    tables = TABLES | {
+        "laws": ["gsta", "own.py:Mine", {"name": "own.py:Mine", "label": "other", "controller.own": 4.0}],
+        "base": {
+            **TABLES["base"],
+            "controller.name": "own.py:Mine",
+            "controller.own": 3.0,
+            "simulation.duration": 0.01,
+        },
+        "vary": [{"key": "controller.own", "values": [1.0, 2.0], "laws": ["Mine"]}],
+        "design": {},
+        "keep": {"metrics": ["contact.peak_N", "metric.py:zero"]},
+    }
+    (folder / "gone.toml").write_text(tomli_w.dumps(tables))
+    done = there("study", "gone.toml", "--out", "gone", "--quiet")
+    assert done.exit_code == 0, done.stderr
+    pages = []
+    for i in range(2):
+        done = there("study", "report", "gone", "-o", f"{i}.html")
+        assert done.exit_code == 0, done.stderr
+        pages.append((folder / f"{i}.html").read_text())
+        for name in ("own.py", "metric.py"):
+            (folder / name).unlink(missing_ok=True)
+    assert "controller.own = 4.0" in pages[0]
+    known, gone = pages
+    assert "1, 2 1/s; Mine only" in known
+    assert gone == known.replace("1, 2 1/s; Mine only", "1, 2; Mine only")  # only the class has the unit of a gain
+
+
 def test_a_row_of_a_law_that_moved_is_refused(there, folder):
     (folder / "law.py").rename(folder / "moved.py")
     done = there("run", "--from", "out", "--row", "1", "-q", "-o", "moved")

@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
@@ -27,8 +28,9 @@ from uvms_mj import Controller, InputError, Scenario, simulate
 from uvms_mj.cli.plot import FORMATS
 from uvms_mj.stages.signals import AXES
 from uvms_mj.views import colours, figures
+from uvms_mj.views.figures import style
 from uvms_mj.views.figures.joints import JOINTS
-from uvms_mj.views.figures.scales import early, rebounds
+from uvms_mj.views.figures.scales import early, logarithmic, rebounds
 from uvms_mj.views.figures.style import COLOURS, stripe, thin
 
 pytestmark = pytest.mark.slow  # the runs of the paper's figures
@@ -154,6 +156,20 @@ def test_neither_insets_nor_legends_lie_on_lines(drawn):
                 for text in inset.findobj(Text):
                     assert text.get_fontsize() >= 6.0
     assert insets > 20
+
+
+@pytest.mark.parametrize("low", [0.0, -3e-3, -10.0])
+@pytest.mark.parametrize("within", [1e-1, 1e-3, 1e-5, 1e-8])
+def test_numbers_of_a_logarithmic_axis_do_not_touch(low, within):
+    with style.styled():
+        figure = Figure(figsize=(style.PAGE_IN / 3.0, 1.75))
+        ax = figure.subplots()
+        ax.plot([0.0, 1.0], [low, 10.0])
+        logarithmic(ax, within, "m", 1e-3, "m")
+        FigureCanvasAgg(figure).draw()
+        boxes = [text.get_window_extent() for text in ax.get_yticklabels() if text.get_text()]
+    assert len(boxes) >= 3
+    assert all(lower.y1 < upper.y0 for lower, upper in itertools.pairwise(boxes))
 
 
 def test_a_legend_has_no_two_lines_that_look_the_same_and_says_what_its_levels_are(drawn):
