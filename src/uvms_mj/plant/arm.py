@@ -149,6 +149,7 @@ def read_arm(model: mujoco.MjModel, base: int, prefix: str, faults: list[Fault])
     return Arm(tuple(links), sites)
 
 
+@np.errstate(invalid="ignore")  # a mass that is not finite is reported by the caller
 def rigid_inertia(model: mujoco.MjModel, data: mujoco.MjData, carrier: int) -> np.ndarray:
     """M_RB (6, 6) about the origin of a body's frame, in its axes, of the body and of all bodies welded to it."""
     M_RB, R_WL = np.zeros((6, 6)), data.xmat[carrier].reshape(3, 3)
