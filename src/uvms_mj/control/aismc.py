@@ -10,10 +10,11 @@ import numpy as np
 
 from ..quantities import NonNegative
 from .balance import static_balance, unknown_acceleration
+from .balance_terms import Balance
 from .base import Controller, NonNegativeDiagonal, PositiveDiagonal, gain
 from .limited import within
 from .linear import Linear
-from .residual import eq_7_holds, integral_residual
+from .residual import integral_residual
 from .rest import SteadyState
 
 RESTS_AT = 0.5
@@ -66,7 +67,7 @@ class Aismc(Controller):
 
     def at_rest(self, setup: Any) -> SteadyState | str:
         """The static balance with eq. (7), if the switching gain exceeds the disturbance."""
-        state = static_balance(setup, np.inf, eq_7_holds)
+        state = static_balance(setup, np.inf, Balance.asked)
         if isinstance(state, str):
             return state
         phi, K = unknown_acceleration(setup, state), np.full(6, self.K_0)

@@ -167,16 +167,12 @@ TRUTH = (
 )
 """True values, given to the ideal law, eq. (13), only."""
 
-_SET = {signal.name: signal for signal in GIVEN + TRUTH + TRUE}
+_SET = {signal.name: signal for signal in (*GIVEN, WRENCH_COMMAND, *TRUTH, *TRUE)}
 
 STATE = (
     Signal("t", (), "s", "-", "time"),
-    *(_SET[name] for name in ("p_WB", "quat_WB", "nu")),
-    _SET["nu_dot"],
-    *(_SET[name] for name in ("p_d", "p_d_dot", "p_d_ddot", "quat_d", "eta_e", "nu_e", "s", "zeta", "tau_nom")),
-    WRENCH_COMMAND,
-    _SET["tau"],
-    _SET["tau_dist"],
+    *(_SET[name] for name in ("p_WB", "quat_WB", "nu", "nu_dot", "p_d", "p_d_dot", "p_d_ddot", "quat_d")),
+    *(_SET[name] for name in ("eta_e", "nu_e", "s", "zeta", "tau_nom", "tau_cmd", "tau", "tau_dist")),
     Signal("f_contact_W", (3,), "N", "W", "force of the wall on the vehicle"),
     Signal("f_contact_m_W", (3,), "N", "W", "measured contact force, given to the law"),
     Signal("stretch_W", (3,), "m", "W", "stretch of the wall's tangential spring"),
