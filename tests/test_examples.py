@@ -1,6 +1,7 @@
 """The examples run as the docs say, and each has the closed form that is known of it."""
 
 import math
+import re
 import runpy
 from pathlib import Path
 
@@ -107,6 +108,18 @@ def test_a_thruster_answers_a_step_as_a_first_order_lag(tmp_path):
     assert np.array_equal(trace.thrust, trace.u)
     assert trace.u_cmd[:, 0] == pytest.approx(3.0)
     assert trace.tau[:, 0] == pytest.approx(trace.u[:, 0] + trace.u[:, 1])
+
+
+def test_the_recipe_of_the_guide_measures_the_lag(capsys, monkeypatch):
+    """The thrust u (1 - (1 - h/T)^k) passes u (1 - 1/e) at the instant k = 500, which 501 steps compute."""
+    text = (ROOT / "docs" / "extending.md").read_text()
+    (recipe,) = (code for code in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if code.startswith("lag = "))
+    monkeypatch.chdir(ROOT)
+    exec("import numpy as np\nfrom uvms_mj import Scenario, Simulation\n" + recipe, used := {})
+    used["sim"].close()
+    k = math.ceil(-1.0 / math.log1p(-1e-4 / 0.05))
+    assert float(capsys.readouterr().out) == pytest.approx((k + 1) * 1e-4)
+    assert used["sim"].t == pytest.approx(0.05, rel=0.01)
 
 
 def test_the_reference_is_a_circle_and_the_vehicle_follows_it():
