@@ -141,6 +141,21 @@ def test_a_law_has_its_own_settings_and_its_own_keys(several):
             assert (law.label(), law.k_1) == ("gsta", 8.0 if run.law == "strong" else 5.0)
 
 
+def test_settings_of_the_base_that_a_law_leaves_out_are_noted_once_a_law():
+    made = plan(
+        """
+        base = {scenario = "push_wall", "controller.k_1" = 2.0, "thrusters.name" = "t200", "thrusters.voltage" = 14.0}
+        laws = ["gsta", "fosm", {name = "gsta", label = "b", "controller.k_1" = 3.0, "thrusters.name" = "ideal"}]
+        vary = [{key = "wall.stiffness", values = [1e4, 1e5, 1e6]}]
+        """
+    )
+    own, thrusters = made.notes
+    assert own == "laws[1]: controller.name: fosm takes the place of gsta, so controller.k_1 is left out"
+    assert thrusters == "laws[2]: thrusters.name: ideal takes the place of t200, so thrusters.voltage is left out"
+    assert made.text().endswith(f"note: {own}\nnote: {thrusters}")
+    assert Plan.from_dict(made.tables).notes == made.notes
+
+
 def test_the_steps_are_those_of_all_scenarios(several):
     assert several.steps == sum(several.scenario(index).steps for index in range(several.runs))
 
