@@ -25,20 +25,13 @@ class Pd(Controller):
 
     def at_rest(self, setup):
         """The pushing force at rest [N]: k_p (x_d - x) + d = k_c (x - x_c), with the constant force d along x."""
-        scenario, wall, disturbance = setup.scenario, setup.scenario.wall, setup.scenario.disturbance
-        p_d = scenario.reference.rests_at()
-        exclusions = {
-            "the reference does not come to rest": p_d is None,
-            "the reference is not aligned with the wall": any(scenario.reference.attitude_deg),
-            "the current pushes a PD law off the reference": scenario.current.flows,
-            "the disturbance is not constant": not disturbance.steady,
-            "the disturbance turns the vehicle": any(disturbance.bias[3:]),
-            "with friction, the rest position depends on the path": wall.friction > 0.0,
-            "the law gets other measurements than the true ones": scenario.navigation.name != "perfect",
-            "the thrusters may not produce what the law commands": scenario.actuation.name != "pseudo_inverse",
-        }
-        for reason, holds in exclusions.items():
-            if holds:
-                return reason
-        pull = self.k_p * (p_d[0] - wall.position) + disturbance.bias[0]
+        if setup.not_plain:  # more acts than the probe at [wall], a current and a constant disturbance
+            return setup.not_plain
+        scenario, wall = setup.scenario, setup.scenario.wall
+        if scenario.current.flows:
+            return "the current pushes a PD law off the reference"
+        if any(scenario.disturbance.bias[3:]):
+            return "the disturbance turns the vehicle"
+        p_d, _ = setup.rest_pose
+        pull = self.k_p * (p_d[0] - wall.position) + scenario.disturbance.bias[0]
         return max(0.0, pull / (1.0 + self.k_p / wall.stiffness))

@@ -1,6 +1,7 @@
 """The examples run as the docs say, and each has the closed form that is known of it."""
 
 import math
+import re
 import runpy
 from pathlib import Path
 
@@ -47,9 +48,9 @@ def test_the_pd_laws_closed_form_counts_a_constant_force(bias):
         ({"wall.friction": 0.2}, "friction"),
         ({"reference.attitude_deg": [0.0, 0.0, 9.0]}, "aligned"),
         ({"disturbance.bias": [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]}, "turns"),
-        ({"disturbance.amplitude": [1.0] * 6, "disturbance.frequency_hz": [1.0] * 6}, "constant"),
-        ({"navigation.name": f"{EXAMPLES / 'biased_force.py'}:BiasedForce"}, "measurements"),
-        ({"actuation.name": f"{EXAMPLES / 'lagging_thrusters.py'}:LaggingThrusters"}, "thrusters"),
+        ({"disturbance.amplitude": [1.0] * 6, "disturbance.frequency_hz": [1.0] * 6}, "disturbance.amplitude"),
+        ({"navigation.name": f"{EXAMPLES / 'biased_force.py'}:BiasedForce"}, "navigation.name"),
+        ({"actuation.name": f"{EXAMPLES / 'lagging_thrusters.py'}:LaggingThrusters"}, "actuation.name"),
     ],
 )
 def test_the_pd_law_has_no_closed_form_where_it_does_not_know_it(settings, reason):
@@ -107,6 +108,18 @@ def test_a_thruster_answers_a_step_as_a_first_order_lag(tmp_path):
     assert np.array_equal(trace.thrust, trace.u)
     assert trace.u_cmd[:, 0] == pytest.approx(3.0)
     assert trace.tau[:, 0] == pytest.approx(trace.u[:, 0] + trace.u[:, 1])
+
+
+def test_the_recipe_of_the_guide_measures_the_lag(capsys, monkeypatch):
+    """The thrust u (1 - (1 - h/T)^k) passes u (1 - 1/e) at the instant k = 500, which 501 steps compute."""
+    text = (ROOT / "docs" / "extending.md").read_text()
+    (recipe,) = (code for code in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if code.startswith("lag = "))
+    monkeypatch.chdir(ROOT)
+    exec("import numpy as np\nfrom uvms_mj import Scenario, Simulation\n" + recipe, used := {})
+    used["sim"].close()
+    k = math.ceil(-1.0 / math.log1p(-1e-4 / 0.05))
+    assert float(capsys.readouterr().out) == pytest.approx((k + 1) * 1e-4)
+    assert used["sim"].t == pytest.approx(0.05, rel=0.01)
 
 
 def test_the_reference_is_a_circle_and_the_vehicle_follows_it():

@@ -10,6 +10,7 @@ import pytest
 
 import uvms_mj
 from uvms_mj.errors import EXTRAS, InputError, needs_extra
+from uvms_mj.scenario import STAGES
 
 ROOT = Path(__file__).parents[1]
 HOUSE = ROOT / "src" / "uvms_mj"
@@ -60,6 +61,11 @@ def test_type_checkers_see_every_public_name_where_it_is():
     }
     assert seen == {(f"uvms_mj.{module}", name, name) for name, module in uvms_mj._HOME.items()}
     assert all(getattr(uvms_mj, name) is not None for name in uvms_mj.__all__)
+
+
+def test_the_base_class_of_every_table_of_a_stage_is_public():
+    for choice in STAGES.values():
+        assert getattr(uvms_mj, choice.base.__name__) is choice.base
 
 
 def test_a_missing_extra_is_one_line_that_names_it():

@@ -9,7 +9,7 @@ print(trace.push[-1])
 from importlib import import_module
 
 _NAMES = {
-    "actuation": "Actuation",
+    "actuation": "Actuation Joints Thrusters",
     "control": "Controller Fosm Gsta Ideal Impedance Sta gain",
     "engine.native": "Attachment attach",
     "engine.native.plain_stage": "StageFault",
@@ -17,7 +17,7 @@ _NAMES = {
     "engine.simulation": "Diverged Simulation",
     "errors": "InputError",
     "guidance": "Guidance",
-    "navigation": "Navigation",
+    "navigation": "Encoder Navigation Observer Wrist",
     "plant.water": "Current Disturbance Tether",
     "records.header": "Status",
     "records.mcap": "McapLog",
@@ -36,6 +36,8 @@ __all__ = sorted(_HOME)
 TYPE_CHECKING = False  # same as typing.TYPE_CHECKING, without the time to import typing
 if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the name is public
     from .actuation import Actuation as Actuation
+    from .actuation import Joints as Joints
+    from .actuation import Thrusters as Thrusters
     from .control import Controller as Controller
     from .control import Fosm as Fosm
     from .control import Gsta as Gsta
@@ -53,7 +55,10 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
     from .engine.simulation import Simulation as Simulation
     from .errors import InputError as InputError
     from .guidance import Guidance as Guidance
+    from .navigation import Encoder as Encoder
     from .navigation import Navigation as Navigation
+    from .navigation import Observer as Observer
+    from .navigation import Wrist as Wrist
     from .plant.water import Current as Current
     from .plant.water import Disturbance as Disturbance
     from .plant.water import Tether as Tether

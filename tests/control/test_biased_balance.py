@@ -46,6 +46,21 @@ def scenario(law, settings):
     return Scenario.load("push_wall", overrides, law)
 
 
+@pytest.mark.parametrize(
+    ("law", "K_f", "share"), [("impedance", 1.0, 0.0), ("impedance", 0.5, -0.5), ("gsta", 1.0, 1.0)]
+)
+def test_impedance_with_its_defaults_does_not_feel_a_biased_force(law, K_f, share):
+    """F (K_f + K_x/k_c) = K_x (x_d - x_c) + share f_b: K_f - 1 of the bias f_b is in the command of impedance with
+    M_d = M_hat, which is the nominal control alone; z of gsta integrates, and K_f of the bias is in its balance."""
+    pushes = []
+    for f_b in (0.0, 0.5):
+        sensor = {"navigation.name": "sensors", "navigation.force_bias": [f_b, 0.0, 0.0], "current.speed": 0.0}
+        trace = simulate(Scenario.load("push_wall", sensor | {"impedance.K_f": [K_f] * 6}, law), engine="free_body")
+        pushes.append(trace.push)
+    assert pushes[1][-1] - pushes[0][-1] == pytest.approx(share * 0.5 / (K_f + 150.0 / 1e5), abs=2e-6)
+    assert (np.abs(pushes[1] - pushes[0]).max() < 1e-9) == (share == 0.0), "in the whole run, to rounding"
+
+
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("bias", BIASES)
 def test_a_constant_bias_shifts_the_rest_by_the_static_balance(law, bias):

@@ -135,6 +135,24 @@ def test_a_wrong_theory_is_one_sentence(write, method, words):
     assert re.match(f"Mine.at_rest {words}", found.reason)
 
 
+def test_the_force_of_no_closed_form_is_an_error_that_gives_the_reason(write):
+    trace = simulate(Scenario.load("push_wall", SHORT, write("def at_rest(self, setup): return 'it sways'")))
+    for rest in (trace.analytic, pickle.loads(pickle.dumps(trace.analytic))):
+        with pytest.raises(AttributeError, match=r"^no closed form: it sways$"):
+            print(rest.force)
+
+
+def test_thrusters_that_are_too_weak_for_a_users_force_are_named(pd):
+    """The four horizontal thrusters, at 45 deg, share F = k_p depth / (1 + k_p/k_c): each needs F / (4 cos 45 deg)."""
+    settings = {"current.speed": 0.0, "vehicle.model": "bluerov2_heavy", "reference.target": [1.05, 0.0, 0.0]}
+    limit = 39.9 * 4.0 * np.cos(np.pi / 4.0)
+    for force, fits in ((0.98 * limit, True), (1.02 * limit, False)):
+        k_p = force / (0.05 - force / 1e5)
+        found = theory.steady_state(set_up(Scenario.load("push_wall", settings | {"controller.k_p": k_p}, pd)))
+        assert isinstance(found, SteadyState) == fits
+        assert fits or "too weak" in found.reason
+
+
 def test_a_wrong_theory_does_not_stop_the_run_and_is_said_once(write, tmp_path):
     done = CliRunner().invoke(
         run,

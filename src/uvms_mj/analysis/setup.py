@@ -17,6 +17,7 @@ from ..plant.mjcf import Mjcf
 from ..plant.settings import Initial, lightest_along_face, lightest_at
 from ..plant.vehicle import Vehicle
 from ..scenario import Scenario
+from .plain import not_plain
 from .task_frame import task_start
 
 
@@ -91,6 +92,12 @@ class Setup:
         if self.nominal.arm.links:
             return f"{self.vehicle.body} has joints"
         return "" if self.scenario.task.frame == BODY else f"task.frame is {self.scenario.task.frame!r}"
+
+    @property
+    def not_plain(self) -> str:
+        """The first reason why a formula along x does not give the force at rest, because more acts than the probe at
+        ``[wall]``, a constant current and a constant disturbance; empty if nothing does (:mod:`.plain`)."""
+        return not_plain(self)
 
     @functools.cached_property
     def fronts(self) -> tuple[Front, ...]:

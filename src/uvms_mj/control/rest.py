@@ -1,6 +1,7 @@
 """The state of a vehicle at rest, as a law's theory predicts it."""
 
 from dataclasses import dataclass
+from typing import NoReturn
 
 import numpy as np
 
@@ -29,3 +30,8 @@ class NoClosedForm:
     """The reason why a scenario has no steady state in closed form."""
 
     reason: str
+
+    @property
+    def force(self) -> NoReturn:
+        """Raises AttributeError, which gives the reason."""
+        raise AttributeError(f"no closed form: {self.reason}")

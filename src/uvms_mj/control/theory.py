@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError, shortened
-from ..stages.base import Stage, base_of
+from ..stages.base import Stage, base_of, is_shipped
+from .balance_terms import Balance
 from .base import Controller
+from .delivery import Delivery
 from .rest import NoClosedForm, SteadyState
 
 if TYPE_CHECKING:
@@ -37,7 +39,11 @@ def steady_state(setup: Any) -> SteadyState | NoClosedForm:
     try:
         with np.errstate(over="raise", invalid="raise", divide="raise"):
             found = _ask(controller, "at_rest", setup)
-        return NoClosedForm(found) if isinstance(found, str) else _checked(found, controller)
+        if isinstance(found, str):
+            return NoClosedForm(found)
+        state = _checked(found, controller)
+        weak = "" if is_shipped(controller) or isinstance(state, NoClosedForm) else _weak(setup, state.force)
+        return NoClosedForm(weak) if weak else state
     except (ArithmeticError, np.linalg.LinAlgError) as error:  # of a shipped law with extreme numbers
         return NoClosedForm(f"the static balance has no finite result: {error}")
     except _TheoryError as error:
@@ -87,6 +93,16 @@ def _ask(stage: Stage, name: str, setup: Any) -> Any:
         lines = [f"{Path(f.filename).name}, line {f.lineno}" for f in traceback.extract_tb(error.__traceback__)[1:]]
         where = f"{lines[0]}: " if lines else ""
         raise _TheoryError(f"{stage.label()}.{name} failed: {where}{type(error).__name__}: {error}") from None
+
+
+def _weak(setup: Any, force: float) -> str:
+    """The reason why the thrusters can't hold the force at rest that a user's law predicts for a plain scenario; empty
+    if they can, or the scenario is another one."""
+    delivery = Delivery.of(setup) if not setup.not_plain else ""
+    if isinstance(delivery, str):
+        return delivery
+    d, g_eta = Balance(setup, 0.0, False, delivery).environment(np.zeros(6))
+    return delivery.weak(g_eta - d + force * setup.design.normal)
 
 
 def _checked(found: Any, controller: Controller) -> SteadyState | NoClosedForm:

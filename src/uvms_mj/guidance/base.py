@@ -2,23 +2,27 @@
 
 from __future__ import annotations  # so that help(Guidance) shows short type names
 
+import contextlib
 import dataclasses
+import io
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
 
 from ..errors import Fault, InputError, shortened
-from ..physics.frames import quat_from_euler_deg
+from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..physics.kernels import kernel
 from ..quantities import Angles
-from ..stages.base import Room, Stage, shared
+from ..stages.base import Room, Stage, is_shipped, random_key, shared
 from ..stages.signals import CLOCK, KNOWN, REFERENCE, record_dtype
 
 _REFERENCES = record_dtype(REFERENCE)
 _FAR, _TURNED = 0.01, 1.0
 """A reference that begins farther from the vehicle than this is a jump [m, deg]."""
+_TRIALS, _SLOW, _ROUGH = 7, 1e-4, 0.1
+"""Number of comparisons of p_d_dot with differences of p_d, and the absolute [m/s] and relative error that passes."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,19 +75,15 @@ class Guidance(Stage):
 
     def notes(self, setup: Any) -> Iterable[str]:
         """Theory of the reference: warnings for a run, from its :class:`uvms_mj.analysis.setup.Setup`. A stage may
-        override it."""
-        return ()
+        override it. By default a user's stage without states is tried out: its beginning, and p_d_dot."""
+        return () if is_shipped(self) or self.states or self.memory else _trial_notes(self, setup)
 
 
 def start_notes(stage: Guidance, setup: Any) -> Iterator[str]:
-    """A warning if a shipped stage begins far from the vehicle, which the law sees as a jump."""
-    initial, given, out = setup.initial, np.zeros(1, record_dtype(CLOCK + KNOWN)), np.zeros(1, _REFERENCES)
-    given["p_WB"] = initial.position
-    type(stage).step(
-        stage.record(setup).view(np.recarray)[0], None, given.view(np.recarray)[0], None, out.view(np.recarray)[0]
-    )
-    away = float(np.linalg.norm(out["p_d"][0] - initial.position))
-    cosine = min(1.0, abs(float(out["quat_d"][0] @ quat_from_euler_deg(*initial.attitude_deg))))
+    """A warning if a stage without states begins far from the vehicle, which the law sees as a jump."""
+    initial, (out,) = setup.initial, _samples(stage, setup, [0])
+    away = float(np.linalg.norm(out["p_d"] - initial.position))
+    cosine = min(1.0, abs(float(out["quat_d"] @ quat_from_euler_deg(*initial.attitude_deg))))
     turned = math.degrees(2.0 * math.acos(cosine))
     if away > _FAR or turned > _TURNED:
         frame, its = setup.scenario.task.frame, ", ".join(f"{angle:.4g}" for angle in initial.attitude_deg)
@@ -91,6 +91,50 @@ def start_notes(stage: Guidance, setup: Any) -> Iterator[str]:
         yield (
             f"the law sees a jump at the start: {stage.label()} begins {away:.3g} m and {turned:.3g} deg from {whose}"
         )
+
+
+def _trial_notes(stage: Guidance, setup: Any) -> list[str]:
+    """The warnings about a user's stage without states. One that raises has none: the run reports it."""
+    try:
+        with np.errstate(all="ignore"), contextlib.redirect_stdout(io.StringIO()):
+            return [*start_notes(stage, setup), *_rate_notes(stage, setup)]
+    except (Exception, SystemExit):  # a user's function may raise anything
+        return []
+
+
+def _rate_notes(stage: Guidance, setup: Any) -> Iterator[str]:
+    """A warning if p_d_dot is clearly not the derivative of p_d, from the differences over one period at the beginnings
+    of :data:`_TRIALS` equal parts of the run."""
+    period = stage.period or setup.scenario.control_period
+    instants = [round(k * setup.scenario.simulation.duration / (_TRIALS * period)) for k in range(_TRIALS)]
+    found = _samples(stage, setup, [instant + late for instant in instants for late in (0, 1)])
+    change = (found["p_d"][1::2] - found["p_d"][::2]) / period
+    mean = 0.5 * (found["p_d_dot"][1::2] + found["p_d_dot"][::2])
+    wrong = np.abs(change - mean) > _SLOW + _ROUGH * np.maximum(np.abs(change), np.abs(mean))
+    for k, axis in np.argwhere(wrong)[:1]:
+        yield (
+            f"{stage.label()}: p_d_dot[{axis}] is not the derivative of p_d: at {instants[k] * period:.4g} s it is "
+            f"{mean[k, axis]:.3g} m/s, and p_d[{axis}] changes by {change[k, axis]:.3g} m/s"
+        )
+
+
+def _samples(stage: Guidance, setup: Any, instants: Sequence[int]) -> np.ndarray:
+    """The references (k,) that a stage without states sets at instants, as plain Python, while the vehicle stays at its
+    initial pose. What the stage leaves unset is nan."""
+    initial, period = setup.initial, stage.period or setup.scenario.control_period
+    settings, given = stage.record(setup).view(np.recarray)[0], np.zeros(1, record_dtype(CLOCK + KNOWN))
+    given["p_WB"], given["quat_WB"] = initial.position, quat_from_euler_deg(*initial.attitude_deg)
+    given["R_WB"], given["period"] = rotation_matrix(given["quat_WB"][0]), period
+    given["key"] = random_key(setup.scenario.simulation.seed, stage)
+    out = np.zeros(1, _REFERENCES)
+    for name in ("p_d", "p_d_dot", "quat_d"):
+        out[name] = np.nan
+    function, found = stage.function(), np.zeros(len(instants), _REFERENCES)
+    for k, instant in enumerate(instants):
+        given["t"], given["instant"] = instant * period, instant
+        function(settings, None, given.view(np.recarray)[0], None, out.view(np.recarray)[0])
+        found[k] = out[0]
+    return found
 
 
 @kernel
