@@ -1,10 +1,12 @@
-"""Files: those that the package ships, TOML read in bounded time, and atomic writing."""
+"""Files: those that the package ships, TOML read in bounded time, Python source, and atomic writing."""
 
+import ast
 import contextlib
 import dataclasses
 import os
 import re
 import tempfile
+import threading
 import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -158,3 +160,13 @@ def locked(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(place)
+
+
+_parsing = threading.Lock()
+"""Two threads must not parse at once: CPython 3.11 counts the depth of both in one place, and raises SystemError."""
+
+
+def parsed(source: str | bytes) -> ast.Module:
+    """The tree of Python source. Raises SyntaxError."""
+    with _parsing:
+        return ast.parse(source)

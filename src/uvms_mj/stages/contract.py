@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import Fault, InputError, shortened, suggestion
+from ..files import parsed
 from . import signals
 from .base import Stage, base_of, packs_itself
 from .joint_signals import JOINT_SIGNALS
@@ -146,7 +147,7 @@ def _unknown_fields(cls: type[Stage]) -> Iterator[str]:
     """Errors for fields of its arguments that the function uses but that do not exist."""
     function = cls.function()
     try:
-        tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
+        tree = parsed(textwrap.dedent(inspect.getsource(function))).body[0]
     except (OSError, TypeError, SyntaxError, IndexError):  # typed at a prompt, or a lambda
         return
     if not isinstance(tree, ast.FunctionDef):

@@ -4,7 +4,6 @@ import ast
 import inspect
 import sys
 import sysconfig
-import threading
 import types
 from importlib.util import find_spec
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...files import parsed
 from ...physics.frames import rotation
 from .arena import NEAR, PATTERN, REGIONS, SAME, UNIT, attitudes, offsets, spread
 from .compilation import NativeFunction, native_function, native_law
@@ -37,8 +37,6 @@ if TYPE_CHECKING:  # global names of the templates below, set for each stage
 
 _PACKAGE = Path(__file__).parents[2]
 _FOREIGN = tuple(Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib", "purelib", "platlib"))
-_parsing = threading.Lock()
-"""Two threads must not parse at once: CPython 3.11 counts the depth of both in one place, and raises SystemError."""
 RETURNED, RAISED, OVERRAN, CHANGED_SETTINGS, NOT_FINITE, NOT_ATTITUDE = range(6)
 """Return codes of a stage's machine code."""
 _INNER: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
@@ -216,9 +214,7 @@ def source_files(module: types.ModuleType) -> list[Path]:
         if found and any(path.is_relative_to(folder) for folder in (*_FOREIGN, _PACKAGE)):
             continue
         found[path] = None
-        with _parsing:
-            tree = ast.parse(path.read_bytes())
-        for node in ast.walk(tree):
+        for node in ast.walk(parsed(path.read_bytes())):
             names: list[str] = []
             if isinstance(node, ast.Import):
                 names = [alias.name for alias in node.names]

@@ -18,6 +18,7 @@ from collections.abc import Sequence
 import numpy as np
 from llvmlite import ir
 
+from ...files import parsed
 from ...physics.kernels import fused_kernels
 from .expressions import Expressions
 from .values import BOOL, BYTE, DOUBLE, FLAG, INT, NUMBERS, POINTER, SCALARS, WORD, Kind, Value, scalar, view
@@ -80,7 +81,7 @@ class _Function(Expressions):
 
     def translate(self, kinds: Sequence[Kind]) -> None:
         begin = self.at.block
-        tree = ast.parse(textwrap.dedent(inspect.getsource(self.function))).body[0]
+        tree = parsed(textwrap.dedent(inspect.getsource(self.function))).body[0]
         if not isinstance(tree, ast.FunctionDef) or len(tree.args.args) != len(kinds):
             self.refuse(f"it can't be called with {len(kinds)} arguments")
         given = iter(self.code.args)
