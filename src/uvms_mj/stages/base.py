@@ -62,6 +62,7 @@ class Room:
         reserved: names that a setting must not have, each with the reason.
         optional: names of the signals of ``out`` that stay zero if a user's stage does not set them.
         counts: whose number ``given`` and the sizes of states depend on: "thrusters" or "joints".
+        words: further words for a stage of the room, which messages understand in place of the table's.
     """
 
     name: str
@@ -77,6 +78,7 @@ class Room:
     reserved: Mapping[str, str] = dataclasses.field(default_factory=dict)
     optional: tuple[str, ...] = ()
     counts: str = "thrusters"
+    words: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
