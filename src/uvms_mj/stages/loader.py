@@ -200,6 +200,13 @@ def give_one(file: str, names: Collection[str]) -> str:
     return f"give {' or '.join(f'{file}:{name}' for name in names or ('ClassName',))}"
 
 
+_HINTS = {
+    "non-frozen dataclass": "decorate with @dataclass(frozen=True)",
+    "mutable default <class 'list'>": "a setting is a tuple: write (80.0, ...) in place of [80.0, ...]",
+}
+"""What to write instead, by a part of the text of Python's exception."""
+
+
 def load_file(path: Path, key: str) -> ModuleType:
     """Import a user's file anew, with its folder on sys.path for the file's imports."""
     name = f"uvms_mj_stage_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
@@ -223,7 +230,7 @@ def load_file(path: Path, key: str) -> ModuleType:
         frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
         line = frames[-1].lineno if frames else getattr(error, "lineno", None)
         where = f"{path.name}, line {line}" if line else path.name
-        hint = "; decorate with @dataclass(frozen=True)" if "non-frozen dataclass" in str(error) else ""
+        hint = next((f"; {what}" for sign, what in _HINTS.items() if sign in str(error)), "")
         raise InputError([Fault(key, f"{where}: {type(error).__name__}: {error}{hint}")]) from error
     finally:
         sys.dont_write_bytecode = before
