@@ -248,7 +248,9 @@ def _legend(ax: Axes, x: float, y: float) -> None:
 @click.option("--png", type=click.Path(file_okay=False, path_type=Path), help="Write PNG files to this folder instead.")
 def main(png: Path | None) -> None:
     """Draw docs/rooms.svg and docs/instant.svg."""
-    matplotlib.rcParams.update({"font.size": 10, "svg.hashsalt": "rooms", "text.color": INK})
+    fonts = ["DejaVu Sans", "Verdana", "sans-serif"]  # the others are as wide, or narrower
+    matplotlib.rcParams.update({"font.size": 10, "font.sans-serif": fonts, "text.color": INK})
+    matplotlib.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "rooms"})  # letters, not their paths
     for name, figure in (("rooms", rooms()), ("instant", instant())):
         if png:
             figure.savefig(png / f"{name}.png", dpi=120)

@@ -27,11 +27,6 @@ def shipped(kind: str) -> dict[str, Path]:
     return {path.stem: path for folder in folders for path in sorted(Path(folder).glob(f"*{suffix}"))}
 
 
-def scenario_path(scenario: str | os.PathLike) -> Path:
-    """Path of a scenario from the path of its file, or from its name. Raises InputError if there is none."""
-    return toml_path(scenario, "scenario", "scenarios")
-
-
 def toml_path(given: str | os.PathLike, noun: str, kind: str) -> Path:
     """Path of a TOML file, or of the shipped one of a kind by its name; ``noun`` is its word in messages. Raises
     InputError if there is none."""

@@ -17,22 +17,23 @@ Real = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e12, le=1e1
 """A finite number."""
 Positive = Annotated[Real, Ge(1e-12), Le(1e12)]
 NonNegative = Annotated[Real, Ge(0), Le(1e12)]
+_Validator = AfterValidator | BeforeValidator
 
 
-def within(low: float, high: float, unit: str) -> AfterValidator:
+def within(low: float, high: float, unit: str) -> _Validator:
     """A validator for a range; its message includes the unit."""
     return refusing(lambda value: not low <= value <= high, f"must be from {low:g} to {high:g} {unit}".rstrip())
 
 
-def refusing(wrong: Callable[[Any], bool], text: str) -> AfterValidator:
-    """A validator that refuses a wrong value with a text."""
+def refusing(wrong: Callable[[Any], bool], text: str, kind: type[_Validator] = AfterValidator) -> _Validator:
+    """A validator that refuses a wrong value with a text; a BeforeValidator has it as it is given."""
 
     def check(value: Any) -> Any:
         if wrong(value):
             raise ValueError(text)
         return value
 
-    return AfterValidator(check)
+    return kind(check)
 
 
 def repeated(n: int) -> BeforeValidator:

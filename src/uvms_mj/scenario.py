@@ -21,10 +21,10 @@ from .control.design import INNER_TABLES, Estimates, Impedance
 from .control.posture import Posture
 from .control.task import TASK_KEYS, move_task_keys
 from .errors import Fault, InputError, faults_of, shortened
-from .files import plain, scenario_path, tables_of
+from .files import plain, tables_of, toml_path
 from .guidance import FilteredSteps, Guidance
 from .navigation import Encoder, Navigation, NoObserver, NoWrist, Observer, Perfect, PerfectEncoder, Wrist
-from .plant.settings import OF_VEHICLE, Initial, Stepping, VehicleChoice, Wall
+from .plant.settings import OF_VEHICLE, Initial, Stepping, VehicleChoice, Wall, overridden_in_vain
 from .plant.surfaces import OF_WALLS, Bumper, Surface, override_walls
 from .plant.water import Current, Disturbance, Tether
 from .quantities import STRICT, overrides_of
@@ -114,7 +114,7 @@ class Scenario:
                 kept only if they belong to this law, as are a table's settings if an override replaces its ``name``.
                 A warning names those that are left out.
         """
-        path = scenario_path(scenario)
+        path = toml_path(scenario, "scenario", "scenarios")
         tables = tables_of(path, "scenario")
         return cls.from_dict(tables, overrides, controller, path.parent, str(scenario), note=warnings.warn)
 
@@ -170,7 +170,7 @@ class Scenario:
                 faults += error.faults
         try:
             scenario = _VALIDATOR.validate_python(tables)
-            faults += scenario.wall.overridden_in_vain(overrides)
+            faults += overridden_in_vain(scenario, overrides)
         except ValidationError as error:
             faults += faults_of(error, choices=_KEYS | _INNER_KEYS)
         if faults:

@@ -1,6 +1,7 @@
 """The commands `study report` and `run --from DIR --row N`."""
 
 import json
+import re
 
 import numpy as np
 import pandas as pd
@@ -150,9 +151,65 @@ def test_a_row_that_does_not_exist_is_refused(there, arguments, words):
     assert words in done.stderr
 
 
-def test_a_law_that_changed_is_warned_of(there, folder):
+@pytest.fixture
+def other_law(folder):
     (folder / "law.py").write_text(LAW + "\n# changed\n")
-    done = there("run", "--from", "out", "--row", "1", "simulation.duration=0.001", "-q", "-o", "changed")
+    yield
     (folder / "law.py").write_text(LAW)
-    assert done.exit_code == 0
-    assert "law.py changed" in done.stderr
+
+
+def test_a_row_of_a_law_that_changed_is_refused_unless_the_law_is_named(there, folder, other_law):
+    short = ("simulation.duration=0.001", "-q")
+    done = there("run", "--from", "out", "--row", 1, *short, "-o", "refused")
+    assert done.exit_code == 2
+    assert "error: row 1 of out: since the study began, law.py changed; restore what it was" in done.stderr
+    assert done.stderr.count("error:") == 1
+    assert not (folder / "refused").exists()
+    done = there("run", "--from", "out", "--row", 1, *short, "-c", "law.py:Mine", "-o", "named")
+    assert done.exit_code == 0, done.stderr
+    assert "the run may differ from the row: law.py changed" in done.stderr
+    done = there("run", "--from", "out", "--row", 0, *short, "-o", "another law")
+    assert done.exit_code == 0, done.stderr
+    assert "law.py" not in done.stderr
+
+
+def test_a_report_needs_no_file_of_a_law_a_metric_or_a_base(there, folder):
+    """The base has the law, too, and a gain of it varies."""
+    own = LAW.replace("pass", "own: float = gain(2.0, '1/s', 'gain')").replace("import Fosm", "import Fosm, gain")
+    (folder / "own.py").write_text(own)
+    (folder / "metric.py").write_text("def zero(trace):\n    return 0.0\n")
+    tables = TABLES | {
+        "laws": ["gsta", "own.py:Mine", {"name": "own.py:Mine", "label": "other", "controller.own": 4.0}],
+        "base": {
+            **TABLES["base"],
+            "controller.name": "own.py:Mine",
+            "controller.own": 3.0,
+            "simulation.duration": 0.01,
+        },
+        "vary": [{"key": "controller.own", "values": [1.0, 2.0], "laws": ["Mine"]}],
+        "design": {},
+        "keep": {"metrics": ["contact.peak_N", "metric.py:zero"]},
+    }
+    (folder / "gone.toml").write_text(tomli_w.dumps(tables))
+    done = there("study", "gone.toml", "--out", "gone", "--quiet")
+    assert done.exit_code == 0, done.stderr
+    pages = []
+    for i in range(2):
+        done = there("study", "report", "gone", "-o", f"{i}.html")
+        assert done.exit_code == 0, done.stderr
+        pages.append((folder / f"{i}.html").read_text())
+        for name in ("own.py", "metric.py"):
+            (folder / name).unlink(missing_ok=True)
+    assert "controller.own = 4.0" in pages[0]
+    known, gone = pages
+    assert "1, 2 1/s; Mine only" in known
+    assert gone == known.replace("1, 2 1/s; Mine only", "1, 2; Mine only")  # only the class has the unit of a gain
+
+
+def test_a_row_of_a_law_that_moved_is_refused(there, folder):
+    (folder / "law.py").rename(folder / "moved.py")
+    done = there("run", "--from", "out", "--row", "1", "-q", "-o", "moved")
+    (folder / "moved.py").rename(folder / "law.py")
+    assert done.exit_code == 2
+    assert done.stderr.count("error:") == 1
+    assert re.search(r"laws\[\d\]\.name: no file '.*law\.py'", done.stderr)

@@ -11,8 +11,11 @@ from uvms_mj import Controller, InputError, McapLog, Scenario, Simulation, Trace
 from uvms_mj.analysis.rest import demanded_force
 from uvms_mj.analysis.sampling import SamplingWarning, warnings_of
 from uvms_mj.analysis.setup import set_up
+from uvms_mj.analysis.summary import METRICS
 from uvms_mj.control.rest import NoClosedForm
+from uvms_mj.envs import push
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
+from uvms_mj.views.figures.contact import expected_forces
 
 FREE = {"engine": "free_body"}
 K_C, K_X = 1e5, 150.0
@@ -384,3 +387,38 @@ def test_a_key_of_a_wall_that_is_not_there_does_not_pass_in_silence():
     ):
         notes = [note for note in warnings_of(set_up(scenario)) if "wall." in note]
         assert notes == ["wall.stiffness, wall.friction have no effect: wall.present is false"]
+
+
+def test_a_key_of_a_bumper_without_any_wall_does_not_pass_in_silence():
+    """As those of a wall that is not there. With one of [[walls]] the bumper acts."""
+    named = r"bumper\.stiffness: has no effect: there is no wall; set wall\.present to true, or give walls"
+    open_water = Scenario.from_dict({"wall": {"present": False}})
+    with pytest.raises(InputError, match=named):
+        open_water.updated({"bumper.stiffness": 2e3})
+    with Simulation(open_water, **FREE) as sim:
+        for change in (sim.set, sim.reset):
+            with pytest.raises(InputError, match=named):
+                change({"bumper.stiffness": 2e3})
+    both = {"bumper.stiffness": 2e3, "bumper.damping": 1.0}
+    beside = [open_water.updated(both | taken) for taken in ({"wall.present": False}, {"walls": []})]
+    for scenario in (*beside, Scenario.from_dict({"wall": {"present": False}, "bumper": {"stiffness": 2e3}})):
+        (note,) = [note for note in warnings_of(set_up(scenario)) if "bumper" in note]
+        keys = "bumper.stiffness, bumper.damping have" if scenario.bumper.damping else "bumper.stiffness has"
+        assert note == f"{keys} no effect: there is no wall"
+    walls = {"walls": [{"shape": "plane", "position": [2.0, 0.0, 0.0]}]}
+    for scenario in (open_water.updated(walls), open_water.updated({"wall.present": True})):
+        assert not any("bumper" in note for note in warnings_of(set_up(scenario.updated(both))))
+
+
+def test_no_force_is_demanded_along_several_normals():
+    wall = {"shape": "plane", "position": [1.5, 0.0, 0.0]}
+    body = {"position": [0.0, 0.0, 0.0], "radius": 0.05}
+    for other in ({"walls": [wall]}, {"vehicle.contact_bodies": [body]}):
+        trace = run({"simulation.duration": 0.01, **other})
+        assert np.isnan(demanded_force(trace.scenario))
+        assert METRICS["force_error_N"](trace) is None
+        assert "expected" not in dict(expected_forces(trace))
+        with pytest.raises(InputError, match=r"^push: force_d: .* without it, it is the one that the scenario"):
+            push.Push(trace.scenario)
+        push.Push(trace.scenario, force_d=1.5)
+    assert "expected" in dict(expected_forces(run({"simulation.duration": 0.01})))

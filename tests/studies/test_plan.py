@@ -9,6 +9,7 @@ import pytest
 import tomli_w
 
 from uvms_mj import InputError, Scenario
+from uvms_mj.files import shipped
 from uvms_mj.studies.plan import Plan
 
 LEAST = """
@@ -139,6 +140,21 @@ def test_a_law_has_its_own_settings_and_its_own_keys(several):
         else:
             assert run.values["controller.epsilon"] is None
             assert (law.label(), law.k_1) == ("gsta", 8.0 if run.law == "strong" else 5.0)
+
+
+def test_settings_of_the_base_that_a_law_leaves_out_are_noted_once_a_law():
+    made = plan(
+        """
+        base = {scenario = "push_wall", "controller.k_1" = 2.0, "thrusters.name" = "t200", "thrusters.voltage" = 14.0}
+        laws = ["gsta", "fosm", {name = "gsta", label = "b", "controller.k_1" = 3.0, "thrusters.name" = "ideal"}]
+        vary = [{key = "wall.stiffness", values = [1e4, 1e5, 1e6]}]
+        """
+    )
+    own, thrusters = made.notes
+    assert own == "laws[1]: controller.name: fosm takes the place of gsta, so controller.k_1 is left out"
+    assert thrusters == "laws[2]: thrusters.name: ideal takes the place of t200, so thrusters.voltage is left out"
+    assert made.text().endswith(f"note: {own}\nnote: {thrusters}")
+    assert Plan.from_dict(made.tables).notes == made.notes
 
 
 def test_the_steps_are_those_of_all_scenarios(several):
@@ -295,7 +311,7 @@ KEY = '[base]\nscenario = "push_wall"\n[[vary]]\n'
         ('[base]\n[keep]\nlogs = {kind = "listed", indices = [0, 1]}', "keep.logs.indices[1]", "no run 1"),
         ('[base]\n[keep]\nlogs = {kind = "failed", k = 3}', "keep.logs.k", "no effect"),
         ('[base]\n[keep]\nmetrics = ["effort_N2s", "effort_N2s"]', "keep.metrics[1]", "given twice"),
-        ('[base]\n[keep]\nmetrics = ["none.py:peak"]', "keep.metrics[0]", "no file 'none.py'"),
+        ('[base]\n[keep]\nmetrics = ["none.py:peak"]', "keep.metrics[0]", "none.py'"),
     ],
 )
 def test_an_error_names_its_place(text, key, words):
@@ -380,6 +396,34 @@ def test_files_are_found_beside_the_study_and_kept_with_absolute_paths(tmp_path,
     monkeypatch.chdir(folder)
     (folder / "base.toml").unlink()
     assert Plan.from_dict(loaded.tables).tables == loaded.tables
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "missing"),
+    [
+        ('laws = ["mine.py:Mine"]\n[base]\n', "laws[0].name", "no file '{folder}/mine.py'"),
+        ('[base]\ncontroller.name = "mine.py:Mine"\n', "base.controller.name", "no file '{folder}/mine.py'"),
+        ('[base]\nscenario = "base.toml"\n', "", "scenario '{folder}/base.toml': no such file"),
+        ('[base]\nvehicle.model = "mine.xml"\n', "", "no draw can run with gsta: vehicle.model '/"),
+        ('[base]\n[keep]\nmetrics = ["peaks.py:peak"]\n', "keep.metrics[0]", "no file '{folder}/peaks.py'"),
+    ],
+)
+def test_files_of_a_study_are_beside_it_and_not_in_the_current_folder(tmp_path, monkeypatch, text, place, missing):
+    folder = tmp_path / "study"
+    folder.mkdir()
+    (tmp_path / "mine.py").write_text(LAW)
+    (tmp_path / "base.toml").write_text("[wall]\nstiffness = 3e4\n")
+    (tmp_path / "peaks.py").write_text("def peak(trace):\n    return float(trace.push.max())\n")
+    (tmp_path / "mine.xml").write_text(shipped("models")["bluerov1"].read_text())
+    (folder / "s.toml").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError) as caught:
+        Plan.load("study/s.toml")
+    assert any(missing.format(folder=folder) in fault.message for fault in caught.value.faults), caught.value
+    assert place in str(caught.value)
+    for path in tmp_path.glob("*.*"):
+        path.rename(folder / path.name)
+    assert Plan.load("study/s.toml").runs == 1
 
 
 ODD = [

@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
@@ -27,7 +28,9 @@ from uvms_mj import Controller, InputError, Scenario, simulate
 from uvms_mj.cli.plot import FORMATS
 from uvms_mj.stages.signals import AXES
 from uvms_mj.views import colours, figures
-from uvms_mj.views.figures.scales import early, rebounds
+from uvms_mj.views.figures import style
+from uvms_mj.views.figures.joints import JOINTS
+from uvms_mj.views.figures.scales import early, logarithmic, rebounds
 from uvms_mj.views.figures.style import COLOURS, stripe, thin
 
 pytestmark = pytest.mark.slow  # the runs of the paper's figures
@@ -155,6 +158,38 @@ def test_neither_insets_nor_legends_lie_on_lines(drawn):
     assert insets > 20
 
 
+@pytest.mark.parametrize("low", [0.0, -3e-3, -10.0])
+@pytest.mark.parametrize("within", [1e-1, 1e-3, 1e-5, 1e-8])
+def test_numbers_of_a_logarithmic_axis_do_not_touch(low, within):
+    with style.styled():
+        figure = Figure(figsize=(style.PAGE_IN / 3.0, 1.75))
+        ax = figure.subplots()
+        ax.plot([0.0, 1.0], [low, 10.0])
+        logarithmic(ax, within, "m", 1e-3, "m")
+        FigureCanvasAgg(figure).draw()
+        boxes = [text.get_window_extent() for text in ax.get_yticklabels() if text.get_text()]
+    assert len(boxes) >= 3
+    assert all(lower.y1 < upper.y0 for lower, upper in itertools.pairwise(boxes))
+
+
+def test_a_legend_has_no_two_lines_that_look_the_same_and_says_what_its_levels_are(drawn):
+    entries = {}
+    for which in ("summary of a tree", "joints of a tree", "force of one", "summary of one"):
+        (legend,) = drawn[which].legends
+        if "tree" in which:
+            labels = {ax.get_ylabel() for ax in drawn[which].axes}
+            assert {"joint position q [rad]", "joint position q [m]", "manipulability [1]"} <= labels
+        looks = [
+            (text.get_text(), to_hex(line.get_color()), tuple(line._dash_pattern[1] or ()))
+            for text, line in zip(legend.get_texts(), legend.get_lines(), strict=True)
+        ]
+        assert len({look[1:] for look in looks}) == len(looks), (which, looks)
+        entries[which] = {text for text, *_ in looks}
+    assert {"shoulder", "hinge", "roll", "pitch"} <= entries["summary of a tree"]
+    levels = {"expected at a rigid wall", "analytic, at rest at this wall"}
+    assert levels <= entries["force of one"] & entries["summary of one"]
+
+
 def test_a_signal_has_the_same_colour_everywhere(drawn):
     okabe_ito = {"#0072b2", "#009e73", "#e69f00", "#d55e00", "#cc79a7", "#56b4e9", "#999999"}
     assert {colour.lower() for colour in COLOURS.values()} == okabe_ito
@@ -169,8 +204,11 @@ def test_a_signal_has_the_same_colour_everywhere(drawn):
                 assert to_hex(line.get_color()) == COLOURS[component].lower(), (name, signal)
             elif "of four" not in name and quantity == "push":
                 assert to_hex(line.get_color()) == COLOURS["force"].lower(), name
+            elif quantity in ("q", "tau_q") and "trees" not in name:
+                joint = ("shoulder", "extension", "hinge").index(component)
+                assert to_hex(line.get_color()) == JOINTS[joint].lower(), (name, signal)
             seen.add(quantity)
-    assert seen >= {"p_WB", "p_d", "wall", "push", "expected", "analytic", "s", "tau", "z", "xi", "many"}
+    assert seen >= {"p_WB", "p_d", "wall", "push", "expected", "analytic", "s", "tau", "z", "xi", "many", "q", "tau_q"}
 
 
 def test_no_line_is_louder_than_another(drawn):

@@ -40,10 +40,7 @@ _Efficiency = Annotated[Number, within(1e-3, 10.0, "")]
 _Fraction = Annotated[Number, within(0.0, 1.0, "")]
 Lag = Annotated[Literal["none", "first_order", "third_order"], Lowercase]
 _Quantum = Annotated[Number, within(0.0, 1e3, "us or N")]
-_PASSED = (
-    *("efficiency", "quantum", "dead_band", "inflow_loss"),
-    *("failed_at", "failed_fraction", "failed_stuck"),
-)
+_PASSED = ("efficiency", "quantum", "dead_band", "inflow_loss", "failed_at", "failed_fraction", "failed_stuck")
 _LARGEST, _TINY = sys.float_info.max, 1e-12
 
 

@@ -1,17 +1,15 @@
 """The disturbance that the sliding mode of a run had to reject, eqs. (11) and (28), and its rate of change."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from types import SimpleNamespace
 
 import numpy as np
 
 from ..control.certificate import Certificate
 from ..control.theory import certificate
-from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from ..physics.frames import rotation_matrix, to_body
-from ..plant.vehicle import Vehicle
+from ..physics.model import accelerated_frame, coefficients, model_wrenches
 from ..records.header import Status
 from ..records.trace import Trace
 from .setup import Setup, set_up
@@ -106,41 +104,21 @@ def lumped_disturbance(trace: Trace, setup: Setup) -> np.ndarray:
     nu_c_dot[:, :3] = -np.cross(nu[:, 3:], nu_c[:, :3])
     if unsteady:
         nu_c_dot += _in_body(trace, trace.v_c_dot_W)
-
-    def term(kernel: Callable, *arguments: Any) -> np.ndarray:
-        """(n, 6) of an equation of :mod:`uvms_mj.physics.fossen` for all rows."""
-        out = np.empty(nu.T.shape)
-        kernel(*arguments, out)
-        return out.T
-
-    def coriolis(vehicle: Vehicle, nu: np.ndarray) -> np.ndarray:
-        return term(coriolis_rigid_body, vehicle.M_RB, nu.T) + term(coriolis_added_mass, vehicle.M_A, nu.T)
-
-    def damped(vehicle: Vehicle, nu: np.ndarray) -> np.ndarray:
-        return term(damping, vehicle.D_linear, vehicle.D_quadratic, nu.T)
-
-    R_WB = np.moveaxis(rotation_matrix(trace.quat_WB), 0, 2)
-
-    def restored(vehicle: Vehicle) -> np.ndarray:
-        masses = vehicle.mass, vehicle.displaced_mass, vehicle.r_g, vehicle.r_b
-        return term(restoring, *masses, setup.gravity_W, R_WB)
-
-    def restored_in_water() -> np.ndarray:
-        """g(eta) of the true vehicle; see :func:`uvms_mj.physics.model.reveal`."""
-        if not unsteady:
-            return restored(true)
-        weight = term(restoring, true.mass, 0.0, true.r_g, true.r_b, (setup.gravity_W - trace.v_c_dot_W).T, R_WB)
-        return weight + term(
-            restoring, 0.0, true.displaced_mass, true.r_g, true.r_b, (setup.gravity_W - trace.a_c_W).T, R_WB
-        )
-
+    R_WB, out = np.moveaxis(rotation_matrix(trace.quat_WB), 0, 2), np.empty((2, 3, *nu.T.shape))
+    known, real = (SimpleNamespace(**coefficients(each, setup.gravity_W)) for each in (nominal, true))
+    model_wrenches(known, nu.T, R_WB, *out[0])
+    model_wrenches(real, (nu - nu_c).T, R_WB, *out[1])
+    if unsteady:
+        water = SimpleNamespace(a_c_W=trace.a_c_W.T, v_c_dot_W=trace.v_c_dot_W.T)
+        accelerated_frame(real, water, R_WB, np.empty((3, len(trace))), out[1, 2], np.empty(nu.T.shape))
+    (C_hat, D_hat, g_hat), (C, D, g) = np.swapaxes(out, 2, 3)  # (n, 6) each
     return (
         trace.tau_dist
         + nu_c_dot @ true.M.T
-        + (factors.coriolis * coriolis(nominal, nu) - coriolis(true, nu - nu_c))
-        + (factors.damping * damped(nominal, nu) - damped(true, nu - nu_c))
+        + (factors.coriolis * C_hat - C)
+        + (factors.damping * D_hat - D)
         + ((factors.inertia - 1.0) * (trace.nu_dot @ nominal.M.T) + trace.nu_dot @ (nominal.M - true.M).T)
-        + ((factors.restoring - 1.0) * restored(nominal) + (restored(nominal) - restored_in_water()))
+        + ((factors.restoring - 1.0) * g_hat + (g_hat - g))
     )
 
 

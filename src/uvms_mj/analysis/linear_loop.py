@@ -10,7 +10,7 @@ from ..control.rest import SteadyState
 from ..control.task import tracking_errors
 from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from ..physics.frames import quat_turned, rotation_matrix, to_body
-from ..physics.model import model_wrenches
+from ..physics.model import coefficients, model_wrenches
 from ..stages.signals import record_dtype
 from .setup import Setup
 
@@ -73,19 +73,9 @@ class RestingLaw:
     """
 
     def __init__(self, setup: Setup, rest: SteadyState, known: Any) -> None:
-        scenario, nominal, factors = setup.scenario, setup.nominal, setup.scenario.estimates
+        scenario = setup.scenario
         self.known, self.controller, self.task = known, scenario.controller, scenario.task
-        self.model = SimpleNamespace(
-            M_RB=factors.coriolis * nominal.M_RB,
-            M_A=factors.coriolis * nominal.M_A,
-            D_linear=factors.damping * nominal.D_linear,
-            D_quadratic=factors.damping * nominal.D_quadratic,
-            mass=factors.restoring * nominal.mass,
-            displaced_mass=factors.restoring * nominal.displaced_mass,
-            r_g=nominal.r_g,
-            r_b=nominal.r_b,
-            gravity_W=setup.gravity_W,
-        )
+        self.model = SimpleNamespace(**coefficients(setup.nominal, setup.gravity_W, scenario.estimates))
         self.signals = _record(np.zeros(1, record_dtype(type(self.controller).given())))
         design, impedance = setup.design, scenario.impedance
         constants = {"M_hat": design.M_hat, "M_d": design.M_d, "D_d": design.D_d, "K_d": impedance.K_d}

@@ -101,45 +101,25 @@ def _unknown(setup: Setup, channels: Mapping[str, Channel]) -> str:
     return ""
 
 
-@dataclass(frozen=True, eq=False)
-class _Linear:
-    """A vector that is linear in the loop's state z and in the noise n of the step: matrices (m, z) and (m, n)."""
-
-    by_state: np.ndarray
-    by_noise: np.ndarray
-
-    def __rmatmul__(self, matrix: np.ndarray) -> "_Linear":
-        return _Linear(matrix @ self.by_state, matrix @ self.by_noise)
-
-    def __add__(self, other: "_Linear") -> "_Linear":
-        return _Linear(self.by_state + other.by_state, self.by_noise + other.by_noise)
-
-    __array_ufunc__ = None  # so that matrix @ linear comes here
-
-
-def _stacked(parts: list[_Linear]) -> _Linear:
-    return _Linear(np.vstack([each.by_state for each in parts]), np.vstack([each.by_noise for each in parts]))
-
-
 def _kept(numbers: int, period: int, delay: int) -> int:
     """Size of the samples that are kept from step to step; times are in steps."""
     return numbers * (-(-delay // period) + (period > 1))
 
 
-def _arrived(k: int, period: int, delay: int, fresh: _Linear, register: _Linear) -> tuple[_Linear, _Linear]:
+def _arrived(k: int, period: int, delay: int, fresh: np.ndarray, register: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The last sample that has arrived at step k, and the samples to keep, the newest first. ``fresh`` is the sample of
     step k, if one is due."""
-    n = len(fresh.by_state)
-    rows = [slice(first, first + n) for first in range(0, len(register.by_state), n)]
-    samples = [_Linear(register.by_state[each], register.by_noise[each]) for each in rows]
-    if k % period == 0:
-        samples.insert(0, fresh)
-    left = _stacked(samples[: len(rows)]) if rows else register
+    kept = [register[first : first + len(fresh)] for first in range(0, len(register), len(fresh))]
+    samples = [fresh, *kept] if k % period == 0 else kept
+    left = np.vstack(samples[: len(kept)]) if kept else register
     return samples[k // period - (k - delay) // period], left
 
 
 class _Loop:
-    """The linear sampled loop. The channels have their samples and the stages their periods as in a run."""
+    """The linear sampled loop. The channels have their samples and the stages their periods as in a run.
+
+    A vector that is linear in the loop's state z and in the noise n of the step is a matrix [by state, by noise] with
+    ``size`` + 18 columns."""
 
     def __init__(self, setup: Setup, vehicle: RestingVehicle, law: LinearLaw, channels: Mapping[str, Channel]) -> None:
         self.setup, self.vehicle, self.law, self.h = setup, vehicle, law, setup.scenario.simulation.timestep
@@ -171,38 +151,33 @@ class _Loop:
         found[12:15, 2] -= getattr(self.setup.scenario.navigation, "depth_drift", (0.0, 0.0, 0.0))
         return np.repeat([1.0 + each.scale for each in self.channels], 3)[:, None] * found
 
-    def at(self, k: int) -> tuple[_Linear, _Linear, _Linear]:
+    def at(self, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The state after step k, the measurements (18,) and the thrust (6,) in it."""
-        z = [_Linear(np.eye(self.size)[place], np.zeros((place.stop - place.start, 18))) for place in self.places]
-        x, states, *registers, commands, u = z
-        now, measured, kept = _Linear(self.sensed, self.sigmas), [], []
+        z = np.eye(self.size, self.size + 18)
+        x, states, *registers, commands, u = (z[place] for place in self.places)
+        now, measured, kept = self.sensed @ x, [], []
+        now[:, self.size :] = self.sigmas
         for i, (period, delay, register) in enumerate(zip(self.periods, self.delays, registers, strict=True)):
-            rows = slice(3 * i, 3 * i + 3)
-            fresh = _Linear(now.by_state[rows] @ x.by_state, now.by_noise[rows])
-            arrived, left = _arrived(k, period, delay, fresh, register)
+            arrived, left = _arrived(k, period, delay, now[3 * i : 3 * i + 3], register)
             measured.append(arrived)
             kept.append(left)
-        y = _stacked(measured)
+        y = np.vstack(measured)
         response = self.law.by_measurement @ y + self.law.by_state @ states
-        fresh = _Linear(response.by_state[:6], response.by_noise[:6])
-        commanded, left = _arrived(k, self.control, self.late, fresh, commands)
+        commanded, left = _arrived(k, self.control, self.late, response[:6], commands)
         if k % self.control == 0:
-            T = self.h * self.control * np.eye(len(response.by_state) - 6)
-            states = states + T @ _Linear(response.by_state[6:], response.by_noise[6:])
+            states = states + self.h * self.control * response[6:]
         u = commanded if k % self.actuation == 0 else u
-        nu_dot = self.vehicle.acceleration_by_state @ x + self.delivered @ u
-        nu = _Linear(x.by_state[6:], x.by_noise[6:]) + self.h * np.eye(6) @ nu_dot
+        nu = x[6:] + self.h * (self.vehicle.acceleration_by_state @ x + self.delivered @ u)
         moved = self.h * np.block([[self.vehicle.R_WB, np.zeros((3, 3))], [np.zeros((3, 3)), np.eye(3)]]) @ nu
-        pose = _Linear(x.by_state[:6], x.by_noise[:6]) + moved
-        return _stacked([pose, nu, states, *kept, left, u]), y, u
+        return np.vstack([x[:6] + moved, nu, states, *kept, left, u]), y, u
 
     def solve(self) -> Deviations | str:
         """The covariance that repeats, and the deviations from it."""
-        found = [self.at(k) for k in range(self.steps)]
+        found = [[np.hsplit(each, [self.size]) for each in self.at(k)] for k in range(self.steps)]
         phi, Q = np.eye(self.size), np.zeros((self.size, self.size))
-        for after, _, _ in found:
-            phi = after.by_state @ phi
-            Q = after.by_state @ Q @ after.by_state.T + after.by_noise @ after.by_noise.T
+        for (A, G), _, _ in found:
+            phi = A @ phi
+            Q = A @ Q @ A.T + G @ G.T
         largest = float(np.abs(np.linalg.eigvals(phi)).max())
         if largest > 1.0 + _ROUNDING:
             return "with these sensors the loop is unstable about its rest"
@@ -210,12 +185,12 @@ class _Loop:
             return "a state of the law neither decays nor grows about the rest"
         P = solve_discrete_lyapunov(phi, Q)
         sums: dict[str, Any] = {"x": np.zeros((12, 12)), "y": 0.0, "u": 0.0, "states": 0.0}
-        for after, y, u in found:
+        for (A, G), y, u in found:
             sums["x"] += P[:12, :12]
             sums["states"] += np.diag(P)[self.places[1]]
-            for name, each in (("y", y), ("u", u)):
-                sums[name] += np.diag(each.by_state @ P @ each.by_state.T + each.by_noise @ each.by_noise.T)
-            P = after.by_state @ P @ after.by_state.T + after.by_noise @ after.by_noise.T
+            for name, (by_state, by_noise) in (("y", y), ("u", u)):
+                sums[name] += np.diag(by_state @ P @ by_state.T + by_noise @ by_noise.T)
+            P = A @ P @ A.T + G @ G.T
         return self._checked({name: each / self.steps for name, each in sums.items()}, largest)
 
     def _checked(self, means: Mapping[str, Any], largest: float) -> Deviations | str:

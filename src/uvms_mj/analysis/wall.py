@@ -14,7 +14,7 @@ from ..control.springs import Springs
 from ..errors import Fault
 from ..physics.frames import BODY
 from ..plant.contacts import impossible
-from ..plant.settings import Wall, contact_settings
+from ..plant.settings import Wall, contact_settings, without_effect
 from ..plant.surfaces import Surface, in_series_fast
 from .setup import Setup
 
@@ -81,9 +81,7 @@ def wall_notes(setup: Setup) -> Iterator[str]:
                 f"at {w / (2.0 * math.pi):.3g} Hz, {2.0 * math.pi / (h * w):.1f} time steps per period; with a "
                 f"simulation.timestep below {RESOLVED / w:.2g} s its forces are accurate to about 1 %"
             )
-    if wall.without_effect:
-        keys = wall.without_effect
-        yield f"{', '.join(keys)} {'has' if len(keys) == 1 else 'have'} no effect: wall.present is false"
+    yield from without_effect(setup.scenario)
     walls: list[tuple[str, Wall | Surface]] = [("wall", wall)] if wall.present else []
     walls += [(f"walls[{i}]", other) for i, other in enumerate(setup.scenario.walls)]
     for table, one in walls:

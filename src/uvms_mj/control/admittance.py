@@ -14,7 +14,6 @@ from .balance import static_balance
 from .base import Controller, gain
 from .linear import Linear
 from .rest import SteadyState
-from .sampled import not_constant
 
 
 @dataclass(frozen=True)
@@ -76,8 +75,6 @@ class Admittance(Controller):
     def at_rest(self, setup: Any) -> SteadyState | str:
         """With an integral, K_d eta_e = K_f (tau_c - F_d). Without, the stiffness M_hat k_p in series with K_d:
         K_d eta_e - K_f (tau_c - F_d) + K_d (M_hat k_p)^-1 (tau_cmd - g_hat) = 0."""
-        if reason := not_constant(setup):
-            return reason
         design = setup.design
 
         def residual(balance: Any, x: np.ndarray) -> np.ndarray:

@@ -10,12 +10,12 @@ import numpy as np
 
 from ..quantities import NonNegative
 from .balance import static_balance, unknown_acceleration
+from .balance_terms import Balance
 from .base import Controller, NonNegativeDiagonal, PositiveDiagonal, gain
 from .limited import within
 from .linear import Linear
-from .residual import eq_7_holds, integral_residual
+from .residual import integral_residual
 from .rest import SteadyState
-from .sampled import not_constant
 
 RESTS_AT = 0.5
 """Share of the boundary layer at which the gain is at rest: K is then twice the disturbance [1]."""
@@ -67,9 +67,7 @@ class Aismc(Controller):
 
     def at_rest(self, setup: Any) -> SteadyState | str:
         """The static balance with eq. (7), if the switching gain exceeds the disturbance."""
-        if reason := not_constant(setup):
-            return reason
-        state = static_balance(setup, np.inf, eq_7_holds)
+        state = static_balance(setup, np.inf, Balance.asked)
         if isinstance(state, str):
             return state
         phi, K = unknown_acceleration(setup, state), np.full(6, self.K_0)

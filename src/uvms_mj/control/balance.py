@@ -51,6 +51,7 @@ from .balance_terms import Balance
 from .delivery import Delivery
 from .newton import newton
 from .rest import SteadyState
+from .sampled import not_constant
 from .springs import Springs
 from .tool_balance import tool_rest
 
@@ -66,12 +67,15 @@ def static_balance(
         setup: the run's :class:`uvms_mj.analysis.setup.Setup`.
         K: slope of the law over s [1/s]; infinite for a law that integrates, so that s is zero at rest. With a
             residual, only whether it is infinite counts: whether the law balances any constant wrench.
-        residual: the six equations of another law, from the balance and x (6,), in place of the ones above.
+        residual: the six equations of another law, from the balance and x (6,), in place of the ones above. They need
+            a constant disturbance.
 
     Returns:
         The state, or the reason why there is none.
     """
     scenario = setup.scenario
+    if residual is not None and (reason := not_constant(setup)):
+        return reason
     if setup.not_rigid and residual is not None:
         return f"the closed form of this law is known for a rigid vehicle at B, and {setup.not_rigid}"
     if setup.rest_pose[0] is None:

@@ -9,9 +9,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from .balance import static_balance
+from .balance_terms import Balance
 from .base import Controller, NonNegativeDiagonal, gain
 from .linear import Linear
-from .residual import eq_7_holds, integral_residual
+from .residual import integral_residual
 from .rest import SteadyState
 from .sampled import not_constant
 
@@ -59,7 +60,7 @@ class DobImpedance(Controller):
             return reason
         if 0.0 in self.bandwidth:
             return "with a bandwidth of 0 the observer does not reject the disturbance"
-        return Linear.of(setup).checked(static_balance(setup, np.inf, eq_7_holds))
+        return Linear.of(setup).checked(static_balance(setup, np.inf, Balance.asked))
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law oscillates."""

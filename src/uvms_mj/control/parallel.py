@@ -15,7 +15,6 @@ from .base import Controller, gain
 from .limited import at_limit, within
 from .linear import Linear
 from .rest import SteadyState
-from .sampled import not_constant
 
 
 @dataclass(frozen=True)
@@ -57,8 +56,6 @@ class Parallel(Controller):
 
     def at_rest(self, setup: Any) -> SteadyState | str:
         """n^T tau_c = n^T F_d, unless the integral is at its limit; the static balance along the other directions."""
-        if reason := not_constant(setup):
-            return reason
         F_d = np.array([*setup.scenario.impedance.at_end[1][:3], 0.0, 0.0, 0.0])
         size = float(np.linalg.norm(F_d))
         n = F_d / size if size else F_d

@@ -14,7 +14,6 @@ from .base import Controller, NonNegativeDiagonal, gain
 from .limited import at_limit, within
 from .linear import Linear
 from .rest import SteadyState
-from .sampled import not_constant
 
 
 @dataclass(frozen=True)
@@ -52,8 +51,6 @@ class Pid(Controller):
     def at_rest(self, setup: Any) -> SteadyState | str:
         """On each axis the pose error is zero, or the integral is at its limit. Against a wall in front of the
         reference it is: F = (K_x (x_d - x_c) + limit_x - K_f F_d + d) / (1 + K_x / k_c)."""
-        if reason := not_constant(setup):
-            return reason
         K_d, limit = setup.design.K_d, np.array(self.limit)
         limit = np.where(self.k_i * K_d.diagonal() > 0.0, limit, 0.0)  # elsewhere xi stays zero
 

@@ -24,19 +24,15 @@ LEVELS = ("attitude", "station", "joints")
 """The levels by the numbers of the kernel."""
 _Frequency = Annotated[Number, within(0.0, 1e3, "rad/s")]
 _Once = refusing(lambda order: len(set(order)) < len(order), "names a level twice")
-
-
-def _list(order: Any) -> Any:
-    if not isinstance(order, list | tuple):
-        raise ValueError('must be a list with any of "attitude", "station" and "joints", for example ["joints"]')
-    return order
+_LEVELS = 'must be a list with any of "attitude", "station" and "joints", for example ["joints"]'
+_List = refusing(lambda order: not isinstance(order, list | tuple), _LEVELS, BeforeValidator)
 
 
 @table(frozen=True, config=STRICT)
 class Posture:
     """Levels below the task, each with the motion that those before it leave."""
 
-    order: Annotated[tuple[Literal["attitude", "station", "joints"], ...], BeforeValidator(_list), _Once] = doc(
+    order: Annotated[tuple[Literal["attitude", "station", "joints"], ...], _List, _Once] = doc(
         'levels of the posture, the most important one first: any of "attitude", "station" and "joints"',
         ("attitude", "joints"),
     )

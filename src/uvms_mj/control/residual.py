@@ -10,12 +10,8 @@ Integral sliding mode in systems operating under uncertainty conditions). Under 
 
 .. math:: \dot\sigma = a + \varphi, \qquad \varphi = \hat M^{-1} \bar\tau_{dist} \text{ of eq. (11)}.
 
-A constant sigma means that eq. (7) holds, whatever its value is.
+A constant sigma means that eq. (7) holds, whatever its value is: :meth:`.balance_terms.Balance.asked` is zero at rest.
 """
-
-from typing import Any
-
-import numpy as np
 
 from ..physics.kernels import kernel
 
@@ -28,8 +24,3 @@ def integral_residual(signals, nu_hat, nu_hat_dot, sigma):
             nu_hat[i] = signals.nu[i]
         nu_hat_dot[i] = signals.nu_d_dot[i] - signals.w[i]
         sigma[i] = signals.nu[i] - nu_hat[i]
-
-
-def eq_7_holds(balance: Any, x: np.ndarray) -> np.ndarray:
-    """Residual (6,) of the static balance of a law under which sigma is constant at rest."""
-    return balance.asked(x)

@@ -19,10 +19,6 @@ SLOWLY_DAMPED = 0.75
 """If more than this fraction of the damping against the wall is lost, a vibration lasts for many seconds."""
 
 
-_NO_CONTACT = (False, 0.0, 0.0, 0.0, 0.0)
-"""Fields of the vibration of a vehicle without any contact."""
-
-
 @dataclass(frozen=True)
 class Vibration:
     """The vibration of a vehicle against a wall under a sampled law, along v = G K_f n.
@@ -43,19 +39,19 @@ class Vibration:
     """
 
     setup: Any
-    front: Any
-    shaped: bool
-    compliant: float
-    fed_back: float
-    damping: float
-    stiffness: float
+    front: Any = None
+    shaped: bool = False
+    compliant: float = 0.0
+    fed_back: float = 0.0
+    damping: float = 0.0
+    stiffness: float = 0.0
 
     @classmethod
     def of(cls, setup: Any, M_hat: np.ndarray | None = None) -> "Vibration":
         """The vibration under a law that imposes M_d, or that answers through its own inertia with M_hat (6, 6): that
         of the contact that is damped worst."""
         found = [cls._at(setup, front, M_hat) for front in setup.fronts]
-        return max(found, key=lambda each: (each.growth > 1.0, -each.limit), default=cls(setup, None, *_NO_CONTACT))
+        return max(found, key=lambda each: (each.growth > 1.0, -each.limit), default=cls(setup))
 
     @classmethod
     def _at(cls, setup: Any, front: Any, M_hat: np.ndarray | None) -> "Vibration":
@@ -66,7 +62,7 @@ class Vibration:
         compliant = float(n @ v)
         fed_back = compliant - (0.0 if M_hat is None else 1.0 / design.along_normal(design.M, n))
         if compliant <= 0.0:
-            return cls(setup, front, M_hat is not None, compliant, fed_back, 0.0, 0.0)
+            return cls(setup, front, M_hat is not None, compliant, fed_back)
         damping, stiffness = float(n @ G @ design.D_d @ v) / compliant, float(n @ G @ design.K_d @ v) / compliant
         return cls(setup, front, M_hat is not None, compliant, fed_back, damping, stiffness)
 

@@ -15,7 +15,7 @@ from ..errors import Fault, InputError
 from ..plant.contacts import Contacts, contacts_of
 from ..plant.fit import check_fit
 from ..plant.inertia import task_inertias
-from ..plant.settings import VehicleChoice
+from ..plant.settings import VehicleChoice, overridden_in_vain
 from ..scenario import STAGES, Scenario
 from ..stages.base import Stage, is_of_the_package, validator
 
@@ -50,7 +50,7 @@ def changed(base: Setup, overrides: Mapping[str, Any], place: str) -> tuple[Setu
         if not touched.isdisjoint(("wall", "walls", "bumper")):
             contacts = contacts_of(scenario, base.plant.probe, base.nominal)
             _refuse_other_contacts(base.contacts, contacts, overrides)
-            if wrong := scenario.wall.overridden_in_vain(overrides):
+            if wrong := overridden_in_vain(scenario, overrides):
                 raise InputError(wrong)
         setup, found = Setup(scenario, base.plant, design, contacts), frozenset(touched)
         refuse(setup, found)

@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from ..physics.frames import quat_from_euler_deg, rotation_matrix
+from ..physics.frames import multiply, quat_from_euler_deg, rotation_matrix
 from ..physics.kernels import kernel
 from ..quantities import Angle, Angles, Number, Position, Positive, Time, within
 from ..stages.base import setting
@@ -128,8 +128,4 @@ class Circle(Guidance):
 def turn_about(axis, angle, quat, out):
     """Set out (4,) to the attitude ``quat`` turned about a unit vector in W by an angle [rad]."""
     w, s = math.cos(0.5 * angle), math.sin(0.5 * angle)
-    x, y, z = s * axis[0], s * axis[1], s * axis[2]
-    out[0] = w * quat[0] - x * quat[1] - y * quat[2] - z * quat[3]
-    out[1] = w * quat[1] + x * quat[0] + y * quat[3] - z * quat[2]
-    out[2] = w * quat[2] - x * quat[3] + y * quat[0] + z * quat[1]
-    out[3] = w * quat[3] + x * quat[2] - y * quat[1] + z * quat[0]
+    multiply(w, s * axis[0], s * axis[1], s * axis[2], quat[0], quat[1], quat[2], quat[3], 0, out)

@@ -32,10 +32,10 @@ import functools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from ..physics.frames import multiply
 from ..physics.kernels import kernel
 from ..physics.random import random_bits, standard_normal
 
@@ -54,16 +54,6 @@ error and the components of the sample in hand, and the queue."""
 STREAMS = 8
 """Random numbers of a sample: noise and walk of three components, jitter and dropout."""
 _UNIT, _NO_LIMIT = 2.0**-53, math.inf
-
-
-_FADING: dict[str, Any] = {
-    "limit": None,
-    "period": None,
-    "delay": 0.0,
-    "jitter": 0.0,
-    "noise": (0.0,) * 3,
-    "dropout": 0.0,
-}
 
 
 @dataclass(frozen=True)
@@ -89,7 +79,7 @@ class Channel:
     @property
     def settled(self) -> Channel:
         """The channel of a constant truth, without what changes no mean."""
-        return dataclasses.replace(self, **_FADING)
+        return dataclasses.replace(self, limit=None, period=None, delay=0.0, jitter=0.0, noise=(0.0,) * 3, dropout=0.0)
 
     def mean(self, x: np.ndarray) -> np.ndarray:
         """Mean measurement (3,) of a constant x (3,), without a random walk, a quantum and a limit."""
@@ -171,12 +161,8 @@ def measure_attitude(channel, memory, quat, instant, key, index, measured):
         x, y, z = memory[ERROR], memory[ERROR + 1], memory[ERROR + 2]
         angle = math.sqrt(x * x + y * y + z * z)
         half = math.sin(0.5 * angle) / angle if angle > 0.0 else 0.5
-        w, x, y, z = math.cos(0.5 * angle), half * x, half * y, half * z
-        q_w, q_x, q_y, q_z = quat[0], quat[1], quat[2], quat[3]
-        memory[SAMPLE] = q_w * w - q_x * x - q_y * y - q_z * z
-        memory[SAMPLE + 1] = q_w * x + q_x * w + q_y * z - q_z * y
-        memory[SAMPLE + 2] = q_w * y - q_x * z + q_y * w + q_z * x
-        memory[SAMPLE + 3] = q_w * z + q_x * y - q_y * x + q_z * w
+        w = math.cos(0.5 * angle)
+        multiply(quat[0], quat[1], quat[2], quat[3], w, half * x, half * y, half * z, SAMPLE, memory)
         if channel[QUANTUM] > 0.0 or channel[LIMIT] < _NO_LIMIT:
             resolve_attitude(channel, memory)
         send(channel, memory, 4, instant, key, index)

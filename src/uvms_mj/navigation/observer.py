@@ -50,7 +50,3 @@ class NoObserver(Observer):
 
     name = "none"
     runs: ClassVar[bool] = False
-
-    @staticmethod
-    def step(settings, state, given, state_dot, out):
-        pass

@@ -8,6 +8,7 @@ its noise and its biases alone.
 
 import math
 
+from ..physics.frames import multiply
 from ..physics.kernels import kernel
 
 
@@ -18,12 +19,7 @@ def turned(quat, x, y, z, out):
     w, scale = math.cos(0.5 * angle), 0.5
     if angle > 0.0:
         scale = math.sin(0.5 * angle) / angle
-    a, b, c, d = quat[0], quat[1], quat[2], quat[3]
-    x, y, z = scale * x, scale * y, scale * z
-    out[0] = a * w - b * x - c * y - d * z
-    out[1] = a * x + b * w + c * z - d * y
-    out[2] = a * y - b * z + c * w + d * x
-    out[3] = a * z + b * y - c * x + d * w
+    multiply(quat[0], quat[1], quat[2], quat[3], w, scale * x, scale * y, scale * z, 0, out)
     norm = math.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2] + out[3] * out[3])
     for i in range(4):
         out[i] = out[i] / norm

@@ -166,17 +166,22 @@ def attitude(R, quat):
 
 
 @kernel
+def multiply(a, b, c, d, w, x, y, z, first, out):
+    """Set four numbers of out, from the place ``first`` on, to the product of the quaternions a b c d and w x y z."""
+    out[first] = a * w - b * x - c * y - d * z
+    out[first + 1] = a * x + b * w + c * z - d * y
+    out[first + 2] = a * y - b * z + c * w + d * x
+    out[first + 3] = a * z + b * y - c * x + d * w
+
+
+@kernel
 def quat_error(quat_d, quat, out):
     """Set the error quaternion out = conj(quat_d) * quat (paper, below eq. (12)), with w >= 0.
 
     q and -q are the same attitude. The sign with w >= 0 gives the shorter rotation, so that a vehicle which starts at
     -q does not turn by a full revolution.
     """
-    w, x, y, z = quat_d[0], -quat_d[1], -quat_d[2], -quat_d[3]
-    out[0] = w * quat[0] - x * quat[1] - y * quat[2] - z * quat[3]
-    out[1] = w * quat[1] + x * quat[0] + y * quat[3] - z * quat[2]
-    out[2] = w * quat[2] - x * quat[3] + y * quat[0] + z * quat[1]
-    out[3] = w * quat[3] + x * quat[2] - y * quat[1] + z * quat[0]
+    multiply(quat_d[0], -quat_d[1], -quat_d[2], -quat_d[3], quat[0], quat[1], quat[2], quat[3], 0, out)
     if out[0] < 0.0:
         for i in range(4):
             out[i] = -out[i]

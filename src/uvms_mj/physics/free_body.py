@@ -25,7 +25,7 @@ For large R it is F_s. A contact with the constant impedance d of solimp has R =
 import math
 
 from .fossen import coriolis_rigid_body, matvec, restoring
-from .frames import to_body, to_world
+from .frames import multiply, to_body, to_world
 from .kernels import kernel
 
 
@@ -96,12 +96,7 @@ def symplectic_step(qpos, qvel, qacc, timestep):
         return
     half = 0.5 * timestep * rate
     scale = math.sin(half) / rate
-    a, b, c, d = math.cos(half), scale * x, scale * y, scale * z
-    q_w, q_x, q_y, q_z = qpos[3], qpos[4], qpos[5], qpos[6]
-    qpos[3] = q_w * a - q_x * b - q_y * c - q_z * d
-    qpos[4] = q_w * b + q_x * a + q_y * d - q_z * c
-    qpos[5] = q_w * c - q_x * d + q_y * a + q_z * b
-    qpos[6] = q_w * d + q_x * c - q_y * b + q_z * a
+    multiply(qpos[3], qpos[4], qpos[5], qpos[6], math.cos(half), scale * x, scale * y, scale * z, 3, qpos)
 
 
 @kernel

@@ -4,10 +4,30 @@ The estimates use the same equations as the plant, with the true coefficients ti
 Their errors are terms of the lumped disturbance of the paper's eq. (11).
 """
 
+from typing import Any
+
+import numpy as np
+
 from .fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from .frames import to_body
 from .hydrodynamics import relative_velocity
 from .kernels import kernel
+
+
+def coefficients(vehicle: Any, gravity_W: Any, factors: Any = None) -> dict[str, Any]:
+    """The fields of the record for :func:`model_wrenches`; ``factors`` of C, D and g are those of the estimates."""
+    coriolis, damping, restoring = (factors.coriolis, factors.damping, factors.restoring) if factors else (1.0,) * 3
+    return {
+        "M_RB": coriolis * vehicle.M_RB,
+        "M_A": coriolis * vehicle.M_A,
+        "D_linear": damping * vehicle.D_linear,
+        "D_quadratic": damping * vehicle.D_quadratic,
+        "mass": restoring * vehicle.mass,
+        "displaced_mass": restoring * vehicle.displaced_mass,
+        "r_g": vehicle.r_g,
+        "r_b": vehicle.r_b,
+        "gravity_W": np.array(gravity_W),
+    }
 
 
 @kernel

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..errors import Fault
 from ..physics.tree import MOST_JOINTS
-from .body import Body
+from .body import Body, skew
 from .coefficients import numeric
 from .link_water import water_of
 
@@ -149,14 +149,14 @@ def read_arm(model: mujoco.MjModel, base: int, prefix: str, faults: list[Fault])
     return Arm(tuple(links), sites)
 
 
+@np.errstate(invalid="ignore")  # mass and inertia that are not finite are refused with the result
 def rigid_inertia(model: mujoco.MjModel, data: mujoco.MjData, carrier: int) -> np.ndarray:
     """M_RB (6, 6) about the origin of a body's frame, in its axes, of the body and of all bodies welded to it."""
     M_RB, R_WL = np.zeros((6, 6)), data.xmat[carrier].reshape(3, 3)
     for body in np.flatnonzero(model.body_weldid == carrier):
         m = float(model.body_mass[body])
         R = R_WL.T @ data.ximat[body].reshape(3, 3)
-        x, y, z = R_WL.T @ (data.xipos[body] - data.xpos[carrier])
-        S = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        S = skew(R_WL.T @ (data.xipos[body] - data.xpos[carrier]))
         M_RB[:3, :3] += m * np.eye(3)
         M_RB[:3, 3:] -= m * S
         M_RB[3:, :3] += m * S

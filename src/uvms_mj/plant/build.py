@@ -165,11 +165,7 @@ def _add_surroundings(spec: mujoco.MjSpec, vehicle: str, wall: Wall, probe: Prob
     spec.compiler.discardvisual = True
     plain = _plain_class(spec)
     spec.body(probe.body).add_geom(
-        plain,
-        name=f"{_OURS}probe",
-        type=mujoco.mjtGeom.mjGEOM_SPHERE,
-        size=[probe.radius, 0, 0],
-        pos=probe.carrier.p,
+        plain, name=f"{_OURS}probe", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[probe.radius, 0, 0], pos=probe.carrier.p
     )
     spec.worldbody.add_geom(
         plain,

@@ -29,10 +29,14 @@ def values_of(text: str) -> list[float]:
     return values if len(values) == len(words) and all(map(math.isfinite, values)) else []
 
 
-def _numbers(text: str) -> str:
-    values = values_of(text)
-    fits = values and max(map(abs, values)) <= LARGEST_NUMBER
-    return "" if fits else f"must be finite numbers within +-{LARGEST_NUMBER:g}"
+def _rule(holds: Callable[[list[float]], bool], otherwise: str) -> Rule:
+    """The rule that an attribute is a list of finite numbers for which something holds."""
+
+    def rule(text: str) -> str:
+        values = values_of(text)
+        return "" if values and holds(values) else otherwise
+
+    return rule
 
 
 def finite(text: str) -> str:
@@ -40,35 +44,24 @@ def finite(text: str) -> str:
     return "must be finite" if any(_NOT_FINITE.fullmatch(word) for word in text.split()) else ""
 
 
-def _range(text: str) -> str:
-    values = values_of(text)
-    return "" if len(values) == 2 and values[0] < values[1] else "must be two numbers, the lower limit first"
+_numbers = _rule(lambda x: max(map(abs, x)) <= LARGEST_NUMBER, f"must be finite numbers within +-{LARGEST_NUMBER:g}")
+_range = _rule(lambda x: len(x) == 2 and x[0] < x[1], "must be two numbers, the lower limit first")
+_not_negative = _rule(
+    lambda x: len(x) == 1 and 0.0 <= x[0] <= LARGEST_NUMBER, "must be one number that is not negative"
+)
 
 
 def _at_most(largest: int) -> Rule:
-    def rule(text: str) -> str:
-        values = values_of(text)
-        return "" if values and 0 <= min(values) <= max(values) <= largest else f"must be within 0 and {largest}"
-
-    return rule
+    return _rule(lambda x: 0 <= min(x) <= max(x) <= largest, f"must be within 0 and {largest}")
 
 
-def _not_negative(text: str) -> str:
-    values = values_of(text)
-    return "" if len(values) == 1 and 0.0 <= values[0] <= LARGEST_NUMBER else "must be one number that is not negative"
+def _zero(reason: str) -> Rule:
+    return _rule(lambda x: not any(x), f"must be 0: {reason}")
 
 
 def _only(*choices: str, reason: str = "") -> Rule:
     said = reason or f"must be {' or '.join(map(repr, choices))}"
     return lambda text: "" if text in choices else said
-
-
-def _zero(reason: str) -> Rule:
-    def rule(text: str) -> str:
-        values = values_of(text)
-        return "" if values and not any(values) else f"must be 0: {reason}"
-
-    return rule
 
 
 def _rules(words: str = "", numbers: str = "", **others: Rule) -> dict[str, Rule]:
@@ -173,18 +166,14 @@ _THRUSTER = (
 
 REASONS: Mapping[str, str] = {
     "compiler": "it would change the vehicle that the file describes; leave it out",
-    "option": "a run has its own solver settings; leave it out",
-    "statistic": "a run has its own solver settings; leave it out",
+    **dict.fromkeys(("option", "statistic"), "a run has its own solver settings; leave it out"),
     "body": "a vehicle is one free body and its links; leave it out",
     "joint": "of a joint, only range, damping, armature and frictionloss are computed; leave it out",
-    "geom": _WALL,
+    **dict.fromkeys(("geom", "contact", "hfield", "pair", "exclude"), _WALL),
     **dict.fromkeys(("motor", "general"), _PLAIN),
     "flag": "a run has its own flags; leave it out",
     "size": "MuJoCo computes the sizes; leave it out",
     "lengthrange": "a vehicle has no muscles; leave it out",
-    "contact": _WALL,
-    "hfield": _WALL,
-    **dict.fromkeys(("pair", "exclude"), _WALL),
     **dict.fromkeys(("equality", "tendon"), _HOLDS),
     **dict.fromkeys(("composite", "flexcomp", "deformable", "skin"), _RIGID),
     **dict.fromkeys(("extension", "plugin"), "a plugin could change the dynamics; leave it out"),

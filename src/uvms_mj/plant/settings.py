@@ -4,7 +4,7 @@ others."""
 import dataclasses
 import math
 from collections.abc import Callable, Collection
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -103,18 +103,40 @@ class Wall:
     )
     present: bool = doc("false: this wall is not there", True)
 
-    @property
-    def without_effect(self) -> list[str]:
-        """The keys of a wall that is not there and that differ from their defaults."""
-        keys = [] if self.present else [f for f in dataclasses.fields(self) if getattr(self, f.name) != f.default]
-        return [f"wall.{f.name}" for f in keys if f.name != "present"]
 
-    def overridden_in_vain(self, overrides: Collection[str]) -> list[Fault]:
-        """Errors for overrides of a wall that is not there. They may stand beside one of ``wall.present``."""
-        if self.present or "wall.present" in overrides:
-            return []
-        instead = "wall.present is false; set it to true, or set a key of the further walls, walls[0].stiffness"
-        return [Fault(key, f"has no effect: {instead}") for key in overrides if key.startswith("wall.")]
+def _idle(scenario: Any) -> dict[str, str]:
+    """The tables of a contact that is not there, and why: ``wall`` and ``bumper``."""
+    if scenario.wall.present:
+        return {}
+    return {"wall": "wall.present is false"} | ({} if scenario.walls else {"bumper": "there is no wall"})
+
+
+def without_effect(scenario: Any) -> list[str]:
+    """A sentence for each table of a contact that is not there: the keys that differ from their defaults."""
+    said = []
+    for name, reason in _idle(scenario).items():
+        table = getattr(scenario, name)
+        keys = [f.name for f in dataclasses.fields(table) if getattr(table, f.name) != f.default]
+        if named := ", ".join(f"{name}.{key}" for key in keys if key != "present"):
+            said.append(f"{named} {'have' if ',' in named else 'has'} no effect: {reason}")
+    return said
+
+
+def overridden_in_vain(scenario: Any, overrides: Collection[str]) -> list[Fault]:
+    """Errors for overrides of a wall that is not there, and of a bumper without any wall. They may stand beside the
+    override that takes the wall away."""
+    instead = {
+        "wall": "set it to true, or set a key of the further walls, walls[0].stiffness",
+        "bumper": "set wall.present to true, or give walls",
+    }
+    idle = {} if "wall.present" in overrides else _idle(scenario)
+    if "walls" in overrides:
+        idle.pop("bumper", None)
+    return [
+        Fault(key, f"has no effect: {idle[table]}; {instead[table]}")
+        for key in overrides
+        if (table := key.partition(".")[0]) in idle
+    ]
 
 
 def lightest_along_face(M: np.ndarray, R_WB: np.ndarray, reach: float) -> float:

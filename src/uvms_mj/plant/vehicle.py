@@ -17,7 +17,6 @@ import numpy as np
 
 from ..errors import Fault, InputError, suggestion
 from ..physics.dissipation import damping_notes
-from ..physics.frames import rotation_matrix
 from .arm import Arm, read_arm, rigid_inertia
 from .body import Body
 from .coefficients import added_mass, damping_matrix, numeric
@@ -77,7 +76,7 @@ class Vehicle(Body):
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         arm = read_arm(model, body_id, prefix, faults)
-        M_RB = rigid_inertia(model, data, body_id) if arm.links else _rigid_body_inertia(model, data, body_id)
+        M_RB = rigid_inertia(model, data, body_id)
         thrusters, ids, thrust_of_ctrl, B, u_min, u_max = read_thrusters(model, data, body_id, faults)
         if not np.isfinite(M_RB).all():
             faults.append(Fault("M_RB", "mass or inertia is not finite"))
@@ -128,14 +127,3 @@ def free_joint_addresses(model: mujoco.MjModel, body_id: int) -> tuple[int, int]
 def _free(model: mujoco.MjModel) -> list[str]:
     """Names of the bodies with a free joint."""
     return [model.body(i).name for i in model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE]]
-
-
-def _rigid_body_inertia(model, data, body_id) -> np.ndarray:
-    """M_RB (6, 6) about B's origin of all bodies on the free joint, in the model's reference pose."""
-    full = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, full)
-    dof = model.body_dofadr[body_id]
-    block = full[dof : dof + 6, dof : dof + 6]
-    T_inverse = np.eye(6)
-    T_inverse[:3, :3] = rotation_matrix(data.xquat[body_id])  # qvel = T^-1 nu
-    return T_inverse.T @ block @ T_inverse

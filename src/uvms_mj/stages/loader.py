@@ -178,11 +178,11 @@ def stages_in(file: str, key: str) -> dict[str, type[Stage]]:
     """The classes of stages in a user's file, by name. Raises InputError with this key if it can't be loaded."""
     path = Path(file)
     try:
-        is_there, reason = path.is_file(), f"looked in {Path.cwd()}"
+        is_there, reason = path.is_file(), "" if path.is_absolute() else f" (looked in {Path.cwd()})"
     except OSError as error:
-        is_there, reason = False, str(error.strerror)
+        is_there, reason = False, f" ({error.strerror})"
     if not is_there:
-        raise InputError([Fault(key, f"no file {file!r} ({reason})")])
+        raise InputError([Fault(key, f"no file {file!r}{reason}")])
     return {
         name: value
         for name, value in vars(load_file(path.absolute(), key)).items()

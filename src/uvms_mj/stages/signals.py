@@ -64,13 +64,7 @@ KNOWN = (
     Signal("quat_WB", (4,), "1", "W", "attitude, unit quaternion w x y z"),
     Signal("R_WB", (3, 3), "1", "W", "attitude, rotation matrix: a_W = R_WB a_B"),
     Signal("nu", (6,), _TWIST, "B", "velocity [v; omega]"),
-    Signal(
-        "f_contact_m_W",
-        (3,),
-        "N",
-        "W",
-        "measured force of the wall on the vehicle, of the same instant: k_c depth + b_c v",
-    ),
+    Signal("f_contact_m_W", (3,), "N", "W", "measured force of the wall, of the same instant: k_c depth + b_c v"),
     Signal("tau_contact_m_B", (6,), _WRENCH, "B", "f_contact_m_W as a wrench at B's origin"),
 )
 """Set by navigation: the measurements."""
@@ -92,10 +86,8 @@ TOOL = (
 )
 """Recorded with a tool: its true motion."""
 
-MANIPULABILITY = Signal(
-    "manipulability", (), "1", "-", "volume of the tool's accelerations over that with locked joints, at least 1"
-)
-"""Recorded with a tool: sqrt(det(M_BB) det(J M^-1 J^T)) of the law's model (:mod:`uvms_mj.physics.operational`)."""
+MANIPULABILITY = Signal("manipulability", (), "1", "-", "volume of the tool's accelerations over that of locked joints")
+"""Recorded with a tool: sqrt(det(M_BB) det(J M^-1 J^T)) >= 1 of the law's model, :mod:`uvms_mj.physics.operational`."""
 
 REFERENCE = (
     Signal("p_d", (3,), "m", "W", "desired position"),
@@ -175,16 +167,12 @@ TRUTH = (
 )
 """True values, given to the ideal law, eq. (13), only."""
 
-_SET = {signal.name: signal for signal in GIVEN + TRUTH + TRUE}
+_SET = {signal.name: signal for signal in (*GIVEN, WRENCH_COMMAND, *TRUTH, *TRUE)}
 
 STATE = (
     Signal("t", (), "s", "-", "time"),
-    *(_SET[name] for name in ("p_WB", "quat_WB", "nu")),
-    _SET["nu_dot"],
-    *(_SET[name] for name in ("p_d", "p_d_dot", "p_d_ddot", "quat_d", "eta_e", "nu_e", "s", "zeta", "tau_nom")),
-    WRENCH_COMMAND,
-    _SET["tau"],
-    _SET["tau_dist"],
+    *(_SET[name] for name in ("p_WB", "quat_WB", "nu", "nu_dot", "p_d", "p_d_dot", "p_d_ddot", "quat_d")),
+    *(_SET[name] for name in ("eta_e", "nu_e", "s", "zeta", "tau_nom", "tau_cmd", "tau", "tau_dist")),
     Signal("f_contact_W", (3,), "N", "W", "force of the wall on the vehicle"),
     Signal("f_contact_m_W", (3,), "N", "W", "measured contact force, given to the law"),
     Signal("stretch_W", (3,), "m", "W", "stretch of the wall's tangential spring"),
@@ -267,13 +255,7 @@ def thrusters_given(n: int) -> tuple[Signal, ...]:
     return (
         *CLOCK,
         commanded_signal(n),
-        Signal(
-            "inflow",
-            (n,),
-            "m/s",
-            "-",
-            "speed of advance of each thruster: its velocity through the water along its axis",
-        ),
+        Signal("inflow", (n,), "m/s", "-", "speed of advance, the velocity of each thruster in water along its axis"),
     )
 
 
@@ -282,9 +264,7 @@ def commanded_signal(n: int) -> Signal:
     return Signal("u_cmd", (n,), "N", "-", "thrust commanded of each thruster")
 
 
-TAU_LOST = Signal(
-    "tau_lost", (6,), _WRENCH, "B", "part of tau_cmd that the allocation does not reach, tau_cmd - B u_cmd"
-)
+TAU_LOST = Signal("tau_lost", (6,), _WRENCH, "B", "part of tau_cmd that is not allocated, tau_cmd - B u_cmd")
 
 
 def record_dtype(signals: tuple[Signal, ...]) -> np.dtype:

@@ -50,9 +50,12 @@ class Study:
         folder = Path(study)
         if not folder.is_dir():
             return cls(Plan.load(study, overrides))
-        if not (folder / STUDY).is_file():
-            raise InputError(f"{folder}: not the folder of a study: it has no {STUDY}")
-        return cls(Plan.load(folder / STUDY, overrides), folder)
+        return cls(Plan.load(_file_in(folder), overrides), folder)
+
+    @classmethod
+    def that_ran(cls, folder: Path) -> "Study":
+        """Load a study by its folder for its results alone: the files of its laws may be gone."""
+        return cls(Plan.that_ran(_file_in(folder)), folder)
 
     def run(
         self,
@@ -106,6 +109,12 @@ class Study:
     def check(self) -> "pd.DataFrame | None":
         """The differences between the engines in the sample of :mod:`.check`; None if no run needed it."""
         return None if self.folder is None else load(self.folder)
+
+
+def _file_in(folder: Path) -> Path:
+    if not (folder / STUDY).is_file():
+        raise InputError(f"{folder}: not the folder of a study: it has no {STUDY}")
+    return folder / STUDY
 
 
 @contextlib.contextmanager

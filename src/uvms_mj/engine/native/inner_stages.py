@@ -8,40 +8,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-
 from ...control.sampled import MOST_WAITING
 from ...control.task import tracking_errors
-from ...physics.model import model_wrenches, reveal
+from ...physics.model import coefficients, model_wrenches, reveal
 from ...stages.base import Room, Stage
-from ...stages.signals import (
-    CLOCK,
-    ERRORS,
-    ESTIMATES,
-    KNOWN,
-    REFERENCE,
-    TRUE,
-    TRUTH,
-    WRENCH_COMMAND,
-    Signal,
-)
-
-
-def coefficients(
-    vehicle: Any, gravity_W: Any, coriolis: float = 1.0, damping: float = 1.0, restoring: float = 1.0
-) -> dict[str, Any]:
-    """The fields of the record for :func:`uvms_mj.physics.model.model_wrenches`, with factors of C, D and g."""
-    return {
-        "M_RB": coriolis * vehicle.M_RB,
-        "M_A": coriolis * vehicle.M_A,
-        "D_linear": damping * vehicle.D_linear,
-        "D_quadratic": damping * vehicle.D_quadratic,
-        "mass": restoring * vehicle.mass,
-        "displaced_mass": restoring * vehicle.displaced_mass,
-        "r_g": vehicle.r_g,
-        "r_b": vehicle.r_b,
-        "gravity_W": np.array(gravity_W),
-    }
+from ...stages.signals import CLOCK, ERRORS, ESTIMATES, KNOWN, REFERENCE, TRUE, TRUTH, WRENCH_COMMAND, Signal
 
 
 @dataclass(frozen=True)
@@ -53,11 +24,8 @@ class Tracking(Stage):
     room: ClassVar[Room] = Room("control", "tracking", lambda thrusters: CLOCK + KNOWN + REFERENCE, ERRORS + ESTIMATES)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
-        factors = setup.scenario.estimates
-        return {
-            **coefficients(setup.nominal, setup.gravity_W, factors.coriolis, factors.damping, factors.restoring),
-            "M_hat": setup.design.M_hat,
-        }
+        estimated = coefficients(setup.nominal, setup.gravity_W, setup.scenario.estimates)
+        return {**estimated, "M_hat": setup.design.M_hat}
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
@@ -73,7 +41,6 @@ class Sensed(Stage):
     """The measured pose and velocity, without the force, which an observer sets in place of a force sensor."""
 
     name = "sensed"
-    needs: ClassVar = ()
     room: ClassVar[Room] = Room("navigation", "sensed", lambda thrusters: CLOCK + KNOWN, KNOWN[:4])
 
     @staticmethod

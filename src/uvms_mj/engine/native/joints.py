@@ -12,10 +12,7 @@ from ...stages.joint_signals import (
     joint_torque_signal,
     joints_given,
 )
-from ...stages.signals import (
-    Signal,
-    record_dtype,
-)
+from ...stages.signals import Signal, record_dtype
 
 
 class Joints:

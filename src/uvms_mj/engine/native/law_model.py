@@ -10,13 +10,7 @@ from ...physics.dense import product, transposed_product
 from ...physics.frames import compose_poses, motion_at, to_body
 from ...physics.kernels import kernel
 from ...physics.operational import base_rows, task_inertia
-from ...physics.tree import (
-    add_to_base,
-    along_joint,
-    coriolis_wrench,
-    damping_wrench,
-    restoring_wrench,
-)
+from ...physics.tree import add_to_base, along_joint, coriolis_wrench, damping_wrench, restoring_wrench
 from .layouts import FRAME_SIZE, LINK_SIZE
 from .memory import floats, frame_at, link_at
 from .tree import compose_links, move_links, place_links
@@ -125,25 +119,16 @@ def estimate_at_body(model, out):
 def estimate_lambda(model):
     """Set Lambda and M^-1 J^T from M and J."""
     N = model.tau.shape[0]
-    J_T, MJ_T, M, L = (
-        floats(model.J_T_at, 6 * N),
-        floats(model.MJ_T_at, 6 * N),
-        floats(model.M_at, N * N),
-        floats(model.L_at, N * N),
-    )
-    J_bar = floats(model.J_bar_at, 6 * N)
+    J_T, MJ_T, J_bar = floats(model.J_T_at, 6 * N), floats(model.MJ_T_at, 6 * N), floats(model.J_bar_at, 6 * N)
+    M, L = floats(model.M_at, N * N), floats(model.L_at, N * N)
     task_inertia(M, N, J_T, L, MJ_T, model.L_task, model.Lambda, J_bar, model.manipulability)
 
 
 @kernel
 def estimate_at_tool(model, out):
     """Set the estimates at the tool: Lambda, and J_bar^T h - Lambda J_dot zeta, whose last term is that of C."""
-    N, Lambda, work, J_bar = (
-        model.tau.shape[0],
-        model.Lambda,
-        model.work,
-        floats(model.J_bar_at, 6 * model.tau.shape[0]),
-    )
+    N = model.tau.shape[0]
+    Lambda, work, J_bar = model.Lambda, model.work, floats(model.J_bar_at, 6 * N)
     tool, link = model.tool, link_at(model.tree.links_at + LINK_SIZE * model.tool.link)
     motion_at(tool.R_BT, tool.p_BT, link.V, model.nu_T)
     motion_at(tool.R_BT, tool.p_BT, link.A, model.J_dot_zeta)

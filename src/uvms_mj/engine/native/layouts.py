@@ -27,27 +27,26 @@ TREE = np.dtype([("links", "i8"), ("links_at", "i8"), ("frames_at", "i8"), ("gra
 [m/s^2]. A rigid vehicle has no links."""
 LINK_SIZE, FRAME_SIZE = LINK.itemsize, FRAME.itemsize
 
+
+def _whole(*names: str) -> list[tuple[str, str]]:
+    """Fields that are integers, among them addresses."""
+    return [(name, "i8") for name in names]
+
+
 _MODEL = [
     ("tree", TREE),
     ("n", "i8"),  # joints
     ("places", "i8"),  # whether the frames of the tree are its own
     ("tool", TOOL),
     ("gravity_W", "f8", (3,)),
-    ("q_at", "i8"),  # (n,) measured position and velocity of the joints
-    ("q_dot_at", "i8"),
-    ("armature_at", "i8"),  # (n,) inertia of the rotors
-    ("gear_at", "i8"),  # (n,) viscous friction of the gears
-    ("tau_q_cmd_at", "i8"),  # (n,) commanded torques
+    *_whole("q_at", "q_dot_at"),  # (n,) measured position and velocity of the joints
+    *_whole("armature_at", "gear_at"),  # (n,) inertia of the rotors, and viscous friction of the gears
+    *_whole("tau_q_cmd_at"),  # (n,) commanded torques
     # of one instant; all matrices are flat arrays, row by row
-    ("M_at", "i8"),  # (N, N)
-    ("C_at", "i8"),  # (N,) C zeta, D zeta and g
-    ("D_at", "i8"),
-    ("g_at", "i8"),
-    ("L_at", "i8"),  # (N, N) Cholesky factor of M
-    ("J_T_at", "i8"),  # (N, 6) J^T of the tool
-    ("MJ_T_at", "i8"),  # (N, 6) M^-1 J^T
-    ("J_bar_at", "i8"),  # (N, 6)
-    ("tau_posture_at", "i8"),  # (N,) of them, what the posture adds
+    *_whole("M_at", "C_at", "D_at", "g_at"),  # (N, N); (N,) C zeta, D zeta and g
+    *_whole("L_at"),  # (N, N) Cholesky factor of M
+    *_whole("J_T_at", "MJ_T_at", "J_bar_at"),  # (N, 6) J^T of the tool, M^-1 J^T, and J_bar
+    *_whole("tau_posture_at"),  # (N,) of the commanded torques, what the posture adds
     ("posture", WORK),
     ("M_BB", "f8", (6, 6)),
     ("L_task", "f8", (36,)),
@@ -69,10 +68,8 @@ def model_dtype(n: int) -> np.dtype:
 
 CONTEXT = np.dtype(
     [
-        ("time_at", "i8"),  # mjData.time
-        ("R_at", "i8"),  # xmat of the body
-        ("qpos_at", "i8"),  # of the free joint
-        ("qvel_at", "i8"),
+        *_whole("time_at", "R_at"),  # mjData.time, and xmat of the body
+        *_whole("qpos_at", "qvel_at"),  # of the free joint
         ("M_at", "i8"),  # the joint's 21 entries of mjData.M
         ("qLD_at", "i8"),  # the same entries of mjData.qLD, or 0 if mj_factorM has to factor all of M
         ("qLDiagInv_at", "i8"),
@@ -82,8 +79,7 @@ CONTEXT = np.dtype(
         ("water", WATER),
         ("current", varying(3)),  # in W [m/s]
         ("disturbance", varying(6)),  # in B [N, N m]
-        ("shear_at", "i8"),  # rows of [depth, factor]
-        ("shear_rows", "i8"),
+        *_whole("shear_at", "shear_rows"),  # rows of [depth, factor]
         ("factor", "f8", (1,)),  # of the current at the vehicle's depth
         ("slope", "f8", (1,)),  # its derivative by the depth [1/m]
         ("rate", "f8", (6,)),  # time derivative of the disturbance, not used
@@ -104,13 +100,10 @@ CONTEXT = np.dtype(
         ("tree", TREE),  # the water on its links
         ("M_BB", "f8", (6, 6)),  # added mass of all links, about B's origin in B
         ("gravity_W", "f8", (3,)),
-        ("q_at", "i8"),  # of MuJoCo
-        ("q_dot_at", "i8"),
-        ("M_size", "i8"),  # entries of mjData.M of the whole tree
-        ("M_rows_at", "i8"),  # where the row of each link begins in them
+        *_whole("q_at", "q_dot_at"),  # of MuJoCo
+        *_whole("M_size", "M_rows_at"),  # entries of mjData.M of the whole tree, and where each link's row begins
         ("wrench_at", "i8"),  # (6 + n,) generalised wrench of the water, in B
-        ("joints_before_at", "i8"),  # (n,) qfrc_passive before the callback
-        ("joints_left_at", "i8"),  # and after it
+        *_whole("joints_before_at", "joints_left_at"),  # (n,) qfrc_passive before the callback and after it
     ],
     align=True,
 )
@@ -146,16 +139,12 @@ WRIST = np.dtype(
         ("model", TREE),  # estimates of both
         ("sensor", TOOL),  # its frame S on the link behind it
         ("gravity_W", "f8", (3,)),
-        ("weighs", "i8"),  # whether the model has weight, and motion
-        ("dynamic", "i8"),
+        *_whole("weighs", "dynamic"),  # whether the model has weight, and motion
         ("context_at", "i8"),  # CONTEXT
         ("n", "i8"),  # joints
         ("places", "i8"),  # whether the frames of the model are its own
-        ("q_dot_at", "i8"),  # (n,) true
-        ("q_ddot_at", "i8"),
-        ("q_m_at", "i8"),  # (n,) measured
-        ("q_dot_m_at", "i8"),
-        ("q_ddot_m_at", "i8"),
+        *_whole("q_dot_at", "q_ddot_at"),  # (n,) true
+        *_whole("q_m_at", "q_dot_m_at", "q_ddot_m_at"),  # (n,) measured
         ("q_dot_before_at", "i8"),  # (n,) of the instant before
         ("nu_before", "f8", (6,)),
         ("reading_at", "i8"),  # (6,)
@@ -171,15 +160,10 @@ STAGE = np.dtype(
     [
         ("code_at", "i8"),  # machine code, or 0 if the stage runs as plain Python
         ("settings_at", "i8"),  # or, of a user's stage, its arena
-        ("state_at", "i8"),
-        ("given_at", "i8"),  # begins with CLOCKS
-        ("state_dot_at", "i8"),
-        ("out_at", "i8"),
-        ("states", "i8"),  # numbers in state
-        ("period_steps", "i8"),
+        *_whole("state_at", "given_at", "state_dot_at", "out_at"),  # the one that is given begins with CLOCKS
+        *_whole("states", "period_steps"),  # numbers in state; time steps from one call to the next
         ("period", "f8"),
-        ("instant", "i8"),  # number of its calls
-        ("key", "i8"),  # of its random numbers
+        *_whole("instant", "key"),  # number of its calls, and key of its random numbers
     ],
     align=True,
 )
@@ -194,66 +178,46 @@ LOOP = np.dtype(
     [
         # settings
         ("timestep", "f8"),
-        ("steps", "i8"),  # number of time steps of the run
-        ("window_step", "i8"),  # first step of the final window
+        *_whole("steps", "window_step"),  # number of time steps of the run, and the first one of the final window
         ("epsilon", "f8", (6,)),
         ("speed_bound", "f8", (6,)),
         ("position_bound", "f8"),
         ("tau_bound", "f8"),
         # the engine's memory
-        ("qacc_at", "i8"),
-        ("ctrl_at", "i8"),  # of MuJoCo
+        *_whole("qacc_at", "ctrl_at"),  # of MuJoCo
         ("contact_at", "i8"),  # the contact sensor: found, normal force (3) in W, of the step
         ("distance_at", "i8"),  # the distance sensor, of the same instant as qpos
         ("fromto_at", "i8"),  # the sensor of the nearest points (6) in W
         ("contact", CONTACT),
         # the list of contacts beside that of the probe and [wall]
-        ("surfaces_at", "i8"),  # SURFACE, one after the other
-        ("surfaces", "i8"),
-        ("pairs_at", "i8"),  # PAIR
-        ("f_pairs_at", "i8"),  # (n, 3), force of each pair in W
-        ("depths_at", "i8"),  # (n,)
+        *_whole("surfaces_at", "surfaces", "pairs_at"),  # SURFACE, one after the other; PAIR
+        *_whole("f_pairs_at", "depths_at"),  # (n, 3) force of each pair in W, and (n,)
         ("push_of_pairs", "f8"),  # sum of their normal forces
         ("carriers_at", "i8"),  # CARRIER
         ("f_carried_W", "f8", (3,)),  # sum of the contact forces that MuJoCo's contact solver does not apply
         # stages
-        ("stages_at", "i8"),  # STAGE, one after the other
-        ("stages", "i8"),  # their number
-        ("actuation", "i8"),  # index of the first one that is given tau_cmd
-        ("next", "i8"),  # the next one to run at this instant
-        ("s_at", "i8"),  # the sliding variable, or 0 without the impedance task
-        ("tau_cmd_at", "i8"),
+        *_whole("stages_at", "stages"),  # STAGE, one after the other
+        *_whole("actuation", "next"),  # index of the first one that is given tau_cmd, and of the next one to run
+        *_whole("s_at", "tau_cmd_at"),  # the sliding variable, or 0 without the impedance task
         # thrusters
-        ("controls", "i8"),  # entries of ctrl
-        ("thrusters", "i8"),
-        ("columns_at", "i8"),  # (n, 6), the columns of B
-        ("columns_hat_at", "i8"),  # of the file's B, or 0 if tau_hat is tau
-        ("tau_hat_at", "i8"),
-        ("tau_lost_at", "i8"),  # the actuation's tau_cmd - tau_hat, or 0 if it is not recorded
+        *_whole("controls", "thrusters"),  # entries of ctrl, and how many thrusters
+        *_whole("columns_at", "columns_hat_at"),  # (n, 6), the columns of B, and of the file's, or 0 if tau_hat is tau
+        *_whole("tau_hat_at", "tau_lost_at"),  # the latter the actuation's tau_cmd - tau_hat, or 0 if not recorded
         ("tau_given_at", "i8"),  # tau_cmd as the actuation is given it
-        ("u_min_at", "i8"),  # limits of the command
-        ("u_max_at", "i8"),
-        ("low_at", "i8"),  # limits of the vehicle's file
-        ("high_at", "i8"),
-        ("ctrl_index_at", "i8"),
-        ("thrust_of_ctrl_at", "i8"),
+        *_whole("u_min_at", "u_max_at"),  # limits of the command
+        *_whole("low_at", "high_at"),  # limits of the vehicle's file
+        *_whole("ctrl_index_at", "thrust_of_ctrl_at"),
         ("u_cmd_at", "i8"),  # as the actuation sets it
         ("thrust_at", "i8"),  # as the thrusters set it; u_cmd if they are ideal
         ("u_at", "i8"),  # within the limits of the vehicle's file
         ("saturated", "i8"),  # whether a command is at its limit
         # joints
         ("joints", "i8"),  # their number
-        ("q_at", "i8"),  # (n,) at t_k
-        ("q_dot_at", "i8"),
-        ("q_ddot_at", "i8"),  # of the last step
-        ("wanted_at", "i8"),  # torque that the interface sets
-        ("tau_q_at", "i8"),  # torque of the motors
-        ("effort_at", "i8"),  # its limits
-        ("speed_limit_at", "i8"),
-        ("motor_index_at", "i8"),  # in ctrl, -1 without a motor
-        ("torque_of_ctrl_at", "i8"),
-        ("saturation_at", "i8"),  # time at the motors' limits until t_k
-        ("saturation_next_at", "i8"),  # and until t_(k+1)
+        *_whole("q_at", "q_dot_at", "q_ddot_at"),  # (n,) at t_k, the acceleration of the last step
+        *_whole("wanted_at", "tau_q_at"),  # torque that the interface sets, and that of the motors
+        *_whole("effort_at", "speed_limit_at"),  # limits of the motors
+        *_whole("motor_index_at", "torque_of_ctrl_at"),  # index in ctrl, -1 without a motor
+        *_whole("saturation_at", "saturation_next_at"),  # time at the motors' limits until t_k, and until t_(k+1)
         ("q_safe_at", "i8"),  # initial positions
         ("tau_before", "f8", (6,)),
         # the current step
@@ -272,15 +236,10 @@ LOOP = np.dtype(
         # rows
         ("row", ROW),
         ("row_steps", "i8"),  # time steps from row to row
-        ("spans_at", "i8"),  # address and size [numbers] of each part of a row
-        ("spans", "i8"),
-        ("rows_at", "i8"),
-        ("row_width", "i8"),
-        ("row_capacity", "i8"),
-        ("rows", "i8"),  # rows written
+        *_whole("spans_at", "spans"),  # address and size [numbers] of each part of a row
+        *_whole("rows_at", "row_width", "row_capacity", "rows"),  # the last one counts those that are written
         # why the run stops: divergence or an error of a stage
-        ("stop", "i8"),
-        ("stop_index", "i8"),
+        *_whole("stop", "stop_index"),
         ("stop_value", "f8"),
     ],
     align=True,

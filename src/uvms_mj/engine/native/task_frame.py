@@ -33,18 +33,11 @@ class ToolAttitude(Stage):
     """The true attitude of the tool, for the record. ``state`` is its CARRIER record."""
 
     name = "tool"
-    needs: ClassVar = ()
     room: ClassVar[Room] = Room("navigation", "tool", lambda thrusters: CLOCK + TRUE, TOOL[1:2])
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
         attitude(state.R_WC, out)
-
-
-def instants(setup: Any) -> int:
-    """Number of control instants from one estimate of the inertia to the next."""
-    scenario = setup.scenario
-    return max(1, round(scenario.task.inertia_period / scenario.control_period))
 
 
 @dataclass(frozen=True)
@@ -56,7 +49,8 @@ class ModelAtBody(Stage):
     room: ClassVar[Room] = Room("control", "model", lambda thrusters: CLOCK + KNOWN, UP_TO_ESTIMATES)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
-        return {"every": instants(setup)}
+        """Number of control instants from one estimate of the inertia to the next."""
+        return {"every": max(1, round(setup.scenario.task.inertia_period / setup.scenario.control_period))}
 
     @staticmethod
     @fused
@@ -69,16 +63,11 @@ class ModelAtBody(Stage):
 
 
 @dataclass(frozen=True)
-class ModelAtTool(Stage):
+class ModelAtTool(ModelAtBody):
     """The measurements and the estimates at a tool. ``given`` has the measurements at B; ``state`` is a MODEL
     record."""
 
     name = "model_at_tool"
-    needs: ClassVar = ("task", "controller.period", "simulation.timestep")
-    room: ClassVar[Room] = Room("control", "model", lambda thrusters: CLOCK + KNOWN, UP_TO_ESTIMATES)
-
-    def constants(self, setup: Any) -> Mapping[str, Any]:
-        return {"every": instants(setup)}
 
     @staticmethod
     @fused
@@ -105,7 +94,6 @@ class Errors(Stage):
     """Tracking errors alone: the estimates are those of the model's stage."""
 
     name = "errors"
-    needs: ClassVar = ()
     room: ClassVar[Room] = Room("control", "tracking", lambda thrusters: CLOCK + KNOWN + REFERENCE, ERRORS + ESTIMATES)
 
     @staticmethod
@@ -118,7 +106,6 @@ class ResolveAtBody(Stage):
     """The command at B for a vehicle with joints: the wrench of the law on the base. ``state`` is a MODEL record."""
 
     name = "resolve_at_body"
-    needs: ClassVar = ()
     room: ClassVar[Room] = Room("control", "resolve", lambda thrusters: (*CLOCK, WRENCH_COMMAND), (WRENCH_COMMAND,))
 
     @staticmethod
@@ -132,12 +119,10 @@ class ResolveAtBody(Stage):
 
 
 @dataclass(frozen=True)
-class ResolveAtTool(Stage):
+class ResolveAtTool(ResolveAtBody):
     """tau = J^T F of the law's wrench F at the tool. ``state`` is a MODEL record."""
 
     name = "resolve_at_tool"
-    needs: ClassVar = ()
-    room: ClassVar[Room] = Room("control", "resolve", lambda thrusters: (*CLOCK, WRENCH_COMMAND), (WRENCH_COMMAND,))
 
     @staticmethod
     @fused

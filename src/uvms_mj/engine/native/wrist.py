@@ -69,10 +69,8 @@ def felt_wrench(wrist, true, out):
     to_body(true.R_WB, wrist.moment, wrist.wet.gravity_B)
     carried_wrench(wrist.rigid, wrist.sensor.link, 1, q_dot, q_ddot, wrist.work)
     carried_wrench(wrist.wet, wrist.sensor.link, 1, q_dot, q_ddot, wrist.work)
-    solid, around = (
-        link_at(wrist.rigid.links_at + LINK_SIZE * wrist.sensor.link),
-        link_at(wrist.wet.links_at + LINK_SIZE * wrist.sensor.link),
-    )
+    at = LINK_SIZE * wrist.sensor.link
+    solid, around = link_at(wrist.rigid.links_at + at), link_at(wrist.wet.links_at + at)
     for i in range(6):
         solid.F[i] += around.F[i]
     context = context_at(wrist.context_at)
@@ -137,7 +135,6 @@ class Felt(Stage):
     """The wrench that the wrist sensor is exposed to. ``state`` is the WRIST record."""
 
     name = "felt"
-    needs: ClassVar = ()
     room: ClassVar[Room] = Room("navigation", "felt", lambda thrusters: CLOCK + TRUE, (WRIST_TRUE,))
 
     @staticmethod
@@ -150,7 +147,6 @@ class Derived(Stage):
     """The contact force and wrench that are derived from the reading. ``state`` is the WRIST record."""
 
     name = "derived"
-    needs: ClassVar = ()
     room: ClassVar[Room] = Room("navigation", "derived", lambda thrusters: CLOCK + KNOWN[:4], KNOWN[4:])
 
     @staticmethod

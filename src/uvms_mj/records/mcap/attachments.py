@@ -36,9 +36,8 @@ FORMAT = 5
 
 
 def _stages_of_law(run: dict[str, Any]) -> dict[str, Any]:
-    """Format 1 has the source of the law only; the other stages were those of today's defaults."""
-    run = {name: value for name, value in run.items() if name != "law"} | {"stages": {"controller": run.get("law")}}
-    return _stages_since(run)
+    """Format 1 has the source of the law only."""
+    return {name: value for name, value in run.items() if name != "law"} | {"stages": {"controller": run.get("law")}}
 
 
 def _stages_since(run: dict[str, Any]) -> dict[str, Any]:

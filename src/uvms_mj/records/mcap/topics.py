@@ -76,6 +76,7 @@ def _pose(position: str, quat: str) -> Message:
     return Message().header("map").hole(position, count=3).hole(quat, count=4)
 
 
+_CONTACT = ros2.stamped("base_link", "f_contact.wrench", 6)
 _TOGETHER = (
     Topic(
         "/odom",
@@ -88,14 +89,7 @@ _TOGETHER = (
     Topic("/reference/pose", _POSE, "map", "m, 1", "desired pose", _pose("p_d", "quat_d.xyzw")),
     Topic("/measured/pose", _POSE, "map", "m, 1", "measured pose", _pose("p_WB_m", "quat_WB_m.xyzw")),
     Topic("/tool/pose", _POSE, "map", "m, 1", "pose of the tool", _pose("p_WT", "quat_WT.xyzw")),
-    Topic(
-        "/contact/base_link",
-        _WRENCH,
-        "base_link",
-        "N, N m",
-        "contact force as a wrench at B's origin",
-        ros2.stamped("base_link", "f_contact.wrench", 6),
-    ),
+    Topic("/contact/base_link", _WRENCH, "base_link", "N, N m", "contact force as a wrench at B's origin", _CONTACT),
 )
 """Topics with several signals, or with numbers that are computed from signals by :func:`columns`."""
 _RUNNING = {signal.name for signal in (*RUNNING, joint_saturation_signal(0))}

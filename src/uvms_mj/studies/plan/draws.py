@@ -228,10 +228,7 @@ def design_faults(kind: str, variations: Sequence[Variation], runs: int | None) 
     d, product = len(variations), math.prod(len(each.levels) for each in variations)
     if kind == "grid":
         faults = [
-            Fault(
-                f"{each.place}.distribution",
-                "a grid needs values, or low, high and number; or choose another kind",
-            )
+            Fault(f"{each.place}.distribution", "a grid needs values, or low, high and number; or choose another kind")
             for each in variations
             if not each.levels
         ]

@@ -10,12 +10,15 @@ from ...errors import Fault, InputError
 from ...files import plain, shortened
 from ...quantities import overrides_of
 from ...scenario import STAGES, Scenario
+from ...stages.base import Stage
+from ...stages.loader import recorded_stage
 from .study_file import StudyFile, Vary
 
 _OF_STUDY = ("design", "keep", "run")
 _NOT_OF_BASE = ("laws", "vary", "design", "keep", "run", "success")
 _PATHS = ("vehicle.model", "joints.motion_file", *(f"{table}.name" for table in STAGES))
 """The dotted keys whose value may be the path of a file."""
+_SUFFIXES = (".py", ".xml", ".toml", ".csv")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -35,10 +38,12 @@ class Law:
 
 
 def absolute(value: Any, folder: Path) -> Any:
-    """A value with an absolute path, if it names a file in the folder: ``model.xml`` or ``law.py:Class``."""
-    if isinstance(value, str) and value and (folder / value.split(":")[0]).is_file():
-        return str((folder / value).absolute())
-    return value
+    """A value with an absolute path in the folder, if it names a file: ``model.xml`` or ``law.py:Class``. Text without
+    the ending of such a file is the path of one only if it is there."""
+    if not isinstance(value, str) or not value:
+        return value
+    file = Path(value.split(":")[0])
+    return str((folder / value).absolute()) if file.suffix in _SUFFIXES or (folder / file).is_file() else value
 
 
 def with_absolute_values(vary: Vary, folder: Path) -> Vary:
@@ -82,8 +87,21 @@ def _prefixed(fault: Fault, place: str) -> Fault:
     return Fault(f"{place}.{fault.key}" if fault.key else place, fault.message)
 
 
+def _stand_ins(own: dict[str, Any]) -> dict[str, type[Stage]]:
+    """Placeholders for stages whose files are gone, by table, with the settings among the dotted keys ``own``; their
+    names there become those of the placeholders."""
+    found: dict[str, type[Stage]] = {}
+    for table, choice in STAGES.items():
+        path, _, label = str(own.get(f"{table}.name", "")).rpartition(":")
+        if path and not Path(path).is_file():
+            own[f"{table}.name"] = source = f"{Path(path).name}:{label}"
+            settings = {key.partition(".")[2]: value for key, value in own.items() if key.startswith(f"{table}.")}
+            found[table] = recorded_stage(choice.base, source, settings, {})
+    return found
+
+
 def base_of(
-    table: Mapping[str, Any], folder: Path, overrides: Mapping[str, Any], faults: list[Fault]
+    table: Mapping[str, Any], folder: Path, overrides: Mapping[str, Any], faults: list[Fault], ran: bool = False
 ) -> Scenario | None:
     """The base scenario. Errors are appended to ``faults``. It is then the scenario without the keys that have an
     error, so that the laws and the keys that vary can be checked; None if there is none."""
@@ -95,9 +113,10 @@ def base_of(
         del rest[word]
     named = absolute(rest.pop("scenario", None), folder)
     own = {**_flat(rest, folder), **overrides}
+    known = _stand_ins(own) if ran else {}
     for attempt in range(2):
         try:
-            return Scenario.from_dict({}, own) if named is None else Scenario.load(named, own)
+            return Scenario.from_dict({}, own, known=known) if named is None else Scenario.load(named, own)
         except InputError as error:
             wrong = error
         if attempt == 0:
@@ -107,8 +126,11 @@ def base_of(
     return None
 
 
-def laws_of(given: list[Any] | None, base: Scenario, folder: Path, faults: list[Fault]) -> list[Law]:
-    """The laws of a study; default: the base scenario's. Errors are appended to ``faults``."""
+def laws_of(
+    given: list[Any] | None, base: Scenario, folder: Path, faults: list[Fault], notes: list[str], ran: bool = False
+) -> list[Law]:
+    """The laws of a study; default: the base scenario's. Errors are appended to ``faults``, and to ``notes`` sentences
+    with the settings of the base scenario that a law leaves out. Of a study that ``ran`` files may be gone."""
     laws: list[Law] = []
     if given == []:
         faults.append(Fault("laws", "is empty; leave it out for the law of the base scenario"))
@@ -119,7 +141,9 @@ def laws_of(given: list[Any] | None, base: Scenario, folder: Path, faults: list[
             continue
         table = {"name": entry} if isinstance(entry, str) else dict(entry)
         source, label = absolute(table.pop("name", None), folder), table.pop("label", None)
-        found = _law(source, label, _flat(table, folder), base, place, faults)
+        left_out: list[str] = []
+        found = _law(source, label, _flat(table, folder), base, place, faults, left_out, ran)
+        notes += [f"{place}: {said}" for said in left_out]
         if found is not None and any(found.label == law.label for law in laws):
             faults.append(Fault(f"{place}.label", f"{found.label!r} is used twice; give each law a label"))
         elif found is not None:
@@ -128,7 +152,14 @@ def laws_of(given: list[Any] | None, base: Scenario, folder: Path, faults: list[
 
 
 def _law(
-    source: Any, label: Any, overrides: dict[str, Any], base: Scenario, place: str, faults: list[Fault]
+    source: Any,
+    label: Any,
+    overrides: dict[str, Any],
+    base: Scenario,
+    place: str,
+    faults: list[Fault],
+    left_out: list[str],
+    ran: bool,
 ) -> Law | None:
     """One law. Errors are appended to ``faults``; then it is None."""
     wrong = [
@@ -144,7 +175,13 @@ def _law(
         faults += wrong
         return None
     try:
-        scenario = base.updated(overrides, source)
+        own = overrides | ({"controller.name": source} if ran else {})
+        if ran and (known := _stand_ins(own)):
+            kinds: dict[str, type[Stage]] = {name: type(getattr(base, name)) for name in STAGES}
+            known = kinds | {name: kind for name, kind in known.items() if kind.source() != kinds[name].source()}
+            scenario = Scenario.from_dict(base.to_dict(), own, known=known, note=left_out.append)
+        else:
+            scenario = base.updated(overrides, source, note=left_out.append)
     except InputError as error:
         prefixed = [_prefixed(fault, place) for fault in error.faults]
         faults += [Fault(fault.key.replace(".controller.name", ".name"), fault.message) for fault in prefixed]

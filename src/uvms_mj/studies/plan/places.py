@@ -10,6 +10,7 @@ from typing import Any
 
 from ...errors import suggestion
 from ...scenario import Scenario
+from ...stages.signals import OWN_UNIT
 
 _PLACE = re.compile(r"([\w-]+\.[\w-]+)((?:\[\d+\]|\.[\w-]+)*)")
 _PART = re.compile(r"\[(\d+)\]|\.([\w-]+)")
@@ -89,4 +90,4 @@ def unit_of(place: str, scenario: Scenario) -> str:
     each = [part.strip() for part in unit.split(",")]
     if len(parts) == 1 and isinstance(parts[0], int) and len(each) == 2:
         unit = each[parts[0] >= 3]
-    return "" if unit in ("1", "-") else unit
+    return "" if unit in ("1", "-", OWN_UNIT) else unit

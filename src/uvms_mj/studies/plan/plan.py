@@ -97,6 +97,12 @@ class Plan:
         return cls.from_dict(tables_of(path, "study"), path.parent, overrides, place=str(study))
 
     @classmethod
+    def that_ran(cls, study: Path) -> "Plan":
+        """Load the plan of a study that ran, for its results alone: a file of a law that is gone has a placeholder, as
+        in a log. Raises InputError if the file is invalid."""
+        return cls(**fields_of(tables_of(study, "study"), study.parent, None, str(study), ran=True))
+
+    @classmethod
     def from_dict(
         cls,
         tables: Mapping[str, Any],

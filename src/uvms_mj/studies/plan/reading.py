@@ -22,15 +22,17 @@ DEFAULT_WORST = 5
 
 
 def fields_of(
-    tables: Mapping[str, Any], folder: Path, overrides: Mapping[str, Any] | None, place: str
+    tables: Mapping[str, Any], folder: Path, overrides: Mapping[str, Any] | None, place: str, ran: bool = False
 ) -> dict[str, Any]:
-    """The fields of a :class:`.plan.Plan`, by name. The arguments are those of its ``from_dict``. Raises InputError
-    with every error of the tables and the overrides."""
+    """The fields of a :class:`.plan.Plan`, by name. The arguments are those of its ``from_dict``; of a study that
+    ``ran`` files may be gone, and what needs them is not checked again. Raises InputError with every error of the
+    tables and the overrides."""
     faults: list[Fault] = []
     changed, of_base = split_overrides(tables, overrides, faults)
     study = _completed(read(changed, faults), folder)
-    base = base_of(study.base, folder, of_base, faults)
-    laws = laws_of(study.laws, base, folder, faults) if base is not None else []
+    base = base_of(study.base, folder, of_base, faults, ran)
+    left_out: list[str] = []
+    laws = laws_of(study.laws, base, folder, faults, left_out, ran) if base is not None else []
     variations = []
     for i, each in enumerate(study.vary):
         if not any(fault.key.startswith(f"vary[{i}]") for fault in faults):
@@ -46,12 +48,12 @@ def fields_of(
     if runs > MOST_RUNS:
         faults.append(Fault("design", f"{runs} runs; at most {MOST_RUNS} are allowed"))
     varied = tuple(key for each in variations for key in each.keys)
-    faults += _keep_faults(study.keep, runs, varied)
+    faults += [] if ran else _keep_faults(study.keep, runs, varied)
     success = limits(study.success, study.keep.metrics, faults)
     drawn: tuple[tuple[Any, ...], ...] = ()
     if draws and _none(faults, "design"):
         drawn = points(str(study.design.kind), variations, draws, study.design.seed)
-    faults += KeyChecks(variations, laws, drawn).faults()
+    faults += [] if ran else KeyChecks(variations, laws, drawn).faults()
     if faults or base is None:
         raise InputError(faults, place)
     design = study.design
@@ -74,7 +76,7 @@ def fields_of(
         "tolerance": study.run.tolerance,
         "time_limit_s": study.run.time_limit_s,
         "success": success,
-        "notes": tuple(notes),
+        "notes": (*left_out, *notes),
     }
 
 

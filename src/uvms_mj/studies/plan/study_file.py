@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from ...errors import Fault, faults_of
-from ...quantities import STRICT, Number, doc, within
+from ...quantities import STRICT, Number, doc, refusing, within
 
 DISTRIBUTIONS: Mapping[str, tuple[str, ...]] = {
     "uniform": ("low", "high"),
@@ -19,17 +19,9 @@ DISTRIBUTIONS: Mapping[str, tuple[str, ...]] = {
 }
 """The distributions with their parameters."""
 DEFAULT_METRICS = (
-    "contact.first_s",
-    "contact.touches",
-    "contact.peak_N",
-    "contact.impulse_Ns",
-    "contact.final_N",
-    "contact.settled",
-    "contact.analytic_N",
-    "contact.relative_error",
-    "effort_N2s",
-    "saturated_s",
-    "final.position_m",
+    *("contact.first_s", "contact.touches", "contact.peak_N", "contact.impulse_Ns", "contact.final_N"),
+    *("contact.settled", "contact.analytic_N", "contact.relative_error"),
+    *("effort_N2s", "saturated_s", "final.position_m"),
 )
 
 
@@ -46,25 +38,18 @@ Bound = Annotated[Any, BeforeValidator(_number_or_one_a_key)]
 """A number, or one a key for keys that move together."""
 
 
-def _list_of(what: str) -> BeforeValidator:
+def _list_of(what: str) -> Any:
     """A validator of lists; ``what`` is the word for their items in its message."""
-
-    def check(value: Any) -> Any:
-        if value is not None and not isinstance(value, list | tuple):
-            raise ValueError(f"must be a list of {what}")
-        return value
-
-    return BeforeValidator(check)
+    return refusing(lambda x: not isinstance(x, list | tuple | None), f"must be a list of {what}", BeforeValidator)
 
 
-def _folder_name(value: Any) -> Any:
-    if isinstance(value, str) and not (
-        value.isprintable() and value not in ("", ".", "..") and "/" not in value and len(value.encode()) <= 200
-    ):
-        raise ValueError("must be the name of a folder: printable, without /, of 1 to 200 bytes")
-    return value
+def _names_no_folder(value: Any) -> bool:
+    plain = value.isprintable() and value not in ("", ".", "..") and "/" not in value
+    return not plain or len(value.encode()) > 200
 
 
+_FOLDER = "must be the name of a folder: printable, without /, of 1 to 200 bytes"
+_FolderName = refusing(lambda x: isinstance(x, str) and _names_no_folder(x), _FOLDER, BeforeValidator)
 _Count = Annotated[int, Field(strict=True, ge=1, le=10_000_000)]
 
 
@@ -137,7 +122,7 @@ class Execution:
 @dataclass(frozen=True, config=STRICT)
 class StudyFile:
     base: dict[str, Any]
-    name: Annotated[str, BeforeValidator(_folder_name)] = "study"
+    name: Annotated[str, _FolderName] = "study"
     description: str = ""
     laws: Annotated[list[Any] | None, _list_of("laws")] = None
     vary: Annotated[list[Vary], _list_of("tables, [[vary]]")] = dataclasses.field(default_factory=list)

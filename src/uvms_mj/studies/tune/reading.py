@@ -121,7 +121,7 @@ def _law(study: dict[str, Any], folder: Path, overrides: Mapping[str, Any]) -> t
     tables, of_base = split_overrides(study, overrides, ignored)
     file = read(tables, ignored)
     base = base_of(file.base, folder, of_base, ignored)
-    laws = laws_of(file.laws, base, folder, ignored) if base is not None else []
+    laws = laws_of(file.laws, base, folder, ignored, []) if base is not None else []
     return laws[0] if laws else None, [key for each in file.vary for key in (*(each.keys or ()), each.key) if key]
 
 

@@ -11,14 +11,15 @@ from ...records.trace import Trace
 from ...stages.signals import AXES
 from .panels import LINEAR, Panel, level
 from .scales import largest
-from .style import COLOURS, line, stripe
+from .style import COLOURS, GREY, line, stripe
 
 _NEAR = 0.4
 """Fraction of a motor's limit from which the limit is drawn; a limit far away would make the lines flat."""
 LIMIT: dict[str, Any] = {"linestyle": (0, (1, 1.5)), "linewidth": 0.8, "zorder": 1.9}
 """Line style of a motor's limit, in the colour of its joint."""
-_COLOURS = [COLOURS[name] for name in ("roll", "pitch", "force", "yaw", "x", "y", "z")]
-"""Colours of the joints in their order, first those that x, y and z do not have."""
+JOINTS = ("#332288", "#999933", "#882255", "#DDCC77", "#117733", "#661100", "#5A3FD0")
+"""Colours of the joints in their order. Colour-blind readers can tell them from each other and from the components, and
+neighbours differ in grey. Most are of Tol's muted scheme."""
 _NAMES = {"q": "joint position q", "tau_q": "joint torque τ"}
 SIGNALS = (*_NAMES, "manipulability")
 """Signals of an arm that are drawn for several runs."""
@@ -54,7 +55,7 @@ def _lines(trace: Trace, name: str, unit: str, joints: Sequence[int]) -> Panel:
 
     def draw(ax: Axes) -> None:
         for k, i in enumerate(joints):
-            look = {"color": _COLOURS[i % len(_COLOURS)], "label": links[i].joint, **stripe(k, len(joints))}
+            look = {"color": JOINTS[i % len(JOINTS)], "label": links[i].joint, **stripe(k, len(joints))}
             line(ax, trace.t, trace[name][:, i], f"{name}.{links[i].joint}", **look)
             limit = links[i].effort
             if name == "tau_q" and limit and largest(trace[name][:, i]) > _NEAR * limit:
@@ -78,8 +79,8 @@ def _manipulability(trace: Trace) -> Panel:
     values = trace.manipulability
 
     def draw(ax: Axes) -> None:
-        line(ax, trace.t, values, "manipulability", color=COLOURS["yaw"])
+        line(ax, trace.t, values, "manipulability", color=GREY)
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
         ax.set_ylim(min(0.0, low), 1.1 * max(high, 1e-300))
 
-    return Panel("manipulability", trace.header.by_name["manipulability"].unit.replace("1", ""), draw, largest(values))
+    return Panel("manipulability", trace.header.by_name["manipulability"].unit, draw, largest(values))

@@ -29,6 +29,8 @@ LEVELS: dict[str, dict[str, Any]] = {
     "analytic": {"color": BLACK, "linestyle": "dotted", "linewidth": LINE, "zorder": 5},
 }
 """Line styles of the expected forces."""
+MEANINGS = {"expected": "expected at a rigid wall", "analytic": "analytic, at rest at this wall"}
+"""Their entries in a legend."""
 WALL: dict[str, Any] = {"color": GREY, "linestyle": "dashdot", "linewidth": 0.8, "zorder": 1.5}
 
 
@@ -227,9 +229,9 @@ def pair_handles() -> list[Line2D]:
     ]
 
 
-def level(ax: Axes, t: np.ndarray, value: float, label: str, look: dict[str, Any]) -> None:
+def level(ax: Axes, t: np.ndarray, value: float, name: str, look: dict[str, Any]) -> None:
     """Draw a horizontal line over the time of a run."""
-    ax.plot(t[[0, -1]], [value, value], label=label, gid=label, **look)
+    ax.plot(t[[0, -1]], [value, value], label=MEANINGS.get(name, name), gid=name, **look)
 
 
 def states_of(trace: Trace) -> Sequence[Signal]:

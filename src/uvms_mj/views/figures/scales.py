@@ -18,6 +18,8 @@ _NOTHING = 1e-6
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 _MOST_TICKS = 3
 """Most intervals between ticks of one sign on a logarithmic axis."""
+_CROWDED = 5.0
+"""Decades of both signs from which the limits of the linear part stand too close to 0 for their numbers."""
 _FILLING = 50.0
 """A line fills an area if its total variation exceeds its range by this factor."""
 _EARLY = 0.05
@@ -76,6 +78,8 @@ def logarithmic(ax: Axes, within: float, unit: str, power: float, prefix: str) -
     first = round(math.log10(within))
     last = math.floor(math.log10(max(-bottom, top)))
     decades = [10.0**k for k in range(first, last + 1, max(1, -(-(last - first) // _MOST_TICKS)))]
+    if sum(math.log10(max(edge, within) / within) for edge in (-bottom, top)) > _CROWDED:
+        del decades[0]  # the limit; the title has it
     places = [-d for d in decades[::-1]] + [0.0] + decades
     ax.yaxis.set_major_locator(FixedLocator([y for y in places if bottom <= y <= top]))
     ax.yaxis.set_minor_locator(NullLocator())
