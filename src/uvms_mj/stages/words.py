@@ -47,5 +47,16 @@ def not_dotted(
     return f"is not a dotted key{f'; did you mean {hint}?' if hint else ''}"
 
 
+_SIGNALS = {"force": ("push", "f_contact_W", "force_peak"), "position": ("p_WB",), "time": ("t",), "thrust": ("u",)}
+"""The signals of words for them."""
+
+
+def no_signal(name: object, known: Collection[str]) -> str:
+    """The error of a signal that is not among the known ones."""
+    meant = [repr(each) for each in _SIGNALS.get(str(name), ()) if each in known]
+    hint = f"did you mean {' or '.join(meant)}?"
+    return f"no signal {name!r}; {hint if meant else suggestion(str(name), known)}"
+
+
 def _called(table: str, word: str) -> str:
     return f"the table is called {table}: {table}.{word}"
