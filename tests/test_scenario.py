@@ -125,12 +125,38 @@ def test_faults_read_well(tmp_path, text, expected):
         ("wall.stifness", "did you mean 'stiffness'?"),
         ("wall", "wall: is a table; its keys are wall.position, wall.stiffness"),
         ("controller", "controller: is a table; its keys are controller.name"),
+        ("sensor.name", "sensor.name: no table 'sensor'; the table is called navigation: navigation.name"),
+        ("sensors.sigma", "no table 'sensors'; the table is called navigation: navigation.sigma"),
+        ("guidance.name", "the table is called reference: reference.name"),
+        ("law.name", "the table is called controller: controller.name"),
+        ("control.k_1", "the table is called controller: controller.k_1"),
+        ("law", "law: is not a dotted key; the table is called controller: controller.name"),
     ],
 )
 def test_overrides_suggest(key, expected):
     with pytest.raises(InputError) as caught:
         Scenario.load("push_wall", {key: 1.0})
     assert expected in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "expected"),
+    [
+        ("law", "law: is not a dotted key; the table is called controller: controller.name=mine.py:Mine"),
+        ("navigation", "navigation: is a table; navigation.name=mine.py:Mine chooses the navigation stage"),
+    ],
+)
+def test_a_table_that_is_given_a_stage_names_the_key_of_the_stage(key, expected):
+    with pytest.raises(InputError) as caught:
+        Scenario.load("push_wall", {key: "mine.py:Mine"})
+    assert expected in str(caught.value)
+
+
+def test_other_words_for_a_table_are_understood_in_a_file_and_every_one_is_named(tmp_path):
+    with pytest.raises(InputError) as caught:
+        Scenario.load(write(tmp_path, "law = 'gsta'\n[sensor]\nname = 'perfect'\n[wall]\nstifness = 1.0"))
+    assert [fault.key for fault in caught.value.faults] == ["law", "sensor", "wall.stifness"]
+    assert "sensor: no table 'sensor'; the table is called navigation: navigation.name" in str(caught.value)
 
 
 def test_a_scenario_that_does_not_exist_is_said_so():
@@ -179,6 +205,36 @@ def test_settings_that_another_stage_does_not_take_over_are_named(tmp_path, text
     notes = []
     assert Scenario.load(path).updated(overrides, controller, note=notes.append).controller == scenario.controller
     assert len(notes) == (said.count("k_1") or said.count("period"))
+
+
+LAW = """
+from dataclasses import dataclass
+from uvms_mj import Controller, gain
+
+@dataclass(frozen=True)
+class Mine(Controller):
+    k: float = gain(1.0, "N/m", "stiffness")
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        tau_cmd[0] = -gains.k
+"""
+
+
+def test_two_ways_to_one_file_are_one_law(tmp_path):
+    law = tmp_path / "mine.py"
+    law.write_text(LAW)
+    (tmp_path / "link.py").symlink_to(law)
+    (tmp_path / "other.py").write_text(law.read_text())
+    (tmp_path / "inner").mkdir()
+    around = f"{tmp_path}/inner/../mine.py:Mine"
+    path = write(tmp_path, f"[controller]\nname = '{around}'\nk = 4.5")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for source in (f"{law}:Mine", f"{tmp_path}/link.py:Mine"):
+            assert Scenario.load(path, controller=source).controller.k == 4.5
+    with pytest.warns(UserWarning, match=r"controller\.k is left out"):
+        Scenario.load(path, controller=f"{tmp_path}/other.py:Mine")
 
 
 def test_a_stages_settings_that_are_left_out_are_named_at_any_stage(tmp_path):

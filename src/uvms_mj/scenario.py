@@ -4,7 +4,6 @@ Units are SI; angles are in degrees where a key ends in ``_deg``. The defaults a
 """
 
 import dataclasses
-import difflib
 import os
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Set
@@ -21,7 +20,7 @@ from .control import Controller, Gsta, ImpedanceTask
 from .control.design import INNER_TABLES, Estimates, Impedance
 from .control.posture import Posture
 from .control.task import TASK_KEYS, move_task_keys
-from .errors import Fault, InputError, faults_of, shortened, suggestion
+from .errors import Fault, InputError, faults_of, shortened
 from .files import plain, tables_of, toml_path
 from .guidance import FilteredSteps, Guidance
 from .navigation import Encoder, Navigation, NoObserver, NoWrist, Observer, Perfect, PerfectEncoder, Wrist
@@ -31,6 +30,7 @@ from .plant.water import Current, Disturbance, Tether
 from .quantities import STRICT, overrides_of
 from .stages.base import Stage
 from .stages.loader import Choice, Recorded, stage_of, table_of
+from .stages.words import is_a_table, no_table, not_dotted, tables_by_word
 
 STAGES: dict[str, Choice] = {
     "reference": Choice(Guidance, guidance.SHIPPED, FilteredSteps),
@@ -141,6 +141,10 @@ class Scenario:
         faults, left_out = list[Fault](), list[str]()
         overrides = overrides_of(overrides)
         _anchor(tables, folder)
+        meant = tables_by_word(STAGES)
+        for word in [word for word in tables if word in meant and word not in _TABLES]:
+            faults.append(Fault(word, no_table(word, "name", _TABLES, STAGES)))
+            del tables[word]
         for name in (*STAGES, "task"):
             if not isinstance(tables.setdefault(name, {}), dict):
                 faults.append(Fault(name, f"{tables[name]!r} is not a table"))
@@ -270,16 +274,10 @@ def _override(tables: dict[str, Any], key: str, value: Any) -> list[Fault]:
                 Fault(key, f"is a stage; give it to simulate(scenario, controller=...) or replace(scenario, {key}=...)")
             ]
         if table in _TABLES:
-            known = ["name", *_KEYS[table]] if table in STAGES else _KEYS[table]
-            return [Fault(key, f"is a table; its keys are {', '.join(f'{table}.{k}' for k in known)}")]
-        in_use = {t: choice.settings(tables[t].get("name", choice.default.name)) or () for t, choice in STAGES.items()}
-        meant = [f"{t}.{table}" for t, keys in (_KEYS | in_use).items() if t and table in keys]
-        law_key = [f"controller.{table}"] if not meant and table not in _KEYS else []
-        close = difflib.get_close_matches(table, [f"{t}.{k}" for t, keys in _KEYS.items() if t for k in keys], 1)
-        hint = " or ".join(repr(m) for m in meant or close or law_key)
-        return [Fault(key, f"is not a dotted key{f'; did you mean {hint}?' if hint else ''}")]
+            return [Fault(key, is_a_table(table, value, _KEYS[table], STAGES.get(table)))]
+        return [Fault(key, not_dotted(table, value, _KEYS, STAGES, tables))]
     if table not in _TABLES:
-        return [Fault(key, f"no table {table!r}; {suggestion(table, _TABLES)}")]
+        return [Fault(key, no_table(table, word, _TABLES, STAGES))]
     if "[" in word:
         return [Fault(key, f"a part of a list can't be set; give the whole list, {table}.{word.partition('[')[0]}")]
     if not isinstance(tables.get(table, {}), dict):

@@ -417,3 +417,34 @@ def test_the_page_has_the_settings_of_the_program():
     rows = re.findall(r"^\| (`.*?) \|", table, re.MULTILINE)
     listed = {name for row in rows for name in re.findall(r"`(\w+)`", row)}
     assert listed == {"name"} | {field.name for kind in (General, T200) for field in kind.setting_fields()}
+
+
+OWN = """
+from dataclasses import dataclass
+from uvms_mj import setting
+from uvms_mj.actuation import Thrusters
+
+@dataclass(frozen=True)
+class Lag(Thrusters):
+    lag: float = setting(0.02, "s", "time constant")
+    states = {"thrust": "thrusters"}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, u):
+        for i in range(u.shape[0]):
+            state_dot.thrust[i] = (given.u_cmd[i] - state.thrust[i]) / settings.lag
+            u[i] = state.thrust[i]
+"""
+
+
+@pytest.mark.parametrize(("T", "also"), [(3e-5, True), (0.02, False)])
+def test_thrust_of_a_users_thrusters_that_diverges_is_answered_with_their_time_constant(tmp_path, T, also):
+    """Explicit Euler of a lag diverges for T < h/2; with a longer T the law with an absurd gain does."""
+    (tmp_path / "own.py").write_text(OWN)
+    table = {"thrusters.name": f"{tmp_path}/own.py:Lag", "thrusters.lag": T, "simulation.duration": 0.1}
+    wild = {} if also else {"controller.k_1": 1e9}
+    trace = simulate(Scenario.load("push_wall", table | wild), **FREE)
+    assert trace.status.name == "unstable"
+    assert ("u[" in trace.message[:30]) is also
+    assert trace.message.endswith("smaller gains, or a longer time constant of the thrusters.") is also
+    assert "smaller gains" in trace.message

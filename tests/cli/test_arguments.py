@@ -58,6 +58,27 @@ def test_bad_input_gives_one_message_and_status_2(here, arguments, expected):
 
 
 @pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("mine.py:Own", "mine.py:Own: is a law, not a scenario: use --controller mine.py:Own"),
+        ("mine.py:Sense", "is a navigation stage, not a scenario: use --set navigation.name=mine.py:Sense"),
+        (
+            "mine.py",
+            "mine.py: is a Python file, not a scenario: use --controller mine.py:Own or --set navigation.name=",
+        ),
+    ],
+)
+def test_a_file_with_stages_in_place_of_a_scenario_is_sent_to_its_option(here, tmp_path, word, said):
+    lines = ["from uvms_mj import Controller", "from uvms_mj.navigation import Navigation"]
+    lines += ["class Own(Controller): pass", "class Sense(Navigation): pass"]
+    (tmp_path / "mine.py").write_text("\n".join(lines))
+    assert said in here("run", word).stderr
+    assert "mine.py: is Python, not a study" in here("study", "mine.py").stderr
+    said = "'mine.py' names no class; give mine.py:Own\n"
+    assert here("run", "-c", "mine.py").stderr == f"error: push_wall: controller.name: {said}"
+
+
+@pytest.mark.parametrize(
     ("numeric", "value", "expected"),
     [
         ("X_udot", "5.5", "must not be positive"),

@@ -71,7 +71,7 @@ def test_stages_finds_a_stage_by_its_name_in_whatever_room(here, tmp_path):
             "no stage 'ekf' in guidance; choose from along_wall, circle, filtered_steps, path, spline; ",
         ),
         (["gsta", "control"], "no stage 'control'; choose from admittance, aismc, "),  # a room comes first
-        (["lag.py"], "'lag.py' names no class; give lag.py:ClassName"),
+        (["lag.py"], "'lag.py' names no class; give lag.py:Lag"),
         (["no.py:Lag"], "no file 'no.py' (looked in "),
         (["none.py:Lag"], "no stage 'Lag' in none.py; it has none"),
         (["lag.py:Leg"], "no stage 'Leg' in lag.py; did you mean 'Lag'?"),

@@ -11,6 +11,8 @@ import pytest
 from uvms_mj import Scenario, Trace
 from uvms_mj.cli.new import KINDS
 from uvms_mj.plant.mjcf import Mjcf
+from uvms_mj.scenario import STAGES
+from uvms_mj.stages.words import tables_by_word
 
 
 def ran(here, kind: str, *settings: str) -> Trace:
@@ -35,6 +37,14 @@ def test_the_texts_have_the_name(here, tmp_path):
         own = re.findall(r"uvms-mj (?:run|vehicles|controllers|stages).*(sea_cow\S*)", text)
         assert own
         assert all(use.startswith(f"sea_cow.{template.partition('.')[2]}") for use in own)
+
+
+def test_a_kind_of_stage_is_the_name_of_its_table_or_a_word_for_it():
+    meant = {kind: re.findall(r"--set (\w+)\.name", use) for kind, (_, use) in KINDS.items()}
+    words = {table: table for table in STAGES} | tables_by_word(STAGES)
+    for kind, (template, _) in KINDS.items():
+        if template.endswith(".py"):
+            assert [words[kind]] == (meant[kind] or ["controller"])
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -88,6 +88,33 @@ def test_a_second_run_into_a_folder_keeps_the_first(here, tmp_path):
     assert (tmp_path / "here" / "earlier-1" / "run.mcap").read_bytes() == first
 
 
+def test_what_was_made_from_an_earlier_log_is_moved_with_it_and_nothing_else(here, tmp_path):
+    folder = tmp_path / "here"
+    here("run", *SHORT, "-q", "--out", "here")
+    assert here("plot", "here/run.mcap").exit_code == 0
+    assert here("export", "here/run.mcap", "--to", "npz").exit_code == 0
+    for name in ("notes.txt", "mine.png", "force.svg"):
+        (folder / name).write_text("mine")
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    assert {"summary.png", "run.npz"} < set(before)
+    here("run", *SHORT, "-c", "fosm", "-q", "--out", "here")
+    earlier = {path.name: path.read_bytes() for path in (folder / "earlier-1").iterdir()}
+    assert set(before) - set(earlier) == {"notes.txt", "mine.png", "force.svg"}
+    assert all(before[name] == content for name, content in earlier.items())
+    assert {path.name for path in folder.iterdir()} == {
+        *("earlier-1", "run.mcap", "scenario.toml"),
+        *("notes.txt", "mine.png", "force.svg"),
+    }
+    assert here("plot", "here/run.mcap").exit_code == 0
+
+
+def test_a_picture_without_a_log_is_not_an_earlier_run(here, tmp_path):
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / "summary.png").write_text("mine")
+    assert "moved" not in here("run", *SHORT, "-q", "--out", "here").stderr
+    assert (tmp_path / "here" / "summary.png").read_text() == "mine"
+
+
 def test_a_full_disk_stops_the_run_and_keeps_what_was_written(tmp_path):
     limited = f"ulimit -f 3000; {sys.executable} -m uvms_mj run --json --out here"
     done = subprocess.run(["bash", "-c", limited], cwd=tmp_path, capture_output=True, text=True)

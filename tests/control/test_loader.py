@@ -20,6 +20,7 @@ SHORT = {"simulation.duration": 0.2}
         ("{undecorated}:Law", "@dataclass"),
         ("{empty}:Law", "no method 'law'"),
         ("{sizeless}:Law", "states must be names with sizes"),
+        ("{listed}:Law", "a setting is a tuple: write (80.0, ...) in place of [80.0, ...]"),
         ("{named}:Law", "'label' is an attribute of every law"),
         ("{short}:Law", "must take (gains, state, signals, state_dot, tau_cmd)"),
     ],
@@ -34,6 +35,7 @@ def test_a_law_that_cannot_be_loaded_is_explained(tmp_path, source, reason):
         "named": law_file(tmp_path, good.replace("    @static", "    label: float = 1.0\n\n    @static"), "named.py"),
         "short": law_file(tmp_path, good.replace("state_dot, ", ""), "short.py"),
         "sizeless": law_file(tmp_path, f"{good}    states = {{'x': 0}}\n", "sizeless.py"),
+        "listed": law_file(tmp_path, f"{good}    k: tuple[float, ...] = gain([1.0], '1', 'k')\n", "listed.py"),
         "empty": law_file(
             tmp_path, "@dataclass(frozen=True)\nclass Law(Controller):\n    k: float = 1.0\n", "empty.py"
         ),

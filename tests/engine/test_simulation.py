@@ -168,6 +168,28 @@ def test_a_reset_refuses_what_a_run_refuses_and_changes_nothing(sim, overrides, 
     assert np.array_equal(state(sim), after(Scenario.load("push_wall", {**MOVING, "current.speed": 0.1}), 100))
 
 
+@pytest.mark.parametrize("overrides", [{"vehicle.model": "bluerov2_heavy"}, {"controller.name": "fosm"}])
+def test_a_change_that_needs_another_simulation_is_refused_under_the_callers_name(sim, overrides):
+    for name, call in (("reset", sim.reset), ("set", sim.set)):
+        with pytest.raises(InputError, match=rf"^{name}: \w+\.\w+: {name} can't change .*make a new Simulation"):
+            call(overrides)
+
+
+def test_a_word_for_signals_names_them(sim):
+    with pytest.raises(AttributeError, match="no signal 'force'; did you mean 'f_contact_W' or 'force_peak'"):
+        _ = sim.signals.force
+    trace = simulate(Scenario.load("push_wall", {"simulation.duration": 0.002}))
+    with pytest.raises(AttributeError, match="no signal 'force'; did you mean 'push' or 'f_contact_W' or 'force_peak'"):
+        _ = trace.force
+    with pytest.raises(AttributeError, match="did you mean 'tau_cmd'"):
+        _ = trace.tau_cmdd
+
+
+def test_a_law_by_its_name_is_sent_to_the_scenario():
+    with pytest.raises(InputError, match=r"""Scenario\.load\("push_wall", controller='gsta'\)"""):
+        simulate(controller="gsta")
+
+
 def test_two_simulations_side_by_side_are_each_as_alone():
     scenarios = [Scenario.load("push_wall", MOVING, law) for law in ("gsta", "fosm")]
     alone = [after(scenario, 500) for scenario in scenarios]

@@ -119,11 +119,18 @@ def test_a_law_that_numba_cannot_compile_runs_and_says_why(tmp_path):
     ("body", "words"),
     [
         ("tau_cmd[:] = signals.M_hat @ signals.t", r"signature: matmul\(.*\) \(.*\.py, line \d+\)"),
-        ("state.z = signals.p_d", "AssertionError without a reason; arrays of different lengths are a common cause"),
+        ("state.z = signals.p_d", r"state\.z is an array: write state\.z\[:\] = \.\.\. \(my_law\.py, line 9\)$"),
+        ("state.x = signals.p_d", r"state\.x is an array: write state\.x\[0\] = \.\.\. \(my_law\.py, line 9\)$"),
+        ("signals.t = 1.0\nstate_dot.x = 2.0", r"state_dot\.x is an array: write .* \(my_law\.py, line 10\)$"),
+        (
+            "state.z[:] = np.array(signals.p_d)[:2]",
+            r"No impl.* \(my_law\.py, line 9\); in the function a tuple is an array already, and x\.copy\(\) copies",
+        ),
+        ("if signals.t > 9.0:\n    tau_cmd[0] = gainz.k", r"name 'gainz' is not defined \(my_law\.py, line 10\)$"),
     ],
 )
 def test_numbas_reason_is_a_whole_sentence(tmp_path, body, words):
-    path = law_file(tmp_path, one_liner("Odd", body) + "    states = {'z': 2}\n")
+    path = law_file(tmp_path, one_liner("Odd", body) + "    states = {'z': 2, 'x': 1}\n")
     with Simulation(Scenario.load("push_wall", SHORT, f"{path}:Odd")) as sim:
         assert re.search(f"because numba can't compile it: .*{words}", " ".join(sim.notes))
 

@@ -579,6 +579,12 @@ def test_a_list_of_the_wrong_length_is_one_sentence(tmp_path, value, words):
         sim.reset(overrides={"navigation.bias": value})
 
 
+def test_a_number_in_place_of_a_list_is_answered_with_the_default(tmp_path):
+    source = list_stage(tmp_path)
+    with pytest.raises(InputError, match=r"80 is not a list of numbers; its default is \[0\.3, 0\.0, 0\.0\]$"):
+        Scenario.load("push_wall", {"navigation.name": source, "navigation.bias": 80})
+
+
 def test_a_wrong_default_is_said_to_be_the_classs(tmp_path):
     with pytest.raises(InputError, match=r"has 2 values; 3 are needed; it is the default in the class Own"):
         Scenario.load("push_wall", {"navigation.name": list_stage(tmp_path, "(0.3, 0.0)")})

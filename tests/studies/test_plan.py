@@ -9,6 +9,7 @@ import pytest
 import tomli_w
 
 from uvms_mj import InputError, Scenario
+from uvms_mj.files import shipped
 from uvms_mj.studies.plan import Plan
 
 LEAST = """
@@ -310,7 +311,7 @@ KEY = '[base]\nscenario = "push_wall"\n[[vary]]\n'
         ('[base]\n[keep]\nlogs = {kind = "listed", indices = [0, 1]}', "keep.logs.indices[1]", "no run 1"),
         ('[base]\n[keep]\nlogs = {kind = "failed", k = 3}', "keep.logs.k", "no effect"),
         ('[base]\n[keep]\nmetrics = ["effort_N2s", "effort_N2s"]', "keep.metrics[1]", "given twice"),
-        ('[base]\n[keep]\nmetrics = ["none.py:peak"]', "keep.metrics[0]", "no file 'none.py'"),
+        ('[base]\n[keep]\nmetrics = ["none.py:peak"]', "keep.metrics[0]", "none.py'"),
     ],
 )
 def test_an_error_names_its_place(text, key, words):
@@ -395,6 +396,34 @@ def test_files_are_found_beside_the_study_and_kept_with_absolute_paths(tmp_path,
     monkeypatch.chdir(folder)
     (folder / "base.toml").unlink()
     assert Plan.from_dict(loaded.tables).tables == loaded.tables
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "missing"),
+    [
+        ('laws = ["mine.py:Mine"]\n[base]\n', "laws[0].name", "no file '{folder}/mine.py'"),
+        ('[base]\ncontroller.name = "mine.py:Mine"\n', "base.controller.name", "no file '{folder}/mine.py'"),
+        ('[base]\nscenario = "base.toml"\n', "", "scenario '{folder}/base.toml': no such file"),
+        ('[base]\nvehicle.model = "mine.xml"\n', "", "no draw can run with gsta: vehicle.model '/"),
+        ('[base]\n[keep]\nmetrics = ["peaks.py:peak"]\n', "keep.metrics[0]", "no file '{folder}/peaks.py'"),
+    ],
+)
+def test_files_of_a_study_are_beside_it_and_not_in_the_current_folder(tmp_path, monkeypatch, text, place, missing):
+    folder = tmp_path / "study"
+    folder.mkdir()
+    (tmp_path / "mine.py").write_text(LAW)
+    (tmp_path / "base.toml").write_text("[wall]\nstiffness = 3e4\n")
+    (tmp_path / "peaks.py").write_text("def peak(trace):\n    return float(trace.push.max())\n")
+    (tmp_path / "mine.xml").write_text(shipped("models")["bluerov1"].read_text())
+    (folder / "s.toml").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError) as caught:
+        Plan.load("study/s.toml")
+    assert any(missing.format(folder=folder) in fault.message for fault in caught.value.faults), caught.value
+    assert place in str(caught.value)
+    for path in tmp_path.glob("*.*"):
+        path.rename(folder / path.name)
+    assert Plan.load("study/s.toml").runs == 1
 
 
 ODD = [

@@ -166,6 +166,9 @@ def test_the_data_set_opens_as_it_is(whole):
 def test_a_folder_with_another_study_is_refused_by_name(whole, study_file):
     with pytest.raises(InputError, match=r"contains the study 's', which differs in design\.runs"):
         Study.load(study_file(runs=7)).run(whole.folder)
+    done = run("study", study_file(runs=7), "--out", whole.folder, cwd=whole.folder.parent)
+    assert done.stderr.startswith("error: ")  # nothing is printed of a study that is refused
+    assert len(done.stderr.splitlines()) == 1
     other = Study.load(study_file(runs=6), {"wall.damping": 1.0})
     with pytest.raises(InputError, match=r"differs in base\.wall\.damping"):
         other.run(whole.folder)

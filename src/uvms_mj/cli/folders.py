@@ -59,7 +59,8 @@ def move_aside(folder: Path, paths: Iterable[Path], what: str) -> None:
 
 
 class RunFolder:
-    """The first sink: moves the files of an earlier run to a subfolder and writes scenario.toml."""
+    """The first sink: moves the files of an earlier run to a subfolder and writes scenario.toml. With a log go its
+    figures and exports that have the names which the commands choose."""
 
     def __init__(self, folder: Path, files: dict[str, Path]) -> None:
         """``files`` gets the paths of the run's files, by kind, when these may be overwritten."""
@@ -67,7 +68,8 @@ class RunFolder:
 
     def begin(self, header: "Header") -> None:
         paths = {"mcap": self.folder / LOG, "scenario": self.folder / SCENARIO}
-        move_aside(self.folder, paths.values(), "the earlier run")
+        made = _made_from_a_log() if paths["mcap"].exists() else ()
+        move_aside(self.folder, (*paths.values(), *(self.folder / name for name in made)), "the earlier run")
         self.files |= paths
         paths["scenario"].write_text(header.scenario.to_toml(), encoding="utf-8")
 
@@ -76,6 +78,14 @@ class RunFolder:
 
     def end(self, outcome: Any) -> None:
         pass
+
+
+def _made_from_a_log() -> list[str]:
+    """The names of the files that ``plot`` and ``export`` write beside a log unless they are given others."""
+    from .logs import FORMATS
+    from .plot import WHATS
+
+    return [*(f"{what}.png" for what in WHATS), *(str(Path(LOG).with_suffix(f".{kind}")) for kind in FORMATS)]
 
 
 def output_folder(out: str | None, scenario: "Scenario") -> tuple[Path, list[Path]]:

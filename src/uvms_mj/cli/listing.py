@@ -65,7 +65,7 @@ def _shipped(choice: "Choice[Any]") -> "dict[str, type[Stage]]":
 def _named(name: str, choices: "list[Choice[Any]]", room: str | None) -> "list[type[Stage]]":
     """The stages of a name among these choices, those of a room if one is given. Raises InputError if there is none."""
     from ..errors import InputError, suggestion
-    from ..stages.loader import stages_in
+    from ..stages.loader import give_one, stages_in, users_stages
 
     shipped = [_shipped(choice) for choice in choices]
     if found := [cls for stages in shipped for key, cls in stages.items() if name in (key, cls.label())]:
@@ -80,7 +80,7 @@ def _named(name: str, choices: "list[Choice[Any]]", room: str | None) -> "list[t
             f"no stage {class_name!r} in {file}; {suggestion(class_name, there) if there else 'it has none'}"
         )
     if name.endswith(".py"):
-        raise InputError(f"{name!r} names no class; give {name}:ClassName")
+        raise InputError(f"{name!r} names no class; {give_one(name, users_stages(name, ''))}")
     rooms = set() if room or name in _rooms() else _rooms()
     known = {each for stages in shipped for each in stages} | rooms
     hint, own = suggestion(name, known), "for your own give path/to/file.py:ClassName"

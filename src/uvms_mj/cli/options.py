@@ -91,9 +91,28 @@ def asked_for(
         raise InputError(f"{key}: is a key, not the name of a {noun}; give its value in the same word, {key}=VALUE")
     if len(names) > 1:
         raise InputError(f"one {noun} at a time, please: {', '.join(names)}")
+    if names and ".py" in (names[0][-3:], names[0].rpartition(":")[0][-3:]):
+        raise InputError(_not_python(names[0], noun))
     overrides: dict[str, Any] = {}
     for key, value in map(parse_setting, (*settings, *(a for a in arguments if "=" in a))):
         if key in overrides and overrides[key] != value:
             raise InputError(f"--set {key}: is given twice, {overrides[key]!r} and {value!r}")
         overrides[key] = value
     return (names[0] if names else None), overrides
+
+
+def _not_python(name: str, noun: str) -> str:
+    """The error of ``file.py`` or ``file.py:Class`` in place of a scenario. Raises InputError if the file can't be
+    loaded."""
+    from ..stages.loader import users_stages
+
+    file, _, class_name = name.rpartition(":") if name[-3:] != ".py" else (name, "", "")
+    if noun != "scenario":
+        return f"{name}: is Python, not a {noun}"
+    stages = users_stages(file, "")
+    if class_name in stages:
+        stages = {class_name: stages[class_name]}
+    options = {name: f"--set {cls.room.table}.name=" for name, cls in stages.items()}
+    uses = [f"{option.replace('--set controller.name=', '--controller ')}{file}:{n}" for n, option in options.items()]
+    what = f"a {stages[class_name].room.noun}" if class_name in stages else "a Python file"
+    return f"{name}: is {what}, not a scenario" + (f": use {' or '.join(uses)}" if uses else "")

@@ -20,12 +20,16 @@ EXIT_CHECK_FAILS = 1
 
 
 def head(study: "Study", executor: Any, folder: Path, dry_run: bool, as_json: bool, quiet: bool) -> "Estimate | None":
-    """Print runs, steps, keys, time and size before the study starts. Returns the estimate."""
+    """Print runs, steps, keys, time and size before the study starts. Returns the estimate. Raises InputError if the
+    folder has another study."""
     if not dry_run and (as_json or quiet):
         return None
     from ..studies.pool.estimate import estimate
-    from ..studies.results import share_done
+    from ..studies.pool.parcel import Parcel
+    from ..studies.results import refuse_another, share_done
 
+    if not dry_run:
+        refuse_another(folder, study.plan, Parcel.of(study.plan))
     plan, size, done = study.plan, max(1, executor.size), share_done(folder, study.plan)
     expected = estimate(plan, size)
     if as_json:

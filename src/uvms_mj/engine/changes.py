@@ -40,7 +40,7 @@ def changed(base: Setup, overrides: Mapping[str, Any], place: str) -> tuple[Setu
             name in the message.
     """
     try:
-        tables, touched = _tables(base.scenario, overrides)
+        tables, touched = _tables(base.scenario, overrides, place)
         scenario, design, contacts = _with(base.scenario, tables), base.design, base.contacts
         if not touched.isdisjoint(_DESIGN):
             touched.add("design")
@@ -49,7 +49,7 @@ def changed(base: Setup, overrides: Mapping[str, Any], place: str) -> tuple[Setu
                 design = Design.of(scenario, *task_inertias(scenario, base.nominal))
         if not touched.isdisjoint(("wall", "walls", "bumper")):
             contacts = contacts_of(scenario, base.plant.probe, base.nominal)
-            _refuse_other_contacts(base.contacts, contacts, overrides)
+            _refuse_other_contacts(base.contacts, contacts, overrides, place)
             if wrong := overridden_in_vain(scenario, overrides):
                 raise InputError(wrong)
         setup, found = Setup(scenario, base.plant, design, contacts), frozenset(touched)
@@ -59,7 +59,7 @@ def changed(base: Setup, overrides: Mapping[str, Any], place: str) -> tuple[Setu
     return setup, found
 
 
-def _tables(scenario: Scenario, overrides: Mapping[str, Any]) -> tuple[dict[str, Any], set[str]]:
+def _tables(scenario: Scenario, overrides: Mapping[str, Any], place: str) -> tuple[dict[str, Any], set[str]]:
     """The tables that overrides change, by name, and their names with the dotted keys of what is new. Only these tables
     are made anew. Raises InputError if a key or value is invalid, or needs another plant or other machine code."""
     given: dict[str, dict[str, Any]] = {}
@@ -74,7 +74,7 @@ def _tables(scenario: Scenario, overrides: Mapping[str, Any]) -> tuple[dict[str,
     except (AttributeError, KeyError, TypeError, ValidationError, InputError):  # said in full, or a key of another kind
         pass
     full = scenario.updated(overrides)
-    _refuse_other_code(scenario, full)
+    _refuse_other_code(scenario, full, place)
     old_and_new = ((name, getattr(scenario, name), getattr(full, name)) for name in _TABLES)
     differing = {name: (old, new) for name, old, new in old_and_new if new != old}
     keys = {
@@ -104,24 +104,24 @@ def _with(old: Any, values: Mapping[str, Any]) -> Any:
     return copy
 
 
-def _refuse_other_contacts(old: Contacts, new: Contacts, overrides: Mapping[str, Any]) -> None:
+def _refuse_other_contacts(old: Contacts, new: Contacts, overrides: Mapping[str, Any], place: str) -> None:
     if (len(old.surfaces), len(old.pairs), old.paper) != (len(new.surfaces), len(new.pairs), new.paper):
         keys = [key for key in overrides if key in ("wall.present", "bumper.stiffness") or key.startswith("walls")]
-        wrong = "reset can't change which contacts there are; make a new Simulation"
+        wrong = f"{place} can't change which contacts there are; make a new Simulation"
         raise InputError([Fault(key, wrong) for key in keys])
 
 
-def _refuse_other_code(base: Scenario, scenario: Scenario) -> None:
+def _refuse_other_code(base: Scenario, scenario: Scenario, place: str) -> None:
     faults = []
     if scenario.vehicle != base.vehicle:
         keys = [key for key, value in vars(scenario.vehicle).items() if value != getattr(base.vehicle, key)]
-        faults += [Fault(f"vehicle.{key}", "reset can't change the vehicle; make a new Simulation") for key in keys]
+        faults += [Fault(f"vehicle.{key}", f"{place} can't change the vehicle; make a new Simulation") for key in keys]
     if scenario.simulation.integrator != base.simulation.integrator:
-        faults.append(Fault("simulation.integrator", "reset can't change the integrator; make a new Simulation"))
+        faults.append(Fault("simulation.integrator", f"{place} can't change the integrator; make a new Simulation"))
     if scenario.task.frame != base.task.frame:
-        faults.append(Fault("task.frame", "reset can't change the frame of the task; make a new Simulation"))
+        faults.append(Fault("task.frame", f"{place} can't change the frame of the task; make a new Simulation"))
     faults += [
-        Fault(f"{table}.name", "reset can't change a stage, only its settings; make a new Simulation")
+        Fault(f"{table}.name", f"{place} can't change a stage, only its settings; make a new Simulation")
         for table in STAGES
         if type(getattr(scenario, table)) is not type(getattr(base, table))
     ]

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import suggestion
+from ..stages.words import no_signal
 
 
 class Signals:
@@ -23,12 +23,12 @@ class Signals:
         try:
             return _value(self._views[name])
         except KeyError:
-            raise KeyError(f"no signal {name!r}; {suggestion(str(name), self._views)}") from None
+            raise KeyError(no_signal(name, self._views)) from None
 
     def __getattr__(self, name: str) -> Any:
         views = self.__dict__.get("_views", {})
         if name not in views:
-            raise AttributeError(f"no signal {name!r}; {suggestion(name, views)}")
+            raise AttributeError(no_signal(name, views))
         return _value(views[name])
 
     def __setattr__(self, name: str, value: object) -> None:

@@ -12,13 +12,14 @@ import numpy as np
 from ..analysis.sampling import SamplingWarning
 from ..control import Controller
 from ..control.theory import steady_state
-from ..errors import Fault, InputError
+from ..errors import Fault, InputError, shortened
 from ..plant.mjcf import Mjcf
 from ..plant.mujoco_warnings import mujoco_warnings
 from ..records.header import Header, Outcome, Sink, Status, sources_of, versions
 from ..records.trace import Trace
 from ..records.writing import Writing
 from ..scenario import Scenario
+from ..stages.base import is_shipped
 from .native.plain_stage import StageFault
 from .simulation import CHUNK_S, Simulation, valid_scenario
 
@@ -79,7 +80,9 @@ def simulate(
     """
     scenario = valid_scenario(scenario)
     if controller is not None and not isinstance(controller, Controller):
-        raise InputError(f"controller: expected a Controller, got {controller!r}; use e.g. Gsta(k_1=8.0)")
+        loaded = f'; a name belongs to the scenario: Scenario.load("push_wall", controller={shortened(controller)})'
+        hint = loaded if isinstance(controller, str) else ""
+        raise InputError(f"controller: expected a Controller, got {controller!r}; use e.g. Gsta(k_1=8.0){hint}")
     if controller is not None:
         scenario = dataclasses.replace(scenario, controller=controller)
     row_steps = row_steps_of(scenario.simulation.timestep, log_rate)
@@ -153,7 +156,9 @@ class _Run:
                     self.progress(done, self.scenario.steps)
                 if sim.divergence:
                     touched = self.memory.loop["row"]["touches"][0] > 0.0
-                    advice = f"{_warned(self.notes)}{_hint(touched)}"
+                    own = not (is_shipped(self.scenario.thrusters) and is_shipped(self.scenario.actuation))
+                    of_thrusters = own and sim.divergence.startswith("u[")
+                    advice = f"{_warned(self.notes)}{_hint(touched, of_thrusters)}"
                     status, message = Status.unstable, f"t = {sim.t:.6g} s: {sim.divergence}. {advice}"
                     break
                 if self.writing.error is not None:
@@ -202,10 +207,12 @@ def _warned(notes: tuple[str, ...]) -> str:
     return f"It began with {len(notes)} warnings: {'; '.join(f'({i}) {note}' for i, note in enumerate(notes, 1))}. "
 
 
-def _hint(touched: bool) -> str:
-    return (
-        f"Try a smaller simulation.timestep{', smaller gains, or a softer wall' if touched else ' or smaller gains'}."
-    )
+def _hint(touched: bool, of_thrusters: bool) -> str:
+    """What to try after a divergence: of a vehicle that has touched a wall, or of the thrust of a user's thrusters."""
+    ways = ["a smaller simulation.timestep", "smaller gains"]
+    ways += ["a softer wall"] if touched else []
+    ways += ["a longer time constant of the thrusters"] if of_thrusters else []
+    return f"Try {', '.join(ways[:-1])}{',' * (len(ways) > 2)} or {ways[-1]}."
 
 
 DEFAULT_LOG_RATE = 1000.0

@@ -39,7 +39,14 @@ class Navigation(Stage):
     """Base class of all navigation. ``given`` has the signals CLOCK and TRUE of :mod:`uvms_mj.stages.signals`, and
     ``out`` has KNOWN."""
 
-    room: ClassVar[Room] = Room("navigation", "navigation", lambda thrusters: CLOCK + TRUE, KNOWN, "navigation stage")
+    room: ClassVar[Room] = Room(
+        "navigation",
+        "navigation",
+        lambda thrusters: CLOCK + TRUE,
+        KNOWN,
+        noun="navigation stage",
+        words=("sensor",),
+    )
 
     @property
     def white_channels(self) -> Mapping[str, Channel]:

@@ -62,8 +62,8 @@ class VehicleChoice:
         "offset of each true thruster in B, unknown to the allocation: [[0.02, 0, 0], ...]; default: none [m]", None
     )
     payloads: tuple[Payload, ...] = doc(
-        "point masses on the base or a link, unknown to the laws: [{link = ..., mass = ..., position = [0, 0, 0], "
-        "displaced_mass = 0}, ...] [kg, m]",
+        "point masses on a link, or on the base by the name of the vehicle's body, unknown to the laws: [{link = ..., "
+        "mass = ..., position = [0, 0, 0], displaced_mass = 0}, ...] [kg, m]",
         (),
     )
     contact_bodies: tuple[ContactBody, ...] = doc("spheres and capsules that touch walls, in place of the probe", ())

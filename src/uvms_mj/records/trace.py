@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..control.rest import NoClosedForm, SteadyState
-from ..errors import InputError, suggestion
+from ..errors import InputError
 from ..scenario import Scenario
 from ..stages.signals import Signal
+from ..stages.words import no_signal
 from .header import Header, Outcome, Status
 from .mcap import McapLog, read
 
@@ -34,10 +35,6 @@ class UnknownSignal(KeyError):
 
     def __str__(self) -> str:
         return str(self.args[0])  # without the quotes that KeyError puts around a key
-
-
-def _unknown(name: object, arrays: Mapping[str, np.ndarray]) -> str:
-    return f"no signal {name!r}; {suggestion(str(name), arrays)}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,13 +126,13 @@ class Trace:
         try:
             return self.__dict__["arrays"][name]
         except KeyError:
-            raise AttributeError(_unknown(name, self.__dict__.get("arrays", {}))) from None
+            raise AttributeError(no_signal(name, {*self.__dict__.get("arrays", {}), "push"})) from None
 
     def __getitem__(self, name: str) -> np.ndarray:
         try:
             return self.arrays[name]
         except KeyError:
-            raise UnknownSignal(_unknown(name, self.arrays)) from None
+            raise UnknownSignal(no_signal(name, self.arrays)) from None
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.arrays)

@@ -34,7 +34,7 @@ import numpy as np
 from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
 from typing_extensions import TypedDict
 
-from ..errors import Fault, InputError, faults_of
+from ..errors import Fault, InputError, faults_of, shortened
 from ..physics.random import key_of
 from ..quantities import Step
 from .signals import Signal
@@ -62,6 +62,7 @@ class Room:
         reserved: names that a setting must not have, each with the reason.
         optional: names of the signals of ``out`` that stay zero if a user's stage does not set them.
         counts: whose number ``given`` and the sizes of states depend on: "thrusters" or "joints".
+        words: further words for a stage of the room, which messages understand in place of the table's.
     """
 
     name: str
@@ -77,6 +78,7 @@ class Room:
     reserved: Mapping[str, str] = dataclasses.field(default_factory=dict)
     optional: tuple[str, ...] = ()
     counts: str = "thrusters"
+    words: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -137,12 +139,14 @@ class Stage:
         """Check the settings, each of which is valid, against each other. Raises InputError if they do not agree."""
 
     def _of_default(self, fault: Fault) -> Fault:
-        """The fault, with a hint if the value is the default of the class."""
+        """The fault, with a hint if the value is the default of the class, or if the default shows a list."""
         name = fault.key.removeprefix(f"{self.room.table}.").partition("[")[0]
         field = next((f for f in dataclasses.fields(self) if f.name == name), None)
-        if field is None or getattr(self, name) is not field.default:
-            return fault
-        return Fault(fault.key, f"{fault.message}; it is the default in the class {type(self).__name__}")
+        if field is not None and getattr(self, name) is field.default:
+            return Fault(fault.key, f"{fault.message}; it is the default in the class {type(self).__name__}")
+        if isinstance(default := getattr(field, "default", None), tuple) and fault.message.endswith("list of numbers"):
+            return Fault(fault.key, f"{fault.message}; its default is {shortened(list(default))}")
+        return fault
 
     @classmethod
     def label(cls) -> str:

@@ -54,7 +54,8 @@ class Choice(Generic[_Stage]):
             hint = suggestion(source, self.shipped)
             own = f"for your own {noun} give path/to/file.py:ClassName"
             if source.endswith(".py"):
-                raise InputError([Fault(key, f"{source!r} names no class; give {source}:ClassName")])
+                names = [name for name, cls in users_stages(source, key).items() if issubclass(cls, self.base)]
+                raise InputError([Fault(key, f"{source!r} names no class; {give_one(source, names)}")])
             raise InputError([Fault(key, f"no {noun} {source!r}; {hint}; {own}")])
         stages = stages_in(file, key)
         found = {n: cls for n, cls in stages.items() if issubclass(cls, self.base) and cls is not self.base}
@@ -89,7 +90,7 @@ class Choice(Generic[_Stage]):
         settings if it has no name; any table may have the keys ``others``. Otherwise a sentence with the settings that
         no override sets is appended to ``left_out``."""
         if "name" in table:
-            belongs = _absolute(table["name"]) == _absolute(source)
+            belongs = _resolved(table["name"]) == _resolved(source)
         else:
             settings = self.settings(source)
             belongs = settings is None or set(table) <= {*settings, *others}
@@ -120,9 +121,15 @@ class Choice(Generic[_Stage]):
         return [key for key in settings if key not in given or stage is None or stage != made(key)]
 
 
-def _absolute(source: Any) -> Any:
-    """The source with an absolute path, so that two spellings of one file compare equal."""
-    return str(Path(source).absolute()) if isinstance(source, str) and ".py:" in source else source
+def _resolved(source: Any) -> Any:
+    """The source with its file's path resolved: two ways to one file, as through ``..`` or a link, compare equal."""
+    if not isinstance(source, str) or ".py:" not in source:
+        return source
+    file, _, class_name = source.rpartition(":")
+    try:
+        return Path(file).resolve(), class_name
+    except (OSError, ValueError, RuntimeError):  # a loop of links, or no path: the file is refused when it is loaded
+        return source
 
 
 def stage_of(
@@ -171,16 +178,33 @@ def stages_in(file: str, key: str) -> dict[str, type[Stage]]:
     """The classes of stages in a user's file, by name. Raises InputError with this key if it can't be loaded."""
     path = Path(file)
     try:
-        is_there, reason = path.is_file(), f"looked in {Path.cwd()}"
+        is_there, reason = path.is_file(), "" if path.is_absolute() else f" (looked in {Path.cwd()})"
     except OSError as error:
-        is_there, reason = False, str(error.strerror)
+        is_there, reason = False, f" ({error.strerror})"
     if not is_there:
-        raise InputError([Fault(key, f"no file {file!r} ({reason})")])
+        raise InputError([Fault(key, f"no file {file!r}{reason}")])
     return {
         name: value
         for name, value in vars(load_file(path.absolute(), key)).items()
         if isinstance(value, type) and issubclass(value, Stage) and hasattr(value, "room")
     }
+
+
+def users_stages(file: str, key: str) -> dict[str, type[Stage]]:
+    """Those of :func:`stages_in` that are not of this package."""
+    return {name: cls for name, cls in stages_in(file, key).items() if not cls.__module__.startswith("uvms_mj.")}
+
+
+def give_one(file: str, names: Collection[str]) -> str:
+    """What to write in place of a file without a class, by the names of its classes."""
+    return f"give {' or '.join(f'{file}:{name}' for name in names or ('ClassName',))}"
+
+
+_HINTS = {
+    "non-frozen dataclass": "decorate with @dataclass(frozen=True)",
+    "mutable default <class 'list'>": "a setting is a tuple: write (80.0, ...) in place of [80.0, ...]",
+}
+"""What to write instead, by a part of the text of Python's exception."""
 
 
 def load_file(path: Path, key: str) -> ModuleType:
@@ -206,7 +230,7 @@ def load_file(path: Path, key: str) -> ModuleType:
         frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
         line = frames[-1].lineno if frames else getattr(error, "lineno", None)
         where = f"{path.name}, line {line}" if line else path.name
-        hint = "; decorate with @dataclass(frozen=True)" if "non-frozen dataclass" in str(error) else ""
+        hint = next((f"; {what}" for sign, what in _HINTS.items() if sign in str(error)), "")
         raise InputError([Fault(key, f"{where}: {type(error).__name__}: {error}{hint}")]) from error
     finally:
         sys.dont_write_bytecode = before

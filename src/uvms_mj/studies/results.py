@@ -76,14 +76,10 @@ class Results:
 
     def __init__(self, folder: Path, plan: "Plan", parcel: "Parcel") -> None:
         """Begin a study in a folder, or go on with it. Raises InputError if the folder has another study."""
-        from .plan import Plan
-
         self.folder, self._schema, self._digest = folder, schema_of(plan), parcel.digest
         self.damaged: list[str] = []
         self.blocks = blocks(plan.runs)
-        about = about_of(plan, parcel)
-        if (folder / STUDY).exists() or (folder / "rows").exists():
-            check_same(folder / STUDY, Plan.load, plan.tables, about)
+        about = refuse_another(folder, plan, parcel)
         for place in (folder / "rows", folder / "logs"):
             place.mkdir(parents=True, exist_ok=True)
             for left in place.glob(".*.new"):  # by a process that was killed
@@ -130,9 +126,19 @@ class Results:
                 self.write(i, [{name: row.get(name) for name in names} for row in rows])
 
 
+def refuse_another(folder: Path, plan: "Plan", parcel: "Parcel") -> dict[str, Any]:
+    """The contents of version.json. Raises InputError if a folder has another study."""
+    from .plan import Plan
+
+    about = about_of(plan, parcel)
+    if (folder / STUDY).exists() or (folder / "rows").exists():
+        check_same(folder / STUDY, Plan.load, plan.tables, about)
+    return about
+
+
 def share_done(folder: Path, plan: "Plan") -> float:
     """Share of a study's blocks that have a part in a folder."""
-    parts = len(list((folder / "rows").glob("part-*.parquet")))  # those of another study are refused later
+    parts = len(list((folder / "rows").glob("part-*.parquet")))  # those of another study are refused
     return min(1.0, parts / len(blocks(plan.runs)))
 
 

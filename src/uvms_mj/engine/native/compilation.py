@@ -111,5 +111,5 @@ def _reason(error: Exception) -> str:
     if not lines:
         return f"{type(error).__name__} without a reason; arrays of different lengths are a common cause"
     reason = f"{lines[0]} {lines[1].removeprefix('>>> ')}" if lines[0].endswith(":") and lines[1:] else lines[0]
-    place = next((found for line in lines[1:] if (found := _PLACE.search(line))), None)
-    return f"{reason} ({Path(place[1]).name}, line {place[2]})" if place else reason
+    places = [found for line in lines[1:] if (found := _PLACE.search(line)) and "/numba/" not in found[1]]
+    return f"{reason} ({Path(places[0][1]).name}, line {places[0][2]})" if places else reason

@@ -12,6 +12,7 @@ from ...stages.signals import Signal, record_dtype
 from .arena import MARGIN, NEARBY, Arena
 from .compilation import NotCompiled
 from .plain_stage import PlainStage, StageFault
+from .reasons import in_users_words
 from .stage_code import RAISED, compile_stage
 
 SEARCH_S = 0.25
@@ -39,7 +40,8 @@ class Entry:
             kinds = settings.dtype, state.dtype, given.dtype, self._out_kind
             self.code = compile_stage(type(stage).function(), *kinds, guarded=self.guarded)
         except NotCompiled as reason:
-            self.not_compiled = str(reason)
+            arguments = (settings.dtype, state.dtype, given.dtype, state.dtype, self._out_kind)
+            self.not_compiled = in_users_words(str(reason), type(stage).function(), arguments)
 
     def new(self, constants: Mapping[str, Any]) -> dict[str, Any]:
         """The constants that may differ from those in memory."""

@@ -18,6 +18,7 @@ _OF_STUDY = ("design", "keep", "run")
 _NOT_OF_BASE = ("laws", "vary", "design", "keep", "run", "success")
 _PATHS = ("vehicle.model", "joints.motion_file", *(f"{table}.name" for table in STAGES))
 """The dotted keys whose value may be the path of a file."""
+_SUFFIXES = (".py", ".xml", ".toml", ".csv")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -37,10 +38,12 @@ class Law:
 
 
 def absolute(value: Any, folder: Path) -> Any:
-    """A value with an absolute path, if it names a file in the folder: ``model.xml`` or ``law.py:Class``."""
-    if isinstance(value, str) and value and (folder / value.split(":")[0]).is_file():
-        return str((folder / value).absolute())
-    return value
+    """A value with an absolute path in the folder, if it names a file: ``model.xml`` or ``law.py:Class``. Text without
+    the ending of such a file is the path of one only if it is there."""
+    if not isinstance(value, str) or not value:
+        return value
+    file = Path(value.split(":")[0])
+    return str((folder / value).absolute()) if file.suffix in _SUFFIXES or (folder / file).is_file() else value
 
 
 def with_absolute_values(vary: Vary, folder: Path) -> Vary:

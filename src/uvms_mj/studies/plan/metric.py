@@ -44,7 +44,7 @@ def metric_of(name: str) -> "Callable[[Trace], Any]":
         raise InputError(f"no metric {name!r}; {hint}; for your own give path/to/file.py:function")
     path = Path(file)
     if not path.is_file():
-        raise InputError(f"no file {file!r} (looked in {Path.cwd()})")
+        raise InputError(f"no file {file!r}" + ("" if path.is_absolute() else f" (looked in {Path.cwd()})"))
     try:
         functions = {key: value for key, value in vars(load_file(path.absolute(), "")).items() if callable(value)}
     except InputError as error:
