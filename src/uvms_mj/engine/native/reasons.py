@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ...files import parsed
+
 _NAME = re.compile(r"NameError: name '(\w+)' is not defined")
 _COPY = re.compile(r"Function\(<built-in function array>\).* array\((nestedarray|array)\(")
 
@@ -49,7 +51,7 @@ def _nodes(function: types.FunctionType) -> list[ast.stmt | ast.expr]:
     """The statements and expressions of a function's source in the order of its lines. One typed at a prompt has no
     source, and none of them."""
     try:
-        tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
+        tree = parsed(textwrap.dedent(inspect.getsource(function)))
     except (OSError, TypeError, SyntaxError):
         return []
     found = [node for node in ast.walk(tree) if isinstance(node, ast.stmt | ast.expr)]
