@@ -419,7 +419,7 @@ def test_the_page_has_the_settings_of_the_program():
     assert listed == {"name"} | {field.name for kind in (General, T200) for field in kind.setting_fields()}
 
 
-OWN = """
+LAGGING = """
 from dataclasses import dataclass
 from uvms_mj import setting
 from uvms_mj.actuation import Thrusters
@@ -440,7 +440,7 @@ class Lag(Thrusters):
 @pytest.mark.parametrize(("T", "also"), [(3e-5, True), (0.02, False)])
 def test_thrust_of_a_users_thrusters_that_diverges_is_answered_with_their_time_constant(tmp_path, T, also):
     """Explicit Euler of a lag diverges for T < h/2; with a longer T the law with an absurd gain does."""
-    (tmp_path / "own.py").write_text(OWN)
+    (tmp_path / "own.py").write_text(LAGGING)
     table = {"thrusters.name": f"{tmp_path}/own.py:Lag", "thrusters.lag": T, "simulation.duration": 0.1}
     wild = {} if also else {"controller.k_1": 1e9}
     trace = simulate(Scenario.load("push_wall", table | wild), **FREE)
