@@ -188,7 +188,7 @@ def test_an_exception_that_a_signal_became_is_still_the_signal(here, monkeypatch
         except KeyboardInterrupt:
             raise ImportError("numpy._core failed to import") from None
 
-    monkeypatch.setattr("uvms_mj.engine.simulation.set_up", interrupted)
+    monkeypatch.setattr("uvms_mj.engine.simulation.checked", interrupted)
     done = here("run", "-q")
     assert done.exit_code == 130
     assert done.stderr == "interrupted before the first step\n"

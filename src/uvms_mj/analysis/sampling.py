@@ -10,11 +10,10 @@ from ..control.posture import posture_faults, posture_notes
 from ..control.sampled import delay_faults, zeta_limit
 from ..control.theory import stage_notes
 from ..errors import Fault, InputError
-from ..plant.mjcf import Mjcf
 from ..plant.vehicle import AXES, notes_on_damping
-from ..scenario import STAGES, Scenario
+from ..scenario import STAGES
 from ..stages.base import Stage
-from .setup import Setup, set_up
+from .setup import Setup
 from .task_frame import task_faults, task_notes
 from .wall import wall_faults, wall_notes
 from .water import water_faults
@@ -28,15 +27,6 @@ _WATER = ("current", "disturbance", "simulation.timestep")
 
 class SamplingWarning(UserWarning):
     """The controller chatters or limit-cycles at this time step or with these gains."""
-
-
-def checked(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
-    """Check a scenario, and build its plant and its design. The arguments are those of :func:`.setup.set_up`. Raises
-    InputError if the scenario cannot run."""
-    with no_overflow(scenario):
-        setup = set_up(scenario, mjcf)
-        refuse(setup)
-    return setup
 
 
 def refuse(setup: Setup, touched: frozenset[str] = _EVERYTHING) -> None:

@@ -20,6 +20,7 @@ from ..records.trace import Trace
 from ..records.writing import Writing
 from ..scenario import Scenario
 from ..stages.base import is_shipped
+from .native.layouts import STOP_THRUST
 from .native.plain_stage import StageFault
 from .simulation import CHUNK_S, Simulation, valid_scenario
 
@@ -157,7 +158,7 @@ class _Run:
                 if sim.divergence:
                     touched = self.memory.loop["row"]["touches"][0] > 0.0
                     own = not (is_shipped(self.scenario.thrusters) and is_shipped(self.scenario.actuation))
-                    of_thrusters = own and sim.divergence.startswith("u[")
+                    of_thrusters = own and self.memory.loop["stop"][0] == STOP_THRUST
                     advice = f"{_warned(self.notes)}{_hint(touched, of_thrusters)}"
                     status, message = Status.unstable, f"t = {sim.t:.6g} s: {sim.divergence}. {advice}"
                     break

@@ -7,16 +7,14 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from ..analysis.sampling import refuse, warnings_of
-from ..analysis.setup import set_up
-from ..control.design import no_overflow
+from ..analysis.sampling import warnings_of
 from ..errors import Fault, InputError
 from ..plant.mjcf import Mjcf
 from ..quantities import overrides_of
 from ..scenario import Scenario
-from ..stages.loader import check_stage
 from ..stages.signals import Signal
 from .changes import changed
+from .checks import checked
 from .engines import engine_of
 from .live import Signals
 from .native.callback import entry_point
@@ -63,11 +61,7 @@ class Simulation:
 
     def __init__(self, scenario: Scenario | None = None, *, engine: str = "mujoco", mjcf: Mjcf | None = None) -> None:
         scenario = valid_scenario(scenario)
-        for stage in scenario.stages:
-            check_stage(stage)
-        with no_overflow(scenario):
-            self.setup = set_up(scenario, mjcf)
-            refuse(self.setup)
+        self.setup = checked(scenario, mjcf)
         self._base, self._touched = self.setup, frozenset[str]()  # the latter: what the last reset and set have touched
         self._engine = engine_of(engine, self.setup)
         self._finalizer = weakref.finalize(self, self._engine.close)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...analysis.sampling import checked
+from ...engine.checks import checked
 from ...errors import Fault, InputError, suggestion
 from .draws import Variation
 from .entries import Law
