@@ -13,6 +13,8 @@ from ..guidance.base import samples
 from ..stages.base import is_shipped
 from .rest import demanded_force
 
+_FAR = 0.1
+"""Motion of a joint that no level of the posture holds, from which it is worth a warning [rad or m]."""
 _NEAR = 0.5
 """Share of its speed limit from which a joint is near it: the estimate is that of small motions."""
 _SAMPLES, _SAMPLED_S = 100, 0.1
@@ -29,22 +31,40 @@ def free_motion_notes(setup: Any) -> Iterator[str]:
     push = demanded_force(scenario) if setup.contacts.paper else 0.0
     tau_c = -setup.design.normal * (push if math.isfinite(push) else 0.0)
     motion = FreeMotion(setup, delivery, position or setup.initial.position, attitude_deg, tau_c)
-    q = motion.rest()
-    why = q if isinstance(q, str) else motion.weak(motion.push(q).tau)
-    if why:
-        yield f"the vehicle does not rest while the law holds {scenario.task.frame}: {why}; {_cure(setup, q)}"
+    yield from _restless(setup, motion)
     if any(math.isfinite(link.speed_limit) for link in links):
         yield from _slow_motors(setup, delivery)
 
 
-def _cure(setup: Any, q: Any) -> str:
-    """What to change where the vehicle comes to no rest, or can't hold its rest at q."""
-    order = setup.scenario.posture.order
-    if not isinstance(q, str):
-        return "choose other initial.joints, a weaker current or a softer push"
-    if "joints" not in order:
-        return f'nothing holds the motion that posture.order = {json.dumps(order)} leaves free; add "joints" to it'
-    return "choose other initial.joints, a larger posture.joints_frequency or a weaker current"
+def _restless(setup: Any, motion: FreeMotion) -> Iterator[str]:
+    """A warning if the slow motion from the initial posture comes to no rest, or to one that the motors or thrusters
+    can't hold, or moves far where no level holds it."""
+    order, frame = setup.scenario.posture.order, setup.scenario.task.frame
+    q = motion.rest()
+    moves = q if isinstance(q, str) else _moves(setup, q) if "joints" not in order else ""
+    if moves and "joints" not in order:
+        yield (
+            f"nothing holds the motion that posture.order = {json.dumps(order)} leaves free while the law holds "
+            f'{frame}: {moves}; add "joints" to it'
+        )
+    elif moves:
+        yield (
+            f"the posture gives way while the law holds {frame}: {moves}; choose other initial.joints, a larger "
+            "posture.joints_frequency or a weaker current"
+        )
+    elif weak := motion.weak(motion.push(q).tau):
+        yield f"the vehicle can't hold its rest behind {frame}: {weak}; choose other initial.joints or a weaker current"
+
+
+def _moves(setup: Any, q: np.ndarray) -> str:
+    """Which joint is farthest from its start at q (n,); empty if none is far."""
+    start = setup.start.q
+    k = int(np.abs(q - start).argmax())
+    link = setup.vehicle.arm.links[k]
+    if abs(q[k] - start[k]) < _FAR:
+        return ""
+    angles = (f"{x:.3g} m" if link.slide else f"{math.degrees(x):.3g} deg" for x in (start[k], q[k]))
+    return f"{link.joint} moves from {' to '.join(angles)}"
 
 
 def _slow_motors(setup: Any, delivery: Delivery) -> Iterator[str]:
@@ -64,7 +84,7 @@ def _slow_motors(setup: Any, delivery: Delivery) -> Iterator[str]:
     ]
     if near:
         yield (
-            f"the joints come near their speed limits, at which a motor has no torque left and the law may lose "
-            f"{scenario.task.frame}: {', '.join(near)}; choose a slower reference, a larger posture.joints_frequency or "
-            "a weaker current"
+            "the joints come near their speed limits, at which a motor has no torque left and the law may lose "
+            f"{scenario.task.frame}: {', '.join(near)}; choose a slower reference, a larger posture.joints_frequency "
+            "or a weaker current"
         )

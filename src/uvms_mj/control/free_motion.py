@@ -31,6 +31,8 @@ _LARGEST_CHANGE = 0.3
 _STEPS = 60
 _AT_REST = 1e-6
 """Largest acceleration of a joint at rest [rad/s^2 or m/s^2]."""
+_GROWS = 1e-3
+"""Least growth of the slow motion about a rest that is not stable [1/s]. Zero is a motion that nothing pushes."""
 _SMALL = 1e-6
 """Change of a joint for a derivative [rad or m]."""
 
@@ -121,7 +123,7 @@ class FreeMotion:
             r = self.push(q).r
             slope = self.slope(q, r)
             if np.abs(r).max() < _AT_REST:
-                stable = np.linalg.eigvals(slope).real.max() < 0.0
+                stable = np.linalg.eigvals(slope).real.max() < _GROWS
                 return q if stable else "its balance is not stable"
             change = np.linalg.solve(np.eye(len(q)) / step - slope, r)
             while (largest := np.abs(change).max()) > _LARGEST_CHANGE and step > 1e-6:
