@@ -211,7 +211,10 @@ MEASURED = (
 DELAYED = (Signal("tau_cmd_delayed", (6,), _WRENCH, "B", "tau_cmd after controller.delay, given to the actuation"),)
 """Recorded if the law has a computation delay."""
 
-IN_TASK_FRAME = (*(s.name for s in ERRORS + IMPEDANCE + TASK), *BAND["s"], "tau_cmd", "tau_cmd_delayed", "boundary_layer_time")
+IN_TASK_FRAME = (
+    *(s.name for s in ERRORS + IMPEDANCE + TASK),
+    *("tau_cmd", "tau_cmd_delayed", "boundary_layer_time", *BAND["s"]),
+)
 """Signals whose frame is that of the task. With a tool, their recorded frame is T in place of B."""
 
 UNSTEADY = (
