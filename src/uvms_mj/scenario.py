@@ -111,8 +111,9 @@ class Scenario:
             scenario: path of a TOML file, or the name of a built-in scenario.
             overrides: dotted keys with values that replace the file's, ``{"wall.stiffness": 1e4}``.
             controller: name of a law, or ``path/to/my_law.py:MyLaw``; replaces the file's law. The file's gains are
-                kept only if they belong to this law, as are a table's settings if an override replaces its ``name``.
-                A warning names those that are left out.
+                kept only if they belong to this law, as are a table's settings if an override replaces its ``name``;
+                a warning names those that are left out. What every stage of a table has stays: the period of the
+                table, ``controller.delay`` and ``reference.attitude_deg`` belong to the loop.
         """
         path = toml_path(scenario, "scenario", "scenarios")
         tables = tables_of(path, "scenario")
@@ -155,7 +156,8 @@ class Scenario:
             faults.append(Fault("controller.name", both))
         for name, source in (chosen | {"controller": chosen["controller"] or controller}).items():
             if source is not None:
-                tables[name] = STAGES[name].replaced(tables[name], source, overrides, TASK_KEYS, left_out)
+                own = (known or {}).get(name)
+                tables[name] = STAGES[name].replaced(tables[name], source, overrides, TASK_KEYS, left_out, own)
         old = move_task_keys(tables["controller"], tables["task"], faults)
         replaced = move_task_keys(overrides, overrides, faults)
         for key, value in overrides.items():

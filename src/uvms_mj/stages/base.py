@@ -271,6 +271,8 @@ def validator(cls: Any, names: tuple[str, ...] = ()) -> TypeAdapter:
     """The validator of the fields of a dataclass, or of some of them, made once. Settings are checked at construction
     and never in the loop."""
     hints = get_type_hints(cls, include_extras=True)
+    if issubclass(cls, Stage):  # a class may give what all stages of its room have another default, not another range
+        hints |= get_type_hints(base_of(cls), include_extras=True)
     # Any: the fields of this type are known only at run time
     make: Any = TypedDict
     shape = make("shape", {name: hints[name] for name in names or [f.name for f in dataclasses.fields(cls)]})
