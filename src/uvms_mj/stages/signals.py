@@ -10,6 +10,8 @@ import numpy as np
 
 OF_JOINTS = ("q", "q_dot", "tau_q", "q_m", "q_dot_m", "tau_q_cmd", "joint_saturation_time")
 """Signals with one number a joint."""
+OF_THRUSTERS = ("u", "u_cmd", "inflow")
+"""Signals with one number a thruster."""
 OWN_UNIT = "law's own"
 """Unit shown for a state or gain of a law that declares none."""
 
@@ -33,7 +35,7 @@ class Signal:
     @property
     def components(self) -> tuple[str, ...]:
         """Name of each component: x y z, w x y z, x y z roll pitch yaw, or 1 2 3 ...; an empty name for a scalar."""
-        if self.name in ("u", *OF_JOINTS) or self.size not in _COMPONENTS:
+        if self.name in (*OF_THRUSTERS, *OF_JOINTS) or self.size not in _COMPONENTS:
             return tuple(str(i + 1) for i in range(self.size))
         return _COMPONENTS[self.size]
 
