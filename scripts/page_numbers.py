@@ -6,7 +6,7 @@ each measured number, and the values of the runs:
     yield "vibrates by {} N, by {} N", first, (second, 0.05)
 
 A value that comes alone must be the printed number to its last digit. A pair is a value and its tolerance, for results
-that depend on rounding, and for numbers that the page calls approximate. After "below", "within", "at most" and "up to"
+that depend on rounding, and for numbers that the page calls approximate. After "below", "within" and "at most"
 the printed number is a bound of the value.
 """
 
@@ -20,7 +20,7 @@ from types import ModuleType
 ROOT = Path(__file__).parents[1]
 PAGES = Path(__file__).with_name("pages")
 _NUMBER = r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
-_BOUND = re.compile(r"(?:below|within|at most|up to)(?: about)? $")
+_BOUND = re.compile(r"(?:below|within|at most) $")
 
 
 def script(name: str) -> ModuleType:
