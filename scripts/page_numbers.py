@@ -88,7 +88,7 @@ def _holds(printed: str, each: float | tuple[float, float], bound: bool) -> bool
     value = _value(each)
     if bound:
         return abs(value) <= float(printed)
-    within = each[1] if isinstance(each, tuple) else 0.5 * _last_digit(printed)
+    within = max(0.5 * _last_digit(printed), each[1] if isinstance(each, tuple) else 0.0)
     return abs(float(printed) - value) <= within * (1.0 + 1e-9) + 1e-300
 
 
