@@ -43,7 +43,7 @@ def faults(text: str, sentences: Iterable[tuple]) -> list[str]:
     return [
         f"{words!r}: the page has {printed}, the run {value:.6g}"
         for words, holes in _found(text, sentences)
-        for printed, _, value, holds in holes
+        for printed, _, value, holds, _ in holes
         if not holds
     ]
 
@@ -51,9 +51,9 @@ def faults(text: str, sentences: Iterable[tuple]) -> list[str]:
 def corrected(text: str, sentences: Iterable[tuple]) -> str:
     """A page's text with the values of the runs in place of the numbers that are wrong, to as many digits."""
     wrong = [
-        (span, _like(printed, value))
+        (span, _like(printed, abs(value) if bound else value, bound))
         for _, holes in _found(text, sentences)
-        for printed, span, value, holds in holes
+        for printed, span, value, holds, bound in holes
         if not holds
     ]
     for (start, end), number in sorted(wrong, reverse=True):
@@ -62,7 +62,8 @@ def corrected(text: str, sentences: Iterable[tuple]) -> str:
 
 
 def _found(text: str, sentences: Iterable[tuple]) -> Iterator[tuple[str, list[tuple]]]:
-    """Each sentence with its holes: printed number, its place in the text, value, and whether it holds."""
+    """Each sentence with its holes: printed number, its place in the text, value, whether it holds, whether it is a
+    bound."""
     for words, *values in sentences:
         parts = words.split("{}")
         if len(parts) != len(values) + 1:
@@ -71,25 +72,19 @@ def _found(text: str, sentences: Iterable[tuple]) -> Iterator[tuple[str, list[tu
         places = list(re.finditer(rf"(?<![\d.]){pattern}(?!\d|\.\d)", text))
         if len(places) != 1:
             raise ValueError(f"{words!r} is {len(places)} times in the page")
-        yield (
-            words,
-            [
-                (places[0][k], places[0].span(k), _value(each), _holds(places[0][k], each, bool(_BOUND.search(before))))
-                for k, (before, each) in enumerate(zip(parts, values, strict=False), 1)
-            ],
-        )
+        holes = []
+        for k, (before, each) in enumerate(zip(parts, values, strict=False), 1):
+            printed, bound = places[0][k], bool(_BOUND.search(before))
+            value = float(each[0] if isinstance(each, tuple) else each)
+            tolerance = float(each[1]) if isinstance(each, tuple) else 0.0
+            holes.append((printed, places[0].span(k), value, _holds(printed, value, tolerance, bound), bound))
+        yield words, holes
 
 
-def _value(each: float | tuple[float, float]) -> float:
-    return float(each[0] if isinstance(each, tuple) else each)
-
-
-def _holds(printed: str, each: float | tuple[float, float], bound: bool) -> bool:
-    value = _value(each)
+def _holds(printed: str, value: float, tolerance: float, bound: bool) -> bool:
     if bound:
         return abs(value) <= float(printed)
-    within = max(0.5 * _last_digit(printed), each[1] if isinstance(each, tuple) else 0.0)
-    return abs(float(printed) - value) <= within * (1.0 + 1e-9) + 1e-300
+    return abs(float(printed) - value) <= max(0.5 * _last_digit(printed), tolerance) * (1.0 + 1e-9) + 1e-300
 
 
 def _last_digit(printed: str) -> float:
@@ -97,11 +92,11 @@ def _last_digit(printed: str) -> float:
     return 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
 
 
-def _like(printed: str, value: float) -> str:
-    """A value as a number is printed: with as many decimals, with an exponent and a sign if it has them."""
-    mantissa, e, exponent = printed.partition("e")
+def _like(printed: str, value: float, up: bool) -> str:
+    """A value as a number is printed: with as many decimals, with an exponent and a sign if it has them; rounded, or
+    rounded up."""
+    mantissa, e, _ = printed.partition("e")
     sign, decimals = "+" if printed.startswith("+") else "", len(mantissa.partition(".")[2])
-    if not e:
-        return f"{value:{sign}.{decimals}f}"
-    power = math.floor(math.log10(abs(value))) if value else 0
-    return f"{value / 10.0**power:{sign}.{decimals}f}e{power}"
+    power = math.floor(math.log10(abs(value))) if e and value else 0
+    value = value / 10.0**power + (0.5 * 10.0**-decimals if up else 0.0)
+    return f"{value:{sign}.{decimals}f}" + (f"e{power}" if e else "")

@@ -58,7 +58,12 @@ def numbers() -> Iterator[tuple]:
         for row, settings in ROWS.items():
             trace = simulate(Scenario.load("push_wall", EXAMPLE | settings), engine="free_body", log_rate=1000)
             late = trace.push[trace.t > 25.0]
-            yield f"| {row} | {{}} | {{}} | {{}} |", (late.mean(), 3e-5), (np.ptp(late), 0.2 * np.ptp(late)), trace.force_peak[-1]
+            yield (
+                f"| {row} | {{}} | {{}} | {{}} |",
+                (late.mean(), 3e-5),
+                (np.ptp(late), 0.2 * np.ptp(late)),
+                trace.force_peak[-1],
+            )
             if not settings:
                 yield "stepped at 1 ms for 30 s. The closed form is {} N", trace.analytic.force
         weak = simulate(Scenario.load("push_wall", WEAK | {"simulation.duration": 0.001}), engine="free_body")
@@ -84,7 +89,9 @@ def main() -> None:
         right.plot([0.0, 0.0, t[-1]], [0.0, 1.0, 1.0], color=GREY, label="none")
         right.plot(t, step_response("first_order"), color=COLOURS["x"], label="first_order, 30 ms")
         right.plot(t, step_response("third_order"), color=COLOURS["force"], label="third_order, as identified")
-        right.plot([20.0, 32.0], [0.63, 0.95], "+", color=BLACK, markersize=9, label="63 % at 20 ms, 95 % at 32 ms (source)")
+        right.plot(
+            [20.0, 32.0], [0.63, 0.95], "+", color=BLACK, markersize=9, label="63 % at 20 ms, 95 % at 32 ms (source)"
+        )
         right.set(xlabel="time after the command [ms]", ylabel="thrust over command", title="Step response of the lags")
         left.legend(loc="upper left")
         right.legend(loc="lower right")

@@ -105,7 +105,12 @@ def numbers() -> Iterator[tuple]:
     yield "{} ms at the default wall of 1e5 N/m and {} ms at 2e3 N/m", *(1e3 * limit for limit in limits)
     trace = run(HEAVY)
     late, found = trace.push[trace.t > 15.0], Vibration.of(set_up(trace.scenario))
-    yield "pushes the wall of 2e3 N/m with {} N, deviation {} N, in {} touch", late.mean(), late.std(), trace.touches[-1]
+    yield (
+        "pushes the wall of 2e3 N/m with {} N, deviation {} N, in {} touch",
+        late.mean(),
+        late.std(),
+        trace.touches[-1],
+    )
     yield "Its force is {} ms old", 1e3 * found.age
     yield "at {} ms all damping would be lost", 1e3 * found.limit
     yield "its command is {} ms late", 1e3 * found.chain.command_age
@@ -116,10 +121,20 @@ def main() -> None:
         figure = Figure(figsize=(PAGE_IN, 6.0))
         axes = figure.subplots(3, 2)
         trace = run(EKF, 200.0)
-        x, surge, bias = (trace.p_WB_m - trace.p_WB)[:, 0], (trace.nu_m - trace.nu)[:, 0], trace["b_g"] - trace["b_g_true"]
+        x, surge, bias = (
+            (trace.p_WB_m - trace.p_WB)[:, 0],
+            (trace.nu_m - trace.nu)[:, 0],
+            trace["b_g"] - trace["b_g_true"],
+        )
         bounds(axes[0, 0], trace.t, 1e3 * x, 1e3 * trace["sigma_p"][:, 0], "error of x [mm]")
         bounds(axes[0, 1], trace.t, 1e3 * surge, 1e3 * trace["sigma_v"][:, 0], "error of surge [mm/s]")
-        bounds(axes[1, 0], trace.t, 1e3 * bias[:, 0], 1e3 * trace["sigma_b_g"][:, 0], "error of the roll gyro's bias [mrad/s]")
+        bounds(
+            axes[1, 0],
+            trace.t,
+            1e3 * bias[:, 0],
+            1e3 * trace["sigma_b_g"][:, 0],
+            "error of the roll gyro's bias [mrad/s]",
+        )
         nees(axes[1, 1])
         force(axes[2, 0], SOFT, "push [N]: observer, T = 10 ms, wall of 2e3 N/m")
         force(axes[2, 1], {}, "push [N]: observer, T = 10 ms, wall of 1e5 N/m")

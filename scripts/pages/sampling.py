@@ -88,7 +88,10 @@ def numbers() -> Iterator[tuple]:
     late = [last(run("push_soft_wall_100hz", controller__delay=delay), 5.0) for delay in (0.01, 0.04)]
     yield "vibrates by {} N, by {} N", np.ptp(late[0]), (np.ptp(late[1]), 0.02)
     fine = run("push_soft_wall_100hz", simulation__timestep=1e-4, controller__delay=0.04)
-    yield "that of 40 ms differs by {} % with the time step", 100.0 * abs(np.ptp(last(fine, 5.0)) / np.ptp(late[1]) - 1.0)
+    yield (
+        "that of 40 ms differs by {} % with the time step",
+        100.0 * abs(np.ptp(last(fine, 5.0)) / np.ptp(late[1]) - 1.0),
+    )
     bounces = run("push_wall", simulation__duration=30.0, **{k.replace(".", "__"): v for k, v in RATE.items()})
     age = Vibration.of(set_up(bounces.scenario))
     yield (

@@ -91,7 +91,11 @@ def order(rates: tuple[float, float, float]) -> float:
 def numbers() -> Iterator[tuple]:
     held, fosm, touching = late("gsta"), late("fosm"), late("impedance") > 0.0
     yield "GSTA holds {} N, the demanded force, within {} N", held.mean(), np.abs(held - held.mean()).max()
-    yield "the push of FOSM has a standard deviation of {} N and a range of {} N from least to greatest", fosm.std(), np.ptp(fosm)
+    yield (
+        "the push of FOSM has a standard deviation of {} N and a range of {} N from least to greatest",
+        fosm.std(),
+        np.ptp(fosm),
+    )
     yield "impedance control touches the wall {} % of the time", (100.0 * touching.mean(), 1.0)
     off = late("gsta", 0.08) == 0.0
     yield "gusts down to 0.08 s push GSTA off the wall for {} % of the time", (100.0 * off.mean(), 3.0)
