@@ -15,7 +15,7 @@ from .rest import demanded_force
 
 _FAR = 0.1
 """Motion of a joint that no level of the posture holds, from which it is worth a warning [rad or m]."""
-_NEAR = 0.5
+_NEAR = 0.7
 """Share of its speed limit from which a joint is near it: the estimate is that of small motions."""
 _SAMPLES, _SAMPLED_S = 100, 0.1
 """Number of velocities of the reference for this estimate, and the time between them [s]."""
@@ -39,9 +39,14 @@ def free_motion_notes(setup: Any) -> Iterator[str]:
 def _restless(setup: Any, motion: FreeMotion) -> Iterator[str]:
     """A warning if the slow motion from the initial posture comes to no rest, or to one that the motors or thrusters
     can't hold, or moves far where no level holds it."""
-    order, frame = setup.scenario.posture.order, setup.scenario.task.frame
-    q = motion.rest()
-    moves = q if isinstance(q, str) else _moves(setup, q) if "joints" not in order else ""
+    scenario, q = setup.scenario, motion.rest()
+    order, frame = scenario.posture.order, scenario.task.frame
+    pushed = any(scenario.current.velocity_W) or scenario.disturbance.at_last.any()
+    if isinstance(q, str):
+        moves, weak = q, ""
+    else:
+        moves = _moves(setup, q) if pushed and "joints" not in order else ""
+        weak = motion.weak(motion.push(q).tau)
     if moves and "joints" not in order:
         yield (
             f"nothing holds the motion that posture.order = {json.dumps(order)} leaves free while the law holds "
@@ -52,7 +57,7 @@ def _restless(setup: Any, motion: FreeMotion) -> Iterator[str]:
             f"the posture gives way while the law holds {frame}: {moves}; choose other initial.joints, a larger "
             "posture.joints_frequency or a weaker current"
         )
-    elif weak := motion.weak(motion.push(q).tau):
+    elif weak:
         yield f"the vehicle can't hold its rest behind {frame}: {weak}; choose other initial.joints or a weaker current"
 
 

@@ -98,12 +98,12 @@ class FreeMotion:
 
     def speeds(self, motion: np.ndarray, h: float) -> np.ndarray:
         """The largest speed (n,) of the joints [rad/s or m/s] as the vehicle begins to drift and the frame of the task
-        moves with the velocities (k, 3) in W, h [s] after each other: that of the posture's last level as a linear
-        oscillator from the initial posture, which the push and the acceleration of the frame drive."""
+        moves with the velocities (k, 3) in W, h [s] after each other: that of a linear oscillator from the initial
+        posture with the slowest level of the posture, which the push and the acceleration of the frame drive."""
         given, push = self.setup.scenario.posture, self.push(self.setup.start.q)
-        holds = "joints" in given.order
-        omega = given.joints_frequency if holds else 0.0
-        damping = 2.0 * given.damping_ratio * omega if holds else given.free_damping
+        levels = [getattr(given, f"{level}_frequency") for level in given.order]
+        omega = min(levels) if "joints" in given.order else 0.0
+        damping = 2.0 * given.damping_ratio * omega if omega else given.free_damping
         driven = np.diff(motion @ self.R_d @ push.J_bar[6:, :3].T, axis=0) + h * push.r
         y, y_dot, fastest = np.zeros((3, len(push.r)))
         for change in driven:  # implicit Euler
