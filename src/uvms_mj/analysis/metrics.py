@@ -135,25 +135,24 @@ def position_settling_time(trace: Trace, band: float = 0.02) -> float | None:
     """
     x = _origin(trace)[:, 0]
     final = _final_mean(trace, x)
-    return _settled(trace.t, x, final, band * abs(final - x[0]))
+    tolerance = band * abs(final - x[0])
+    since = settling_time(trace.t, x, final, tolerance)
+    return None if since is None or drifts(trace.t, x, since, tolerance) else since
 
 
 def force_settling_time(trace: Trace, band: float = 0.02) -> float | None:
     """Time from which the pushing force stays within the relative ``band`` about :func:`final_force` [s].
 
     None without contact, if the force has not settled according to :func:`final_force`, or if it :func:`drifts` at the
-    end of the run. The time comes from rows. The force may leave the band unnoticed between two rows, so the log needs
-    several rows per rebound.
+    end of the run. The time is that of a row. A force that leaves the band between two rows has not settled, unless an
+    older log does not have its extremes.
     """
     final, settled = final_force(trace)
     if not final or not settled:
         return None
-    return _settled(trace.t, trace.push, final, band * final)
-
-
-def _settled(t: np.ndarray, y: np.ndarray, final: float, tolerance: float) -> float | None:
-    since = settling_time(t, y, final, tolerance)
-    return None if since is None or drifts(t, y, since, tolerance) else since
+    away = np.maximum(*(np.abs(edge - final) for edge in trace.band("push")))
+    since = settling_time(trace.t, away, 0.0, band * final)
+    return None if since is None or drifts(trace.t, trace.push, since, band * final) else since
 
 
 def drifts(t: np.ndarray, y: np.ndarray, since: float, tolerance: float) -> bool:
@@ -186,12 +185,14 @@ def overshoot(trace: Trace) -> float | None:
 def impact_impulse(trace: Trace) -> float | None:
     """Impulse of the first touch, from first contact to the first loss of contact [N s]; None without contact.
 
-    The integral includes every step. The end of the touch is detected in the rows.
+    The integral includes every step, up to the row after the end of the touch.
     """
     begun = np.flatnonzero(trace.impulse > 0.0)
     if not len(begun):
         return None
-    free = np.flatnonzero(trace.push[begun[0] :] == 0.0)
+    low = trace.band("push")[0][begun[0] :].copy()
+    low[0] = trace.push[begun[0]]  # its band begins before the touch
+    free = np.flatnonzero(low == 0.0)
     return float(trace.impulse[begun[0] + free[0]] if len(free) else trace.impulse[-1])
 
 
@@ -290,6 +291,11 @@ def boundary_layer_share(trace: Trace, start: float = 0.0, end: float = np.inf) 
     """Fraction (6,) of the time with |s_i| < epsilon, over every step [1]; epsilon = 1e-3 for laws without epsilon."""
     inside, duration = gain(trace, "boundary_layer_time", start, end)
     return inside / max(duration, 1e-300)
+
+
+def magnitude(trace: Trace, name: str) -> np.ndarray:
+    """Largest |value| (n, ...) of each component of a signal since the row before, at every step."""
+    return np.maximum(*(np.abs(edge) for edge in trace.band(name)))
 
 
 def _origin(trace: Trace) -> np.ndarray:

@@ -154,20 +154,30 @@ def signals() -> None:
     """List the signals that each stage receives and sets, and the signals that a run records."""
     from ..scenario import STAGES
     from ..stages.joint_signals import JOINT_SIGNALS, joints_given
-    from ..stages.signals import DELAYED, MEASURED, RECORDED, SCHEDULED, contact_signals, thruster_signal
+    from ..stages.signals import (
+        BAND,
+        DELAYED,
+        MEASURED,
+        PUSH,
+        RECORDED,
+        SCHEDULED,
+        band_signals,
+        contact_signals,
+        thruster_signal,
+    )
 
     of_contacts = {signal.name for signal in contact_signals(0)}
-    of_joints = {signal.name for signal in (*JOINT_SIGNALS, *joints_given(0))}
+    of_joints = {signal.name for signal in (*JOINT_SIGNALS, *joints_given(0))} | {*BAND["tau_q"]}
     rooms = [choice.base.room for choice in STAGES.values()]
     inputs = [(f"Inputs of the {room.noun}: {room.arguments[2]}.<name>", room.given(0)) for room in rooms]
     outputs = [
         (f"Outputs of the {room.noun}: {room.arguments[4]}.<name>", room.out) for room in rooms if len(room.out) > 1
     ]
-    recorded = (
-        "Recorded signals: trace.<name>; the states of the stages are recorded too",
-        (*RECORDED, *MEASURED, *SCHEDULED, *DELAYED, *contact_signals(0), thruster_signal(0), *JOINT_SIGNALS),
-    )
-    for title, listed in (*inputs, *outputs, recorded):
+    own = (*RECORDED, *MEASURED, *SCHEDULED, *DELAYED, *contact_signals(0), thruster_signal(0), *JOINT_SIGNALS)
+    recorded = "Recorded signals: trace.<name>; the states of the stages are recorded too", own
+    bands = [edge for signal in (*own, PUSH) if signal.name in BAND for edge in band_signals(signal)]
+    between = "Bands: recorded where rows are further apart than steps; trace.band(<name>) has both", bands
+    for title, listed in (*inputs, *outputs, recorded, between):
         columns = ("name", "shape", "unit", "frame", "meaning")
         table = table_of(title, *columns, fixed=("name", "shape"), min_width=80)
         for signal in listed:
