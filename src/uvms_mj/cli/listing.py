@@ -217,7 +217,17 @@ def signals(words: tuple[str, ...]) -> None:
     with bad_input():
         from ..scenario import STAGES
         from ..stages.joint_signals import JOINT_SIGNALS, joints_given
-        from ..stages.signals import DELAYED, MEASURED, RECORDED, SCHEDULED, contact_signals, thruster_signal
+        from ..stages.signals import (
+            BAND,
+            DELAYED,
+            MEASURED,
+            PUSH,
+            RECORDED,
+            SCHEDULED,
+            band_signals,
+            contact_signals,
+            thruster_signal,
+        )
 
         rooms_by_word = _rooms() | {"recorded": []}
         kinds = tuple(itertools.takewhile(rooms_by_word.__contains__, words))
@@ -239,10 +249,14 @@ def signals(words: tuple[str, ...]) -> None:
                 *JOINT_SIGNALS,
             )
             groups.append((title, shown))
+            bands = [edge for signal in (*shown, PUSH) if signal.name in BAND for edge in band_signals(signal)]
+            groups.append(
+                ("Bands: recorded where rows are further apart than steps; trace.band(<name>) has both", bands)
+            )
         meanings = {signal.name: signal.meaning for _, listed in groups for signal in listed}
         wanted = _wanted(words[len(kinds) :], meanings, "signal", str.__eq__, {*meanings, *rooms_by_word})
     of_contacts = {signal.name for signal in contact_signals(0)}
-    of_joints = {signal.name for signal in (*JOINT_SIGNALS, *joints_given(0))}
+    of_joints = {signal.name for signal in (*JOINT_SIGNALS, *joints_given(0))} | {*BAND["tau_q"]}
     for title, listed in groups:
         columns = ("name", "shape", "unit", "frame", "meaning")
         table = table_of(title, *columns, fixed=("name", "shape"), min_width=80)

@@ -19,7 +19,7 @@ from .insets import place
 from .overlay import Overlay
 from .panels import ANGULAR, LINEAR, Panel
 from .scales import logarithmic, number, prefix_of
-from .style import COLUMN_IN, PAGE_IN, band_handle, size_in, styled, ticks
+from .style import COLUMN_IN, PAGE_IN, band_handles, size_in, styled, ticks
 
 WHATS = ("position", "attitude", "velocity", "force", "sliding", "tau", "thrusters", "integral", "joints", "summary")
 """Quantities that :func:`plot` can draw, besides each signal by its name."""
@@ -310,8 +310,8 @@ def _fill(cells: Sequence[tuple[Axes, Panel]]) -> None:
 
 def _finish(figure: Figure, cells: Sequence[tuple[Axes, Panel]], more: Sequence[Line2D] = ()) -> None:
     """Add the legend, then the insets, which need the final sizes, and the name of each line in the SVG."""
-    bands = any(ax.collections for ax, _ in cells)
-    _legend(figure, [ax for ax, _ in cells], [*more, *([band_handle()] if bands else [])])
+    axes = [ax for ax, _ in cells]
+    _legend(figure, axes, [*more, *band_handles(axes)])
     engine = figure.get_layout_engine()
     assert engine is not None
     engine.execute(figure)
