@@ -1,4 +1,5 @@
-"""``uvms-mj controllers``, ``stages``, ``keys`` and ``signals``: lists of laws, stages, scenario keys and signals."""
+"""``uvms-mj controllers``, ``stages``, ``keys``, ``signals`` and ``metrics``: lists of laws, stages, scenario keys,
+signals and metrics."""
 
 import dataclasses
 import json
@@ -176,4 +177,30 @@ def signals() -> None:
             )
             shape = " x ".join(str(length) if length else counted for length in signal.shape)
             table.add_row(signal.name, shape or "scalar", signal.unit, signal.frame, signal.meaning)
+        print_table(table)
+
+
+@command()
+@click.argument("words", nargs=-1, metavar="[WORD]...")
+def metrics(words: tuple[str, ...]) -> None:
+    """List the metrics that a study can keep: all of them, or those with each WORD in their name or meaning.
+
+    They are the names in keep.metrics and [success] of a study, and in [objective] and [[constraint]] of a tuning. A
+    metric of your own is path/to/file.py:function.
+
+    \b
+    uvms-mj metrics contact
+    """
+    with bad_input():
+        from ..errors import InputError
+        from ..studies.plan.metric import MEANINGS, columns_of, unit_of_column
+
+        wanted = [word.lower() for word in words]
+        found = {name: said for name, said in MEANINGS.items() if all(w in f"{name} {said}".lower() for w in wanted)}
+        if not found:
+            raise InputError(f"no metric with {' and '.join(map(repr, words))}; `uvms-mj metrics` lists all of them")
+        table = table_of("Metrics of a run", "name", "unit", "meaning", fixed=("name",), min_width=80)
+        for name, said in found.items():
+            parts = [column.removeprefix(f"{name}.") for column in columns_of(name)]
+            table.add_row(name, unit_of_column(name), said + (f"; .{', .'.join(parts)}" if parts != [name] else ""))
         print_table(table)
