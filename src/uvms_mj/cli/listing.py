@@ -1,4 +1,5 @@
-"""``uvms-mj controllers``, ``stages``, ``keys`` and ``signals``: lists of laws, stages, scenario keys and signals."""
+"""``uvms-mj controllers``, ``stages``, ``keys``, ``signals`` and ``metrics``: lists of laws, stages, scenario keys,
+signals and metrics."""
 
 import dataclasses
 import difflib
@@ -268,3 +269,26 @@ def signals(words: tuple[str, ...]) -> None:
             table.add_row(signal.name, shape or "scalar", signal.unit, signal.frame, signal.meaning)
         if table.row_count:
             print_table(table)
+
+
+@command()
+@words_argument
+def metrics(words: tuple[str, ...]) -> None:
+    """List the metrics that a study can keep. Each WORD chooses the metric of this name, or, if there is none, the
+    metrics with WORD in their name or meaning.
+
+    They are the names in keep.metrics and [success] of a study, and in [objective] and [[constraint]] of a tuning. A
+    metric of your own is path/to/file.py:function.
+
+    \b
+    uvms-mj metrics contact
+    """
+    with bad_input():
+        from ..studies.plan.metric import MEANINGS, columns_of, unit_of_column
+
+        wanted = _wanted(words, MEANINGS, "metric", str.__eq__, MEANINGS)
+        table = table_of("Metrics of a run", "name", "unit", "meaning", fixed=("name",), min_width=80)
+        for name, said in ((name, said) for name, said in MEANINGS.items() if name in wanted):
+            parts = [column.removeprefix(f"{name}.") for column in columns_of(name)]
+            table.add_row(name, unit_of_column(name), said + (f"; .{', .'.join(parts)}" if parts != [name] else ""))
+        print_table(table)

@@ -27,7 +27,7 @@ import dataclasses
 import functools
 import sys
 import types
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, ClassVar, get_type_hints
 
 import numpy as np
@@ -100,6 +100,9 @@ class Stage:
     They do not advance, and they are not recorded: a queue of delayed samples, for example."""
     units: ClassVar[Mapping[str, str]] = {}
     """Units of the states, for logs and plots. A state with two units has the linear one first."""
+    files: ClassVar[Sequence[str]] = ()
+    """Files that the stage's file reads, relative to its folder, without "..". They go with it to the workers of a
+    study and into the log. It opens them by ``Path(__file__).parent / name``."""
     room: ClassVar[Room]
     _inner_keys: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     """Keys of the tables within a setting, by the setting's key."""
