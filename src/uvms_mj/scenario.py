@@ -27,7 +27,7 @@ from .navigation import Encoder, Navigation, NoObserver, NoWrist, Observer, Perf
 from .plant.settings import OF_VEHICLE, Initial, Stepping, VehicleChoice, Wall, overridden_in_vain
 from .plant.surfaces import OF_WALLS, Bumper, Surface, override_walls
 from .plant.water import Current, Disturbance, Tether
-from .quantities import STRICT, overrides_of
+from .quantities import STRICT, overrides_of, unit_of
 from .stages.base import Stage
 from .stages.loader import Choice, Recorded, stage_of, table_of
 from .stages.words import is_a_table, no_table, not_dotted, tables_by_word
@@ -111,8 +111,9 @@ class Scenario:
             scenario: path of a TOML file, or the name of a built-in scenario.
             overrides: dotted keys with values that replace the file's, ``{"wall.stiffness": 1e4}``.
             controller: name of a law, or ``path/to/my_law.py:MyLaw``; replaces the file's law. The file's gains are
-                kept only if they belong to this law, as are a table's settings if an override replaces its ``name``.
-                A warning names those that are left out.
+                kept only if they belong to this law, as are a table's settings if an override replaces its ``name``;
+                a warning names those that are left out. What every stage of a table has stays: the period of the
+                table, ``controller.delay`` and ``reference.attitude_deg`` belong to the loop.
         """
         path = toml_path(scenario, "scenario", "scenarios")
         tables = tables_of(path, "scenario")
@@ -155,7 +156,8 @@ class Scenario:
             faults.append(Fault("controller.name", both))
         for name, source in (chosen | {"controller": chosen["controller"] or controller}).items():
             if source is not None:
-                tables[name] = STAGES[name].replaced(tables[name], source, overrides, TASK_KEYS, left_out)
+                own = (known or {}).get(name)
+                tables[name] = STAGES[name].replaced(tables[name], source, overrides, TASK_KEYS, left_out, own)
         old = move_task_keys(tables["controller"], tables["task"], faults)
         replaced = move_task_keys(overrides, overrides, faults)
         for key, value in overrides.items():
@@ -172,7 +174,7 @@ class Scenario:
             scenario = _VALIDATOR.validate_python(tables)
             faults += overridden_in_vain(scenario, overrides)
         except ValidationError as error:
-            faults += faults_of(error, choices=_KEYS | _INNER_KEYS)
+            faults += faults_of(error, choices=_KEYS | _INNER_KEYS, units=_UNITS)
         if faults:
             raise InputError(faults, place)
         for said in left_out:
@@ -238,6 +240,9 @@ _KEYS: dict[str, list[str]] = {"": [f.name for f in dataclasses.fields(Scenario)
 _INNER: dict[str, Any] = {**INNER_TABLES, **OF_VEHICLE, "walls": Surface}
 _INNER_KEYS = {name: [f.name for f in dataclasses.fields(table)] for name, table in _INNER.items()}
 """The keys of the tables within a table."""
+_UNITS = {
+    f"{name}.{f.name}": unit_of(f) for name, table in (_TABLES | _INNER).items() for f in dataclasses.fields(table)
+}
 
 
 def _anchor(tables: dict[str, Any], folder: Path | None) -> None:

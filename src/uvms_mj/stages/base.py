@@ -36,7 +36,7 @@ from typing_extensions import TypedDict
 
 from ..errors import Fault, InputError, faults_of, shortened
 from ..physics.random import key_of
-from ..quantities import Step
+from ..quantities import Step, unit_of
 from .signals import Signal
 
 
@@ -120,7 +120,8 @@ class Stage:
         try:
             valid = validator(kind).validate_python(vars(self))
         except ValidationError as error:
-            faults = faults_of(error, table, self._inner_keys)
+            units = {f"{table}.{field.name}": unit_of(field) for field in dataclasses.fields(self)}
+            faults = faults_of(error, table, self._inner_keys, units)
             raise InputError([self._of_default(fault) for fault in faults], place) from None
         except Exception as error:  # pydantic and evaluating an annotation raise exceptions of many types
             reason = " ".join(str(error).split("\n\n")[0].split()) or type(error).__name__
@@ -271,6 +272,8 @@ def validator(cls: Any, names: tuple[str, ...] = ()) -> TypeAdapter:
     """The validator of the fields of a dataclass, or of some of them, made once. Settings are checked at construction
     and never in the loop."""
     hints = get_type_hints(cls, include_extras=True)
+    if issubclass(cls, Stage):  # a class may give what all stages of its room have another default, not another range
+        hints |= get_type_hints(base_of(cls), include_extras=True)
     # Any: the fields of this type are known only at run time
     make: Any = TypedDict
     shape = make("shape", {name: hints[name] for name in names or [f.name for f in dataclasses.fields(cls)]})

@@ -66,6 +66,12 @@ def _wrong(cls: type[Stage]) -> Iterator[str]:
         for name in sorted(ours)
         if name not in taken and any(name in vars(base) for base in own)
     )
+    yield from (
+        f"{name} = {shortened(vars(each)[name])} has no effect without its type; write {name}: float = ..."
+        for each in own
+        for name in names
+        if name in vars(each) and name not in inspect.get_annotations(each)
+    )
     name = cls.name
     if not (isinstance(name, str) and name.isprintable() and len(name) <= _LONGEST_NAME):
         yield f"name = {shortened(name)} must be a text of at most {_LONGEST_NAME} printable characters"

@@ -85,10 +85,12 @@ class Choice(Generic[_Stage]):
         overrides: Collection[str],
         others: Collection[str],
         left_out: list[str],
+        known: type[_Stage] | None = None,
     ) -> dict[str, Any]:
         """The table for the stage ``source``. It has the settings of a table that belongs to it: by its name, or by its
-        settings if it has no name; any table may have the keys ``others``. Otherwise a sentence with the settings that
-        no override sets is appended to ``left_out``."""
+        settings if it has no name; any table may have the keys ``others``. Otherwise it has those that every stage of
+        the table has, which belong to the loop: the period, a law's delay. A sentence with the others that no override
+        sets is then appended to ``left_out``. ``known`` is the class of the table, if it is loaded already."""
         if "name" in table:
             belongs = _resolved(table["name"]) == _resolved(source)
         else:
@@ -97,16 +99,24 @@ class Choice(Generic[_Stage]):
         if belongs:
             return {**table, "name": source}
         name, old = self.base.room.table, table.get("name", self.default.name)
-        keys = [key for word in self._beyond_defaults(table) if (key := f"{name}.{word}") not in overrides]
+        new = self.shipped.get(str(source))
+        absent = new is not None and not (new.runs or "meant" in vars(new))  # none and ideal have no period, auto has
+        of_all = {field.name for field in dataclasses.fields(self.base) if field.kw_only and not absent}
+        given = self._beyond_defaults(table, known)
+        keys = [key for word in given if word not in of_all and (key := f"{name}.{word}") not in overrides]
         if keys:
             are = f"{', '.join(keys)} {'is' if len(keys) == 1 else 'are'} left out"
             left_out.append(f"{name}.name: {source} takes the place of {old}, so {are}")
-        return {"name": source}
+        return {"name": source, **{word: table[word] for word in given if word in of_all}}
 
-    def _beyond_defaults(self, table: Mapping[str, Any]) -> list[str]:
-        """The settings of a table that are not defaults of its shipped stage; all settings of a user's stage."""
+    def _beyond_defaults(self, table: Mapping[str, Any], known: type[_Stage] | None) -> list[str]:
+        """The settings of a table that are not defaults of its stage; all settings of a user's stage whose class is not
+        ``known``, or is a placeholder, whose defaults are the recorded settings."""
         settings = [key for key in table if key != "name"]
-        cls = self.shipped.get(str(table.get("name", self.default.name)))
+        source = str(table.get("name", self.default.name))
+        cls = self.shipped.get(source)
+        if known is not None and known.source() == source and not issubclass(known, Recorded):
+            cls = known
         if cls is None:
             return settings
         given = {f.name: table[f.name] for f in cls.setting_fields() if f.name in table}

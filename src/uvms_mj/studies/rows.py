@@ -161,7 +161,8 @@ def _metrics(plan: "Plan", trace: Trace) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for place, value in numbers(trace, [place for place in plan.metrics if place in COMPONENTS]).items():
         columns = columns_of(place)
-        found |= dict(zip(columns, value or [None] * len(columns) if COMPONENTS[place] else [value], strict=True))
+        each = value or [None] * len(columns) if COMPONENTS[place] else [value]
+        found |= {column: None if x != x else x for column, x in zip(columns, each, strict=True)}  # nan is no number
     for place in plan.metrics:
         found |= {} if place in COMPONENTS else users_numbers(place, trace)
     return found

@@ -89,14 +89,14 @@ def users_numbers(place: str, trace: "Trace") -> dict[str, float | None]:
 
 
 def _number(column: str, value: Any) -> float | None:
-    """A finite number, or None for a missing one or one that is not finite. Raises TypeError for anything else."""
+    """A number, also an infinite one, or None for a missing one or nan. Raises TypeError for anything else."""
     if value is None:
         return None
     try:
         number = float(value)
     except (TypeError, ValueError):
         raise TypeError(f"metric {column}: {value!r} is not a number; return a number or a dict of numbers") from None
-    return number if math.isfinite(number) else None
+    return None if math.isnan(number) else number
 
 
 _UNITS = {
