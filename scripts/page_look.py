@@ -21,7 +21,8 @@ def written(figure: Figure, name: str, colours: int = 128) -> None:
 
 
 def stacked(figures: Sequence[Figure], name: str, colours: int = 128) -> None:
-    """Write docs/NAME.png of figures below one another."""
+    """Write docs/NAME.png of figures below one another. With all 256 colours it is dithered, as a rendered scene needs
+    it."""
     drawn = [_drawn(figure) for figure in figures]
     whole = Image.new("RGB", (drawn[0].width, sum(each.height for each in drawn)), "white")
     top = 0
@@ -29,7 +30,12 @@ def stacked(figures: Sequence[Figure], name: str, colours: int = 128) -> None:
         whole.paste(each, (0, top))
         top += each.height
     file = DOCS / f"{name}.png"
-    whole.quantize(colours, Image.Quantize.MAXCOVERAGE).save(file, optimize=True)
+    if colours == 256:
+        palette = whole.quantize(colours, Image.Quantize.FASTOCTREE)
+        few = whole.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG)
+    else:
+        few = whole.quantize(colours, Image.Quantize.MAXCOVERAGE)
+    few.save(file, optimize=True)
     print(f"{file}: {file.stat().st_size / 1000:.0f} kB")
 
 
