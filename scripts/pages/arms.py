@@ -1,12 +1,12 @@
-"""Draw docs/arms.png: a tool that presses on a wall at the end of the run, and its force over time.
+"""docs/arms.md: a tool that presses on a wall at the end of the run, and its force over time.
 
-python scripts/pages/arms.py
+The picture needs an EGL driver.
 """
 
-import sys
+import re
+import tempfile
+from collections.abc import Iterator
 from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -19,7 +19,8 @@ from uvms_mj.control.rest import SteadyState
 from uvms_mj.views.figures.panels import LEVELS, level
 from uvms_mj.views.figures.style import COLOURS, LINE, PAGE_IN, line, save, styled, ticks
 
-DOCS = Path(__file__).parents[2] / "docs"
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
 PIXELS = (840, 640)
 
 
@@ -47,6 +48,20 @@ def force(ax: Axes, trace: Trace) -> None:
     ax.set(xlabel="time [s]", ylabel="push on the wall [N]", xlim=(0.0, trace.t[-1]), ylim=(-0.03 * top, top))
     ticks(ax, 6)
     ax.legend(loc="lower right")
+
+
+def pressing() -> Trace:
+    """The last scenario of the page, with its vehicle."""
+    text = re.findall(r"```toml\n(.*?)```", (DOCS / "arms.md").read_text(), re.DOTALL)[-1]
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "my_rov.xml").write_text((ROOT / "examples" / "bluerov1_two_joints.xml").read_text())
+        (Path(folder) / "tool.toml").write_text(text)
+        return simulate(Scenario.load(str(Path(folder) / "tool.toml")), log_rate=100)
+
+
+def numbers() -> Iterator[tuple]:
+    yield "The tool rests on the wall with {} N", pressing().push[-1]
+    yield "presses on a pile with {} N", simulate(Scenario.load("tool_slide"), log_rate=100).push[-1]
 
 
 def main() -> None:

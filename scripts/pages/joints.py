@@ -83,7 +83,7 @@ def main() -> None:
             label = "with feed-forward of the friction" if share else "without"
             error = 1e3 * (trace.q[:, ELBOW] - spline(trace.t, TURNS))
             line(follow, trace.t, error, label, color=colour, label=label)
-        follow.set(xlabel="time [s]", ylabel="error [mrad]", title="The servo in these turns", ylim=(-11.0, 15.0))
+        follow.set(xlabel="time [s]", ylabel="error [mrad]", title="The servo in these turns", ylim=(-2.2, 3.0))
         follow.legend(loc="upper right", ncols=2)
         for compensation, colour in (("none", GREY), ("weight", RED), ("dynamic", BLUE)):
             force = derived(compensation)
