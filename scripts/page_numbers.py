@@ -11,9 +11,10 @@ the printed number is a bound of the value.
 """
 
 import importlib.util
+import inspect
 import math
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -36,6 +37,11 @@ def script(name: str) -> ModuleType:
 def page(name: str) -> Path:
     """The page that a script is for."""
     return ROOT / "README.md" if name == "readme" else ROOT / "docs" / f"{name}.md"
+
+
+def needs_folder(function: Callable) -> bool:
+    """Whether a function of a page's script can't do without the folder of long runs."""
+    return any(each.default is inspect.Parameter.empty for each in inspect.signature(function).parameters.values())
 
 
 def faults(text: str, sentences: Iterable[tuple]) -> list[str]:

@@ -1,29 +1,45 @@
-"""Draw docs/tool_push.png: the vehicle at the start and at rest, and the push of three laws with their closed forms.
+"""docs/tool_push.md: the vehicle at the start and at rest, and the push of three laws with their closed forms."""
 
-python scripts/pages/tool_push.py
-"""
-
-import os
-from pathlib import Path
-
-os.environ.setdefault("MUJOCO_GL", "disable")  # the picture needs no driver
+import functools
+import warnings
+from collections.abc import Iterator
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 
+from page_look import written
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.analysis.setup import set_up
 from uvms_mj.control.rest import SteadyState
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.physics.statics import Statics
+from uvms_mj.views.colours import hex_of_runs
+from uvms_mj.views.figures.style import COLOURS, GREY, PAGE_IN, line, styled
 
-OUT = Path(__file__).parents[2] / "docs" / "tool_push.png"
-INK, BLUE, RED, GREY, GREEN = "#1f2933", "#0b5cad", "#d02a1e", "#9aa5b1", "#3a7d34"
-LAWS = {"gsta": BLUE, "fosm": GREEN, "impedance": RED}
+LAWS = ("gsta", "fosm", "impedance")
 BLOCK = np.array([[-0.25, -0.15], [0.25, -0.15], [0.25, 0.15], [-0.25, 0.15]])
 """Corners of the base in x and z of B [m]."""
+
+
+@functools.cache
+def run(law: str, duration: float = 20.0) -> Trace:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        wide = {"controller.epsilon": 3e-3} if law == "fosm" else {}
+        return simulate(Scenario.load("tool_push", wide | {"simulation.duration": duration}, law), log_rate=500)
+
+
+def numbers() -> Iterator[tuple]:
+    for words, law, duration in (
+        ("| `tool_push`, GSTA | {} N | below {} |", "gsta", 20.0),
+        ("| first order, epsilon = 3e-3 | {} N | below {} |", "fosm", 20.0),
+        ("| impedance, after 40 s | {} N | below {} |", "impedance", 40.0),
+    ):
+        trace = run(law, duration)
+        assert isinstance(trace.analytic, SteadyState)
+        yield words, trace.analytic.force, trace.push[-1] / trace.analytic.force - 1.0
 
 
 def side_view(axes: Axes, trace: Trace, row: int, colour: str, label: str) -> None:
@@ -40,34 +56,23 @@ def side_view(axes: Axes, trace: Trace, row: int, colour: str, label: str) -> No
 
 
 def main() -> None:
-    traces = {
-        law: simulate(
-            Scenario.load("tool_push", {"controller.epsilon": 3e-3} if law == "fosm" else {}, law), log_rate=100
-        )
-        for law in LAWS
-    }
-    figure = Figure(figsize=(9.6, 3.4), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=[1.0, 1.15])
-    trace = traces["gsta"]
-    side_view(left, trace, 0, GREY, "start")
-    side_view(left, trace, -1, BLUE, "rest")
-    face = trace.scenario.wall.position + trace.header.probe_radius
-    left.add_patch(Rectangle((face, -0.3), 0.08, 1.0, color=GREY, alpha=0.5, linewidth=0))
-    left.set(xlim=(-0.35, face + 0.08), ylim=(-0.22, 0.62), xlabel="x [m]", ylabel="z [m]", aspect="equal")
-    left.legend(loc="upper left", bbox_to_anchor=(0.52, 0.98), frameon=False)
-    left.set_title("planar_arm, seen from the side", fontsize=10, color=INK)
-    for law, colour in LAWS.items():
-        t, state = traces[law].t, traces[law].analytic
-        right.plot(t, traces[law].push, color=colour, label=law)
-        assert isinstance(state, SteadyState)
-        right.axhline(state.force, color=colour, linestyle=":", linewidth=1.4)
-    right.set(xlim=(4.0, 20.0), ylim=(1.0, 2.4), xlabel="time [s]", ylabel="push of the tool [N]")
-    right.set_title("dotted: closed form of each law", fontsize=10, color=INK)
-    right.legend(loc="lower right", frameon=False, ncols=3)
-    for axes in (left, right):
-        axes.spines[["top", "right"]].set_visible(False)
-    figure.savefig(OUT, dpi=110)
-
-
-if __name__ == "__main__":
-    main()
+    with styled():
+        figure = Figure(figsize=(PAGE_IN, 2.9))
+        left, right = figure.subplots(1, 2, width_ratios=[1.0, 1.1])
+        trace = run("gsta")
+        side_view(left, trace, 0, GREY, "start")
+        side_view(left, trace, -1, COLOURS["x"], "rest")
+        face = trace.scenario.wall.position + trace.header.probe_radius
+        left.add_patch(Rectangle((face, -1.0), 0.08, 3.0, color=GREY, alpha=0.5, linewidth=0))
+        left.set(xlim=(-0.35, face + 0.08), xlabel="x [m]", ylabel="z [m]", aspect="equal", ylim=(-0.25, 0.75))
+        left.legend(loc="upper left", ncols=2)
+        left.set_title("planar_arm, seen from the side")
+        for law, colour in zip(LAWS, hex_of_runs(LAWS), strict=True):
+            t, state = run(law).t, run(law).analytic
+            line(right, t, run(law).push, law, color=colour, label=law)
+            assert isinstance(state, SteadyState)
+            right.axhline(state.force, color=colour, linestyle=":", linewidth=1.4)
+        right.set(xlim=(4.0, 20.0), ylim=(1.0, 2.6), xlabel="time [s]", ylabel="push of the tool [N]")
+        right.set_title("dotted: closed form of each law")
+        right.legend(loc="upper right", ncols=3)
+        written(figure, "tool_push")
