@@ -77,10 +77,8 @@ def numbers() -> Iterator[tuple]:
     yield "The tool rests on the wall with {} N", pressed().push[-1]
     slide = run("tool_slide")
     sliding = np.linalg.norm(slide.f_contact_W[:, 1:], axis=1)[slide.t > 0.5 * slide.t[-1]].max()
-    yield "the force on the tool is {} N along x and, while it slides, mu 10 N = {} N", (slide.f_contact_W[-1, 0], 0.05), (
-        sliding,
-        0.1,
-    )
+    along = slide.f_contact_W[-1, 0]
+    yield "the force on the tool is {} N along x and, while it slides, mu 10 N = {} N", (along, 0.05), (sliding, 0.1)
 
 
 def main() -> None:

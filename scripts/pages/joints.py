@@ -48,7 +48,11 @@ def derived(compensation: str) -> np.ndarray:
 
 
 def numbers() -> Iterator[tuple]:
-    yield "With `weight`, the inertia and drag of the links behind. In the swing of the picture ({} rad in {} s", 0.4, 1.2
+    yield (
+        "With `weight`, the inertia and drag of the links behind. In the swing of the picture ({} rad in {} s",
+        0.4,
+        1.2,
+    )
     yield "this is up to {} N, with `dynamic` up to {} N", derived("weight").max(), derived("dynamic").max()
     trace = run(1.5, MOVE)
     error = np.abs(trace.q[:, ELBOW] - spline(trace.t, MOVE))
@@ -100,4 +104,3 @@ def spline(t: np.ndarray, waypoints: tuple[tuple[float, float], ...]) -> np.ndar
 
     times, values = zip(*waypoints, strict=True)
     return CubicSpline(times, values, bc_type="clamped")(np.clip(t, times[0], times[-1]))
-

@@ -57,9 +57,13 @@ def of_the_paper(folder: Path) -> Iterator[tuple]:
     yield "{} N, s below {} epsilon at all times", ours["fosm-force"], ours["fosm-well-inside"]
     yield "| {} and {} N from step to step", ours["fosm-epsilon"], ours["fosm-gain"]
     yield "20 % too small: {} N", ours["gsta-model-errors"]
-    yield "within {} s, with a quarter of the time step as well", within("gsta-finite-time")[0] + 0.0
+    yield "within {} s, with a quarter of the time step as well", within("gsta-finite-time")[0]
     yield "holds within {} % of the contact force", ours["gsta-compliant"]
-    yield "{} times the effort; largest step of thrust {} times", ours["gsta-similar-effort"], ours["gsta-smaller-steps"]
+    yield (
+        "{} times the effort; largest step of thrust {} times",
+        ours["gsta-similar-effort"],
+        ours["gsta-smaller-steps"],
+    )
     yield "| {} times: a ripple of", ours["gsta-whole-variation"]
     yield "| {} % apart (rms), z {} times as large", ours["alone-actuation"], ours["alone-integral"]
     yield "The report has all {} rows", len(claims)

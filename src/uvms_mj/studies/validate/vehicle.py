@@ -72,6 +72,7 @@ def model() -> mujoco.MjModel:
     for joint in spec.joints:
         if joint.type == mujoco.mjtJoint.mjJNT_HINGE:
             joint.damping[0], joint.frictionloss, joint.limited = SERVO, 0.0, mujoco.mjtLimited.mjLIMITED_FALSE
+            joint.armature = 0.0  # guessed in the file, and the servo moves the joint whatever it is
     for actuator in list(spec.actuators):
         spec.delete(actuator)
     return spec.compile()
