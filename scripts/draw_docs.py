@@ -37,6 +37,8 @@ def redraw(name: str, folder: Path | None) -> None:
     if hasattr(module, "main"):
         module.main(*given)
     text, sentences = page(name).read_text(), list(module.numbers(*given))
+    if hasattr(module, "long_numbers"):
+        sentences += module.long_numbers()
     for fault in faults(text, sentences):
         click.echo(f"  mended: {fault}")
     page(name).write_text(corrected(text, sentences))

@@ -5,6 +5,8 @@ each measured number, and the values of the runs:
 
     yield "vibrates by {} N, by {} N", first, (second, 0.05)
 
+Numbers of runs that take minutes are in ``long_numbers``, which ``draw_docs.py`` writes and the test leaves out.
+
 A value that comes alone must be the printed number to its last digit. A pair is a value and its tolerance, for results
 that depend on rounding, and for numbers that the page calls approximate. After "below", "within" and "at most"
 the printed number is a bound of the value.
