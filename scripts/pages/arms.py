@@ -3,6 +3,7 @@
 The picture needs an EGL driver.
 """
 
+import functools
 import re
 import tempfile
 from collections.abc import Iterator
@@ -11,16 +12,16 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from PIL import Image
 
+from page_look import DOCS, written
 from render import View, render
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.control.rest import SteadyState
+from uvms_mj.plant.mjcf import Mjcf
 from uvms_mj.views.figures.panels import LEVELS, level
-from uvms_mj.views.figures.style import COLOURS, LINE, PAGE_IN, line, save, styled, ticks
+from uvms_mj.views.figures.style import COLOURS, LINE, PAGE_IN, line, styled, ticks
 
-ROOT = Path(__file__).parents[2]
-DOCS = ROOT / "docs"
+FILE = DOCS.parent / "examples" / "bluerov1_two_joints.xml"
 PIXELS = (840, 640)
 
 
@@ -36,6 +37,7 @@ def view_of(trace: Trace) -> View:
         lookat=tuple(middle.tolist()),
         streams=tuple(tuple(start) for start in streams.tolist()),
         labels=((-60, 46), (-40, 26)),
+        text=22.0,
     )
 
 
@@ -50,37 +52,42 @@ def force(ax: Axes, trace: Trace) -> None:
     ax.legend(loc="lower right")
 
 
-def pressing() -> Trace:
-    """The last scenario of the page, with its vehicle."""
-    text = re.findall(r"```toml\n(.*?)```", (DOCS / "arms.md").read_text(), re.DOTALL)[-1]
+@functools.cache
+def run(name: str) -> Trace:
+    return simulate(Scenario.load(name))
+
+
+def pressed() -> Trace:
+    """The scenario of the page in which the tool pushes."""
+    _, scenario = re.findall(r"```toml\n(.*?)```", (DOCS / "arms.md").read_text(), re.DOTALL)
     with tempfile.TemporaryDirectory() as folder:
-        (Path(folder) / "my_rov.xml").write_text((ROOT / "examples" / "bluerov1_two_joints.xml").read_text())
-        (Path(folder) / "tool.toml").write_text(text)
-        return simulate(Scenario.load(str(Path(folder) / "tool.toml")), log_rate=100)
+        Path(folder, "my_rov.xml").write_text(FILE.read_text())
+        Path(folder, "tool.toml").write_text(scenario)
+        return simulate(Scenario.load(f"{folder}/tool.toml", {"simulation.duration": 14.0}), log_rate=100)
 
 
 def numbers() -> Iterator[tuple]:
-    yield "The tool rests on the wall with {} N", pressing().push[-1]
-    yield "presses on a pile with {} N", simulate(Scenario.load("tool_slide"), log_rate=100).push[-1]
+    vehicle = Mjcf.find(str(FILE)).vehicle
+    link, links = vehicle.arm.links[0], vehicle.arm.links
+    yield "pi r^2 (l + 4 r/3) = {} kg", link.displaced_mass
+    yield "| {} kg, {} kg m^2 |", link.M_A[2, 2], link.M_A[4, 4]
+    yield "| {} N s^2/m^2, {} N m s^2 |", link.D_quadratic[2, 2], link.D_quadratic[4, 4]
+    heavy = sum(each.mass - each.displaced_mass for each in (vehicle, *links))
+    yield "is {} kg heavier than its water, {} N", heavy, 9.81 * heavy
+    yield "The tool rests on the wall with {} N", pressed().push[-1]
+    slide = run("tool_slide")
+    sliding = np.linalg.norm(slide.f_contact_W[:, 1:], axis=1)[slide.t > 0.5 * slide.t[-1]].max()
+    along = slide.f_contact_W[-1, 0]
+    yield "the force on the tool is {} N along x and, while it slides, mu 10 N = {} N", (along, 0.05), (sliding, 0.1)
 
 
 def main() -> None:
     """Simulate, render and draw."""
-    trace = simulate(Scenario.load("tool_push"))
+    trace = run("tool_push")
     picture = render(trace, *PIXELS, view_of(trace))
     with styled():
-        figure, (left, right) = plt.subplots(
-            1, 2, figsize=(PAGE_IN, 2.9), layout="constrained", width_ratios=[1.4, 1.0]
-        )
+        figure, (left, right) = plt.subplots(1, 2, figsize=(PAGE_IN, 3.0), width_ratios=[1.4, 1.0])
         left.imshow(picture)
         left.set_axis_off()
         force(right, trace)
-        (file,) = save(figure, DOCS / "arms", ("png",))
-    small = Image.open(file).convert("RGB").resize((1065, 435), Image.Resampling.LANCZOS)
-    palette = small.quantize(256, Image.Quantize.FASTOCTREE)
-    small.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG).save(file, optimize=True)
-    print(file, file.stat().st_size)
-
-
-if __name__ == "__main__":
-    main()
+        written(figure, "arms", 256)
