@@ -27,7 +27,7 @@ from .navigation import Encoder, Navigation, NoObserver, NoWrist, Observer, Perf
 from .plant.settings import OF_VEHICLE, Initial, Stepping, VehicleChoice, Wall, overridden_in_vain
 from .plant.surfaces import OF_WALLS, Bumper, Surface, override_walls
 from .plant.water import Current, Disturbance, Tether
-from .quantities import STRICT, overrides_of
+from .quantities import STRICT, overrides_of, unit_of
 from .stages.base import Stage
 from .stages.loader import Choice, Recorded, stage_of, table_of
 from .stages.words import is_a_table, no_table, not_dotted, tables_by_word
@@ -177,7 +177,7 @@ class Scenario:
             scenario = _VALIDATOR.validate_python(tables)
             faults += overridden_in_vain(scenario, overrides)
         except ValidationError as error:
-            faults += faults_of(error, choices=_KEYS | _INNER_KEYS)
+            faults += faults_of(error, choices=_KEYS | _INNER_KEYS, units=_UNITS)
         if faults:
             raise InputError(faults, place)
         for said in left_out:
@@ -246,6 +246,9 @@ _KEYS: dict[str, list[str]] = {"": [f.name for f in dataclasses.fields(Scenario)
 _INNER: dict[str, Any] = {**INNER_TABLES, **OF_VEHICLE, "walls": Surface}
 _INNER_KEYS = {name: [f.name for f in dataclasses.fields(table)] for name, table in _INNER.items()}
 """The keys of the tables within a table."""
+_UNITS = {
+    f"{name}.{f.name}": unit_of(f) for name, table in (_TABLES | _INNER).items() for f in dataclasses.fields(table)
+}
 
 
 def _anchor(tables: dict[str, Any], folder: Path | None) -> None:

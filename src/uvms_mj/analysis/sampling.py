@@ -11,6 +11,7 @@ from ..control.sampled import delay_faults, zeta_limit
 from ..control.theory import stage_notes
 from ..errors import Fault, InputError
 from ..plant.vehicle import AXES, notes_on_damping
+from ..quantities import radians_notes
 from ..scenario import STAGES
 from ..stages.base import Stage
 from .setup import Setup
@@ -74,7 +75,7 @@ def warnings_of(setup: Setup) -> list[str]:
         notes.append(
             f"{thrusters} {rank} of 6 axes{without}: tau is the wrench closest to tau_cmd that they can produce"
         )
-    return notes + notes_on_damping(vehicle)
+    return [*radians_notes(scenario.to_dict()), *notes, *notes_on_damping(vehicle)]
 
 
 def _timing_faults(setup: Setup) -> Iterator[Fault]:

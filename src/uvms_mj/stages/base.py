@@ -36,7 +36,7 @@ from typing_extensions import TypedDict
 
 from ..errors import Fault, InputError, faults_of, shortened
 from ..physics.random import key_of
-from ..quantities import Step
+from ..quantities import Step, unit_of
 from .signals import Signal
 
 
@@ -123,7 +123,8 @@ class Stage:
         try:
             valid = validator(kind).validate_python(vars(self))
         except ValidationError as error:
-            faults = faults_of(error, table, self._inner_keys)
+            units = {f"{table}.{field.name}": unit_of(field) for field in dataclasses.fields(self)}
+            faults = faults_of(error, table, self._inner_keys, units)
             raise InputError([self._of_default(fault) for fault in faults], place) from None
         except Exception as error:  # pydantic and evaluating an annotation raise exceptions of many types
             reason = " ".join(str(error).split("\n\n")[0].split()) or type(error).__name__

@@ -24,7 +24,7 @@ from ...plant.mjcf import Mjcf
 from ...quantities import STRICT, NonNegative, Real
 from ...scenario import STAGES, Scenario
 from ...stages.loader import recorded_stage
-from ...stages.signals import IN_TASK_FRAME, OF_JOINTS, RECORDED, Signal
+from ...stages.signals import BAND, IN_TASK_FRAME, OF_JOINTS, PUSH, RECORDED, Signal
 from ..header import Header, Outcome, StageSource, code_file
 
 MOST_BYTES = 256_000_000
@@ -259,6 +259,7 @@ def _are_sound(signals: tuple[Signal, ...], states: Mapping[str, int]) -> bool:
     """Whether signals begin with t, are all there that a log needs, and are those of this version's table."""
     found = {s.name: (s.shape, s.unit, s.frame) for s in signals}
     table = {s.name: (s.shape, s.unit, s.frame) for s in RECORDED}
+    pushes = (PUSH.shape, PUSH.unit, PUSH.frame)
 
     def agrees(name: str, facts: tuple[tuple[int, ...], str, str]) -> bool:
         shape, unit, frame = facts
@@ -272,6 +273,9 @@ def _are_sound(signals: tuple[Signal, ...], states: Mapping[str, int]) -> bool:
         and all(name.isidentifier() and agrees(name, facts) for name, facts in found.items())
         and all(found[name][0] == (size,) for name, size in states.items())
         and len(found["u"][0]) == 1
+        and all(
+            found.get(low) == found.get(high) in (None, found.get(name, pushes)) for name, (low, high) in BAND.items()
+        )
     )
 
 
