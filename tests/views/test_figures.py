@@ -26,7 +26,7 @@ from traces import TASK, without
 from tree_run import tool_run
 from uvms_mj import Controller, InputError, Scenario, simulate
 from uvms_mj.cli.plot import FORMATS
-from uvms_mj.stages.signals import AXES
+from uvms_mj.stages.signals import AXES, BAND
 from uvms_mj.views import colours, figures
 from uvms_mj.views.figures import style
 from uvms_mj.views.figures.joints import JOINTS
@@ -270,7 +270,7 @@ def test_small_numbers_are_read_in_small_units_and_the_data_stay_in_si(drawn, tr
     assert "µm/s" in ax.get_ylabel()
     texts = ax.yaxis.get_major_formatter().format_ticks(ax.get_yticks())
     assert [float(text.replace("\N{MINUS SIGN}", "-")) for text in texts] == pytest.approx(1e6 * ax.get_yticks())
-    assert ax.dataLim.y0 == traces["fosm"].s[:, :3].min()
+    assert ax.dataLim.y0 == traces["fosm"].s_low[:, :3].min()
 
 
 # Agreement with the recorded signals
@@ -390,10 +390,10 @@ def test_a_panel_shows_what_follows_a_transient_and_its_inset_the_transient(draw
     """In fig. 10, s is of the order of mm/s for 50 ms and of um/s for the rest of the run."""
     trace, ax, inset = traces["gsta"], drawn["fig10"].axes[0], inset_of(drawn["fig10"])
     window = inset.get_xlim()[1]
-    late = trace.s[trace.t >= window, :3]
+    lows, highs = (edge[trace.t >= window, :3] for edge in trace.band("s"))
     low, high = ax.get_ylim()
-    assert low < late.min() < late.max() < high
-    assert high - low < 2.0 * np.ptp(late) + 1e-9
+    assert low < lows.min() < highs.max() < high
+    assert high - low < 2.0 * (highs.max() - lows.min()) + 1e-9
     assert inset.get_ylim()[1] > trace.s[:, :3].max() > 100.0 * high
     own = dataclasses.replace(traces["gsta"].header.law, source="my.py:Mine")
     sources = {**trace.header.sources, "controller": own}
@@ -488,9 +488,8 @@ def test_runs_lie_on_the_same_axes_each_in_the_colour_of_its_law_everywhere(draw
 def test_every_run_can_be_seen_beside_one_that_is_a_thousand_times_as_large(traces):
     """Every line stays inside its axes and is visibly different from zero."""
     gsta = traces["gsta"]
-    loud = dataclasses.replace(
-        gsta, arrays={**gsta.arrays, "tau": 1e3 * gsta.tau, "f_contact_W": 1e3 * gsta.f_contact_W}
-    )
+    names = ("tau", "f_contact_W", *BAND["tau"], *BAND["push"])
+    loud = dataclasses.replace(gsta, arrays={**gsta.arrays, **{name: 1e3 * gsta[name] for name in names}})
     runs = {"loud": loud, "quiet": gsta}
     for what in ("tau", "force"):
         for ax in figures.plot(runs, what).axes:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...analysis.summary import METRICS
 from ...errors import Fault, InputError, suggestion
+from ...files import is_file
 from ...stages.loader import load_file
 from ...stages.signals import AXES
 from .entries import absolute
@@ -44,7 +45,7 @@ def metric_of(name: str) -> "Callable[[Trace], Any]":
         hint = suggestion(name, set(METRICS) - set(NOT_METRICS))
         raise InputError(f"no metric {name!r}; {hint}; for your own give path/to/file.py:function")
     path = Path(file)
-    if not path.is_file():
+    if not is_file(path):
         raise InputError(f"no file {file!r}" + ("" if path.is_absolute() else f" (looked in {Path.cwd()})"))
     try:
         functions = {key: value for key, value in vars(load_file(path.absolute(), "")).items() if callable(value)}
