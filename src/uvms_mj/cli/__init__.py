@@ -71,7 +71,7 @@ def main() -> None:
     uvms-mj new law my_law                a commented file of your own: a vehicle, a scenario, a law or another stage
     uvms-mj keys wall                     the keys of a scenario; without a word all of them
     uvms-mj signals law                   signals that a stage receives, signals that a run records
-    uvms-mj metrics contact               the metrics that a study can keep
+    uvms-mj metrics                       metrics that a study can keep
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # for terminals whose encoding lacks a character

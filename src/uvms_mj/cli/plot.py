@@ -7,7 +7,7 @@ import click
 
 from .common import bad_input, draw_to_files, refuse_existing
 from .logs import loaded
-from .options import command, force_option, path_option
+from .options import command, force_option, names_in, number, path_option
 
 if TYPE_CHECKING:
     from ..records.trace import Trace
@@ -71,31 +71,16 @@ def plot(
         from ..errors import InputError
         from ..views import figures
 
-        names = [name.strip() for word in whats or ("summary",) for name in word.split(",")]
-        if "" in names:
-            raise InputError(f"--what {','.join(whats)}: a name is empty; write NAME or NAME,NAME")
+        names = names_in("--what", whats) or ["summary"]
         path = Path(out) if out is not None else Path(logs[0]).parent / f"{'_'.join(names)[:60]}.png"
         kind = path.suffix.removeprefix(".")
         if kind not in FORMATS:
             raise InputError(f"--out {path}: the name must end in one of .{', .'.join(FORMATS)}")
         refuse_existing("--out", path, force)
-        inches = None if width is None else WIDTHS.get(width) or _number("--width", width, "cm", 4.0, 100.0) / 2.54
+        inches = None if width is None else WIDTHS.get(width) or number("--width", width, "cm", 4.0, 100.0) / 2.54
         traces = {label: _between(label, trace, start, end) for label, trace in loaded(logs).items()}
         (written,) = figures.save(figures.plot(traces, names, inches), path.with_name(path.stem), (kind,))
         click.echo(str(written))
-
-
-def _number(option: str, text: str, unit: str, low: float, high: float) -> float:
-    """The number of an option's text. Raises InputError if it is none, or out of range."""
-    from ..errors import InputError, number_hint
-
-    try:
-        value = float(text)
-    except ValueError:
-        raise InputError(f"{option} {text!r}: is not a finite number{number_hint(text, unit)}") from None
-    if not low <= value <= high:
-        raise InputError(f"{option} {text}: must be from {low:g} to {high:g} {unit}")
-    return value
 
 
 def _between(label: str, trace: "Trace", start: str | None, end: str | None) -> "Trace":
@@ -106,8 +91,8 @@ def _between(label: str, trace: "Trace", start: str | None, end: str | None) -> 
     if (start is None and end is None) or len(trace) < 2:
         return trace
     first, last = float(trace.t[0]), float(trace.t[-1])
-    low = first if start is None else _number("--from", start, "s", 0.0, 1e7)
-    high = last if end is None else _number("--to", end, "s", 0.0, 1e7)
+    low = first if start is None else number("--from", start, "s", 0.0, 1e7)
+    high = last if end is None else number("--to", end, "s", 0.0, 1e7)
     half = 0.5 * trace.header.row_steps * trace.scenario.simulation.timestep
     chosen = (trace.t > low - half) & (trace.t < high + half)
     if chosen.sum() < 2:

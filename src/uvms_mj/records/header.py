@@ -17,6 +17,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from ..control.rest import NoClosedForm, SteadyState
+from ..errors import InputError, suggestion
 from ..physics.frames import BODY
 from ..plant.geometry import Geometry
 from ..plant.mjcf import Mjcf
@@ -26,6 +27,7 @@ from ..scenario import STAGES, Scenario
 from ..stages.base import Stage
 from ..stages.contract import listed_files
 from ..stages.signals import OF_JOINTS, Signal
+from ..stages.words import no_signal
 
 _PACKAGES = ("uvms-mj", "mujoco", "numpy", "numba", "llvmlite", "mcap")
 
@@ -126,6 +128,19 @@ class Header:
     def components(self, signal: Signal) -> tuple[str, ...]:
         """Names of a signal's components; those of the joints if it has one number a joint."""
         return tuple(link.joint for link in self.geometry.links) if self._of_joints(signal) else signal.components
+
+    def part(self, name: str) -> tuple[Signal, int | None]:
+        """The recorded signal of a name, and the index of the component if the name is that of one, ``tau.x``. Raises
+        InputError if there is none."""
+        first, dot, component = name.partition(".")
+        if first not in self.by_name:
+            raise InputError(no_signal(first, self.by_name))
+        signal = self.by_name[first]
+        parts = self.components(signal)
+        if dot and (not component or component not in parts):
+            known = suggestion(component, parts) if any(parts) else "it is a single number"
+            raise InputError(f"{first} has no component {component!r}; {known}")
+        return signal, parts.index(component) if dot else None
 
     def units(self, signal: Signal) -> tuple[str, ...]:
         """Units of a signal's components; "rad or m" is rad for a hinge and m for a slide."""

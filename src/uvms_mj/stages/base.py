@@ -98,6 +98,9 @@ class Stage:
     memory: ClassVar[Mapping[str, Any]] = {}
     """Sizes of further numbers that the stage keeps from instant to instant, by name, in the same record ``state``.
     They do not advance, and they are not recorded: a queue of delayed samples, for example."""
+    start_values: ClassVar[Mapping[str, Any]] = {}
+    """Values of states and memory at the start of a run, by name, where they are not zero: one number for all entries,
+    or a list of the state's size. A reset returns to them."""
     units: ClassVar[Mapping[str, str]] = {}
     """Units of the states, for logs and plots. A state with two units has the linear one first."""
     files: ClassVar[Sequence[str]] = ()
@@ -209,6 +212,18 @@ class Stage:
         return sum(counted if size == cls.room.counts else size for size in cls.states.values())
 
     @classmethod
+    def start_record(cls, counted: int = 0) -> np.ndarray:
+        """The record of :meth:`state_record` with the start values. Raises InputError if one has another length than
+        its state, whose size may be the number of thrusters or joints."""
+        record = cls.state_record(counted)
+        for name, value in cls.start_values.items():
+            if np.size(value) not in (1, size := record[name].size):
+                wrong = f"{cls.label()}: start_values[{name!r}] has {np.size(value)} numbers; the state has {size}"
+                raise InputError([Fault(f"{cls.room.table}.name", wrong)])
+            record[name] = value
+        return record
+
+    @classmethod
     def state_record(cls, counted: int = 0) -> np.ndarray:
         """The states and then the memory, all zero, as a record array (1,) of float64 vectors."""
         given = {**cls.states, **cls.memory}
@@ -236,6 +251,7 @@ def is_shipped(stage: Stage) -> bool:
         and kind.function() is cls.function()
         and kind.states == cls.states
         and kind.memory == cls.memory
+        and kind.start_values == cls.start_values
         and kind.given() == cls.given()
         for cls in kind.__mro__
         if issubclass(cls, Stage)

@@ -27,7 +27,17 @@ _RECORDED = (
 )
 _SIGNALS = {signal.name for signal in (*signals.GIVEN, *_RECORDED)}
 """Signals of a Simulation or a trace, which a state would hide."""
-_OVERRIDDEN = ("name", "states", "memory", "units", "every_step", "uses_task", "uses_truth", "files")
+_OVERRIDDEN = (
+    "name",
+    "states",
+    "memory",
+    "start_values",
+    "units",
+    "every_step",
+    "uses_task",
+    "uses_truth",
+    "files",
+)
 _MOST_BYTES = 16_000_000
 """Largest size of all files that a file lists [bytes]. They travel with each call of a worker."""
 
@@ -89,6 +99,7 @@ def _wrong(cls: type[Stage]) -> Iterator[str]:
     yield from states
     if not states:
         yield from _wrong_units(cls)
+        yield from _wrong_starts(cls)
     function = list(_wrong_function(cls))
     yield from function
     if not function and not states:
@@ -165,6 +176,27 @@ def _wrong_units(cls: type[Stage]) -> Iterator[str]:
             yield f"units has {shortened(name)}, which is not a state; {hint}"
         if not (isinstance(unit, str) and unit.isprintable()):
             yield f"units must give each state's unit as a text, as in {{'xi': 'm s'}}; {shortened(unit)} is not a text"
+
+
+def _wrong_starts(cls: type[Stage]) -> Iterator[str]:
+    starts, sizes = cls.start_values, {**cls.states, **cls.memory}
+    if not isinstance(starts, Mapping):
+        yield f"start_values must give states numbers, as in {{'xi': 0.5}}; {shortened(starts)} does not"
+        return
+    for name, value in starts.items():
+        if name not in sizes:
+            hint = suggestion(str(name), sizes) if sizes else "the class declares no states"
+            yield f"start_values has {shortened(name)}, which is not a state; {hint}"
+            continue
+        numbers = [value] if isinstance(value, int | float) else value
+        array = np.asarray(numbers) if isinstance(numbers, list | tuple | np.ndarray) else np.zeros(0)
+        size = sizes[name]
+        if array.dtype.kind not in "if" or array.ndim != 1 or not array.size:
+            yield f"start_values[{name!r}] = {shortened(value)} must be a number or a list of numbers"
+        elif not np.isfinite(array).all():
+            yield f"start_values[{name!r}] = {shortened(value)} must be finite"
+        elif isinstance(size, int) and array.size not in (1, size):
+            yield f"start_values[{name!r}] has {array.size} numbers; the state has {size}"
 
 
 def _wrong_function(cls: type[Stage]) -> Iterator[str]:

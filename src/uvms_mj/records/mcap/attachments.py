@@ -259,7 +259,7 @@ def _are_sound(signals: tuple[Signal, ...], states: Mapping[str, int]) -> bool:
     """Whether signals begin with t, are all there that a log needs, and are those of this version's table."""
     found = {s.name: (s.shape, s.unit, s.frame) for s in signals}
     table = {s.name: (s.shape, s.unit, s.frame) for s in RECORDED}
-    pushes = (PUSH.shape, PUSH.unit, PUSH.frame)
+    banded = {PUSH.name: (PUSH.shape, PUSH.unit, PUSH.frame)} | found
 
     def agrees(name: str, facts: tuple[tuple[int, ...], str, str]) -> bool:
         shape, unit, frame = facts
@@ -274,7 +274,9 @@ def _are_sound(signals: tuple[Signal, ...], states: Mapping[str, int]) -> bool:
         and all(found[name][0] == (size,) for name, size in states.items())
         and len(found["u"][0]) == 1
         and all(
-            found.get(low) == found.get(high) in (None, found.get(name, pushes)) for name, (low, high) in BAND.items()
+            found.get(low) == found.get(high) in (None, banded[name])
+            for name, (low, high) in BAND.items()
+            if name in banded
         )
     )
 

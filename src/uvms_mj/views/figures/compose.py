@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
 from matplotlib.lines import Line2D
 
-from ...errors import InputError, suggestion
+from ...errors import InputError
 from ...records.header import Status
 from ...records.trace import Trace
 from ...stages.signals import OF_JOINTS, OF_THRUSTERS
@@ -19,7 +19,7 @@ from .insets import place
 from .overlay import Overlay
 from .panels import ANGULAR, LINEAR, Panel
 from .scales import logarithmic, number, prefix_of
-from .style import COLUMN_IN, PAGE_IN, band_handle, size_in, styled, ticks
+from .style import COLUMN_IN, PAGE_IN, band_handles, size_in, styled, ticks
 
 WHATS = ("position", "attitude", "velocity", "force", "sliding", "tau", "thrusters", "integral", "joints", "summary")
 """Quantities that :func:`plot` can draw, besides each signal by its name."""
@@ -76,8 +76,7 @@ def plot(traces: Mapping[str, Trace], what: str | Sequence[str], width: float | 
     whats = ["force" if each == "push" else each for each in ([what] if isinstance(what, str) else what)]
     _drawable(traces)
     for each in whats:
-        if each not in WHATS and not any(_has(trace, each) for trace in traces.values()):
-            raise InputError(_no_quantity(each, traces))
+        _refuse_unknown(each, traces)
     with styled():
         named = _named(traces)
         if len(named) == 1:
@@ -88,25 +87,24 @@ def plot(traces: Mapping[str, Trace], what: str | Sequence[str], width: float | 
         return _grid([row for each in whats for row in _of_several(runs, each)], width or PAGE_IN, "")
 
 
-def _has(trace: Trace, name: str) -> bool:
-    """Whether a trace has a signal of this name, or the component of one."""
-    signal, dot, component = name.partition(".")
-    found = trace.header.by_name.get(signal)
-    return found is not None and (not dot or bool(component and component in trace.header.components(found)))
-
-
-def _no_quantity(what: str, traces: Mapping[str, Trace]) -> str:
-    """The error of a quantity that is none of :data:`WHATS`, and no signal of a trace."""
-    signals = {signal.name: trace for trace in traces.values() for signal in trace.signals}
-    name, _, component = what.partition(".")
-    if name in signals:
-        parts = signals[name].header.components(signals[name].header.by_name[name])
-        return f"{name} has no component {component!r}; {suggestion(component, filter(None, parts))}"
-    close = difflib.get_close_matches(what, [*WHATS, *signals], 1)
-    every = f"choose from {', '.join(WHATS)}, or a signal: {', '.join(signals)}"
-    return f"{what}: is neither a quantity to draw nor a recorded signal; " + (
-        f"did you mean {close[0]!r}?" if close else every
-    )
+def _refuse_unknown(what: str, traces: Mapping[str, Trace]) -> None:
+    """Raise InputError for a quantity that is none of :data:`WHATS`, and no signal or component of any trace."""
+    name, errors = what.partition(".")[0], list[InputError]()
+    for header in (trace.header for trace in traces.values() if name in trace.arrays):
+        try:
+            header.part(what)
+        except InputError as error:
+            errors.append(error)
+        else:
+            return
+    if errors:
+        raise errors[0]
+    if what not in WHATS:
+        signals = dict.fromkeys(name for trace in traces.values() for name in trace)
+        close = difflib.get_close_matches(what, [*WHATS, *signals], 1)
+        every = f"choose from {', '.join(WHATS)}, or a signal: {', '.join(signals)}"
+        hint = f"did you mean {close[0]!r}?" if close else every
+        raise InputError(f"{what}: is neither a quantity to draw nor a recorded signal; {hint}")
 
 
 # The paper
@@ -310,8 +308,8 @@ def _fill(cells: Sequence[tuple[Axes, Panel]]) -> None:
 
 def _finish(figure: Figure, cells: Sequence[tuple[Axes, Panel]], more: Sequence[Line2D] = ()) -> None:
     """Add the legend, then the insets, which need the final sizes, and the name of each line in the SVG."""
-    bands = any(ax.collections for ax, _ in cells)
-    _legend(figure, [ax for ax, _ in cells], [*more, *([band_handle()] if bands else [])])
+    axes = [ax for ax, _ in cells]
+    _legend(figure, axes, [*more, *band_handles(axes)])
     engine = figure.get_layout_engine()
     assert engine is not None
     engine.execute(figure)

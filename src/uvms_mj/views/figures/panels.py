@@ -198,10 +198,8 @@ def integral(trace: Trace, other: Trace | None = None) -> Panel:
 
 def named(trace: Trace, name: str) -> list[Panel]:
     """Panels of a recorded signal by its name, or of one of its components, ``tau.x``."""
-    name, _, component = name.partition(".")
-    signal = trace.header.by_name[name]
-    if component:
-        i = trace.header.components(signal).index(component)
+    signal, i = trace.header.part(name)
+    if i is not None:
         return [some(trace, signal, slice(i, i + 1))]
     if signal.size == 6 and name not in OF_THRUSTERS:
         return [vector(trace, name, part) for part in (LINEAR, ANGULAR)]

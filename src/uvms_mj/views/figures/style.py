@@ -7,9 +7,11 @@ import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -40,10 +42,14 @@ LINE = 1.0
 """Width of every line of samples [pt], so that no line dominates."""
 _PERIOD, _STRIPE, _MOST_STRIPES = 7.0, 2.5, 6
 """Length of a dash pattern and least length of one line's stripe in it, in line widths; number of distinct patterns."""
-BAND: dict[str, Any] = {"alpha": 0.35, "linewidth": 0.0, "zorder": 1.8}
+BAND: dict[str, Any] = {"step": "pre", "alpha": 0.35, "linewidth": 0.0, "zorder": 1.8}
 """Look of the range between two rows: below all lines, in the colour of its line."""
-_UNSEEN = 2e-3
-"""Height of a pixel of a panel, as a fraction of a line's range without its rarest hundredths."""
+_UNSEEN = 1e-3
+"""A band that exceeds its line by less than this fraction of the line's usual range is narrower than a pixel."""
+_SEEN = 5e-3
+"""A band that exceeds its line by this fraction of its panel, in one of a hundred rows, needs a legend."""
+_BEYOND: WeakKeyDictionary[Artist, float] = WeakKeyDictionary()
+"""How far a band exceeds its line in one of a hundred rows."""
 PIXELS_PER_INCH = 300
 """Resolution for which lines are thinned."""
 
@@ -88,23 +94,15 @@ def thin(t: np.ndarray, values: np.ndarray, columns: int) -> tuple[np.ndarray, n
     return t[kept], values[kept]
 
 
-def hidden(
-    t: np.ndarray, values: np.ndarray, band: tuple[np.ndarray, np.ndarray]
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """The band (low, high) of samples where it exceeds the line through them, and the samples themselves elsewhere;
-    None if it exceeds the line by less than a pixel of a usual panel.
+def beyond(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """How far a band (n,) exceeds the line through the samples (n,); zero where it does not.
 
     Row k of the band is for the time from row k - 1 to row k. The line crosses this time from sample to sample.
     """
-    low, high = band
     before = np.concatenate([values[:1], values[:-1]])
     with np.errstate(invalid="ignore"):
-        beyond = np.maximum(high - np.maximum(before, values), np.minimum(before, values) - low)
-    edges = np.concatenate([low, high])
-    most = np.ptp(np.percentile(edges[np.isfinite(edges)], [1.0, 99.0])) if np.isfinite(edges).any() else 0.0
-    if not (beyond > _UNSEEN * most).any():
-        return None
-    return np.where(beyond > 0.0, low, values), np.where(beyond > 0.0, high, values)
+        found = np.maximum(high - np.maximum(before, values), np.minimum(before, values) - low)
+    return np.where(found > 0.0, found, 0.0)
 
 
 def thin_band(
@@ -158,16 +156,24 @@ def line(
     their ``band`` is given. ``name`` is the line's group id in an SVG."""
     columns = max(100, round(size_in(ax)[0] * PIXELS_PER_INCH))
     (drawn,) = ax.plot(*thin(t, values, columns), gid=name, **look)
-    area = hidden(t, values, band) if band is not None else None
-    if area is not None:
-        t, low, high = thin_band(t, *area, columns)
-        colour = drawn.get_color()
-        ax.fill_between(t, low, high, step="pre", gid=f"{name}.band", color=colour, **BAND)
+    low, high = (values, values) if band is None else band
+    further = beyond(values, low, high)
+    finite = values[np.isfinite(values)]
+    if not len(finite) or not further.max() > _UNSEEN * np.ptp(np.percentile(finite, [1.0, 99.0])):
+        return
+    low, high = (np.where(further > 0.0, edge, values) for edge in (low, high))
+    area = ax.fill_between(*thin_band(t, low, high, columns), gid=f"{name}.band", color=drawn.get_color(), **BAND)
+    _BEYOND[area] = float(np.percentile(further, 99.0))
 
 
-def band_handle() -> Patch:
-    """Legend entry of the bands."""
-    return Patch(facecolor=GREY, alpha=BAND["alpha"], linewidth=0.0, label="range between rows")
+def band_handles(axes: Sequence[Axes]) -> list[Patch]:
+    """Legend entry of the bands, if some band can be seen beside its line on linear axes, or is on others."""
+    for ax in axes:
+        low, high = ax.get_ylim()
+        seen = _SEEN * (high - low) if ax.get_yscale() == "linear" else 0.0
+        if any(_BEYOND.get(area, 0.0) > seen for area in ax.collections):
+            return [Patch(facecolor=GREY, alpha=BAND["alpha"], linewidth=0.0, label="range between rows")]
+    return []
 
 
 def ticks(ax: Axes, most: int) -> None:
