@@ -1,4 +1,4 @@
-"""The files that a law, another stage or a file of metrics lists: they travel to workers, into digests and into logs."""
+"""The files that a stage or a file of metrics lists: they travel to workers, into digests and into logs."""
 
 import json
 
@@ -31,7 +31,16 @@ class Mine(Fosm):
 class Sensor(Perfect):
     {files}
 """
-METRIC = "from pathlib import Path\nfiles = ['nets/one.txt']\nONE = float((Path(__file__).parent / files[0]).read_text())\n"
+METRIC = """
+from pathlib import Path
+
+files = ["nets/one.txt"]
+ONE = float((Path(__file__).parent / files[0]).read_text())
+
+
+def one(trace):
+    return ONE
+"""
 SHORT = {"simulation.duration": 0.002}
 
 
@@ -47,7 +56,7 @@ def stages_file(folder, files="files = ['nets/policy.npz']", file="nets/policy.n
 def study(tmp_path):
     def make(**options):
         own = stages_file(tmp_path, **options)
-        (tmp_path / "metric.py").write_text(METRIC + "def one(trace):\n    return ONE\n")
+        (tmp_path / "metric.py").write_text(METRIC)
         tables = {
             "base": {"scenario": "push_wall", "navigation.name": f"{own}:Sensor", **SHORT},
             "laws": [f"{own}:Mine"],

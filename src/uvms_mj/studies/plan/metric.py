@@ -78,6 +78,7 @@ MEANINGS: Mapping[str, str] = {
     "contact.impulse_Ns": "integral of the push over time",
     "contact.final_N": "mean push over the last 0.5 s",
     "contact.settled": "true or false: whether the push has settled at the end",
+    "contact.trend_N_per_s": "rate of change of the push at the end, by its trend; none without one",
     "contact.analytic_N": "push at rest in closed form; none without a closed form or without contact at rest",
     "contact.relative_error": "of contact.final_N against contact.analytic_N [1]; none unless the push has settled",
     "noise.push_N": "standard deviation of the push over the last half of the run, with white noise of a sensor",
