@@ -13,6 +13,7 @@ from draw_rooms import BEFORE, BETWEEN, CHAIN, SUBJECTS, floors
 from uvms_mj.envs.push import ARGUMENTS, OBSERVED
 from uvms_mj.stages import signals
 from uvms_mj.studies.plan import Plan, study_file
+from uvms_mj.studies.plan.metric import MEANINGS, unit_of_column
 from uvms_mj.studies.tune import Tuning
 from uvms_mj.studies.tune import tables as tune_tables
 
@@ -114,3 +115,11 @@ def test_the_study_and_the_tuning_of_the_guide_are_valid(tmp_path):
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text()):
         assert (page.parent / target).exists(), target
+
+
+def test_metrics_are_those_of_the_program():
+    rows = re.findall(r"^\| `([\w.]+)` \| ([^|]*) \| ([^|]*) \|$", STUDIES, re.MULTILINE)
+    found = {name: (unit, meaning.partition("; `.")[0]) for name, unit, meaning in rows}
+    assert {name: found.get(name) for name in MEANINGS} == {
+        name: (unit_of_column(name), meaning) for name, meaning in MEANINGS.items()
+    }

@@ -29,15 +29,31 @@ def shipped(kind: str) -> dict[str, Path]:
     return {path.stem: path for folder in folders for path in sorted(Path(folder).glob(f"*{suffix}"))}
 
 
+def is_file(path: str | os.PathLike) -> bool:
+    """Whether a file is there; false for a name that the system does not take, for example a text of 256 characters."""
+    try:
+        return Path(path).is_file()
+    except OSError:
+        return False
+
+
+def is_folder(path: str | os.PathLike) -> bool:
+    """Whether a folder is there, as :func:`is_file`."""
+    try:
+        return Path(path).is_dir()
+    except OSError:
+        return False
+
+
 def toml_path(given: str | os.PathLike, noun: str, kind: str) -> Path:
     """Path of a TOML file, or of the shipped one of a kind by its name; ``noun`` is its word in messages. Raises
     InputError if there is none."""
     if not isinstance(given, str | os.PathLike):
         raise InputError(f"{noun} {shortened(given)}: must be a name, or the path of a TOML file")
     path = Path(given)
-    if path.is_file():
+    if is_file(path):
         return path
-    if path.is_dir():
+    if is_folder(path):
         raise InputError(f"{noun} {str(given)!r}: is a folder; name a TOML file in it")
     known = shipped(kind)
     if str(given) in known:

@@ -21,7 +21,7 @@ from .control.design import INNER_TABLES, Estimates, Impedance
 from .control.posture import Posture
 from .control.task import TASK_KEYS, move_task_keys
 from .errors import Fault, InputError, faults_of, shortened
-from .files import plain, tables_of, toml_path
+from .files import is_file, plain, tables_of, toml_path
 from .guidance import FilteredSteps, Guidance
 from .navigation import Encoder, Navigation, NoObserver, NoWrist, Observer, Perfect, PerfectEncoder, Wrist
 from .plant.settings import OF_VEHICLE, Initial, Stepping, VehicleChoice, Wall, overridden_in_vain
@@ -257,7 +257,7 @@ def _anchor(tables: dict[str, Any], folder: Path | None) -> None:
         return
     for table, key in (("vehicle", "model"), ("joints", "motion_file"), *((name, "name") for name in STAGES)):
         value = tables.get(table, {}).get(key) if isinstance(tables.get(table), dict) else None
-        if isinstance(value, str) and (folder / value.split(":")[0]).is_file():
+        if isinstance(value, str) and is_file(folder / value.split(":")[0]):
             tables[table][key] = str((folder / value).absolute())
 
 

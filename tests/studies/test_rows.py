@@ -96,6 +96,7 @@ def test_a_row_has_the_numbers_of_the_run_under_their_names(study_file):
         "message": "",
         "steps": 300,
         "warnings": len(report["warnings"]),
+        "success": report["contact"]["settled"],
         "engine": "free_body",
         "contact.peak_N": report["contact"]["peak_N"],
         "contact.touches": report["contact"]["touches"],

@@ -169,7 +169,10 @@ def as_surface(wall: Any, radius: float) -> Surface:
     """``[wall]`` as one of ``[[walls]]``: a probe of a radius [m] touches it at x_c."""
     names = ("stiffness", "damping", "friction", "tangential_stiffness", "tangential_damping")
     given = {name: getattr(wall, name) for name in names}
-    return Surface(shape="plane", position=(wall.position + radius, 0.0, 0.0), **given)
+    surface = Surface(shape="plane", position=(0.0, 0.0, 0.0), **given)
+    # the face of a valid wall and a valid vehicle may lie beyond the greatest coordinate of an input
+    object.__setattr__(surface, "position", (wall.position + radius, 0.0, 0.0))
+    return surface
 
 
 def impossible(scenario: Any, vehicle: Any) -> Iterator[Fault]:

@@ -16,6 +16,8 @@ from .shapes import Kind, Mesh, Shape
 
 LAST_VISIBLE_GROUP = 2
 """Geoms of higher groups are for collisions by MuJoCo's convention, and its viewer hides them."""
+_MOST_REACH = 1e4
+"""Largest reach of a vehicle [m]."""
 PROBE_REACH = 0.1
 """Reach of a vehicle without geoms [m]."""
 
@@ -49,7 +51,13 @@ class Geometry:
         mujoco.mj_kinematics(model, data)
         every, visible = _shapes(model, data, body_id, meshes)
         drawn = tuple(_link(link, _shapes(model, data, link.body_id, meshes)[1]) for link in links)
-        return cls(visible, meshes, _forward_reach(every, meshes), drawn)
+        reach = _forward_reach(every, meshes)
+        if not reach <= _MOST_REACH:
+            raise InputError(
+                f"vehicle.model: its geoms reach {reach:.4g} m to the front of {model.body(body_id).name}; at most "
+                f"{_MOST_REACH:g} m is allowed"
+            )
+        return cls(visible, meshes, reach, drawn)
 
     def to_json(self) -> bytes:
         return _ADAPTER.dump_json(self, exclude=None if self.links else {"links"})

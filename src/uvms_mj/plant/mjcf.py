@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from ..errors import InputError, suggestion
-from ..files import shipped
+from ..files import is_file, shipped
 from .geometry import Geometry
 from .looks import add_vehicle
 from .mjcf_files import ModelFiles, trees
@@ -37,11 +37,15 @@ class Mjcf:
         model, or it or a file that it refers to can't be read or has something that is not allowed in a vehicle's
         file."""
         path = Path(model)
-        if not path.is_file():
+        if not is_file(path):
             known = shipped("models")
             if str(model) not in known:
                 hint = suggestion(model, known)
-                fault = "is not a regular file" if path.exists() else f"is neither a file nor a shipped model; {hint}"
+                fault = (
+                    "is not a regular file"
+                    if os.path.exists(path)
+                    else f"is neither a file nor a shipped model; {hint}"
+                )
                 raise InputError(f"vehicle.model {model!r}: {fault}")
             path = known[str(model)]
         path = Path(os.path.abspath(path))

@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import PlainSerializer, PlainValidator
 from pydantic.dataclasses import dataclass
 
-from ..quantities import STRICT, NonNegative, Real, Vector3
+from ..quantities import STRICT, NonNegative, Real, of_length
 
 Kind = Literal["sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh"]
 
@@ -16,6 +16,8 @@ def _rows_of(kind: str) -> PlainValidator:
     """Validator of rows of three numbers, given as an array or as base64 of little-endian numbers."""
 
     def read(value: Any) -> np.ndarray:
+        if not isinstance(value, np.ndarray | str):
+            raise ValueError("is not base64")
         array = value if isinstance(value, np.ndarray) else np.frombuffer(base64.b64decode(value, validate=True), kind)
         array = np.array(array, kind).reshape(-1, 3)
         array.setflags(write=False)
@@ -59,7 +61,9 @@ class Shape:
 
     kind: Kind
     size: tuple[NonNegative, NonNegative, NonNegative]
-    position: Vector3
+    position: Annotated[
+        tuple[Real, ...], of_length(3)
+    ]  # what is drawn at the greatest coordinate of an input may lie beyond it
     quat: tuple[Real, Real, Real, Real]
     rgba: tuple[NonNegative, NonNegative, NonNegative, NonNegative]
     mesh: str | None = None

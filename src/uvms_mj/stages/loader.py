@@ -11,7 +11,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Generic, TypeVar
 
-from ..errors import Fault, InputError, suggestion
+from ..errors import Fault, InputError, no_lost_interrupt, suggestion
 from .base import Stage, is_shipped, setting
 from .contract import check_contract
 from .signals import OWN_UNIT
@@ -250,7 +250,8 @@ def load_file(path: Path, key: str) -> ModuleType:
     # functions that numba compiles during the import, e.g. by numba.guvectorize, must check their indices
     bounds, os.environ["NUMBA_BOUNDSCHECK"] = os.environ.get("NUMBA_BOUNDSCHECK"), "1"
     try:
-        spec.loader.exec_module(module)
+        with no_lost_interrupt():  # numba compiles a function with a signature during the import
+            spec.loader.exec_module(module)
     except BaseException as error:  # the file may raise anything, also SystemExit
         del sys.modules[name]
         if isinstance(error, KeyboardInterrupt):

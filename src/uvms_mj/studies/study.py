@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
-from ..files import locked
+from ..files import is_folder, locked
 from .check import load
 from .plan import Plan
 from .pool.execution import Execution, Progress
@@ -53,7 +53,7 @@ class Study:
             InputError: the study is invalid; lists every error.
         """
         folder = Path(study)
-        if not folder.is_dir():
+        if not is_folder(folder):
             return cls(Plan.load(study, overrides))
         found = cls(None, folder, overrides)
         assert found.plan_of_results

@@ -18,6 +18,7 @@ from typing import Any
 import llvmlite.binding as llvm
 import numpy as np
 
+from ...errors import no_lost_interrupt
 from .objects import keep, link, load, object_name, target_machine
 
 _DISABLE = "NUMBA_DISABLE_JIT"
@@ -66,7 +67,7 @@ def native_law(arguments: int, parts: Iterable[bytes], prepare: Callable[[], Cal
     if os.environ.get(_DISABLE, "0") not in ("", "0"):
         raise NotCompiled(f"{_DISABLE} is set")
     name = object_name([b"law", *parts])
-    with _lock:
+    with _lock, no_lost_interrupt():
         from . import numba_code
 
         numba_code.add_symbols()

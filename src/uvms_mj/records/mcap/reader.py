@@ -23,6 +23,7 @@ from mcap.records import Attachment, Channel, Chunk, DataEnd, Footer, Metadata, 
 from mcap.records import Header as FileHeader
 
 from ...errors import InputError
+from ...files import is_file
 from ..header import Header, Outcome, Status
 from .attachments import MOST_BYTES, header_of, outcome_of, refuse_large
 from .layout import CHUNK_BYTES, Format
@@ -64,14 +65,14 @@ def _opened(path: str | os.PathLike) -> Iterator["_Reader"]:
     if not os.fspath(path):
         raise InputError("the name of a log is empty")
     path = Path(path)
-    if path.exists() and not (path.is_file() or path.is_dir()):
+    if os.path.exists(path) and not (path.is_file() or path.is_dir()):
         raise InputError(f"{path}: is not a regular file, but a pipe or a device")
     try:
         with open(path, "rb") as file:
             yield _Reader(file)
     except OSError as error:
         inside = path / "run.mcap"
-        hint = f"; did you mean {inside}?" if inside.is_file() else ""
+        hint = f"; did you mean {inside}?" if is_file(inside) else ""
         raise InputError(f"{path}: can't read it: {error.strerror}{hint}") from None
     except InputError as error:
         raise InputError(f"{path}: {error}") from None

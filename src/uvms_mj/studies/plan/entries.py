@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import Fault, InputError
-from ...files import plain, shortened, tables_of, toml_path
+from ...files import is_file, plain, shortened, tables_of, toml_path
 from ...quantities import overrides_of
 from ...scenario import STAGES, Scenario
 from .study_file import StudyFile, Vary
@@ -42,7 +42,7 @@ def absolute(value: Any, folder: Path) -> Any:
     if not isinstance(value, str) or not value:
         return value
     file = Path(value.split(":")[0])
-    return str((folder / value).absolute()) if file.suffix in _SUFFIXES or (folder / file).is_file() else value
+    return str((folder / value).absolute()) if file.suffix in _SUFFIXES or is_file(folder / file) else value
 
 
 def with_absolute_values(vary: Vary, folder: Path) -> Vary:

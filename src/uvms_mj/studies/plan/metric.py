@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...analysis.summary import METRICS
 from ...errors import Fault, InputError, suggestion
+from ...files import is_file
 from ...stages.loader import load_file
 from ...stages.signals import AXES
 from .entries import absolute
@@ -44,7 +45,7 @@ def metric_of(name: str) -> "Callable[[Trace], Any]":
         hint = suggestion(name, set(METRICS) - set(NOT_METRICS))
         raise InputError(f"no metric {name!r}; {hint}; for your own give path/to/file.py:function")
     path = Path(file)
-    if not path.is_file():
+    if not is_file(path):
         raise InputError(f"no file {file!r}" + ("" if path.is_absolute() else f" (looked in {Path.cwd()})"))
     try:
         functions = {key: value for key, value in vars(load_file(path.absolute(), "")).items() if callable(value)}
@@ -77,6 +78,7 @@ MEANINGS: Mapping[str, str] = {
     "contact.impulse_Ns": "integral of the push over time",
     "contact.final_N": "mean push over the last 0.5 s",
     "contact.settled": "true or false: whether the push has settled at the end",
+    "contact.trend_N_per_s": "rate of change of the push at the end, by its trend; none without one",
     "contact.analytic_N": "push at rest in closed form; none without a closed form or without contact at rest",
     "contact.relative_error": "of contact.final_N against contact.analytic_N [1]; none unless the push has settled",
     "noise.push_N": "standard deviation of the push over the last half of the run, with white noise of a sensor",

@@ -5,6 +5,7 @@ trials before it decide a suggestion, so that an interrupted search goes on with
 """
 
 import hashlib
+import json
 import math
 import os
 import warnings
@@ -13,7 +14,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from ...errors import needs_extra
+from ...errors import InputError, needs_extra, shortened
 from .tables import Gain, Search
 from .trial import Outcome
 
@@ -35,24 +36,47 @@ class Journal:
         self._optuna, path = optuna(), folder / JOURNAL
         if path.exists():
             _cut(path)
-        storage = self._optuna.storages.journal.JournalFileBackend(str(path), _NoLock())
+        self._path = path
+        try:
+            self._study = self._opened(name, direction)
+        except OSError:
+            raise
+        except Exception as error:  # what Optuna raises for other data than its own is not documented
+            raise self._damaged(f"{type(error).__name__}: {error}") from error
+
+    def _opened(self, name: str, direction: str) -> Any:
+        backend = self._optuna.storages.journal.JournalFileBackend(str(self._path), _NoLock())
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            self._study = self._optuna.create_study(
-                storage=self._optuna.storages.JournalStorage(storage),
-                study_name=name,
-                direction=direction,
-                load_if_exists=True,
+            storage = self._optuna.storages.JournalStorage(backend)
+            study = self._optuna.create_study(
+                storage=storage, study_name=name, direction=direction, load_if_exists=True
             )
+        if len(storage.get_all_studies()) > 1 or study.direction.name.lower() != direction:
+            raise ValueError("it has another search")
+        return study
+
+    def _damaged(self, why: str) -> InputError:
+        return InputError(f"{self._path}: damaged ({shortened(why)}); without it the search begins anew")
 
     @property
     def trials(self) -> list[Any]:
-        """The trials that are done."""
-        return self._study.get_trials(deepcopy=False)
+        """The trials that are done. Raises InputError if one is not what was kept."""
+        found = self._study.get_trials(deepcopy=False)
+        for each in found:
+            if each.user_attrs.get("checksum") != checksum(each):
+                raise self._damaged(f"trial {each.number} does not have its checksum")
+        return found
 
     def add(self, trial: Any) -> None:
         """Keep a trial. Raises OSError, for example if the disk is full."""
         self._study.add_trial(trial)
+
+
+def checksum(trial: Any) -> str:
+    """Checksum of a trial of Optuna: its number, gains, value and outcome."""
+    kept = [trial.number, trial.params, trial.value, trial.user_attrs.get("outcome")]
+    return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()[:32]
 
 
 def _cut(path: Path) -> None:
@@ -100,7 +124,9 @@ def search(
             trial.set_user_attr("outcome", asdict(found))
             worst = math.inf if direction == "minimize" else -math.inf
             memory.tell(trial, worst if found.objective is None else found.objective)
-            journal.add(memory.trials[-1])
+            kept = memory.trials[-1]
+            kept.set_user_attr("checksum", checksum(kept))
+            journal.add(kept)
             done(number, found)
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import tomli_w
 
 from ...errors import InputError
-from ...files import locked, shortened, tables_of, whole
+from ...files import is_file, is_folder, locked, shortened, tables_of, whole
 from ..plan import Plan
 from ..plan.places import unit_of
 from ..pool.parcel import Parcel
@@ -82,8 +82,8 @@ class Tuning:
         Raises:
             InputError: the file or an override is invalid; lists every error.
         """
-        path = Path(tuning, TUNING) if Path(tuning).is_dir() else Path(tuning)
-        if not path.is_file():
+        path = Path(tuning, TUNING) if is_folder(tuning) else Path(tuning)
+        if not is_file(path):
             raise InputError(f"tuning {str(tuning)!r}: no such file, and not the folder of a tuning")
         return cls.from_dict(tables_of(path, "tuning"), path.parent, overrides, place=str(tuning))
 
