@@ -10,7 +10,7 @@ import numpy as np
 
 OF_JOINTS = ("q", "q_dot", "tau_q", "q_m", "q_dot_m", "tau_q_cmd", "joint_saturation_time")
 """Signals with one number a joint."""
-OF_THRUSTERS = ("u", "u_cmd", "inflow")
+OF_THRUSTERS = ("u", "u_cmd", "pwm", "pwm_cmd", "inflow")
 """Signals with one number a thruster."""
 OWN_UNIT = "law's own"
 """Unit shown for a state or gain of a law that declares none."""
