@@ -98,35 +98,6 @@ def lagged(settings, state, k, thrust) -> float:
     return C[0] * x_1 + C[1] * x_2 + C[2] * x_3
 
 
-@kernel
-def propel(settings, state, given, u):
-    """Set u (n,) to the thrusts that the elements make of the commanded ones."""
-    for k in range(u.shape[0]):
-        failed = k == settings.failed and given.t >= settings.failed_at
-        if not abs(given.u_cmd[k]) <= _LARGEST:  # the run stops
-            u[k] = given.u_cmd[k]
-            continue
-        if given.instant == 0:
-            state.command[k] = settings.neutral
-        if given.instant == 0 or given.u_cmd[k] != state.asked[k]:  # a command is held for a control period
-            state.asked[k] = given.u_cmd[k]
-            if not (failed and settings.failed_stuck):
-                state.command[k] = command_of(settings, state, k, given.u_cmd[k])
-            state.static[k] = settings.efficiency * static_thrust(settings, state, k)
-        thrust = state.static[k]
-        if failed and not settings.failed_stuck:
-            thrust *= settings.failed_fraction
-        if settings.start_instants > 0.0:
-            thrust = started(settings, state, k, thrust)
-        thrust = min(state.held[k] + settings.change, max(state.held[k] - settings.change, thrust))
-        state.held[k] = thrust
-        if settings.lags:
-            thrust = lagged(settings, state, k, thrust)
-        if settings.inflow_loss > 0.0:
-            thrust -= settings.inflow_loss * math.sqrt(abs(thrust)) * given.inflow[k]
-        u[k] = thrust
-
-
 @dataclasses.dataclass(frozen=True)
 class Propeller(Thrusters):
     """Base class of the shipped thruster models. A derived class gives the static curves."""
@@ -156,6 +127,9 @@ class Propeller(Thrusters):
         ("asked", "command", "near", "near_hat", "static", "direction", "waits", "held", "x_1", "x_2", "x_3"),
         "thrusters",
     )
+
+    takes_pulses: ClassVar[bool] = False
+    """Whether the memory ``command`` is a pulse width [us], which a run then records as pwm."""
 
     def check_settings(self) -> None:
         super().check_settings()
@@ -234,4 +208,27 @@ class Propeller(Thrusters):
 
     @staticmethod
     def step(settings, state, given, state_dot, u):
-        propel(settings, state, given, u)
+        for k in range(u.shape[0]):
+            failed = k == settings.failed and given.t >= settings.failed_at
+            if not abs(given.u_cmd[k]) <= _LARGEST:  # the run stops
+                u[k] = given.u_cmd[k]
+                continue
+            if given.instant == 0:
+                state.command[k] = settings.neutral
+            if given.instant == 0 or given.u_cmd[k] != state.asked[k]:  # a command is held for a control period
+                state.asked[k] = given.u_cmd[k]
+                if not (failed and settings.failed_stuck):
+                    state.command[k] = command_of(settings, state, k, given.u_cmd[k])
+                state.static[k] = settings.efficiency * static_thrust(settings, state, k)
+            thrust = state.static[k]
+            if failed and not settings.failed_stuck:
+                thrust *= settings.failed_fraction
+            if settings.start_instants > 0.0:
+                thrust = started(settings, state, k, thrust)
+            thrust = min(state.held[k] + settings.change, max(state.held[k] - settings.change, thrust))
+            state.held[k] = thrust
+            if settings.lags:
+                thrust = lagged(settings, state, k, thrust)
+            if settings.inflow_loss > 0.0:
+                thrust -= settings.inflow_loss * math.sqrt(abs(thrust)) * given.inflow[k]
+            u[k] = thrust

@@ -17,7 +17,7 @@ import numpy as np
 from ..quantities import Number, within
 from ..stages.base import setting
 from .curve import Curve
-from .propeller import Lag, Propeller, propel
+from .propeller import Lag, Propeller
 
 NEUTRAL_US = 1500.0
 STANDARD_GRAVITY = 9.80665
@@ -75,15 +75,8 @@ class T200(Propeller):
     lag: Lag = setting("third_order", "-", "none, first_order with time_constant, or third_order, as identified")
 
     name = "t200"
-    states: ClassVar = {"pwm": "thrusters"}
-    units: ClassVar = {"pwm": "us"}
+    takes_pulses: ClassVar[bool] = True
 
     def curves(self) -> tuple[Curve | None, Curve | None]:
         voltage = self.voltage if self.assumed_voltage is None else self.assumed_voltage
         return thrust_curve(self.voltage), thrust_curve(voltage)
-
-    @staticmethod
-    def step(settings, state, given, state_dot, u):
-        propel(settings, state, given, u)
-        for k in range(u.shape[0]):
-            state.pwm[k] = state.command[k]

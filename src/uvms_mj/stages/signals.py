@@ -266,6 +266,11 @@ def commanded_signal(n: int) -> Signal:
     return Signal("u_cmd", (n,), "N", "-", "thrust commanded of each thruster")
 
 
+def pulse_signal(n: int) -> Signal:
+    """The signal of the pulse widths (n,) that thrusters with a speed controller take."""
+    return Signal("pwm", (n,), "us", "-", "pulse width of each thruster's speed controller; 1500 us is neutral")
+
+
 TAU_LOST = Signal("tau_lost", (6,), _WRENCH, "B", "part of tau_cmd that is not allocated, tau_cmd - B u_cmd")
 
 
