@@ -14,6 +14,7 @@ from ..plant.vehicle import AXES, notes_on_damping
 from ..quantities import radians_notes
 from ..scenario import STAGES
 from ..stages.base import Stage
+from .free_motion import free_motion_notes
 from .setup import Setup
 from .task_frame import task_faults, task_notes
 from .wall import wall_faults, wall_notes
@@ -64,6 +65,7 @@ def warnings_of(setup: Setup) -> list[str]:
             *_sampling_notes(setup),
             *posture_notes(setup),
             *task_notes(setup),
+            *free_motion_notes(setup),
             *stage_notes(scenario.controller, setup),
         ]
     rank = np.linalg.matrix_rank(vehicle.B)

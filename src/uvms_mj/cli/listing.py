@@ -1,4 +1,5 @@
-"""``uvms-mj controllers``, ``stages``, ``keys`` and ``signals``: lists of laws, stages, scenario keys and signals."""
+"""``uvms-mj controllers``, ``stages``, ``keys``, ``signals`` and ``metrics``: lists of laws, stages, scenario keys,
+signals and metrics."""
 
 import dataclasses
 import difflib
@@ -217,7 +218,17 @@ def signals(words: tuple[str, ...]) -> None:
     with bad_input():
         from ..scenario import STAGES
         from ..stages.joint_signals import JOINT_SIGNALS, joints_given
-        from ..stages.signals import DELAYED, MEASURED, RECORDED, SCHEDULED, contact_signals, thruster_signal
+        from ..stages.signals import (
+            BAND,
+            DELAYED,
+            MEASURED,
+            PUSH,
+            RECORDED,
+            SCHEDULED,
+            band_signals,
+            contact_signals,
+            thruster_signal,
+        )
 
         rooms_by_word = _rooms() | {"recorded": []}
         kinds = tuple(itertools.takewhile(rooms_by_word.__contains__, words))
@@ -239,10 +250,14 @@ def signals(words: tuple[str, ...]) -> None:
                 *JOINT_SIGNALS,
             )
             groups.append((title, shown))
+            bands = [edge for signal in (*shown, PUSH) if signal.name in BAND for edge in band_signals(signal)]
+            groups.append(
+                ("Bands: recorded where rows are further apart than steps; trace.band(<name>) has both", bands)
+            )
         meanings = {signal.name: signal.meaning for _, listed in groups for signal in listed}
         wanted = _wanted(words[len(kinds) :], meanings, "signal", str.__eq__, {*meanings, *rooms_by_word})
     of_contacts = {signal.name for signal in contact_signals(0)}
-    of_joints = {signal.name for signal in (*JOINT_SIGNALS, *joints_given(0))}
+    of_joints = {signal.name for signal in (*JOINT_SIGNALS, *joints_given(0))} | {*BAND["tau_q"]}
     for title, listed in groups:
         columns = ("name", "shape", "unit", "frame", "meaning")
         table = table_of(title, *columns, fixed=("name", "shape"), min_width=80)
@@ -254,3 +269,26 @@ def signals(words: tuple[str, ...]) -> None:
             table.add_row(signal.name, shape or "scalar", signal.unit, signal.frame, signal.meaning)
         if table.row_count:
             print_table(table)
+
+
+@command()
+@words_argument
+def metrics(words: tuple[str, ...]) -> None:
+    """List the metrics that a study can keep. Each WORD chooses the metric of this name, or, if there is none, the
+    metrics with WORD in their name or meaning.
+
+    They are the names in keep.metrics and [success] of a study, and in [objective] and [[constraint]] of a tuning. A
+    metric of your own is path/to/file.py:function.
+
+    \b
+    uvms-mj metrics contact
+    """
+    with bad_input():
+        from ..studies.plan.metric import MEANINGS, columns_of, unit_of_column
+
+        wanted = _wanted(words, MEANINGS, "metric", str.__eq__, MEANINGS)
+        table = table_of("Metrics of a run", "name", "unit", "meaning", fixed=("name",), min_width=80)
+        for name, said in ((name, said) for name, said in MEANINGS.items() if name in wanted):
+            parts = [column.removeprefix(f"{name}.") for column in columns_of(name)]
+            table.add_row(name, unit_of_column(name), said + (f"; .{', .'.join(parts)}" if parts != [name] else ""))
+        print_table(table)

@@ -45,7 +45,9 @@ def info(log: str, show: str | None, as_json: bool) -> None:
         say_if_truncated(log, trace)
         report = summary(trace, {"mcap": log})
         if as_json:
-            stages = {name: {"source": s.source, "sha256": s.sha256} for name, s in header.sources.items()}
+            stages = {
+                name: {"source": s.source, "sha256": s.sha256, "files": s.digests} for name, s in header.sources.items()
+            }
             about = {"versions": dict(header.versions), "law": stages["controller"], "stages": stages}
             about |= {"engine": header.engine}
             signals = {s.name: {"shape": list(s.shape), "unit": s.unit, "frame": s.frame} for s in trace.signals}

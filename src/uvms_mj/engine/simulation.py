@@ -200,6 +200,8 @@ class Simulation:
                 raise InputError([Fault(name, "can't change during a run; give it to reset") for name in fixed], "set")
             self._memory.rewrite(setup, touched)
             self.setup, self._touched = setup, self._touched | touched
+            if self._ready:
+                self._prepare()  # the water at the instant in hand
 
     def step(self, n: int = 1) -> None:
         """Take n time steps, at native speed and without Python's global lock.

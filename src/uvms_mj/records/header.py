@@ -25,6 +25,7 @@ from ..plant.probe import Probe
 from ..quantities import STRICT, NonNegative
 from ..scenario import STAGES, Scenario
 from ..stages.base import Stage
+from ..stages.contract import listed_files
 from ..stages.signals import OF_JOINTS, Signal
 from ..stages.words import no_signal
 
@@ -44,12 +45,18 @@ class Status(enum.Enum):
 @dataclass(frozen=True)
 class StageSource:
     """Source of a stage: name of a shipped one, or ``file.py:ClassName`` with the text of the file, or of the class if
-    there is no file, and its digest; and the sizes of its states by name."""
+    there is no file, and its digest; the sizes of its states by name; and the contents of the files that it lists."""
 
     source: str
     sha256: str | None
     code: str = field(repr=False)
     states: Mapping[str, int]
+    files: Mapping[str, bytes] = field(default_factory=dict, repr=False)
+
+    @property
+    def digests(self) -> dict[str, str]:
+        """The digests of the files that it lists, by name."""
+        return {name: hashlib.sha256(data).hexdigest() for name, data in self.files.items()}
 
     @classmethod
     def of(cls, stage: Stage, counts: Mapping[str, int] | None = None) -> "StageSource":
@@ -67,7 +74,8 @@ class StageSource:
             except (OSError, TypeError):  # defined at a prompt
                 return cls(f"{path.name}:{kind.__name__}", None, "", states)
         digest = hashlib.sha256(code).hexdigest()
-        return cls(f"{path.name}:{kind.__name__}", digest, code.decode(errors="replace"), states)
+        files = {name: file.read_bytes() for name, file in listed_files(kind).items()}
+        return cls(f"{path.name}:{kind.__name__}", digest, code.decode(errors="replace"), states, files)
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,7 @@ import dataclasses
 import functools
 import sys
 import types
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, ClassVar, get_type_hints
 
 import numpy as np
@@ -103,6 +103,9 @@ class Stage:
     or a list of the state's size. A reset returns to them."""
     units: ClassVar[Mapping[str, str]] = {}
     """Units of the states, for logs and plots. A state with two units has the linear one first."""
+    files: ClassVar[Sequence[str]] = ()
+    """Files that the stage's file reads, relative to its folder, without "..". They go with it to the workers of a
+    study and into the log. It opens them by ``Path(__file__).parent / name``."""
     room: ClassVar[Room]
     _inner_keys: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     """Keys of the tables within a setting, by the setting's key."""
@@ -290,6 +293,8 @@ def validator(cls: Any, names: tuple[str, ...] = ()) -> TypeAdapter:
     """The validator of the fields of a dataclass, or of some of them, made once. Settings are checked at construction
     and never in the loop."""
     hints = get_type_hints(cls, include_extras=True)
+    if issubclass(cls, Stage):  # a class may give what all stages of its room have another default, not another range
+        hints |= get_type_hints(base_of(cls), include_extras=True)
     # Any: the fields of this type are known only at run time
     make: Any = TypedDict
     shape = make("shape", {name: hints[name] for name in names or [f.name for f in dataclasses.fields(cls)]})

@@ -19,7 +19,7 @@ from .insets import place
 from .overlay import Overlay
 from .panels import ANGULAR, LINEAR, Panel
 from .scales import logarithmic, number, prefix_of
-from .style import COLUMN_IN, PAGE_IN, size_in, styled, ticks
+from .style import COLUMN_IN, PAGE_IN, band_handles, size_in, styled, ticks
 
 WHATS = ("position", "attitude", "velocity", "force", "sliding", "tau", "thrusters", "integral", "joints", "summary")
 """Quantities that :func:`plot` can draw, besides each signal by its name."""
@@ -308,17 +308,18 @@ def _fill(cells: Sequence[tuple[Axes, Panel]]) -> None:
 
 def _finish(figure: Figure, cells: Sequence[tuple[Axes, Panel]], more: Sequence[Line2D] = ()) -> None:
     """Add the legend, then the insets, which need the final sizes, and the name of each line in the SVG."""
-    _legend(figure, [ax for ax, _ in cells], more)
+    axes = [ax for ax, _ in cells]
+    _legend(figure, axes, [*more, *band_handles(axes)])
     engine = figure.get_layout_engine()
     assert engine is not None
     engine.execute(figure)
     for ax, panel in cells:
         place(ax, panel.insets, prefix_of(panel.largest)[0])
-    for i, each in enumerate(figure.findobj(lambda artist: isinstance(artist, Line2D) and bool(artist.get_gid()))):
+    for i, each in enumerate(figure.findobj(lambda artist: bool(artist.get_gid()))):
         each.set_gid(f"{each.get_gid()}-{i}")
 
 
-def _legend(figure: Figure, axes: Iterable[Axes], more: Sequence[Line2D]) -> None:
+def _legend(figure: Figure, axes: Iterable[Axes], more: Sequence[Artist]) -> None:
     """Add one legend above all axes, ordered by rows, in as few rows as the width allows."""
     found: dict[str, Artist] = {}
     for ax in axes:

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from ...records.trace import Trace
 from ...stages.signals import AXES
-from .panels import LINEAR, Panel, level
+from .panels import LINEAR, Panel, level, samples
 from .scales import largest
 from .style import COLOURS, GREY, JOINTS, line, stripe
 
@@ -53,13 +53,13 @@ def _lines(trace: Trace, name: str, unit: str, joints: Sequence[int]) -> Panel:
     def draw(ax: Axes) -> None:
         for k, i in enumerate(joints):
             look = {"color": JOINTS[i % len(JOINTS)], "label": links[i].joint, **stripe(k, len(joints))}
-            line(ax, trace.t, trace[name][:, i], f"{name}.{links[i].joint}", **look)
+            samples(ax, trace, name, i, slice(None), f"{name}.{links[i].joint}", **look)
             limit = links[i].effort
-            if name == "tau_q" and limit and largest(trace[name][:, i]) > _NEAR * limit:
+            if name == "tau_q" and limit and largest([edge[:, i] for edge in trace.band(name)]) > _NEAR * limit:
                 for edge in (-limit, limit):
                     level(ax, trace.t, edge, "motor limit", {**LIMIT, "color": look["color"]})
 
-    return Panel(_NAMES.get(name, name), unit, draw, largest(trace[name][:, joints]))
+    return Panel(_NAMES.get(name, name), unit, draw, largest([edge[:, joints] for edge in trace.band(name)]))
 
 
 def _force(trace: Trace) -> Panel:

@@ -13,7 +13,19 @@ from ...records.trace import Trace
 from ...stages.signals import AXES, OF_JOINTS, OF_THRUSTERS, Signal
 from ...views import colours
 from .insets import Inset
-from .panels import ANGULAR, LINEAR, MOST_LINES, REFERENCE, Panel, near_wall, roll_pitch_yaw, states_of, unit_of, wall
+from .panels import (
+    ANGULAR,
+    LINEAR,
+    MOST_LINES,
+    REFERENCE,
+    Panel,
+    near_wall,
+    roll_pitch_yaw,
+    samples,
+    states_of,
+    unit_of,
+    wall,
+)
 from .scales import fills, largest, linear_within
 from .style import line, stripe
 
@@ -94,17 +106,21 @@ class Overlay:
         self, name: str, i: int, part: slice, owners: Mapping[str, Trace], signals: Mapping[str, Signal]
     ) -> Panel:
         having = {label: trace for label, trace in owners.items() if signals[label].size > i}
-        flat = {label: trace[name].reshape(len(trace), -1) for label, trace in having.items()}
-        values = {label: each[:, i] for label, each in flat.items()}
-        wholes = [largest(each[:, part]) for each in flat.values()]
+        bands = {
+            label: np.stack([edge.reshape(len(trace), -1) for edge in trace.band(name)])
+            for label, trace in having.items()
+        }
+        values = {label: each[..., i] for label, each in bands.items()}
+        wholes = [largest(each[..., part]) for each in bands.values()]
         label = next(iter(having))
         header = having[label].header
         component = header.components(signals[label])[i]
 
         def draw(ax: Axes) -> None:
             for label, trace in having.items():
-                look = self.looks[label] | ({"zorder": _BELOW} if fills(values[label]) else {})
-                line(ax, trace.t, values[label], f"{name}.{component}".rstrip("."), **look)
+                full = fills(trace[name].reshape(len(trace), -1)[:, i])
+                look = self.looks[label] | ({"zorder": _BELOW} if full else {})
+                samples(ax, trace, name, i, slice(None), f"{name}.{component}".rstrip("."), **look)
 
         symbol = {"tau": "τ", "tau_q": "τ"}.get(name, name)
         return _panel(

@@ -145,7 +145,7 @@ def vector(trace: Trace, name: str, part: slice = LINEAR) -> Panel:
     range of the rest.
     """
     signal = trace.header.by_name[name]
-    values = trace[name].reshape(len(trace), signal.size)[:, part]
+    values = np.concatenate([edge.reshape(len(trace), signal.size)[:, part] for edge in trace.band(name)], axis=1)
     window = early(trace.t, values)
     late = values[trace.t >= trace.t[0] + window]
     low, high = float(late.min()), float(late.max())
@@ -174,7 +174,7 @@ def quantity(trace: Trace, name: str, part: slice = LINEAR) -> str:
 def tau(trace: Trace, fine: Trace | None, other: Trace | None = None, other_fine: Trace | None = None) -> Panel:
     """Force part of tau, with an inset of its beginning at every step from ``fine``; ``other`` is dashed."""
     inset = _beginning(lambda ax: pair(ax, fine, other_fine, "tau", SWITCHING_S), SWITCHING_S) if fine else ()
-    size = largest(trace.tau[:, :3])
+    size = max(largest(edge[:, :3]) for edge in trace.band("tau"))
     return Panel(quantity(trace, "tau"), "N", lambda ax: pair(ax, trace, other, "tau"), size, inset)
 
 
@@ -222,7 +222,7 @@ def state(trace: Trace, signal: Signal) -> Panel:
 
 def some(trace: Trace, signal: Signal, part: slice) -> Panel:
     """Some components of a signal."""
-    size = largest(trace[signal.name].reshape(len(trace), signal.size)[:, part])
+    size = largest([edge.reshape(len(trace), signal.size)[:, part] for edge in trace.band(signal.name)])
     what = quantity(trace, signal.name, part) if part.stop - part.start > 1 else _one(trace, signal, part.start)
     unit = trace.header.units(signal)[part.start] if signal.name in OF_JOINTS else unit_of(signal, part)
     return Panel(what, unit, lambda ax: components(ax, trace, signal, part), size)
@@ -239,10 +239,15 @@ def unit_of(signal: Signal, part: slice) -> str:
     return "" if unit == OWN_UNIT else unit.replace("^2", "²").replace("^3", "³")
 
 
+def samples(ax: Axes, trace: Trace, name: str, i: int, rows: slice, gid: str, **look: Any) -> None:
+    """Draw component i of a signal at some rows, with the signal's band."""
+    values, low, high = (each.reshape(len(trace), -1)[rows, i] for each in (trace[name], *trace.band(name)))
+    line(ax, trace.t[rows], values, gid, (low, high), **look)
+
+
 def components(ax: Axes, trace: Trace, signal: Signal, part: slice, until: float = np.inf) -> None:
     """Draw some components of a signal, until a time [s]."""
     n = int(np.searchsorted(trace.t, until + 1e-9, side="right"))
-    values = trace[signal.name].reshape(len(trace), signal.size)[:n, part]
     names = trace.header.components(signal)[part]
     for i, component in enumerate(names):
         look = {
@@ -250,7 +255,8 @@ def components(ax: Axes, trace: Trace, signal: Signal, part: slice, until: float
             "label": component or signal.name,
             **stripe(i, len(names)),
         }
-        line(ax, trace.t[:n], values[:, i], f"{signal.name}.{component}".rstrip("."), **look)
+        gid = f"{signal.name}.{component}".rstrip(".")
+        samples(ax, trace, signal.name, part.start + i, slice(n), gid, **look)
 
 
 def colour(signal: Signal, component: str, i: int) -> str:
@@ -272,7 +278,7 @@ def pair(ax: Axes, trace: Trace, other: Trace | None, name: str, until: float = 
         for i, axis in enumerate(AXES[LINEAR]):
             label = axis if run is trace else None
             whole = {"color": COLOURS[axis], "label": label, **stripe(i, 3), **look}
-            line(ax, run.t[:n], run[name][:n, i], f"{name}.{axis}", **whole)
+            samples(ax, run, name, i, slice(n), f"{name}.{axis}", **whole)
 
 
 def pair_handles() -> list[Line2D]:
