@@ -84,9 +84,10 @@ def trend(trace: Trace) -> Trend | None:
 
     .. math:: |m_0 - m_1| \frac{r}{1 - r}, \qquad r = \frac{m_0 - m_1}{m_1 - m_2}
 
-    d is the shortest time of :data:`TRENDS_S` with a trend. The factor of :math:`|m_0 - m_1|` is at most
-    :data:`SLOWEST_S` / d, and at least 1, because :math:`m_2` may be of the impact. The means come from the impulse,
-    hence from every step.
+    but by at most :data:`SLOWEST_S` / d times :math:`|m_0 - m_1|`, the limit for a steady change, r = 1. A change that
+    becomes faster is no approach. It counts with 1 / r, as if it went back. d is the shortest time of :data:`TRENDS_S`
+    with a trend, because an impact may be between the means of a longer one. The means come from the impulse, hence
+    from every step.
     """
     mean, spread, _ = _final_window(trace)
     if not mean or not np.isfinite(trace.impulse[-1]):
@@ -100,9 +101,9 @@ def trend(trace: Trace) -> Trend | None:
         upper, lower = (np.interp(edges, trace.t, trace.impulse) for edges in (ends, ends - width))
         now, before = -np.diff((upper - lower) / width)
         if now * before > 0.0 and abs(now) > max(spread, ROUNDING * mean):
-            ratio = now / before
-            factor = min(SLOWEST_S / d, ratio / (1.0 - ratio) if ratio < 1.0 else np.inf)
-            return Trend(float(now / d), float(abs(now) * max(1.0, factor)))
+            r = min(now / before, before / now)
+            factor = min(SLOWEST_S / d, r / (1.0 - r) if r < 1.0 else np.inf)
+            return Trend(float(now / d), float(abs(now) * factor))
     return None
 
 
