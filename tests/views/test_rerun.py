@@ -14,6 +14,7 @@ from rerun.chunk import RrdReader
 from traces import TASK, without
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.physics.frames import quat_from_euler_deg
+from uvms_mj.plant.solids import solids
 from uvms_mj.records import scene
 from uvms_mj.stages.signals import BAND
 from uvms_mj.views import colours
@@ -22,7 +23,6 @@ from uvms_mj.views.rerun import viewer
 from uvms_mj.views.rerun.extents import MOST_STEPS, Extents, readable
 from uvms_mj.views.rerun.layout import layout
 from uvms_mj.views.rerun.run import POSE_HZ, Run, bounds
-from uvms_mj.views.rerun.solids import solids
 
 
 def columns(path: Path) -> dict[str, dict[str, list]]:

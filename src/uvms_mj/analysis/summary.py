@@ -203,12 +203,12 @@ METRICS: "Mapping[str, Callable[[Trace], Any]]" = {
 def summary(trace: "Trace", files: dict[str, str]) -> dict[str, Any]:
     """The numbers that ``uvms-mj run --json`` prints, with the paths of the written files by kind. Missing numbers and
     numbers that are not finite are None. The last :data:`.metrics.AROUND_THE_END_S` of a trace are enough."""
-    return _tree(numbers(trace, NUMBERS)) | {"files": files}
+    return _finite(_tree(numbers(trace, NUMBERS))) | {"files": files}
 
 
 def numbers(trace: "Trace", places: Iterable[str]) -> dict[str, Any]:
     """The numbers of :data:`METRICS` at these places, by place. Only these are computed."""
-    return {place: _finite(METRICS[place](trace)) for place in places}
+    return {place: METRICS[place](trace) for place in places}
 
 
 def summary_of_none(values: Mapping[str, Any], files: dict[str, str]) -> dict[str, Any]:

@@ -14,6 +14,8 @@ BAND = {name: (f"{name}_low", f"{name}_high") for name in BANDED}
 """Names of the signals of a band: least and largest value since the row before."""
 OF_JOINTS = ("q", "q_dot", "tau_q", "q_m", "q_dot_m", "tau_q_cmd", "joint_saturation_time", *BAND["tau_q"])
 """Signals with one number a joint."""
+OF_THRUSTERS = ("u", "u_cmd", "inflow", *BAND["u"])
+"""Signals with one number a thruster."""
 OWN_UNIT = "law's own"
 """Unit shown for a state or gain of a law that declares none."""
 
@@ -37,7 +39,7 @@ class Signal:
     @property
     def components(self) -> tuple[str, ...]:
         """Name of each component: x y z, w x y z, x y z roll pitch yaw, or 1 2 3 ...; an empty name for a scalar."""
-        if self.name in ("u", *BAND["u"], *OF_JOINTS) or self.size not in _COMPONENTS:
+        if self.name in (*OF_THRUSTERS, *OF_JOINTS) or self.size not in _COMPONENTS:
             return tuple(str(i + 1) for i in range(self.size))
         return _COMPONENTS[self.size]
 

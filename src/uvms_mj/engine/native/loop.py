@@ -66,6 +66,15 @@ def observe(context, loop):
 
 
 @kernel
+def flow_again(context, loop):
+    """Compute the motion of the water at t_k again if its settings have changed since it was observed."""
+    if context.water.fresh == 0:
+        true = loop.true
+        flow(context, loop.t, true.p_WB, true.R_WB, true.nu)
+        context.water.fresh = 1
+
+
+@kernel
 def begin_stage(loop, stage):
     """Advance the states of a stage to t_k, and set its clock."""
     state, state_dot = floats(stage.state_at, stage.states), floats(stage.state_dot_at, stage.states)
@@ -176,8 +185,7 @@ def begin_step(context, loop) -> bool:
         return False
     row, true = loop.row, loop.true
     row.t = loop.t
-    if context.water.fresh == 0:  # changed since it was observed
-        flow(context, loop.t, true.p_WB, true.R_WB, true.nu)
+    flow_again(context, loop)
     for i in range(6):
         row.tau_dist[i] = context.water.tau_dist[i]
     if loop.step > 0:

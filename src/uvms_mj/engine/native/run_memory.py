@@ -181,6 +181,7 @@ class RunMemory:
         signals, base = self.stages.signals, self.stages.frame.base
         given = {name: signals[name] for name in signals.dtype.names} | {s.name: base[s.name] for s in KNOWN}
         found = {name: each[0:1].reshape(each.shape[1:]) for name, each in given.items()} | found
+        found["t"] = self.loop["t"].reshape(())  # of the instant in hand; the row in memory is that of the step before
         for view in found.values():
             view.flags.writeable = False
         return found
@@ -208,9 +209,12 @@ def write_initial(memory: RunMemory, setup: Setup) -> None:
 
 
 def write_impedance(memory: RunMemory, setup: Setup) -> None:
-    signals, design, impedance = memory.stages.signals, setup.design, setup.scenario.impedance
-    signals["M_d"], signals["D_d"], signals["K_d"] = design.M_d, design.D_d, impedance.K_d
-    signals["K_f"], signals["F_d"] = impedance.K_f, impedance.F_d
+    stages, design, impedance = memory.stages, setup.design, setup.scenario.impedance
+    stages.signals["K_d"] = impedance.K_d
+    if "natural" not in stages.entries:  # which sets them at its instants
+        stages.signals["M_d"], stages.signals["D_d"] = design.M_d, design.D_d
+    if "schedule" not in stages.entries:
+        stages.signals["K_f"], stages.signals["F_d"] = impedance.K_f, impedance.F_d
 
 
 def write_estimates(memory: RunMemory, setup: Setup) -> None:

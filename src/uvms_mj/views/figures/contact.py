@@ -79,7 +79,7 @@ def _pushes(
 
 def _expected(ax: Axes, traces: Mapping[str, Trace]) -> list[float]:
     """Draw the expected forces of all runs, each once; return their values [N]."""
-    span = np.array([0.0, max(float(trace.t[-1]) for trace in traces.values())])
+    span = np.array([min(trace.t[0] for trace in traces.values()), max(trace.t[-1] for trace in traces.values())])
     found = dict.fromkeys(pair for trace in traces.values() for pair in expected_forces(trace))
     for name, force in found:
         level(ax, span, force, name, LEVELS[name])

@@ -3,6 +3,7 @@
 import contextlib
 import io
 import os
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,8 +16,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
 
+from ...errors import InputError
 from ...files import whole
 from ...stages.signals import AXES
 
@@ -32,6 +35,9 @@ BLACK, GREY = "#000000", "#777777"
 _CYCLE = mpl.rc_params_from_file(STYLE, use_default_template=False)["axes.prop_cycle"].by_key()["color"]
 COLOURS = dict(zip((*AXES[:3], "force", *AXES[3:]), _CYCLE, strict=True))
 """Colours of the components and of the contact force, the same in every figure."""
+JOINTS = ("#332288", "#999933", "#882255", "#DDCC77", "#117733", "#661100", "#5A3FD0")
+"""Colours of the joints in their order. Colour-blind readers can tell them from each other and from the components, and
+neighbours differ in grey. Most are of Tol's muted scheme."""
 LINE = 1.0
 """Width of every line of samples [pt], so that no line dominates."""
 _PERIOD, _STRIPE, _MOST_STRIPES = 7.0, 2.5, 6
@@ -47,7 +53,12 @@ _BEYOND: WeakKeyDictionary[Artist, float] = WeakKeyDictionary()
 PIXELS_PER_INCH = 300
 """Resolution for which lines are thinned."""
 
-_METADATA = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
+_METADATA: dict[str, dict[str, Any]] = {
+    "png": {"metadata": {"Software": None}},
+    "svg": {"metadata": {"Date": None}},
+    "pdf": {"metadata": {"CreationDate": None}},
+    "pgf": {},
+}
 FORMATS = tuple(_METADATA)
 
 
@@ -178,6 +189,30 @@ def styled() -> Iterator[None]:
         yield
 
 
+_MATHS = {"τ": r"$\tau$", "²": "$^2$", "³": "$^3$", "·": r"$\cdot$", "±": r"$\pm$", "µ": r"$\mu$"}
+"""LaTeX of the characters in texts of figures that its fonts may lack."""
+
+
+@contextlib.contextmanager
+def _in_latex(figure: Figure) -> Iterator[None]:
+    """A context in which a figure's texts are LaTeX, in the fonts of the document. Raises InputError without a LaTeX,
+    which measures them."""
+    system = next((name for name in ("pdflatex", "xelatex", "lualatex") if shutil.which(name)), None)
+    if system is None:
+        raise InputError("a .pgf needs pdflatex, xelatex or lualatex to measure its texts; .pdf needs none")
+    texts = [(text, text.get_text()) for text in figure.findobj(Text)]
+    with mpl.rc_context({"pgf.texsystem": system, "pgf.rcfonts": False}):
+        try:
+            for text, written in texts:
+                text.set_text("".join(_MATHS.get(letter, letter) for letter in written))
+            yield
+        except RuntimeError as error:  # LaTeX's own
+            raise InputError(f"{system} can't set the texts of the figure: {' '.join(str(error).split())}") from None
+        finally:
+            for text, written in texts:
+                text.set_text(written)
+
+
 def save(figure: Figure, path: str | os.PathLike, formats: Sequence[str] = ("png", "svg")) -> list[Path]:
     """Write a figure to files, and return them in the order of ``formats``, some of :data:`FORMATS`. The path has no
     suffix. The same figure gives the same bytes. Existing files are replaced atomically. Raises InputError if a file
@@ -186,8 +221,8 @@ def save(figure: Figure, path: str | os.PathLike, formats: Sequence[str] = ("png
     files = [stem.with_name(f"{stem.name}.{kind}") for kind in formats]
     for file, kind in zip(files, formats, strict=True):
         drawn = io.BytesIO()  # on a full disk matplotlib's PDF writer fails a second time in closing the file
-        with styled():
-            figure.savefig(drawn, format=kind, metadata=_METADATA[kind])
+        with styled(), _in_latex(figure) if kind == "pgf" else contextlib.nullcontext():
+            figure.savefig(drawn, format=kind, **_METADATA[kind])
         with whole(file) as part:
             part.write_bytes(drawn.getvalue())
     return files

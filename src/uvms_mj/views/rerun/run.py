@@ -18,6 +18,7 @@ from ...control.rest import SteadyState
 from ...physics.frames import quat_from_euler_deg
 from ...plant.geometry import Geometry
 from ...plant.shapes import Shape
+from ...plant.solids import Solid, solids
 from ...records.header import Header
 from ...records.palette import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, Colour
 from ...records.scene import FORCE_SCALE, FORCES, WALL_SIZE, Force, magnitudes, scene_of, span
@@ -25,7 +26,7 @@ from ...stages.signals import BAND, BANDED, PUSH, Signal, band_signals
 from ..colours import mixed
 from . import arm
 from .extents import Extents
-from .solids import Solid, mesh_of, rgba8, solids
+from .solids import mesh_of, rgba8
 
 TIMELINE = "sim_time"
 """Simulated time [s]."""
