@@ -258,12 +258,16 @@ def _recorded() -> "list[tuple[str, tuple[Signal, ...]]]":
         PUSH,
         RECORDED,
         SCHEDULED,
+        TAU_LOST,
         band_signals,
+        commanded_signal,
         contact_signals,
+        pulse_signal,
         thruster_signal,
     )
 
-    own = (*RECORDED, *MEASURED, *SCHEDULED, *DELAYED, *contact_signals(0), thruster_signal(0), *JOINT_SIGNALS)
+    of_thrusters = (thruster_signal(0), commanded_signal(0), pulse_signal(0), TAU_LOST)
+    own = (*RECORDED, *MEASURED, *SCHEDULED, *DELAYED, *contact_signals(0), *of_thrusters, *JOINT_SIGNALS)
     bands = tuple(edge for signal in (*own, PUSH) if signal.name in BAND for edge in band_signals(signal))
     return [
         ("Recorded signals: trace.<name>; the states of the stages are recorded too", own),

@@ -78,7 +78,9 @@ def _table(found: dict[str, Any]) -> None:
     if found["disagreeing"]:
         differ = dict(zip(found["trials"], found["instruments_differ_deg"], strict=True))
         names = ", ".join(f"{name} ({differ[name]:.1f} deg)" for name in found["disagreeing"])
-        click.echo(f"left out, since the two instruments differ by more than {found['agree_within_deg']:g} deg: {names}")
+        click.echo(
+            f"left out, since the two instruments differ by more than {found['agree_within_deg']:g} deg: {names}"
+        )
 
 
 validate.add_command(pool)
