@@ -20,22 +20,26 @@ KINDS = {
 }
 """Template and use of each kind. A template, in ``templates`` with the suffix ``.txt``, is a valid file about
 ``template_name`` with the class ``TemplateName``."""
+EXAMPLE = "example"
+"""The kind of the examples, which are copied as they are."""
 
 
 @command()
-@click.argument("kind", metavar="|".join(KINDS))
+@click.argument("kind", metavar="|".join((*KINDS, EXAMPLE)))
 @click.argument("name")
-@path_option("-o", "--out", metavar="FOLDER", default=".", help="Folder of the new file [default: here].")
+@path_option("-o", "--out", metavar="FOLDER", help="Folder of the new file [default: here; of all examples: examples].")
 @path_option("--from", "origin", metavar="VEHICLE", help="Of a vehicle: copy a shipped one, by its name, or a file.")
 @path_option("--thrusters", metavar="FILE.csv", help="Of a vehicle: thrusters in place of its own, from a table.")
 @force_option
-def new(kind: str, name: str, out: str, origin: str | None, thrusters: str | None, force: bool) -> None:
-    """Write a commented file NAME.xml, NAME.toml or NAME.py, which runs as it is.
+def new(kind: str, name: str, out: str | None, origin: str | None, thrusters: str | None, force: bool) -> None:
+    """Write a commented file NAME.xml, NAME.toml or NAME.py, which runs as it is. An example is a file of the guides
+    by its name, or all.
 
     \b
     uvms-mj new vehicle my_rov
     uvms-mj new vehicle my_rov --from bluerov2_heavy --thrusters thrusters.csv
     uvms-mj new law my_law
+    uvms-mj new example all
 
     A table of thrusters has a row for each, and these columns, with the unit in the head:
 
@@ -50,7 +54,10 @@ def new(kind: str, name: str, out: str, origin: str | None, thrusters: str | Non
         from ..errors import InputError
         from ..files import whole
 
-        kind = kind if kind in KINDS else _kind_of(kind)
+        if kind == EXAMPLE and not (origin or thrusters):
+            _examples(name, out, force)
+            return
+        kind = kind if kind in (*KINDS, EXAMPLE) else _kind_of(kind)
         cls = "".join(word[:1].upper() + word[1:] for word in name.split("_"))
         if not name.isascii() or any(not word.isidentifier() or keyword.iskeyword(word) for word in (name, cls)):
             hint = f"must be a word of letters, digits and _ that begins with a letter, as my_{kind}"
@@ -58,7 +65,7 @@ def new(kind: str, name: str, out: str, origin: str | None, thrusters: str | Non
         if kind != "vehicle" and (origin or thrusters):
             raise InputError(f"{'--from' if origin else '--thrusters'}: is for a vehicle, not for a {kind}")
         template, use = KINDS[kind]
-        path = Path(out, f"{name}{Path(template).suffix}")
+        path = Path(out or ".", f"{name}{Path(template).suffix}")
         refuse_existing("NAME", path, force)
         source = Path(__file__).parent / "templates" / f"{template}.txt"
         text = source.read_text(encoding="utf-8").replace("template_name", name).replace("TemplateName", cls)
@@ -112,6 +119,26 @@ def _vehicle(name: str, origin: str | None, table: str | None, text: str) -> dic
     return copies
 
 
+def _examples(name: str, out: str | None, force: bool) -> None:
+    """Write an example, or all of them. Raises InputError if there is none of this name."""
+    from ..errors import InputError, suggestion
+    from ..files import shipped, whole
+
+    known = shipped("examples")
+    if name not in (*known, "all"):
+        raise InputError(f"NAME {name!r}: is not an example; {suggestion(name, [*known, 'all'])}")
+    folder = Path(out or ("examples" if name == "all" else "."))
+    chosen = known.values() if name == "all" else [known[name]]
+    for source in chosen:
+        refuse_existing("NAME", folder / source.name, force)
+    if name == "all":
+        folder.mkdir(exist_ok=True)
+    for source in chosen:
+        with whole(folder / source.name) as part:
+            part.write_bytes(source.read_bytes())
+        click.echo(str(folder / source.name))
+
+
 def _kind_of(word: str) -> str:
     """The kind of file that a word for stages means: ``law`` of ``controller``. Raises InputError if there is none."""
     from ..errors import InputError, suggestion
@@ -122,4 +149,4 @@ def _kind_of(word: str) -> str:
     for kind in KINDS:
         if word in tables and tables[word] == tables.get(kind):
             return kind
-    raise InputError(f"{word!r}: is not a kind of file; {suggestion(word, KINDS)}")
+    raise InputError(f"{word!r}: is not a kind of file; {suggestion(word, (*KINDS, EXAMPLE))}")
