@@ -61,7 +61,7 @@ class Parallel(Controller):
         n = F_d / size if size else F_d
         M_hat = setup.design.M_hat
 
-        def residual(balance: Any, x: np.ndarray) -> np.ndarray:
+        def residual(balance: Any, x: Any) -> np.ndarray:
             missing = M_hat @ (balance.asked(x) - balance.unknown(x))  # tau_cmd - tau_nom
             error = n @ (balance.known(x).tau_c - F_d) if self.k_i else 0.0
             xi = n @ missing

@@ -54,11 +54,11 @@ class Pid(Controller):
         K_d, limit = setup.design.K_d, np.array(self.limit)
         limit = np.where(self.k_i * K_d.diagonal() > 0.0, limit, 0.0)  # elsewhere xi stays zero
 
-        def residual(balance: Any, x: np.ndarray) -> np.ndarray:
+        def residual(balance: Any, x: Any) -> np.ndarray:
             nu, spring = balance.known(x).nu, K_d @ balance.error(x)
             measured = balance.resistance(nu) + setup.design.D_d @ nu
             xi = -(balance.effort(x) + measured + balance.K_f * balance.F_d + spring)
-            return at_limit(xi, spring, limit)
+            return -at_limit(xi, spring, limit)
 
         return Linear.of(setup).checked(static_balance(setup, 0.0, residual))
 

@@ -101,7 +101,8 @@ def _weak(setup: Any, force: float) -> str:
     delivery = Delivery.of(setup) if not setup.not_plain else ""
     if isinstance(delivery, str):
         return delivery
-    d, g_eta = Balance(setup, 0.0, False, delivery).environment(np.zeros(6))
+    balance = Balance(setup, 0.0, delivery)
+    d, g_eta = balance.environment(balance.pose(balance.p_d, balance.quat_d))
     return delivery.weak(g_eta - d + force * setup.design.normal)
 
 
