@@ -39,9 +39,9 @@ The ideal law knows all wrenches but that of the contact and the thrust that is 
 w = M^-1 (tau_c - tau_c,m + (I - T^-1) tau).
 
 The six equations may have several roots. The vehicle rests at the one that its motion from the start reaches
-(:mod:`.approach`). Between walls that are planes the water is convex, and any motion reaches the same root: the motion
-begins at the reference. Around other walls it begins where the vehicle does and follows the reference through its way,
-together with motions that begin beside it. If they do not all reach the same stable root, there is no closed form.
+(:mod:`.approach`). In front of planes, and with the origin of the task's frame as the contact, any motion reaches the
+same root: it begins at the reference. Otherwise it begins where the vehicle does and follows the reference through its
+way, together with motions that begin beside it. If they do not all reach the same stable root, there is no closed form.
 """
 
 from collections.abc import Callable
@@ -135,7 +135,7 @@ def _rubbed(balance: Balance, push: np.ndarray) -> str:
 def _reached(balance: Balance, residual: Callable[[Balance, Pose], np.ndarray]) -> Pose | str:
     """The pose at rest of the frame of the task, or the reason why it is not known."""
     setup, motion = balance.setup, TaskMotion(balance, residual)
-    if not balance.springs.curved:
+    if balance.springs.convex:
         return approach(motion, balance.pose(balance.p_d, balance.quat_d), np.zeros(6), _AT_ONCE)
     way = way_of(setup)
     if isinstance(way, str):

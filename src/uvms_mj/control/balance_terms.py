@@ -102,6 +102,8 @@ class Balance:
     def moving(self, x: Pose) -> np.ndarray:
         """F_1 times the rate (6,) of the pose error that the law derives from a biased velocity, eq. (18)."""
         known, quat_e = self.known(x), np.empty(4)
+        if not known.nu.any():
+            return np.zeros(6)
         quat_error(self.quat_d, known.quat, quat_e)
         v, omega = known.nu[:3], known.nu[3:]
         turning = 0.5 * (quat_e[0] * omega + np.cross(quat_e[1:], omega))

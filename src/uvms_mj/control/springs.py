@@ -18,8 +18,9 @@ class Springs:
     Attributes:
         carriers: (n,) index of the frame that the body of each contact is fixed to.
         friction: (n,) whether each contact has friction.
-        curved: whether a wall is no plane. In front of planes alone, the water is convex.
-        size: least radius or half edge of such a wall, infinite without one [m].
+        convex: whether all walls are planes in front of the origin of C: then the poses without contact are a convex
+            set, and the turn of C does not matter.
+        size: least radius or half edge of a wall, infinite for planes [m].
     """
 
     def __init__(self, setup: Any) -> None:
@@ -34,7 +35,7 @@ class Springs:
         self._soft = self._k_b > 0.0
         self._give = np.where(self._soft, self._k_b, 1.0)
         curved = surfaces["kind"] != PLANE
-        self.curved = bool(curved.any())
+        self.convex = not (curved.any() or self._ends_C.any())
         half = np.where((surfaces["kind"] == BOX)[:, None], surfaces["extent"], surfaces["extent"][:, :1])[curved]
         self.size = float(half.min(initial=np.inf))
 

@@ -24,7 +24,7 @@ _SAMPLES = 0.05
 """Time between two samples of the reference [s]."""
 _MOST_SAMPLES = 1200
 _REACH, _ANY = 0.05, 0.5
-"""Largest step of the motion, between walls that are not all planes and otherwise [m, rad]."""
+"""Largest step of the motion, and in a convex room [m, rad]."""
 
 
 Way = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -50,10 +50,10 @@ class TaskMotion:
     def __init__(self, balance: Balance, residual: Callable[[Balance, Pose], np.ndarray]) -> None:
         self.balance, self.residual, design = balance, residual, balance.setup.design
         self.inertia, self.damping = design.M_d, design.D_d
-        self.largest = min(_REACH, 0.25 * balance.springs.size) if balance.springs.curved else _ANY
+        self.largest = _ANY if balance.springs.convex else min(_REACH, 0.25 * balance.springs.size)
         self.sharp, self.ends = 1e-7, 0.0
         self._end = balance.p_d, balance.quat_d
-        self._law: tuple[Pose, np.ndarray, np.ndarray, np.ndarray] | None = None
+        self._law: tuple[Pose, np.ndarray, np.ndarray] | None = None
         self._way: Way | None = None
         self._schedule: SimpleNamespace | None = None
 
@@ -68,13 +68,14 @@ class TaskMotion:
         again where they do not predict the force any more."""
         force = self(pose)
         if self._law is not None:
-            there, before, by_pose, by_wrench = self._law
+            there, by_pose, by_wrench = self._law
+            before = self(there)  # with the reference of now
             predicted = by_pose @ _between(there, pose) + by_wrench @ (pose.tau_c - there.tau_c)
             if np.abs(force - before - predicted).max() > _WRONG * np.abs(force - before).max() + _ROUNDING:
                 self._law = None
         if self._law is None:
-            self._law = pose, force, *self._derivatives(pose, force)
-        return self._law[2] + self._law[3] @ self._stiffness(pose)
+            self._law = pose, *self._derivatives(pose, force)
+        return self._law[1] + self._law[2] @ self._stiffness(pose)
 
     def _derivatives(self, pose: Pose, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         def at(y: np.ndarray) -> np.ndarray:
