@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 
 _STEPS = 2000
-_FIRST, _SHORTEST, _LAST = 0.02, 1e-7, 1e3
+_FIRST, _SHORTEST, LAST = 0.02, 1e-7, 1e3
 """The first step, the shortest one, and the one after which Newton's method takes over [s]."""
 _LONGEST = 0.25
 """The longest step while the reference moves [s]."""
@@ -54,8 +54,14 @@ class Motion(Protocol):
     def jacobian(self, y: Any) -> np.ndarray:
         """The derivative (n, n) of F by the coordinates from y."""
 
+    def stable(self, y: Any) -> bool:
+        """Whether the motion stays at a root of F."""
+
     def moved(self, y: Any, change: np.ndarray) -> Any:
         """y after a change (n,) of the coordinates."""
+
+    def passed(self, t: float, y: Any) -> str:
+        """Called after each step. Returns the reason why the motion can't go on, or an empty text."""
 
     def lead(self, y: Any, t: float, step: float) -> np.ndarray:
         """Set the reference to that of t + step. Returns its change (n,) since t in the coordinates from y."""
@@ -74,7 +80,9 @@ def approach(of: Motion, y: Any, velocity: np.ndarray, step: float = _FIRST, ste
                 return "the motion from the start can't be followed"
             continue
         y, velocity, t = of.moved(y, change), (change - lead) / step, t + step
-        if t >= of.ends and step > _LAST:
+        if reason := of.passed(t, y):
+            return reason
+        if t >= of.ends and step > LAST:
             return _polished(of, y)
         step *= min(10.0 if t >= of.ends else 2.0, max(1.0, 0.5 / max(np.max(np.abs(change) / of.largest), 1e-9)))
         if t < of.ends:
@@ -118,7 +126,7 @@ def _polished(of: Motion, y: Any) -> Any:
             break
     if not np.abs(force).max() < _AT_REST:
         return "the static balance has no solution where the motion ends"
-    return y if decays(of.jacobian(y), of.inertia + of.damping) else "the balance that the motion comes to is unstable"
+    return y if of.stable(y) else "the balance that the motion comes to is unstable"
 
 
 def decays(J: np.ndarray, inertia: np.ndarray) -> bool:

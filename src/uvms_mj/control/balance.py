@@ -54,12 +54,13 @@ from ..stages.base import is_shipped
 from .approach import approach
 from .balance_terms import Balance, Pose
 from .delivery import Delivery
+from .limited import Integral
 from .rest import SteadyState
 from .sampled import not_constant
 from .task_motion import TaskMotion, way_of
 from .tool_balance import tool_rest
 
-_BESIDE = np.array([[0.2, 1.0, 0.6], [-0.2, -1.0, 0.6], [0.0, 0.0, -1.0]]) * 0.03
+_BESIDE = np.array([[0.2, 1.0, 0.6], [-0.2, -1.0, 0.6], [0.0, 0.0, -1.0]]) * 0.05
 """Where the motions beside that of the vehicle begin, in B from its start [m]."""
 _AT_ONCE = 1e9
 """A first step after which the motion is at rest [s]."""
@@ -68,7 +69,10 @@ _SAME = 1e-6
 
 
 def static_balance(
-    setup: Any, K: float, residual: "Callable[[Balance, Pose], np.ndarray] | None" = None
+    setup: Any,
+    K: float,
+    residual: "Callable[[Balance, Pose], np.ndarray] | None" = None,
+    integral: Integral | None = None,
 ) -> SteadyState | str:
     """The vehicle at rest under a law that is the nominal control minus M_hat (A + K) s near rest.
 
@@ -78,6 +82,7 @@ def static_balance(
             residual, only whether it is infinite counts: whether the law balances any constant wrench.
         residual: the six equations of another law, from the balance and a pose (6,), in place of the ones above:
             minus the wrench that moves the vehicle. They need a constant disturbance.
+        integral: in the residual, which is slow on the way to the rest.
 
     Returns:
         The state, or the reason why there is none.
@@ -113,7 +118,8 @@ def static_balance(
     if setup.not_rigid:
         return _with_arm(setup, K, delivery)
     balance = Balance(setup, K, delivery, residual is not None)
-    pose = _reached(balance, Balance.__call__ if residual is None else residual)
+    motion = TaskMotion(balance, Balance.__call__ if residual is None else residual, integral)
+    pose = _nearest(motion) if balance.springs.convex else _reached(motion)
     if isinstance(pose, str):
         return pose
     for sensor in (scenario.navigation, observer):
@@ -132,11 +138,15 @@ def _rubbed(balance: Balance, push: np.ndarray) -> str:
     return "with friction, the rest position depends on the path" if balance.rubs(push) else ""
 
 
-def _reached(balance: Balance, residual: Callable[[Balance, Pose], np.ndarray]) -> Pose | str:
-    """The pose at rest of the frame of the task, or the reason why it is not known."""
-    setup, motion = balance.setup, TaskMotion(balance, residual)
-    if balance.springs.convex:
-        return approach(motion, balance.pose(balance.p_d, balance.quat_d), np.zeros(6), _AT_ONCE)
+def _nearest(motion: TaskMotion) -> Pose | str:
+    """The rest next to the reference, or the reason why there is none."""
+    balance = motion.balance
+    return approach(motion, balance.pose(balance.p_d, balance.quat_d), np.zeros(6), _AT_ONCE)
+
+
+def _reached(motion: TaskMotion) -> Pose | str:
+    """The rest that the frame of the task reaches from its start, or the reason why it is not known."""
+    balance, setup = motion.balance, motion.balance.setup
     way = way_of(setup)
     if isinstance(way, str):
         return way
@@ -144,14 +154,17 @@ def _reached(balance: Balance, residual: Callable[[Balance, Pose], np.ndarray]) 
     initial = setup.initial
     start = balance.pose(np.array(initial.position), quat_from_euler_deg(*initial.attitude_deg))
     rests = []
-    for beside in (np.zeros(3), *_BESIDE):
-        rest = approach(motion, balance.moved(start, np.concatenate([beside, np.zeros(3)])), motion.velocity())
-        if isinstance(rest, str):
-            return rest
-        rests.append(rest)
-    if any(np.abs(rest.position - rests[0].position).max() > _SAME for rest in rests):
+    for beside in (*(() if balance.springs.convex else _BESIDE), np.zeros(3)):
+        motion.begin()
+        moved = balance.moved(start, np.concatenate([beside, np.zeros(3)]))
+        rests.append(approach(motion, moved, motion.velocity()))
+    rest = rests[-1]
+    if isinstance(rest, str):
+        return rest
+    if any(isinstance(each, str) or np.abs(each.position - rest.position).max() > _SAME for each in rests):
         return "motions that begin close to each other come to different rests"
-    return rests[0]
+    motion.passed(motion.track.times[-1] + 1.0, rest)
+    return rest
 
 
 def unknown_acceleration(setup: Any, state: SteadyState) -> np.ndarray:
@@ -172,8 +185,8 @@ def _with_arm(setup: Any, K: float, delivery: Delivery) -> SteadyState | str:
         return "with a wrist sensor, what its model lacks is taken for a contact force, which depends on the posture"
     if any(pair.carrier != 0 for pair in setup.contacts.pairs):
         return "with contact bodies away from the frame of the task, the rest depends on the posture"
-    balance = Balance(setup, np.inf, delivery)
-    pose = _reached(balance, Balance.demanded)
-    if isinstance(pose, str):
-        return pose
-    return tool_rest(setup, K, delivery, pose)
+    motion = TaskMotion(Balance(setup, np.inf, delivery), Balance.demanded)
+    rest = _reached(motion)
+    if isinstance(rest, str):
+        return rest
+    return tool_rest(setup, K, delivery, motion.track)

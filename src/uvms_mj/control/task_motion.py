@@ -1,16 +1,20 @@
 """The motion of the frame of the task under a law, as :mod:`.approach` follows it to a rest: the desired impedance,
 eq. (7), with the residual of the law's balance in place of its stiffness."""
 
+import bisect
 import functools
 import math
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from ..physics.frames import quat_error, quat_turned, rotation_matrix
+from .approach import LAST, decays
 from .balance_terms import Balance, Pose
+from .limited import Integral
 from .schedule import Schedule
 
 _SMALL = 1e-6
@@ -20,6 +24,8 @@ _STILL = 1e-4
 _WRONG, _ROUNDING = 0.02, 1e-6
 """Error of a predicted change of the force, relative to this change and absolute [N, N m], after which the law's
 derivatives are computed again."""
+_NEAR = 1e-3
+"""A frame that is nearer to its end may go there in one step [m, rad]."""
 _SAMPLES = 0.05
 """Time between two samples of the reference [s]."""
 _MOST_SAMPLES = 1200
@@ -39,16 +45,48 @@ def way_of(setup: Any) -> Way | str:
     return found if isinstance(found, str) else (times, *found)
 
 
+@dataclass
+class Track:
+    """Poses of a motion at increasing times [s]."""
+
+    times: list[float] = field(default_factory=list)
+    poses: list[Pose] = field(default_factory=list)
+
+    @property
+    def end(self) -> Pose:
+        """The last pose."""
+        return self.poses[-1]
+
+    @property
+    def ends(self) -> float:
+        """When the motion is near its end [s]."""
+        away = [t for t, pose in zip(self.times, self.poses, strict=True) if np.abs(between(pose, self.end)).max() > _NEAR]
+        return away[-1] if away else 0.0
+
+    def at(self, t: float) -> Pose:
+        """The pose at a time, without its contacts between two of them."""
+        k = bisect.bisect_right(self.times, t)
+        if not 0 < k < len(self.times):
+            return self.poses[min(k, len(self.times) - 1)]
+        a, b = self.poses[k - 1 : k + 1]
+        part = (t - self.times[k - 1]) / (self.times[k] - self.times[k - 1])
+        quat = quat_turned(a.quat, part * between(a, b)[3:])
+        return Pose(a.position + part * (b.position - a.position), quat, rotation_matrix(quat), np.zeros(6))
+
+
 class TaskMotion:
     """The motion of a frame of mass M_d and damping D_d; a :class:`.approach.Motion` of poses.
 
     Args:
         balance: the terms of the static balance.
         residual: of the law, from the balance and a pose (6,) [N, N m].
+        integral: in the residual.
     """
 
-    def __init__(self, balance: Balance, residual: Callable[[Balance, Pose], np.ndarray]) -> None:
-        self.balance, self.residual, design = balance, residual, balance.setup.design
+    def __init__(
+        self, balance: Balance, residual: Callable[[Balance, Pose], np.ndarray], integral: Integral | None = None
+    ) -> None:
+        self.balance, self.residual, self.integral, design = balance, residual, integral, balance.setup.design
         self.inertia, self.damping = design.M_d, design.D_d
         self.largest = _ANY if balance.springs.convex else min(_REACH, 0.25 * balance.springs.size)
         self.sharp, self.ends = 1e-7, 0.0
@@ -56,12 +94,35 @@ class TaskMotion:
         self._law: tuple[Pose, np.ndarray, np.ndarray] | None = None
         self._way: Way | None = None
         self._schedule: SimpleNamespace | None = None
+        self.begin()
 
     def __call__(self, pose: Pose) -> np.ndarray:
         return -self.residual(self.balance, pose)
 
     def moved(self, pose: Pose, change: np.ndarray) -> Pose:
         return self.balance.moved(pose, change)
+
+    def begin(self) -> None:
+        """Begin a motion."""
+        self.track, self._law = Track(), None
+        if self.integral is not None:
+            self.integral.begin()
+
+    def passed(self, t: float, pose: Pose) -> str:
+        if self.integral is not None:
+            self(pose)
+            self.integral.advance()
+        self.track.times.append(t)
+        self.track.poses.append(pose)
+        return ""
+
+    def stable(self, pose: Pose) -> bool:
+        """Whether the motion stays at a root, also while the integral keeps its value."""
+        stays = decays(self.jacobian(pose), self.inertia + self.damping)
+        if self.integral is not None:
+            self.integral.step = 0.0
+            stays = stays and decays(self.jacobian(pose), self.inertia + self.damping)
+        return stays
 
     def jacobian(self, pose: Pose) -> np.ndarray:
         """The law's derivatives by the pose and by the contact wrench with those of the wrench. The law's are computed
@@ -70,7 +131,7 @@ class TaskMotion:
         if self._law is not None:
             there, by_pose, by_wrench = self._law
             before = self(there)  # with the reference of now
-            predicted = by_pose @ _between(there, pose) + by_wrench @ (pose.tau_c - there.tau_c)
+            predicted = by_pose @ between(there, pose) + by_wrench @ (pose.tau_c - there.tau_c)
             if np.abs(force - before - predicted).max() > _WRONG * np.abs(force - before).max() + _ROUNDING:
                 self._law = None
         if self._law is None:
@@ -108,10 +169,13 @@ class TaskMotion:
 
     def velocity(self) -> np.ndarray:
         """The velocity (6,) at the start, relative to the reference."""
-        return np.array(self.balance.setup.scenario.initial.velocity)
+        setup = self.balance.setup
+        return np.zeros(6) if setup.not_rigid else np.array(setup.scenario.initial.velocity)
 
     def lead(self, pose: Pose, t: float, step: float) -> np.ndarray:
         balance = self.balance
+        if self.integral is not None:
+            self.integral.step = step if step <= LAST else math.inf
         p_d, quat_d = self.reference(t)
         balance.p_d, balance.quat_d = self.reference(t + step)
         if self._schedule is not None:
@@ -139,7 +203,7 @@ def _turns() -> np.ndarray:
     return np.array([quat_turned(np.array([1.0, 0.0, 0.0, 0.0]), change[3:]) for change in changes])
 
 
-def _between(a: Pose, b: Pose) -> np.ndarray:
+def between(a: Pose, b: Pose) -> np.ndarray:
     """Displacement (3,) and rotation vector (3,) from a pose to another one, in the axes of the first."""
     quat_e = np.empty(4)
     quat_error(a.quat, b.quat, quat_e)

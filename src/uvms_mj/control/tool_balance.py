@@ -23,19 +23,22 @@ from typing import Any
 
 import numpy as np
 
-from ..physics.frames import attitude, quat_turned, rotation_matrix
+from ..physics.frames import attitude, quat_from_euler_deg, quat_turned, rotation_matrix
 from ..physics.statics import Statics
-from .approach import approach
+from .approach import approach, decays
 from .balance_terms import Balance, Pose
 from .delivery import Delivery
 from .posture_rest import PostureAtRest
 from .rest import SteadyState
+from .task_motion import Track, between
 
 _LARGEST = 0.2
 """Largest change of a coordinate in one step of the slow motion [rad or m]."""
 _FIRST = 0.1
 """Its first step [s]."""
-_STEPS = 150
+_STEPS = 200
+_DAMPING = 2.0
+"""Damping of the motion over its inertia [1/s]."""
 _SMALL = 1e-7
 """Change of a coordinate for a derivative."""
 _ONE = np.array([1.0, 0.0, 0.0, 0.0])
@@ -51,33 +54,32 @@ class TreePose:
     F: np.ndarray
 
 
-def tool_rest(setup: Any, K: float, delivery: Delivery, tool: Pose) -> SteadyState | str:
+def tool_rest(setup: Any, K: float, delivery: Delivery, track: Track) -> SteadyState | str:
     """The rest of a vehicle with an arm under a law with the slope K over s, or the reason why it is not known.
 
-    The arguments are those of :func:`.balance.static_balance`, and the pose at which the frame of the task rests if w is
-    zero."""
+    The arguments are those of :func:`.balance.static_balance`, and the motion of the frame of the task to its rest if w
+    is zero."""
     if np.isfinite(K) and any(link.friction > 0.0 for link in setup.vehicle.arm.links):
         return "with Coulomb friction in the joints, the rest posture depends on the path"
     if np.isfinite(K) and setup.scenario.impedance.natural:
         return "with impedance.M_d = 'natural' the desired inertia depends on the rest posture, which is not computed"
-    of = ToolBalance(setup, K, delivery, tool)
+    of = ToolBalance(setup, np.inf, delivery, track)
     y = approach(of, of.start, np.zeros(12 + of.n), _FIRST, _STEPS)
-    if isinstance(y, str):
-        return f"{y}: that of the vehicle behind the tool"
-    return _checked(of, y)
+    if np.isfinite(K) and not isinstance(y, str):
+        of = ToolBalance(setup, K, delivery, track)
+        y = approach(of, y, np.zeros(12 + of.n), _FIRST, _STEPS)
+    return f"behind the tool, {y}" if isinstance(y, str) else _checked(of, y)
 
 
 def _checked(of: "ToolBalance", y: TreePose) -> SteadyState | str:
     """The state of a rest, or the reason why the vehicle does not rest there."""
     setup, delivery, tau = of.setup, of.delivery, of.commanded(y)[0]
-    for link, q, torque in zip(setup.vehicle.arm.links, y.q, tau[6:], strict=True):
-        if not link.range[0] < q < link.range[1]:
-            return f"the joint {link.joint} rests at the end of its range"
+    for link, torque in zip(setup.vehicle.arm.links, tau[6:], strict=True):
         if abs(torque) > link.effort:
             return f"the joint {link.joint} needs {torque:.4g} N m at rest and has {link.effort:.4g} N m"
     if weak := delivery.weak(delivery.T @ tau[:6]):
         return weak
-    tool = of.tool(y)
+    tool = of.tool(y) if np.isfinite(of.at_task.K) else of.track.end
     push = of.at_task.contacts(tool.position, tool.R_WB)[1]
     if of.at_task.rubs(push):
         return "with friction, the rest position depends on the path"
@@ -89,20 +91,21 @@ class ToolBalance:
     are the displacement (3,) and the rotation vector (3,) of the base in B, q (n,) and F (6,). The motion begins in the
     initial posture with the tool at the given pose."""
 
-    def __init__(self, setup: Any, K: float, delivery: Delivery, tool: Pose) -> None:
+    def __init__(self, setup: Any, K: float, delivery: Delivery, track: Track) -> None:
         scenario, links = setup.scenario, setup.nominal.arm.links
         self.setup, self.delivery, self.n = setup, delivery, len(links)
         self.frame = setup.plant.probe.carrier
         self.at_task = Balance(setup, K, delivery)
         self.posture = PostureAtRest(setup)
-        p, R = setup.start.pose(self.frame)
-        R_WB = tool.R_WB @ R.T
-        self.start = TreePose(tool.position - R_WB @ p, R_WB, setup.start.q, np.zeros(6))
+        initial = scenario.initial
+        R_WB = rotation_matrix(quat_from_euler_deg(*initial.attitude_deg))
+        self.start = TreePose(np.array(initial.position), R_WB, setup.start.q, np.zeros(6))
+        self.track, self.held = track, track.end
         self.damping = np.zeros((12 + self.n, 12 + self.n))
         self.damping[: 6 + self.n, : 6 + self.n] = setup.start.inertia()
-        self.inertia = np.zeros_like(self.damping)
+        self.inertia, self.damping = np.zeros_like(self.damping), _DAMPING * self.damping
         self.largest = np.concatenate([np.full(6 + self.n, _LARGEST), np.full(6, np.inf)])
-        self.sharp, self.ends = np.inf, 0.0
+        self.sharp, self.ends = np.inf, track.ends if np.isinf(K) else 0.0
         estimates = [scenario.estimates, *(scenario.estimates.of(link.name) for link in links)]
         self.inertia_hat, self.restoring_hat = [e.inertia for e in estimates], [e.restoring for e in estimates]
 
@@ -114,13 +117,24 @@ class ToolBalance:
         )
 
     def lead(self, y: TreePose, t: float, step: float) -> np.ndarray:
-        """The reference is at its end."""
+        """Move the pose at which the tool is held."""
+        self.held = self.track.at(t + step)
         return np.zeros(12 + self.n)
+
+    def passed(self, t: float, y: TreePose) -> str:
+        """The reason why a joint can't be there; empty if all can."""
+        links = self.setup.vehicle.arm.links
+        beyond = [each.joint for each, q in zip(links, y.q, strict=True) if not each.range[0] < q < each.range[1]]
+        return f"the joint {beyond[0]} comes to the end of its range" if beyond else ""
 
     def jacobian(self, y: TreePose) -> np.ndarray:
         """The derivative of the residual."""
         residual = self(y)
         return np.array([(self(self.moved(y, e)) - residual) / _SMALL for e in _SMALL * np.eye(12 + self.n)]).T
+
+    def stable(self, y: TreePose) -> bool:
+        """Whether the slow motion stays at a rest."""
+        return decays(self.jacobian(y), self.damping)
 
     def tool(self, y: TreePose, tree: Statics | None = None) -> Pose:
         """The pose of the frame of the task."""
@@ -159,6 +173,8 @@ class ToolBalance:
         tau += tree.jacobian(self.frame).T @ tool.tau_c
         tau += tree.stream(y.R_WB, setup.scenario.current.steady_at(-y.p_WB[2]))
         tau -= tree.restoring(y.R_WB, setup.gravity_W)
+        if np.isinf(balance.K):
+            return np.concatenate([tau, between(self.held, tool)])
         return np.concatenate([tau, setup.design.M_d @ (balance.asked(tool) - balance.factor_inverse * a)])
 
     def sliding(self, y: TreePose) -> np.ndarray:
