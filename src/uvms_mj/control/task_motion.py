@@ -120,7 +120,7 @@ class TaskMotion:
         """Whether the motion stays at a root, also while the integral keeps its value."""
         stays = decays(self.jacobian(pose), self.inertia + self.damping)
         if self.integral is not None:
-            self.integral.step = 0.0
+            self.integral.step, self._law = 0.0, None
             stays = stays and decays(self.jacobian(pose), self.inertia + self.damping)
         return stays
 
@@ -174,8 +174,8 @@ class TaskMotion:
 
     def lead(self, pose: Pose, t: float, step: float) -> np.ndarray:
         balance = self.balance
-        if self.integral is not None:
-            self.integral.step = step if step <= LAST else math.inf
+        if self.integral is not None and self.integral.step != step:
+            self.integral.step, self._law = step if step <= LAST else math.inf, None
         p_d, quat_d = self.reference(t)
         balance.p_d, balance.quat_d = self.reference(t + step)
         if self._schedule is not None:
