@@ -182,4 +182,3 @@ class Balance:
         g_eta = np.empty(6)
         restoring(vehicle.mass, vehicle.displaced_mass, vehicle.r_g, vehicle.r_b, self.setup.gravity_W, R_WB, g_eta)
         return g_eta
-

@@ -60,7 +60,9 @@ class Track:
     @property
     def ends(self) -> float:
         """When the motion is near its end [s]."""
-        away = [t for t, pose in zip(self.times, self.poses, strict=True) if np.abs(between(pose, self.end)).max() > _NEAR]
+        away = [
+            t for t, pose in zip(self.times, self.poses, strict=True) if np.abs(between(pose, self.end)).max() > _NEAR
+        ]
         return away[-1] if away else 0.0
 
     def at(self, t: float) -> Pose:

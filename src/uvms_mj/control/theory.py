@@ -25,6 +25,12 @@ if TYPE_CHECKING:
 _SIZES = {"position": 3, "quat": 4, "s": 6, "tau": 6}
 
 
+_NOT_FOLLOWED = (
+    "with [[walls]], contact bodies or a bumper a rest counts if the motion from the start reaches it, "
+    "which control.balance.static_balance finds out"
+)
+
+
 class TheoryWarning(UserWarning):
     """The closed form of a user's law can't be used."""
 
@@ -42,6 +48,8 @@ def steady_state(setup: Any) -> SteadyState | NoClosedForm:
         if isinstance(found, str):
             return NoClosedForm(found)
         state = _checked(found, controller)
+        if setup.contacts.pairs and not getattr(found, "reached", False):
+            return found if isinstance(found, NoClosedForm) else NoClosedForm(_NOT_FOLLOWED)
         weak = "" if is_shipped(controller) or isinstance(state, NoClosedForm) else _weak(setup, state.force)
         return NoClosedForm(weak) if weak else state
     except (ArithmeticError, np.linalg.LinAlgError) as error:  # of a shipped law with extreme numbers

@@ -83,7 +83,7 @@ def _checked(of: "ToolBalance", y: TreePose) -> SteadyState | str:
     push = of.at_task.contacts(tool.position, tool.R_WB)[1]
     if of.at_task.rubs(push):
         return "with friction, the rest position depends on the path"
-    return SteadyState(float(push.sum()), s=of.sliding(y), tau=delivery.T @ tau[:6])
+    return SteadyState(float(push.sum()), s=of.sliding(y), tau=delivery.T @ tau[:6], reached=True)
 
 
 class ToolBalance:
@@ -112,9 +112,7 @@ class ToolBalance:
     def moved(self, y: TreePose, change: np.ndarray) -> TreePose:
         """The posture after a change (12 + n,)."""
         n, turn = self.n, rotation_matrix(quat_turned(_ONE, change[3:6]))
-        return TreePose(
-            y.p_WB + y.R_WB @ change[:3], y.R_WB @ turn, y.q + change[6 : 6 + n], y.F + change[6 + n :]
-        )
+        return TreePose(y.p_WB + y.R_WB @ change[:3], y.R_WB @ turn, y.q + change[6 : 6 + n], y.F + change[6 + n :])
 
     def lead(self, y: TreePose, t: float, step: float) -> np.ndarray:
         """Move the pose at which the tool is held."""
@@ -183,4 +181,3 @@ class ToolBalance:
         if np.isinf(K):
             return np.zeros(6)
         return (self.commanded(y)[1] - w) / K if K > 0.0 else -w / self.at_task.A
-
