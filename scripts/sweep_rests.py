@@ -24,6 +24,7 @@ from uvms_mj import InputError, Scenario, simulate
 from uvms_mj.control.rest import SteadyState
 from uvms_mj.records.header import Status
 
+_POSE = ("vehicle", "task", "initial")
 WRONG = 1e-3
 """Relative error of a closed form that is wrong; of forces below 1 N the error in N."""
 STEADY, BLOCK_S, BLOCKS = 1e-4, 1.0, 10
@@ -100,7 +101,8 @@ def tool_case(rng: np.random.Generator) -> dict[str, Any]:
     if rng.random() < 0.75 or not over["wall.present"]:
         shape = wall(rng, 0.0, False)
         size = shape.get("radius") or min(shape.get("edges", [0.0])) / 2.0
-        shape["position"] = rounded(start + [size + rng.uniform(0.03, 0.15), *rng.uniform(-0.6, 0.6, 2) * size])
+        away = [size + rng.uniform(0.03, 0.15), *(rng.uniform(-0.6, 0.6, 2) * size).tolist()]
+        shape["position"] = rounded(start + np.array(away))
         over["walls"] = [shape]
         centre = np.array(shape["position"])
     else:
@@ -119,7 +121,7 @@ def tool_start(over: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
     """Position (3,) and attitude (3,) [deg] of the tool at the start of a case."""
     from uvms_mj.analysis.setup import set_up
 
-    given = {key: over[key] for key in ("vehicle.model", "task.frame", "initial.joints") if key in over}
+    given: dict[str, Any] = {key: value for key, value in over.items() if key.split(".")[0] in _POSE}
     initial = set_up(Scenario.load("push_wall", given)).initial
     return np.array(initial.position), np.array(initial.attitude_deg)
 
@@ -256,7 +258,7 @@ def tried(job: tuple[int, int, bool]) -> Result:
     rest = trace.analytic
     rest_s = time.process_time() - start
     announced = rest.force if isinstance(rest, SteadyState) else None
-    reason = "" if announced is not None else rest.reason
+    reason = getattr(rest, "reason", "")
     if trace.status is not Status.completed:
         return Result(case, str(trace.status.name), law, None, announced, reason, run_s, rest_s)
     measured = settled(trace)

@@ -37,18 +37,20 @@ class Motion(Protocol):
 
     Attributes:
         inertia, damping: I and C (n, n); a row with neither is algebraic.
-        largest: largest change of a coordinate in one step [m, rad].
         sharp: change below which Newton's iteration within a step ends [m, rad].
         ends: when the reference is at rest [s].
     """
 
     inertia: np.ndarray
     damping: np.ndarray
-    largest: float | np.ndarray
     sharp: float
     ends: float
 
-    def __call__(self, y: Any) -> np.ndarray:
+    @property
+    def largest(self) -> float | np.ndarray:
+        """Largest change of a coordinate in one step [m, rad], one number or (n,)."""
+
+    def __call__(self, y: Any, /) -> np.ndarray:
         """F (n,)."""
 
     def jacobian(self, y: Any) -> np.ndarray:
@@ -68,8 +70,8 @@ class Motion(Protocol):
 
 
 def approach(of: Motion, y: Any, velocity: np.ndarray, step: float = _FIRST, steps: int = _STEPS) -> Any:
-    """The rest that the motion from y with a velocity (n,) relative to the reference reaches, or the reason why there is
-    none. A first step beyond all times of the motion looks for the nearest root instead."""
+    """The rest that the motion from y with a velocity (n,) relative to the reference reaches, or the reason why there
+    is none. A first step beyond all times of the motion looks for the nearest root instead."""
     t = 0.0
     for _ in range(steps):
         lead = of.lead(y, t, step)

@@ -129,7 +129,7 @@ def static_balance(
     if weak := delivery.weak(tau):
         return weak
     return _rubbed(balance, push) or SteadyState(
-        float(push.sum()), pose.position, pose.quat, balance.sliding(pose), tau, True
+        float(push.sum()), pose.position, pose.quat, balance.sliding(pose), tau, reached=True
     )
 
 

@@ -1,6 +1,6 @@
 """The state of a vehicle at rest, as a law's theory predicts it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NoReturn
 
 import numpy as np
@@ -24,7 +24,7 @@ class SteadyState:
     quat: np.ndarray | None = None
     s: np.ndarray | None = None
     tau: np.ndarray | None = None
-    reached: bool = False
+    reached: bool = field(default=False, kw_only=True)
 
 
 @dataclass(frozen=True)

@@ -121,7 +121,7 @@ def _checked(found: Any, controller: Controller) -> SteadyState | NoClosedForm:
     state = found if isinstance(found, SteadyState) else SteadyState(found)
     try:
         given = {name: getattr(state, name) for name in _SIZES}
-        arrays = {name: np.array(value, float) for name, value in given.items() if value is not None}
+        arrays: dict[str, Any] = {name: np.array(value, float) for name, value in given.items() if value is not None}
         valid = not isinstance(state.force, bool) and 0.0 <= float(state.force) < math.inf
         if not valid or any(a.shape != (_SIZES[n],) or not np.isfinite(a).all() for n, a in arrays.items()):
             raise ValueError

@@ -87,9 +87,10 @@ def _checked(of: "ToolBalance", y: TreePose) -> SteadyState | str:
 
 
 class ToolBalance:
-    """The equations of a vehicle with an arm at rest; an :class:`.approach.Motion` of :class:`TreePose`. Its coordinates
-    are the displacement (3,) and the rotation vector (3,) of the base in B, q (n,) and F (6,). The motion begins in the
-    initial posture with the tool at the given pose."""
+    """The equations of a vehicle with an arm at rest; an :class:`.approach.Motion` of :class:`TreePose`.
+
+    Its coordinates are the displacement (3,) and the rotation vector (3,) of the base in B, q (n,) and F (6,). The
+    motion begins where the vehicle does. If K is infinite, the tool follows its track."""
 
     def __init__(self, setup: Any, K: float, delivery: Delivery, track: Track) -> None:
         scenario, links = setup.scenario, setup.nominal.arm.links
