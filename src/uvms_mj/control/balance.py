@@ -87,25 +87,9 @@ def static_balance(
     Returns:
         The state, or the reason why there is none.
     """
-    scenario = setup.scenario
-    if residual is not None and (reason := not_constant(setup)):
+    scenario, delivery = setup.scenario, Delivery.of(setup)
+    if reason := _unknown(setup, K, residual is not None):
         return reason
-    if setup.not_rigid and residual is not None:
-        return f"the closed form of this law is known for a rigid vehicle at B, and {setup.not_rigid}"
-    if setup.rest_pose[0] is None:
-        return "the reference does not come to rest"
-    if not scenario.current.steady:
-        return "the current is not constant"
-    if not (is_shipped(scenario.navigation) and is_shipped(scenario.actuation)):
-        return "closed forms are known for the shipped navigation and actuation only"
-    observer = scenario.observer if scenario.observer.runs else None
-    if observer is not None and not is_shipped(observer):
-        return "closed forms are known for the shipped observers only"
-    if residual is None and K == 0.0 and 0.0 in setup.task.A:
-        return "with a zero in A, zeta is not constant at rest: it integrates the remaining error"
-    if any(wall.moves for _, wall in setup.contacts.surfaces):
-        return "a wall moves"
-    delivery = Delivery.of(setup)
     if isinstance(delivery, str):
         return delivery
     if min(np.linalg.matrix_rank(setup.nominal.B), np.linalg.matrix_rank(delivery.T)) < 6:
@@ -122,8 +106,8 @@ def static_balance(
     pose = _nearest(motion) if balance.springs.convex else _reached(motion)
     if isinstance(pose, str):
         return pose
-    for sensor in (scenario.navigation, observer):
-        if sensor is not None and (reason := sensor.out_of_range(balance.known(pose))):
+    for sensor in (scenario.navigation, scenario.observer):
+        if sensor.runs and (reason := sensor.out_of_range(balance.known(pose))):
             return reason
     tau, push = balance.thrust(pose), balance.contacts(pose.position, pose.R_WB)[1]
     if weak := delivery.weak(tau):
@@ -131,6 +115,27 @@ def static_balance(
     return _rubbed(balance, push) or SteadyState(
         float(push.sum()), pose.position, pose.quat, balance.sliding(pose), tau, reached=True
     )
+
+
+def _unknown(setup: Any, K: float, own: bool) -> str:
+    """The reason why a scenario has no static balance, for a law with a residual of its own or with the slope K; empty
+    if it may have one."""
+    scenario = setup.scenario
+    if own and (reason := not_constant(setup)):
+        return reason
+    if setup.not_rigid and own:
+        return f"the closed form of this law is known for a rigid vehicle at B, and {setup.not_rigid}"
+    if setup.rest_pose[0] is None:
+        return "the reference does not come to rest"
+    if not scenario.current.steady:
+        return "the current is not constant"
+    if not (is_shipped(scenario.navigation) and is_shipped(scenario.actuation)):
+        return "closed forms are known for the shipped navigation and actuation only"
+    if scenario.observer.runs and not is_shipped(scenario.observer):
+        return "closed forms are known for the shipped observers only"
+    if not own and K == 0.0 and 0.0 in setup.task.A:
+        return "with a zero in A, zeta is not constant at rest: it integrates the remaining error"
+    return "a wall moves" if any(wall.moves for _, wall in setup.contacts.surfaces) else ""
 
 
 def _rubbed(balance: Balance, push: np.ndarray) -> str:
