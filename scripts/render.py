@@ -72,8 +72,8 @@ def to_pixels(brightness: np.ndarray, rgb: tuple[float, float, float]) -> np.nda
     return (255 * np.clip(brightness[..., None] * np.array(rgb), 0, 1)).astype(np.uint8)
 
 
-def picture(scenario: Scenario, walls: Sequence[Shape]) -> mujoco.MjModel:
-    """The vehicle under water, between a floor and the walls: a model for rendering only."""
+def picture(scenario: Scenario, walls: Sequence[Shape], bodies: Sequence[Shape] = ()) -> mujoco.MjModel:
+    """The vehicle with its contact bodies under water, between a floor and the walls: a model for rendering only."""
     spec = mujoco.MjSpec.from_file(str(shipped("models")[scenario.vehicle.model]))
     spec.add_texture(
         name="water",
@@ -94,13 +94,14 @@ def picture(scenario: Scenario, walls: Sequence[Shape]) -> mujoco.MjModel:
         acrylic.rgba = [0.75, 0.93, 1.0, 0.36]
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[20, 20, 1], pos=[0, 0, FLOOR], material="sand")
     for wall in walls:
-        spec.worldbody.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            size=np.roll(wall.size, -1),
-            pos=wall.position,
-            quat=[0.5, 0.5, -0.5, -0.5],  # the texture is mapped to x and y, which must be the axes of the wall's face
-            material="concrete",
-        )
+        kind, size, quat = getattr(mujoco.mjtGeom, f"mjGEOM_{wall.kind.upper()}"), wall.size, wall.quat
+        if wall.kind == "box":  # the texture is mapped to x and y, which must be the axes of the wall's face
+            size, quat = tuple(np.roll(wall.size, -1)), (0.5, 0.5, -0.5, -0.5)
+        spec.worldbody.add_geom(type=kind, size=size, pos=wall.position, quat=quat, material="concrete")
+    for each in bodies:
+        kind = getattr(mujoco.mjtGeom, f"mjGEOM_{each.kind.upper()}")
+        place = {"size": each.size, "pos": each.position, "quat": each.quat}
+        spec.body(scenario.vehicle.model).add_geom(type=kind, rgba=each.rgba, mass=0.0, **place)
     directional = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
     sun = spec.light("sun") or spec.worldbody.add_light(name="sun", type=directional, pos=[0, 0, 2])
     sun.castshadow, sun.dir, sun.diffuse = True, [0.35, -0.25, -1.0], [0.85, 0.90, 0.90]
@@ -144,6 +145,7 @@ class View:
         lookat: the point that it looks at [m].
         streams: starts of the current's arrows [m].
         labels: offsets of the labels of the force and of the current, right and up [pixels of a height of 720].
+        scale: length of the force's arrow [m/N].
     """
 
     distance: float
@@ -152,6 +154,7 @@ class View:
     lookat: Point = (1.03, 0.0, 0.08)
     streams: tuple[Point, ...] = ((0.74, -0.16, 0.0), (0.66, 0.03, 0.0), (0.82, 0.24, 0.0))
     labels: tuple[tuple[int, int], tuple[int, int]] = ((22, 48), (-150, -34))
+    scale: float = FORCE_SCALE
 
 
 def render(trace: Trace, width: int, height: int, view: View) -> Image.Image:
@@ -159,10 +162,10 @@ def render(trace: Trace, width: int, height: int, view: View) -> Image.Image:
     scenario, drawn = trace.scenario, scene_of(trace.header)
     contact, (current,) = FORCES[0], drawn.arrows
     last = {name: trace[name][-1:] for name in trace}
-    start_W, tip_W = (ends[0] for ends in contact.ends(trace.header, last, FORCE_SCALE))
+    start_W, tip_W = (ends[0] for ends in contact.ends(trace.header, last, view.scale))
     streams_W = np.array(view.streams)
 
-    model = picture(scenario, drawn.walls)
+    model = picture(scenario, drawn.walls, drawn.vehicles[0].shapes[len(trace.header.geometry.shapes) :])
     model.vis.global_.offwidth, model.vis.global_.offheight = FINER * width, FINER * height
     data = mujoco.MjData(model)
     data.qpos[:] = *trace.p_WB[-1], *trace.quat_WB[-1], *(trace.q[-1] if "q" in trace.arrays else ())

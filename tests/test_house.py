@@ -23,12 +23,6 @@ def tree(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
-def test_no_module_has_more_than_300_lines():
-    lines = {str(path.relative_to(HOUSE)): len(path.read_text(encoding="utf-8").splitlines()) for path in MODULES}
-    assert len(lines) > 100
-    assert {name: n for name, n in lines.items() if n > 300} == {}
-
-
 def test_no_function_has_more_than_60_lines():
     functions = {
         f"{path.relative_to(HOUSE)}:{node.name}": (node.end_lineno or 0) - node.lineno + 1

@@ -1,6 +1,7 @@
 """Scenarios: TOML in and out, all errors at once, suggestions."""
 
 import dataclasses
+import math
 import re
 import warnings
 from pathlib import Path
@@ -9,9 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from uvms_mj import Fosm, Gsta, InputError, Scenario, simulate
+from uvms_mj import Fosm, Gsta, InputError, Scenario, Simulation, simulate
 from uvms_mj.control import ImpedanceTask
 from uvms_mj.files import parse_setting
+from uvms_mj.quantities import radians_notes
 from uvms_mj.scenario import keys
 
 
@@ -183,7 +185,7 @@ def test_the_files_gains_are_kept_only_if_they_are_that_laws(tmp_path):
 @pytest.mark.parametrize(
     ("text", "overrides", "said"),
     [
-        ("[controller]\nname = 'gsta'\nperiod = 0.01\nk_1 = 8.0", {}, "controller.period, controller.k_1 are left out"),
+        ("[controller]\nname = 'gsta'\nperiod = 0.01\nk_1 = 8.0", {}, "controller.k_1 is left out"),
         ("[controller]\nk_1 = 8.0\nA = -50.0", {}, "controller.k_1, controller.A are left out"),
         ("[controller]\nname = 'gsta'\nperiod = 0.01", {"controller.period": 0.02}, ""),
         ("[controller]\nname = 'gsta'\nk_1 = 5.0", {}, ""),  # its default
@@ -204,7 +206,10 @@ def test_settings_that_another_stage_does_not_take_over_are_named(tmp_path, text
     )
     notes = []
     assert Scenario.load(path).updated(overrides, controller, note=notes.append).controller == scenario.controller
-    assert len(notes) == (said.count("k_1") or said.count("period"))
+    assert len(notes) == said.count("k_1")
+    for kept in ("period", "delay"):  # of the loop
+        given = overrides.get(f"controller.{kept}", Scenario.load(path).controller.__dict__[kept])
+        assert getattr(scenario.controller, kept) == given
 
 
 LAW = """
@@ -368,3 +373,65 @@ def test_what_does_not_fit_a_loaded_scenario_begins_with_scenario_and_its_key(ke
     scenario = Scenario.load("push_wall", {"simulation.duration": 1e-3} | overrides)
     with pytest.raises(InputError, match=rf"^scenario: {re.escape(key)}: "):
         simulate(scenario, engine="free_body" if key == "engine" else "mujoco")
+
+
+@pytest.mark.parametrize(
+    ("setting", "hint"),
+    [
+        ("current.speed=0,5", "a number has a decimal point and no comma: 0.5"),
+        ("controller.k_1=-8,6e1", "a number has a decimal point and no comma: -8.6e1"),
+        ("wall.stiffness=20,000", "a number has a decimal point and no comma"),  # 20 or 20000
+        ("wall.stiffness=2e4N", "write the number alone, in N/m"),
+        ("wall.stiffness=20kN/m", "write the number alone, 20000, in N/m"),
+        ("wall.stiffness=2e4 N/m", "write the number alone, 20000, in N/m"),
+        ("reference.step_time=1500ms", "write the number alone, 1.5, in s"),
+        ("current.direction_deg=45deg", "write the number alone, 45, in deg"),
+        ("current.direction_deg=-45°", "write the number alone, -45, in deg"),
+        ("current.direction_deg=1.5708 rad", "write the number alone, 90.0002, in deg"),
+        ('initial.position=["1.5 m", 0, 0]', "write the number alone, 1.5, in m"),
+        ("initial.position=[1.5 m, 0, 0]", "write the number alone, in the unit of the key"),
+        ('walls=[{shape="plane", position=[1, 0, 0], stiffness="20 kN/m"}]', "write the number alone, 20000, in N/m"),
+    ],
+)
+def test_a_comma_or_a_unit_in_a_number_is_answered_with_what_to_write(setting, hint):
+    with pytest.raises(InputError, match=rf"; {re.escape(hint)}$"):
+        Scenario.load("push_wall", dict([parse_setting(setting)]))
+
+
+@pytest.mark.parametrize("value", ["soft", "nan", "1 2", "", "N"])
+def test_what_is_no_number_at_all_gets_no_hint_of_one(value):
+    with pytest.raises(InputError, match=r"is not a finite number$"):
+        Scenario.load("push_wall", {"wall.stiffness": value})
+
+
+def test_a_comma_or_a_unit_in_a_file_is_answered_too(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text("[current]\nspeed = 0,5  # m/s\n")
+    with pytest.raises(InputError, match=r"line 2.*; a number has a decimal point and no comma: 0\.5$"):
+        Scenario.load(path)
+    path.write_text("[wall]\nstiffness = 20kN/m\n")
+    with pytest.raises(InputError, match=r"line 2.*; write the number alone, in the unit of the key$"):
+        Scenario.load(path)
+
+
+@pytest.mark.parametrize("degrees", [30, 45, 60, 90, 135, 180, 270, 360])
+@pytest.mark.parametrize("decimals", [2, 3, 4, 17])
+def test_a_common_angle_in_radians_in_a_key_in_degrees_is_noted(degrees, decimals):
+    radians = math.radians(degrees)
+    for value in (round(radians, decimals), -math.floor(radians * 10**decimals) / 10**decimals):
+        (note,) = radians_notes({"initial": {"attitude_deg": [0.0, 0.0, value]}, "posture": {"yaw": radians}})
+        meant = f"{math.copysign(degrees, value):g} deg"
+        assert note == f"initial.attitude_deg is in degrees; {value:g} looks like radians, of {meant}"
+
+
+def test_angles_in_degrees_are_not_taken_for_radians():
+    """The common angles themselves, all whole degrees, all tenths, and a list of which one number is no such angle."""
+    for value in (*range(-360, 361), *(0.1 * n for n in range(-100, 100)), 22.5, 0.25, 1.25):
+        assert radians_notes({"current": {"direction_deg": round(value, 2)}}) == []
+    assert radians_notes({"initial": {"attitude_deg": [10.0, 0.0, 1.57]}}) == []
+
+
+def test_the_note_on_radians_reaches_a_run():
+    wall = {"shape": "plane", "position": [2.0, 0.0, 0.0], "attitude_deg": [0.0, 0.0, 1.57]}
+    with Simulation(Scenario.load("push_wall", {"walls": [wall]}), engine="free_body") as sim:
+        assert "walls[0].attitude_deg is in degrees; 1.57 looks like radians, of 90 deg" in sim.notes

@@ -1,21 +1,20 @@
-"""Draw docs/posture.png: a vehicle that holds its tool and changes its posture, in two orders of priority.
-
-    python scripts/pages/posture.py
+"""docs/posture.md: a vehicle that holds its tool and changes its posture, in two orders of priority.
 
 The vehicle is the teaching vehicle planar_arm.
 """
 
-from pathlib import Path
+import functools
+from collections.abc import Iterator
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from page_look import written
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.analysis.setup import set_up
 from uvms_mj.physics.frames import rotation_matrix
+from uvms_mj.views.figures.style import BLACK, COLOURS, PAGE_IN, line, styled
 
-OUT = Path(__file__).parents[2] / "docs" / "posture.png"
-INK, BLUE, RED, GREY = "#1f2933", "#0b5cad", "#d02a1e", "#9aa5b1"
 PITCH_DEG, JOINTS, WANTED = 12.0, (0.6, 0.9), (0.2, 1.4)
 ORDERS = (("attitude", "joints"), ("joints",))
 BASE = {
@@ -33,36 +32,48 @@ BASE = {
 }
 
 
-def held(order: tuple[str, ...]) -> Trace:
+@functools.cache
+def held(order: tuple[str, ...], **others: float) -> Trace:
     """A run whose tool holds its initial pose."""
     initial = set_up(Scenario.load("push_wall", BASE)).initial
     target = {"reference.target": initial.position, "reference.attitude_deg": initial.attitude_deg}
-    return simulate(Scenario.load("push_wall", BASE | target | {"posture.order": list(order)}, "impedance"))
+    return simulate(Scenario.load("push_wall", BASE | target | {"posture.order": list(order)} | others, "impedance"))
+
+
+def moved(trace: Trace) -> np.ndarray:
+    """Distance of the tool from its target [m]."""
+    return np.linalg.norm(trace.eta_e[:, :3], axis=1)
+
+
+def numbers() -> Iterator[tuple]:
+    yield "the tool moves by {} micrometres at most", 1e6 * max(moved(held(order)).max() for order in ORDERS)
+    fine = {"simulation.timestep": 1e-4, "task.inertia_period": 1e-4}
+    far = [1e6 * moved(held(ORDERS[0], **fine, **{"posture.period": T})).max() for T in (1e-4, 1e-3, 1e-2)]
+    yield "by {} micrometres with 0.1 ms, by {} with the default of 1 ms and by {} with 10 ms", *far
 
 
 def main() -> None:
-    figure = Figure(figsize=(9.0, 3.0), layout="constrained")
-    pitch, joints, tool = figure.subplots(1, 3)
-    for order, colour in zip(ORDERS, (BLUE, RED), strict=True):
-        trace, label = held(order), ", ".join(order)
-        pitch.plot(trace.t, np.degrees(-np.arcsin(rotation_matrix(trace.quat_WB)[:, 2, 0])), color=colour, label=label)
-        for k, style in enumerate(("-", "--")):
-            joints.plot(trace.t, trace.q[:, k], style, color=colour)
-        tool.plot(trace.t, 1e3 * np.linalg.norm(trace.eta_e[:, :3], axis=1), color=colour)
-    t = np.linspace(0.0, 5.0, 30)
-    closed = (1.0 + 2.0 * t) * np.exp(-2.0 * t)
-    pitch.plot(t, PITCH_DEG * closed, ".", color=INK, ms=3, label="closed form")
-    for q_0, q_d in zip(JOINTS, WANTED, strict=True):
-        joints.plot(t, q_d + (q_0 - q_d) * closed, ".", color=INK, ms=3)
-    for axes, title in ((pitch, "pitch of the base [deg]"), (joints, "joints [rad]"), (tool, "tool's error [mm]")):
-        axes.set_title(title, fontsize=9, color=INK, loc="left")
-        axes.set_xlabel("t [s]", fontsize=8)
-        axes.tick_params(labelsize=8)
-        axes.axhline(0.0, color=GREY, lw=0.6, zorder=0)
-        axes.spines[["top", "right"]].set_visible(False)
-    pitch.legend(fontsize=7, frameon=False, title="posture.order", title_fontsize=7)
-    figure.savefig(OUT, dpi=110)
-
-
-if __name__ == "__main__":
-    main()
+    with styled():
+        figure = Figure(figsize=(PAGE_IN, 2.6))
+        pitch, joints, tool = figure.subplots(1, 3)
+        for order, colour in zip(ORDERS, (COLOURS["x"], COLOURS["force"]), strict=True):
+            trace, label = held(order), ", ".join(order)
+            tilt = np.degrees(-np.arcsin(rotation_matrix(trace.quat_WB)[:, 2, 0]))
+            line(pitch, trace.t, tilt, label, color=colour, label=label)
+            for k, style in enumerate(("-", "--")):
+                line(joints, trace.t, trace.q[:, k], f"joint {k + 1}", color=colour, linestyle=style)
+            line(tool, trace.t, 1e6 * moved(trace), label, color=colour)
+        t = np.linspace(0.0, 5.0, 30)
+        closed = (1.0 + 2.0 * t) * np.exp(-2.0 * t)
+        pitch.plot(t, PITCH_DEG * closed, ".", color=BLACK, ms=3, label="closed form")
+        for q_0, q_d in zip(JOINTS, WANTED, strict=True):
+            joints.plot(t, q_d + (q_0 - q_d) * closed, ".", color=BLACK, ms=3)
+        for style, name in (("-", "shoulder"), ("--", "elbow")):
+            joints.plot([], [], style, color=BLACK, label=name)
+        for axes, title in ((pitch, "pitch of the base [deg]"), (joints, "joints [rad]"), (tool, "tool's error [µm]")):
+            axes.set(title=title, xlabel="time [s]", xlim=(0.0, 5.0))
+            axes.margins(y=0.05)
+        joints.set_ylim(0.0, 1.8)
+        joints.legend(loc="upper right", ncols=2)
+        pitch.legend(title="posture.order")
+        written(figure, "posture", 64)

@@ -1,29 +1,74 @@
-"""Draw docs/practicality.png, the maps of the page, from the folder of `uvms-mj practicality`.
+"""docs/practicality.md, from the folder of `uvms-mj practicality --out FOLDER`: its maps and the table of its claims."""
 
-uvms-mj practicality --out real
-python scripts/pages/practicality.py real
-"""
-
+import functools
+from collections.abc import Iterator
 from pathlib import Path
 
-import click
+import numpy as np
 
+from page_look import written
 from uvms_mj.studies.practicality import figures
+from uvms_mj.studies.practicality.axes import AXES, MAPS, RETUNED
+from uvms_mj.studies.practicality.claims import judge
 from uvms_mj.studies.practicality.plans import plans
 from uvms_mj.studies.practicality.results import Results
 from uvms_mj.studies.results import frame
 
-PICTURE = Path(__file__).parents[2] / "docs" / "practicality.png"
+_AXES = {axis.name: axis for axis in AXES}
 
 
-@click.command()
-@click.argument("folder", type=click.Path(exists=True, path_type=Path))
-def main(folder: Path) -> None:
-    """Draw docs/practicality.png from FOLDER."""
+@functools.cache
+def results(folder: str | Path) -> Results:
     planned = plans({})
-    results = Results(planned, {name: frame(folder / name) for name in planned})
-    figures.maps(results).savefig(PICTURE, dpi=120)
+    return Results(planned, {name: frame(Path(folder) / name) for name in planned})
 
 
-if __name__ == "__main__":
-    main()
+def ratios(found: Results) -> list[float]:
+    """Delays up to which GSTA works over the limit of the force's age, by stiffness: the map's second row."""
+    name, x, y = MAPS[1]
+    table = found.frames[name].assign(works=found.works(name))
+    limits = {stiffness: delay for delay, stiffness in found.limits(name, "gsta")}
+    out = []
+    for stiffness, limit in limits.items():
+        rows = table[(table["law"] == "gsta") & (table[y.key] == stiffness)].sort_values(x.key)
+        works, delays = rows["works"].to_numpy(), rows[x.key].to_numpy(float)
+        if works[0] and not works.all():
+            first = int(np.argmin(works))
+            out.append(float(np.sqrt(delays[first - 1] * delays[first])) / limit)
+    return out
+
+
+def numbers(folder: str) -> Iterator[tuple]:
+    found = results(folder)
+    claims = {row.claim.id: row.measured.value for row in judge(found)}
+    yield "There are {} runs of 8 s", sum(len(table) for table in found.frames.values())
+    yield "does not press with the demanded force | {} N: the current", claims["impedance"]
+    yield "| GSTA presses with the demanded force | {} % wrong |", claims["gsta_ideal"]
+    yield "is wrong by a few per cent | {} % |", claims["fosm_ideal"]
+    for name, words in (
+        ("control_period", "| to {} ms; predicted {} ms. Boundary over prediction: {} |"),
+        ("force_delay", "the delay of the force sensor | to {} ms; predicted {} ms. {} |"),
+    ):
+        last, expected = found.boundaries[name, "gsta"].last, found.predicted(_AXES[name], "gsta")
+        yield words, 1e3 * last, 1e3 * expected, claims[name]
+    shares = ratios(found)
+    yield "median {} of the prediction, from {} to {}", claims["stiffness"], min(shares), max(shares)
+    yield "to {} ms, {} times the delay", 1e3 * found.boundaries["thruster_lag", "gsta"].last, claims["lag"]
+    yield "| period {} times as long |", claims["rate"]
+    yield "the noise of a force sensor | to {} N |", claims["noise"]
+    harmless = [claims[name] for name in ("voltage", "dead_band", "friction", "added_mass")]
+    yield "at their real values | {} to {} % wrong |", min(harmless), max(harmless)
+    retuned, gsta = (found.boundaries["added_mass", law].last for law in (RETUNED, "gsta"))
+    yield "to {} times the model's, the paper's gains to {} times: factor {}", retuned, gsta, claims["retuned_model"]
+    yield "100 Hz alone stops GSTA | the push varies by {} N |", found.step("gsta", False, 1)["force_range_N"]
+    held, last = found.step(RETUNED, True, 1), found.step(RETUNED, True, 1 + int(claims["pool"]))
+    yield "| {} N wrong, varies by {} N |", abs(held["force_error_N"]), held["force_range_N"]
+    yield (
+        "works for {} steps; it stops at the sensors of a small ROV, where it presses with {} N",
+        claims["pool"],
+        last["contact.final_N"],
+    )
+
+
+def main(folder: str) -> None:
+    written(figures.maps(results(folder)), "practicality")

@@ -1,12 +1,13 @@
-"""Draw docs/vehicles.png: the vehicles that ship, from the front and from behind, with an arm from the side.
+"""docs/vehicles.md: the vehicles that ship, from the front and from behind, with an arm from the side.
 
-    python scripts/pages/vehicles.py
-
-It needs an EGL driver. Variants of a frame look alike, so each frame is drawn once.
+The picture needs an EGL driver. Variants of a frame look alike, so each frame is drawn once.
 """
 
 import os
+import re
 import sys
+import warnings
+from collections.abc import Iterator
 from pathlib import Path
 
 if sys.platform == "linux":
@@ -18,7 +19,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
+from uvms_mj import Scenario, Trace, simulate
+from uvms_mj.cli.vehicle_arm import reach
 from uvms_mj.files import shipped
+from uvms_mj.physics.frames import rotation_matrix
+from uvms_mj.plant.mjcf import Mjcf
 
 OUT = Path(__file__).parents[2] / "docs" / "vehicles.png"
 FRAMES = {
@@ -65,6 +70,34 @@ def views_of(name: str, distance: float, ahead: float, joints: tuple[float, ...]
     return pictures
 
 
+def pushed(vehicle: str) -> Trace:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return simulate(Scenario.load("push_wall", {"vehicle.model": vehicle}), engine="free_body", log_rate=1000)
+
+
+def numbers() -> Iterator[tuple]:
+    page = (OUT.parent / "vehicles.md").read_text()
+    for name in shipped("models"):
+        vehicle = Mjcf.find(name).vehicle
+        (printed,) = re.findall(rf"^\| \[{name}\]\(\S+\) \| [\d.]+, [\d.]+", page, re.MULTILINE)
+        of = printed.rpartition("|")[0] + "| {}, {}"
+        yield of, *(sum(getattr(k, what) for k in (vehicle, *vehicle.arm.links)) for what in ("mass", "displaced_mass"))
+    trace, heavy = pushed("bluerov2"), pushed("bluerov2_heavy")
+    pitch = np.degrees(-np.arcsin(rotation_matrix(trace.quat_WB)[:, 2, 0]))
+    yield "(it reaches {} rad/s^2)", np.abs(trace.z).max()
+    yield (
+        "pitches by up to {} deg and hits the wall with {} N, where the Heavy hits it with {} N",
+        np.abs(pitch).max(),
+        trace.force_peak[-1],
+        heavy.force_peak[-1],
+    )
+    arm = Mjcf.find("bluerov2_alpha5").vehicle.arm
+    yield "with a reach of {} m", reach(arm, "tool")
+    (upper,) = (link for link in arm.links if link.displaced_mass == max(k.displaced_mass for k in arm.links))
+    yield "{} kg across the upper arm", upper.M_A[2, 2]
+
+
 def main() -> None:
     """Draw the picture."""
     columns = [np.vstack(views_of(name, *look)) for name, look in FRAMES.items()]
@@ -81,7 +114,3 @@ def main() -> None:
         OUT, optimize=True
     )
     print(f"{OUT}: {OUT.stat().st_size / 1000:.0f} kB")
-
-
-if __name__ == "__main__":
-    main()

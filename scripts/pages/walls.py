@@ -1,66 +1,49 @@
-"""Draw docs/walls.png: a vehicle with two bumpers on a pile, its forces and their closed form, and a wall that shakes.
+"""docs/walls.md: a vehicle with two bumpers on a pile, its forces and their closed form, and a wall that shakes.
 
-    python scripts/pages/walls.py
-
-It needs an EGL driver. The solids are those of the run's scene, as all viewers draw them.
+The picture needs an EGL driver.
 """
 
-import os
-import sys
-from pathlib import Path
+import functools
+import warnings
+from collections.abc import Iterator
 
-if sys.platform == "linux":
-    os.environ.setdefault("MUJOCO_GL", "egl")  # mujoco reads it when it is imported
-
-import mujoco
 import numpy as np
 from matplotlib.figure import Figure
-from PIL import Image
 
+from page_look import written
+from render import View, render
 from uvms_mj import Scenario, Trace, simulate
+from uvms_mj.analysis.setup import set_up
 from uvms_mj.control.rest import SteadyState
-from uvms_mj.files import shipped
-from uvms_mj.plant.shapes import Shape
-from uvms_mj.records.scene import scene_of
+from uvms_mj.views.figures.style import BLACK, COLOURS, PAGE_IN, line, styled
 
-OUT = Path(__file__).parents[2] / "docs" / "walls.png"
-INK, BLUE, RED, GREY = "#1f2933", "#0b5cad", "#d02a1e", "#9aa5b1"
-WIDTH, HEIGHT, FINER = 420, 330, 2
-WATER = (0.85, 0.91, 0.95)
-COLOURS = 200
-"""Colours of the PNG's palette, for a small file."""
 K_C, AMPLITUDE, FREQUENCY = 2e3, 2e-3, 0.5
+VIEW = View(
+    distance=1.3,
+    azimuth=58.0,
+    elevation=-30.0,
+    lookat=(1.2, 0.0, 0.02),
+    streams=((1.0, 0.22, 0.3), (0.95, 0.05, 0.4), (1.05, 0.38, 0.36)),
+    labels=((70, -96), (-60, -40)),
+    scale=0.05,
+)
+RETUNED = {
+    "controller.k_1": 1.0,
+    "controller.k_2": 1.0,
+    "controller.beta": 2.0,
+    "task.A": -20.0,
+    "controller.period": 0.01,
+    "simulation.timestep": 1e-3,
+    "simulation.duration": 30.0,
+}
 
 
-def add(body: mujoco.MjsBody, shape: Shape) -> None:
-    kind = getattr(mujoco.mjtGeom, f"mjGEOM_{shape.kind.upper()}")
-    body.add_geom(type=kind, size=shape.size, pos=shape.position, quat=shape.quat, rgba=shape.rgba)
+@functools.cache
+def pile() -> Trace:
+    return simulate(Scenario.load("press_pile", {"simulation.duration": 10.0}), engine="free_body", log_rate=200.0)
 
 
-def picture(trace: Trace) -> np.ndarray:
-    """The scene (HEIGHT, WIDTH, 3) at the end of a run."""
-    header = trace.header
-    scene, spec = scene_of(header), mujoco.MjSpec.from_file(str(shipped("models")[header.scenario.vehicle.model]))
-    own = len(header.geometry.shapes)
-    for shape in scene.vehicles[0].shapes[own:]:  # the contact bodies
-        add(spec.body(trace.header.mjcf.vehicle.body), shape)
-    for wall in scene.walls:
-        add(spec.worldbody, wall)
-    flat, sky = mujoco.mjtBuiltin.mjBUILTIN_FLAT, mujoco.mjtTexture.mjTEXTURE_SKYBOX
-    spec.add_texture(name="water", type=sky, builtin=flat, width=8, height=48, rgb1=WATER, rgb2=WATER)
-    spec.visual.quality.offsamples = 8
-    model = spec.compile()
-    model.vis.global_.offwidth, model.vis.global_.offheight = FINER * WIDTH, FINER * HEIGHT
-    data, camera = mujoco.MjData(model), mujoco.MjvCamera()
-    data.qpos[:] = *trace.p_WB[-1], *trace.quat_WB[-1]
-    mujoco.mj_forward(model, data)
-    camera.lookat, camera.distance, camera.azimuth, camera.elevation = [1.2, 0, 0.02], 1.35, 55.0, -42.0
-    with mujoco.Renderer(model, FINER * HEIGHT, FINER * WIDTH) as renderer:
-        renderer.update_scene(data, camera)
-        fine = renderer.render().reshape(HEIGHT, FINER, WIDTH, FINER, 3)
-    return fine.mean(axis=(1, 3)) / 255
-
-
+@functools.cache
 def shaken() -> Trace:
     """The ideal law pressing on a plane that moves to and fro."""
     wall = {"shape": "plane", "position": [1.241, 0.0, 0.0], "stiffness": K_C}
@@ -71,8 +54,6 @@ def shaken() -> Trace:
 
 def response(trace: Trace) -> np.ndarray:
     """The force on the wall: M_d x'' + D_d x' + K_d (x - x_d) = -F, F = k_c (x - w), in closed form."""
-    from uvms_mj.analysis.setup import set_up
-
     design, s = set_up(trace.scenario).design, 2j * np.pi * FREQUENCY
     M, D, K = (float(each[0, 0]) for each in (design.M_d, design.D_d, design.K_d))
     x_c = 1.241 - trace.header.geometry.reach
@@ -81,33 +62,42 @@ def response(trace: Trace) -> np.ndarray:
     return mean + (K_C * (X - AMPLITUDE) * np.exp(s * trace.t)).imag
 
 
+def numbers() -> Iterator[tuple]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        bumped = Scenario.load("push_wall", RETUNED | {"bumper.stiffness": 1.0 / (1.0 / 2e3 - 1.0 / 1e5)})
+        trace = simulate(bumped, engine="free_body", log_rate=1000.0)
+    yield "A bumper of {} N/m in front of a wall of 1e5 N/m is a wall of 2e3 N/m", bumped.bumper.stiffness
+    held = trace.push[trace.t > 25.0].mean()
+    yield "holds {} N on it; the closed form is {} N", (held, 1e-5), 1.5 / (1.0 + 150.0 / 2e3)
+    late = shaken().t > 14.0
+    expected = response(shaken())[late]
+    far = np.abs(shaken().push[late] - expected).max() / np.ptp(expected)
+    yield "the largest difference is {} of the span", far
+    rest = pile().analytic
+    assert isinstance(rest, SteadyState)
+    yield "The static balance of `press_pile` is {} N; its run ends at {} N", rest.force, pile().f_normal[-1]
+
+
 def main() -> None:
     """Draw the picture."""
-    pile = simulate(Scenario.load("press_pile", {"simulation.duration": 10.0}), engine="free_body", log_rate=200.0)
-    shaking = shaken()
-    figure = Figure(figsize=(11.2, 3.3), dpi=100, layout="constrained")
-    scene, forces, motion = figure.subplots(1, 3, width_ratios=(1.25, 1.0, 1.0))
-    scene.imshow(picture(pile))
-    scene.axis("off")
-    scene.set_title("press_pile: two bumpers on a pile", fontsize=10, color=INK)
-    forces.plot(pile.t, pile.f_normal, color=BLUE, lw=1.2, label="sum of the normal forces")
-    rest = pile.analytic
-    assert isinstance(rest, SteadyState)
-    forces.axhline(rest.force, color=RED, lw=1.0, ls="--", label=f"static balance, {rest.force:.3f} N")
-    forces.set(xlim=(3.5, 10.0), xlabel="t [s]", ylabel="push [N]")
-    late = shaking.t > 14.0
-    motion.plot(shaking.t[late], shaking.push[late], color=BLUE, lw=1.2, label="a wall that shakes by 2 mm")
-    motion.plot(shaking.t[late], response(shaking)[late], color=RED, lw=1.0, ls="--", label="closed form")
-    motion.set(xlim=(14.0, 20.0), xlabel="t [s]", ylabel="push [N]")
-    motion.margins(y=0.35)
-    for axes in (forces, motion):
-        axes.grid(color=GREY, alpha=0.3)
-        axes.legend(fontsize=8, loc="upper right")
-    difference = np.abs(shaking.push[late] - response(shaking)[late]).max() / np.ptp(response(shaking)[late])
-    figure.savefig(OUT)
-    Image.open(OUT).convert("RGB").quantize(COLOURS, Image.Quantize.MAXCOVERAGE).save(OUT, optimize=True)
-    print(f"{OUT}: {OUT.stat().st_size / 1000:.0f} kB, largest difference of the right panel {difference:.1e}")
-
-
-if __name__ == "__main__":
-    main()
+    with styled():
+        figure = Figure(figsize=(PAGE_IN, 4.6))
+        grid = figure.add_gridspec(2, 2, width_ratios=(1.5, 1.0))
+        scene, forces, motion = (figure.add_subplot(place) for place in (grid[:, 0], grid[0, 1], grid[1, 1]))
+        scene.imshow(render(pile(), 760, 800, VIEW))
+        scene.axis("off")
+        scene.set_title("press_pile: two bumpers on a pile")
+        line(forces, pile().t, pile().f_normal, "push", color=COLOURS["force"], label="sum of the normal forces")
+        rest = pile().analytic
+        assert isinstance(rest, SteadyState)
+        forces.axhline(rest.force, color=BLACK, ls=":", label=f"closed form, {rest.force:.3f} N")
+        forces.set(xlim=(3.5, 10.0), ylim=(0.0, 22.0), xlabel="time [s]", ylabel="push [N]")
+        shaking = shaken()
+        late = shaking.t > 14.0
+        line(motion, shaking.t[late], shaking.push[late], "push", color=COLOURS["force"], label="wall shakes by 2 mm")
+        motion.plot(shaking.t[late], response(shaking)[late], color=BLACK, ls=":", label="closed form")
+        motion.set(xlim=(14.0, 20.0), ylim=(6.2, 8.2), xlabel="time [s]", ylabel="push [N]")
+        for axes in (forces, motion):
+            axes.legend(loc="upper right", ncols=1)
+        written(figure, "walls", 256)

@@ -2,6 +2,8 @@
 
 import contextlib
 import difflib
+import math
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -75,11 +77,41 @@ def suggestion(word: str, choices: Iterable[str]) -> str:
     return f"did you mean {close[0]!r}?" if close else f"choose from {', '.join(choices)}"
 
 
+_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_WITH_COMMA = re.compile(r"[+-]?\d+(,\d+)+(\.\d*)?([eE][+-]?\d+)?")
+_WITH_UNIT = re.compile(rf"({_NUMBER})\s*([a-zA-Zµ°%][^,\[\]]*)")
+_PREFIXES = {"k": 1e3, "c": 1e-2, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "M": 1e6}
+_SPELT = {"°": "deg", "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad", "hz": "Hz"}
+
+
+def number_hint(text: object, unit: str = "") -> str:
+    """What to write in place of a text that was meant as a number in a unit: one with a decimal comma, or with its
+    unit. Empty for any other value."""
+    if not isinstance(text, str) or len(text) > 60:
+        return ""
+    text = text.strip()
+    if found := _WITH_COMMA.fullmatch(text):
+        clear = text.count(",") == 1 and not found[2] and len(found[1]) != 4  # 1,000 may be a thousand
+        return f"; a number has a decimal point and no comma{': ' + text.replace(',', '.') if clear else ''}"
+    if not (found := _WITH_UNIT.fullmatch(text)):
+        return ""
+    value, given = float(found[1]), _SPELT.get(found[2].lower(), " ".join(found[2].split()))
+    factor = 1.0 if given == unit else _PREFIXES.get(given[:1]) if given[1:] == unit else None
+    if {given, unit} == {"rad", "deg"}:
+        factor = math.degrees(1.0) if unit == "deg" else math.radians(1.0)
+    converted = f"{factor * value:.6g}, " if unit and factor is not None else ""
+    return f"; write the number alone, {converted}in {unit or 'the unit of the key'}"
+
+
 def faults_of(
-    error: ValidationError, prefix: str = "", choices: Mapping[str, Iterable[str]] | None = None
+    error: ValidationError,
+    prefix: str = "",
+    choices: Mapping[str, Iterable[str]] | None = None,
+    units: Mapping[str, str] | None = None,
 ) -> list[Fault]:
     """Errors of a pydantic validator, as entries of an :class:`InputError`. Locations are relative to the key of the
-    table that was validated, ``prefix``; the known keys of each table, ``choices``, are for suggestions."""
+    table that was validated, ``prefix``; the known keys of each table, ``choices``, and the units of keys, ``units``,
+    are for suggestions."""
     faults: dict[str, Fault] = {}
     for item in error.errors(include_url=False):
         key, loc = prefix, item["loc"]
@@ -105,6 +137,8 @@ def faults_of(
         else:
             given = item["input"]
             message = f"{shortened(list(given) if isinstance(given, tuple) else given)} {_sentence(item)}"
+            if _sentence(item) == _SENTENCES["float_type"]:
+                message += number_hint(given, (units or {}).get(re.sub(r"\[\d+\]", "", key), ""))
         if item["type"] == "missing" or key not in faults:  # the last missing number gives a list's length
             faults[key] = Fault(key, message)
     return list(faults.values())

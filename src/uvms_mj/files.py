@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from .errors import InputError, shortened, suggestion
+from .errors import InputError, number_hint, shortened, suggestion
 
 _PACKAGE = Path(__file__).parent
 _SHIPPED = {
@@ -53,9 +53,18 @@ def tables_of(path: Path, noun: str) -> dict[str, Any]:
     try:
         tables = parsed_toml(text_of(path))
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: not a {noun} in TOML: {error}") from None
+        raise InputError(f"{path}: not a {noun} in TOML: {error}{_hint_of_line(path, error)}") from None
     tables.setdefault("name", path.stem)
     return tables
+
+
+def _hint_of_line(path: Path, error: Exception) -> str:
+    """The hint on the number in the line of a TOML file that an error names; empty without such a number."""
+    if not (found := re.search(r"at line (\d+)", str(error))):
+        return ""
+    line = text_of(path).splitlines()[int(found[1]) - 1]
+    value = line.partition("=")[2].partition("#")[0].strip()
+    return next(filter(None, (number_hint(each) for each in (value, *value.strip("[]").split(",")))), "")
 
 
 _MOST_BYTES = 1_000_000
@@ -122,8 +131,9 @@ def parse_setting(text: str) -> tuple[str, Any]:
         if _BARE_POINT.fullmatch(value):
             return key, float(value)
         if value[:1] in ("[", "{", '"', "'"):
-            hint = "in TOML, write numbers with a leading digit (0.28) and strings in quotes"
-            raise InputError(f"--set {shortened(text)}: {error}; {hint}") from None
+            hint = "; in TOML, write numbers with a leading digit (0.28) and strings in quotes"
+            hint = next(filter(None, map(number_hint, value.strip("[]").split(","))), hint)
+            raise InputError(f"--set {shortened(text)}: {error}{hint}") from None
         return key, value
 
 

@@ -5,6 +5,8 @@ The ranges are far wider than any vehicle needs. Within them, no product in the 
 
 import dataclasses
 import itertools
+import math
+import re
 from collections.abc import Callable, Iterator, Mapping
 from typing import Annotated, Any
 
@@ -129,6 +131,37 @@ def leaves(value: Any, key: str = "", lists: bool = True) -> Iterator[tuple[str,
         yield key, value
 
 
+_COMMON = [n for n in range(15, 361, 15) if n % 30 == 0 or n % 45 == 0]
+"""Angles that are often written in radians [deg]."""
+
+
+def radians_notes(tables: Mapping[str, Any]) -> list[str]:
+    """A note for each key in degrees, one that ends in ``_deg``, whose numbers are all those of common angles in
+    radians, with at least two decimals: 1.57 for 90 degrees."""
+    found: dict[str, list[float]] = {}
+    for key, value in leaves(tables):
+        key = key.rpartition("[")[0] if key.endswith("]") else key
+        if key.endswith("_deg") and isinstance(value, int | float) and value:
+            found.setdefault(key, []).append(float(value))
+    notes = []
+    for key, values in found.items():
+        meant = [_meant(value) for value in values]
+        if None not in meant:
+            said = ", ".join(f"{value:g}" for value in values)
+            turned = ", ".join(f"{degrees:g}" for degrees in meant)
+            notes.append(f"{key} is in degrees; {said} looks like radians, of {turned} deg")
+    return notes
+
+
+def _meant(value: float) -> int | None:
+    """The common angle [deg] that a number gives in radians, rounded or cut to its decimals, at least two; None if
+    there is none."""
+    unit = 10.0 ** -len(repr(value).partition(".")[2])
+    same = (n for n in _COMMON if unit < 0.05 and -1e-12 <= math.radians(n) - abs(value) + 0.5 * unit < 1.5 * unit)
+    n = next(same, None)
+    return None if n is None else round(math.copysign(n, value))
+
+
 def overrides_of(given: Any, place: str = "overrides") -> dict[str, Any]:
     """Overrides by dotted key, with numbers and lists in place of NumPy's scalars and arrays. None has no overrides.
 
@@ -145,3 +178,12 @@ def overrides_of(given: Any, place: str = "overrides") -> dict[str, Any]:
 def doc(meaning: str, default: Any) -> Any:
     """A field with its default and a one-line meaning, which ``uvms-mj keys`` prints."""
     return dataclasses.field(default=default, metadata={"meaning": meaning})
+
+
+_IN_BRACKETS = re.compile(r"\[([^\[\]]*)\](?=$|;)")
+
+
+def unit_of(field: dataclasses.Field) -> str:
+    """The unit of a setting or of a key, from its own entry or from the brackets in its meaning; empty without one."""
+    found = _IN_BRACKETS.findall(field.metadata.get("meaning", ""))
+    return str(field.metadata.get("unit", found[-1] if found else ""))

@@ -6,7 +6,7 @@ Units are SI; angles are in degrees where a key ends in ``_deg``. The defaults a
 import dataclasses
 import os
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Set
+from collections.abc import Callable, Container, Iterable, Mapping, Set
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,7 @@ from .navigation import Encoder, Navigation, NoObserver, NoWrist, Observer, Perf
 from .plant.settings import OF_VEHICLE, Initial, Stepping, VehicleChoice, Wall, overridden_in_vain
 from .plant.surfaces import OF_WALLS, Bumper, Surface, override_walls
 from .plant.water import Current, Disturbance, Tether
-from .quantities import STRICT, overrides_of
+from .quantities import STRICT, overrides_of, unit_of
 from .stages.base import Stage
 from .stages.loader import Choice, Recorded, stage_of, table_of
 from .stages.words import is_a_table, no_table, not_dotted, tables_by_word
@@ -111,8 +111,9 @@ class Scenario:
             scenario: path of a TOML file, or the name of a built-in scenario.
             overrides: dotted keys with values that replace the file's, ``{"wall.stiffness": 1e4}``.
             controller: name of a law, or ``path/to/my_law.py:MyLaw``; replaces the file's law. The file's gains are
-                kept only if they belong to this law, as are a table's settings if an override replaces its ``name``.
-                A warning names those that are left out.
+                kept only if they belong to this law, as are a table's settings if an override replaces its ``name``;
+                a warning names those that are left out. What every stage of a table has stays: the period of the
+                table, ``controller.delay`` and ``reference.attitude_deg`` belong to the loop.
         """
         path = toml_path(scenario, "scenario", "scenarios")
         tables = tables_of(path, "scenario")
@@ -128,6 +129,7 @@ class Scenario:
         place: str = "scenario",
         known: Mapping[str, type[Stage]] | None = None,
         note: Callable[[str], Any] = lambda said: None,
+        trusted: Container[str] | None = None,
     ) -> "Scenario":
         """Make a scenario from nested tables, as TOML has them, with overrides and controller as in :meth:`load`.
 
@@ -136,6 +138,8 @@ class Scenario:
             place: name of the tables in error messages.
             known: classes of stages that are already loaded, by table.
             note: is called with a sentence for each stage that is replaced and whose settings are left out.
+            trusted: names of users' stages whose files may be imported; default: all. Others have placeholders, as in a
+                log, which can be shown and not run.
         """
         tables = {k: dict(v) if isinstance(v, Mapping) else v for k, v in tables.items()}
         faults, left_out = list[Fault](), list[str]()
@@ -155,7 +159,8 @@ class Scenario:
             faults.append(Fault("controller.name", both))
         for name, source in (chosen | {"controller": chosen["controller"] or controller}).items():
             if source is not None:
-                tables[name] = STAGES[name].replaced(tables[name], source, overrides, TASK_KEYS, left_out)
+                own = (known or {}).get(name)
+                tables[name] = STAGES[name].replaced(tables[name], source, overrides, TASK_KEYS, left_out, own, trusted)
         old = move_task_keys(tables["controller"], tables["task"], faults)
         replaced = move_task_keys(overrides, overrides, faults)
         for key, value in overrides.items():
@@ -164,7 +169,7 @@ class Scenario:
         _load_task(tables, old, faults)
         for name, choice in STAGES.items():
             try:
-                tables[name] = choice.load(tables[name], (known or {}).get(name))
+                tables[name] = choice.load(tables[name], (known or {}).get(name), trusted)
             except InputError as error:
                 del tables[name]
                 faults += error.faults
@@ -172,7 +177,7 @@ class Scenario:
             scenario = _VALIDATOR.validate_python(tables)
             faults += overridden_in_vain(scenario, overrides)
         except ValidationError as error:
-            faults += faults_of(error, choices=_KEYS | _INNER_KEYS)
+            faults += faults_of(error, choices=_KEYS | _INNER_KEYS, units=_UNITS)
         if faults:
             raise InputError(faults, place)
         for said in left_out:
@@ -185,12 +190,13 @@ class Scenario:
         controller: str | None = None,
         place: str = "scenario",
         note: Callable[[str], Any] = lambda said: None,
+        trusted: Container[str] | None = None,
     ) -> "Scenario":
         """Return a copy with dotted keys replaced, ``{"wall.stiffness": 1e4, "controller.k_1": 8.0}``.
 
         A user's stage of a log is loaded from the file that an override of its ``name`` gives, with its recorded
-        settings if it is the same class. ``place`` names the scenario in error messages; ``note`` is that of
-        :meth:`from_dict`.
+        settings if it is the same class. ``place`` names the scenario in error messages; ``note`` and ``trusted`` are
+        those of :meth:`from_dict`.
         """
         overrides, tables = overrides_of(overrides), self.to_dict()
         known = {name: type(getattr(self, name)) for name in STAGES}
@@ -198,9 +204,11 @@ class Scenario:
             own = overrides.get(f"{name}.name", controller if name == "controller" else None)
             if own is not None and issubclass(kind, Recorded):
                 del known[name]
-                if str(own).rpartition(":")[2] == kind.__name__:
+                recorded: Any = kind
+                in_a_log = not Path(recorded.source()).is_absolute()
+                if recorded.source() == own or (in_a_log and str(own).rpartition(":")[2] == kind.__name__):
                     tables[name]["name"] = own
-        return Scenario.from_dict(tables, overrides, controller, place=place, known=known, note=note)
+        return Scenario.from_dict(tables, overrides, controller, None, place, known, note, trusted)
 
     def to_dict(self) -> dict[str, Any]:
         """Nested tables with every default. Keys whose value is None are left out, since TOML has no null."""
@@ -238,6 +246,9 @@ _KEYS: dict[str, list[str]] = {"": [f.name for f in dataclasses.fields(Scenario)
 _INNER: dict[str, Any] = {**INNER_TABLES, **OF_VEHICLE, "walls": Surface}
 _INNER_KEYS = {name: [f.name for f in dataclasses.fields(table)] for name, table in _INNER.items()}
 """The keys of the tables within a table."""
+_UNITS = {
+    f"{name}.{f.name}": unit_of(f) for name, table in (_TABLES | _INNER).items() for f in dataclasses.fields(table)
+}
 
 
 def _anchor(tables: dict[str, Any], folder: Path | None) -> None:

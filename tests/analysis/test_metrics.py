@@ -1,6 +1,7 @@
 """Metrics against closed forms, on synthetic traces and on runs, and at different log rates."""
 
 import dataclasses
+import itertools
 import math
 from pathlib import Path
 
@@ -18,7 +19,7 @@ CONTACT = {"simulation.duration": 0.4, "wall.position": 0.002, "reference.step_t
 
 @pytest.fixture(scope="module")
 def header():
-    return simulate(Scenario.load("push_wall", {"simulation.duration": 1e-3})).header
+    return simulate(Scenario.load("push_wall", {"simulation.duration": 1e-3}), log_rate="full").header
 
 
 @pytest.fixture
@@ -407,29 +408,94 @@ def test_chattering_of_less_than_ten_control_periods_is_not_a_number():
     assert np.isfinite(metrics.chattering(trace, 0.0, 0.11)).all()
 
 
-@pytest.mark.parametrize("rate", [0.3, 0.003, 0.0015])
-def test_a_force_that_ramps_has_not_settled(synthetic, rate):
-    """Slow ramps count too: 0.15 % per second is below the limit in the last 0.5 s and takes 13 s for 2 %."""
+@pytest.fixture
+def pushing(synthetic):
+    """A function that makes a trace of 20 s from a force in contact as a function of time."""
 
-    def ramp(t):
-        return 1.5 * (1.0 + rate * t)
+    def make(force):
+        def impulse(t):
+            return metrics.cumulative(t, force(t)[:, None])[:, 0]
 
-    def trace_of(force):
-        mean = force(np.array([20.0 - 0.25]))[0]
-        spread = force(np.array([20.0]))[0] - force(np.array([19.5]))[0]
+        def late(t):
+            return force(t[t >= 19.5 - 1e-9])
+
         return synthetic(
             20.0,
             f_contact_W=lambda t: axis(-force(t), 0, 3),
-            final_impulse=lambda t: np.full_like(t, 0.5 * mean),
-            final_high=lambda t: np.full_like(t, spread),
+            impulse=impulse,
+            final_impulse=lambda t: impulse(t) - np.interp(19.5, t, impulse(t)),
+            final_low=lambda t: np.full_like(t, late(t).min()),
+            final_high=lambda t: np.full_like(t, late(t).max()),
         )
 
-    trace = trace_of(ramp)
+    return make
+
+
+@pytest.mark.parametrize("rate", [0.3, 0.003, 0.0015, 1e-4, -1e-4])
+def test_a_force_that_ramps_has_not_settled(pushing, rate):
+    """Slow ramps count too: 0.15 % per second is below the limit in the last 0.5 s and takes 13 s for 2 %."""
+    trace = pushing(lambda t: 1.5 * (1.0 + rate * t))
     final, settled = metrics.final_force(trace)
-    assert settled == (rate < 2e-3)
+    assert not settled
+    assert metrics.trend(trace).rate == pytest.approx(1.5 * rate, rel=1e-6)
     assert metrics.settling_time(trace.t, trace.push, final, 0.02 * final) is not None
     assert metrics.force_settling_time(trace) is None
-    assert metrics.force_settling_time(trace_of(lambda t: 1.5 * (1.0 + rate * np.exp(-t)))) is not None
+    assert metrics.force_settling_time(pushing(lambda t: 1.5 * (1.0 + rate * np.exp(-t)))) is not None
+
+
+@pytest.mark.parametrize("seconds", [2.0, 5.0, 20.0, 60.0])
+@pytest.mark.parametrize(("ripple", "little", "much"), [(0.0, 8.5e-4, 1.1e-3), (1e-4, 3e-4, 5e-3)])
+def test_a_force_has_settled_if_less_than_a_thousandth_is_still_to_come(pushing, seconds, ripple, little, much):
+    """An exponential with its time constant, and a vibration below it; ``little`` and ``much`` are still to come."""
+    for share, sign in itertools.product((little, much), (-1.0, 1.0)):
+        trace = pushing(
+            lambda t, share=share, sign=sign: (
+                40.0 * (1.0 + sign * share * np.exp((20.0 - t) / seconds) + ripple * np.sin(2.0 * np.pi * 7.0 * t))
+            )
+        )
+        assert metrics.final_force(trace)[1] == (share == little), (share, sign)
+        found = metrics.trend(trace)
+        if not ripple:
+            centre = np.exp(0.25 / seconds)  # of the last 0.5 s
+            assert found.to_come == pytest.approx(
+                40.0 * share * centre * np.sinh(0.25 / seconds) / (0.25 / seconds), rel=1e-5
+            )
+        if found is not None:
+            assert np.sign(found.rate) == -sign
+        stopped = dataclasses.replace(trace, outcome=Outcome(Status.interrupted, "", trace.steps, 1.0))
+        assert metrics.final_force(stopped)[1] == (share == little)
+        assert metrics.final_force(decimated(stopped, 100))[1] == (share == little)
+
+
+def test_an_impact_does_not_hide_that_the_force_creeps(pushing):
+    """The vehicle has touched 1.5 s before the end. The force before it is no trend."""
+    creeps = pushing(lambda t: np.where(t < 18.4, 0.0, 40.0 * (1.0 - 2e-3 * np.exp((20.0 - t) / 3.0))))
+    rests = pushing(lambda t: np.where(t < 18.4, 0.0, 40.0))
+    assert not metrics.final_force(creeps)[1]
+    assert metrics.final_force(rests)[1]
+
+
+CREEPS = {
+    "wall.present": False,
+    "walls": [{"shape": "plane", "stiffness": 2e4, "position": [1.2, 0.0, 0.0], "attitude_deg": [0.0, 0.0, 20.0]}],
+    "reference.target": [1.3, 0.0, 0.0],
+    "impedance.K_d": [400.0, 5.0, 400.0, 50.0, 50.0, 50.0],
+    "impedance.damping_ratio": 30.0,
+    "current.speed": 0.0,
+    "simulation.timestep": 1e-3,
+}
+"""The vehicle slides along a wall with a time constant of 20 s."""
+
+
+def test_a_vehicle_that_creeps_along_a_wall_has_settled_when_the_closed_form_is_near():
+    for duration, settled in ((100.0, False), (150.0, False), (170.0, True)):
+        scenario = Scenario.load("push_wall", CREEPS | {"simulation.duration": duration})
+        trace = simulate(scenario, engine="free_body", keep_s=metrics.AROUND_THE_END_S)
+        contact, error = summary(trace, {})["contact"], abs(trace.push[-1] / trace.analytic.force - 1.0)
+        assert contact["settled"] is settled
+        assert (error < metrics.SETTLED) == settled
+        assert (contact["relative_error"] is not None) is settled
+        assert -contact["trend_N_per_s"] * 20.2 == pytest.approx(error * trace.analytic.force, rel=0.05)
 
 
 def test_a_position_that_drifts_has_not_settled(synthetic):

@@ -86,6 +86,56 @@ def test_a_wrong_name_of_a_stage_is_one_sentence(here, tmp_path, words, said):
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.parametrize("table", ["wall", "simulation", "impedance"])
+def test_keys_of_a_table_are_the_lines_of_the_whole_list_that_begin_with_it(here, table):
+    def listed(*words):
+        return [line.split()[1] for line in here("keys", *words).stdout.splitlines() if re.match(r"│ \S", line)]
+
+    every = listed()
+    assert listed(table) == [key for key in every if key.startswith(table)]
+    assert listed(table.upper()) == listed(table)
+    assert listed(table, "tether") == [key for key in every if key.startswith((table, "tether"))]
+    assert {"wall.stiffness", "bumper.stiffness", "impedance.K_d"} < {*listed("stiffness")}  # the last by its meaning
+
+
+def test_signals_of_a_stage_and_signals_of_a_name(here):
+    def titles(*words):
+        return re.findall(r"^(\w+ .*?)(?:: .*)?$", here("signals", *words).stdout, re.MULTILINE)
+
+    def names(*words):
+        return [line.split()[1] for line in here("signals", *words).stdout.splitlines() if re.match(r"│ \S", line)]
+
+    assert titles("law") == titles("controller") == ["Inputs of the law"]
+    assert names("law") == [signal.name for signal in GIVEN]
+    assert titles("sensor") == ["Inputs of the navigation stage", "Outputs of the navigation stage"]
+    assert names("law", "s") == ["s"]  # the signal itself, not all with an s
+    assert {"f_contact_W", "force_peak"} <= {*names("recorded", "force")}
+    assert set(names("force")) == {name for name in names() if name in names("force")}
+    assert "touches" not in names("force")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["keys", "stifness"], "no key has 'stifness' in its name or meaning; did you mean 'stiffness'?"),
+        (["keys", "controller.k_1"], "it is a setting of gsta, sta: uvms-mj stages gsta"),
+        (["keys", "zzzz"], "no key has 'zzzz' in its name or meaning; uvms-mj keys lists all"),
+        (["signals", "laww"], "no signal has 'laww' in its name or meaning; did you mean 'law'?"),
+        (["signals", "law", "f_contact_W"], "no signal has 'f_contact_W' in its name or meaning; did you mean"),
+    ],
+)
+def test_a_word_that_no_key_and_no_signal_has_is_one_sentence(here, words, said):
+    done = here(*words)
+    assert done.exit_code == 2
+    assert said in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_words_for_stages_choose_their_table(here):
+    assert here("stages", "law").stdout == here("stages", "controller").stdout
+    assert HEADINGS.findall(here("stages", "sensor", "perfect").stdout) == ["[navigation]", "perfect: "]
+
+
 def _choices(room):
     return [choice for choice in STAGES.values() if choice.base.room.name == room]
 

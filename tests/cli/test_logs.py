@@ -95,6 +95,31 @@ def test_npz_and_mat_have_every_signal_with_unit_and_frame(command, log, tmp_pat
     assert str(arrays["scenario"]) == trace.scenario.to_toml()
 
 
+def test_chosen_signals_are_columns_of_the_whole_export(command, log, tmp_path):
+    assert command("export", log, "--out", "all.csv").exit_code == 0
+    chosen = ("--signals", "p_WB,tau.yaw", "--signals", "tau.x")
+    for name in ("x.csv", "x.parquet"):
+        assert command("export", log, "--out", name, *chosen).exit_code == 0
+    every, frame = pd.read_csv(tmp_path / "all.csv"), pd.read_csv(tmp_path / "x.csv")
+    wanted = ["t [s]", "p_WB.x [m]", "p_WB.y [m]", "p_WB.z [m]", "tau.x [N]", "tau.yaw [N m]"]  # in the log's order
+    assert list(frame.columns) == wanted
+    assert every[wanted].equals(frame)
+    assert pq.read_table(tmp_path / "x.parquet").column_names == [name.split(" [")[0] for name in wanted]
+    assert command("export", log, "--out", "x.npz", "--signals", "tau,s").exit_code == 0
+    arrays = np.load(tmp_path / "x.npz")
+    assert set(arrays) == {"t", "tau", "s", "signals", "scenario"}
+    assert np.array_equal(arrays["s"], Trace.load(log).s)
+
+
+@pytest.mark.parametrize("rate", [1000, 500, 125, 40])
+def test_rows_at_a_lower_rate_are_every_so_many_th_of_the_log(command, log, tmp_path, rate):
+    assert command("export", log, "--out", "x.csv", "--rate", rate, "--signals", "tau").exit_code == 0
+    frame, trace = pd.read_csv(tmp_path / "x.csv"), Trace.load(log)
+    assert frame["t [s]"].to_numpy() == pytest.approx(np.arange(len(frame)) / rate, abs=1e-12)
+    assert len(frame) == 1 + int(0.3 * rate + 1e-9)
+    assert np.array_equal(frame["tau.x [N]"], trace.tau[:: 1000 // rate, 0])
+
+
 def test_export_never_writes_over_a_file(command, log, tmp_path):
     (tmp_path / "mine.csv").write_text("mine")
     done = command("export", log, "--out", "mine.csv")
@@ -144,6 +169,16 @@ def test_control_characters_in_a_name_do_not_reach_the_terminal(command, tmp_pat
         (["export", "LOG", "--to", "xls"], "'xls' is not one of"),
         (["export", "LOG", "--to", "csv", "--out", "nowhere/x.csv"], "can't write"),
         (["export", "nowhere.mcap", "--to", "csv"], "No such file"),
+        (
+            ["export", "LOG", "--to", "csv", "--out", "x.csv", "--signals", "taw"],
+            "no signal 'taw'; did you mean 'tau'?",
+        ),
+        (["export", "LOG", "--out", "x.csv", "--signals", "force"], "no signal 'force'; did you mean 'f_contact_W'"),
+        (["export", "LOG", "--out", "x.csv", "--signals", "tau.w"], "tau has no component 'w'; choose from pitch, "),
+        (["export", "LOG", "--out", "x.npz", "--signals", "tau.x"], "this format has whole signals; name tau without"),
+        (["export", "LOG", "--out", "x.csv", "--rate", "300"], "300 Hz does not divide the log's 1000 Hz; the nearest"),
+        (["export", "LOG", "--out", "x.csv", "--rate", "2000"], "does not divide the log's 1000 Hz; the nearest: 1000"),
+        (["export", "LOG", "--out", "x.csv", "--rate", "50Hz"], "write the number alone, 50, in Hz"),
         (["info", "nowhere.mcap"], "No such file"),
         (["replay"], "Missing argument"),
         (["replay", "LOG", "--save", "x.rrd", "--web"], "exclude each other"),

@@ -133,6 +133,17 @@ def test_a_name_that_is_not_a_plain_word_is_refused(here, tmp_path, name):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(("word", "kind"), [("controller", "law"), ("navigation", "sensor"), ("guidance", "reference")])
+def test_a_table_and_its_words_name_the_kind_of_file(here, word, kind):
+    assert here("new", word, "mine").stdout == here("new", kind, "mine", "--force").stdout
+
+
+def test_a_kind_that_is_none_is_one_sentence(here):
+    done = here("new", "thruster", "mine")
+    assert done.exit_code == 2
+    assert done.stderr == "error: 'thruster': is not a kind of file; did you mean 'thrusters'?\n"
+
+
 def test_a_file_is_not_overwritten_without_force(here, tmp_path):
     (tmp_path / "mine.py").write_text("precious")
     done = here("new", "law", "mine")

@@ -1,13 +1,18 @@
 """The command `plot`."""
 
+import re
+import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
+from matplotlib.lines import Line2D
 
-from uvms_mj import McapLog, Scenario, simulate
-from uvms_mj.cli.plot import FORMATS, WHATS, plot
+from uvms_mj import McapLog, Scenario, Trace, simulate
+from uvms_mj.cli.plot import FORMATS, WHATS, WIDTHS, plot
 from uvms_mj.views import figures
+from uvms_mj.views.figures import style
 
 
 def test_plot_replaces_with_force_only(here):
@@ -37,6 +42,7 @@ def command(*arguments):
 def test_the_command_draws_beside_the_log_and_never_over_a_file(log, tmp_path):
     assert WHATS == figures.WHATS
     assert FORMATS == figures.FORMATS
+    assert WIDTHS == {"column": style.COLUMN_IN, "page": style.PAGE_IN}
     done = command(log)
     assert done.exit_code == 0, done.output
     assert done.stdout == f"{log.parent / 'summary.png'}\n"
@@ -54,10 +60,26 @@ def test_the_command_draws_beside_the_log_and_never_over_a_file(log, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["LOG", "--out", "x.gif"], "the name must end in one of .png, .svg, .pdf"),
+        (["LOG", "--out", "x.gif"], "the name must end in one of .png, .svg, .pdf, .pgf"),
         (["LOG", "--out", "nowhere/x.png"], "can't write it"),
         (["nowhere.mcap"], "No such file"),
-        (["LOG", "--what", "colour"], "'colour' is not one of"),
+        (
+            ["LOG", "--what", "colour"],
+            "colour: is neither a quantity to draw nor a recorded signal; choose from position",
+        ),
+        (["LOG", "--what", "velocty"], "did you mean 'velocity'?"),
+        (["LOG", "--what", "tau.w"], "tau has no component 'w'; choose from pitch, roll, x, y, yaw, z"),
+        (["LOG", "--what", "tau,"], "--what tau,: a name is empty"),
+        (
+            ["LOG", "--out", "y.png", "--from", "0,5"],
+            "--from '0,5': is not a finite number; a number has a decimal point and no comma: 0.5",
+        ),
+        (
+            ["LOG", "--out", "y.png", "--to", "500ms"],
+            "--to '500ms': is not a finite number; write the number alone, 0.5, in s",
+        ),
+        (["LOG", "--out", "y.png", "--from", "2"], "gsta: has 0 samples from 2 to 1 s; its samples are from 0 to 1 s"),
+        (["LOG", "--out", "y.png", "--width", "2"], "--width 2: must be from 4 to 100 cm"),
         ([], "Missing argument"),
     ],
 )
@@ -77,3 +99,64 @@ def test_a_log_that_was_cut_off_is_drawn_with_a_warning(log, tmp_path):
     assert done.exit_code == 0, done.output
     assert "cut off" in done.stderr
     assert "(truncated)" in (tmp_path / "cut.svg").read_text()
+
+
+def names_in(path):
+    """Names of the lines in an SVG, without the number behind each."""
+    return {re.sub(r"-\d+$", "", name) for name in re.findall(r'<g id="([^"]+)">', Path(path).read_text())}
+
+
+def test_signals_and_components_are_drawn_by_their_names(log, tmp_path):
+    whats = ("tau.x", "u.3", "nu", "quat_WB", "touches")
+    assert command(log, "--what", ",".join(whats[:2]), "--what", whats[2], "--out", tmp_path / "a.svg").exit_code == 0
+    names = names_in(tmp_path / "a.svg")
+    assert {"tau.x", "u.3", "nu.x", "nu.yaw"} <= names
+    assert not {"tau.y", "u.1"} & names
+    trace = Trace.load(log)
+    lines = {line.get_gid(): line.get_ydata() for line in figures.plot({"a": trace}, whats).findobj(Line2D)}
+    columns = {column.name: column.values for column in trace.columns()}
+    drawn = {name: values for gid, values in lines.items() if (name := re.sub(r"-\d+$", "", gid or "")) in columns}
+    assert drawn.keys() == {name for name in columns if name in whats or name.split(".")[0] in whats[2:]}
+    for name, values in drawn.items():
+        assert (values.min(), values.max()) == (columns[name].min(), columns[name].max())
+        assert np.isin(values, columns[name]).all()
+
+
+def test_a_window_of_time_is_drawn_from_its_first_to_its_last_sample(log, tmp_path, monkeypatch):
+    seen = {}
+
+    def spy(traces, whats, width):
+        seen.update(traces=traces, whats=whats, width=width)
+        return real(traces, whats, width)
+
+    real = figures.plot
+    monkeypatch.setattr(figures, "plot", spy)
+    size = ("--width", "12.7", "--out", tmp_path / "w.png")
+    assert command(log, "--from", "0.25", "--to", "0.5", "--what", "summary,push", *size).exit_code == 0
+    (trace,) = seen["traces"].values()
+    assert (trace.t[0], trace.t[-1], len(trace)) == (pytest.approx(0.25), pytest.approx(0.5), 251)
+    assert np.array_equal(trace.tau, Trace.load(log).tau[250:501])
+    assert seen["width"] == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize("what", ["attitude", "velocity", "thrusters"])
+def test_every_quantity_is_drawn_of_one_and_of_several_runs(log, tmp_path, what):
+    for logs in ((log,), (log, log)):
+        done = command(*logs, "--what", what, "--out", tmp_path / f"{len(logs)}.svg")
+        assert done.exit_code == 0, done.output
+        names = names_in(tmp_path / f"{len(logs)}.svg")
+        wanted = {"attitude": "quat_WB.yaw", "velocity": "nu.roll", "thrusters": "u.6"}[what]
+        assert {wanted} <= names
+
+
+def test_a_pgf_has_the_texts_for_latex_or_one_message_without_it(log, tmp_path, monkeypatch):
+    if shutil.which("pdflatex"):
+        assert command(log, "--what", "tau", "--out", tmp_path / "x.pgf").exit_code == 0
+        text = (tmp_path / "x.pgf").read_text()
+        assert r"actuation force $\tau$" in text
+        assert text.isascii()
+    monkeypatch.setenv("PATH", str(tmp_path))
+    done = command(log, "--what", "tau", "--out", tmp_path / "y.pgf")
+    assert done.exit_code == 2
+    assert done.stderr == "error: a .pgf needs pdflatex, xelatex or lualatex to measure its texts; .pdf needs none\n"
+    assert not (tmp_path / "y.pgf").exists()

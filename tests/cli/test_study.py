@@ -59,7 +59,7 @@ def test_the_engines_are_compared_and_a_difference_fails_the_study(here, monkeyp
     assert table["index"].nunique() >= 5
     assert table["within"].all()
     done = here("study", "s.toml", "-o", "strict", "-j", "2", "-q", "run.tolerance=0")  # they round differently
-    assert done.exit_code == 1
+    assert done.exit_code == 4
     assert "differs by" in done.stderr
     assert "run.tolerance is 0" in done.stderr
     row = int(done.stderr.split("row ")[1].split(",")[0])

@@ -2,6 +2,7 @@
 
 import ast
 import json
+import math
 import os
 import subprocess
 import sys
@@ -146,3 +147,43 @@ def test_the_fingerprint_covers_all_that_reaches_the_machine_code():
                 file = folder.with_suffix(".py")
                 todo += [file] if file.is_file() else [folder / f"{a.name}.py" for a in node.names]
     assert {str(path.relative_to(package)) for path in found - covered} <= {"errors.py", "quantities.py", "files.py"}
+
+
+@pytest.mark.slow
+def test_code_with_addresses_of_a_process_is_not_kept(tmp_path):
+    """A function of ctypes, an array that numba takes by its address, and an address as a number of another file: a
+    second process has its own, and each process gets what plain Python computes."""
+    (tmp_path / "other.py").write_text(
+        "import numpy as np\nfrom numba import types\nfrom numba.extending import intrinsic\n"
+        "kept = np.full(6, 4.0)\nADDRESS = kept.ctypes.data\n@intrinsic\ndef pointer(context, address):\n"
+        "    def generate(context, builder, signature, arguments):\n"
+        "        return builder.inttoptr(arguments[0], context.get_value_type(types.voidptr))\n"
+        "    return types.voidptr(types.int64), generate\n"
+    )
+    laws = {
+        "Called": "tau_cmd[0] = math_tanh(1.0)",
+        "Large": "tau_cmd[0] = large[7]",
+        "Strided": "tau_cmd[0] = strided[7]",
+        "Numbered": "tau_cmd[0] = numba.carray(pointer(ADDRESS), (6,), np.float64)[5]",
+    }
+    head = (
+        "import ctypes\nimport numba\nfrom other import ADDRESS, pointer\nmath_tanh = ctypes.CDLL(None).tanh\n"
+        "math_tanh.restype, math_tanh.argtypes = ctypes.c_double, (ctypes.c_double,)\n"
+        "large, strided = np.arange(2e5), np.arange(40.0)[::2]\n"
+    )
+    for name, line in laws.items():
+        law_file(tmp_path, head + one_liner(name, f"tau_cmd[:] = 0.0\n{line}"), f"{name}.py")
+    program = (
+        "import warnings\nfrom uvms_mj import Scenario, simulate\nwarnings.simplefilter('ignore')\n"
+        f"for name in {list(laws)}:\n"
+        "    trace = simulate(Scenario.load('push_wall', {'simulation.duration': 1e-3}, f'{name}.py:{name}'))\n"
+        "    assert not any('plain Python' in note for note in trace.notes)\n"
+        "    print(name, trace.tau[-1, 0], flush=True)\n"
+    )
+    env = os.environ | {"UVMS_MJ_CACHE_DIR": str(tmp_path / "cache")}
+    command = [sys.executable, "-c", program]
+    both = [subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True) for _ in range(2)]
+    assert [done.returncode for done in both] == [0, 0]
+    assert both[0].stdout == both[1].stdout
+    found = [float(line.split()[1]) for line in both[0].stdout.splitlines()]
+    assert found == pytest.approx([math.tanh(1.0), 7.0, 14.0, 4.0])

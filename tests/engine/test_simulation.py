@@ -644,3 +644,29 @@ class Mine(Controller):
     def law(gains, state, signals, state_dot, tau_cmd):
         tau_cmd[:] = blend(0.0)
 """
+
+
+@pytest.mark.parametrize(
+    ("scenario", "overrides"),
+    [
+        ("push_wall_gusts", {}),
+        ("push_wall", {"disturbance.amplitude": [5.0] * 6, "disturbance.frequency_hz": [1.0] * 6}),
+        ("push_wall", {"impedance.schedule": [{"time": 0.0, "K_f": [1.0] * 6}, {"time": 0.01, "K_f": [0.5] * 6}]}),
+        ("tool_push", {"impedance.M_d": "natural"}),
+    ],
+)
+def test_a_set_of_the_same_values_changes_no_signal_and_its_time_is_that_of_the_instant(scenario, overrides):
+    def numbers():
+        return {name: np.array(sim.signals[name]) for name in sim.signals}
+
+    with Simulation(Scenario.load(scenario, overrides)) as sim:
+        sim.step(37)
+        assert sim.signals.t == sim.t > 0.0
+        held, before = sim.signals, numbers()
+        tables = {table: value for table, value in sim.scenario.to_dict().items() if isinstance(value, dict)}
+        for table in ("current", "disturbance", "tether", "wall", "impedance", "estimates", "controller"):
+            sim.set(
+                {f"{table}.{word}": value for word, value in tables[table].items() if word not in ("name", "delay")}
+            )
+            for name, value in before.items():
+                np.testing.assert_array_equal(held[name], value, err_msg=f"{name} after a set of {table}")

@@ -21,12 +21,15 @@ def reach(end: tuple[float, ...], duration: float = 7.0) -> Motion:
     return Motion(0.0, duration, CubicSpline(t, q))
 
 
-def write(folder: Path, name: str, motion: Motion, variant: Variant, late: float = 0.0) -> None:
-    """Write the three files of a record. The clock of both instruments is late by a time [s]."""
+def write(folder: Path, name: str, motion: Motion, variant: Variant, late: float = 0.0, lost: float = 0.0) -> None:
+    """Write the three files of a record. The clock of both instruments is late by a time [s]. From 3 s on the pitch of
+    the motion capture is wrong by an angle [deg]: it takes one marker for another."""
     found = floating(motion, variant)
     measured = replace(found, t=found.t + late)
-    for instrument in ("mocap", "imu"):
-        quaternions(measured).to_csv(folder / f"{name}_{instrument}.csv", index=False)
+    wrong = np.zeros_like(found.angles)
+    wrong[found.t > 3.0, 1] = np.radians(lost)
+    quaternions(measured).to_csv(folder / f"{name}_imu.csv", index=False)
+    quaternions(replace(measured, angles=measured.angles + wrong)).to_csv(folder / f"{name}_mocap.csv", index=False)
     t = np.arange(motion.begin, motion.end, 0.016)
     columns = {f"{axis}_pos": q for axis, q in zip(AXES, (motion.q(t) + ZERO).T, strict=True)}
     pd.DataFrame({"time_secs": t} | columns).to_csv(folder / f"{name}_joint_states.csv", index=False)

@@ -13,7 +13,7 @@ from tree_run import JOINTS, TREE, tool_run
 from uvms_mj import InputError, Trace
 from uvms_mj.analysis.summary import summary
 from uvms_mj.stages.joint_signals import JOINT_SIGNALS
-from uvms_mj.stages.signals import OF_JOINTS
+from uvms_mj.stages.signals import BAND, OF_JOINTS
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def test_joint_states_are_the_signals_and_a_log_gives_the_trace_back(armed):
     assert {tuple(message.name) for message in states} == {JOINTS}
     for part, name in (("position", "q"), ("velocity", "q_dot"), ("effort", "tau_q")):
         assert np.array_equal([getattr(message, part) for message in states], trace[name]), name
-    assert {signal.name for signal in JOINT_SIGNALS if signal.shape == (0,)} == set(OF_JOINTS)
+    assert {signal.name for signal in JOINT_SIGNALS if signal.shape == (0,)} == {*OF_JOINTS} - {*BAND["tau_q"]}
     assert "/signals/q" not in topics
     limited = [message.data for _, message in topics["/running/joint_saturation_time"]]
     assert np.array_equal(limited, trace.joint_saturation_time)

@@ -10,7 +10,7 @@ import pytest
 from recorded import decoded, rewritten, same
 from uvms_mj import InputError, Status, Trace, simulate
 from uvms_mj.physics.frames import rotation_matrix
-from uvms_mj.records import scene
+from uvms_mj.plant import looks
 from uvms_mj.records.mcap import attachments, read_files, topics
 
 OLD = Path(__file__).parents[1] / "data" / "format_1.mcap"
@@ -96,7 +96,7 @@ def test_a_log_is_read_whatever_the_order_of_its_topics_and_the_looks_of_its_mar
     trace, _ = logged
     sampled = topics.sampled
     monkeypatch.setattr(topics, "sampled", lambda header: sampled(header)[::-1])
-    monkeypatch.setattr(scene, "WALL_RGBA", (1.0, 0.0, 0.0, 1.0))
+    monkeypatch.setattr(looks, "WALL_RGBA", (1.0, 0.0, 0.0, 1.0))
     trace.save(tmp_path / "run.mcap")
     monkeypatch.undo()
     same(trace, Trace.load(tmp_path / "run.mcap"))

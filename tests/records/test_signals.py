@@ -1,6 +1,7 @@
 """Every signal of a run reaches trace, log, export and table by itself, and an absent one is left out."""
 
 import dataclasses
+import itertools
 import re
 
 import numpy as np
@@ -9,10 +10,10 @@ from click.testing import CliRunner
 
 from recorded import decoded, same
 from traces import TASK, without
-from uvms_mj import InputError, Trace
+from uvms_mj import InputError, Scenario, Trace, simulate
 from uvms_mj.cli import main
 from uvms_mj.records.export import export
-from uvms_mj.stages.signals import GIVEN, RECORDED, Signal
+from uvms_mj.stages.signals import BAND, GIVEN, RECORDED, Signal
 
 
 def xyz(v):
@@ -67,5 +68,27 @@ def test_a_signal_that_is_not_recorded_has_no_topic(logged, tmp_path):
 
 def test_every_signal_is_in_the_table_of_the_command():
     shown = CliRunner().invoke(main, ["signals"], env={"COLUMNS": "200"}).output
-    for each in (*GIVEN, *RECORDED):
-        assert re.search(rf"\b{each.name}\b", shown), each.name
+    for name in (*(each.name for each in (*GIVEN, *RECORDED)), *itertools.chain(*BAND.values())):
+        assert re.search(rf"\b{name}\b", shown), name
+
+
+def test_bands_make_a_log_about_a_quarter_larger(tmp_path):
+    """As docs/log.md says."""
+    trace = simulate(Scenario.load("push_wall", {"simulation.duration": 2.0}), engine="free_body")
+    trace.save(tmp_path / "with.mcap")
+    without(trace, *itertools.chain(*(BAND[name] for name in ("tau", "s", "u", "push")))).save(
+        tmp_path / "without.mcap"
+    )
+    ratio = (tmp_path / "with.mcap").stat().st_size / (tmp_path / "without.mcap").stat().st_size
+    assert 1.2 < ratio < 1.3
+
+
+@pytest.mark.parametrize("wrong", [{"unit": "N"}, {"shape": (3,)}, {"frame": "W"}, {"name": "alone"}])
+def test_a_log_with_a_band_unlike_its_signal_is_refused(logged, tmp_path, wrong):
+    trace, _ = logged
+    odd = tuple(dataclasses.replace(s, **wrong) if s.name == "tau_low" else s for s in trace.signals)
+    arrays = {s.name: np.zeros((len(trace), *s.shape)) if s.name not in trace.arrays else trace[s.name] for s in odd}
+    arrays |= {s.name: np.zeros((len(trace), *s.shape)) for s in odd if s.shape != arrays[s.name].shape[1:]}
+    Trace(dataclasses.replace(trace.header, signals=odd), arrays, trace.outcome).save(tmp_path / "odd.mcap")
+    with pytest.raises(InputError, match="signals differ"):
+        Trace.load(tmp_path / "odd.mcap")

@@ -118,7 +118,7 @@ def test_auto_takes_the_engine_that_can_run_the_scenario(study_file):
 def test_metrics_of_a_user_are_columns(study_file, files):
     (row, _) = rows_of(study_file(runs=1, metrics=', "metric.py:number", "metric.py:several"'))
     assert row["number"] == 61.0
-    assert [row[f"several.{key}"] for key in ("first", "infinite", "none")] == [0.995, None, None]
+    assert [row[f"several.{key}"] for key in ("first", "infinite", "none")] == [0.995, math.inf, None]
 
 
 @pytest.mark.parametrize(

@@ -12,16 +12,17 @@ import rerun as rr
 from rerun.chunk import RrdReader
 
 from traces import TASK, without
-from uvms_mj import Trace
+from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.physics.frames import quat_from_euler_deg
+from uvms_mj.plant.solids import solids
 from uvms_mj.records import scene
+from uvms_mj.stages.signals import BAND
 from uvms_mj.views import colours
 from uvms_mj.views import rerun as rerun_view
 from uvms_mj.views.rerun import viewer
 from uvms_mj.views.rerun.extents import MOST_STEPS, Extents, readable
 from uvms_mj.views.rerun.layout import layout
 from uvms_mj.views.rerun.run import POSE_HZ, Run, bounds
-from uvms_mj.views.rerun.solids import solids
 
 
 def columns(path: Path) -> dict[str, dict[str, list]]:
@@ -93,8 +94,8 @@ def test_arrows_are_the_forces(trace, recording):
 
 def strong(trace: Trace, times: float) -> Trace:
     """The same run with forces multiplied by ``times``."""
-    arrays = {**trace.arrays, "tau": times * trace.tau, "f_contact_W": times * trace.f_contact_W}
-    return dataclasses.replace(trace, arrays=arrays)
+    names = ("tau", "f_contact_W", *BAND["tau"], *BAND["push"])
+    return dataclasses.replace(trace, arrays={**trace.arrays, **{name: times * trace[name] for name in names}})
 
 
 def test_no_arrow_leaves_the_scene(trace, tmp_path):
@@ -245,6 +246,31 @@ def test_blocks_and_thinning_change_nothing_but_the_number_of_samples(trace, tmp
     for path in whole.keys() - {"/push/analytic"}:  # this entity has a sample at the ends of each block
         assert whole[path] == pieces[path], path
     np.testing.assert_array_equal(np.array(whole["/signals/nu"]["Scalars:scalars"]), trace.nu[::7])
+    starts = np.concatenate([[0], np.arange(1, len(trace), 7)])[: len(trace.t[::7])]
+    for name, extreme in (("tau_low", np.minimum), ("tau_high", np.maximum)):
+        sent = np.array(whole[f"/signals/{name}/z"]["Scalars:scalars"])[:, 0]
+        last = (len(sent) - 1) * 7 + 1
+        np.testing.assert_array_equal(sent, extreme.reduceat(trace[name][:last, 2], starts))
+
+
+def test_a_live_view_of_every_step_hides_no_step(tmp_path):
+    """The law alternates at every step, and the viewer gets a tenth of the steps."""
+    full = simulate(Scenario.load("push_wall", {"simulation.duration": 0.3}), log_rate="full")
+    stream = rr.RecordingStream("test", send_properties=False)
+    stream.save(tmp_path / "live.rrd")
+    run = Run(full.header, row_steps=10)
+    run.begin(stream)
+    for first in range(0, len(full), 777):
+        run.write({s.name: full[s.name][first : first + 777].reshape(-1, s.size) for s in full.signals})
+    stream.flush()
+    stream.disconnect()
+    found = columns(tmp_path / "live.rrd")
+    rows = simulate(Scenario.load("push_wall", {"simulation.duration": 0.3}), log_rate=1000)
+    for name in ("tau", "s"):
+        for edge, values in zip(BAND[name], rows.band(name), strict=True):
+            sent = [found[f"/signals/{edge}/{axis}"]["Scalars:scalars"] for axis in "xyz"]
+            np.testing.assert_array_equal(np.concatenate(sent, axis=1), values[:, :3], err_msg=edge)
+    assert len(found["/signals/push_high"]["Scalars:scalars"]) == len(rows)
 
 
 def test_runs_stand_side_by_side_in_one_recording(trace, other, tmp_path):

@@ -7,10 +7,11 @@ from tree_run import tree_run
 from uvms_mj import Scenario, simulate
 from uvms_mj.files import shipped
 from uvms_mj.physics.frames import rotation_matrix
+from uvms_mj.plant import looks
 from uvms_mj.plant.geometry import Geometry
 from uvms_mj.plant.mjcf import Mjcf
+from uvms_mj.plant.solids import solids
 from uvms_mj.records import scene
-from uvms_mj.views.rerun.solids import solids
 
 
 def test_arrows_of_a_strong_vehicle_stay_in_the_scene_and_both_viewers_have_one_scale(trace):
@@ -62,7 +63,7 @@ def test_walls_and_contact_bodies_are_drawn_where_they_touch():
     face = np.array(plane.position) - plane.size[0] * rotation_matrix(np.array(plane.quat))[:, 0]
     assert face == pytest.approx(walls[0]["position"], abs=1e-12)
     assert (cylinder.kind, cylinder.size[0], sphere.kind, sphere.size[0]) == ("cylinder", 0.2, "sphere", 0.3)
-    box = scene.drawn_wall(Scenario.load("push_wall", {"walls": walls[3:]}).walls[0])
+    box = looks.drawn_wall(Scenario.load("push_wall", {"walls": walls[3:]}).walls[0])
     assert (box.kind, box.size) == ("box", (0.2, 0.3, 0.4))
     ball, capsule = drawn.vehicles[0].shapes[-2:]
     assert (ball.kind, ball.position, ball.size[0]) == ("sphere", (0.3, 0.1, 0.0), 0.05)

@@ -2,7 +2,7 @@
 
 The table has the maker's measurements (September 2019) at 10, 12, 14, 16, 18 and 20 V: thrust over the pulse width of
 the speed controller's command, on a test stand. The points in between are left out; the thrust at them differs from
-their line by at most 0.8 N. Between two voltages the thrust is interpolated linearly at equal pulse width.
+their line by at most 0.83 N. Between two voltages the thrust is interpolated linearly at equal pulse width.
 """
 
 from __future__ import annotations  # so that help(T200) shows short type names

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,8 +15,16 @@ SETTLED = 1e-3
 """Relative change over the final window below which a force counts as settled [1]."""
 AT_REST = 1e-4
 """Speed below which a vehicle without contact counts as settled [m/s, rad/s]."""
-AROUND_THE_END_S = 2.0 * FINAL_WINDOW_S
+TRENDS_S = (0.5, 1.0, 2.0, 4.0)
+"""Times over which :func:`trend` looks for a change of the force, twice each [s]."""
+AROUND_THE_END_S = 2.0 * TRENDS_S[-1] + FINAL_WINDOW_S
 """Length of the end of a run that :func:`final_force` needs [s]. The running signals cover the rest."""
+SLOWEST_S = 300.0
+"""Longest time constant of a trend [s]. A force that does not slow down is taken for one of this time constant."""
+ROUNDING = 1e-9
+"""Relative change of a mean force that may be of rounding [1]."""
+CHATTERING_S = 1.0
+"""Length of the end of a run over which chattering is measured [s]."""
 FAST_S = 0.01
 """Variation of tau that cancels within this time counts as chattering, not as control [s]."""
 FAST_PERIODS = 10
@@ -23,29 +32,78 @@ FAST_PERIODS = 10
 
 
 def final_force(trace: Trace) -> tuple[float | None, bool]:
-    """Mean pushing force over the last 0.5 s [N], and whether it has settled in this window.
+    """Mean pushing force over the last 0.5 s [N], and whether it has settled: in this window it varies by less than
+    0.1 %, and by its :func:`trend` less than 0.1 % is still to come.
 
     Both are computed from every step, at any log rate. For a run that stopped early, the window is the last 0.5 s of
-    its rows. The mean is still that of every step; the force has settled if no row in the window differs from it. A run
-    that diverged, or that has no 0.5 s, has not settled.
+    its rows. The mean is still that of every step; the force has settled if no row in the window, with its band,
+    differs from it. A run that diverged, or that has no 0.5 s, has not settled.
     """
+    mean, spread, lasted = _final_window(trace)
+    if mean is None or not lasted:
+        return mean, False
+    still = mean > 0.0 or bool(np.abs(trace.nu[-1]).max() < AT_REST)
+    change = trend(trace)
+    to_come = 0.0 if change is None else change.to_come
+    return mean, bool(still and max(spread, to_come) <= SETTLED * mean)
+
+
+def _final_window(trace: Trace) -> tuple[float | None, float, bool]:
+    """Mean force over the final window [N], largest minus least force in it [N], and whether the run has lasted so
+    long and did not diverge."""
     if len(trace) == 0:
-        return None, False
+        return None, 0.0, False
     t, impulse = trace.t, trace.impulse
     if trace.status is Status.completed and trace.duration_s >= FINAL_WINDOW_S:
         mean = float(trace.final_impulse[-1]) / FINAL_WINDOW_S
         spread = float(trace.final_high[-1] - trace.final_low[-1])
-        return mean, _at_rest(trace, mean, spread)
+        return mean, spread, True
     start = max(0, int(np.searchsorted(t, t[-1] - FINAL_WINDOW_S + 1e-9, side="right")) - 1)
     length = float(t[-1] - t[start])
     mean = float(impulse[-1] - impulse[start]) / length if length > 0.0 else float(trace.push[-1])
     whole = trace.status is not Status.unstable and length >= FINAL_WINDOW_S - 1e-9
-    return mean, whole and _at_rest(trace, mean, float(np.ptp([mean, *trace.push[start:]])))
+    rows = slice(start, start + 1), slice(start + 1, None)  # the band of the first row is of the time before
+    seen = [trace.push[rows[0]], *(edge[rows[1]] for edge in trace.band("push"))]
+    return mean, float(np.ptp([mean, *np.concatenate(seen)])), whole
 
 
-def _at_rest(trace: Trace, mean: float, spread: float) -> bool:
-    still = mean > 0.0 or bool(np.abs(trace.nu[-1]).max() < AT_REST)
-    return bool(still and spread <= SETTLED * mean)
+@dataclass(frozen=True)
+class Trend:
+    """A lasting change of the force at the end of a run: its rate [N/s], and how much of it is still to come [N]."""
+
+    rate: float
+    to_come: float
+
+
+def trend(trace: Trace) -> Trend | None:
+    r"""The lasting change of the pushing force at the end of a run; None if the force shows none.
+
+    With the means :math:`m_0, m_1, m_2` over 0.5 s that end at the end of the run and d and 2 d before it, the force
+    follows a trend if it has moved the same way twice, and by more than it varies within the last 0.5 s. An exponential
+    through the three means still moves by
+
+    .. math:: |m_0 - m_1| \frac{r}{1 - r}, \qquad r = \frac{m_0 - m_1}{m_1 - m_2}
+
+    d is the shortest time of :data:`TRENDS_S` with a trend. The factor of :math:`|m_0 - m_1|` is at most
+    :data:`SLOWEST_S` / d, and at least 1, because :math:`m_2` may be of the impact. The means come from the impulse,
+    hence from every step.
+    """
+    mean, spread, _ = _final_window(trace)
+    if not mean or not np.isfinite(trace.impulse[-1]):
+        return None
+    apart = trace.header.row_steps * trace.scenario.simulation.timestep
+    width, scale = max(FINAL_WINDOW_S, apart), max(1.0, apart / FINAL_WINDOW_S)
+    for d in (scale * each for each in TRENDS_S):
+        ends = trace.t[-1] - d * np.arange(3)
+        if ends[-1] - width < trace.t[0] - 1e-9:
+            return None
+        upper, lower = (np.interp(edges, trace.t, trace.impulse) for edges in (ends, ends - width))
+        now, before = -np.diff((upper - lower) / width)
+        if now * before > 0.0 and abs(now) > max(spread, ROUNDING * mean):
+            ratio = now / before
+            factor = min(SLOWEST_S / d, ratio / (1.0 - ratio) if ratio < 1.0 else np.inf)
+            return Trend(float(now / d), float(abs(now) * max(1.0, factor)))
+    return None
 
 
 def rest_force(trace: Trace) -> float | None:
@@ -77,25 +135,24 @@ def position_settling_time(trace: Trace, band: float = 0.02) -> float | None:
     """
     x = _origin(trace)[:, 0]
     final = _final_mean(trace, x)
-    return _settled(trace.t, x, final, band * abs(final - x[0]))
+    tolerance = band * abs(final - x[0])
+    since = settling_time(trace.t, x, final, tolerance)
+    return None if since is None or drifts(trace.t, x, since, tolerance) else since
 
 
 def force_settling_time(trace: Trace, band: float = 0.02) -> float | None:
     """Time from which the pushing force stays within the relative ``band`` about :func:`final_force` [s].
 
     None without contact, if the force has not settled according to :func:`final_force`, or if it :func:`drifts` at the
-    end of the run. The time comes from rows. The force may leave the band unnoticed between two rows, so the log needs
-    several rows per rebound.
+    end of the run. The time is that of a row. A force that leaves the band between two rows has not settled, unless an
+    older log does not have its extremes.
     """
     final, settled = final_force(trace)
     if not final or not settled:
         return None
-    return _settled(trace.t, trace.push, final, band * final)
-
-
-def _settled(t: np.ndarray, y: np.ndarray, final: float, tolerance: float) -> float | None:
-    since = settling_time(t, y, final, tolerance)
-    return None if since is None or drifts(t, y, since, tolerance) else since
+    away = np.maximum(*(np.abs(edge - final) for edge in trace.band("push")))
+    since = settling_time(trace.t, away, 0.0, band * final)
+    return None if since is None or drifts(trace.t, trace.push, since, band * final) else since
 
 
 def drifts(t: np.ndarray, y: np.ndarray, since: float, tolerance: float) -> bool:
@@ -128,12 +185,14 @@ def overshoot(trace: Trace) -> float | None:
 def impact_impulse(trace: Trace) -> float | None:
     """Impulse of the first touch, from first contact to the first loss of contact [N s]; None without contact.
 
-    The integral includes every step. The end of the touch is detected in the rows.
+    The integral includes every step, up to the row after the end of the touch.
     """
     begun = np.flatnonzero(trace.impulse > 0.0)
     if not len(begun):
         return None
-    free = np.flatnonzero(trace.push[begun[0] :] == 0.0)
+    low = trace.band("push")[0][begun[0] :].copy()
+    low[0] = trace.push[begun[0]]  # its band begins before the touch
+    free = np.flatnonzero(low == 0.0)
     return float(trace.impulse[begun[0] + free[0]] if len(free) else trace.impulse[-1])
 
 
@@ -232,6 +291,11 @@ def boundary_layer_share(trace: Trace, start: float = 0.0, end: float = np.inf) 
     """Fraction (6,) of the time with |s_i| < epsilon, over every step [1]; epsilon = 1e-3 for laws without epsilon."""
     inside, duration = gain(trace, "boundary_layer_time", start, end)
     return inside / max(duration, 1e-300)
+
+
+def magnitude(trace: Trace, name: str) -> np.ndarray:
+    """Largest |value| (n, ...) of each component of a signal since the row before, at every step."""
+    return np.maximum(*(np.abs(edge) for edge in trace.band(name)))
 
 
 def _origin(trace: Trace) -> np.ndarray:

@@ -11,8 +11,10 @@ from ..control.sampled import delay_faults, zeta_limit
 from ..control.theory import stage_notes
 from ..errors import Fault, InputError
 from ..plant.vehicle import AXES, notes_on_damping
+from ..quantities import radians_notes
 from ..scenario import STAGES
 from ..stages.base import Stage
+from .free_motion import free_motion_notes
 from .setup import Setup
 from .task_frame import task_faults, task_notes
 from .wall import wall_faults, wall_notes
@@ -63,6 +65,7 @@ def warnings_of(setup: Setup) -> list[str]:
             *_sampling_notes(setup),
             *posture_notes(setup),
             *task_notes(setup),
+            *free_motion_notes(setup),
             *stage_notes(scenario.controller, setup),
         ]
     rank = np.linalg.matrix_rank(vehicle.B)
@@ -74,7 +77,7 @@ def warnings_of(setup: Setup) -> list[str]:
         notes.append(
             f"{thrusters} {rank} of 6 axes{without}: tau is the wrench closest to tau_cmd that they can produce"
         )
-    return notes + notes_on_damping(vehicle)
+    return [*radians_notes(scenario.to_dict()), *notes, *notes_on_damping(vehicle)]
 
 
 def _timing_faults(setup: Setup) -> Iterator[Fault]:

@@ -25,6 +25,14 @@ def _force(trace: "Trace") -> tuple[float | None, bool]:
     return final_force(trace)
 
 
+def _trend(trace: "Trace") -> float | None:
+    """Rate of a lasting change of the force at the end of the run [N/s]; None if the force shows none."""
+    from .metrics import trend
+
+    found = trend(trace)
+    return None if found is None else found.rate
+
+
 def _analytic_N(trace: "Trace") -> float | None:
     """The closed form's force [N]; None without a closed form, or if the vehicle rests away from the wall."""
     return getattr(trace.analytic, "force", 0.0) or None
@@ -132,6 +140,7 @@ NUMBERS: "Mapping[str, Callable[[Trace], Any]]" = {
     "contact.impulse_Ns": _last("impulse"),
     "contact.final_N": lambda trace: _force(trace)[0],
     "contact.settled": lambda trace: _force(trace)[1],
+    "contact.trend_N_per_s": _trend,
     "contact.analytic_N": _analytic_N,
     "contact.relative_error": _relative_error,
     "noise.push_N": _push_deviation,
@@ -164,9 +173,9 @@ def _certified_rate(trace: "Trace") -> float | None:
 
 def _chattering(trace: "Trace") -> float | None:
     """Sum of the chattering indices of X, Y and Z over the last second [N/s]."""
-    from .metrics import AROUND_THE_END_S, chattering
+    from .metrics import CHATTERING_S, chattering
 
-    return float(chattering(trace, max(0.0, trace.t[-1] - AROUND_THE_END_S))[:3].sum()) if len(trace) else None
+    return float(chattering(trace, max(0.0, trace.t[-1] - CHATTERING_S))[:3].sum()) if len(trace) else None
 
 
 def _force_error(trace: "Trace") -> float | None:
@@ -194,12 +203,12 @@ METRICS: "Mapping[str, Callable[[Trace], Any]]" = {
 def summary(trace: "Trace", files: dict[str, str]) -> dict[str, Any]:
     """The numbers that ``uvms-mj run --json`` prints, with the paths of the written files by kind. Missing numbers and
     numbers that are not finite are None. The last :data:`.metrics.AROUND_THE_END_S` of a trace are enough."""
-    return _tree(numbers(trace, NUMBERS)) | {"files": files}
+    return _finite(_tree(numbers(trace, NUMBERS))) | {"files": files}
 
 
 def numbers(trace: "Trace", places: Iterable[str]) -> dict[str, Any]:
     """The numbers of :data:`METRICS` at these places, by place. Only these are computed."""
-    return {place: _finite(METRICS[place](trace)) for place in places}
+    return {place: METRICS[place](trace) for place in places}
 
 
 def summary_of_none(values: Mapping[str, Any], files: dict[str, str]) -> dict[str, Any]:

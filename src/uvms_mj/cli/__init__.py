@@ -11,7 +11,7 @@ import click
 from .certify import certify
 from .common import EXIT_BAD_INPUT, end
 from .converge import converge
-from .listing import controllers, keys, signals, stages
+from .listing import controllers, keys, metrics, signals, stages
 from .logs import export, info, replay
 from .new import new
 from .paper import paper
@@ -69,8 +69,9 @@ def main() -> None:
     uvms-mj stages                        guidance, navigation, task, laws and actuation with their settings
     uvms-mj vehicles                      the vehicles with their source, licence and trust
     uvms-mj new law my_law                a commented file of your own: a vehicle, a scenario, a law or another stage
-    uvms-mj keys                          all keys of a scenario
-    uvms-mj signals                       signals that a law receives, signals that a run records
+    uvms-mj keys wall                     the keys of a scenario; without a word all of them
+    uvms-mj signals law                   signals that a stage receives, signals that a run records
+    uvms-mj metrics                       metrics that a study can keep
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # for terminals whose encoding lacks a character
@@ -82,7 +83,7 @@ def main() -> None:
 for command in (
     *(run, study, tune, paper, practicality, validate, converge, certify),
     *(replay, plot, compare, info, export),
-    *(controllers, stages, vehicles, new, keys, signals),
+    *(controllers, stages, vehicles, new, keys, signals, metrics),
 ):
     main.add_command(command)
 

@@ -15,7 +15,7 @@ from .stop import Stop, exit_interrupted
 if TYPE_CHECKING:
     from ..records.trace import Trace
 
-EXIT_BAD_INPUT, EXIT_UNSTABLE = 2, 3
+EXIT_BAD_INPUT, EXIT_UNSTABLE, EXIT_ENGINES_DIFFER = 2, 3, 4
 
 
 def refuse_existing(option: str, path: Path, force: bool) -> None:

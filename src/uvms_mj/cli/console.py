@@ -151,7 +151,10 @@ def _contact_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str
             digits = 1 + math.floor(-math.log10(max(still, 1e-6))) if status == "completed" else 4
             yield "final force", f"{contact['final_N']:.{max(4, digits)}g} N (settled)"
         elif contact["final_N"] is not None:
+            rate = contact["trend_N_per_s"]
             settled = "not settled" if status in ("completed", "unstable") else f"{status} before it settled"
+            if status == "completed" and rate is not None:
+                settled = f"still changes by {rate:.2g} N/s"
             yield "final force", f"{contact['final_N']:.4g} N ({settled})"
     if status == "unstable":
         yield "analytic force", "not compared: the run diverged"

@@ -1,8 +1,11 @@
-"""``uvms-mj controllers``, ``stages``, ``keys`` and ``signals``: lists of laws, stages, scenario keys and signals."""
+"""``uvms-mj controllers``, ``stages``, ``keys``, ``signals`` and ``metrics``: lists of laws, stages, scenario keys,
+signals and metrics."""
 
 import dataclasses
+import difflib
+import itertools
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
 import click
@@ -31,7 +34,8 @@ def controllers(laws: tuple[str, ...]) -> None:
 @click.argument("names", nargs=-1, metavar="[ROOM] [STAGE]...")
 def stages(names: tuple[str, ...]) -> None:
     """List stages with their settings, units, defaults and states: all of them, those of ROOM (guidance, navigation,
-    control, actuation, or a table of a scenario), or each STAGE by its name or path/to/file.py:ClassName.
+    control, actuation, a table of a scenario, or a word for its stages such as law or sensor), or each STAGE by its
+    name or path/to/file.py:ClassName.
 
     \b
     uvms-mj stages navigation
@@ -41,18 +45,21 @@ def stages(names: tuple[str, ...]) -> None:
         from ..scenario import STAGES
 
         room = next((word for word in names[:1] if word in _rooms()), None)
-        choices = [choice for table, choice in STAGES.items() if room in (None, table, choice.base.room.name)]
+        choices = [choice for table, choice in STAGES.items() if room is None or table in _rooms()[room]]
         if wanted := names[1:] if room else names:
             _print_stages([cls for name in wanted for cls in _named(name, choices, room)])
         else:
             _print_stages([cls for choice in choices for cls in _shipped(choice).values()])
 
 
-def _rooms() -> set[str]:
-    """The names of the rooms, and of the tables of their stages."""
+def _rooms() -> dict[str, list[str]]:
+    """The tables of stages by each word for them: a table, a room, and the further words that messages understand."""
     from ..scenario import STAGES
+    from ..stages.words import tables_by_word
 
-    return {word for table, choice in STAGES.items() for word in (table, choice.base.room.name)}
+    named = [word for table, choice in STAGES.items() for word in (table, choice.base.room.name)]
+    rooms = {word: [t for t, choice in STAGES.items() if word in (t, choice.base.room.name)] for word in named}
+    return {word: [table] for word, table in tables_by_word(STAGES).items()} | rooms
 
 
 def _shipped(choice: "Choice[Any]") -> "dict[str, type[Stage]]":
@@ -81,8 +88,8 @@ def _named(name: str, choices: "list[Choice[Any]]", room: str | None) -> "list[t
         )
     if name.endswith(".py"):
         raise InputError(f"{name!r} names no class; {give_one(name, users_stages(name, ''))}")
-    rooms = set() if room or name in _rooms() else _rooms()
-    known = {each for stages in shipped for each in stages} | rooms
+    rooms = _rooms()
+    known = {each for stages in shipped for each in stages} | (set() if room or name in rooms else rooms.keys())
     hint, own = suggestion(name, known), "for your own give path/to/file.py:ClassName"
     raise InputError(f"no stage {name!r}{f' in {room}' if room else ''}; {hint}; {own}")
 
@@ -137,43 +144,151 @@ def toml_value(value: Any) -> str:
     return json.dumps(plain(value))
 
 
-@command()
-def keys() -> None:
-    """List all keys of a scenario with defaults and units."""
-    from ..scenario import keys as scenario_keys
+words_argument = click.argument("words", nargs=-1, metavar="[WORD]...")
 
+
+@command()
+@words_argument
+def keys(words: tuple[str, ...]) -> None:
+    """List the keys of a scenario with defaults and units: all of them, or those that begin with WORD, or, if there is
+    none, those with WORD in their name or meaning.
+
+    \b
+    uvms-mj keys wall
+    uvms-mj keys stiffness damping
+    """
+    with bad_input():
+        from ..scenario import STAGES
+        from ..scenario import keys as scenario_keys
+
+        def of_a_stage(word: str) -> str:
+            last = word.rpartition(".")[2].lower()
+            every = [cls for choice in STAGES.values() for cls in _shipped(choice).values()]
+            owners = [cls.label() for cls in every if last in (field.name.lower() for field in cls.setting_fields())]
+            return f"it is a setting of {', '.join(owners)}: uvms-mj stages {owners[0]}" if owners else ""
+
+        listed = list(scenario_keys())
+        near = {part for key, *_ in listed for part in (key, *key.split("."))}
+        wanted = _wanted(words, {key: meaning for key, _, meaning in listed}, "key", str.startswith, near, of_a_stage)
     title = "Keys of a scenario; `uvms-mj stages` lists the settings of each stage"
     table = table_of(title, "key", "default", "meaning")
-    for key, default, meaning in scenario_keys():
-        table.add_row(key, toml_value(default), meaning)
+    for key, default, meaning in listed:
+        if key in wanted:
+            table.add_row(key, toml_value(default), meaning)
     print_table(table)
 
 
-@command()
-def signals() -> None:
-    """List the signals that each stage receives and sets, and the signals that a run records."""
-    from ..scenario import STAGES
-    from ..stages.joint_signals import JOINT_SIGNALS, joints_given
-    from ..stages.signals import DELAYED, MEASURED, RECORDED, SCHEDULED, contact_signals, thruster_signal
+def _wanted(
+    words: Sequence[str],
+    meanings: Mapping[str, str],
+    noun: str,
+    named: Callable[[str, str], bool],
+    near: Iterable[str],
+    elsewhere: Callable[[str], str] = lambda word: "",
+) -> set[str]:
+    """The names that are meant by words: those for which ``named(name, word)`` is true, or if there is none, those with
+    the word in their name or meaning. All names without a word. Raises InputError if a word means none: the message has
+    the place where to look for it, ``elsewhere``, or a similar one of the words ``near``."""
+    from ..errors import InputError
 
+    found: set[str] = set() if words else {*meanings}
+    for word in words:
+        low = word.lower()
+        meant = {name for name in meanings if named(name.lower(), low)}
+        meant = meant or {name for name, meaning in meanings.items() if low in f"{name} {meaning}".lower()}
+        if not meant:
+            close = difflib.get_close_matches(word, sorted(near), 1)
+            hint = f"did you mean {close[0]!r}?" if close else f"uvms-mj {noun}s lists all"
+            raise InputError(f"no {noun} has {word!r} in its name or meaning; {elsewhere(word) or hint}")
+        found |= meant
+    return found
+
+
+@command()
+@words_argument
+def signals(words: tuple[str, ...]) -> None:
+    """List the signals that each stage receives and sets, and the signals that a run records. First WORDs for stages
+    (law, sensor, thrusters, ...), or "recorded", choose the lists. Each other WORD chooses the signal of this name, or,
+    if there is none, the signals with WORD in their name or meaning.
+
+    \b
+    uvms-mj signals law
+    uvms-mj signals recorded force
+    """
+    with bad_input():
+        from ..scenario import STAGES
+        from ..stages.joint_signals import JOINT_SIGNALS, joints_given
+        from ..stages.signals import (
+            BAND,
+            DELAYED,
+            MEASURED,
+            PUSH,
+            RECORDED,
+            SCHEDULED,
+            band_signals,
+            contact_signals,
+            thruster_signal,
+        )
+
+        rooms_by_word = _rooms() | {"recorded": []}
+        kinds = tuple(itertools.takewhile(rooms_by_word.__contains__, words))
+        chosen = [table for table in STAGES if not kinds or any(table in rooms_by_word[kind] for kind in kinds)]
+        rooms = [STAGES[table].base.room for table in chosen]
+        groups = [(f"Inputs of the {room.noun}: {room.arguments[2]}.<name>", room.given(0)) for room in rooms]
+        groups += [
+            (f"Outputs of the {room.noun}: {room.arguments[4]}.<name>", room.out) for room in rooms if len(room.out) > 1
+        ]
+        if not kinds or "recorded" in kinds:
+            title = "Recorded signals: trace.<name>; the states of the stages are recorded too"
+            shown = (
+                *RECORDED,
+                *MEASURED,
+                *SCHEDULED,
+                *DELAYED,
+                *contact_signals(0),
+                thruster_signal(0),
+                *JOINT_SIGNALS,
+            )
+            groups.append((title, shown))
+            bands = [edge for signal in (*shown, PUSH) if signal.name in BAND for edge in band_signals(signal)]
+            groups.append(
+                ("Bands: recorded where rows are further apart than steps; trace.band(<name>) has both", bands)
+            )
+        meanings = {signal.name: signal.meaning for _, listed in groups for signal in listed}
+        wanted = _wanted(words[len(kinds) :], meanings, "signal", str.__eq__, {*meanings, *rooms_by_word})
     of_contacts = {signal.name for signal in contact_signals(0)}
-    of_joints = {signal.name for signal in (*JOINT_SIGNALS, *joints_given(0))}
-    rooms = [choice.base.room for choice in STAGES.values()]
-    inputs = [(f"Inputs of the {room.noun}: {room.arguments[2]}.<name>", room.given(0)) for room in rooms]
-    outputs = [
-        (f"Outputs of the {room.noun}: {room.arguments[4]}.<name>", room.out) for room in rooms if len(room.out) > 1
-    ]
-    recorded = (
-        "Recorded signals: trace.<name>; the states of the stages are recorded too",
-        (*RECORDED, *MEASURED, *SCHEDULED, *DELAYED, *contact_signals(0), thruster_signal(0), *JOINT_SIGNALS),
-    )
-    for title, listed in (*inputs, *outputs, recorded):
+    of_joints = {signal.name for signal in (*JOINT_SIGNALS, *joints_given(0))} | {*BAND["tau_q"]}
+    for title, listed in groups:
         columns = ("name", "shape", "unit", "frame", "meaning")
         table = table_of(title, *columns, fixed=("name", "shape"), min_width=80)
-        for signal in listed:
+        for signal in (signal for signal in listed if signal.name in wanted):
             counted = (
                 "contacts" if signal.name in of_contacts else "joints" if signal.name in of_joints else "thrusters"
             )
             shape = " x ".join(str(length) if length else counted for length in signal.shape)
             table.add_row(signal.name, shape or "scalar", signal.unit, signal.frame, signal.meaning)
+        if table.row_count:
+            print_table(table)
+
+
+@command()
+@words_argument
+def metrics(words: tuple[str, ...]) -> None:
+    """List the metrics that a study can keep. Each WORD chooses the metric of this name, or, if there is none, the
+    metrics with WORD in their name or meaning.
+
+    They are the names in keep.metrics and [success] of a study, and in [objective] and [[constraint]] of a tuning. A
+    metric of your own is path/to/file.py:function.
+
+    \b
+    uvms-mj metrics contact
+    """
+    with bad_input():
+        from ..studies.plan.metric import MEANINGS, columns_of, unit_of_column
+
+        wanted = _wanted(words, MEANINGS, "metric", str.__eq__, MEANINGS)
+        table = table_of("Metrics of a run", "name", "unit", "meaning", fixed=("name",), min_width=80)
+        for name, said in ((name, said) for name, said in MEANINGS.items() if name in wanted):
+            parts = [column.removeprefix(f"{name}.") for column in columns_of(name)]
+            table.add_row(name, unit_of_column(name), said + (f"; .{', .'.join(parts)}" if parts != [name] else ""))
         print_table(table)

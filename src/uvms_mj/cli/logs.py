@@ -9,7 +9,7 @@ import click
 
 from .common import bad_input, end, refuse_existing
 from .console import Console, log_tables, warn
-from .options import command, force_option, json_option, path_argument, path_option
+from .options import command, force_option, json_option, names_in, number, path_argument, path_option
 from .stop import exit_interrupted
 
 if TYPE_CHECKING:
@@ -45,7 +45,9 @@ def info(log: str, show: str | None, as_json: bool) -> None:
         say_if_truncated(log, trace)
         report = summary(trace, {"mcap": log})
         if as_json:
-            stages = {name: {"source": s.source, "sha256": s.sha256} for name, s in header.sources.items()}
+            stages = {
+                name: {"source": s.source, "sha256": s.sha256, "files": s.digests} for name, s in header.sources.items()
+            }
             about = {"versions": dict(header.versions), "law": stages["controller"], "stages": stages}
             about |= {"engine": header.engine}
             signals = {s.name: {"shape": list(s.shape), "unit": s.unit, "frame": s.frame} for s in trace.signals}
@@ -60,16 +62,26 @@ def info(log: str, show: str | None, as_json: bool) -> None:
 @path_argument("log", metavar="LOG")
 @click.option("--to", "kind", type=click.Choice(FORMATS), help="Format [default: by the ending of --out].")
 @path_option("-o", "--out", metavar="FILE", help="Output file [default: beside the log].")
+@click.option(
+    "--signals",
+    "chosen",
+    multiple=True,
+    metavar="NAME[,NAME]",
+    help="Signals, or in CSV and Parquet components such as tau.x; t is always there; may be repeated [default: all].",
+)
+@click.option("--rate", metavar="HZ", help="Rows per second, which must divide the log's own [default: all rows].")
 @force_option
-def export(log: str, kind: str | None, out: str | None, force: bool) -> None:
-    """Write a log's samples in another format, with their units.
+def export(log: str, kind: str | None, out: str | None, chosen: tuple[str, ...], rate: str | None, force: bool) -> None:
+    """Write a log's samples in another format, with their units. uvms-mj info LOG lists the signals.
 
     \b
     uvms-mj export results/run.mcap --to csv
     uvms-mj export results/run.mcap --out force.parquet
+    uvms-mj export results/run.mcap --to csv --signals p_WB,tau.x --rate 50
     """
     with bad_input():
         from ..errors import InputError
+        from ..records.export import at_rate
         from ..records.export import export as write
 
         suffix = Path(out or "").suffix.lower().removeprefix(".")
@@ -79,8 +91,11 @@ def export(log: str, kind: str | None, out: str | None, force: bool) -> None:
             raise InputError(f"--out {out}: does not fit --to {kind}; the name must end in .{kind}")
         kind = kind or suffix
         path = Path(out) if out is not None else Path(log).with_suffix(f".{kind}")
+        names = names_in("--signals", chosen)
         (trace,) = loaded((log,)).values()
-        write(trace, kind, path, force)
+        if rate is not None:
+            trace = at_rate(trace, number("--rate", rate, "Hz", 1e-9, 1e9))
+        write(trace, kind, path, force, names)
         click.echo(str(path))
 
 

@@ -22,7 +22,7 @@ KINDS = {
 
 
 @command()
-@click.argument("kind", type=click.Choice(list(KINDS)), metavar="|".join(KINDS))
+@click.argument("kind", metavar="|".join(KINDS))
 @click.argument("name")
 @path_option("-o", "--out", metavar="FOLDER", default=".", help="Folder of the new file [default: here].")
 @force_option
@@ -37,6 +37,7 @@ def new(kind: str, name: str, out: str, force: bool) -> None:
         from ..errors import InputError
         from ..files import whole
 
+        kind = kind if kind in KINDS else _kind_of(kind)
         cls = "".join(word[:1].upper() + word[1:] for word in name.split("_"))
         if not name.isascii() or any(not word.isidentifier() or keyword.iskeyword(word) for word in (name, cls)):
             hint = f"must be a word of letters, digits and _ that begins with a letter, as my_{kind}"
@@ -49,3 +50,16 @@ def new(kind: str, name: str, out: str, force: bool) -> None:
         with whole(path) as part:
             part.write_text(text, encoding="utf-8")
     click.echo(f"{path}: {use.format(file=path, cls=cls)}")
+
+
+def _kind_of(word: str) -> str:
+    """The kind of file that a word for stages means: ``law`` of ``controller``. Raises InputError if there is none."""
+    from ..errors import InputError, suggestion
+    from ..scenario import STAGES
+    from ..stages.words import tables_by_word
+
+    tables = {table: table for table in STAGES} | tables_by_word(STAGES)
+    for kind in KINDS:
+        if word in tables and tables[word] == tables.get(kind):
+            return kind
+    raise InputError(f"{word!r}: is not a kind of file; {suggestion(word, KINDS)}")

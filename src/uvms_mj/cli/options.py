@@ -74,6 +74,29 @@ workers_option = click.option(
 force_option = click.option("-f", "--force", is_flag=True, help="Replace FILE if it exists.")
 
 
+def names_in(option: str, words: Sequence[str]) -> list[str]:
+    """The names in the words of an option, which may be separated by commas. Raises InputError for an empty one."""
+    from ..errors import InputError
+
+    names = [name.strip() for word in words for name in word.split(",")]
+    if "" in names:
+        raise InputError(f"{option} {','.join(words)}: a name is empty; write NAME or NAME,NAME")
+    return names
+
+
+def number(option: str, text: str, unit: str, low: float, high: float) -> float:
+    """The number of an option's text. Raises InputError if it is none, or out of range."""
+    from ..errors import InputError, number_hint
+
+    try:
+        value = float(text)
+    except ValueError:
+        raise InputError(f"{option} {text!r}: is not a finite number{number_hint(text, unit)}") from None
+    if not low <= value <= high:
+        raise InputError(f"{option} {text}: must be from {low:g} to {high:g} {unit}")
+    return value
+
+
 def asked_for(
     arguments: Sequence[str], settings: Sequence[str], noun: str = "scenario"
 ) -> tuple[str | None, dict[str, Any]]:

@@ -1,16 +1,22 @@
 """``uvms-mj plot`` and ``uvms-mj compare``: plots of logs, and one HTML page for any logs."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from .common import bad_input, draw_to_files, refuse_existing
 from .logs import loaded
-from .options import command, force_option, path_option
+from .options import command, force_option, names_in, number, path_option
 
-WHATS = ("position", "force", "sliding", "tau", "integral", "joints", "summary")
+if TYPE_CHECKING:
+    from ..records.trace import Trace
+
+WHATS = ("position", "attitude", "velocity", "force", "sliding", "tau", "thrusters", "integral", "joints", "summary")
 """The choices of :mod:`uvms_mj.views.figures`, repeated here because its import is too slow for ``--help``."""
-FORMATS = ("png", "svg", "pdf")
+FORMATS = ("png", "svg", "pdf", "pgf")
+WIDTHS = {"column": 3.4, "page": 7.1}
+"""Widths of a figure by name [in]."""
 _CAPTIONS = {
     "position": "Position in W and its reference",
     "force": "Contact force",
@@ -22,20 +28,42 @@ _CAPTIONS = {
 
 @command()
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...")
-@click.option("--what", type=click.Choice(WHATS), default="summary", show_default=True, help="Signals to plot.")
+@click.option(
+    "--what",
+    "whats",
+    multiple=True,
+    metavar="NAME[,NAME]",
+    help=f"What to plot: {', '.join(WHATS)}, a recorded signal or a component of one, such as nu or tau.x; "
+    "may be repeated [default: summary].",
+)
+@click.option("--from", "start", metavar="SECONDS", help="Plot from this time on [default: the start].")
+@click.option("--to", "end", metavar="SECONDS", help="Plot up to this time [default: the end].")
+@click.option("--width", metavar="CM", help="Width in cm, or column (8.6) or page (18).")
 @path_option(
-    "-o", "--out", metavar="FILE", help="Output file, .png, .svg or .pdf [default: WHAT.png beside the first LOG]."
+    "-o",
+    "--out",
+    metavar="FILE",
+    help="Output file, .png, .svg, .pdf or .pgf [default: NAME.png beside the first LOG].",
 )
 @force_option
-def plot(logs: tuple[str, ...], what: str, out: str | None, force: bool) -> None:
+def plot(
+    logs: tuple[str, ...],
+    whats: tuple[str, ...],
+    start: str | None,
+    end: str | None,
+    width: str | None,
+    out: str | None,
+    force: bool,
+) -> None:
     """Plot a log, or several logs on the same axes, each in the colour of its law.
 
     In a plot of the force, "expected" is K_x (x_d - x_c), for a rigid wall, and "analytic" the law's closed form of the
-    force at rest at this wall.
+    force at rest at this wall. A .pgf needs a LaTeX to measure its texts. uvms-mj info LOG lists the recorded signals.
 
     \b
     uvms-mj plot results/run.mcap
     uvms-mj plot results/run.mcap --what force --out force.svg
+    uvms-mj plot results/run.mcap --what tau.x,p_WB --from 5 --to 6 --width 12
     uvms-mj plot gsta/run.mcap fosm/run.mcap --what tau
     """
     draw_to_files()
@@ -43,13 +71,34 @@ def plot(logs: tuple[str, ...], what: str, out: str | None, force: bool) -> None
         from ..errors import InputError
         from ..views import figures
 
-        path = Path(out) if out is not None else Path(logs[0]).parent / f"{what}.png"
+        names = names_in("--what", whats) or ["summary"]
+        path = Path(out) if out is not None else Path(logs[0]).parent / f"{'_'.join(names)[:60]}.png"
         kind = path.suffix.removeprefix(".")
         if kind not in FORMATS:
             raise InputError(f"--out {path}: the name must end in one of .{', .'.join(FORMATS)}")
         refuse_existing("--out", path, force)
-        (written,) = figures.save(figures.plot(loaded(logs), what), path.with_suffix(""), (kind,))
+        inches = None if width is None else WIDTHS.get(width) or number("--width", width, "cm", 4.0, 100.0) / 2.54
+        traces = {label: _between(label, trace, start, end) for label, trace in loaded(logs).items()}
+        (written,) = figures.save(figures.plot(traces, names, inches), path.with_name(path.stem), (kind,))
         click.echo(str(written))
+
+
+def _between(label: str, trace: "Trace", start: str | None, end: str | None) -> "Trace":
+    """The rows of a trace from a time to a time [s]. Raises InputError unless there are two rows between them."""
+    from ..errors import InputError
+    from ..records.trace import Trace
+
+    if (start is None and end is None) or len(trace) < 2:
+        return trace
+    first, last = float(trace.t[0]), float(trace.t[-1])
+    low = first if start is None else number("--from", start, "s", 0.0, 1e7)
+    high = last if end is None else number("--to", end, "s", 0.0, 1e7)
+    half = 0.5 * trace.header.row_steps * trace.scenario.simulation.timestep
+    chosen = (trace.t > low - half) & (trace.t < high + half)
+    if chosen.sum() < 2:
+        found = f"{chosen.sum()} samples from {low:g} to {high:g} s"
+        raise InputError(f"{label}: has {found}; its samples are from {first:g} to {last:g} s")
+    return Trace.of(trace.header, trace.rows()[chosen], trace.outcome)
 
 
 @command()

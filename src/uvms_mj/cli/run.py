@@ -122,9 +122,14 @@ def _from_log(
         if overrides.get(f"{name}.name", controller if name == "controller" else None) is None:
             noun, code = STAGES[name].base.room.noun, code_file(name, then.source)
             option = "--controller " if name == "controller" else f"--set {name}.name="
+            folder = code.rpartition("/")[0]
+            beside = "".join(
+                f", `--show {folder}/{name}` the file {name} that it reads beside it" for name in then.files
+            )
             raise InputError(
                 f"{log} was made by the {noun} {then.source}. Code from a log is never executed: name the {noun}'s "
-                f"file with {option}path/to/{then.source} (`uvms-mj info {log} --show {code}` prints the recorded code)"
+                f"file with {option}path/to/{then.source} (`uvms-mj info {log} --show {code}` prints the recorded "
+                f"code{beside})"
             )
     scenario = header.scenario.updated(overrides, controller, place=log, note=warn)
     _warn_of_changes(header, scenario)
@@ -142,6 +147,9 @@ def _warn_of_changes(header: "Header", scenario: "Scenario") -> None:
         if then.sha256 and now.sha256 and now.sha256 != then.sha256:
             digests = f"sha256 {then.sha256[:12]}... then, {now.sha256[:12]}... now"
             warn(f"{now.source} differs from the recorded code: {digests}")
+        files = [file for file in {**then.files, **now.files} if then.files.get(file) != now.files.get(file)]
+        if now.sha256 and then.sha256 and files:
+            warn(f"{now.source}: {', '.join(files)} differs from the recorded file")
     ours = versions()
     changed = [f"{k} {v} then, {ours[k]} now" for k, v in header.versions.items() if ours.get(k, v) != v]
     if changed:

@@ -42,9 +42,9 @@ def study_report(folder: str, out: str | None, force: bool) -> None:
 
         if not Path(folder).is_dir():
             raise InputError(f"{folder}: is not a folder with the results of a study")
-        study = Study.that_ran(Path(folder))
+        study = Study.load(folder)
         path = Path(folder, PAGE) if out is None else Path(out)
-        pages.write(path, page(study.plan, study.frame, folder, _versions(Path(folder)), _checked(study)))
+        pages.write(path, page(study.plan_of_results, study.frame, folder, _versions(Path(folder)), _checked(study)))
         click.echo(path)
 
 

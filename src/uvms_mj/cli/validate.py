@@ -34,8 +34,9 @@ def pool(data: str, out: str | None, workers: int | None, as_json: bool) -> None
 
     For every trial in DIR the vehicle floats freely, its thrusters off, and the arm is driven along the measured joint
     angles. The page report.html has measured and simulated roll, pitch and yaw, their errors, those without the links'
-    added mass and drag, with lumped added mass and with a fitted metacentric height, and the motion that would tell
-    these models apart. A trial is NAME_mocap.csv, NAME_imu.csv and NAME_joint_states.csv, as Kolano and Davidson
+    added mass and drag, with lumped added mass, with a fitted metacentric height and of naive models (hydrostatics
+    alone, a constant pitch), and the motion that would tell these models apart. A trial whose two instruments disagree
+    is named and counts in no mean. A trial is NAME_mocap.csv, NAME_imu.csv and NAME_joint_states.csv, as Kolano and Davidson
     publish them in UVMS-SysID-with-EAs. It takes about a minute.
 
     \b
@@ -66,13 +67,18 @@ def pool(data: str, out: str | None, workers: int | None, as_json: bool) -> None
 
 
 def _table(found: dict[str, Any]) -> None:
-    table = table_of(f"{len(found['trials'])} trials: mean rms error of the pitch", "model", fixed=("deg",))
-    table.add_column("deg", justify="right")
-    for name, value in found["mean_rms_pitch_deg"].items():
-        table.add_row(name, f"{value:.3f}")
-    others = f"height fitted on {', '.join(found['fitted_on'])}; mean of the other trials"
-    table.add_row(others, f"{found['mean_rms_pitch_fitted_deg']:.3f}")
+    heads = ("mean [deg]", "median [deg]", "trials")
+    table = table_of(f"{len(found['trials'])} trials: rms error of the pitch", "model", fixed=heads)
+    for head in heads:
+        table.add_column(head, justify="right")
+    for name, mean in found["mean_rms_pitch_deg"].items():
+        table.add_row(name, f"{mean:.3f}", f"{found['median_rms_pitch_deg'][name]:.3f}", str(found["judged_on"][name]))
     print_table(table)
+    click.echo(f"height fitted on {', '.join(found['fitted_on'])}, and judged on the others")
+    if found["disagreeing"]:
+        differ = dict(zip(found["trials"], found["instruments_differ_deg"], strict=True))
+        names = ", ".join(f"{name} ({differ[name]:.1f} deg)" for name in found["disagreeing"])
+        click.echo(f"left out, since the two instruments differ by more than {found['agree_within_deg']:g} deg: {names}")
 
 
 validate.add_command(pool)

@@ -5,7 +5,8 @@ import numpy as np
 
 from ..analysis.setup import Setup
 from ..plant.build import set_wall
-from ..plant.contacts import face_of
+from ..plant.contacts import face_of, surfaces_of
+from ..plant.looks import aim, move_walls
 from ..plant.vehicle import free_joint_addresses
 from .base import Engine
 from .native.attachment import immerse
@@ -25,6 +26,9 @@ class MujocoEngine(Engine):
     def __init__(self, setup: Setup) -> None:
         self._plant = plant = setup.plant
         self._model, self._data = plant.model, plant.initial_data(setup.scenario.initial)
+        self._drawn, start = plant.walls, setup.scenario.initial.position
+        if plant.looks:
+            aim(self._model, start, next((wall.position[0] for wall in plant.walls), start[0]), plant.geometry.reach)
         self._attachment = immerse(self._model, self._data, plant.vehicle)
         self.water = self._attachment.water
         self.context, self.state = self._attachment.context, (self._data.qpos, self._data.qvel)
@@ -32,6 +36,7 @@ class MujocoEngine(Engine):
         self.qpos, self.qvel = self._data.qpos[qpos : qpos + 7], self._data.qvel[dof : dof + 6]
         self._q = self._data.qpos[qpos + 7 : qpos + 7 + len(plant.vehicle.arm.links)]
         sensors = {f"{name}_at": self._data.sensordata[address:] for name, address in plant.sensors.items()}
+        self._place()
         self.memory = {"qacc_at": self._data.qacc[dof:], "ctrl_at": self._data.ctrl, **sensors}
 
     @property
@@ -51,14 +56,23 @@ class MujocoEngine(Engine):
     def write_wall(self, setup: Setup) -> None:
         probe = self._plant.probe
         set_wall(self._model, probe.body, setup.scenario.wall, face_of(setup.scenario, probe.radius))
+        if self._plant.looks and (walls := surfaces_of(setup.scenario, probe.radius)) != self._drawn:
+            move_walls(self._model, walls)
+            self._drawn = walls
 
     def write_initial(self, setup: Setup) -> None:
         super().write_initial(setup)
         self._q[:] = self._plant.initial_joints(setup.scenario.initial)
 
     def sense(self) -> None:
-        mujoco.mj_kinematics(self._model, self._data)  # the wall's sensors get the values of the coming step
-        mujoco.mj_sensorPos(self._model, self._data)
+        self._place()
+        mujoco.mj_sensorPos(self._model, self._data)  # the wall's sensors get the values of the coming step
+
+    def _place(self) -> None:
+        """Compute the poses of bodies, and of camera and light for a picture between two steps."""
+        mujoco.mj_kinematics(self._model, self._data)
+        if self._plant.looks:
+            mujoco.mj_camlight(self._model, self._data)
 
     def check(self, t: float, timestep: float) -> None:
         if abs(self._data.time - t) > 0.5 * timestep or self._model.opt.timestep != timestep:

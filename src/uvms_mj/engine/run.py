@@ -93,7 +93,7 @@ def simulate(
             needed = f"a run needs another {stage.room.noun}"
             wrong = f"{stage.label()} leaves {sets} to the caller of a Simulation; {needed}"
             raise InputError([Fault(f"{table}.name", wrong)], "scenario")
-    with mujoco_warnings(), Simulation(scenario, engine=engine, mjcf=mjcf) as sim:
+    with mujoco_warnings(), Simulation(scenario, engine=engine, mjcf=mjcf, looks=False) as sim:
         notes = sim.notes
         for note in notes:
             slow = note in sim.slow_stages

@@ -1,5 +1,6 @@
 """``Simulation``: a scenario that its caller steps. ``simulate`` is built on it."""
 
+import dataclasses
 import time
 import weakref
 from collections.abc import Mapping
@@ -46,6 +47,8 @@ class Simulation:
         engine: "mujoco", or "free_body", which steps one free vehicle without MuJoCo, several times as fast
             (:mod:`.free_engine`).
         mjcf: the vehicle's model, in place of the file of ``scenario.vehicle.model``.
+        looks: whether ``model`` has the looks of the vehicle and the walls, water behind them, light, and the camera
+            "overview". They change no number and cost a step nothing; without them, a Simulation is made sooner.
 
     Attributes:
         engine: the engine's name.
@@ -59,9 +62,17 @@ class Simulation:
         InputError: the input is invalid, or the engine can't run the scenario.
     """
 
-    def __init__(self, scenario: Scenario | None = None, *, engine: str = "mujoco", mjcf: Mjcf | None = None) -> None:
-        scenario = valid_scenario(scenario)
-        self.setup = checked(scenario, mjcf)
+    def __init__(
+        self,
+        scenario: Scenario | None = None,
+        *,
+        engine: str = "mujoco",
+        mjcf: Mjcf | None = None,
+        looks: bool = True,
+    ) -> None:
+        self.setup = checked(valid_scenario(scenario), mjcf)
+        if looks:
+            self.setup = dataclasses.replace(self.setup, plant=dataclasses.replace(self.setup.plant, looks=True))
         self._base, self._touched = self.setup, frozenset[str]()  # the latter: what the last reset and set have touched
         self._engine = engine_of(engine, self.setup)
         self._finalizer = weakref.finalize(self, self._engine.close)
@@ -179,6 +190,8 @@ class Simulation:
                 raise InputError([Fault(name, "can't change during a run; give it to reset") for name in fixed], "set")
             self._memory.rewrite(setup, touched)
             self.setup, self._touched = setup, self._touched | touched
+            if self._ready:
+                self._prepare()  # the water at the instant in hand
 
     def step(self, n: int = 1) -> None:
         """Take n time steps, at native speed and without Python's global lock.

@@ -96,7 +96,7 @@ class Push:
         if force_d is None:
             force_d = demanded_force(self.scenario, self.scenario.wall.stiffness)
         checked = functools.partial(_checked, faults)
-        self.randomise = checked(_bounds, self.scenario, randomise)
+        self.randomise = checked(_bounds, randomise)
         wanted = "a positive force [N]; without it, it is the one that the scenario's impedance demands"
         self.force_d = checked(_positive, "force_d", force_d, ((), (1,)), wanted)
         self.wrench_scale = checked(_positive, "wrench_scale", wrench_scale, ((6,),), "six positive numbers [N, N m]")
@@ -108,6 +108,7 @@ class Push:
         if faults:
             raise InputError(faults, "push")
         self.simulation = Simulation(self.scenario)
+        _try_out(self.simulation, self.randomise)
         absent = [name for name in _names("observe", observe) if name not in self.simulation.signals]
         if absent:
             choices = list(self.simulation.signals)
@@ -213,8 +214,8 @@ def _random(seed: Any) -> np.random.Generator:
     return np.random.default_rng(seed)
 
 
-def _bounds(scenario: Scenario, randomise: Any) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Bounds as arrays. Both ends must be valid values of the scenario's keys."""
+def _bounds(randomise: Any) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Bounds as arrays."""
     found, faults = {}, []
     for key, given in overrides_of(randomise, "randomise").items():
         try:
@@ -227,9 +228,18 @@ def _bounds(scenario: Scenario, randomise: Any) -> dict[str, tuple[np.ndarray, n
         found[key] = low, high
     if faults:
         raise InputError(faults)
-    for end in (0, 1):
-        scenario.updated({key: bounds[end] for key, bounds in found.items()})
     return found
+
+
+def _try_out(simulation: Simulation, randomise: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> None:
+    """Check by a reset that an episode may begin at either end of the bounds. Raises InputError if it may not."""
+    try:
+        for end in (0, 1):
+            simulation.reset({key: bounds[end] for key, bounds in randomise.items()})
+    except InputError as error:
+        faults = [Fault(f"randomise[{fault.key!r}]", fault.message) for fault in error.faults]
+        raise InputError(faults, "push") from None
+    simulation.reset()
 
 
 def _base_gains(scenario: Scenario, gains: Any) -> dict[str, float]:

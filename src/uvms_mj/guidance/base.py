@@ -96,7 +96,7 @@ class Guidance(Stage):
 
 def start_notes(stage: Guidance, setup: Any) -> Iterator[str]:
     """A warning if a stage without states begins far from the vehicle, which the law sees as a jump."""
-    initial, (out,) = setup.initial, _samples(stage, setup, [0])
+    initial, (out,) = setup.initial, samples(stage, setup, [0])
     away = float(np.linalg.norm(out["p_d"] - initial.position))
     cosine = min(1.0, abs(float(out["quat_d"] @ quat_from_euler_deg(*initial.attitude_deg))))
     turned = math.degrees(2.0 * math.acos(cosine))
@@ -122,7 +122,7 @@ def _rate_notes(stage: Guidance, setup: Any) -> Iterator[str]:
     of :data:`_TRIALS` equal parts of the run."""
     period = stage.period or setup.scenario.control_period
     instants = [round(k * setup.scenario.simulation.duration / (_TRIALS * period)) for k in range(_TRIALS)]
-    found = _samples(stage, setup, [instant + late for instant in instants for late in (0, 1)])
+    found = samples(stage, setup, [instant + late for instant in instants for late in (0, 1)])
     change = (found["p_d"][1::2] - found["p_d"][::2]) / period
     mean = 0.5 * (found["p_d_dot"][1::2] + found["p_d_dot"][::2])
     wrong = np.abs(change - mean) > _SLOW + _ROUGH * np.maximum(np.abs(change), np.abs(mean))
@@ -133,7 +133,7 @@ def _rate_notes(stage: Guidance, setup: Any) -> Iterator[str]:
         )
 
 
-def _samples(stage: Guidance, setup: Any, instants: Sequence[int]) -> np.ndarray:
+def samples(stage: Guidance, setup: Any, instants: Sequence[int]) -> np.ndarray:
     """The references (k,) that a stage without states sets at instants, as plain Python, while the vehicle stays at its
     initial pose. What the stage leaves unset is nan."""
     initial, period = setup.initial, stage.period or setup.scenario.control_period

@@ -24,21 +24,23 @@ import numpy as np
 
 from ..errors import InputError
 from ..physics.frames import quat_from_euler_deg
-from .contacts import Contacts, contacts_of
+from .contacts import Contacts, contacts_of, surfaces_of
 from .fit import check_fit
 from .geometry import Geometry
 from .inertia import Inertias, task_inertias
 from .joints import set_constraints
+from .looks import PREFIX, add_surroundings
 from .mjcf import Mjcf
 from .payload import load
 from .probe import Probe
 from .settings import Initial, VehicleChoice, Wall
+from .surfaces import Surface
 from .variation import varied, vary
 from .vehicle import Vehicle, free_body_id, free_joint_addresses
 
 IMPEDANCE = 1e-4
 """Impedance d of the contact pair, constant in solimp."""
-_OURS = "uvms_mj/"  # prefix of all added names, to keep them apart from those of a vehicle
+_OURS = PREFIX
 _SENSORS = {
     "contact": mujoco.mjtSensor.mjSENS_CONTACT,
     "distance": mujoco.mjtSensor.mjSENS_GEOMDIST,
@@ -65,19 +67,28 @@ class Plant:
     probe: Probe
     choice: VehicleChoice
     wall: Wall
+    walls: tuple[Surface, ...]
+    """All walls."""
     timestep: float
     integrator: str
+    looks: bool = False
+    """Whether the model has the looks of its vehicle and walls, for pictures; its numbers are the same."""
 
     @functools.cached_property
     def model(self) -> mujoco.MjModel:
-        """The compiled model. It omits geoms for drawing only: a step is faster and its result is the same."""
-        spec = self.mjcf.spec()
+        """The compiled model. Its geoms for drawing only are omitted, which makes a step faster, and skins take their
+        place."""
+        spec = self.mjcf.drawn_spec() if self.looks else self.mjcf.spec()
         spec.option.timestep = self.timestep
         spec.option.integrator = getattr(mujoco.mjtIntegrator, _INTEGRATORS[self.integrator])
         _add_surroundings(spec, self.vehicle.body, self.wall, self.probe)
         if self.choice.payloads:
             load(spec, self.mjcf.compiled(self.mjcf.spec()), self.choice.payloads, self.choice.mass)
         model = self.mjcf.compiled(spec)
+        if self.looks:
+            spec.compiler.discardvisual = False  # what is for drawing only has been removed
+            add_surroundings(spec, self.vehicle.body, self.choice.contact_bodies, self.walls)
+            model = self.mjcf.compiled(spec)
         vary(model, free_body_id(model, self.vehicle.body), self.vehicle.actuator_ids, self.choice)
         set_constraints(model)
         set_wall(model, self.probe.body, self.wall, self.wall.position + self.probe.radius)
@@ -139,7 +150,10 @@ def build(scenario: Any, mjcf: Mjcf | None = None) -> tuple[Plant, Contacts, Ine
     check_fit(scenario, nominal)
     true, probe = varied(nominal, choice), Probe.of(scenario.task.frame, mjcf)
     contacts = contacts_of(scenario, probe, nominal)
-    plant = Plant(mjcf, true, mjcf.geometry, probe, choice, scenario.wall, stepping.timestep, stepping.integrator)
+    walls = surfaces_of(scenario, probe.radius)
+    plant = Plant(
+        mjcf, true, mjcf.geometry, probe, choice, scenario.wall, walls, stepping.timestep, stepping.integrator
+    )
     return plant, contacts, task_inertias(scenario, nominal)
 
 

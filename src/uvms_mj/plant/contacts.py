@@ -160,6 +160,11 @@ def face_of(scenario: Any, radius: float) -> float:
     return scenario.wall.position + radius if is_papers(scenario) else OUT_OF_REACH
 
 
+def surfaces_of(scenario: Any, radius: float) -> tuple[Surface, ...]:
+    """All walls, of which ``[wall]``, if it is there, is the first; the probe has a radius [m]."""
+    return *((as_surface(scenario.wall, radius),) if scenario.wall.present else ()), *scenario.walls
+
+
 def as_surface(wall: Any, radius: float) -> Surface:
     """``[wall]`` as one of ``[[walls]]``: a probe of a radius [m] touches it at x_c."""
     names = ("stiffness", "damping", "friction", "tangential_stiffness", "tangential_damping")

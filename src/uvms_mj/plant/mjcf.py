@@ -15,6 +15,7 @@ import numpy as np
 from ..errors import InputError, suggestion
 from ..files import shipped
 from .geometry import Geometry
+from .looks import add_vehicle
 from .mjcf_files import ModelFiles, trees
 from .vehicle import Vehicle, free_body_id
 from .vehicle_files import check_elements, check_model
@@ -119,6 +120,17 @@ class Mjcf:
             if len(spec.copy().actuators) < len(spec.actuators):
                 spec.compile()  # it names the motor without a site or a joint, which a copy loses without a word
             return spec
+
+    def drawn_spec(self) -> mujoco.MjSpec:
+        """A copy of the parsed model with the looks of the vehicle as skins. Raises InputError as :attr:`vehicle`
+        does."""
+        return self._drawn.copy()
+
+    @functools.cached_property
+    def _drawn(self) -> mujoco.MjSpec:
+        spec = self.spec()
+        add_vehicle(spec, self.vehicle.body, self.geometry)
+        return spec
 
     def __reduce__(self) -> tuple[Any, ...]:
         """The files alone: MuJoCo's parsed model can't be pickled."""

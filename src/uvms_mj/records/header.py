@@ -17,6 +17,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from ..control.rest import NoClosedForm, SteadyState
+from ..errors import InputError, suggestion
 from ..physics.frames import BODY
 from ..plant.geometry import Geometry
 from ..plant.mjcf import Mjcf
@@ -24,7 +25,9 @@ from ..plant.probe import Probe
 from ..quantities import STRICT, NonNegative
 from ..scenario import STAGES, Scenario
 from ..stages.base import Stage
+from ..stages.contract import listed_files
 from ..stages.signals import OF_JOINTS, Signal
+from ..stages.words import no_signal
 
 _PACKAGES = ("uvms-mj", "mujoco", "numpy", "numba", "llvmlite", "mcap")
 
@@ -42,12 +45,18 @@ class Status(enum.Enum):
 @dataclass(frozen=True)
 class StageSource:
     """Source of a stage: name of a shipped one, or ``file.py:ClassName`` with the text of the file, or of the class if
-    there is no file, and its digest; and the sizes of its states by name."""
+    there is no file, and its digest; the sizes of its states by name; and the contents of the files that it lists."""
 
     source: str
     sha256: str | None
     code: str = field(repr=False)
     states: Mapping[str, int]
+    files: Mapping[str, bytes] = field(default_factory=dict, repr=False)
+
+    @property
+    def digests(self) -> dict[str, str]:
+        """The digests of the files that it lists, by name."""
+        return {name: hashlib.sha256(data).hexdigest() for name, data in self.files.items()}
 
     @classmethod
     def of(cls, stage: Stage, counts: Mapping[str, int] | None = None) -> "StageSource":
@@ -65,7 +74,8 @@ class StageSource:
             except (OSError, TypeError):  # defined at a prompt
                 return cls(f"{path.name}:{kind.__name__}", None, "", states)
         digest = hashlib.sha256(code).hexdigest()
-        return cls(f"{path.name}:{kind.__name__}", digest, code.decode(errors="replace"), states)
+        files = {name: file.read_bytes() for name, file in listed_files(kind).items()}
+        return cls(f"{path.name}:{kind.__name__}", digest, code.decode(errors="replace"), states, files)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +128,19 @@ class Header:
     def components(self, signal: Signal) -> tuple[str, ...]:
         """Names of a signal's components; those of the joints if it has one number a joint."""
         return tuple(link.joint for link in self.geometry.links) if self._of_joints(signal) else signal.components
+
+    def part(self, name: str) -> tuple[Signal, int | None]:
+        """The recorded signal of a name, and the index of the component if the name is that of one, ``tau.x``. Raises
+        InputError if there is none."""
+        first, dot, component = name.partition(".")
+        if first not in self.by_name:
+            raise InputError(no_signal(first, self.by_name))
+        signal = self.by_name[first]
+        parts = self.components(signal)
+        if dot and (not component or component not in parts):
+            known = suggestion(component, parts) if any(parts) else "it is a single number"
+            raise InputError(f"{first} has no component {component!r}; {known}")
+        return signal, parts.index(component) if dot else None
 
     def units(self, signal: Signal) -> tuple[str, ...]:
         """Units of a signal's components; "rad or m" is rad for a hinge and m for a slide."""

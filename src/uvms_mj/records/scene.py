@@ -4,18 +4,17 @@ MCAP's markers, Rerun and the rendered pictures draw this scene and no shapes of
 Arrows longer than the scene are cut. Rerun's label of a cut arrow is marked.
 """
 
-import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..physics.frames import quat_from_euler_deg, rotation_matrix
-from ..plant.contacts import as_surface
+from ..physics.frames import rotation_matrix
+from ..plant.contacts import surfaces_of
 from ..plant.geometry import Geometry
+from ..plant.looks import WALL_SIZE, drawn_vehicle, drawn_wall
 from ..plant.shapes import Shape
-from ..plant.surfaces import ContactBody, Surface
 from .header import Header
 from .palette import ORANGE, SKY, VERMILLION, Colour
 
@@ -23,13 +22,6 @@ FORCE_SCALE = 0.05
 """Default length of force arrows [m/N]."""
 CURRENT_SCALE = 0.5
 """Length of the current's arrow per speed [s]."""
-WALL_SIZE, WALL_THICKNESS = 1.5, 0.05
-"""Size of the drawn part of a wall [m]."""
-WALL_RGBA = (0.62, 0.64, 0.66, 0.35)
-"""Colour of a wall, through which the contact can be seen."""
-BODY_RGBA = (0.90, 0.62, 0.0, 0.6)
-"""Colour of a contact body."""
-
 Values = Mapping[str, np.ndarray]
 """Signals (n, size) by name."""
 
@@ -88,49 +80,13 @@ def scene_of(header: Header) -> Scene:
     current, face = header.scenario.current, wall_face(header)
     start = np.array([0.4 * face, 0.0, 0.5])
     tip = start + CURRENT_SCALE * np.array(current.velocity_W)
-    walls = [as_surface(header.scenario.wall, header.probe_radius)] if header.scenario.wall.present else []
     speed = math.hypot(*current.velocity_W)
     text = f"{'current' if current.constant else 'constant part of the current'} {speed:g} m/s"
     arrow = Arrow("current", text, SKY, 0.014, start, tip)
-    shapes = tuple(drawn_wall(wall) for wall in (*walls, *header.scenario.walls))
-    return Scene((drawn_vehicle(header),), shapes, (arrow,) if speed else ())
-
-
-def drawn_wall(wall: Surface) -> Shape:
-    """A wall in W: a plane is a square plate with its middle at the wall's position, a cylinder is as high."""
-    quat = tuple(quat_from_euler_deg(*wall.attitude_deg).tolist())
-    if wall.shape == "plane":
-        half = (WALL_THICKNESS / 2, WALL_SIZE / 2, WALL_SIZE / 2)
-        middle = np.array(wall.position) + half[0] * wall.R_WS[:, 0]
-        return Shape("box", half, tuple(middle.tolist()), quat, WALL_RGBA)
-    size = (wall.size[0], WALL_SIZE / 2, 0.0) if wall.shape == "cylinder" else wall.size
-    return Shape(wall.shape, size, wall.position, quat, WALL_RGBA)
-
-
-def drawn_vehicle(header: Header) -> Geometry:
-    """The shapes of a vehicle and its contact bodies, each with the base or the link that carries it."""
-    geometry, bodies = header.geometry, header.scenario.vehicle.contact_bodies
-    if not bodies:
-        return geometry
-
-    def with_bodies(shapes: tuple[Shape, ...], link: str | None) -> tuple[Shape, ...]:
-        return *shapes, *(drawn_body(body) for body in bodies if body.body == link)
-
-    links = tuple(dataclasses.replace(link, shapes=with_bodies(link.shapes, link.name)) for link in geometry.links)
-    return dataclasses.replace(geometry, shapes=with_bodies(geometry.shapes, None), links=links)
-
-
-def drawn_body(body: ContactBody) -> Shape:
-    """A contact body in the frame of its base or link."""
-    if body.end is None:
-        return Shape("sphere", (body.radius, 0.0, 0.0), body.position, (1.0, 0.0, 0.0, 0.0), BODY_RGBA)
-    a, b = np.array(body.position), np.array(body.end)
-    length = float(np.linalg.norm(b - a))
-    x, y, z = (b - a) / length
-    quat = np.array([1.0 + z, -y, x, 0.0]) if z > -1.0 + 1e-9 else np.array([0.0, 1.0, 0.0, 0.0])  # from z to the axis
-    quat /= np.linalg.norm(quat)
-    middle = tuple((0.5 * (a + b)).tolist())
-    return Shape("capsule", (body.radius, length / 2, 0.0), middle, tuple(quat.tolist()), BODY_RGBA)
+    shapes = tuple(drawn_wall(wall) for wall in surfaces_of(header.scenario, header.probe_radius))
+    return Scene(
+        (drawn_vehicle(header.geometry, header.scenario.vehicle.contact_bodies),), shapes, (arrow,) if speed else ()
+    )
 
 
 def wall_face(header: Header) -> float:

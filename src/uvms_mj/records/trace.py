@@ -11,7 +11,7 @@ import numpy as np
 from ..control.rest import NoClosedForm, SteadyState
 from ..errors import InputError
 from ..scenario import Scenario
-from ..stages.signals import Signal
+from ..stages.signals import BAND, Signal
 from ..stages.words import no_signal
 from .header import Header, Outcome, Status
 from .mcap import McapLog, read
@@ -194,3 +194,15 @@ class Trace:
         if "f_normal" in self.arrays:
             return self.arrays["f_normal"]
         return np.maximum(0.0, 0.0 - self.arrays["f_contact_W"][:, 0])
+
+    def band(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """Least and largest value (n, ...) of a signal, or of ``push``, since the row before, at every step.
+
+        A law may alternate faster than rows, which then show one side of it only. The signal itself, twice, if every
+        step is a row, or if the log has no band of it.
+        """
+        low, high = BAND.get(name, (name, name))
+        if low in self.arrays:
+            return self.arrays[low], self.arrays[high]
+        values = self.push if name == "push" else self[name]
+        return values, values

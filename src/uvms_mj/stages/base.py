@@ -27,7 +27,7 @@ import dataclasses
 import functools
 import sys
 import types
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, ClassVar, get_type_hints
 
 import numpy as np
@@ -36,7 +36,7 @@ from typing_extensions import TypedDict
 
 from ..errors import Fault, InputError, faults_of, shortened
 from ..physics.random import key_of
-from ..quantities import Step
+from ..quantities import Step, unit_of
 from .signals import Signal
 
 
@@ -98,8 +98,14 @@ class Stage:
     memory: ClassVar[Mapping[str, Any]] = {}
     """Sizes of further numbers that the stage keeps from instant to instant, by name, in the same record ``state``.
     They do not advance, and they are not recorded: a queue of delayed samples, for example."""
+    start_values: ClassVar[Mapping[str, Any]] = {}
+    """Values of states and memory at the start of a run, by name, where they are not zero: one number for all entries,
+    or a list of the state's size. A reset returns to them."""
     units: ClassVar[Mapping[str, str]] = {}
     """Units of the states, for logs and plots. A state with two units has the linear one first."""
+    files: ClassVar[Sequence[str]] = ()
+    """Files that the stage's file reads, relative to its folder, without "..". They go with it to the workers of a
+    study and into the log. It opens them by ``Path(__file__).parent / name``."""
     room: ClassVar[Room]
     _inner_keys: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     """Keys of the tables within a setting, by the setting's key."""
@@ -120,7 +126,8 @@ class Stage:
         try:
             valid = validator(kind).validate_python(vars(self))
         except ValidationError as error:
-            faults = faults_of(error, table, self._inner_keys)
+            units = {f"{table}.{field.name}": unit_of(field) for field in dataclasses.fields(self)}
+            faults = faults_of(error, table, self._inner_keys, units)
             raise InputError([self._of_default(fault) for fault in faults], place) from None
         except Exception as error:  # pydantic and evaluating an annotation raise exceptions of many types
             reason = " ".join(str(error).split("\n\n")[0].split()) or type(error).__name__
@@ -205,6 +212,18 @@ class Stage:
         return sum(counted if size == cls.room.counts else size for size in cls.states.values())
 
     @classmethod
+    def start_record(cls, counted: int = 0) -> np.ndarray:
+        """The record of :meth:`state_record` with the start values. Raises InputError if one has another length than
+        its state, whose size may be the number of thrusters or joints."""
+        record = cls.state_record(counted)
+        for name, value in cls.start_values.items():
+            if np.size(value) not in (1, size := record[name].size):
+                wrong = f"{cls.label()}: start_values[{name!r}] has {np.size(value)} numbers; the state has {size}"
+                raise InputError([Fault(f"{cls.room.table}.name", wrong)])
+            record[name] = value
+        return record
+
+    @classmethod
     def state_record(cls, counted: int = 0) -> np.ndarray:
         """The states and then the memory, all zero, as a record array (1,) of float64 vectors."""
         given = {**cls.states, **cls.memory}
@@ -232,6 +251,7 @@ def is_shipped(stage: Stage) -> bool:
         and kind.function() is cls.function()
         and kind.states == cls.states
         and kind.memory == cls.memory
+        and kind.start_values == cls.start_values
         and kind.given() == cls.given()
         for cls in kind.__mro__
         if issubclass(cls, Stage)
@@ -271,6 +291,8 @@ def validator(cls: Any, names: tuple[str, ...] = ()) -> TypeAdapter:
     """The validator of the fields of a dataclass, or of some of them, made once. Settings are checked at construction
     and never in the loop."""
     hints = get_type_hints(cls, include_extras=True)
+    if issubclass(cls, Stage):  # a class may give what all stages of its room have another default, not another range
+        hints |= get_type_hints(base_of(cls), include_extras=True)
     # Any: the fields of this type are known only at run time
     make: Any = TypedDict
     shape = make("shape", {name: hints[name] for name in names or [f.name for f in dataclasses.fields(cls)]})

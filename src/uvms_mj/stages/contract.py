@@ -4,10 +4,11 @@ import ast
 import dataclasses
 import inspect
 import keyword
+import sys
 import textwrap
 import types
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,19 @@ _RECORDED = (
 )
 _SIGNALS = {signal.name for signal in (*signals.GIVEN, *_RECORDED)}
 """Signals of a Simulation or a trace, which a state would hide."""
-_OVERRIDDEN = ("name", "states", "memory", "units", "every_step", "uses_task", "uses_truth")
+_OVERRIDDEN = (
+    "name",
+    "states",
+    "memory",
+    "start_values",
+    "units",
+    "every_step",
+    "uses_task",
+    "uses_truth",
+    "files",
+)
+_MOST_BYTES = 16_000_000
+"""Largest size of all files that a file lists [bytes]. They travel with each call of a worker."""
 
 
 def check_contract(cls: type[Stage], file: str = "") -> None:
@@ -66,6 +79,12 @@ def _wrong(cls: type[Stage]) -> Iterator[str]:
         for name in sorted(ours)
         if name not in taken and any(name in vars(base) for base in own)
     )
+    yield from (
+        f"{name} = {shortened(vars(each)[name])} has no effect without its type; write {name}: float = ..."
+        for each in own
+        for name in names
+        if name in vars(each) and name not in inspect.get_annotations(each)
+    )
     name = cls.name
     if not (isinstance(name, str) and name.isprintable() and len(name) <= _LONGEST_NAME):
         yield f"name = {shortened(name)} must be a text of at most {_LONGEST_NAME} printable characters"
@@ -73,16 +92,52 @@ def _wrong(cls: type[Stage]) -> Iterator[str]:
         flag = getattr(cls, name, False)
         if not isinstance(flag, bool):
             yield f"{name} = {shortened(flag)} must be true or false"
+    yield from wrong_files(*_listed(cls))
     states = [*_wrong_states(cls.states, "states", room.counts), *_wrong_states(cls.memory, "memory", room.counts)]
     if not states:
         states += [f"{name!r} is both a state and memory" for name in cls.memory if name in cls.states]
     yield from states
     if not states:
         yield from _wrong_units(cls)
+        yield from _wrong_starts(cls)
     function = list(_wrong_function(cls))
     yield from function
     if not function and not states:
         yield from _unknown_fields(cls)
+
+
+def _listed(cls: type[Stage]) -> tuple[Any, Path | None]:
+    """What a class lists as its files, and the folder of the file that does so; None for a class without a file."""
+    owner = next(each for each in cls.__mro__ if "files" in vars(each))
+    file = getattr(sys.modules.get(owner.__module__), "__file__", None)
+    return owner.__dict__["files"], None if file is None else Path(file).parent
+
+
+def listed_files(cls: type[Stage]) -> dict[str, Path]:
+    """The files that a class, which satisfies its contract, lists: their paths by their names."""
+    names, folder = _listed(cls)
+    return {PurePath(name).as_posix(): (folder or Path()) / name for name in names}
+
+
+def wrong_files(names: Any, folder: Path | None) -> Iterator[str]:
+    """Errors of a list of files of a folder."""
+    if isinstance(names, str) or not isinstance(names, Sequence) or not all(isinstance(each, str) for each in names):
+        yield f"files must be a list of names, as in files = ['policy.npz']; {shortened(names)} is not"
+        return
+    if names and folder is None:
+        yield "files are relative to the folder of the file with the class, and the class has no file"
+        return
+    size, there = 0, folder or Path()
+    for name in names:
+        path = PurePath(name)
+        if path.is_absolute() or ".." in path.parts or not name.isprintable():
+            yield f"files: {shortened(name)} must be a path below the folder of the file that lists it, without '..'"
+        elif not (there / path).is_file():
+            yield f"files: no file {shortened(name)} in {there}"
+        else:
+            size += (there / path).stat().st_size
+    if size > _MOST_BYTES:
+        yield f"files have {size / 1e6:.4g} MB in all; at most {_MOST_BYTES / 1e6:g} MB are allowed"
 
 
 def _wrong_states(states: Any, called: str, counted: str) -> Iterator[str]:
@@ -121,6 +176,27 @@ def _wrong_units(cls: type[Stage]) -> Iterator[str]:
             yield f"units has {shortened(name)}, which is not a state; {hint}"
         if not (isinstance(unit, str) and unit.isprintable()):
             yield f"units must give each state's unit as a text, as in {{'xi': 'm s'}}; {shortened(unit)} is not a text"
+
+
+def _wrong_starts(cls: type[Stage]) -> Iterator[str]:
+    starts, sizes = cls.start_values, {**cls.states, **cls.memory}
+    if not isinstance(starts, Mapping):
+        yield f"start_values must give states numbers, as in {{'xi': 0.5}}; {shortened(starts)} does not"
+        return
+    for name, value in starts.items():
+        if name not in sizes:
+            hint = suggestion(str(name), sizes) if sizes else "the class declares no states"
+            yield f"start_values has {shortened(name)}, which is not a state; {hint}"
+            continue
+        numbers = [value] if isinstance(value, int | float) else value
+        array = np.asarray(numbers) if isinstance(numbers, list | tuple | np.ndarray) else np.zeros(0)
+        size = sizes[name]
+        if array.dtype.kind not in "if" or array.ndim != 1 or not array.size:
+            yield f"start_values[{name!r}] = {shortened(value)} must be a number or a list of numbers"
+        elif not np.isfinite(array).all():
+            yield f"start_values[{name!r}] = {shortened(value)} must be finite"
+        elif isinstance(size, int) and array.size not in (1, size):
+            yield f"start_values[{name!r}] has {array.size} numbers; the state has {size}"
 
 
 def _wrong_function(cls: type[Stage]) -> Iterator[str]:

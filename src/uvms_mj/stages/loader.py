@@ -6,7 +6,7 @@ import importlib.util
 import os
 import sys
 import traceback
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Container, Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Generic, TypeVar
@@ -27,9 +27,12 @@ class Choice(Generic[_Stage]):
     shipped: Mapping[str, type[_Stage]]
     default: type[_Stage]
 
-    def load(self, table: Mapping[str, Any], known: type[_Stage] | None = None) -> _Stage:
+    def load(
+        self, table: Mapping[str, Any], known: type[_Stage] | None = None, trusted: Container[str] | None = None
+    ) -> _Stage:
         """Make the stage of a table: ``name`` is a shipped stage or ``path/to/file.py:ClassName``, and every other key
-        is a setting. ``known`` is a class to use without loading it, if ``name`` is its source.
+        is a setting. ``known`` is a class to use without loading it, if ``name`` is its source. Of the files only those
+        in ``trusted`` are imported, all by default; another one's stage is a placeholder.
 
         Raises:
             InputError: the stage is not found, or a setting is unknown, missing or out of range; names every such
@@ -37,7 +40,12 @@ class Choice(Generic[_Stage]):
         """
         settings = dict(table)
         source = settings.pop("name", self.default.name)
-        cls = known if known is not None and source == known.source() else self.stage_class(source)
+        if known is not None and source == known.source():
+            cls = known
+        elif trusted is not None and isinstance(source, str) and ".py" in source and source not in trusted:
+            cls = self._placeholder(source, settings)
+        else:
+            cls = self.stage_class(source)
         return stage_of(cls, settings, self.shipped)
 
     def stage_class(self, source: Any) -> type[_Stage]:
@@ -71,6 +79,13 @@ class Choice(Generic[_Stage]):
         check_contract(cls, file)
         return cls
 
+    def _placeholder(self, source: str, settings: Mapping[str, Any]) -> type[_Stage]:
+        """A placeholder for the stage of a user's file, which is not imported."""
+        file, _, label = source.rpartition(":")
+        cls: Any = recorded_stage(self.base, f"{Path(file).name}:{label}", settings, {})
+        cls.source = classmethod(lambda _: source)
+        return cls
+
     def settings(self, source: Any) -> list[str] | None:
         """Names of the settings of a stage; None if it can't be found, which is reported when it is loaded."""
         try:
@@ -85,28 +100,41 @@ class Choice(Generic[_Stage]):
         overrides: Collection[str],
         others: Collection[str],
         left_out: list[str],
+        known: type[_Stage] | None = None,
+        trusted: Container[str] | None = None,
     ) -> dict[str, Any]:
         """The table for the stage ``source``. It has the settings of a table that belongs to it: by its name, or by its
-        settings if it has no name; any table may have the keys ``others``. Otherwise a sentence with the settings that
-        no override sets is appended to ``left_out``."""
+        settings if it has no name; any table may have the keys ``others``. Otherwise it has those that every stage of
+        the table has, which belong to the loop: the period, a law's delay. A sentence with the others that no override
+        sets is then appended to ``left_out``. ``known`` is the class of the table, if it is loaded already; ``trusted``
+        is that of :meth:`load`."""
         if "name" in table:
             belongs = _resolved(table["name"]) == _resolved(source)
         else:
-            settings = self.settings(source)
+            hidden = trusted is not None and isinstance(source, str) and ".py" in source and source not in trusted
+            settings = None if hidden else self.settings(source)
             belongs = settings is None or set(table) <= {*settings, *others}
         if belongs:
             return {**table, "name": source}
         name, old = self.base.room.table, table.get("name", self.default.name)
-        keys = [key for word in self._beyond_defaults(table) if (key := f"{name}.{word}") not in overrides]
+        new = self.shipped.get(str(source))
+        absent = new is not None and not (new.runs or "meant" in vars(new))  # none and ideal have no period, auto has
+        of_all = {field.name for field in dataclasses.fields(self.base) if field.kw_only and not absent}
+        given = self._beyond_defaults(table, known)
+        keys = [key for word in given if word not in of_all and (key := f"{name}.{word}") not in overrides]
         if keys:
             are = f"{', '.join(keys)} {'is' if len(keys) == 1 else 'are'} left out"
             left_out.append(f"{name}.name: {source} takes the place of {old}, so {are}")
-        return {"name": source}
+        return {"name": source, **{word: table[word] for word in given if word in of_all}}
 
-    def _beyond_defaults(self, table: Mapping[str, Any]) -> list[str]:
-        """The settings of a table that are not defaults of its shipped stage; all settings of a user's stage."""
+    def _beyond_defaults(self, table: Mapping[str, Any], known: type[_Stage] | None) -> list[str]:
+        """The settings of a table that are not defaults of its stage; all settings of a user's stage whose class is not
+        ``known``, or is a placeholder, whose defaults are the recorded settings."""
         settings = [key for key in table if key != "name"]
-        cls = self.shipped.get(str(table.get("name", self.default.name)))
+        source = str(table.get("name", self.default.name))
+        cls = self.shipped.get(source)
+        if known is not None and known.source() == source and not issubclass(known, Recorded):
+            cls = known
         if cls is None:
             return settings
         given = {f.name: table[f.name] for f in cls.setting_fields() if f.name in table}

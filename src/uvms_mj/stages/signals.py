@@ -4,12 +4,18 @@ To add a signal, add a line to a table here and a line where it is computed.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-OF_JOINTS = ("q", "q_dot", "tau_q", "q_m", "q_dot_m", "tau_q_cmd", "joint_saturation_time")
+BANDED = ("tau", "s", "u", "push", "tau_q")
+"""Signals that may alternate from one step to the next. Where rows are further apart than steps, each has a band."""
+BAND = {name: (f"{name}_low", f"{name}_high") for name in BANDED}
+"""Names of the signals of a band: least and largest value since the row before."""
+OF_JOINTS = ("q", "q_dot", "tau_q", "q_m", "q_dot_m", "tau_q_cmd", "joint_saturation_time", *BAND["tau_q"])
 """Signals with one number a joint."""
+OF_THRUSTERS = ("u", "u_cmd", "inflow", *BAND["u"])
+"""Signals with one number a thruster."""
 OWN_UNIT = "law's own"
 """Unit shown for a state or gain of a law that declares none."""
 
@@ -33,7 +39,7 @@ class Signal:
     @property
     def components(self) -> tuple[str, ...]:
         """Name of each component: x y z, w x y z, x y z roll pitch yaw, or 1 2 3 ...; an empty name for a scalar."""
-        if self.name in ("u", *OF_JOINTS) or self.size not in _COMPONENTS:
+        if self.name in (*OF_THRUSTERS, *OF_JOINTS) or self.size not in _COMPONENTS:
             return tuple(str(i + 1) for i in range(self.size))
         return _COMPONENTS[self.size]
 
@@ -207,7 +213,10 @@ MEASURED = (
 DELAYED = (Signal("tau_cmd_delayed", (6,), _WRENCH, "B", "tau_cmd after controller.delay, given to the actuation"),)
 """Recorded if the law has a computation delay."""
 
-IN_TASK_FRAME = (*(s.name for s in ERRORS + IMPEDANCE + TASK), "tau_cmd", "tau_cmd_delayed", "boundary_layer_time")
+IN_TASK_FRAME = (
+    *(s.name for s in ERRORS + IMPEDANCE + TASK),
+    *("tau_cmd", "tau_cmd_delayed", "boundary_layer_time", *BAND["s"]),
+)
 """Signals whose frame is that of the task. With a tool, their recorded frame is T in place of B."""
 
 UNSTEADY = (
@@ -221,6 +230,17 @@ FINAL_WINDOW_S = 0.5
 """Length of the window at the end of a run that gives its final values [s]."""
 
 RECORDED = STATE + RUNNING
+
+PUSH = Signal("push", (), "N", "W", "pushing force of the vehicle on the walls, zero or positive")
+"""The sum of the normal forces. A trace computes it from the recorded forces; its band is recorded."""
+
+
+def band_signals(signal: Signal) -> tuple[Signal, Signal]:
+    """The band of a signal, recorded at row k where rows are further apart than steps: the least and the largest value
+    of each component over all steps j after the row before, t_(k-1) < t_j <= t_k. The first row has its own step."""
+    low, high = BAND[signal.name]
+    of = f"{signal.name} since the row before, at every step"
+    return replace(signal, name=low, meaning=f"least {of}"), replace(signal, name=high, meaning=f"largest {of}")
 
 
 def actuation_given(n: int) -> tuple[Signal, ...]:

@@ -9,6 +9,7 @@ import hashlib
 import json
 import math
 import os
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -18,8 +19,9 @@ import pyarrow.parquet as pq
 import tomli_w
 
 from ..errors import InputError
+from ..files import parsed_toml, text_of
 from ..quantities import leaves
-from .plan.metric import COMPONENTS, columns_of
+from .plan.metric import COMPONENTS, FLAGS, TEXTS, columns_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,8 +33,8 @@ STUDY, VERSION = "study.toml", "version.json"
 _MOST_PARTS = 1000
 _TYPES = {
     "contact.touches": pa.int64(),
-    "contact.settled": pa.bool_(),
-    "analytic.none_because": pa.string(),
+    **dict.fromkeys(FLAGS, pa.bool_()),
+    **dict.fromkeys(TEXTS, pa.string()),
 }
 """Types of the metrics that are not float64."""
 
@@ -54,7 +56,8 @@ def schema_of(plan: "Plan") -> pa.Schema:
     ]
     before = [("index", pa.int64()), ("draw", pa.int64()), ("law", pa.string()), ("repeat", pa.int64())]
     after = [("status", pa.string()), ("message", pa.string()), ("steps", pa.int64()), ("warnings", pa.int64())]
-    return pa.schema([*before, ("seed", pa.int64()), *varied, *after, ("engine", pa.string()), *metrics])
+    after += [("success", pa.bool_()), ("engine", pa.string())]
+    return pa.schema([*before, ("seed", pa.int64()), *varied, *after, *metrics])
 
 
 def _type(values: list[Any]) -> pa.DataType:
@@ -128,11 +131,9 @@ class Results:
 
 def refuse_another(folder: Path, plan: "Plan", parcel: "Parcel") -> dict[str, Any]:
     """The contents of version.json. Raises InputError if a folder has another study."""
-    from .plan import Plan
-
     about = about_of(plan, parcel)
     if (folder / STUDY).exists() or (folder / "rows").exists():
-        check_same(folder / STUDY, Plan.load, plan.tables, about)
+        check_same(folder / STUDY, plan.tables, about)
     return about
 
 
@@ -145,24 +146,39 @@ def share_done(folder: Path, plan: "Plan") -> float:
 def about_of(plan: "Plan", parcel: "Parcel") -> dict[str, Any]:
     """The contents of version.json: what a folder was begun with."""
     files = {name: hashlib.sha256(data).hexdigest() for name, data in sorted(parcel.files.items())}
-    return {"study": parcel.digest, "engine": plan.engine, "code": dict(parcel.code), "files": files}
+    return {
+        "study": parcel.digest,
+        "engine": plan.engine,
+        "code": dict(parcel.code),
+        "files": files,
+        "units": {key: unit for key, unit in plan.units.items() if unit},
+    }
 
 
-def check_same(
-    path: Path, load: Callable[[Path], Any], tables: Mapping[str, Any], about: dict[str, Any], free: Sequence[str] = ()
-) -> None:
-    """Raise InputError unless a folder has the same file, begun with the same code and files. ``load`` reads the file
-    at ``path``; keys in ``free`` may differ."""
+def units_of(folder: Path, keys: Sequence[str]) -> dict[str, str]:
+    """The units of keys that version.json of a folder has: those of gains of a user's law need its class."""
+    try:
+        found = json.loads((folder / VERSION).read_bytes())["units"]
+        units = {key: str(found[key]) for key in keys if key in found}
+    except (OSError, ValueError, LookupError, TypeError):
+        return {}
+    return {key: unit for key, unit in units.items() if unit.isprintable() and len(unit) < 40}
+
+
+def check_same(path: Path, tables: Mapping[str, Any], about: dict[str, Any], free: Sequence[str] = ()) -> None:
+    """Raise InputError unless a folder has the same file, begun with the same code and files. The file at ``path`` was
+    written from the tables of its study; nothing that it names is imported. Keys in ``free`` may differ."""
     folder = path.parent
     try:
         then = json.loads((folder / VERSION).read_bytes())
-        before = load(path)
+        before = parsed_toml(text_of(path))
     except (OSError, ValueError) as error:
         raise InputError(f"{folder}: has results that can't be read: {error}; choose another folder") from None
-    old, new = (dict(leaves(each)) for each in (before.tables, tables))
+    old, new = (dict(leaves(each)) for each in (before, tomllib.loads(tomli_w.dumps(tables))))
     keys = [key for key in {**old, **new} if key not in free and old.get(key) != new.get(key)]
     if keys:
-        differs = f"contains the {path.stem} {before.name!r}, which differs in {', '.join(keys[:8])}"
+        its_name = before.get("name")
+        differs = f"contains the {path.stem} {its_name!r}, which differs in {', '.join(keys[:8])}"
         raise InputError(f"{folder}: {differs}; choose another folder")
     code, files = changes(then, about)
     if code:

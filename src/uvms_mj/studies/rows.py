@@ -29,6 +29,7 @@ from ..records.mcap import McapLog
 from ..records.trace import Trace
 from ..scenario import Scenario
 from .plan.metric import COMPONENTS, columns_of, users_numbers
+from .plan.success import succeeded
 
 if TYPE_CHECKING:
     from .plan import Plan
@@ -66,7 +67,8 @@ def _blank(plan: "Plan", index: int) -> dict[str, Any]:
     run = plan.run(index)
     row = {"index": index, "draw": run.draw, "law": run.law, "repeat": run.repeat, "seed": run.seed}
     varied = {key: run.values.get(key) for key in plan.varied}
-    row |= varied | {"status": "", "message": "", "steps": None, "warnings": None, "engine": plan.engine}
+    row |= varied | {"status": "", "message": "", "steps": None, "warnings": None}
+    row |= {"success": False, "engine": plan.engine}
     return row | {column: None for place in plan.metrics if place in COMPONENTS for column in columns_of(place)}
 
 
@@ -90,6 +92,7 @@ def one_row(plan: "Plan", index: int, engine: str = "", sinks: tuple[Sink, ...] 
                 raise KeyboardInterrupt
             if row["status"] in _MEASURED:
                 row |= _metrics(plan, trace)
+                row |= _judged(plan, row)
     except InputError as error:
         row |= {"status": "refused", "message": str(error)}
     except KeyboardInterrupt:
@@ -102,7 +105,7 @@ def one_row(plan: "Plan", index: int, engine: str = "", sinks: tuple[Sink, ...] 
     except (Exception, SystemExit) as error:  # of a user's metric, or of this package: the other runs go on
         if sinks and isinstance(error, SinkError | OSError):
             raise
-        row |= {"status": "failed", "message": f"{type(error).__name__}: {error}"}
+        row |= {"status": "failed", "message": f"{type(error).__name__}: {error}", "success": False}
     return row
 
 
@@ -156,12 +159,23 @@ def _limited(limit_s: float | None) -> Iterator[Callable[[int, int], None] | Non
         last_resort.cancel()
 
 
+def _judged(plan: "Plan", row: dict[str, Any]) -> dict[str, Any]:
+    """The columns that say whether a run is a success, or that a metric of the user's gave no number for it."""
+    missing = [column for column in plan.success if column not in row]
+    if not missing or row["status"] != "completed":
+        return {"success": succeeded(row, plan.success)}
+    name = missing[0].partition(".")[0]
+    there = ", ".join(column for column in row if column.partition(".")[0] == name)
+    return {"status": "failed", "message": f"success.{missing[0]}: no such number; the metric {name} gives {there}"}
+
+
 def _metrics(plan: "Plan", trace: Trace) -> dict[str, Any]:
     """The metrics of a run by column."""
     found: dict[str, Any] = {}
     for place, value in numbers(trace, [place for place in plan.metrics if place in COMPONENTS]).items():
         columns = columns_of(place)
-        found |= dict(zip(columns, value or [None] * len(columns) if COMPONENTS[place] else [value], strict=True))
+        each = value or [None] * len(columns) if COMPONENTS[place] else [value]
+        found |= {column: None if x != x else x for column, x in zip(columns, each, strict=True)}  # nan is no number
     for place in plan.metrics:
         found |= {} if place in COMPONENTS else users_numbers(place, trace)
     return found

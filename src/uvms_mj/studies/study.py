@@ -1,6 +1,8 @@
 """``Study``: many runs of a plan, in one folder, on all cores or on a cluster."""
 
 import contextlib
+import dataclasses
+import functools
 import os
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor
@@ -14,7 +16,7 @@ from .plan import Plan
 from .pool.execution import Execution, Progress
 from .pool.parcel import Parcel
 from .pool.workers import Workers
-from .results import STUDY, Results, frame
+from .results import STUDY, Results, frame, units_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,19 +24,22 @@ if TYPE_CHECKING:
 
 
 class Study:
-    """A plan of runs and, once they ran, their folder::
+    """A plan of runs and, once they ran, their folder. Of a study that is loaded by its folder, the results are read
+    without its users' files; :attr:`plan` and :meth:`run` import them::
 
         study = Study.load("study.toml").run("results")
         print(study.frame.groupby("law")["contact.peak_N"].describe())
 
     Attributes:
-        plan: the runs.
         folder: the folder of the results; None before :meth:`run`.
         damaged: parts of the folder that the last :meth:`run` found damaged and computed again.
     """
 
-    def __init__(self, plan: Plan, folder: Path | None = None) -> None:
-        self.plan, self.folder = plan, folder
+    def __init__(
+        self, plan: Plan | None, folder: Path | None = None, overrides: Mapping[str, Any] | None = None
+    ) -> None:
+        """``plan`` is None for that of the folder, with the ``overrides``."""
+        self._plan, self.folder, self._overrides = plan, folder, overrides
         self.damaged: tuple[str, ...] = ()
 
     @classmethod
@@ -50,12 +55,26 @@ class Study:
         folder = Path(study)
         if not folder.is_dir():
             return cls(Plan.load(study, overrides))
-        return cls(Plan.load(_file_in(folder), overrides), folder)
+        found = cls(None, folder, overrides)
+        assert found.plan_of_results
+        return found
 
-    @classmethod
-    def that_ran(cls, folder: Path) -> "Study":
-        """Load a study by its folder for its results alone: the files of its laws may be gone."""
-        return cls(Plan.that_ran(_file_in(folder)), folder)
+    @property
+    def plan(self) -> Plan:
+        """The runs. Raises InputError if the study of a folder can't be run any more, as its files have gone."""
+        if self._plan is None:
+            assert self.folder is not None
+            self._plan = Plan.load(_file_in(self.folder), self._overrides)
+        return self._plan
+
+    @functools.cached_property
+    def plan_of_results(self) -> Plan:
+        """The runs, for their results alone: nothing is imported for it, and the files of laws may be gone."""
+        if self._plan is not None:
+            return self._plan
+        assert self.folder is not None
+        plan = Plan.that_ran(_file_in(self.folder))
+        return dataclasses.replace(plan, units=plan.units | units_of(self.folder, plan.varied))
 
     def run(
         self,
@@ -86,6 +105,7 @@ class Study:
         folder.mkdir(parents=True, exist_ok=True)
         with locked(folder):
             parcel = Parcel.of(self.plan)
+            parcel.plan()  # as a worker will: what does not travel is missed before the first run
             results = Results(folder, self.plan, parcel)
             with executor_of(executor, workers) as pool:
                 Execution(self.plan, parcel, results, pool, progress or (lambda *_: None)).run()
@@ -103,7 +123,7 @@ class Study:
         """The rows as an xarray Dataset over the varied keys of a grid, or over the draws, law and repeat."""
         from .dataset import dataset
 
-        return dataset(self.plan, self.frame)
+        return dataset(self.plan_of_results, self.frame)
 
     @property
     def check(self) -> "pd.DataFrame | None":

@@ -92,7 +92,7 @@ class Arena:
         self.arrays["settings"][:] = self._own_settings[:] = settings
 
     def start(self) -> None:
-        """Prepare for a run, from states of zero."""
+        """Prepare for a run. The states are those of the loop at each instant."""
         self.reset()
         self.part("out")[:] = UNSET
         for name in self.room.optional:

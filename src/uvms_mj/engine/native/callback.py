@@ -15,7 +15,7 @@ from ...physics.kernels import kernel
 from .compilation import native_function
 from .flow import flow
 from .layouts import CONTEXT, STOP_NONE
-from .loop import begin_step, finish_step, observe, run_stages
+from .loop import begin_step, finish_step, flow_again, observe, run_stages
 from .memory import context_at, floats, integers, loop_at, mj_factorM, registered, triples
 from .tree import add_tree_inertia, apply_to_joints, place_links, water_on_links
 
@@ -180,6 +180,7 @@ def _advance(context, end) -> int:
     if loop.stop == STOP_NONE:
         observe(context, loop)
     if loop.stop == STOP_NONE:
+        flow_again(context, loop)
         return run_stages(loop, end)
     return -1
 

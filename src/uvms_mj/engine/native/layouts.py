@@ -230,6 +230,7 @@ LOOP = np.dtype(
         ("p_before", "f8", (3,)),
         ("f_before_W", "f8", (3,)),
         ("push", "f8", (1,)),  # sum of all normal forces
+        ("push_shown", "f8", (1,)),  # the same without the sign of a zero, as a trace shows it
         ("moment_B", "f8", (3,)),  # of the contact force about B's origin, at t_k and at t_(k-1)
         ("moment_before_B", "f8", (3,)),
         ("qpos_safe", "f8", (7,)),  # initial pose
@@ -237,6 +238,8 @@ LOOP = np.dtype(
         ("row", ROW),
         ("row_steps", "i8"),  # time steps from row to row
         *_whole("spans_at", "spans"),  # address and size [numbers] of each part of a row
+        *_whole("banded_at", "banded"),  # address and size [numbers] of each signal with a band
+        *_whole("bands_at", "band_steps"),  # least and largest values of each of them; steps since the last row
         *_whole("rows_at", "row_width", "row_capacity", "rows"),  # the last one counts those that are written
         # why the run stops: divergence or an error of a stage
         *_whole("stop", "stop_index"),

@@ -66,6 +66,15 @@ def observe(context, loop):
 
 
 @kernel
+def flow_again(context, loop):
+    """Compute the motion of the water at t_k again if its settings have changed since it was observed."""
+    if context.water.fresh == 0:
+        true = loop.true
+        flow(context, loop.t, true.p_WB, true.R_WB, true.nu)
+        context.water.fresh = 1
+
+
+@kernel
 def begin_stage(loop, stage):
     """Advance the states of a stage to t_k, and set its clock."""
     state, state_dot = floats(stage.state_at, stage.states), floats(stage.state_dot_at, stage.states)
@@ -176,8 +185,7 @@ def begin_step(context, loop) -> bool:
         return False
     row, true = loop.row, loop.true
     row.t = loop.t
-    if context.water.fresh == 0:  # changed since it was observed
-        flow(context, loop.t, true.p_WB, true.R_WB, true.nu)
+    flow_again(context, loop)
     for i in range(6):
         row.tau_dist[i] = context.water.tau_dist[i]
     if loop.step > 0:
@@ -212,7 +220,7 @@ def finish_step(context, loop):
             loop.moment_B[i] += context.tau_pairs_B[i + 3]
     if context.carriers != 0:
         work_on_walls(context, loop)
-    loop.push[0] = push
+    loop.push[0], loop.push_shown[0] = push, max(0.0, push)
     if push > 0.0 and push_before <= 0.0:
         row.touches += 1.0
         if row.first_contact < 0.0:
@@ -234,6 +242,8 @@ def finish_step(context, loop):
         q_ddot, qacc = floats(loop.q_ddot_at, loop.joints), floats(loop.qacc_at + 48, loop.joints)
         for k in range(loop.joints):
             q_ddot[k] = qacc[k]
+    if loop.banded != 0:
+        widen_bands(loop)
     write_row(loop)
     if loop.saturated != 0:  # for the coming step
         row.saturation_time += h
@@ -264,6 +274,24 @@ def write_row(loop):
         copy_numbers(floats(spans[2 * k], n), n, floats(row_at, n))
         row_at += 8 * n
     loop.rows += 1
+    loop.band_steps = 0
+
+
+@kernel
+def widen_bands(loop):
+    """Widen the band of each banded signal to its value of step k; the first step after a row begins a new band."""
+    at, banded = loop.bands_at, integers(loop.banded_at, 2 * loop.banded)
+    for k in range(loop.banded):
+        n = banded[2 * k + 1]
+        now, low, high = floats(banded[2 * k], n), floats(at, n), floats(at + 8 * n, n)
+        if loop.band_steps == 0:
+            copy_numbers(now, n, low)
+            copy_numbers(now, n, high)
+        else:
+            for i in range(n):
+                low[i], high[i] = min(low[i], now[i]), max(high[i], now[i])
+        at += 16 * n
+    loop.band_steps += 1
 
 
 @kernel

@@ -55,12 +55,15 @@ def _compiler() -> Iterator[None]:
 
 
 def _stands_alone(code: str) -> bool:
-    """Whether code, given as LLVM's text, uses no Python objects of the compiling process, as printing does.
+    """Whether code, given as LLVM's text, uses nothing of the compiling process: no address, as of a function of ctypes
+    or of a large array, and no Python object, as printing does.
 
-    Numba keeps such objects in an environment for each function. Numba's own functions, whose mangled names begin with
-    ``5numba``, use it only for the texts of exceptions.
+    An address that numba takes is a constant of LLVM that is made a pointer. Numba keeps Python objects in an
+    environment for each function; its own functions, whose mangled names begin with ``5numba``, use theirs only for the
+    texts of exceptions.
     """
-    return all(owner.startswith("5numba") for owner in re.findall(r"load [^@\n]*@\"?_ZN08NumbaEnv(\w+)", code))
+    environments = re.findall(r"load [^@\n]*@\"?_ZN08NumbaEnv(\w+)", code)
+    return "inttoptr (i" not in code and all(owner.startswith("5numba") for owner in environments)
 
 
 @functools.cache

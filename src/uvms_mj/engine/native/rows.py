@@ -1,5 +1,6 @@
 """The recorded signals of a run, and where in memory each of them lies."""
 
+import itertools
 from collections.abc import Iterator, Sequence, Set
 from dataclasses import replace
 
@@ -13,11 +14,14 @@ from ...scenario import Scenario
 from ...stages.base import Stage
 from ...stages.joint_signals import JOINT_SIGNALS
 from ...stages.signals import (
+    BAND,
+    BANDED,
     DELAYED,
     IN_TASK_FRAME,
     MANIPULABILITY,
     MEASURED,
     OWN_UNIT,
+    PUSH,
     RECORDED,
     SCHEDULED,
     TOOL,
@@ -32,7 +36,7 @@ from .stage_table import StageTable
 
 _ATTRIBUTES = {
     *dir(np.recarray),
-    *("arrays", "duration_s", "file", "message", "notes", "push", "save", "scenario", "columns", "load", "of"),
+    *("arrays", "band", "duration_s", "file", "message", "notes", "push", "save", "scenario", "columns", "load", "of"),
     *("header", "outcome", "rows", "to_dataframe", "signals", "status", "steps", "wall_time_s", "analytic"),
     "allow_pickle",
 }
@@ -80,12 +84,18 @@ def recorded(
     return [(replace(each, frame="T") if each.name in at_tool else each, memory) for each, memory in found]
 
 
+def banded(recorded: Sequence[tuple[Signal, np.ndarray]], loop: np.ndarray) -> list[tuple[Signal, np.ndarray]]:
+    """The signals with a band, each with its memory, of the recorded ones."""
+    found = {signal.name: (signal, memory) for signal, memory in (*recorded, (PUSH, loop["push_shown"]))}
+    return [found[name] for name in BANDED if name in found]
+
+
 def check_states(states: Sequence[tuple[Stage, str]], names: Set[str] = frozenset()) -> None:
     """Refuse states that can't be recorded under their names, beside the signals ``names``. Raises InputError if two
     states have one name, or a state's name is taken or is not an identifier."""
     own = (*contact_signals(0), *JOINT_SIGNALS, thruster_signal(0))
     recorded = (*RECORDED, *MEASURED, *UNSTEADY, *DELAYED, *SCHEDULED, *TOOL, MANIPULABILITY, *own)
-    taken = names | {signal.name for signal in recorded} | _ATTRIBUTES
+    taken = names | {signal.name for signal in recorded} | {*itertools.chain(*BAND.values())} | _ATTRIBUTES
     faults: dict[Stage, list[Fault]] = {}
     for stage, name in states:
         if name in taken:

@@ -10,13 +10,13 @@ from ...analysis.setup import Setup
 from ...control.design import ATTITUDE_KEYS
 from ...plant.settings import contact_settings
 from ...scenario import STAGES
-from ...stages.signals import FINAL_WINDOW_S, KNOWN
+from ...stages.signals import FINAL_WINDOW_S, KNOWN, band_signals
 from .callback import entry_point
 from .contact_list import ContactList
 from .joints import Joints
 from .layouts import LOOP, STOP_STAGE
 from .memory import stopped
-from .rows import recorded, spans
+from .rows import banded, recorded, spans
 from .stage_table import StageTable
 from .verdict import POSITION_BOUND, SPEED_BOUND, TAU_BOUND
 from .wrist_memory import WristMemory
@@ -49,13 +49,11 @@ class RunMemory:
         self.u = np.zeros(n)
         own = setup.scenario, self.context["water"], self.contacts, self.joints
         self.recorded = recorded(self.loop, stages, self.u, *own)
-        self._spans = np.array(list(spans([memory for _, memory in self.recorded])))
-        self.rows = np.zeros((0, sum(signal.size for signal, _ in self.recorded)))
+        self._without_bands = len(self.recorded)
         allocation = stages.allocation
         allocation["B"], allocation["B_pinv"] = setup.nominal.B, np.linalg.pinv(setup.nominal.B)
         sizes = {"stages": len(stages.rows), "actuation": stages.actuation, "thrusters": n, "joints": self.joints.n}
         sizes["controls"] = memory["ctrl_at"].size if "ctrl_at" in memory else 0
-        sizes |= {"spans": len(self._spans), "row_width": self.rows.shape[1], "row_steps": 1}
         bounds = {"speed_bound": SPEED_BOUND, "position_bound": POSITION_BOUND, "tau_bound": TAU_BOUND}
         for name, value in (sizes | bounds).items():
             self.loop[name] = value
@@ -74,8 +72,6 @@ class RunMemory:
             "u_cmd_at": stages.u_cmd,
             "thrust_at": stages.thrust,
             "u_at": self.u,
-            "spans_at": self._spans,
-            "rows_at": self.rows,
             **self.contacts.reached,
             **self.joints.reached,
             **memory,
@@ -95,6 +91,7 @@ class RunMemory:
         self._start = [(array, array.copy()) for array in self._restored()]  # each has whole numbers of 8 bytes
         self._restores = np.array([(now.ctypes.data, start.ctypes.data, now.nbytes // 8) for now, start in self._start])
         self._restore = self._restores.ctypes.data, len(self._restores)
+        self.record(row_steps=1, capacity=0)
 
     def _restored(self) -> Iterator[np.ndarray]:
         """The arrays that a reset restores, the LOOP record first."""
@@ -109,10 +106,26 @@ class RunMemory:
         yield from () if self.wrist is None else self.wrist.state
 
     def record(self, row_steps: int, capacity: int) -> None:
-        """Record a row every so many time steps, at most ``capacity`` of them before they are taken."""
-        self.rows = np.zeros((capacity, self.rows.shape[1]))
+        """Record a row every so many time steps, at most ``capacity`` of them before they are taken; with the bands of
+        the signals that may alternate, if there are steps between rows."""
+        self.recorded, sources = self.recorded[: self._without_bands], []
+        if row_steps > 1:
+            sources = banded(self.recorded, self.loop)
+        self._bands = np.zeros(2 * sum(memory.size for _, memory in sources))
+        at = 0
+        for signal, memory in sources:
+            for edge in band_signals(signal):
+                self.recorded.append((edge, self._bands[at : at + memory.size]))
+                at += memory.size
+        self._banded = np.array([(memory.ctypes.data, memory.size) for _, memory in sources], dtype=np.int64)
+        self._spans = np.array(list(spans([memory for _, memory in self.recorded])))
+        self.rows = np.zeros((capacity, sum(signal.size for signal, _ in self.recorded)))
+        sizes = {"row_steps": row_steps, "row_capacity": capacity, "row_width": self.rows.shape[1]}
+        sizes |= {"spans": len(self._spans), "banded": len(sources)}
+        arrays = {"rows_at": self.rows, "spans_at": self._spans, "banded_at": self._banded, "bands_at": self._bands}
         for loop in self._start[0]:
-            loop["row_steps"], loop["row_capacity"], loop["rows_at"] = row_steps, capacity, self.rows.ctypes.data
+            for name, value in (sizes | {name: array.ctypes.data for name, array in arrays.items()}).items():
+                loop[name] = value
 
     def taken(self) -> np.ndarray:
         """The rows (n, width) written since :meth:`clear`, the last step's included. A view."""
@@ -168,6 +181,7 @@ class RunMemory:
         signals, base = self.stages.signals, self.stages.frame.base
         given = {name: signals[name] for name in signals.dtype.names} | {s.name: base[s.name] for s in KNOWN}
         found = {name: each[0:1].reshape(each.shape[1:]) for name, each in given.items()} | found
+        found["t"] = self.loop["t"].reshape(())  # of the instant in hand; the row in memory is that of the step before
         for view in found.values():
             view.flags.writeable = False
         return found
@@ -195,9 +209,12 @@ def write_initial(memory: RunMemory, setup: Setup) -> None:
 
 
 def write_impedance(memory: RunMemory, setup: Setup) -> None:
-    signals, design, impedance = memory.stages.signals, setup.design, setup.scenario.impedance
-    signals["M_d"], signals["D_d"], signals["K_d"] = design.M_d, design.D_d, impedance.K_d
-    signals["K_f"], signals["F_d"] = impedance.K_f, impedance.F_d
+    stages, design, impedance = memory.stages, setup.design, setup.scenario.impedance
+    stages.signals["K_d"] = impedance.K_d
+    if "natural" not in stages.entries:  # which sets them at its instants
+        stages.signals["M_d"], stages.signals["D_d"] = design.M_d, design.D_d
+    if "schedule" not in stages.entries:
+        stages.signals["K_f"], stages.signals["F_d"] = impedance.K_f, impedance.F_d
 
 
 def write_estimates(memory: RunMemory, setup: Setup) -> None:

@@ -2,9 +2,11 @@
 
 import ast
 import inspect
+import os
 import sys
 import sysconfig
 import types
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -37,6 +39,7 @@ if TYPE_CHECKING:  # global names of the templates below, set for each stage
 
 _PACKAGE = Path(__file__).parents[2]
 _FOREIGN = tuple(Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib", "purelib", "platlib"))
+_INSTALLED = tuple(f"{sysconfig.get_path(name)}{os.sep}" for name in ("stdlib", "platstdlib", "purelib", "platlib"))
 RETURNED, RAISED, OVERRAN, CHANGED_SETTINGS, NOT_FINITE, NOT_ATTITUDE = range(6)
 """Return codes of a stage's machine code."""
 _INNER: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
@@ -140,9 +143,13 @@ def compile_stage(
     parts = [repr(layout).encode(), stage.__code__.co_code]
     module = inspect.getmodule(stage)
     if module is not None and getattr(module, "__file__", None):
-        parts += [path.read_bytes() for path in source_files(module)] + [_global_values(module)]
+        files = source_files(module)
+        parts += [path.read_bytes() for path in files] + [
+            part for own in _modules(files) for part in _frozen(vars(own))
+        ]
     else:
         parts.append(repr((stage.__code__.co_consts, stage.__code__.co_names)).encode())
+    parts += _frozen(inspect.getclosurevars(stage).nonlocals)
 
     def prepare():
         import numba
@@ -236,11 +243,19 @@ def _origin(name: str) -> Path | None:
     return Path(spec.origin).resolve() if spec is not None and spec.origin and spec.has_location else None
 
 
-def _global_values(module: types.ModuleType) -> bytes:
-    """Bytes of the plain values among a module's globals, which numba freezes into the machine code."""
-    kinds = (bool, int, float, complex, str, tuple, np.ndarray, np.generic)
-    values = {name: value for name, value in vars(module).items() if isinstance(value, kinds) and name[:2] != "__"}
-    return b"".join(
-        name.encode() + (value.tobytes() if isinstance(value, np.ndarray) else repr(value).encode())
-        for name, value in sorted(values.items())
-    )
+def _modules(files: Sequence[Path]) -> list[types.ModuleType]:
+    """The loaded modules of these files, in their order."""
+    loaded = [(module, str(module.__file__)) for module in sys.modules.values() if getattr(module, "__file__", None)]
+    own = [(module, Path(file).resolve()) for module, file in loaded if not file.startswith(_INSTALLED)]
+    return [module for file in files for module, its in own if its == file]
+
+
+def _frozen(values: Mapping[str, Any]) -> Iterator[bytes]:
+    """Bytes of the values among these that numba freezes into machine code, and of those within tuples."""
+    for name, value in sorted(values.items()):
+        if isinstance(value, tuple):
+            yield from _frozen({f"{name}[{i}]": each for i, each in enumerate(value)})
+        elif isinstance(value, np.ndarray):
+            yield f"{name} {value.dtype} {value.shape} {value.strides}".encode() + value.tobytes()
+        elif isinstance(value, bool | int | float | complex | str | np.generic) and name[:2] != "__":
+            yield f"{name} {value!r}".encode()

@@ -91,7 +91,7 @@ class StageTable:
             if stage.external or not stage.runs:
                 return
             counted = joints.n if stage.room.counts == "joints" else n
-            own = type(stage).state_record(counted)
+            own = type(stage).start_record(counted)
             states = type(stage).state_size(counted) if state is None else 0
             self.entries[table] = Entry(stage, stage.record(setup), own if state is None else state, given, out, states)
 

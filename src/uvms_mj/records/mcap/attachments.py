@@ -6,6 +6,7 @@ The contents of the attachments are never executed and never written to disk.
 import dataclasses
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import PurePath
 from typing import Annotated, Any
 
@@ -23,7 +24,7 @@ from ...plant.mjcf import Mjcf
 from ...quantities import STRICT, NonNegative, Real
 from ...scenario import STAGES, Scenario
 from ...stages.loader import recorded_stage
-from ...stages.signals import IN_TASK_FRAME, OF_JOINTS, RECORDED, Signal
+from ...stages.signals import BAND, IN_TASK_FRAME, OF_JOINTS, PUSH, RECORDED, Signal
 from ..header import Header, Outcome, StageSource, code_file
 
 MOST_BYTES = 256_000_000
@@ -140,7 +141,10 @@ def header_files(header: Header) -> dict[str, bytes]:
         "geometry.json": header.geometry.to_json(),
     }
     files |= {f"model/{name}": data for name, data in header.mjcf.files.items()}
-    files |= {code_file(name, s.source): s.code.encode() for name, s in header.sources.items() if s.code}
+    for table, s in header.sources.items():
+        code = code_file(table, s.source)
+        files |= {f"{PurePath(code).parent}/{name}": data for name, data in s.files.items()}
+        files |= {code: s.code.encode()} if s.code else {}
     refuse_large(files)
     return files
 
@@ -183,6 +187,7 @@ def header_of(files: Mapping[str, bytes]) -> Header:
         code = files.get(code_file(name, entry.source), b"").decode(errors="replace")
         sources[name] = StageSource(entry.source, entry.sha256, code, entry.states)
         if entry.source not in choice.shipped:
+            sources[name] = replace(sources[name], files=_listed(files, code_file(name, entry.source)))
             known[name] = recorded_stage(choice.base, entry.source, table, entry.states)
     scenario = Scenario.from_dict(tables, place="scenario.toml", known=known)
     if scenario.vehicle.model != PurePath(scenario.vehicle.model).name:
@@ -220,6 +225,12 @@ def header_of(files: Mapping[str, bytes]) -> Header:
     )
 
 
+def _listed(files: Mapping[str, bytes], code: str) -> dict[str, bytes]:
+    """The files of a log that a stage listed, by name; ``code`` is the name of its own."""
+    folder = f"{PurePath(code).parent}/"
+    return {name.removeprefix(folder): data for name, data in files.items() if name.startswith(folder) and name != code}
+
+
 def _arrays(rest: SteadyState | _Rest) -> tuple[Any, ...]:
     return rest.position, rest.quat, rest.s, rest.tau
 
@@ -248,6 +259,7 @@ def _are_sound(signals: tuple[Signal, ...], states: Mapping[str, int]) -> bool:
     """Whether signals begin with t, are all there that a log needs, and are those of this version's table."""
     found = {s.name: (s.shape, s.unit, s.frame) for s in signals}
     table = {s.name: (s.shape, s.unit, s.frame) for s in RECORDED}
+    banded = {PUSH.name: (PUSH.shape, PUSH.unit, PUSH.frame)} | found
 
     def agrees(name: str, facts: tuple[tuple[int, ...], str, str]) -> bool:
         shape, unit, frame = facts
@@ -261,6 +273,11 @@ def _are_sound(signals: tuple[Signal, ...], states: Mapping[str, int]) -> bool:
         and all(name.isidentifier() and agrees(name, facts) for name, facts in found.items())
         and all(found[name][0] == (size,) for name, size in states.items())
         and len(found["u"][0]) == 1
+        and all(
+            found.get(low) == found.get(high) in (None, banded[name])
+            for name, (low, high) in BAND.items()
+            if name in banded
+        )
     )
 
 

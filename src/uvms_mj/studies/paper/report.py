@@ -31,7 +31,8 @@ CAPTIONS: Mapping[str, str] = {
     "fig07": "Thrust with the first-order law. The inset shows the initial switching at every step.",
     "fig08": "Position with GSTA.",
     "fig09": f"Contact force with GSTA: impacts, then rest at the expected value. {_LEVELS}",
-    "fig10": "Sliding variable with GSTA after the reaching phase. The inset shows the reaching phase.",
+    "fig10": "Sliding variable with GSTA after the reaching phase. It alternates at every step; the shade is its range "
+    "between two rows. The inset shows the reaching phase.",
     "fig11": "Thrust with GSTA, with and without the nominal control. The inset shows every step.",
     "fig12": "Force part of GSTA's integral term, with and without the nominal control.",
 }

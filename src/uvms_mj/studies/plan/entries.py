@@ -2,21 +2,20 @@
 
 import dataclasses
 import functools
-from collections.abc import Mapping
+import warnings
+from collections.abc import Container, Mapping
 from pathlib import Path
 from typing import Any
 
 from ...errors import Fault, InputError
-from ...files import plain, shortened
+from ...files import plain, shortened, tables_of, toml_path
 from ...quantities import overrides_of
 from ...scenario import STAGES, Scenario
-from ...stages.base import Stage
-from ...stages.loader import recorded_stage
 from .study_file import StudyFile, Vary
 
 _OF_STUDY = ("design", "keep", "run")
 _NOT_OF_BASE = ("laws", "vary", "design", "keep", "run", "success")
-_PATHS = ("vehicle.model", "joints.motion_file", *(f"{table}.name" for table in STAGES))
+PATHS = ("vehicle.model", "joints.motion_file", *(f"{table}.name" for table in STAGES))
 """The dotted keys whose value may be the path of a file."""
 _SUFFIXES = (".py", ".xml", ".toml", ".csv")
 
@@ -48,7 +47,7 @@ def absolute(value: Any, folder: Path) -> Any:
 
 def with_absolute_values(vary: Vary, folder: Path) -> Vary:
     """An entry of vary whose values are absolute paths, if its key names files."""
-    if vary.key not in _PATHS or vary.values is None:
+    if vary.key not in PATHS or vary.values is None:
         return vary
     return dataclasses.replace(vary, values=[absolute(value, folder) for value in vary.values])
 
@@ -80,31 +79,23 @@ def _flat(tables: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for table, value in tables.items():
         flat |= {f"{table}.{word}": each for word, each in value.items()} if isinstance(value, dict) else {table: value}
-    return {key: absolute(value, folder) if key in _PATHS else value for key, value in flat.items()}
+    return {key: absolute(value, folder) if key in PATHS else value for key, value in flat.items()}
 
 
 def _prefixed(fault: Fault, place: str) -> Fault:
     return Fault(f"{place}.{fault.key}" if fault.key else place, fault.message)
 
 
-def _stand_ins(own: dict[str, Any]) -> dict[str, type[Stage]]:
-    """Placeholders for stages whose files are gone, by table, with the settings among the dotted keys ``own``; their
-    names there become those of the placeholders."""
-    found: dict[str, type[Stage]] = {}
-    for table, choice in STAGES.items():
-        path, _, label = str(own.get(f"{table}.name", "")).rpartition(":")
-        if path and not Path(path).is_file():
-            own[f"{table}.name"] = source = f"{Path(path).name}:{label}"
-            settings = {key.partition(".")[2]: value for key, value in own.items() if key.startswith(f"{table}.")}
-            found[table] = recorded_stage(choice.base, source, settings, {})
-    return found
-
-
 def base_of(
-    table: Mapping[str, Any], folder: Path, overrides: Mapping[str, Any], faults: list[Fault], ran: bool = False
+    table: Mapping[str, Any],
+    folder: Path,
+    overrides: Mapping[str, Any],
+    faults: list[Fault],
+    trusted: Container[str] | None = None,
 ) -> Scenario | None:
     """The base scenario. Errors are appended to ``faults``. It is then the scenario without the keys that have an
-    error, so that the laws and the keys that vary can be checked; None if there is none."""
+    error, so that the laws and the keys that vary can be checked; None if there is none. ``trusted`` is that of
+    :meth:`.Scenario.from_dict`."""
     if any(fault.key.partition(".")[0] == "base" for fault in faults):
         return None
     rest = dict(table)
@@ -113,10 +104,13 @@ def base_of(
         del rest[word]
     named = absolute(rest.pop("scenario", None), folder)
     own = {**_flat(rest, folder), **overrides}
-    known = _stand_ins(own) if ran else {}
     for attempt in range(2):
         try:
-            return Scenario.from_dict({}, own, known=known) if named is None else Scenario.load(named, own)
+            if named is None:
+                return Scenario.from_dict({}, own, trusted=trusted)
+            path = toml_path(named, "scenario", "scenarios")
+            tables, place = tables_of(path, "scenario"), str(named)
+            return Scenario.from_dict(tables, own, None, path.parent, place, note=warnings.warn, trusted=trusted)
         except InputError as error:
             wrong = error
         if attempt == 0:
@@ -127,10 +121,15 @@ def base_of(
 
 
 def laws_of(
-    given: list[Any] | None, base: Scenario, folder: Path, faults: list[Fault], notes: list[str], ran: bool = False
+    given: list[Any] | None,
+    base: Scenario,
+    folder: Path,
+    faults: list[Fault],
+    notes: list[str],
+    trusted: Container[str] | None = None,
 ) -> list[Law]:
     """The laws of a study; default: the base scenario's. Errors are appended to ``faults``, and to ``notes`` sentences
-    with the settings of the base scenario that a law leaves out. Of a study that ``ran`` files may be gone."""
+    with the settings of the base scenario that a law leaves out. ``trusted`` is that of :meth:`.Scenario.from_dict`."""
     laws: list[Law] = []
     if given == []:
         faults.append(Fault("laws", "is empty; leave it out for the law of the base scenario"))
@@ -142,7 +141,7 @@ def laws_of(
         table = {"name": entry} if isinstance(entry, str) else dict(entry)
         source, label = absolute(table.pop("name", None), folder), table.pop("label", None)
         left_out: list[str] = []
-        found = _law(source, label, _flat(table, folder), base, place, faults, left_out, ran)
+        found = _law(source, label, _flat(table, folder), base, place, faults, left_out, trusted)
         notes += [f"{place}: {said}" for said in left_out]
         if found is not None and any(found.label == law.label for law in laws):
             faults.append(Fault(f"{place}.label", f"{found.label!r} is used twice; give each law a label"))
@@ -159,7 +158,7 @@ def _law(
     place: str,
     faults: list[Fault],
     left_out: list[str],
-    ran: bool,
+    trusted: Container[str] | None,
 ) -> Law | None:
     """One law. Errors are appended to ``faults``; then it is None."""
     wrong = [
@@ -175,13 +174,7 @@ def _law(
         faults += wrong
         return None
     try:
-        own = overrides | ({"controller.name": source} if ran else {})
-        if ran and (known := _stand_ins(own)):
-            kinds: dict[str, type[Stage]] = {name: type(getattr(base, name)) for name in STAGES}
-            known = kinds | {name: kind for name, kind in known.items() if kind.source() != kinds[name].source()}
-            scenario = Scenario.from_dict(base.to_dict(), own, known=known, note=left_out.append)
-        else:
-            scenario = base.updated(overrides, source, note=left_out.append)
+        scenario = base.updated(overrides, source, note=left_out.append, trusted=trusted)
     except InputError as error:
         prefixed = [_prefixed(fault, place) for fault in error.faults]
         faults += [Fault(fault.key.replace(".controller.name", ".name"), fault.message) for fault in prefixed]

@@ -11,6 +11,7 @@ from ...analysis.summary import METRICS
 from ...errors import Fault, InputError, suggestion
 from ...stages.loader import load_file
 from ...stages.signals import AXES
+from .entries import absolute
 
 if TYPE_CHECKING:
     from ...records.trace import Trace
@@ -54,7 +55,7 @@ def metric_of(name: str) -> "Callable[[Trace], Any]":
     return functions[word]
 
 
-OF_ROWS = ("index", "draw", "law", "repeat", "seed", "status", "message", "steps", "warnings", "engine")
+OF_ROWS = ("index", "draw", "law", "repeat", "seed", "status", "message", "steps", "warnings", "success", "engine")
 """The columns of every row besides the keys that vary and the metrics."""
 COMPONENTS: Mapping[str, tuple[str, ...]] = {
     **{name: () for name in METRICS if name not in NOT_METRICS},
@@ -63,6 +64,40 @@ COMPONENTS: Mapping[str, tuple[str, ...]] = {
     "final.attitude_wxyz": ("w", *AXES[:3]),
 }
 """The numbers that a study can keep, most of them of ``uvms-mj run --json``, with the names of their components."""
+
+
+FLAGS, TEXTS = ("contact.settled",), ("analytic.none_because", "noise.none_because")
+"""The metrics that are true or false, and those that are texts. All others are numbers."""
+
+
+MEANINGS: Mapping[str, str] = {
+    "contact.first_s": "time of the first touch; none without a touch",
+    "contact.touches": "number of times that the push begins",
+    "contact.peak_N": "largest push",
+    "contact.impulse_Ns": "integral of the push over time",
+    "contact.final_N": "mean push over the last 0.5 s",
+    "contact.settled": "true or false: whether the push has settled at the end",
+    "contact.analytic_N": "push at rest in closed form; none without a closed form or without contact at rest",
+    "contact.relative_error": "of contact.final_N against contact.analytic_N [1]; none unless the push has settled",
+    "noise.push_N": "standard deviation of the push over the last half of the run, with white noise of a sensor",
+    "noise.analytic_N": "the same in closed form",
+    "noise.none_because": "text: why the noise has no closed form",
+    "effort_N2s": "integral of X^2 + Y^2 + Z^2 of the thrust over time",
+    "saturated_s": "time with a thruster at its limit",
+    "final.position_m": "p_WB at the end",
+    "final.attitude_wxyz": "quat_WB at the end",
+    "final.s": "sliding variable at the end [m/s, rad/s]",
+    "final.z": "state z of a super-twisting law at the end, which takes up the disturbance [m/s^2, rad/s^2]",
+    "final.tau": "wrench of the thrusters at the end [N, N m]",
+    "analytic.position_m": "p_WB at rest in closed form",
+    "analytic.none_because": "text: why the rest has no closed form",
+    "certified_rate_m_per_s3": "rate of disturbance for which the law is certified; none for other laws",
+    "chattering_N_per_s": "sum of the chattering indices of X, Y and Z over the last second",
+    "force_error_N": "contact.final_N, settled or not, minus the demanded force; none with several walls",
+    "force_range_N": "greatest minus least push over the last 0.5 s",
+    "thrust_peak_N": "largest of X, Y and Z that the thrusters gave at any step",
+}
+"""What each of :data:`COMPONENTS` is. Its unit is that of :func:`unit_of_column`, or in brackets."""
 
 
 def columns_of(place: str) -> list[str]:
@@ -77,6 +112,21 @@ def column_is_taken(name: str, others: Sequence[str], varied: Sequence[str]) -> 
     return column in OF_ROWS or column in tables or any(column == other.rpartition(":")[2] for other in others)
 
 
+def kept_column(name: str, metrics: Sequence[str], folder: Path) -> tuple[str, str]:
+    """The metric among those that are kept, and the column of the rows, that a name means: the metric's own, its
+    function's alone, or that of a component, ``final.position_m.x``. A path is relative to ``folder``. A vector has no
+    column of its own name. Raises InputError if nothing that is kept has this name."""
+    for metric in metrics:
+        function = metric.rpartition(":")[2]
+        for written, called in ((name, function), (absolute(name, folder), metric)):
+            if written == called or written.startswith(f"{called}."):
+                column = function + written.removeprefix(called)
+                if metric in COMPONENTS and column not in (metric, *columns_of(metric)):
+                    raise InputError(f"is not a component of {metric}: {', '.join(columns_of(metric))}")
+                return metric, column
+    raise InputError(f"is not one of keep.metrics; {suggestion(name, [each.rpartition(':')[2] for each in metrics])}")
+
+
 _function = functools.cache(metric_of)
 
 
@@ -89,14 +139,14 @@ def users_numbers(place: str, trace: "Trace") -> dict[str, float | None]:
 
 
 def _number(column: str, value: Any) -> float | None:
-    """A finite number, or None for a missing one or one that is not finite. Raises TypeError for anything else."""
+    """A number, also an infinite one, or None for a missing one or nan. Raises TypeError for anything else."""
     if value is None:
         return None
     try:
         number = float(value)
     except (TypeError, ValueError):
         raise TypeError(f"metric {column}: {value!r} is not a number; return a number or a dict of numbers") from None
-    return number if math.isfinite(number) else None
+    return None if math.isnan(number) else number
 
 
 _UNITS = {

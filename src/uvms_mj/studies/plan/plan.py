@@ -3,7 +3,7 @@
 import functools
 import hashlib
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from ...errors import InputError
 from ...files import shortened, tables_of, toml_path
 from ...scenario import Scenario
 from .draws import Variation
-from .entries import Law
+from .entries import PATHS, Law
 from .places import overrides_at
 from .reading import fields_of
 from .study_file import Logs
@@ -59,6 +59,7 @@ class Plan:
         time_limit_s: wall time after which a run ends [s]; None without a limit.
         success: what a run must meet besides its completion, by metric; empty if it must have settled.
         notes: warnings about the plan.
+        trusted: names of users' stages whose files may be imported; None: all. Others have placeholders.
     """
 
     name: str
@@ -80,6 +81,7 @@ class Plan:
     time_limit_s: float | None
     success: Mapping[str, Limit]
     notes: tuple[str, ...]
+    trusted: Container[str] | None = None
 
     @classmethod
     def load(cls, study: str | os.PathLike, overrides: Mapping[str, Any] | None = None) -> "Plan":
@@ -97,10 +99,11 @@ class Plan:
         return cls.from_dict(tables_of(path, "study"), path.parent, overrides, place=str(study))
 
     @classmethod
-    def that_ran(cls, study: Path) -> "Plan":
-        """Load the plan of a study that ran, for its results alone: a file of a law that is gone has a placeholder, as
-        in a log. Raises InputError if the file is invalid."""
-        return cls(**fields_of(tables_of(study, "study"), study.parent, None, str(study), ran=True))
+    def that_ran(cls, study: Path, trusted: Container[str] = ()) -> "Plan":
+        """Load the plan of a study that ran, for its results. Nothing is imported but the stages ``trusted``, by their
+        names in the file; all others of users' files have placeholders, as in a log. Raises InputError if the file is
+        invalid."""
+        return cls(**fields_of(tables_of(study, "study"), study.parent, None, str(study), trusted))
 
     @classmethod
     def from_dict(
@@ -155,20 +158,30 @@ class Plan:
         if not 0 <= index < self.runs:
             raise IndexError(f"run {index}: the study has {self.runs} runs, from 0 to {self.runs - 1}")
         draw, law, repeat = index // self.repeats // len(self.laws), self._law(index), index % self.repeats
-        values = {
-            key: value if each.covers(law.label) else None
-            for key, value, each in zip(self.varied, self.points[draw], self._variation_of_keys, strict=True)
-        }
+        values = self._values(index)
         given = {key: value for key, value in values.items() if value is not None}
         seed = run_seed(self.seed, draw, repeat)
         own = {"controller.name": law.source, **law.overrides}
         overrides = {**own, **overrides_at(given, law.tables), "simulation.seed": seed}
         return Run(index, draw, law.label, repeat, seed, values, overrides)
 
+    def _values(self, index: int) -> dict[str, Any]:
+        """The values of each varied key in a run; None if the key does not vary for its law."""
+        law, point = self._law(index), self.points[index // self.repeats // len(self.laws)]
+        each = zip(self.varied, point, self._variation_of_keys, strict=True)
+        return {key: value if entry.covers(law.label) else None for key, value, entry in each}
+
+    def names(self, index: int) -> dict[str, str]:
+        """The names of the stages and of the files of a run, by dotted key."""
+        tables, values = self._law(index).tables, self._values(index)
+        places = [(key, *key.split(".")) for key in PATHS]
+        named = {key: tables[table][word] for key, table, word in places if word in tables[table]}
+        return named | {key: value for key, value in values.items() if key in PATHS and value is not None}
+
     def scenario(self, index: int) -> Scenario:
         """The scenario of a run. Raises InputError if its values can't be used together."""
         overrides = self.run(index).overrides
-        return self._law(index).scenario.updated(overrides, place=f"run {index}")
+        return self._law(index).scenario.updated(overrides, place=f"run {index}", trusted=self.trusted)
 
     def text(self) -> str:
         """Number of runs and steps, the laws, and the range of each key: the text of a dry run."""

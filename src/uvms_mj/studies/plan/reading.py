@@ -1,7 +1,8 @@
 """A study file is read: its tables become the fields of a plan, or errors."""
 
+import contextlib
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from ...scenario import Scenario
 from .draws import design_faults, points, variation
 from .entries import Law, absolute, base_of, laws_of, split_overrides, with_absolute_values
 from .key_checks import KeyChecks, combination_faults
-from .metric import COMPONENTS, column_is_taken, metric_of
+from .metric import COMPONENTS, column_is_taken, kept_column, metric_of
 from .places import unit_of
 from .study_file import Keep, Logs, StudyFile, read
 from .success import limits
@@ -22,17 +23,22 @@ DEFAULT_WORST = 5
 
 
 def fields_of(
-    tables: Mapping[str, Any], folder: Path, overrides: Mapping[str, Any] | None, place: str, ran: bool = False
+    tables: Mapping[str, Any],
+    folder: Path,
+    overrides: Mapping[str, Any] | None,
+    place: str,
+    trusted: Container[str] | None = None,
 ) -> dict[str, Any]:
-    """The fields of a :class:`.plan.Plan`, by name. The arguments are those of its ``from_dict``; of a study that
-    ``ran`` files may be gone, and what needs them is not checked again. Raises InputError with every error of the
-    tables and the overrides."""
+    """The fields of a :class:`.plan.Plan`, by name. The arguments are those of its ``from_dict`` and ``that_ran``; of a
+    study that ran, which has ``trusted``, what needs its files is not checked again. Raises InputError with every error
+    of the tables and the overrides."""
+    ran = trusted is not None
     faults: list[Fault] = []
     changed, of_base = split_overrides(tables, overrides, faults)
     study = _completed(read(changed, faults), folder)
-    base = base_of(study.base, folder, of_base, faults, ran)
+    base = base_of(study.base, folder, of_base, faults, trusted)
     left_out: list[str] = []
-    laws = laws_of(study.laws, base, folder, faults, left_out, ran) if base is not None else []
+    laws = laws_of(study.laws, base, folder, faults, left_out, trusted) if base is not None else []
     variations = []
     for i, each in enumerate(study.vary):
         if not any(fault.key.startswith(f"vary[{i}]") for fault in faults):
@@ -49,7 +55,7 @@ def fields_of(
         faults.append(Fault("design", f"{runs} runs; at most {MOST_RUNS} are allowed"))
     varied = tuple(key for each in variations for key in each.keys)
     faults += [] if ran else _keep_faults(study.keep, runs, varied)
-    success = limits(study.success, study.keep.metrics, faults)
+    success = limits(study.success, study.keep.metrics, folder, faults)
     drawn: tuple[tuple[Any, ...], ...] = ()
     if draws and _none(faults, "design"):
         drawn = points(str(study.design.kind), variations, draws, study.design.seed)
@@ -60,7 +66,7 @@ def fields_of(
     return {
         "name": study.name,
         "description": study.description,
-        "tables": _tables(study, base, laws),
+        "tables": {**_tables(study, base, laws), "success": plain(success)},
         "base": base,
         "laws": tuple(laws),
         "variations": tuple(variations),
@@ -77,6 +83,7 @@ def fields_of(
         "time_limit_s": study.run.time_limit_s,
         "success": success,
         "notes": (*left_out, *notes),
+        "trusted": trusted,
     }
 
 
@@ -93,6 +100,9 @@ def _completed(study: StudyFile, folder: Path) -> StudyFile:
     metrics, logs = [absolute(name, folder) for name in study.keep.metrics], study.keep.logs
     if logs.kind == "worst" and logs.k is None:
         logs = dataclasses.replace(logs, k=DEFAULT_WORST)
+    if logs.metric is not None:
+        with contextlib.suppress(InputError):  # said with the other errors of keep
+            logs = dataclasses.replace(logs, metric=kept_column(logs.metric, metrics, folder)[1])
     return dataclasses.replace(study, vary=vary, design=design, keep=Keep(metrics=metrics, logs=logs))
 
 
@@ -113,8 +123,11 @@ def _keep_faults(keep: Keep, runs: int, varied: Sequence[str]) -> Iterator[Fault
         value = getattr(logs, field.name)
         if field.name not in used and value not in (None, []):
             yield Fault(f"keep.logs.{field.name}", f"has no effect for logs of kind {logs.kind!r}")
-    if logs.kind == "worst" and logs.metric not in metrics:
-        yield Fault("keep.logs.metric", f"{logs.metric!r} must be one of keep.metrics: {', '.join(metrics)}")
+    if logs.kind == "worst":
+        try:
+            kept_column(str(logs.metric), metrics, Path())
+        except InputError as error:
+            yield from (Fault("keep.logs.metric", f"{logs.metric!r} {fault.message}") for fault in error.faults)
     if logs.kind == "listed" and not logs.indices:
         yield Fault("keep.logs.indices", "lists no run")
     for i, index in enumerate(logs.indices):
@@ -129,5 +142,5 @@ def _tables(study: StudyFile, base: Scenario, laws: list[Law]) -> dict[str, Any]
         "description": study.description,
         "base": base.to_dict(),
         "laws": [{"name": law.source, "label": law.label, **plain(law.overrides)} for law in laws],
-        **{table: plain(getattr(study, table)) for table in ("vary", "design", "keep", "run", "success")},
+        **{table: plain(getattr(study, table)) for table in ("vary", "design", "keep", "run")},
     }

@@ -13,12 +13,15 @@ import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from ...engine.native.stage_code import source_files
-from ...errors import InputError
+from ...errors import Fault, InputError
 from ...plant.mjcf import Mjcf
 from ...records.header import versions
+from ...stages.base import Stage
+from ...stages.contract import listed_files, wrong_files
 from ...stages.loader import load_file
 
 if TYPE_CHECKING:
@@ -29,7 +32,7 @@ _HERE = "<files>/"
 _PACKAGE = Path(__file__).parents[2]
 _NO_NUMBERS = (
     *("cli", "envs", "views"),
-    *(f"studies/{name}" for name in ("dataset.py", "pages", "paper", "plan/success.py", "report", "tune")),
+    *(f"studies/{name}" for name in ("dataset.py", "pages", "paper", "report", "tune")),
 )
 """Folders whose code does not affect a row."""
 
@@ -82,7 +85,11 @@ class Parcel:
             def here(text: str) -> str:
                 return text.replace(_HERE, folder, 1) if text.startswith(_HERE) else text
 
-            _plans[self.digest] = Plan.from_dict(_changed(self.tables, here))
+            try:
+                _plans[self.digest] = Plan.from_dict(_changed(self.tables, here))
+            except InputError as error:
+                said = str(error).replace(folder, "")
+                raise InputError(f"with the files alone that travel to a worker: {said}{_HINT}") from None
         return _plans[self.digest]
 
     def _folder(self) -> str:
@@ -108,6 +115,11 @@ _plans: dict[str, "Plan"] = {}
 """The last plan by the digest of its parcel."""
 
 
+_HINT = (
+    "; a class lists what its file reads beside it, files = ['policy.npz'], and a file of metrics does so at its top"
+)
+
+
 def _changed(value: Any, change: Callable[[str], str]) -> Any:
     """A value of a table with each text in it changed."""
     if isinstance(value, Mapping):
@@ -121,22 +133,58 @@ def _packed(value: str, files: dict[str, bytes]) -> str:
     """A text of a table; the name of a file is packed."""
     file, colon, name = value.rpartition(":") if ".py:" in value else (value, "", "")
     path = Path(file)
-    if not path.is_absolute() or path.suffix not in (".py", ".xml") or not path.is_file():
+    pack = _PACKS.get(path.suffix)
+    if pack is None or not path.is_absolute() or not path.is_file():
         return value
-    pack = _pack_code if path.suffix == ".py" else _pack_vehicle
     return f"{_HERE}{pack(path, files)}{colon}{name}"
 
 
 def _pack_code(path: Path, files: dict[str, bytes]) -> str:
-    """Pack a file of Python with the files that it imports. Returns its name."""
+    """Pack a file of Python with the files that it imports, and those that it lists. Returns its name."""
     path = path.resolve()
-    sources = source_files(load_file(path, "study"))
-    roots = [path.parent, *sorted((Path(p).resolve() for p in sys.path if p), key=lambda p: -len(p.parts))]
-    name = f"code-{_short(str(path).encode())}"
-    for source in sources:
+    module = load_file(path, "study")
+    roots, name = _roots(path), _code_name(path)
+    for source in (*source_files(module), *_listed(module)):
         root = next((root for root in roots if source.is_relative_to(root)), source.parent)
         files[f"{name}/{source.relative_to(root)}"] = source.read_bytes()
     return f"{name}/{path.name}"
+
+
+def _listed(module: ModuleType) -> list[Path]:
+    """The files that the classes of a module list, and those of its own list, for metrics. Raises InputError if the
+    latter is wrong."""
+    file = Path(str(module.__file__))
+    own = vars(module).get("files", ())
+    if wrong := list(wrong_files(own, file.parent)):
+        raise InputError([Fault("", f"{file.name}: {each}") for each in wrong])
+    kinds = [each for each in vars(module).values() if isinstance(each, type) and issubclass(each, Stage)]
+    return [path for kind in kinds for path in listed_files(kind).values()] + [file.parent / name for name in own]
+
+
+def _code_name(path: Path) -> str:
+    """The folder of a parcel for a file of Python."""
+    return f"code-{_short(str(path).encode())}"
+
+
+def _roots(path: Path) -> list[Path]:
+    """The folders from which a file of Python imports, its own first."""
+    return [path.parent, *sorted((Path(p).resolve() for p in sys.path if p), key=lambda p: -len(p.parts))]
+
+
+def changed_files(value: str, then: Mapping[str, str]) -> list[str]:
+    """Names of the files that a text of a study's table needs and that are not those of ``then``, the digests by name
+    of version.json. Nothing is imported."""
+    now: dict[str, bytes] = {}
+    if ".py:" in value and Path(file := value.rpartition(":")[0]).is_file():
+        path = Path(file).resolve()
+        folder = f"{_code_name(path)}/"
+        now = {f"{folder}{path.name}": path.read_bytes()}
+        for name in (name for name in then if name.startswith(folder)):
+            there = [root / name.removeprefix(folder) for root in _roots(path)]
+            now[name] = next((each.read_bytes() for each in there if each.is_file()), b"")
+    elif ".py:" not in value:
+        _packed(value, now)
+    return [Path(name).name for name, data in now.items() if hashlib.sha256(data).hexdigest() != then.get(name)]
 
 
 def _pack_vehicle(path: Path, files: dict[str, bytes]) -> str:
@@ -146,6 +194,21 @@ def _pack_vehicle(path: Path, files: dict[str, bytes]) -> str:
     for name, data in mjcf.files.items():
         files[f"{folder}/{name}"] = data
     return f"{folder}/{mjcf.name}"
+
+
+def _pack_table(path: Path, files: dict[str, bytes]) -> str:
+    """Pack a file of numbers. Returns its name."""
+    name = f"file-{_short(str(path).encode())}/{path.name}"
+    files[name] = path.read_bytes()
+    return name
+
+
+_PACKS: Mapping[str, Callable[[Path, dict[str, bytes]], str]] = {
+    ".py": _pack_code,
+    ".xml": _pack_vehicle,
+    ".csv": _pack_table,
+}
+"""How a file of a table is packed, by its suffix."""
 
 
 def _short(data: bytes) -> str:

@@ -68,6 +68,10 @@ class Axis:
         positive = [value for value in self.values if value > 0.0]
         return max(positive) / min(positive) > 30.0
 
+    def text(self, value: float) -> str:
+        """A value with its unit."""
+        return f"{value:g}" if self.unit == "1" else f"{value:g} {self.unit}"
+
     @property
     def table(self) -> dict[str, Any]:
         """The axis as an entry of ``[[vary]]``."""

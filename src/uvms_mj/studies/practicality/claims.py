@@ -85,7 +85,7 @@ def at_real(name: str, law: str):
         rows = results.along(axis, law)
         row = rows.iloc[int(np.argmin(np.abs(rows[axis.key].to_numpy(float) - axis.real)))]
         error, spread = float(row["force_error_N"]), float(row["force_range_N"])
-        detail = f"at {row[axis.key]:g} {axis.unit}: {error:+.2g} N, varies by {spread:.2g} N"
+        detail = f"at {axis.text(row[axis.key])}: {error:+.2g} N, varies by {spread:.2g} N"
         return Measured(100.0 * abs(error) / DEMANDED, detail)
 
     return measure

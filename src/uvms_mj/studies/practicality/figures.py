@@ -10,7 +10,6 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
-from matplotlib.ticker import EngFormatter
 
 from ...views import colours
 from ...views.figures.style import ABOVE, GREY, LINE, PAGE_IN, SMALL, keys, panels, styled
@@ -22,7 +21,7 @@ from .results import LABELS, Results
 _COLUMNS = 2
 _TOP = 2.0 * DEMANDED
 """Top of the panels [N]; a push above is drawn there."""
-_HATCH = "#8c8c8c"
+_HATCH, _WRONG = "#8c8c8c", "#d9d9d9"
 _SHOWN = ("fosm", "gsta", "gsta retuned")
 """The laws of the maps; impedance control alone does not reach the wall."""
 
@@ -46,11 +45,11 @@ def profiles(results: Results, axes: Sequence[Axis]) -> Figure:
 
 
 def _profile(ax: Axes, results: Results, axis: Axis, shown: dict[str, str]) -> None:
-    least = min(value for value in axis.values if value > 0.0)
+    least, (factor, _) = min(value for value in axis.values if value > 0.0), _in_ms(axis)
     for i, (law, colour) in enumerate(shown.items()):
         rows = results.along(axis, law)
         x = np.array(rows[axis.key], float)
-        x = np.where(x == 0.0, least / 2.0, x) * (1.03**i) if axis.logarithmic else x
+        x = factor * np.where(x == 0.0, least / 2.0, x) * (1.03**i) if axis.logarithmic else x
         mean, half = rows["contact.final_N"].to_numpy(float), 0.5 * rows["force_range_N"].to_numpy(float)
         works = rows["works"].to_numpy()
         low, high = np.clip(mean - half, 0.0, _TOP), np.clip(mean + half, 0.0, _TOP)
@@ -58,18 +57,24 @@ def _profile(ax: Axes, results: Results, axis: Axis, shown: dict[str, str]) -> N
         ax.plot(x[works], np.clip(mean, 0.0, _TOP)[works], "o", color=colour, markersize=2.6)
         ax.plot(x[~works], np.clip(mean, 0.0, _TOP)[~works], "x", color=colour, markersize=3.2)
     ax.axhspan(DEMANDED * (1.0 - PART), DEMANDED * (1.0 + PART), color="#000000", alpha=0.06, linewidth=0.0)
-    ax.axvline(axis.real, color=GREY, linestyle=":", linewidth=LINE)
+    ax.axvline(factor * axis.real, color=GREY, linestyle=":", linewidth=LINE)
     if axis.logarithmic:
         decades(ax, "x")
     if axis.values[-1] < axis.values[0]:
         ax.invert_xaxis()
     ax.set_ylim(-0.1, _TOP + 0.1)
-    unit = "" if axis.unit == "1" else f" [{axis.unit}]"
+    unit = "" if axis.unit == "1" else f" [{_in_ms(axis)[1]}]"
     ax.set_xlabel(f"{axis.title}{unit}", parse_math=False)
 
 
+def _in_ms(axis: Axis) -> tuple[float, str]:
+    """Factor of the values of an axis, and its unit: times are drawn in milliseconds."""
+    return (1e3, "ms") if axis.unit == "s" else (1.0, axis.unit)
+
+
 def maps(results: Results) -> Figure:
-    """The range of the push over two axes, hatched where a law does not work, with the limit of the force's age."""
+    """The range of the push over two axes, hatched where a law does not work, with the limit of the force's age. Grey
+    where the push hardly varies and is wrong: there is none off the wall."""
     with styled(), mpl.rc_context({"hatch.linewidth": 0.5}):
         figure = Figure(figsize=(PAGE_IN, 0.5 + 2.0 * len(MAPS)))
         grid = figure.subplots(len(MAPS), len(_SHOWN), squeeze=False, sharey=True)
@@ -77,8 +82,8 @@ def maps(results: Results) -> Figure:
         for row, (name, x, y) in zip(grid, MAPS, strict=True):
             for ax, law in zip(row, _SHOWN, strict=True):
                 drawn = _map(ax, results, name, law, x, y)
-                ax.set_xlabel(f"{x.title} [s]", fontsize=SMALL)
-            row[0].set_ylabel("stiffness of the wall [N/m]", fontsize=SMALL)
+                ax.set_xlabel(f"{x.title} [ms]")
+            row[0].set_ylabel("stiffness of the wall [N/m]")
         for ax, law in zip(grid[0], _SHOWN, strict=True):
             ax.set_title(law, color=_colours()[law], fontweight="bold", parse_math=False)
         assert drawn is not None
@@ -93,21 +98,22 @@ def _map(ax: Axes, results: Results, name: str, law: str, x: Axis, y: Axis) -> A
     frame = frame[frame["law"] == law]
     ranges = frame.pivot(index=y.key, columns=x.key, values="force_range_N").to_numpy(float)
     works = frame.pivot(index=y.key, columns=x.key, values="works").to_numpy(bool)
-    across, up = _edges(x.values), _edges(y.values)
+    across, up = 1e3 * _edges(x.values), _edges(y.values)
     ranges = np.clip(np.nan_to_num(ranges, nan=1e3), 1e-4, 1e3)
-    drawn = ax.pcolormesh(across, up, ranges, norm=LogNorm(1e-2, 10.0), cmap="cividis", rasterized=True)
+    wrong = ~works & (ranges <= DEMANDED)
+    shown = np.ma.masked_array(ranges, wrong)
+    ax.set_facecolor(_WRONG)
+    drawn = ax.pcolormesh(across, up, shown, norm=LogNorm(1e-2, 10.0), cmap="cividis", rasterized=True)
     for i, j in np.argwhere(~works):
         size = across[j + 1] - across[j], up[i + 1] - up[i]
         ax.add_patch(Rectangle((across[j], up[i]), *size, fill=False, hatch="///", linewidth=0.0, edgecolor=_HATCH))
     limit = results.limits(name, law)
-    ax.plot(limit[:, 0], limit[:, 1], color="#ffffff", linewidth=2.2 * LINE)
-    ax.plot(limit[:, 0], limit[:, 1], color="#000000", linewidth=1.1 * LINE, linestyle="--")
-    ax.set_xscale("log")
-    ax.set_yscale("log")
+    ax.plot(1e3 * limit[:, 0], limit[:, 1], color="#ffffff", linewidth=2.2 * LINE)
+    ax.plot(1e3 * limit[:, 0], limit[:, 1], color="#000000", linewidth=1.1 * LINE, linestyle="--")
+    decades(ax, "x")
+    decades(ax, "y")
     ax.set_xlim(across[0], across[-1])
     ax.set_ylim(up[0], up[-1])
-    ax.xaxis.set_major_formatter(EngFormatter(sep="\N{THIN SPACE}"))
-    ax.yaxis.set_major_formatter(EngFormatter(sep="\N{THIN SPACE}"))
     ax.grid(False)
     return drawn
 

@@ -15,8 +15,8 @@ _PROFILES = (
     "not work. Grey band: the demanded force within a tenth. Dotted: a value as in a pool."
 )
 _MAPS = (
-    "Range of the push over the last 0.5 s. Hatched: the law does not work. Dashed: the contact force is as old as "
-    "D_d/(K_f k_c) lets it be."
+    "Range of the push over the last 0.5 s, from least to greatest. Hatched: the law does not work. Grey: the push hardly "
+    "varies and is wrong, or the vehicle is off the wall. Dashed: the contact force is as old as D_d/(K_f k_c) lets it be."
 )
 
 
@@ -34,7 +34,7 @@ def page(results: Results, rows: Sequence[Row], versions: Mapping[str, str]) -> 
         profiles=Picture("profiles", _PROFILES, figures.profiles(results, AXES)),
         maps=Picture("maps-figure", _MAPS, figures.maps(results)),
         steps=steps(results),
-        sources=[(axis.title, f"{axis.real:g} {axis.unit}".removesuffix(" 1"), axis.source) for axis in AXES],
+        sources=[(axis.title, axis.text(axis.real), axis.source) for axis in AXES],
         versions=sorted(versions.items()),
     )
 
@@ -48,8 +48,7 @@ def boundaries(results: Results) -> Table:
             found = results.boundaries[axis.name, law]
             then = "; then it" if found.last is not None else ": it"
             cells.append(f"{found.text}{then} {found.why}" if found.why else found.text)
-        unit = "" if axis.unit == "1" else f" {axis.unit}"
-        rows.append((f"{axis.title} (in a pool {axis.real:g}{unit})", cells))
+        rows.append((f"{axis.title} (in a pool {axis.text(axis.real)})", cells))
     return Table("axis", list(LABELS), rows)
 
 

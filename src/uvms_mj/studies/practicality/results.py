@@ -44,10 +44,12 @@ class Boundary:
     @property
     def text(self) -> str:
         """The boundary in words."""
-        unit = "" if self.axis.unit == "1" else f" {self.axis.unit}"
         if self.first is None:
-            return f"works at all values, to {self.last:g}{unit}"
-        return f"to {self.last:g}{unit}" if self.last is not None else f"not even at {self.first:g}{unit}"
+            assert self.last is not None
+            return f"works at all values, to {self.axis.text(self.last)}"
+        return (
+            f"to {self.axis.text(self.last)}" if self.last is not None else f"not even at {self.axis.text(self.first)}"
+        )
 
 
 class Results:

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import EngFormatter, LogLocator, NullLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from ...views.figures.style import BLACK, GREY, LINE, PAGE_IN, SMALL, panels, stripe, styled
 from .data import Data, Factor, Metric, spans_decades
@@ -21,6 +21,8 @@ _POINTS = 500
 """Most points of a curve: quantiles at equal steps of probability, which a figure cannot show more finely."""
 _MOST_DOTS = 1500
 """Most dots of a law in a panel; of more runs, so many evenly chosen ones."""
+ABOVE_PANEL = 1.045
+"""Height of marks above a panel, over its own: there they cover no point."""
 _BULK = (0.02, 0.98)
 """Quantiles between which values are shown if a few others would make them look flat."""
 
@@ -43,7 +45,7 @@ def overview(data: Data, rates: Mapping[str, Estimate]) -> Figure:
         _rates(axes[0], data, rates)
         for i, (ax, metric) in enumerate(zip(axes[1:], shown, strict=True)):
             distribution(ax, data, metric, first=i == 0)
-        _name_laws(figure, data)
+        _name_laws(figure, data, striped=True)
     return figure
 
 
@@ -68,7 +70,7 @@ def distributions(data: Data) -> Figure | None:
         figure, axes = panels(len(metrics), _COLUMNS, 0.35, 1.55)
         for i, (ax, metric) in enumerate(zip(axes, metrics, strict=True)):
             distribution(ax, data, metric, first=i % _COLUMNS == 0)
-        _name_laws(figure, data)
+        _name_laws(figure, data, striped=True)
     return figure
 
 
@@ -121,7 +123,7 @@ def scale(ax: Axes, values: np.ndarray) -> None:
 
 
 def decades(ax: Axes, name: str) -> None:
-    """Make the axis "x" or "y" logarithmic, with more ticks a decade for fewer decades, and SI prefixes."""
+    """Make the axis "x" or "y" logarithmic, with more ticks a decade for fewer decades."""
     axis: Axis = ax.xaxis if name == "x" else ax.yaxis
     (ax.set_xscale if name == "x" else ax.set_yscale)("log")
     low, high = axis.get_data_interval()
@@ -129,7 +131,19 @@ def decades(ax: Axes, name: str) -> None:
     subs = (1.0, 2.0, 5.0) if span < 12.0 else (1.0, 3.0) if span < 150.0 else (1.0,)
     axis.set_major_locator(LogLocator(subs=subs, numticks=8))
     axis.set_minor_locator(NullLocator())
-    axis.set_major_formatter(EngFormatter(sep="\N{THIN SPACE}"))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: rounded(value)))
+
+
+def rounded(value: float) -> str:
+    """A round number of an axis: with a power of ten where it is large or small. A prefix such as the m of milli would
+    read as a unit."""
+    mantissa, e, exponent = f"{value:g}".partition("e")
+    if not e and value < 1e4:
+        return mantissa
+    if not e:
+        exponent = str(int(np.floor(np.log10(value))))
+        mantissa = f"{value / 10.0 ** int(exponent):g}"
+    return f"$10^{{{int(exponent)}}}$" if mantissa == "1" else f"${mantissa}\\cdot10^{{{int(exponent)}}}$"
 
 
 def sensitivity(found: Sensitivities, data: Data) -> Figure:
@@ -176,7 +190,7 @@ def _dots(ax: Axes, estimates: Sequence[Estimate | None], offset: float, colour:
 
 
 def profile(data: Data, factor: Factor) -> Figure | None:
-    """Metrics over the only factor of a study: a dot for each run, and crosses at the top for runs that do not
+    """Metrics over the only factor of a study: a dot for each run, and crosses above the panel for runs that do not
     succeed."""
     metrics = data.varying[: 2 * _COLUMNS]
     if not metrics or not factor.numeric:
@@ -200,7 +214,7 @@ def profile(data: Data, factor: Factor) -> Figure | None:
                 lost = some[~data.success[some]]
                 if len(lost):  # a line without points would disturb the layout
                     look: dict[str, Any] = {"color": data.colours[law], "markersize": 3.5, "clip_on": False}
-                    ax.plot(x[lost], np.ones(len(lost)), "x", transform=ax.get_xaxis_transform(), **look)
+                    ax.plot(x[lost], np.full(len(lost), ABOVE_PANEL), "x", transform=ax.get_xaxis_transform(), **look)
             if factor.logarithmic:
                 decades(ax, "x")
             if spans_decades(y):
@@ -212,13 +226,14 @@ def profile(data: Data, factor: Factor) -> Figure | None:
     return figure
 
 
-def _name_laws(figure: Figure, data: Data, more: Sequence[Line2D] = ()) -> None:
-    """Add the legend of the laws, with the number of runs that completed."""
+def _name_laws(figure: Figure, data: Data, more: Sequence[Line2D] = (), *, striped: bool = False) -> None:
+    """Add the legend of the laws, with the number of runs that completed; ``striped``: with the dashes of the curves."""
     handles = []
-    for law, rows in data.rows.items():
+    for i, (law, rows) in enumerate(data.rows.items()):
         completed = int(data.completed[rows].sum())
         label = law if completed == len(rows) else f"{law} ({completed} of {len(rows)} runs completed)"
-        handles.append(Line2D([], [], color=data.colours[law], linewidth=2.0 * LINE, label=label))
+        look = stripe(i, len(data.laws)) if striped else {}
+        handles.append(Line2D([], [], color=data.colours[law], label=label, **(look | {"linewidth": 2.0 * LINE})))
     columns = max(1, min(len(handles) + len(more), 6 if len(data.laws) > 3 else 5))
     legend = figure.legend(handles=[*handles, *more], loc="outside upper center", ncols=columns)
     for text in legend.get_texts():

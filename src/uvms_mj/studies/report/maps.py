@@ -10,14 +10,14 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from matplotlib.colors import LogNorm, Normalize
+from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
-from matplotlib.ticker import EngFormatter, MaxNLocator
+from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import Triangulation
 
 from ...views.figures.style import PAGE_IN, styled
 from .data import Data, Factor, Metric, spans_decades
-from .figures import decades
+from .figures import decades, rounded
 from .sensitivity import SUCCESS, Sensitivities
 
 MOST_PAIRS, MOST_METRICS, MOST_LAWS = 3, 2, 4
@@ -38,6 +38,8 @@ _MOST_LABELS = 8
 _HATCH = "////"
 _COLOURS = "cividis"
 """A sequential map of colours that colour-blind readers see in the same order."""
+_BLANK = ListedColormap(["white"])
+"""Of a metric that is the same in every run."""
 
 
 def pairs(found: Sensitivities) -> list[tuple[Factor, Factor]]:
@@ -106,22 +108,26 @@ def _row(
         ax.grid(False)
     if drawn is None:
         return
+    if scale["cmap"] is _BLANK:  # a colour would say nothing
+        for ax in row:
+            text = f"{rounded(float(np.nanmin(values)))} in every run"
+            ax.text(0.5, 0.5, text, ha="center", va="center", transform=ax.transAxes)
+        return
     bar = figure.colorbar(drawn, ax=row, pad=0.01, fraction=0.05, aspect=14, extend=scale["extend"])
     bar.set_label("success [%]" if metric is SUCCESS else metric.label, parse_math=False)
     bar.outline.set_linewidth(0.4)
     if metric is SUCCESS:
         bar.set_ticks(range(0, 101, 20))
     elif isinstance(scale["norm"], LogNorm):
-        kilo = EngFormatter(sep="\N{THIN SPACE}")
         levels = scale["levels"].tolist()
         levels = levels[:: -(-len(levels) // _MOST_LABELS)]
-        bar.set_ticks(levels, labels=[kilo(level) if level >= 1e3 else f"{level:g}" for level in levels])
+        bar.set_ticks(levels, labels=[rounded(level) for level in levels])
         bar.minorticks_off()
 
 
 def _size(label: str) -> float:
     """Size of a label that fits beside a map [pt]."""
-    return min(8.0, max(5.0, 8.0 * 22.0 / len(label)))
+    return min(8.0, max(6.5, 8.0 * 32.0 / len(label)))
 
 
 def _colours(values: np.ndarray, metric: Metric) -> dict[str, Any]:
@@ -129,18 +135,21 @@ def _colours(values: np.ndarray, metric: Metric) -> dict[str, Any]:
     beyond which there are values."""
     if metric is SUCCESS:
         ends = (-1e-6, *range(10, 100, 10), 100.0 + 1e-6)  # a band excludes its ends
-        return {"norm": Normalize(0.0, 100.0), "levels": np.array(ends), "extend": "neither"}
+        return {"norm": Normalize(0.0, 100.0), "levels": np.array(ends), "extend": "neither", "cmap": _COLOURS}
     found = values[np.isfinite(values)]
     low, high = np.quantile(found, (0.01, 0.99)) if len(found) else (0.0, 1.0)
-    if high <= low:
-        low, high = low - 0.5, low + 0.5
+    if high <= low:  # a few runs alone differ
+        low, high = found.min(), found.max()
+    if high - low <= 1e-12 * max(abs(low), abs(high)):
+        levels = np.array([low - 1.0, low + 1.0])
+        return {"norm": Normalize(*levels), "levels": levels, "extend": "neither", "cmap": _BLANK}
     if len(found) and spans_decades(found):
         levels = _round_levels(float(low), float(high))
-        return {"norm": LogNorm(levels[0], levels[-1]), "levels": levels, "extend": "both"}
+        return {"norm": LogNorm(levels[0], levels[-1]), "levels": levels, "extend": "both", "cmap": _COLOURS}
     levels = np.asarray(MaxNLocator(9, steps=[1, 2, 2.5, 5, 10]).tick_values(float(low), float(high)))
     inside = not len(found) or (levels[0] <= found.min() and found.max() <= levels[-1])
     extend = "neither" if inside else "both"
-    return {"norm": Normalize(levels[0], levels[-1]), "levels": levels, "extend": extend}
+    return {"norm": Normalize(levels[0], levels[-1]), "levels": levels, "extend": extend, "cmap": _COLOURS}
 
 
 def _round_levels(low: float, high: float) -> np.ndarray:
@@ -187,7 +196,7 @@ def _contours(ax: Axes, nodes: pd.DataFrame, pair: tuple[Factor, Factor], scale:
     if not without.all():
         part = Triangulation(x, y, mesh.triangles, mask=without)
         clean = np.where(lost, 0.0, value)
-        drawn = ax.tricontourf(part, clean, cmap=_COLOURS, **scale)
+        drawn = ax.tricontourf(part, clean, **scale)
         ax.tricontour(part, clean, levels=scale["levels"], colors="white", linewidths=0.3)
     if success.min() < 0.5:
         whole = Triangulation(x, y, mesh.triangles)
@@ -214,7 +223,7 @@ def _cells(ax: Axes, table: pd.DataFrame, pair: tuple[Factor, Factor], scale: di
     medians = np.full((len(edges[1]) - 1, len(edges[0]) - 1), np.nan)
     at = np.array([*cells.index])
     medians[at[:, 1], at[:, 0]] = cells["value"]
-    drawn = ax.pcolormesh(*edges, medians, norm=scale["norm"], cmap=_COLOURS, rasterized=True)
+    drawn = ax.pcolormesh(*edges, medians, norm=scale["norm"], cmap=scale["cmap"], rasterized=True)
     lost = at[cells["success"].to_numpy() < 0.5]
     if len(lost):
         corners = [(0, 0), (1, 0), (1, 1), (0, 1)]

@@ -98,7 +98,7 @@ def _maps(data: Data, found: Sensitivities) -> list[Picture]:
     """Maps over the most telling pairs of factors, or the metrics over a single factor."""
     if len(data.factors) == 1:
         figure = figures.profile(data, data.factors[0])
-        caption = f"Each run over {data.factors[0].label}. A cross at the top is a run that did not succeed."
+        caption = f"Each run over {data.factors[0].label}. A cross above a panel is a run that did not succeed."
         return [] if figure is None else [Picture("over-1", caption, figure)]
     pictures = []
     for i, pair in enumerate(maps.pairs(found), 1):

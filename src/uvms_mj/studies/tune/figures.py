@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from ...views import colours
 from ...views.figures.style import BLACK, GREY, LINE, PAGE_IN, panels, styled
 from ..plan.metric import unit_of_column, without_unit
-from ..report.figures import decades
+from ..report.figures import ABOVE_PANEL, decades
 from .tables import Measure
 
 if TYPE_CHECKING:
@@ -94,12 +94,12 @@ def _colour(tuning: "Tuning") -> str:
 
 
 def _points(ax: Axes, tuning: "Tuning", x: np.ndarray, trials: "Sequence[Trial]") -> None:
-    """Feasible trials as dots, infeasible ones as open circles, incomplete ones as crosses at the top."""
+    """Feasible trials as dots, infeasible ones as open circles, incomplete ones as crosses above the panel."""
     ax.plot(x, _values(trials, "feasible"), "o", color=_colour(tuning), markersize=3.2, alpha=0.85, linestyle="none")
     ax.plot(x, _values(trials, "infeasible"), "o", color=GREY, markersize=3.2, markerfacecolor="none", linestyle="none")
     lost = np.array([each.outcome.state == "incomplete" for each in trials])
     if lost.any():
-        top = np.ones(int(lost.sum()))
+        top = np.full(int(lost.sum()), ABOVE_PANEL)
         ax.plot(x[lost], top, "x", color=GREY, markersize=3.5, transform=ax.get_xaxis_transform(), clip_on=False)
 
 

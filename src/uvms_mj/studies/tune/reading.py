@@ -1,5 +1,6 @@
 """A tuning file is read: a study file with tables for gains, objective, constraints and search."""
 
+import contextlib
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,7 +11,7 @@ from ...files import plain
 from ...quantities import overrides_of
 from ..plan import Plan
 from ..plan.entries import Law, absolute, base_of, laws_of, split_overrides
-from ..plan.metric import COMPONENTS, columns_of, metric_of
+from ..plan.metric import COMPONENTS, TEXTS, columns_of, kept_column, metric_of
 from ..plan.places import missing, overlap, overrides_at, parsed, value_at
 from ..plan.study_file import DEFAULT_METRICS, read
 from .tables import TABLES, Gain, valid
@@ -29,7 +30,8 @@ def fields_of(
     faults: list[Fault] = []
     study, own, of_study = _split(tables, overrides, faults)
     found = _own_tables(own, folder, faults)
-    study = _with_metrics(study, [each for name in ("objective", "constraint") for each in found[name]], faults)
+    measures = [each for name in ("objective", "constraint") for each in found[name]]
+    study = _with_metrics(study, measures, folder, faults)
     plan = None
     try:
         plan = Plan.from_dict(study, folder, of_study)
@@ -93,26 +95,39 @@ def _own_tables(own: Mapping[str, Any], folder: Path, faults: list[Fault]) -> di
     return found
 
 
-def _with_metrics(study: dict[str, Any], measures: list[tuple[str, Any]], faults: list[Fault]) -> dict[str, Any]:
+def _with_metrics(
+    study: dict[str, Any], measures: list[tuple[str, Any]], folder: Path, faults: list[Fault]
+) -> dict[str, Any]:
     """The study with the metrics of the objective and the constraints among those that it keeps."""
     keep = study.get("keep", {})
     kept = keep.get("metrics", list(DEFAULT_METRICS)) if isinstance(keep, Mapping) else None
-    if not isinstance(kept, list):
+    if not isinstance(kept, list) or not all(isinstance(name, str) for name in kept):
         return study  # the study reports it
-    kept = list(kept)
+    kept = [absolute(name, folder) for name in kept]
     for place, each in measures:
-        metric = each.metric.rpartition(".")[0] if each.metric.rpartition(".")[0] in COMPONENTS else each.metric
         try:
-            metric_of(metric)
+            metric = _metric(each.metric, kept, folder)
             if metric in COMPONENTS and each.metric not in columns_of(metric):
                 raise InputError(f"{each.metric!r} has components; {suggestion(each.metric, columns_of(metric))}")
-            if metric == "analytic.none_because":
+            if metric in TEXTS:
                 raise InputError(f"{metric!r} is a text, not a number")
         except InputError as error:
             faults += [Fault(f"{place}.metric", fault.message) for fault in error.faults]
             continue
         kept += [metric] if metric not in kept else []
     return {**study, "keep": {**keep, "metrics": kept}}
+
+
+def _metric(name: str, kept: list[str], folder: Path) -> str:
+    """The metric of a name: one that is kept, or another one, which is given in full. Raises InputError if there is
+    none."""
+    with contextlib.suppress(InputError):
+        return kept_column(name, kept, folder)[0]
+    file, colon, word = name.rpartition(":")
+    whole = f"{file}:{word.partition('.')[0]}" if colon else name
+    parent = name.rpartition(".")[0]
+    metric_of(metric := parent if parent in COMPONENTS else whole)
+    return metric
 
 
 def _law(study: dict[str, Any], folder: Path, overrides: Mapping[str, Any]) -> tuple[Law | None, list[str]]:

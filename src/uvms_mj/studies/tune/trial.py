@@ -1,6 +1,7 @@
 """One trial: all runs of the study with some gains, and what the objective and the constraints make of them."""
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -122,12 +123,13 @@ def outcome(objective: Objective, constraints: Sequence[Constraint], found: Sequ
 
 
 def _number(row: Mapping[str, Any], measure: Measure) -> float | None:
-    """A metric of a row. Raises InputError if the rows have no such column."""
+    """A metric of a row; None if it has none, or an infinite one, which has no mean. Raises InputError if the rows have
+    no such column."""
     column = measure.metric.rpartition(":")[2]
     if column not in row and row["status"] == "completed":
         raise InputError(f"{measure.metric}: the function returns several numbers; give one function for each")
     value = row.get(column)
-    return None if value is None else float(value)
+    return None if value is None or not math.isfinite(value) else float(value)
 
 
 def _value(measure: Measure, found: Sequence[Mapping[str, Any]]) -> Any:

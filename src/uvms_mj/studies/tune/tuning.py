@@ -129,7 +129,7 @@ class Tuning:
             parcel = Parcel.of(self.plan)
             about = about_of(self.plan, parcel)
             if any((folder / name).exists() for name in (TUNING, VERSION)):
-                check_same(folder / TUNING, Tuning.load, self.tables, about, free=("tune.trials",))
+                check_same(folder / TUNING, self.tables, about, free=("tune.trials",))
             put(folder / VERSION, lambda file: file.write(json.dumps(about, indent=1).encode()))
             put(folder / TUNING, lambda file: file.write(tomli_w.dumps(self.tables).encode()))
             journal = self._journal(folder)

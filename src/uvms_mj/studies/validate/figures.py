@@ -9,11 +9,12 @@ from .data import Attitude
 from .fit import HEIGHTS
 from .results import PITCH, ROLL, YAW, Results
 from .swing import swing
-from .vehicle import HEIGHT, VARIANTS, Variant
+from .vehicle import HEIGHT, STATIC, VARIANTS, Variant
 
 _AS_IS, _FITTED, _OTHER, _PALE = "#0b5c8a", "#c4541b", "#4d8a3c", "#b9c2cb"
 _NAMES = {ROLL: "roll", PITCH: "pitch", YAW: "yaw"}
-_COLUMNS = 4
+_DASHES = (0.0, (4.0, 1.5))
+_COLUMNS = 3
 
 
 def trials(results: Results) -> Figure:
@@ -25,10 +26,10 @@ def trials(results: Results) -> Figure:
         for k, row in enumerate(grid):
             for angle, ax in zip(_NAMES, row, strict=True):
                 _angle(ax, results, k, angle)
-            row[0].set_ylabel(results.trials[k].name, fontsize=SMALL)
+            row[0].set_ylabel(results.trials[k].name)
         for angle, name in _NAMES.items():
-            grid[0, angle].set_title(f"{name} [deg]", fontsize=SMALL)
-            grid[-1, angle].set_xlabel("t [s]", fontsize=SMALL)
+            grid[0, angle].set_title(f"{name} [deg]")
+            grid[-1, angle].set_xlabel("t [s]")
         _legend(figure)
     return figure
 
@@ -36,22 +37,24 @@ def trials(results: Results) -> Figure:
 def pitches(results: Results) -> Figure:
     """Measured and simulated pitch of every trial, over time: a panel a trial."""
     with styled():
-        figure, axes = panels(len(results.trials), _COLUMNS, 0.5, 1.0)
+        figure, axes = panels(len(results.trials), _COLUMNS, 0.5, 1.45)
         for k, ax in enumerate(axes):
             _angle(ax, results, k, PITCH)
-            ax.set_title(results.trials[k].name, fontsize=SMALL)
+            ax.set_title(results.trials[k].name)
         for ax in axes[::_COLUMNS]:
-            ax.set_ylabel("pitch [deg]", fontsize=SMALL)
+            ax.set_ylabel("pitch [deg]")
         for ax in axes[(len(axes) - 1) // _COLUMNS * _COLUMNS :]:
-            ax.set_xlabel("t [s]", fontsize=SMALL)
+            ax.set_xlabel("t [s]")
         _legend(figure)
     return figure
 
 
 def _legend(figure: Figure) -> None:
     measured = {"motion capture": GREY, "inertial unit": _PALE}
-    simulated = {"model as it is": _AS_IS, "height of the centre of buoyancy fitted": _FITTED}
-    figure.legend(handles=keys(measured | simulated), ncols=4, **ABOVE)
+    simulated = {"as it is": _AS_IS, "height of the centre of buoyancy fitted": _FITTED, "hydrostatics alone": _OTHER}
+    handles = keys(measured | simulated)
+    handles[-1].set(linestyle=_DASHES, linewidth=1.2 * LINE)
+    figure.legend(handles=handles, ncols=5, **(ABOVE | {"fontsize": 7.0}))
 
 
 def _angle(ax: Axes, results: Results, k: int, angle: int) -> None:
@@ -62,8 +65,10 @@ def _angle(ax: Axes, results: Results, k: int, angle: int) -> None:
     for variant, colour in ((Variant(), _AS_IS), (results.fitted, _FITTED)):
         found = results.responses[k, variant]
         line(ax, found.t, _degrees(found, angle, begin), "simulated", color=colour, linewidth=LINE)
-    ax.axvline(trial.starts, color=BLACK, linewidth=0.4 * LINE, linestyle=":")
-    ax.tick_params(labelsize=SMALL)
+    static = results.responses[k, Variant(STATIC)]
+    if angle != YAW:
+        ax.plot(static.t, np.degrees(static.angles[:, angle]), color=_OTHER, linewidth=0.8 * LINE, linestyle=_DASHES)
+    ax.axvline(trial.starts, color=BLACK, linewidth=0.6 * LINE, linestyle=":")
     ax.margins(x=0.0)
 
 
@@ -74,14 +79,21 @@ def _degrees(attitude: Attitude, angle: int, begin: float) -> np.ndarray:
 
 def heights(results: Results) -> Figure:
     """Rms error of the pitch over the height of the centre of buoyancy: each trial, and the mean."""
-    errors = np.degrees(results.over_heights)
+    errors = np.degrees(results.over_heights("as is"))
     x = 1e3 * np.array(HEIGHTS)
     with styled():
         figure = Figure(figsize=(0.5 * PAGE_IN, 2.2))
         ax = figure.subplots()
-        for k, each in enumerate(errors):
+        for k, each in zip(results.agreeing, errors, strict=True):
             ax.plot(x, each, color=_OTHER if k in results.fitted_on else _PALE, linewidth=0.6 * LINE)
-        ax.plot(x, errors[results.left].mean(axis=0), color=_AS_IS, linewidth=1.6 * LINE, marker="o", markersize=3)
+        ax.plot(
+            x,
+            errors[len(results.fitted_on) :].mean(axis=0),
+            color=_AS_IS,
+            linewidth=1.6 * LINE,
+            marker="o",
+            markersize=3,
+        )
         ax.axvline(1e3 * HEIGHT, color=GREY, linewidth=0.6 * LINE, linestyle=":")
         ax.axvline(1e3 * results.fitted.height, color=_FITTED, linewidth=0.6 * LINE, linestyle="--")
         ax.set_xlabel("height of the centre of buoyancy [mm]")

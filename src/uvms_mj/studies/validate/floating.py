@@ -12,17 +12,28 @@ import numpy as np
 from ...engine.native.attachment import immerse
 from ...physics.frames import quat_from_euler_deg
 from .data import Attitude, Motion
-from .vehicle import SERVO, TIMESTEP, TRACKING, Variant, at_rest, model, righting, vehicle
+from .vehicle import SERVO, STATIC, TIMESTEP, TRACKING, Variant, at_rest, model, righting, vehicle
 
 _EVERY = 10
 """Steps from one row of the response to the next."""
+_STILL = 0.1
+"""Time from one balance of weight and buoyancy to the next [s]. Joints follow smoothed angles, over 0.6 s."""
 
 
 def floating(motion: Motion, variant: Variant) -> Attitude:
     """The attitude of the vehicle over the time of a motion, from rest in the motion's first posture. Yaw is that since
     the beginning."""
+    if variant.links == STATIC:
+        return balanced(motion, variant)
     t, states = driven(motion, variant)
     return Attitude.of(t[::_EVERY], states[::_EVERY, 3:7])
+
+
+def balanced(motion: Motion, variant: Variant) -> Attitude:
+    """The attitude in which weight and buoyancy balance, at each posture of a motion. Yaw is zero."""
+    t = np.append(np.arange(motion.begin, motion.end, _STILL), motion.end)
+    given, data = vehicle(variant, motion.q(motion.begin)), mujoco.MjData(model())
+    return Attitude(t, np.array([(*at_rest(righting(given, q, data)), 0.0) for q in motion.q(t)]))
 
 
 def driven(motion: Motion, variant: Variant) -> tuple[np.ndarray, np.ndarray]:

@@ -16,9 +16,12 @@ from .data import Attitude, Motion, Record
 from .fit import FITTED_ON, HEIGHTS, every_choice, fitted_height
 from .floating import floating
 from .swing import swing
-from .vehicle import HEIGHT, VARIANTS, Variant, at_rest, righting, vehicle
+from .vehicle import HEIGHT, STATIC, VARIANTS, Variant, at_rest, righting, vehicle
 
 ROLL, PITCH, YAW = 0, 1, 2
+AGREE = np.radians(2.0)
+"""Up to this rms difference in pitch the two instruments agree [rad]. In the published trials they differ by less than
+half of it, or by more than twice of it, where the motion capture has lost the vehicle."""
 BEFORE = 1.0
 """Time before the arm's motion from which a trial counts as "in motion" [s]."""
 _SWING = -1
@@ -59,40 +62,56 @@ class Results:
         pair = one.t, one.angles[:, PITCH], other.t, other.angles[:, PITCH]
         return lag(*pair), error(*pair).rms
 
+    @functools.cached_property
+    def agreeing(self) -> list[int]:
+        """The trials whose two instruments agree. The others are shown, and are in no mean and no fit."""
+        return [k for k in range(len(self.trials)) if self.instruments(k)[1] <= AGREE]
+
+    def constant(self, k: int) -> float:
+        """Rms error of the best constant pitch, the mean of the measured one [rad]: no constant has a smaller one."""
+        return self.spread(k, Variant())[0]
+
     def spread(self, k: int, variant: Variant) -> tuple[float, float]:
         """Standard deviation of the measured and of the simulated pitch of trial k [rad]."""
         return float(self.trials[k].mocap.angles[:, PITCH].std()), float(
             self.responses[k, variant].angles[:, PITCH].std()
         )
 
-    @functools.cached_property
-    def over_heights(self) -> np.ndarray:
-        """(trials, heights) rms error of the pitch [rad]."""
-        return np.array([[self.pitch(k, Variant(height=h)).rms for h in HEIGHTS] for k in range(len(self.trials))])
+    def over_heights(self, links: str) -> np.ndarray:
+        """(agreeing trials, heights) rms error of the pitch [rad]."""
+        return np.array([[self.pitch(k, Variant(links, h)).rms for h in HEIGHTS] for k in self.agreeing])
 
     @functools.cached_property
     def fitted(self) -> Variant:
         """The model whose height is fitted on the first trials."""
-        return Variant(height=fitted_height(self.over_heights, self.fitted_on))
+        return self._fit("as is")
+
+    @functools.cached_property
+    def fitted_static(self) -> Variant:
+        """Hydrostatics alone, with the height fitted on the same trials."""
+        return self._fit(STATIC)
+
+    def _fit(self, links: str) -> Variant:
+        return Variant(links, fitted_height(self.over_heights(links), tuple(range(FITTED_ON))))
 
     @property
-    def fitted_on(self) -> tuple[int, ...]:
-        return tuple(range(FITTED_ON))
+    def fitted_on(self) -> list[int]:
+        """The trials that the height is fitted on: the first ones whose instruments agree."""
+        return self.agreeing[:FITTED_ON]
 
     @property
     def left(self) -> list[int]:
-        """The trials that nothing was fitted on."""
-        return list(range(FITTED_ON, len(self.trials)))
+        """The trials whose instruments agree and that nothing was fitted on."""
+        return self.agreeing[FITTED_ON:]
 
     @functools.cached_property
     def choices(self) -> np.ndarray:
         """Mean rms error of the trials that are left, for every choice of trials to fit on [rad]."""
-        return every_choice(self.over_heights)
+        return every_choice(self.over_heights("as is"))
 
-    def mean(self, variant: Variant, trials: Sequence[int] | None = None) -> float:
-        """Mean over trials, by default all, of the rms error of the pitch [rad]."""
-        chosen = range(len(self.trials)) if trials is None else trials
-        return float(np.mean([self.pitch(k, variant).rms for k in chosen]))
+    def errors(self, variant: Variant, trials: Sequence[int] | None = None) -> np.ndarray:
+        """Rms errors of the pitch of trials (n,) [rad], by default of those whose instruments agree."""
+        return np.array([self.pitch(k, variant).rms for k in (self.agreeing if trials is None else trials)])
 
     def swings(self) -> dict[str, Attitude]:
         """The response of each model to the fast swing."""
@@ -112,14 +131,17 @@ def compute(
     Raises:
         InputError: there are too few trials to fit and to judge, or the workers can't go on.
     """
-    if len(trials) <= FITTED_ON:
-        few = f"{len(trials)} trial{'s' if len(trials) != 1 else ''} ({', '.join(each.name for each in trials)})"
-        raise InputError(f"--data: has {few}; at least {FITTED_ON + 1} are needed, since {FITTED_ON} are fitted on")
     results = Results(trials, resting)
+    agreeing = [trials[k].name for k in results.agreeing]
+    if len(agreeing) <= FITTED_ON:
+        few = f"{len(agreeing)} trial{'s' if len(agreeing) != 1 else ''} ({', '.join(agreeing)})"
+        whose = f"has {few} whose instruments agree within {np.degrees(AGREE):g} deg"
+        raise InputError(f"--data: {whose}; at least {FITTED_ON + 1} are needed, since {FITTED_ON} are fitted on")
     models = [Variant(name) for name in VARIANTS] + [Variant(height=h) for h in HEIGHTS if h != HEIGHT]
+    models += [Variant(STATIC, h) for h in HEIGHTS]
     calls = [(k, model, trial.motion) for k, trial in enumerate(trials) for model in models]
     calls += [(_SWING, Variant(name), swing()) for name in VARIANTS]
-    total = len(calls) + len(trials)
+    total = len(calls) + 2 * len(trials)
 
     def take(call: tuple[int, Variant, Motion], answer: Attitude) -> list[tuple[int, Variant, Motion]]:
         if isinstance(answer, ProcessExpired):
@@ -131,7 +153,8 @@ def compute(
         progress(len(results.responses), total)
 
     each_call(executor, _run, calls, take, tick)
-    each_call(executor, _run, [(k, results.fitted, trial.motion) for k, trial in enumerate(trials)], take, tick)
+    found = (results.fitted, results.fitted_static)
+    each_call(executor, _run, [(k, v, trial.motion) for k, trial in enumerate(trials) for v in found], take, tick)
     return results
 
 

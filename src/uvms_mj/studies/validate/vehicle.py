@@ -44,12 +44,14 @@ TIMESTEP = 2e-3
 SERVO, TRACKING = 200.0, 0.02
 """Gain of the joints' servos [N m s/rad], and the time in which they follow [s]: see :mod:`.floating`."""
 VARIANTS = ("as is", "no water on the links", "lumped")
+STATIC = "hydrostatics alone"
+"""A naive model beside them: at each instant the attitude in which weight and buoyancy balance, without any motion."""
 
 
 @dataclass(frozen=True)
 class Variant:
-    """A model of the vehicle: what is done with the added mass and the drag of its links, one of :data:`VARIANTS`, and
-    the height of the centre of buoyancy [m]."""
+    """A model of the vehicle: what is done with the added mass and the drag of its links, one of :data:`VARIANTS`, or
+    :data:`STATIC`, and the height of the centre of buoyancy [m]."""
 
     links: str = "as is"
     height: float = HEIGHT
@@ -70,6 +72,7 @@ def model() -> mujoco.MjModel:
     for joint in spec.joints:
         if joint.type == mujoco.mjtJoint.mjJNT_HINGE:
             joint.damping[0], joint.frictionloss, joint.limited = SERVO, 0.0, mujoco.mjtLimited.mjLIMITED_FALSE
+            joint.armature = 0.0  # guessed in the file, and the servo moves the joint whatever it is
     for actuator in list(spec.actuators):
         spec.delete(actuator)
     return spec.compile()
@@ -87,7 +90,7 @@ def vehicle(variant: Variant, q: np.ndarray) -> Vehicle:
     M_A, links = np.diag(ADDED_MASS), read.arm.links
     if variant.links == "lumped":
         M_A = np.diag(np.diag(M_A + _of_links(links, q)))
-    if variant.links != "as is":
+    if variant.links in ("no water on the links", "lumped"):
         keeps = 1.0 if variant.links == "lumped" else 0.0
         links = tuple(
             replace(link, M_A=np.zeros((6, 6)), D_quadratic=keeps * link.D_quadratic, D_linear=keeps * link.D_linear)
@@ -115,19 +118,22 @@ def _of_links(links: tuple[Link, ...], q: np.ndarray) -> np.ndarray:
     return total
 
 
-def _poses(links: tuple[Link, ...], q: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+def _poses(
+    links: tuple[Link, ...], q: np.ndarray, data: mujoco.MjData | None = None
+) -> list[tuple[np.ndarray, np.ndarray]]:
     """Position (3,) and rotation (3, 3) of each link in B."""
-    data = mujoco.MjData(model())
+    data = data or mujoco.MjData(model())
     data.qpos[:] = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *q
     mujoco.mj_kinematics(model(), data)
     return [(data.xpos[link.body_id].copy(), data.xmat[link.body_id].reshape(3, 3).copy()) for link in links]
 
 
-def righting(given: Vehicle, q: np.ndarray) -> np.ndarray:
+def righting(given: Vehicle, q: np.ndarray, data: mujoco.MjData | None = None) -> np.ndarray:
     """(3,) moment of buoyancy and weight, in B [N m]: the sum of each upward force times its place. Where the forces
-    balance, it points upwards at rest, and its length is the moment per unit of sin(heel)."""
+    balance, it points upwards at rest, and its length is the moment per unit of sin(heel). For many postures give the
+    ``data`` to work in."""
     moment = given.displaced_mass * given.r_b - given.mass * given.r_g
-    for link, (p, R) in zip(given.arm.links, _poses(given.arm.links, q), strict=True):
+    for link, (p, R) in zip(given.arm.links, _poses(given.arm.links, q, data), strict=True):
         moment = moment + link.displaced_mass * (p + R @ link.r_b) - link.mass * (p + R @ link.r_g)
     return GRAVITY * moment
 

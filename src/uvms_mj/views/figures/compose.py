@@ -1,5 +1,6 @@
 """Composes panels into figures: the paper's twelve, an overview of them, and the same quantities of any logs."""
 
+import difflib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Never
 
@@ -9,20 +10,23 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
 from matplotlib.lines import Line2D
 
-from ...errors import InputError, suggestion
+from ...errors import InputError
 from ...records.header import Status
 from ...records.trace import Trace
+from ...stages.signals import OF_JOINTS, OF_THRUSTERS
 from ..figures import contact, joints, panels
 from .insets import place
 from .overlay import Overlay
 from .panels import ANGULAR, LINEAR, Panel
 from .scales import logarithmic, number, prefix_of
-from .style import COLUMN_IN, PAGE_IN, size_in, styled, ticks
+from .style import COLUMN_IN, PAGE_IN, band_handles, size_in, styled, ticks
 
-WHATS = ("position", "force", "sliding", "tau", "integral", "joints", "summary")
-"""Quantities that :func:`plot` can draw."""
+WHATS = ("position", "attitude", "velocity", "force", "sliding", "tau", "thrusters", "integral", "joints", "summary")
+"""Quantities that :func:`plot` can draw, besides each signal by its name."""
 RUNS = ("impedance", "fosm", "gsta", "gsta_alone")
 """The paper's runs."""
+_SUMMARY = ("position", "force", "sliding", "tau", "integral", "joints")
+"""The quantities in a summary of several runs."""
 MOST_ROWS = 30
 """Most rows of panels in one figure."""
 LONGEST_NAME = 30
@@ -56,22 +60,51 @@ def paper(traces: Mapping[str, Trace], fine: Mapping[str, Trace]) -> dict[str, F
     return figures
 
 
-def plot(traces: Mapping[str, Trace], what: str) -> Figure:
-    """Draw one figure, one of :data:`WHATS`, of a run or of several runs on the same axes, by their names in it.
+def plot(traces: Mapping[str, Trace], what: str | Sequence[str], width: float | None = None) -> Figure:
+    """Draw one figure of a run, or of several runs on the same axes, by their names in it.
+
+    Args:
+        traces: the runs.
+        what: one or several of :data:`WHATS`, of the names of recorded signals, or of their components, ``tau.x``.
+        width: of the figure [in]; default: that of a column for one run, that of a page for several runs, components
+            side by side and the summary.
 
     For one run, components with the same unit share a panel. For several runs, each component has a panel and each run
     has the colour of its law. The size of the figure does not depend on the number of runs. Raises InputError if a
-    trace has fewer than two samples, no law has the quantity, or there are too many panels.
+    trace has fewer than two samples, no run has the quantity, or there are too many panels.
     """
-    if what not in WHATS:
-        raise InputError(f"{what}: is not a quantity to draw; {suggestion(what, WHATS)}")
+    whats = ["force" if each == "push" else each for each in ([what] if isinstance(what, str) else what)]
     _drawable(traces)
+    for each in whats:
+        _refuse_unknown(each, traces)
     with styled():
         named = _named(traces)
         if len(named) == 1:
             ((name, trace),) = named.items()
-            return _grid(_of_one(name, trace, what), COLUMN_IN if what != "summary" else PAGE_IN, name)
-        return _grid(_of_several(Overlay(named), what), PAGE_IN, "")
+            rows = [row for each in whats for row in _of_one(name, trace, each)]
+            return _grid(rows, width or (COLUMN_IN if "summary" not in whats else PAGE_IN), name)
+        runs = Overlay(named)
+        return _grid([row for each in whats for row in _of_several(runs, each)], width or PAGE_IN, "")
+
+
+def _refuse_unknown(what: str, traces: Mapping[str, Trace]) -> None:
+    """Raise InputError for a quantity that is none of :data:`WHATS`, and no signal or component of any trace."""
+    name, errors = what.partition(".")[0], list[InputError]()
+    for header in (trace.header for trace in traces.values() if name in trace.arrays):
+        try:
+            header.part(what)
+        except InputError as error:
+            errors.append(error)
+        else:
+            return
+    if errors:
+        raise errors[0]
+    if what not in WHATS:
+        signals = dict.fromkeys(name for trace in traces.values() for name in trace)
+        close = difflib.get_close_matches(what, [*WHATS, *signals], 1)
+        every = f"choose from {', '.join(WHATS)}, or a signal: {', '.join(signals)}"
+        hint = f"did you mean {close[0]!r}?" if close else every
+        raise InputError(f"{what}: is neither a quantity to draw nor a recorded signal; {hint}")
 
 
 # The paper
@@ -139,7 +172,8 @@ def _overview(numbered: Mapping[int, tuple[str, Panel]]) -> Figure:
 
 def _of_one(label: str, trace: Trace, what: str) -> Rows:
     """Linear and angular components in one column; side by side in a summary."""
-    fine = trace if trace.header.row_steps == 1 and trace.t[-1] > 10.0 * panels.SWITCHING_S else None
+    every_step = trace.header.row_steps == 1 and trace.t[0] == 0.0
+    fine = trace if every_step and trace.t[-1] > 10.0 * panels.SWITCHING_S else None
 
     def halves(name: str) -> list[Panel]:
         return [panels.vector(trace, name, part) for part in (LINEAR, ANGULAR) if name in trace.arrays]
@@ -152,9 +186,12 @@ def _of_one(label: str, trace: Trace, what: str) -> Rows:
 
     rows: dict[str, Callable[[], Rows]] = {
         "position": lambda: [[panels.position(trace)]],
+        "attitude": lambda: [[panels.attitude(trace)]],
+        "velocity": lambda: [halves(trace.header.task_frame[2])],
         "force": lambda: [[contact.force(trace)]],
         "sliding": lambda: [halves("s")],
         "tau": lambda: [[panels.tau(trace, fine), panels.vector(trace, "tau", ANGULAR)]],
+        "thrusters": lambda: [panels.named(trace, name) for name in OF_THRUSTERS if name in trace.arrays],
         "integral": states,
         "joints": lambda: [joints.joint_panels(trace)],
     }
@@ -163,6 +200,9 @@ def _of_one(label: str, trace: Trace, what: str) -> Rows:
         arm = joints.joint_panels(trace)
         drawn += [arm[i : i + 2] for i in range(0, len(arm), 2)]
         return [row for row in drawn if row]
+    if what not in WHATS:
+        one_each = what.partition(".")[0] in OF_JOINTS and "." not in what
+        return [[panel] for panel in (joints.of_joints if one_each else panels.named)(trace, what)]
     drawn = [[panel] for row in rows[what]() for panel in row]
     return drawn or _refuse([label], what)
 
@@ -170,14 +210,19 @@ def _of_one(label: str, trace: Trace, what: str) -> Rows:
 def _of_several(runs: Overlay, what: str) -> Rows:
     rows: dict[str, Callable[[], Rows]] = {
         "position": lambda: [[runs.position(i) for i in range(3)]],
+        "attitude": lambda: [[runs.attitude(i) for i in range(3)]],
+        "velocity": lambda: [row for name in runs.velocities for row in runs.signal(name)],
         "force": lambda: [[contact.forces(runs.traces, runs.looks)]],
         "sliding": lambda: runs.signal("s"),
         "tau": lambda: runs.signal("tau"),
+        "thrusters": lambda: [row for name in OF_THRUSTERS for row in runs.signal(name)],
         "integral": lambda: [row for name in runs.states() for row in runs.signal(name)],
         "joints": lambda: [row for name in joints.SIGNALS for row in runs.signal(name)],
     }
     if what == "summary":
-        return [row for each in rows.values() for row in each()]
+        return [row for each in _SUMMARY for row in rows[each]()]
+    if what not in WHATS:
+        return runs.signal(what)
     return rows[what]() or _refuse(list(runs.traces), what)
 
 
@@ -263,17 +308,18 @@ def _fill(cells: Sequence[tuple[Axes, Panel]]) -> None:
 
 def _finish(figure: Figure, cells: Sequence[tuple[Axes, Panel]], more: Sequence[Line2D] = ()) -> None:
     """Add the legend, then the insets, which need the final sizes, and the name of each line in the SVG."""
-    _legend(figure, [ax for ax, _ in cells], more)
+    axes = [ax for ax, _ in cells]
+    _legend(figure, axes, [*more, *band_handles(axes)])
     engine = figure.get_layout_engine()
     assert engine is not None
     engine.execute(figure)
     for ax, panel in cells:
         place(ax, panel.insets, prefix_of(panel.largest)[0])
-    for i, each in enumerate(figure.findobj(lambda artist: isinstance(artist, Line2D) and bool(artist.get_gid()))):
+    for i, each in enumerate(figure.findobj(lambda artist: bool(artist.get_gid()))):
         each.set_gid(f"{each.get_gid()}-{i}")
 
 
-def _legend(figure: Figure, axes: Iterable[Axes], more: Sequence[Line2D]) -> None:
+def _legend(figure: Figure, axes: Iterable[Axes], more: Sequence[Artist]) -> None:
     """Add one legend above all axes, ordered by rows, in as few rows as the width allows."""
     found: dict[str, Artist] = {}
     for ax in axes:

@@ -38,10 +38,15 @@ def forces(traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]) 
         _expected(ax, traces)
         ax.set_ylim(bottom=min(0.0, -0.03 * ax.get_ylim()[1]))
 
-    sizes = [largest(trace.push) for trace in traces.values()]
+    sizes = [_peak(trace) for trace in traces.values()]
     insets = (*_impacts(traces, looks), *_at_rest(traces, looks))
     height = 1.0 + _TALLER * len(insets)
     return Panel("contact force", "N", draw, 1.0, insets, height, linear_within(sizes, sizes))
+
+
+def _peak(trace: Trace) -> float:
+    """Largest push that is drawn [N]."""
+    return largest(trace.band("push")[1])
 
 
 def expected_forces(trace: Trace) -> list[tuple[str, float]]:
@@ -66,14 +71,15 @@ def _pushes(
         first, last = np.searchsorted(trace.t, window)
         rows = slice(max(0, first - 1), last + 1)
         if len(trace.t[rows]) > 1:
-            line(ax, trace.t[rows], trace.push[rows], "push", **looks[label])
-            ends += [float(trace.push[rows].min()), float(trace.push[rows].max())]
+            low, high = (edge[rows] for edge in trace.band("push"))
+            line(ax, trace.t[rows], trace.push[rows], "push", (low, high), **looks[label])
+            ends += [float(low.min()), float(high.max())]
     return ends
 
 
 def _expected(ax: Axes, traces: Mapping[str, Trace]) -> list[float]:
     """Draw the expected forces of all runs, each once; return their values [N]."""
-    span = np.array([0.0, max(float(trace.t[-1]) for trace in traces.values())])
+    span = np.array([min(trace.t[0] for trace in traces.values()), max(trace.t[-1] for trace in traces.values())])
     found = dict.fromkeys(pair for trace in traces.values() for pair in expected_forces(trace))
     for name, force in found:
         level(ax, span, force, name, LEVELS[name])
@@ -81,7 +87,7 @@ def _expected(ax: Axes, traces: Mapping[str, Trace]) -> list[float]:
 
 
 def _impacts(traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]) -> tuple[Inset, ...]:
-    windows = [window for trace in traces.values() if (window := rebounds(trace.t, trace.push))]
+    windows = [window for trace in traces.values() if (window := rebounds(trace.t, *trace.band("push")))]
     if not windows:
         return ()
     first, last = min(window[0] for window in windows), max(window[1] for window in windows)
@@ -97,14 +103,16 @@ def _impacts(traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]
 
 def _at_rest(traces: Mapping[str, Trace], looks: Mapping[str, Mapping[str, Any]]) -> tuple[Inset, ...]:
     """Inset of the second half of the time after first contact, for runs in contact then, if peaks are much larger."""
-    touched = {label: trace for label, trace in traces.items() if trace.push.any()}
+    pushes = {label: trace.band("push")[1] for label, trace in traces.items()}
+    touched = {label: trace for label, trace in traces.items() if pushes[label].any()}
     if not touched:
         return ()
-    start = max(0.5 * float(trace.t[np.argmax(trace.push > 0.0)] + trace.t[-1]) for trace in touched.values())
+    start = max(0.5 * float(trace.t[np.argmax(pushes[label] > 0.0)] + trace.t[-1]) for label, trace in touched.items())
     end = max(float(trace.t[-1]) for trace in touched.values())
-    resting = {label: trace for label, trace in touched.items() if trace.push[trace.t >= start].any()}
-    highest = max((largest(trace.push[trace.t >= start]) for trace in resting.values()), default=0.0)
-    if not resting or 2.0 * highest > max(largest(trace.push) for trace in traces.values()):
+    late = {label: pushes[label][trace.t >= start] for label, trace in touched.items()}
+    resting = {label: trace for label, trace in touched.items() if late[label].any()}
+    highest = max((largest(late[label]) for label in resting), default=0.0)
+    if not resting or 2.0 * highest > max(_peak(trace) for trace in traces.values()):
         return ()
 
     def draw(ax: Axes, _: float) -> None:

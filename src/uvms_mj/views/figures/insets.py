@@ -93,22 +93,28 @@ def _size(ax: Axes, inset: Inset) -> tuple[float, float]:
     return (0.48 if wide > 2.0 else 0.4), inset.height * (1.0 if high > 1.5 else 0.85)
 
 
+def _crossings(x: np.ndarray, y: np.ndarray, edge: float) -> np.ndarray:
+    """The values of y where a line through points (n,) crosses x = ``edge``."""
+    at = np.flatnonzero((x[:-1] < edge) != (x[1:] < edge))
+    return y[at] + (edge - x[at]) / (x[at + 1] - x[at]) * (y[at + 1] - y[at])
+
+
 def _taken(ax: Axes) -> np.ndarray:
-    """Cells (row from below, column) of an axes that lines pass through, as ones."""
+    """Cells (row from below, column) of an axes that lines and bands pass through, as ones."""
     taken = np.zeros((CELLS, CELLS), dtype=int)
     edges = np.linspace(0.0, 1.0, CELLS + 1)
     to_axes = ax.transData - ax.transAxes
-    for each in ax.lines:
-        x, y = to_axes.transform(np.column_stack([each.get_xdata(), each.get_ydata()])).T
+    areas = [path for area in ax.collections for path in area.get_paths()]
+    for path in (*(each.get_path() for each in ax.lines), *areas):
+        x, y = to_axes.transform(path.vertices).T
         good = np.isfinite(x) & np.isfinite(y)
         if not good.any():
             continue
         x, y = x[good], y[good]
         for i in range(CELLS):
-            inside = y[(x >= edges[i]) & (x <= edges[i + 1])]
-            ends = np.interp(edges[i : i + 2], x, y)
-            low = min(ends.min(), inside.min(initial=np.inf))
-            high = max(ends.max(), inside.max(initial=-np.inf))
+            inside = [y[(x >= edges[i]) & (x <= edges[i + 1])], *(_crossings(x, y, edge) for edge in edges[i : i + 2])]
+            low = min(each.min(initial=np.inf) for each in inside)
+            high = max(each.max(initial=-np.inf) for each in inside)
             if high >= 0.0 and low <= 1.0:
                 taken[max(0, int(low * CELLS) - 1) : int(min(high, 2.0) * CELLS) + 2, i] = 1
     return taken

@@ -9,17 +9,14 @@ from matplotlib.axes import Axes
 
 from ...records.trace import Trace
 from ...stages.signals import AXES
-from .panels import LINEAR, Panel, level
+from .panels import LINEAR, Panel, level, samples
 from .scales import largest
-from .style import COLOURS, GREY, line, stripe
+from .style import COLOURS, GREY, JOINTS, line, stripe
 
 _NEAR = 0.4
 """Fraction of a motor's limit from which the limit is drawn; a limit far away would make the lines flat."""
 LIMIT: dict[str, Any] = {"linestyle": (0, (1, 1.5)), "linewidth": 0.8, "zorder": 1.9}
 """Line style of a motor's limit, in the colour of its joint."""
-JOINTS = ("#332288", "#999933", "#882255", "#DDCC77", "#117733", "#661100", "#5A3FD0")
-"""Colours of the joints in their order. Colour-blind readers can tell them from each other and from the components, and
-neighbours differ in grey. Most are of Tol's muted scheme."""
 _NAMES = {"q": "joint position q", "tau_q": "joint torque τ"}
 SIGNALS = (*_NAMES, "manipulability")
 """Signals of an arm that are drawn for several runs."""
@@ -27,7 +24,7 @@ SIGNALS = (*_NAMES, "manipulability")
 
 def joint_panels(trace: Trace) -> list[Panel]:
     """All panels of the arm whose signals are recorded; none for a rigid vehicle."""
-    found = [panel for name in _NAMES if name in trace.arrays for panel in _of_joints(trace, name)]
+    found = [panel for name in _NAMES if name in trace.arrays for panel in of_joints(trace, name)]
     return [*found, *tool_panels(trace)] if trace.header.geometry.links else []
 
 
@@ -41,7 +38,7 @@ def tool_panels(trace: Trace) -> list[Panel]:
     return found
 
 
-def _of_joints(trace: Trace, name: str) -> list[Panel]:
+def of_joints(trace: Trace, name: str) -> list[Panel]:
     """A signal of the joints: one panel for hinges and one for slides, because their units differ."""
     units = trace.header.units(trace.header.by_name[name])
     numbered = sorted(range(len(units)), key=lambda i: units[i] != units[0])
@@ -56,13 +53,13 @@ def _lines(trace: Trace, name: str, unit: str, joints: Sequence[int]) -> Panel:
     def draw(ax: Axes) -> None:
         for k, i in enumerate(joints):
             look = {"color": JOINTS[i % len(JOINTS)], "label": links[i].joint, **stripe(k, len(joints))}
-            line(ax, trace.t, trace[name][:, i], f"{name}.{links[i].joint}", **look)
+            samples(ax, trace, name, i, slice(None), f"{name}.{links[i].joint}", **look)
             limit = links[i].effort
-            if name == "tau_q" and limit and largest(trace[name][:, i]) > _NEAR * limit:
+            if name == "tau_q" and limit and largest([edge[:, i] for edge in trace.band(name)]) > _NEAR * limit:
                 for edge in (-limit, limit):
                     level(ax, trace.t, edge, "motor limit", {**LIMIT, "color": look["color"]})
 
-    return Panel(_NAMES[name], unit, draw, largest(trace[name][:, joints]))
+    return Panel(_NAMES.get(name, name), unit, draw, largest([edge[:, joints] for edge in trace.band(name)]))
 
 
 def _force(trace: Trace) -> Panel:

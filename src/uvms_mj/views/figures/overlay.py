@@ -10,10 +10,22 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ...records.trace import Trace
-from ...stages.signals import AXES, OF_JOINTS, Signal
+from ...stages.signals import AXES, OF_JOINTS, OF_THRUSTERS, Signal
 from ...views import colours
 from .insets import Inset
-from .panels import ANGULAR, LINEAR, MOST_LINES, REFERENCE, Panel, near_wall, states_of, unit_of, wall
+from .panels import (
+    ANGULAR,
+    LINEAR,
+    MOST_LINES,
+    REFERENCE,
+    Panel,
+    near_wall,
+    roll_pitch_yaw,
+    samples,
+    states_of,
+    unit_of,
+    wall,
+)
 from .scales import fills, largest, linear_within
 from .style import line, stripe
 
@@ -53,36 +65,62 @@ class Overlay:
         inset = near_wall(self.traces, unlabelled) if i == 0 else ()
         return _panel(f"position {AXES[i]}", "m", draw, values, wholes, inset)
 
+    def attitude(self, i: int) -> Panel:
+        """Roll, pitch or yaw, with references [deg]."""
+        names = {label: trace.header.task_frame[1] for label, trace in self.traces.items()}
+        values = {label: roll_pitch_yaw(trace[names[label]])[:, i] for label, trace in self.traces.items()}
+
+        def draw(ax: Axes) -> None:
+            axis = AXES[ANGULAR][i]
+            for label, trace in self.traces.items():
+                line(ax, trace.t, values[label], f"{names[label]}.{axis}", **self.looks[label])
+            for trace in self.traces.values():
+                desired = roll_pitch_yaw(trace.quat_d)[:, i]
+                line(ax, trace.t, desired, f"quat_d.{axis}", **REFERENCE | {"label": "reference"})
+
+        return Panel(AXES[ANGULAR][i], "deg", draw)
+
     def signal(self, name: str) -> list[list[Panel]]:
-        """A signal of the runs that have it: a row of linear and a row of angular components, or rows of three joints;
-        no rows without it."""
+        """A signal of the runs that have it, or one of its components, ``tau.x``: a row of linear and a row of angular
+        components, or rows of three joints or thrusters; no rows without it."""
+        name, _, component = name.partition(".")
         owners = {label: trace for label, trace in self.traces.items() if name in trace.arrays}
         if not owners:
             return []
         signals = {label: trace.header.by_name[name] for label, trace in owners.items()}
         size = max(signal.size for signal in signals.values())
-        if size > MOST_LINES:
-            return [[self._range(name, owners)]]
+        if component:
+            found = {label: owners[label].header.components(signal) for label, signal in signals.items()}
+            having = {label: parts.index(component) for label, parts in found.items() if component in parts}
+            owners = {label: owners[label] for label in having}
+            i = next(iter(having.values()))
+            return [[self._component(name, i, slice(i, i + 1), owners, signals)]]
         rows = [LINEAR, ANGULAR] if size == 6 else [slice(0, size)]
-        if name in OF_JOINTS:
+        if name in OF_JOINTS or name in OF_THRUSTERS:
             rows = [slice(i, min(i + 3, size)) for i in range(0, size, 3)]
+        elif size > MOST_LINES:
+            return [[self._range(name, owners)]]
         return [[self._component(name, i, part, owners, signals) for i in range(size)[part]] for part in rows]
 
     def _component(
         self, name: str, i: int, part: slice, owners: Mapping[str, Trace], signals: Mapping[str, Signal]
     ) -> Panel:
         having = {label: trace for label, trace in owners.items() if signals[label].size > i}
-        flat = {label: trace[name].reshape(len(trace), -1) for label, trace in having.items()}
-        values = {label: each[:, i] for label, each in flat.items()}
-        wholes = [largest(each[:, part]) for each in flat.values()]
+        bands = {
+            label: np.stack([edge.reshape(len(trace), -1) for edge in trace.band(name)])
+            for label, trace in having.items()
+        }
+        values = {label: each[..., i] for label, each in bands.items()}
+        wholes = [largest(each[..., part]) for each in bands.values()]
         label = next(iter(having))
         header = having[label].header
         component = header.components(signals[label])[i]
 
         def draw(ax: Axes) -> None:
             for label, trace in having.items():
-                look = self.looks[label] | ({"zorder": _BELOW} if fills(values[label]) else {})
-                line(ax, trace.t, values[label], f"{name}.{component}".rstrip("."), **look)
+                full = fills(trace[name].reshape(len(trace), -1)[:, i])
+                look = self.looks[label] | ({"zorder": _BELOW} if full else {})
+                samples(ax, trace, name, i, slice(None), f"{name}.{component}".rstrip("."), **look)
 
         symbol = {"tau": "τ", "tau_q": "τ"}.get(name, name)
         return _panel(
@@ -104,7 +142,12 @@ class Overlay:
 
         signal = next(iter(owners.values())).header.by_name[name]
         wholes = [largest(each) for each in flat.values()]
-        return _panel(f"range of state {name}", unit_of(signal, slice(0, 1)), draw, flat, wholes)
+        return _panel(f"range of {name}", unit_of(signal, slice(0, 1)), draw, flat, wholes)
+
+    @property
+    def velocities(self) -> list[str]:
+        """The names of the velocity in the frame of the task of each run."""
+        return list(dict.fromkeys(trace.header.task_frame[2] for trace in self.traces.values()))
 
     def states(self) -> list[str]:
         """The names of all states of all runs' stages."""

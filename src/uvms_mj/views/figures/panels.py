@@ -11,11 +11,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from ...physics.frames import rotation_matrix
 from ...records.trace import Trace
-from ...stages.signals import AXES, OWN_UNIT, Signal
+from ...stages.signals import AXES, OF_JOINTS, OF_THRUSTERS, OWN_UNIT, Signal
 from .insets import Inset
 from .scales import early, largest, number
-from .style import BLACK, COLOURS, GREY, LINE, line, stripe
+from .style import BLACK, COLOURS, GREY, JOINTS, LINE, line, stripe
 
 LINEAR, ANGULAR = slice(0, 3), slice(3, 6)
 """Components of a signal of six numbers."""
@@ -77,6 +78,27 @@ def position(trace: Trace) -> Panel:
     return Panel(what, "m", draw, largest(reach), near_wall({"": trace}, {"": {"color": COLOURS["x"]}}))
 
 
+def attitude(trace: Trace) -> Panel:
+    """Roll, pitch and yaw of B or of the tool, and of the reference [deg]."""
+    names = (trace.header.task_frame[1], "quat_d")
+    angles, desired = (roll_pitch_yaw(trace[name]) for name in names)
+
+    def draw(ax: Axes) -> None:
+        for i, axis in enumerate(AXES[ANGULAR]):
+            line(ax, trace.t, angles[:, i], f"{names[0]}.{axis}", label=axis, color=COLOURS[axis], **stripe(i, 3))
+        for i, axis in enumerate(AXES[ANGULAR]):
+            line(ax, trace.t, desired[:, i], f"quat_d.{axis}", label="reference", **REFERENCE)
+
+    return Panel("tool attitude" if names[0] == "quat_WT" else "attitude", "deg", draw)
+
+
+def roll_pitch_yaw(quat: np.ndarray) -> np.ndarray:
+    """Roll, pitch and yaw (n, 3) of quaternions (n, 4), without jumps by a turn [deg]."""
+    R = rotation_matrix(quat)
+    roll, yaw = (np.unwrap(np.arctan2(R[:, i, j], R[:, k, k])) for i, j, k in ((2, 1, 2), (1, 0, 0)))
+    return np.degrees(np.stack([roll, -np.arcsin(np.clip(R[:, 2, 0], -1.0, 1.0)), yaw], axis=1))
+
+
 def wall(ax: Axes, trace: Trace, reach: np.ndarray) -> None:
     """Draw the wall's position if positions or references, ``reach``, come near it."""
     x_c, span = trace.scenario.wall.position, float(np.ptp(reach))
@@ -123,7 +145,7 @@ def vector(trace: Trace, name: str, part: slice = LINEAR) -> Panel:
     range of the rest.
     """
     signal = trace.header.by_name[name]
-    values = trace[name].reshape(len(trace), signal.size)[:, part]
+    values = np.concatenate([edge.reshape(len(trace), signal.size)[:, part] for edge in trace.band(name)], axis=1)
     window = early(trace.t, values)
     late = values[trace.t >= trace.t[0] + window]
     low, high = float(late.min()), float(late.max())
@@ -144,13 +166,15 @@ def quantity(trace: Trace, name: str, part: slice = LINEAR) -> str:
         return "actuation moment τ" if part == ANGULAR else "actuation force τ"
     if name == "s":
         return "sliding variable s"
-    return "integral term z" if name == "z" and trace.header.law.source in ("gsta", "sta") else f"state {name}"
+    if name == "z" and trace.header.law.source in ("gsta", "sta"):
+        return "integral term z"
+    return f"state {name}" if name in (state.name for state in states_of(trace)) else name
 
 
 def tau(trace: Trace, fine: Trace | None, other: Trace | None = None, other_fine: Trace | None = None) -> Panel:
     """Force part of tau, with an inset of its beginning at every step from ``fine``; ``other`` is dashed."""
     inset = _beginning(lambda ax: pair(ax, fine, other_fine, "tau", SWITCHING_S), SWITCHING_S) if fine else ()
-    size = largest(trace.tau[:, :3])
+    size = max(largest(edge[:, :3]) for edge in trace.band("tau"))
     return Panel(quantity(trace, "tau"), "N", lambda ax: pair(ax, trace, other, "tau"), size, inset)
 
 
@@ -172,22 +196,41 @@ def integral(trace: Trace, other: Trace | None = None) -> Panel:
     return Panel("integral term z", "m/s²", lambda ax: pair(ax, trace, other, "z"), largest(trace.z[:, :3]))
 
 
+def named(trace: Trace, name: str) -> list[Panel]:
+    """Panels of a recorded signal by its name, or of one of its components, ``tau.x``."""
+    signal, i = trace.header.part(name)
+    if i is not None:
+        return [some(trace, signal, slice(i, i + 1))]
+    if signal.size == 6 and name not in OF_THRUSTERS:
+        return [vector(trace, name, part) for part in (LINEAR, ANGULAR)]
+    return [state(trace, signal)]
+
+
 def state(trace: Trace, signal: Signal) -> Panel:
-    """A state of a stage that is not a vector of six: its numbers, or the range of more than six numbers."""
+    """A signal that is not a vector of six: its numbers, or the range of more than six numbers."""
+    if signal.size <= MOST_LINES or signal.name in OF_THRUSTERS:
+        return some(trace, signal, slice(0, signal.size))
     values = trace[signal.name].reshape(len(trace), signal.size)
 
     def draw(ax: Axes) -> None:
-        if signal.size > MOST_LINES:
-            label = f"range of the {signal.size} numbers of {signal.name}"
-            for edge, text in ((values.min(axis=1), label), (values.max(axis=1), None)):
-                line(ax, trace.t, edge, f"{signal.name}.range", color=GREY, label=text)
-            return
-        for i, component in enumerate(signal.components):
-            name = f"{signal.name}.{component}" if component else signal.name
-            look = {"color": COLOURS[AXES[i]], **stripe(i, signal.size)}
-            line(ax, trace.t, values[:, i], name, label=component or signal.name, **look)
+        label = f"range of the {signal.size} numbers of {signal.name}"
+        for edge, text in ((values.min(axis=1), label), (values.max(axis=1), None)):
+            line(ax, trace.t, edge, f"{signal.name}.range", color=GREY, label=text)
 
-    return Panel(f"state {signal.name}", unit_of(signal, slice(0, signal.size)), draw, largest(values))
+    return Panel(quantity(trace, signal.name), unit_of(signal, slice(0, signal.size)), draw, largest(values))
+
+
+def some(trace: Trace, signal: Signal, part: slice) -> Panel:
+    """Some components of a signal."""
+    size = largest([edge.reshape(len(trace), signal.size)[:, part] for edge in trace.band(signal.name)])
+    what = quantity(trace, signal.name, part) if part.stop - part.start > 1 else _one(trace, signal, part.start)
+    unit = trace.header.units(signal)[part.start] if signal.name in OF_JOINTS else unit_of(signal, part)
+    return Panel(what, unit, lambda ax: components(ax, trace, signal, part), size)
+
+
+def _one(trace: Trace, signal: Signal, i: int) -> str:
+    component = trace.header.components(signal)[i]
+    return f"{signal.name}.{component}" if component else quantity(trace, signal.name)
 
 
 def unit_of(signal: Signal, part: slice) -> str:
@@ -196,13 +239,31 @@ def unit_of(signal: Signal, part: slice) -> str:
     return "" if unit == OWN_UNIT else unit.replace("^2", "²").replace("^3", "³")
 
 
+def samples(ax: Axes, trace: Trace, name: str, i: int, rows: slice, gid: str, **look: Any) -> None:
+    """Draw component i of a signal at some rows, with the signal's band."""
+    values, low, high = (each.reshape(len(trace), -1)[rows, i] for each in (trace[name], *trace.band(name)))
+    line(ax, trace.t[rows], values, gid, (low, high), **look)
+
+
 def components(ax: Axes, trace: Trace, signal: Signal, part: slice, until: float = np.inf) -> None:
-    """Draw three components of a signal of six numbers, until a time [s]."""
+    """Draw some components of a signal, until a time [s]."""
     n = int(np.searchsorted(trace.t, until + 1e-9, side="right"))
-    for i, component in enumerate(signal.components[part]):
-        values = trace[signal.name][:n, part.start + i]
-        look = {"color": COLOURS[component], "label": component, **stripe(i, 3)}
-        line(ax, trace.t[:n], values, f"{signal.name}.{component}", **look)
+    names = trace.header.components(signal)[part]
+    for i, component in enumerate(names):
+        look = {
+            "color": colour(signal, component, part.start + i),
+            "label": component or signal.name,
+            **stripe(i, len(names)),
+        }
+        gid = f"{signal.name}.{component}".rstrip(".")
+        samples(ax, trace, signal.name, part.start + i, slice(n), gid, **look)
+
+
+def colour(signal: Signal, component: str, i: int) -> str:
+    """Colour of the component i of a signal: that of its axis or its joint, or the next one for a mere number."""
+    of_numbers = [*(COLOURS[axis] for axis in AXES), COLOURS["force"], *JOINTS]
+    numbered = JOINTS if signal.name in OF_JOINTS else of_numbers
+    return COLOURS.get(component, GREY if component == "w" else numbered[i % len(numbered)])
 
 
 def pair(ax: Axes, trace: Trace, other: Trace | None, name: str, until: float = np.inf) -> None:
@@ -217,7 +278,7 @@ def pair(ax: Axes, trace: Trace, other: Trace | None, name: str, until: float = 
         for i, axis in enumerate(AXES[LINEAR]):
             label = axis if run is trace else None
             whole = {"color": COLOURS[axis], "label": label, **stripe(i, 3), **look}
-            line(ax, run.t[:n], run[name][:n, i], f"{name}.{axis}", **whole)
+            samples(ax, run, name, i, slice(n), f"{name}.{axis}", **whole)
 
 
 def pair_handles() -> list[Line2D]:

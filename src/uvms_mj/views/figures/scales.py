@@ -118,16 +118,17 @@ def early(t: np.ndarray, values: np.ndarray) -> float:
     return 0.0
 
 
-def rebounds(t: np.ndarray, push: np.ndarray) -> tuple[float, float] | None:
-    """Start and end of the rebounds, with margins of 5 % of their duration before and 50 % after them [s].
+def rebounds(t: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[float, float] | None:
+    """Start and end of the rebounds of a push with the band from ``low`` to ``high`` (n,), with margins of 5 % of their
+    duration before and 50 % after them [s].
 
     None without rebounds, for rebounds that do not end, and if the window is 30 % of the run or longer.
     """
-    touched = np.flatnonzero(push > 0.0)
+    touched = np.flatnonzero(high > 0.0)
     if not len(touched):
         return None
-    lost = touched[0] + np.flatnonzero(push[touched[0] :] <= 0.0)
-    if not len(lost) or lost[-1] == len(push) - 1:
+    lost = touched[0] + np.flatnonzero(low[touched[0] :] <= 0.0)
+    if not len(lost) or lost[-1] == len(low) - 1:
         return None
     first, last = float(t[touched[0]]), float(t[lost[-1]])
     window = first - 0.05 * (last - first), last + 0.5 * (last - first)

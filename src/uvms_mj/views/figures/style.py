@@ -3,17 +3,23 @@
 import contextlib
 import io
 import os
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
 
+from ...errors import InputError
 from ...files import whole
 from ...stages.signals import AXES
 
@@ -29,14 +35,30 @@ BLACK, GREY = "#000000", "#777777"
 _CYCLE = mpl.rc_params_from_file(STYLE, use_default_template=False)["axes.prop_cycle"].by_key()["color"]
 COLOURS = dict(zip((*AXES[:3], "force", *AXES[3:]), _CYCLE, strict=True))
 """Colours of the components and of the contact force, the same in every figure."""
+JOINTS = ("#332288", "#999933", "#882255", "#DDCC77", "#117733", "#661100", "#5A3FD0")
+"""Colours of the joints in their order. Colour-blind readers can tell them from each other and from the components, and
+neighbours differ in grey. Most are of Tol's muted scheme."""
 LINE = 1.0
 """Width of every line of samples [pt], so that no line dominates."""
 _PERIOD, _STRIPE, _MOST_STRIPES = 7.0, 2.5, 6
 """Length of a dash pattern and least length of one line's stripe in it, in line widths; number of distinct patterns."""
+BAND: dict[str, Any] = {"step": "pre", "alpha": 0.35, "linewidth": 0.0, "zorder": 1.8}
+"""Look of the range between two rows: below all lines, in the colour of its line."""
+_UNSEEN = 1e-3
+"""A band that exceeds its line by less than this fraction of the line's usual range is narrower than a pixel."""
+_SEEN = 5e-3
+"""A band that exceeds its line by this fraction of its panel, in one of a hundred rows, needs a legend."""
+_BEYOND: WeakKeyDictionary[Artist, float] = WeakKeyDictionary()
+"""How far a band exceeds its line in one of a hundred rows."""
 PIXELS_PER_INCH = 300
 """Resolution for which lines are thinned."""
 
-_METADATA = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
+_METADATA: dict[str, dict[str, Any]] = {
+    "png": {"metadata": {"Software": None}},
+    "svg": {"metadata": {"Date": None}},
+    "pdf": {"metadata": {"CreationDate": None}},
+    "pgf": {},
+}
 FORMATS = tuple(_METADATA)
 
 
@@ -72,6 +94,28 @@ def thin(t: np.ndarray, values: np.ndarray, columns: int) -> tuple[np.ndarray, n
     return t[kept], values[kept]
 
 
+def beyond(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """How far a band (n,) exceeds the line through the samples (n,); zero where it does not.
+
+    Row k of the band is for the time from row k - 1 to row k. The line crosses this time from sample to sample.
+    """
+    before = np.concatenate([values[:1], values[:-1]])
+    with np.errstate(invalid="ignore"):
+        found = np.maximum(high - np.maximum(before, values), np.minimum(before, values) - low)
+    return np.where(found > 0.0, found, 0.0)
+
+
+def thin_band(
+    t: np.ndarray, low: np.ndarray, high: np.ndarray, columns: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time, least and greatest value of each pixel column of a band (n,), all without loss of extremes."""
+    n = len(t)
+    starts = np.arange(1, n, max(1, -(-n // columns)))  # the band begins at the first sample, and a block after it
+    ends = np.concatenate([[0], starts[1:] - 1, [n - 1]])
+    starts = np.concatenate([[0], starts])
+    return t[ends], np.fmin.reduceat(low, starts), np.fmax.reduceat(high, starts)
+
+
 def panels(n: int, columns: int, top: float, height: float, **how: Any) -> tuple[Figure, list[Axes]]:
     """A figure as wide as a page with n panels in rows of at most ``columns``, and its panels. A row has this height
     [in], the space above the rows is ``top`` [in], and ``how`` is as for ``Figure.subplots``."""
@@ -100,10 +144,36 @@ def size_in(ax: Axes) -> tuple[float, float]:
     return figure.get_figwidth() * box.width, figure.get_figheight() * box.height
 
 
-def line(ax: Axes, t: np.ndarray, values: np.ndarray, name: str, **look: Any) -> None:
-    """Draw samples (n,) as one line; ``name`` is its group id in an SVG."""
+def line(
+    ax: Axes,
+    t: np.ndarray,
+    values: np.ndarray,
+    name: str,
+    band: tuple[np.ndarray, np.ndarray] | None = None,
+    **look: Any,
+) -> None:
+    """Draw samples (n,) as one line, above the area from the least to the largest value since the sample before, if
+    their ``band`` is given. ``name`` is the line's group id in an SVG."""
     columns = max(100, round(size_in(ax)[0] * PIXELS_PER_INCH))
-    ax.plot(*thin(t, values, columns), gid=name, **look)
+    (drawn,) = ax.plot(*thin(t, values, columns), gid=name, **look)
+    low, high = (values, values) if band is None else band
+    further = beyond(values, low, high)
+    finite = values[np.isfinite(values)]
+    if not len(finite) or not further.max() > _UNSEEN * np.ptp(np.percentile(finite, [1.0, 99.0])):
+        return
+    low, high = (np.where(further > 0.0, edge, values) for edge in (low, high))
+    area = ax.fill_between(*thin_band(t, low, high, columns), gid=f"{name}.band", color=drawn.get_color(), **BAND)
+    _BEYOND[area] = float(np.percentile(further, 99.0))
+
+
+def band_handles(axes: Sequence[Axes]) -> list[Patch]:
+    """Legend entry of the bands, if some band can be seen beside its line on linear axes, or is on others."""
+    for ax in axes:
+        low, high = ax.get_ylim()
+        seen = _SEEN * (high - low) if ax.get_yscale() == "linear" else 0.0
+        if any(_BEYOND.get(area, 0.0) > seen for area in ax.collections):
+            return [Patch(facecolor=GREY, alpha=BAND["alpha"], linewidth=0.0, label="range between rows")]
+    return []
 
 
 def ticks(ax: Axes, most: int) -> None:
@@ -119,6 +189,30 @@ def styled() -> Iterator[None]:
         yield
 
 
+_MATHS = {"τ": r"$\tau$", "²": "$^2$", "³": "$^3$", "·": r"$\cdot$", "±": r"$\pm$", "µ": r"$\mu$"}
+"""LaTeX of the characters in texts of figures that its fonts may lack."""
+
+
+@contextlib.contextmanager
+def _in_latex(figure: Figure) -> Iterator[None]:
+    """A context in which a figure's texts are LaTeX, in the fonts of the document. Raises InputError without a LaTeX,
+    which measures them."""
+    system = next((name for name in ("pdflatex", "xelatex", "lualatex") if shutil.which(name)), None)
+    if system is None:
+        raise InputError("a .pgf needs pdflatex, xelatex or lualatex to measure its texts; .pdf needs none")
+    texts = [(text, text.get_text()) for text in figure.findobj(Text)]
+    with mpl.rc_context({"pgf.texsystem": system, "pgf.rcfonts": False}):
+        try:
+            for text, written in texts:
+                text.set_text("".join(_MATHS.get(letter, letter) for letter in written))
+            yield
+        except RuntimeError as error:  # LaTeX's own
+            raise InputError(f"{system} can't set the texts of the figure: {' '.join(str(error).split())}") from None
+        finally:
+            for text, written in texts:
+                text.set_text(written)
+
+
 def save(figure: Figure, path: str | os.PathLike, formats: Sequence[str] = ("png", "svg")) -> list[Path]:
     """Write a figure to files, and return them in the order of ``formats``, some of :data:`FORMATS`. The path has no
     suffix. The same figure gives the same bytes. Existing files are replaced atomically. Raises InputError if a file
@@ -127,8 +221,8 @@ def save(figure: Figure, path: str | os.PathLike, formats: Sequence[str] = ("png
     files = [stem.with_name(f"{stem.name}.{kind}") for kind in formats]
     for file, kind in zip(files, formats, strict=True):
         drawn = io.BytesIO()  # on a full disk matplotlib's PDF writer fails a second time in closing the file
-        with styled():
-            figure.savefig(drawn, format=kind, metadata=_METADATA[kind])
+        with styled(), _in_latex(figure) if kind == "pgf" else contextlib.nullcontext():
+            figure.savefig(drawn, format=kind, **_METADATA[kind])
         with whole(file) as part:
             part.write_bytes(drawn.getvalue())
     return files

@@ -9,10 +9,10 @@ import numpy as np
 import rerun as rr
 
 from ...plant.geometry import Geometry
+from ...plant.solids import Solid, solids
 from ...records.header import Header
 from ...records.palette import BLUE, GREEN, VERMILLION, Colour
 from ..colours import mixed
-from .solids import Solid, solids
 
 TRIAD_M = 0.12
 """Length of the axes of a triad [m]."""

@@ -35,7 +35,7 @@ class Extents:
             values = _drawable(trace[signal.name].reshape(len(trace), signal.size))
             values = values if len(values) else np.zeros((1, signal.size))
             ranges[signal.name] = np.stack([values.min(axis=0), values.max(axis=0)], axis=1)
-        push = _drawable(trace.push)
+        push = _drawable(trace.band("push")[1])
         late = push[trace.t >= (1.0 - _RESTS) * trace.t[-1]] if len(trace) else push
         forces = [_drawable(f) for f in (trace.f_contact_W, trace.tau[:, :3])]
         force = max(float(np.linalg.norm(f, axis=1).max(initial=0.0)) for f in forces)

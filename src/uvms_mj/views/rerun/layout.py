@@ -94,6 +94,7 @@ def _tabs(views: Sequence[rrb.View], active: int = 0) -> rrb.View | rrb.Containe
 def _contact(runs: Sequence[Run]) -> list[rrb.View]:
     """Views of the contact force: up to the known or expected forces at rest, and up to the peak."""
     lines = [path for run in runs for path in (run.path("push"), run.path("push", "analytic"))]
+    lines += [run.line(edge, 0) for run in runs for edge in run.band("push")]
     rests = [run.header.analytic.force for run in runs if isinstance(run.header.analytic, SteadyState)]
     seen = [run.extents for run in runs if run.extents is not None]
     top = _FORCES_AT_REST * max([*rests, *(each.rest for each in seen)], default=0.0)
@@ -122,7 +123,13 @@ def _signal(runs: Sequence[Run], what: str, name: str, together: int, reference:
     parts, units = owner.header.components(signal), owner.header.units(signal)
     for start in range(0, signal.size, together):
         these = range(start, min(start + together, signal.size))
-        lines = [(run, name, i) for run in owners for i in these if i < run.header.by_name[name].size]
+        lines = [
+            (run, each, i)
+            for run in owners
+            for i in these
+            if i < run.header.by_name[name].size
+            for each in (name, *run.band(name))
+        ]
         lines += [(runs[0], reference, i) for i in these if reference]
         limits = [run.extents.ranges[name][i] for run, name, i in lines if run.extents is not None]
         title = f"{' '.join(parts[i] for i in these)} [{', '.join(dict.fromkeys(units[i] for i in these))}]"

@@ -3,6 +3,9 @@
 The entities below the root of a run are ``world/...``, the contents of the 3-D view in W; ``signals/<name>``, every
 recorded signal with all its components, or ``signals/<name>/<component>`` for plotted signals; and ``push``, the force
 on the wall, with ``push/analytic``. Scalars keep full precision. Poses are float32, because Rerun stores them so.
+
+The bands of signals that may alternate, ``tau_low`` and ``tau_high``, are thin lines beside them. Where not every row
+is sent, a band has the extremes of the rows between.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -15,14 +18,15 @@ from ...control.rest import SteadyState
 from ...physics.frames import quat_from_euler_deg
 from ...plant.geometry import Geometry
 from ...plant.shapes import Shape
+from ...plant.solids import Solid, solids
 from ...records.header import Header
 from ...records.palette import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, Colour
 from ...records.scene import FORCE_SCALE, FORCES, WALL_SIZE, Force, magnitudes, scene_of, span
-from ...stages.signals import Signal
+from ...stages.signals import BAND, BANDED, PUSH, Signal, band_signals
 from ..colours import mixed
 from . import arm
 from .extents import Extents
-from .solids import Solid, mesh_of, rgba8, solids
+from .solids import mesh_of, rgba8
 
 TIMELINE = "sim_time"
 """Simulated time [s]."""
@@ -37,6 +41,8 @@ LIGHT, GREY = (235, 235, 235), (160, 160, 160)
 COMPONENTS = (ORANGE, SKY, GREEN, YELLOW, BLUE, PURPLE)
 """Colours of x, y, z, roll, pitch and yaw of any signal."""
 CONTACT, REFERENCE = VERMILLION, GREY
+_THIN = 0.6
+"""Width of the lines of a band; Rerun's own lines are twice as wide [ui points]."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +64,7 @@ class Run:
     Attributes:
         row_steps: rows between two samples that are sent.
         extents: ranges of the signals of a finished run; None while the run is in progress.
+        signals: the recorded signals by name, and the bands that the rows between two samples need.
         plotted: signals that the layout plots.
         origin: signal that the reference p_d is for, p_WB or p_WT; the trajectory is its way.
     """
@@ -75,9 +82,19 @@ class Run:
         self.pose_steps = max(1, round(1.0 / (POSE_HZ * row_s)))
         self.piece_steps = self.pose_steps * max(1, round(duration / TRAJECTORY_PIECES / (self.pose_steps * row_s)))
         joints = ("q", "q_dot", "tau_q", "p_WT") if self.header.geometry.links else ()
-        self.plotted = ("p_WB", "p_d", "tau", "s", *joints, *self.header.law.states)
+        known = self.header.by_name | {PUSH.name: PUSH}
+        self._bands = {
+            name: band_signals(known[name])
+            for name in BANDED
+            if name in known and (self.row_steps > 1 or BAND[name][0] in known)
+        }
+        edges = {edge.name: edge for pair in self._bands.values() for edge in pair}
+        self.signals = self.header.by_name | {name: edge for name, edge in edges.items() if name not in known}
+        shown = ("p_WB", "p_d", "tau", "s", *joints, *self.header.law.states)
+        self.plotted = (*shown, *(edge for name in shown for edge in self.band(name)))
         self.origin = self.header.task_frame[0]
         self._rows = 0
+        self._unsent: dict[str, np.ndarray] = {}  # bands of the rows since the last one that was sent
         self._last_p: np.ndarray | None = None
 
     def path(self, *parts: str) -> str:
@@ -85,16 +102,20 @@ class Run:
 
     def line(self, name: str, component: int) -> str:
         """Path of one component of a plotted signal."""
-        signal = self.header.by_name[name]
+        signal = self.signals[name]
         part = [self.header.components(signal)[component]] if signal.size > 1 else []
         return self.path("signals", name, *part)
+
+    def band(self, name: str) -> tuple[str, ...]:
+        """Names of the band of a signal or of the push; none without a band."""
+        return tuple(edge.name for edge in self._bands.get(name, ()))
 
     def named(self, what: str) -> str:
         return f"{self.label}: {what}" if self.label else what
 
     def columns(self) -> Iterator[tuple[tuple[str, ...], Signal, slice]]:
         """Entities of all signals: parts of the path, the signal, and the components stored there."""
-        for signal in self.header.signals:
+        for signal in self.signals.values():
             if signal.name in self.plotted and signal.size > 1:
                 for i, component in enumerate(self.header.components(signal)):
                     yield ("signals", signal.name, component), signal, slice(i, i + 1)
@@ -116,17 +137,32 @@ class Run:
             return slice(-first % steps, None, steps)
 
         rows = every(self.row_steps)
+        forces = values["f_normal"] if "f_normal" in values else 0.0 - values["f_contact_W"][:, :1]
+        pushes = np.maximum(0.0, forces)
+        bands = self._widened({**values, PUSH.name: pushes}, range(len(t))[rows])
         if len(t[rows]):
             for parts, signal, place in self.columns():
-                self._scalars(parts, t[rows], values[signal.name][rows, place])
-            forces = values["f_normal"] if "f_normal" in values else 0.0 - values["f_contact_W"][:, :1]
-            push = np.maximum(0.0, forces[rows])
-            self._scalars(("push",), t[rows], push)
+                sent = bands[signal.name] if signal.name in bands else values[signal.name][rows]
+                self._scalars(parts, t[rows], sent[:, place])
+            self._scalars(("push",), t[rows], pushes[rows])
             if isinstance(self.header.analytic, SteadyState):
                 ends = t[rows][[0, -1]]
                 self._scalars(("push", "analytic"), ends, np.full((2, 1), self.header.analytic.force))
         self._poses({name: value[every(self.pose_steps)] for name, value in values.items()})
         self._trajectory(t[every(self.piece_steps)], values[self.origin][every(self.piece_steps)])
+
+    def _widened(self, values: Mapping[str, np.ndarray], sent: range) -> dict[str, np.ndarray]:
+        """The bands (n, size) of the rows that are sent, each with the rows since the one sent before."""
+        found = {}
+        for name in self._bands:
+            for edge, extreme in zip(self.band(name), (np.minimum, np.maximum), strict=True):
+                block = values.get(edge, values[name])
+                before = self._unsent.get(edge, block[:0])
+                block = np.concatenate([before, block])
+                starts = np.concatenate([[0], len(before) + np.array(sent, dtype=int) + 1])
+                found[edge] = extreme.reduceat(block[: starts[-1]], starts[:-1]) if len(sent) else block[:0]
+                self._unsent[edge] = block[starts[-1] :]
+        return found
 
     def _send(self, parts: tuple[str, ...], t: np.ndarray, columns: Iterable[rr.ComponentColumn]) -> None:
         ns = np.rint(t * 1e9).astype("timedelta64[ns]")
@@ -250,9 +286,10 @@ class Run:
         return r, g, b, a
 
     def _series(self) -> None:
+        edges = {edge for name in self._bands for edge in self.band(name)}
         for parts, signal, place in self.columns():
             names, colours = zip(*(self.series(signal, i) for i in range(signal.size)[place]), strict=True)
-            self._log(parts, _series(list(names), list(colours)))
+            self._log(parts, _series(list(names), list(colours), _THIN if signal.name in edges else None))
         force = _series([self.named("push [N]")], [self.colour or CONTACT])
         self._log(("push",), force)
         if isinstance(self.header.analytic, SteadyState):
@@ -264,7 +301,7 @@ class Run:
         """Name and colour of one component of a signal."""
         part, unit = self.header.components(signal)[component], self.header.units(signal)[component]
         name = f"{signal.name}.{part}" if part else signal.name
-        colour = self.colour or COMPONENTS[component % len(COMPONENTS)]
+        colour = self.colour or (CONTACT if PUSH.name in signal.name else COMPONENTS[component % len(COMPONENTS)])
         return self.named(f"{name} [{unit}]"), REFERENCE if signal.name == "p_d" else colour
 
 
@@ -276,7 +313,8 @@ def bounds(shapes: Sequence[Solid], reach: float) -> tuple[np.ndarray, np.ndarra
     return corners.min(axis=0), corners.max(axis=0)
 
 
-def _series(names: list[str], colours: list[Colour]) -> rr.SeriesLines:
+def _series(names: list[str], colours: list[Colour], width: float | None = None) -> rr.SeriesLines:
     """Lines that keep every peak at any zoom. Rerun's default, the mean, would halve an impact."""
     policy = rr.components.AggregationPolicy.MinMax
-    return rr.SeriesLines(names=names, colors=colours, aggregation_policy=policy)
+    widths = None if width is None else [width] * len(names)
+    return rr.SeriesLines(names=names, colors=colours, widths=widths, aggregation_policy=policy)

@@ -14,6 +14,7 @@ import rerun as rr
 
 from ...errors import InputError
 from ...files import whole
+from ...plant.solids import solids
 from ...records.header import Header, Outcome
 from ...records.scene import force_scale
 from ...records.trace import Trace
@@ -22,7 +23,6 @@ from .extents import Extents
 from .layout import application, layout
 from .process import Sender, ViewerClosed, free_port, start
 from .run import Place, Run, bounds
-from .solids import solids
 from .web import web_viewer
 
 _ROWS = 65_536

@@ -162,10 +162,10 @@ GSTA: tuple[Claim, ...] = (
         because='"less" than the first-order law',
         explanation=(
             "Sampled GSTA does not come to rest: sgn(s) changes at every step, and the thrust alternates by "
-            "M (k_1 + sqrt(k_1^2 - 2 k_2))^2 / 4 times the time step, some hundredths of a newton. This ripple is "
-            "invisible in a figure, but it adds up, at the same rate for any time step. The first-order law is a "
-            "smooth feedback inside its boundary layer and has no such ripple. The paper's claim holds for the size "
-            "of the changes and for the transient, but not for their sum over the run."
+            "M (k_1 + sqrt(k_1^2 - 2 k_2))^2 / 4 times the time step, some hundredths of a newton. In a figure of the "
+            "thrust this ripple is narrower than a line, but it adds up, at the same rate for any time step. The "
+            "first-order law is a smooth feedback inside its boundary layer and has no such ripple. The paper's claim "
+            "holds for the size of the changes and for the transient, but not for their sum over the run."
         ),
     ),
     Claim(

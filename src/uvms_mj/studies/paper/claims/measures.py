@@ -81,7 +81,7 @@ def ratio(
 def largest_s(runs: Runs) -> Measured:
     """Largest |s_i| of all six axes at rest, GSTA's over the first-order law's."""
     a, b = (
-        float(np.abs(trace.s[trace.t >= trace.t[-1] - REST_S]).max())
+        float(metrics.magnitude(trace, "s")[trace.t > trace.t[-1] - REST_S].max())
         for trace in (runs.traces["gsta"], runs.traces["fosm"])
     )
     return Measured(over(a, b), f"{LABELS['gsta']} {number(a)}, {LABELS['fosm']} {number(b)} m/s, rad/s")

@@ -68,7 +68,8 @@ def finite_time(runs: Runs) -> Measured:
 
 
 def arrival(trace: Trace) -> float | None:
-    """Time after which every |s_i| stays below (2 h k_1)^2, in the rows until the reference moves [s]."""
+    """Time after which every |s_i| stays below (2 h k_1)^2, until the reference moves [s]."""
     band = (2.0 * trace.scenario.simulation.timestep * gain(trace, "k_1")) ** 2
     still = (trace.p_d == trace.p_d[0]).all(axis=1)
-    return metrics.settling_time(trace.t[still], np.abs(trace.s[still]).max(axis=1), 0.0, band) if still.any() else None
+    largest = metrics.magnitude(trace, "s").max(axis=1)
+    return metrics.settling_time(trace.t[still], largest[still], 0.0, band) if still.any() else None

@@ -1,0 +1,78 @@
+"""docs/studies.md, from the folders of the shipped studies, mc of ``monte_carlo`` and gm of ``gain_map``: their figures
+and what they found."""
+
+import functools
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from page_look import stacked
+from uvms_mj.studies.plan import Plan
+from uvms_mj.studies.report import figures, maps
+from uvms_mj.studies.report.data import Data
+from uvms_mj.studies.report.sensitivity import sensitivities
+from uvms_mj.studies.results import frame
+
+
+@functools.cache
+def study(folder: Path) -> Data:
+    return Data(Plan.load(folder / "study.toml"), frame(folder))
+
+
+def rows(data: Data, law: str) -> pd.DataFrame:
+    """The rows of a law, with whether each succeeds."""
+    table = data.frame.assign(succeeds=data.success)
+    return table[table["law"] == law]
+
+
+def percent(chosen: pd.Series) -> float:
+    return float(100.0 * chosen.mean())
+
+
+def bend(table: pd.DataFrame) -> float:
+    """k_1^2 over k_2 at which the chattering index begins to grow with k_1: the median over the rows of the map without
+    bouncing runs. There it leaves the value of the least k_1."""
+    found = []
+    for k_2, row in table.groupby("controller.k_2"):
+        row = row.sort_values("controller.k_1")
+        index, k_1 = row["chattering_N_per_s"].to_numpy(), row["controller.k_1"].to_numpy()
+        if row["succeeds"].all():
+            after = int(np.argmax(index > 1.5 * np.median(index[:5])))
+            found.append(k_1[after - 1] * k_1[after] / k_2)
+    return float(np.median(found))
+
+
+def numbers(folder: str) -> Iterator[tuple]:
+    draws, gains = study(Path(folder) / "mc"), study(Path(folder) / "gm")
+    impedance, fosm, gsta = (rows(draws, law) for law in ("impedance", "fosm", "gsta"))
+    yield "presses with the right force in {} % of the draws", percent(impedance["succeeds"])
+    yield "in {} % it never reaches the wall", percent(impedance["contact.touches"] == 0)
+    yield "First-order sliding mode succeeds in {} %", percent(fosm["succeeds"])
+    quiet = fosm["chattering_N_per_s"] < 1.0
+    yield "In {} % it is quiet, with at most {} N/s", percent(quiet), fosm["chattering_N_per_s"][quiet].max()
+    yield "and then {} % succeed", percent(fosm["succeeds"][quiet])
+    yield "in the others it chatters with {} N/s (median)", fosm["chattering_N_per_s"][~quiet].median()
+    added = fosm["vehicle.added_mass"]
+    yield "less than {} times that of the model always chatters", added[quiet].min()
+    yield "more than {} times never", added[~quiet].max()
+    bounces = ~gsta["contact.settled"].astype(bool)
+    yield "GSTA presses as demanded in {} %", (percent(gsta["succeeds"]), 0.2)
+    yield "at some {} N/s", (gsta["chattering_N_per_s"].median(), 20.0)
+    yield "{} of its runs still bounce after 20 s", int(bounces.sum())
+    yield "all with an added mass above {} and", (gsta["vehicle.added_mass"][bounces].min(), 0.01)
+    yield "walls above {} N/m", (gsta["wall.stiffness"][bounces].min(), 1e4)
+    found = rows(gains, "gsta")
+    yield "k_1² = {} k_2: left of it", (bend(found), 0.15)
+    corner = (found["controller.k_1"] + found["controller.k_2"]).idxmax()
+    yield "falls to the {} N of the desired impedance", found["contact.peak_N"][corner]
+    yield "still bounces after 20 s, up to {} times", (found["contact.touches"].max(), 3.0)
+
+
+def main(folder: str) -> None:
+    draws, gains = study(Path(folder) / "mc"), study(Path(folder) / "gm")
+    stacked([figures.overview(draws, figures.success_rates(draws)), figures.distributions(draws)], "monte_carlo")
+    found = sensitivities(gains)
+    (pair,) = maps.pairs(found)
+    stacked([maps.maps(gains, pair, maps.shown(found, pair, True))], "gain_map")
