@@ -28,7 +28,7 @@ _HALVES = 12
 """Number of times that a step of Newton's method is halved where the set of contacts changes."""
 _FASTEST = 1e4
 """Rates above this are those of walls and of algebraic rows [1/s]."""
-_GROWS = 1e-5
+_GROWS = 1e-3
 """A growth above this is more than rounding [1/s]."""
 
 

@@ -5,17 +5,16 @@ In the frame of the task, the law is that of :mod:`.balance` with Lambda_hat in 
 .. math:: w = \frac{A}{A - K}\, a, \qquad a = -\hat\Lambda^{-1} (F + \tau_c - \bar J^\top \hat g).
 
 **A law that integrates**, K infinite, rests at w = 0. The pose of the tool is the only unknown of these six equations:
-neither the posture, nor the estimates, nor the disturbance is in them.
+neither the posture, nor the estimates, nor the disturbance is in them. The base and the joints behind it must come to
+rest, too (:mod:`.free_motion`), while the tool moves there as eq. (7) moves it (:mod:`.task_motion`).
 
 **Any other law** rests where the disturbance of the whole tree leaves it. The unknowns are the pose of the base, the
 joint positions q and F. The balance of the tree has 6 + n further equations,
 
 .. math:: J^\top (F + \tau_c) + \tau_{posture} + d(q, R_{WB}) - g(q, R_{WB}) = 0,
 
-with the current on all links in d. They may have several solutions. The one that is given is reached by a slow motion
-:math:`M \dot y` on the right side of these equations, from the initial posture with the tool at its target. It is
-computed by linearly implicit Euler with growing steps (Kelley and Keyes, SIAM J. Numerical Analysis 35, 1998). An
-unstable rest of this motion is refused.
+with the current on all links in d. The root is the one that the slow motion :math:`M \dot y` on the right side of these
+equations reaches from the rest of a law that integrates (:mod:`.approach`).
 """
 
 from dataclasses import dataclass
@@ -23,22 +22,21 @@ from typing import Any
 
 import numpy as np
 
-from ..physics.frames import attitude, quat_from_euler_deg, quat_turned, rotation_matrix
+from ..physics.frames import attitude, quat_turned, rotation_matrix
 from ..physics.statics import Statics
 from .approach import approach, decays
 from .balance_terms import Balance, Pose
 from .delivery import Delivery
+from .free_motion import FreeMotion, beyond, surroundings
 from .posture_rest import PostureAtRest
 from .rest import SteadyState
-from .task_motion import Track, between
+from .task_motion import Track
 
 _LARGEST = 0.2
 """Largest change of a coordinate in one step of the slow motion [rad or m]."""
 _FIRST = 0.1
 """Its first step [s]."""
-_STEPS = 200
-_DAMPING = 2.0
-"""Damping of the motion over its inertia [1/s]."""
+_STEPS = 150
 _SMALL = 1e-7
 """Change of a coordinate for a derivative."""
 _ONE = np.array([1.0, 0.0, 0.0, 0.0])
@@ -59,54 +57,45 @@ def tool_rest(setup: Any, K: float, delivery: Delivery, track: Track) -> SteadyS
 
     The arguments are those of :func:`.balance.static_balance`, and the motion of the frame of the task to its rest if w
     is zero."""
+    if not type(setup.interface).obeys:
+        return f"the joint interface {setup.interface.label()} holds the joints itself"
     if np.isfinite(K) and any(link.friction > 0.0 for link in setup.vehicle.arm.links):
         return "with Coulomb friction in the joints, the rest posture depends on the path"
     if np.isfinite(K) and setup.scenario.impedance.natural:
         return "with impedance.M_d = 'natural' the desired inertia depends on the rest posture, which is not computed"
-    of = ToolBalance(setup, np.inf, delivery, track)
-    y = approach(of, of.start, np.zeros(12 + of.n), _FIRST, _STEPS)
-    if np.isfinite(K) and not isinstance(y, str):
-        of = ToolBalance(setup, K, delivery, track)
-        y = approach(of, y, np.zeros(12 + of.n), _FIRST, _STEPS)
-    return f"behind the tool, {y}" if isinstance(y, str) else _checked(of, y)
-
-
-def _checked(of: "ToolBalance", y: TreePose) -> SteadyState | str:
-    """The state of a rest, or the reason why the vehicle does not rest there."""
-    setup, delivery, tau = of.setup, of.delivery, of.commanded(y)[0]
-    for link, torque in zip(setup.vehicle.arm.links, tau[6:], strict=True):
-        if abs(torque) > link.effort:
-            return f"the joint {link.joint} needs {torque:.4g} N m at rest and has {link.effort:.4g} N m"
-    if weak := delivery.weak(delivery.T @ tau[:6]):
+    free, of = FreeMotion(setup, delivery, track), ToolBalance(setup, K, delivery)
+    q = free.rest()
+    if isinstance(q, str):
+        return f"behind the tool, {q}"
+    tool, tau, s = track.end, free.push(q).tau, np.zeros(6)
+    if np.isfinite(K):
+        y = approach(of, TreePose(*free.base(q), q, np.zeros(6)), np.zeros(12 + of.n), _FIRST, _STEPS)
+        if isinstance(y, str):
+            return f"behind the tool, {y}"
+        tool, tau, s = of.tool(y), of.commanded(y)[0], of.sliding(y)
+    if weak := free.weak(tau):
         return weak
-    tool = of.tool(y) if np.isfinite(of.at_task.K) else of.track.end
     push = of.at_task.contacts(tool.position, tool.R_WB)[1]
     if of.at_task.rubs(push):
         return "with friction, the rest position depends on the path"
-    return SteadyState(float(push.sum()), s=of.sliding(y), tau=delivery.T @ tau[:6], reached=True)
+    return SteadyState(float(push.sum()), s=s, tau=delivery.T @ tau[:6], reached=True)
 
 
 class ToolBalance:
     """The equations of a vehicle with an arm at rest; an :class:`.approach.Motion` of :class:`TreePose`.
 
-    Its coordinates are the displacement (3,) and the rotation vector (3,) of the base in B, q (n,) and F (6,). The
-    motion begins where the vehicle does. If K is infinite, the tool follows its track."""
+    Its coordinates are the displacement (3,) and the rotation vector (3,) of the base in B, q (n,) and F (6,)."""
 
-    def __init__(self, setup: Any, K: float, delivery: Delivery, track: Track) -> None:
+    def __init__(self, setup: Any, K: float, delivery: Delivery) -> None:
         scenario, links = setup.scenario, setup.nominal.arm.links
         self.setup, self.delivery, self.n = setup, delivery, len(links)
         self.frame = setup.plant.probe.carrier
         self.at_task = Balance(setup, K, delivery)
         self.posture = PostureAtRest(setup)
-        initial = scenario.initial
-        R_WB = rotation_matrix(quat_from_euler_deg(*initial.attitude_deg))
-        self.start = TreePose(np.array(initial.position), R_WB, setup.start.q, np.zeros(6))
-        self.track, self.held = track, track.end
-        self.damping = np.zeros((12 + self.n, 12 + self.n))
+        self.inertia, self.damping = np.zeros((12 + self.n, 12 + self.n)), np.zeros((12 + self.n, 12 + self.n))
         self.damping[: 6 + self.n, : 6 + self.n] = setup.start.inertia()
-        self.inertia, self.damping = np.zeros_like(self.damping), _DAMPING * self.damping
         self.largest = np.concatenate([np.full(6 + self.n, _LARGEST), np.full(6, np.inf)])
-        self.sharp, self.ends = np.inf, track.ends if np.isinf(K) else 0.0
+        self.sharp, self.ends = np.inf, 0.0
         estimates = [scenario.estimates, *(scenario.estimates.of(link.name) for link in links)]
         self.inertia_hat, self.restoring_hat = [e.inertia for e in estimates], [e.restoring for e in estimates]
 
@@ -116,15 +105,12 @@ class ToolBalance:
         return TreePose(y.p_WB + y.R_WB @ change[:3], y.R_WB @ turn, y.q + change[6 : 6 + n], y.F + change[6 + n :])
 
     def lead(self, y: TreePose, t: float, step: float) -> np.ndarray:
-        """Move the pose at which the tool is held."""
-        self.held = self.track.at(t + step)
+        """The reference is at its end."""
         return np.zeros(12 + self.n)
 
     def passed(self, t: float, y: TreePose) -> str:
         """The reason why a joint can't be there; empty if all can."""
-        links = self.setup.vehicle.arm.links
-        beyond = [each.joint for each, q in zip(links, y.q, strict=True) if not each.range[0] < q < each.range[1]]
-        return f"the joint {beyond[0]} comes to the end of its range" if beyond else ""
+        return beyond(self.setup.vehicle.arm.links, y.q)
 
     def jacobian(self, y: TreePose) -> np.ndarray:
         """The derivative of the residual."""
@@ -168,17 +154,11 @@ class ToolBalance:
         tree = Statics(setup.vehicle, y.q)
         tool = self.tool(y, tree)
         tau, a = self.commanded(y, tree)
-        tau[:6] = self.delivery.T @ tau[:6] + balance.tau_dist
-        tau += tree.jacobian(self.frame).T @ tool.tau_c
-        tau += tree.stream(y.R_WB, setup.scenario.current.steady_at(-y.p_WB[2]))
-        tau -= tree.restoring(y.R_WB, setup.gravity_W)
-        if np.isinf(balance.K):
-            return np.concatenate([tau, between(self.held, tool)])
+        tau[:6] = self.delivery.T @ tau[:6]
+        tau += surroundings(setup, tree, y.p_WB, y.R_WB) + tree.jacobian(self.frame).T @ tool.tau_c
         return np.concatenate([tau, setup.design.M_d @ (balance.asked(tool) - balance.factor_inverse * a)])
 
     def sliding(self, y: TreePose) -> np.ndarray:
         """s (6,) at rest: a = w + K s, or A s = -w without K."""
         w, K = self.at_task.asked(self.tool(y)), self.at_task.K
-        if np.isinf(K):
-            return np.zeros(6)
         return (self.commanded(y)[1] - w) / K if K > 0.0 else -w / self.at_task.A

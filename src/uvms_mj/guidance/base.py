@@ -81,7 +81,7 @@ class Guidance(Stage):
         period = self.period or setup.scenario.control_period
         try:
             with np.errstate(all="ignore"), contextlib.redirect_stdout(io.StringIO()):
-                found = _samples(self, setup, [round(t / period) for t in times.tolist()])
+                found = samples(self, setup, [round(t / period) for t in times.tolist()])
         except (Exception, SystemExit):  # a user's function may raise anything
             return "the way of the reference is not known before the run"
         if not (np.isfinite(found["p_d"]).all() and np.isfinite(found["quat_d"]).all()):
