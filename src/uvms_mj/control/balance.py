@@ -60,8 +60,10 @@ from .sampled import not_constant
 from .task_motion import TaskMotion, way_of
 from .tool_balance import tool_rest
 
-_BESIDE = np.array([[0.2, 1.0, 0.6], [-0.2, -1.0, 0.6], [0.0, 0.0, -1.0]]) * 0.05
-"""Where the motions beside that of the vehicle begin, in B from its start [m]."""
+_BESIDE = 0.05
+"""How far from its way the reference of the motions beside that of the vehicle is [m]."""
+_LIMITED_S = 2.0
+"""Time with thrusters at their limits in which integrals wind up [s]."""
 _AT_ONCE = 1e9
 """A first step after which the motion is at rest [s]."""
 _SAME = 1e-6
@@ -102,7 +104,7 @@ def static_balance(
     if setup.not_rigid:
         return _with_arm(setup, K, delivery)
     balance = Balance(setup, K, delivery, residual is not None)
-    motion = TaskMotion(balance, Balance.__call__ if residual is None else residual, integral)
+    motion = TaskMotion(balance, Balance.__call__ if residual is None else residual, integral, delivery)
     pose = _nearest(motion) if balance.springs.convex else _reached(motion)
     if isinstance(pose, str):
         return pose
@@ -158,18 +160,44 @@ def _reached(motion: TaskMotion) -> Pose | str:
     motion.follow(way)
     initial = setup.initial
     start = balance.pose(np.array(initial.position), quat_from_euler_deg(*initial.attitude_deg))
-    rests = []
-    for beside in (*(() if balance.springs.convex else _BESIDE), np.zeros(3)):
-        motion.begin()
-        moved = balance.moved(start, np.concatenate([beside, np.zeros(3)]))
-        rests.append(approach(motion, moved, motion.velocity()))
-    rest = rests[-1]
+    rest = _followed(motion, start)
     if isinstance(rest, str):
         return rest
-    if any(isinstance(each, str) or np.abs(each.position - rest.position).max() > _SAME for each in rests):
-        return "motions that begin close to each other come to different rests"
+    if motion.delivery is not None and (weak := motion.delivery.weak(balance.thrust(rest))):
+        return weak
     motion.passed(motion.track.times[-1] + 1.0, rest)
+    if not balance.springs.convex:
+        track, saturates = motion.track, motion.saturates
+        passed = [np.array(each) for each in zip(*((pose.position, pose.R_WB) for pose in track.poses), strict=True)]
+        if reason := _rubbed(balance, balance.contacts(*passed)[1]):
+            return reason
+        others = [_followed(motion, start, beside) for beside in _across(way[1][-1] - start.position)]
+        others.append(_followed(motion, start, led=False))
+        if saturates:
+            others.append(_followed(motion, start, limits=True))
+            if motion.limited_s > _LIMITED_S:
+                return f"the thrusters are at their limits for more than {_LIMITED_S:g} s on the way"
+        motion.track = track
+        if any(isinstance(each, str) or np.abs(each.position - rest.position).max() > _SAME for each in others):
+            return "motions close to each other come to different rests"
     return rest
+
+
+def _followed(motion: TaskMotion, start: Pose, beside: np.ndarray | None = None, **how: bool) -> Pose | str:
+    """The rest of one motion that begins at a pose or beside it (3,) [m, W]."""
+    beside = np.zeros(3) if beside is None else beside
+    motion.begin(beside, **how)
+    moved = motion.balance.moved(start, np.concatenate([start.R_WB.T @ beside, np.zeros(3)]))
+    found: Pose | str = approach(motion, moved, motion.velocity())
+    return found
+
+
+def _across(direction: np.ndarray) -> np.ndarray:
+    """Three displacements (3, 3) across a direction (3,), 120 deg from each other [m]."""
+    across = np.linalg.svd(direction[None])[2][1:]
+    angles = 2.0 * np.pi / 3.0 * np.arange(3)
+    beside: np.ndarray = _BESIDE * (np.cos(angles)[:, None] * across[0] + np.sin(angles)[:, None] * across[1])
+    return beside
 
 
 def unknown_acceleration(setup: Any, state: SteadyState) -> np.ndarray:

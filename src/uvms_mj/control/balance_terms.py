@@ -70,7 +70,7 @@ class Balance:
         return tau_c, push
 
     def rubs(self, push: np.ndarray) -> bool:
-        """Whether friction acts in contacts with the normal forces (1 + n,)."""
+        """Whether friction acts in contacts with the normal forces (..., 1 + n)."""
         friction = np.concatenate([[self.setup.scenario.wall.friction > 0.0], self.springs.friction])
         return bool((friction & (push > 0.0)).any())
 
@@ -121,9 +121,9 @@ class Balance:
             return np.zeros(6)
         return None if 0.0 in self.A else left / self.A
 
-    def thrust(self, x: Pose) -> np.ndarray:
-        """tau (6,) that holds the vehicle at rest, eq. (10)."""
-        d, g_eta = self.environment(x)
+    def thrust(self, x: Pose, nu: np.ndarray | None = None) -> np.ndarray:
+        """tau (6,) that holds the vehicle at rest, eq. (10), or at a constant velocity nu (6,)."""
+        d, g_eta = self.environment(x, nu)
         return g_eta - d - x.tau_c
 
     def effort(self, x: Pose) -> np.ndarray:
@@ -162,12 +162,12 @@ class Balance:
             unknown += self.factor_inverse * self.unknown(x)
         return self.demanded(x) - self.setup.design.M_d @ unknown
 
-    def environment(self, x: Pose) -> tuple[np.ndarray, np.ndarray]:
-        """d and g(eta), (6,) each, in B."""
+    def environment(self, x: Pose, nu: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """d and g(eta), (6,) each, in B, of a vehicle at rest or with a velocity nu (6,)."""
         vehicle, scenario = self.setup.vehicle, self.setup.scenario
         position, R_WB = x.position, x.R_WB
-        nu_r, term = np.zeros(6), np.empty(6)
-        nu_r[:3] = -R_WB.T @ scenario.current.steady_at(-position[2])
+        nu_r, term = np.zeros(6) if nu is None else nu.copy(), np.empty(6)
+        nu_r[:3] -= R_WB.T @ scenario.current.steady_at(-position[2])
         d = self.tau_dist.copy()
         if scenario.tether.factor:
             add_tether(scenario.tether.factor, scenario.tether.position, nu_r, d)

@@ -14,6 +14,7 @@ import numpy as np
 from ..physics.frames import quat_error, quat_turned, rotation_matrix
 from .approach import LAST, decays
 from .balance_terms import Balance, Pose
+from .delivery import Delivery
 from .limited import Integral
 from .schedule import Schedule
 
@@ -26,6 +27,8 @@ _WRONG, _ROUNDING = 0.02, 1e-6
 derivatives are computed again."""
 _NEAR = 1e-3
 """A frame that is nearer to its end may go there in one step [m, rad]."""
+_TURNED = 2.0
+"""Rotation vector of a reference beside its way over its displacement [rad/m]."""
 _SAMPLES = 0.05
 """Time between two samples of the reference [s]."""
 _MOST_SAMPLES = 1200
@@ -83,12 +86,18 @@ class TaskMotion:
         balance: the terms of the static balance.
         residual: of the law, from the balance and a pose (6,) [N, N m].
         integral: in the residual.
+        delivery: of a rigid vehicle, with the limits of its thrusters.
     """
 
     def __init__(
-        self, balance: Balance, residual: Callable[[Balance, Pose], np.ndarray], integral: Integral | None = None
+        self,
+        balance: Balance,
+        residual: Callable[[Balance, Pose], np.ndarray],
+        integral: Integral | None = None,
+        delivery: Delivery | None = None,
     ) -> None:
-        self.balance, self.residual, self.integral, design = balance, residual, integral, balance.setup.design
+        self.balance, self.residual, self.integral, self.delivery = balance, residual, integral, delivery
+        design = balance.setup.design
         self.inertia, self.damping = design.M_d, design.D_d
         self.largest = _ANY if balance.springs.convex else min(_REACH, 0.25 * balance.springs.size)
         self.sharp, self.ends = 1e-7, 0.0
@@ -98,15 +107,17 @@ class TaskMotion:
         self._schedule: SimpleNamespace | None = None
         self.begin()
 
-    def __call__(self, pose: Pose) -> np.ndarray:
-        return -self.residual(self.balance, pose)
+    def __call__(self, pose: Pose, /) -> np.ndarray:
+        return self._lacking - self.residual(self.balance, pose)
 
     def moved(self, pose: Pose, change: np.ndarray) -> Pose:
         return self.balance.moved(pose, change)
 
-    def begin(self) -> None:
-        """Begin a motion."""
-        self.track, self._law = Track(), None
+    def begin(self, beside: np.ndarray | None = None, led: bool = True, limits: bool = False) -> None:
+        """Begin a motion: with the reference beside its way (3,) [m, W] and turned, back on it at its end; without the
+        reference's velocity in the law; or with the limits of the thrusters."""
+        self.beside, self.led, self.limits = np.zeros(3) if beside is None else beside, led, limits
+        self.track, self._law, self._lacking, self.limited_s = Track(), None, np.zeros(6), 0.0
         if self.integral is not None:
             self.integral.begin()
 
@@ -116,7 +127,25 @@ class TaskMotion:
             self.integral.advance()
         self.track.times.append(t)
         self.track.poses.append(pose)
+        if self.limits and self.delivery is not None and len(self.track.times) > 2:
+            design = self.balance.setup.design
+            tau = self._thrust(-1) - design.M @ design.M_d_inv @ self._lacking
+            self.limited_s += self._lacking.any() * (t - self.track.times[-2])
+            self._lacking = design.M_d @ np.linalg.solve(design.M, self.delivery.missing(tau))
         return ""
+
+    @property
+    def saturates(self) -> bool:
+        """Whether the thrusters would come to their limits on the track."""
+        found = (self._thrust(k) for k in range(2, len(self.track.times)))
+        return self.delivery is not None and any(self.delivery.missing(tau).any() for tau in found)
+
+    def _thrust(self, k: int) -> np.ndarray:
+        """tau (6,) of a rigid vehicle in step k of the track."""
+        times, poses = self.track.times, self.track.poses
+        nu_before, nu = (between(poses[i - 1], poses[i]) / (times[i] - times[i - 1]) for i in (k - 1, k))
+        acceleration: np.ndarray = (nu - nu_before) / (times[k] - times[k - 1])
+        return self.balance.thrust(poses[k], nu) + self.balance.setup.design.M @ acceleration
 
     def stable(self, pose: Pose) -> bool:
         """Whether the motion stays at a root, also while the integral keeps its value."""
@@ -185,7 +214,7 @@ class TaskMotion:
         moved, quat_e = pose.R_WB.T @ (balance.p_d - p_d), np.empty(4)
         quat_error(quat_d, balance.quat_d, quat_e)
         turned = rotation_matrix(quat_d) @ (2.0 * quat_e[1:])
-        return np.concatenate([moved, pose.R_WB.T @ turned])
+        return np.concatenate([moved, pose.R_WB.T @ turned]) if self.led else np.zeros(6)
 
     def reference(self, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Position (3,) and attitude (4,) of the reference."""
@@ -195,7 +224,9 @@ class TaskMotion:
         k = min(int(np.searchsorted(times, t, side="right")), len(times) - 1)
         part = min(1.0, (t - times[k - 1]) / (times[k] - times[k - 1])) if k else 1.0
         quat = quats[k - 1] + part * (quats[k] * np.sign(quats[k] @ quats[k - 1]) - quats[k - 1])
-        return positions[k - 1] + part * (positions[k] - positions[k - 1]), quat / np.linalg.norm(quat)
+        position = positions[k - 1] + part * (positions[k] - positions[k - 1])
+        beside = (1.0 - (t / self.ends) ** 2) * self.beside
+        return position + beside, quat_turned(quat / np.linalg.norm(quat), _TURNED * beside)
 
 
 @functools.cache
