@@ -41,6 +41,7 @@ class Reader:
 
 SHIPPED = [(table, name) for table, choice in STAGES.items() for name in choice.shipped]
 NEEDED: dict[str, dict[str, Any]] = {
+    "pwm": {"vehicle.model": "bluerov2_heavy", "thrusters.name": "t200"},
     "path": {"reference.poses": [{"position": [0.5, 0.0, 0.0], "attitude_deg": [0.0, 0.0, 5.0]}]},
     "along_wall": {"reference.points": [[0.0, 0.1], [0.1, 0.1]]},
 }

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from uvms_mj import Scenario, Simulation, simulate
-from uvms_mj.analysis.free_motion import free_motion_notes
+from uvms_mj.analysis.free_motion import _still, free_motion_notes
 from uvms_mj.analysis.setup import set_up
 from uvms_mj.control.delivery import Delivery
 from uvms_mj.control.free_motion import FreeMotion
@@ -19,7 +19,7 @@ def free_motion(scenario: Scenario, push: float = 0.0) -> FreeMotion:
     setup = set_up(scenario)
     delivery = Delivery.of(setup)
     assert not isinstance(delivery, str)
-    return FreeMotion(setup, delivery, *setup.rest_pose, -push * setup.design.normal)
+    return FreeMotion(setup, delivery, _still(*setup.rest_pose, -push * setup.design.normal))
 
 
 def notes(**overrides) -> list[str]:
