@@ -1,32 +1,29 @@
 """Regenerate the pictures in docs, and write the numbers of the pages that come from runs.
 
-    python scripts/draw_docs.py                   all pages that need no folder, and the drawings
+    python scripts/draw_docs.py                   all pages that can do without a folder, and the drawings
     python scripts/draw_docs.py sampling water    these pages alone
     python scripts/draw_docs.py practicality --folder real      from the folder of `uvms-mj practicality --out real`
 
 The folder pages has a script for each page: ``main`` draws its picture, ``numbers`` has its numbers (page_numbers.py).
 Those of long runs take a folder:
 
-    paper            of `uvms-mj paper --out FOLDER`
+    readme           of `uvms-mj paper --out FOLDER`; without it, the rest of the README alone
     practicality     of `uvms-mj practicality --out FOLDER`
-    studies          with mc and gm of `uvms-mj study monte_carlo --out FOLDER/mc`, `uvms-mj study gain_map --out FOLDER/gm`
+    studies          of `uvms-mj study monte_carlo --out FOLDER/mc` and `uvms-mj study gain_map --out FOLDER/gm`
     validation       of the records of the pool, which are not in the repository
 
-replay.png needs a Vulkan driver, push_wall.png, vehicles.png, arms.png and walls.png an EGL driver, and the pages of the
-studies Chromium.
+replay.png needs a Vulkan driver, push_wall.png, vehicles.png, arms.png and walls.png an EGL driver.
 """
 
-import inspect
 import subprocess
 import sys
 import warnings
 from pathlib import Path
-from typing import Any
 
 import click
 import matplotlib as mpl
 
-from page_numbers import PAGES, corrected, faults, page, script
+from page_numbers import PAGES, corrected, faults, needs_folder, page, script
 
 SCRIPTS = Path(__file__).parent
 DRAWINGS = ("draw_frames.py", "draw_rooms.py", "render.py", "picture_viewer.py")
@@ -36,25 +33,15 @@ def redraw(name: str, folder: Path | None) -> None:
     """Draw the picture of a page, and write its numbers."""
     click.echo(name)
     module = script(name)
-    for each in ("main", "numbers"):
-        found = getattr(module, each, None)
-        if found is None:
-            continue
-        given: list[Any] = [folder] if inspect.signature(found).parameters else []
-        if each == "main":
-            found(*given)
-            continue
-        text = page(name).read_text()
-        sentences = list(found(*given))
-        for fault in faults(text, sentences):
-            click.echo(f"  mended: {fault}")
-        page(name).write_text(corrected(text, sentences))
-
-
-def needs_folder(name: str) -> bool:
-    """Whether a page has the numbers or the picture of runs that are kept in a folder."""
-    module = script(name)
-    return any(inspect.signature(f).parameters for f in (getattr(module, "main", None), module.numbers) if f)
+    given = [folder] if folder else []
+    if hasattr(module, "main"):
+        module.main(*given)
+    text, sentences = page(name).read_text(), list(module.numbers(*given))
+    if hasattr(module, "long_numbers"):
+        sentences += module.long_numbers()
+    for fault in faults(text, sentences):
+        click.echo(f"  mended: {fault}")
+    page(name).write_text(corrected(text, sentences))
 
 
 @click.command()
@@ -67,11 +54,13 @@ def main(names: tuple[str, ...], folder: Path | None) -> None:
     if not names:
         for drawing in DRAWINGS:
             subprocess.run([sys.executable, str(SCRIPTS / drawing)], check=True)
+    if folder and len(names) != 1:
+        raise click.UsageError("--folder is that of one page")
     for name in names or sorted(path.stem for path in PAGES.glob("*.py")):
-        if not needs_folder(name) or folder and names:
+        if not folder and needs_folder(script(name).numbers):
+            click.echo(f"{name}: left as it is, since it needs --folder")
+        else:
             redraw(name, folder)
-        elif names:
-            raise click.UsageError(f"{name} needs --folder")
 
 
 if __name__ == "__main__":

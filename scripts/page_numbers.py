@@ -5,15 +5,18 @@ each measured number, and the values of the runs:
 
     yield "vibrates by {} N, by {} N", first, (second, 0.05)
 
+Numbers of runs that take minutes are in ``long_numbers``, which ``draw_docs.py`` writes and the test leaves out.
+
 A value that comes alone must be the printed number to its last digit. A pair is a value and its tolerance, for results
 that depend on rounding, and for numbers that the page calls approximate. After "below", "within" and "at most"
 the printed number is a bound of the value.
 """
 
 import importlib.util
+import inspect
 import math
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -36,6 +39,11 @@ def script(name: str) -> ModuleType:
 def page(name: str) -> Path:
     """The page that a script is for."""
     return ROOT / "README.md" if name == "readme" else ROOT / "docs" / f"{name}.md"
+
+
+def needs_folder(function: Callable) -> bool:
+    """Whether a function of a page's script can't do without the folder of long runs."""
+    return any(each.default is inspect.Parameter.empty for each in inspect.signature(function).parameters.values())
 
 
 def faults(text: str, sentences: Iterable[tuple]) -> list[str]:

@@ -146,6 +146,7 @@ class View:
         streams: starts of the current's arrows [m].
         labels: offsets of the labels of the force and of the current, right and up [pixels of a height of 720].
         scale: length of the force's arrow [m/N].
+        text: size of the labels [pt in a picture of 720 pixels' height].
     """
 
     distance: float
@@ -155,6 +156,7 @@ class View:
     streams: tuple[Point, ...] = ((0.74, -0.16, 0.0), (0.66, 0.03, 0.0), (0.82, 0.24, 0.0))
     labels: tuple[tuple[int, int], tuple[int, int]] = ((22, 48), (-150, -34))
     scale: float = FORCE_SCALE
+    text: float = 17.0
 
 
 def render(trace: Trace, width: int, height: int, view: View) -> Image.Image:
@@ -195,7 +197,7 @@ def render(trace: Trace, width: int, height: int, view: View) -> Image.Image:
     texts = (at_force, f"{contact.name} {newtons:.1f} N"), (at_current, current.label)
     for ((x, y), text), (right, up) in zip(texts, view.labels, strict=True):
         size = height / 720
-        figure.text((x + right * size) / width, (y + up * size) / height, text, color="white", size=17 * size)
+        figure.text((x + right * size) / width, (y + up * size) / height, text, color="white", size=view.text * size)
     canvas.draw()
     return Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
 

@@ -1,11 +1,10 @@
 """Numbers of the guides are those of the runs: each page's script computes them, and the page has them."""
 
-import inspect
 import os
 
 import pytest
 
-from page_numbers import PAGES, corrected, faults, page, script
+from page_numbers import PAGES, corrected, faults, needs_folder, page, script
 
 FOLDERS = {"validation": "UVMS_MJ_POOL_DATA"}
 """Environment variables with the folders of pages whose numbers come from data that are not in the repository."""
@@ -15,7 +14,7 @@ FOLDERS = {"validation": "UVMS_MJ_POOL_DATA"}
 @pytest.mark.parametrize("name", sorted(path.stem for path in PAGES.glob("*.py")))
 def test_numbers_of_a_page_are_those_of_its_runs(name):
     numbers, given = script(name).numbers, []
-    if inspect.signature(numbers).parameters:
+    if needs_folder(numbers):
         given = [os.environ.get(FOLDERS.get(name, ""), "")]
         if not given[0]:
             pytest.skip("its numbers come from a folder of long runs, and are written by draw_docs.py")
@@ -48,5 +47,5 @@ def test_a_number_is_right_to_its_last_digit_or_to_its_tolerance(sentence, wrong
 
 @pytest.mark.parametrize("words", ["pulls with {} N", "{} N", "pushes with {} and {}"])
 def test_a_sentence_that_is_not_once_in_the_page_is_an_error(words):
-    with pytest.raises(ValueError, match="in the page|holes"):
+    with pytest.raises(ValueError, match=r"in the page|holes"):
         faults(PAGE, [(words, 1.0)])

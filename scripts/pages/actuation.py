@@ -67,7 +67,7 @@ def numbers() -> Iterator[tuple]:
             if not settings:
                 yield "stepped at 1 ms for 30 s. The closed form is {} N", trace.analytic.force
         weak = simulate(Scenario.load("push_wall", WEAK | {"simulation.duration": 0.001}), engine="free_body")
-    needs, has = re.findall(r"needs (\S+) N at rest and has (\S+) N", weak.analytic.reason)[0]
+    needs, has = re.findall(r"needs (\S+) N at rest and has (\S+) N", str(weak.analytic))[0]
     yield "surge_left needs {} N at rest and has {} N", float(needs), float(has)
     denominator, numerator, gain = 9258.0, 6136.0, 108700.0  # of the transfer function: s, s, 1
     yield "Slow changes of the thrust are {} ms late", 1e3 * (denominator - numerator) / gain

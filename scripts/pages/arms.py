@@ -1,25 +1,27 @@
-"""Draw docs/arms.png: a tool that presses on a wall at the end of the run, and its force over time.
+"""docs/arms.md: a tool that presses on a wall at the end of the run, and its force over time.
 
-python scripts/pages/arms.py
+The picture needs an EGL driver.
 """
 
-import sys
+import functools
+import re
+import tempfile
+from collections.abc import Iterator
 from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from PIL import Image
 
+from page_look import DOCS, written
 from render import View, render
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.control.rest import SteadyState
+from uvms_mj.plant.mjcf import Mjcf
 from uvms_mj.views.figures.panels import LEVELS, level
-from uvms_mj.views.figures.style import COLOURS, LINE, PAGE_IN, line, save, styled, ticks
+from uvms_mj.views.figures.style import COLOURS, LINE, PAGE_IN, line, styled, ticks
 
-DOCS = Path(__file__).parents[2] / "docs"
+FILE = DOCS.parent / "examples" / "bluerov1_two_joints.xml"
 PIXELS = (840, 640)
 
 
@@ -35,6 +37,7 @@ def view_of(trace: Trace) -> View:
         lookat=tuple(middle.tolist()),
         streams=tuple(tuple(start) for start in streams.tolist()),
         labels=((-60, 46), (-40, 26)),
+        text=22.0,
     )
 
 
@@ -49,23 +52,42 @@ def force(ax: Axes, trace: Trace) -> None:
     ax.legend(loc="lower right")
 
 
+@functools.cache
+def run(name: str) -> Trace:
+    return simulate(Scenario.load(name))
+
+
+def pressed() -> Trace:
+    """The scenario of the page in which the tool pushes."""
+    _, scenario = re.findall(r"```toml\n(.*?)```", (DOCS / "arms.md").read_text(), re.DOTALL)
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder, "my_rov.xml").write_text(FILE.read_text())
+        Path(folder, "tool.toml").write_text(scenario)
+        return simulate(Scenario.load(f"{folder}/tool.toml", {"simulation.duration": 14.0}), log_rate=100)
+
+
+def numbers() -> Iterator[tuple]:
+    vehicle = Mjcf.find(str(FILE)).vehicle
+    link, links = vehicle.arm.links[0], vehicle.arm.links
+    yield "pi r^2 (l + 4 r/3) = {} kg", link.displaced_mass
+    yield "| {} kg, {} kg m^2 |", link.M_A[2, 2], link.M_A[4, 4]
+    yield "| {} N s^2/m^2, {} N m s^2 |", link.D_quadratic[2, 2], link.D_quadratic[4, 4]
+    heavy = sum(each.mass - each.displaced_mass for each in (vehicle, *links))
+    yield "is {} kg heavier than its water, {} N", heavy, 9.81 * heavy
+    yield "The tool rests on the wall with {} N", pressed().push[-1]
+    slide = run("tool_slide")
+    sliding = np.linalg.norm(slide.f_contact_W[:, 1:], axis=1)[slide.t > 0.5 * slide.t[-1]].max()
+    along = slide.f_contact_W[-1, 0]
+    yield "the force on the tool is {} N along x and, while it slides, mu 10 N = {} N", (along, 0.05), (sliding, 0.1)
+
+
 def main() -> None:
     """Simulate, render and draw."""
-    trace = simulate(Scenario.load("tool_push"))
+    trace = run("tool_push")
     picture = render(trace, *PIXELS, view_of(trace))
     with styled():
-        figure, (left, right) = plt.subplots(
-            1, 2, figsize=(PAGE_IN, 2.9), layout="constrained", width_ratios=[1.4, 1.0]
-        )
+        figure, (left, right) = plt.subplots(1, 2, figsize=(PAGE_IN, 3.0), width_ratios=[1.4, 1.0])
         left.imshow(picture)
         left.set_axis_off()
         force(right, trace)
-        (file,) = save(figure, DOCS / "arms", ("png",))
-    small = Image.open(file).convert("RGB").resize((1065, 435), Image.Resampling.LANCZOS)
-    palette = small.quantize(256, Image.Quantize.FASTOCTREE)
-    small.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG).save(file, optimize=True)
-    print(file, file.stat().st_size)
-
-
-if __name__ == "__main__":
-    main()
+        written(figure, "arms", 256)

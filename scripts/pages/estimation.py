@@ -28,7 +28,7 @@ OBSERVER = {
 SEEDS = 50
 
 
-CASES = {
+CASES: dict[str, dict] = {
     "perfect | 2e3": SOFT,
     "observer, T = 10 ms | 2e3": OBSERVER | SOFT,
     "Kalman filter | 2e3": EKF,

@@ -45,7 +45,7 @@ def main() -> None:
         space.plot(*trace.p_WB.T, color=RUN, linewidth=3.0, alpha=0.7)
         space.plot(*trace.p_d.T, color=BLACK)
         triads(space, trace.p_d[::500], trace.quat_d[::500])
-        poses = np.array([pose.position for pose in trace.scenario.reference.poses])
+        poses = np.array([pose.position for pose in getattr(trace.scenario.reference, "poses", ())])
         space.plot(*poses.T, "o", color=BLACK, markersize=4)
         space.set(xlabel="x [m]", ylabel="y [m]", title="path: follow_path (z up)")
         for axis in (space.xaxis, space.yaxis, space.zaxis):

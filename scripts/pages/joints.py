@@ -4,11 +4,13 @@ force that a wrist sensor derives in a swing without contact."""
 import functools
 from collections.abc import Iterator
 
+import mujoco
 import numpy as np
 from matplotlib.figure import Figure
 
 from page_look import written
 from uvms_mj import Scenario, Trace, simulate
+from uvms_mj.files import shipped
 from uvms_mj.views.figures.style import BLACK, COLOURS, GREY, PAGE_IN, line, styled
 
 BLUE, RED = COLOURS["x"], COLOURS["force"]
@@ -48,11 +50,19 @@ def derived(compensation: str) -> np.ndarray:
 
 
 def numbers() -> Iterator[tuple]:
-    yield "With `weight`, the inertia and drag of the links behind. In the swing of the picture ({} rad in {} s", 0.4, 1.2
+    yield (
+        "With `weight`, the inertia and drag of the links behind. In the swing of the picture ({} rad in {} s",
+        0.4,
+        1.2,
+    )
     yield "this is up to {} N, with `dynamic` up to {} N", derived("weight").max(), derived("dynamic").max()
     trace = run(1.5, MOVE)
     error = np.abs(trace.q[:, ELBOW] - spline(trace.t, MOVE))
     yield "follow a move of {} rad/s within {} mrad", np.abs(trace.q_dot[:, ELBOW]).max(), 1e3 * error.max()
+    model = mujoco.MjModel.from_xml_path(str(shipped("models")["bluerov2_alpha5"]))
+    w, load, h, T = float(model.dof_invweight0[6]), 1.26, 1e-4, 2e-3
+    yield "(w = {} 1/(kg m^2), {} N m, h = 1e-4 s) this is {} rad/s", w, load, 1e-6 * h * w * load
+    yield "1e4 / (T^2 w): {} N m/rad", 1e4 / (T * T * w)
     free = run(1.5, ((0.0, START[ELBOW]), (1.5, START[ELBOW])), **{"vehicle.coulomb_friction": 0.0})
     error = np.abs(free.q - START).max(axis=1)
     yield "within {} mrad from the start on, and to {} rad after a second", 1e3 * error.max(), error[free.t > 1.0].max()
@@ -83,7 +93,7 @@ def main() -> None:
             label = "with feed-forward of the friction" if share else "without"
             error = 1e3 * (trace.q[:, ELBOW] - spline(trace.t, TURNS))
             line(follow, trace.t, error, label, color=colour, label=label)
-        follow.set(xlabel="time [s]", ylabel="error [mrad]", title="The servo in these turns", ylim=(-11.0, 15.0))
+        follow.set(xlabel="time [s]", ylabel="error [mrad]", title="The servo in these turns", ylim=(-2.2, 3.2))
         follow.legend(loc="upper right", ncols=2)
         for compensation, colour in (("none", GREY), ("weight", RED), ("dynamic", BLUE)):
             force = derived(compensation)
@@ -100,4 +110,3 @@ def spline(t: np.ndarray, waypoints: tuple[tuple[float, float], ...]) -> np.ndar
 
     times, values = zip(*waypoints, strict=True)
     return CubicSpline(times, values, bc_type="clamped")(np.clip(t, times[0], times[-1]))
-

@@ -1,4 +1,4 @@
-"""docs/practicality.md, from the folder of `uvms-mj practicality --out FOLDER`: its maps and the table of its claims."""
+"""docs/practicality.md, from the folder of `uvms-mj practicality --out FOLDER`: its maps and the table of claims."""
 
 import functools
 from collections.abc import Iterator
@@ -38,9 +38,16 @@ def ratios(found: Results) -> list[float]:
     return out
 
 
+def last(found: Results, name: str, law: str = "gsta") -> float:
+    """The last value of an axis at which a law works."""
+    value = found.boundaries[name, law].last
+    assert value is not None
+    return value
+
+
 def numbers(folder: str) -> Iterator[tuple]:
     found = results(folder)
-    claims = {row.claim.id: row.measured.value for row in judge(found)}
+    claims = {row.claim.id: row.measured.value or 0.0 for row in judge(found)}
     yield "There are {} runs of 8 s", sum(len(table) for table in found.frames.values())
     yield "does not press with the demanded force | {} N: the current", claims["impedance"]
     yield "| GSTA presses with the demanded force | {} % wrong |", claims["gsta_ideal"]
@@ -49,24 +56,23 @@ def numbers(folder: str) -> Iterator[tuple]:
         ("control_period", "| to {} ms; predicted {} ms. Boundary over prediction: {} |"),
         ("force_delay", "the delay of the force sensor | to {} ms; predicted {} ms. {} |"),
     ):
-        last, expected = found.boundaries[name, "gsta"].last, found.predicted(_AXES[name], "gsta")
-        yield words, 1e3 * last, 1e3 * expected, claims[name]
+        yield words, 1e3 * last(found, name), 1e3 * (found.predicted(_AXES[name], "gsta") or 0.0), claims[name]
     shares = ratios(found)
     yield "median {} of the prediction, from {} to {}", claims["stiffness"], min(shares), max(shares)
-    yield "to {} ms, {} times the delay", 1e3 * found.boundaries["thruster_lag", "gsta"].last, claims["lag"]
+    yield "to {} ms, {} times the delay", 1e3 * last(found, "thruster_lag"), claims["lag"]
     yield "| period {} times as long |", claims["rate"]
     yield "the noise of a force sensor | to {} N |", claims["noise"]
     harmless = [claims[name] for name in ("voltage", "dead_band", "friction", "added_mass")]
     yield "at their real values | {} to {} % wrong |", min(harmless), max(harmless)
-    retuned, gsta = (found.boundaries["added_mass", law].last for law in (RETUNED, "gsta"))
+    retuned, gsta = (last(found, "added_mass", law) for law in (RETUNED, "gsta"))
     yield "to {} times the model's, the paper's gains to {} times: factor {}", retuned, gsta, claims["retuned_model"]
     yield "100 Hz alone stops GSTA | the push varies by {} N |", found.step("gsta", False, 1)["force_range_N"]
-    held, last = found.step(RETUNED, True, 1), found.step(RETUNED, True, 1 + int(claims["pool"]))
+    held, stopped = found.step(RETUNED, True, 1), found.step(RETUNED, True, 1 + int(claims["pool"]))
     yield "| {} N wrong, varies by {} N |", abs(held["force_error_N"]), held["force_range_N"]
     yield (
         "works for {} steps; it stops at the sensors of a small ROV, where it presses with {} N",
         claims["pool"],
-        last["contact.final_N"],
+        stopped["contact.final_N"],
     )
 
 

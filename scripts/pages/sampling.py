@@ -22,9 +22,11 @@ QUIET_N = 0.05
 PAPER = {"current.speed": 0.0, "simulation.duration": 20.0}
 RETUNED = {"controller.k_1": 1.0, "controller.k_2": 1.0, "controller.beta": 2.0, "task.A": -20.0, "wall.stiffness": 2e3}
 RATE = {"controller.period": 0.01, "simulation.timestep": 1e-3}
+Case = tuple[str, dict[str, float], tuple[float, ...], str]
+"""Label, settings, delays of the command [s] and colour."""
 HOLDS, FAILS = COLOURS["x"], COLOURS["force"]
-PAPERS_GAINS = ("paper's gains, 10 kHz, 1e5 N/m", {}, (1e-3, 2e-3, 4e-3, 6e-3, 8e-3, 1e-2), COLOURS["x"])
-RETUNED_GAINS = ("retuned, 100 Hz, 2e3 N/m", RETUNED | RATE, (5e-3, 1e-2, 2e-2, 3e-2, 4e-2), COLOURS["z"])
+PAPERS_GAINS: Case = ("paper's gains, 10 kHz, 1e5 N/m", {}, (1e-3, 2e-3, 4e-3, 6e-3, 8e-3, 1e-2), COLOURS["x"])
+RETUNED_GAINS: Case = ("retuned, 100 Hz, 2e3 N/m", RETUNED | RATE, (5e-3, 1e-2, 2e-2, 3e-2, 4e-2), COLOURS["z"])
 
 
 @functools.cache

@@ -72,7 +72,9 @@ def numbers(folder: str) -> Iterator[tuple]:
 
 def main(folder: str) -> None:
     draws, gains = study(Path(folder) / "mc"), study(Path(folder) / "gm")
-    stacked([figures.overview(draws, figures.success_rates(draws)), figures.distributions(draws)], "monte_carlo")
+    below = figures.distributions(draws)
+    assert below is not None
+    stacked([figures.overview(draws, figures.success_rates(draws)), below], "monte_carlo")
     found = sensitivities(gains)
     (pair,) = maps.pairs(found)
     stacked([maps.maps(gains, pair, maps.shown(found, pair, True))], "gain_map")

@@ -19,12 +19,13 @@ _SHIPPED = {
     "scenarios": (".toml", _PACKAGE / "scenarios"),
     "studies": (".toml", _PACKAGE / "studies" / "shipped"),
     "models": (".xml", _PACKAGE.parents[1] / "models", _PACKAGE / "models"),  # in a checkout; in a wheel
+    "examples": (".*", _PACKAGE.parents[1] / "examples", _PACKAGE / "examples"),
 }
 """Suffix and folders of the shipped files."""
 
 
 def shipped(kind: str) -> dict[str, Path]:
-    """The shipped files of a kind, "scenarios", "studies" or "models", by their names without suffix."""
+    """The shipped files of a kind, "scenarios", "studies", "models" or "examples", by their names without suffix."""
     suffix, *folders = _SHIPPED[kind]
     return {path.stem: path for folder in folders for path in sorted(Path(folder).glob(f"*{suffix}"))}
 

@@ -167,12 +167,7 @@ class Scenario:
             faults += _override(tables, key, value)
         old = {key for key in old if f"task.{key}" not in overrides} | replaced
         _load_task(tables, old, faults)
-        for name, choice in STAGES.items():
-            try:
-                tables[name] = choice.load(tables[name], (known or {}).get(name), trusted)
-            except InputError as error:
-                del tables[name]
-                faults += error.faults
+        _load_stages(tables, known or {}, trusted, faults)
         try:
             scenario = _VALIDATOR.validate_python(tables)
             faults += overridden_in_vain(scenario, overrides)
@@ -259,6 +254,18 @@ def _anchor(tables: dict[str, Any], folder: Path | None) -> None:
         value = tables.get(table, {}).get(key) if isinstance(tables.get(table), dict) else None
         if isinstance(value, str) and is_file(folder / value.split(":")[0]):
             tables[table][key] = str((folder / value).absolute())
+
+
+def _load_stages(
+    tables: dict[str, Any], known: Mapping[str, type[Stage]], trusted: Container[str] | None, faults: list[Fault]
+) -> None:
+    """Replace the table of each stage by the stage; one with an error is left out."""
+    for name, choice in STAGES.items():
+        try:
+            tables[name] = choice.load(tables[name], known.get(name), trusted)
+        except InputError as error:
+            del tables[name]
+            faults += error.faults
 
 
 def _load_task(tables: dict[str, Any], old: Set[str], faults: list[Fault]) -> None:

@@ -467,6 +467,13 @@ def test_a_force_has_settled_if_less_than_a_thousandth_is_still_to_come(pushing,
         assert metrics.final_force(decimated(stopped, 100))[1] == (share == little)
 
 
+@pytest.mark.parametrize("phase", np.linspace(0.0, 2.0 * np.pi, 12))
+def test_a_slow_oscillation_that_dies_away_is_at_rest(pushing, phase):
+    """Twice in a row its mean moves the same way, by more than it varies in 0.5 s; but it is small."""
+    trace = pushing(lambda t: 1.5 * (1.0 + 5e-4 * np.exp(-t / 4.0) * np.cos(2.0 * t + phase)))
+    assert metrics.final_force(trace)[1]
+
+
 def test_an_impact_does_not_hide_that_the_force_creeps(pushing):
     """The vehicle has touched 1.5 s before the end. The force before it is no trend."""
     creeps = pushing(lambda t: np.where(t < 18.4, 0.0, 40.0 * (1.0 - 2e-3 * np.exp((20.0 - t) / 3.0))))

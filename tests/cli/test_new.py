@@ -144,6 +144,22 @@ def test_a_kind_that_is_none_is_one_sentence(here):
     assert done.stderr == "error: 'thruster': is not a kind of file; did you mean 'thrusters'?\n"
 
 
+def test_the_examples_are_written_as_they_are(here, tmp_path):
+    """So the commands of the guides, which name examples/..., also work without a checkout."""
+    done = here("new", "example", "all")
+    assert done.exit_code == 0, done.stderr
+    source = Path(__file__).parents[2] / "examples"
+    written = {path.name: path.read_bytes() for path in (tmp_path / "examples").iterdir()}
+    assert written == {path.name: path.read_bytes() for path in source.iterdir() if path.is_file()}
+    assert done.stdout.split() == [f"examples/{name}" for name in sorted(written)]
+    assert here("new", "example", "circle").stdout == "circle.py\n"
+    again = here("new", "example", "all")
+    assert again.exit_code == 2
+    assert "exists; choose another name, or replace it with --force" in again.stderr
+    wrong = here("new", "example", "circel")
+    assert wrong.stderr == "error: NAME 'circel': is not an example; did you mean 'circle'?\n"
+
+
 def test_a_file_is_not_overwritten_without_force(here, tmp_path):
     (tmp_path / "mine.py").write_text("precious")
     done = here("new", "law", "mine")

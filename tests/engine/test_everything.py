@@ -8,6 +8,7 @@ import pytest
 from everything import EVERYTHING, everything
 from recorded import same
 from uvms_mj import McapLog, Simulation, Trace, simulate
+from uvms_mj.stages.signals import BAND
 
 DURATION = 0.3
 pytestmark = pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
@@ -43,7 +44,8 @@ def test_every_element_acts(name, original):
 def test_the_log_rate_changes_nothing(name, original):
     for rate, every in (("1000", 10), ("400", 25)):
         trace = run_of(name, log_rate=rate)
-        for signal in trace:
+        bands = {edge for band in BAND.values() for edge in band}  # of the steps between rows
+        for signal in {*trace} - bands:
             assert np.array_equal(trace[signal], original[signal][::every]), (signal, rate)
 
 

@@ -205,7 +205,8 @@ def test_the_same_seed_is_the_same_run_in_any_chunks_and_another_seed_another_ru
     full, coarse = (simulate(scenario, log_rate=rate, engine="free_body") for rate in ("full", 100))
     n = (len(full) - 1) // (len(coarse) - 1)
     for name, values in signals(coarse).items():
-        assert np.array_equal(values, full[name][::n]), name
+        if not name.endswith(("_low", "_high")) or name.startswith("final"):  # bands are of the steps between rows
+            assert np.array_equal(values, full[name][::n]), name
     with Simulation(scenario, engine="free_body") as sim:
         for steps in (1, 7, 500, 1492):
             sim.step(steps)

@@ -1,4 +1,4 @@
-"""docs/arms.md: its file is complete and runs, its numbers are those of the program, its errors are those that come."""
+"""docs/arms.md: its file is complete and runs, its errors are those that come."""
 
 import re
 from pathlib import Path
@@ -27,16 +27,6 @@ def test_the_file_is_the_vehicle_with_the_three_parts_of_the_page():
     assert text == ROV
 
 
-def test_the_numbers_of_strip_theory_are_those_of_the_program():
-    link = Mjcf.find(str(FILE)).vehicle.arm.links[0]
-    assert f"= {link.displaced_mass:.3f} kg |" in PAGE
-    assert f"| {link.M_A[2, 2]:.3f} kg, {link.M_A[4, 4]:.5f} kg m^2 |" in PAGE
-    assert f"| {link.D_quadratic[2, 2]:.2f} N s^2/m^2, {link.D_quadratic[4, 4]:.5f} N m s^2 |" in PAGE
-    vehicle = Mjcf.find(str(FILE)).vehicle
-    heavy = sum(each.mass - each.displaced_mass for each in (vehicle, *vehicle.arm.links))
-    assert f"is {heavy:.3f} kg heavier than its water, {9.81 * heavy:.1f} N" in PAGE
-
-
 def scenario(tmp_path, *parts: str) -> Scenario:
     (tmp_path / "my_rov.xml").write_text(ROV)
     (tmp_path / "mine.toml").write_text("".join(parts))
@@ -57,7 +47,6 @@ def test_the_tool_rests_with_the_force_of_the_page(tmp_path):
     expected = 150.0 * 0.02 / (1.0 + 150.0 / 1e5)
     assert trace.push[-1] == pytest.approx(expected, rel=1e-4)
     assert trace.touches[-1] <= 3
-    assert f"{expected:.4f} N" in PAGE
 
 
 def test_gears_that_stick_keep_the_tool_from_resting(tmp_path):

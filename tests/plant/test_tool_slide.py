@@ -61,3 +61,13 @@ def test_the_tool_touches_once_and_follows_the_path_as_far_as_friction_lets_it(r
     assert np.abs(np.diff(lag)).max() < 1e-5
     assert np.abs(trace.p_WT[sliding][:, 1]).max() < 1e-3
     assert 2.0 * np.arcsin(trace.eta_e[sliding][-1, 4]) == pytest.approx(pitch, abs=1e-6)
+
+
+@pytest.mark.parametrize("azimuth", [0.0, pytest.param(180.0, marks=pytest.mark.slow)])
+def test_it_stands_a_faster_current_towards_the_pile_and_away(azimuth):
+    """As the push at the end depends on no current, the force is that of the springs."""
+    current = {"current.speed": 0.5, "current.direction_deg": azimuth}
+    trace = simulate(Scenario.load("tool_slide", current), log_rate=100.0)
+    assert trace.notes == ()
+    assert trace.touches[-1] == 1
+    assert trace.push[-1] == pytest.approx(of_the_springs(trace.scenario)[0], abs=1e-3)

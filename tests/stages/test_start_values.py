@@ -48,7 +48,9 @@ def own(tmp_path, table, starts=STARTS, size=3, plain=False):
     return Scenario.load("push_wall", settings)
 
 
-@pytest.mark.parametrize(("table", "plain"), [*((table, False) for table in ROOMS), ("controller", True)])
+@pytest.mark.parametrize(
+    ("table", "plain"), [("controller", False), ("navigation", False), ("thrusters", False), ("controller", True)]
+)
 def test_states_and_memory_begin_at_their_values_and_return_to_them(tmp_path, table, plain):
     """Explicit Euler of x' = -2 x from the start, and of y' = 0.5 from zero, with the memory that stays as it was."""
     start, h = np.array([1.0, -2.0, 3.0]), 1e-3

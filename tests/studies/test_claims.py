@@ -10,6 +10,7 @@ import pytest
 
 from uvms_mj import Gsta, Scenario, Trace, simulate
 from uvms_mj.analysis.sampling import SamplingWarning
+from uvms_mj.stages.signals import BAND
 from uvms_mj.studies.pages import number
 from uvms_mj.studies.paper import report
 from uvms_mj.studies.paper import runs as study
@@ -43,10 +44,11 @@ def runs(paper_run):
 
 
 def altered(trace: Trace, **changes) -> Trace:
-    """A trace with some signals replaced by functions of their values and of time."""
+    """A trace with some signals, and their bands, replaced by functions of their values and of time."""
     arrays = dict(trace.arrays)
     for name, change in changes.items():
-        arrays[name] = change(np.array(arrays[name]), trace.t)
+        for each in {name, *BAND.get(name, ())} & set(arrays):
+            arrays[each] = change(np.array(arrays[each]), trace.t)
     return dataclasses.replace(trace, arrays=arrays)
 
 

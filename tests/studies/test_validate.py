@@ -42,8 +42,8 @@ ENDS = ((0.5, 2.5, 1.5, 1.0), (-1.0, 1.2, 2.8, 0.5), (0.2, 0.8, 2.6, 0.0), (-0.6
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """A folder with four trials of a vehicle whose centre of buoyancy is higher; the clock of the last one is late. In a
-    fifth one the motion capture loses the vehicle."""
+    """A folder with four trials of a vehicle whose centre of buoyancy is higher; the clock of the last one is late. In
+    a fifth one the motion capture loses the vehicle."""
     folder = tmp_path_factory.mktemp("pool")
     for k, end in enumerate(ENDS):
         write(folder, f"traj00{k}-0", reach(end), Variant(height=HEIGHT), LATE if k == 3 else 0.0)

@@ -46,3 +46,11 @@ def test_colours_of_joints_differ_from_each_other_and_from_those_of_components(e
 def test_neighbouring_joints_differ_in_grey():
     lightness = [lab(colour, "normal")[0] for colour in JOINTS]
     assert np.abs(np.diff(lightness)).min() > 15.0
+
+
+@pytest.mark.parametrize("colour", [*colours.LAWS.values(), (0, 0, 0), (255, 255, 255), (235, 235, 235)])
+def test_text_is_read_on_a_light_and_on_a_dark_ground(colour):
+    """WCAG 2.1 asks for a contrast of 3 of large text."""
+    found = colours.luminance(colours.legible(colour))
+    assert 1.05 / (found + 0.05) > 4.0
+    assert (found + 0.05) / 0.05 > 4.0

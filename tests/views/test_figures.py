@@ -31,7 +31,7 @@ from uvms_mj.views import colours, figures
 from uvms_mj.views.figures import style
 from uvms_mj.views.figures.joints import JOINTS
 from uvms_mj.views.figures.scales import early, logarithmic, rebounds
-from uvms_mj.views.figures.style import COLOURS, stripe, thin
+from uvms_mj.views.figures.style import COLOURS, stripe, thin, thin_band
 
 pytestmark = pytest.mark.slow  # the runs of the paper's figures
 
@@ -651,3 +651,39 @@ def test_the_same_figure_gives_the_same_files_whatever_the_users_settings(traces
 def test_figures_need_no_display_and_no_global_state():
     code = "import sys, uvms_mj.views.figures; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+
+
+@given(st.integers(2, 3000), st.integers(1, 400), st.integers(0, 2**32 - 1))
+def test_a_thinned_band_keeps_the_extremes_of_every_column(n, columns, seed):
+    rng = np.random.default_rng(seed)
+    t, high = np.arange(n) * 1e-3, rng.normal(size=n)
+    low = high - rng.random(n)
+    few_t, few_low, few_high = thin_band(t, low, high, columns)
+    assert len(few_t) <= columns + 1
+    rows = np.searchsorted(t, few_t)
+    starts = np.concatenate([[0], rows[:-1] + 1])
+    assert rows[-1] == n - 1
+    assert np.array_equal(few_low, [low[a : b + 1].min() for a, b in zip(starts, rows, strict=True)])
+    assert np.array_equal(few_high, [high[a : b + 1].max() for a, b in zip(starts, rows, strict=True)])
+
+
+def test_a_figure_of_a_slow_log_reaches_as_far_as_one_of_every_step():
+    """GSTA's s and tau alternate at every step: a line through every hundredth step is flat."""
+    scenario = Scenario.load("push_wall", {"simulation.duration": 3.0})
+    full, slow = (simulate(scenario, engine="free_body", log_rate=rate) for rate in ("full", 100))
+    for what in ("tau", "sliding"):
+        (every, of_slow) = (figures.plot({"gsta": trace}, what) for trace in (full, slow))
+        for expected, ax in zip(every.axes, of_slow.axes, strict=True):
+            if what == "sliding":  # without the transient
+                assert ax.get_ylim() == pytest.approx(expected.get_ylim(), rel=0.3)
+            else:
+                assert tuple(ax.dataLim.intervaly) == pytest.approx(tuple(expected.dataLim.intervaly), rel=1e-12)
+    late = slow.t > 2.0
+    low, high = slow.band("s")
+    area = next(each for each in of_slow.axes[0].collections if each.get_gid().startswith("s.z.band"))
+    shown = area.get_paths()[0].vertices
+    reach = high[late, 2].max() - low[late, 2].min()
+    assert np.ptp(shown[shown[:, 0] > 2.0, 1]) == reach > 1e3 * np.ptp(slow.s[late, 2])
+    entries = [text.get_text() for text in of_slow.legends[0].get_texts()]
+    assert "range between rows" in entries
+    assert "range between rows" not in [text.get_text() for text in every.legends[0].get_texts()]

@@ -8,11 +8,12 @@ from .constrained import Constrained
 from .general import General
 from .joints import Joints, Torque
 from .joints import commanded as commanded
+from .pwm import Pwm
 from .servo import Auto, Position, Velocity
 from .t200 import T200
 from .thrusters import IdealThrusters, Thrusters
 from .weighted import Weighted
 
-SHIPPED: dict[str, type[Actuation]] = {cls.name: cls for cls in (PseudoInverse, Weighted, Constrained, External)}
+SHIPPED: dict[str, type[Actuation]] = {cls.name: cls for cls in (PseudoInverse, Weighted, Constrained, External, Pwm)}
 THRUSTERS: dict[str, type[Thrusters]] = {cls.name: cls for cls in (IdealThrusters, General, T200)}
 JOINTS: dict[str, type[Joints]] = {cls.name: cls for cls in (Auto, Torque, Velocity, Position)}

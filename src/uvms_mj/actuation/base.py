@@ -71,6 +71,7 @@ class External(Actuation):
 
     name = "external"
     external: ClassVar[bool] = True
+    by_caller: ClassVar[str] = "u"
 
     @staticmethod
     def step(settings, state, given, state_dot, u):

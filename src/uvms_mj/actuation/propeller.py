@@ -128,6 +128,9 @@ class Propeller(Thrusters):
         "thrusters",
     )
 
+    takes_pulses: ClassVar[bool] = False
+    """Whether the memory ``command`` is a pulse width [us], which a run then records as pwm."""
+
     def check_settings(self) -> None:
         super().check_settings()
         if self.failed_stuck and self.failed_fraction > 0.0:

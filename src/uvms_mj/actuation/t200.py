@@ -10,7 +10,7 @@ from __future__ import annotations  # so that help(T200) shows short type names
 import bisect
 import dataclasses
 import functools
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -75,6 +75,7 @@ class T200(Propeller):
     lag: Lag = setting("third_order", "-", "none, first_order with time_constant, or third_order, as identified")
 
     name = "t200"
+    takes_pulses: ClassVar[bool] = True
 
     def curves(self) -> tuple[Curve | None, Curve | None]:
         voltage = self.voltage if self.assumed_voltage is None else self.assumed_voltage

@@ -7,9 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from ..control.balance_terms import Pose
 from ..control.delivery import Delivery
 from ..control.free_motion import FreeMotion
+from ..control.task_motion import Track
 from ..guidance.base import samples
+from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..stages.base import is_shipped
 from .rest import demanded_force
 
@@ -30,10 +33,16 @@ def free_motion_notes(setup: Any) -> Iterator[str]:
     position, attitude_deg = setup.rest_pose
     push = demanded_force(scenario) if setup.contacts.paper else 0.0
     tau_c = -setup.design.normal * (push if math.isfinite(push) else 0.0)
-    motion = FreeMotion(setup, delivery, position or setup.initial.position, attitude_deg, tau_c)
+    motion = FreeMotion(setup, delivery, _still(position or setup.initial.position, attitude_deg, tau_c))
     yield from _restless(setup, motion)
     if any(math.isfinite(link.speed_limit) for link in links):
         yield from _slow_motors(setup, delivery)
+
+
+def _still(position: Any, attitude_deg: Any, tau_c: np.ndarray) -> Track:
+    """The track of a frame that stays at a pose (3,), (3,) [m, deg] with a contact wrench (6,) [N, N m]."""
+    quat = quat_from_euler_deg(*attitude_deg)
+    return Track([0.0], [Pose(np.array(position), quat, rotation_matrix(quat), tau_c)])
 
 
 def _restless(setup: Any, motion: FreeMotion) -> Iterator[str]:
@@ -75,7 +84,7 @@ def _moves(setup: Any, q: np.ndarray) -> str:
 def _slow_motors(setup: Any, delivery: Delivery) -> Iterator[str]:
     """A warning for joints that come near their speed limits, where a motor gives no torque."""
     scenario, initial = setup.scenario, setup.initial
-    motion = FreeMotion(setup, delivery, initial.position, initial.attitude_deg, np.zeros(6))
+    motion = FreeMotion(setup, delivery, _still(initial.position, initial.attitude_deg, np.zeros(6)))
     every = max(1, round(_SAMPLED_S / scenario.control_period))
     reference = scenario.reference
     velocities = np.zeros((_SAMPLES, 3))

@@ -79,14 +79,15 @@ def trend(trace: Trace) -> Trend | None:
     r"""The lasting change of the pushing force at the end of a run; None if the force shows none.
 
     With the means :math:`m_0, m_1, m_2` over 0.5 s that end at the end of the run and d and 2 d before it, the force
-    follows a trend if it has moved the same way twice, and by more than it varies within the last 0.5 s. An exponential
-    through the three means still moves by
+    follows a trend if it has moved the same way twice, and by more than it varies within the last 0.5 s, R. An
+    exponential with such means has the time constant T, and as much is still to come:
 
-    .. math:: |m_0 - m_1| \frac{r}{1 - r}, \qquad r = \frac{m_0 - m_1}{m_1 - m_2}
+    .. math:: \dot f \, T, \qquad T = d / \ln \frac{m_1 - m_2}{m_0 - m_1}, \qquad
+              |\dot f| = \min(|m_0 - m_1| / d, \; R / 0.5 \text{ s})
 
-    d is the shortest time of :data:`TRENDS_S` with a trend. The factor of :math:`|m_0 - m_1|` is at most
-    :data:`SLOWEST_S` / d, and at least 1, because :math:`m_2` may be of the impact. The means come from the impulse,
-    hence from every step.
+    T is at most :data:`SLOWEST_S`, as for a steady change. A change that becomes faster is no approach; it counts as if
+    it went back. d is the shortest time of :data:`TRENDS_S` with a trend, because an impact may be between the means of
+    a longer one. The means come from the impulse, hence from every step.
     """
     mean, spread, _ = _final_window(trace)
     if not mean or not np.isfinite(trace.impulse[-1]):
@@ -100,9 +101,10 @@ def trend(trace: Trace) -> Trend | None:
         upper, lower = (np.interp(edges, trace.t, trace.impulse) for edges in (ends, ends - width))
         now, before = -np.diff((upper - lower) / width)
         if now * before > 0.0 and abs(now) > max(spread, ROUNDING * mean):
-            ratio = now / before
-            factor = min(SLOWEST_S / d, ratio / (1.0 - ratio) if ratio < 1.0 else np.inf)
-            return Trend(float(now / d), float(abs(now) * max(1.0, factor)))
+            slower = abs(math.log(before / now))
+            T = min(SLOWEST_S, d / slower) if slower > 0.0 else SLOWEST_S
+            rate = min(abs(now) / d, spread / FINAL_WINDOW_S)
+            return Trend(math.copysign(rate, now), rate * T)
     return None
 
 

@@ -10,6 +10,8 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
+import numpy as np
+
 from ..control.springs import Springs
 from ..errors import Fault
 from ..physics.frames import BODY
@@ -110,8 +112,10 @@ def _starts_inside(setup: Setup) -> Iterator[str]:
     pairs, springs = setup.contacts.pairs, Springs(setup)
     if not pairs:
         return
-    _, normal = springs.wrenches(setup.initial_poses())
-    for pair, force, depth in zip(pairs, normal, springs.depths, strict=True):
+    poses = setup.initial_poses()
+    p, R = (np.array([poses[pair.carrier][k] for pair in pairs]) for k in (0, 1))
+    _, normal, depths = springs.wrenches(p, R)
+    for pair, force, depth in zip(pairs, normal, depths, strict=True):
         if force > START_FORCE:
             yield (
                 f"{pair.body_key} starts {depth:.4g} m inside {pair.wall_key}, which pushes it out with {force:.4g} N "

@@ -17,6 +17,7 @@ from .options import command
 if TYPE_CHECKING:
     from ..stages.base import Stage
     from ..stages.loader import Choice
+    from ..stages.signals import Signal
 
 
 @command()
@@ -218,17 +219,7 @@ def signals(words: tuple[str, ...]) -> None:
     with bad_input():
         from ..scenario import STAGES
         from ..stages.joint_signals import JOINT_SIGNALS, joints_given
-        from ..stages.signals import (
-            BAND,
-            DELAYED,
-            MEASURED,
-            PUSH,
-            RECORDED,
-            SCHEDULED,
-            band_signals,
-            contact_signals,
-            thruster_signal,
-        )
+        from ..stages.signals import BAND, contact_signals
 
         rooms_by_word = _rooms() | {"recorded": []}
         kinds = tuple(itertools.takewhile(rooms_by_word.__contains__, words))
@@ -239,21 +230,7 @@ def signals(words: tuple[str, ...]) -> None:
             (f"Outputs of the {room.noun}: {room.arguments[4]}.<name>", room.out) for room in rooms if len(room.out) > 1
         ]
         if not kinds or "recorded" in kinds:
-            title = "Recorded signals: trace.<name>; the states of the stages are recorded too"
-            shown = (
-                *RECORDED,
-                *MEASURED,
-                *SCHEDULED,
-                *DELAYED,
-                *contact_signals(0),
-                thruster_signal(0),
-                *JOINT_SIGNALS,
-            )
-            groups.append((title, shown))
-            bands = [edge for signal in (*shown, PUSH) if signal.name in BAND for edge in band_signals(signal)]
-            groups.append(
-                ("Bands: recorded where rows are further apart than steps; trace.band(<name>) has both", bands)
-            )
+            groups += _recorded()
         meanings = {signal.name: signal.meaning for _, listed in groups for signal in listed}
         wanted = _wanted(words[len(kinds) :], meanings, "signal", str.__eq__, {*meanings, *rooms_by_word})
     of_contacts = {signal.name for signal in contact_signals(0)}
@@ -269,6 +246,33 @@ def signals(words: tuple[str, ...]) -> None:
             table.add_row(signal.name, shape or "scalar", signal.unit, signal.frame, signal.meaning)
         if table.row_count:
             print_table(table)
+
+
+def _recorded() -> "list[tuple[str, tuple[Signal, ...]]]":
+    """The signals that a run records, and their bands, each with a title."""
+    from ..stages.joint_signals import JOINT_SIGNALS
+    from ..stages.signals import (
+        BAND,
+        DELAYED,
+        MEASURED,
+        PUSH,
+        RECORDED,
+        SCHEDULED,
+        TAU_LOST,
+        band_signals,
+        commanded_signal,
+        contact_signals,
+        pulse_signal,
+        thruster_signal,
+    )
+
+    of_thrusters = (thruster_signal(0), commanded_signal(0), pulse_signal(0), TAU_LOST)
+    own = (*RECORDED, *MEASURED, *SCHEDULED, *DELAYED, *contact_signals(0), *of_thrusters, *JOINT_SIGNALS)
+    bands = tuple(edge for signal in (*own, PUSH) if signal.name in BAND for edge in band_signals(signal))
+    return [
+        ("Recorded signals: trace.<name>; the states of the stages are recorded too", own),
+        ("Bands: recorded where rows are further apart than steps; trace.band(<name>) has both", bands),
+    ]
 
 
 @command()

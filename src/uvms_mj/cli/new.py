@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from .common import bad_input, refuse_existing
+from .console import warn
 from .options import command, force_option, path_option
 
 KINDS = {
@@ -19,37 +20,123 @@ KINDS = {
 }
 """Template and use of each kind. A template, in ``templates`` with the suffix ``.txt``, is a valid file about
 ``template_name`` with the class ``TemplateName``."""
+EXAMPLE = "example"
+"""The kind of the examples, which are copied as they are."""
 
 
 @command()
-@click.argument("kind", metavar="|".join(KINDS))
+@click.argument("kind", metavar="|".join((*KINDS, EXAMPLE)))
 @click.argument("name")
-@path_option("-o", "--out", metavar="FOLDER", default=".", help="Folder of the new file [default: here].")
+@path_option("-o", "--out", metavar="FOLDER", help="Folder of the new file [default: here; of all examples: examples].")
+@path_option("--from", "origin", metavar="VEHICLE", help="Of a vehicle: copy a shipped one, by its name, or a file.")
+@path_option("--thrusters", metavar="FILE.csv", help="Of a vehicle: thrusters in place of its own, from a table.")
 @force_option
-def new(kind: str, name: str, out: str, force: bool) -> None:
-    """Write a commented file NAME.xml, NAME.toml or NAME.py, which runs as it is.
+def new(kind: str, name: str, out: str | None, origin: str | None, thrusters: str | None, force: bool) -> None:
+    """Write a commented file NAME.xml, NAME.toml or NAME.py, which runs as it is. An example is a file of the guides
+    by its name, or all.
 
     \b
     uvms-mj new vehicle my_rov
+    uvms-mj new vehicle my_rov --from bluerov2_heavy --thrusters thrusters.csv
     uvms-mj new law my_law
+    uvms-mj new example all
+
+    A table of thrusters has a row for each, and these columns, with the unit in the head:
+
+    \b
+    name                   a word
+    x_m y_m z_m            position in B: forward, left, up; or x_mm, x_cm
+    dx dy dz               direction of positive thrust, of any length
+    yaw_deg pitch_deg      or the angles of a frame whose x axis it is; a pitch of -90 points up
+    min_N max_N            limits of the thrust, or min_kgf; may be left out or empty
     """
     with bad_input():
         from ..errors import InputError
         from ..files import whole
 
-        kind = kind if kind in KINDS else _kind_of(kind)
+        if kind == EXAMPLE and not (origin or thrusters):
+            _examples(name, out, force)
+            return
+        kind = kind if kind in (*KINDS, EXAMPLE) else _kind_of(kind)
         cls = "".join(word[:1].upper() + word[1:] for word in name.split("_"))
         if not name.isascii() or any(not word.isidentifier() or keyword.iskeyword(word) for word in (name, cls)):
             hint = f"must be a word of letters, digits and _ that begins with a letter, as my_{kind}"
             raise InputError(f"NAME {name!r}: {hint}; --out names a folder")
+        if kind != "vehicle" and (origin or thrusters):
+            raise InputError(f"{'--from' if origin else '--thrusters'}: is for a vehicle, not for a {kind}")
         template, use = KINDS[kind]
-        source = Path(__file__).parent / "templates" / f"{template}.txt"
-        path = Path(out, f"{name}{Path(template).suffix}")
+        path = Path(out or ".", f"{name}{Path(template).suffix}")
         refuse_existing("NAME", path, force)
+        source = Path(__file__).parent / "templates" / f"{template}.txt"
         text = source.read_text(encoding="utf-8").replace("template_name", name).replace("TemplateName", cls)
-        with whole(path) as part:
-            part.write_text(text, encoding="utf-8")
+        copies = {path.name: text.encode()}
+        if origin or thrusters:
+            copies = _vehicle(name, origin, thrusters, text)
+        for each in copies:
+            refuse_existing("NAME", path.with_name(each), force)
+        for each, data in copies.items():
+            with whole(path.with_name(each)) as part:
+                part.write_bytes(data)
     click.echo(f"{path}: {use.format(file=path, cls=cls)}")
+
+
+def _vehicle(name: str, origin: str | None, table: str | None, text: str) -> dict[str, bytes]:
+    """The files of a copy of a vehicle, or of the template with this text, with the thrusters of a table. Warns of what
+    they can't produce. Raises InputError as the modules of the plant do."""
+    import tempfile
+
+    import numpy as np
+
+    from ..errors import InputError
+    from ..files import shipped
+    from ..plant.mjcf import Mjcf
+    from ..plant.own_vehicle import copied, unreachable
+    from ..plant.thruster_table import read_thrusters
+
+    thrusters = read_thrusters(Path(table)) if table else []
+    with tempfile.TemporaryDirectory() as folder:
+        template = Path(folder, f"{name}.xml")
+        template.write_text(text, encoding="utf-8")
+        if origin is not None:
+            Mjcf.find(origin)  # says what is wrong with it
+        given = template if origin is None else Path(origin) if Path(origin).is_file() else shipped("models")[origin]
+        label = "the template" if origin is None else Path(origin).name
+        copies = copied(label, given.absolute(), name, thrusters, Path(table or "").name)
+        written = Path(folder, "copy")
+        written.mkdir()
+        for each, data in copies.items():
+            (written / each).write_bytes(data)
+        vehicle = Mjcf.find(str(written / f"{name}.xml")).vehicle
+    for i, thruster in enumerate(thrusters):
+        wanted = np.concatenate([thruster.direction, np.cross(thruster.position, thruster.direction)])
+        low, high = thruster.limits or (-np.inf, np.inf)
+        if not np.allclose(vehicle.B[:, i], wanted, atol=1e-9) or (vehicle.u_min[i], vehicle.u_max[i]) != (low, high):
+            raise InputError(
+                f"{given}: its defaults change the thruster {thruster.name}; give the table another vehicle"
+            )
+    if said := unreachable(vehicle):
+        warn(said)
+    return copies
+
+
+def _examples(name: str, out: str | None, force: bool) -> None:
+    """Write an example, or all of them. Raises InputError if there is none of this name."""
+    from ..errors import InputError, suggestion
+    from ..files import shipped, whole
+
+    known = shipped("examples")
+    if name not in (*known, "all"):
+        raise InputError(f"NAME {name!r}: is not an example; {suggestion(name, [*known, 'all'])}")
+    folder = Path(out or ("examples" if name == "all" else "."))
+    chosen = known.values() if name == "all" else [known[name]]
+    for source in chosen:
+        refuse_existing("NAME", folder / source.name, force)
+    if name == "all":
+        folder.mkdir(exist_ok=True)
+    for source in chosen:
+        with whole(folder / source.name) as part:
+            part.write_bytes(source.read_bytes())
+        click.echo(str(folder / source.name))
 
 
 def _kind_of(word: str) -> str:
@@ -62,4 +149,4 @@ def _kind_of(word: str) -> str:
     for kind in KINDS:
         if word in tables and tables[word] == tables.get(kind):
             return kind
-    raise InputError(f"{word!r}: is not a kind of file; {suggestion(word, KINDS)}")
+    raise InputError(f"{word!r}: is not a kind of file; {suggestion(word, (*KINDS, EXAMPLE))}")

@@ -36,8 +36,8 @@ def pool(data: str, out: str | None, workers: int | None, as_json: bool) -> None
     angles. The page report.html has measured and simulated roll, pitch and yaw, their errors, those without the links'
     added mass and drag, with lumped added mass, with a fitted metacentric height and of naive models (hydrostatics
     alone, a constant pitch), and the motion that would tell these models apart. A trial whose two instruments disagree
-    is named and counts in no mean. A trial is NAME_mocap.csv, NAME_imu.csv and NAME_joint_states.csv, as Kolano and Davidson
-    publish them in UVMS-SysID-with-EAs. It takes about a minute.
+    is named and counts in no mean. A trial is NAME_mocap.csv, NAME_imu.csv and NAME_joint_states.csv, as Kolano and
+    Davidson publish them in UVMS-SysID-with-EAs. It takes about a minute.
 
     \b
     uvms-mj validate pool --data pool_2023 --out pool
@@ -78,7 +78,9 @@ def _table(found: dict[str, Any]) -> None:
     if found["disagreeing"]:
         differ = dict(zip(found["trials"], found["instruments_differ_deg"], strict=True))
         names = ", ".join(f"{name} ({differ[name]:.1f} deg)" for name in found["disagreeing"])
-        click.echo(f"left out, since the two instruments differ by more than {found['agree_within_deg']:g} deg: {names}")
+        click.echo(
+            f"left out, since the two instruments differ by more than {found['agree_within_deg']:g} deg: {names}"
+        )
 
 
 validate.add_command(pool)

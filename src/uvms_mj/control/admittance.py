@@ -77,9 +77,9 @@ class Admittance(Controller):
         K_d eta_e - K_f (tau_c - F_d) + K_d (M_hat k_p)^-1 (tau_cmd - g_hat) = 0."""
         design = setup.design
 
-        def residual(balance: Any, x: np.ndarray) -> np.ndarray:
+        def residual(balance: Any, x: Any) -> np.ndarray:
             nu = balance.known(x).nu
-            demanded = design.M_d @ balance.asked(x) - design.D_d @ nu  # nu_a = 0
+            demanded = balance.demanded(x) - design.D_d @ nu  # nu_a = 0
             if self.k_i:
                 return demanded
             return demanded + design.K_d @ (np.linalg.solve(design.M_hat, balance.effort(x)) + self.k_v * nu) / self.k_p

@@ -67,7 +67,7 @@ class Aismc(Controller):
 
     def at_rest(self, setup: Any) -> SteadyState | str:
         """The static balance with eq. (7), if the switching gain exceeds the disturbance."""
-        state = static_balance(setup, np.inf, Balance.asked)
+        state = static_balance(setup, np.inf, Balance.demanded)
         if isinstance(state, str):
             return state
         phi, K = unknown_acceleration(setup, state), np.full(6, self.K_0)

@@ -36,30 +36,45 @@ that A s = F_1 eta_e_dot - w, and the estimates are those of the measurements:
 An observer measures all that the controller's model does not explain: tau_c,m is tau_c plus the rest of the bracket,
 which is then zero.
 The ideal law knows all wrenches but that of the contact and the thrust that is missing:
-w = M^-1 (tau_c - tau_c,m + (I - T^-1) tau). The six equations are solved by Newton's method.
+w = M^-1 (tau_c - tau_c,m + (I - T^-1) tau).
+
+The six equations may have several roots. The vehicle rests at the one that its motion from the start reaches
+(:mod:`.approach`). In front of planes, and with the origin of the task's frame as the contact, any motion reaches the
+same root: it begins at the reference. Otherwise it begins where the vehicle does and follows the reference through its
+way, together with motions that begin beside it. If they do not all reach the same stable root, there is no closed form.
 """
 
-import functools
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from ..physics.frames import quat_error, rotation_matrix
+from ..physics.frames import quat_from_euler_deg
 from ..stages.base import is_shipped
-from .balance_terms import Balance
+from .approach import approach
+from .balance_terms import Balance, Pose
 from .delivery import Delivery
-from .newton import newton
+from .limited import Integral
 from .rest import SteadyState
 from .sampled import not_constant
-from .springs import Springs
+from .task_motion import TaskMotion, way_of
 from .tool_balance import tool_rest
 
-_UNSOLVED = "the static balance has no solution near the reference"
+_BESIDE = 0.05
+"""How far from its way the reference of the motions beside that of the vehicle is [m]."""
+_LIMITED_S = 2.0
+"""Time with thrusters at their limits in which integrals wind up [s]."""
+_AT_ONCE = 1e9
+"""A first step after which the motion is at rest [s]."""
+_SAME = 1e-6
+"""Two rests nearer to each other than this are one [m, rad]."""
 
 
 def static_balance(
-    setup: Any, K: float, residual: "Callable[[Balance, np.ndarray], np.ndarray] | None" = None
+    setup: Any,
+    K: float,
+    residual: "Callable[[Balance, Pose], np.ndarray] | None" = None,
+    integral: Integral | None = None,
 ) -> SteadyState | str:
     """The vehicle at rest under a law that is the nominal control minus M_hat (A + K) s near rest.
 
@@ -67,31 +82,16 @@ def static_balance(
         setup: the run's :class:`uvms_mj.analysis.setup.Setup`.
         K: slope of the law over s [1/s]; infinite for a law that integrates, so that s is zero at rest. With a
             residual, only whether it is infinite counts: whether the law balances any constant wrench.
-        residual: the six equations of another law, from the balance and x (6,), in place of the ones above. They need
-            a constant disturbance.
+        residual: the six equations of another law, from the balance and a pose (6,), in place of the ones above:
+            minus the wrench that moves the vehicle. They need a constant disturbance.
+        integral: in the residual, which is slow on the way to the rest.
 
     Returns:
         The state, or the reason why there is none.
     """
-    scenario = setup.scenario
-    if residual is not None and (reason := not_constant(setup)):
+    scenario, delivery = setup.scenario, Delivery.of(setup)
+    if reason := _unknown(setup, K, residual is not None):
         return reason
-    if setup.not_rigid and residual is not None:
-        return f"the closed form of this law is known for a rigid vehicle at B, and {setup.not_rigid}"
-    if setup.rest_pose[0] is None:
-        return "the reference does not come to rest"
-    if not scenario.current.steady:
-        return "the current is not constant"
-    if not (is_shipped(scenario.navigation) and is_shipped(scenario.actuation)):
-        return "closed forms are known for the shipped navigation and actuation only"
-    observer = scenario.observer if scenario.observer.runs else None
-    if observer is not None and not is_shipped(observer):
-        return "closed forms are known for the shipped observers only"
-    if residual is None and K == 0.0 and 0.0 in setup.task.A:
-        return "with a zero in A, zeta is not constant at rest: it integrates the remaining error"
-    if any(wall.moves for _, wall in setup.contacts.surfaces):
-        return "a wall moves"
-    delivery = Delivery.of(setup)
     if isinstance(delivery, str):
         return delivery
     if min(np.linalg.matrix_rank(setup.nominal.B), np.linalg.matrix_rank(delivery.T)) < 6:
@@ -103,37 +103,110 @@ def static_balance(
         return f"{delivery.static.error}, and the law does not integrate"
     if setup.not_rigid:
         return _with_arm(setup, K, delivery)
-    solved = _solve(setup, K, delivery, residual)
-    if solved is None:
-        return _UNSOLVED
-    state, known = solved
-    for sensor in (scenario.navigation, observer):
-        if sensor is not None and (reason := sensor.out_of_range(known)):
+    balance = Balance(setup, K, delivery, residual is not None)
+    motion = TaskMotion(balance, Balance.__call__ if residual is None else residual, integral, delivery)
+    pose = _nearest(motion) if balance.springs.convex else _reached(motion)
+    if isinstance(pose, str):
+        return pose
+    for sensor in (scenario.navigation, scenario.observer):
+        if sensor.runs and (reason := sensor.out_of_range(balance.known(pose))):
             return reason
-    weak = delivery.weak(np.asarray(state.tau))
-    if weak:
+    tau, push = balance.thrust(pose), balance.contacts(pose.position, pose.R_WB)[1]
+    if weak := delivery.weak(tau):
         return weak
-    return _friction(setup, state) or state
+    return _rubbed(balance, push) or SteadyState(
+        float(push.sum()), pose.position, pose.quat, balance.sliding(pose), tau, reached=True
+    )
 
 
-def _friction(setup: Any, state: SteadyState) -> str:
+def _unknown(setup: Any, K: float, own: bool) -> str:
+    """The reason why a scenario has no static balance, for a law with a residual of its own or with the slope K; empty
+    if it may have one."""
+    scenario = setup.scenario
+    if own and (reason := not_constant(setup)):
+        return reason
+    if setup.not_rigid and own:
+        return f"the closed form of this law is known for a rigid vehicle at B, and {setup.not_rigid}"
+    if setup.rest_pose[0] is None:
+        return "the reference does not come to rest"
+    if not scenario.current.steady:
+        return "the current is not constant"
+    if not (is_shipped(scenario.navigation) and is_shipped(scenario.actuation)):
+        return "closed forms are known for the shipped navigation and actuation only"
+    if scenario.observer.runs and not is_shipped(scenario.observer):
+        return "closed forms are known for the shipped observers only"
+    if not own and K == 0.0 and 0.0 in setup.task.A:
+        return "with a zero in A, zeta is not constant at rest: it integrates the remaining error"
+    return "a wall moves" if any(wall.moves for _, wall in setup.contacts.surfaces) else ""
+
+
+def _rubbed(balance: Balance, push: np.ndarray) -> str:
     """The reason why a state is not the only one: friction acts in it; empty if none does."""
-    springs = Springs(setup)
-    _, normal = springs.wrench(np.asarray(state.position), rotation_matrix(np.asarray(state.quat)))
-    acts = (_in_wall(setup, state) and setup.scenario.wall.friction > 0.0) or (springs.friction & (normal > 0.0)).any()
-    return "with friction, the rest position depends on the path" if acts else ""
+    return "with friction, the rest position depends on the path" if balance.rubs(push) else ""
+
+
+def _nearest(motion: TaskMotion) -> Pose | str:
+    """The rest next to the reference, or the reason why there is none."""
+    balance = motion.balance
+    return approach(motion, balance.pose(balance.p_d, balance.quat_d), np.zeros(6), _AT_ONCE)
+
+
+def _reached(motion: TaskMotion) -> Pose | str:
+    """The rest that the frame of the task reaches from its start, or the reason why it is not known."""
+    balance, setup = motion.balance, motion.balance.setup
+    way = way_of(setup)
+    if isinstance(way, str):
+        return way
+    motion.follow(way)
+    initial = setup.initial
+    start = balance.pose(np.array(initial.position), quat_from_euler_deg(*initial.attitude_deg))
+    rest = _followed(motion, start)
+    if isinstance(rest, str):
+        return rest
+    if motion.delivery is not None and (weak := motion.delivery.weak(balance.thrust(rest))):
+        return weak
+    motion.passed(motion.track.times[-1] + 1.0, rest)
+    if not balance.springs.convex:
+        track, saturates = motion.track, motion.saturates
+        passed = [np.array(each) for each in zip(*((pose.position, pose.R_WB) for pose in track.poses), strict=True)]
+        if reason := _rubbed(balance, balance.contacts(*passed)[1]):
+            return reason
+        others = [_followed(motion, start, beside) for beside in _across(way[1][-1] - start.position)]
+        others.append(_followed(motion, start, led=False))
+        if saturates:
+            others.append(_followed(motion, start, limits=True))
+            if motion.limited_s > _LIMITED_S:
+                return f"the thrusters are at their limits for more than {_LIMITED_S:g} s on the way"
+        motion.track = track
+        if any(isinstance(each, str) or np.abs(each.position - rest.position).max() > _SAME for each in others):
+            return "motions close to each other come to different rests"
+    return rest
+
+
+def _followed(motion: TaskMotion, start: Pose, beside: np.ndarray | None = None, **how: bool) -> Pose | str:
+    """The rest of one motion that begins at a pose or beside it (3,) [m, W]."""
+    beside = np.zeros(3) if beside is None else beside
+    motion.begin(beside, **how)
+    moved = motion.balance.moved(start, np.concatenate([start.R_WB.T @ beside, np.zeros(3)]))
+    found: Pose | str = approach(motion, moved, motion.velocity())
+    return found
+
+
+def _across(direction: np.ndarray) -> np.ndarray:
+    """Three displacements (3, 3) across a direction (3,), 120 deg from each other [m]."""
+    across = np.linalg.svd(direction[None])[2][1:]
+    angles = 2.0 * np.pi / 3.0 * np.arange(3)
+    beside: np.ndarray = _BESIDE * (np.cos(angles)[:, None] * across[0] + np.sin(angles)[:, None] * across[1])
+    return beside
 
 
 def unknown_acceleration(setup: Any, state: SteadyState) -> np.ndarray:
     """The acceleration (6,) of disturbances and model errors at rest, M_hat^-1 tau_dist of eq. (11), in a state of
     :func:`static_balance`."""
-    delivery, turn = Delivery.of(setup), np.empty(4)
+    delivery = Delivery.of(setup)
     assert not isinstance(delivery, str)  # the state was found with it
-    balance = Balance(setup, np.inf, _in_wall(setup, state), delivery)
-    quat_error(setup.design.quat_d, state.quat, turn)
-    sine = float(np.linalg.norm(turn[1:]))
-    vector = turn[1:] * (2.0 * np.arctan2(sine, turn[0]) / sine if sine > 0.0 else 2.0)
-    return balance.unknown(np.concatenate([state.position - balance.target, vector]))
+    balance = Balance(setup, np.inf, delivery)
+    return balance.unknown(balance.pose(np.asarray(state.position), np.asarray(state.quat)))
 
 
 def _with_arm(setup: Any, K: float, delivery: Delivery) -> SteadyState | str:
@@ -145,36 +218,8 @@ def _with_arm(setup: Any, K: float, delivery: Delivery) -> SteadyState | str:
         return "with a wrist sensor, what its model lacks is taken for a contact force, which depends on the posture"
     if any(pair.carrier != 0 for pair in setup.contacts.pairs):
         return "with contact bodies away from the frame of the task, the rest depends on the posture"
-    if np.isfinite(K):
-        return tool_rest(setup, K, delivery)
-    solved = _solve(setup, K, delivery)
-    if solved is None:
-        return _UNSOLVED
-    return _friction(setup, solved[0]) or SteadyState(solved[0].force, s=np.zeros(6))
-
-
-def _in_wall(setup: Any, state: SteadyState) -> bool:
-    """Whether the probe is in ``[wall]``."""
-    return bool(setup.contacts.paper and np.asarray(state.position)[0] > setup.scenario.wall.position)
-
-
-def _solve(setup: Any, K: float, delivery: Delivery, residual_of: Any = None) -> tuple[SteadyState, Any] | None:
-    """Newton's method on the six equations, first without ``[wall]``, then in contact if that position is inside it.
-    The contacts of the list are found as their stiffness grows. Returns the state with its measurements."""
-    wall = setup.scenario.wall
-    for in_contact in (False, True) if setup.contacts.paper else (False,):
-        balance = Balance(setup, K, in_contact, delivery, residual_of is not None)
-        of, springs = balance if residual_of is None else functools.partial(residual_of, balance), balance.springs
-        x = np.zeros(6)
-        for scale in springs.scales:
-            springs.scale = scale
-            x = newton(of, x, len(springs) > 0)
-        at_rest = bool(np.abs(of(x)).max() < 1e-8)
-        position, quat, R_WB = balance.pose(x)
-        depth = position[0] - wall.position if setup.contacts.paper else 0.0
-        if at_rest and (depth >= 0.0 if in_contact else depth <= 0.0):
-            force = wall.stiffness * depth if in_contact else 0.0
-            force += springs.wrench(position, R_WB)[1].sum()
-            state = SteadyState(float(force), position, quat, balance.sliding(x), balance.thrust(x))
-            return state, balance.known(x)
-    return None
+    motion = TaskMotion(Balance(setup, np.inf, delivery), Balance.demanded)
+    rest = _reached(motion)
+    if isinstance(rest, str):
+        return rest
+    return tool_rest(setup, K, delivery, motion.track)

@@ -1,89 +1,115 @@
 """The equations of the static balance, whose terms :mod:`.balance` explains."""
 
 import dataclasses
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
-from ..physics.frames import quat_error, rotation_matrix
+from ..physics.frames import quat_error, quat_turned, rotation_matrix
 from ..physics.tether import add_tether
 from .delivery import Delivery
 from .springs import Springs
 
 
-class Balance:
-    """Residual (6,) of the balance and its terms, functions of x (6,): position minus reference in W, and the rotation
-    vector from the desired attitude."""
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """The frame of the task at rest: position (3,) in W [m], attitude (4,) and (3, 3), and the contact wrench (6,) on
+    it in its own axes [N, N m]."""
 
-    def __init__(self, setup: Any, K: float, in_contact: bool, delivery: Delivery, own: bool = False) -> None:
+    position: np.ndarray
+    quat: np.ndarray
+    R_WB: np.ndarray
+    tau_c: np.ndarray
+
+
+class Balance:
+    """Residual (6,) of the balance [N, N m] and its terms, functions of a :class:`Pose`. The residual is minus the
+    wrench that moves the vehicle.
+
+    Attributes:
+        p_d, quat_d: position (3,) and attitude (4,) of the reference, first those at the end of the run.
+        K_f, F_d: (6,) of eq. (7), first those at the end of the run.
+    """
+
+    def __init__(self, setup: Any, K: float, delivery: Delivery, own: bool = False) -> None:
         scenario, design = setup.scenario, setup.design
-        self.setup, self.K, self.in_contact, self.springs = setup, K, in_contact, Springs(setup)
-        self.target = np.array(setup.rest_pose[0])
+        self.setup, self.K, self.springs = setup, K, Springs(setup)
+        self.p_d, self.quat_d = np.array(setup.rest_pose[0]), design.quat_d
         self.tau_dist = scenario.disturbance.at_last
         self.A = np.array(setup.task.A)
         self.M_d_inv = design.M_d_inv
         self.M_hat_inv = np.linalg.inv(design.M_hat)
         self.undelivered = np.eye(6) - np.linalg.inv(delivery.T)
         self.K_f, self.F_d = (np.array(each) for each in scenario.impedance.at_end)
-        self.factor_inverse = self.A / (self.A - K)
+        self.factor_inverse = np.ones(6) if K == 0.0 else self.A / (self.A - K)
         self.told, self.own = scenario.controller.uses_truth, own
         self.errors = scenario.navigation.rest_errors(setup)
-        self._at: tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
 
-    def pose(self, x: np.ndarray):
-        """Position, attitude and R_WB, computed once for an array, which must not change."""
-        if self._at is None or self._at[0] is not x:
-            self._at = x, self._pose(x)
-        return self._at[1]
+    def pose(self, position: np.ndarray, quat: np.ndarray) -> Pose:
+        """A pose with its contacts."""
+        R_WB = rotation_matrix(quat)
+        return Pose(position, quat, R_WB, self.contacts(position, R_WB)[0])
 
-    def _pose(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        angle = float(np.linalg.norm(x[3:]))
-        axis = x[3:] / angle if angle > 0.0 else np.zeros(3)
-        turn = np.concatenate([[np.cos(angle / 2.0)], np.sin(angle / 2.0) * axis])
-        quat = _product(self.setup.design.quat_d, turn)
-        return self.target + x[:3], quat, rotation_matrix(quat)
+    def moved(self, pose: Pose, change: np.ndarray) -> Pose:
+        """The pose after a displacement (3,) and a rotation vector (3,) in its own axes."""
+        return self.pose(pose.position + pose.R_WB @ change[:3], quat_turned(pose.quat, change[3:]))
 
-    def contact(self, x: np.ndarray) -> np.ndarray:
-        """tau_c (6,) in B, eq. (34)."""
-        position, _, R_WB = self.pose(x)
-        wall, tau_c = self.setup.scenario.wall, np.zeros(6)
-        if self.in_contact:
-            tau_c[:3] = -wall.stiffness * (position[0] - wall.position) * R_WB[0]
-        return tau_c + self.springs.wrench(position, R_WB)[0] if len(self.springs) else tau_c
+    def contacts(self, position: np.ndarray, R_WB: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """tau_c (..., 6) of all contacts, eq. (34) and :mod:`.springs`, and the normal force (..., 1 + n) of ``[wall]``
+        and of each contact of the list, at positions (..., 3) and attitudes (..., 3, 3)."""
+        wall, tau_c = self.setup.scenario.wall, np.zeros((*position.shape[:-1], 6))
+        push = np.zeros((*position.shape[:-1], 1 + len(self.springs)))
+        if self.setup.contacts.paper:
+            push[..., 0] = wall.stiffness * np.maximum(0.0, position[..., 0] - wall.position)
+            tau_c[..., :3] = -push[..., :1] * R_WB[..., 0, :]
+        if len(self.springs):
+            wrench, push[..., 1:], _ = self.springs.wrenches(position[..., None, :], R_WB[..., None, :, :])
+            tau_c += wrench.sum(axis=-2)
+        return tau_c, push
 
-    def error(self, x: np.ndarray) -> np.ndarray:
+    def rubs(self, push: np.ndarray) -> bool:
+        """Whether friction acts in contacts with the normal forces (..., 1 + n)."""
+        friction = np.concatenate([[self.setup.scenario.wall.friction > 0.0], self.springs.friction])
+        return bool((friction & (push > 0.0)).any())
+
+    def error(self, x: Pose) -> np.ndarray:
         """eta_e (6,) as the law measures it."""
         known, quat_e = self.known(x), np.empty(4)
-        quat_error(self.setup.design.quat_d, known.quat, quat_e)
-        return np.concatenate([rotation_matrix(known.quat).T @ (known.position - self.target), quat_e[1:]])
+        quat_error(self.quat_d, known.quat, quat_e)
+        return np.concatenate([rotation_matrix(known.quat).T @ (known.position - self.p_d), quat_e[1:]])
 
-    def asked(self, x: np.ndarray) -> np.ndarray:
-        """w = M_d^-1 (K_d eta_e + D_d nu_e - K_f (tau_c - F_d)) as the law measures them, zero where the desired
-        impedance, eq. (7), holds at rest."""
+    def demanded(self, x: Pose) -> np.ndarray:
+        """K_d eta_e + D_d nu_e - K_f (tau_c - F_d) as the law measures them, zero where the desired impedance, eq. (7),
+        holds at rest."""
         known, design = self.known(x), self.setup.design
         forces = self.K_f * (known.tau_c - self.F_d)
-        return self.M_d_inv @ (design.K_d @ self.error(x) + design.D_d @ known.nu - forces)
+        return design.K_d @ self.error(x) + design.D_d @ known.nu - forces
 
-    def known(self, x: np.ndarray) -> Any:
+    def asked(self, x: Pose) -> np.ndarray:
+        """w = M_d^-1 times :meth:`demanded`."""
+        return self.M_d_inv @ self.demanded(x)
+
+    def known(self, x: Pose) -> Any:
         """The measurements, :class:`uvms_mj.navigation.base.Known`."""
-        position, quat, _ = self.pose(x)
-        tau_c = self.contact(x)
-        known = self.errors(position, quat, tau_c)
+        known = self.errors(x.position, x.quat, x.tau_c)
         if not self.setup.scenario.observer.runs:
             return known
-        explained = dataclasses.replace(known, tau_c=tau_c)
-        return dataclasses.replace(known, tau_c=tau_c + self.setup.design.M_hat @ self.unknown(x, explained))
+        explained = dataclasses.replace(known, tau_c=x.tau_c)
+        return dataclasses.replace(known, tau_c=x.tau_c + self.setup.design.M_hat @ self.unknown(x, explained))
 
-    def moving(self, x: np.ndarray) -> np.ndarray:
+    def moving(self, x: Pose) -> np.ndarray:
         """F_1 times the rate (6,) of the pose error that the law derives from a biased velocity, eq. (18)."""
         known, quat_e = self.known(x), np.empty(4)
-        quat_error(self.setup.design.quat_d, known.quat, quat_e)
+        if not known.nu.any():
+            return np.zeros(6)
+        quat_error(self.quat_d, known.quat, quat_e)
         v, omega = known.nu[:3], known.nu[3:]
         turning = 0.5 * (quat_e[0] * omega + np.cross(quat_e[1:], omega))
         return np.array(self.setup.task.F_1) * np.concatenate([v, turning])
 
-    def sliding(self, x: np.ndarray) -> np.ndarray | None:
+    def sliding(self, x: Pose) -> np.ndarray | None:
         """s (6,) at rest: A s = F_1 eta_e_dot - w. None if zeta integrates what the law does not answer to, or there is
         no task."""
         if not self.setup.scenario.controller.uses_task:
@@ -95,16 +121,16 @@ class Balance:
             return np.zeros(6)
         return None if 0.0 in self.A else left / self.A
 
-    def thrust(self, x: np.ndarray) -> np.ndarray:
-        """tau (6,) that holds the vehicle at rest, eq. (10)."""
-        d, g_eta = self.environment(x)
-        return g_eta - d - self.contact(x)
+    def thrust(self, x: Pose, nu: np.ndarray | None = None) -> np.ndarray:
+        """tau (6,) that holds the vehicle at rest, eq. (10), or at a constant velocity nu (6,)."""
+        d, g_eta = self.environment(x, nu)
+        return g_eta - d - x.tau_c
 
-    def effort(self, x: np.ndarray) -> np.ndarray:
+    def effort(self, x: Pose) -> np.ndarray:
         """tau_cmd - C_hat nu - D_hat nu - g_hat (6,) that holds the vehicle at rest."""
         return -self.known(x).tau_c - self.setup.design.M_hat @ self.unknown(x)
 
-    def unknown(self, x: np.ndarray, known: Any = None) -> np.ndarray:
+    def unknown(self, x: Pose, known: Any = None) -> np.ndarray:
         """The acceleration (6,) that a law without an integral term must balance through s, with the measurements
         ``known``; default: those at x."""
         d, g_eta = self.environment(x)
@@ -112,7 +138,7 @@ class Balance:
         estimates = self.setup.scenario.estimates
         vehicle = self.setup.nominal
         nominal = self.restoring(vehicle, rotation_matrix(known.quat))
-        unknown = (estimates.restoring - 1.0) * nominal + (nominal - g_eta) + (self.contact(x) - known.tau_c)
+        unknown = (estimates.restoring - 1.0) * nominal + (nominal - g_eta) + (x.tau_c - known.tau_c)
         return self.M_hat_inv @ (d + unknown + self.resistance(known.nu) + self.undelivered @ self.thrust(x))
 
     def resistance(self, nu: np.ndarray) -> np.ndarray:
@@ -127,18 +153,21 @@ class Balance:
                 total += estimates.coriolis * term
         return total
 
-    def __call__(self, x: np.ndarray) -> np.ndarray:
+    def __call__(self, x: Pose) -> np.ndarray:
         if self.told:
-            unknown = self.contact(x) - self.known(x).tau_c + self.undelivered @ self.thrust(x)
-            return self.asked(x) - np.linalg.solve(self.setup.design.M, unknown)
-        return self.asked(x) - (1.0 - self.factor_inverse) * self.moving(x) - self.factor_inverse * self.unknown(x)
+            unknown = x.tau_c - self.known(x).tau_c + self.undelivered @ self.thrust(x)
+            return self.demanded(x) - self.setup.design.M_d @ np.linalg.solve(self.setup.design.M, unknown)
+        unknown = (1.0 - self.factor_inverse) * self.moving(x)
+        if np.isfinite(self.K):
+            unknown += self.factor_inverse * self.unknown(x)
+        return self.demanded(x) - self.setup.design.M_d @ unknown
 
-    def environment(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """d and g(eta), (6,) each, in B."""
+    def environment(self, x: Pose, nu: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """d and g(eta), (6,) each, in B, of a vehicle at rest or with a velocity nu (6,)."""
         vehicle, scenario = self.setup.vehicle, self.setup.scenario
-        position, _, R_WB = self.pose(x)
-        nu_r, term = np.zeros(6), np.empty(6)
-        nu_r[:3] = -R_WB.T @ scenario.current.steady_at(-position[2])
+        position, R_WB = x.position, x.R_WB
+        nu_r, term = np.zeros(6) if nu is None else nu.copy(), np.empty(6)
+        nu_r[:3] -= R_WB.T @ scenario.current.steady_at(-position[2])
         d = self.tau_dist.copy()
         if scenario.tether.factor:
             add_tether(scenario.tether.factor, scenario.tether.position, nu_r, d)
@@ -153,11 +182,3 @@ class Balance:
         g_eta = np.empty(6)
         restoring(vehicle.mass, vehicle.displaced_mass, vehicle.r_g, vehicle.r_b, self.setup.gravity_W, R_WB, g_eta)
         return g_eta
-
-
-def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Quaternion product a b."""
-    (_, x, y, z), (_, i, j, k) = a.tolist(), b.tolist()
-    cross = np.array([y * k - z * j, z * i - x * k, x * j - y * i])  # np.cross takes ten times as long
-    w, v = a[0] * b[0] - a[1:] @ b[1:], a[0] * b[1:] + b[0] * a[1:] + cross
-    return np.concatenate([[w], v])

@@ -102,6 +102,7 @@ class External(Controller):
 
     name = "external"
     external: ClassVar[bool] = True
+    by_caller: ClassVar[str] = "tau_cmd"
     uses_task: ClassVar[bool] = False
 
     @staticmethod

@@ -43,16 +43,26 @@ class Delivery:
         ideal = same and bool((gain == 1.0).all())
         return cls(setup, inverse, static, np.eye(6) if ideal else (setup.vehicle.B * gain) @ inverse)
 
-    def weak(self, tau: np.ndarray) -> str:
-        """The reason why the thrusters can't hold tau (6,), with their names; empty if they can. Thrusters with a curve
+    def thrusts(self, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The thrusts (n,) that give tau (6,), and the least and the greatest ones (n,) [N]. Thrusters with a curve
         that the control system does not know are taken to share tau with the least thrust."""
         gain, thrust = self.static.gain, self.static.thrust
         low, high = self.setup.scenario.thrusters.command_limits(self.setup)
         if gain is None:
-            u, least, most = np.linalg.pinv(self.setup.vehicle.B) @ tau, thrust(low), thrust(high)
-        else:
-            u, working = gain * (self.inverse @ np.linalg.solve(self.T, tau)), gain > 0.0
-            least, most = (np.where(working, np.where(working, gain, 1.0) * each, 0.0) for each in (low, high))
+            return np.linalg.pinv(self.setup.vehicle.B) @ tau, thrust(low), thrust(high)
+        working = gain > 0.0
+        least, most = (np.where(working, np.where(working, gain, 1.0) * each, 0.0) for each in (low, high))
+        return gain * (self.inverse @ np.linalg.solve(self.T, tau)), least, most
+
+    def missing(self, tau: np.ndarray) -> np.ndarray:
+        """What the thrusters at their limits add to tau (6,), zero within them."""
+        u, least, most = self.thrusts(tau)
+        missing: np.ndarray = self.setup.vehicle.B @ (np.clip(u, least, most) - u)
+        return missing
+
+    def weak(self, tau: np.ndarray) -> str:
+        """The reason why the thrusters can't hold tau (6,), with their names; empty if they can."""
+        u, least, most = self.thrusts(tau)
         weak, starting = [], []
         for k, name in enumerate(self.setup.vehicle.thrusters):
             needs = f"{name or f'thruster {k + 1}'} needs {u[k]:.4g} N at rest"

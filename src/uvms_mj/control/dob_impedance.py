@@ -60,7 +60,7 @@ class DobImpedance(Controller):
             return reason
         if 0.0 in self.bandwidth:
             return "with a bandwidth of 0 the observer does not reject the disturbance"
-        return Linear.of(setup).checked(static_balance(setup, np.inf, Balance.asked))
+        return Linear.of(setup).checked(static_balance(setup, np.inf, Balance.demanded))
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law oscillates."""

@@ -9,32 +9,59 @@ them. The tree is at rest where the posture balances what pushes it,
     J M^{-1} (\dots) = 0,
 
 with the current on all links in d, and F from the second equation. The rest that counts is the one that the slow motion
-:math:`\dot q = r(q)` reaches from the initial posture (linearly implicit Euler with growing steps, as in
-:mod:`.tool_balance`), within the ranges of the joints. Where the current pushes along a motion that no level of the
-posture holds, there is none, and the arm folds or stretches up to a stop.
+
+.. math:: 2\, \mathrm{s}^{-1} (\dot q - \bar J_q \nu_T) = r(q)
+
+reaches from the initial posture (:mod:`.approach`), within the ranges of the joints, while the frame moves with nu_T
+along its track: about the motion of the levels, which are critically damped. Where the current pushes along a motion
+that no level of the posture holds, there is none, and the arm folds or stretches up to a stop.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..physics.statics import Statics
 from ..physics.tether import add_tether
+from .approach import approach, decays
 from .delivery import Delivery
 from .posture_rest import PostureAtRest
+from .task_motion import Track, between
 
-_LARGEST_CHANGE = 0.3
+_LARGEST = 0.3
 """Largest change of a joint in one step of the slow motion [rad or m]."""
-_STEPS = 60
-_AT_REST = 1e-6
-"""Largest acceleration of a joint at rest [rad/s^2 or m/s^2]."""
-_GROWS = 1e-3
-"""Least growth of the slow motion about a rest that is not stable [1/s]. Zero is a motion that nothing pushes."""
+_STEPS = 200
+_FIRST = 0.1
+"""The first step of the slow motion [s]."""
+_DAMPING = 2.0
+"""Its damping over its inertia [1/s]."""
 _SMALL = 1e-6
 """Change of a joint for a derivative [rad or m]."""
+
+
+def surroundings(setup: Any, tree: Statics, p_WB: np.ndarray, R_WB: np.ndarray) -> np.ndarray:
+    """The generalised force (6 + n,) of current, weight, buoyancy, disturbance and tether on a tree at rest."""
+    scenario = setup.scenario
+    v_c_W = scenario.current.steady_at(-p_WB[2])
+    total: np.ndarray = tree.stream(R_WB, v_c_W) - tree.restoring(R_WB, setup.gravity_W)
+    total[:6] += scenario.disturbance.at_last
+    if scenario.tether.factor:
+        nu_r = np.concatenate([-R_WB.T @ v_c_W, np.zeros(3)])
+        add_tether(scenario.tether.factor, scenario.tether.position, nu_r, total[:6])
+    return total
+
+
+def beyond(links: Sequence[Any], q: np.ndarray) -> str:
+    """The reason why joints can't be at q (n,); empty if they can."""
+    for link, q_k in zip(links, q, strict=True):
+        if not link.range[0] <= q_k <= link.range[1]:
+            end = link.range[int(q_k > link.range[0])]
+            at = f"{end:.4g} m" if link.slide else f"{math.degrees(end):.4g} deg"
+            return f"{link.joint} moves to the end of its range, {at}"
+    return ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,43 +80,44 @@ class Push:
 
 
 class FreeMotion:
-    """The free motion of a run's vehicle with joints while the frame of its task stays at a pose.
+    """The free motion of a run's vehicle with joints while the frame of its task is on a track; an
+    :class:`.approach.Motion` of q (n,).
 
     Args:
         setup: the run's :class:`uvms_mj.analysis.setup.Setup`; its joint interface obeys torques.
         delivery: what the thrusters make of a commanded wrench.
-        position, attitude_deg: (3,) pose of the frame of the task in W [m, deg].
-        tau_c: (6,) contact wrench on that frame, at its origin, in its axes [N, N m].
+        track: of the frame of the task.
     """
 
-    def __init__(self, setup: Any, delivery: Delivery, position: Any, attitude_deg: Any, tau_c: np.ndarray) -> None:
-        self.setup, self.delivery, self.tau_c = setup, delivery, tau_c
+    def __init__(self, setup: Any, delivery: Delivery, track: Track) -> None:
+        self.setup, self.delivery, self.track, self.held = setup, delivery, track, track.at(0.0)
         self.frame, self.links = setup.plant.probe.carrier, setup.vehicle.arm.links
-        self.position, self.R_d = np.array(position), rotation_matrix(quat_from_euler_deg(*attitude_deg))
+        n = len(self.links)
+        self.inertia, self.damping = np.zeros((n, n)), _DAMPING * np.eye(n)
+        self.largest, self.sharp, self.ends = _LARGEST, math.inf, track.ends
         self.posture, estimates = PostureAtRest(setup), setup.scenario.estimates
         given = [estimates, *(estimates.of(link.name) for link in self.links)]
-        self.inertia, self.restoring = [e.inertia for e in given], [e.restoring for e in given]
+        self.inertia_hat, self.restoring_hat = [e.inertia for e in given], [e.restoring for e in given]
+
+    def base(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Position (3,) and attitude (3, 3) of B in W at joint positions q (n,)."""
+        p, R = Statics(self.setup.vehicle, q).pose(self.frame)
+        R_WB = self.held.R_WB @ R.T
+        return self.held.position - R_WB @ p, R_WB
 
     def push(self, q: np.ndarray) -> Push:
         """What acts at joint positions q (n,)."""
-        setup, scenario = self.setup, self.setup.scenario
+        setup = self.setup
         tree = Statics(setup.vehicle, q)
         model, J = tree.with_coefficients(setup.nominal), tree.jacobian(self.frame)
-        p, R = tree.pose(self.frame)
-        R_WB = self.R_d @ R.T
-        p_WB = self.position - R_WB @ p
-        M_hat = model.inertia(self.inertia)
+        p_WB, R_WB = self.base(q)
+        M_hat = model.inertia(self.inertia_hat)
         M_inv = np.linalg.inv(M_hat)
         J_bar = np.linalg.solve(J @ M_inv @ J.T, J @ M_inv).T
         P = M_inv - J_bar @ (J @ M_inv)
-        g_hat = model.restoring(R_WB, setup.gravity_W, self.restoring)
+        g_hat = model.restoring(R_WB, setup.gravity_W, self.restoring_hat)
         tau_posture = M_hat @ (self.posture(p_WB, R_WB, q, M_inv, P) + P @ g_hat)
-        v_c_W = scenario.current.steady_at(-p_WB[2])
-        others = tree.stream(R_WB, v_c_W) - tree.restoring(R_WB, setup.gravity_W) + J.T @ self.tau_c
-        others[:6] += scenario.disturbance.at_last
-        if scenario.tether.factor:
-            nu_r = np.concatenate([-R_WB.T @ v_c_W, np.zeros(3)])
-            add_tether(scenario.tether.factor, scenario.tether.position, nu_r, others[:6])
+        others = surroundings(setup, tree, p_WB, R_WB) + J.T @ self.held.tau_c
         delivered = np.eye(len(others))
         delivered[:6, :6] = self.delivery.T
         by = np.linalg.solve(tree.inertia(), np.column_stack([delivered @ J.T, delivered @ tau_posture + others]))
@@ -104,7 +132,7 @@ class FreeMotion:
         levels = [getattr(given, f"{level}_frequency") for level in given.order]
         omega = min(levels) if "joints" in given.order else 0.0
         damping = 2.0 * given.damping_ratio * omega if omega else given.free_damping
-        driven = np.diff(motion @ self.R_d @ push.J_bar[6:, :3].T, axis=0) + h * push.r
+        driven = np.diff(motion @ self.held.R_WB @ push.J_bar[6:, :3].T, axis=0) + h * push.r
         y, y_dot, fastest = np.zeros((3, len(push.r)))
         for change in driven:  # implicit Euler
             y_dot = (y_dot + change - h * omega * omega * y) / (1.0 + h * damping + h * h * omega * omega)
@@ -112,31 +140,39 @@ class FreeMotion:
             fastest = np.maximum(fastest, np.abs(y_dot))
         return fastest
 
-    def slope(self, q: np.ndarray, r: np.ndarray) -> np.ndarray:
-        """dr/dq (n, n) at q, where r is known."""
-        return np.array([(self.push(q + e).r - r) / _SMALL for e in _SMALL * np.eye(len(q))]).T
+    def __call__(self, q: np.ndarray, /) -> np.ndarray:
+        return self.push(q).r
+
+    def jacobian(self, q: np.ndarray) -> np.ndarray:
+        """dr/dq (n, n)."""
+        r = self(q)
+        return np.array([(self(q + e) - r) / _SMALL for e in _SMALL * np.eye(len(q))]).T
+
+    def stable(self, q: np.ndarray) -> bool:
+        """Whether the slow motion stays at a rest."""
+        return decays(self.jacobian(q), self.damping)
+
+    def moved(self, q: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """q after a change."""
+        return q + change
+
+    def lead(self, q: np.ndarray, t: float, step: float) -> np.ndarray:
+        """Move the frame of the task along its track. Returns the change of q that comes with it."""
+        self.held, there = self.track.at(t), self.track.at(t + step)
+        moved = between(self.held, there)
+        change = self.push(q).J_bar[6:] @ moved if moved.any() else np.zeros(len(q))
+        self.held = there
+        return change
+
+    def passed(self, t: float, q: np.ndarray) -> str:
+        """The reason why a joint can't be there; empty if all can."""
+        return beyond(self.links, q)
 
     def rest(self) -> np.ndarray | str:
         """q (n,) at the rest that the slow motion reaches from the initial posture, or the reason why there is none."""
-        q, step = self.setup.start.q.copy(), 0.3
-        for _ in range(_STEPS):
-            r = self.push(q).r
-            slope = self.slope(q, r)
-            if np.abs(r).max() < _AT_REST:
-                stable = np.linalg.eigvals(slope).real.max() < _GROWS
-                return q if stable else "its balance is not stable"
-            change = np.linalg.solve(np.eye(len(q)) / step - slope, r)
-            while (largest := np.abs(change).max()) > _LARGEST_CHANGE and step > 1e-6:
-                step /= 4.0
-                change = np.linalg.solve(np.eye(len(q)) / step - slope, r)
-            q = q + change
-            for link, q_k in zip(self.links, q, strict=True):
-                if not link.range[0] <= q_k <= link.range[1]:
-                    end = link.range[int(q_k > link.range[0])]
-                    at = f"{end:.4g} m" if link.slide else f"{math.degrees(end):.4g} deg"
-                    return f"{link.joint} moves to the end of its range, {at}"
-            step = min(1e9, step * min(10.0, max(1.0, _LARGEST_CHANGE / (2.0 * largest))))
-        return "it comes to no rest"
+        start = self.setup.start.q
+        found: np.ndarray | str = approach(self, start, np.zeros(len(start)), _FIRST, _STEPS)
+        return found
 
     def weak(self, tau: np.ndarray) -> str:
         """The reason why motors, with the friction of their gears, or thrusters can't hold a rest with the commanded

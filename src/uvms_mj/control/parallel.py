@@ -12,7 +12,7 @@ import numpy as np
 from ..quantities import NonNegative
 from .balance import static_balance
 from .base import Controller, gain
-from .limited import at_limit, within
+from .limited import Integral, within
 from .linear import Linear
 from .rest import SteadyState
 
@@ -61,13 +61,14 @@ class Parallel(Controller):
         n = F_d / size if size else F_d
         M_hat = setup.design.M_hat
 
-        def residual(balance: Any, x: np.ndarray) -> np.ndarray:
-            missing = M_hat @ (balance.asked(x) - balance.unknown(x))  # tau_cmd - tau_nom
-            error = n @ (balance.known(x).tau_c - F_d) if self.k_i else 0.0
-            xi = n @ missing
-            return missing - n * xi + n * at_limit(xi, error, self.limit if self.k_i else 0.0)
+        integral = Integral(self.limit if self.k_i else 0.0)
 
-        return Linear.of(setup).checked(static_balance(setup, 0.0, residual))
+        def residual(balance: Any, x: Any) -> np.ndarray:
+            missing = M_hat @ (balance.asked(x) - balance.unknown(x))  # tau_cmd - tau_nom
+            xi = n @ missing
+            return missing - n * xi + n * integral.left(xi, self.k_i * (n @ (balance.known(x).tau_c - F_d)))
+
+        return Linear.of(setup).checked(static_balance(setup, 0.0, residual, integral))
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if no force is asked for along the wall's normal, or the sampled law oscillates."""

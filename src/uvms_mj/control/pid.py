@@ -11,7 +11,7 @@ import numpy as np
 from ..quantities import NonNegative
 from .balance import static_balance
 from .base import Controller, NonNegativeDiagonal, gain
-from .limited import at_limit, within
+from .limited import Integral, within
 from .linear import Linear
 from .rest import SteadyState
 
@@ -52,15 +52,15 @@ class Pid(Controller):
         """On each axis the pose error is zero, or the integral is at its limit. Against a wall in front of the
         reference it is: F = (K_x (x_d - x_c) + limit_x - K_f F_d + d) / (1 + K_x / k_c)."""
         K_d, limit = setup.design.K_d, np.array(self.limit)
-        limit = np.where(self.k_i * K_d.diagonal() > 0.0, limit, 0.0)  # elsewhere xi stays zero
+        integral = Integral(np.where(self.k_i * K_d.diagonal() > 0.0, limit, 0.0))  # elsewhere xi stays zero
 
-        def residual(balance: Any, x: np.ndarray) -> np.ndarray:
+        def residual(balance: Any, x: Any) -> np.ndarray:
             nu, spring = balance.known(x).nu, K_d @ balance.error(x)
             measured = balance.resistance(nu) + setup.design.D_d @ nu
             xi = -(balance.effort(x) + measured + balance.K_f * balance.F_d + spring)
-            return at_limit(xi, spring, limit)
+            return -integral.left(xi, self.k_i * spring)
 
-        return Linear.of(setup).checked(static_balance(setup, 0.0, residual))
+        return Linear.of(setup).checked(static_balance(setup, 0.0, residual, integral))
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law oscillates."""

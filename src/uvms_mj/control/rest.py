@@ -1,6 +1,6 @@
 """The state of a vehicle at rest, as a law's theory predicts it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NoReturn
 
 import numpy as np
@@ -16,6 +16,7 @@ class SteadyState:
         quat: (4,) attitude.
         s: (6,) sliding variable.
         tau: (6,) wrench of the thrusters in B [N, N m].
+        reached: whether the motion from the start comes to this rest, and stays (:mod:`.balance`).
     """
 
     force: float
@@ -23,6 +24,7 @@ class SteadyState:
     quat: np.ndarray | None = None
     s: np.ndarray | None = None
     tau: np.ndarray | None = None
+    reached: bool = field(default=False, kw_only=True)
 
 
 @dataclass(frozen=True)

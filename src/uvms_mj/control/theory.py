@@ -25,6 +25,12 @@ if TYPE_CHECKING:
 _SIZES = {"position": 3, "quat": 4, "s": 6, "tau": 6}
 
 
+_NOT_FOLLOWED = (
+    "with [[walls]], contact bodies or a bumper a rest counts if the motion from the start reaches it, "
+    "which control.balance.static_balance finds out"
+)
+
+
 class TheoryWarning(UserWarning):
     """The closed form of a user's law can't be used."""
 
@@ -42,6 +48,8 @@ def steady_state(setup: Any) -> SteadyState | NoClosedForm:
         if isinstance(found, str):
             return NoClosedForm(found)
         state = _checked(found, controller)
+        if setup.contacts.pairs and not getattr(found, "reached", False):
+            return found if isinstance(found, NoClosedForm) else NoClosedForm(_NOT_FOLLOWED)
         weak = "" if is_shipped(controller) or isinstance(state, NoClosedForm) else _weak(setup, state.force)
         return NoClosedForm(weak) if weak else state
     except (ArithmeticError, np.linalg.LinAlgError) as error:  # of a shipped law with extreme numbers
@@ -101,7 +109,8 @@ def _weak(setup: Any, force: float) -> str:
     delivery = Delivery.of(setup) if not setup.not_plain else ""
     if isinstance(delivery, str):
         return delivery
-    d, g_eta = Balance(setup, 0.0, False, delivery).environment(np.zeros(6))
+    balance = Balance(setup, 0.0, delivery)
+    d, g_eta = balance.environment(balance.pose(balance.p_d, balance.quat_d))
     return delivery.weak(g_eta - d + force * setup.design.normal)
 
 
@@ -112,7 +121,7 @@ def _checked(found: Any, controller: Controller) -> SteadyState | NoClosedForm:
     state = found if isinstance(found, SteadyState) else SteadyState(found)
     try:
         given = {name: getattr(state, name) for name in _SIZES}
-        arrays = {name: np.array(value, float) for name, value in given.items() if value is not None}
+        arrays: dict[str, Any] = {name: np.array(value, float) for name, value in given.items() if value is not None}
         valid = not isinstance(state.force, bool) and 0.0 <= float(state.force) < math.inf
         if not valid or any(a.shape != (_SIZES[n],) or not np.isfinite(a).all() for n, a in arrays.items()):
             raise ValueError

@@ -88,11 +88,10 @@ def simulate(
         scenario = dataclasses.replace(scenario, controller=controller)
     row_steps = row_steps_of(scenario.simulation.timestep, log_rate)
     for stage in (scenario.controller, scenario.actuation):
-        if stage.external:
-            table, sets = stage.room.table, stage.room.out[0].name
+        if stage.by_caller:
             needed = f"a run needs another {stage.room.noun}"
-            wrong = f"{stage.label()} leaves {sets} to the caller of a Simulation; {needed}"
-            raise InputError([Fault(f"{table}.name", wrong)], "scenario")
+            wrong = f"{stage.label()} leaves {stage.by_caller} to the caller of a Simulation; {needed}"
+            raise InputError([Fault(f"{stage.room.table}.name", wrong)], "scenario")
     with mujoco_warnings(), Simulation(scenario, engine=engine, mjcf=mjcf, looks=False) as sim:
         notes = sim.notes
         for note in notes:

@@ -8,6 +8,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from ..actuation.pwm import GREATEST_US, LEAST_US, NEUTRAL_US, Pwm
 from ..analysis.sampling import warnings_of
 from ..errors import Fault, InputError
 from ..plant.mjcf import Mjcf
@@ -39,8 +40,9 @@ class Simulation:
                 sim.step(1000)
                 print(sim.t, sim.signals.nu)
 
-    With ``controller.name = "external"`` the caller sets ``tau_cmd``, with ``actuation.name = "external"`` the thrusts
-    ``u``, before a step. Several simulations may run in threads of one process.
+    With ``controller.name = "external"`` the caller sets ``tau_cmd`` before a step, with ``actuation.name`` "external"
+    the thrusts ``u``, and with "pwm" the pulse widths ``pwm_cmd``. Several simulations may run in threads of one
+    process.
 
     Args:
         scenario: the scenario; default: the paper's.
@@ -152,6 +154,14 @@ class Simulation:
         """(n,) commanded thrusts [N]. With the actuation ``external`` the caller sets it before a step."""
         return _view(self._stages.u_cmd, self.scenario.actuation.external)
 
+    @property
+    def pwm_cmd(self) -> np.ndarray:
+        """(n,) pulse widths commanded [us], from 1100 to 1900; 1500 is neutral. With the actuation ``pwm`` the caller
+        sets them before a step. InputError with another actuation."""
+        if not isinstance(self.scenario.actuation, Pwm):
+            raise InputError([Fault("actuation.name", f"{self.scenario.actuation.label()}: pwm_cmd needs pwm")])
+        return _view(self._stages.entries["actuation"].state["pwm_cmd"][0], True)
+
     def reset(self, overrides: Mapping[str, Any] | None = None, *, seed: int | None = None) -> None:
         """Return to the start without compiling or building anything.
 
@@ -203,12 +213,21 @@ class Simulation:
         """
         if not isinstance(n, int | np.integer) or n < 0:
             raise InputError(f"step: {n!r} is not a number of steps")
+        if isinstance(self.scenario.actuation, Pwm):
+            self._check_pulses()
         with self._alone:
             self._run(n, np.inf)
             self._prepare()
         divergence = self.divergence
         if divergence:
             raise Diverged(f"t = {self.t:.6g} s: {divergence}")
+
+    def _check_pulses(self) -> None:
+        """Raise InputError for a pulse width that no speed controller takes, such as 0 for no signal."""
+        wrong = [i for i, pulse in enumerate(self.pwm_cmd.tolist()) if not LEAST_US <= pulse <= GREATEST_US]
+        if wrong:
+            place = f"pwm_cmd[{wrong[0]}] = {self.pwm_cmd[wrong[0]]:g} us"
+            raise InputError(f"{place}: must be from {LEAST_US:g} to {GREATEST_US:g} us; {NEUTRAL_US:g} us is neutral")
 
     def run(self, n: int, seconds: float) -> int:
         """Take at most n steps for about so many seconds of wall time, and return how many were taken.

@@ -73,6 +73,21 @@ class Guidance(Stage):
         """The position of :meth:`rests_at` and the attitude [deg] at the end of a run, from its scenario."""
         return self.rests_at(), self.attitude_deg
 
+    def way(self, setup: Any, times: np.ndarray) -> tuple[np.ndarray, np.ndarray] | str:
+        """Theory of the reference: its positions (n, 3) [m] and attitudes (n, 4) in W at times (n,) [s], or the reason
+        why they are not known before the run."""
+        if self.states or self.memory:
+            return "the reference has states, so that its way is not known before the run"
+        period = self.period or setup.scenario.control_period
+        try:
+            with np.errstate(all="ignore"), contextlib.redirect_stdout(io.StringIO()):
+                found = samples(self, setup, [round(t / period) for t in times.tolist()])
+        except (Exception, SystemExit):  # a user's function may raise anything
+            return "the way of the reference is not known before the run"
+        if not (np.isfinite(found["p_d"]).all() and np.isfinite(found["quat_d"]).all()):
+            return "the way of the reference is not known before the run"
+        return found["p_d"], found["quat_d"]
+
     def notes(self, setup: Any) -> Iterable[str]:
         """Theory of the reference: warnings for a run, from its :class:`uvms_mj.analysis.setup.Setup`. A stage may
         override it. By default a user's stage without states is tried out: its beginning, and p_d_dot."""

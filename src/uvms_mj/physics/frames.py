@@ -214,8 +214,17 @@ def rotation_matrix(quat: np.ndarray) -> np.ndarray:
 def quat_turned(quat: np.ndarray, phi: np.ndarray) -> np.ndarray:
     """The attitude (4,) that differs from ``quat`` (4,) by the rotation vector phi (3,) in B."""
     angle = float(np.linalg.norm(phi))
-    w, v = math.cos(0.5 * angle), 0.5 * np.sinc(0.5 * angle / math.pi) * phi
-    return np.concatenate([[quat[0] * w - quat[1:] @ v], quat[0] * v + w * quat[1:] + np.cross(quat[1:], v)])
+    w, scale = math.cos(0.5 * angle), 0.5 * float(np.sinc(0.5 * angle / math.pi))
+    q_w, q_x, q_y, q_z = quat.tolist()  # Python's floats are several times as fast as NumPy's
+    x, y, z = (scale * phi).tolist()
+    return np.array(
+        [
+            q_w * w - (q_x * x + q_y * y + q_z * z),
+            q_w * x + w * q_x + (q_y * z - q_z * y),
+            q_w * y + w * q_y + (q_z * x - q_x * z),
+            q_w * z + w * q_z + (q_x * y - q_y * x),
+        ]
+    )
 
 
 def quat_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..files import whole
+from ..stages.signals import BAND
 from .trace import Column, Trace
 
 _MATLAB_LENGTH = 63
@@ -122,8 +123,12 @@ metadata. NPZ and MAT have one array per signal, the units, frames and meanings 
 MAT), and ``scenario`` in TOML."""
 
 
+_EXTREMES = (np.minimum, np.maximum)
+
+
 def at_rate(trace: Trace, rate: float) -> Trace:
-    """The rows of a trace at a rate [Hz] that divides its own, from t = 0 on. Raises InputError for another rate."""
+    """The rows of a trace at a rate [Hz] that divides its own, from t = 0 on, with the bands over all steps between
+    them. Raises InputError for another rate."""
     recorded = 1.0 / (trace.header.row_steps * trace.scenario.simulation.timestep)
     every = round(recorded / rate) if rate > 0.0 else 0
     if every < 1 or abs(every * rate - recorded) > 1e-6 * recorded:
@@ -131,7 +136,13 @@ def at_rate(trace: Trace, rate: float) -> Trace:
         near = [f"{recorded / n:.6g}" for n in (above + 1, above)] if 0.0 < rate < recorded else [f"{recorded:.6g}"]
         raise InputError(f"{rate:g} Hz does not divide the log's {recorded:.6g} Hz; the nearest: {' and '.join(near)}")
     steps = np.rint(trace.t / trace.scenario.simulation.timestep).astype(int)
-    return Trace.of(trace.header, trace.rows()[steps % (every * trace.header.row_steps) == 0], trace.outcome)
+    rows, kept = trace.rows(), np.flatnonzero(steps % (every * trace.header.row_steps) == 0)
+    starts = np.concatenate([[0], kept[:-1] + 1])
+    for name, extreme in ((edge, each) for edges in BAND.values() for edge, each in zip(edges, _EXTREMES, strict=True)):
+        if name in trace.arrays and len(kept):
+            place = trace.header.places[name]
+            rows[kept, place] = extreme.reduceat(rows[: kept[-1] + 1, place], starts)
+    return Trace.of(trace.header, rows[kept], trace.outcome)
 
 
 def export(trace: Trace, kind: str, path: Path, replace: bool = False, signals: Sequence[str] = ()) -> None:

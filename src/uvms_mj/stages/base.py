@@ -116,6 +116,8 @@ class Stage:
     """Whether the default of the period is the time step instead of the control period."""
     external: ClassVar[bool] = False
     """Whether the caller of a Simulation sets the outputs."""
+    by_caller: ClassVar[str] = ""
+    """What the caller of a Simulation sets between steps, if anything."""
     runs: ClassVar[bool] = True
     """Whether the loop calls the stage. One that does not run is the absence of a stage."""
 

@@ -14,7 +14,7 @@ BAND = {name: (f"{name}_low", f"{name}_high") for name in BANDED}
 """Names of the signals of a band: least and largest value since the row before."""
 OF_JOINTS = ("q", "q_dot", "tau_q", "q_m", "q_dot_m", "tau_q_cmd", "joint_saturation_time", *BAND["tau_q"])
 """Signals with one number a joint."""
-OF_THRUSTERS = ("u", "u_cmd", "inflow", *BAND["u"])
+OF_THRUSTERS = ("u", "u_cmd", "pwm", "pwm_cmd", "inflow", *BAND["u"])
 """Signals with one number a thruster."""
 OWN_UNIT = "law's own"
 """Unit shown for a state or gain of a law that declares none."""
@@ -282,6 +282,11 @@ def thrusters_given(n: int) -> tuple[Signal, ...]:
 def commanded_signal(n: int) -> Signal:
     """The signal of the commanded thrusts (n,)."""
     return Signal("u_cmd", (n,), "N", "-", "thrust commanded of each thruster")
+
+
+def pulse_signal(n: int) -> Signal:
+    """The signal of the pulse widths (n,) that thrusters with a speed controller take."""
+    return Signal("pwm", (n,), "us", "-", "pulse width of each thruster's speed controller; 1500 us is neutral")
 
 
 TAU_LOST = Signal("tau_lost", (6,), _WRENCH, "B", "part of tau_cmd that is not allocated, tau_cmd - B u_cmd")

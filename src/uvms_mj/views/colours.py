@@ -37,6 +37,20 @@ def mixed(colour: Colour, share: float) -> Colour:
     return r, g, b
 
 
+def luminance(colour: Colour) -> float:
+    """Relative luminance of a colour, from 0 to 1 (WCAG 2.1)."""
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in (each / 255 for each in colour)]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def legible(colour: Colour) -> Colour:
+    """A colour for text that is read on a light and on a dark ground alike: mixed with black or white to the middle of
+    their luminances, for the same contrast of about 4 with both."""
+    shares = [k / 100 for k in range(-100, 101)]
+    middle = (1.05 * 0.05) ** 0.5 - 0.05
+    return mixed(colour, min(shares, key=lambda share: abs(luminance(mixed(colour, share)) - middle)))
+
+
 def of_runs(laws: Sequence[str]) -> list[Colour]:
     """One colour for each run, from the law of each: ``gsta``, or ``file.py:Class`` for a law that is not built in."""
     others = [law for law in dict.fromkeys(laws) if law not in LAWS]

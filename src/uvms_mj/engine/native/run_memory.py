@@ -211,8 +211,11 @@ def write_initial(memory: RunMemory, setup: Setup) -> None:
 def write_impedance(memory: RunMemory, setup: Setup) -> None:
     stages, design, impedance = memory.stages, setup.design, setup.scenario.impedance
     stages.signals["K_d"] = impedance.K_d
-    if "natural" not in stages.entries:  # which sets them at its instants
-        stages.signals["M_d"], stages.signals["D_d"] = design.M_d, design.D_d
+    natural = "natural" in stages.entries  # which sets M_d at its instants, and D_d where none is given
+    if not natural:
+        stages.signals["M_d"] = design.M_d
+    if not natural or impedance.D_d is not None:
+        stages.signals["D_d"] = design.D_d
     if "schedule" not in stages.entries:
         stages.signals["K_f"], stages.signals["F_d"] = impedance.K_f, impedance.F_d
 

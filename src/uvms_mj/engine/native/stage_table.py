@@ -28,6 +28,7 @@ from ...stages.signals import (
     TRUTH,
     Signal,
     commanded_signal,
+    pulse_signal,
     record_dtype,
 )
 from .entry import Entry, part
@@ -141,6 +142,8 @@ class StageTable:
             add("inflow", Inflow(), true, self.commands["inflow"][0])
             add("thrusters", thrusters, self.commands, self.thrust)
             self.commanded.append((commanded_signal(len(self.u_cmd)), self.u_cmd))
+            if getattr(thrusters, "takes_pulses", False):
+                self.commanded.append((pulse_signal(len(self.u_cmd)), self.entries["thrusters"].state["command"][0]))
 
     def _measure(self, add: Callable[..., None], scenario: Scenario, true: np.ndarray, joints: Joints) -> None:
         """Add the stages that measure, and the law's model of what they measure."""

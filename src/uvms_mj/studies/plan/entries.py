@@ -180,8 +180,8 @@ def _law(
         faults += [Fault(fault.key.replace(".controller.name", ".name"), fault.message) for fault in prefixed]
         return None
     for stage in (scenario.controller, scenario.actuation):
-        if stage.external:
-            out = f"{stage.label()} leaves {stage.room.out[0].name} to the caller of a Simulation"
+        if stage.by_caller:
+            out = f"{stage.label()} leaves {stage.by_caller} to the caller of a Simulation"
             faults.append(Fault(f"{place}.name", f"{out}; a study needs another {stage.room.noun}"))
     law = scenario.controller
     return Law(label or law.label(), law.source(), plain(overrides), scenario)

@@ -39,11 +39,7 @@ def fields_of(
     base = base_of(study.base, folder, of_base, faults, trusted)
     left_out: list[str] = []
     laws = laws_of(study.laws, base, folder, faults, left_out, trusted) if base is not None else []
-    variations = []
-    for i, each in enumerate(study.vary):
-        if not any(fault.key.startswith(f"vary[{i}]") for fault in faults):
-            found = variation(each, f"vary[{i}]", faults)
-            variations += [found] if found is not None else []
+    variations = _variations(study.vary, faults)
     faults += combination_faults(variations, laws, of_base, _none(faults, "laws"))
     draws = 0
     notes: list[str] = []
@@ -85,6 +81,16 @@ def fields_of(
         "notes": (*left_out, *notes),
         "trusted": trusted,
     }
+
+
+def _variations(tables: Sequence[Any], faults: list[Fault]) -> list[Any]:
+    """The variations of ``[[vary]]`` that have no error."""
+    variations = []
+    for i, each in enumerate(tables):
+        if not any(fault.key.startswith(f"vary[{i}]") for fault in faults):
+            found = variation(each, f"vary[{i}]", faults)
+            variations += [found] if found is not None else []
+    return variations
 
 
 def _none(faults: list[Fault], table: str) -> bool:

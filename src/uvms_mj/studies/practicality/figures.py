@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from ...views import colours
-from ...views.figures.style import ABOVE, GREY, LINE, PAGE_IN, SMALL, keys, panels, styled
+from ...views.figures.style import ABOVE, GREY, LINE, PAGE_IN, keys, panels, styled
 from ..report.figures import decades
 from .axes import MAPS, Axis
 from .plans import DEMANDED, PART

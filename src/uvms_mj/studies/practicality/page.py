@@ -15,8 +15,9 @@ _PROFILES = (
     "not work. Grey band: the demanded force within a tenth. Dotted: a value as in a pool."
 )
 _MAPS = (
-    "Range of the push over the last 0.5 s, from least to greatest. Hatched: the law does not work. Grey: the push hardly "
-    "varies and is wrong, or the vehicle is off the wall. Dashed: the contact force is as old as D_d/(K_f k_c) lets it be."
+    "Range of the push over the last 0.5 s, from least to greatest. Hatched: the law does not work. Grey: the push "
+    "hardly varies and is wrong, or the vehicle is off the wall. Dashed: the contact force is as old as D_d/(K_f k_c) "
+    "lets it be."
 )
 
 

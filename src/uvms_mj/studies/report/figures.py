@@ -227,7 +227,7 @@ def profile(data: Data, factor: Factor) -> Figure | None:
 
 
 def _name_laws(figure: Figure, data: Data, more: Sequence[Line2D] = (), *, striped: bool = False) -> None:
-    """Add the legend of the laws, with the number of runs that completed; ``striped``: with the dashes of the curves."""
+    """Add the legend of the laws, with the number of runs that completed, and ``striped`` with the curves' dashes."""
     handles = []
     for i, (law, rows) in enumerate(data.rows.items()):
         completed = int(data.completed[rows].sum())

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from ...errors import InputError
 from ...records.header import Status
 from ...records.trace import Trace
-from ...stages.signals import OF_JOINTS, OF_THRUSTERS
+from ...stages.signals import OF_JOINTS
 from ..figures import contact, joints, panels
 from .insets import place
 from .overlay import Overlay
@@ -27,6 +27,8 @@ RUNS = ("impedance", "fosm", "gsta", "gsta_alone")
 """The paper's runs."""
 _SUMMARY = ("position", "force", "sliding", "tau", "integral", "joints")
 """The quantities in a summary of several runs."""
+_OF_THRUSTERS = ("u", "u_cmd", "pwm")
+"""The signals of the thrusters, as far as they are recorded."""
 MOST_ROWS = 30
 """Most rows of panels in one figure."""
 LONGEST_NAME = 30
@@ -191,7 +193,7 @@ def _of_one(label: str, trace: Trace, what: str) -> Rows:
         "force": lambda: [[contact.force(trace)]],
         "sliding": lambda: [halves("s")],
         "tau": lambda: [[panels.tau(trace, fine), panels.vector(trace, "tau", ANGULAR)]],
-        "thrusters": lambda: [panels.named(trace, name) for name in OF_THRUSTERS if name in trace.arrays],
+        "thrusters": lambda: [panels.named(trace, name) for name in _OF_THRUSTERS if name in trace.arrays],
         "integral": states,
         "joints": lambda: [joints.joint_panels(trace)],
     }
@@ -215,7 +217,7 @@ def _of_several(runs: Overlay, what: str) -> Rows:
         "force": lambda: [[contact.forces(runs.traces, runs.looks)]],
         "sliding": lambda: runs.signal("s"),
         "tau": lambda: runs.signal("tau"),
-        "thrusters": lambda: [row for name in OF_THRUSTERS for row in runs.signal(name)],
+        "thrusters": lambda: [row for name in _OF_THRUSTERS for row in runs.signal(name)],
         "integral": lambda: [row for name in runs.states() for row in runs.signal(name)],
         "joints": lambda: [row for name in joints.SIGNALS for row in runs.signal(name)],
     }

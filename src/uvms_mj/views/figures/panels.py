@@ -147,7 +147,7 @@ def vector(trace: Trace, name: str, part: slice = LINEAR) -> Panel:
     signal = trace.header.by_name[name]
     values = np.concatenate([edge.reshape(len(trace), signal.size)[:, part] for edge in trace.band(name)], axis=1)
     window = early(trace.t, values)
-    late = values[trace.t >= trace.t[0] + window]
+    late = values[trace.t > trace.t[0] + window] if window else values  # a band is of the time before its row
     low, high = float(late.min()), float(late.max())
 
     def draw(ax: Axes) -> None:

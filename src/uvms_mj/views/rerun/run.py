@@ -23,7 +23,7 @@ from ...records.header import Header
 from ...records.palette import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, Colour
 from ...records.scene import FORCE_SCALE, FORCES, WALL_SIZE, Force, magnitudes, scene_of, span
 from ...stages.signals import BAND, BANDED, PUSH, Signal, band_signals
-from ..colours import mixed
+from ..colours import legible, mixed
 from . import arm
 from .extents import Extents
 from .solids import mesh_of, rgba8
@@ -233,16 +233,18 @@ class Run:
         for force in FORCES:
             colour = self.colour or force.colour
             self._log(("world", force.name), rr.Arrows3D.from_fields(colors=[colour], radii=[force.radius]))
-            self._log(("world", force.name, "text"), rr.Points3D.from_fields(colors=[mixed(colour, 0.25)], radii=[0.0]))
+            self._log(("world", force.name, "text"), rr.Points3D.from_fields(colors=[legible(colour)], radii=[0.0]))
         for arrow in scene.arrows:
             drawn = rr.Arrows3D(
                 origins=[arrow.start],
                 vectors=[arrow.tip - arrow.start],
                 colors=[arrow.colour],
                 radii=[arrow.radius],
-                labels=[arrow.label],
             )
             self._log(("world", arrow.name), drawn)
+            middle = np.mean([arrow.start, arrow.tip], axis=0)
+            text = rr.Points3D([middle], radii=[0.0], colors=[legible(arrow.colour)], labels=[arrow.label])
+            self._log(("world", arrow.name, "text"), text)
         self._log(("world", "trajectory"), rr.LineStrips3D.from_fields(colors=[self.colour or PURPLE], radii=[0.007]))
         self._names(*bounds(shapes, self.header.geometry.reach))
 
@@ -272,11 +274,11 @@ class Run:
         self._log(("world", "reference"), arm.triad(0.6) if at_tool else box)
         if self.label:
             above = (0.0, 0.0, high[2] + _ABOVE)
-            name = rr.Points3D([above], radii=[0.0], colors=[mixed(self.colour or LIGHT, 0.5)], labels=[self.label])
+            name = rr.Points3D([above], radii=[0.0], colors=[legible(self.colour or LIGHT)], labels=[self.label])
             self._log(("world", "vehicle", "name"), name)
         else:
             place = (0.0, 0.0, 1.2 * arm.TRIAD_M) if at_tool else (low[0], 0.0, high[2])
-            label = rr.Points3D([place], radii=[0.0], colors=[LIGHT], labels=["reference"])
+            label = rr.Points3D([place], radii=[0.0], colors=[legible(LIGHT)], labels=["reference"])
             self._log(("world", "reference", "label"), label)
 
     def _tinted(self, rgba: tuple[float, float, float, float]) -> tuple[int, int, int, int]:

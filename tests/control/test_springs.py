@@ -1,0 +1,54 @@
+"""The static forces of many poses at once are those of the loop's kernel."""
+
+import numpy as np
+
+from uvms_mj import Scenario
+from uvms_mj.analysis.setup import set_up
+from uvms_mj.control.springs import Springs
+from uvms_mj.physics.frames import rotation_matrix
+from uvms_mj.physics.pairs import pair_force
+
+ROUND = [
+    {"shape": "sphere", "radius": 0.3, "position": [1.0, 0.0, 0.0], "stiffness": 1e4},
+    {
+        "shape": "cylinder",
+        "radius": 0.2,
+        "position": [0.0, 1.0, 0.0],
+        "attitude_deg": [20.0, 30.0, 40.0],
+        "layer_depth": 0.05,
+        "layer_stiffness": 3e3,
+    },
+    {"shape": "plane", "position": [1.0, 0.0, 0.0], "attitude_deg": [3.0, 4.0, 50.0]},
+]
+BOX = {"shape": "box", "edges": [0.3, 0.5, 0.7], "attitude_deg": [10.0, 20.0, 30.0], "position": [0.5, -0.5, 0.2]}
+SPHERES = [
+    {"position": [0.2, 0.1, 0.0], "radius": 0.1},
+    {"position": [0.2, -0.1, 0.0], "radius": 0.1, "stiffness": 5e3},
+]
+CAPSULE = {"position": [0.2, -0.1, 0.0], "end": [0.2, 0.4, 0.1], "radius": 0.05, "stiffness": 5e3}
+
+
+def test_forces_and_moments_of_all_shapes_are_those_of_the_kernel():
+    rng = np.random.default_rng(1)
+    for walls, bodies in ((ROUND, [*SPHERES, CAPSULE]), ([*ROUND, BOX], SPHERES)):
+        over = {"wall.present": False, "walls": walls, "vehicle.contact_bodies": bodies}
+        setup = set_up(Scenario.load("push_wall", over))
+        surfaces, pairs, _ = setup.contacts.records(lambda _: 1.0)
+        n = len(pairs)
+        p, quats = rng.uniform(-0.3, 1.3, (60, 3)), rng.normal(size=(60, 4))
+        p[0] = BOX["position"]  # its centre
+        R = rotation_matrix(quats / np.linalg.norm(quats, axis=1, keepdims=True))
+        shape = (60, n)
+        at_once = Springs(setup).wrenches(
+            np.broadcast_to(p[:, None], (*shape, 3)), np.broadcast_to(R[:, None], (*shape, 3, 3))
+        )
+        expected = np.zeros((*shape, 6)), np.zeros(shape), np.zeros(shape)
+        surfaces, records = surfaces.view(np.recarray), pairs.view(np.recarray)
+        for i in range(60):
+            for k, record in enumerate(records):
+                pair_force(record, surfaces[record.surface], p[i], R[i], np.zeros(6), 1.0)
+                expected[1][i, k], expected[2][i, k] = record.f_n, record.depth
+                expected[0][i, k] = record.contact.tau_B if record.f_n > 0.0 else 0.0
+        assert (expected[1] > 0.0).sum() > 100
+        for found, kernel in zip(at_once, expected, strict=True):
+            np.testing.assert_allclose(found, kernel, rtol=1e-9, atol=1e-9)

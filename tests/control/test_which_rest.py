@@ -1,0 +1,88 @@
+"""A closed form is that of the rest that the vehicle reaches from its start; what can't be shown is not announced."""
+
+import numpy as np
+import pytest
+
+import sweep_rests
+from law_files import law_file, one_liner
+from uvms_mj import Scenario, simulate
+from uvms_mj.analysis.setup import set_up
+from uvms_mj.control.rest import NoClosedForm, SteadyState
+from uvms_mj.control.theory import steady_state
+
+QUICK = {"simulation.timestep": 1e-3}
+BALL = {"shape": "sphere", "radius": 0.15, "stiffness": 2e4, "position": [1.5, 0.002, 0.0]}
+LIMP = {  # across, K_y is less than the push over the radius
+    "wall.present": False,
+    "walls": [BALL],
+    "reference.target": [1.45, 0.0, 0.0],
+    "impedance.K_d": [400.0, 50.0, 400.0, 50.0, 50.0, 50.0],
+    "current.speed": 0.0,
+    "simulation.duration": 60.0,
+}
+
+
+def run(name, overrides, law=None):
+    return simulate(Scenario.load(name, QUICK | overrides, law), engine="free_body", log_rate=10)
+
+
+@pytest.mark.parametrize("x_d", [1.25, 1.3, 1.4, 1.5])
+@pytest.mark.parametrize("shape", [{}, {"walls[0].shape": "sphere"}])
+def test_a_target_behind_the_centre_of_a_shape_is_pressed_from_the_front(x_d, shape):
+    trace = run("press_pile", {"reference.target": [x_d, 0.0, 0.0]} | shape)
+    assert trace.push[-1] > 20.0
+    assert trace.analytic.force == pytest.approx(trace.push[-1], rel=1e-4)
+    np.testing.assert_allclose(trace.analytic.position, trace.p_WB[-1], atol=1e-5)
+
+
+def test_a_vehicle_that_slides_off_a_sphere_rests_beside_it():
+    trace = run("push_wall", LIMP)
+    assert trace.push[-1] < 20.0
+    assert abs(trace.p_WB[-1, 1]) > 0.1
+    assert trace.analytic.force == pytest.approx(trace.push[-1], rel=1e-4)
+    np.testing.assert_allclose(trace.analytic.position, trace.p_WB[-1], atol=1e-4)
+
+
+def test_which_side_of_a_sphere_is_not_announced_on_its_axis():
+    found = steady_state(set_up(Scenario.load("push_wall", LIMP | {"walls": [BALL | {"position": [1.5, 0.0, 0.0]}]})))
+    assert isinstance(found, NoClosedForm)
+    assert "unstable" in found.reason or "different rests" in found.reason
+
+
+@pytest.mark.parametrize("law", ["parallel", "pid"])
+def test_a_law_with_an_integral_of_its_own_rests_with_that_of_the_task(law):
+    over = {"task.integral": True, "impedance.F_d": [-2.0] + [0.0] * 5, "simulation.duration": 60.0}
+    trace = run("push_wall", over, law)
+    assert trace.analytic.force == pytest.approx(trace.push[-1], rel=1e-6)
+
+
+def test_a_force_of_a_users_formula_does_not_say_which_rest_it_is_among_walls(tmp_path):
+    body = one_liner("Mine", "tau_cmd[:] = signals.tau_nom") + "    def at_rest(self, setup): return 1.5\n"
+    law = f"{law_file(tmp_path, body)}:Mine"
+    plain = steady_state(set_up(Scenario.load("push_wall", {}, law)))
+    assert isinstance(plain, SteadyState)
+    among = steady_state(set_up(Scenario.load("press_pile", {}, law)))
+    assert isinstance(among, NoClosedForm)
+    assert "static_balance" in among.reason
+
+
+@pytest.mark.parametrize(("order", "direction", "force"), [("attitude", 0.0, None), ("joints", 0.0, 2.126426)])
+def test_the_tree_behind_a_tool_must_have_a_rest(order, direction, force):
+    """Where the base drifts against the wall the arm folds: the run never rests."""
+    over = {"current.direction_deg": direction, "posture.order": [order]}
+    found = steady_state(set_up(Scenario.load("tool_push", over)))
+    if force is None:
+        assert isinstance(found, NoClosedForm)
+        assert "behind the tool" in found.reason
+    else:
+        assert found.force == pytest.approx(force, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_sixty_random_scenarios_with_walls_rest_at_their_closed_forms():
+    found = [sweep_rests.tried((7, case, False)) for case in range(60)]
+    wrong = [result for result in found if result.kind == "wrong"]
+    assert not wrong, [sweep_rests.command(sweep_rests.overrides(7, each.case, False), False) for each in wrong]
+    announced = sum(result.kind == "announced" for result in found)
+    assert announced >= 0.8 * (announced + sum(result.kind == "no closed form" for result in found))
+    assert announced >= 30
