@@ -96,7 +96,7 @@ def journal(tmp_path):
 def test_a_flipped_bit_of_a_journal_is_refused_or_changes_no_trial(journal, tmp_path, rng):
     """In every line; a bit of a date or of the name of a worker is of no trial."""
     path, sound = tmp_path / JOURNAL, [(t.number, t.params, t.value, t.user_attrs) for t in journal()]
-    data, refused = path.read_bytes(), 0
+    data, messages = path.read_bytes(), []
     for at in rng.choice(8 * len(data), 150, replace=False):
         changed = bytearray(data)
         changed[at // 8] ^= 1 << (at % 8)
@@ -104,11 +104,10 @@ def test_a_flipped_bit_of_a_journal_is_refused_or_changes_no_trial(journal, tmp_
         try:
             found = [(t.number, t.params, t.value, t.user_attrs) for t in journal()]
         except InputError as error:
-            assert "trials.journal: damaged" in str(error)  # noqa: PT017 - most of the journals are refused, not all
-            refused += 1
-        else:
-            assert found == sound
-    assert refused > 75
+            found, messages = [], [*messages, str(error)]
+        assert found == sound[: len(found)]  # without its last newline the last line counts as unfinished
+    assert len(messages) > 75
+    assert all("trials.journal: damaged" in each for each in messages)
 
 
 def test_an_interrupt_in_a_callback_from_c_is_raised_again(capfd):
