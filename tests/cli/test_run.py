@@ -177,12 +177,13 @@ def test_a_run_that_can_not_start_leaves_every_folder_as_it_was(here, tmp_path):
 
 @pytest.mark.slow
 def test_settings_that_another_law_does_not_take_over_are_named_once(tmp_path):
-    """Of a scenario and of a log alike."""
+    """Of a scenario and of a log alike; the period belongs to the loop and stays."""
     short = ("--set", "simulation.duration=0.02", "--quiet")
     first = run("run", "push_soft_wall_100hz", *short, "--out", "gsta", cwd=tmp_path)
     assert "left out" not in first.stderr
-    named = "warning: controller.name: fosm takes the place of gsta, so controller.period, "
+    named = "warning: controller.name: fosm takes the place of gsta, so controller.k_1, "
     for source in (("push_soft_wall_100hz",), ("--from", "gsta/run.mcap")):
         other = run("run", *source, *short, "--controller", "fosm", "--out", source[-1][:4], cwd=tmp_path)
         assert other.returncode == 0, other.stderr
         assert other.stderr.count("left out") == other.stderr.count(named) == 1
+        assert "controller.period" not in other.stderr

@@ -60,8 +60,9 @@ from .sampled import not_constant
 from .task_motion import TaskMotion, way_of
 from .tool_balance import tool_rest
 
-_BESIDE = 0.05
-"""How far from its way the reference of the motions beside that of the vehicle is [m]."""
+_BESIDE, _NEXT = 0.05, 0.001
+"""How far from its way the reference of the motions beside that of the vehicle is, and if the law keeps eq. (7) on the
+way and only one contact may be hit [m]."""
 _LIMITED_S = 2.0
 """Time with thrusters at their limits in which integrals wind up [s]."""
 _AT_ONCE = 1e9
@@ -105,7 +106,7 @@ def static_balance(
         return _with_arm(setup, K, delivery)
     balance = Balance(setup, K, delivery, residual is not None)
     motion = TaskMotion(balance, Balance.__call__ if residual is None else residual, integral, delivery)
-    pose = _nearest(motion) if balance.springs.convex else _reached(motion)
+    pose = _nearest(motion) if balance.springs.convex else _reached(motion, 0.0 if residual else K)
     if isinstance(pose, str):
         return pose
     for sensor in (scenario.navigation, scenario.observer):
@@ -135,8 +136,6 @@ def _unknown(setup: Any, K: float, own: bool) -> str:
         return "closed forms are known for the shipped navigation and actuation only"
     if scenario.observer.runs and not is_shipped(scenario.observer):
         return "closed forms are known for the shipped observers only"
-    if not own and K == 0.0 and 0.0 in setup.task.A:
-        return "with a zero in A, zeta is not constant at rest: it integrates the remaining error"
     return "a wall moves" if any(wall.moves for _, wall in setup.contacts.surfaces) else ""
 
 
@@ -151,8 +150,9 @@ def _nearest(motion: TaskMotion) -> Pose | str:
     return approach(motion, balance.pose(balance.p_d, balance.quat_d), np.zeros(6), _AT_ONCE)
 
 
-def _reached(motion: TaskMotion) -> Pose | str:
-    """The rest that the frame of the task reaches from its start, or the reason why it is not known."""
+def _reached(motion: TaskMotion, K: float) -> Pose | str:
+    """The rest that the frame of the task reaches from its start under a law with the slope K, or the reason why it is
+    not known."""
     balance, setup = motion.balance, motion.balance.setup
     way = way_of(setup)
     if isinstance(way, str):
@@ -171,8 +171,11 @@ def _reached(motion: TaskMotion) -> Pose | str:
         passed = [np.array(each) for each in zip(*((pose.position, pose.R_WB) for pose in track.poses), strict=True)]
         if reason := _rubbed(balance, balance.contacts(*passed)[1]):
             return reason
-        others = [_followed(motion, start, beside) for beside in _across(way[1][-1] - start.position)]
-        others.append(_followed(motion, start, led=False))
+        alone = len(balance.springs) + setup.contacts.paper == 1
+        beside = _NEXT if np.isinf(K) and alone else _BESIDE
+        others = [_followed(motion, start, beside * e) for e in _across(way[1][-1] - start.position)]
+        if K == 0.0:
+            others.append(_followed(motion, start, led=False))
         if saturates:
             others.append(_followed(motion, start, limits=True))
             if motion.limited_s > _LIMITED_S:
@@ -193,11 +196,11 @@ def _followed(motion: TaskMotion, start: Pose, beside: np.ndarray | None = None,
 
 
 def _across(direction: np.ndarray) -> np.ndarray:
-    """Three displacements (3, 3) across a direction (3,), 120 deg from each other [m]."""
+    """Three directions (3, 3) across a direction (3,), 120 deg from each other."""
     across = np.linalg.svd(direction[None])[2][1:]
     angles = 2.0 * np.pi / 3.0 * np.arange(3)
-    beside: np.ndarray = _BESIDE * (np.cos(angles)[:, None] * across[0] + np.sin(angles)[:, None] * across[1])
-    return beside
+    found: np.ndarray = np.cos(angles)[:, None] * across[0] + np.sin(angles)[:, None] * across[1]
+    return found
 
 
 def unknown_acceleration(setup: Any, state: SteadyState) -> np.ndarray:
@@ -219,7 +222,7 @@ def _with_arm(setup: Any, K: float, delivery: Delivery) -> SteadyState | str:
     if any(pair.carrier != 0 for pair in setup.contacts.pairs):
         return "with contact bodies away from the frame of the task, the rest depends on the posture"
     motion = TaskMotion(Balance(setup, np.inf, delivery), Balance.demanded)
-    rest = _reached(motion)
+    rest = _reached(motion, K)
     if isinstance(rest, str):
         return rest
     return tool_rest(setup, K, delivery, motion.track)

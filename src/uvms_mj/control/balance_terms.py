@@ -110,11 +110,11 @@ class Balance:
         return np.array(self.setup.task.F_1) * np.concatenate([v, turning])
 
     def sliding(self, x: Pose) -> np.ndarray | None:
-        """s (6,) at rest: A s = F_1 eta_e_dot - w. None if zeta integrates what the law does not answer to, or there is
-        no task."""
+        """s (6,) at rest: A s = F_1 eta_e_dot - w. None if s grows, as zeta integrates what the law does not answer to,
+        or there is no task."""
         if not self.setup.scenario.controller.uses_task:
             return None
-        if not (self.told or self.own):
+        if not (self.told or self.own) and (self.K > 0.0 or 0.0 not in self.A):
             return (self.unknown(x) - self.moving(x)) / (self.K - self.A) + 0.0  # zero has no sign
         left = self.moving(x) - self.asked(x)
         if np.abs(left).max() < 1e-12:

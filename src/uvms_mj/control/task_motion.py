@@ -207,6 +207,8 @@ class TaskMotion:
         balance = self.balance
         if self.integral is not None and self.integral.step != step:
             self.integral.step, self._law = step if step <= LAST else math.inf, None
+        if step > LAST:  # the root needs the derivatives where it is
+            self._law = None
         p_d, quat_d = self.reference(t)
         balance.p_d, balance.quat_d = self.reference(t + step)
         if self._schedule is not None:

@@ -95,7 +95,7 @@ class ToolBalance:
         self.inertia, self.damping = np.zeros((12 + self.n, 12 + self.n)), np.zeros((12 + self.n, 12 + self.n))
         self.damping[: 6 + self.n, : 6 + self.n] = setup.start.inertia()
         self.largest = np.concatenate([np.full(6 + self.n, _LARGEST), np.full(6, np.inf)])
-        self.sharp, self.ends = np.inf, 0.0
+        self.sharp, self.ends = 1e-3, 0.0
         estimates = [scenario.estimates, *(scenario.estimates.of(link.name) for link in links)]
         self.inertia_hat, self.restoring_hat = [e.inertia for e in estimates], [e.restoring for e in estimates]
 
