@@ -1,7 +1,6 @@
-"""Machine code of kernels against the same functions as plain Python, and the limits of their language."""
+"""Machine code of kernels against the same functions as plain Python."""
 
 import math
-import re
 
 import numpy as np
 import pytest
@@ -9,8 +8,6 @@ import pytest
 from uvms_mj.analysis.setup import set_up
 from uvms_mj.control import BUILT_IN
 from uvms_mj.engine.native.compilation import native_function
-from uvms_mj.engine.native.expressions import Untranslatable
-from uvms_mj.engine.native.intrinsics import translate
 from uvms_mj.scenario import Scenario
 from uvms_mj.stages.signals import record_dtype
 
@@ -118,89 +115,3 @@ def test_each_shipped_law_gives_the_same_as_machine_code_and_as_plain_python(nam
             made.append((state_dot, tau_cmd))
         np.testing.assert_array_equal(made[0][0], made[1][0])
         np.testing.assert_array_equal(made[0][1], made[1][1])
-
-
-def power(data):
-    data.a[0] = data.a[1] ** 2
-
-
-def slices(data):
-    data.a[0] = data.a[1:2]
-
-
-def backwards(data):
-    data.a[-1] = 0.0
-
-
-def one_index(data):
-    data.A[0] = 1.0
-
-
-def unknown_field(data):
-    data.b[0] = 1.0
-
-
-def narrows(data):
-    n = 0
-    n += 0.5
-    data.a[0] = n
-
-
-def changes(data):
-    a = data.a
-    a = data.parts[0]
-    a.x = 1.0
-
-
-def chain(data):
-    if 0.0 < data.a[0] < 1.0:
-        data.a[0] = 0.0
-
-
-def endless(data):
-    while True:
-        pass
-
-
-def says(data):
-    print(data.a[0])
-
-
-def unannotated(data):
-    return data.a[0]
-
-
-def nothing(data):
-    pass
-
-
-def uses_nothing(data):
-    data.a[0] = nothing(data)
-
-
-def names(data):
-    data.a[0] = missing  # noqa: F821  # undefined on purpose
-
-
-@pytest.mark.parametrize(
-    ("kernel", "line", "reason"),
-    [
-        (power, 1, "no Pow of float64"),
-        (slices, 1, "kernels have no Slice: 1:2"),
-        (backwards, 1, "an index counts from the front"),
-        (one_index, 1, "as many indices as dimensions"),
-        (unknown_field, 1, "data has no field b"),
-        (narrows, 2, "a number of type int64 is needed"),
-        (changes, 2, "a is of another type before"),
-        (chain, 1, "a comparison is one of"),
-        (endless, 1, "kernels have no While"),
-        (says, 1, "kernels can't call print"),
-        (unannotated, 1, "has an annotation"),
-        (uses_nothing, 1, "nothing returns nothing"),
-        (names, 1, "missing has no value"),
-    ],
-)
-def test_python_beyond_the_language_of_kernels_is_refused_with_its_line(kernel, line, reason):
-    place = f"{__file__}:{kernel.__code__.co_firstlineno + line}, {kernel.__name__}: "
-    with pytest.raises(Untranslatable, match=f"^{re.escape(place)}.*{re.escape(reason)}"):
-        translate(kernel, [DATA], "refused")

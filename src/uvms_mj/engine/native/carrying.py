@@ -12,13 +12,12 @@ from .memory import carrier_at, floats, frame_at, link_at
 def place_carriers(context, loop):
     """Set the pose and the velocity of each carrier from the state of the instant; the links are in their place."""
     true, tree = loop.true, context.tree
-    if loop.joints != 0:
-        q_dot = floats(loop.q_dot_at, loop.joints)
     for k in range(context.carriers):
         carrier = carrier_at(loop.carriers_at + CARRIER_SIZE * k)
         if carrier.link == 0:
             ride(carrier, true.p_WB, true.R_WB, true.nu)
         else:
+            q_dot = floats(loop.q_dot_at, loop.joints)
             own = frame_at(tree.frames_at + FRAME_SIZE * carrier.link)
             compose_poses(own.R_BL, own.p_BL, carrier.R_LC, carrier.p_LC, carrier.R_BC, carrier.p_BC)
             ride(carrier, true.p_WB, true.R_WB, true.nu)

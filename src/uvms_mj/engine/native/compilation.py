@@ -86,11 +86,11 @@ def _callable(address: int, arguments: int) -> NativeFunction:
 
 def _translated(function: Any, parameters: Sequence[np.dtype], name: str) -> int:
     """Compile a function, keep its object on disk and return its address."""
-    from .intrinsics import translate
+    from .intrinsics import kernel_module
 
     machine = target_machine()
     symbol = f"uvms_mj_{name}"
-    module = llvm.parse_assembly(str(translate(function, parameters, symbol)))
+    module = llvm.parse_assembly(str(kernel_module(function, parameters, symbol)))
     module.triple, module.data_layout = llvm.get_process_triple(), str(machine.target_data)
     module.verify()
     tuning = llvm.create_pipeline_tuning_options(speed_level=3)  # without vectors of neighbours, which cost a tenth

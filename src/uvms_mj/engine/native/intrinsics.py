@@ -1,16 +1,16 @@
 """Machine code for the functions of :mod:`.memory`. Imported only when something has to be compiled."""
 
+import types
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
 
+from ...compiler.unit import Intrinsic, Unit, translate
+from ...compiler.values import FLOAT, INT, POINTER, WORD, Kind, Value, contiguous, scalar
+from ...physics.kernels import fused_kernels
 from . import memory
-from .expressions import INTRINSICS
-from .translator import translate
-from .values import FLOAT, INT, POINTER, WORD, Kind, Value, scalar
-
-__all__ = ["translate"]
 
 _UNLOCKED = 1
 """PyGILState_UNLOCKED."""
@@ -20,14 +20,17 @@ _FLAG = ir.IntType(32)
 def _array(base: np.dtype, *inner: int):
     def generate(builder, arguments):
         address, n = arguments
-        return Value(Kind(base, inner), (builder.inttoptr(address, POINTER), n))
+        size = n.constant if isinstance(n, ir.Constant) else None
+        pointer = builder.inttoptr(address, POINTER)
+        kind = contiguous(base, (size, *inner))
+        return Value(kind, (pointer, n) if size is None else (pointer,), outer=True)
 
     return generate
 
 
 def _record(dtype: np.dtype):
     def generate(builder, arguments):
-        return Value(Kind(dtype), (builder.inttoptr(arguments[0], POINTER),))
+        return Value(Kind(dtype), (builder.inttoptr(arguments[0], POINTER),), outer=True)
 
     return generate
 
@@ -49,7 +52,7 @@ def _shared(name: str, array: np.ndarray):
 
     def generate(builder, arguments):
         memory = builder.module.globals.get(name) or ir.GlobalVariable(builder.module, ir.IntType(8), name)
-        return Value(Kind(array.dtype, array.shape[1:]), (memory, WORD(len(array))))
+        return Value(contiguous(array.dtype, array.shape), (memory,), outer=True)
 
     return generate
 
@@ -68,7 +71,7 @@ def _call_stage(builder: ir.IRBuilder, arguments: Sequence[ir.Value]) -> Value:
     return scalar(raised, INT)
 
 
-INTRINSICS |= {
+INTRINSICS: dict[Any, Intrinsic] = {
     memory.floats: _array(FLOAT),
     memory.triples: _array(FLOAT, 3),
     memory.integers: _array(INT),
@@ -78,3 +81,10 @@ INTRINSICS |= {
     memory.call_stage: _call_stage,
 }
 INTRINSICS |= {read: _record(dtype) for read, dtype in memory.RECORDS.items()}
+
+
+def kernel_module(function: types.FunctionType, parameters: Sequence[np.dtype], name: str) -> ir.Module:
+    """The module of one of the package's own functions, which are trusted."""
+    unit = Unit(name, intrinsics=INTRINSICS, fused=fused_kernels)
+    translate(unit, function, parameters, name)
+    return unit.module

@@ -25,7 +25,7 @@ import llvmlite.binding as llvm
 import platformdirs
 
 _PACKAGE = Path(__file__).parents[2]
-_ROOMS = ("physics", "stages", "guidance", "navigation", "control", "actuation", "engine/native")
+_ROOMS = ("compiler", "physics", "stages", "guidance", "navigation", "control", "actuation", "engine/native")
 """The folders whose sources affect machine code. A test checks that kernels import nothing else of the package."""
 _KEPT_OBJECTS = 200
 _MIN_AGE_S = 7 * 24 * 3600.0

@@ -1,0 +1,17 @@
+"""The compiler: Python functions of numbers, records and arrays of known shape in, LLVM out.
+
+It knows nothing of vehicles, stages or the loop. docs/language.md is its language. :mod:`.unit` is the entrance.
+
+- :mod:`.values`: kinds of values and the LLVM values that represent them
+- :mod:`.refusals`: what is refused, with file, line and the words of the source
+- :mod:`.emission`: memory, loops and checks of one function
+- :mod:`.scalars`: arithmetic of numbers
+- :mod:`.arrays`: arithmetic of arrays, element by element, products and reductions
+- :mod:`.indexing`: fields, entries, rows and slices
+- :mod:`.expressions`: expressions and calls
+- :mod:`.builtin`: the functions of Python, ``math`` and NumPy that are part of the language
+- :mod:`.library`: functions written in the language itself, such as the solution of linear equations
+- :mod:`.lifetimes`: which memory an array has that a loop makes at each turn
+- :mod:`.function`: statements
+- :mod:`.unit`: one module of several functions
+"""

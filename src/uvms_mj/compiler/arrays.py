@@ -1,0 +1,380 @@
+"""Arithmetic of arrays: element by element with NumPy's broadcasting, products, reductions, and copies."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import numpy as np
+from llvmlite import ir
+
+from .emission import UNROLLED
+from .scalars import Scalars
+from .values import (
+    BOOL,
+    DOUBLE,
+    FLOAT,
+    INT,
+    SCALARS,
+    WORD,
+    Kind,
+    Value,
+    contiguous,
+    items_of,
+    scalar,
+    shown,
+    whole,
+)
+
+ROWS = 4
+"""Rows of a product that are summed side by side, so that one sum does not wait for the other."""
+_BLOCK, _LANES = 128, 8
+"""NumPy sums up to 128 numbers in eight partial sums, and halves what is longer."""
+
+
+class Arrays(Scalars):
+    """Operations on arrays."""
+
+    # arrays of what is not one
+
+    def as_array(self, value: Value) -> Value:
+        """An array or a number as it is; of a tuple, the array of its items."""
+        return value if value.kind.items is None else self.stacked([self.as_array(each) for each in items_of(value)])
+
+    def stacked(self, parts: Sequence[Value], axis: int = 0) -> Value:
+        """Numbers as an array, or arrays of one shape as one with an axis more."""
+        if not parts:
+            self.lack("an array needs at least one number")
+        shape = self.shape_of(parts[0])
+        if any(self.shape_of(part) != shape for part in parts):
+            self.mistake(f"the parts have different shapes: {', '.join(shown(self.shape_of(part)) for part in parts)}")
+        axis = axis % (len(shape) + 1)
+        out = self.temporary(self.base_of(parts), (*shape[:axis], len(parts), *shape[axis:]))
+        for k, part in enumerate(parts):
+            self.fill(self._along(out, axis, k), part)
+        return out
+
+    def joined(self, parts: Sequence[Value], axis: int = 0) -> Value:
+        """Arrays one behind the other along an axis."""
+        shapes = [self.shape_of(part) for part in parts]
+        if any(len(shape) != len(shapes[0]) or not shape for shape in shapes):
+            self.mistake(f"arrays of shapes {', '.join(map(shown, shapes))} can't be joined")
+        axis = axis % len(shapes[0])
+        for shape in shapes:
+            if (*shape[:axis], *shape[axis + 1 :]) != (*shapes[0][:axis], *shapes[0][axis + 1 :]):
+                self.mistake(f"arrays of shapes {', '.join(map(shown, shapes))} can't be joined along axis {axis}")
+        total = sum(shape[axis] for shape in shapes)
+        out = self.temporary(self.base_of(parts), (*shapes[0][:axis], total, *shapes[0][axis + 1 :]))
+        at = 0
+        for part, shape in zip(parts, shapes, strict=True):
+            self.fill(self.span(out, axis, at, shape[axis]), part)
+            at += shape[axis]
+        return out
+
+    def _along(self, array: Value, axis: int, k: int) -> Value:
+        """The part of an array at index k of an axis: a view, or the pointer of an entry as a view of shape ()."""
+        kind = array.kind
+        pointer = self.shifted(array.llvm[0], WORD(k * kind.strides[axis]))
+        shape, strides = kind.sizes, kind.strides
+        part = Kind(kind.base, (*shape[:axis], *shape[axis + 1 :]), (*strides[:axis], *strides[axis + 1 :]))
+        return Value(part, (pointer,))
+
+    def span(self, array: Value, axis: int, first: int, n: int, step: int = 1) -> Value:
+        """n entries of an array along an axis: a view."""
+        kind = array.kind
+        pointer = self.shifted(array.llvm[0], WORD(first * kind.strides[axis]))
+        shape = (*kind.sizes[:axis], n, *kind.sizes[axis + 1 :])
+        strides = (*kind.strides[:axis], step * kind.strides[axis], *kind.strides[axis + 1 :])
+        return Value(
+            Kind(kind.base, shape, strides, readonly=kind.readonly), (pointer,), False, array.steady, array.outer
+        )
+
+    # shapes
+
+    def shape_of(self, value: Value) -> tuple[int, ...]:
+        if value.kind.is_open:
+            self.lack("the length of this array is not known when compiling")
+        if not value.kind.is_number and value.kind.base not in SCALARS:
+            self.mistake(f"numbers or arrays of them are needed here, not {value.kind.described()}")
+        return value.kind.sizes
+
+    def base_of(self, values: Sequence[Value]) -> np.dtype:
+        """The type of an array of several values."""
+        bases = {value.kind.base for value in values}
+        return BOOL if bases == {BOOL} else self.common(values)
+
+    def broadcast(self, values: Sequence[Value]) -> tuple[int, ...]:
+        shapes = [self.shape_of(value) for value in values]
+        try:
+            return np.broadcast_shapes(*shapes)
+        except ValueError:
+            of = [shown(shape) for shape, value in zip(shapes, values, strict=True) if value.kind.is_array]
+            return self.mistake(f"arrays of shapes {' and '.join(of)} do not fit together")
+
+    # element by element
+
+    def elementwise(self, function: Callable[..., Value], *given: Value) -> Value:
+        """A function of numbers, of the entries of several values."""
+        values = [self.as_array(value) for value in given]
+        shape = self.broadcast(values)
+        if not any(value.kind.is_array for value in values):
+            return function(*values)
+        if not np.prod(shape, dtype=int):
+            return self.temporary(FLOAT, shape)
+        out: list[Value] = []
+
+        def body(indices: list[ir.Value]) -> None:
+            result = function(*(self.element(value, indices) for value in values))
+            if not out:
+                out.append(self.temporary(result.kind.base, shape))
+            self.store(result.llvm[0], self.pointer(out[0], indices))
+
+        self.each(shape, body)
+        return out[0]
+
+    def binary(self, name: str, left: Value, right: Value) -> Value:
+        """``left + right`` and so on, of numbers or arrays."""
+        if name == "MatMult":
+            return self.product(self.as_array(left), self.as_array(right))
+        if left.kind.is_number and right.kind.is_number:
+            return self.operation(name, left, right)
+        if left.kind.items is not None and right.kind.items is not None:
+            self.lack("tuples have no arithmetic; write np.array(...)")
+        values = [self.as_array(left), self.as_array(right)]
+        if name in ("Add", "Sub", "Mult", "FloorDiv", "Mod", "Pow") and self.base_of(values) == BOOL:
+            self.lack("NumPy adds truth values in a way of its own; write 1.0 * x")
+        return self.elementwise(lambda a, b: self.operation(name, a, b), *values)
+
+    def fill(self, target: Value, value: Value) -> None:
+        """Store a value, of the target's shape or broadcast to it, into the entries of an array."""
+        value, shape = self.as_array(value), self.shape_of(target)
+        given = self.shape_of(value)
+        while len(given) > len(shape) and given[0] == 1:
+            value = self._along(value, 0, 0)
+            given = given[1:]
+        try:
+            fits = np.broadcast_shapes(given, shape) == shape
+        except ValueError:
+            fits = False
+        if not fits:
+            self.mistake(f"{value.kind.described()} does not fit into one of shape {shown(shape)}")
+        base = target.kind.base
+
+        def body(indices: list[ir.Value]) -> None:
+            number = self.converted(self.element(value, indices), base)
+            self.store(number, self.pointer(target, indices))
+
+        self.each(shape, body)
+
+    def copied(self, value: Value) -> Value:
+        """A new array with the entries of another one."""
+        out = self.temporary(value.kind.base, self.shape_of(value))
+        self.fill(out, value)
+        return out
+
+    def apart(self, value: Value) -> Value:
+        """An array that is not changed by a store into another one."""
+        value = self.as_array(value)
+        return value if value.fresh or not value.kind.is_array else self.copied(value)
+
+    def flat(self, value: Value) -> Value:
+        """An array with one axis: a view where the entries follow each other, otherwise a copy."""
+        kind, shape = value.kind, self.shape_of(value)
+        if kind.strides != contiguous(kind.base, shape).strides:
+            value = self.copied(value)
+        flat = contiguous(kind.base, (int(np.prod(shape, dtype=int)),), kind.readonly)
+        return Value(flat, value.llvm, value.fresh, value.steady, value.outer)
+
+    # products
+
+    def product(self, a: Value, b: Value) -> Value:
+        """``a @ b``; each sum is in the order of the indices."""
+        left, right = self.shape_of(a), self.shape_of(b)
+        if not (0 < len(left) <= 2 and 0 < len(right) <= 2):
+            self.mistake(f"@ takes vectors and matrices, not shapes {shown(left)} and {shown(right)}")
+        m = left[-1]
+        if m != right[0]:
+            self.mistake(f"arrays of shapes {shown(left)} and {shown(right)} do not fit in a matrix product")
+        base = self.common([a, b])
+
+        def sums(rows: Sequence[list[ir.Value]], column: list[ir.Value]) -> list[ir.Value]:
+            """The entries of some rows and of one column of the result."""
+
+            def term(row: list[ir.Value], k: ir.Value) -> Value:
+                return self.operation("Mult", self.element(a, [*row, k]), self.element(b, [k, *column]))
+
+            return self._side_by_side(m, [partial(term, row) for row in rows], base)
+
+        if len(left) == 1 and len(right) == 1:
+            return scalar(sums([[]], [])[0], base)
+        out = self.temporary(base, (*left[:-1], *right[1:]))
+        self._fill_product(out, left[:-1], right[1:], sums)
+        return out
+
+    def _fill_product(
+        self,
+        out: Value,
+        rows: tuple[int, ...],
+        columns: tuple[int, ...],
+        sums: Callable[[Sequence[list[ir.Value]], list[ir.Value]], list[ir.Value]],
+    ) -> None:
+        """Set the entries of a product, some rows at a time."""
+
+        def block(first: ir.Value, n: int) -> None:
+            def column(j: list[ir.Value]) -> None:
+                places = [[self.at.add(first, WORD(i))] if n > 1 else [first] for i in range(n)]
+                if isinstance(first, ir.Constant):
+                    places = [[WORD(first.constant + i)] for i in range(n)]
+                for place, number in zip(places, sums(places, j), strict=True):
+                    self.store(number, self.pointer(out, [*place, *j]))
+
+            self.each(columns, column)
+
+        if not rows:
+            self.each(columns, lambda j: self.store(sums([[]], j)[0], self.pointer(out, j)))
+            return
+        whole_blocks = rows[0] // ROWS
+        if rows[0] <= UNROLLED:
+            for i in range(whole_blocks):
+                block(WORD(i * ROWS), ROWS)
+        else:
+            self.turns(WORD(whole_blocks), lambda i: block(self.at.mul(i, WORD(ROWS)), ROWS))
+        for i in range(whole_blocks * ROWS, rows[0]):
+            block(WORD(i), 1)
+
+    def _side_by_side(self, n: int, terms: Sequence[Callable[[ir.Value], Value]], base: np.dtype) -> list[ir.Value]:
+        """Several sums of n terms, each in the order of the indices."""
+        kind = SCALARS[base]
+        if not n:
+            return [kind(0) for _ in terms]
+
+        def added(so_far: ir.Value, term: Value) -> ir.Value:
+            return self.operation("Add", scalar(so_far, base), term).llvm[0]
+
+        first = [self.converted(term(WORD(0)), base) for term in terms]
+        if n <= UNROLLED:
+            for k in range(1, n):
+                first = [added(so_far, term(WORD(k))) for so_far, term in zip(first, terms, strict=True)]
+            return first
+        slots = [self.entry.alloca(kind) for _ in terms]
+        for slot, number in zip(slots, first, strict=True):
+            self.at.store(number, slot)
+
+        def turn(k: ir.Value) -> None:
+            k = self.at.add(k, WORD(1))
+            for slot, term in zip(slots, terms, strict=True):
+                self.at.store(added(self.at.load(slot, typ=kind), term(k)), slot)
+
+        self.turns(WORD(n - 1), turn)
+        return [self.at.load(slot, typ=kind) for slot in slots]
+
+    # reductions
+
+    def reduced(self, value: Value, axis: int | None, reduce: Callable[[int, Callable, bool], Value]) -> Value:
+        """``reduce(n, term, in_order)`` of all entries, or along an axis; ``term(i)`` is the entry at an index."""
+        value = self.as_array(value)
+        shape = self.shape_of(value)
+        if not shape:
+            return value
+        if axis is None or len(shape) == 1:
+            if axis not in (None, 0, -1):
+                self.mistake(f"an array of shape {shown(shape)} has no axis {axis}")
+            flat = self.flat(value)
+            return reduce(flat.kind.size, lambda i: self.element(flat, [i]), False)
+        if not -len(shape) <= axis < len(shape):
+            self.mistake(f"an array of shape {shown(shape)} has no axis {axis}")
+        axis %= len(shape)
+        rest, out = (*shape[:axis], *shape[axis + 1 :]), list[Value]()
+
+        def body(indices: list[ir.Value]) -> None:
+            def term(i: ir.Value) -> Value:
+                return self.element(value, [*indices[:axis], i, *indices[axis:]])
+
+            result = reduce(shape[axis], term, axis != len(shape) - 1)
+            if not out:
+                out.append(self.temporary(result.kind.base, rest))
+            self.store(result.llvm[0], self.pointer(out[0], indices))
+
+        self.each(rest, body)
+        return out[0]
+
+    def in_turn(self, n: int, term: Callable[[ir.Value], Value], step: Callable[[Value, Value], Value]) -> Value:
+        """``step(step(term 0, term 1), term 2)`` and so on."""
+        if not n:
+            self.mistake("an array of no numbers has no such value")
+        first = step(term(WORD(0)), term(WORD(0)))  # for its type only
+        base = first.kind.base
+        start = self.converted(term(WORD(0)), base)
+
+        def further(so_far: ir.Value, i: ir.Value) -> ir.Value:
+            return self.converted(step(scalar(so_far, base), term(i)), base)
+
+        return scalar(self.folded(n, start, further, 1), base)
+
+    def total(self, n: int, term: Callable[[ir.Value], Value], in_order: bool) -> Value:
+        """A sum as NumPy's: of up to eight numbers, or between rows, in order; otherwise of eight partial sums."""
+        if not n:
+            return self.constant(0.0)
+        if in_order or n < _LANES or term(WORD(0)).kind.base != FLOAT:
+            start = (
+                self.converted(self.operation("Add", term(WORD(0)), whole(0)), INT)
+                if (term(WORD(0)).kind.base != FLOAT)
+                else term(WORD(0)).llvm[0]
+            )
+            base = FLOAT if start.type == DOUBLE else INT
+            return scalar(
+                self.folded(n, start, lambda s, i: self.operation("Add", scalar(s, base), term(i)).llvm[0], 1), base
+            )
+        return self._in_lanes(n, term, 0)
+
+    def _in_lanes(self, n: int, term: Callable[[ir.Value], Value], start: int) -> Value:
+        def add(a: Value, b: Value) -> Value:
+            return scalar(self.at.fadd(a.llvm[0], b.llvm[0]), FLOAT)
+
+        if n > _BLOCK:
+            half = n // 2 - n // 2 % _LANES
+            return add(self._in_lanes(half, term, start), self._in_lanes(n - half, term, start + half))
+        lanes = self._lanes(n // _LANES, term, start)
+        while len(lanes) > 1:
+            lanes = [add(lanes[i], lanes[i + 1]) for i in range(0, len(lanes), 2)]
+        result = lanes[0]
+        for i in range(n - n % _LANES, n):
+            result = add(result, term(WORD(start + i)))
+        return result
+
+    def _lanes(self, turns: int, term: Callable[[ir.Value], Value], start: int) -> list[Value]:
+        """Eight sums, each of every eighth number."""
+        sums = [term(WORD(start + j)).llvm[0] for j in range(_LANES)]
+        if turns > 1:
+            slots = [self.entry.alloca(DOUBLE) for _ in range(_LANES)]
+            for slot, each in zip(slots, sums, strict=True):
+                self.at.store(each, slot)
+
+            def turn(i: ir.Value) -> None:
+                first = self.at.add(self.at.mul(i, WORD(_LANES)), WORD(start + _LANES))
+                for j, slot in enumerate(slots):
+                    number = term(self.at.add(first, WORD(j))).llvm[0]
+                    self.at.store(self.at.fadd(self.at.load(slot, typ=DOUBLE), number), slot)
+
+            self.turns(WORD(turns - 1), turn)
+            sums = [self.at.load(slot, typ=DOUBLE) for slot in slots]
+        return [scalar(each, FLOAT) for each in sums]
+
+    def place_of(self, n: int, term: Callable[[ir.Value], Value], sign: str) -> Value:
+        """The index of the first least (greatest) number, or of the first NaN."""
+        if not n:
+            self.mistake("an array of no numbers has no such value")
+        first = term(WORD(0))
+        slots = self.entry.alloca(first.llvm[0].type), self.entry.alloca(WORD)
+        self.at.store(first.llvm[0], slots[0])
+        self.at.store(WORD(0), slots[1])
+        base = first.kind.base
+
+        def turn(i: ir.Value) -> None:
+            best, number = scalar(self.at.load(slots[0], typ=SCALARS[base]), base), term(i)
+            take = self.comparison(sign, number, best).llvm[0]
+            if base == FLOAT:
+                take = self.at.and_(self.at.or_(take, self.is_nan(number)), self.at.not_(self.is_nan(best)))
+            self.at.store(self.at.select(take, number.llvm[0], best.llvm[0]), slots[0])
+            self.at.store(self.at.select(take, i, self.at.load(slots[1], typ=WORD)), slots[1])
+
+        self.turns(WORD(n), turn)
+        return scalar(self.at.load(slots[1], typ=WORD), INT)

@@ -1,0 +1,188 @@
+"""Memory, loops and checks in the code of one function."""
+
+import types
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, NoReturn
+
+import numpy as np
+from llvmlite import ir
+
+from .refusals import Lacking, Mistake
+from .values import BOOL, BYTE, FLAG, POINTER, SCALARS, WORD, Kind, Value, contiguous, scalar, whole
+
+if TYPE_CHECKING:
+    from .unit import Unit
+
+UNROLLED = 16
+"""Up to so many elements are written out one by one; more are a loop."""
+FRAME = 1 << 18
+"""Most bytes of local arrays in a unit. They are on the stack."""
+INDEX, DIVISION, CONVERSION, RAISED, STOPPED = range(1, 6)
+"""Why a function ended early: the lowest byte of its code; then the file (a byte) and the line."""
+PATIENCE = 1 << 20
+"""Turns of a loop from one look for an interrupt to the next: about a millisecond."""
+
+
+class Emission:
+    """Writes the code of one function: ``at`` is where it is, ``entry`` where its memory is reserved."""
+
+    at: ir.IRBuilder
+    entry: ir.IRBuilder
+
+    def __init__(self, unit: "Unit", function: types.FunctionType, source: Sequence[str], fused: bool) -> None:
+        self.unit, self.function, self.source = unit, function, source
+        self.rounding = ("contract",) if fused else ()  # of a sum of products: once, or at each operation
+        self.line = 1
+
+    def mistake(self, reason: str) -> NoReturn:
+        raise Mistake(self.function, self.line, self._words(), reason)
+
+    def lack(self, reason: str) -> NoReturn:
+        raise Lacking(self.function, self.line, self._words(), reason)
+
+    def _words(self) -> str:
+        return self.source[self.line - 1].strip() if self.line <= len(self.source) else ""
+
+    # memory
+
+    def reserve(self, size: int) -> ir.Value:
+        """Bytes of the function's own memory."""
+        self.unit.frame += size
+        if self.unit.frame > FRAME:
+            self.lack(f"the local arrays would need more than {FRAME >> 10} kB; keep them in a state or a memory")
+        memory = self.entry.alloca(ir.ArrayType(WORD, -(-size // 8)))
+        memory.type = POINTER  # whatever is stored there
+        return memory
+
+    def temporary(self, base: np.dtype, shape: Sequence[int]) -> Value:
+        """A new array."""
+        kind = contiguous(base, tuple(shape))
+        return Value(kind, (self.reserve(kind.size * base.itemsize),), fresh=True)
+
+    def shifted(self, pointer: ir.Value, distance: ir.Value) -> ir.Value:
+        if isinstance(distance, ir.Constant) and distance.constant == 0:
+            return pointer
+        return self.at.gep(pointer, [distance], source_etype=BYTE)
+
+    def load(self, pointer: ir.Value, base: np.dtype) -> Value:
+        if base == BOOL:
+            return scalar(self.at.trunc(self.at.load(pointer, typ=BYTE), FLAG), BOOL)
+        if base in SCALARS:
+            return scalar(self.at.load(pointer, typ=SCALARS[base]), base)
+        return Value(Kind(base), (pointer,))
+
+    def store(self, number: ir.Value, pointer: ir.Value) -> None:
+        self.at.store(self.at.zext(number, BYTE) if number.type == FLAG else number, pointer)
+
+    def distance(self, indices: Sequence[ir.Value], strides: Sequence[int]) -> ir.Value:
+        """Bytes from the first entry of an array to another one; a constant if all indices are."""
+        known, total = 0, None
+        for index, stride in zip(indices, strides, strict=True):
+            if isinstance(index, ir.Constant):
+                known += index.constant * stride
+            else:
+                each = self.at.mul(index, WORD(stride))
+                total = each if total is None else self.at.add(total, each)
+        if total is None:
+            return WORD(known)
+        return self.at.add(total, WORD(known)) if known else total
+
+    def pointer(self, array: Value, indices: Sequence[ir.Value]) -> ir.Value:
+        """Of an entry. The last axes are indexed where an array has fewer of them; a size of 1 is repeated."""
+        n = len(array.kind.strides)
+        of_these = zip(array.kind.shape or (), indices[len(indices) - n :], strict=True)
+        own = [WORD(0) if size == 1 else index for size, index in of_these]
+        return self.shifted(array.llvm[0], self.distance(own, array.kind.strides))
+
+    def element(self, value: Value, indices: Sequence[ir.Value]) -> Value:
+        """An entry of an array, as :meth:`pointer`; a number is itself."""
+        return self.load(self.pointer(value, indices), value.kind.base) if value.kind.is_array else value
+
+    # loops
+
+    def each(self, shape: Sequence[int], body: Callable[[list[ir.Value]], None]) -> None:
+        """Code for each index of a shape: written out if they are few, otherwise a loop for each axis."""
+        if int(np.prod(shape, dtype=int)) <= UNROLLED:
+            for indices in np.ndindex(*shape):
+                body([WORD(i) for i in indices])
+            return
+
+        def axis(so_far: list[ir.Value]) -> None:
+            if len(so_far) == len(shape):
+                body(so_far)
+            else:
+                self.turns(WORD(shape[len(so_far)]), lambda i: axis([*so_far, i]))
+
+        axis([])
+
+    def turns(self, n: ir.Value, body: Callable[[ir.Value], None]) -> None:
+        """A loop of n turns, written as a loop."""
+        counter = self.entry.alloca(WORD)
+        self.at.store(WORD(0), counter)
+        test, inside, end = (self.at.append_basic_block() for _ in range(3))
+        self.at.branch(test)
+        self.at.position_at_end(test)
+        count = self.at.load(counter, typ=WORD)
+        self.at.cbranch(self.at.icmp_signed("<", count, n), inside, end)
+        self.at.position_at_end(inside)
+        body(count)
+        self.at.store(self.at.add(count, WORD(1)), counter)
+        self.at.branch(test)
+        self.at.position_at_end(end)
+
+    def folded(self, n: int, first: ir.Value, step: Callable[[ir.Value, ir.Value], ir.Value], start: int) -> ir.Value:
+        """The result of ``step(so far, index)`` for the indices from ``start`` to n - 1, in their order."""
+        if n - start <= UNROLLED:
+            for i in range(start, n):
+                first = step(first, WORD(i))
+            return first
+        slot = self.entry.alloca(first.type)
+        self.at.store(first, slot)
+
+        def turn(i: ir.Value) -> None:
+            so_far = self.at.load(slot, typ=first.type)
+            self.at.store(step(so_far, self.at.add(i, WORD(start))), slot)
+
+        self.turns(WORD(n - start), turn)
+        return self.at.load(slot, typ=first.type)
+
+    # checks
+
+    def code(self, why: int) -> int:
+        """The number that says why and where a function ended early."""
+        place = self.function.__code__
+        return why | self.unit.file(place.co_filename) << 8 | (place.co_firstlineno + self.line - 1) << 16
+
+    def demand(self, condition: ir.Value, why: int) -> None:
+        """End the function unless a condition holds. Shipped kernels are trusted."""
+        if not self.unit.checked or isinstance(condition, ir.Constant):
+            if isinstance(condition, ir.Constant) and not condition.constant and self.unit.checked:
+                self._end(WORD(self.code(why)))
+            return
+        with self.at.if_then(self.at.not_(condition), likely=False):
+            self.at.ret(WORD(self.code(why)))
+
+    def _end(self, code: ir.Value) -> None:
+        """End the function; code that follows is never reached."""
+        self.at.ret(code)
+        self.at.position_at_end(self.at.append_basic_block())
+
+    def look_for_interrupt(self) -> None:
+        """At the end of a turn of a user's loop: every so many turns, look whether somebody wants the run to end."""
+        if not self.unit.checked or self.unit.interrupted is None:
+            return
+        turns = self.entry.alloca(WORD)
+        self.entry.store(WORD(0), turns)
+        count = self.at.add(self.at.load(turns, typ=WORD), WORD(1))
+        self.at.store(count, turns)
+        due = self.at.icmp_signed("==", self.at.and_(count, WORD(PATIENCE - 1)), WORD(0))
+        with self.at.if_then(due, likely=False):
+            stop = self.at.icmp_signed("!=", self.unit.interrupted(self.at), WORD(0))
+            with self.at.if_then(stop, likely=False):
+                self.at.ret(WORD(self.code(STOPPED)))
+
+    def known_index(self, index: int, size: int) -> ir.Value:
+        """A constant index, counted from the front."""
+        if not -size <= index < size:
+            self.mistake(f"index {index} is out of bounds for size {size}")
+        return whole(index % size).llvm[0]

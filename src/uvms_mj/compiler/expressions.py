@@ -1,0 +1,371 @@
+"""Expressions and calls."""
+
+import ast
+import inspect
+import types
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from llvmlite import ir
+
+from .builtin import FUNCTIONS, METHODS, PROPERTIES
+from .indexing import Indexing
+from .scalars import COMPARISONS, operator_name
+from .values import BOOL, FLAG, INT, NONE, NOTHING, WORD, Kind, Value, bundle, contiguous, items_of, scalar
+
+if TYPE_CHECKING:
+    from .unit import Unit
+
+MISSING = object()
+"""What a name stands for that is not known when compiling."""
+
+A_COPY = "lacks: it may be a copy here, and be another array itself in Python; write .copy()"
+
+
+@dataclass
+class Variable:
+    """A name's present kind, and where its LLVM values are. ``block`` is the list of statements that has set it."""
+
+    kind: Kind
+    slots: list[ir.Value]
+    block: int
+    steady: bool = True
+    outer: bool = True
+
+
+class Expressions(Indexing):
+    """The expressions of one function."""
+
+    def __init__(self, unit: "Unit", function: types.FunctionType, source: Sequence[str], fused: bool) -> None:
+        super().__init__(unit, function, source, fused)
+        self.variables: dict[str, Variable] = {}
+        self.constants: dict[str, Value] = {}  # names that stand for one number
+        self.assigned: set[str] = set()  # names that have a value here, whichever way led here
+        self.locals = set(function.__code__.co_varnames) | set(function.__code__.co_cellvars)
+        self.names = {name: value for names in inspect.getclosurevars(function)[2::-1] for name, value in names.items()}
+
+    # names
+
+    def known(self, node: ast.expr) -> Any:
+        """What a global name, such as ``math.sqrt``, stands for; MISSING for anything else."""
+        if isinstance(node, ast.Name):
+            if node.id in self.locals:
+                return MISSING
+            if node.id not in self.names:
+                self.mistake(f"{node.id} is not defined")
+            return self.names[node.id]
+        if not isinstance(node, ast.Attribute):
+            return MISSING
+        owner = self.known(node.value)
+        if not isinstance(owner, types.ModuleType | type):
+            return MISSING
+        try:
+            return getattr(owner, node.attr)
+        except AttributeError:
+            return self.mistake(f"{ast.unparse(node.value)} has no {node.attr!r}")
+
+    def frozen(self, value: Any) -> Value:
+        """A global number, tuple or array as a constant."""
+        if value is None:
+            return Value(NONE, ())
+        if isinstance(value, tuple):
+            return bundle([self.frozen(each) for each in value])
+        if isinstance(value, np.ndarray):
+            return self._frozen_array(value)
+        if isinstance(value, np.void):
+            self.lack("a global record is not a constant; write its numbers")
+        if isinstance(value, list | dict | set | str):
+            self.lack(f"a {type(value).__name__} is not a number; write a tuple or np.array([...])")
+        return self.constant(value)
+
+    def _frozen_array(self, array: np.ndarray) -> Value:
+        if array.dtype.kind not in "fib" or array.dtype == np.float32 or array.dtype == np.float16:
+            self.lack(f"a constant array has numbers of float64, int64 or bool, not {array.dtype}")
+        base = {"f": np.dtype("f8"), "i": INT, "b": BOOL}[array.dtype.kind]
+        memory = self.unit.constant_array(np.ascontiguousarray(array, base))
+        why = "it is a constant of the compiled code; keep what changes in a state or a memory"
+        return Value(contiguous(base, array.shape, f"lacks: {why}"), (memory,), outer=True)
+
+    def _Name(self, node: ast.Name) -> Value:
+        if node.id not in self.locals:
+            return self.frozen(self.known(node))
+        if node.id not in self.assigned:
+            some = any(node.id in each for each in (self.variables, self.constants))
+            self.mistake(f"{node.id} {'may have' if some else 'has'} no value here")
+        if node.id in self.constants:
+            return self.constants[node.id]
+        return self.variable(node.id)
+
+    def variable(self, name: str) -> Value:
+        raise NotImplementedError  # statements have it
+
+    # values
+
+    def value(self, node: ast.expr) -> Value:
+        visit = getattr(self, f"_{type(node).__name__}", None)
+        if visit is None:
+            self.lack(f"the language has no {_SPOKEN.get(type(node).__name__, type(node).__name__)}")
+        return visit(node)
+
+    def number(self, node: ast.expr, base: np.dtype) -> ir.Value:
+        """A number, converted to a type."""
+        return self.converted(self.value(node), base)
+
+    def test(self, node: ast.expr) -> ir.Value:
+        """A truth value."""
+        value = self.value(node)
+        if value.kind.is_none or value.kind.items is not None:
+            return FLAG(bool(value.kind.items))
+        if value.kind.is_array and value.kind.sizes and value.kind.size == 1:
+            value = self.element(value, [WORD(0)] * len(value.kind.sizes))
+        if not value.kind.is_number:
+            self.mistake(f"{value.kind.described()} is neither true nor false; use .any() or .all()")
+        return self.truth(value)
+
+    def _Constant(self, node: ast.Constant) -> Value:
+        if isinstance(node.value, str | bytes | complex):
+            self.lack(f"the language has no {type(node.value).__name__}")
+        return self.frozen(node.value)
+
+    def _Tuple(self, node: ast.Tuple | ast.List) -> Value:
+        if any(isinstance(each, ast.Starred) for each in node.elts):
+            self.lack("the language has no *x")
+        return bundle([self.value(each) for each in node.elts])
+
+    _List = _Tuple
+
+    def _Attribute(self, node: ast.Attribute) -> Value:
+        known = self.known(node)
+        if known is not MISSING:
+            return self.frozen(known)
+        owner = self.value(node.value)
+        if owner.kind.base.fields is None and (owner.kind.is_array or owner.kind.is_number):
+            if node.attr in PROPERTIES:
+                return PROPERTIES[node.attr](self, owner)
+            words = f"{owner.kind.described()} has no {node.attr!r}"
+            return self.lack(f"{words} in the language") if hasattr(np.ndarray, node.attr) else self.mistake(words)
+        if node.attr == "shape" and owner.kind.is_array:
+            return self.shape_tuple(owner)
+        return self.read(self.field(owner, node.attr, node.value))
+
+    def _Subscript(self, node: ast.Subscript) -> Value:
+        if (known := self._table(node)) is not None:
+            return known
+        array = self.value(node.value)
+        part = self.part(array, node.slice)
+        return part if array.kind.items is not None else self.read(part)
+
+    def _table(self, node: ast.Subscript) -> Value | None:
+        """An entry of a global tuple of numbers, which is a constant array."""
+        known = self.known(node.value)
+        if not isinstance(known, tuple) or isinstance(node.slice, ast.Slice):
+            return None
+        array = np.array(known) if all(isinstance(each, int | float | tuple) for each in known) else None
+        if array is None or array.dtype.kind not in "fi" or isinstance(node.slice, ast.Constant):
+            return None
+        return self.read(self.part(self._frozen_array(array), node.slice))
+
+    def _BinOp(self, node: ast.BinOp) -> Value:
+        return self.binary(operator_name(node.op), self.value(node.left), self.value(node.right))
+
+    def _UnaryOp(self, node: ast.UnaryOp) -> Value:
+        if isinstance(node.op, ast.Not):
+            return self.negation(scalar(self.test(node.operand), BOOL))
+        value = self.value(node.operand)
+        if isinstance(node.op, ast.UAdd):
+            return self.copied(value) if value.kind.is_array else value
+        function = self.negative if isinstance(node.op, ast.USub) else self.inverted
+        return self.elementwise(function, value)
+
+    def _Compare(self, node: ast.Compare) -> Value:
+        values = [self.value(node.left)]
+        if len(node.ops) == 1:
+            return self._compared(node.ops[0], values[0], self.value(node.comparators[0]), node)
+        return self._chain([partial(self._link, node, k, values) for k in range(len(node.ops))], is_and=True)
+
+    def _link(self, node: ast.Compare, k: int, values: list[Value]) -> ir.Value:
+        """One comparison of a chain; what it compares with is evaluated only if it is reached."""
+        if len(values) == k + 1:
+            values.append(self.value(node.comparators[k]))
+        result = self._compared(node.ops[k], values[k], values[k + 1], node)
+        if not result.kind.is_number:
+            self.mistake("a chain of comparisons is of numbers; use & between arrays")
+        return self.truth(result)
+
+    def _compared(self, operator: ast.cmpop, left: Value, right: Value, node: ast.Compare) -> Value:
+        name = type(operator).__name__
+        if name in ("Is", "IsNot"):
+            if not right.kind.is_none:
+                self.lack("`is` compares with None only")
+            return self.constant(left.kind.is_none == (name == "Is"))
+        if name not in COMPARISONS:
+            self.lack("the language has no `in`; write the comparisons")
+        if left.kind.is_none or right.kind.is_none:
+            if name not in ("Eq", "NotEq"):
+                self.mistake("None is not compared with a number")
+            return self.constant((left.kind.is_none == right.kind.is_none) == (name == "Eq"))
+        return self.elementwise(lambda a, b: self.comparison(COMPARISONS[name], a, b), left, right)
+
+    def _BoolOp(self, node: ast.BoolOp) -> Value:
+        parts = [partial(self.test, each) for each in node.values]
+        return self._chain(parts, isinstance(node.op, ast.And))
+
+    def _chain(self, parts: Sequence[Callable[[], ir.Value]], is_and: bool) -> Value:
+        """``and`` or ``or`` of tests that are evaluated only if they are reached."""
+        result, end = self.entry.alloca(FLAG), self.at.append_basic_block()
+        self.at.store(FLAG(not is_and), result)
+        for k, part in enumerate(parts):
+            test, last = part(), k == len(parts) - 1
+            if isinstance(test, ir.Constant) and bool(test.constant) == is_and and not last:
+                continue
+            if isinstance(test, ir.Constant) or last:
+                self.at.store(test, result)
+                self.at.branch(end)
+                self.at.position_at_end(end)
+                return scalar(test, BOOL) if k == 0 else scalar(self.at.load(result, typ=FLAG), BOOL)
+            further = self.at.append_basic_block()
+            self.at.cbranch(test, *((further, end) if is_and else (end, further)))
+            self.at.position_at_end(further)
+        raise AssertionError("a chain has a last part")
+
+    def _IfExp(self, node: ast.IfExp) -> Value:
+        test = self.test(node.test)
+        if isinstance(test, ir.Constant):
+            return self.value(node.body if test.constant else node.orelse)
+        found = []
+        ends = [self.at.append_basic_block() for _ in range(3)]
+        self.at.cbranch(test, ends[0], ends[1])
+        for block, part in zip(ends, (node.body, node.orelse), strict=False):
+            self.at.position_at_end(block)
+            found.append((self.value(part), self.at.block))
+        return self.merged(found, ends[2])
+
+    def merged(self, found: Sequence[tuple[Value, ir.Block]], end: ir.Block) -> Value:
+        """The value of whichever block is left for ``end``, where the code then goes on."""
+        kind = self.unified([value for value, _ in found])
+        if kind.is_array and (any(value.fresh for value, _ in found) or not _same_layout(found)):
+            return self._merged_copies(found, end, kind)
+        slots = [self.entry.alloca(each) for each in kind.llvm]
+        for value, block in found:
+            self.at.position_at_end(block)
+            for slot, number in zip(slots, self.adapted(value, kind), strict=True):
+                self.at.store(number, slot)
+            self.at.branch(end)
+        self.at.position_at_end(end)
+        numbers = tuple(self.at.load(slot, typ=each) for slot, each in zip(slots, kind.llvm, strict=True))
+        values = [value for value, _ in found]
+        return Value(kind, numbers, False, all(v.steady for v in values), all(v.outer for v in values))
+
+    def _merged_copies(self, found: Sequence[tuple[Value, ir.Block]], end: ir.Block, kind: Kind) -> Value:
+        out = self.temporary(kind.base, kind.sizes)
+        for value, block in found:
+            self.at.position_at_end(block)
+            self.fill(out, value)
+            self.at.branch(end)
+        self.at.position_at_end(end)
+        return out if all(value.fresh for value, _ in found) else replace(out, kind=replace(out.kind, readonly=A_COPY))
+
+    def unified(self, values: Sequence[Value]) -> Kind:
+        """The one kind of several values of which one is taken. Refuses those of different kinds."""
+        kinds = [value.kind for value in values]
+        if all(kind.is_number for kind in kinds):
+            return Kind(self.base_of(values))
+        first = kinds[0]
+        if first.items is not None and all(k.items is not None and len(k.items) == len(first.items) for k in kinds):
+            columns = zip(*(items_of(value) for value in values), strict=True)
+            return Kind(NOTHING, items=tuple(self.unified(column) for column in columns))
+        if all(kind.is_array and kind.shape == first.shape for kind in kinds):
+            if first.base not in (BOOL, INT, np.dtype("f8")):
+                if all(kind == first for kind in kinds):
+                    return first
+            else:
+                readonly = next((kind.readonly for kind in kinds if kind.readonly), "")
+                if all(kind.strides == first.strides and kind.base == first.base for kind in kinds):
+                    return replace(first, readonly=readonly)
+                return contiguous(self.base_of(values), first.sizes, readonly)
+        if all(kind.base == first.base and kind.shape == first.shape and kind.items is None for kind in kinds):
+            return replace(first, readonly=next((kind.readonly for kind in kinds if kind.readonly), ""))
+        return self.mistake(f"it is {' or '.join(dict.fromkeys(kind.described() for kind in kinds))}")
+
+    def adapted(self, value: Value, kind: Kind) -> tuple[ir.Value, ...]:
+        """The LLVM values of a value as one of another kind."""
+        if kind.is_number:
+            return (self.converted(value, kind.base),)
+        if kind.items is not None:
+            pairs = zip(items_of(value), kind.items, strict=True)
+            return tuple(each for item, its in pairs for each in self.adapted(item, its))
+        return value.llvm
+
+    # calls
+
+    def _Call(self, node: ast.Call) -> Value:
+        result = self.call(node)
+        return result if result is not None else Value(NONE, ())
+
+    def call(self, node: ast.Call) -> Value | None:
+        known = self.known(node.func)
+        if known is MISSING and isinstance(node.func, ast.Attribute):
+            method = METHODS.get(node.func.attr)
+            if method is None:
+                self.lack(f"the language has no method {node.func.attr}")
+            return FUNCTIONS[method](self, [node.func.value, *node.args], self._keywords(node))
+        if known is MISSING:
+            self.lack(f"{ast.unparse(node.func)} is not a function that is known when compiling")
+        if (written := _hashed(known)) in FUNCTIONS:
+            return FUNCTIONS[written](self, node.args, self._keywords(node))
+        if written in self.unit.intrinsics:
+            return self.unit.intrinsics[written](self.at, [self.number(each, INT) for each in node.args])
+        known = getattr(known, "py_func", known)  # of a function that numba.njit has marked
+        if not isinstance(known, types.FunctionType):
+            self.lack(f"the language has no {ast.unparse(node.func)}")
+        return self.unit.call(self, known, self._arguments(known, node), bool(self.rounding))
+
+    def _keywords(self, node: ast.Call) -> dict[str, ast.expr]:
+        if any(isinstance(each, ast.Starred) for each in node.args) or any(each.arg is None for each in node.keywords):
+            self.lack("the language has no *x and **x")
+        return {str(each.arg): each.value for each in node.keywords}
+
+    def _arguments(self, function: types.FunctionType, node: ast.Call) -> list[Value]:
+        """The arguments in the order of the function's parameters."""
+        keywords = self._keywords(node)
+        values = [self.value(each) for each in node.args]
+        named = {name: self.value(each) for name, each in keywords.items()}
+        try:
+            bound = inspect.signature(function).bind(*values, **named)
+        except TypeError as error:
+            self.mistake(f"{function.__name__}: {error}")
+        bound.apply_defaults()
+        if bound.kwargs or len(bound.args) != function.__code__.co_argcount:
+            parameters = inspect.signature(function).parameters.values()
+            if any(each.kind in (each.VAR_POSITIONAL, each.VAR_KEYWORD) for each in parameters):
+                self.lack(f"{function.__name__} takes any number of arguments")
+        given = [*bound.args, *bound.kwargs.values()]
+        return [each if isinstance(each, Value) else self.frozen(each) for each in given]
+
+
+def _hashed(known: Any) -> Any:
+    try:
+        hash(known)
+    except TypeError:
+        return None
+    return known
+
+
+def _same_layout(found: Sequence[tuple[Value, ir.Block]]) -> bool:
+    first = found[0][0].kind
+    return all(value.kind.strides == first.strides and value.kind.base == first.base for value, _ in found)
+
+
+_SPOKEN = {
+    "ListComp": "list comprehension; write a loop",
+    "GeneratorExp": "generator; write a loop",
+    "Lambda": "lambda; write a function with def at the top of the file",
+    "Dict": "dict",
+    "Set": "set",
+    "JoinedStr": "str",
+    "NamedExpr": ":=",
+    "Starred": "*x",
+}

@@ -1,0 +1,464 @@
+"""The statements of one function."""
+
+import ast
+import types
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from llvmlite import ir
+
+from .emission import RAISED
+from .lifetimes import Again, Lifetimes, Plan
+from .scalars import operator_name
+from .values import INT, NONE, WORD, Kind, Value, bundle, items_of, scalar, unbundled, whole
+
+if TYPE_CHECKING:
+    from .unit import Unit
+
+MOST_TURNS = 256
+"""A loop of up to so many turns may be written out, and is not looked at for an interrupt."""
+
+
+@dataclass
+class Loop:
+    """A loop, or one turn of a loop that is written out: where continue and break lead, and which names have a value
+    there. ``place`` is the loop's in the source if it could be written out."""
+
+    advance: ir.Block
+    end: ir.Block
+    place: tuple[int, int] | None = None
+    at_continue: list[set[str]] = field(default_factory=list)
+    at_break: list[set[str]] = field(default_factory=list)
+
+
+@dataclass
+class Iteration:
+    """What a loop runs over: the number of turns, and the value of the variable at each. ``apart``: the values have
+    kinds of their own, so the turns are written out."""
+
+    n: ir.Value
+    item: Callable[[ir.Value], Value]
+    apart: bool = False
+
+
+class Function(Lifetimes):
+    """One function for one combination of its arguments' kinds."""
+
+    def __init__(
+        self,
+        unit: "Unit",
+        function: types.FunctionType,
+        tree: ast.FunctionDef,
+        source: Sequence[str],
+        fused: bool,
+        plan: Plan,
+    ) -> None:
+        super().__init__(unit, function, source, fused)
+        self.tree = tree
+        self.start(plan)
+        self.loops: list[Loop] = []
+        self.blocks = 0
+        self.returns: list[tuple[ir.Block, Value]] = []
+        stored = [each.id for each in ast.walk(tree) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)]
+        parameters = [each.arg for each in ast.walk(tree.args) if isinstance(each, ast.arg)]
+        self.bound_once = {name for name in stored if stored.count(name) == 1} - set(parameters)
+        self.unbound = set(parameters) - set(stored)
+
+    def translate(self, code: ir.Function, kinds: Sequence[Kind]) -> None:
+        """Write the body. The values of ``return`` are in :attr:`returns`, each with the block where it is known."""
+        self.entry = ir.IRBuilder(code.append_basic_block())  # has the variables, which LLVM moves to registers
+        self.at = ir.IRBuilder(code.append_basic_block())
+        begin = self.at.block
+        arguments = self.tree.args
+        given, at = code.args, 0
+        for argument, kind in zip([*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs], kinds, strict=True):
+            n = len(kind.llvm)
+            value = unbundled(kind, tuple(given[at : at + n]), Value(kind, (), outer=True))
+            at += n
+            self.bind(argument.arg, value, once=argument.arg in self.unbound)
+        self.body(self.tree.body)
+        if not self.at.block.is_terminated:
+            self._leave(Value(NONE, ()))
+        self.finish_turnings()
+        self.entry.branch(begin)
+
+    def _leave(self, value: Value) -> None:
+        block = self.at.append_basic_block()
+        self.at.branch(block)
+        self.returns.append((block, value))
+
+    def body(self, statements: Sequence[ast.stmt]) -> None:
+        """A list of statements."""
+        before, self.blocks = self.block, self.blocks + 1
+        self.block = self.blocks
+        for statement in statements:
+            if self.at.block.is_terminated:
+                break
+            self.line = statement.lineno
+            visit = getattr(self, f"_{type(statement).__name__}", None)
+            if visit is None:
+                self.lack(f"the language has no {_SPOKEN.get(type(statement).__name__, type(statement).__name__)}")
+            visit(statement)
+        self.block = before
+
+    def needs_constant(self, what: str) -> None:
+        for loop in reversed(self.loops):
+            if loop.place is not None and loop.place not in self.plan.written_out:
+                self.plan.written_out.add(loop.place)
+                raise Again
+        super().needs_constant(what)
+
+    # assignments
+
+    def _Expr(self, node: ast.Expr) -> None:
+        if isinstance(node.value, ast.Call):
+            self.call(node.value)
+        elif not isinstance(node.value, ast.Constant):
+            self.lack("nothing uses this value")
+
+    def _Assign(self, node: ast.Assign) -> None:
+        value = self._assigned(node.value)
+        if len(node.targets) > 1 and value.fresh and self.turning is not None:
+            self.lack("one assignment at a time in a loop")
+        for target in node.targets:
+            self.assign(target, value)
+
+    def _AnnAssign(self, node: ast.AnnAssign) -> None:
+        if node.value is not None:
+            self.assign(node.target, self._assigned(node.value))
+
+    def _assigned(self, node: ast.expr) -> Value:
+        if isinstance(node, ast.List):
+            self.lack("a list is not an array; write np.array([...])")
+        return self.value(node)
+
+    def assign(self, target: ast.expr, value: Value) -> None:
+        if isinstance(target, ast.Name):
+            self.bind(target.id, value, once=target.id in self.bound_once)
+        elif isinstance(target, ast.Tuple | ast.List):
+            self._unpack(target.elts, value)
+        elif isinstance(target, ast.Subscript) and (mask := self._mask(target)) is not None:
+            array = self.value(target.value)
+            self._refuse_readonly(array)
+            self.masked(array, mask, value)
+        else:
+            self.store_all(self.place(target), value)
+
+    def _unpack(self, targets: Sequence[ast.expr], value: Value) -> None:
+        if any(isinstance(each, ast.Starred) for each in targets):
+            self.lack("the language has no *x")
+        if value.kind.items is not None:
+            items = items_of(value)
+        elif value.kind.is_array and self.shape_of(value):
+            items = [self._at_index(value, WORD(i)) for i in range(self.shape_of(value)[0])]
+        else:
+            self.mistake(f"{value.kind.described()} can't be unpacked")
+        if len(items) != len(targets):
+            self.mistake(f"{len(items)} values can't be unpacked into {len(targets)} names")
+        for target, item in zip(targets, items, strict=True):
+            self.assign(target, item)
+
+    def _mask(self, target: ast.Subscript) -> Value | None:
+        """The index of ``x[mask]``, if it is a mask."""
+        index = target.slice
+        if not isinstance(index, ast.Compare | ast.BinOp | ast.UnaryOp | ast.Name):
+            return None
+        value = self.value(index)
+        return value if self.is_mask(value) else None
+
+    def place(self, node: ast.expr) -> Value:
+        """Where an assignment stores."""
+        if isinstance(node, ast.Subscript):
+            return self.part(self.value(node.value), node.slice)
+        if not isinstance(node, ast.Attribute):
+            self.lack(f"nothing can be stored in {ast.unparse(node)}")
+        owner = self.value(node.value)
+        if owner.kind.base.fields is None:
+            self.lack(f"nothing can be stored in {ast.unparse(node)}")
+        return self.field(owner, node.attr, node.value)
+
+    def store_all(self, place: Value, value: Value) -> None:
+        """Store a number, or the numbers of an array, in a place."""
+        self._refuse_readonly(place)
+        if place.kind.is_array:
+            self.fill(place, self.apart(value))
+        elif place.kind.is_number:
+            self.store(self.converted(value, place.kind.base), place.llvm[0])
+        else:
+            self.lack("a record is stored field by field")
+
+    def _refuse_readonly(self, place: Value) -> None:
+        if place.kind.items is not None:
+            self.mistake("a tuple can't be changed")
+        if place.kind.readonly.startswith(_LACKS):
+            self.lack(place.kind.readonly.removeprefix(_LACKS))
+        if place.kind.readonly:
+            self.mistake(place.kind.readonly)
+
+    def _AugAssign(self, node: ast.AugAssign) -> None:
+        name = operator_name(node.op)
+        if isinstance(node.target, ast.Name):
+            before = self.value(node.target)
+            if before.kind.is_array:
+                self.store_all(before, self.binary(name, before, self.value(node.value)))
+            else:
+                self.bind(node.target.id, self.binary(name, before, self.value(node.value)))
+            return
+        place = self.place(node.target)
+        self.store_all(place, self.binary(name, self.read(place), self.value(node.value)))
+
+    # branches
+
+    def _If(self, node: ast.If) -> None:
+        test = self.test(node.test)
+        if isinstance(test, ir.Constant):
+            self.body(node.body if test.constant else node.orelse)
+            return
+        before, ways = self.assigned, []
+        with self.at.if_else(test) as (then, otherwise):
+            for way, statements in ((then, node.body), (otherwise, node.orelse)):
+                with way:
+                    self.assigned = set(before)
+                    self.body(statements)
+                    if not self.at.block.is_terminated:
+                        ways.append(self.assigned)
+        self.assigned = set.intersection(*ways) if ways else before
+        if not ways:
+            self.at.unreachable()
+
+    def _Raise(self, node: ast.Raise) -> None:
+        if not self.unit.checked:
+            self.lack("kernels do not raise")
+        self.at.ret(WORD(self.code(RAISED)))
+
+    def _Assert(self, node: ast.Assert) -> None:
+        self.demand(self.test(node.test), RAISED)
+
+    def _Pass(self, node: ast.Pass) -> None:
+        pass
+
+    def _Return(self, node: ast.Return) -> None:
+        self._leave(Value(NONE, ()) if node.value is None else self._assigned(node.value))
+
+    # loops
+
+    def _Continue(self, node: ast.Continue) -> None:
+        self.loops[-1].at_continue.append(self.assigned)
+        self.at.branch(self.loops[-1].advance)
+
+    def _Break(self, node: ast.Break) -> None:
+        self.loops[-1].at_break.append(self.assigned)
+        self.at.branch(self.loops[-1].end)
+
+    def _While(self, node: ast.While) -> None:
+        if node.orelse:
+            self.lack("a loop has no else")
+        outer, self.turning = self.turning, self.turning_of(node)
+        head, inside, end = (self.at.append_basic_block() for _ in range(3))
+        self.at.branch(head)
+        self.at.position_at_end(head)
+        test = self.test(node.test)
+        self.at.cbranch(test, inside, end)
+        self.at.position_at_end(inside)
+        loop, before = Loop(head, end), set(self.assigned)
+        self._turn(loop, node.body)
+        if not self.at.block.is_terminated:
+            self.look_for_interrupt()
+            self.at.branch(head)
+        forever = isinstance(test, ir.Constant) and bool(test.constant)
+        self.assigned = (
+            set.intersection(*loop.at_break, *([] if forever else [before]))
+            if (loop.at_break or not forever)
+            else before
+        )
+        self.at.position_at_end(end)
+        if forever and not loop.at_break:
+            self.at.unreachable()
+        self.turning = outer
+
+    def _turn(self, loop: Loop, statements: Sequence[ast.stmt]) -> None:
+        self.loops.append(loop)
+        self.body(statements)
+        self.loops.pop()
+
+    def _For(self, node: ast.For) -> None:
+        if node.orelse:
+            self.lack("a loop has no else")
+        place = (node.lineno, node.col_offset)
+        is_range = isinstance(node.iter, ast.Call) and self.known(node.iter.func) is range
+        turns = None if is_range and place not in self.plan.written_out else self.iteration(node.iter)
+        if turns is not None and (turns.apart or place in self.plan.written_out):
+            self._write_out(node, turns)
+            return
+        outer, self.turning = self.turning, self.turning_of(node)
+        if turns is None:
+            assert isinstance(node.iter, ast.Call)
+            start, stop, step = self._range(node.iter)
+            self._loop(node, start, stop, step, lambda i: scalar(i, INT))
+        else:
+            self._loop(node, WORD(0), turns.n, 1, turns.item)
+        self.turning = outer
+
+    def _range(self, call: ast.Call) -> tuple[ir.Value, ir.Value, int]:
+        if not 1 <= len(call.args) <= 3 or call.keywords:
+            self.mistake("range takes one to three integers")
+        bounds = [self.integer(each) for each in call.args]
+        start, stop = (WORD(0), bounds[0]) if len(bounds) == 1 else bounds[:2]
+        step = bounds[2] if len(bounds) == 3 else WORD(1)
+        if not isinstance(step, ir.Constant):
+            self.lack("the step of a range must be known when compiling")
+        if step.constant == 0:
+            self.mistake("the step of a range is not 0")
+        return start, stop, step.constant
+
+    def _loop(
+        self, node: ast.For, start: ir.Value, stop: ir.Value, step: int, item: Callable[[ir.Value], Value]
+    ) -> None:
+        """A loop over integers, with the variable that an item of them gives."""
+        n = None
+        if isinstance(start, ir.Constant) and isinstance(stop, ir.Constant):
+            n = len(range(start.constant, stop.constant, step))
+        counter = self.entry.alloca(WORD)
+        self.at.store(start, counter)
+        head, inside, advance, end = (self.at.append_basic_block() for _ in range(4))
+        self.at.branch(head)
+        self.at.position_at_end(head)
+        count = self.at.load(counter, typ=WORD)
+        self.at.cbranch(self.at.icmp_signed("<" if step > 0 else ">", count, stop), inside, end)
+        self.at.position_at_end(inside)
+        before = set(self.assigned)
+        loop = Loop(advance, end, (node.lineno, node.col_offset) if n is not None and n <= MOST_TURNS else None)
+        self.assign(node.target, item(count))
+        self._turn(loop, node.body)
+        ways = loop.at_break if n else [*loop.at_break, before]
+        if not self.at.block.is_terminated:
+            self.at.branch(advance)
+            loop.at_continue.append(self.assigned)
+        if n and loop.at_continue:
+            ways = [*ways, set.intersection(*loop.at_continue)]
+        self.assigned = set.intersection(*ways) if ways else before
+        self.at.position_at_end(advance)
+        if n is None or n > MOST_TURNS:
+            self.look_for_interrupt()
+        self.at.store(self.at.add(self.at.load(counter, typ=WORD), WORD(step)), counter)
+        self.at.branch(head)
+        self.at.position_at_end(end)
+
+    def _write_out(self, node: ast.For, turns: Iteration) -> None:
+        """A loop whose turns are written out, so that its variable is known in each."""
+        if not isinstance(turns.n, ir.Constant) or turns.n.constant > MOST_TURNS:
+            self.lack(f"this loop has to be written out, and has more than {MOST_TURNS} turns")
+        end, ways = self.at.append_basic_block(), []
+        targets, inside = _stored([node.target]), _stored(node.body)
+        for k in range(turns.n.constant):
+            following = self.at.append_basic_block()
+            loop = Loop(following, end)
+            self._assign_known(node.target, turns.item(WORD(k)), inside)
+            self._turn(loop, node.body)
+            for name in targets - self.bound_once:
+                self.constants.pop(name, None)
+            ways += loop.at_break
+            if not self.at.block.is_terminated:
+                self.at.branch(following)
+                loop.at_continue.append(self.assigned)
+            self.at.position_at_end(following)
+            if not loop.at_continue:
+                self.at.unreachable()
+                break
+            self.assigned = set.intersection(*loop.at_continue)
+        if not self.at.block.is_terminated:
+            ways.append(self.assigned)
+            self.at.branch(end)
+        self.at.position_at_end(end)
+        self.assigned = set.intersection(*ways) if ways else self.assigned
+
+    def _assign_known(self, target: ast.expr, value: Value, inside: set[str]) -> None:
+        """Bind a loop's variable for one turn. Its number is known in the turn unless the body binds it, too."""
+        if isinstance(target, ast.Tuple) and value.kind.items is not None and len(target.elts) == len(value.kind.items):
+            for each, item in zip(target.elts, items_of(value), strict=True):
+                self._assign_known(each, item, inside)
+            return
+        self.assign(target, value)
+        if isinstance(target, ast.Name) and target.id not in inside and value.constant is not None:
+            self.constants[target.id] = value
+
+    def iteration(self, node: ast.expr) -> Iteration:
+        """What a loop runs over: a range, an array, a tuple, enumerate or zip of them."""
+        known = self.known(node.func) if isinstance(node, ast.Call) else None
+        if isinstance(node, ast.Call) and known is range:
+            start, stop, step = self._range(node)
+            n = self._turns_of(start, stop, step)
+            return Iteration(n, lambda i: self._advanced(start, i, step))
+        if isinstance(node, ast.Call) and known is enumerate:
+            inner = self.iteration(node.args[0])
+            first = self.integer(node.args[1]) if len(node.args) == 2 else WORD(0)
+            return Iteration(inner.n, lambda i: bundle([self._advanced(first, i, 1), inner.item(i)]), inner.apart)
+        if isinstance(node, ast.Call) and known is zip:
+            if [each.arg for each in node.keywords] not in ([], ["strict"]):
+                self.mistake("zip takes what it runs over, and strict")
+            return self._zipped([self.iteration(each) for each in node.args])
+        value = self.value(node)
+        if value.kind.items is not None:
+            return self._over_items(items_of(value))
+        if not value.kind.shape:
+            self.mistake(f"{value.kind.described()} can't be run over")
+        name = f"array at {node.lineno}:{node.col_offset}"  # a name, so that its memory is kept while the loop turns
+        self.bind(name, value)
+        array = self.variable(name)
+        n = array.kind.shape[0]  # type: ignore[index]
+        return Iteration(array.llvm[1] if n is None else WORD(n), lambda i: self._at_index(self.variable(name), i))
+
+    def _over_items(self, items: list[Value]) -> Iteration:
+        def item(i: ir.Value) -> Value:
+            return items[i.constant]
+
+        return Iteration(WORD(len(items)), item, apart=True)
+
+    def _zipped(self, parts: list[Iteration]) -> Iteration:
+        n = parts[0].n
+        for part in parts[1:]:
+            if isinstance(n, ir.Constant) and isinstance(part.n, ir.Constant):
+                n = WORD(min(n.constant, part.n.constant))
+            else:
+                n = self.better("<", scalar(n, INT), scalar(part.n, INT)).llvm[0]
+        return Iteration(n, lambda i: bundle([part.item(i) for part in parts]), any(part.apart for part in parts))
+
+    def _turns_of(self, start: ir.Value, stop: ir.Value, step: int) -> ir.Value:
+        if isinstance(start, ir.Constant) and isinstance(stop, ir.Constant):
+            return WORD(len(range(start.constant, stop.constant, step)))
+        far = self.operation("Sub", scalar(stop, INT), scalar(start, INT))
+        ahead = self.operation("Add", far, whole(step - 1 if step > 0 else step + 1))
+        return self.better(">", whole(0), self.operation("FloorDiv", ahead, whole(step))).llvm[0]
+
+    def _advanced(self, start: ir.Value, i: ir.Value, step: int) -> Value:
+        by = self.operation("Mult", scalar(i, INT), whole(step))
+        return self.operation("Add", scalar(start, INT), by)
+
+    def _at_index(self, array: Value, i: ir.Value) -> Value:
+        """An entry or a row."""
+        kind = array.kind
+        place = self.shifted(array.llvm[0], self.distance([i], kind.strides[:1]))
+        part = Kind(kind.base, (kind.shape or ())[1:] or None, kind.strides[1:], readonly=kind.readonly)
+        return self.read(Value(part, (place,), False, array.steady, array.outer))
+
+
+def _stored(nodes: Sequence[ast.AST]) -> set[str]:
+    """The names that these statements bind."""
+    each = (part for node in nodes for part in ast.walk(node))
+    return {part.id for part in each if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store)}
+
+
+_LACKS = "lacks: "
+_SPOKEN = {
+    "With": "with",
+    "Try": "try",
+    "Delete": "del",
+    "Import": "import within a function",
+    "ImportFrom": "import within a function",
+    "FunctionDef": "function within a function; define it at the top of the file",
+    "Global": "global; keep what changes in a state or a memory",
+    "Nonlocal": "nonlocal",
+    "ClassDef": "class within a function",
+    "Match": "match",
+}

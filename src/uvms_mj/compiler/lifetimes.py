@@ -1,0 +1,175 @@
+"""Variables, and the memory of the arrays that they stand for.
+
+As in Python, a name stands for an array, and several names may stand for one. An array that a statement makes is in
+memory which the function has for that statement. In a loop, the statement makes it again at each turn, while a name may
+still stand for the one before: ``before = x`` and then ``x = x + 1.0``. So an array that is bound to a name in a loop
+is copied to memory for which no name stands. If names are only bound to new arrays in a loop, one such memory is enough
+for each statement. Otherwise there is one more of them than there are names, and a free one is sought at run time.
+"""
+
+import ast
+from dataclasses import dataclass, field, replace
+
+from llvmlite import ir
+
+from .expressions import A_COPY, Expressions, Variable
+from .values import BYTE, POINTER, WORD, Kind, Value, argument_kind, bundle, contiguous, items_of
+
+
+class Again(Exception):
+    """A function must be translated again: a name has another kind than was believed, or a loop must be written out."""
+
+
+@dataclass
+class Plan:
+    """What is known of a function from translating it before.
+
+    Attributes:
+        kinds: of the names that are bound to values of several kinds.
+        written_out: the places of loops whose turns are written out one by one.
+    """
+
+    kinds: dict[str, Kind] = field(default_factory=dict)
+    written_out: set[tuple[int, int]] = field(default_factory=set)
+
+
+@dataclass
+class Turning:
+    """The outermost loop that turns.
+
+    Attributes:
+        names: names that are bound in it.
+        shared: whether a name in it may stand for another name's array.
+        kept: for each array that a turn keeps, where its memory is to be chosen, where the code goes on, the slot for
+            the memory's address, and its size [bytes].
+    """
+
+    names: set[str]
+    shared: bool = False
+    kept: list[tuple[ir.Block, ir.Block, ir.Value, int]] = field(default_factory=list)
+
+
+class Lifetimes(Expressions):
+    """The variables of one function."""
+
+    plan: Plan
+    block: int
+    turning: Turning | None
+
+    def start(self, plan: Plan) -> None:
+        self.plan, self.block, self.turning = plan, 0, None
+        self.turnings: list[Turning] = []
+        self.pointers: list[ir.Value] = []  # the slots of all names that stand for arrays
+
+    def turning_of(self, node: ast.stmt) -> Turning:
+        """The outermost loop, when a loop begins."""
+        if self.turning is not None:
+            return self.turning
+        names = {each.id for each in ast.walk(node) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)}
+        self.turnings.append(Turning(names))
+        return self.turnings[-1]
+
+    def variable(self, name: str) -> Value:
+        its = self.variables[name]
+        numbers = tuple(self.at.load(slot, typ=kind) for slot, kind in zip(its.slots, its.kind.llvm, strict=True))
+        turns = self.turning is not None and name in self.turning.names
+        value = Value(its.kind, numbers, False, its.steady and not turns, its.outer and not turns)
+        return bundle(items_of(value)) if its.kind.items is not None else value
+
+    def bind(self, name: str, value: Value, once: bool = False) -> None:
+        """Let a name stand for a value. ``once``: no other statement binds the name."""
+        self.assigned.add(name)
+        self.constants.pop(name, None)
+        known = argument_kind(value).constant if value.kind.is_number else None
+        if once and (known is not None or value.kind.is_none):
+            self.constants[name] = value
+            return
+        if self.turning is not None:
+            value = self._kept(value)
+        if (wanted := self.plan.kinds.get(name)) is not None:
+            value = self._adapted_if_it_can(value, wanted)
+        kind, its = value.kind.variable, self.variables.get(name)
+        if its is None or (its.kind != kind and its.block == self.block):
+            its = self.variables[name] = Variable(kind, self._slots(kind), self.block)
+        if its.kind != kind:
+            self.plan.kinds[name] = self._one_kind(name, its.kind, kind)
+            raise Again
+        its.steady, its.outer = its.steady and value.steady, its.outer and value.outer
+        for slot, each in zip(its.slots, self.adapted(value, kind), strict=True):
+            self.at.store(each, slot)
+
+    def _slots(self, kind: Kind) -> list[ir.Value]:
+        slots = [self.entry.alloca(each) for each in kind.llvm]
+        for slot, each in zip(slots, kind.llvm, strict=True):
+            if each == POINTER:
+                self.entry.store(ir.Constant(POINTER, None), slot)
+                self.pointers.append(slot)
+        return slots
+
+    def _one_kind(self, name: str, before: Kind, now: Kind) -> Kind:
+        """The kind of a name that is bound to values of two kinds."""
+        if before.is_number and now.is_number:
+            return self.unified([Value(before, ()), Value(now, ())])
+        same = before.items is None and now.items is None and before.shape == now.shape and before.base == now.base
+        if not same or self.plan.kinds.get(name) is not None:
+            self.mistake(f"{name} is {now.described()} here, and {before.described()} before")
+        readonly = before.readonly or now.readonly
+        if before.is_array and before.strides != now.strides:
+            return contiguous(before.base, before.sizes, readonly or A_COPY)
+        return replace(before, readonly=readonly)
+
+    def _adapted_if_it_can(self, value: Value, wanted: Kind) -> Value:
+        if value.kind.is_number and wanted.is_number:
+            return Value(wanted, (self.converted(value, wanted.base),))
+        if value.kind.shape != wanted.shape or value.kind.base != wanted.base or wanted.items is not None:
+            return value
+        if value.kind.strides != wanted.strides:
+            value = self._kept(self.copied(value)) if self.turning is not None else self.copied(value)
+        return replace(value, kind=wanted)
+
+    # memory of what a loop makes
+
+    def _kept(self, value: Value) -> Value:
+        """A value that is bound in a loop; a new array in memory that no name has."""
+        if value.kind.items is not None:
+            return bundle([self._kept(item) for item in items_of(value)])
+        if not value.kind.is_array:
+            return value
+        assert self.turning is not None
+        if not value.fresh:
+            self.turning.shared |= not value.steady
+            return value
+        slot, size = self.entry.alloca(POINTER), value.kind.size * value.kind.base.itemsize
+        choice, onward = self.at.append_basic_block(), self.at.append_basic_block()
+        self.at.branch(choice)
+        self.at.position_at_end(onward)
+        self.turning.kept.append((choice, onward, slot, size))
+        kind = contiguous(value.kind.base, value.kind.sizes)
+        kept = Value(kind, (self.at.load(slot, typ=POINTER),), steady=False)
+        self.fill(kept, value)
+        return replace(kept, kind=replace(kind, readonly=value.kind.readonly))
+
+    def finish_turnings(self) -> None:
+        """Reserve the memory that loops keep arrays in, at the end of the function, when all names are known."""
+        for turning in self.turnings:
+            for choice, onward, slot, size in turning.kept:
+                self.at.position_at_end(choice)
+                self.at.store(self._free_memory(size) if turning.shared else self.reserve(size), slot)
+                self.at.branch(onward)
+
+    def _free_memory(self, size: int) -> ir.Value:
+        """Memory for which no name stands."""
+        n = len(self.pointers) + 1
+        size = -(-size // 8) * 8
+        memory = self.reserve(n * size)
+        pointers = [self.at.ptrtoint(self.at.load(slot, typ=POINTER), WORD) for slot in self.pointers]
+        first = self.at.ptrtoint(memory, WORD)
+        best = self.at.gep(memory, [WORD((n - 1) * size)], source_etype=BYTE)
+        for k in reversed(range(n - 1)):
+            start = self.at.add(first, WORD(k * size))
+            taken: ir.Value = ir.Constant(ir.IntType(1), 0)
+            for pointer in pointers:
+                inside = self.at.icmp_unsigned("<", self.at.sub(pointer, start), WORD(size))
+                taken = self.at.or_(taken, inside)
+            best = self.at.select(taken, best, self.at.gep(memory, [WORD(k * size)], source_etype=BYTE))
+        return best

@@ -1,0 +1,191 @@
+"""Kinds of values, and the LLVM values that represent them."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+
+POINTER, BYTE, WORD, DOUBLE, FLAG = ir.PointerType(), ir.IntType(8), ir.IntType(64), ir.DoubleType(), ir.IntType(1)
+INT, FLOAT, BOOL, NOTHING = np.dtype("i8"), np.dtype("f8"), np.dtype("?"), np.dtype("V0")
+SCALARS = {INT: WORD, FLOAT: DOUBLE, BOOL: FLAG}
+NUMBERS: dict[Any, np.dtype] = {int: INT, float: FLOAT, bool: BOOL}
+RANK = (BOOL, INT, FLOAT)
+"""Of two numbers in one operation, the later one's type is the result's."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """The kind of a value: a number, a record (structured dtype), an array of either, a tuple, or None.
+
+    Attributes:
+        base: dtype of the number, the record or the entries; NOTHING of a tuple and of None.
+        shape: of an array; its first size is None if it is known only at run time.
+        strides: of an array [bytes].
+        items: kinds of a tuple's items.
+        constant: a number that is known when compiling, so that it can be a size, a bound or the result of a test.
+        readonly: why nothing may be stored in it; empty if it may.
+    """
+
+    base: np.dtype
+    shape: tuple[int | None, ...] | None = None
+    strides: tuple[int, ...] = ()
+    items: tuple["Kind", ...] | None = None
+    constant: int | bool | None = None
+    readonly: str = ""
+
+    @property
+    def llvm(self) -> list[ir.Type]:
+        """The types of the LLVM values that represent it: of an array, the pointer, and the length if it is needed."""
+        if self.items is not None:
+            return [each for item in self.items for each in item.llvm]
+        if self.shape is not None:
+            return [POINTER, WORD] if self.is_open else [POINTER]
+        if self.constant is not None or self.base == NOTHING:
+            return []
+        return [SCALARS.get(self.base, POINTER)]
+
+    @property
+    def is_number(self) -> bool:
+        return self.shape is None and self.base in SCALARS
+
+    @property
+    def is_none(self) -> bool:
+        return self.items is None and self.base == NOTHING
+
+    @property
+    def is_array(self) -> bool:
+        return self.shape is not None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it is an array whose length is known only at run time."""
+        return bool(self.shape) and self.shape[0] is None  # type: ignore[index]
+
+    @property
+    def size(self) -> int:
+        """Number of entries of an array of known shape."""
+        return math.prod(self.sizes)
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """The shape of an array of known shape, () of a number."""
+        return tuple(int(each) for each in self.shape or ())  # type: ignore[arg-type]
+
+    @property
+    def variable(self) -> "Kind":
+        """The kind of a variable that holds it: not of one value only."""
+        if self.items is not None:
+            return replace(self, items=tuple(each.variable for each in self.items))
+        return replace(self, constant=None) if self.constant is not None else self
+
+    def described(self) -> str:
+        """In the words of a message."""
+        if self.items is not None:
+            return f"a tuple of {len(self.items)}"
+        if self.shape is not None:
+            return f"an array of shape {shown(self.shape)}"
+        names = {INT: "an integer", FLOAT: "a float", BOOL: "a truth value", NOTHING: "None"}
+        return names.get(self.base, "a record")
+
+
+NONE = Kind(NOTHING)
+
+
+def shown(shape: tuple[Any, ...]) -> str:
+    """A shape as Python writes it."""
+    return str(tuple("n" if each is None else each for each in shape)).replace("'", "")
+
+
+def contiguous(base: np.dtype, shape: tuple[int | None, ...], readonly: str = "") -> Kind:
+    """The kind of an array whose entries follow each other in memory."""
+    strides, size = [], base.itemsize
+    for n in reversed(shape):
+        strides.append(size)
+        size *= n or 1
+    return Kind(base, shape, tuple(reversed(strides)), readonly=readonly)
+
+
+@dataclass(frozen=True)
+class Value:
+    """A value in the course of a function.
+
+    Attributes:
+        kind, llvm: its kind and its LLVM values.
+        fresh: whether it is an array that the statement has just made, so that no name holds it.
+        steady: whether its memory surely keeps its contents while a loop turns, except by a store.
+        outer: whether its memory surely is not the function's own.
+        items: of a tuple.
+    """
+
+    kind: Kind
+    llvm: tuple[ir.Value, ...]
+    fresh: bool = False
+    steady: bool = True
+    outer: bool = False
+    items: tuple["Value", ...] = ()
+
+    @property
+    def constant(self) -> Any:
+        """The number, if it is known when compiling; otherwise None."""
+        if self.kind.is_number and isinstance(self.llvm[0], ir.Constant):
+            return self.llvm[0].constant
+        return None
+
+
+def scalar(value: ir.Value, base: np.dtype) -> Value:
+    """A number."""
+    return Value(Kind(base), (value,))
+
+
+def whole(number: int) -> Value:
+    """An integer that is known when compiling."""
+    return Value(Kind(INT), (WORD(number),))
+
+
+def view(pointer: ir.Value, dtype: np.dtype, readonly: str = "", outer: bool = True) -> Value:
+    """The record or, if the dtype has a shape, the array at a pointer."""
+    if dtype.subdtype is None:
+        return Value(Kind(dtype, readonly=readonly), (pointer,), outer=outer)
+    base, shape = dtype.subdtype
+    return Value(contiguous(base, tuple(shape), readonly), (pointer,), outer=outer)
+
+
+def bundle(items: list[Value]) -> Value:
+    """A tuple."""
+    return Value(
+        Kind(NOTHING, items=tuple(argument_kind(item) for item in items)),
+        tuple(each for item in items if argument_kind(item).constant is None for each in item.llvm),
+        any(item.fresh for item in items),
+        all(item.steady for item in items),
+        all(item.outer for item in items),
+        tuple(items),
+    )
+
+
+def argument_kind(value: Value) -> Kind:
+    """The kind of a value as an argument or a tuple's item: an integer or a truth value that is known stays known."""
+    known = value.constant
+    if known is not None and value.kind.base in (INT, BOOL):
+        return replace(value.kind, constant=int(known))
+    return value.kind
+
+
+def unbundled(kind: Kind, llvm: tuple[ir.Value, ...], like: Value) -> Value:
+    """A value from its kind and LLVM values, with the properties of another one; a known number is a constant again."""
+    if kind.constant is not None:
+        return Value(replace(kind, constant=None), (SCALARS[kind.base](int(kind.constant)),))
+    return Value(kind, llvm, like.fresh, like.steady, like.outer)
+
+
+def items_of(value: Value) -> list[Value]:
+    """The items of a tuple."""
+    if value.items:
+        return list(value.items)
+    found, at = [], 0
+    for kind in value.kind.items or ():
+        n = len(kind.llvm)
+        found.append(unbundled(kind, value.llvm[at : at + n], value))
+        at += n
+    return found
