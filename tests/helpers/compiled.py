@@ -8,7 +8,8 @@ from typing import Any
 import llvmlite.binding as llvm
 import numpy as np
 
-from uvms_mj.compiler.unit import Unit, place, translate
+from uvms_mj.compiler.codes import place
+from uvms_mj.compiler.unit import Unit, translate
 from uvms_mj.engine.native.objects import target_machine
 
 _engines: list[Any] = []

@@ -4,6 +4,7 @@ It knows nothing of vehicles, stages or the loop. docs/language.md is its langua
 
 - :mod:`.values`: kinds of values and the LLVM values that represent them
 - :mod:`.refusals`: what is refused, with file, line and the words of the source
+- :mod:`.codes`: the numbers by which a function says why and where it ended early
 - :mod:`.emission`: memory, loops and checks of one function
 - :mod:`.scalars`: arithmetic of numbers
 - :mod:`.arrays`: arithmetic of arrays, element by element, products and reductions

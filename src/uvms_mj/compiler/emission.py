@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NoReturn
 import numpy as np
 from llvmlite import ir
 
+from .codes import STOPPED, code_of
 from .refusals import Lacking, Mistake
 from .values import BOOL, BYTE, FLAG, POINTER, SCALARS, WORD, Kind, Value, contiguous, scalar, whole
 
@@ -17,8 +18,6 @@ UNROLLED = 16
 """Up to so many elements are written out one by one; more are a loop."""
 FRAME = 1 << 18
 """Most bytes of local arrays in a unit. They are on the stack."""
-INDEX, DIVISION, CONVERSION, RAISED, STOPPED = range(1, 6)
-"""Why a function ended early: the lowest byte of its code; then the file (a byte) and the line."""
 PATIENCE = 1 << 20
 """Turns of a loop from one look for an interrupt to the next: about a millisecond."""
 
@@ -151,7 +150,7 @@ class Emission:
     def code(self, why: int) -> int:
         """The number that says why and where a function ended early."""
         place = self.function.__code__
-        return why | self.unit.file(place.co_filename) << 8 | (place.co_firstlineno + self.line - 1) << 16
+        return code_of(why, self.unit.file(place.co_filename), place.co_firstlineno + self.line - 1)
 
     def demand(self, condition: ir.Value, why: int) -> None:
         """End the function unless a condition holds. Shipped kernels are trusted."""

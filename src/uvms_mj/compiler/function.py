@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from llvmlite import ir
 
-from .emission import RAISED
+from .codes import RAISED
 from .lifetimes import Again, Lifetimes, Plan
 from .scalars import operator_name
 from .values import INT, NONE, WORD, Kind, Value, bundle, items_of, scalar, unbundled, whole

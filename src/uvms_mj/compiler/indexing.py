@@ -8,7 +8,7 @@ from llvmlite import ir
 
 from ..errors import suggestion
 from .arrays import Arrays
-from .emission import INDEX
+from .codes import INDEX
 from .values import BOOL, INT, WORD, Kind, Value, bundle, items_of, view, whole
 
 

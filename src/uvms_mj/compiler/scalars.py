@@ -8,7 +8,8 @@ import numpy as np
 from llvmlite import ir
 
 from . import library
-from .emission import CONVERSION, DIVISION, Emission
+from .codes import CONVERSION, DIVISION
+from .emission import Emission
 from .values import BOOL, DOUBLE, FLAG, FLOAT, INT, RANK, SCALARS, WORD, Value, scalar, whole
 
 _BITS = {"BitAnd": "and_", "BitOr": "or_", "BitXor": "xor", "LShift": "shl", "RShift": "ashr"}

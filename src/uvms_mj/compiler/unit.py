@@ -45,7 +45,7 @@ class Unit:
     Attributes:
         name: of the module.
         checked: whether indices that are not constants, divisions of integers and conversions to integers are checked.
-            A function then returns 0, or a number that says why and where it ended early (:func:`place`).
+            A function then returns 0, or a number that says why and where it ended early (:mod:`.codes`).
         intrinsics: functions with code of their own, which get their arguments as integers.
         fused: functions in which, and in all that they call, a product and a sum may be rounded once.
         interrupted: writes code for a number that is not 0 if a user's loop shall end.
@@ -267,8 +267,3 @@ def _entry(
     value = result.llvm[0]
     at.at.ret(at.at.zext(value, WORD) if value.type == FLAG else value)
     return value
-
-
-def place(code: int, files: Sequence[str]) -> tuple[int, str, int]:
-    """Why a checked function ended early, and where: the file and the line."""
-    return code & 255, files[code >> 8 & 255], code >> 16

@@ -179,11 +179,11 @@ class _Run:
                 done += sim.run(min(most - done % most, steps - done), CHUNK_S)
             finally:
                 self._take_rows()
-            sim.check(last=done == steps)
+            sim.check()
             if not sim.divergence and done == steps:  # the final state, from which no step begins
                 sim.finish()
                 self._take_rows()
-                sim.check(last=True)
+                sim.check()
             yield done
 
     def _take_rows(self) -> None:

@@ -85,7 +85,7 @@ class Simulation:
             raise
         self._stages = self._memory.stages
         self._plain = [entry for entry in self._stages.running if entry.code is None]
-        self._guarded = [entry for entry in self._stages.running if entry.guarded]
+        self._users = [entry for entry in self._stages.running if entry.users]
         self._slice, self._alone = 1, OneThread(self._engine)
         self._signals, self._ready = Signals(self._memory.views()), False
 
@@ -239,7 +239,7 @@ class Simulation:
             return self._run(n, seconds)
 
     def _run(self, n: int, seconds: float) -> int:
-        loop, most = self._memory.loop, SLICE_STEPS if self._guarded else self.chunk_steps
+        loop, most = self._memory.loop, SLICE_STEPS if self._users else self.chunk_steps
         if not loop["stop"][0]:
             self._engine.check(self.t, self.scenario.simulation.timestep)
         self._ready, done, start = False, 0, time.perf_counter()
@@ -284,14 +284,14 @@ class Simulation:
                 raise
             loop["next"] = waiting + 1
 
-    def check(self, last: bool = False) -> None:
-        """Report a failure of a user's stage, with ``last`` after searching all of its margins.
+    def check(self) -> None:
+        """Report a failure of a user's stage.
 
         Raises:
             StageFault: a stage raised or violated its contract.
             KeyboardInterrupt: a signal arrived during a loop of the stage.
         """
-        self._memory.check_stages(last)
+        self._memory.check_stages()
 
     @property
     def divergence(self) -> str:

@@ -3,7 +3,6 @@
 import dataclasses
 import hashlib
 import importlib.util
-import os
 import sys
 import traceback
 from collections.abc import Collection, Container, Mapping
@@ -11,7 +10,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Generic, TypeVar
 
-from ..errors import Fault, InputError, no_lost_interrupt, suggestion
+from ..errors import Fault, InputError, suggestion
 from .base import Stage, is_shipped, setting
 from .contract import check_contract
 from .signals import OWN_UNIT
@@ -247,11 +246,8 @@ def load_file(path: Path, key: str) -> ModuleType:
         sys.path.insert(0, str(path.parent))
     # Python's byte-code cache misses the second of two edits within a second
     before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
-    # functions that numba compiles during the import, e.g. by numba.guvectorize, must check their indices
-    bounds, os.environ["NUMBA_BOUNDSCHECK"] = os.environ.get("NUMBA_BOUNDSCHECK"), "1"
     try:
-        with no_lost_interrupt():  # numba compiles a function with a signature during the import
-            spec.loader.exec_module(module)
+        spec.loader.exec_module(module)
     except BaseException as error:  # the file may raise anything, also SystemExit
         del sys.modules[name]
         if isinstance(error, KeyboardInterrupt):
@@ -263,9 +259,6 @@ def load_file(path: Path, key: str) -> ModuleType:
         raise InputError([Fault(key, f"{where}: {type(error).__name__}: {error}{hint}")]) from error
     finally:
         sys.dont_write_bytecode = before
-        del os.environ["NUMBA_BOUNDSCHECK"]
-        if bounds is not None:
-            os.environ["NUMBA_BOUNDSCHECK"] = bounds
     return module
 
 

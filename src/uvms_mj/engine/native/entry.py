@@ -1,22 +1,20 @@
 """One stage of the loop with its records and its machine code."""
 
 import functools
-import time
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ...compiler.codes import CONVERSION, DIVISION, INDEX, RAISED, STOPPED, place
+from ...errors import InputError
 from ...stages.base import Stage, is_shipped, packs_itself
 from ...stages.signals import Signal, record_dtype
-from .arena import MARGIN, NEARBY, Arena
-from .compilation import NotCompiled
-from .plain_stage import PlainStage, StageFault
-from .reasons import in_users_words
-from .stage_code import RAISED, compile_stage
-
-SEARCH_S = 0.25
-"""Wall time from one search of a stage's margins to the next [s]. A search takes a few milliseconds."""
+from .compilation import NativeFunction, NotCompiled, native_function, plain_python
+from .own_memory import OwnMemory
+from .plain_stage import PlainStage, StageFault, called
+from .user_stage import compile_user_stage, is_check
 
 
 class Entry:
@@ -33,15 +31,31 @@ class Entry:
         self.shapes = {name: settings.dtype[name].shape for name in settings.dtype.names or () if name != "_"}
         self.state_dot = np.zeros_like(state)
         self.constants: dict[str, Any] = {}
-        self.guarded, self._searched = not is_shipped(stage), time.monotonic()
+        self.users = not is_shipped(stage)
         self._out_kind = out.dtype if out.dtype.names else np.dtype(("f8", out.shape))
         self.code, self.not_compiled = None, ""
         try:
-            kinds = settings.dtype, state.dtype, given.dtype, self._out_kind
-            self.code = compile_stage(type(stage).function(), *kinds, guarded=self.guarded)
+            self.code = self._compiled()
         except NotCompiled as reason:
-            arguments = (settings.dtype, state.dtype, given.dtype, state.dtype, self._out_kind)
-            self.not_compiled = in_users_words(str(reason), type(stage).function(), arguments)
+            self.not_compiled = str(reason)
+
+    def _compiled(self) -> NativeFunction:
+        """The machine code. Raises InputError if the stage is wrong, and NotCompiled if the language lacks what it
+        uses."""
+        function = type(self.stage).function()
+        kinds = self.settings.dtype, self.state.dtype, self.given.dtype, self._out_kind
+        if not self.users:
+            if plain_python():
+                raise NotCompiled("all of it does")
+            return native_function(function, [*kinds[:3], kinds[1], kinds[3]])
+        from ...compiler.refusals import Mistake
+
+        try:
+            return compile_user_stage(function, self.stage.room, kinds)
+        except Mistake as mistake:
+            where = f"{Path(mistake.file).name}, line {mistake.line}"
+            said = f"{called(self.stage)} is wrong in {where}: {mistake.words}: {mistake.reason}"
+            raise InputError(said) from mistake
 
     def new(self, constants: Mapping[str, Any]) -> dict[str, Any]:
         """The constants that may differ from those in memory."""
@@ -49,52 +63,50 @@ class Entry:
         return {name: value for name, value in constants.items() if value is not old.get(name) or _mutable(value)}
 
     @functools.cached_property
-    def arena(self) -> Arena:
-        return Arena(self.stage.room, self.settings, self.state, self.given.dtype, self._out_kind)
+    def own(self) -> OwnMemory:
+        return OwnMemory(self.stage.room, self.settings, self.state, self.given.dtype, self._out_kind)
 
     @functools.cached_property
     def _plain(self) -> PlainStage:
-        return PlainStage(self.stage, self.arena)
+        return PlainStage(self.stage, self.own)
 
     def fill(self, row: np.void) -> None:
         """Set the addresses of a STAGE record."""
         row["code_at"] = self.code.address if self.code is not None else 0
-        row["settings_at"] = self.arena.address if self.guarded else self.settings.ctypes.data
+        row["settings_at"] = self.own.address if self.users else self.settings.ctypes.data
         row["state_at"], row["state_dot_at"] = self.state.ctypes.data, self.state_dot.ctypes.data
         row["given_at"], row["out_at"], row["states"] = self.given.ctypes.data, self.out.ctypes.data, self.states
 
     def call_plain(self) -> None:
         """Run the stage as plain Python. Raises StageFault if the stage raised or violated its contract."""
-        self.arena.fill(self.given, self.state)
+        self.own.fill(self.given, self.state)
         self._plain()
-        self.arena.take(self.state, self.state_dot, self.out)
-
-    def check(self, everything: bool) -> None:
-        """Search the arena's margins, all of them from time to time or if ``everything`` is true. Raises StageFault if
-        the stage wrote beyond one of its arrays."""
-        now = time.monotonic()
-        everything = everything or now - self._searched > SEARCH_S
-        if everything:
-            self._searched = now
-        fault = self.arena.overrun(MARGIN if everything else NEARBY)
-        if fault:
-            raise self._plain.fault(fault)
+        self.own.take(self.state, self.state_dot, self.out)
 
     def explain(self, code: int) -> StageFault:
         """The exception for a compiled stage that stopped the run with this return code."""
-        fault = self.arena.fault() if code != RAISED else ""
-        self.arena.reset()
-        self.arena.fill(self.given, self.state)
-        return self._plain.explain(fault)
+        assert self.code is not None
+        why, file, line = place(code, self.code.files)
+        fault = self.own.wrong() if is_check(file) else ""
+        self.own.fill(self.given, self.state)
+        return self._plain.explain(fault, "" if is_check(file) else f"{Path(file).name}, line {line}: {WHY[why]}")
 
     @property
     def slow(self) -> str:
         """A note on a stage that runs as plain Python; empty for a compiled one."""
         if self.code is not None:
             return ""
-        slow = "runs as plain Python, which is slow, because numba can't compile it"
-        hint = "; mark the called function with numba.njit" if "<class 'function'>" in str(self.not_compiled) else ""
-        return f"{self.stage.label()} {slow}: {self.not_compiled}{hint}"
+        return f"{self.stage.label()} runs as plain Python, which is slow: {self.not_compiled}"
+
+
+WHY = {
+    INDEX: "an index is out of bounds",
+    DIVISION: "an integer is divided by zero",
+    CONVERSION: "a number that is not finite, or too large, can't become an integer",
+    RAISED: "it raises",
+    STOPPED: "it was interrupted",
+}
+"""Why a compiled stage ended early."""
 
 
 def _mutable(value: Any) -> bool:

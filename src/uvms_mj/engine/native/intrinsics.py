@@ -1,19 +1,17 @@
 """Machine code for the functions of :mod:`.memory`. Imported only when something has to be compiled."""
 
 import types
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
 
 from ...compiler.unit import Intrinsic, Unit, translate
-from ...compiler.values import FLOAT, INT, POINTER, WORD, Kind, Value, contiguous, scalar
+from ...compiler.values import FLOAT, INT, POINTER, WORD, Value, contiguous, scalar, view
 from ...physics.kernels import fused_kernels
 from . import memory
 
-_UNLOCKED = 1
-"""PyGILState_UNLOCKED."""
 _FLAG = ir.IntType(32)
 
 
@@ -28,9 +26,9 @@ def _array(base: np.dtype, *inner: int):
     return generate
 
 
-def _record(dtype: np.dtype):
+def _record(dtype: np.dtype, readonly: str = ""):
     def generate(builder, arguments):
-        return Value(Kind(dtype), (builder.inttoptr(arguments[0], POINTER),), outer=True)
+        return view(builder.inttoptr(arguments[0], POINTER), dtype, readonly)
 
     return generate
 
@@ -60,15 +58,21 @@ def _shared(name: str, array: np.ndarray):
 def _call_stage(builder: ir.IRBuilder, arguments: Sequence[ir.Value]) -> Value:
     function, *addresses = arguments
     kind = ir.FunctionType(WORD, [WORD] * len(addresses))
-    raised = builder.call(builder.inttoptr(function, kind.as_pointer()), addresses)
-    # numba takes the GIL to raise an exception whose text is made at run time. Without its environment, which code
-    # from disk lacks, it does not release the GIL, and the run would deadlock. The loop is called without the GIL.
-    with builder.if_then(builder.icmp_signed("!=", raised, WORD(0)), likely=False):
-        holds = builder.icmp_signed("!=", _external(builder, "PyGILState_Check", _FLAG), _FLAG(0))
-        with builder.if_then(holds, likely=False):
-            _external(builder, "PyErr_Clear", ir.VoidType())
-            _external(builder, "PyGILState_Release", ir.VoidType(), _FLAG(_UNLOCKED))
-    return scalar(raised, INT)
+    return scalar(builder.call(builder.inttoptr(function, kind.as_pointer()), addresses), INT)
+
+
+def signalled(builder: ir.IRBuilder) -> ir.Value:
+    """Whether a signal handler raises, as it does at Ctrl-C; then ``stopped`` of :mod:`.memory` is set."""
+    lock = _external(builder, "PyGILState_Ensure", _FLAG)
+    raised = builder.icmp_signed("!=", _external(builder, "PyErr_CheckSignals", _FLAG), _FLAG(0))
+    with builder.if_then(raised, likely=False):
+        _external(builder, "PyErr_Clear", ir.VoidType())
+        word = builder.module.globals.get("uvms_mj_stopped") or ir.GlobalVariable(
+            builder.module, WORD, "uvms_mj_stopped"
+        )
+        builder.store(WORD(1), word)
+    _external(builder, "PyGILState_Release", ir.VoidType(), lock)
+    return builder.zext(raised, WORD)
 
 
 INTRINSICS: dict[Any, Intrinsic] = {
@@ -88,3 +92,13 @@ def kernel_module(function: types.FunctionType, parameters: Sequence[np.dtype], 
     unit = Unit(name, intrinsics=INTRINSICS, fused=fused_kernels)
     translate(unit, function, parameters, name)
     return unit.module
+
+
+def stage_module(
+    function: types.FunctionType, records: Mapping[Any, tuple[np.dtype, str]], name: str
+) -> tuple[str, list[str]]:
+    """The module of a user's stage, which is checked, as LLVM's text, and its source files."""
+    readers = {reader: _record(*kind) for reader, kind in records.items()}
+    unit = Unit(name, True, INTRINSICS | readers, fused_kernels, signalled)
+    translate(unit, function, [INT] * 5, name)
+    return str(unit.module), unit.files

@@ -159,7 +159,7 @@ WRIST = np.dtype(
 STAGE = np.dtype(
     [
         ("code_at", "i8"),  # machine code, or 0 if the stage runs as plain Python
-        ("settings_at", "i8"),  # or, of a user's stage, its arena
+        ("settings_at", "i8"),  # or, of a user's stage, its own memory
         *_whole("state_at", "given_at", "state_dot_at", "out_at"),  # the one that is given begins with CLOCKS
         *_whole("states", "period_steps"),  # numbers in state; time steps from one call to the next
         ("period", "f8"),

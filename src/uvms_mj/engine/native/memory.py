@@ -79,6 +79,15 @@ def _reader(dtype: np.dtype) -> Callable[[int], Any]:
     return record_at
 
 
+def at_address(word: int, dtype: np.dtype) -> Any:
+    """An argument of machine code as Python has it: a number, or the record or array at an address."""
+    if dtype.names is not None:
+        return _reader(dtype)(word)
+    if dtype.subdtype is None:
+        return word
+    return floats(word, dtype.itemsize // 8).reshape(dtype.shape)
+
+
 RECORDS = {_reader(dtype): dtype for dtype in (CONTEXT, LOOP, STAGE, CLOCKS, PAIR, SURFACE, LINK, FRAME, CARRIER)}
 context_at, loop_at, stage_at, clock_at, pair_at, surface_at, link_at, frame_at, carrier_at = RECORDS
 
@@ -94,6 +103,6 @@ def frozen_clock() -> np.ndarray:
 
 
 def call_stage(function: int, settings: int, state: int, given: int, state_dot: int, out: int) -> int:
-    """Call a compiled stage by its address with the addresses of its records; 0 if it returned, 1 if it raised."""
+    """Call a compiled stage by its address with the addresses of its records; 0 if it returned, otherwise why not."""
     stage = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 5)(function)
     return stage(settings, state, given, state_dot, out)

@@ -48,9 +48,9 @@ def target_machine() -> llvm.TargetMachine:
     return target.create_target_machine(llvm.get_host_cpu_name(), features, 3, reloc, codemodel="jitdefault", jit=True)
 
 
-def object_name(parts: Iterable[bytes]) -> str:
-    """The name of an object from what its function is made of, besides the package's sources."""
-    return _fingerprint([*_environment(), *parts])
+def object_name(parts: Iterable[bytes], sources: bool = True) -> str:
+    """The name of an object from what its function is made of, besides the package's sources if ``sources``."""
+    return _fingerprint([*_environment(), *(_sources() if sources else ()), *parts])
 
 
 def keep(name: str, code: bytes, symbol: str, externals: Iterable[str]) -> None:
@@ -113,15 +113,20 @@ def _fingerprint(parts: Iterable[bytes]) -> str:
 
 @functools.cache
 def _environment() -> tuple[bytes, ...]:
-    """Dependencies of all machine code: versions, processor, the package's sources."""
+    """Dependencies of all machine code: versions and processor."""
     features = llvm.get_host_cpu_features()
     return (
-        *(importlib.metadata.version(name).encode() for name in ("numba", "llvmlite", "numpy")),
+        *(importlib.metadata.version(name).encode() for name in ("llvmlite", "numpy")),
         sys.version.encode(),
         llvm.get_host_cpu_name().encode(),
         features.flatten().encode(),
-        *(path.read_bytes() for room in _ROOMS for path in sorted((_PACKAGE / room).glob("*.py"))),
     )
+
+
+@functools.cache
+def _sources() -> tuple[bytes, ...]:
+    """The package's sources."""
+    return tuple(path.read_bytes() for room in _ROOMS for path in sorted((_PACKAGE / room).glob("*.py")))
 
 
 @functools.cache

@@ -1,4 +1,4 @@
-"""A stage as plain Python: used if numba can't compile it, and to find the line in which a compiled one failed."""
+"""A stage as plain Python: if the language lacks what it uses, and to find the line in which a compiled one failed."""
 
 import contextlib
 import functools
@@ -15,7 +15,7 @@ import numpy as np
 
 from ...stages.base import Stage, is_shipped
 from ...stages.contract import field_suggestion
-from .arena import NEARBY, Arena
+from .own_memory import OwnMemory
 
 
 class StageFault(Exception):
@@ -32,16 +32,17 @@ class _Record(np.record):  # type: ignore[misc]  # NumPy's stubs have it as Any
 class PlainStage:
     """A stage's function, called from Python with the arrays of an arena."""
 
-    def __init__(self, stage: Stage, arena: Arena) -> None:
-        self.stage, self.arena = stage, arena
-        settings = arena.arrays["settings"].view()
-        settings.flags.writeable = False  # writing to a setting raises
-        records = {**arena.arrays, "settings": settings}
-        self._arguments = [_argument(called, records[name]) for name, called in arena.names.items()]
+    def __init__(self, stage: Stage, own: OwnMemory) -> None:
+        self.stage, self.own = stage, own
+        records = dict(own.arrays)
+        for name in ("settings", "given"):  # writing there raises
+            records[name] = records[name].view()
+            records[name].flags.writeable = False
+        self._arguments = [_argument(called, records[name]) for name, called in own.names.items()]
 
     @functools.cached_property
     def _function(self) -> Callable:
-        return _with_helpers(type(self.stage).function(), _guarded)
+        return _without_numba(type(self.stage).function())
 
     def __call__(self) -> None:
         """Call the stage once. Raises StageFault if the stage raised or violated its contract."""
@@ -51,7 +52,7 @@ class PlainStage:
             raise
         except BaseException as error:  # a stage may raise anything, also SystemExit
             raise StageFault(self._raised(error)) from error
-        did = self.arena.overrun(NEARBY) or self.arena.wrong()
+        did = self.own.wrong()
         if did:
             raise self.fault(did)
 
@@ -59,37 +60,22 @@ class PlainStage:
         """The exception for a violation, which ``did`` describes as a predicate."""
         return StageFault(f"{self.who} {did}")
 
-    def explain(self, fault: str) -> StageFault:
-        """The exception for a compiled stage that stopped the run, from its violation as a predicate, or an empty text
-        if it raised. The stage is run again as plain Python with the same numbers, to find the line."""
-        function, line = _with_helpers(type(self.stage).function(), _plain), ""
+    def explain(self, fault: str, place: str) -> StageFault:
+        """The exception for a compiled stage that stopped the run: from its violation as a predicate, or else from the
+        place where it ended early. The stage is run again as plain Python with the same numbers, to find the line."""
+        line = ""
         try:
-            with np.errstate(divide="raise", invalid="raise" if not fault else "ignore"):
-                with _first_not_finite(self._file) as found:
-                    function(*self._arguments)
-                line = found.get("line", "")
+            with np.errstate(all="ignore"), _first_not_finite(self._file) as found:
+                self._function(*self._arguments)
+            line = found.get("line", "")
         except KeyboardInterrupt:
             raise
         except BaseException as error:
             cause = StageFault(self._raised(error, fault))
             cause.__cause__ = error
             return cause
-        if not fault:
-            fault = f"raised {self._compiled_exception()} as machine code, but nothing as plain Python"
+        fault = fault or f"was stopped in {place}"
         return self.fault(fault + (f"; the first number that is not finite arises in {line}" if line else ""))
-
-    def _compiled_exception(self) -> str:
-        """The exception that the compiled stage raises, as text."""
-        from .guarded import guarded, guarded_function
-
-        arrays = [self.arena.arrays[name] for name in self.arena.names]
-        try:
-            with guarded():
-                compiled = guarded_function(type(self.stage).function(), error_model="python")
-                compiled(*(array if array.dtype.names is None else array[0] for array in arrays))
-        except Exception as error:
-            return _named_error(error)
-        return "an exception"
 
     @functools.cached_property
     def _file(self) -> str:
@@ -97,9 +83,7 @@ class PlainStage:
 
     @property
     def who(self) -> str:
-        """The stage's name in messages."""
-        called = f"{self.stage.room.noun} {self.stage.label()}"
-        return f"the {called}" if is_shipped(self.stage) else f"your {called} ({Path(self._file).name})"
+        return called(self.stage)
 
     def _raised(self, error: BaseException, fault: str = "") -> str:
         frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename == self._file]
@@ -108,6 +92,13 @@ class PlainStage:
             return what
         last = frames[-1]
         return f"{what} in {Path(last.filename).name}, line {last.lineno}: {last.line}"
+
+
+def called(stage: Stage) -> str:
+    """A stage's name in messages."""
+    name = f"{stage.room.noun} {stage.label()}"
+    file = type(stage).function().__code__.co_filename
+    return f"the {name}" if is_shipped(stage) else f"your {name} ({Path(file).name})"
 
 
 def _argument(name: str, array: np.ndarray) -> Any:
@@ -125,9 +116,9 @@ def _named_error(error: BaseException) -> str:
     return f"{type(error).__name__}: {text[:300]}" if text else type(error).__name__
 
 
-def _with_helpers(function: Any, helper: Callable[[Any, Any], Any], seen: dict[int, Any] | None = None) -> Any:
-    """A copy of a function in which every function marked with ``numba.njit`` is replaced by ``helper(plain copy,
-    compiled function)``. Functions of the same module are copied likewise."""
+def _without_numba(function: Any, seen: dict[int, Any] | None = None) -> Any:
+    """A copy of a function in which every function that the user marked with ``numba.njit`` is a plain one: compiled,
+    it would check no index. Functions of the same module are copied likewise."""
     seen = {} if seen is None else seen
     if id(function) in seen:
         return seen[id(function)]
@@ -138,9 +129,9 @@ def _with_helpers(function: Any, helper: Callable[[Any, Any], Any], seen: dict[i
 
     def stand_in(value: Any) -> Any:
         if isinstance(getattr(value, "py_func", None), types.FunctionType):
-            return helper(_with_helpers(value.py_func, helper, seen), value)
+            return _without_numba(value.py_func, seen)
         if isinstance(value, types.FunctionType) and value.__globals__ is function.__globals__:
-            return _with_helpers(value, helper, seen)
+            return _without_numba(value, seen)
         if isinstance(value, types.ModuleType) and any(hasattr(each, "py_func") for each in vars(value).values()):
             twin = types.ModuleType(value.__name__)
             vars(twin).update({name: stand_in(each) for name, each in vars(value).items()})
@@ -149,31 +140,6 @@ def _with_helpers(function: Any, helper: Callable[[Any, Any], Any], seen: dict[i
 
     names |= {name: stand_in(value) for name, value in function.__globals__.items()}
     return copy
-
-
-def _plain(function: Any, compiled: Any) -> Any:
-    """A helper as plain Python."""
-    return function
-
-
-def _guarded(function: Any, compiled: Any) -> Any:
-    """A helper as machine code that checks indices and shapes, or as plain Python if numba can't compile it."""
-    from .guarded import NumbaError, guarded, twin
-
-    compiles = True
-
-    @functools.wraps(function)
-    def call(*arguments: Any) -> Any:
-        nonlocal compiles
-        if compiles:
-            try:
-                with guarded():
-                    return twin(compiled)(*arguments)
-            except NumbaError:  # it is not tried again, at each step or at each level of a recursion
-                compiles = False
-        return function(*arguments)
-
-    return call
 
 
 @contextlib.contextmanager

@@ -146,8 +146,8 @@ class RunMemory:
         self.engine.clear()
         entry_point("restore")(*self._restore)
         self._write(setup, touched, constants)
-        for entry in self.stages.in_arenas:
-            entry.arena.start()
+        for entry in self.stages.apart:
+            entry.own.start()
 
     def rewrite(self, setup: Setup, touched: frozenset[str]) -> None:
         """As :meth:`restart`, but the run goes on."""
@@ -158,17 +158,14 @@ class RunMemory:
             write(self, setup)
         self.stages.write(constants)
 
-    def check_stages(self, last: bool) -> None:
-        """Report a failure of a user's stage, with ``last`` after searching all of its margins.
+    def check_stages(self) -> None:
+        """Report a failure of a user's stage.
 
         Raises:
             StageFault: a stage raised or violated its contract.
             KeyboardInterrupt: a signal arrived during a loop of the stage.
         """
         failed = self.loop["stop"][0] == STOP_STAGE
-        for entry in self.stages.in_arenas:
-            if entry.guarded:
-                entry.check(bool(failed or last))
         if failed:
             if stopped[0]:
                 stopped[0] = 0

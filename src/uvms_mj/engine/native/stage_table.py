@@ -63,7 +63,7 @@ class StageTable:
         tau_lost: (6,) part of tau_cmd that u_cmd does not produce.
         commanded: the recorded signals of the commands, each with its memory.
         rows: the table (n,) of STAGE records.
-        running: its stages; ``in_arenas`` are those with an arena.
+        running: its stages; ``apart`` are those with memory of their own.
         control: index of the law, or of the stage that would follow it.
         actuation: index of the first stage that is given the law's command.
     """
@@ -126,7 +126,7 @@ class StageTable:
         for row, entry in zip(self.rows, self.entries.values(), strict=True):
             entry.fill(row)
         self.running = tuple(self.entries.values())
-        self.in_arenas = [entry for entry in self.running if entry.guarded or entry.code is None]
+        self.apart = [entry for entry in self.running if entry.users or entry.code is None]
         self._concerned = functools.lru_cache(maxsize=64)(self._entries_of)
 
     def _actuate(self, add: Callable[..., None], scenario: Scenario, true: np.ndarray, joints: Joints) -> None:
@@ -207,8 +207,8 @@ class StageTable:
             for name, value in values.items():
                 entry.settings[name] = value
             entry.constants.update(values)
-            if entry in self.in_arenas:
-                entry.arena.take_settings(entry.settings)
+            if entry in self.apart:
+                entry.own.take_settings(entry.settings)
 
     def write_periods(self, scenario: Scenario) -> None:
         """Set the periods of all stages."""

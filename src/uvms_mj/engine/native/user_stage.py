@@ -1,0 +1,116 @@
+"""A user's stage as machine code: the compiled function between copies of its numbers and checks of its results."""
+
+import types
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...physics.frames import rotation
+from ...stages.base import Room
+from .compilation import NativeFunction, native_stage
+from .memory import floats, integers, triples
+from .own_memory import SAME, UNIT, attitudes, layout
+
+if TYPE_CHECKING:  # global names of the function below, set for each stage
+    function: Any = None
+    settings: Any = None
+    states: Any = None
+    signals: Any = None
+    output: Any = None
+    SETTINGS, STATE, STATE_DOT, OUT, MATRIX = 0, 0, 0, 0, 0  # offsets in the stage's own memory [bytes]
+    N_STATE, N_OUT = 0, 0  # numbers
+    QUATERNIONS: Any = ()  # places in the output [bytes]
+    ROTATIONS: Any = ()  # places of a quaternion and of its rotation matrix
+
+MAGNITUDE, INFINITE = 0x7FFFFFFFFFFFFFFF, 0x7FF0000000000000
+"""Bits of a number without its sign, and those of infinity; those of a NaN are larger."""
+
+
+class _Wrong(Exception):
+    """The stage gave something that is not finite, or not an attitude."""
+
+
+def _call(own_at, state_at, given_at, state_dot_at, out_at):
+    state, its_state = floats(state_at, N_STATE), floats(own_at + STATE, N_STATE)
+    for i in range(N_STATE):
+        its_state[i] = state[i]
+    function(
+        settings(own_at + SETTINGS), states(own_at + STATE), signals(given_at), states(own_at + STATE_DOT),
+        output(own_at + OUT),
+    )  # fmt: skip
+    bits, largest = integers(own_at + OUT, N_OUT), 0
+    its_bits, its_dots = integers(own_at + STATE, N_STATE), integers(own_at + STATE_DOT, N_STATE)
+    for i in range(N_OUT):
+        largest = max(largest, bits[i] & MAGNITUDE)
+    for i in range(N_STATE):
+        largest = max(largest, its_bits[i] & MAGNITUDE, its_dots[i] & MAGNITUDE)
+    if largest >= INFINITE:
+        raise _Wrong
+    for place in QUATERNIONS:
+        q = floats(own_at + OUT + place, 4)
+        if abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0) > UNIT:
+            raise _Wrong
+    for place, matrix in ROTATIONS:
+        its_R, R = triples(own_at + OUT + matrix, 3), triples(own_at + MATRIX, 3)
+        rotation(floats(own_at + OUT + place, 4), R)
+        for i in range(3):
+            for j in range(3):
+                if abs(its_R[i, j] - R[i, j]) > SAME:
+                    raise _Wrong
+    state_dot, out = integers(state_dot_at, N_STATE), integers(out_at, N_OUT)
+    now = integers(state_at, N_STATE)
+    for i in range(N_STATE):
+        now[i], state_dot[i] = its_bits[i], its_dots[i]
+    for i in range(N_OUT):
+        out[i] = bits[i]
+
+
+def compile_user_stage(
+    stage: types.FunctionType, room: Room, kinds: tuple[np.dtype, np.dtype, np.dtype, np.dtype]
+) -> NativeFunction:
+    """Compile a user's stage to a function of five addresses: its own memory (:mod:`.own_memory`), its states, what it
+    is given, the derivatives of its states, its output. ``kinds`` are those of settings, states, what it is given, and
+    the output.
+
+    It returns 0, or the number that says why and where it ended early; then states and output are as before. Raises
+    Mistake if the stage is wrong, and NotCompiled if the language lacks what it uses.
+    """
+    its_settings, state, given, out = kinds
+    at: Any = layout(*kinds).fields
+    places: Any = out.fields or {}
+    quaternions = attitudes(out)
+    names = {
+        "function": stage,
+        "N_STATE": state.itemsize // 8,
+        "N_OUT": out.itemsize // 8,
+        "MATRIX": at["matrix"][1],
+        "QUATERNIONS": tuple(places[quat][1] for quat, _ in quaternions),
+        "ROTATIONS": tuple((places[quat][1], places[R][1]) for quat, R in quaternions if R),
+        **{name.upper(): at[name][1] for name in ("settings", "state", "state_dot", "out")},
+    }
+    called = dict(zip(("settings", "state", "given", "state_dot", "out"), room.arguments, strict=True))
+    only_read = f"{called['given']} can only be read; change a copy"
+    records = {
+        "settings": (its_settings, f"a {room.setting} is constant during a run"),
+        "states": (state, ""),
+        "signals": (given, only_read),
+        "output": (out, ""),
+    }
+    readers = {name: _reader(name) for name in records}
+    call = types.FunctionType(_call.__code__, globals() | names | readers, _call.__name__)
+    return native_stage(call, {readers[name]: records[name] for name in records})
+
+
+def _reader(name: str) -> Any:
+    """What stands in the function above for the record or the array at an address."""
+
+    def reader(address: int) -> Any:
+        raise NotImplementedError(name)
+
+    return reader
+
+
+def is_check(file: str) -> bool:
+    """Whether a stage that ended early in this file did so because of what it gave."""
+    return Path(file) == Path(__file__)
