@@ -243,7 +243,7 @@ def test_in_parts_after_a_reset_and_beside_others_it_is_the_same_run():
     assert trace.touches[-1] > 0
 
 
-def test_stages_in_plain_python_and_with_guards_run_in_it_too(monkeypatch):
+def test_stages_in_plain_python_run_in_it_too(monkeypatch):
     from uvms_mj.engine.native import entry
     from uvms_mj.engine.native.compilation import NotCompiled
 
@@ -252,10 +252,10 @@ def test_stages_in_plain_python_and_with_guards_run_in_it_too(monkeypatch):
     compiled = simulate(scenario, **FREE)
     theirs = simulate(scenario)
 
-    def refuse(*_, **__):
+    def refuse(its):
         raise NotCompiled("a test")
 
-    monkeypatch.setattr(entry, "compile_stage", refuse)
+    monkeypatch.setattr(entry.Entry, "_compiled", refuse)
     with pytest.warns(UserWarning, match="plain Python"):
         plain = simulate(scenario, **FREE)
     for name in compiled:

@@ -88,6 +88,7 @@ class Entry:
         assert self.code is not None
         why, file, line = place(code, self.code.files)
         fault = self.own.wrong() if is_check(file) else ""
+        self.own.clear()
         self.own.fill(self.given, self.state)
         return self._plain.explain(fault, "" if is_check(file) else f"{Path(file).name}, line {line}: {WHY[why]}")
 

@@ -69,12 +69,25 @@ def integers(address: int, n: int) -> np.ndarray:
     return np.ctypeslib.as_array((ctypes.c_int64 * n).from_address(int(address)))
 
 
+class Record(np.record):  # type: ignore[misc]  # NumPy's stubs have it as Any
+    """A record as the compiler has it: its fields come before the attributes of NumPy's records, such as ``mean``."""
+
+    def __getattribute__(self, name: str) -> Any:
+        dtype = np.void.__getattribute__(self, "dtype")
+        if name not in (dtype.names or ()):
+            return super().__getattribute__(name)
+        value = self[name]
+        base = value.dtype
+        return value.view(np.dtype((Record, base))) if base.names and base.type is not Record else value
+
+
 def _reader(dtype: np.dtype) -> Callable[[int], Any]:
     """A function that gives the record at an address."""
+    kind = np.dtype((Record, dtype))
 
     def record_at(address: int) -> Any:
         memory = (ctypes.c_char * dtype.itemsize).from_address(int(address))
-        return np.frombuffer(memoryview(memory), dtype).view(np.recarray)[0]
+        return np.frombuffer(memoryview(memory), kind)[0]
 
     return record_at
 

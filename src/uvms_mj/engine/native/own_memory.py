@@ -53,9 +53,14 @@ class OwnMemory:
         """Copy other settings (1,)."""
         self.arrays["settings"][:] = settings
 
+    def clear(self) -> None:
+        """Set the derivatives and the output to zero."""
+        self._numbers("state_dot")[:] = 0
+        self._numbers("out")[:] = 0
+
     def start(self) -> None:
         """Prepare for a run. The states are those of the loop at each instant."""
-        self._numbers("state_dot")[:] = 0
+        self.clear()
         self._numbers("out")[:] = UNSET
         for name in self.room.optional:
             self.arrays["out"][name] = 0.0
