@@ -384,7 +384,7 @@ MISTAKES = {
     "navigation": (
         "Navigation",
         "out.nu[6] = 1.0",
-        r"your navigation stage Wrong \(wrong.py\) .*index 6 is out of bounds",
+        r"your navigation stage Wrong .*index 6 is out of bounds",
     ),
     "reference": ("Guidance", "out.p_d[0] = np.inf - np.inf", r"your guidance stage Wrong .* set out.p_d\[0\]"),
     "actuation": ("Actuation", "pass", r"your actuation stage Wrong .* left u\[0\] unset: .* must fill all 6|six"),

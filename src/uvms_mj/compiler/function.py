@@ -66,10 +66,11 @@ class Function(Lifetimes):
         self.unbound = set(parameters) - set(stored)
 
     def translate(self, code: ir.Function, kinds: Sequence[Kind]) -> None:
-        """Write the body. The values of ``return`` are in :attr:`returns`, each with the block where it is known."""
+        """Write the body. The values of ``return`` are in :attr:`returns`, each with the block where it is known. :meth:`finish`
+        completes the function."""
         self.entry = ir.IRBuilder(code.append_basic_block())  # has the variables, which LLVM moves to registers
         self.at = ir.IRBuilder(code.append_basic_block())
-        begin = self.at.block
+        self.begin = self.at.block
         arguments = self.tree.args
         given, at = code.args, 0
         for argument, kind in zip([*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs], kinds, strict=True):
@@ -80,8 +81,11 @@ class Function(Lifetimes):
         self.body(self.tree.body)
         if not self.at.block.is_terminated:
             self._leave(Value(NONE, ()))
+
+    def finish(self) -> None:
+        """Write what can only be known at the end."""
         self.finish_turnings()
-        self.entry.branch(begin)
+        self.entry.branch(self.begin)
 
     def _leave(self, value: Value) -> None:
         block = self.at.append_basic_block()

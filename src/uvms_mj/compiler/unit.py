@@ -159,6 +159,7 @@ class _Done:
             if done.kind is not None:
                 done._store(body, value, done.kind, code.args[-1], 0)
             body.at.ret_void() if not body.unit.checked else body.at.ret(WORD(0))
+        body.finish()
         return done
 
     def _leaves(self, kind: Kind) -> list[tuple[Kind, int]]:
