@@ -29,7 +29,8 @@ STATE = np.dtype([("z", "f8", (6,)), ("P", "f8", (2, 2)), ("L", "f8", (6,)), ("w
 OUT = np.dtype(("f8", (6,)))
 
 _RANDOM = np.random.default_rng(7)
-W1, W2, W3 = _RANDOM.normal(size=(64, 12)) / 4.0, _RANDOM.normal(size=(64, 64)) / 8.0, _RANDOM.normal(size=(6, 64)) / 8.0
+W1, W2 = _RANDOM.normal(size=(64, 12)) / 4.0, _RANDOM.normal(size=(64, 64)) / 8.0
+W3 = _RANDOM.normal(size=(6, 64)) / 8.0
 B1, B2 = _RANDOM.normal(size=64), _RANDOM.normal(size=64)
 SMALL = _RANDOM.normal(size=(8, 6))
 SPEEDS = np.array([-2.0, -1.0, -0.3, 0.0, 0.4, 1.0, 2.0])

@@ -10,11 +10,11 @@ import warnings
 import numpy as np
 import pytest
 from numpy.lib.stride_tricks import as_strided
+from uvms_mj.engine.native.arena import MARGIN, Arena
 
 from misbehave import trouble
 from misbehaving_laws import LATE, SET, cases, law
 from uvms_mj import Gsta, InputError, LawError, McapLog, Scenario, Trace, simulate
-from uvms_mj.engine.native.arena import MARGIN, Arena
 from uvms_mj.engine.run import PlainPythonWarning
 from uvms_mj.records.header import Status
 from uvms_mj.stages.signals import GIVEN, record_dtype

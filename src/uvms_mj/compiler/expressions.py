@@ -319,7 +319,9 @@ class Expressions(Indexing):
         if written in self.unit.intrinsics:
             return self.unit.intrinsics[written](self.at, [self.number(each, INT) for each in node.args])
         known = getattr(known, "py_func", known)  # of a function that numba.njit has marked
-        if not isinstance(known, types.FunctionType):
+        if known is np.lib.stride_tricks.as_strided:
+            self.mistake("as_strided reaches numbers beyond an array; write slices")
+        if not isinstance(known, types.FunctionType) or known.__module__.partition(".")[0] in _FOREIGN:
             self.lack(f"the language has no {ast.unparse(node.func)}")
         return self.unit.call(self, known, self._arguments(known, node), bool(self.rounding))
 
@@ -359,6 +361,8 @@ def _same_layout(found: Sequence[tuple[Value, ir.Block]]) -> bool:
     return all(value.kind.strides == first.strides and value.kind.base == first.base for value, _ in found)
 
 
+_FOREIGN = ("numpy", "scipy", "math", "builtins")
+"""Packages whose functions are in the language by name only."""
 _SPOKEN = {
     "ListComp": "list comprehension; write a loop",
     "GeneratorExp": "generator; write a loop",

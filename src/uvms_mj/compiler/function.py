@@ -66,8 +66,8 @@ class Function(Lifetimes):
         self.unbound = set(parameters) - set(stored)
 
     def translate(self, code: ir.Function, kinds: Sequence[Kind]) -> None:
-        """Write the body. The values of ``return`` are in :attr:`returns`, each with the block where it is known. :meth:`finish`
-        completes the function."""
+        """Write the body. The values of ``return`` are in :attr:`returns`, each with the block where it is known.
+        :meth:`finish` completes the function."""
         self.entry = ir.IRBuilder(code.append_basic_block())  # has the variables, which LLVM moves to registers
         self.at = ir.IRBuilder(code.append_basic_block())
         self.begin = self.at.block
