@@ -1,14 +1,11 @@
 """Input at the borders of what is read: each gives an answer or one clear error, and never a traceback."""
 
-import ctypes
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from uvms_mj import InputError, McapLog, Scenario, Study, Trace, simulate
-from uvms_mj.errors import no_lost_interrupt
 from uvms_mj.plant.geometry import Geometry
 from uvms_mj.plant.mjcf import Mjcf
 from uvms_mj.studies.plan import Plan
@@ -108,14 +105,3 @@ def test_a_flipped_bit_of_a_journal_is_refused_or_changes_no_trial(journal, tmp_
         assert found == sound[: len(found)]  # without its last newline the last line counts as unfinished
     assert len(messages) > 75
     assert all("trials.journal: damaged" in each for each in messages)
-
-
-def test_an_interrupt_in_a_callback_from_c_is_raised_again(capfd):
-    def interrupted():
-        raise KeyboardInterrupt
-
-    callback, hook = ctypes.CFUNCTYPE(None)(interrupted), sys.unraisablehook
-    with pytest.raises(KeyboardInterrupt), no_lost_interrupt():
-        callback()
-    assert sys.unraisablehook is hook
-    assert capfd.readouterr().err == ""

@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[1]
 HOUSE = ROOT / "src" / "uvms_mj"
 MODULES = sorted(HOUSE.rglob("*.py"))
 PROJECT = ROOT / "pyproject.toml"
-HEAVY = ("matplotlib", "mujoco", "numba", "numpy", "pandas", "pyarrow", "pydantic", "rerun", "rich", "scipy")
+HEAVY = ("matplotlib", "llvmlite", "mujoco", "numpy", "pandas", "pyarrow", "pydantic", "rerun", "rich", "scipy")
 
 
 def tree(path: Path) -> ast.Module:

@@ -72,7 +72,7 @@ if TYPE_CHECKING:  # the same names, for type checkers; each alias says that the
 
 
 def __getattr__(name: str) -> object:
-    """Import a public name on first use, so that ``uvms-mj --help`` does not wait for numba."""
+    """Import a public name on first use, so that ``uvms-mj --help`` does not wait for NumPy."""
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(import_module(f".{_HOME[name]}", __name__), name)

@@ -4,7 +4,6 @@ import contextlib
 import difflib
 import math
 import re
-import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -189,25 +188,3 @@ _SENTENCES = {
     "value_error": "{error}",
 }
 """Requirements by pydantic's error type."""
-
-
-@contextlib.contextmanager
-def no_lost_interrupt() -> Iterator[None]:
-    """Raise at the end a KeyboardInterrupt that Python dropped within: in a callback from C, as when LLVM reports a
-    finished object to numba, Python can only print an exception."""
-    lost: list[Any] = []
-    before = sys.unraisablehook
-
-    def hook(dropped: Any) -> None:
-        if issubclass(dropped.exc_type, KeyboardInterrupt):
-            lost.append(dropped.exc_value)
-        else:
-            before(dropped)
-
-    sys.unraisablehook = hook
-    try:
-        yield
-    finally:
-        sys.unraisablehook = before
-        if lost:
-            raise KeyboardInterrupt

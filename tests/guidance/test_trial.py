@@ -9,11 +9,9 @@ from uvms_mj.analysis.setup import set_up
 HEADER = """
 import math
 from dataclasses import dataclass
-import numba
 from uvms_mj import Guidance, setting
 from uvms_mj.guidance import hold
 
-@numba.njit
 def angle(t):
     return 0.5 * t
 

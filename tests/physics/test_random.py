@@ -1,12 +1,11 @@
 """Random numbers from a counter: their words, moments and independence, and machine code against plain Python."""
 
-import numba
 import numpy as np
 import pytest
 
 from uvms_mj import Gsta
+from uvms_mj.engine.native.compilation import native_function
 from uvms_mj.guidance import FilteredSteps
-from uvms_mj.physics import random
 from uvms_mj.physics.random import random_bits, standard_normal
 from uvms_mj.stages.base import random_key
 
@@ -47,12 +46,18 @@ def test_plain_python_and_machine_code_agree_to_the_last_bit():
 
 def compiled_normal():
     """The kernel as machine code, with its helpers."""
-    names = dict(vars(random))
-    for name in ("random_bits", "standard_normal"):
-        function = names[name]
-        copy = type(function)(function.__code__, names, name)
-        names[name] = numba.njit(copy)
-    return names["standard_normal"]
+    code = native_function(_normal, ["i8", "i8", "i8", ("f8", (1,))]).ctypes
+    out = np.zeros(1)
+
+    def normal(key, instant, index):
+        code(int(key), int(instant), index, out.ctypes.data)
+        return out[0]
+
+    return normal
+
+
+def _normal(key, instant, index, out):
+    out[0] = standard_normal(key, instant, index)
 
 
 @pytest.fixture(scope="module")

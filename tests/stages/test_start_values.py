@@ -41,7 +41,7 @@ STARTS = '{"decays": [1.0, -2.0, 3.0], "kept": 0.5}'
 
 def own(tmp_path, table, starts=STARTS, size=3, plain=False):
     base, method, body = ROOMS[table]
-    python = "repr(state)" if plain else ""  # which numba can't compile
+    python = "repr(state)" if plain else ""  # which is not in the language
     text = FILE.format(base=base, method=method, body=body, starts=starts, size=size, plain=python)
     (tmp_path / "own.py").write_text(text)
     settings = {f"{table}.name": f"{tmp_path / 'own.py'}:Own", "simulation.timestep": 1e-3}

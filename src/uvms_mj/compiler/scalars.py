@@ -145,6 +145,8 @@ class Scalars(Emission):
         return self.c_function("pow", [x, right])
 
     def _whole_power(self, base: Value, exponent: int) -> Value:
+        if base.constant is not None:
+            return self.constant(int(base.constant) ** exponent)
         result, square = whole(1), scalar(self.converted(base, INT), INT)
         while exponent:
             if exponent & 1:

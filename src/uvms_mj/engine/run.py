@@ -34,8 +34,8 @@ class _Stopped(RuntimeError):
 
 
 class LawError(_Stopped):
-    """A law raised, wrote outside its arrays, changed a gain or gave a number that is not finite. The message names the
-    law and, where it is known, the line; ``trace`` has the samples up to then."""
+    """A law raised, used an index out of bounds or gave a number that is not finite. The message names the law and,
+    where it is known, the line; ``trace`` has the samples up to then."""
 
 
 class SinkError(_Stopped):
@@ -43,7 +43,7 @@ class SinkError(_Stopped):
 
 
 class PlainPythonWarning(UserWarning):
-    """A law runs as plain Python because numba can't compile it."""
+    """A law runs as plain Python because the language of the compiler lacks what it uses."""
 
 
 def simulate(
@@ -76,7 +76,7 @@ def simulate(
 
     Raises:
         InputError: the input is invalid; raised before the first step.
-        LawError: the law raised, wrote outside its arrays, changed a gain or gave a number that is not finite.
+        LawError: the law raised, used an index out of bounds or gave a number that is not finite.
         SinkError: a sink raised, e.g. because the disk is full; its output up to then is kept.
     """
     scenario = valid_scenario(scenario)

@@ -29,7 +29,7 @@ from ..stages.contract import listed_files
 from ..stages.signals import OF_JOINTS, Signal
 from ..stages.words import no_signal
 
-_PACKAGES = ("uvms-mj", "mujoco", "numpy", "numba", "llvmlite", "mcap")
+_PACKAGES = ("uvms-mj", "mujoco", "numpy", "llvmlite", "mcap")
 
 
 class Status(enum.Enum):

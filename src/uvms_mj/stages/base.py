@@ -17,8 +17,8 @@ A stage is a frozen dataclass of settings that derives from the base class of it
 
 ``given`` and ``out`` have the fields of the room's groups in :mod:`.signals`. At each instant of the stage, ``out`` is
 computed from the current states; then the states advance by explicit Euler over the stage's period with ``state_dot``,
-and ``out`` is held until the next instant. A stage may also set its states directly. The function is compiled; if
-numba cannot compile it, it runs as plain Python.
+and ``out`` is held until the next instant. A stage may also set its states directly. The function is compiled; what the
+language of :mod:`uvms_mj.compiler` lacks runs as plain Python.
 """
 
 from __future__ import annotations  # so that help(Stage) shows short type names
