@@ -50,6 +50,7 @@ SUBJECTS = {
     "plant": "what is in the water",
     "stages": "the contract of a stage, the table of signals",
     "physics": "Fossen's equations, frames, water, contact, random numbers",
+    "compiler": "Python functions to LLVM",
     "quantities": "units and ranges",
     "files": "reading, writing",
     "errors": "bad input",

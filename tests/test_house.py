@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[1]
 HOUSE = ROOT / "src" / "uvms_mj"
 MODULES = sorted(HOUSE.rglob("*.py"))
 PROJECT = ROOT / "pyproject.toml"
-HEAVY = ("matplotlib", "llvmlite", "mujoco", "numpy", "pandas", "pyarrow", "pydantic", "rerun", "rich", "scipy")
+HEAVY = ("matplotlib", "mujoco", "numpy", "pandas", "pyarrow", "pydantic", "rerun", "rich", "scipy")
 
 
 def tree(path: Path) -> ast.Module:
@@ -34,9 +34,9 @@ def test_no_function_has_more_than_60_lines():
     assert {name: n for name, n in functions.items() if n > 60} == {}
 
 
-def test_the_top_of_the_package_has_at_most_18_entries():
+def test_the_top_of_the_package_has_at_most_19_entries():
     code = {path.parent for path in HOUSE.glob("*/*.py")} | set(HOUSE.glob("*.py"))
-    assert len([path for path in code if not path.name.startswith("__")]) <= 18
+    assert len([path for path in code if not path.name.startswith("__")]) <= 19
 
 
 def test_the_import_contract_is_short():

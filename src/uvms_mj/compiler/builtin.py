@@ -214,7 +214,7 @@ for _functions, (_count, _make) in _ELEMENTWISE.items():
 def stored(at: Expressions, out: ast.expr, result: Value) -> Value:
     """A result in the array that the caller gives for it."""
     target = at.value(out)
-    at.store_all(target, result)
+    at.store_all(target, result, in_place=True)
     return target
 
 

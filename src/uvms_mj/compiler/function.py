@@ -11,7 +11,7 @@ from llvmlite import ir
 from .codes import RAISED
 from .lifetimes import Again, Lifetimes, Plan
 from .scalars import operator_name
-from .values import INT, NONE, WORD, Kind, Value, bundle, items_of, scalar, unbundled, whole
+from .values import INT, NONE, WORD, Kind, Value, bundle, items_of, scalar, shown, unbundled, whole
 
 if TYPE_CHECKING:
     from .unit import Unit
@@ -182,9 +182,11 @@ class Function(Lifetimes):
             self.lack(f"nothing can be stored in {ast.unparse(node)}")
         return self.field(owner, node.attr, node.value)
 
-    def store_all(self, place: Value, value: Value) -> None:
-        """Store a number, or the numbers of an array, in a place."""
+    def store_all(self, place: Value, value: Value, in_place: bool = False) -> None:
+        """Store a number, or the numbers of an array, in a place; ``in_place``, as an operation does."""
         self._refuse_readonly(place)
+        if in_place and len(value.kind.sizes) > len(place.kind.sizes):
+            self.mistake(f"{value.kind.described()} does not fit into one of shape {shown(place.kind.sizes)}")
         if place.kind.is_array:
             self.fill(place, self.apart(value))
         elif place.kind.is_number:
@@ -205,12 +207,12 @@ class Function(Lifetimes):
         if isinstance(node.target, ast.Name):
             before = self.value(node.target)
             if before.kind.is_array:
-                self.store_all(before, self.binary(name, before, self.value(node.value)))
+                self.store_all(before, self.binary(name, before, self.value(node.value)), in_place=True)
             else:
                 self.bind(node.target.id, self.binary(name, before, self.value(node.value)))
             return
         place = self.place(node.target)
-        self.store_all(place, self.binary(name, self.read(place), self.value(node.value)))
+        self.store_all(place, self.binary(name, self.read(place), self.value(node.value)), in_place=True)
 
     # branches
 

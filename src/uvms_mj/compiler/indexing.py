@@ -21,12 +21,14 @@ class Indexing(Arrays):
     def known(self, node: ast.expr) -> Any:
         raise NotImplementedError
 
-    def store_all(self, place: Value, value: Value) -> None:
+    def store_all(self, place: Value, value: Value, in_place: bool = False) -> None:
         raise NotImplementedError  # statements have it
 
     def integer(self, node: ast.expr) -> ir.Value:
         """An index."""
         value = self.value(node)
+        if value.kind.is_array or value.kind.items is not None or value.kind.base == BOOL:
+            self.lack("an index is one integer or a slice; write a loop, or np.where with a mask")
         if not value.kind.is_number or value.kind.base != INT:
             self.mistake(f"an index is an integer, not {value.kind.described()}")
         return value.llvm[0]
