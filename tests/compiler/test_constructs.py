@@ -334,9 +334,58 @@ def narrowing(g, o):
     o.s[2:5] = e
 
 
+def views_of_new_arrays(g, o):
+    """A name stands for a part of an array that the statement has made, while the next turn makes another one."""
+    y = g.x[1:]
+    before = y
+    for i in range(4):
+        before = y
+        y = (g.x + float(i))[1:]
+    o.s[:5] = y
+    o.s[5:10] = before
+    q = g.x * 1.0
+    older = q
+    for _ in range(3):
+        older = q
+        q = same(q + 1.0)
+    o.s[10:16] = older
+    for _ in range(3):
+        older = q
+        q = larger(q, q + 1.0)
+    o.s[16:22] = older
+
+
+def same(x):
+    return x
+
+
+def larger(x, y):
+    if x[0] > y[0]:
+        return x
+    return y
+
+
+def left_early(g, o):
+    """A loop that is written out, and left in any of its turns."""
+    for i in range(3):
+        k = i
+        o.s[4 * i : 4 * i + 4] = g.x[:4]
+        if g.x[i] > 0.2:
+            break
+    o.s[20] = k * 10 + i
+    last = -1
+    for a in (1, 2, 3):
+        if g.k * a > 0.5:
+            last = a
+            break
+    o.s[21] = last
+
+
 @pytest.mark.parametrize(
     "function",
     [
+        views_of_new_arrays,
+        left_early,
         arithmetic,
         in_place,
         slicing,

@@ -25,6 +25,9 @@ def larger(x, y):
         return x
     return y
 
+def same(x):
+    return x
+
 def doubled(x, by=2.0):
     return x * by
 
@@ -84,6 +87,9 @@ class Writer:
                 f"np.abs({two})",
                 f"np.maximum({one}, {two}) // 0.7",
                 f"{two}[::-1] % 1.3",
+                f"({one} + {two})[::-1]",
+                f"same({one} - 1.0)",
+                f"np.array([{one}, {two} * 2.0]).T[:, 1]",
                 f"doubled({one}, by={self.number()})",
                 f"np.concatenate(({one}[2:], {two}[:2]))",
             ]
@@ -97,7 +103,9 @@ class Writer:
                     f"{one} = {self.vector()}",
                     f"{one} = {self.vector()}",
                     f"{one} = {two}",
-                    f"{one} = larger({one}, {two})" if self.choose.random() < 0.2 else f"{one} = {two}.copy()",
+                    f"{one} = larger({two}, {one})",
+                    f"{one} = larger({two}, {one} + 1.0)",
+                    f"{one} = {two}.copy()",
                     f"{one}, {two} = {two}, {one}",
                     f"{one} += {self.number()}",
                     f"{one}[1:3] = {self.number()}",
@@ -139,6 +147,8 @@ class Writer:
             self.line(f"if s > {self.number()}:")
             self.line(f"    {self.choose.choice(['break', 'continue'])}")
         self.line(f"t = t + {name}")
+        if self.choose.random() < 0.3:
+            self.line(f"u[{name} % 4 : {name} % 4 + 1] += 1.0" if "range(i" not in over else "pass")
         self.depth -= 1
 
     def while_loop(self) -> None:

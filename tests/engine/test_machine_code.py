@@ -94,10 +94,10 @@ def test_an_edit_to_any_file_that_a_law_uses_is_seen_at_the_next_run(tmp_path):
     [
         lambda facts: {},
         lambda facts: None,
-        lambda facts: facts | {"symbol": ""},
+        lambda facts: facts | {"symbols": [""]},
         lambda facts: facts | {"externals": []},
         lambda facts: facts | {"sha256": 1},
-        lambda facts: {name: value for name, value in facts.items() if name != "symbol"},
+        lambda facts: {name: value for name, value in facts.items() if name != "symbols"},
     ],
 )
 def test_torn_facts_about_machine_code_are_compiled_again(tmp_path, monkeypatch, change):
@@ -122,14 +122,14 @@ def test_what_a_killed_process_left_in_the_cache_is_forgotten_in_time(tmp_path, 
         (tmp_path / name).mkdir()
     (left / "torn.o").write_bytes(b"x")
     os.utime(left, (0.0, 0.0))
-    objects.keep("name", b"code", "symbol", [])
+    objects.keep("name", b"code", ["symbol"], [])
     assert sorted(path.name for path in tmp_path.iterdir()) == ["name.json", "name.o", "new-now", "new-then"]
 
 
 def test_a_cache_that_takes_nothing_stops_no_run(monkeypatch):
     """In a missing folder, as on a full disk, no file can be written."""
     monkeypatch.setattr(objects, "_folder", lambda: Path("/nowhere/at/all"))
-    compilation._native_function.cache_clear()
+    compilation._native_functions.cache_clear()
     assert simulate(Scenario.load("push_wall", SHORT)).status.name == "completed"
 
 

@@ -367,7 +367,7 @@ def files() -> dict[str, Case]:
         "an instance": (f"{good}\nLaw = Law()\n", "no law 'Law'"),
         "metaclass": ("class M(type):\n    def __getattribute__(s, n): 1 / 0\nclass Law(metaclass=M): pass\n", ""),
         "wrong decorator": (good.replace("@staticmethod", "@staticmethod\n    @functools.partial"), "written with def"),
-        "njit outside": (good.replace("@staticmethod", "@njit\n    @staticmethod"), "TypeError"),
+        "njit outside": (good.replace("@staticmethod", "@njit\n    @staticmethod"), "must be a @staticmethod"),
     }
     return {name: Case(text, said=said) for name, (text, said) in texts.items()}
 

@@ -356,13 +356,13 @@ class Function(Lifetimes):
         if not isinstance(turns.n, ir.Constant) or turns.n.constant > MOST_TURNS:
             self.lack(f"this loop has to be written out, and has more than {MOST_TURNS} turns")
         end, ways = self.at.append_basic_block(), []
-        targets, inside = _stored([node.target]), _stored(node.body)
+        inside, self.written_out = _stored(node.body), self.written_out + 1
         for k in range(turns.n.constant):
             following = self.at.append_basic_block()
             loop = Loop(following, end)
             self._assign_known(node.target, turns.item(WORD(k)), inside)
             self._turn(loop, node.body)
-            for name in targets - self.bound_once:
+            for name in inside | _stored([node.target]):  # known in its own turn only
                 self.constants.pop(name, None)
             ways += loop.at_break
             if not self.at.block.is_terminated:
@@ -376,6 +376,7 @@ class Function(Lifetimes):
         if not self.at.block.is_terminated:
             ways.append(self.assigned)
             self.at.branch(end)
+        self.written_out -= 1
         self.at.position_at_end(end)
         self.assigned = set.intersection(*ways) if ways else self.assigned
 
@@ -446,7 +447,7 @@ class Function(Lifetimes):
         kind = array.kind
         place = self.shifted(array.llvm[0], self.distance([i], kind.strides[:1]))
         part = Kind(kind.base, (kind.shape or ())[1:] or None, kind.strides[1:], readonly=kind.readonly)
-        return self.read(Value(part, (place,), False, array.steady, array.outer))
+        return self.read(Value(part, (place,), array.fresh, array.steady, array.outer))
 
 
 def _stored(nodes: Sequence[ast.AST]) -> set[str]:

@@ -99,9 +99,9 @@ class Indexing(Arrays):
             axis += 1
         pointer, kind = self.shifted(pointer, WORD(known)), array.kind
         if not shape:
-            return Value(Kind(kind.base, readonly=kind.readonly), (pointer,), False, array.steady, array.outer)
+            return Value(Kind(kind.base, readonly=kind.readonly), (pointer,), array.fresh, array.steady, array.outer)
         part = Kind(kind.base, tuple(shape), tuple(strides), readonly=kind.readonly)
-        return Value(part, (pointer, *(length if part.is_open else ())), False, array.steady, array.outer)
+        return Value(part, (pointer, *(length if part.is_open else ())), array.fresh, array.steady, array.outer)
 
     def _completed(self, array: Value, indices: list[ast.expr]) -> list[ast.expr]:
         """One index for each axis, without ``...``."""

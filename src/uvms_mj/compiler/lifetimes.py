@@ -58,6 +58,7 @@ class Lifetimes(Expressions):
 
     def start(self, plan: Plan) -> None:
         self.plan, self.block, self.turning = plan, 0, None
+        self.written_out = 0  # loops around this place whose turns are written out
         self.turnings: list[Turning] = []
         self.pointers: list[ir.Value] = []  # the slots of all names that stand for arrays
 
@@ -83,7 +84,8 @@ class Lifetimes(Expressions):
         known = argument_kind(value).constant if value.kind.is_number else None
         if once and (known is not None or value.kind.is_none):
             self.constants[name] = value
-            return
+            if not self.written_out:
+                return
         if self.turning is not None:
             value = self._kept(value)
         if (wanted := self.plan.kinds.get(name)) is not None:

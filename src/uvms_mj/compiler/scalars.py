@@ -75,6 +75,8 @@ class Scalars(Emission):
         """``left + right`` and so on; ``name`` is that of the operator's class in ast."""
         a, b = left.constant, right.constant
         base = self.common([left, right])
+        if base == BOOL and name in _KNOWN and self.unit.checked:
+            self.lack("NumPy adds truth values in a way of its own; write int(a) + int(b)")
         if base != FLOAT and name in _KNOWN and a is not None and b is not None:
             return self.constant(_KNOWN[name](int(a), int(b)))
         if name == "Pow":

@@ -5,7 +5,7 @@ import inspect
 import textwrap
 import types
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -189,6 +189,9 @@ class _Done:
         if self.kind is None:
             return None
         steady, outer = all(each.steady for each in arguments), all(each.outer for each in arguments)
+        arrays = [each for each in arguments if each.kind.is_array or each.kind.items is not None]
+        fresh = any(each.fresh for each in arrays)  # then the result may be in memory of this statement
+        readonly = A_COPY if fresh and not all(each.fresh for each in arrays) else ""
 
         def read(kind: Kind, place: int) -> tuple[Value, int]:
             if kind.items is not None:
@@ -203,7 +206,8 @@ class _Done:
             if kind.is_array and self.copies:
                 return Value(contiguous(kind.base, kind.sizes, self.readonly), (pointer,), fresh=True), after
             words = [at.at.load(at.shifted(pointer, WORD(8 * k)), typ=each) for k, each in enumerate(kind.llvm)]
-            return Value(kind, tuple(words), False, steady, outer), after
+            kind = replace(kind, readonly=kind.readonly or readonly)
+            return Value(kind, tuple(words), fresh, steady, outer), after
 
         return read(self.kind, 0)[0]
 

@@ -9,7 +9,7 @@ import numpy as np
 from ..analysis.setup import Setup
 from ..plant.contacts import face_of
 from .base import Engine
-from .native.free_body import free_steps
+from .native.callback import entry_point
 from .native.layouts import BODY, CONTEXT
 from .native.water import Water
 
@@ -50,13 +50,13 @@ class FreeEngine(Engine):
         self._body["face"] = face_of(setup.scenario, setup.plant.probe.radius)
 
     def sense(self) -> None:
-        free_steps()(*self._addresses, 0, 0)
+        entry_point("free_steps")(*self._addresses, 0, 0)
 
     def step(self, loop: np.ndarray, n: int) -> None:
-        free_steps()(*self._addresses, n, 1)
+        entry_point("free_steps")(*self._addresses, n, 1)
 
     def evaluate(self, loop: np.ndarray) -> None:
-        free_steps()(*self._addresses, 1, 0)
+        entry_point("free_steps")(*self._addresses, 1, 0)
 
     def close(self) -> None:
         self._closed = True

@@ -12,9 +12,10 @@ from ...physics.frames import body_velocity, to_world
 from ...physics.hydrodynamics import added_inertia, factor, water_wrench
 from ...physics.joints import deliverable
 from ...physics.kernels import kernel
-from .compilation import native_function
+from .compilation import native_functions
 from .flow import flow
-from .layouts import CONTEXT, STOP_NONE
+from .free_body import free_steps
+from .layouts import BODY, CONTEXT, STOP_NONE
 from .loop import begin_step, finish_step, flow_again, observe, run_stages
 from .memory import context_at, floats, integers, loop_at, mj_factorM, registered, triples
 from .tree import add_tree_inertia, apply_to_joints, place_links, water_on_links
@@ -203,10 +204,13 @@ _ENTRY_POINTS: dict[str, tuple[Any, list[Any]]] = {
     "advance": (_advance, [CONTEXT, "i8"]),
     "finish": (_finish, [CONTEXT]),
     "restore": (_restore, ["i8", "i8"]),
+    "free_steps": (free_steps, [CONTEXT, BODY, "i8", "i8"]),
 }
 
 
 @functools.cache
 def entry_point(name: str) -> Any:
-    """Machine code called by MuJoCo (control), or by Python between chunks; loaded or compiled at first use."""
-    return native_function(*_ENTRY_POINTS[name]).ctypes
+    """Machine code called by MuJoCo (control), or by Python between chunks; loaded or compiled at first use. The entry
+    points share most of their code, and are one module."""
+    natives = native_functions(dict(_ENTRY_POINTS.values()))
+    return dict(zip(_ENTRY_POINTS, natives, strict=True))[name].ctypes

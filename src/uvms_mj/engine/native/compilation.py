@@ -52,9 +52,17 @@ def native_function(function: Any, parameters: Sequence[np.dtype | str]) -> Nati
 
     ``parameters`` are int64 or dtypes: a record or an array is passed by its address.
     """
-    dtypes = tuple(np.dtype(each) for each in parameters)
+    (native,) = native_functions({function: parameters})
+    return native
+
+
+def native_functions(parameters: Mapping[Any, Sequence[np.dtype | str]]) -> tuple[NativeFunction, ...]:
+    """As :func:`native_function`, several functions, which share what they call, from one module."""
+    dtypes = [tuple(np.dtype(each) for each in kinds) for kinds in parameters.values()]
     with _lock:
-        return _plain_function(function, dtypes) if plain_python() else _native_function(function, dtypes)
+        if plain_python():
+            return tuple(map(_plain_function, parameters, dtypes))
+        return _native_functions(tuple(zip(parameters, dtypes, strict=True)))
 
 
 def native_stage(function: Any, records: Mapping[Any, tuple[np.dtype, str]]) -> NativeFunction:
@@ -73,22 +81,25 @@ def native_stage(function: Any, records: Mapping[Any, tuple[np.dtype, str]]) -> 
             where = f" ({Path(lacking.file).name}, line {lacking.line}: {lacking.words})" if lacking.words else ""
             raise NotCompiled(f"{lacking.reason}{where}") from lacking
         name = object_name([b"stage", module.encode()], sources=False)
-        address = load(name) or _compiled(module, name, _STAGE)
+        (address,) = load(name) or _compiled(module, name, [_STAGE])
     return _callable(address, 5, tuple(files))
 
 
 @functools.cache
-def _native_function(function: Any, dtypes: tuple[np.dtype, ...]) -> NativeFunction:
-    layout = [repr((each.descr, each.shape, each.isalignedstruct)) for each in dtypes]
-    source = Path(function.__code__.co_filename).read_bytes()
-    name = object_name([source, function.__qualname__.encode(), *(each.encode() for each in layout)])
-    address = load(name)
-    if address is None:
+def _native_functions(parts: tuple[tuple[Any, tuple[np.dtype, ...]], ...]) -> tuple[NativeFunction, ...]:
+    made_of: list[bytes] = []
+    for function, dtypes in parts:
+        layout = [repr((each.descr, each.shape, each.isalignedstruct)) for each in dtypes]
+        source = Path(function.__code__.co_filename).read_bytes()
+        made_of += [source, function.__qualname__.encode(), *(each.encode() for each in layout)]
+    name = object_name(made_of)
+    addresses = load(name)
+    if addresses is None:
         from .intrinsics import kernel_module
 
-        symbol = f"uvms_mj_{name}"
-        address = _compiled(str(kernel_module(function, dtypes, symbol)), name, symbol)
-    return _callable(address, len(dtypes))
+        symbols = {f"uvms_mj_{name}_{k}": part for k, part in enumerate(parts)}
+        addresses = _compiled(str(kernel_module(symbols)), name, list(symbols))
+    return tuple(_callable(at, len(dtypes)) for at, (_, dtypes) in zip(addresses, parts, strict=True))
 
 
 @functools.cache
@@ -108,8 +119,8 @@ def _callable(address: int, arguments: int, files: tuple[str, ...] = ()) -> Nati
     return NativeFunction(address, kind(address), files)
 
 
-def _compiled(text: str, name: str, symbol: str) -> int:
-    """Compile a module, keep its object on disk and return the address of its function."""
+def _compiled(text: str, name: str, entries: list[str]) -> tuple[int, ...]:
+    """Compile a module, keep its object on disk and return the addresses of its functions."""
     machine = target_machine()
     module = llvm.parse_assembly(text)
     module.triple, module.data_layout = llvm.get_process_triple(), str(machine.target_data)
@@ -120,7 +131,7 @@ def _compiled(text: str, name: str, symbol: str) -> int:
     code = machine.emit_object(module)
     symbols = (*module.functions, *module.global_variables)
     externals = [each.name for each in symbols if each.is_declaration and not each.name.startswith("llvm.")]
-    keep(name, code, symbol, externals)
-    address = link(code, symbol, externals)
-    assert address is not None, f"{symbol} uses an unknown symbol among {externals}"
-    return address
+    keep(name, code, entries, externals)
+    addresses = link(code, entries, externals)
+    assert addresses is not None, f"{entries} use an unknown symbol among {externals}"
+    return addresses

@@ -1,18 +1,13 @@
 """The closed loop around one free rigid body in machine code, without MuJoCo."""
 
-import functools
-from typing import Any
-
 from ...physics.contact import wrench_at_origin
 from ...physics.free_body import free_acceleration, soft_contact, sphere_and_face, symplectic_step
 from ...physics.hydrodynamics import water_wrench
-from .compilation import native_function
-from .layouts import BODY, CONTEXT
 from .loop import begin_step
 from .memory import loop_at
 
 
-def _free_steps(context, body, n, moving) -> int:
+def free_steps(context, body, n, moving) -> int:
     """Take n time steps, or evaluate the instant in hand if ``moving`` is 0. Returns the number of steps that were
     taken before the run stopped. With n = 0 it measures the distance to the wall only."""
     loop = loop_at(context.loop_at)
@@ -42,10 +37,3 @@ def _free_steps(context, body, n, moving) -> int:
             symplectic_step(body.qpos, body.qvel, body.qacc, loop.timestep)
             sphere_and_face(body)
     return n
-
-
-@functools.cache
-def free_steps() -> Any:
-    """:func:`_free_steps` as machine code, given the addresses of a CONTEXT and a BODY; loaded or compiled at first
-    use."""
-    return native_function(_free_steps, [CONTEXT, BODY, "i8", "i8"]).ctypes

@@ -87,10 +87,11 @@ INTRINSICS: dict[Any, Intrinsic] = {
 INTRINSICS |= {read: _record(dtype) for read, dtype in memory.RECORDS.items()}
 
 
-def kernel_module(function: types.FunctionType, parameters: Sequence[np.dtype], name: str) -> ir.Module:
-    """The module of one of the package's own functions, which are trusted."""
-    unit = Unit(name, intrinsics=INTRINSICS, fused=fused_kernels)
-    translate(unit, function, parameters, name)
+def kernel_module(parts: Mapping[str, tuple[types.FunctionType, Sequence[np.dtype]]]) -> ir.Module:
+    """The module of functions of the package, which are trusted, by their symbols, each with its parameters."""
+    unit = Unit("kernels", intrinsics=INTRINSICS, fused=fused_kernels)
+    for symbol, (function, parameters) in parts.items():
+        translate(unit, function, parameters, symbol)
     return unit.module
 
 

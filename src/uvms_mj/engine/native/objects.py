@@ -17,7 +17,7 @@ import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -53,16 +53,16 @@ def object_name(parts: Iterable[bytes], sources: bool = True) -> str:
     return _fingerprint([*_environment(), *(_sources() if sources else ()), *parts])
 
 
-def keep(name: str, code: bytes, symbol: str, externals: Iterable[str]) -> None:
+def keep(name: str, code: bytes, symbols: Sequence[str], externals: Iterable[str]) -> None:
     """Keep an object on disk if that is possible; otherwise the next process compiles it again."""
-    about: dict[str, Any] = {"symbol": symbol, "externals": sorted(externals)}
+    about: dict[str, Any] = {"symbols": [*symbols], "externals": sorted(externals)}
     about["sha256"] = _digest(code, about)
     with contextlib.suppress(OSError):  # e.g. on a full disk
         _write(name, code, about)
 
 
-def load(name: str) -> int | None:
-    """The address of a function from its object on disk; None if the object is missing, damaged or can't be linked."""
+def load(name: str) -> tuple[int, ...] | None:
+    """The addresses of the functions of an object on disk; None if it is missing, damaged or can't be linked."""
     folder = _folder()
     try:
         about = json.loads((folder / f"{name}.json").read_bytes())
@@ -71,11 +71,11 @@ def load(name: str) -> int | None:
             return None
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
-    return link(code, about["symbol"], about["externals"])
+    return link(code, about["symbols"], about["externals"])
 
 
-def link(code: bytes, symbol: str, externals: Iterable[str]) -> int | None:
-    """The address of a function of an object file; None if a symbol that it uses is unknown in this process."""
+def link(code: bytes, symbols: Iterable[str], externals: Iterable[str]) -> tuple[int, ...] | None:
+    """The addresses of functions of an object file; None if a symbol that it uses is unknown in this process."""
     machine = target_machine()
     process = ctypes.CDLL(None)
     for external in externals:  # LLVM silently links a call of an unknown symbol to address 0
@@ -85,7 +85,7 @@ def link(code: bytes, symbol: str, externals: Iterable[str]) -> int | None:
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     _engines.append(engine)
-    return engine.get_function_address(symbol)
+    return tuple(engine.get_function_address(symbol) for symbol in symbols)
 
 
 def _write(name: str, code: bytes, about: dict[str, Any]) -> None:
@@ -100,7 +100,7 @@ def _write(name: str, code: bytes, about: dict[str, Any]) -> None:
 
 def _digest(code: bytes, about: dict[str, Any]) -> str:
     """Digest of an object file and its metadata. A damaged or forged file could crash the process."""
-    return _fingerprint([code, json.dumps([about["symbol"], about["externals"]]).encode()])
+    return _fingerprint([code, json.dumps([about["symbols"], about["externals"]]).encode()])
 
 
 def _fingerprint(parts: Iterable[bytes]) -> str:

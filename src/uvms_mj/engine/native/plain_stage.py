@@ -177,6 +177,8 @@ def _first_not_finite(file: str) -> Iterator[dict[str, str]]:
 def _finite(value: Any) -> bool:
     if isinstance(value, float):
         return math.isfinite(value)
+    if isinstance(value, np.void):
+        return all(_finite(value[name]) for name in value.dtype.names or ())
     if isinstance(value, np.ndarray) and value.dtype.kind == "f" and value.size <= 10_000:
         return bool(np.isfinite(value).all())
     return True

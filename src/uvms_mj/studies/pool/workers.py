@@ -21,7 +21,7 @@ from ...errors import InputError
 _STARTS = 5
 """Pools of processes that are started in all. A pool breaks if a process ends outside a call, e.g. while it starts."""
 CONSTS.channel_lock_timeout = 10.0  # [s] for a lock of pebble's whose owner was killed; 60 by default
-_ONE_THREAD = ("OMP", "OPENBLAS", "MKL", "NUMBA", "VECLIB_MAXIMUM", "NUMEXPR", "BLIS", "POLARS_MAX")
+_ONE_THREAD = ("OMP", "OPENBLAS", "MKL", "VECLIB_MAXIMUM", "NUMEXPR", "BLIS", "POLARS_MAX")
 
 
 def gave_up(error: BaseException) -> InputError:
