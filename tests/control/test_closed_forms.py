@@ -246,7 +246,6 @@ def test_without_nominal_control_the_thrust_is_nearly_the_same(paper_run):
         ("gsta", {"wall.stiffness": 1e6, "controller.period": 1e-3}, "limit-cycles"),
         ("gsta", {"wall.friction": 0.3}, "friction"),
         ("gsta", {"controller.k_2": 0.0}, "k_2"),
-        ("impedance", {"controller.A": 0.0}, "zeta"),
     ],
 )
 @pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")

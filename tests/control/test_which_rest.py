@@ -66,6 +66,20 @@ def test_a_law_with_an_integral_of_its_own_rests_with_that_of_the_task(law):
     assert trace.analytic.force == pytest.approx(trace.push[-1], rel=1e-6)
 
 
+@pytest.mark.parametrize("over", [{"task.integral": True}, {"controller.A": 0.0}])
+def test_an_impedance_rests_though_its_task_integrates(over):
+    """Eq. (23) has no zeta in it, which grows."""
+    over |= {
+        "estimates.restoring": 0.9,
+        "disturbance.bias": [8.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        "simulation.duration": 60.0,
+    }
+    trace = run("push_wall", over, "impedance")
+    assert trace.push[-1] > 1.0
+    assert trace.analytic.force == pytest.approx(trace.push[-1], rel=1e-6)
+    assert trace.analytic.s is None
+
+
 def test_a_force_of_a_users_formula_does_not_say_which_rest_it_is_among_walls(tmp_path):
     body = one_liner("Mine", "tau_cmd[:] = signals.tau_nom") + "    def at_rest(self, setup): return 1.5\n"
     law = f"{law_file(tmp_path, body)}:Mine"

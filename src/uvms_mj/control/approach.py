@@ -96,18 +96,29 @@ def _implicit(of: Motion, y: Any, velocity: np.ndarray, lead: np.ndarray, step: 
     """The change (n,) in one step of implicit Euler; None if the step is too long."""
     at, change = y, np.zeros(len(lead))
     both = of.inertia / step**2 + of.damping / step
+
+    def missing(change: np.ndarray, at: Any) -> np.ndarray:
+        left: np.ndarray = both @ (change - lead) - of.inertia @ velocity / step - of(at)
+        return left
+
+    left = missing(change, at)
     for _ in range(_ITERATIONS):
-        missing = both @ (change - lead) - of.inertia @ velocity / step - of(at)
         try:
-            less = np.linalg.solve(both - of.jacobian(at), missing)
+            less = np.linalg.solve(both - of.jacobian(at), left)
         except np.linalg.LinAlgError:
             return None
-        change = change - less
-        if not np.all(np.abs(change) <= of.largest):
-            return None
-        if np.abs(less).max() <= max(of.sharp, _ROUGH * np.abs(change).max()):
-            return change
-        at = of.moved(y, change)
+        size = np.abs(left).max()
+        for k in range(_HALVES):
+            moved = change - 0.5**k * less
+            if not np.all(np.abs(moved) <= of.largest):
+                return None
+            if np.abs(less).max() <= max(of.sharp, _ROUGH * np.abs(moved).max()):
+                return moved
+            at = of.moved(y, moved)
+            left = missing(moved, at)
+            if np.abs(left).max() < size:
+                break
+        change = moved
     return None
 
 

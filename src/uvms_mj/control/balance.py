@@ -63,8 +63,9 @@ from .tool_balance import tool_rest
 _BESIDE, _NEXT = 0.05, 0.001
 """How far from its way the reference of the motions beside that of the vehicle is, and if the law keeps eq. (7) on the
 way and only one contact may be hit [m]."""
-_LIMITED_S = 2.0
-"""Time with thrusters at their limits in which integrals wind up [s]."""
+_LIMITED_S, _LIMITED_OWN_S = 2.0, 1.0
+"""Time with thrusters at their limits in which integrals wind up: of a law that keeps eq. (7), and of a law with a
+motion of its own [s]."""
 _AT_ONCE = 1e9
 """A first step after which the motion is at rest [s]."""
 _SAME = 1e-6
@@ -178,8 +179,9 @@ def _reached(motion: TaskMotion, K: float) -> Pose | str:
             others.append(_followed(motion, start, led=False))
         if saturates:
             others.append(_followed(motion, start, limits=True))
-            if motion.limited_s > _LIMITED_S:
-                return f"the thrusters are at their limits for more than {_LIMITED_S:g} s on the way"
+            longest = _LIMITED_S if K > 0.0 else _LIMITED_OWN_S
+            if motion.limited_s > longest:
+                return f"the thrusters are at their limits for more than {longest:g} s on the way"
         motion.track = track
         if any(isinstance(each, str) or np.abs(each.position - rest.position).max() > _SAME for each in others):
             return "motions close to each other come to different rests"

@@ -94,7 +94,7 @@ class FreeMotion:
         self.frame, self.links = setup.plant.probe.carrier, setup.vehicle.arm.links
         n = len(self.links)
         self.inertia, self.damping = np.zeros((n, n)), _DAMPING * np.eye(n)
-        self.largest, self.sharp, self.ends = _LARGEST, math.inf, track.ends
+        self.largest, self.sharp, self.ends = _LARGEST, 1e-3, track.ends
         self.posture, estimates = PostureAtRest(setup), setup.scenario.estimates
         given = [estimates, *(estimates.of(link.name) for link in self.links)]
         self.inertia_hat, self.restoring_hat = [e.inertia for e in given], [e.restoring for e in given]
@@ -158,7 +158,7 @@ class FreeMotion:
 
     def lead(self, q: np.ndarray, t: float, step: float) -> np.ndarray:
         """Move the frame of the task along its track. Returns the change of q that comes with it."""
-        self.held, there = self.track.at(t), self.track.at(t + step)
+        self.held, there = (self.track.end if each >= self.ends else self.track.at(each) for each in (t, t + step))
         moved = between(self.held, there)
         change = self.push(q).J_bar[6:] @ moved if moved.any() else np.zeros(len(q))
         self.held = there
