@@ -12,6 +12,7 @@ from uvms_mj.errors import no_lost_interrupt
 from uvms_mj.plant.geometry import Geometry
 from uvms_mj.plant.mjcf import Mjcf
 from uvms_mj.studies.plan import Plan
+from uvms_mj.studies.results import STUDY, VERSION, check_same, units_of
 from uvms_mj.studies.tune import Tuning
 from uvms_mj.studies.tune.search import JOURNAL, Journal, checksum, optuna
 
@@ -119,3 +120,14 @@ def test_an_interrupt_in_a_callback_from_c_is_raised_again(capfd):
         callback()
     assert sys.unraisablehook is hook
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    "text", ["[]", "5", "{}", "{", '{"code": []}', '{"code": {}, "files": 1, "units": {}, "study": ""}']
+)
+def test_a_damaged_version_of_a_study_is_said(text, tmp_path):
+    (tmp_path / VERSION).write_text(text)
+    (tmp_path / STUDY).write_text('name = "mine"\n')
+    with pytest.raises(InputError, match=r"is not that of a study|can't be read"):
+        check_same(tmp_path / STUDY, {"name": "mine"}, {"study": "", "code": {}, "files": {}})
+    assert units_of(tmp_path, ["wall.stiffness"]) == {}
