@@ -97,8 +97,8 @@ class Gsta(Controller):
 
 
 def _kept(law: Any, times: np.ndarray, unknown: np.ndarray) -> str:
-    """The reason why s does not stay near zero under unknown accelerations (n, 6) at times (n,) [s]: eqs. (24) and
-    (26), each axis by itself, from rest; empty if it stays."""
+    """The reason why s does not stay near zero under unknown accelerations phi (n, 6) at times (n,) [s]: eqs. (24b)
+    and (28), each axis by itself, from s = z = 0; empty if it stays."""
     t = np.arange(0.0, min(times[-1], _LONGEST_S), _STEP_S)
     s, z, largest = np.zeros(6), np.zeros(6), 0.0
     p, q = _STEP_S * law.k_1, 1.0 + _STEP_S * law.k_1 * law.beta
