@@ -9,6 +9,7 @@ from uvms_mj import InputError, McapLog, Scenario, Study, Trace, simulate
 from uvms_mj.plant.geometry import Geometry
 from uvms_mj.plant.mjcf import Mjcf
 from uvms_mj.studies.plan import Plan
+from uvms_mj.studies.results import STUDY, VERSION, check_same, units_of
 from uvms_mj.studies.tune import Tuning
 from uvms_mj.studies.tune.search import JOURNAL, Journal, checksum, optuna
 
@@ -105,3 +106,14 @@ def test_a_flipped_bit_of_a_journal_is_refused_or_changes_no_trial(journal, tmp_
         assert found == sound[: len(found)]  # without its last newline the last line counts as unfinished
     assert len(messages) > 75
     assert all("trials.journal: damaged" in each for each in messages)
+
+
+@pytest.mark.parametrize(
+    "text", ["[]", "5", "{}", "{", '{"code": []}', '{"code": {}, "files": 1, "units": {}, "study": ""}']
+)
+def test_a_damaged_version_of_a_study_is_said(text, tmp_path):
+    (tmp_path / VERSION).write_text(text)
+    (tmp_path / STUDY).write_text('name = "mine"\n')
+    with pytest.raises(InputError, match=r"is not that of a study|can't be read"):
+        check_same(tmp_path / STUDY, {"name": "mine"}, {"study": "", "code": {}, "files": {}})
+    assert units_of(tmp_path, ["wall.stiffness"]) == {}

@@ -390,6 +390,8 @@ def test_what_does_not_fit_a_loaded_scenario_begins_with_scenario_and_its_key(ke
         ("current.direction_deg=1.5708 rad", "write the number alone, 90.0002, in deg"),
         ('initial.position=["1.5 m", 0, 0]', "write the number alone, 1.5, in m"),
         ("initial.position=[1.5 m, 0, 0]", "write the number alone, in the unit of the key"),
+        ('controller.k_1="5"', "write it without quotes, 5"),
+        ("vehicle.mass=11.5kg", "the key is a factor or a share, without a unit, and not a value in kg"),
         ('walls=[{shape="plane", position=[1, 0, 0], stiffness="20 kN/m"}]', "write the number alone, 20000, in N/m"),
     ],
 )

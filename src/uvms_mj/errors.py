@@ -85,16 +85,20 @@ _SPELT = {"°": "deg", "degree": "deg", "degrees": "deg", "radian": "rad", "radi
 
 
 def number_hint(text: object, unit: str = "") -> str:
-    """What to write in place of a text that was meant as a number in a unit: one with a decimal comma, or with its
-    unit. Empty for any other value."""
+    """What to write in place of a text that was meant as a number in a unit: one with a decimal comma, with its
+    unit, or in quotes. Empty for any other value."""
     if not isinstance(text, str) or len(text) > 60:
         return ""
     text = text.strip()
     if found := _WITH_COMMA.fullmatch(text):
         clear = text.count(",") == 1 and not found[2] and len(found[1]) != 4  # 1,000 may be a thousand
         return f"; a number has a decimal point and no comma{': ' + text.replace(',', '.') if clear else ''}"
+    if re.fullmatch(_NUMBER, text):
+        return f"; write it without quotes, {text}"
     if not (found := _WITH_UNIT.fullmatch(text)):
         return ""
+    if unit == "1":
+        return f"; the key is a factor or a share, without a unit, and not a value in {found[2].strip()}"
     value, given = float(found[1]), _SPELT.get(found[2].lower(), " ".join(found[2].split()))
     factor = 1.0 if given == unit else _PREFIXES.get(given[:1]) if given[1:] == unit else None
     if {given, unit} == {"rad", "deg"}:

@@ -59,6 +59,25 @@ def test_a_rest_that_the_vehicle_misses_from_a_few_centimetres_beside_its_way_is
     assert "different rests" in found.reason
 
 
+def test_a_law_that_loses_the_task_on_the_way_has_no_closed_form():
+    """Standard super-twisting does not follow the yaw moment of the current on the moving vehicle: it comes to the pile
+    turned by 50 deg and slides off. The generalised one follows."""
+    over = {
+        "wall.present": False,
+        "walls": [{"shape": "cylinder", "position": [1.26, 0.228, 0.154], "radius": 0.25, "stiffness": 8.6e3}],
+        "reference.target": [1.633, -0.007, 0.0],
+        "current.speed": 0.4,
+        "current.direction_deg": 147.0,
+        "initial.position": [-0.3, 0.0, 0.0],
+        "simulation.duration": 40.0,
+    }
+    lost, kept = run("push_wall", over, "sta"), run("push_wall", over, "gsta")
+    assert isinstance(lost.analytic, NoClosedForm)
+    assert "does not follow" in lost.analytic.reason
+    assert lost.push[-1] < 0.5 * kept.push[-1]
+    assert kept.analytic.force == pytest.approx(kept.push[-1], rel=1e-4)
+
+
 @pytest.mark.parametrize("law", ["parallel", "pid"])
 def test_a_law_with_an_integral_of_its_own_rests_with_that_of_the_task(law):
     over = {"task.integral": True, "impedance.F_d": [-2.0] + [0.0] * 5, "simulation.duration": 60.0}

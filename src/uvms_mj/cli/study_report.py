@@ -1,6 +1,5 @@
 """``uvms-mj study report``: one HTML page of a study's results."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -50,12 +49,12 @@ def study_report(folder: str, out: str | None, force: bool) -> None:
 
 def _versions(folder: Path) -> dict[str, str]:
     """Versions of the code of a study by name; empty if they can't be read."""
-    from ..studies.results import VERSION
+    from ..errors import InputError
+    from ..studies.results import version_of
 
     try:
-        code = json.loads((folder / VERSION).read_bytes())["code"]
-        return {name: str(version) for name, version in code.items()}
-    except (OSError, ValueError, KeyError, AttributeError):
+        return dict(version_of(folder)["code"])
+    except InputError:
         return {}
 
 

@@ -1,6 +1,5 @@
 """``uvms-mj run --from DIR --row N``: the scenario and the engine of one run of a study."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,7 +21,7 @@ def row_of(folder: str, row: int, overrides: dict[str, Any], controller: str | N
     from ..errors import InputError
     from ..studies.plan import Plan
     from ..studies.pool.parcel import Parcel, changed_files
-    from ..studies.results import STUDY, about_of, changes
+    from ..studies.results import STUDY, about_of, changes, version_of
     from ..studies.rows import chosen_engine
     from ..studies.study import Study
 
@@ -33,7 +32,7 @@ def row_of(folder: str, row: int, overrides: dict[str, Any], controller: str | N
         raise InputError(f"--row {row}: the study in {folder} has the rows 0 to {plan.runs - 1}")
     named = {*overrides, *(("controller.name",) if controller else ())}
     names = {name for key, name in plan.names(row).items() if key not in named}
-    then = _version(Path(folder))
+    then = version_of(Path(folder))
     if files := sorted({file for name in names for file in changed_files(name, then["files"])}):
         raise InputError(_changed(folder, row, files))
     plan = Plan.that_ran(Path(folder, STUDY), trusted=names)
@@ -56,20 +55,6 @@ def _changed(folder: str, row: int, files: list[str]) -> str:
         f"row {row} of {folder}: since the study began, {', '.join(files)} changed; restore what it was, or name "
         "the file to run it as it is: -c path/to/law.py:Law, or a key, vehicle.model=path"
     )
-
-
-def _version(folder: Path) -> dict[str, Any]:
-    """The contents of version.json of a study's folder. Raises InputError if they can't be read."""
-    from ..errors import InputError
-    from ..studies.results import VERSION
-
-    try:
-        found = json.loads((folder / VERSION).read_bytes())
-        if all(isinstance(found[table], dict) for table in ("code", "files")):
-            return dict(found)
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{folder}: can't be read: {error}") from None
-    raise InputError(f"{folder / VERSION}: is not that of a study")
 
 
 def _engine_of(folder: Path, row: int) -> str:

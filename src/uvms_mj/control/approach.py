@@ -29,7 +29,7 @@ _HALVES = 12
 _FASTEST = 1e4
 """Rates above this are those of walls and of algebraic rows [1/s]."""
 _GROWS = 1e-3
-"""A growth above this is more than rounding [1/s]."""
+"""A slower growth is not seen in a run of minutes [1/s]."""
 
 
 class Motion(Protocol):

@@ -44,6 +44,7 @@ same root: it begins at the reference. Otherwise it begins where the vehicle doe
 way, together with motions that begin beside it. If they do not all reach the same stable root, there is no closed form.
 """
 
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -60,12 +61,12 @@ from .sampled import not_constant
 from .task_motion import TaskMotion, way_of
 from .tool_balance import tool_rest
 
-_BESIDE, _NEXT = 0.05, 0.001
-"""How far from its way the reference of the motions beside that of the vehicle is, and if the law keeps eq. (7) on the
-way and only one contact may be hit [m]."""
+_BESIDE, _BESIDE_TOOL, _NEXT = 0.05, 0.02, 0.001
+"""How far from its way the reference of the motions beside that of the vehicle is, of a tool, whose way is short, and
+if the law keeps eq. (7) on the way and only one contact may be hit [m]."""
 _LIMITED_S, _LIMITED_OWN_S = 2.0, 1.0
-"""Time with thrusters at their limits in which integrals wind up: of a law that keeps eq. (7), and of a law with a
-motion of its own [s]."""
+"""Time with thrusters at their limits after which the motion is not known, under a law that keeps eq. (7) and under
+another one [s]."""
 _AT_ONCE = 1e9
 """A first step after which the motion is at rest [s]."""
 _SAME = 1e-6
@@ -77,6 +78,7 @@ def static_balance(
     K: float,
     residual: "Callable[[Balance, Pose], np.ndarray] | None" = None,
     integral: Integral | None = None,
+    kept: Callable[[np.ndarray, np.ndarray], str] | None = None,
 ) -> SteadyState | str:
     """The vehicle at rest under a law that is the nominal control minus M_hat (A + K) s near rest.
 
@@ -87,6 +89,8 @@ def static_balance(
         residual: the six equations of another law, from the balance and a pose (6,), in place of the ones above:
             minus the wrench that moves the vehicle. They need a constant disturbance.
         integral: in the residual, which is slow on the way to the rest.
+        kept: the reason why the law does not keep eq. (7) under unknown accelerations (n, 6) at times (n,) [s], empty
+            if it does. By default it does.
 
     Returns:
         The state, or the reason why there is none.
@@ -107,7 +111,7 @@ def static_balance(
         return _with_arm(setup, K, delivery)
     balance = Balance(setup, K, delivery, residual is not None)
     motion = TaskMotion(balance, Balance.__call__ if residual is None else residual, integral, delivery)
-    pose = _nearest(motion) if balance.springs.convex else _reached(motion, 0.0 if residual else K)
+    pose = _nearest(motion) if balance.springs.convex else _reached(motion, 0.0 if residual else K, kept)
     if isinstance(pose, str):
         return pose
     for sensor in (scenario.navigation, scenario.observer):
@@ -151,7 +155,7 @@ def _nearest(motion: TaskMotion) -> Pose | str:
     return approach(motion, balance.pose(balance.p_d, balance.quat_d), np.zeros(6), _AT_ONCE)
 
 
-def _reached(motion: TaskMotion, K: float) -> Pose | str:
+def _reached(motion: TaskMotion, K: float, kept: Callable[[np.ndarray, np.ndarray], str] | None = None) -> Pose | str:
     """The rest that the frame of the task reaches from its start under a law with the slope K, or the reason why it is
     not known."""
     balance, setup = motion.balance, motion.balance.setup
@@ -166,6 +170,8 @@ def _reached(motion: TaskMotion, K: float) -> Pose | str:
         return rest
     if motion.delivery is not None and (weak := motion.delivery.weak(balance.thrust(rest))):
         return weak
+    if kept is not None and (reason := kept(*motion.unknown())):
+        return reason
     motion.passed(motion.track.times[-1] + 1.0, rest)
     if not balance.springs.convex:
         track, saturates = motion.track, motion.saturates
@@ -173,7 +179,7 @@ def _reached(motion: TaskMotion, K: float) -> Pose | str:
         if reason := _rubbed(balance, balance.contacts(*passed)[1]):
             return reason
         alone = len(balance.springs) + setup.contacts.paper == 1
-        beside = _NEXT if np.isinf(K) and alone else _BESIDE
+        beside = _NEXT if np.isinf(K) and alone else _BESIDE_TOOL if setup.not_rigid else _BESIDE
         others = [_followed(motion, start, beside * e) for e in _across(way[1][-1] - start.position)]
         if K == 0.0:
             others.append(_followed(motion, start, led=False))
@@ -182,6 +188,8 @@ def _reached(motion: TaskMotion, K: float) -> Pose | str:
             longest = _LIMITED_S if K > 0.0 else _LIMITED_OWN_S
             if motion.limited_s > longest:
                 return f"the thrusters are at their limits for more than {longest:g} s on the way"
+            if any(a.tau_c.any() and not b.tau_c.any() for a, b in itertools.pairwise(track.poses)):
+                return "the thrusters come to their limits on a way on which the vehicle slides off a wall"
         motion.track = track
         if any(isinstance(each, str) or np.abs(each.position - rest.position).max() > _SAME for each in others):
             return "motions close to each other come to different rests"

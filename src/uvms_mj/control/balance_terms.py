@@ -141,6 +141,15 @@ class Balance:
         unknown = (estimates.restoring - 1.0) * nominal + (nominal - g_eta) + (x.tau_c - known.tau_c)
         return self.M_hat_inv @ (d + unknown + self.resistance(known.nu) + self.undelivered @ self.thrust(x))
 
+    def unknown_on_the_way(self, x: Pose, nu: np.ndarray) -> np.ndarray:
+        """The acceleration (6,) of eq. (11) that current, disturbance and wrong estimates give a rigid vehicle with a
+        velocity nu (6,)."""
+        vehicle, estimates, term = self.setup.vehicle, self.setup.scenario.estimates, np.empty(6)
+        d, g_eta = self.environment(x, nu)
+        coriolis_rigid_body(vehicle.M_RB, nu, term)
+        known = self.resistance(nu) + estimates.restoring * self.restoring(self.setup.nominal, x.R_WB)
+        return self.M_hat_inv @ (d - g_eta - term + known)
+
     def resistance(self, nu: np.ndarray) -> np.ndarray:
         """C_hat nu + D_hat nu (6,) of a measured velocity."""
         vehicle, estimates = self.setup.nominal, self.setup.scenario.estimates

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Iterator
@@ -24,6 +25,10 @@ _AMPLITUDES = np.geomspace(1e-5, 2e-2, 30)
 """Amplitudes of s [m/s]. The largest is that of an impact at a few decimetres per second."""
 _GROWS = 1e-3
 """A growth rate above this is more than rounding [1/s]."""
+_LARGEST_S = 0.15
+"""Largest s on the way with which eq. (7) still says where the vehicle goes [m/s or rad/s]."""
+_STEP_S, _LONGEST_S = 5e-3, 60.0
+"""Step and duration of the computation of s on the way [s]."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +68,8 @@ class Gsta(Controller):
         if disturbance_rate(setup).max() >= self.k_2 / 2.0:
             return "the disturbance changes faster than k_2/2, which super-twisting can follow"
         vibration = Vibration.of(setup)
-        state = zeta_grows(setup) or vibration.checked(static_balance(setup, np.inf))
+        kept = functools.partial(_kept, self)
+        state = zeta_grows(setup) or vibration.checked(static_balance(setup, np.inf, kept=kept))
         if isinstance(state, SteadyState) and 0.0 < 2.0 * state.force < swing(vibration, self.slopes)[0]:
             return "the late command does not hold against this wall"
         return state
@@ -88,6 +94,23 @@ class Gsta(Controller):
         from .certificate import Certificate
 
         return Certificate.of(self.k_1, self.k_2, self.beta, None if self.nominal else min(setup.task.A))
+
+
+def _kept(law: Any, times: np.ndarray, unknown: np.ndarray) -> str:
+    """The reason why s does not stay near zero under unknown accelerations phi (n, 6) at times (n,) [s]: eqs. (24b)
+    and (28), each axis by itself, from s = z = 0; empty if it stays."""
+    t = np.arange(0.0, min(times[-1], _LONGEST_S), _STEP_S)
+    s, z, largest = np.zeros(6), np.zeros(6), 0.0
+    p, q = _STEP_S * law.k_1, 1.0 + _STEP_S * law.k_1 * law.beta
+    for d in np.array([np.interp(t, times, each) for each in unknown.T]).T:  # implicit Euler: q root^2 + p root = ahead
+        ahead = s + _STEP_S * (z + d)
+        sgn, root = np.sign(ahead), (np.sqrt(p * p + 4.0 * q * np.abs(ahead)) - p) / (2.0 * q)
+        s = sgn * root * root
+        z = z - _STEP_S * law.k_2 * (sgn * (0.5 + 1.5 * law.beta * root) + law.beta**2 * s)
+        largest = max(largest, float(np.abs(s).max()))
+    if largest < _LARGEST_S:
+        return ""
+    return f"super-twisting does not follow the disturbance on the way: s comes to {largest:.2g} m/s or rad/s"
 
 
 @dataclass(frozen=True)

@@ -140,12 +140,22 @@ class TaskMotion:
         found = (self._thrust(k) for k in range(2, len(self.track.times)))
         return self.delivery is not None and any(self.delivery.missing(tau).any() for tau in found)
 
+    def unknown(self) -> tuple[np.ndarray, np.ndarray]:
+        """Times (n,) [s] of the track, and the unknown acceleration (n, 6) of a rigid vehicle on it."""
+        steps = range(1, len(self.track.times))
+        found = [self.balance.unknown_on_the_way(self.track.poses[k], self._velocity(k)) for k in steps]
+        return np.array(self.track.times[1:]), np.array(found)
+
+    def _velocity(self, k: int) -> np.ndarray:
+        """nu (6,) in step k of the track."""
+        times, poses = self.track.times, self.track.poses
+        return between(poses[k - 1], poses[k]) / (times[k] - times[k - 1])
+
     def _thrust(self, k: int) -> np.ndarray:
         """tau (6,) of a rigid vehicle in step k of the track."""
-        times, poses = self.track.times, self.track.poses
-        nu_before, nu = (between(poses[i - 1], poses[i]) / (times[i] - times[i - 1]) for i in (k - 1, k))
-        acceleration: np.ndarray = (nu - nu_before) / (times[k] - times[k - 1])
-        return self.balance.thrust(poses[k], nu) + self.balance.setup.design.M @ acceleration
+        nu_before, nu = self._velocity(k - 1), self._velocity(k)
+        acceleration: np.ndarray = (nu - nu_before) / (self.track.times[k] - self.track.times[k - 1])
+        return self.balance.thrust(self.track.poses[k], nu) + self.balance.setup.design.M @ acceleration
 
     def stable(self, pose: Pose) -> bool:
         """Whether the motion stays at a root, also while the integral keeps its value."""

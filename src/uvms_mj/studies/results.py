@@ -155,13 +155,27 @@ def about_of(plan: "Plan", parcel: "Parcel") -> dict[str, Any]:
     }
 
 
+def version_of(folder: Path) -> dict[str, Any]:
+    """The contents of version.json. Raises InputError if they can't be read."""
+    try:
+        found = json.loads((folder / VERSION).read_bytes())
+    except (OSError, ValueError) as error:
+        raise InputError(f"{folder}: has results that can't be read: {error}") from None
+    tables = [found.get(name) for name in ("code", "files", "units")] if isinstance(found, dict) else [None]
+    if not all(isinstance(each, dict) and all(isinstance(x, str) for x in each.values()) for each in tables):
+        raise InputError(f"{folder / VERSION}: is not that of a study: it has no tables code, files and units of texts")
+    if not isinstance(found.get("study"), str):
+        raise InputError(f"{folder / VERSION}: is not that of a study: it has no digest, study")
+    return dict(found)
+
+
 def units_of(folder: Path, keys: Sequence[str]) -> dict[str, str]:
     """The units of keys that version.json of a folder has: those of gains of a user's law need its class."""
     try:
-        found = json.loads((folder / VERSION).read_bytes())["units"]
-        units = {key: str(found[key]) for key in keys if key in found}
-    except (OSError, ValueError, LookupError, TypeError):
+        found = version_of(folder)["units"]
+    except InputError:
         return {}
+    units = {key: found[key] for key in keys if key in found}
     return {key: unit for key, unit in units.items() if unit.isprintable() and len(unit) < 40}
 
 
@@ -169,8 +183,8 @@ def check_same(path: Path, tables: Mapping[str, Any], about: dict[str, Any], fre
     """Raise InputError unless a folder has the same file, begun with the same code and files. The file at ``path`` was
     written from the tables of its study; nothing that it names is imported. Keys in ``free`` may differ."""
     folder = path.parent
+    then = version_of(folder)
     try:
-        then = json.loads((folder / VERSION).read_bytes())
         before = parsed_toml(text_of(path))
     except (OSError, ValueError) as error:
         raise InputError(f"{folder}: has results that can't be read: {error}; choose another folder") from None

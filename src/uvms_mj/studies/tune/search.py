@@ -62,7 +62,10 @@ class Journal:
     @property
     def trials(self) -> list[Any]:
         """The trials that are done. Raises InputError if one is not what was kept."""
-        found = self._study.get_trials(deepcopy=False)
+        try:
+            found = self._study.get_trials(deepcopy=False)
+        except Exception as error:  # as in the constructor
+            raise self._damaged(f"{type(error).__name__}: {error}") from error
         for each in found:
             if each.user_attrs.get("checksum") != checksum(each):
                 raise self._damaged(f"trial {each.number} does not have its checksum")
