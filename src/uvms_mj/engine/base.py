@@ -8,6 +8,7 @@ import numpy as np
 from ..analysis.setup import Setup
 from ..errors import InputError
 from ..plant.build import put_at
+from .native.image import Image
 from .native.water import Water
 
 
@@ -16,20 +17,14 @@ class Engine(ABC):
 
     Attributes:
         chunk_steps: largest number of steps from one reading of the clock to the next: a few milliseconds of wall time.
-        context: the CONTEXT record (1,).
-        water: the motion of the water in it.
-        memory: the engine's arrays whose addresses are in the LOOP record, by their fields.
-        state: the arrays that a reset restores.
+        water: the motion of the water in the record of the run.
         qpos, qvel: (7,) and (6,) the vehicle's pose and velocity, those of its free joint.
         closed: whether the engine can't step any more.
     """
 
     name: ClassVar[str]
     chunk_steps: ClassVar[int]
-    context: np.ndarray
     water: Water
-    memory: dict[str, np.ndarray]
-    state: tuple[np.ndarray, ...]
     qpos: np.ndarray
     qvel: np.ndarray
 
@@ -50,10 +45,14 @@ class Engine(ABC):
     @abstractmethod
     def close(self) -> None: ...
 
-    def clear(self) -> None:  # noqa: B027  # free_body has nothing beside its state
-        """Forget everything of the run but :attr:`state`."""
+    @abstractmethod
+    def enter(self, image: Image, run: np.ndarray, setup: Setup, code: dict[str, Any]) -> None:
+        """Take the record of a run (1,), which is in an image, and its entry points."""
 
-    def write_time(self, setup: Setup) -> None:  # noqa: B027  # free_body reads that of the LOOP record
+    def clear(self) -> None:  # noqa: B027  # free_body has nothing beside the record
+        """Forget everything of the run but its initial state."""
+
+    def write_time(self, setup: Setup) -> None:  # noqa: B027  # free_body reads that of the record
         """Set the time step."""
 
     @abstractmethod
@@ -71,9 +70,9 @@ class Engine(ABC):
         """Raise RuntimeError if somebody else has stepped the engine."""
 
     @abstractmethod
-    def step(self, loop: np.ndarray, n: int) -> None:
-        """Take n time steps of a LOOP record (1,)."""
+    def step(self, n: int) -> None:
+        """Take n time steps."""
 
     @abstractmethod
-    def evaluate(self, loop: np.ndarray) -> None:
+    def evaluate(self) -> None:
         """Evaluate the instant in hand without a step."""

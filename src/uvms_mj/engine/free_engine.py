@@ -4,26 +4,31 @@ It computes what MuJoCo computes for such a vehicle, from the same state and wit
 MuJoCo's semi-implicit Euler, and its contact is as soft as MuJoCo's (:mod:`uvms_mj.physics.free_body`).
 """
 
+from typing import Any
+
 import numpy as np
 
 from ..analysis.setup import Setup
 from ..plant.contacts import face_of
 from .base import Engine
-from .native.callback import entry_point
-from .native.layouts import BODY, CONTEXT
+from .native.attachment import fill_plant
+from .native.image import Image
 from .native.water import Water
 
 
 class FreeEngine(Engine):
-    """A vehicle in NumPy's memory."""
+    """A vehicle in the record of its run."""
 
     name = "free_body"
     chunk_steps = 10_000
 
     def __init__(self, setup: Setup) -> None:
-        vehicle = setup.vehicle
-        self.context, self._body = np.zeros(1, CONTEXT), np.zeros(1, BODY)
-        self.water = Water(self.context, vehicle, setup.gravity_W)
+        self._closed = False
+
+    def enter(self, image: Image, run: np.ndarray, setup: Setup, code: dict[str, Any]) -> None:
+        vehicle, plant, self._body = setup.vehicle, run["plant"], run["body"]
+        fill_plant(plant, vehicle, setup.gravity_W)
+        self.water = Water(image, plant, vehicle, setup.gravity_W)
         constants = {
             "M_RB": vehicle.M_RB,
             "M_inv": np.linalg.inv(vehicle.M),
@@ -35,12 +40,8 @@ class FreeEngine(Engine):
         }
         for name, value in constants.items():
             self._body[name] = value
-        self.context["qpos_at"] = self._body["qpos"].ctypes.data
-        self.context["qvel_at"] = self._body["qvel"].ctypes.data
-        self.memory = {f"{name}_at": self._body[name] for name in ("qacc", "distance", "fromto", "contact")}
-        self.state, self._closed = (self._body,), False
-        self.qpos, self.qvel = self._body["qpos"][0], self._body["qvel"][0]
-        self._addresses = self.context.ctypes.data, self._body.ctypes.data
+        self.qpos, self.qvel = plant["qpos"][0], plant["qvel"][0]
+        self._step, self._address = code["free_steps"].ctypes, image.address
 
     @property
     def closed(self) -> bool:
@@ -50,13 +51,13 @@ class FreeEngine(Engine):
         self._body["face"] = face_of(setup.scenario, setup.plant.probe.radius)
 
     def sense(self) -> None:
-        entry_point("free_steps")(*self._addresses, 0, 0)
+        self._step(self._address, 0, 0)
 
-    def step(self, loop: np.ndarray, n: int) -> None:
-        entry_point("free_steps")(*self._addresses, n, 1)
+    def step(self, n: int) -> None:
+        self._step(self._address, n, 1)
 
-    def evaluate(self, loop: np.ndarray) -> None:
-        entry_point("free_steps")(*self._addresses, 1, 0)
+    def evaluate(self) -> None:
+        self._step(self._address, 1, 0)
 
     def close(self) -> None:
         self._closed = True

@@ -1,5 +1,7 @@
 """The engine ``mujoco``: MuJoCo's own step, with hydrodynamics and closed loop in its callback."""
 
+from typing import Any
+
 import mujoco
 import numpy as np
 
@@ -9,7 +11,8 @@ from ..plant.contacts import face_of, surfaces_of
 from ..plant.looks import aim, move_walls
 from ..plant.vehicle import free_joint_addresses
 from .base import Engine
-from .native.attachment import immerse
+from .native.attachment import Attachment, immerse
+from .native.image import Image
 from .native.timers import timers_stopped
 
 CHUNK_STEPS = 1000
@@ -29,15 +32,20 @@ class MujocoEngine(Engine):
         self._drawn, start = plant.walls, setup.scenario.initial.position
         if plant.looks:
             aim(self._model, start, next((wall.position[0] for wall in plant.walls), start[0]), plant.geometry.reach)
-        self._attachment = immerse(self._model, self._data, plant.vehicle)
-        self.water = self._attachment.water
-        self.context, self.state = self._attachment.context, (self._data.qpos, self._data.qvel)
-        qpos, dof = free_joint_addresses(self._model, plant.body_id)
-        self.qpos, self.qvel = self._data.qpos[qpos : qpos + 7], self._data.qvel[dof : dof + 6]
-        self._q = self._data.qpos[qpos + 7 : qpos + 7 + len(plant.vehicle.arm.links)]
-        sensors = {f"{name}_at": self._data.sensordata[address:] for name, address in plant.sensors.items()}
+        self._attachment: Attachment | None = None
         self._place()
-        self.memory = {"qacc_at": self._data.qacc[dof:], "ctrl_at": self._data.ctrl, **sensors}
+
+    def enter(self, image: Image, run: np.ndarray, setup: Setup, code: dict[str, Any]) -> None:
+        plant, data = self._plant, self._data
+        self._attachment = immerse(self._model, data, plant.vehicle, image, code["evaluate"].address)
+        self.water, self._run = self._attachment.water, run
+        qpos, dof = free_joint_addresses(self._model, plant.body_id)
+        self.qpos, self.qvel = data.qpos[qpos : qpos + 7], data.qvel[dof : dof + 6]
+        self._q = data.qpos[qpos + 7 : qpos + 7 + len(plant.vehicle.arm.links)]
+        self._start = data.qpos.copy(), data.qvel.copy()
+        border = run["plant"]["mujoco"]
+        for name, field in {"contact": "solved_at", "distance": "distance_at", "fromto": "fromto_at"}.items():
+            border[field] = data.sensordata[plant.sensors[name] :].ctypes.data
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -49,6 +57,7 @@ class MujocoEngine(Engine):
 
     def clear(self) -> None:
         mujoco.mj_resetData(self._model, self._data)
+        self._data.qpos[:], self._data.qvel[:] = self._start
 
     def write_time(self, setup: Setup) -> None:
         self._model.opt.timestep = setup.scenario.simulation.timestep
@@ -78,21 +87,23 @@ class MujocoEngine(Engine):
         if abs(self._data.time - t) > 0.5 * timestep or self._model.opt.timestep != timestep:
             raise RuntimeError(_STEPPED)
 
-    def step(self, loop: np.ndarray, n: int) -> None:
-        loop["remaining"] = n
+    def step(self, n: int) -> None:
+        run = self._run
+        run["remaining"] = n
         with timers_stopped:
             mujoco.mj_step(self._model, self._data, n)
-        if loop["remaining"][0]:
-            loop["remaining"] = 0
+        if run["remaining"][0]:
+            run["remaining"] = 0
             raise RuntimeError("mjcb_control was replaced during the run: hydrodynamics were no longer applied")
 
-    def evaluate(self, loop: np.ndarray) -> None:
-        loop["remaining"] = 1
+    def evaluate(self) -> None:
+        self._run["remaining"] = 1
         mujoco.mj_forward(self._model, self._data)
 
     @property
     def closed(self) -> bool:
-        return self._attachment.detached
+        return self._attachment is None or self._attachment.detached
 
     def close(self) -> None:
-        self._attachment.release()
+        if self._attachment is not None:
+            self._attachment.release()

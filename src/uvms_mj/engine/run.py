@@ -20,8 +20,8 @@ from ..records.trace import Trace
 from ..records.writing import Writing
 from ..scenario import Scenario
 from ..stages.base import is_shipped
-from .native.layouts import STOP_THRUST
 from .native.plain_stage import StageFault
+from .native.record import STOP_THRUST
 from .simulation import CHUNK_S, Simulation, valid_scenario
 
 
@@ -155,9 +155,9 @@ class _Run:
                 if self.progress is not None:
                     self.progress(done, self.scenario.steps)
                 if sim.divergence:
-                    touched = self.memory.loop["row"]["touches"][0] > 0.0
+                    touched = self.memory.run["row"]["touches"][0] > 0.0
                     own = not (is_shipped(self.scenario.thrusters) and is_shipped(self.scenario.actuation))
-                    of_thrusters = own and self.memory.loop["stop"][0] == STOP_THRUST
+                    of_thrusters = own and self.memory.run["stop"][0] == STOP_THRUST
                     advice = f"{_warned(self.notes)}{_hint(touched, of_thrusters)}"
                     status, message = Status.unstable, f"t = {sim.t:.6g} s: {sim.divergence}. {advice}"
                     break

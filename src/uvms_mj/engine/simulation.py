@@ -19,9 +19,8 @@ from .changes import changed
 from .checks import checked
 from .engines import engine_of
 from .live import Signals
-from .native.callback import entry_point
 from .native.run_memory import RunMemory
-from .native.verdict import Diverged, verdict
+from .native.stop_reason import Diverged, stop_reason
 from .one_thread import OneThread
 
 CHUNK_S = 0.25
@@ -84,8 +83,8 @@ class Simulation:
             self.close()
             raise
         self._stages = self._memory.stages
-        self._plain = [entry for entry in self._stages.running if entry.code is None]
-        self._users = [entry for entry in self._stages.running if entry.users]
+        self._plain = [stage for stage in self._stages.running if stage.code is None]
+        self._users = [stage for stage in self._stages.running if stage.users]
         self._slice, self._alone = 1, OneThread(self._engine)
         self._signals, self._ready = Signals(self._memory.views()), False
 
@@ -104,7 +103,7 @@ class Simulation:
     @property
     def chunk_steps(self) -> int:
         """Largest number of steps of a call of :meth:`run` with rows."""
-        return self._engine.chunk_steps
+        return self._memory.chunk_steps
 
     @property
     def scenario(self) -> Scenario:
@@ -122,7 +121,7 @@ class Simulation:
     @property
     def steps(self) -> int:
         """Number of time steps done."""
-        return int(self._memory.loop["step"][0] + self._memory.loop["pending"][0])
+        return int(self._memory.run["step"][0] + self._memory.run["pending"][0])
 
     @property
     def t(self) -> float:
@@ -137,7 +136,7 @@ class Simulation:
     @property
     def slow_stages(self) -> tuple[str, ...]:
         """Notes on the stages that run as plain Python."""
-        return tuple(entry.slow for entry in self._plain)
+        return tuple(stage.slow for stage in self._plain)
 
     @property
     def recorded(self) -> tuple[Signal, ...]:
@@ -160,7 +159,7 @@ class Simulation:
         sets them before a step. InputError with another actuation."""
         if not isinstance(self.scenario.actuation, Pwm):
             raise InputError([Fault("actuation.name", f"{self.scenario.actuation.label()}: pwm_cmd needs pwm")])
-        return _view(self._stages.entries["actuation"].state["pwm_cmd"][0], True)
+        return _view(self._stages.stages["actuation"].state["pwm_cmd"][0], True)
 
     def reset(self, overrides: Mapping[str, Any] | None = None, *, seed: int | None = None) -> None:
         """Return to the start without compiling or building anything.
@@ -239,17 +238,17 @@ class Simulation:
             return self._run(n, seconds)
 
     def _run(self, n: int, seconds: float) -> int:
-        loop, most = self._memory.loop, SLICE_STEPS if self._users else self.chunk_steps
-        if not loop["stop"][0]:
+        run, most = self._memory.run, SLICE_STEPS if self._users else self.chunk_steps
+        if not run["stop"][0]:
             self._engine.check(self.t, self.scenario.simulation.timestep)
         self._ready, done, start = False, 0, time.perf_counter()
         now = start
-        while done < n and now - start < seconds and not loop["stop"][0]:
+        while done < n and now - start < seconds and not run["stop"][0]:
             size, begun = min(self._slice, n - done), now
             if self._plain:
                 size = 1
                 self._run_stages(len(self._stages.rows))
-            self._engine.step(loop, size)
+            self._engine.step(size)
             done, now = done + size, time.perf_counter()
             self._slice = max(1, min(most, int(CHUNK_S * size / max(now - begun, 1e-9))))
         return done
@@ -257,14 +256,14 @@ class Simulation:
     def record(self, row_steps: int) -> RunMemory:
         """Record a row every so many time steps, from the start of the run. The memory must be emptied at least once in
         :attr:`chunk_steps` steps."""
-        self._memory.record(row_steps, self.chunk_steps // row_steps + 2)
+        self._memory.record(row_steps)
         return self._memory
 
     def finish(self) -> None:
         """Evaluate the instant in hand without a step, so that its row is complete."""
         if self._plain:
             self._run_stages(len(self._stages.rows))
-        self._engine.evaluate(self._memory.loop)
+        self._engine.evaluate()
 
     def _prepare(self) -> None:
         """Run the stages before the law at the instant in hand. Raises StageFault if a stage raised or violated its
@@ -274,15 +273,15 @@ class Simulation:
         self.check()
 
     def _run_stages(self, end: int) -> None:
-        context, loop = self._memory.context_at, self._memory.loop
+        memory = self._memory
         self._engine.sense()
-        while (waiting := entry_point("advance")(context, end)) >= 0:
+        while (waiting := memory.code["advance"].ctypes(memory.address, end)) >= 0:
             try:
                 self._stages.running[waiting].call_plain()
             except BaseException:
                 self._stages.take_back(waiting)
                 raise
-            loop["next"] = waiting + 1
+            memory.run["next"] = waiting + 1
 
     def check(self) -> None:
         """Report a failure of a user's stage.
@@ -296,7 +295,7 @@ class Simulation:
     @property
     def divergence(self) -> str:
         """The first variable to leave its bound, as text; empty if there is none."""
-        return verdict(self._memory.loop[0])
+        return stop_reason(self._memory.run[0])
 
     def __reduce_ex__(self, protocol: object) -> NoReturn:
         raise TypeError("a Simulation can't be copied or pickled: make another one, Simulation(sim.scenario)")

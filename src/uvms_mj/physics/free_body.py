@@ -55,13 +55,15 @@ def free_acceleration(body, R_WB, nu, tau, work, qacc):
 
 
 @kernel
-def soft_contact(body, contact, R_WB, work, qacc) -> float:
+def soft_contact(body, contact, R_WB, qvel, distance, work, qacc) -> float:
     """Add the wall's normal force at B's origin to the free joint's acceleration qacc (6,), and return it [N].
 
     Args:
-        body: a record with M_inv (6, 6), softness R [1/kg], distance [m] and qvel.
+        body: a record with M_inv (6, 6) and softness R [1/kg].
         contact: a CONTACT record that touches, with the normal of the instant.
         R_WB: (3, 3).
+        qvel: (6,) velocity of the free joint.
+        distance: from the wall's face to the probe [m].
         work: (6,) scratch.
         qacc: (6,) acceleration by all other forces, [m/s^2 in W, rad/s^2 in B].
     """
@@ -74,8 +76,8 @@ def soft_contact(body, contact, R_WB, work, qacc) -> float:
     a_0, v_n = 0.0, 0.0
     for i in range(3):
         a_0 += n[i] * qacc[i]
-        v_n += n[i] * body.qvel[i]
-    spring = -contact.stiffness * body.distance - contact.damping * v_n
+        v_n += n[i] * qvel[i]
+    spring = -contact.stiffness * distance - contact.damping * v_n
     f_n = max(0.0, (body.softness * spring - a_0) / (body.softness + yielding))
     to_world(R_WB, work, work)
     for i in range(6):
@@ -100,12 +102,13 @@ def symplectic_step(qpos, qvel, qacc, timestep):
 
 
 @kernel
-def sphere_and_face(body):
-    """Set the distance from the wall's face to the sphere of radius ``reach`` at B's origin, and their nearest points
-    [m, W]. The face is a plane with normal -x."""
-    body.distance = (body.face - body.qpos[0]) - body.reach
-    body.fromto[0] = body.qpos[0] + body.reach + body.distance
-    body.fromto[3] = body.qpos[0] + body.reach
+def sphere_and_face(body, qpos, fromto) -> float:
+    """The distance from the wall's face, a plane with normal -x, to the sphere of radius ``reach`` at B's origin [m].
+    Sets their nearest points fromto (6,) in W."""
+    distance = (body.face - qpos[0]) - body.reach
+    fromto[0] = qpos[0] + body.reach + distance
+    fromto[3] = qpos[0] + body.reach
     for i in range(1, 3):
-        body.fromto[i] = body.qpos[i]
-        body.fromto[3 + i] = body.qpos[i]
+        fromto[i] = qpos[i]
+        fromto[3 + i] = qpos[i]
+    return distance

@@ -33,7 +33,7 @@ SURFACE = np.dtype(
         ("v_W", "f8", (3,)),  # velocity at this instant [m/s]
         ("moves", "i8"),
         ("start_W", "f8", (3,)),  # p_WS without motion [m]
-        ("table_at", "i8"),  # rows (time, displacement (3,) in W)
+        ("table", "i8"),  # place in the numbers of the record; rows (time, displacement (3,) in W)
         ("rows", "i8"),
         ("row", "i8"),  # the latest one that has begun
         ("amplitude_W", "f8", (3,)),  # of the sine [m]
@@ -47,11 +47,11 @@ SURFACE = np.dtype(
 
 
 @kernel
-def move(surface, table, t):
+def move(surface, numbers, t):
     """Set position and velocity of a surface at the time t [s]. Times must not decrease from call to call.
 
-    Before its first row and after its last one, the surface keeps the displacement of this row. table is (4 n,): rows
-    of a time [s] and a displacement in W [m].
+    Before its first row and after its last one, the surface keeps the displacement of this row. Its table is in
+    ``numbers``: rows of a time [s] and a displacement in W [m].
     """
     angle = 2.0 * math.pi * surface.frequency * t + surface.phase
     sine, cosine = math.sin(angle), 2.0 * math.pi * surface.frequency * math.cos(angle)
@@ -60,16 +60,17 @@ def move(surface, table, t):
         surface.v_W[i] = surface.amplitude_W[i] * cosine
     if surface.rows == 0:
         return
+    table = surface.table
     for k in range(surface.row + 1, surface.rows):
-        if table[4 * k] > t:
+        if numbers[table + 4 * k] > t:
             break
         surface.row = k
-    k = surface.row
-    past = t - table[4 * k]
+    now = table + 4 * surface.row
+    past = t - numbers[now]
     for i in range(3):
-        here = table[4 * k + 1 + i]
-        if k + 1 < surface.rows and past >= 0.0:
-            rate = (table[4 * k + 5 + i] - here) / (table[4 * k + 4] - table[4 * k])
+        here = numbers[now + 1 + i]
+        if surface.row + 1 < surface.rows and past >= 0.0:
+            rate = (numbers[now + 5 + i] - here) / (numbers[now + 4] - numbers[now])
             surface.v_W[i] += rate
             here += rate * past
         surface.p_WS[i] += here

@@ -45,14 +45,15 @@ def rate_deviation(deviation: np.ndarray, correlation_time: float, spacing: floa
 
 
 def varying(n: int) -> np.dtype:
-    """Record of a vector of n components that varies with time. A field that ends in ``_at`` is an address."""
+    """Record of a vector of n components that varies with time. ``table`` and ``nodes`` are places in the numbers of
+    the record that it is a part of."""
     return np.dtype(
         [
             ("mean", "f8", (n,)),
             ("amplitude", "f8", (n,)),  # of amplitude sin(2 pi frequency t)
             ("frequency", "f8", (n,)),  # [Hz]
             ("rows", "i8"),  # of the table
-            ("table_at", "i8"),  # rows of [t, x_1 .. x_n]
+            ("table", "i8"),  # rows of [t, x_1 .. x_n]
             ("deviation", "f8", (n,)),  # of the Gauss-Markov process
             ("noisy", "i8"),  # whether one of them is not zero
             ("spacing", "f8"),  # of its nodes [s]
@@ -60,7 +61,7 @@ def varying(n: int) -> np.dtype:
             ("kick", "f8"),  # (1 - phi^2)^(1/2)
             ("key", "i8"),  # of its random numbers
             ("block", "i8"),  # number of the block in memory, or -1
-            ("nodes_at", "i8"),  # ROWS rows of n numbers of unit variance
+            ("nodes", "i8"),  # ROWS rows of n numbers of unit variance
         ],
         align=True,
     )
@@ -86,47 +87,48 @@ def sine_rates(series, t, rate):
 
 
 @kernel
-def add_interpolated(table, x, value, rate):
+def add_interpolated(numbers, first, rows, x, value, rate):
     """Add the linear interpolation of a table at x to value (n,), and its derivative to rate (n,).
 
-    ``table`` has the numbers of rows [x, y_1 .. y_n] with increasing x. Before the first row and after the last one the
-    value is theirs.
+    The table is in ``numbers`` from the place ``first`` on: ``rows`` rows [x, y_1 .. y_n] with increasing x. Before the
+    first row and after the last one the value is theirs.
     """
     width = value.shape[0] + 1
-    low, high = 0, table.shape[0] // width - 1
-    if x >= table[high * width]:
+    low, high = 0, rows - 1
+    if x >= numbers[first + high * width]:
         low = high
     for _ in range(63):
         if high - low <= 1:
             break
         middle = (low + high) // 2
-        if table[middle * width] <= x:
+        if numbers[first + middle * width] <= x:
             low = middle
         else:
             high = middle
-    inside = high > low and x >= table[0]
-    here, there = low * width, high * width
+    inside = high > low and x >= numbers[first]
+    here, there = first + low * width, first + high * width
     for i in range(value.shape[0]):
-        value[i] += table[here + 1 + i]
+        value[i] += numbers[here + 1 + i]
         if inside:
-            slope = (table[there + 1 + i] - table[here + 1 + i]) / (table[there] - table[here])
-            value[i] += slope * (x - table[here])
+            slope = (numbers[there + 1 + i] - numbers[here + 1 + i]) / (numbers[there] - numbers[here])
+            value[i] += slope * (x - numbers[here])
             rate[i] += slope
 
 
 @kernel
-def add_gauss_markov(series, nodes, t, value, rate):
-    """Add the Gauss-Markov process at time t [s] to value (n,), and its derivative to rate (n,). ``nodes`` has the
-    (ROWS n,) numbers of the block in memory, which is drawn here if it is another one."""
+def add_gauss_markov(series, numbers, t, value, rate):
+    """Add the Gauss-Markov process at time t [s] to value (n,), and its derivative to rate (n,). ``numbers`` has the
+    nodes of the block in memory, which is drawn here if it is another one."""
     n = value.shape[0]
     x = max(t, 0.0) / series.spacing
     k = int(x)
     if k // NODES != series.block:
         series.block = k // NODES
-        draw_block(series, nodes, n)
-    f, at = x - k, k % NODES * n
+        draw_block(series, numbers, n)
+    f, at = x - k, series.nodes + k % NODES * n
     for i in range(n):
-        before, here, there, after = nodes[at + i], nodes[at + n + i], nodes[at + 2 * n + i], nodes[at + 3 * n + i]
+        before, here = numbers[at + i], numbers[at + n + i]
+        there, after = numbers[at + 2 * n + i], numbers[at + 3 * n + i]
         b = 0.5 * (there - before)  # here + b f + c f^2 + d f^3
         c = before - 2.5 * here + 2.0 * there - 0.5 * after
         d = 0.5 * (after - before) + 1.5 * (here - there)
@@ -135,7 +137,7 @@ def add_gauss_markov(series, nodes, t, value, rate):
 
 
 @kernel
-def draw_block(series, nodes, n):
+def draw_block(series, numbers, n):
     """Draw the nodes of the block of the number ``series.block``: n independent processes of unit variance."""
     first = NODES * series.block
     for i in range(n):
@@ -144,4 +146,4 @@ def draw_block(series, nodes, n):
             for j in range(1, NODES + ROWS):
                 x = series.kept * x + series.kick * standard_normal(series.key, first + j, i)
                 if j >= NODES:
-                    nodes[(j - NODES) * n + i] = x
+                    numbers[series.nodes + (j - NODES) * n + i] = x

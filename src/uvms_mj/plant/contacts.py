@@ -69,8 +69,8 @@ class Contacts:
     paper: bool
 
     def records(self, lightest: Callable[[Pair], float]) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
-        """SURFACE records, PAIR records, and the tables of motion whose addresses are in the former. ``lightest`` gives
-        the least mass at a contact [kg], for the default damping of sticking friction."""
+        """SURFACE records, PAIR records, and the tables of motion of the former, whose places are not set. ``lightest``
+        gives the least mass at a contact [kg], for the default damping of sticking friction."""
         surfaces, pairs = np.zeros(len(self.surfaces), SURFACE), np.zeros(len(self.pairs), PAIR)
         tables = []
         for row, (_, wall) in zip(surfaces, self.surfaces, strict=True):
@@ -78,7 +78,7 @@ class Contacts:
             tables.append(table)
             row["kind"], row["extent"], row["R_WS"] = SHAPES.index(wall.shape), wall.size, wall.R_WS
             row["p_WS"] = row["start_W"] = wall.position
-            row["moves"], row["table_at"], row["rows"] = wall.moves, table.ctypes.data, len(wall.motion)
+            row["moves"], row["rows"] = wall.moves, len(wall.motion)
             row["amplitude_W"], row["frequency"] = wall.amplitude, wall.frequency_hz
             row["phase"] = math.radians(wall.phase_deg)
         for row, pair in zip(pairs, self.pairs, strict=True):

@@ -13,11 +13,12 @@ from ...errors import InputError
 from ...physics.hydrodynamics import factor
 from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses, notes_on_damping
 from ...plant.water import Current, Disturbance, Tether
-from .callback import entry_point
-from .layouts import CONTEXT
+from .callback import evaluation, mjcb_control
+from .image import Image, water_rooms
 from .links import frame_records, water_links
 from .memory import CAPACITY, registry
 from .motion import Motion, finite_numbers
+from .record import alone_dtype
 from .soundness import refuse_unsound
 from .water import Water
 
@@ -42,23 +43,25 @@ class Attachment:
     ``current_W`` can be set at any time and takes effect at the next step.
     """
 
-    __slots__ = ("__weakref__", "_address", "_finalizer", "_row", "body_id", "context", "links", "vehicle", "water")
+    __slots__ = (
+        "__weakref__",
+        "_address",
+        "_finalizer",
+        "_row",
+        "body_id",
+        "code",
+        "image",
+        "plant",
+        "vehicle",
+        "water",
+    )
 
     def __init__(
-        self,
-        vehicle: Vehicle,
-        context: np.ndarray,
-        data: mujoco.MjData,
-        body_id: int,
-        water: Water,
-        links: dict[str, np.ndarray],
+        self, vehicle: Vehicle, data: mujoco.MjData, body_id: int, water: Water, image: Image, code: int
     ) -> None:
-        self.vehicle = vehicle
-        self.links = links  # keeps the memory of the links alive
-        self.context = context
-        self.water = water
+        self.vehicle, self.body_id, self.water = vehicle, body_id, water
+        self.image, self.plant, self.code = image, image.record("run")["plant"], code
         self._address = data._address
-        self.body_id = body_id
         self._row = _register(self)
         # another mjData at the same address must not find this context
         self._finalizer = weakref.finalize(data, _unregister, self._row)
@@ -74,7 +77,7 @@ class Attachment:
         """
         if self._finalizer.alive and not _installed():
             raise WaterLost(_LOST)
-        return self.context["wrench"][0].copy()
+        return self.plant["wrench"][0, :6].copy()
 
     @property
     def current_W(self) -> np.ndarray:
@@ -177,14 +180,27 @@ def attach(
     return attachment
 
 
-def immerse(model: mujoco.MjModel, data: mujoco.MjData, vehicle: Vehicle) -> Attachment:
-    """Attach a vehicle of the model that was read and checked already, in still water."""
-    body_id = free_body_id(model, vehicle.body)
+def immerse(
+    model: mujoco.MjModel, data: mujoco.MjData, vehicle: Vehicle, image: Image | None = None, code: int = 0
+) -> Attachment:
+    """Attach a vehicle of the model that was read and checked already, in still water.
+
+    ``image`` has the record ``run`` with the plant in it, and ``code`` is the address of its forward evaluation; by
+    default, those of a vehicle without a closed loop.
+    """
+    body_id, n = free_body_id(model, vehicle.body), len(vehicle.arm.links)
     refuse_unsound(model, body_id)
-    context = np.zeros(1, CONTEXT)
-    _fill(context[0], model, data, body_id)
-    links = _fill_links(context[0], model, data, body_id, vehicle) if vehicle.arm.links else {}
-    return Attachment(vehicle, context, data, body_id, Water(context, vehicle, model.opt.gravity), links)
+    if image is None:
+        image, code = Image({"run": alone_dtype(n)}, water_rooms()), evaluation(n)
+    plant = image.record("run")["plant"]
+    fill_plant(plant, vehicle, model.opt.gravity)
+    _fill_border(plant[0], model, data, body_id, vehicle)
+    return Attachment(vehicle, data, body_id, Water(image, plant, vehicle, model.opt.gravity), image, code)
+
+
+def fill_plant(plant: np.ndarray, vehicle: Vehicle, gravity_W: np.ndarray) -> None:
+    """Set the links of a plant's record (1,)."""
+    plant["links"], plant["frames"], plant["gravity_W"] = water_links(vehicle), frame_records(vehicle), gravity_W
 
 
 def _register(attachment: Attachment) -> int:
@@ -197,11 +213,11 @@ def _register(attachment: Attachment) -> int:
         if row is None:
             raise InputError(f"{CAPACITY - 1} vehicles are attached; one process can't have more")
         if mujoco.get_mjcb_control() is None:
-            mujoco.set_mjcb_control(entry_point("control"))
+            mujoco.set_mjcb_control(mjcb_control())
         elif not _installed():
             raise InputError("another mjcb_control is installed; mujoco.set_mjcb_control(None) removes it")
         _attached[row] = attachment
-        registry[row, 1] = attachment.context.ctypes.data
+        registry[row, 1:] = attachment.image.address, attachment.code
         registry[row, 0] = attachment._address
         registry[0, 0] = max(registry[0, 0], row)
         return row
@@ -217,10 +233,10 @@ def _unregister(row: int) -> None:
 
 def _installed() -> bool:
     """Whether mjcb_control is the callback of this package."""
-    return mujoco.get_mjcb_control() is entry_point("control")
+    return mujoco.get_mjcb_control() is mjcb_control()
 
 
-def _fill(context: np.void, model: mujoco.MjModel, data: mujoco.MjData, body_id: int) -> None:
+def _fill_border(plant: np.void, model: mujoco.MjModel, data: mujoco.MjData, body_id: int, vehicle: Vehicle) -> None:
     """Set the addresses that the callback works on. They stay valid for the lifetime of mjData."""
     qpos, dof = free_joint_addresses(model, body_id)
     time_at = data.energy.ctypes.data - 8  # mjData.time precedes mjData.energy
@@ -229,44 +245,24 @@ def _fill(context: np.void, model: mujoco.MjModel, data: mujoco.MjData, body_id:
     data.time = before
     if found != 0.123456789:
         raise RuntimeError(f"uvms-mj does not support the layout of mjData in MuJoCo {mujoco.__version__}")
-    context["time_at"] = time_at
-    context["R_at"] = data.xmat[body_id].ctypes.data
-    context["qpos_at"] = data.qpos[qpos:].ctypes.data
-    context["qvel_at"] = data.qvel[dof:].ctypes.data
-    context["M_at"] = data.M[model.M_rowadr[dof] :].ctypes.data
+    first, n = int(model.M_rowadr[dof]), len(vehicle.arm.links)
+    border = plant["mujoco"]
+    border["time_at"] = time_at
+    arrays = {"R_at": data.xmat[body_id], "qpos_at": data.qpos[qpos:], "qvel_at": data.qvel[dof:]}
+    arrays |= {"qacc_at": data.qacc[dof:], "M_at": data.M[first:], "passive_at": data.qfrc_passive[dof:]}
+    arrays |= {"ctrl_at": data.ctrl}
     if _factors_alone(model, data, body_id):
-        context["qLD_at"] = data.qLD[model.M_rowadr[dof] :].ctypes.data
-        context["qLDiagInv_at"] = data.qLDiagInv[dof:].ctypes.data
-    context["passive_at"] = data.qfrc_passive[dof:].ctypes.data
-
-
-def _fill_links(
-    context: np.void, model: mujoco.MjModel, data: mujoco.MjData, body_id: int, vehicle: Vehicle
-) -> dict[str, np.ndarray]:
-    """Set what the callback needs of the links. Returns the arrays whose addresses are in the record."""
-    qpos, dof = free_joint_addresses(model, body_id)
-    links, frames, n = water_links(vehicle), frame_records(vehicle), len(vehicle.arm.links)
-    first = int(model.M_rowadr[dof])
-    rows = np.array([0, *(model.M_rowadr[dof + 6 : dof + 6 + n] - first)], dtype=np.int64)
-    size = int(rows[-1] + model.M_rownnz[dof + 5 + n])
-    numbers = [int(model.body_dofadr[link.body_id]) for link in vehicle.arm.links]
-    full = model.M_rownnz[dof + 6 : dof + 6 + n] == 6 + frames["depth"][1:]
-    if numbers != list(range(dof + 6, dof + 6 + n)) or not full.all():
-        raise RuntimeError(f"uvms-mj does not support the layout of mjData.M in MuJoCo {mujoco.__version__}")
-    arrays = {
-        "M_rows_at": rows,
-        "wrench_at": np.zeros(6 + n),
-        "joints_before_at": np.zeros(n),
-        "joints_left_at": np.zeros(n),
-    }
+        arrays |= {"qLD_at": data.qLD[first:], "qLDiagInv_at": data.qLDiagInv[dof:]}
     for name, array in arrays.items():
-        context[name] = array.ctypes.data
-    tree = context["tree"]
-    tree["links"], tree["links_at"], tree["frames_at"] = 1 + n, links.ctypes.data, frames.ctypes.data
-    context["gravity_W"], context["M_size"] = model.opt.gravity, size
-    context["q_at"] = data.qpos[qpos + 7 :].ctypes.data
-    context["q_dot_at"] = data.qvel[dof + 6 :].ctypes.data
-    return arrays | {"links": links, "frames": frames}
+        border[name] = array.ctypes.data
+    border["controls"] = data.ctrl.size
+    if n:
+        depths = plant["frames"]["depth"][1:]
+        numbers = [int(model.body_dofadr[link.body_id]) for link in vehicle.arm.links]
+        full = model.M_rownnz[dof + 6 : dof + 6 + n] == 6 + depths
+        if numbers != list(range(dof + 6, dof + 6 + n)) or not full.all():
+            raise RuntimeError(f"uvms-mj does not support the layout of mjData.M in MuJoCo {mujoco.__version__}")
+        plant["M_rows"][1:] = model.M_rowadr[dof + 6 : dof + 6 + n] - first
 
 
 def _factors_alone(model: mujoco.MjModel, data: mujoco.MjData, body_id: int) -> bool:

@@ -1,7 +1,9 @@
 """MuJoCo's ``mjcb_control`` in machine code: hydrodynamics and, with a controller, the closed loop.
 
 MuJoCo calls it in every forward evaluation of every model of the process, after it has built and factored the
-joint-space inertia and before it uses it. The callback returns immediately if the mjData is not attached.
+joint-space inertia and before it uses it. The callback returns immediately if the mjData is not attached. This module
+is the border to MuJoCo's memory: the state is copied to the record, and inertia, forces and commands are written to
+mjData.
 """
 
 import functools
@@ -12,205 +14,271 @@ from ...physics.frames import body_velocity, to_world
 from ...physics.hydrodynamics import added_inertia, factor, water_wrench
 from ...physics.joints import deliverable
 from ...physics.kernels import kernel
-from .compilation import native_functions
+from .compilation import native_function, native_functions
 from .flow import flow
 from .free_body import free_steps
-from .layouts import BODY, CONTEXT, STOP_NONE
 from .loop import begin_step, finish_step, flow_again, observe, run_stages
-from .memory import context_at, floats, integers, loop_at, mj_factorM, registered, triples
-from .tree import add_tree_inertia, apply_to_joints, place_links, water_on_links
+from .memory import call_code, floats, mj_factorM, registered, triples
+from .record import STOP_NONE, Shape, alone_dtype, run_dtype, with_numbers
+from .tree import add_tree_inertia, place_links, water_on_links
 
 
 @kernel
-def add_inertia(context, R_WB, model, data):
+def read_state(plant):
+    """Copy the state of the vehicle from mjData to the record, and set the frames of its links."""
+    mujoco, n = plant.mujoco, plant.links.shape[0] - 1
+    R, qpos, qvel = triples(mujoco.R_at, 3), floats(mujoco.qpos_at, 7 + n), floats(mujoco.qvel_at, 6 + n)
+    plant.time = floats(mujoco.time_at, 1)[0]
+    for i in range(3):
+        for j in range(3):
+            plant.R_WB[i, j] = R[i, j]
+    for i in range(7 + n):
+        plant.qpos[i] = qpos[i]
+    for i in range(6 + n):
+        plant.qvel[i] = qvel[i]
+    if n > 0:
+        place_links(plant.frames, plant.qpos, 7)
+
+
+@kernel
+def read_step(plant):
+    """Copy the results of MuJoCo's last step, and its sensors of the instant, to the record."""
+    mujoco, n = plant.mujoco, plant.links.shape[0] - 1
+    qacc, solved, fromto = floats(mujoco.qacc_at, 6 + n), floats(mujoco.solved_at, 4), floats(mujoco.fromto_at, 6)
+    plant.distance = floats(mujoco.distance_at, 1)[0]
+    for i in range(6 + n):
+        plant.qacc[i] = qacc[i]
+    for i in range(4):
+        plant.solved[i] = solved[i]
+    for i in range(6):
+        plant.fromto[i] = fromto[i]
+
+
+@kernel
+def add_inertia(plant, model, data):
     """Add T^T M_A T to mjData.M and factor it, unless M already contains it.
 
     mj_forwardSkip and mjd_transitionFD evaluate again without rebuilding M. M is then bit for bit as the callback left
     it.
     """
-    M = floats(context.M_at, 21)
-    left = context.M_left
+    mujoco, left = plant.mujoco, plant.M_left
+    M = floats(mujoco.M_at, 21)
     same = True
     for i in range(21):
         if M[i] != left[i]:
             same = False
     if same:
         return
-    added_inertia(context.water.M_A, R_WB, context.added)
+    added_inertia(plant.water.M_A, plant.R_WB, plant.added)
     for i in range(21):
-        M[i] += context.added[i]
+        M[i] += plant.added[i]
         left[i] = M[i]
-    if context.qLD_at != 0:
-        factor(M, floats(context.qLD_at, 21), floats(context.qLDiagInv_at, 6))
+    if mujoco.qLD_at != 0:
+        factor(M, floats(mujoco.qLD_at, 21), floats(mujoco.qLDiagInv_at, 6))
     else:
         mj_factorM(model, data)
 
 
 @kernel
-def apply_wrench(context, R_WB, contact):
-    """Add the hydrodynamic wrench, the contact's friction and the contacts of the list to the free joint's entries of
-    mjData.qfrc_passive.
+def passive_with_water(plant):
+    """Set ``passive_left`` to the vehicle's entries of mjData.qfrc_passive with the wrench of the water.
 
     MuJoCo has just reset these entries. If mj_forwardSkip skipped that stage, they still have the values that the
     callback left.
     """
-    passive, before, left = floats(context.passive_at, 6), context.passive_before, context.passive_left
-    same = True
-    for i in range(6):
-        if passive[i] != left[i]:
-            same = False
-    if not same:
-        for i in range(6):
-            before[i] = passive[i]
-    to_world(R_WB, context.wrench, left)  # a free joint's force is in W, its moment in B
+    before, left, N = plant.passive_before, plant.passive_left, plant.wrench.shape[0]
+    keep_passive(plant, 0, 6)
+    to_world(plant.R_WB, plant.wrench, left)  # a free joint's force is in W, its moment in B
     for i in range(3):
         left[i] += before[i]
-        left[i + 3] = before[i + 3] + context.wrench[i + 3]
-    if contact.touching != 0 and contact.friction > 0.0 and context.carriers == 0:
-        wrench_at_origin(R_WB, contact.arm_W, contact.f_tangential_W, contact.work, context.work)
+        left[i + 3] = before[i + 3] + plant.wrench[i + 3]
+    if N > 6:
+        keep_passive(plant, 6, N)
+        for i in range(6, N):
+            left[i] = before[i] + plant.wrench[i]
+
+
+@kernel
+def keep_passive(plant, first, end):
+    """Set entries of ``passive_before`` to mjData.qfrc_passive, unless the callback has left these entries."""
+    passive, same = floats(plant.mujoco.passive_at, plant.wrench.shape[0]), True
+    for i in range(first, end):
+        if passive[i] != plant.passive_left[i]:
+            same = False
+    if not same:
+        for i in range(first, end):
+            plant.passive_before[i] = passive[i]
+
+
+@kernel
+def add_contacts(run):
+    """Add the contact's friction and the contacts of the list to ``passive_left``."""
+    plant, contact, left = run.plant, run.contact, run.plant.passive_left
+    if contact.touching != 0 and contact.friction > 0.0 and run.carriers.shape[0] == 0:
+        wrench_at_origin(plant.R_WB, contact.arm_W, contact.f_tangential_W, contact.work, plant.work)
         for i in range(3):
             left[i] += contact.f_tangential_W[i]
-            left[i + 3] += context.work[i + 3]
-    if context.pairs + context.carriers != 0:
+            left[i + 3] += plant.work[i + 3]
+    if run.pairs.shape[0] + run.carriers.shape[0] != 0:
         for i in range(3):
-            left[i] += context.f_pairs_W[i]
-            left[i + 3] += context.tau_pairs_B[i + 3]
-    for i in range(6):
-        passive[i] = left[i]
+            left[i] += plant.f_pairs_W[i]
+            left[i + 3] += plant.tau_pairs_B[i + 3]
 
 
 @kernel
-def apply_thrust(loop):
+def write_passive(plant):
+    """Write the vehicle's entries of mjData.qfrc_passive."""
+    passive = floats(plant.mujoco.passive_at, plant.wrench.shape[0])
+    for i in range(plant.wrench.shape[0]):
+        passive[i] = plant.passive_left[i]
+
+
+@kernel
+def apply_thrust(run):
     """Write u to MuJoCo's ctrl, which it applies in this step."""
-    u, thrust_of_ctrl = floats(loop.u_at, loop.thrusters), floats(loop.thrust_of_ctrl_at, loop.thrusters)
-    index = integers(loop.ctrl_index_at, loop.thrusters)
-    ctrl = floats(loop.ctrl_at, loop.controls)
-    for k in range(loop.thrusters):
-        ctrl[index[k]] = u[k] / thrust_of_ctrl[k]
-    if loop.joints != 0:
-        drive_joints(loop, ctrl)
+    ctrl = floats(run.plant.mujoco.ctrl_at, run.plant.mujoco.controls)
+    for k in range(run.u.shape[0]):
+        ctrl[run.ctrl_index[k]] = run.u[k] / run.thrust_of_ctrl[k]
+    if run.tau_q.shape[0] != 0:
+        drive_joints(run, ctrl)
 
 
 @kernel
-def drive_joints(loop, ctrl):
+def drive_joints(run, ctrl):
     """Write the motors' torques, within their limits, to MuJoCo's ctrl (m,)."""
-    n = loop.joints
-    wanted, tau_q, q_dot = floats(loop.wanted_at, n), floats(loop.tau_q_at, n), floats(loop.q_dot_at, n)
-    effort, speed_limit = floats(loop.effort_at, n), floats(loop.speed_limit_at, n)
-    index, torque_of_ctrl = integers(loop.motor_index_at, n), floats(loop.torque_of_ctrl_at, n)
-    saturation, saturation_next = floats(loop.saturation_at, n), floats(loop.saturation_next_at, n)
-    for k in range(n):
-        tau_q[k] = deliverable(wanted[k], q_dot[k], effort[k], speed_limit[k])
-        if index[k] >= 0:
-            ctrl[index[k]] = tau_q[k] / torque_of_ctrl[k]
-            saturation[k] = saturation_next[k]
-            most = deliverable(2.0 * wanted[k], q_dot[k], effort[k], speed_limit[k])
-            if tau_q[k] == most and wanted[k] != 0.0:  # the motor would give no more
-                saturation_next[k] += loop.timestep
+    demand, q_dot, effort, speed_limit = run.tau_q_demand, run.encoder.q_dot, run.joints.effort, run.joints.speed_limit
+    for k in range(run.tau_q.shape[0]):
+        tau = deliverable(demand[k], q_dot[k], effort[k], speed_limit[k])
+        run.tau_q[k] = tau
+        if run.motor_index[k] >= 0:
+            ctrl[run.motor_index[k]] = tau / run.torque_of_ctrl[k]
+            run.saturation[k] = run.saturation_next[k]
+            most = deliverable(2.0 * demand[k], q_dot[k], effort[k], speed_limit[k])
+            if tau == most and demand[k] != 0.0:  # the motor would give no more
+                run.saturation_next[k] += run.timestep
 
 
 @kernel
-def hold(context, loop):
+def freeze(run):
     """After a stop, keep MuJoCo at a harmless state for the rest of the chunk, which is not recorded."""
-    qpos, qvel, ctrl = floats(context.qpos_at, 7), floats(context.qvel_at, 6), floats(loop.ctrl_at, loop.controls)
+    mujoco, n = run.plant.mujoco, run.tau_q.shape[0]
+    qpos, qvel = floats(mujoco.qpos_at, 7 + n), floats(mujoco.qvel_at, 6 + n)
+    ctrl = floats(mujoco.ctrl_at, mujoco.controls)
     for i in range(7):
-        qpos[i] = loop.qpos_safe[i]
-    for i in range(6):
+        qpos[i] = run.qpos_safe[i]
+    for k in range(n):
+        qpos[7 + k] = run.q_safe[k]
+    for i in range(6 + n):
         qvel[i] = 0.0
-    for k in range(loop.controls):
+    for k in range(mujoco.controls):
         ctrl[k] = 0.0
-    if loop.joints != 0:
-        n = loop.joints
-        q, q_dot, q_safe = floats(context.q_at, n), floats(context.q_dot_at, n), floats(loop.q_safe_at, n)
-        for k in range(n):
-            q[k] = q_safe[k]
-            q_dot[k] = 0.0
 
 
 @kernel
-def evaluate(context, model, data):
-    """Apply the hydrodynamics of one attached vehicle in one forward evaluation, and run its loop if it has one."""
-    context.calls += 1
-    R_WB = triples(context.R_at, 3)
-    joints = context.tree.links - 1
-    if joints > 0:
-        place_links(context.tree, floats(context.q_at, joints))
-        add_tree_inertia(context, R_WB, model, data)
+def add_mass(plant, model, data):
+    """Read the state, and add the added mass to mjData.M."""
+    plant.calls += 1
+    read_state(plant)
+    if plant.links.shape[0] > 1:
+        add_tree_inertia(plant, model, data)
     else:
-        add_inertia(context, R_WB, model, data)
-    contact, alone = context.no_contact, True
-    if context.loop_at != 0:
-        loop = loop_at(context.loop_at)
-        contact = loop.contact
-        if loop.remaining > 0:  # otherwise somebody evaluates the state between two steps
-            loop.remaining -= 1
-            if not begin_step(context, loop):
-                hold(context, loop)
-                return
-            apply_thrust(loop)
-            alone = False
-    body_velocity(R_WB, floats(context.qvel_at, 6), context.nu)
-    if alone:
-        context.water.fresh = 0
-        flow(context, floats(context.time_at, 1)[0], floats(context.qpos_at, 7), R_WB, context.nu)
-    if joints > 0:
-        wrench = floats(context.wrench_at, 6 + joints)
-        water_on_links(context, R_WB, wrench)
-        for i in range(6):
-            context.wrench[i] = wrench[i]
-        apply_to_joints(context)
+        add_inertia(plant, model, data)
+
+
+@kernel
+def flow_at_evaluation(plant, numbers):
+    """Compute the motion of the water in an evaluation that is no step of a run."""
+    plant.water.fresh = 0
+    flow(plant, numbers, plant.time, plant.qpos, plant.R_WB, plant.nu)
+
+
+@kernel
+def immerse(plant):
+    """Set the wrench of the water, and with it ``passive_left``."""
+    if plant.links.shape[0] > 1:
+        water_on_links(plant, plant.wrench)
     else:
-        water_wrench(context.water, R_WB, context.nu, context.nu_r, context.work, context.wrench)
-    apply_wrench(context, R_WB, contact)
+        water_wrench(plant.water, plant.R_WB, plant.nu, plant.nu_r, plant.work, plant.wrench)
+    passive_with_water(plant)
+
+
+def _evaluate_alone(alone, model, data):
+    """Apply the hydrodynamics of one attached vehicle in one forward evaluation."""
+    plant = alone.plant
+    add_mass(plant, model, data)
+    body_velocity(plant.R_WB, plant.qvel, plant.nu)
+    flow_at_evaluation(plant, alone.numbers)
+    immerse(plant)
+    write_passive(plant)
+
+
+def _evaluate(run, model, data):
+    """Apply the hydrodynamics of a run's vehicle in one forward evaluation, and run its loop if it is a step."""
+    plant = run.plant
+    add_mass(plant, model, data)
+    stepping = run.remaining > 0  # otherwise somebody evaluates the state between two steps
+    if stepping:
+        run.remaining -= 1
+        read_step(plant)
+        if not begin_step(run):
+            freeze(run)
+            return
+        apply_thrust(run)
+    body_velocity(plant.R_WB, plant.qvel, plant.nu)
+    if not stepping:
+        flow_at_evaluation(plant, run.numbers)
+    immerse(plant)
+    add_contacts(run)
+    write_passive(plant)
+
+
+def _advance(run, end) -> int:
+    """Prepare step k: complete the step before it, and run its stages up to index ``end``. Returns the index of a stage
+    that waits for Python to call it, otherwise -1."""
+    if run.plant.mujoco.qpos_at != 0:
+        read_state(run.plant)
+        read_step(run.plant)
+    finish_step(run)
+    if run.stop == STOP_NONE:
+        observe(run)
+    if run.stop == STOP_NONE:
+        flow_again(run)
+        return run_stages(run, end)
+    return -1
+
+
+def _finish(run):
+    """Complete the last step."""
+    if run.plant.mujoco.qpos_at != 0:
+        read_step(run.plant)
+    finish_step(run)
 
 
 def _callback(model, data):
     table = registered()
     for i in range(1, table[0, 0] + 1):
         if table[i, 0] == data:
-            evaluate(context_at(table[i, 1]), model, data)
-
-
-def _advance(context, end) -> int:
-    """Prepare step k: complete the step before it, and run its stages up to index ``end``. Returns the index of a stage
-    that waits for Python to call it, otherwise -1."""
-    loop = loop_at(context.loop_at)
-    finish_step(context, loop)
-    if loop.joints != 0:
-        place_links(context.tree, floats(context.q_at, loop.joints))
-    if loop.stop == STOP_NONE:
-        observe(context, loop)
-    if loop.stop == STOP_NONE:
-        flow_again(context, loop)
-        return run_stages(loop, end)
-    return -1
-
-
-def _finish(context):
-    finish_step(context, loop_at(context.loop_at))
-
-
-def _restore(spans_at, n):
-    """Copy n spans of numbers; each is three integers: where to, where from, how many."""
-    spans = integers(spans_at, 3 * n)
-    for k in range(n):
-        now, start = integers(spans[3 * k], spans[3 * k + 2]), integers(spans[3 * k + 1], spans[3 * k + 2])
-        for i in range(spans[3 * k + 2]):
-            now[i] = start[i]
-
-
-_ENTRY_POINTS: dict[str, tuple[Any, list[Any]]] = {
-    "control": (_callback, ["i8", "i8"]),
-    "advance": (_advance, [CONTEXT, "i8"]),
-    "finish": (_finish, [CONTEXT]),
-    "restore": (_restore, ["i8", "i8"]),
-    "free_steps": (free_steps, [CONTEXT, BODY, "i8", "i8"]),
-}
+            call_code(table[i, 2], table[i, 1], model, data)
 
 
 @functools.cache
-def entry_point(name: str) -> Any:
-    """Machine code called by MuJoCo (control), or by Python between chunks; loaded or compiled at first use. The entry
-    points share most of their code, and are one module."""
-    natives = native_functions(dict(_ENTRY_POINTS.values()))
-    return dict(zip(_ENTRY_POINTS, natives, strict=True))[name].ctypes
+def mjcb_control() -> Any:
+    """The callback: it calls the code of each attached vehicle of an mjData."""
+    return native_function(_callback, ["i8", "i8"]).ctypes
+
+
+@functools.cache
+def evaluation(joints: int) -> int:
+    """The address of the code of a forward evaluation of a vehicle with so many joints, without a closed loop."""
+    return native_function(_evaluate_alone, [with_numbers(alone_dtype(joints)), "i8", "i8"]).address
+
+
+@functools.cache
+def entry_points(shape: Shape) -> dict[str, Any]:
+    """The machine code for runs of a shape, loaded or compiled at first use: ``evaluate`` in MuJoCo's callback, the
+    others called by Python between chunks. They share most of their code, and are one module."""
+    run = with_numbers(run_dtype(shape))
+    parts: dict[Any, list[Any]] = {_evaluate: [run, "i8", "i8"], _advance: [run, "i8"], _finish: [run]}
+    if shape.joints == 0:
+        parts[free_steps] = [run, "i8", "i8"]
+    return {each.__name__.strip("_"): code for each, code in zip(parts, native_functions(parts), strict=True)}

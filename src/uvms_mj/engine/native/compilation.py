@@ -89,7 +89,7 @@ def native_stage(function: Any, records: Mapping[Any, tuple[np.dtype, str]]) -> 
 def _native_functions(parts: tuple[tuple[Any, tuple[np.dtype, ...]], ...]) -> tuple[NativeFunction, ...]:
     made_of: list[bytes] = []
     for function, dtypes in parts:
-        layout = [repr((each.descr, each.shape, each.isalignedstruct)) for each in dtypes]
+        layout = [repr(each) for each in dtypes]
         source = Path(function.__code__.co_filename).read_bytes()
         made_of += [source, function.__qualname__.encode(), *(each.encode() for each in layout)]
     name = object_name(made_of)

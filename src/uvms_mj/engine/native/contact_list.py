@@ -1,15 +1,13 @@
-"""The memory of the list of contacts: walls, pairs, and what is recorded of them."""
+"""The list of contacts in the record of a run: walls, pairs, and what is recorded of them."""
 
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from ...physics.carriers import CARRIER
-from ...physics.pairs import PAIR
-from ...physics.surfaces import SURFACE
 from ...plant.contacts import Contacts
 from ...stages.signals import Signal, contact_signals
+from .image import Image, table_room
 
 _OF_CONTACT = ("stiffness", "damping", "friction", "tangential_stiffness", "tangential_damping")
 _OF_PAIR = (
@@ -19,65 +17,40 @@ _OF_PAIR = (
 """Settings; the other fields are states and forces, which go on if a setting changes during a run."""
 
 
-class ContactList:
-    """The records of a run's :class:`uvms_mj.plant.contacts.Contacts`.
+def carriers_of(contacts: Contacts) -> tuple[Any, ...]:
+    """The frames that contact bodies are fixed to; none if B carries all contacts."""
+    return contacts.carriers if not all(carrier.is_B for carrier in contacts.carriers) else ()
 
-    Attributes:
-        surfaces, pairs: SURFACE and PAIR records.
-        f_W: (n, 3) force of each pair on the vehicle in W [N].
-        depths: (n,) [m].
-        carriers: CARRIER records; none if B carries all contacts.
-    """
 
-    def __init__(self, setup: Any) -> None:
-        n = len(setup.contacts.pairs)
-        self.surfaces, self.pairs = np.zeros(len(setup.contacts.surfaces), SURFACE), np.zeros(n, PAIR)
-        self.f_W, self.depths = np.zeros((n, 3)), np.zeros(n)
-        self.carriers = self._carried(setup.contacts)
-        self._tables: list[list[np.ndarray]] = []  # those of the start and of now
+def wall_rooms(contacts: Contacts) -> dict[str, int]:
+    """The rooms for the tables of motion of the walls."""
+    return {f"{key}.motion": table_room(len(wall.motion), 4) for key, wall in contacts.surfaces}
 
-    @property
-    def state(self) -> list[np.ndarray]:
-        """The arrays that a reset restores."""
-        listed = [self.surfaces, self.pairs, self.f_W, self.depths] if len(self.pairs) else []
-        return [*listed, self.carriers] if len(self.carriers) else listed
 
-    @property
-    def reached(self) -> dict[str, np.ndarray]:
-        """The arrays whose addresses are in the LOOP record, by their fields."""
-        return {
-            "surfaces_at": self.surfaces,
-            "pairs_at": self.pairs,
-            "f_pairs_at": self.f_W,
-            "depths_at": self.depths,
-            "carriers_at": self.carriers,
-        }
+def place_carriers(run: np.ndarray, contacts: Contacts) -> None:
+    """Set the places of the frames of contacts on their links."""
+    for record, carrier in zip(run["carriers"][0], carriers_of(contacts), strict=True):
+        record["link"], record["p_LC"], record["R_LC"] = carrier.link + 1, carrier.p, carrier.R
+        record["p_BC"], record["R_BC"] = carrier.p, carrier.R  # those on the base never change
 
-    @staticmethod
-    def _carried(contacts: Contacts) -> np.ndarray:
-        carriers = contacts.carriers if not all(carrier.is_B for carrier in contacts.carriers) else ()
-        records = np.zeros(len(carriers), CARRIER)
-        for record, carrier in zip(records, carriers, strict=True):
-            record["link"], record["p_LC"], record["R_LC"] = carrier.link + 1, carrier.p, carrier.R
-            record["p_BC"], record["R_BC"] = carrier.p, carrier.R  # those on the base never change
-        return records
 
-    def write(self, loop: np.ndarray, context: np.ndarray, setup: Any) -> None:
-        """Set the numbers of a scenario with as many walls and pairs."""
-        context["carriers"] = len(self.carriers)
-        if not setup.contacts.surfaces:
-            return
-        surfaces, pairs, tables = setup.contacts.records(setup.lightest)
-        self.surfaces[:] = surfaces
-        for name in _OF_PAIR:
-            self.pairs[name] = pairs[name]
-        for name in _OF_CONTACT:
-            self.pairs["contact"][name] = pairs["contact"][name]
-        self._tables = [*self._tables[:1], tables]
-        loop["surfaces"], context["pairs"] = len(surfaces), len(pairs)
+def write_contacts(image: Image, run: np.ndarray, setup: Any) -> None:
+    """Set the numbers of a scenario with as many walls and pairs."""
+    surfaces, pairs, tables = setup.contacts.records(setup.lightest)
+    for k, ((key, _), table) in enumerate(zip(setup.contacts.surfaces, tables, strict=True)):
+        if len(table):
+            surfaces[k]["table"], _ = image.put(f"{key}.motion", table.reshape(-1, 4))
+    run["surfaces"][0][: len(surfaces)] = surfaces
+    own = run["pairs"][0][: len(pairs)]
+    for name in _OF_PAIR:
+        own[name] = pairs[name]
+    for name in _OF_CONTACT:
+        own["contact"][name] = pairs["contact"][name]
+    run["surface_count"], run["pair_count"] = len(surfaces), len(pairs)
 
-    def recorded(self, loop: np.ndarray) -> Iterator[tuple[Signal, np.ndarray]]:
-        """The signals of the list, each with its memory; none without a pair."""
-        if len(self.pairs):
-            memory = (loop["push"], self.f_W, self.depths, loop["true"]["tau_contact_B"])
-            yield from zip(contact_signals(len(self.depths)), memory, strict=True)
+
+def recorded_contacts(run: np.ndarray, n: int) -> Iterator[tuple[Signal, np.ndarray]]:
+    """The signals of the list of n contacts, each with its memory; none without a contact."""
+    if n:
+        memory = (run["push"], run["f_pairs"][0][:n], run["depths"][0][:n], run["true"]["tau_contact_B"])
+        yield from zip(contact_signals(n), memory, strict=True)

@@ -95,7 +95,7 @@ class Delay(Stage):
 
 @dataclass(frozen=True)
 class Truth(Stage):
-    """The truth for the ideal law. ``state`` is the vehicle's WATER record."""
+    """The truth for the ideal law. ``state`` is the record of the run."""
 
     name = "truth"
     needs: ClassVar = ()
@@ -109,7 +109,7 @@ class Truth(Stage):
         for i in range(6):
             for j in range(6):
                 out.M[i, j] = settings.M[i, j]
-        reveal(settings, state, given, out, out.g_eta)
+        reveal(settings, state.plant.water, given, out, out.g_eta)
 
 
 @dataclass(frozen=True)

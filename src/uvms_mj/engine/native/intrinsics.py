@@ -55,7 +55,7 @@ def _shared(name: str, array: np.ndarray):
     return generate
 
 
-def _call_stage(builder: ir.IRBuilder, arguments: Sequence[ir.Value]) -> Value:
+def _call_code(builder: ir.IRBuilder, arguments: Sequence[ir.Value]) -> Value:
     function, *addresses = arguments
     kind = ir.FunctionType(WORD, [WORD] * len(addresses))
     return scalar(builder.call(builder.inttoptr(function, kind.as_pointer()), addresses), INT)
@@ -82,9 +82,8 @@ INTRINSICS: dict[Any, Intrinsic] = {
     memory.registered: _shared("uvms_mj_registry", memory.registry),
     memory.frozen_clock: _shared("uvms_mj_clock", memory.clock),
     memory.mj_factorM: _mj_factorM,
-    memory.call_stage: _call_stage,
+    memory.call_code: _call_code,
 }
-INTRINSICS |= {read: _record(dtype) for read, dtype in memory.RECORDS.items()}
 
 
 def kernel_module(parts: Mapping[str, tuple[types.FunctionType, Sequence[np.dtype]]]) -> ir.Module:

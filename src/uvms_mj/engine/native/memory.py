@@ -1,4 +1,4 @@
-"""Access of kernels to memory and functions outside Python. :mod:`.intrinsics` has the compiled versions."""
+"""Access of kernels to memory and functions outside of the record. :mod:`.intrinsics` has the compiled versions."""
 
 import ctypes
 import sys
@@ -10,17 +10,11 @@ import llvmlite.binding as llvm
 import mujoco
 import numpy as np
 
-from ...physics.carriers import CARRIER
-from ...physics.pairs import PAIR
-from ...physics.surfaces import SURFACE
-from ...physics.tree import FRAME, LINK
-from .layouts import CLOCKS, CONTEXT, LOOP, STAGE
-
 CAPACITY = 1024
 """Rows of the registry: one more than the number of vehicles that a process can have attached at once."""
 
-registry = np.zeros((CAPACITY, 2), dtype=np.int64)
-"""Rows (address of mjData, address of CONTEXT), zero if free. Row 0 is (last row ever used, 0).
+registry = np.zeros((CAPACITY, 3), dtype=np.int64)
+"""Rows (address of mjData, of the record, of its code), zero if free. Row 0 is (last row ever used, 0, 0).
 
 Every callback reads it without a lock; writers hold a lock. A row never moves. Its first number is written last and
 cleared first, so that a callback in another thread never reads half a row.
@@ -101,10 +95,6 @@ def at_address(word: int, dtype: np.dtype) -> Any:
     return floats(word, dtype.itemsize // 8).reshape(dtype.shape)
 
 
-RECORDS = {_reader(dtype): dtype for dtype in (CONTEXT, LOOP, STAGE, CLOCKS, PAIR, SURFACE, LINK, FRAME, CARRIER)}
-context_at, loop_at, stage_at, clock_at, pair_at, surface_at, link_at, frame_at, carrier_at = RECORDS
-
-
 def registered() -> np.ndarray:
     """The registry."""
     return registry
@@ -115,7 +105,6 @@ def frozen_clock() -> np.ndarray:
     return clock
 
 
-def call_stage(function: int, settings: int, state: int, given: int, state_dot: int, out: int) -> int:
-    """Call a compiled stage by its address with the addresses of its records; 0 if it returned, otherwise why not."""
-    stage = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 5)(function)
-    return stage(settings, state, given, state_dot, out)
+def call_code(function: int, *words: int) -> int:
+    """Call machine code by its address with 64-bit integers; what it returns."""
+    return ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * len(words))(function)(*words)

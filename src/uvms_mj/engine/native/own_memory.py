@@ -32,22 +32,18 @@ def layout(settings: np.dtype, state: np.dtype, given: np.dtype, out: np.dtype) 
 
 class OwnMemory:
     """The arguments of a stage: settings (1,), what it is given, states (1,), their derivatives and its output, a
-    record or an array of float64. The messages use the words of the stage's room."""
+    record or an array of float64. ``memory`` is a record (1,) of :func:`layout`. The messages use the words of the
+    stage's room."""
 
-    def __init__(self, room: Room, settings: np.ndarray, state: np.ndarray, given: np.dtype, out: np.dtype) -> None:
+    def __init__(self, room: Room, memory: np.ndarray, settings: np.ndarray) -> None:
         self.room = room
         self.names = dict(zip(("settings", "state", "given", "state_dot", "out"), room.arguments, strict=True))
-        self._memory = np.zeros(1, layout(settings.dtype, state.dtype, given, out))
-        self.arrays = {name: self._memory[name] for name in self.names}
-        if out.names is None:
+        self._memory = memory
+        self.arrays = {name: memory[name] for name in self.names}
+        if self.arrays["out"].dtype.names is None:
             self.arrays["out"] = self.arrays["out"][0]
         self.take_settings(settings)
         self.start()
-
-    @property
-    def address(self) -> int:
-        """Address of the first byte."""
-        return int(self._memory.ctypes.data)
 
     def take_settings(self, settings: np.ndarray) -> None:
         """Copy other settings (1,)."""

@@ -16,13 +16,12 @@ from ...physics.kernels import fused, kernel
 from ...physics.posture import free_of_base, free_of_tool, posture
 from ...stages.base import Room, Stage
 from ...stages.signals import CLOCK, KNOWN, Signal
-from .memory import floats
 
 
 @dataclass(frozen=True)
 class PostureBelowTool(Stage):
-    """tau_posture = M (P h + a) below a task at a tool. ``given`` has the measurements at B; ``state`` is a MODEL
-    record. The levels know that the law gives -J_bar J_dot zeta, which keeps the tool's velocity."""
+    """tau_posture = M (P h + a) below a task at a tool. ``given`` has the measurements at B; ``state`` is the
+    record of the run. The levels know that the law gives -J_bar J_dot zeta, which keeps the tool's velocity."""
 
     name = "posture_below_tool"
     needs: ClassVar = ("posture", "initial")
@@ -39,13 +38,13 @@ class PostureBelowTool(Stage):
     @staticmethod
     @fused
     def step(settings, state, given, state_dot, out):
-        N, own = state.tau.shape[0], state.posture
-        M, q, J_bar = floats(state.M_at, N * N), floats(state.q_at, state.n), floats(state.J_bar_at, 6 * N)
-        measure(state, given)
-        inverse(floats(state.L_at, N * N), N, own.M_inv)
-        free_of_tool(own.M_inv, floats(state.MJ_T_at, 6 * N), J_bar, N, own.P)
+        model, own, q = state.model, state.model.posture, state.joints.q_m
+        N, M = model.tau.shape[0], model.M
+        measure(model, given, state.joints.q_dot_m)
+        inverse(model.L, N, own.M_inv)
+        free_of_tool(own.M_inv, model.MJ_T, model.J_bar, N, own.P)
         product(own.P, N, N, own.h, 1, own.free)
-        product(J_bar, N, 6, state.J_dot_zeta, 1, own.a)
+        product(model.J_bar, N, 6, model.J_dot_zeta, 1, own.a)
         for i in range(N):
             own.a[i] = -own.a[i]
             own.free[i] -= own.a[i]
@@ -64,9 +63,9 @@ class PostureBesideBase(PostureBelowTool):
     @staticmethod
     @fused
     def step(settings, state, given, state_dot, out):
-        N, own = state.tau.shape[0], state.posture
-        M, L, q = floats(state.M_at, N * N), floats(state.L_at, N * N), floats(state.q_at, state.n)
-        measure(state, given)
+        model, own, q = state.model, state.model.posture, state.joints.q_m
+        N, M, L = model.tau.shape[0], model.M, model.L
+        measure(model, given, state.joints.q_dot_m)
         cholesky(M, N, L)
         inverse(L, N, own.M_inv)
         free_of_base(M, N, own.P_qq, own.X, own.P)
@@ -79,13 +78,12 @@ class PostureBesideBase(PostureBelowTool):
 
 
 @kernel
-def measure(model, given):
+def measure(model, given, q_dot):
     """Set zeta and h (N,) of the posture's memory from the measurements at B and the law's model."""
-    N, own, q_dot = model.tau.shape[0], model.posture, floats(model.q_dot_at, model.n)
-    C, D, g = floats(model.C_at, N), floats(model.D_at, N), floats(model.g_at, N)
+    N, own = model.tau.shape[0], model.posture
     for i in range(6):
         own.zeta[i] = given.nu[i]
-    for k in range(model.n):
+    for k in range(q_dot.shape[0]):
         own.zeta[6 + k] = q_dot[k]
     for i in range(N):
-        own.h[i] = C[i] + D[i] + g[i]
+        own.h[i] = model.C[i] + model.D[i] + model.g[i]

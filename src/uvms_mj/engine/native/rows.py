@@ -1,4 +1,4 @@
-"""The recorded signals of a run, and where in memory each of them lies."""
+"""The recorded signals of a run, and where in its record each of them lies."""
 
 import itertools
 from collections.abc import Iterator, Sequence, Set
@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...analysis.setup import Setup
 from ...control.base import Controller
 from ...control.task import ImpedanceTask
 from ...errors import Fault, InputError
 from ...navigation import Perfect
-from ...scenario import Scenario
 from ...stages.base import Stage
 from ...stages.joint_signals import JOINT_SIGNALS
 from ...stages.signals import (
@@ -30,9 +30,12 @@ from ...stages.signals import (
     contact_signals,
     thruster_signal,
 )
-from .contact_list import ContactList
-from .joints import Joints
-from .stage_table import StageTable
+from .contact_list import recorded_contacts
+from .image import Image
+from .joints import recorded_joints
+from .model_memory import recorded_tool
+from .pipeline import Pipeline
+from .wrist_memory import recorded_wrist
 
 _ATTRIBUTES = {
     *dir(np.recarray),
@@ -44,49 +47,42 @@ _ATTRIBUTES = {
 _OF_THE_TASK = ("s", "zeta", "tau_nom", "boundary_layer_time")
 
 
-def recorded(
-    loop: np.ndarray,
-    stages: StageTable,
-    u: np.ndarray,
-    scenario: Scenario,
-    water: np.ndarray,
-    contacts: ContactList,
-    joints: Joints,
-) -> list[tuple[Signal, np.ndarray]]:
-    """The signals of a row in order, each with its memory. The measurements are recorded unless navigation is perfect,
-    the motion of the water, a WATER record, unless the current is constant, and the command of the thrusters where it
-    may differ from their thrust or from tau_cmd. Raises InputError if two states have one name, or a state's name is
-    taken or is not an identifier."""
-    records = [loop["row"], loop["true"], loop["contact"], stages.signals, stages.command]
+def recorded(run: np.ndarray, stages: Pipeline, setup: Setup) -> list[tuple[Signal, np.ndarray]]:
+    """The signals of a row in order, each with its memory in the record of a run. The measurements are recorded unless
+    navigation is perfect, the motion of the water unless the current is constant, and the command of the thrusters
+    where it may differ from their thrust or from tau_cmd. Raises InputError if two states have one name, or a state's
+    name is taken or is not an identifier."""
+    scenario, command, u = setup.scenario, run[stages.law], run["u"]
+    records = [run["row"], run["true"], run["contact"], stages.signals, command]
     places = {name: record[name] for record in reversed(records) for name in record.dtype.names or ()}
     found = [
         (signal, places[signal.name])
         for signal in RECORDED
-        if "task" in stages.entries or signal.name not in _OF_THE_TASK
+        if "task" in stages.stages or signal.name not in _OF_THE_TASK
     ]
     if not isinstance(scenario.navigation, Perfect):
-        found += [(signal, stages.frame.base[signal.name.removesuffix("_m")]) for signal in MEASURED]
-    found += [(signal, stages.signals[signal.name]) for signal in SCHEDULED if "schedule" in stages.entries]
-    found += [(signal, stages.delayed["tau_cmd"]) for signal in DELAYED if "delay" in stages.entries]
+        found += [(signal, run[stages.base][signal.name.removesuffix("_m")]) for signal in MEASURED]
+    found += [(signal, stages.signals[signal.name]) for signal in SCHEDULED if "schedule" in stages.stages]
+    found += [(signal, run[stages.behind]["tau_cmd"]) for signal in DELAYED if "delay" in stages.stages]
     if not scenario.current.constant:
-        found += [(signal, water[signal.name]) for signal in UNSTEADY]
-    found += [*contacts.recorded(loop), (thruster_signal(len(u)), u)]
-    found += stages.commanded
-    found += joints.recorded()
-    found += stages.wrist.recorded() if stages.wrist is not None else []
-    found += stages.frame.recorded(loop["true"])
+        found += [(signal, run["plant"]["water"][signal.name]) for signal in UNSTEADY]
+    found += [*recorded_contacts(run, len(setup.contacts.pairs)), (thruster_signal(u.size), u)]
+    found += stages.commanded(run)
+    found += recorded_joints(run, setup)
+    found += recorded_wrist(run["wrist"]) if scenario.wrist.runs else []
+    found += recorded_tool(run, setup)
     own = [each for each in stages.states() if each[1] != "zeta" or not isinstance(each[0], ImpedanceTask)]
     check_states([(stage, name) for stage, name, _ in own], {signal.name for signal, _ in found})
     found += [(state_signal(stage, name, memory.size), memory) for stage, name, memory in own]
-    if not stages.frame.at_tool:
+    if not stages.at_tool:
         return found
     at_tool = {*IN_TASK_FRAME, *(name for stage, name, _ in own if isinstance(stage, Controller))}
     return [(replace(each, frame="T") if each.name in at_tool else each, memory) for each, memory in found]
 
 
-def banded(recorded: Sequence[tuple[Signal, np.ndarray]], loop: np.ndarray) -> list[tuple[Signal, np.ndarray]]:
+def banded(recorded: Sequence[tuple[Signal, np.ndarray]], run: np.ndarray) -> list[tuple[Signal, np.ndarray]]:
     """The signals with a band, each with its memory, of the recorded ones."""
-    found = {signal.name: (signal, memory) for signal, memory in (*recorded, (PUSH, loop["push_shown"]))}
+    found = {signal.name: (signal, memory) for signal, memory in (*recorded, (PUSH, run["push_shown"]))}
     return [found[name] for name in BANDED if name in found]
 
 
@@ -116,15 +112,15 @@ def state_signal(stage: Stage, name: str, size: int) -> Signal:
     return Signal(name, (size,), type(stage).units.get(name, OWN_UNIT), "B", f"state {name} of {stage.label()}")
 
 
-def spans(memories: Sequence[np.ndarray]) -> Iterator[tuple[int, int]]:
-    """Address and size [numbers] of each part of a row; neighbours in memory are one part."""
-    address, size = 0, 0
+def spans(image: Image, memories: Sequence[np.ndarray]) -> Iterator[tuple[int, int]]:
+    """Place and size [numbers] of each part of a row; neighbours in memory are one part."""
+    place, size = 0, 0
     for memory in memories:
-        here = memory.ctypes.data
-        if size and here == address + 8 * size:
+        here = image.place(memory)
+        if size and here == place + size:
             size += memory.size
             continue
         if size:
-            yield address, size
-        address, size = here, memory.size
-    yield address, size
+            yield place, size
+        place, size = here, memory.size
+    yield place, size

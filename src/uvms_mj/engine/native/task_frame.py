@@ -19,10 +19,10 @@ from .law_model import (
     estimate_inertia,
     estimate_lambda,
     estimate_wrenches,
+    measured_frames,
     move_model,
     place_tool,
 )
-from .memory import floats
 
 UP_TO_ESTIMATES = KNOWN + REFERENCE + ERRORS + ESTIMATES
 """What the model's stage may set: at a tool KNOWN and ESTIMATES, otherwise ESTIMATES."""
@@ -30,19 +30,19 @@ UP_TO_ESTIMATES = KNOWN + REFERENCE + ERRORS + ESTIMATES
 
 @dataclass(frozen=True)
 class ToolAttitude(Stage):
-    """The true attitude of the tool, for the record. ``state`` is its CARRIER record."""
+    """The true attitude of the tool, for the record. ``state`` is the record of the run."""
 
     name = "tool"
     room: ClassVar[Room] = Room("navigation", "tool", lambda thrusters: CLOCK + TRUE, TOOL[1:2])
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        attitude(state.R_WC, out)
+        attitude(state.carriers[0].R_WC, out)
 
 
 @dataclass(frozen=True)
 class ModelAtBody(Stage):
-    """The estimates at B of a vehicle with joints. ``state`` is a MODEL record."""
+    """The estimates at B of a vehicle with joints. ``state`` is the record of the run."""
 
     name = "model_at_body"
     needs: ClassVar = ("task", "controller.period", "simulation.timestep")
@@ -55,37 +55,41 @@ class ModelAtBody(Stage):
     @staticmethod
     @fused
     def step(settings, state, given, state_dot, out):
-        move_model(state, given.R_WB, given.nu)
+        model, q_dot = state.model, state.joints.q_dot_m
+        frames = measured_frames(state, model.frames)
+        move_model(model, frames, given.R_WB, given.nu, q_dot)
         if given.instant % int(settings.every) == 0:
-            estimate_inertia(state)
-        estimate_wrenches(state)
-        estimate_at_body(state, out)
+            estimate_inertia(model, frames)
+        estimate_wrenches(model, frames, q_dot)
+        estimate_at_body(model, out)
 
 
 @dataclass(frozen=True)
 class ModelAtTool(ModelAtBody):
-    """The measurements and the estimates at a tool. ``given`` has the measurements at B; ``state`` is a MODEL
-    record."""
+    """The measurements and the estimates at a tool. ``given`` has the measurements at B; ``state`` is the
+    record of the run."""
 
     name = "model_at_tool"
 
     @staticmethod
     @fused
     def step(settings, state, given, state_dot, out):
-        move_model(state, given.R_WB, given.nu)
-        place_tool(state)
+        model, q_dot = state.model, state.joints.q_dot_m
+        frames = measured_frames(state, model.frames)
+        move_model(model, frames, given.R_WB, given.nu, q_dot)
+        place_tool(model, frames)
         if given.instant % int(settings.every) == 0:
-            estimate_inertia(state)
-            estimate_lambda(state)
-        estimate_wrenches(state)
-        estimate_at_tool(state, out)
-        tool = state.tool
+            estimate_inertia(model, frames)
+            estimate_lambda(model)
+        estimate_wrenches(model, frames, q_dot)
+        estimate_at_tool(model, out)
+        tool = model.tool
         compose_poses(given.R_WB, given.p_WB, tool.R_BT, tool.p_BT, out.R_WB, out.p_WB)
         attitude(out.R_WB, out.quat_WB)
         for i in range(3):
             out.f_contact_m_W[i] = given.f_contact_m_W[i]
         for i in range(6):
-            out.nu[i] = state.nu_T[i]
+            out.nu[i] = model.nu_T[i]
         wrench_at(tool.R_BT, tool.p_BT, given.tau_contact_m_B, out.tau_contact_m_B)
 
 
@@ -103,42 +107,43 @@ class Errors(Stage):
 
 @dataclass(frozen=True)
 class ResolveAtBody(Stage):
-    """The command at B for a vehicle with joints: the wrench of the law on the base. ``state`` is a MODEL record."""
+    """The command at B for a vehicle with joints: the wrench of the law on the base. ``state`` is the record of the
+    run."""
 
     name = "resolve_at_body"
     room: ClassVar[Room] = Room("control", "resolve", lambda thrusters: (*CLOCK, WRENCH_COMMAND), (WRENCH_COMMAND,))
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        tau = state.tau
+        tau = state.model.tau
         for i in range(6):
             tau[i] = given.tau_cmd[i]
-        for i in range(6, state.tau.shape[0]):
+        for i in range(6, tau.shape[0]):
             tau[i] = 0.0
-        deliver(state, tau, out)
+        deliver(state.model, out, state.joints.tau_q_cmd)
 
 
 @dataclass(frozen=True)
 class ResolveAtTool(ResolveAtBody):
-    """tau = J^T F of the law's wrench F at the tool. ``state`` is a MODEL record."""
+    """tau = J^T F of the law's wrench F at the tool. ``state`` is the record of the run."""
 
     name = "resolve_at_tool"
 
     @staticmethod
     @fused
     def step(settings, state, given, state_dot, out):
-        tau = state.tau
-        resolve(floats(state.J_T_at, 6 * state.tau.shape[0]), state.tau.shape[0], given.tau_cmd, tau)
-        deliver(state, tau, out)
+        model = state.model
+        resolve(model.J_T, model.tau.shape[0], given.tau_cmd, model.tau)
+        deliver(model, out, state.joints.tau_q_cmd)
 
 
 @kernel
-def deliver(model, tau, tau_B):
+def deliver(model, tau_B, tau_q_cmd):
     """Add the posture to tau (N,), and give it to the allocation, tau_B (6,), and to the joints."""
-    tau_q_cmd, tau_posture = floats(model.tau_q_cmd_at, model.n), floats(model.tau_posture_at, model.tau.shape[0])
-    for i in range(model.tau.shape[0]):
-        tau[i] += tau_posture[i]
+    tau = model.tau
+    for i in range(tau.shape[0]):
+        tau[i] += model.tau_posture[i]
     for i in range(6):
         tau_B[i] = tau[i]
-    for k in range(model.n):
+    for k in range(tau_q_cmd.shape[0]):
         tau_q_cmd[k] = tau[6 + k]

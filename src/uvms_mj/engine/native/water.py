@@ -1,26 +1,24 @@
-"""The current, the disturbance and the tether of a scenario in a CONTEXT record. :mod:`.flow` evaluates them."""
+"""The current, the disturbance and the tether of a scenario in the record of a plant. :mod:`.flow` evaluates them."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from ...physics.random import key_of
-from ...physics.varying import ROWS
 from ...plant.vehicle import Vehicle
 from ...plant.water import Current, Disturbance, Tether
+from .image import Image
 
 Numbers = Sequence[float] | np.ndarray
 
 
 class Water:
-    """The coefficients of a vehicle, the current, the disturbance and the tether in a CONTEXT record (1,).
+    """The coefficients of a vehicle, the current, the disturbance and the tether in the record ``plant`` (1,) of an
+    image, and their tables in its rooms."""
 
-    It keeps the arrays alive whose addresses are in the record, also those of the start, to which a reset returns.
-    """
-
-    def __init__(self, context: np.ndarray, vehicle: Vehicle, gravity_W: np.ndarray) -> None:
-        self._context, self._arrays = context, dict[str, list[np.ndarray]]()
-        self._water, self._series = context["water"], {name: context[name] for name in ("current", "disturbance")}
+    def __init__(self, image: Image, plant: np.ndarray, vehicle: Vehicle, gravity_W: np.ndarray) -> None:
+        self._image, self._plant, self._water = image, plant, plant["water"]
+        self._series = {name: plant[name] for name in ("current", "disturbance")}
         water = self._water
         water["M_A"], water["D_linear"], water["D_quadratic"] = vehicle.M_A, vehicle.D_linear, vehicle.D_quadratic
         water["displaced_mass"], water["buoyancy_W"] = vehicle.displaced_mass, -vehicle.displaced_mass * gravity_W
@@ -32,7 +30,7 @@ class Water:
         series["mean"] = water["v_c_W"] = current.velocity_W
         series["amplitude"], series["frequency"] = current.amplitude, current.frequency_hz
         self._vary("current", current)
-        self._context["shear_at"], self._context["shear_rows"] = self._table("shear", current.shear)
+        self._plant["shear"], self._plant["shear_rows"] = self._table("current.shear", current.shear)
         water["unsteady"], water["v_c_dot_W"], water["a_c_W"] = not current.constant, 0.0, 0.0
         water["fresh"] = False
 
@@ -72,17 +70,13 @@ class Water:
     def _vary(self, name: str, motion: Current | Disturbance) -> None:
         """Set the table and the Gauss-Markov process of a series."""
         series = self._series[name]
-        series["table_at"], series["rows"] = self._table(f"{name}.table", motion.table)
+        series["table"], series["rows"] = self._table(f"{name}.table", motion.table)
         series["noisy"], series["deviation"] = any(motion.deviation), motion.deviation
         if series["noisy"][0]:
             series["spacing"], kept = motion.spacing, np.exp(-motion.spacing / motion.correlation_time)
             series["kept"], series["kick"] = kept, np.sqrt(1.0 - kept**2)
-            nodes = self._arrays.setdefault(f"{name}.nodes", [np.zeros(ROWS * len(motion.deviation))])
-            series["nodes_at"] = nodes[0].ctypes.data
+            series["nodes"], _ = self._image.room(f"{name}.nodes")
 
     def _table(self, name: str, rows: tuple[tuple[float, ...], ...] | None) -> tuple[int, int]:
-        """The address of a table and its number of rows. Its memory is kept until the next one; that of the start is
-        kept for good."""
-        kept = self._arrays.setdefault(name, [])
-        kept[1:] = [np.array(rows or (), dtype=float)] if rows or not kept else []
-        return (kept[-1].ctypes.data, len(rows)) if rows else (0, 0)
+        """The place of a table and its number of rows."""
+        return self._image.put(name, np.array(rows, dtype=float)) if rows else (0, 0)

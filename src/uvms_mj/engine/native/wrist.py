@@ -11,32 +11,29 @@ from ...physics.tree import coriolis_wrench, damping_wrench, hand_down, move, mo
 from ...stages.base import Room, Stage
 from ...stages.joint_signals import WRIST_TRUE
 from ...stages.signals import CLOCK, KNOWN, TRUE
-from .layouts import CARRIER_SIZE, FRAME_SIZE, LINK_SIZE
-from .memory import carrier_at, context_at, floats, frame_at, link_at, loop_at
-from .tree import place_links
+from .law_model import measured_frames
 
 
 @kernel
-def carried_wrench(tree, first, moving, q_dot, q_ddot, part):
+def carried_wrench(links, frames, gravity_B, first, moving, q_dot, q_ddot, part):
     """Set F of the link ``first`` to the wrench that keeps it and all that it carries in their motion, or at rest if
     ``moving`` is 0, without contacts. Frames, gravity, and V and A of the base are set; ``part`` is (6,) scratch."""
-    for k in range(1, tree.links):
-        link, frame = link_at(tree.links_at + LINK_SIZE * k), frame_at(tree.frames_at + FRAME_SIZE * k)
-        move(link, frame.S, link_at(tree.links_at + LINK_SIZE * frame.parent), q_dot[k - 1])
+    for k in range(1, links.shape[0]):
+        link, frame = links[k], frames[k]
+        move(link, frame.S, links[frame.parent], q_dot[k - 1])
         for i in range(6):
             link.A[i] += frame.S[i] * q_ddot[k - 1]
         move_frame(link, frame)
-    for k in range(first, tree.links):
-        link, frame = link_at(tree.links_at + LINK_SIZE * k), frame_at(tree.frames_at + FRAME_SIZE * k)
-        restoring_wrench(link, frame, tree.gravity_B, link.F)
+    for k in range(first, links.shape[0]):
+        link, frame = links[k], frames[k]
+        restoring_wrench(link, frame, gravity_B, link.F)
         if moving != 0:
             coriolis_wrench(link, part)
             add_wrench_from(frame.R_BL, frame.p_BL, part, link.F)
             damping_wrench(link, part)
             add_wrench_from(frame.R_BL, frame.p_BL, part, link.F)
-    for k in range(tree.links - 1, first, -1):
-        frame = frame_at(tree.frames_at + FRAME_SIZE * k)
-        hand_down(link_at(tree.links_at + LINK_SIZE * k), link_at(tree.links_at + LINK_SIZE * frame.parent))
+    for k in range(links.shape[0] - 1, first, -1):
+        hand_down(links[k], links[frames[k].parent])
 
 
 @kernel
@@ -46,11 +43,10 @@ def place_sensor(sensor, frame):
 
 
 @kernel
-def felt_wrench(wrist, true, out):
+def felt_wrench(run, true, out):
     """Set out (6,) to the true wrench of the parent on the links behind the sensor, in S."""
-    n, water = wrist.n, context_at(wrist.context_at).water
-    q_dot, q_ddot = floats(wrist.q_dot_at, n), floats(wrist.q_ddot_at, n)
-    rigid, wet, nu, v_c = link_at(wrist.rigid.links_at), link_at(wrist.wet.links_at), true.nu, wrist.work
+    wrist, water, frames, q_dot, q_ddot = run.wrist, run.plant.water, run.plant.frames, run.encoder.q_dot, run.q_ddot
+    rigid, wet, nu, v_c, first = wrist.rigid[0], wrist.wet[0], true.nu, wrist.work, wrist.sensor.link
     to_body(true.R_WB, true.v_c_W, v_c)
     for i in range(3):
         rigid.V[i], rigid.V[i + 3] = nu[i], nu[i + 3]
@@ -63,66 +59,61 @@ def felt_wrench(wrist, true, out):
     a_z = true.nu_dot[2] + p * v_c[1] - q_B * v_c[0]
     to_body(true.R_WB, water.v_c_dot_W, v_c)
     wet.A[0], wet.A[1], wet.A[2] = a_x - v_c[0], a_y - v_c[1], a_z - v_c[2]
-    to_body(true.R_WB, wrist.gravity_W, wrist.rigid.gravity_B)
+    to_body(true.R_WB, wrist.gravity_W, wrist.rigid_gravity_B)
     for i in range(3):
         wrist.moment[i] = wrist.gravity_W[i] - water.a_c_W[i]  # of the displaced water
-    to_body(true.R_WB, wrist.moment, wrist.wet.gravity_B)
-    carried_wrench(wrist.rigid, wrist.sensor.link, 1, q_dot, q_ddot, wrist.work)
-    carried_wrench(wrist.wet, wrist.sensor.link, 1, q_dot, q_ddot, wrist.work)
-    at = LINK_SIZE * wrist.sensor.link
-    solid, around = link_at(wrist.rigid.links_at + at), link_at(wrist.wet.links_at + at)
+    to_body(true.R_WB, wrist.moment, wrist.wet_gravity_B)
+    carried_wrench(wrist.rigid, frames, wrist.rigid_gravity_B, first, 1, q_dot, q_ddot, wrist.work)
+    carried_wrench(wrist.wet, frames, wrist.wet_gravity_B, first, 1, q_dot, q_ddot, wrist.work)
+    solid, around = wrist.rigid[first], wrist.wet[first]
     for i in range(6):
         solid.F[i] += around.F[i]
-    context = context_at(wrist.context_at)
-    if context.carriers != 0:
-        release(context, wrist, solid)
-    place_sensor(wrist.sensor, frame_at(wrist.rigid.frames_at + FRAME_SIZE * wrist.sensor.link))
+    if run.carriers.shape[0] != 0:
+        release(run, solid)
+    place_sensor(wrist.sensor, frames[first])
     wrench_at(wrist.sensor.R_BT, wrist.sensor.p_BT, solid.F, out)
 
 
 @kernel
-def release(context, wrist, first):
+def release(run, first):
     """Subtract the contact forces on the links behind the sensor from F of the first of them."""
-    loop, tree, tau_B = loop_at(context.loop_at), wrist.rigid, wrist.work
+    frames, wrist, tau_B = run.plant.frames, run.wrist, run.wrist.work
     for i in range(6):
         tau_B[i] = 0.0
-    for k in range(context.carriers):
-        carrier = carrier_at(loop.carriers_at + CARRIER_SIZE * k)
+    for k in range(run.carriers.shape[0]):
+        carrier = run.carriers[k]
         above = carrier.link
-        for _ in range(frame_at(tree.frames_at + FRAME_SIZE * carrier.link).depth):
+        for _ in range(frames[carrier.link].depth):
             if above == wrist.sensor.link:
                 add_wrench_from(carrier.R_BC, carrier.p_BC, carrier.tau, tau_B)
-            above = frame_at(tree.frames_at + FRAME_SIZE * above).parent
+            above = frames[above].parent
     for i in range(6):
         first.F[i] -= tau_B[i]
 
 
 @kernel
-def modelled_wrench(wrist, instant, period, R_WB, nu):
+def modelled_wrench(run, instant, period, R_WB, nu):
     """Set ``modelled`` (6,) to the wrench without contacts by the model, from the measured state."""
-    n, base = wrist.n, link_at(wrist.model.links_at)
-    q_dot, q_ddot = floats(wrist.q_dot_m_at, n), floats(wrist.q_ddot_m_at, n)
-    before, q_dot_before = wrist.nu_before, floats(wrist.q_dot_before_at, n)
+    wrist, q_dot = run.wrist, run.joints.q_dot_m
+    base, first, before, q_ddot = wrist.model[0], wrist.sensor.link, wrist.nu_before, wrist.q_ddot
     for i in range(6):
         base.V[i] = nu[i]
         base.A[i] = (nu[i] - before[i]) / period if instant > 0 else 0.0
         before[i] = nu[i]
-    for k in range(n):
-        q_ddot[k] = (q_dot[k] - q_dot_before[k]) / period if instant > 0 else 0.0
-        q_dot_before[k] = q_dot[k]
-    to_body(R_WB, wrist.gravity_W, wrist.model.gravity_B)
-    if wrist.places != 0:
-        place_links(wrist.model, floats(wrist.q_m_at, n))
-    carried_wrench(wrist.model, wrist.sensor.link, wrist.dynamic, q_dot, q_ddot, wrist.work)
-    first = link_at(wrist.model.links_at + LINK_SIZE * wrist.sensor.link)
-    place_sensor(wrist.sensor, frame_at(wrist.model.frames_at + FRAME_SIZE * wrist.sensor.link))
-    wrench_at(wrist.sensor.R_BT, wrist.sensor.p_BT, first.F, wrist.modelled)
+    for k in range(q_dot.shape[0]):
+        q_ddot[k] = (q_dot[k] - wrist.q_dot_before[k]) / period if instant > 0 else 0.0
+        wrist.q_dot_before[k] = q_dot[k]
+    to_body(R_WB, wrist.gravity_W, wrist.gravity_B)
+    frames = measured_frames(run, wrist.frames)
+    carried_wrench(wrist.model, frames, wrist.gravity_B, first, wrist.dynamic, q_dot, q_ddot, wrist.work)
+    place_sensor(wrist.sensor, frames[first])
+    wrench_at(wrist.sensor.R_BT, wrist.sensor.p_BT, wrist.model[first].F, wrist.modelled)
 
 
 @kernel
 def contact_behind(wrist, R_WB, out):
     """Set the measured contact force in W and the wrench at B of ``out`` to what the model leaves of the reading."""
-    reading, f, tau = floats(wrist.reading_at, 6), wrist.work, out.tau_contact_m_B
+    reading, f, tau = wrist.reading, wrist.work, out.tau_contact_m_B
     for i in range(6):
         f[i] = (wrist.modelled[i] if wrist.weighs != 0 else 0.0) - reading[i]
         tau[i] = 0.0
@@ -132,7 +123,7 @@ def contact_behind(wrist, R_WB, out):
 
 @dataclass(frozen=True)
 class Felt(Stage):
-    """The wrench that the wrist sensor is exposed to. ``state`` is the WRIST record."""
+    """The wrench that the wrist sensor is exposed to. ``state`` is the record of the run."""
 
     name = "felt"
     room: ClassVar[Room] = Room("navigation", "felt", lambda thrusters: CLOCK + TRUE, (WRIST_TRUE,))
@@ -144,7 +135,7 @@ class Felt(Stage):
 
 @dataclass(frozen=True)
 class Derived(Stage):
-    """The contact force and wrench that are derived from the reading. ``state`` is the WRIST record."""
+    """The contact force and wrench that are derived from the reading. ``state`` is the record of the run."""
 
     name = "derived"
     room: ClassVar[Room] = Room("navigation", "derived", lambda thrusters: CLOCK + KNOWN[:4], KNOWN[4:])
@@ -152,4 +143,4 @@ class Derived(Stage):
     @staticmethod
     def step(settings, state, given, state_dot, out):
         modelled_wrench(state, given.instant, given.period, given.R_WB, given.nu)
-        contact_behind(state, given.R_WB, out)
+        contact_behind(state.wrist, given.R_WB, out)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .layouts import JOINT_BOUND, STOP_COMMAND, STOP_JOINT, STOP_STATE, STOP_THRUST, STOP_WAITING
+from .record import JOINT_BOUND, STOP_COMMAND, STOP_JOINT, STOP_STATE, STOP_THRUST, STOP_WAITING
 
 SPEED_BOUND = (100.0,) * 3 + (200.0,) * 3
 """Speeds above this mean that the simulation has diverged [m/s, rad/s]."""
@@ -18,23 +18,23 @@ class Diverged(RuntimeError):
     """The state, tau_cmd or u left its bounds. The message names the time, the variable and the bound."""
 
 
-def verdict(loop: np.void) -> str:
-    """The first variable of a LOOP record to leave its bound, as text; empty if there is none."""
-    i, value = int(loop["stop_index"]), float(loop["stop_value"])
-    if loop["stop"] == STOP_STATE and i < 3:
+def stop_reason(run: np.void) -> str:
+    """The first variable of the record of a run to leave its bound, as text; empty if there is none."""
+    i, value = int(run["stop_index"]), float(run["stop_value"])
+    if run["stop"] == STOP_STATE and i < 3:
         return f"position {'xyz'[i]} = {value:.6g} m, more than {POSITION_BOUND:g} m from where it began"
-    if loop["stop"] == STOP_STATE:
+    if run["stop"] == STOP_STATE:
         unit = "m/s" if i < 6 else "rad/s"
         return f"velocity {_AXES[i - 3]} = {value:.6g} {unit}, beyond {SPEED_BOUND[i - 3]:g} {unit}"
-    if loop["stop"] == STOP_COMMAND:
+    if run["stop"] == STOP_COMMAND:
         unit = "N" if i < 3 else "N m"
         what = f"beyond {TAU_BOUND:g} {unit}" if np.isfinite(value) else "not a finite number"
         return f"tau_cmd[{i}] = {value:.6g} {unit}, {what}"
-    if loop["stop"] == STOP_THRUST:
+    if run["stop"] == STOP_THRUST:
         return f"u[{i}] = {value:.6g} N, {f'beyond {TAU_BOUND:g} N' if np.isfinite(value) else 'not a finite number'}"
-    if loop["stop"] == STOP_JOINT:
-        n = int(loop["joints"])
+    if run["stop"] == STOP_JOINT:
+        n = len(run["tau_q"])
         what = f"position of joint {i + 1}" if i < n else f"velocity of joint {i - n + 1}"
         return f"{what} = {value:.6g}, beyond {JOINT_BOUND:g}"
-    assert loop["stop"] != STOP_WAITING, "a stage in plain Python was not called"
+    assert run["stop"] != STOP_WAITING, "a stage in plain Python was not called"
     return ""

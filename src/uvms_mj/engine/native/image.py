@@ -1,0 +1,106 @@
+"""The memory of a run as one image: its records one after the other, and room for numbers behind them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...errors import InputError
+from ...physics.varying import ROWS
+from .record import NUMBERS
+
+LINE = 64
+"""Bytes of a cache line, at whose beginning the first record is."""
+MOST_ROWS = 4096
+"""Rows of a table that a reset may give, if the table at the start is no longer."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """A part of the first record of an image: its offset [bytes] and its dtype."""
+
+    offset: int
+    dtype: np.dtype
+
+    @classmethod
+    def of(cls, record: np.dtype, *names: str) -> "Field":
+        """A field of a field of a record."""
+        offset = 0
+        for name in names:
+            record, at = (record.fields or {})[name][:2]
+            offset += at
+        return cls(offset, record)
+
+    @property
+    def place(self) -> int:
+        return self.offset // 8
+
+
+class Image:
+    """Memory with records by their names, and rooms of so many numbers each.
+
+    Attributes:
+        numbers: all of it as float64 numbers; a place is an index into them.
+        fixed: the bytes of the records, without the rooms.
+    """
+
+    def __init__(self, records: Mapping[str, np.dtype], rooms: Mapping[str, int]) -> None:
+        self._at: dict[str, tuple[int, np.dtype]] = {}
+        at = 0
+        for name, kind in records.items():
+            self._at[name] = at, kind
+            at += -(-kind.itemsize // 8) * 8
+        self._rooms, size = dict[str, tuple[int, int]](), at
+        for name, n in rooms.items():
+            self._rooms[name] = size // 8, n
+            size += 8 * n
+        if size > 8 * NUMBERS:
+            raise InputError(f"a run has room for {NUMBERS} numbers; its tables and settings have more")
+        memory = np.zeros(size + LINE, np.uint8)  # pages that nobody touches take no memory
+        self.bytes = memory[-memory.ctypes.data % LINE :][:size]
+        self.fixed, self.numbers = self.bytes[:at], self.bytes.view(np.float64)
+        self.address = int(self.bytes.ctypes.data)
+
+    def record(self, name: str) -> np.ndarray:
+        """A record (1,)."""
+        at, kind = self._at[name]
+        return np.ndarray(1, kind, self.bytes, at)
+
+    def view(self, field: Field) -> np.ndarray:
+        """A part of the first record: a record (1,), or an array."""
+        if field.dtype.subdtype is None:
+            return np.ndarray(1, field.dtype, self.bytes, field.offset)
+        base, shape = field.dtype.subdtype
+        return np.ndarray(shape, base, self.bytes, field.offset)
+
+    def place(self, array: np.ndarray) -> int:
+        """The place of the first number of an array in this memory."""
+        return (int(array.ctypes.data) - self.address) // 8
+
+    def room(self, name: str) -> tuple[int, np.ndarray]:
+        """The place of a room and its numbers."""
+        place, n = self._rooms[name]
+        return place, self.numbers[place : place + n]
+
+    def put(self, name: str, rows: np.ndarray) -> tuple[int, int]:
+        """Put the rows (n, width) of a table into the room of its key. Returns its place and n. Raises InputError if
+        there are too many."""
+        place, room = self.room(name)
+        if rows.size > room.size:
+            most = room.size // rows.shape[1]
+            raise InputError(f"{name}: has {len(rows)} rows; a reset takes at most {most}; make a new Simulation")
+        room[: rows.size] = rows.reshape(-1)
+        return place, len(rows)
+
+
+def table_room(rows: int, width: int) -> int:
+    """Numbers of the room for a table that begins with so many rows."""
+    return max(rows, MOST_ROWS) * width
+
+
+def water_rooms(current: int = 0, disturbance: int = 0, shear: int = 0) -> dict[str, int]:
+    """The rooms for the tables of the water, whose numbers of rows at the start are given, and for the nodes of its
+    Gauss-Markov processes."""
+    rows = {"current.table": (current, 4), "disturbance.table": (disturbance, 7), "current.shear": (shear, 2)}
+    rooms = {name: table_room(n, width) for name, (n, width) in rows.items()}
+    return rooms | {"current.nodes": 3 * ROWS, "disturbance.nodes": 6 * ROWS}

@@ -1,0 +1,277 @@
+"""The stages of a run in the order of an instant, as the loop calls them."""
+
+import functools
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from ...analysis.setup import Setup
+from ...control.base import Controller
+from ...control.natural import NaturalInertia
+from ...control.schedule import Schedule
+from ...errors import Fault, InputError
+from ...physics.frames import BODY
+from ...scenario import STAGES, Scenario
+from ...stages.base import Stage, random_key
+from ...stages.joint_signals import encoder_signals
+from ...stages.signals import (
+    CLOCK,
+    ERRORS,
+    ESTIMATES,
+    IMPEDANCE,
+    KNOWN,
+    OBSERVER_GIVEN,
+    REFERENCE,
+    SCHEDULED,
+    TASK,
+    TASK_GIVEN,
+    TAU_LOST,
+    TRUTH,
+    Signal,
+    commanded_signal,
+    pulse_signal,
+    record_dtype,
+)
+from .compiled_stage import CompiledStage
+from .image import Field, Image
+from .inner_stages import Delay, Inflow, Sensed, Tracking, Truth
+from .posture import PostureBelowTool, PostureBesideBase
+from .record import Shape, run_dtype, with_numbers
+from .task_frame import (
+    UP_TO_ESTIMATES,
+    Errors,
+    ModelAtBody,
+    ModelAtTool,
+    ResolveAtBody,
+    ResolveAtTool,
+    ToolAttitude,
+)
+from .wrist import Derived, Felt
+
+
+def _shape(value: Any) -> tuple[int, ...]:
+    return value.shape if isinstance(value, np.ndarray) else (len(value),) if isinstance(value, tuple) else ()
+
+
+class Pipeline:
+    """The stages of a run, chosen and compiled before it has memory, and then bound to it.
+
+    Attributes:
+        stages: the stages by table, in the order of an instant; ``running`` are the stages alone, and ``apart`` those
+            with memory of their own.
+        at_tool: whether the task's frame is a site.
+        control: index of the law, or of the stage that would follow it.
+        actuation: index of the first stage that is given the law's command.
+        controller: the law.
+        law: where the law's command is: the record of the actuation, or of the delay or the resolution before it.
+        signals, allocation: records (1,) of a run that is bound.
+        command, u_cmd: (6,) and (n,) commands of the law and of the actuation.
+        rows: the STAGE records (n,) of a run that is bound.
+    """
+
+    def __init__(self, setup: Setup, shape: Shape) -> None:
+        scenario, self._setup, self._shape = setup.scenario, setup, shape
+        self.controller = controller = scenario.controller
+        self._run = run_dtype(shape)
+        self.stages: dict[str, CompiledStage] = {}
+        self.at_tool = scenario.task.frame != BODY
+        self.base = "base" if self.at_tool else "signals"
+        late = controller.delay is not None
+        self.behind = "delayed" if shape.model else "allocation"
+        self.law = "command" if late else self.behind
+        self._measure(scenario)
+        self._add("reference", scenario.reference, self.part("signals", CLOCK + KNOWN), self.part("signals", REFERENCE))
+        known = self.part("signals", CLOCK + KNOWN + REFERENCE)
+        self._add("tracking", Errors() if shape.model else Tracking(), known, self.part("signals", ERRORS + ESTIMATES))
+        observed = self.part("signals", OBSERVER_GIVEN)
+        self._add("observer", scenario.observer, observed, self.part("signals", KNOWN[4:]))
+        if scenario.impedance.schedule:
+            self._add("schedule", Schedule(), self.part("signals", CLOCK), self.part("signals", SCHEDULED))
+        task_given = self.part("signals", TASK_GIVEN)
+        if scenario.impedance.natural:
+            self._add("natural", NaturalInertia(), task_given, self.part("signals", IMPEDANCE[:2]))
+        if type(controller).uses_task:
+            self._add("task", scenario.task, task_given, self.part("signals", TASK))
+        if type(controller).uses_truth:
+            self._add("truth", Truth(), self.field("true"), self.part("signals", TRUTH), whole=True)
+        self.control = len(self.stages)
+        self._add("controller", controller, self._given_to(controller), self.field(self.law, "tau_cmd"))
+        self.actuation = len(self.stages)
+        if late:
+            self._add("delay", Delay(), self.field("command"), self.field(self.behind, "tau_cmd"))
+        if shape.model:
+            resolution = ResolveAtTool() if self.at_tool else ResolveAtBody()
+            self._add("resolve", resolution, self.field("delayed"), self.field("allocation", "tau_cmd"), whole=True)
+        self._actuate(scenario)
+        self.running = tuple(self.stages.values())
+        self.apart = [stage for stage in self.running if stage.apart]
+        self._concerned = functools.lru_cache(maxsize=64)(self._depending_on)
+
+    def field(self, *names: str) -> Field:
+        """A field of the record of the run."""
+        return Field.of(self._run, *names)
+
+    def part(self, name: str, signals: tuple[Signal, ...]) -> Field:
+        """Consecutive signals of a record of the run as a record of their own."""
+        return Field(Field.of(self._run, name, signals[0].name).offset, record_dtype(signals))
+
+    def _given_to(self, controller: Controller) -> Field:
+        """What a law is given: the record of signals, or the beginning of it and the truth."""
+        signals = type(controller).given()
+        whole = self.field("signals")
+        fields = whole.dtype.fields or {}
+        names = [signal.name for signal in signals]
+        formats, offsets = zip(*(fields[name][:2] for name in names), strict=True)
+        kind = {"names": names, "formats": list(formats), "offsets": list(offsets)}
+        return Field(whole.offset, np.dtype(kind | {"itemsize": whole.dtype.itemsize}))
+
+    def _add(self, table: str, stage: Stage, given: Field, out: Field, whole: bool = False) -> None:
+        """Add a stage; one with ``whole`` works on the whole record of the run in place of states."""
+        if stage.external or not stage.runs:
+            return
+        counted = self._shape.joints if stage.room.counts == "joints" else self._shape.thrusters
+        kind, run = type(stage), with_numbers(self._run)
+        states, start = (0, None) if whole else (kind.state_size(counted), kind.start_record(counted))
+        self.stages[table] = CompiledStage(stage, stage.record(self._setup), start, given, out, states, run)
+
+    def _measure(self, scenario: Scenario) -> None:
+        """Add the stages that measure, and the law's model of what they measure."""
+        shape, base, observed = self._shape, self.base, scenario.observer.runs
+        if self.at_tool and shape.carriers:
+            self._add("tool", ToolAttitude(), self.field("true"), self.field("quat_WT"), whole=True)
+        measured = self.part("sensed" if observed else base, KNOWN)
+        self._add("navigation", scenario.navigation, self.field("true"), measured)
+        if observed:
+            self._add("sensed", Sensed(), self.field("sensed"), self.part("signals", KNOWN[:4]))
+        interface = self._setup.interface if shape.joints else None
+        if interface is not None:
+            encoded = self.part("joints", encoder_signals(shape.joints))
+            self._add("encoder", scenario.encoder, self.field("encoder"), encoded)
+        if shape.wrist:
+            self._add("felt", Felt(), self.field("true"), self.field("wrist", "given", "wrench_S"), whole=True)
+            self._add("wrist", scenario.wrist, self.field("wrist", "given"), self.field("wrist", "reading"))
+            known, derived = self.part(base, CLOCK + KNOWN[:4]), self.part(base, KNOWN[4:])
+            self._add("derived", Derived(), known, derived, whole=True)
+        if shape.model:
+            known, out = self.part(base, CLOCK + KNOWN), self.part("signals", UP_TO_ESTIMATES)
+            self._add("model", ModelAtTool() if self.at_tool else ModelAtBody(), known, out, whole=True)
+            if interface is not None and type(interface).obeys:
+                below = PostureBelowTool() if self.at_tool else PostureBesideBase()
+                self._add("below", below, known, self.field("model", "tau_posture"), whole=True)
+
+    def _actuate(self, scenario: Scenario) -> None:
+        """Add the stages behind the command: allocation, joints and thrusters."""
+        self._add("actuation", scenario.actuation, self.field("allocation"), self.field("commands", "u_cmd"))
+        if self._shape.joints:
+            self._add("joints", self._setup.interface, self.field("joints"), self.field("tau_q_demand"))
+        if scenario.thrusters.runs:
+            self._add("inflow", Inflow(), self.field("true"), self.field("commands", "inflow"))
+            self._add("thrusters", scenario.thrusters, self.field("commands"), self.field("thrust"))
+
+    @property
+    def layout(self) -> np.dtype:
+        """The records of all stages, behind the record of the run."""
+        return np.dtype([(table, stage.layout) for table, stage in self.stages.items()], align=True)
+
+    def bind(self, image: Image) -> None:
+        """Take the memory of a run: an image with the records ``run`` and ``stages``."""
+        run, memory = image.record("run"), image.record("stages")
+        self.signals, self.allocation = run["signals"], run["allocation"]
+        self.command, self.u_cmd = run[self.law]["tau_cmd"][0], run["commands"]["u_cmd"][0]
+        self.rows = run["stages"][0][: len(self.stages)]
+        for row, (table, stage) in zip(self.rows, self.stages.items(), strict=True):
+            stage.bind(image, memory[table])
+            stage.fill(row)
+        run["stage_count"], run["actuation"] = len(self.stages), self.actuation
+        run["tau_cmd"], run["has_task"] = image.place(self.command), "task" in self.stages
+
+    def commanded(self, run: np.ndarray) -> list[tuple[Signal, np.ndarray]]:
+        """The recorded signals of the commands, each with its memory: those that may differ from the thrusts."""
+        scenario, found = self._setup.scenario, list[tuple[Signal, np.ndarray]]()
+        thrusters = scenario.thrusters
+        if thrusters.runs or scenario.actuation.records_loss:
+            found.append((TAU_LOST, run["tau_lost"]))
+        if thrusters.runs:
+            found.append((commanded_signal(self._shape.thrusters), self.u_cmd))
+            if getattr(thrusters, "takes_pulses", False):
+                pulses = self.stages["thrusters"].state["command"][0]
+                found.append((pulse_signal(self._shape.thrusters), pulses))
+        return found
+
+    @property
+    def tau_cmd(self) -> np.ndarray:
+        """(6,) wrench that the law commands."""
+        return self.command
+
+    def constants(self, setup: Setup, touched: frozenset[str]) -> dict[str, dict[str, Any]]:
+        """The new constants of the stages that depend on the tables and keys in ``touched``, by table. Raises
+        InputError if a stage has other constants than its memory has room for."""
+        found, faults, scenario = {}, [], setup.scenario
+        if (scenario.controller.delay is not None) != ("delay" in self.stages):
+            faults.append(Fault("controller.delay", "reset can't add or remove the delay; 0 is a delay too"))
+        if bool(scenario.impedance.schedule) != ("schedule" in self.stages):
+            faults.append(
+                Fault("impedance.schedule", "reset can't add or remove the schedule, only change its entries")
+            )
+        if scenario.impedance.natural != ("natural" in self.stages):
+            faults.append(Fault("impedance.M_d", "reset can't change between a natural and a constant inertia"))
+        for table, stage in self._concerned(touched):
+            chosen = getattr(setup.scenario, table, stage.stage)
+            constants = chosen.constants(setup).items()
+            found[table] = new = {name: value for name, value in constants if value is not None and name != "period"}
+            if new.keys() != stage.shapes.keys() or any(_shape(new[name]) != stage.shapes[name] for name in new):
+                faults.append(Fault(table, "reset can't change which settings are given, nor their lengths"))
+        if faults:
+            raise InputError(faults, "a new Simulation is needed")
+        return found
+
+    def _depending_on(self, touched: frozenset[str]) -> list[tuple[str, CompiledStage]]:
+        """The stages, by table, whose constants depend on the tables and keys in ``touched``."""
+        return [
+            (table, stage)
+            for table, stage in self.stages.items()
+            if table in touched or stage.needs is None or not touched.isdisjoint(stage.needs)
+        ]
+
+    def write(self, constants: Mapping[str, Mapping[str, Any]]) -> None:
+        """Set the constants of stages, by table."""
+        for table, values in constants.items():
+            stage = self.stages[table]
+            for name, value in values.items():
+                stage.settings[name] = value
+            if stage.own is not None:
+                stage.own.take_settings(stage.settings)
+
+    def write_periods(self, scenario: Scenario) -> None:
+        """Set the periods of all stages."""
+        h, control = scenario.simulation.timestep, scenario.control_period
+        periods = {"actuation": h}
+        periods["delay"] = Delay.steps(scenario)[2] * h if "delay" in self.stages else h
+        periods |= {"tool": h, "resolve": periods["delay"] if "delay" in self.stages else control}
+        periods["below"] = control * max(1, round(scenario.posture.period / control))
+        periods |= {table: h for table, stage in self.stages.items() if type(stage.stage).every_step}
+        chosen = {table: getattr(scenario, table).period for table in STAGES}
+        periods |= {table: period for table, period in chosen.items() if period is not None}
+        periods["sensed"] = periods.get("navigation", control)
+        periods["felt"], periods["derived"] = periods.get("wrist", control), periods["sensed"]
+        periods["inflow"] = periods.get("thrusters", h)
+        steps = [round(periods.get(table, control) / h) for table in self.stages]
+        self.rows["period_steps"], self.rows["period"] = steps, [n * h for n in steps]
+
+    def write_keys(self, scenario: Scenario) -> None:
+        """Set the keys of the random numbers of the stages that a scenario chooses."""
+        seed, chosen = scenario.simulation.seed, self.stages.items()
+        self.rows["key"] = [random_key(seed, stage.stage) if table in STAGES else 0 for table, stage in chosen]
+
+    def take_back(self, index: int) -> None:
+        """Let a stage that was interrupted begin its instant again, without advancing its states twice."""
+        self.running[index].state_dot.view(np.uint8)[:] = 0
+        self.rows["instant"][index] -= 1
+
+    def states(self) -> Iterator[tuple[Stage, str, np.ndarray]]:
+        """The recorded states: their stage, their name and their memory."""
+        for table, stage in self.stages.items():
+            if table != "truth":
+                for name in type(stage.stage).states:
+                    yield stage.stage, name, stage.state[name][0]

@@ -1,0 +1,340 @@
+"""The record of a run: one piece of memory with fields that are numbers, arrays and records, shared by Python and
+machine code.
+
+A place is an index into the numbers of the whole record. Tables, whose lengths are not known when compiling, the
+records of stages and the rows are reached by their places. Addresses are at two borders only: to MuJoCo's own memory,
+and to the machine code of stages.
+"""
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...physics.carriers import CARRIER
+from ...physics.contact import CONTACT
+from ...physics.hydrodynamics import WATER
+from ...physics.operational import TOOL
+from ...physics.pairs import PAIR
+from ...physics.posture import WORK
+from ...physics.surfaces import SURFACE
+from ...physics.tree import FRAME, LINK
+from ...physics.varying import varying
+from ...stages.joint_signals import encoder_given, joints_given, wrist_given
+from ...stages.signals import (
+    CLOCK,
+    GIVEN,
+    KNOWN,
+    RECORDED,
+    TRUE,
+    TRUTH,
+    WRENCH_COMMAND,
+    actuation_given,
+    record_dtype,
+    thrusters_given,
+)
+
+NUMBERS = 1 << 24
+"""Numbers that a record of a run may have, with all that lies behind it."""
+MOST_STAGES, MOST_SPANS, MOST_BANDS = 32, 256, 8
+
+TRUTHS = record_dtype(CLOCK + TRUE)
+"""Record given to navigation: the state and the contact force of the instant."""
+_OTHERS = {s.name for s in GIVEN + TRUE} - {s.name for s in KNOWN} | {s.name for s in TRUE[:4]}
+_OTHERS |= {"tau_cmd", "f_contact_m_W", *(CONTACT.names or ())}
+ROW = record_dtype(tuple(s for s in RECORDED if s.name in ("t", "f_contact_W") or s.name not in _OTHERS))
+"""The recorded signals that the core computes; all others lie where a stage or the contact has set them."""
+
+STOP_NONE, STOP_STATE, STOP_COMMAND, STOP_THRUST, STOP_STAGE, STOP_WAITING, STOP_JOINT = range(7)
+JOINT_BOUND = 1e3
+"""Largest |q| and |q_dot| of a joint in a run [rad or m, and per second]."""
+
+
+def _whole(*names: str) -> list[tuple[str, str]]:
+    """Fields that are integers."""
+    return [(name, "i8") for name in names]
+
+
+MUJOCO = np.dtype(
+    [
+        *_whole("time_at", "R_at"),  # mjData.time, and xmat of the body
+        *_whole("qpos_at", "qvel_at", "qacc_at"),  # of the free joint and of the joints behind it
+        *_whole("M_at"),  # the entries of mjData.M from the free joint's on
+        *_whole("qLD_at", "qLDiagInv_at"),  # the same entries of the factor, or 0 if mj_factorM has to factor all of M
+        *_whole("passive_at"),  # mjData.qfrc_passive
+        *_whole("ctrl_at", "controls"),  # mjData.ctrl, and how many there are
+        *_whole("solved_at"),  # the contact sensor: found, normal force (3) in W, of the last step
+        *_whole("distance_at", "fromto_at"),  # the sensors of distance and nearest points, of the same instant as qpos
+    ],
+    align=True,
+)
+"""The border to MuJoCo: addresses in one mjData, all 0 in an engine without it."""
+
+BODY = np.dtype(
+    [
+        ("M_RB", "f8", (6, 6)),
+        ("M_inv", "f8", (6, 6)),  # inverse of M_RB + M_A
+        ("mass", "f8"),
+        ("r_g", "f8", (3,)),
+        ("gravity_W", "f8", (3,)),
+        ("face", "f8"),  # x of the wall's face in W
+        ("reach", "f8"),  # radius of the probe
+        ("softness", "f8"),  # of MuJoCo's contact [1/kg]
+        ("force", "f8", (6,)),
+        ("work", "f8", (6,)),
+    ],
+    align=True,
+)
+"""The vehicle of the free_body engine."""
+
+STAGE = np.dtype(
+    [
+        ("code_at", "i8"),  # machine code, or 0 if the stage runs as plain Python
+        *_whole("settings", "state", "given", "state_dot", "out"),  # places; of a user's stage, that of its own memory
+        *_whole("states", "period_steps"),  # numbers in state; time steps from one call to the next
+        ("period", "f8"),
+        *_whole("instant", "key"),  # number of its calls, and key of its random numbers
+    ],
+    align=True,
+)
+"""One stage of the loop. What it is given begins with a clock: time, period, instant and key."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """The numbers on which the layout of a record depends, and with it the machine code.
+
+    Attributes:
+        joints, thrusters: how many the vehicle has.
+        carriers: frames of contacts, if there are others than B.
+        surfaces, pairs: room for so many walls and contacts of the list.
+        model: whether the run has the law's model of a vehicle with joints or a tool.
+        encoded: whether the positions of the joints are measured with errors.
+        wrist: whether there is a wrist sensor.
+    """
+
+    joints: int = 0
+    thrusters: int = 0
+    carriers: int = 0
+    surfaces: int = 0
+    pairs: int = 0
+    model: bool = False
+    encoded: bool = False
+    wrist: bool = False
+
+
+def room_for(n: int) -> int:
+    """Room for n entries: vehicles among more or fewer walls share their machine code."""
+    return n and max(8, 1 << (n - 1).bit_length())
+
+
+@functools.cache
+def plant_dtype(n: int) -> np.dtype:
+    """The vehicle in the water, with n joints."""
+    return np.dtype(
+        [
+            ("mujoco", MUJOCO),
+            ("M_rows", "i8", (n + 1,)),  # where the row of each link begins in the entries of mjData.M
+            ("calls", "i8"),
+            # the state and the contact with the wall as the engine has them
+            ("time", "f8"),
+            ("qpos", "f8", (7 + n,)),
+            ("qvel", "f8", (6 + n,)),
+            ("qacc", "f8", (6 + n,)),
+            ("R_WB", "f8", (3, 3)),
+            ("distance", "f8"),  # from the wall's face to the probe
+            ("fromto", "f8", (6,)),  # nearest points of both in W
+            ("solved", "f8", (4,)),  # whether they touched in the last step, and the wall's normal force in W
+            # the water
+            ("water", WATER),
+            ("current", varying(3)),  # in W [m/s]
+            ("disturbance", varying(6)),  # in B [N, N m]
+            *_whole("shear", "shear_rows"),  # rows of [depth, factor]
+            ("factor", "f8", (1,)),  # of the current at the vehicle's depth
+            ("slope", "f8", (1,)),  # its derivative by the depth [1/m]
+            ("rate", "f8", (6,)),  # time derivative of the disturbance, not used
+            ("nu", "f8", (6,)),
+            ("nu_r", "f8", (6,)),
+            ("work", "f8", (6,)),
+            ("wrench", "f8", (6 + n,)),  # generalised wrench of the water, in B
+            ("added", "f8", (21,)),
+            ("M_left", "f8", (21,)),  # mjData.M after the callback
+            ("passive_before", "f8", (6 + n,)),  # qfrc_passive before the callback
+            ("passive_left", "f8", (6 + n,)),  # qfrc_passive after the callback
+            ("f_pairs_W", "f8", (3,)),  # contact forces that no contact solver applies: their sum on the base
+            ("tau_pairs_B", "f8", (6,)),  # and wrench at B's origin
+            # the links, base first
+            ("links", LINK, (1 + n,)),  # for the water
+            ("frames", FRAME, (1 + n,)),
+            ("M_BB", "f8", (6, 6)),  # added mass of all links, about B's origin in B
+            ("gravity_W", "f8", (3,)),
+            ("gravity_B", "f8", (3,)),
+        ],
+        align=True,
+    )
+
+
+def model_dtype(n: int, encoded: bool) -> np.dtype:
+    """The law's model of a vehicle with n joints or a tool: its estimates at the measured state (:mod:`.law_model`).
+    Matrices are flat arrays, row by row; N = 6 + n."""
+    N = 6 + n
+    return np.dtype(
+        [
+            ("links", LINK, (1 + n,)),
+            ("frames", FRAME, (1 + n if encoded else 0,)),  # at the measured positions
+            ("gravity_W", "f8", (3,)),
+            ("gravity_B", "f8", (3,)),
+            ("tool", TOOL),
+            ("armature", "f8", (n,)),  # inertia of the rotors
+            ("gear", "f8", (n,)),  # viscous friction of the gears
+            # of one instant
+            ("M", "f8", (N * N,)),
+            *((name, "f8", (N,)) for name in "CDg"),  # C zeta, D zeta and g
+            ("L", "f8", (N * N,)),  # Cholesky factor of M
+            *((name, "f8", (6 * N,)) for name in ("J_T", "MJ_T", "J_bar")),  # J^T of the tool, M^-1 J^T, and J_bar
+            ("tau_posture", "f8", (N,)),  # of the commanded torques, what the posture adds
+            ("tau", "f8", (N,)),  # commanded wrench and torques
+            ("posture", WORK),
+            ("M_BB", "f8", (6, 6)),
+            ("L_task", "f8", (36,)),
+            ("Lambda", "f8", (36,)),
+            ("manipulability", "f8", (1,)),
+            ("J_dot_zeta", "f8", (6,)),
+            ("nu_T", "f8", (6,)),
+            ("work", "f8", (6,)),
+        ],
+        align=True,
+    )
+
+
+def wrist_dtype(n: int, encoded: bool) -> np.dtype:
+    """The wrist sensor."""
+    return np.dtype(
+        [
+            ("given", record_dtype(wrist_given(n))),
+            ("reading", "f8", (6,)),
+            *((name, LINK, (1 + n,)) for name in ("rigid", "wet", "model")),  # true links, water on them, estimates
+            ("frames", FRAME, (1 + n if encoded else 0,)),  # at the measured positions
+            *((name, "f8", (3,)) for name in ("rigid_gravity_B", "wet_gravity_B", "gravity_B", "gravity_W")),
+            ("sensor", TOOL),  # its frame S on the link behind it
+            *_whole("weighs", "dynamic"),  # whether the model has weight, and motion
+            ("q_ddot", "f8", (n,)),  # of the measured state
+            ("q_dot_before", "f8", (n,)),  # of the instant before
+            ("nu_before", "f8", (6,)),
+            ("modelled", "f8", (6,)),
+            ("work", "f8", (6,)),
+            ("moment", "f8", (3,)),
+        ],
+        align=True,
+    )
+
+
+@functools.cache
+def run_dtype(shape: Shape) -> np.dtype:
+    """A run: the plant, and the closed loop around it."""
+    n, m, pairs = shape.joints, shape.thrusters, shape.pairs
+    fields = [
+        ("plant", plant_dtype(n)),
+        ("body", BODY),
+        ("address", "i8"),  # of this record, for the machine code of stages
+        # settings
+        ("timestep", "f8"),
+        *_whole("steps", "window_step"),  # number of time steps of the run, and the first one of the final window
+        ("epsilon", "f8", (6,)),
+        ("speed_bound", "f8", (6,)),
+        ("position_bound", "f8"),
+        ("tau_bound", "f8"),
+        # contacts
+        ("contact", CONTACT),  # of the probe and [wall]
+        ("surfaces", SURFACE, (shape.surfaces,)),
+        ("pairs", PAIR, (pairs,)),
+        *_whole("surface_count", "pair_count"),
+        ("f_pairs", "f8", (pairs, 3)),  # force of each pair in W
+        ("depths", "f8", (pairs,)),
+        ("push_of_pairs", "f8"),  # sum of their normal forces
+        ("carriers", CARRIER, (shape.carriers,)),
+        ("f_carried_W", "f8", (3,)),  # sum of the contact forces that MuJoCo's contact solver does not apply
+        # stages
+        ("stages", STAGE, (MOST_STAGES,)),
+        *_whole("stage_count", "actuation", "next"),  # index of the first one that is given tau_cmd, and of the next
+        ("signals", record_dtype(GIVEN + TRUTH)),  # what the law is given
+        ("base", record_dtype(CLOCK + KNOWN)),  # the measurements at B, if the law is at a tool
+        ("sensed", record_dtype(CLOCK + KNOWN)),  # the measurements, if an observer replaces the force among them
+        ("command", record_dtype((*CLOCK, WRENCH_COMMAND))),  # of the law, where something is before the actuation
+        ("delayed", record_dtype((*CLOCK, WRENCH_COMMAND))),
+        ("allocation", record_dtype(actuation_given(m))),
+        ("commands", record_dtype(thrusters_given(m))),
+        ("tau_cmd", "i8"),  # place of the law's command
+        ("has_task", "i8"),  # whether the impedance task sets s
+        # thrusters
+        ("columns", "f8", (m, 6)),  # the columns of B
+        ("columns_hat", "f8", (m, 6)),  # and of the file's
+        *_whole("believed", "ideal"),  # whether tau_hat may differ from tau; whether the thrust is u_cmd
+        ("tau_lost", "f8", (6,)),  # the actuation's tau_cmd - tau_hat
+        *((name, "f8", (m,)) for name in ("low", "high", "thrust_of_ctrl")),  # limits of the vehicle's file
+        ("ctrl_index", "i8", (m,)),
+        ("thrust", "f8", (m,)),  # as the thrusters set it
+        ("u", "f8", (m,)),  # within the limits of the vehicle's file
+        ("saturated", "i8"),  # whether a command is at its limit
+        ("tau_before", "f8", (6,)),
+        # joints
+        ("encoder", record_dtype(encoder_given(n))),  # positions and velocities at t_k
+        ("joints", record_dtype(joints_given(n))),  # what their interface is given
+        ("encoded", "i8"),  # whether the encoder is not perfect
+        ("q_ddot", "f8", (n,)),  # of the last step
+        ("tau_q_demand", "f8", (n,)),  # torque that the interface sets
+        ("tau_q", "f8", (n,)),  # and that of the motors
+        ("motor_index", "i8", (n,)),  # index in ctrl, -1 without a motor
+        ("torque_of_ctrl", "f8", (n,)),
+        ("saturation", "f8", (n,)),  # time at the motors' limits until t_k
+        ("saturation_next", "f8", (n,)),  # and until t_(k+1)
+        ("q_safe", "f8", (n,)),  # initial positions
+        # the current step
+        ("remaining", "i8"),  # evaluations that are steps, before Simulation has the next word
+        ("step", "i8"),  # number of steps begun
+        ("observed", "i8"),  # the step for which state and contact were read, plus one
+        ("pending", "i8"),  # whether the last step still lacks its contact force and acceleration
+        ("t", "f8"),
+        ("true", TRUTHS),
+        ("quat_WT", "f8", (4,)),  # attitude of the true tool
+        ("p_before", "f8", (3,)),
+        ("f_before_W", "f8", (3,)),
+        ("push", "f8", (1,)),  # sum of all normal forces
+        ("push_shown", "f8", (1,)),  # the same without the sign of a zero, as a trace shows it
+        ("moment_B", "f8", (3,)),  # of the contact force about B's origin, at t_k and at t_(k-1)
+        ("moment_before_B", "f8", (3,)),
+        ("qpos_safe", "f8", (7,)),  # initial pose
+        # rows
+        ("row", ROW),
+        ("row_steps", "i8"),  # time steps from row to row
+        ("spans", "i8", (MOST_SPANS, 2)),  # place and size of each part of a row
+        ("banded", "i8", (MOST_BANDS, 2)),  # place and size of each signal with a band
+        *_whole("span_count", "banded_count"),
+        *_whole("bands", "band_steps"),  # place of their least and largest values; steps since the last row
+        *_whole("rows", "row_width", "row_capacity", "row_count"),  # their place; the last counts the written ones
+        # why the run stops: divergence or an error of a stage
+        *_whole("stop", "stop_index"),
+        ("stop_value", "f8"),
+    ]
+    if shape.model:
+        fields.append(("model", model_dtype(n, shape.encoded)))
+    if shape.wrist:
+        fields.append(("wrist", wrist_dtype(n, shape.encoded)))
+    return np.dtype(fields, align=True)
+
+
+@functools.cache
+def alone_dtype(joints: int) -> np.dtype:
+    """A vehicle in the water without a closed loop."""
+    return np.dtype([("plant", plant_dtype(joints))], align=True)
+
+
+@functools.cache
+def with_numbers(dtype: np.dtype) -> np.dtype:
+    """A record as kernels have it: with the fields ``numbers`` and ``integers``, which are all of its memory and what
+    lies behind it."""
+    fields = dtype.fields or {}
+    names = [*fields, "numbers", "integers"]
+    formats = [*(kind for kind, *_ in fields.values()), ("f8", (NUMBERS,)), ("i8", (NUMBERS,))]
+    offsets = [*(at for _, at, *_ in fields.values()), 0, 0]
+    return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": 8 * NUMBERS})
