@@ -407,8 +407,8 @@ def test_settings_that_depend_on_each_other_are_checked_in_a_reset():
 def test_ideal_thrusters_are_the_default_and_no_stage():
     assert isinstance(Scenario().thrusters, IdealThrusters)
     with Simulation(Scenario(), **FREE) as sim:
-        assert {"thrusters", "inflow"}.isdisjoint(sim._stages.entries)
-        assert sim._stages.thrust is sim._stages.u_cmd
+        assert {"thrusters", "inflow"}.isdisjoint(sim._stages.stages)
+        assert sim._memory.run["ideal"][0]
 
 
 def test_the_page_has_the_settings_of_the_program():

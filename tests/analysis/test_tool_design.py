@@ -29,8 +29,8 @@ def of_model(scenario, frame):
     """M, C zeta, D zeta and g of the law's model at the start, and the M_hat that the law is given."""
     with Simulation(scenario.updated({"task.frame": frame})) as sim:
         given = sim.signals.M_hat.copy()
-        model = sim._memory.stages.frame.model
-        return {name: model.arrays[name].copy() for name in "MCDg"}, given, sim.setup.design
+        model = sim._memory.run["model"]
+        return {name: model[name][0].copy() for name in "MCDg"}, given, sim.setup.design
 
 
 @pytest.mark.parametrize("frame", ["body", "tool"])

@@ -162,7 +162,7 @@ def test_joints_that_hold_themselves_have_no_posture(at_rest):
         simulate(scenario(held, order=["joints"]))
     with Simulation(scenario(held)) as sim:
         sim.step(20)
-        assert not sim._memory.stages.frame.model.arrays["tau_posture"].any()
+        assert not sim._memory.run["model"]["tau_posture"].any()
 
 
 @pytest.mark.parametrize(

@@ -114,9 +114,9 @@ def test_inertia_and_bias_at_the_tool_are_those_of_dense_algebra(vehicle):
                 np.sqrt(np.linalg.det(M[:6, :6]) / np.linalg.det(Lambda)), rel=1e-10
             )
             assert signals.manipulability >= 1.0
-            memory = sim._memory.stages.frame.model
-            np.testing.assert_allclose(memory.record["J_dot_zeta"][0], J_dot_zeta, rtol=0, atol=1e-8)
-            C, D, g = (memory.arrays[name] for name in "CDg")
+            law = sim._memory.run["model"]
+            np.testing.assert_allclose(law["J_dot_zeta"][0], J_dot_zeta, rtol=0, atol=1e-8)
+            C, D, g = (law[name][0] for name in "CDg")
             np.testing.assert_allclose(signals.C_hat_nu, J_bar_T @ C - Lambda @ J_dot_zeta, rtol=0, atol=1e-6)
             np.testing.assert_allclose(signals.D_hat_nu, J_bar_T @ D, rtol=0, atol=1e-10)
             np.testing.assert_allclose(signals.g_hat, J_bar_T @ g, rtol=0, atol=1e-10)
@@ -132,7 +132,7 @@ def test_a_wrench_at_the_tool_accelerates_it_as_lambda_and_the_bias_say(vehicle)
             signals = {name: np.array(sim.signals[name]) for name in ("M_hat", "C_hat_nu", "D_hat_nu", "g_hat")}
             _, J, _, _, J_dot_zeta = dense(sim.setup, model, state)
             sim.tau_cmd[:] = F
-            below = sim._memory.stages.frame.model.arrays["tau_posture"].copy()
+            below = sim._memory.run["model"]["tau_posture"][0].copy()
             sim.step()
             np.testing.assert_allclose(np.r_[sim.signals.tau, sim.signals.tau_q], J.T @ F + below, rtol=0, atol=1e-12)
             zeta_dot = np.r_[sim.signals.nu_dot, sim.data.qacc[6:]]

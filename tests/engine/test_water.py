@@ -53,7 +53,7 @@ def sampled(current: Current, seed: int, times: np.ndarray) -> np.ndarray:
     with attach(model, data, current=current, seed=seed) as attachment:
         for data.time in times:
             mujoco.mj_forward(model, data)
-            found.append(attachment.context["water"]["v_c_W"][0].copy())
+            found.append(attachment.plant["water"]["v_c_W"][0].copy())
     return np.array(found)
 
 
@@ -409,10 +409,10 @@ def test_the_constant_part_of_a_current_can_be_set_at_any_time():
     model, data = load(STILL)
     with attach(model, data, current=replace(MOVING, speed=0.0, vertical=0.0)) as attachment:
         mujoco.mj_forward(model, data)
-        before = attachment.context["water"]["v_c_W"][0].copy()
+        before = attachment.plant["water"]["v_c_W"][0].copy()
         attachment.current_W = (0.3, -0.2, 0.1)
         mujoco.mj_forward(model, data)
         factor = np.interp(0.0, *np.array(MOVING.shear).T)
-        change = attachment.context["water"]["v_c_W"][0] - before
+        change = attachment.plant["water"]["v_c_W"][0] - before
         assert np.allclose(change, [0.3 * factor, -0.2 * factor, 0.1], rtol=1e-12)
         assert np.array_equal(attachment.current_W, [0.3, -0.2, 0.1])

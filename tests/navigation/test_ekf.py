@@ -202,7 +202,7 @@ def test_the_covariance_stays_symmetric_and_positive_definite():
     settings = {"navigation.depth_noise": 1e-6, "navigation.dvl_noise": 1e-6, "navigation.initial_attitude": 0.1}
     with Simulation(Scenario.load("push_wall", MOVING | settings), engine="free_body") as sim:
         sim.step(600_000)
-        P = sim._stages.entries["navigation"].state["P"][0].reshape(15, 15).copy()
+        P = sim._stages.stages["navigation"].state["P"][0].reshape(15, 15).copy()
         assert np.isfinite(sim.signals.nees[0])
     assert pytest.approx(P.T, rel=1e-12) == P
     assert np.linalg.eigvalsh(P).min() > 0.0

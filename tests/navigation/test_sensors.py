@@ -270,7 +270,7 @@ def test_plain_python_gives_the_same_measurements():
 
 
 def _truth(sim):
-    return sim._memory.loop["true"][0]["p_WB"]
+    return sim._memory.run["true"][0]["p_WB"]
 
 
 def test_bits_are_those_of_plain_python():

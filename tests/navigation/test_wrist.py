@@ -12,7 +12,7 @@ from tree_twin import _cross_motion, _from_parent, _resistance_of, poses
 from twin import rotation
 from two_joints import STILL, two_joints
 from uvms_mj import InputError, Scenario, Simulation, simulate
-from uvms_mj.engine.native.memory import call_stage, context_at
+from uvms_mj.engine.native.memory import call_code
 from uvms_mj.engine.native.tree import place_links
 
 _SWAP = [3, 4, 5, 0, 1, 2]
@@ -79,18 +79,18 @@ def test_a_dry_arm_gives_what_mujocos_own_sensors_measure(scenario, seed):
     data.ctrl[:] = np.random.default_rng(seed).normal(size=model.nu) * 5.0
     mujoco.mj_forward(model, data)
     with Simulation(scenario(dry, 2)) as sim:
-        felt, joints = sim._stages.entries["felt"], sim._memory.joints
-        record, true = felt.state, felt.given
+        felt, run = sim._stages.stages["felt"], sim._memory.run
+        record, true, encoder = run["wrist"], felt.given, run["encoder"]
         local = model.site("wrist")
         record["sensor"]["p_LT"], record["sensor"]["R_LT"] = local.pos, rotation(local.quat)
         _, quat, q, zeta = state
         R = rotation(quat)
         true["R_WB"], true["nu"] = R, zeta[:6]
         true["nu_dot"] = np.r_[R.T @ data.qacc[:3] - np.cross(zeta[3:6], zeta[:3]), data.qacc[3:6]]
-        joints.q[:], joints.q_dot[:], joints.q_ddot[:] = q, zeta[6:], data.qacc[6:]
-        place_links(context_at(sim._memory.context_at).tree, joints.q)
-        places = (each.ctypes.data for each in (felt.settings, record, true, felt.state_dot, felt.out))
-        assert call_stage(felt.code.address, *places) == 0
+        encoder["q"], encoder["q_dot"], run["q_ddot"] = q, zeta[6:], data.qacc[6:]
+        place_links(run["plant"]["frames"].view(np.recarray)[0], q, 0)
+        places = (each.ctypes.data for each in (felt.settings, run, true, run, felt.out))
+        assert call_code(felt.code.address, *places) == 0
         found = felt.out.copy()
     measured = data.sensordata[:6]
     assert np.abs(found - measured).max() < 1e-9 * np.abs(measured).max()

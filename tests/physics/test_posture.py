@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from uvms_mj.engine.native.compilation import native_function
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
-from uvms_mj.physics.posture import ATTITUDE, FREEDOM, JOINTS, STATION, WORK, posture
+from uvms_mj.physics.posture import ATTITUDE, FREEDOM, JOINTS, STATION, posture, work_dtype
 
 LEVELS = (ATTITUDE, STATION, JOINTS)
 
@@ -27,6 +27,7 @@ MOST = 12
 """Most joints of a case. All cases have arrays of this size, so that one compilation serves them all."""
 
 
+WORK = work_dtype(MOST)
 _flat = np.dtype(("f8", ((6 + MOST) ** 2,)))
 KINDS = [np.dtype(("f8", (6 + MOST,))), np.dtype(("f8", (MOST,))), "i8", _flat, _flat, _flat, WORK]
 

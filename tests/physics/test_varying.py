@@ -152,7 +152,7 @@ def test_a_table_is_interpolated_as_numpy_does(rows, rng):
     table = np.column_stack([np.sort(rng.uniform(1.0, 9.0, rows)), rng.normal(size=(rows, 2))])
     for t in (*rng.uniform(0.0, 10.0, 40), *table[:, 0]):
         value, rate, step = np.ones(2), np.zeros(2), 1e-7
-        add_interpolated(table.ravel(), t, value, rate)
+        add_interpolated(table.ravel(), 0, rows, t, value, rate)
         expected = [[np.interp(t + dt, *table[:, [0, j]].T) for j in (1, 2)] for dt in (0.0, step)]
         assert np.allclose(value - 1.0, expected[0], rtol=1e-12, atol=1e-12)
         assert np.allclose(rate, np.subtract(expected[1], expected[0]) / step, rtol=1e-4, atol=1e-5)

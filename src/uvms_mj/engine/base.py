@@ -16,6 +16,7 @@ class Engine(ABC):
     """Base class of all engines.
 
     Attributes:
+        code: the kernel of its step, from the record of a run and two integers.
         chunk_steps: largest number of steps from one reading of the clock to the next: a few milliseconds of wall time.
         water: the motion of the water in the record of the run.
         qpos, qvel: (7,) and (6,) the vehicle's pose and velocity, those of its free joint.
@@ -23,6 +24,7 @@ class Engine(ABC):
     """
 
     name: ClassVar[str]
+    code: ClassVar[Any]
     chunk_steps: ClassVar[int]
     water: Water
     qpos: np.ndarray

@@ -12,6 +12,7 @@ from ..analysis.setup import Setup
 from ..plant.contacts import face_of
 from .base import Engine
 from .native.attachment import fill_plant
+from .native.free_body import free_steps
 from .native.image import Image
 from .native.water import Water
 
@@ -20,6 +21,7 @@ class FreeEngine(Engine):
     """A vehicle in the record of its run."""
 
     name = "free_body"
+    code = staticmethod(free_steps)
     chunk_steps = 10_000
 
     def __init__(self, setup: Setup) -> None:

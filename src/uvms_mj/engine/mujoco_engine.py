@@ -12,6 +12,7 @@ from ..plant.looks import aim, move_walls
 from ..plant.vehicle import free_joint_addresses
 from .base import Engine
 from .native.attachment import Attachment, immerse
+from .native.callback import evaluate
 from .native.image import Image
 from .native.timers import timers_stopped
 
@@ -24,6 +25,7 @@ class MujocoEngine(Engine):
     """A compiled MuJoCo model with its data."""
 
     name = "mujoco"
+    code = staticmethod(evaluate)
     chunk_steps = CHUNK_STEPS
 
     def __init__(self, setup: Setup) -> None:

@@ -45,31 +45,32 @@ from .dense import backward, cholesky, forward, inverse
 from .eigen import symmetric_eigen
 from .frames import quat_error
 from .kernels import kernel
-from .tree import MOST_JOINTS
 
 FREEDOM = 1e-2
 """Share of freedom epsilon below which the demand of attitude or station fades."""
 ATTITUDE, STATION, JOINTS = range(3)
 """The levels."""
-_N = 6 + MOST_JOINTS
 
-WORK = np.dtype(
-    [
-        ("a", "f8", (_N,)),  # acceleration of the task and of all levels
-        ("x", "f8", (_N,)),
-        ("b", "f8", (MOST_JOINTS,)),  # demand of a level
-        *((name, "f8", (9,)) for name in ("T", "G", "S", "V")),
-        ("X", "f8", (MOST_JOINTS**2,)),
-        ("zeta", "f8", (_N,)),
-        ("h", "f8", (_N,)),  # C zeta + D zeta + g
-        ("free", "f8", (_N,)),  # P h, without the acceleration of the task
-        ("P_qq", "f8", (MOST_JOINTS**2,)),  # of the joints, below the task
-        ("M_inv", "f8", (_N * _N,)),
-        ("P", "f8", (_N * _N,)),
-    ],
-    align=True,
-)
-"""Memory of the posture. A matrix uses the beginning of its array, row by row, at its own size."""
+
+def work_dtype(n: int) -> np.dtype:
+    """Memory of the posture of a vehicle with n joints. Matrices are flat arrays, row by row; N = 6 + n."""
+    N = 6 + n
+    return np.dtype(
+        [
+            ("a", "f8", (N,)),  # acceleration of the task and of all levels
+            ("x", "f8", (N,)),
+            ("b", "f8", (max(3, n),)),  # demand of a level
+            *((name, "f8", (9,)) for name in ("T", "G", "S", "V")),
+            ("X", "f8", (max(3 * N, n * n),)),
+            ("zeta", "f8", (N,)),
+            ("h", "f8", (N,)),  # C zeta + D zeta + g
+            ("free", "f8", (N,)),  # P h, without the acceleration of the task
+            ("P_qq", "f8", (n * n,)),  # of the joints, below the task
+            ("M_inv", "f8", (N * N,)),
+            ("P", "f8", (N * N,)),
+        ],
+        align=True,
+    )
 
 
 @kernel

@@ -16,7 +16,6 @@ from ...physics.joints import deliverable
 from ...physics.kernels import kernel
 from .compilation import native_function, native_functions
 from .flow import flow
-from .free_body import free_steps
 from .loop import begin_step, finish_step, flow_again, observe, run_stages
 from .memory import call_code, floats, mj_factorM, registered, triples
 from .record import STOP_NONE, Shape, alone_dtype, run_dtype, with_numbers
@@ -212,7 +211,7 @@ def _evaluate_alone(alone, model, data):
     write_passive(plant)
 
 
-def _evaluate(run, model, data):
+def evaluate(run, model, data):
     """Apply the hydrodynamics of a run's vehicle in one forward evaluation, and run its loop if it is a step."""
     plant = run.plant
     add_mass(plant, model, data)
@@ -232,7 +231,7 @@ def _evaluate(run, model, data):
     write_passive(plant)
 
 
-def _advance(run, end) -> int:
+def advance(run, end) -> int:
     """Prepare step k: complete the step before it, and run its stages up to index ``end``. Returns the index of a stage
     that waits for Python to call it, otherwise -1."""
     if run.plant.mujoco.qpos_at != 0:
@@ -247,7 +246,7 @@ def _advance(run, end) -> int:
     return -1
 
 
-def _finish(run):
+def finish(run):
     """Complete the last step."""
     if run.plant.mujoco.qpos_at != 0:
         read_step(run.plant)
@@ -274,11 +273,10 @@ def evaluation(joints: int) -> int:
 
 
 @functools.cache
-def entry_points(shape: Shape) -> dict[str, Any]:
-    """The machine code for runs of a shape, loaded or compiled at first use: ``evaluate`` in MuJoCo's callback, the
-    others called by Python between chunks. They share most of their code, and are one module."""
+def entry_points(shape: Shape, step: Any) -> dict[str, Any]:
+    """The machine code for runs of a shape, loaded or compiled at first use: the step of an engine, :func:`evaluate` in
+    MuJoCo's callback or :func:`.free_body.free_steps`, and what Python calls between chunks. They share most of their
+    code, and are one module."""
     run = with_numbers(run_dtype(shape))
-    parts: dict[Any, list[Any]] = {_evaluate: [run, "i8", "i8"], _advance: [run, "i8"], _finish: [run]}
-    if shape.joints == 0:
-        parts[free_steps] = [run, "i8", "i8"]
-    return {each.__name__.strip("_"): code for each, code in zip(parts, native_functions(parts), strict=True)}
+    parts: dict[Any, list[Any]] = {step: [run, "i8", "i8"], advance: [run, "i8"], finish: [run]}
+    return {each.__name__: code for each, code in zip(parts, native_functions(parts), strict=True)}

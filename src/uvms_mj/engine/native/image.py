@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -25,11 +26,12 @@ class Field:
     @classmethod
     def of(cls, record: np.dtype, *names: str) -> "Field":
         """A field of a field of a record."""
-        offset = 0
+        part, offset = record, 0
         for name in names:
-            record, at = (record.fields or {})[name][:2]
+            fields: Any = part.fields
+            part, at = fields[name][:2]
             offset += at
-        return cls(offset, record)
+        return cls(offset, part)
 
     @property
     def place(self) -> int:

@@ -90,7 +90,7 @@ def link(code: bytes, symbols: Iterable[str], externals: Iterable[str]) -> tuple
 
 def _write(name: str, code: bytes, about: dict[str, Any]) -> None:
     folder = _folder()
-    _prune(folder)
+    _prune_once(folder)
     with tempfile.TemporaryDirectory(prefix="new-", dir=folder) as new:
         for suffix, content in ((".o", code), (".json", json.dumps(about).encode())):
             part = Path(new, f"{name}{suffix}")
@@ -144,6 +144,11 @@ def _folder() -> Path:
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
         os.environ[_VARIABLE] = str(folder)
     return folder
+
+
+@functools.cache
+def _prune_once(folder: Path) -> None:
+    _prune(folder)
 
 
 def _prune(folder: Path) -> None:

@@ -2,6 +2,7 @@
 when the stage has returned and its results are sound."""
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -73,7 +74,8 @@ class OwnMemory:
 
     def _numbers(self, name: str) -> np.ndarray:
         """The numbers of an argument as integers. A view."""
-        kind, place = self._memory.dtype.fields[name][:2]
+        fields: Any = self._memory.dtype.fields
+        kind, place = fields[name][:2]
         return self._memory.view(np.uint8)[place : place + kind.itemsize].view(np.int64)
 
     def wrong(self) -> str:

@@ -120,10 +120,10 @@ class Pipeline:
         """What a law is given: the record of signals, or the beginning of it and the truth."""
         signals = type(controller).given()
         whole = self.field("signals")
-        fields = whole.dtype.fields or {}
+        fields: Any = whole.dtype.fields
         names = [signal.name for signal in signals]
         formats, offsets = zip(*(fields[name][:2] for name in names), strict=True)
-        kind = {"names": names, "formats": list(formats), "offsets": list(offsets)}
+        kind: Any = {"names": names, "formats": list(formats), "offsets": list(offsets)}
         return Field(whole.offset, np.dtype(kind | {"itemsize": whole.dtype.itemsize}))
 
     def _add(self, table: str, stage: Stage, given: Field, out: Field, whole: bool = False) -> None:

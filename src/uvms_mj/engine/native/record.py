@@ -8,6 +8,7 @@ and to the machine code of stages.
 
 import functools
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from ...physics.contact import CONTACT
 from ...physics.hydrodynamics import WATER
 from ...physics.operational import TOOL
 from ...physics.pairs import PAIR
-from ...physics.posture import WORK
+from ...physics.posture import work_dtype
 from ...physics.surfaces import SURFACE
 from ...physics.tree import FRAME, LINK
 from ...physics.varying import varying
@@ -194,7 +195,7 @@ def model_dtype(n: int, encoded: bool) -> np.dtype:
             *((name, "f8", (6 * N,)) for name in ("J_T", "MJ_T", "J_bar")),  # J^T of the tool, M^-1 J^T, and J_bar
             ("tau_posture", "f8", (N,)),  # of the commanded torques, what the posture adds
             ("tau", "f8", (N,)),  # commanded wrench and torques
-            ("posture", WORK),
+            ("posture", work_dtype(n)),
             ("M_BB", "f8", (6, 6)),
             ("L_task", "f8", (36,)),
             ("Lambda", "f8", (36,)),
@@ -333,7 +334,7 @@ def alone_dtype(joints: int) -> np.dtype:
 def with_numbers(dtype: np.dtype) -> np.dtype:
     """A record as kernels have it: with the fields ``numbers`` and ``integers``, which are all of its memory and what
     lies behind it."""
-    fields = dtype.fields or {}
+    fields: Any = dtype.fields
     names = [*fields, "numbers", "integers"]
     formats = [*(kind for kind, *_ in fields.values()), ("f8", (NUMBERS,)), ("i8", (NUMBERS,))]
     offsets = [*(at for _, at, *_ in fields.values()), 0, 0]

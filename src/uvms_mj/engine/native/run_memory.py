@@ -60,7 +60,7 @@ class RunMemory:
 
     def __init__(self, setup: Setup, engine: Any) -> None:
         self.engine, self.shape = engine, shape_of(setup)
-        self.code, self.stages = entry_points(self.shape), Pipeline(setup, self.shape)
+        self.code, self.stages = entry_points(self.shape, engine.code), Pipeline(setup, self.shape)
         scenario = setup.scenario
         tables = scenario.current.table, scenario.disturbance.table, scenario.current.shear
         rooms = water_rooms(*(len(table or ()) for table in tables)) | wall_rooms(setup.contacts)
