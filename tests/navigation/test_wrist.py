@@ -13,7 +13,7 @@ from twin import rotation
 from two_joints import STILL, two_joints
 from uvms_mj import InputError, Scenario, Simulation, simulate
 from uvms_mj.engine.native.memory import call_code
-from uvms_mj.engine.native.tree import place_links
+from uvms_mj.physics.tree import place_links
 
 _SWAP = [3, 4, 5, 0, 1, 2]
 CURRENT = {"current.speed": 0.6, "current.direction_deg": -50.0}

@@ -11,7 +11,6 @@ import numpy as np
 from ..analysis.setup import Setup
 from ..plant.contacts import face_of
 from .base import Engine
-from .native.attachment import fill_plant
 from .native.free_body import free_steps
 from .native.image import Image
 from .native.water import Water
@@ -29,7 +28,6 @@ class FreeEngine(Engine):
 
     def enter(self, image: Image, run: np.ndarray, setup: Setup, code: dict[str, Any]) -> None:
         vehicle, plant, self._body = setup.vehicle, run["plant"], run["body"]
-        fill_plant(plant, vehicle, setup.gravity_W)
         self.water = Water(image, plant, vehicle, setup.gravity_W)
         constants = {
             "M_RB": vehicle.M_RB,

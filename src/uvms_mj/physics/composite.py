@@ -8,18 +8,22 @@ from .kernels import kernel
 
 
 @kernel
+def base_inertia(base):
+    """Set the composite inertia of the base to its own."""
+    M, J = base.M, base.composite
+    for i in range(3):
+        for j in range(3):
+            J[i, j], J[3 + i, j], J[6 + i, j] = M[i, j], M[i, 3 + j], M[3 + i, 3 + j]
+
+
+@kernel
 def own_inertia(link, frame):
-    r"""Set the composite inertia of a link to its own, about B's origin in B.
+    r"""Set the composite inertia of a link behind a joint to its own, about B's origin in B.
 
     With the blocks A, B, D of the inertia in B's axes and S = S(p), X^T M X has the blocks A, G = B - A S and
     D - B^T S + S G.
     """
     M, R, p, J = link.M, frame.R_BL, frame.p_BL, link.composite
-    if frame.depth == 0:
-        for i in range(3):
-            for j in range(3):
-                J[i, j], J[3 + i, j], J[6 + i, j] = M[i, j], M[i, 3 + j], M[3 + i, 3 + j]
-        return
     if link.M_diagonal != 0:
         turn_diagonal(M, R, p, J)
         return
@@ -111,3 +115,13 @@ def joint_column(link, S):
         F[i] = (J[i, 0] * x + J[i, 1] * y + J[i, 2] * z) + (J[3 + i, 0] * a + J[3 + i, 1] * b + J[3 + i, 2] * c)
         turned = J[3, i] * x + J[4, i] * y + J[5, i] * z
         F[3 + i] = turned + (J[6 + i, 0] * a + J[6 + i, 1] * b + J[6 + i, 2] * c)
+
+
+@kernel
+def compose_links(links, frames):
+    """Set the composite inertias of all links (1 + n,), base first."""
+    base_inertia(links[0])
+    for k in range(1, links.shape[0]):
+        own_inertia(links[k], frames[k])
+    for k in range(links.shape[0] - 1, 0, -1):
+        add_composite(links[k], links[frames[k].parent])

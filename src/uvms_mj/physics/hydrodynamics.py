@@ -1,4 +1,4 @@
-r"""Hydrodynamics of one vehicle: its added inertia and its wrench for one state.
+r"""Hydrodynamics of one vehicle, a tree of links: its added inertia and its wrench for one state.
 
 Added mass belongs in the inertia matrix: a force -M_A nu_dot, computed from an earlier acceleration, diverges if the
 added mass exceeds the rigid mass. With T = blockdiag(R_WB^T, I), nu = T qvel, the joint-space inertia grows by
@@ -29,18 +29,12 @@ MuJoCo itself computes rigid-body Coriolis forces, weight and thrust.
 
 import numpy as np
 
-from .fossen import coriolis_added_mass, damping
-from .frames import to_body
-from .kernels import kernel
+from .frames import add_wrench_from, to_body
+from .kernels import fused, kernel
+from .tree import damping_wrench, gather_wrenches, momenta, move_links
 
 WATER = np.dtype(
     [
-        ("M_A", "f8", (6, 6)),  # added mass [kg, kg m, kg m^2]
-        ("D_linear", "f8", (6, 6)),  # D(nu) nu = D_linear nu + D_quadratic (abs(nu) nu) [N s/m, N s, N m s]
-        ("D_quadratic", "f8", (6, 6)),  # [N s^2/m^2, N s^2/m, N s^2, N m s^2]
-        ("buoyancy_W", "f8", (3,)),  # buoyant force in W [N]
-        ("displaced_mass", "f8"),  # [kg]
-        ("r_b", "f8", (3,)),  # centre of buoyancy in B [m]
         ("tether", "f8"),  # factor of the tether's drag [N s^2/m^2], or 0
         ("r_t", "f8", (3,)),  # its point of attachment in B [m]
         ("unsteady", "i8"),  # whether the current is not constant
@@ -53,7 +47,7 @@ WATER = np.dtype(
     ],
     align=True,
 )
-"""Hydrodynamic coefficients of one vehicle, and the motion of the water at this instant."""
+"""The motion of the water at a vehicle, and the disturbance, at one instant."""
 
 
 @kernel
@@ -107,39 +101,67 @@ def relative_velocity(water, R_WB, nu, nu_r):
         nu_r[i + 3] = nu[i + 3]
 
 
-@kernel
-def water_wrench(water, R_WB, nu, nu_r, work, out):
-    """The hydrodynamic wrench on the vehicle, with the disturbance and without the part in the inertia matrix.
+@fused
+def water_wrench(plant, R_WB, nu, out):
+    """Set out (6 + n,) to the generalised wrench of the water on a vehicle and its links, in B at its origin [N, N m],
+    with the disturbance and the contact forces on the links behind joints, and without the part in the inertia matrix.
 
     Args:
-        water: a WATER record.
+        plant: record with links, frames (1 + n,), water, gravity_W, and qvel, whose entries from 6 on are those of the
+            joints. ``nu_r`` is set to the velocity of the base relative to the water.
         R_WB: (3, 3).
-        nu: (6,) velocity in B [m/s, rad/s].
-        nu_r: (6,) is set to the velocity relative to the current.
-        work: (6,) scratch.
-        out: (6,) is set to the wrench at B's origin, in B [N, N m].
+        nu: (6,) velocity of the base in B [m/s, rad/s].
     """
+    links, frames, water, part = plant.links, plant.frames, plant.water, np.zeros(6)
+    base, nu_r, a = links[0], plant.nu_r, links[0].A
     relative_velocity(water, R_WB, nu, nu_r)
-    coriolis_added_mass(water.M_A, nu_r, work)
     for i in range(6):
-        out[i] = water.tau_dist[i] - work[i]
-    damping(water.D_linear, water.D_quadratic, nu_r, work)
-    for i in range(6):
-        out[i] -= work[i]
-    a_x = nu_r[4] * nu_r[2] - nu_r[5] * nu_r[1]  # omega x v_r
-    a_y = nu_r[5] * nu_r[0] - nu_r[3] * nu_r[2]
-    a_z = nu_r[3] * nu_r[1] - nu_r[4] * nu_r[0]
+        base.V[i] = nu_r[i]
+        base.F[i] = water.tau_dist[i]
+        a[i] = 0.0
     if water.unsteady != 0:
-        to_body(R_WB, water.v_c_dot_W, work)
-        a_x, a_y, a_z = a_x + work[0], a_y + work[1], a_z + work[2]
+        to_body(R_WB, water.v_c_dot_W, a)
+    a[0] = -(nu_r[4] * nu_r[2] - nu_r[5] * nu_r[1] + a[0])  # omega x v_r + R^T v_c_dot
+    a[1] = -(nu_r[5] * nu_r[0] - nu_r[3] * nu_r[2] + a[1])
+    a[2] = -(nu_r[3] * nu_r[1] - nu_r[4] * nu_r[0] + a[2])
+    move_links(links, frames, plant.qvel, 6)
+    subtract_water(base, base.F)
+    add_buoyancy(base, plant, R_WB, base.r_b[0], base.r_b[1], base.r_b[2])
+    for k in range(1, links.shape[0]):
+        link, frame = links[k], frames[k]
+        R, p, r = frame.R_BL, frame.p_BL, link.r_b
+        for i in range(6):
+            part[i] = 0.0
+            link.F[i] = link.f_ext[i]
+        subtract_water(link, part)
+        add_wrench_from(R, p, part, link.F)
+        x = p[0] + (R[0, 0] * r[0] + R[0, 1] * r[1] + R[0, 2] * r[2])
+        y = p[1] + (R[1, 0] * r[0] + R[1, 1] * r[1] + R[1, 2] * r[2])
+        z = p[2] + (R[2, 0] * r[0] + R[2, 1] * r[1] + R[2, 2] * r[2])
+        add_buoyancy(link, plant, R_WB, x, y, z)
+    gather_wrenches(links, frames, out)
+
+
+@kernel
+def subtract_water(link, out):
+    """Subtract C_A nu_r + D nu_r + M_A a of a link from out (6,), at its origin in its axes."""
+    C_nu, D_nu = np.zeros(6), np.zeros(6)
+    momenta(link, C_nu)
+    damping_wrench(link, D_nu)
     for i in range(6):
-        out[i] += water.M_A[i, 0] * a_x + water.M_A[i, 1] * a_y + water.M_A[i, 2] * a_z
+        out[i] = out[i] - C_nu[i] - D_nu[i] - link.work[i]
+
+
+@kernel
+def add_buoyancy(link, plant, R_WB, x, y, z):
+    """Add the buoyancy of a link to its wrench F about B's origin, at its centre (x, y, z) in B: that of gravity minus
+    the acceleration of the water."""
+    d, F, f, gravity_W, a_c_W = link.displaced_mass, link.F, np.zeros(3), plant.gravity_W, plant.water.a_c_W
     for i in range(3):
-        work[i] = water.buoyancy_W[i] + water.displaced_mass * water.a_c_W[i]
-    to_body(R_WB, work, work)
-    r_b = water.r_b
+        f[i] = -(d * gravity_W[i]) + d * a_c_W[i]
+    to_body(R_WB, f, f)
     for i in range(3):
-        out[i] += work[i]
-    out[3] += r_b[1] * work[2] - r_b[2] * work[1]
-    out[4] += r_b[2] * work[0] - r_b[0] * work[2]
-    out[5] += r_b[0] * work[1] - r_b[1] * work[0]
+        F[i] += f[i]
+    F[3] += y * f[2] - z * f[1]
+    F[4] += z * f[0] - x * f[2]
+    F[5] += x * f[1] - y * f[0]

@@ -32,7 +32,7 @@ import numpy as np
 
 from .fossen import damping, turn_momentum
 from .frames import add_wrench_from, compose_poses, motion_at, motion_from
-from .kernels import kernel
+from .kernels import fused, kernel
 
 MOST_JOINTS = 30
 """Joints of a vehicle that are computed."""
@@ -123,19 +123,22 @@ def move(link, S, parent, q_dot):
 
 
 @kernel
-def move_frame(link, frame):
-    """Set nu and a of a link from V and A."""
-    if frame.depth == 0:
-        for i in range(6):
-            link.nu[i], link.a[i] = link.V[i], link.A[i]
-    else:
-        motion_at(frame.R_BL, frame.p_BL, link.V, link.nu)
-        motion_at(frame.R_BL, frame.p_BL, link.A, link.a)
+def move_base(base):
+    """Set nu and a of the base from V and A."""
+    for i in range(6):
+        base.nu[i], base.a[i] = base.V[i], base.A[i]
 
 
 @kernel
-def coriolis_wrench(link, out):
-    """Set out (6,) to M a + C(nu) nu of a link at its origin, without the links that it carries."""
+def move_frame(link, frame):
+    """Set nu and a of a link behind a joint from V and A."""
+    motion_at(frame.R_BL, frame.p_BL, link.V, link.nu)
+    motion_at(frame.R_BL, frame.p_BL, link.A, link.a)
+
+
+@kernel
+def momenta(link, out):
+    """Set out (6,) to C(nu) nu, and ``link.work`` (6,) to M a, of a link at its origin."""
     M, nu, a, work = link.M, link.nu, link.a, link.work
     if link.M_diagonal != 0:
         for i in range(6):
@@ -149,8 +152,14 @@ def coriolis_wrench(link, out):
             out[i] = (b * x_0 + c * x_1) + (d * x_2 + e * x_3) + (f * x_4 + g * x_5)
             work[i] = (b * y_0 + c * y_1) + (d * y_2 + e * y_3) + (f * y_4 + g * y_5)
     turn_momentum(nu, out)
+
+
+@kernel
+def coriolis_wrench(link, out):
+    """Set out (6,) to M a + C(nu) nu of a link at its origin, without the links that it carries."""
+    momenta(link, out)
     for i in range(6):
-        out[i] = link.coriolis * (out[i] + work[i])
+        out[i] = link.coriolis * (out[i] + link.work[i])
 
 
 @kernel
@@ -199,3 +208,32 @@ def hand_down(link, parent):
 def along_joint(S, F) -> float:
     """The force or torque S^T F along a joint with the motion S (6,), of a wrench F (6,) about B's origin."""
     return (S[0] * F[0] + S[1] * F[1]) + (S[2] * F[2] + S[3] * F[3]) + (S[4] * F[4] + S[5] * F[5])
+
+
+@fused
+def place_links(frames, q, first):
+    """Set the frames (1 + n,) of all links at the joint positions, which are in q from the index ``first`` on."""
+    for k in range(1, frames.shape[0]):
+        place(frames[k], frames[frames[k].parent], q[first + k - 1])
+
+
+@kernel
+def move_links(links, frames, q_dot, first):
+    """Set velocities and accelerations of all links from those of the base and the joint velocities, which are in q_dot
+    from the index ``first`` on."""
+    move_base(links[0])
+    for k in range(1, links.shape[0]):
+        link, frame = links[k], frames[k]
+        move(link, frame.S, links[frame.parent], q_dot[first + k - 1])
+        move_frame(link, frame)
+
+
+@kernel
+def gather_wrenches(links, frames, out):
+    """Set out (6 + n,) to the generalised wrench of the wrenches F of all links, which are summed towards the base."""
+    for k in range(links.shape[0] - 1, 0, -1):
+        link, frame = links[k], frames[k]
+        out[5 + k] = along_joint(frame.S, link.F)
+        hand_down(link, links[frame.parent])
+    for i in range(6):
+        out[i] = links[0].F[i]

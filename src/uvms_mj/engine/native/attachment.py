@@ -15,7 +15,6 @@ from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses, notes_
 from ...plant.water import Current, Disturbance, Tether
 from .callback import evaluation, mjcb_control
 from .image import Image, water_rooms
-from .links import frame_records, water_links
 from .memory import CAPACITY, registry
 from .motion import Motion, finite_numbers
 from .record import alone_dtype
@@ -193,14 +192,9 @@ def immerse(
     if image is None:
         image, code = Image({"run": alone_dtype(n)}, water_rooms()), evaluation(n)
     plant = image.record("run")["plant"]
-    fill_plant(plant, vehicle, model.opt.gravity)
+    water = Water(image, plant, vehicle, model.opt.gravity)
     _fill_border(plant[0], model, data, body_id, vehicle)
-    return Attachment(vehicle, data, body_id, Water(image, plant, vehicle, model.opt.gravity), image, code)
-
-
-def fill_plant(plant: np.ndarray, vehicle: Vehicle, gravity_W: np.ndarray) -> None:
-    """Set the links of a plant's record (1,)."""
-    plant["links"], plant["frames"], plant["gravity_W"] = water_links(vehicle), frame_records(vehicle), gravity_W
+    return Attachment(vehicle, data, body_id, water, image, code)
 
 
 def _register(attachment: Attachment) -> int:

@@ -9,17 +9,18 @@ mjData.
 import functools
 from typing import Any
 
+from ...physics.composite import compose_links, joint_column, whole
 from ...physics.contact import wrench_at_origin
 from ...physics.frames import body_velocity, to_world
 from ...physics.hydrodynamics import added_inertia, factor, water_wrench
 from ...physics.joints import deliverable
-from ...physics.kernels import kernel
+from ...physics.kernels import fused, kernel
+from ...physics.tree import along_joint, place_links
 from .compilation import native_function, native_functions
 from .flow import flow
 from .loop import begin_step, finish_step, flow_again, observe, run_stages
 from .memory import call_code, floats, mj_factorM, registered, triples
 from .record import STOP_NONE, Shape, alone_dtype, run_dtype, with_numbers
-from .tree import add_tree_inertia, place_links, water_on_links
 
 
 @kernel
@@ -53,25 +54,41 @@ def read_step(plant):
         plant.fromto[i] = fromto[i]
 
 
-@kernel
+@fused
 def add_inertia(plant, model, data):
-    """Add T^T M_A T to mjData.M and factor it, unless M already contains it.
+    """Add the added mass of all links to mjData.M and factor it, unless M already contains it.
 
     mj_forwardSkip and mjd_transitionFD evaluate again without rebuilding M. M is then bit for bit as the callback left
-    it.
+    it. A row of M has the entries of the base, of the joints from the base to the link, and of the link's own joint.
     """
-    mujoco, left = plant.mujoco, plant.M_left
-    M = floats(mujoco.M_at, 21)
+    mujoco, links, frames, R_WB, left = plant.mujoco, plant.links, plant.frames, plant.R_WB, plant.M_left
+    n = links.shape[0] - 1
+    M = floats(mujoco.M_at, plant.M_rows[n] + 21 + n)
     same = True
-    for i in range(21):
+    for i in range(21):  # added mass of any link is added mass of the base
         if M[i] != left[i]:
             same = False
     if same:
         return
-    added_inertia(plant.water.M_A, plant.R_WB, plant.added)
+    compose_links(links, frames)
+    whole(links[0].composite, plant.M_BB)
+    added_inertia(plant.M_BB, R_WB, plant.added)
     for i in range(21):
         M[i] += plant.added[i]
         left[i] = M[i]
+    for k in range(1, n + 1):
+        link, frame, row = links[k], frames[k], plant.M_rows[k]
+        joint_column(link, frame.S)
+        F, above, place_of = link.F, k, row + 5 + frame.depth
+        for _ in range(frame.depth):
+            joint = frames[above]
+            M[place_of] += along_joint(joint.S, F)
+            above = joint.parent
+            place_of -= 1
+        to_world(R_WB, F, plant.work)
+        for i in range(3):
+            M[row + i] += plant.work[i]
+            M[row + 3 + i] += F[3 + i]
     if mujoco.qLD_at != 0:
         factor(M, floats(mujoco.qLD_at, 21), floats(mujoco.qLDiagInv_at, 6))
     else:
@@ -178,10 +195,7 @@ def add_mass(plant, model, data):
     """Read the state, and add the added mass to mjData.M."""
     plant.calls += 1
     read_state(plant)
-    if plant.links.shape[0] > 1:
-        add_tree_inertia(plant, model, data)
-    else:
-        add_inertia(plant, model, data)
+    add_inertia(plant, model, data)
 
 
 @kernel
@@ -194,10 +208,7 @@ def flow_at_evaluation(plant, numbers):
 @kernel
 def immerse(plant):
     """Set the wrench of the water, and with it ``passive_left``."""
-    if plant.links.shape[0] > 1:
-        water_on_links(plant, plant.wrench)
-    else:
-        water_wrench(plant.water, plant.R_WB, plant.nu, plant.nu_r, plant.work, plant.wrench)
+    water_wrench(plant, plant.R_WB, plant.nu, plant.wrench)
     passive_with_water(plant)
 
 
@@ -269,7 +280,7 @@ def mjcb_control() -> Any:
 @functools.cache
 def evaluation(joints: int) -> int:
     """The address of the code of a forward evaluation of a vehicle with so many joints, without a closed loop."""
-    return native_function(_evaluate_alone, [with_numbers(alone_dtype(joints)), "i8", "i8"]).address
+    return native_function(_evaluate_alone, [with_numbers(alone_dtype(joints)), "i8", "i8"], joints > 0).address
 
 
 @functools.cache
@@ -279,4 +290,4 @@ def entry_points(shape: Shape, step: Any) -> dict[str, Any]:
     code, and are one module."""
     run = with_numbers(run_dtype(shape))
     parts: dict[Any, list[Any]] = {step: [run, "i8", "i8"], advance: [run, "i8"], finish: [run]}
-    return {each.__name__: code for each, code in zip(parts, native_functions(parts), strict=True)}
+    return {each.__name__: code for each, code in zip(parts, native_functions(parts, shape.joints > 0), strict=True)}

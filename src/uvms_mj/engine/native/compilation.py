@@ -46,23 +46,26 @@ def plain_python() -> bool:
     return os.environ.get(PLAIN, "0") not in ("", "0")
 
 
-def native_function(function: Any, parameters: Sequence[np.dtype | str]) -> NativeFunction:
+def native_function(function: Any, parameters: Sequence[np.dtype | str], fused: bool = False) -> NativeFunction:
     """A C function of 64-bit integers from one of the package's functions, loaded from disk or compiled. It returns the
     number that the function returns, or 0.
 
-    ``parameters`` are int64 or dtypes: a record or an array is passed by its address.
+    ``parameters`` are int64 or dtypes: a record or an array is passed by its address. ``fused`` is whether functions
+    marked so are rounded once (:func:`uvms_mj.physics.kernels.fused`).
     """
-    (native,) = native_functions({function: parameters})
+    (native,) = native_functions({function: parameters}, fused)
     return native
 
 
-def native_functions(parameters: Mapping[Any, Sequence[np.dtype | str]]) -> tuple[NativeFunction, ...]:
+def native_functions(
+    parameters: Mapping[Any, Sequence[np.dtype | str]], fused: bool = False
+) -> tuple[NativeFunction, ...]:
     """As :func:`native_function`, several functions, which share what they call, from one module."""
     dtypes = [tuple(np.dtype(each) for each in kinds) for kinds in parameters.values()]
     with _lock:
         if plain_python():
             return tuple(map(_plain_function, parameters, dtypes))
-        return _native_functions(tuple(zip(parameters, dtypes, strict=True)))
+        return _native_functions(tuple(zip(parameters, dtypes, strict=True)), fused)
 
 
 def native_stage(function: Any, records: Mapping[Any, tuple[np.dtype, str]]) -> NativeFunction:
@@ -86,8 +89,8 @@ def native_stage(function: Any, records: Mapping[Any, tuple[np.dtype, str]]) -> 
 
 
 @functools.cache
-def _native_functions(parts: tuple[tuple[Any, tuple[np.dtype, ...]], ...]) -> tuple[NativeFunction, ...]:
-    made_of: list[bytes] = []
+def _native_functions(parts: tuple[tuple[Any, tuple[np.dtype, ...]], ...], fused: bool) -> tuple[NativeFunction, ...]:
+    made_of = [b"fused" if fused else b""]
     for function, dtypes in parts:
         layout = [repr(each) for each in dtypes]
         source = Path(function.__code__.co_filename).read_bytes()
@@ -98,7 +101,7 @@ def _native_functions(parts: tuple[tuple[Any, tuple[np.dtype, ...]], ...]) -> tu
         from .intrinsics import kernel_module
 
         symbols = {f"uvms_mj_{name}_{k}": part for k, part in enumerate(parts)}
-        addresses = _compiled(str(kernel_module(symbols)), name, list(symbols))
+        addresses = _compiled(str(kernel_module(symbols, fused)), name, list(symbols))
     return tuple(_callable(at, len(dtypes)) for at, (_, dtypes) in zip(addresses, parts, strict=True))
 
 

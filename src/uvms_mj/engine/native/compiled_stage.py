@@ -26,11 +26,12 @@ class CompiledStage:
         given, out: parts of the record of the run.
         states: how many numbers of ``state`` advance.
         run: the dtype of the record of the run, as kernels have it.
+        fused: whether sums of products may be rounded once.
     """
 
     def __init__(
         self, stage: Stage, settings: np.ndarray, state: np.ndarray | None, given: Field, out: Field, states: int,
-        run: np.dtype,
+        run: np.dtype, fused: bool,
     ) -> None:  # fmt: skip
         self.stage, self._given, self._out, self.states = stage, given, out, states
         self._start = {"settings": settings} | ({} if state is None else {"state": state})
@@ -38,6 +39,7 @@ class CompiledStage:
         self.needs = () if needs is None and not packs_itself(type(stage)) else needs
         self.shapes = {name: settings.dtype[name].shape for name in settings.dtype.names or () if name != "_"}
         self.users = not is_shipped(stage)
+        self._fused = fused
         self._kinds = settings.dtype, run if state is None else state.dtype, given.dtype, out.dtype
         self.code, self.not_compiled = None, ""
         try:
@@ -77,7 +79,7 @@ class CompiledStage:
         if not self.users:
             if plain_python():
                 raise NotCompiled("all of it does")
-            return native_function(function, [*kinds[:3], kinds[1], kinds[3]])
+            return native_function(function, [*kinds[:3], kinds[1], kinds[3]], self._fused)
         from ...compiler.refusals import Mistake
 
         try:

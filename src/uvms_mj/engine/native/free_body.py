@@ -14,9 +14,9 @@ def free_steps(run, n, moving) -> int:
     for k in range(n):
         if not begin_step(run):
             return k
-        water_wrench(plant.water, true.R_WB, true.nu, plant.nu_r, body.work, force)
+        water_wrench(plant, true.R_WB, true.nu, plant.wrench)
         for i in range(6):
-            force[i] += true.tau[i]
+            force[i] = plant.wrench[i] + true.tau[i]
         if contact.touching != 0 and contact.friction > 0.0:
             wrench_at_origin(true.R_WB, contact.arm_W, contact.f_tangential_W, contact.work, body.work)
             for i in range(6):

@@ -86,9 +86,9 @@ INTRINSICS: dict[Any, Intrinsic] = {
 }
 
 
-def kernel_module(parts: Mapping[str, tuple[types.FunctionType, Sequence[np.dtype]]]) -> ir.Module:
+def kernel_module(parts: Mapping[str, tuple[types.FunctionType, Sequence[np.dtype]]], fused: bool = False) -> ir.Module:
     """The module of functions of the package, which are trusted, by their symbols, each with its parameters."""
-    unit = Unit("kernels", intrinsics=INTRINSICS, fused=fused_kernels)
+    unit = Unit("kernels", intrinsics=INTRINSICS, fused=fused_kernels if fused else ())
     for symbol, (function, parameters) in parts.items():
         translate(unit, function, parameters, symbol)
     return unit.module
@@ -99,6 +99,6 @@ def stage_module(
 ) -> tuple[str, list[str]]:
     """The module of a user's stage, which is checked, as LLVM's text, and its source files."""
     readers = {reader: _record(*kind) for reader, kind in records.items()}
-    unit = Unit(name, True, INTRINSICS | readers, fused_kernels, signalled)
+    unit = Unit(name, True, INTRINSICS | readers, (), signalled)
     translate(unit, function, [INT] * 5, name)
     return str(unit.module), unit.files

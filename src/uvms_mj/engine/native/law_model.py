@@ -5,13 +5,20 @@ M, C, D and g of the tree are in :math:`\zeta = [\nu; \dot q]`. At a tool, Lambd
 (:mod:`uvms_mj.physics.operational`).
 """
 
-from ...physics.composite import joint_column, whole
+from ...physics.composite import compose_links, joint_column, whole
 from ...physics.dense import product, transposed_product
 from ...physics.frames import compose_poses, motion_at, to_body
 from ...physics.kernels import kernel
 from ...physics.operational import base_rows, task_inertia
-from ...physics.tree import add_to_base, along_joint, coriolis_wrench, damping_wrench, restoring_wrench
-from .tree import compose_links, move_links, place_links
+from ...physics.tree import (
+    add_to_base,
+    along_joint,
+    coriolis_wrench,
+    damping_wrench,
+    move_links,
+    place_links,
+    restoring_wrench,
+)
 
 
 @kernel

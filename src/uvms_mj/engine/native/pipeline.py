@@ -133,7 +133,9 @@ class Pipeline:
         counted = self._shape.joints if stage.room.counts == "joints" else self._shape.thrusters
         kind, run = type(stage), with_numbers(self._run)
         states, start = (0, None) if whole else (kind.state_size(counted), kind.start_record(counted))
-        self.stages[table] = CompiledStage(stage, stage.record(self._setup), start, given, out, states, run)
+        self.stages[table] = CompiledStage(
+            stage, stage.record(self._setup), start, given, out, states, run, self._shape.joints > 0
+        )
 
     def _measure(self, scenario: Scenario) -> None:
         """Add the stages that measure, and the law's model of what they measure."""

@@ -8,21 +8,19 @@ from ...physics.random import key_of
 from ...plant.vehicle import Vehicle
 from ...plant.water import Current, Disturbance, Tether
 from .image import Image
+from .links import frame_records, water_links
 
 Numbers = Sequence[float] | np.ndarray
 
 
 class Water:
-    """The coefficients of a vehicle, the current, the disturbance and the tether in the record ``plant`` (1,) of an
-    image, and their tables in its rooms."""
+    """The links of a vehicle, the current, the disturbance and the tether in the record ``plant`` (1,) of an image, and
+    their tables in its rooms."""
 
     def __init__(self, image: Image, plant: np.ndarray, vehicle: Vehicle, gravity_W: np.ndarray) -> None:
         self._image, self._plant, self._water = image, plant, plant["water"]
         self._series = {name: plant[name] for name in ("current", "disturbance")}
-        water = self._water
-        water["M_A"], water["D_linear"], water["D_quadratic"] = vehicle.M_A, vehicle.D_linear, vehicle.D_quadratic
-        water["displaced_mass"], water["buoyancy_W"] = vehicle.displaced_mass, -vehicle.displaced_mass * gravity_W
-        water["r_b"] = vehicle.r_b
+        plant["links"], plant["frames"], plant["gravity_W"] = water_links(vehicle), frame_records(vehicle), gravity_W
 
     def flow(self, current: Current) -> None:
         """Set the current. A call of :meth:`seed` must follow."""
