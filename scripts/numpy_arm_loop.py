@@ -22,6 +22,7 @@ class NumpyArmLoop(NumpyLoop):
         setup = set_up(scenario)
         self.plant, self.vehicle, self.design, self.levels = setup.plant, setup.vehicle, setup.design, scenario.posture
         self.model, self.data = self.plant.model, self.plant.initial_data(scenario.initial)
+        self.touching = int(self.model.pair_geom1[0]), int(self.model.pair_geom2[0])
         reference, law = scenario.reference, scenario.controller
         assert isinstance(reference, FilteredSteps)
         assert isinstance(law, Gsta)
@@ -147,7 +148,7 @@ class NumpyArmLoop(NumpyLoop):
         quat_e *= np.sign(quat_e[0])
         eta_e = np.concatenate([R.T @ (data.site_xpos[self.site] - p_d), quat_e[1:]])
         nu_e = nu - np.concatenate([v_d, np.zeros(3)])
-        depth = max(0.0, -data.sensordata[self.plant.sensors["distance"]])
+        depth = max(0.0, -mujoco.mj_geomDistance(self.model, data, *self.touching, 1.0, None))
         tau_c = np.concatenate([R.T @ [-self.k_c * depth, 0.0, 0.0], np.zeros(3)])
         w = d.M_d_inv @ (d.K_d @ eta_e + d.D_d @ nu_e - tau_c)
         U = 0.5 * (quat_e[0] * np.eye(3) + skew(quat_e[1:]))

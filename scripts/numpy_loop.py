@@ -26,6 +26,7 @@ class NumpyLoop:
         plant = setup.plant
         self.plant, self.vehicle, self.design = plant, plant.vehicle, setup.design
         self.model, self.data = plant.model, plant.initial_data(scenario.initial)
+        self.touching = int(self.model.pair_geom1[0]), int(self.model.pair_geom2[0])
         self.h, self.gains = scenario.simulation.timestep, Gsta()
         self.v_c_W = np.array(scenario.current.velocity_W)
         self.M_d_inv, self.B_pinv = np.linalg.inv(self.design.M_d), np.linalg.pinv(self.vehicle.B)
@@ -63,7 +64,7 @@ class NumpyLoop:
         quat = data.qpos[3:7]
         eta_e = np.concatenate([R.T @ (data.qpos[:3] - p_d), quat[1:]])
         nu_e = nu - np.concatenate([v_d, np.zeros(3)])
-        depth = max(0.0, -data.sensordata[self.plant.sensors["distance"]])
+        depth = max(0.0, -mujoco.mj_geomDistance(model, data, *self.touching, 1.0, None))
         tau_c = np.concatenate([R.T @ [-self.k_c * depth, 0.0, 0.0], np.zeros(3)])
         w = self.M_d_inv @ (d.K_d @ eta_e + d.D_d @ nu_e - tau_c)
         U = 0.5 * (quat[0] * np.eye(3) + skew(quat[1:]))

@@ -121,7 +121,7 @@ class HeldForce(Navigation):
     def step(settings, state, given, state_dot, out):
         perfect(given, out)
         if given.instant % int(settings.every) == 0:
-            state.f_W[:], state.tau_B[:] = given.f_contact_W, given.tau_contact_B
+            state.f_W[:], state.tau_B[:] = given.f_springs_W, given.tau_springs_B
         out.f_contact_m_W[:], out.tau_contact_m_B[:] = state.f_W, state.tau_B
 """
 

@@ -33,7 +33,7 @@ def test_forces_and_moments_of_all_shapes_are_those_of_the_kernel():
     for walls, bodies in ((ROUND, [*SPHERES, CAPSULE]), ([*ROUND, BOX], SPHERES)):
         over = {"wall.present": False, "walls": walls, "vehicle.contact_bodies": bodies}
         setup = set_up(Scenario.load("push_wall", over))
-        surfaces, pairs, _ = setup.contacts.records(lambda _: 1.0)
+        surfaces, pairs = setup.contacts.records(lambda _: 1.0)
         n = len(pairs)
         p, quats = rng.uniform(-0.3, 1.3, (60, 3)), rng.normal(size=(60, 4))
         p[0] = BOX["position"]  # its centre

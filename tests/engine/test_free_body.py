@@ -15,7 +15,8 @@ from uvms_mj.analysis.setup import set_up
 from uvms_mj.control.rest import SteadyState
 from uvms_mj.engine.engines import refusals
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
-from uvms_mj.physics.free_body import free_acceleration, sphere_and_face, symplectic_step
+from uvms_mj.physics.free_body import free_acceleration, symplectic_step
+from uvms_mj.physics.pairs import pair_force
 from vehicles import random_parameters, vehicle_xml
 
 FREE = {"engine": "free_body"}
@@ -122,15 +123,17 @@ def test_the_attitude_turns_as_mujocos(rng):
         np.testing.assert_allclose(qpos[3:], theirs, rtol=0, atol=1e-15)
 
 
-def test_the_nearest_points_are_mujocos():
+def test_the_depth_of_the_probe_in_the_wall_is_mujocos():
     scenario = Scenario.load("push_wall", {"initial.position": [1.002, 0.3, -0.2], "wall.position": 1.0})
-    plant, body = set_up(scenario).plant, SimpleNamespace(fromto=np.zeros(6), qpos=np.array([1.002, 0.3, -0.2]))
-    body.reach, body.face = plant.geometry.reach, 1.0 + plant.geometry.reach
-    sphere_and_face(body)
-    data = plant.initial_data(scenario.initial)
-    mujoco.mj_forward(plant.model, data)
-    assert abs(body.distance - data.sensordata[plant.sensors["distance"]]) < 1e-15
-    np.testing.assert_allclose(body.fromto, data.sensordata[plant.sensors["fromto"] :][:6], rtol=0, atol=1e-15)
+    setup = set_up(scenario)
+    model, data = setup.plant.model, setup.plant.initial_data(scenario.initial)
+    mujoco.mj_kinematics(model, data)
+    wall, probe = model.pair_geom1[0], model.pair_geom2[0]
+    theirs = mujoco.mj_geomDistance(model, data, wall, probe, 1.0, None)
+    surfaces, pairs = (each.view(np.recarray) for each in setup.contacts.records(lambda _: 1.0, lambda: 1.0))
+    pair_force(pairs[0], surfaces[0], np.array([1.002, 0.3, -0.2]), np.eye(3), np.zeros(6), 1e-4)
+    assert pairs[0].depth == pytest.approx(-theirs, abs=1e-15)
+    assert pairs[0].contact.normal_W.tolist() == [-1.0, 0.0, 0.0]
 
 
 @pytest.mark.parametrize("law", ["gsta", "fosm", "impedance"])

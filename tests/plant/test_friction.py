@@ -12,7 +12,7 @@ from pressed import K_C, PUSH, M, pressed
 from twin import TwinParameters, matrix_acceleration, rotation
 from uvms_mj import Controller, InputError, Scenario, Trace, gain, simulate
 from uvms_mj.analysis.sampling import SamplingWarning
-from uvms_mj.physics.contact import contact_force
+from uvms_mj.physics.pairs import pair_force
 
 
 @dataclass(frozen=True)
@@ -113,13 +113,13 @@ def test_a_reversal_of_the_slip_gives_the_textbooks_loop():
     """
     k_t, mu, depth, amplitude, n = 2e4, 0.3, 1e-4, 2e-3, 4000
     limit = mu * K_C * depth
-    contact, fromto = pressed(k_t, 0.0, mu, depth)
+    (pair, surface), p = pressed(k_t, 0.0, mu), np.array([depth, 0.0, 0.0])
     y = amplitude * np.sin(2.0 * np.pi * np.arange(3 * n + 1) / n)
     force = np.zeros_like(y)
     for k in range(len(y)):
         nu = np.array([0.0, y[k] - y[max(k - 1, 0)], 0.0, 0.0, 0.0, 0.0])  # per time step of 1 s
-        contact_force(contact, -depth, fromto, np.zeros(3), np.eye(3), nu, 1.0)
-        force[k] = contact.f_W[1]
+        pair_force(pair, surface, p, np.eye(3), nu, 1.0)
+        force[k] = pair.contact.f_W[1]
     # the play operator is the element's closed form for any motion
     expected, offset = np.zeros_like(y), 0.0
     for k in range(len(y)):
@@ -137,13 +137,13 @@ def test_the_contact_never_gives_back_more_energy_than_its_spring_holds(seed):
     """Spring, damper and slider are passive under any motion along the face and any normal force."""
     rng = np.random.default_rng(seed)
     k_t, b_t, mu = 10.0 ** rng.uniform(2, 6), 10.0 ** rng.uniform(-1, 5), rng.uniform(0.01, 2.0)
-    contact, fromto = pressed(k_t, b_t if rng.random() < 0.8 else 0.0, mu, 1e-4)
+    pair, surface = pressed(k_t, b_t if rng.random() < 0.8 else 0.0, mu)
+    contact = pair.contact
     h, dissipated, stored, velocity = 1e-4, 0.0, 0.0, np.zeros(3)
     for k in range(300):
         velocity[1:] = 0.9 * velocity[1:] + rng.normal(size=2) * 10.0 ** rng.uniform(-4, 0)
         depth = 0.0 if rng.random() < 0.02 else 1e-4 * rng.uniform(0.1, 2.0)
-        fromto[3] = depth
-        contact_force(contact, -depth, fromto, np.zeros(3), np.eye(3), np.r_[velocity, np.zeros(3)], h)
+        pair_force(pair, surface, np.array([depth, 0.0, 0.0]), np.eye(3), np.r_[velocity, np.zeros(3)], h)
         work = -h * contact.f_tangential_W @ velocity
         now = 0.5 * k_t * contact.stretch_W @ contact.stretch_W
         if k:  # at the first touch the spring is not stretched yet

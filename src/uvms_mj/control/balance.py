@@ -178,7 +178,7 @@ def _reached(motion: TaskMotion, K: float, kept: Callable[[np.ndarray, np.ndarra
         passed = [np.array(each) for each in zip(*((pose.position, pose.R_WB) for pose in track.poses), strict=True)]
         if reason := _rubbed(balance, balance.contacts(*passed)[1]):
             return reason
-        alone = len(balance.springs) + setup.contacts.paper == 1
+        alone = len(balance.springs) + (setup.contacts.paper is not None) == 1
         beside = _NEXT if np.isinf(K) and alone else _BESIDE_TOOL if setup.not_rigid else _BESIDE
         others = [_followed(motion, start, beside * e) for e in _across(way[1][-1] - start.position)]
         if K == 0.0:

@@ -24,7 +24,7 @@ class Springs:
     """
 
     def __init__(self, setup: Any) -> None:
-        surfaces, pairs, _ = setup.contacts.records(lambda _: 1.0)
+        surfaces, pairs = setup.contacts.records(lambda _: 1.0)
         contact, walls = pairs["contact"], surfaces[pairs["surface"]]
         self.carriers, self.friction = pairs["carrier"].copy(), contact["friction"] > 0.0
         self._ends_C, self._radius, self._capsules = pairs["ends_C"], pairs["radius"], pairs["capsule"] != 0

@@ -57,16 +57,15 @@ class Engine(ABC):
     def write_time(self, setup: Setup) -> None:  # noqa: B027  # free_body reads that of the record
         """Set the time step."""
 
-    @abstractmethod
-    def write_wall(self, setup: Setup) -> None:
+    def write_wall(self, setup: Setup) -> None:  # noqa: B027  # free_body reads that of the record
         """Set the wall's position, and the spring and damper that the engine applies."""
 
     def write_initial(self, setup: Setup) -> None:
         """Put the vehicle at the initial state."""
         put_at(setup.scenario.initial, self.qpos, self.qvel)
 
-    def sense(self) -> None:  # noqa: B027  # an engine may measure in its step
-        """Measure the distance to the wall between two steps."""
+    def sense(self) -> None:  # noqa: B027  # free_body has nothing to show
+        """Set the poses that somebody may look at between two steps."""
 
     def check(self, t: float, timestep: float) -> None:  # noqa: B027  # nobody else can step free_body
         """Raise RuntimeError if somebody else has stepped the engine."""

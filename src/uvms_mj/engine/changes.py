@@ -105,7 +105,8 @@ def _with(old: Any, values: Mapping[str, Any]) -> Any:
 
 
 def _refuse_other_contacts(old: Contacts, new: Contacts, overrides: Mapping[str, Any], place: str) -> None:
-    if (len(old.surfaces), len(old.pairs), old.paper) != (len(new.surfaces), len(new.pairs), new.paper):
+    of_old, of_new = ((len(each.surfaces), len(each.pairs), each.paper is None) for each in (old, new))
+    if of_old != of_new:
         keys = [key for key in overrides if key in ("wall.present", "bumper.stiffness") or key.startswith("walls")]
         wrong = f"{place} can't change which contacts there are; make a new Simulation"
         raise InputError([Fault(key, wrong) for key in keys])

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from ..analysis.setup import Setup
-from ..plant.contacts import face_of
 from .base import Engine
 from .native.free_body import free_steps
 from .native.image import Image
@@ -35,7 +34,6 @@ class FreeEngine(Engine):
             "mass": vehicle.mass,
             "r_g": vehicle.r_g,
             "gravity_W": setup.gravity_W,
-            "reach": setup.plant.probe.radius,
             "softness": setup.plant.softness,
         }
         for name, value in constants.items():
@@ -46,12 +44,6 @@ class FreeEngine(Engine):
     @property
     def closed(self) -> bool:
         return self._closed
-
-    def write_wall(self, setup: Setup) -> None:
-        self._body["face"] = face_of(setup.scenario, setup.plant.probe.radius)
-
-    def sense(self) -> None:
-        self._step(self._address, 0, 0)
 
     def step(self, n: int) -> None:
         self._step(self._address, n, 1)

@@ -45,9 +45,7 @@ class MujocoEngine(Engine):
         self.qpos, self.qvel = data.qpos[qpos : qpos + 7], data.qvel[dof : dof + 6]
         self._q = data.qpos[qpos + 7 : qpos + 7 + len(plant.vehicle.arm.links)]
         self._start = data.qpos.copy(), data.qvel.copy()
-        border = run["plant"]["mujoco"]
-        for name, field in {"contact": "solved_at", "distance": "distance_at", "fromto": "fromto_at"}.items():
-            border[field] = data.sensordata[plant.sensors[name] :].ctypes.data
+        run["plant"]["mujoco"]["solved_at"] = data.sensordata[plant.contact_sensor :].ctypes.data
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -77,7 +75,6 @@ class MujocoEngine(Engine):
 
     def sense(self) -> None:
         self._place()
-        mujoco.mj_sensorPos(self._model, self._data)  # the wall's sensors get the values of the coming step
 
     def _place(self) -> None:
         """Compute the poses of bodies, and of camera and light for a picture between two steps."""

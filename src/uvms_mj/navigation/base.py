@@ -83,14 +83,14 @@ def perfect(true, known):
     """Set the measurements ``known`` to the truth. A stage that calls it first changes only the rest."""
     for i in range(3):
         known.p_WB[i] = true.p_WB[i]
-        known.f_contact_m_W[i] = true.f_contact_W[i]
+        known.f_contact_m_W[i] = true.f_springs_W[i]
         for j in range(3):
             known.R_WB[i, j] = true.R_WB[i, j]
     for i in range(4):
         known.quat_WB[i] = true.quat_WB[i]
     for i in range(6):
         known.nu[i] = true.nu[i]
-        known.tau_contact_m_B[i] = true.tau_contact_B[i]
+        known.tau_contact_m_B[i] = true.tau_springs_B[i]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -98,8 +98,8 @@ class Ekf(_ForceSensor):
     @staticmethod
     def step(settings, state, given, state_dot, out):
         instant, key, wrench = given.instant, given.key, out.tau_contact_m_B
-        measure(settings.force, state.force, given.tau_contact_B, 0, instant, key, 8, wrench)
-        measure(settings.moment, state.moment, given.tau_contact_B, 3, instant, key, 9, wrench)
+        measure(settings.force, state.force, given.tau_springs_B, 0, instant, key, 8, wrench)
+        measure(settings.moment, state.moment, given.tau_springs_B, 3, instant, key, 9, wrench)
         if instant % int(settings.imu_instants) != 0:
             to_world(out.R_WB, wrench, out.f_contact_m_W)
             return

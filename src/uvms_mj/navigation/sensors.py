@@ -205,7 +205,7 @@ class Sensors(_Channels):
         measure(settings.moment, state.moment, state.wrench, 3, k, key, 5, out.tau_contact_m_B)
         if settings.plain_wrench:
             for i in range(3):
-                out.f_contact_m_W[i] = given.f_contact_W[i]
+                out.f_contact_m_W[i] = given.f_springs_W[i]
                 for j in range(3):
                     out.R_WB[i, j] = given.R_WB[i, j]
             return
@@ -218,7 +218,7 @@ def felt_wrench(settings, given, start, wrench):
     """Set the wrench (6,) in B at its origin that the force sensor is exposed to; ``start`` (1,) keeps z of the first
     instant."""
     for i in range(6):
-        wrench[i] = given.tau_contact_B[i]
+        wrench[i] = given.tau_springs_B[i]
     if given.instant == 0:
         start[0] = given.p_WB[2]
     m = settings.mass_behind

@@ -21,8 +21,8 @@ CARRIER = np.dtype(
         ("R_WC", "f8", (3, 3)),
         ("V", "f8", (6,)),  # velocity about B's origin in B
         ("nu", "f8", (6,)),  # velocity, in C [m/s, rad/s]
-        ("tau", "f8", (6,)),  # all contact forces as a wrench at C's origin, in C [N, N m]
-        ("applied", "f8", (6,)),  # the part that MuJoCo's contact solver does not apply
+        ("tau", "f8", (6,)),  # forces of the springs of all contacts as a wrench at C's origin, in C [N, N m]
+        ("f_W", "f8", (3,)),  # contact force that acted in the step [N]
         # of the instant before, for the work on the walls
         ("p_before", "f8", (3,)),  # position in W
         ("f_before_W", "f8", (3,)),
@@ -43,8 +43,5 @@ def ride(carrier, p_WB, R_WB, nu):
 
 @kernel
 def arrive(carrier):
-    """Finish the velocity of a carrier, and take its forces of the last instant away."""
+    """Finish the velocity of a carrier."""
     motion_at(carrier.R_BC, carrier.p_BC, carrier.V, carrier.nu)
-    for i in range(6):
-        carrier.tau[i] = 0.0
-        carrier.applied[i] = 0.0

@@ -48,43 +48,6 @@ CONTACT = np.dtype(
 """One contact point: settings of the wall, stretch of the spring, and force of the latest instant."""
 
 
-SHALLOW = 1e-6
-"""Depth [m] below which the nearest points are too close to each other to give the normal."""
-
-
-@kernel
-def contact_force(contact, distance, fromto, p_WB, R_WB, nu, timestep):
-    """Set the force of a contact point on the vehicle at this instant, and advance the stretch of its spring.
-
-    Call it once per time step. The stretch advances as positions do under symplectic Euler: by timestep times the
-    velocity at the end of the step.
-
-    Args:
-        contact: a CONTACT record.
-        distance: from the wall's surface to the vehicle's [m], negative if they overlap.
-        fromto: (6,) nearest points of the wall and of the vehicle in W [m].
-        p_WB: (3,) position of B's origin [m].
-        R_WB: (3, 3) attitude.
-        nu: (6,) velocity in B [m/s, rad/s].
-        timestep: [s].
-    """
-    if distance >= 0.0:
-        release(contact)
-        return
-    n, arm, v = contact.normal_W, contact.arm_W, contact.work
-    # the difference of nearly equal points is rounding; from the wall to the probe's centre, B's origin, it is not
-    shallow = distance > -SHALLOW
-    for i in range(3):
-        n[i] = p_WB[i] - fromto[i] if shallow else fromto[i] - fromto[3 + i]
-    size = math.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
-    for i in range(3):
-        n[i] /= size
-        arm[i] = 0.5 * (fromto[i] + fromto[3 + i]) - p_WB[i]  # halfway, as MuJoCo's contact point
-    point_velocity(R_WB, nu, arm, v)
-    v_n = n[0] * v[0] + n[1] * v[1] + n[2] * v[2]
-    press(contact, max(0.0, -contact.stiffness * distance - contact.damping * v_n), v_n, R_WB, timestep)
-
-
 @kernel
 def release(contact):
     """Set the force of a contact point that is not in the wall."""

@@ -55,15 +55,15 @@ def free_acceleration(body, R_WB, nu, tau, work, qacc):
 
 
 @kernel
-def soft_contact(body, contact, R_WB, qvel, distance, work, qacc) -> float:
+def soft_contact(body, contact, depth, R_WB, qvel, work, qacc) -> float:
     """Add the wall's normal force at B's origin to the free joint's acceleration qacc (6,), and return it [N].
 
     Args:
         body: a record with M_inv (6, 6) and softness R [1/kg].
         contact: a CONTACT record that touches, with the normal of the instant.
+        depth: of the contact [m].
         R_WB: (3, 3).
         qvel: (6,) velocity of the free joint.
-        distance: from the wall's face to the probe [m].
         work: (6,) scratch.
         qacc: (6,) acceleration by all other forces, [m/s^2 in W, rad/s^2 in B].
     """
@@ -77,7 +77,7 @@ def soft_contact(body, contact, R_WB, qvel, distance, work, qacc) -> float:
     for i in range(3):
         a_0 += n[i] * qacc[i]
         v_n += n[i] * qvel[i]
-    spring = -contact.stiffness * distance - contact.damping * v_n
+    spring = contact.stiffness * depth - contact.damping * v_n
     f_n = max(0.0, (body.softness * spring - a_0) / (body.softness + yielding))
     to_world(R_WB, work, work)
     for i in range(6):
@@ -99,16 +99,3 @@ def symplectic_step(qpos, qvel, qacc, timestep):
     half = 0.5 * timestep * rate
     scale = math.sin(half) / rate
     multiply(qpos[3], qpos[4], qpos[5], qpos[6], math.cos(half), scale * x, scale * y, scale * z, 3, qpos)
-
-
-@kernel
-def sphere_and_face(body, qpos, fromto) -> float:
-    """The distance from the wall's face, a plane with normal -x, to the sphere of radius ``reach`` at B's origin [m].
-    Sets their nearest points fromto (6,) in W."""
-    distance = (body.face - qpos[0]) - body.reach
-    fromto[0] = qpos[0] + body.reach + distance
-    fromto[3] = qpos[0] + body.reach
-    for i in range(1, 3):
-        fromto[i] = qpos[i]
-        fromto[3 + i] = qpos[i]
-    return distance

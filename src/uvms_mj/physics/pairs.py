@@ -36,6 +36,7 @@ PAIR = np.dtype(
         ("surface", "i8"),  # index of the SURFACE
         ("capsule", "i8"),  # whether the body has two ends
         ("carrier", "i8"),  # index of the frame C that the body is fixed to
+        ("solved", "i8"),  # whether the engine's contact solver applies the normal force
         ("ends_C", "f8", (2, 3)),  # of the segment, or the centre, in C [m]
         ("radius", "f8"),  # [m]
         ("layer_depth", "f8"),  # w_1 [m]

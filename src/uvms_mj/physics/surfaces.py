@@ -79,21 +79,22 @@ def move(surface, numbers, t):
 @kernel
 def signed_distance(surface, c_W, n_W) -> float:
     """The distance of a point c_W (3,) from a surface [m], negative inside. Sets the normal n_W (3,) out of it."""
-    q = surface.q
+    q, R = surface.q, surface.R_WS
     for i in range(3):
         q[i] = c_W[i] - surface.p_WS[i]
-    to_body(surface.R_WS, q, q)
-    distance = 0.0
     if surface.kind == PLANE:
-        distance = -q[0]
-        q[0], q[1], q[2] = -1.0, 0.0, 0.0
-    elif surface.kind == BOX:
+        for i in range(3):
+            n_W[i] = -R[i, 0]
+        return -(R[0, 0] * q[0] + R[1, 0] * q[1] + R[2, 0] * q[2])
+    to_body(R, q, q)
+    distance = 0.0
+    if surface.kind == BOX:
         distance = from_box(q, surface.extent)
     else:
         if surface.kind == CYLINDER:
             q[2] = 0.0
         distance = normalise(q) - surface.extent[0]
-    to_world(surface.R_WS, q, n_W)
+    to_world(R, q, n_W)
     return distance
 
 

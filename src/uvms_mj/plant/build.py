@@ -15,7 +15,6 @@ link that carries it.
 """
 
 import functools
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,16 +40,8 @@ from .vehicle import Vehicle, free_body_id, free_joint_addresses
 IMPEDANCE = 1e-4
 """Impedance d of the contact pair, constant in solimp."""
 _OURS = PREFIX
-_SENSORS = {
-    "contact": mujoco.mjtSensor.mjSENS_CONTACT,
-    "distance": mujoco.mjtSensor.mjSENS_GEOMDIST,
-    "fromto": mujoco.mjtSensor.mjSENS_GEOMFROMTO,
-}
-"""The contact force of MuJoCo's solver, available after the step; distance and nearest points, available before it."""
 _TOLERANCE = 1e-15
 """Tolerance of MuJoCo's constraint solver. Its default, 1e-8, can leave an error of 2e-7 of the force at rest."""
-_SENSOR_RANGE = 0.1
-"""Range of the distance sensors [m]. It must be positive for them to report a penetration."""
 _INTEGRATORS = {"euler": "mjINT_EULER", "implicitfast": "mjINT_IMPLICITFAST"}
 
 
@@ -106,9 +97,10 @@ class Plant:
         return free_body_id(self.model, self.vehicle.body)
 
     @functools.cached_property
-    def sensors(self) -> Mapping[str, int]:
-        """Addresses in sensordata: contact (found, force (3) in W), distance, fromto (nearest points (6) in W)."""
-        return {name: int(self.model.sensor(f"{_OURS}{name}").adr[0]) for name in _SENSORS}
+    def contact_sensor(self) -> int:
+        """Address in sensordata of the contact of the probe and the wall: whether they touch, and the normal force (3)
+        in W that MuJoCo's solver applies."""
+        return int(self.model.sensor(f"{_OURS}contact").adr[0])
 
     def initial_data(self, initial: Initial) -> mujoco.MjData:
         """Data at an initial state."""
@@ -170,7 +162,7 @@ def _plain_class(spec: mujoco.MjSpec) -> mujoco.MjsDefault:
 
 
 def _add_surroundings(spec: mujoco.MjSpec, vehicle: str, wall: Wall, probe: Probe) -> None:
-    """Add wall, probe, contact pair, sensors and options to the vehicle's model."""
+    """Add wall, probe, contact pair, sensor and options to the vehicle's model."""
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.tolerance = _TOLERANCE
     # with one vehicle and one wall, constraint islands save no time
@@ -198,13 +190,8 @@ def _add_surroundings(spec: mujoco.MjSpec, vehicle: str, wall: Wall, probe: Prob
         margin=0,
         gap=0,
     )
-    for name, kind in _SENSORS.items():
-        sensor = spec.add_sensor(name=f"{_OURS}{name}", type=kind)
-        sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_GEOM, f"{_OURS}wall"
-        sensor.reftype, sensor.refname = mujoco.mjtObj.mjOBJ_GEOM, f"{_OURS}probe"
-        if name == "contact":
-            data_bits = mujoco.mjtConDataField
-            wanted = (data_bits.mjCONDATA_FOUND, data_bits.mjCONDATA_FORCE)
-            sensor.intprm[:3] = [sum(1 << int(bit) for bit in wanted), 3, 1]
-        else:
-            sensor.cutoff = _SENSOR_RANGE
+    sensor = spec.add_sensor(name=f"{_OURS}contact", type=mujoco.mjtSensor.mjSENS_CONTACT)
+    sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_GEOM, f"{_OURS}wall"
+    sensor.reftype, sensor.refname = mujoco.mjtObj.mjOBJ_GEOM, f"{_OURS}probe"
+    wanted = (mujoco.mjtConDataField.mjCONDATA_FOUND, mujoco.mjtConDataField.mjCONDATA_FORCE)
+    sensor.intprm[:3] = [sum(1 << int(bit) for bit in wanted), 3, 1]

@@ -61,41 +61,50 @@ class Front:
 @dataclass(frozen=True, eq=False)
 class Contacts:
     """The walls of the list with their keys, the pairs, and the frames that contact bodies are fixed to, that of the
-    probe first. ``paper`` is whether MuJoCo's pair of the probe and ``[wall]`` exists beside them."""
+    probe first. ``paper`` is ``[wall]``, which the probe of a radius [m] touches beside them, or None. The normal force
+    of this pair is MuJoCo's."""
 
     surfaces: tuple[tuple[str, Surface], ...]
     pairs: tuple[Pair, ...]
     carriers: tuple[Carrier, ...]
-    paper: bool
+    paper: Surface | None
+    radius: float
 
-    def records(self, lightest: Callable[[Pair], float]) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
-        """SURFACE records, PAIR records, and the tables of motion of the former, whose places are not set. ``lightest``
-        gives the least mass at a contact [kg], for the default damping of sticking friction."""
-        surfaces, pairs = np.zeros(len(self.surfaces), SURFACE), np.zeros(len(self.pairs), PAIR)
-        tables = []
-        for row, (_, wall) in zip(surfaces, self.surfaces, strict=True):
-            table = np.array(wall.motion, float).reshape(-1)
-            tables.append(table)
+    def records(
+        self, lightest: Callable[[Pair], float], along_face: Callable[[], float] | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """SURFACE records without their tables of motion, and PAIR records. ``lightest`` gives the least mass at a
+        contact [kg], for the default damping of sticking friction. With ``along_face``, which gives this mass of the
+        probe at ``[wall]``, this wall and its pair are the first ones."""
+        paper = self.paper if along_face is not None else None
+        first = int(paper is not None)
+        surfaces, pairs = np.zeros(first + len(self.surfaces), SURFACE), np.zeros(first + len(self.pairs), PAIR)
+        walls = ([paper] if paper else []) + [wall for _, wall in self.surfaces]
+        for row, wall in zip(surfaces, walls, strict=True):
             row["kind"], row["extent"], row["R_WS"] = SHAPES.index(wall.shape), wall.size, wall.R_WS
             row["p_WS"] = row["start_W"] = wall.position
             row["moves"], row["rows"] = wall.moves, len(wall.motion)
             row["amplitude_W"], row["frequency"] = wall.amplitude, wall.frequency_hz
             row["phase"] = math.radians(wall.phase_deg)
-        for row, pair in zip(pairs, self.pairs, strict=True):
+        if paper is not None and along_face is not None:
+            pairs[0]["radius"], pairs[0]["layer_depth"], pairs[0]["solved"] = self.radius, math.inf, True
+            for name, value in contact_settings(paper, along_face).items():
+                pairs[0]["contact"][name] = value
+        for row, pair in zip(pairs[first:], self.pairs, strict=True):
             wall = pair.wall
             for name, value in contact_settings(wall, functools.partial(lightest, pair)).items():
                 row["contact"][name] = value
-            row["surface"], row["carrier"], row["radius"] = pair.surface, pair.carrier, pair.radius
+            row["surface"], row["carrier"], row["radius"] = first + pair.surface, pair.carrier, pair.radius
             row["ends_C"], row["capsule"] = pair.ends_C, (pair.ends_C[0] != pair.ends_C[1]).any()
             row["layer_depth"] = math.inf if wall.layer_depth is None else wall.layer_depth
             row["layer_stiffness"] = wall.layer_stiffness or wall.stiffness
             row["bumper_stiffness"], row["bumper_damping"] = pair.bumper
-        return surfaces, pairs, tables
+        return surfaces, pairs
 
     def fronts(self, position: np.ndarray, R_WC: np.ndarray) -> Iterator[Front]:
         """The walls of the list at a pose of the probe's frame C: the contacts in each wall together, or the nearest
         one. Contacts on other links are not in it."""
-        surfaces, records, _ = self.records(lambda _: 1.0)
+        surfaces, records = self.records(lambda _: 1.0)
         found: dict[str, list[tuple[float, Front]]] = {}
         for record, pair in zip(records.view(np.recarray), self.pairs, strict=True):
             if pair.carrier != 0:
@@ -120,9 +129,9 @@ def contacts_of(scenario: Any, probe: Probe, vehicle: Any) -> Contacts:
     """The contacts of a scenario and a vehicle with its probe. A link that the vehicle does not have counts as its
     base; :func:`impossible` reports it."""
     bodies, bumper = scenario.vehicle.contact_bodies, scenario.bumper
-    paper = is_papers(scenario)
+    paper = as_surface(scenario.wall, probe.radius) if is_papers(scenario) else None
     walls = [(f"walls[{i}]", wall) for i, wall in enumerate(scenario.walls)]
-    if scenario.wall.present and not paper:
+    if scenario.wall.present and paper is None:
         walls.insert(0, ("wall", as_surface(scenario.wall, probe.radius)))
     carriers = [probe.carrier]
     named = [(f"vehicle.contact_bodies[{i}]", body, _carrier(body, vehicle, carriers)) for i, body in enumerate(bodies)]
@@ -135,7 +144,7 @@ def contacts_of(scenario: Any, probe: Probe, vehicle: Any) -> Contacts:
         for name, body, carrier in named
         for ends in _ends(body, wall)
     ]
-    return Contacts(tuple(walls), tuple(pairs), tuple(carriers), paper)
+    return Contacts(tuple(walls), tuple(pairs), tuple(carriers), paper, probe.radius)
 
 
 def _carrier(body: ContactBody, vehicle: Any, carriers: list[Carrier]) -> int:

@@ -77,8 +77,8 @@ KNOWN = (
 
 TRUE = (
     *KNOWN[:4],
-    Signal("f_contact_W", (3,), "N", "W", "force of the wall on the vehicle, of the same instant: k_c depth + b_c v"),
-    Signal("tau_contact_B", (6,), _WRENCH, "B", "f_contact_W as a wrench at B's origin"),
+    Signal("f_springs_W", (3,), "N", "W", "force of the walls' springs at the instant: k_c depth + b_c v"),
+    Signal("tau_springs_B", (6,), _WRENCH, "B", "f_springs_W as a wrench at B's origin"),
     Signal("v_c_W", (3,), "m/s", "W", "velocity of the current at the vehicle"),
     Signal("nu_dot", (6,), "m/s^2, rad/s^2", "B", "acceleration, time derivative of nu"),
     Signal("tau", (6,), _WRENCH, "B", "wrench produced by the thrusters, B u"),

@@ -10,7 +10,6 @@ import functools
 from typing import Any
 
 from ...physics.composite import compose_links, joint_column, whole
-from ...physics.contact import wrench_at_origin
 from ...physics.frames import body_velocity, to_world
 from ...physics.hydrodynamics import added_inertia, factor, water_wrench
 from ...physics.joints import deliverable
@@ -42,16 +41,13 @@ def read_state(plant):
 
 @kernel
 def read_step(plant):
-    """Copy the results of MuJoCo's last step, and its sensors of the instant, to the record."""
+    """Copy the results of MuJoCo's last step to the record."""
     mujoco, n = plant.mujoco, plant.links.shape[0] - 1
-    qacc, solved, fromto = floats(mujoco.qacc_at, 6 + n), floats(mujoco.solved_at, 4), floats(mujoco.fromto_at, 6)
-    plant.distance = floats(mujoco.distance_at, 1)[0]
+    qacc, solved = floats(mujoco.qacc_at, 6 + n), floats(mujoco.solved_at, 4)
     for i in range(6 + n):
         plant.qacc[i] = qacc[i]
     for i in range(4):
         plant.solved[i] = solved[i]
-    for i in range(6):
-        plant.fromto[i] = fromto[i]
 
 
 @fused
@@ -128,17 +124,11 @@ def keep_passive(plant, first, end):
 
 @kernel
 def add_contacts(run):
-    """Add the contact's friction and the contacts of the list to ``passive_left``."""
-    plant, contact, left = run.plant, run.contact, run.plant.passive_left
-    if contact.touching != 0 and contact.friction > 0.0 and run.carriers.shape[0] == 0:
-        wrench_at_origin(plant.R_WB, contact.arm_W, contact.f_tangential_W, contact.work, plant.work)
-        for i in range(3):
-            left[i] += contact.f_tangential_W[i]
-            left[i + 3] += plant.work[i + 3]
-    if run.pairs.shape[0] + run.carriers.shape[0] != 0:
-        for i in range(3):
-            left[i] += plant.f_pairs_W[i]
-            left[i + 3] += plant.tau_pairs_B[i + 3]
+    """Add the contact forces that MuJoCo's contact solver does not apply to ``passive_left``."""
+    plant, left = run.plant, run.plant.passive_left
+    for i in range(3):
+        left[i] += plant.f_applied_W[i]
+        left[i + 3] += plant.tau_applied_B[i + 3]
 
 
 @kernel
@@ -238,7 +228,8 @@ def evaluate(run, model, data):
     if not stepping:
         flow_at_evaluation(plant, run.numbers)
     immerse(plant)
-    add_contacts(run)
+    if run.pairs.shape[0] != 0:
+        add_contacts(run)
     write_passive(plant)
 
 

@@ -11,15 +11,10 @@ from .image import Image, table_room
 
 _OF_CONTACT = ("stiffness", "damping", "friction", "tangential_stiffness", "tangential_damping")
 _OF_PAIR = (
-    *("surface", "capsule", "carrier", "ends_C", "radius", "layer_depth", "layer_stiffness"),
+    *("surface", "capsule", "carrier", "solved", "ends_C", "radius", "layer_depth", "layer_stiffness"),
     *("bumper_stiffness", "bumper_damping"),
 )
 """Settings; the other fields are states and forces, which go on if a setting changes during a run."""
-
-
-def carriers_of(contacts: Contacts) -> tuple[Any, ...]:
-    """The frames that contact bodies are fixed to; none if B carries all contacts."""
-    return contacts.carriers if not all(carrier.is_B for carrier in contacts.carriers) else ()
 
 
 def wall_rooms(contacts: Contacts) -> dict[str, int]:
@@ -29,17 +24,19 @@ def wall_rooms(contacts: Contacts) -> dict[str, int]:
 
 def place_carriers(run: np.ndarray, contacts: Contacts) -> None:
     """Set the places of the frames of contacts on their links."""
-    for record, carrier in zip(run["carriers"][0], carriers_of(contacts), strict=True):
+    for record, carrier in zip(run["carriers"][0], contacts.carriers, strict=True):
         record["link"], record["p_LC"], record["R_LC"] = carrier.link + 1, carrier.p, carrier.R
         record["p_BC"], record["R_BC"] = carrier.p, carrier.R  # those on the base never change
 
 
 def write_contacts(image: Image, run: np.ndarray, setup: Any) -> None:
     """Set the numbers of a scenario with as many walls and pairs."""
-    surfaces, pairs, tables = setup.contacts.records(setup.lightest)
-    for k, ((key, _), table) in enumerate(zip(setup.contacts.surfaces, tables, strict=True)):
-        if len(table):
-            surfaces[k]["table"], _ = image.put(f"{key}.motion", table.reshape(-1, 4))
+    contacts = setup.contacts
+    surfaces, pairs = contacts.records(setup.lightest, setup.mass_along_face)
+    walls = ([("wall", contacts.paper)] if contacts.paper else []) + list(contacts.surfaces)
+    for record, (key, wall) in zip(surfaces, walls, strict=True):
+        if wall.motion:
+            record["table"], record["rows"] = image.put(f"{key}.motion", np.array(wall.motion, float))
     run["surfaces"][0][: len(surfaces)] = surfaces
     own = run["pairs"][0][: len(pairs)]
     for name in _OF_PAIR:
@@ -49,8 +46,10 @@ def write_contacts(image: Image, run: np.ndarray, setup: Any) -> None:
     run["surface_count"], run["pair_count"] = len(surfaces), len(pairs)
 
 
-def recorded_contacts(run: np.ndarray, n: int) -> Iterator[tuple[Signal, np.ndarray]]:
-    """The signals of the list of n contacts, each with its memory; none without a contact."""
+def recorded_contacts(run: np.ndarray, contacts: Contacts) -> Iterator[tuple[Signal, np.ndarray]]:
+    """The signals of the contacts beside that of the probe and [wall], each with its memory; none without one."""
+    n, first = len(contacts.pairs), int(contacts.paper is not None)
     if n:
-        memory = (run["push"], run["f_pairs"][0][:n], run["depths"][0][:n], run["true"]["tau_contact_B"])
+        forces, depths = (run[name][0][first : first + n] for name in ("f_pairs", "depths"))
+        memory = (run["push"], forces, depths, run["true"]["tau_springs_B"])
         yield from zip(contact_signals(n), memory, strict=True)

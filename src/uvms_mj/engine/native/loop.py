@@ -9,14 +9,12 @@ read.
 import math
 import sys
 
-from ...physics.contact import contact_force
+from ...physics.contacts import force_of_step, press_contacts
 from ...physics.frames import body_acceleration, body_velocity, rotation
 from ...physics.kernels import kernel
-from .carrying import place_carriers, press_links, work_on_walls
 from .flow import flow
 from .memory import call_code
 from .record import JOINT_BOUND, STOP_COMMAND, STOP_JOINT, STOP_NONE, STOP_STAGE, STOP_STATE, STOP_THRUST, STOP_WAITING
-from .touching import touch
 
 _LARGEST = sys.float_info.max
 
@@ -40,7 +38,7 @@ def observe(run):
         return
     run.observed = run.step + 1
     run.t = run.step * run.timestep
-    plant, true, contact, qpos = run.plant, run.true, run.contact, run.plant.qpos
+    plant, true, qpos = run.plant, run.true, run.plant.qpos
     for i in range(3):
         true.p_WB[i] = qpos[i]
     norm = math.sqrt(qpos[3] * qpos[3] + qpos[4] * qpos[4] + qpos[5] * qpos[5] + qpos[6] * qpos[6])
@@ -50,23 +48,12 @@ def observe(run):
     body_velocity(true.R_WB, plant.qvel, true.nu)
     if run.tau_q.shape[0] != 0:
         observe_joints(run)
-    if run.carriers.shape[0] == 0:
-        contact_force(contact, plant.distance, plant.fromto, true.p_WB, true.R_WB, true.nu, run.timestep)
-    else:
-        place_carriers(run)
-        probe = run.carriers[0]
-        contact_force(contact, plant.distance, plant.fromto, probe.p_WC, probe.R_WC, probe.nu, run.timestep)
     flow(plant, run.numbers, run.t, true.p_WB, true.R_WB, true.nu)
     plant.water.fresh = 1
     for i in range(3):
-        true.f_contact_W[i] = contact.f_W[i]
         true.v_c_W[i] = plant.water.v_c_W[i]
-    for i in range(6):
-        true.tau_contact_B[i] = contact.tau_B[i]
     if run.pairs.shape[0] != 0:
-        touch(run)
-    if run.carriers.shape[0] != 0:
-        press_links(run)
+        press_contacts(run)
     check_state(run)
 
 
@@ -242,29 +229,17 @@ def finish_step(run):
     if run.pending == 0:
         return
     run.pending = 0
-    plant, row, true, contact, h = run.plant, run.row, run.true, run.contact, run.timestep
-    for i in range(3):
-        run.moment_B[i] = contact.tau_B[i + 3]
-        row.f_contact_W[i] = contact.f_tangential_W[i] + (plant.solved[1 + i] if plant.solved[0] != 0.0 else 0.0)
-    push, push_before = -row.f_contact_W[0], run.push[0]
+    plant, row, true, h, push_before = run.plant, run.row, run.true, run.timestep, run.push[0]
     if run.pairs.shape[0] != 0:
-        push += run.push_of_pairs
-        for i in range(3):
-            row.f_contact_W[i] += plant.f_pairs_W[i]
-            run.moment_B[i] += plant.tau_pairs_B[i + 3]
-    if run.carriers.shape[0] != 0:
-        work_on_walls(run)
-    run.push[0], run.push_shown[0] = push, max(0.0, push)
+        force_of_step(run)
+    push = run.push[0]
     if push > 0.0 and push_before <= 0.0:
         row.touches += 1.0
         if row.first_contact < 0.0:
             row.first_contact = run.t
     row.force_peak = max(row.force_peak, push)
-    if run.step > 0:  # trapezoidal rule, by which a linear spring does no work over a rebound
+    if run.step > 0:  # trapezoidal rule
         row.impulse += 0.5 * h * (push + push_before)
-        for i in range(3 if run.carriers.shape[0] == 0 else 0):
-            row.wall_work -= 0.5 * (row.f_contact_W[i] + run.f_before_W[i]) * (true.p_WB[i] - run.p_before[i])
-            row.wall_work -= 0.5 * (run.moment_B[i] + run.moment_before_B[i]) * h * true.nu[i + 3]
         if run.step > run.window_step:
             row.final_impulse += 0.5 * h * (push + push_before)
     if run.step == run.window_step:
@@ -285,10 +260,6 @@ def finish_step(run):
         for i in range(6):
             if abs(run.signals.s[i]) < run.epsilon[i]:
                 row.boundary_layer_time[i] += h
-    for i in range(3):
-        run.f_before_W[i] = row.f_contact_W[i]
-        run.moment_before_B[i] = run.moment_B[i]
-        run.p_before[i] = true.p_WB[i]
     run.step += 1
     run.next = 0
 

@@ -38,6 +38,6 @@ def recorded_tool(run: np.ndarray, setup: Setup) -> list[tuple[Signal, np.ndarra
         return []
     true, probe = run["true"], run["carriers"][0][:1]
     motion = [true["p_WB"], true["quat_WB"], true["nu"]]
-    if len(probe):
+    if not setup.contacts.carriers[0].is_B:
         motion = [probe["p_WC"], run["quat_WT"], probe["nu"]]
     return [*zip(TOOL, motion, strict=True), (MANIPULABILITY, run["model"]["manipulability"])]

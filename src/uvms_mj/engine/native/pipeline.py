@@ -140,7 +140,7 @@ class Pipeline:
     def _measure(self, scenario: Scenario) -> None:
         """Add the stages that measure, and the law's model of what they measure."""
         shape, base, observed = self._shape, self.base, scenario.observer.runs
-        if self.at_tool and shape.carriers:
+        if self.at_tool and not self._setup.contacts.carriers[0].is_B:
             self._add("tool", ToolAttitude(), self.field("true"), self.field("quat_WT"), whole=True)
         measured = self.part("sensed" if observed else base, KNOWN)
         self._add("navigation", scenario.navigation, self.field("true"), measured)

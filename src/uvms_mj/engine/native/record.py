@@ -65,7 +65,6 @@ MUJOCO = np.dtype(
         *_whole("passive_at"),  # mjData.qfrc_passive
         *_whole("ctrl_at", "controls"),  # mjData.ctrl, and how many there are
         *_whole("solved_at"),  # the contact sensor: found, normal force (3) in W, of the last step
-        *_whole("distance_at", "fromto_at"),  # the sensors of distance and nearest points, of the same instant as qpos
     ],
     align=True,
 )
@@ -78,8 +77,6 @@ BODY = np.dtype(
         ("mass", "f8"),
         ("r_g", "f8", (3,)),
         ("gravity_W", "f8", (3,)),
-        ("face", "f8"),  # x of the wall's face in W
-        ("reach", "f8"),  # radius of the probe
         ("softness", "f8"),  # of MuJoCo's contact [1/kg]
         ("force", "f8", (6,)),
         ("work", "f8", (6,)),
@@ -107,8 +104,9 @@ class Shape:
 
     Attributes:
         joints, thrusters: how many the vehicle has.
-        carriers: frames of contacts, if there are others than B.
-        surfaces, pairs: room for so many walls and contacts of the list.
+        carriers: frames that contact bodies are fixed to.
+        carried: whether one of them is not B.
+        surfaces, pairs: room for so many walls and contacts.
         model: whether the run has the law's model of a vehicle with joints or a tool.
         encoded: whether the positions of the joints are measured with errors.
         wrist: whether there is a wrist sensor.
@@ -117,6 +115,7 @@ class Shape:
     joints: int = 0
     thrusters: int = 0
     carriers: int = 0
+    carried: bool = False
     surfaces: int = 0
     pairs: int = 0
     model: bool = False
@@ -143,9 +142,7 @@ def plant_dtype(n: int) -> np.dtype:
             ("qvel", "f8", (6 + n,)),
             ("qacc", "f8", (6 + n,)),
             ("R_WB", "f8", (3, 3)),
-            ("distance", "f8"),  # from the wall's face to the probe
-            ("fromto", "f8", (6,)),  # nearest points of both in W
-            ("solved", "f8", (4,)),  # whether they touched in the last step, and the wall's normal force in W
+            ("solved", "f8", (4,)),  # whether the probe touched [wall] in the last step, and the normal force in W
             # the water
             ("water", WATER),
             ("current", varying(3)),  # in W [m/s]
@@ -162,8 +159,8 @@ def plant_dtype(n: int) -> np.dtype:
             ("M_left", "f8", (21,)),  # mjData.M after the callback
             ("passive_before", "f8", (6 + n,)),  # qfrc_passive before the callback
             ("passive_left", "f8", (6 + n,)),  # qfrc_passive after the callback
-            ("f_pairs_W", "f8", (3,)),  # contact forces that no contact solver applies: their sum on the base
-            ("tau_pairs_B", "f8", (6,)),  # and wrench at B's origin
+            ("f_applied_W", "f8", (3,)),  # contact forces that no contact solver applies: their sum on the base
+            ("tau_applied_B", "f8", (6,)),  # and wrench at B's origin
             # the links, base first
             ("links", LINK, (1 + n,)),  # for the water
             ("frames", FRAME, (1 + n,)),
@@ -246,15 +243,17 @@ def run_dtype(shape: Shape) -> np.dtype:
         ("position_bound", "f8"),
         ("tau_bound", "f8"),
         # contacts
-        ("contact", CONTACT),  # of the probe and [wall]
         ("surfaces", SURFACE, (shape.surfaces,)),
         ("pairs", PAIR, (pairs,)),
         *_whole("surface_count", "pair_count"),
         ("f_pairs", "f8", (pairs, 3)),  # force of each pair in W
         ("depths", "f8", (pairs,)),
-        ("push_of_pairs", "f8"),  # sum of their normal forces
         ("carriers", CARRIER, (shape.carriers,)),
-        ("f_carried_W", "f8", (3,)),  # sum of the contact forces that MuJoCo's contact solver does not apply
+        ("carried", "i8", (int(shape.carried),)),  # empty if all of them are B
+        ("friction_C", "f8", (6,)),  # of one contact, as a wrench at the origin of its frame
+        ("f_solved_W", "f8", (3,)),  # force of one contact whose normal force the engine's solver applies
+        ("no_contact", CONTACT),
+        ("push", "f8", (1,)),  # sum of all normal forces of the step
         # stages
         ("stages", STAGE, (MOST_STAGES,)),
         *_whole("stage_count", "actuation", "next"),  # index of the first one that is given tau_cmd, and of the next
@@ -298,12 +297,6 @@ def run_dtype(shape: Shape) -> np.dtype:
         ("t", "f8"),
         ("true", TRUTHS),
         ("quat_WT", "f8", (4,)),  # attitude of the true tool
-        ("p_before", "f8", (3,)),
-        ("f_before_W", "f8", (3,)),
-        ("push", "f8", (1,)),  # sum of all normal forces
-        ("push_shown", "f8", (1,)),  # the same without the sign of a zero, as a trace shows it
-        ("moment_B", "f8", (3,)),  # of the contact force about B's origin, at t_k and at t_(k-1)
-        ("moment_before_B", "f8", (3,)),
         ("qpos_safe", "f8", (7,)),  # initial pose
         # rows
         ("row", ROW),

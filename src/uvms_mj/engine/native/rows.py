@@ -53,7 +53,8 @@ def recorded(run: np.ndarray, stages: Pipeline, setup: Setup) -> list[tuple[Sign
     where it may differ from their thrust or from tau_cmd. Raises InputError if two states have one name, or a state's
     name is taken or is not an identifier."""
     scenario, command, u = setup.scenario, run[stages.law], run["u"]
-    records = [run["row"], run["true"], run["contact"], stages.signals, command]
+    contact = run["pairs"][0][:1]["contact"] if setup.contacts.paper else run["no_contact"]
+    records = [run["row"], run["true"], contact, stages.signals, command]
     places = {name: record[name] for record in reversed(records) for name in record.dtype.names or ()}
     found = [
         (signal, places[signal.name])
@@ -66,7 +67,7 @@ def recorded(run: np.ndarray, stages: Pipeline, setup: Setup) -> list[tuple[Sign
     found += [(signal, run[stages.behind]["tau_cmd"]) for signal in DELAYED if "delay" in stages.stages]
     if not scenario.current.constant:
         found += [(signal, run["plant"]["water"][signal.name]) for signal in UNSTEADY]
-    found += [*recorded_contacts(run, len(setup.contacts.pairs)), (thruster_signal(u.size), u)]
+    found += [*recorded_contacts(run, setup.contacts), (thruster_signal(u.size), u)]
     found += stages.commanded(run)
     found += recorded_joints(run, setup)
     found += recorded_wrist(run["wrist"]) if scenario.wrist.runs else []
@@ -82,7 +83,7 @@ def recorded(run: np.ndarray, stages: Pipeline, setup: Setup) -> list[tuple[Sign
 
 def banded(recorded: Sequence[tuple[Signal, np.ndarray]], run: np.ndarray) -> list[tuple[Signal, np.ndarray]]:
     """The signals with a band, each with its memory, of the recorded ones."""
-    found = {signal.name: (signal, memory) for signal, memory in (*recorded, (PUSH, run["push_shown"]))}
+    found = {signal.name: (signal, memory) for signal, memory in (*recorded, (PUSH, run["push"]))}
     return [found[name] for name in BANDED if name in found]
 
 

@@ -9,11 +9,10 @@ import numpy as np
 
 from ...analysis.setup import Setup
 from ...control.design import ATTITUDE_KEYS
-from ...plant.settings import contact_settings
 from ...scenario import STAGES
 from ...stages.signals import FINAL_WINDOW_S, KNOWN, band_signals
 from .callback import entry_points
-from .contact_list import carriers_of, place_carriers, wall_rooms, write_contacts
+from .contact_list import place_carriers, wall_rooms, write_contacts
 from .image import Image, water_rooms
 from .joints import fill_joints
 from .memory import stopped
@@ -36,9 +35,10 @@ def shape_of(setup: Setup) -> Shape:
     return Shape(
         joints=n,
         thrusters=len(setup.vehicle.thrusters),
-        carriers=len(carriers_of(contacts)),
-        surfaces=room_for(len(contacts.surfaces)),
-        pairs=room_for(len(contacts.pairs)),
+        carriers=len(contacts.carriers),
+        carried=not all(carrier.is_B for carrier in contacts.carriers),
+        surfaces=room_for(len(contacts.surfaces) + (contacts.paper is not None)),
+        pairs=room_for(len(contacts.pairs) + (contacts.paper is not None)),
         model=setup.at_tool or n > 0,
         encoded=n > 0 and scenario.encoder.runs,
         wrist=scenario.wrist.runs,
@@ -191,9 +191,6 @@ def write_time(memory: RunMemory, setup: Setup) -> None:
 
 
 def write_contact(memory: RunMemory, setup: Setup) -> None:
-    contact = memory.run["contact"]
-    for name, value in contact_settings(setup.scenario.wall, setup.mass_along_face).items():
-        contact[name] = value
     write_contacts(memory.image, memory.run, setup)
 
 

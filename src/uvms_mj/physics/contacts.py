@@ -1,0 +1,139 @@
+"""All contacts of a vehicle: the sphere about the origin of the task's frame in front of ``[wall]``, and every contact
+body in front of every wall. Their springs give the force at an instant (:mod:`.pairs`).
+
+A record of a run has the surfaces, the pairs of a body and a surface, and the frames that the bodies are fixed to. The
+normal force of a pair that is marked ``solved`` is applied by the engine, MuJoCo's contact solver or its closed form;
+all other forces act here, on the base or on a link. The force that acted in a step is known when the step is over.
+"""
+
+import math
+
+from .carriers import arrive, ride
+from .contact import wrench_at_origin
+from .frames import add_wrench_from, compose_poses
+from .kernels import kernel
+from .pairs import pair_force
+from .surfaces import move
+
+
+@kernel
+def press_contacts(run):
+    """Move the walls to t_k, and set the forces of the springs of all contacts: in total, with their wrench in B, and
+    what of them acts without the engine's contact solver."""
+    true, plant = run.true, run.plant
+    for i in range(3):
+        true.f_springs_W[i] = 0.0
+        plant.f_applied_W[i] = 0.0
+    for i in range(6):
+        true.tau_springs_B[i] = 0.0
+        plant.tau_applied_B[i] = 0.0
+    for k in range(run.surface_count):
+        if run.surfaces[k].moves != 0:
+            move(run.surfaces[k], run.numbers, run.t)
+    for k in range(run.carriers.shape[0]):
+        for i in range(6):
+            run.carriers[k].tau[i] = 0.0
+    if run.carried.shape[0] != 0:
+        place_carriers(run)
+    for k in range(run.pair_count):
+        pair, contact = run.pairs[k], run.pairs[k].contact
+        carrier = run.carriers[pair.carrier]
+        p_WC, R_WC, nu = true.p_WB, true.R_WB, true.nu
+        if run.carried.shape[0] != 0:
+            p_WC, R_WC, nu = carrier.p_WC, carrier.R_WC, carrier.nu
+        pair_force(pair, run.surfaces[pair.surface], p_WC, R_WC, nu, run.timestep)
+        run.depths[k] = pair.depth
+        for i in range(3):
+            run.f_pairs[k, i] = contact.f_W[i]
+        if contact.touching != 0:
+            add_contact(run, pair, carrier, R_WC)
+
+
+@kernel
+def place_carriers(run):
+    """Set the pose and the velocity of each frame of contacts."""
+    true, frames = run.true, run.plant.frames
+    for k in range(run.carriers.shape[0]):
+        carrier = run.carriers[k]
+        if frames.shape[0] > 1 and carrier.link != 0:
+            own = frames[carrier.link]
+            compose_poses(own.R_BL, own.p_BL, carrier.R_LC, carrier.p_LC, carrier.R_BC, carrier.p_BC)
+        ride(carrier, true.p_WB, true.R_WB, true.nu)
+        if frames.shape[0] > 1:
+            above = carrier.link
+            for _ in range(frames[carrier.link].depth):
+                for i in range(6):
+                    carrier.V[i] += frames[above].S[i] * run.encoder.q_dot[above - 1]
+                above = frames[above].parent
+            for i in range(6):
+                run.plant.links[carrier.link].f_ext[i] = 0.0
+        arrive(carrier)
+
+
+@kernel
+def add_contact(run, pair, carrier, R_WC):
+    """Add the force of a contact to those of its frame, of the vehicle and of what acts without the solver."""
+    true, plant, contact = run.true, run.plant, pair.contact
+    f_W, tau_C = contact.f_W, contact.tau_B
+    for i in range(3):
+        true.f_springs_W[i] += f_W[i]
+    for i in range(6):
+        carrier.tau[i] += tau_C[i]
+    add_to_vehicle(run, carrier, tau_C, true.tau_springs_B)
+    if pair.solved != 0:  # what is left is the friction
+        f_W, tau_C = contact.f_tangential_W, run.friction_C
+        wrench_at_origin(R_WC, contact.arm_W, f_W, contact.work, tau_C)
+    if carrier.link == 0:
+        for i in range(3):
+            plant.f_applied_W[i] += f_W[i]
+        add_to_vehicle(run, carrier, tau_C, plant.tau_applied_B)
+    elif plant.links.shape[0] > 1:
+        add_wrench_from(carrier.R_BC, carrier.p_BC, tau_C, plant.links[carrier.link].f_ext)
+
+
+@kernel
+def add_to_vehicle(run, carrier, tau_C, tau_B):
+    """Add a wrench (6,) at the origin of a frame of contacts to one at B's origin in B."""
+    if run.carried.shape[0] == 0:
+        for i in range(6):
+            tau_B[i] += tau_C[i]
+    else:
+        add_wrench_from(carrier.R_BC, carrier.p_BC, tau_C, tau_B)
+
+
+@kernel
+def force_of_step(run):
+    """Set the contact force of step k that acted, in total and on each frame, with the normal force that the engine's
+    solver applied; the push, which is the sum of the normal forces; and add the work on the walls since the last
+    instant, by the trapezoidal rule, by which a linear spring does no work over a rebound."""
+    true, row, solved, h = run.true, run.row, run.plant.solved, run.timestep
+    run.push[0] = 0.0
+    for i in range(3):
+        row.f_contact_W[i] = 0.0
+        for k in range(run.carriers.shape[0]):
+            run.carriers[k].f_W[i] = 0.0
+    for k in range(run.pair_count):
+        pair, contact = run.pairs[k], run.pairs[k].contact
+        f_W, carrier, normal = contact.f_W, run.carriers[pair.carrier], pair.f_n
+        if pair.solved != 0:
+            found = 1.0 if solved[0] != 0.0 else 0.0
+            f_W = run.f_solved_W
+            for i in range(3):
+                f_W[i] = contact.f_tangential_W[i] + found * solved[1 + i]
+            normal = found * math.sqrt(solved[1] * solved[1] + solved[2] * solved[2] + solved[3] * solved[3])
+        run.push[0] += normal
+        for i in range(3):
+            row.f_contact_W[i] += f_W[i]
+            carrier.f_W[i] += f_W[i]
+    for k in range(run.carriers.shape[0]):
+        carrier, p, nu = run.carriers[k], true.p_WB, true.nu
+        if run.carried.shape[0] != 0:
+            p, nu = carrier.p_WC, carrier.nu
+        for i in range(3):
+            moment = carrier.tau[3 + i]
+            if run.step > 0:
+                row.wall_work -= 0.5 * (carrier.f_W[i] + carrier.f_before_W[i]) * (p[i] - carrier.p_before[i])
+                row.wall_work -= 0.5 * (moment + carrier.moment_before[i]) * h * nu[i + 3]
+            carrier.f_before_W[i] = carrier.f_W[i]
+            carrier.moment_before[i] = moment
+            carrier.p_before[i] = p[i]
