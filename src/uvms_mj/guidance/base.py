@@ -82,7 +82,9 @@ class Guidance(Stage):
         try:
             with np.errstate(all="ignore"), contextlib.redirect_stdout(io.StringIO()):
                 found = samples(self, setup, [round(t / period) for t in times.tolist()])
-        except (Exception, SystemExit):  # a user's function may raise anything
+        except KeyboardInterrupt:
+            raise
+        except BaseException:  # a user's function may raise anything
             return "the way of the reference is not known before the run"
         if not (np.isfinite(found["p_d"]).all() and np.isfinite(found["quat_d"]).all()):
             return "the way of the reference is not known before the run"
@@ -113,7 +115,9 @@ def _trial_notes(stage: Guidance, setup: Any) -> list[str]:
     try:
         with np.errstate(all="ignore"), contextlib.redirect_stdout(io.StringIO()):
             return [*start_notes(stage, setup), *_rate_notes(stage, setup)]
-    except (Exception, SystemExit):  # a user's function may raise anything
+    except KeyboardInterrupt:
+        raise
+    except BaseException:  # a user's function may raise anything
         return []
 
 
