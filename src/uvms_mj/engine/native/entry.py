@@ -43,7 +43,7 @@ class Entry:
         """The machine code. Raises InputError if the stage is wrong, and NotCompiled if the language lacks what it
         uses."""
         function = type(self.stage).function()
-        kinds = self.settings.dtype, self.state.dtype, self.given.dtype, self._out_kind
+        kinds = self.kinds
         if not self.users:
             if plain_python():
                 raise NotCompiled("all of it does")
@@ -56,6 +56,11 @@ class Entry:
             where = f"{Path(mistake.file).name}, line {mistake.line}"
             said = f"{called(self.stage)} is wrong in {where}: {mistake.words}: {mistake.reason}"
             raise InputError(said) from mistake
+
+    @property
+    def kinds(self) -> tuple[np.dtype, np.dtype, np.dtype, np.dtype]:
+        """The dtypes of settings, states, what the stage is given, and its output."""
+        return self.settings.dtype, self.state.dtype, self.given.dtype, self._out_kind
 
     def new(self, constants: Mapping[str, Any]) -> dict[str, Any]:
         """The constants that may differ from those in memory."""
