@@ -11,7 +11,7 @@ from ...compiler.codes import CONVERSION, DIVISION, INDEX, RAISED, STOPPED, plac
 from ...errors import InputError
 from ...stages.base import Stage, is_shipped, packs_itself
 from ...stages.signals import Signal, record_dtype
-from .compilation import NativeFunction, NotCompiled, native_function, plain_python
+from .compilation import PLAIN, NativeFunction, NotCompiled, native_function, plain_python
 from .own_memory import OwnMemory
 from .plain_stage import PlainStage, StageFault, called
 from .user_stage import compile_user_stage, is_check
@@ -46,7 +46,7 @@ class Entry:
         kinds = self.kinds
         if not self.users:
             if plain_python():
-                raise NotCompiled("all of it does")
+                raise NotCompiled(f"{PLAIN} is set")
             return native_function(function, [*kinds[:3], kinds[1], kinds[3]])
         from ...compiler.refusals import Mistake
 

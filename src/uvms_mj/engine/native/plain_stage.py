@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import error_text
+from ...physics.kernels import Record
 from ...stages.base import Stage, is_shipped
 from ...stages.contract import field_suggestion
 from .own_memory import OwnMemory
@@ -23,7 +24,7 @@ class StageFault(Exception):
     """A stage raised or violated its contract. The message names the stage and, where it is known, the line."""
 
 
-class _Record(np.record):  # type: ignore[misc]  # NumPy's stubs have it as Any
+class _Record(Record):  # type: ignore[misc]  # NumPy's stubs have its base as Any
     """A record that suggests a field's name when an unknown one is read."""
 
     def __getattr__(self, name: str) -> Any:
