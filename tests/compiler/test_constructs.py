@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from compiled import compare
+from compiled import Compiled, compare
+from uvms_mj.compiler.refusals import Lacking
 
 PART = np.dtype([("m", "f8"), ("v", "f8", (3,)), ("on", "?")], align=True)
 GIVEN = np.dtype(
@@ -404,3 +405,21 @@ def left_early(g, o):
 )
 def test_a_construct_gives_the_same_as_machine_code_and_as_plain_python(function):
     compare(function, [GIVEN, OUT])
+
+
+NUMBERS = np.dtype([("n", "i8"), ("x", "f8")])
+
+
+def branching(a):
+    if a.n == 0:
+        a.x += 1.0
+    else:
+        a.x = eval("a.x")  # beyond the language
+
+
+def test_code_for_other_numbers_than_a_known_field_is_left_out():
+    with pytest.raises(Lacking):
+        Compiled(branching, [NUMBERS])
+    code, memory = Compiled(branching, [NUMBERS], known={(NUMBERS, "n"): 0}), np.zeros(1, NUMBERS)
+    assert code(memory) == 0
+    assert memory["x"][0] == 1.0

@@ -14,7 +14,7 @@ from llvmlite import ir
 from .builtin import FUNCTIONS, METHODS, PROPERTIES
 from .indexing import Indexing
 from .scalars import COMPARISONS, operator_name
-from .values import BOOL, FLAG, INT, NONE, NOTHING, WORD, Kind, Value, bundle, contiguous, items_of, scalar
+from .values import BOOL, FLAG, INT, NONE, NOTHING, WORD, Kind, Value, bundle, contiguous, items_of, scalar, whole
 
 if TYPE_CHECKING:
     from .unit import Unit
@@ -149,6 +149,8 @@ class Expressions(Indexing):
             return self.lack(f"{words} in the language") if hasattr(np.ndarray, node.attr) else self.mistake(words)
         if node.attr == "shape" and owner.kind.is_array:
             return self.shape_tuple(owner)
+        if (owner.kind.base, node.attr) in self.unit.known and not owner.kind.is_array:
+            return whole(self.unit.known[owner.kind.base, node.attr])
         return self.read(self.field(owner, node.attr, node.value))
 
     def _Subscript(self, node: ast.Subscript) -> Value:

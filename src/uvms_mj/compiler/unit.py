@@ -49,6 +49,7 @@ class Unit:
         intrinsics: functions with code of their own, which get their arguments as integers.
         fused: functions in which, and in all that they call, a product and a sum may be rounded once.
         interrupted: writes code for a number that is not 0 if a user's loop shall end.
+        known: fields of records that have the same number in every call, so that code for others is left out.
         library: prefix of the target's names for the functions of the C library.
         frame: bytes of local arrays so far.
         files: the sources' files, by their number in the codes.
@@ -60,6 +61,7 @@ class Unit:
     fused: Collection[Any] = ()
     interrupted: Callable[[ir.IRBuilder], ir.Value] | None = None
     library: str = ""
+    known: Mapping[tuple[np.dtype, str], int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.module = ir.Module(self.name)

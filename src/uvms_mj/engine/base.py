@@ -25,6 +25,8 @@ class Engine(ABC):
     """
 
     name: ClassVar[str]
+    rigid: ClassVar[bool] = False
+    """Whether it takes rigid vehicles alone, so that its machine code has no joints."""
     chunk_steps: ClassVar[int]
     context: np.ndarray
     water: Water

@@ -18,6 +18,7 @@ class FreeEngine(Engine):
     """A vehicle in NumPy's memory."""
 
     name = "free_body"
+    rigid = True
     chunk_steps = 10_000
 
     def __init__(self, setup: Setup) -> None:
@@ -50,13 +51,13 @@ class FreeEngine(Engine):
         self._body["face"] = face_of(setup.scenario, setup.plant.probe.radius)
 
     def sense(self) -> None:
-        entry_point("free_steps")(*self._addresses, 0, 0)
+        entry_point("free_steps", rigid=True)(*self._addresses, 0, 0)
 
     def step(self, loop: np.ndarray, n: int) -> None:
-        entry_point("free_steps")(*self._addresses, n, 1)
+        entry_point("free_steps", rigid=True)(*self._addresses, n, 1)
 
     def evaluate(self, loop: np.ndarray) -> None:
-        entry_point("free_steps")(*self._addresses, 1, 0)
+        entry_point("free_steps", rigid=True)(*self._addresses, 1, 0)
 
     def close(self) -> None:
         self._closed = True

@@ -276,7 +276,7 @@ class Simulation:
     def _run_stages(self, end: int) -> None:
         context, loop = self._memory.context_at, self._memory.loop
         self._engine.sense()
-        while (waiting := entry_point("advance")(context, end)) >= 0:
+        while (waiting := entry_point("advance", self._engine.rigid)(context, end)) >= 0:
             try:
                 self._stages.running[waiting].call_plain()
             except BaseException:

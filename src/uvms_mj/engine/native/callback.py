@@ -15,7 +15,7 @@ from ...physics.kernels import kernel
 from .compilation import native_functions
 from .flow import flow
 from .free_body import free_steps
-from .layouts import BODY, CONTEXT, STOP_NONE
+from .layouts import BODY, CONTEXT, LOOP, STOP_NONE
 from .loop import begin_step, finish_step, flow_again, observe, run_stages
 from .memory import context_at, floats, integers, loop_at, mj_factorM, registered, triples
 from .tree import add_tree_inertia, apply_to_joints, place_links, water_on_links
@@ -199,18 +199,22 @@ def _restore(spans_at, n):
             now[i] = start[i]
 
 
-_ENTRY_POINTS: dict[str, tuple[Any, list[Any]]] = {
-    "control": (_callback, ["i8", "i8"]),
+_BETWEEN: dict[str, tuple[Any, list[Any]]] = {
     "advance": (_advance, [CONTEXT, "i8"]),
     "finish": (_finish, [CONTEXT]),
     "restore": (_restore, ["i8", "i8"]),
-    "free_steps": (free_steps, [CONTEXT, BODY, "i8", "i8"]),
 }
+_OF_MUJOCO = {"control": (_callback, ["i8", "i8"]), **_BETWEEN}
+_OF_FREE_BODY = {"free_steps": (free_steps, [CONTEXT, BODY, "i8", "i8"]), **_BETWEEN}
+RIGID = {(LOOP, "joints"): 0, (CONTEXT, "carriers"): 0}
+"""What the engine free_body knows of each vehicle, so that its machine code has no joints."""
 
 
 @functools.cache
-def entry_point(name: str) -> Any:
-    """Machine code called by MuJoCo (control), or by Python between chunks; loaded or compiled at first use. The entry
-    points share most of their code, and are one module."""
-    natives = native_functions(dict(_ENTRY_POINTS.values()))
-    return dict(zip(_ENTRY_POINTS, natives, strict=True))[name].ctypes
+def entry_point(name: str, rigid: bool = False) -> Any:
+    """Machine code called by MuJoCo (control), by the engine free_body (free_steps), or by Python between chunks;
+    loaded or compiled at first use. The entry points of an engine share most of their code, and are one module; that
+    of free_body is for rigid vehicles alone. One module for both engines would cost a step of free_body an eighth."""
+    points = _OF_FREE_BODY if rigid else _OF_MUJOCO
+    natives = native_functions(dict(points.values()), RIGID if rigid else {})
+    return dict(zip(points, natives, strict=True))[name].ctypes

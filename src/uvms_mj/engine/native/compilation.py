@@ -10,6 +10,7 @@ import ctypes
 import functools
 import os
 import threading
+import types
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +27,7 @@ PLAIN = "UVMS_MJ_PLAIN"
 """Environment variable for debugging: if it is set, every stage and kernel runs as plain Python."""
 _STAGE = "uvms_mj_stage"
 _lock = threading.RLock()
+Known = Mapping[tuple[np.dtype, str], int]
 
 
 @dataclass(frozen=True)
@@ -57,13 +59,16 @@ def native_function(function: Any, parameters: Sequence[np.dtype | str]) -> Nati
     return native
 
 
-def native_functions(parameters: Mapping[Any, Sequence[np.dtype | str]]) -> tuple[NativeFunction, ...]:
-    """As :func:`native_function`, several functions, which share what they call, from one module."""
+def native_functions(
+    parameters: Mapping[Any, Sequence[np.dtype | str]], known: Known = types.MappingProxyType({})
+) -> tuple[NativeFunction, ...]:
+    """As :func:`native_function`, several functions, which share what they call, from one module. ``known`` are fields
+    of records that have the same number in every call."""
     dtypes = [tuple(np.dtype(each) for each in kinds) for kinds in parameters.values()]
     with _lock:
         if plain_python():
             return tuple(map(_plain_function, parameters, dtypes))
-        return _native_functions(tuple(zip(parameters, dtypes, strict=True)))
+        return _native_functions(tuple(zip(parameters, dtypes, strict=True)), tuple(known.items()))
 
 
 def native_stage(function: Any, records: Mapping[Any, tuple[np.dtype, str]]) -> NativeFunction:
@@ -87,8 +92,10 @@ def native_stage(function: Any, records: Mapping[Any, tuple[np.dtype, str]]) -> 
 
 
 @functools.cache
-def _native_functions(parts: tuple[tuple[Any, tuple[np.dtype, ...]], ...]) -> tuple[NativeFunction, ...]:
-    made_of: list[bytes] = []
+def _native_functions(
+    parts: tuple[tuple[Any, tuple[np.dtype, ...]], ...], known: tuple[tuple[tuple[np.dtype, str], int], ...]
+) -> tuple[NativeFunction, ...]:
+    made_of = [f"{field} {number}".encode() for (_, field), number in known]
     for function, dtypes in parts:
         layout = [repr((each.descr, each.shape, each.isalignedstruct)) for each in dtypes]
         source = Path(function.__code__.co_filename).read_bytes()
@@ -99,7 +106,7 @@ def _native_functions(parts: tuple[tuple[Any, tuple[np.dtype, ...]], ...]) -> tu
         from .intrinsics import kernel_module
 
         symbols = {f"uvms_mj_{name}_{k}": part for k, part in enumerate(parts)}
-        addresses = _compiled(str(kernel_module(symbols)), name, list(symbols))
+        addresses = _compiled(str(kernel_module(symbols, known=dict(known))), name, list(symbols))
     return tuple(_callable(at, len(dtypes)) for at, (_, dtypes) in zip(addresses, parts, strict=True))
 
 

@@ -116,12 +116,16 @@ def _declared(module: ir.Module, kind: ir.FunctionType, name: str) -> ir.Functio
 
 
 def kernel_module(
-    parts: Mapping[str, tuple[types.FunctionType, Sequence[np.dtype]]], linked: Sequence[str] = (), library: str = ""
+    parts: Mapping[str, tuple[types.FunctionType, Sequence[np.dtype]]],
+    linked: Sequence[str] = (),
+    library: str = "",
+    known: Mapping[tuple[np.dtype, str], int] = types.MappingProxyType({}),
 ) -> ir.Module:
     """The module of functions of the package, which are trusted, by their symbols, each with its parameters. Stages are
-    called by their addresses, or by their number among the symbols ``linked``."""
+    called by their addresses, or by their number among the symbols ``linked``. ``library`` and ``known`` as in
+    :class:`uvms_mj.compiler.unit.Unit`."""
     calls = {memory.call_stage: call_linked(linked)} if linked else {}
-    unit = Unit("kernels", intrinsics=INTRINSICS | calls, fused=fused_kernels, library=library)
+    unit = Unit("kernels", intrinsics=INTRINSICS | calls, fused=fused_kernels, library=library, known=known)
     for symbol, (function, parameters) in parts.items():
         translate(unit, function, parameters, symbol)
     return unit.module

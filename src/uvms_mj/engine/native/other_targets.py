@@ -7,6 +7,7 @@ import llvmlite.binding as llvm
 
 from ...compiler.targets import Target
 from ...compiler.values import INT
+from .callback import RIGID
 from .entry import Entry
 from .free_body import free_steps
 from .intrinsics import kernel_module, stage_module
@@ -34,7 +35,7 @@ def loop_for(target: Target, stages: Sequence[Entry]) -> bytes:
             settings, state, given, out = entry.kinds
             kernels[symbol] = function, [settings, state, given, state, out]
     kernels[STEPS] = free_steps, [CONTEXT, BODY, INT, INT]  # after the stages that it calls
-    module = llvm.parse_assembly(str(kernel_module(kernels, symbols, target.library)))
+    module = llvm.parse_assembly(str(kernel_module(kernels, symbols, target.library, RIGID)))
     for text in users:
         module.link_in(llvm.parse_assembly(text))
     for function in module.functions:

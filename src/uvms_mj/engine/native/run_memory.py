@@ -129,7 +129,7 @@ class RunMemory:
 
     def taken(self) -> np.ndarray:
         """The rows (n, width) written since :meth:`clear`, the last step's included. A view."""
-        entry_point("finish")(self.context_at)
+        entry_point("finish", self.engine.rigid)(self.context_at)
         return self.rows[: int(self.loop["rows"][0])]
 
     def clear(self) -> None:
@@ -144,7 +144,7 @@ class RunMemory:
         """
         constants = self.stages.constants(setup, touched)
         self.engine.clear()
-        entry_point("restore")(*self._restore)
+        entry_point("restore", self.engine.rigid)(*self._restore)
         self._write(setup, touched, constants)
         for entry in self.stages.apart:
             entry.own.start()

@@ -147,7 +147,9 @@ def _number(column: str, value: Any) -> float | None:
     try:
         number = float(value)
     except (TypeError, ValueError):
-        raise TypeError(f"metric {column}: {shortened(value)} is not a number; return a number or a dict of numbers") from None
+        raise TypeError(
+            f"metric {column}: {shortened(value)} is not a number; return a number or a dict of numbers"
+        ) from None
     return None if math.isnan(number) else number
 
 
