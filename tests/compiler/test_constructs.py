@@ -159,6 +159,20 @@ def choosing(g, o):
     o.s[33:36] = w
 
 
+def deciding(g, o):
+    """The value of `and` and `or` is that of the operand that decides."""
+    n = g.n % 3
+    o.s[0] = g.k or 3.0
+    o.s[1] = n and 2
+    o.s[2] = (n and g.k) or 7.0
+    o.s[3] = g.flag and g.k
+    o.s[4] = 0 or n or 5
+    o.s[5] = 1.0 and g.k
+    o.s[6] = (g.flag and n == 1) + 1
+    o.whole[0] = 2 if n and g.flag else 3
+    o.whole[1] = not (n or g.flag)
+
+
 def looping(g, o):
     total = 0
     for i in range(len(g.x)):
@@ -393,6 +407,7 @@ def left_early(g, o):
         making,
         reducing,
         choosing,
+        deciding,
         looping,
         before_and_after,
         tuples,
