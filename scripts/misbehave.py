@@ -1,10 +1,12 @@
-"""Run ``uvms-mj run`` with every law of ``tests/helpers/misbehaving_laws.py``, each in a separate process.
+"""Run ``uvms-mj run`` with every stage of ``tests/helpers/misbehaving_stages.py``, each in a separate process, and
+``uvms-mj study`` with every metric.
 
-    python scripts/misbehave.py              all laws
-    python scripts/misbehave.py gain flat    laws whose names contain one of these words
+    python scripts/misbehave.py              all of them
+    python scripts/misbehave.py gain flat    those whose names contain one of these words
 
 Each run must end with its expected message on standard error and its expected exit status, without a traceback, a
-signal or a hang. If it wrote a log, the log must load.
+signal or a hang. If it wrote a log, the log must load. A study must end with the expected message in its row, or on
+standard error if the metric is refused.
 """
 
 import re
@@ -17,22 +19,43 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import click
+import pyarrow.parquet as pq
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
-from misbehaving_laws import Case, cases
+from misbehaving_stages import Case, cases
 from uvms_mj import Trace
 
 LIMIT_S = 120.0
+STUDY = """
+laws = ["gsta"]
+[base]
+scenario = "push_wall"
+simulation.duration = 0.02
+[run]
+engine = "free_body"
+[design]
+runs = 1
+[keep]
+metrics = ["my_law.py:metric"]
+[[vary]]
+key = "wall.stiffness"
+distribution = "uniform"
+low = 2e4
+high = 2e5
+"""
 
 
 def trouble(case: Case) -> str:
-    """Run the law of a case; return a description of the failure, or an empty string."""
+    """Run the stage or the metric of a case; return a description of the failure, or an empty string."""
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, "my_law.py").write_text(case.text, encoding="utf-8")
-        command = [sys.executable, "-m", "uvms_mj", "run", "-q", "-c", "my_law.py:Law", "-o", "out"]
-        duration = "simulation.duration=0.05"
-        process = subprocess.Popen([*command, duration], cwd=folder, stdout=-1, stderr=-1, text=True)
+        Path(folder, "study.toml").write_text(STUDY, encoding="utf-8")
+        arguments = ["run", f"{case.table}.name=my_law.py:Law", "simulation.duration=0.05"]
+        if case.table == "metric":
+            arguments = ["study", "study.toml", "-j", "1"]
+        command = [sys.executable, "-m", "uvms_mj", *arguments, "-q", "-o", "out"]
+        process = subprocess.Popen(command, cwd=folder, stdout=-1, stderr=-1, text=True)
         log = Path(folder, "out", "run.mcap")
         if case.endless:
             _interrupt(process, log)
@@ -44,6 +67,8 @@ def trouble(case: Case) -> str:
             return "it hangs"
         if process.returncode != case.status:
             return f"status {process.returncode}, not {case.status}: {errors.strip()[-500:]}"
+        if case.table == "metric" and case.status == 0:
+            errors += _message(Path(folder, "out", "rows"))
         if "Traceback" in errors or not errors.strip() or not re.search(case.said, errors):
             return f"it says: {errors.strip()[-500:]}"
         if log.exists():
@@ -53,8 +78,14 @@ def trouble(case: Case) -> str:
         return ""
 
 
+def _message(rows: Path) -> str:
+    """The message of a study's only row, which must not be completed."""
+    (row,) = pq.read_table(rows).to_pylist()
+    return "" if row["status"] == "completed" else row["message"]
+
+
 def _interrupt(process: subprocess.Popen, log: Path) -> None:
-    """Send Ctrl-C after the run has started and its law has entered its endless loop."""
+    """Send Ctrl-C after the run has started and its stage has entered its endless loop."""
     end = time.monotonic() + LIMIT_S
     while not log.exists() and process.poll() is None and time.monotonic() < end:
         time.sleep(0.1)
@@ -72,7 +103,7 @@ def main(words: tuple[str, ...], jobs: int) -> None:
         for name, found in zip(chosen, pool.map(trouble, chosen.values()), strict=True):
             wrong += bool(found)
             click.echo(f"{name}: {found or 'ok'}")
-    click.echo(f"{len(chosen)} laws, {wrong} failures")
+    click.echo(f"{len(chosen)} stages and metrics, {wrong} failures")
     sys.exit(1 if wrong else 0)
 
 

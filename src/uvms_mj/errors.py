@@ -148,6 +148,15 @@ def faults_of(
     return list(faults.values())
 
 
+def error_text(error: BaseException) -> str:
+    """The type and the message of a user's exception in one line, which may fail in ``__str__``."""
+    try:
+        text = " ".join(str(error).split())
+    except Exception:
+        text = ""
+    return f"{type(error).__name__}: {text[:300]}" if text else type(error).__name__
+
+
 def shortened(value: Any) -> str:
     """A value for a message, cut to 60 characters."""
     try:

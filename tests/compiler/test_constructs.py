@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from compiled import compare
+from compiled import Compiled, compare
+from uvms_mj.compiler.refusals import Lacking
 
 PART = np.dtype([("m", "f8"), ("v", "f8", (3,)), ("on", "?")], align=True)
 GIVEN = np.dtype(
@@ -156,6 +157,20 @@ def choosing(g, o):
     else:
         w = np.zeros(3)
     o.s[33:36] = w
+
+
+def deciding(g, o):
+    """The value of `and` and `or` is that of the operand that decides."""
+    n = g.n % 3
+    o.s[0] = g.k or 3.0
+    o.s[1] = n and 2
+    o.s[2] = (n and g.k) or 7.0
+    o.s[3] = g.flag and g.k
+    o.s[4] = 0 or n or 5
+    o.s[5] = 1.0 and g.k
+    o.s[6] = (g.flag and n == 1) + 1
+    o.whole[0] = 2 if n and g.flag else 3
+    o.whole[1] = not (n or g.flag)
 
 
 def looping(g, o):
@@ -392,6 +407,7 @@ def left_early(g, o):
         making,
         reducing,
         choosing,
+        deciding,
         looping,
         before_and_after,
         tuples,
@@ -404,3 +420,21 @@ def left_early(g, o):
 )
 def test_a_construct_gives_the_same_as_machine_code_and_as_plain_python(function):
     compare(function, [GIVEN, OUT])
+
+
+NUMBERS = np.dtype([("n", "i8"), ("x", "f8")])
+
+
+def branching(a):
+    if a.n == 0:
+        a.x += 1.0
+    else:
+        a.x = eval("a.x")  # beyond the language
+
+
+def test_code_for_other_numbers_than_a_known_field_is_left_out():
+    with pytest.raises(Lacking):
+        Compiled(branching, [NUMBERS])
+    code, memory = Compiled(branching, [NUMBERS], known={(NUMBERS, "n"): 0}), np.zeros(1, NUMBERS)
+    assert code(memory) == 0
+    assert memory["x"][0] == 1.0

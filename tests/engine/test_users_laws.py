@@ -106,6 +106,24 @@ def test_a_law_as_plain_python_gives_what_it_gives_compiled(monkeypatch):
         assert np.allclose(plain[name], compiled[name], rtol=1e-9, atol=1e-12, equal_nan=True), name
 
 
+def test_a_gain_may_have_any_name_that_numpy_uses_too(tmp_path, monkeypatch):
+    """In `gains.T`, T is the gain, compiled or not."""
+    names = ("T", "mean", "shape", "dtype", "view", "itemsize")
+    gains = "".join(f"    {name}: float = gain({k + 1}.0, '1', 'gain')\n" for k, name in enumerate(names))
+    body = "".join(f"        tau_cmd[{k}] = gains.{name}\n" for k, name in enumerate(names))
+    head = "@dataclass(frozen=True)\nclass Law(Controller):\n"
+    step = "    @staticmethod\n    def law(gains, state, signals, state_dot, tau_cmd):\n"
+    file = law_file(tmp_path, f"{head}{gains}{step}{body}")
+    scenario = Scenario.load("push_wall", {"simulation.duration": 0.002}, f"{file}:Law")
+    compiled = simulate(scenario)
+    assert compiled.notes == ()
+    monkeypatch.setenv(compilation.PLAIN, "1")
+    with pytest.warns(PlainPythonWarning, match=f"{compilation.PLAIN} is set"):
+        plain = simulate(scenario)
+    for trace in (compiled, plain):
+        assert (trace.tau_cmd == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]).all()
+
+
 def test_a_law_beyond_the_language_runs_and_says_why(tmp_path):
     body = one_liner("Odd", "tau_cmd[:] = eval('1.0') * signals.tau_nom")
     path = law_file(tmp_path, body)

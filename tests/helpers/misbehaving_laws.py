@@ -1,6 +1,6 @@
 """Laws that misbehave: for each, the text of a file with a class Law, and the required end of a run with it.
 
-``test_misbehaving_laws.py`` and ``scripts/misbehave.py`` use these data.
+:mod:`misbehaving_stages` adds other stages.
 """
 
 import textwrap
@@ -61,12 +61,14 @@ SIGNATURE = "    def law(gains, state, signals, state_dot, tau_cmd):\n"
 
 @dataclass(frozen=True)
 class Case:
-    """A file's text, the exit status of a run with its law, and a pattern of the message on standard error."""
+    """A file's text, the exit status of a run with its law, a pattern of the message on standard error, whether only
+    Ctrl-C ends it, and the scenario's table that takes the law or stage."""
 
     text: str
     status: int = 2
     said: str = ""
     endless: bool = False
+    table: str = "controller"
 
 
 def law(body: str) -> str:
@@ -301,6 +303,7 @@ def declarations() -> dict[str, Case]:
         "uses_truth: true": ("uses_truth = True", "yardstick"),
         "__post_init__: exits": ("def __post_init__(self):\n    sys.exit(3)", "SystemExit: 3"),
         "__post_init__: raises": ("def __post_init__(self):\n    raise Base('x')", "Base: x"),
+        "__post_init__: raises what has no text": ("def __post_init__(self):\n    raise Odd", "Law: Odd"),
         "__init__: raises": ("def __init__(self):\n    1 / 0", "ZeroDivisionError"),
         "label: a number": ("label = 3", "'label' is a method of every law"),
         "record: another": ("def record(self):\n    return 3", "'record' is a method of every law"),
@@ -358,6 +361,7 @@ def files() -> dict[str, Case]:
         "exits": (f"import sys\nsys.exit(0)\n{good}", "line 2: SystemExit"),
         "exits with a text": (f"raise SystemExit('bye')\n{good}", "SystemExit: bye"),
         "raises BaseException": (f"raise BaseException('x')\n{good}", "BaseException: x"),
+        "raises what has no text": (f"{good}\nraise Odd\n", "line \\d+: Odd"),
         "imports nothing": (f"import nowhere_at_all\n{good}", "ModuleNotFoundError"),
         "recurses": ("def f():\n    f()\nf()\n", "RecursionError"),
         "not a Controller": ("class Law:\n    pass\n", "no class"),

@@ -225,7 +225,6 @@ def test_a_users_stage_is_loaded_validated_and_written_back(tmp_path, table):
     ("old", "new", "said"),
     [
         ("radius: float", "label: float", "'label' is an attribute of every"),
-        ("radius: float", "T: float", "'T' is an attribute of NumPy's records; give the (setting|gain) another name"),
         (
             '    "',
             '    states = {"std": 1}\n    "',

@@ -10,6 +10,7 @@ from ..control.rest import SteadyState
 from ..control.task import tracking_errors
 from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from ..physics.frames import quat_turned, rotation_matrix, to_body
+from ..physics.kernels import record_of
 from ..physics.model import coefficients, model_wrenches
 from ..stages.signals import record_dtype
 from .setup import Setup
@@ -76,7 +77,7 @@ class RestingLaw:
         scenario = setup.scenario
         self.known, self.controller, self.task = known, scenario.controller, scenario.task
         self.model = SimpleNamespace(**coefficients(setup.nominal, setup.gravity_W, scenario.estimates))
-        self.signals = _record(np.zeros(1, record_dtype(type(self.controller).given())))
+        self.signals = record_of(np.zeros(1, record_dtype(type(self.controller).given())))
         design, impedance = setup.design, scenario.impedance
         constants = {"M_hat": design.M_hat, "M_d": design.M_d, "D_d": design.D_d, "K_d": impedance.K_d}
         K_f, F_d = impedance.at_end
@@ -86,7 +87,7 @@ class RestingLaw:
         for name, value in constants.items():
             self.signals[name] = value
         self.stages = [self.task, self.controller] if type(self.controller).uses_task else [self.controller]
-        self.settings = [_record(stage.record(setup)) for stage in self.stages]
+        self.settings = [record_of(stage.record(setup)) for stage in self.stages]
         self.sizes = [type(stage).state_size() for stage in self.stages]
         self.tau_cmd = np.zeros(6)
         self.at_rest, self.known_rest = self._settled(setup, np.asarray(rest.tau))
@@ -118,7 +119,7 @@ class RestingLaw:
             state, state_dot = type(stage).state_record(), type(stage).state_record()
             state.view("f8")[:size] = states[first : first + size]
             out = self.tau_cmd if stage is self.controller else signals
-            type(stage).function()(settings, _record(state), signals, _record(state_dot), out)
+            type(stage).function()(settings, record_of(state), signals, record_of(state_dot), out)
             own = state.view("f8")[:size] == states[first : first + size]
             rates.append(np.where(own, state_dot.view("f8")[:size], np.nan))
             first += size
@@ -168,7 +169,3 @@ def jacobian(function: Any, x: np.ndarray, steps: np.ndarray) -> np.ndarray:
     if not len(x):
         return np.zeros((len(function(x)), 0))
     return np.array([(function(x + e) - function(x - e)) / (2.0 * e.max()) for e in np.diag(steps)]).T
-
-
-def _record(array: np.ndarray) -> Any:
-    return array.view(np.recarray)[0]

@@ -15,4 +15,5 @@ It knows nothing of vehicles, stages or the loop. docs/language.md is its langua
 - :mod:`.lifetimes`: which memory an array has that a loop makes at each turn
 - :mod:`.function`: statements
 - :mod:`.unit`: one module of several functions
+- :mod:`.targets`: its machine code, also for other processors
 """

@@ -116,7 +116,11 @@ class Expressions(Indexing):
 
     def test(self, node: ast.expr) -> ir.Value:
         """A truth value."""
-        value = self.value(node)
+        if isinstance(node, ast.BoolOp):
+            return self._chain([partial(self.test, each) for each in node.values], isinstance(node.op, ast.And)).llvm[0]
+        return self._is_true(self.value(node))
+
+    def _is_true(self, value: Value) -> ir.Value:
         if value.kind.is_none or value.kind.items is not None:
             return FLAG(bool(value.kind.items))
         if value.kind.is_array and value.kind.sizes and value.kind.size == 1:
@@ -210,8 +214,23 @@ class Expressions(Indexing):
         return self.elementwise(lambda a, b: self.comparison(COMPARISONS[name], a, b), left, right)
 
     def _BoolOp(self, node: ast.BoolOp) -> Value:
-        parts = [partial(self.test, each) for each in node.values]
-        return self._chain(parts, isinstance(node.op, ast.And))
+        """The first operand that decides, or the last one, as in Python."""
+        found = []
+        for each in node.values:
+            value = self.value(each)
+            test = self._is_true(value) if each is not node.values[-1] else None
+            if test is None or isinstance(test, ir.Constant):
+                if test is None or bool(test.constant) != isinstance(node.op, ast.And):
+                    break
+                continue
+            decided, further = self.at.append_basic_block(), self.at.append_basic_block()
+            self.at.cbranch(test, *((further, decided) if isinstance(node.op, ast.And) else (decided, further)))
+            found.append((value, decided))
+            self.at.position_at_end(further)
+        if not found:
+            return value
+        found.append((value, self.at.block))
+        return self.merged(found, self.at.append_basic_block())
 
     def _chain(self, parts: Sequence[Callable[[], ir.Value]], is_and: bool) -> Value:
         """``and`` or ``or`` of tests that are evaluated only if they are reached."""

@@ -22,7 +22,9 @@ _COMPARED = dict(
         strict=True,
     )
 )
-_INTRINSICS = ("sqrt", "exp", "log", "sin", "cos", "floor", "ceil", "trunc", "rint", "fabs")
+_INSTRUCTIONS = ("sqrt", "floor", "ceil", "trunc", "rint", "fabs")
+"""Functions of the C library that processors have instructions for."""
+_INTRINSICS = (*_INSTRUCTIONS, "exp", "log", "sin", "cos")
 """Functions that LLVM knows by itself; all others are called by their names in C."""
 _LARGEST = 2.0**63
 
@@ -209,10 +211,10 @@ class Scalars(Emission):
     def c_function(self, name: str, values: Sequence[Value]) -> Value:
         """A function of the C library, of floats."""
         numbers = [self.float_of(value) for value in values]
-        if name in _INTRINSICS:
+        if name in (_INSTRUCTIONS if self.unit.library else _INTRINSICS):
             code = self.at.module.declare_intrinsic(f"llvm.{name}", [DOUBLE])
         else:
-            kind = ir.FunctionType(DOUBLE, [DOUBLE] * len(numbers))
+            name, kind = self.unit.library + name, ir.FunctionType(DOUBLE, [DOUBLE] * len(numbers))
             code = self.at.module.globals.get(name) or ir.Function(self.at.module, kind, name)
         return scalar(self.at.call(code, numbers), FLOAT)
 

@@ -49,6 +49,7 @@ class Unit:
         intrinsics: functions with code of their own, which get their arguments as integers.
         fused: functions in which, and in all that they call, a product and a sum may be rounded once.
         interrupted: writes code for a number that is not 0 if a user's loop shall end.
+        library: prefix of the target's names for the functions of the C library.
         frame: bytes of local arrays so far.
         files: the sources' files, by their number in the codes.
     """
@@ -58,6 +59,7 @@ class Unit:
     intrinsics: Mapping[Any, Intrinsic] = field(default_factory=dict)
     fused: Collection[Any] = ()
     interrupted: Callable[[ir.IRBuilder], ir.Value] | None = None
+    library: str = ""
 
     def __post_init__(self) -> None:
         self.module = ir.Module(self.name)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import InputError, shortened
+from ..errors import InputError, error_text, shortened
 from ..stages.base import Stage, base_of, is_shipped
 from .balance_terms import Balance
 from .base import Controller
@@ -100,7 +100,7 @@ def _ask(stage: Stage, name: str, setup: Any) -> Any:
             raise
         lines = [f"{Path(f.filename).name}, line {f.lineno}" for f in traceback.extract_tb(error.__traceback__)[1:]]
         where = f"{lines[0]}: " if lines else ""
-        raise _TheoryError(f"{stage.label()}.{name} failed: {where}{type(error).__name__}: {error}") from None
+        raise _TheoryError(f"{stage.label()}.{name} failed: {where}{error_text(error)}") from None
 
 
 def _weak(setup: Any, force: float) -> str:

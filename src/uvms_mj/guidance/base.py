@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import Fault, InputError, shortened
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
-from ..physics.kernels import kernel
+from ..physics.kernels import kernel, record_of
 from ..quantities import Angles
 from ..stages.base import Room, Stage, is_shipped, random_key, shared
 from ..stages.signals import CLOCK, KNOWN, REFERENCE, record_dtype
@@ -82,7 +82,9 @@ class Guidance(Stage):
         try:
             with np.errstate(all="ignore"), contextlib.redirect_stdout(io.StringIO()):
                 found = samples(self, setup, [round(t / period) for t in times.tolist()])
-        except (Exception, SystemExit):  # a user's function may raise anything
+        except KeyboardInterrupt:
+            raise
+        except BaseException:  # a user's function may raise anything
             return "the way of the reference is not known before the run"
         if not (np.isfinite(found["p_d"]).all() and np.isfinite(found["quat_d"]).all()):
             return "the way of the reference is not known before the run"
@@ -113,7 +115,9 @@ def _trial_notes(stage: Guidance, setup: Any) -> list[str]:
     try:
         with np.errstate(all="ignore"), contextlib.redirect_stdout(io.StringIO()):
             return [*start_notes(stage, setup), *_rate_notes(stage, setup)]
-    except (Exception, SystemExit):  # a user's function may raise anything
+    except KeyboardInterrupt:
+        raise
+    except BaseException:  # a user's function may raise anything
         return []
 
 
@@ -137,7 +141,7 @@ def samples(stage: Guidance, setup: Any, instants: Sequence[int]) -> np.ndarray:
     """The references (k,) that a stage without states sets at instants, as plain Python, while the vehicle stays at its
     initial pose. What the stage leaves unset is nan."""
     initial, period = setup.initial, stage.period or setup.scenario.control_period
-    settings, given = stage.record(setup).view(np.recarray)[0], np.zeros(1, record_dtype(CLOCK + KNOWN))
+    settings, given = record_of(stage.record(setup)), np.zeros(1, record_dtype(CLOCK + KNOWN))
     given["p_WB"], given["quat_WB"] = initial.position, quat_from_euler_deg(*initial.attitude_deg)
     given["R_WB"], given["period"] = rotation_matrix(given["quat_WB"][0]), period
     given["key"] = random_key(setup.scenario.simulation.seed, stage)
@@ -147,7 +151,7 @@ def samples(stage: Guidance, setup: Any, instants: Sequence[int]) -> np.ndarray:
     function, found = stage.function(), np.zeros(len(instants), _REFERENCES)
     for k, instant in enumerate(instants):
         given["t"], given["instant"] = instant * period, instant
-        function(settings, None, given.view(np.recarray)[0], None, out.view(np.recarray)[0])
+        function(settings, None, record_of(given), None, record_of(out))
         found[k] = out[0]
     return found
 

@@ -1,7 +1,9 @@
 """Pure functions that can run as machine code."""
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
+
+import numpy as np
 
 Function = TypeVar("Function", bound=Callable)
 
@@ -17,6 +19,23 @@ def kernel(function: Function) -> Function:
     """
     kernels.append(function)
     return function
+
+
+class Record(np.record):  # type: ignore[misc]  # NumPy's stubs have it as Any
+    """A record as the compiler has it: its fields come before the attributes of NumPy's records, such as ``mean``."""
+
+    def __getattribute__(self, name: str) -> Any:
+        dtype = np.void.__getattribute__(self, "dtype")
+        if name not in (dtype.names or ()):
+            return super().__getattribute__(name)
+        value = self[name]
+        base = value.dtype
+        return value.view(np.dtype((Record, base))) if base.names and base.type is not Record else value
+
+
+def record_of(array: np.ndarray) -> Any:
+    """The record in an array (1,) of records, as kernels and stages have it in plain Python."""
+    return array.view(np.dtype((Record, array.dtype)))[0]
 
 
 fused_kernels: set[Callable] = set()

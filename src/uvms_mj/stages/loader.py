@@ -10,7 +10,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Generic, TypeVar
 
-from ..errors import Fault, InputError, suggestion
+from ..errors import Fault, InputError, error_text, suggestion
 from .base import Stage, is_shipped, setting
 from .contract import check_contract
 from .signals import OWN_UNIT
@@ -189,7 +189,7 @@ def stage_of(
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # a user's __post_init__ may raise anything, also SystemExit
-        raise InputError([*faults, Fault(table, f"{cls.label()}: {type(error).__name__}: {error}")]) from error
+        raise InputError([*faults, Fault(table, f"{cls.label()}: {error_text(error)}")]) from error
     if faults:
         raise InputError(faults)
     return stage
@@ -255,8 +255,9 @@ def load_file(path: Path, key: str) -> ModuleType:
         frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
         line = frames[-1].lineno if frames else getattr(error, "lineno", None)
         where = f"{path.name}, line {line}" if line else path.name
-        hint = next((f"; {what}" for sign, what in _HINTS.items() if sign in str(error)), "")
-        raise InputError([Fault(key, f"{where}: {type(error).__name__}: {error}{hint}")]) from error
+        text = error_text(error)
+        hint = next((f"; {what}" for sign, what in _HINTS.items() if sign in text), "")
+        raise InputError([Fault(key, f"{where}: {text}{hint}")]) from error
     finally:
         sys.dont_write_bytecode = before
     return module

@@ -22,7 +22,7 @@ from ..analysis.summary import ending, numbers
 from ..engine.engines import refusals
 from ..engine.run import LawError, SinkError, simulate
 from ..engine.simulation import Simulation
-from ..errors import InputError
+from ..errors import InputError, error_text
 from ..plant.mjcf import Mjcf
 from ..records.header import Sink, Status
 from ..records.mcap import McapLog
@@ -102,10 +102,10 @@ def one_row(plan: "Plan", index: int, engine: str = "", sinks: tuple[Sink, ...] 
         row |= {"status": "timed_out", "message": late, "steps": None, "warnings": None}
     except LawError as error:
         row |= {"status": "failed", "message": str(error), "steps": error.trace.steps}
-    except (Exception, SystemExit) as error:  # of a user's metric, or of this package: the other runs go on
+    except BaseException as error:  # of a user's metric, or of this package: the other runs go on
         if sinks and isinstance(error, SinkError | OSError):
             raise
-        row |= {"status": "failed", "message": f"{type(error).__name__}: {error}", "success": False}
+        row |= {"status": "failed", "message": error_text(error), "success": False}
     return row
 
 

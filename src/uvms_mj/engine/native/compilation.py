@@ -18,6 +18,7 @@ from typing import Any
 import llvmlite.binding as llvm
 import numpy as np
 
+from ...compiler.targets import optimize
 from .memory import at_address
 from .objects import keep, link, load, object_name, target_machine
 
@@ -25,6 +26,7 @@ PLAIN = "UVMS_MJ_PLAIN"
 """Environment variable for debugging: if it is set, every stage and kernel runs as plain Python."""
 _STAGE = "uvms_mj_stage"
 _lock = threading.RLock()
+Known = Mapping[tuple[np.dtype, str], int]
 
 
 @dataclass(frozen=True)
@@ -126,11 +128,7 @@ def _compiled(text: str, name: str, entries: list[str]) -> tuple[int, ...]:
     """Compile a module, keep its object on disk and return the addresses of its functions."""
     machine = target_machine()
     module = llvm.parse_assembly(text)
-    module.triple, module.data_layout = llvm.get_process_triple(), str(machine.target_data)
-    module.verify()
-    tuning = llvm.create_pipeline_tuning_options(speed_level=3)  # without vectors of neighbours, which cost a tenth
-    passes = llvm.create_pass_builder(machine, tuning)
-    passes.getModulePassManager().run(module, passes)
+    optimize(module, machine, llvm.get_process_triple())
     code = machine.emit_object(module)
     symbols = (*module.functions, *module.global_variables)
     externals = [each.name for each in symbols if each.is_declaration and not each.name.startswith("llvm.")]

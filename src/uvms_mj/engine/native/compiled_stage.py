@@ -8,7 +8,7 @@ import numpy as np
 from ...compiler.codes import CONVERSION, DIVISION, INDEX, RAISED, STOPPED, place
 from ...errors import InputError
 from ...stages.base import Stage, is_shipped, packs_itself
-from .compilation import NativeFunction, NotCompiled, native_function, plain_python
+from .compilation import PLAIN, NativeFunction, NotCompiled, native_function, plain_python
 from .image import Field, Image
 from .memory import at_address
 from .own_memory import OwnMemory, layout
@@ -40,7 +40,7 @@ class CompiledStage:
         self.shapes = {name: settings.dtype[name].shape for name in settings.dtype.names or () if name != "_"}
         self.users = not is_shipped(stage)
         self._fused = fused
-        self._kinds = settings.dtype, run if state is None else state.dtype, given.dtype, out.dtype
+        self.kinds = settings.dtype, run if state is None else state.dtype, given.dtype, out.dtype
         self.code, self.not_compiled = None, ""
         try:
             self.code = self._compiled()
@@ -53,7 +53,7 @@ class CompiledStage:
         """The records of the stage behind the record of the run."""
         own = [(name, each.dtype) for name, each in self._start.items()]
         own += [("state_dot", self._start["state"].dtype)] if "state" in self._start else []
-        own += [("own", layout(*self._kinds))] if self.apart and "state" in self._start else []
+        own += [("own", layout(*self.kinds))] if self.apart and "state" in self._start else []
         return np.dtype(own, align=True)
 
     def bind(self, image: Image, record: np.ndarray) -> None:
@@ -75,10 +75,10 @@ class CompiledStage:
         """The machine code. Raises InputError if the stage is wrong, and NotCompiled if the language lacks what it
         uses."""
         function = type(self.stage).function()
-        kinds = self._kinds
+        kinds = self.kinds
         if not self.users:
             if plain_python():
-                raise NotCompiled("all of it does")
+                raise NotCompiled(f"{PLAIN} is set")
             return native_function(function, [*kinds[:3], kinds[1], kinds[3]], self._fused)
         from ...compiler.refusals import Mistake
 
@@ -113,7 +113,7 @@ class CompiledStage:
     def _on_the_run(self) -> None:
         """Run a shipped stage that works on the whole record of the run as plain Python."""
         places = (self.settings, self.state, self.given, self.state_dot, self.out)
-        kinds = (*self._kinds[:3], self._kinds[1], self._kinds[3])
+        kinds = (*self.kinds[:3], self.kinds[1], self.kinds[3])
         words = (int(each.ctypes.data) for each in places)
         type(self.stage).function()(*(at_address(word, kind) for word, kind in zip(words, kinds, strict=True)))
 

@@ -1,7 +1,7 @@
 """Machine code for the functions of :mod:`.memory`. Imported only when something has to be compiled."""
 
 import types
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -35,10 +35,8 @@ def _record(dtype: np.dtype, readonly: str = ""):
 
 def _external(builder: ir.IRBuilder, name: str, returns: ir.Type, *given: ir.Value) -> ir.Value:
     """A call of a C function."""
-    code = builder.module.globals.get(name) or ir.Function(
-        builder.module, ir.FunctionType(returns, [value.type for value in given]), name
-    )
-    return builder.call(code, given)
+    kind = ir.FunctionType(returns, [value.type for value in given])
+    return builder.call(_declared(builder.module, kind, name), given)
 
 
 def _mj_factorM(builder: ir.IRBuilder, arguments: Sequence[ir.Value]) -> None:
@@ -86,19 +84,62 @@ INTRINSICS: dict[Any, Intrinsic] = {
 }
 
 
-def kernel_module(parts: Mapping[str, tuple[types.FunctionType, Sequence[np.dtype]]], fused: bool = False) -> ir.Module:
-    """The module of functions of the package, which are trusted, by their symbols, each with its parameters."""
-    unit = Unit("kernels", intrinsics=INTRINSICS, fused=fused_kernels if fused else ())
+def call_linked(symbols: Sequence[str]) -> Intrinsic:
+    """Calls of stages that are linked into the same module, where a stage's ``code_at`` is its number, 1 for the first
+    symbol. Processors without a common memory have no address of a stage."""
+
+    def generate(builder, arguments):
+        number, *addresses = arguments
+        kind = ir.FunctionType(WORD, [WORD] * len(addresses))
+        start, end, results = builder.block, builder.append_basic_block(), []
+        for symbol in symbols:
+            block = builder.append_basic_block()
+            builder.position_at_end(block)
+            results.append((builder.call(_declared(builder.module, kind, symbol), addresses), block))
+            builder.branch(end)
+        builder.position_at_end(start)
+        choice = builder.switch(number, end)
+        for k, (_, block) in enumerate(results):
+            choice.add_case(WORD(k + 1), block)
+        builder.position_at_end(end)
+        wrong = builder.phi(WORD)
+        for result, block in [*results, (WORD(0), start)]:
+            wrong.add_incoming(result, block)
+        return scalar(wrong, INT)
+
+    return generate
+
+
+def _declared(module: ir.Module, kind: ir.FunctionType, name: str) -> ir.Function:
+    return module.globals.get(name) or ir.Function(module, kind, name)
+
+
+def kernel_module(
+    parts: Mapping[str, tuple[types.FunctionType, Sequence[np.dtype]]],
+    fused: bool = False,
+    linked: Sequence[str] = (),
+    library: str = "",
+) -> ir.Module:
+    """The module of functions of the package, which are trusted, by their symbols, each with its parameters. Stages are
+    called by their addresses, or by their number among the symbols ``linked``. ``library`` as in
+    :class:`uvms_mj.compiler.unit.Unit`."""
+    calls = {memory.call_code: call_linked(linked)} if linked else {}
+    unit = Unit("kernels", intrinsics=INTRINSICS | calls, fused=fused_kernels if fused else (), library=library)
     for symbol, (function, parameters) in parts.items():
         translate(unit, function, parameters, symbol)
     return unit.module
 
 
 def stage_module(
-    function: types.FunctionType, records: Mapping[Any, tuple[np.dtype, str]], name: str
+    function: types.FunctionType,
+    records: Mapping[Any, tuple[np.dtype, str]],
+    name: str,
+    interrupted: Callable[[ir.IRBuilder], ir.Value] | None = signalled,
+    library: str = "",
 ) -> tuple[str, list[str]]:
-    """The module of a user's stage, which is checked, as LLVM's text, and its source files."""
+    """The module of a user's stage, which is checked, as LLVM's text, and its source files. ``interrupted`` as in
+    :class:`uvms_mj.compiler.unit.Unit`."""
     readers = {reader: _record(*kind) for reader, kind in records.items()}
-    unit = Unit(name, True, INTRINSICS | readers, (), signalled)
+    unit = Unit(name, True, INTRINSICS | readers, (), interrupted, library)
     translate(unit, function, [INT] * 5, name)
     return str(unit.module), unit.files

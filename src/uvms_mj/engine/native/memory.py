@@ -10,6 +10,8 @@ import llvmlite.binding as llvm
 import mujoco
 import numpy as np
 
+from ...physics.kernels import Record
+
 CAPACITY = 1024
 """Rows of the registry: one more than the number of vehicles that a process can have attached at once."""
 
@@ -61,18 +63,6 @@ def triples(address: int, n: int) -> np.ndarray:
 def integers(address: int, n: int) -> np.ndarray:
     """The n int64 numbers at an address."""
     return np.ctypeslib.as_array((ctypes.c_int64 * n).from_address(int(address)))
-
-
-class Record(np.record):  # type: ignore[misc]  # NumPy's stubs have it as Any
-    """A record as the compiler has it: its fields come before the attributes of NumPy's records, such as ``mean``."""
-
-    def __getattribute__(self, name: str) -> Any:
-        dtype = np.void.__getattribute__(self, "dtype")
-        if name not in (dtype.names or ()):
-            return super().__getattribute__(name)
-        value = self[name]
-        base = value.dtype
-        return value.view(np.dtype((Record, base))) if base.names and base.type is not Record else value
 
 
 def _reader(dtype: np.dtype) -> Callable[[int], Any]:

@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from ...errors import error_text
+from ...physics.kernels import Record
 from ...stages.base import Stage, is_shipped
 from ...stages.contract import field_suggestion
 from .own_memory import OwnMemory
@@ -22,7 +24,7 @@ class StageFault(Exception):
     """A stage raised or violated its contract. The message names the stage and, where it is known, the line."""
 
 
-class _Record(np.record):  # type: ignore[misc]  # NumPy's stubs have it as Any
+class _Record(Record):  # type: ignore[misc]  # NumPy's stubs have its base as Any
     """A record that suggests a field's name when an unknown one is read."""
 
     def __getattr__(self, name: str) -> Any:
@@ -87,7 +89,7 @@ class PlainStage:
 
     def _raised(self, error: BaseException, fault: str = "") -> str:
         frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename == self._file]
-        what = f"{self.who} {fault or f'raised {_named_error(error)}'}"
+        what = f"{self.who} {fault or f'raised {error_text(error)}'}"
         if not frames:
             return what
         last = frames[-1]
@@ -106,14 +108,6 @@ def _argument(name: str, array: np.ndarray) -> Any:
     if array.dtype.names is None:
         return array
     return array.view(np.dtype((type(name, (_Record,), {}), array.dtype)))[0]
-
-
-def _named_error(error: BaseException) -> str:
-    try:
-        text = " ".join(str(error).split())
-    except Exception:  # a user's exception may fail in __str__
-        text = ""
-    return f"{type(error).__name__}: {text[:300]}" if text else type(error).__name__
 
 
 def _without_numba(function: Any, seen: dict[int, Any] | None = None) -> Any:
@@ -175,8 +169,11 @@ def _first_not_finite(file: str) -> Iterator[dict[str, str]]:
 
 
 def _finite(value: Any) -> bool:
+    """Whether a local variable is finite, as far as the stage has made it: an infinite limit may be given to it."""
     if isinstance(value, float):
         return math.isfinite(value)
+    if isinstance(value, np.void | np.ndarray) and not value.flags.writeable:
+        return True
     if isinstance(value, np.void):
         return all(_finite(value[name]) for name in value.dtype.names or ())
     if isinstance(value, np.ndarray) and value.dtype.kind == "f" and value.size <= 10_000:

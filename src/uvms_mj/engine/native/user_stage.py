@@ -76,6 +76,14 @@ def compile_user_stage(
     It returns 0, or the number that says why and where it ended early; then states and output are as before. Raises
     Mistake if the stage is wrong, and NotCompiled if the language lacks what it uses.
     """
+    return native_stage(*between_copies(stage, room, kinds))
+
+
+def between_copies(
+    stage: types.FunctionType, room: Room, kinds: tuple[np.dtype, np.dtype, np.dtype, np.dtype]
+) -> tuple[types.FunctionType, dict[Any, tuple[np.dtype, str]]]:
+    """The function of :func:`compile_user_stage` before it is compiled, and the functions in it that stand for the
+    record at an address, each with its dtype and why it can't be changed."""
     its_settings, state, given, out = kinds
     at: Any = layout(*kinds).fields
     places: Any = out.fields or {}
@@ -99,7 +107,7 @@ def compile_user_stage(
     }
     readers = {name: _reader(name) for name in records}
     call = types.FunctionType(_call.__code__, globals() | names | readers, _call.__name__)
-    return native_stage(call, {readers[name]: records[name] for name in records})
+    return call, {readers[name]: records[name] for name in records}
 
 
 def _reader(name: str) -> Any:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...analysis.summary import METRICS
-from ...errors import Fault, InputError, suggestion
+from ...errors import Fault, InputError, shortened, suggestion
 from ...files import is_file
 from ...stages.loader import load_file
 from ...stages.signals import AXES
@@ -147,7 +147,9 @@ def _number(column: str, value: Any) -> float | None:
     try:
         number = float(value)
     except (TypeError, ValueError):
-        raise TypeError(f"metric {column}: {value!r} is not a number; return a number or a dict of numbers") from None
+        raise TypeError(
+            f"metric {column}: {shortened(value)} is not a number; return a number or a dict of numbers"
+        ) from None
     return None if math.isnan(number) else number
 
 

@@ -1,6 +1,6 @@
-"""Laws that misbehave: each run ends with a message that names the law, and the samples up to then are correct.
+"""Stages that misbehave: each run ends with a message that names the stage, and the samples up to then are correct.
 
-These tests run a few laws of each kind, most of them in this process. ``scripts/misbehave.py`` runs all of them, each
+These tests run a few of each kind, most of them in this process. ``scripts/misbehave.py`` runs all of them, each
 in a separate process.
 """
 
@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from misbehave import trouble
-from misbehaving_laws import SET, cases, law
+from misbehaving_laws import SET, law
+from misbehaving_stages import cases
 from uvms_mj import InputError, LawError, McapLog, Scenario, Trace, simulate
 from uvms_mj.records.header import Status
 
@@ -32,13 +33,18 @@ HERE = [
     "memory: np.zeros(1 << 45)",
     *(name for name in ALL if name.startswith("declarations: ")),
     *(name for name in ALL if name.startswith("files: ")),
+    "navigation: matrix",
+    "reference: root",
+    "observer: setting",
+    "thrusters: late index",
+    "actuation: root",
 ]
-APART = ["exceptions: exit", "numbers: too large", "endless: while", "endless: plain Python"]
+APART = ["exceptions: exit", "numbers: too large", "endless: while", "endless: plain Python", "metrics: base"]
 
 
-def scenario(tmp_path, text, name="my_law.py"):
+def scenario(tmp_path, text, name="my_law.py", table="controller"):
     (tmp_path / name).write_text(text)
-    return Scenario.load("push_wall", {"simulation.duration": 0.05}, f"{tmp_path / name}:Law")
+    return Scenario.load("push_wall", {"simulation.duration": 0.05, f"{table}.name": f"{tmp_path / name}:Law"})
 
 
 @pytest.fixture(scope="module")
@@ -50,16 +56,18 @@ def quiet_run(tmp_path_factory):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", HERE)
 @pytest.mark.filterwarnings("ignore::uvms_mj.engine.run.PlainPythonWarning")
-def test_a_law_that_misbehaves_is_named_with_what_it_did(tmp_path, quiet_run, name):
+def test_a_stage_that_misbehaves_is_named_with_what_it_did(tmp_path, quiet_run, name):
     case, log = ALL[name], tmp_path / "run.mcap"
     with pytest.raises((InputError, LawError)) as caught:
-        simulate(scenario(tmp_path, case.text), sinks=[McapLog(log)])
+        simulate(scenario(tmp_path, case.text, table=case.table), sinks=[McapLog(log)])
     assert re.search(case.said, str(caught.value))
     if isinstance(caught.value, LawError):
         assert caught.value.trace.status is Status.failed
         trace = Trace.load(log)
         assert trace.status is Status.failed
         assert trace.message == str(caught.value)
+        if case.table != "controller":
+            return
         for each in ("p_WB", "nu", "tau", "tau_cmd"):  # equal to the run of a law without the mistake
             assert np.array_equal(trace[each], quiet_run[each][: len(trace)]), each
 

@@ -1,0 +1,46 @@
+"""The closed loop of free_body for another processor: one module with its stages."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import llvmlite.binding as llvm
+
+from ...compiler.targets import Target
+from ...compiler.values import INT
+from .compiled_stage import CompiledStage
+from .free_body import free_steps
+from .intrinsics import kernel_module, stage_module
+from .record import Shape, run_dtype, with_numbers
+from .user_stage import between_copies
+
+STEPS = "uvms_mj_free_steps"
+"""The symbol of :func:`.free_body.free_steps`: a function of three 64-bit integers that returns one. The
+first is the address of the record of a run, which has it in ``address``, too."""
+
+
+def loop_for(target: Target, shape: Shape, stages: Sequence[CompiledStage]) -> bytes:
+    """The loop for runs of a shape with these stages, as an object file or as text.
+
+    It uses no symbol besides functions of the C library. The ``code_at`` of a stage's record is its number, 1 for the
+    first. Nobody can interrupt an endless loop of a user's stage. Raises Untranslatable if the language lacks what a
+    stage uses.
+    """
+    symbols = [f"uvms_mj_stage_{k}" for k in range(1, len(stages) + 1)]
+    kernels: dict[str, Any] = {}
+    users = []
+    for symbol, stage in zip(symbols, stages, strict=True):
+        function = type(stage.stage).function()
+        if stage.users:
+            parts = between_copies(function, stage.stage.room, stage.kinds)
+            users.append(stage_module(*parts, symbol, interrupted=None, library=target.library)[0])
+        else:
+            settings, state, given, out = stage.kinds
+            kernels[symbol] = function, [settings, state, given, state, out]
+    kernels[STEPS] = free_steps, [with_numbers(run_dtype(shape)), INT, INT]  # after the stages that it calls
+    module = llvm.parse_assembly(str(kernel_module(kernels, linked=symbols, library=target.library)))
+    for text in users:
+        module.link_in(llvm.parse_assembly(text))
+    for function in module.functions:
+        if not function.is_declaration and function.name != STEPS:
+            function.linkage = "internal"
+    return target.code(module)
