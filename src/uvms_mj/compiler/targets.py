@@ -33,10 +33,6 @@ class Target:
         return machine.emit_assembly(module).encode() if self.assembly else machine.emit_object(module)
 
 
-INLINED = 600
-"""Largest cost of a function that is copied to its callers, as LLVM counts it. With LLVM's own 225 a step of free_body
-takes a tenth longer, since the functions that entry points of one module share are not copied."""
-
 PTX = Target("nvptx64-nvidia-cuda", "sm_90", "+ptx80", assembly=True, library="__nv_")
 WASM = Target("wasm32-unknown-unknown")
 AARCH64 = Target("aarch64-unknown-linux-gnu")
@@ -47,6 +43,5 @@ def optimize(module: llvm.ModuleRef, machine: llvm.TargetMachine, triple: str) -
     module.triple, module.data_layout = triple, str(machine.target_data)
     module.verify()
     tuning = llvm.create_pipeline_tuning_options(speed_level=3)  # without vectors of neighbours, which cost a tenth
-    tuning.inlining_threshold = INLINED
     passes = llvm.create_pass_builder(machine, tuning)
     passes.getModulePassManager().run(module, passes)

@@ -97,4 +97,5 @@ def frozen_clock() -> np.ndarray:
 
 def call_code(function: int, *words: int) -> int:
     """Call machine code by its address with 64-bit integers; what it returns."""
-    return ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * len(words))(function)(*words)
+    kind = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * len(words))
+    return kind(int(function))(*map(int, words))
