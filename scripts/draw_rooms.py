@@ -40,7 +40,8 @@ SUBJECTS = {
     "envs": "dm_env, Gymnasium",
     "engine": "runs it: Simulation, machine code",
     "views": "what is seen: figures, Rerun",
-    "analysis": "numbers from scenarios and traces: Setup, metrics",
+    "analysis": "numbers from traces: metrics, summary",
+    "setup": "a run before its first step: Setup, checks",
     "records": "what is kept: Trace, logs, export",
     "scenario": "all inputs of a run",
     "guidance": "what is wanted",
@@ -99,7 +100,7 @@ def way(ax: Axes, heights: dict[str, float], left: float) -> None:
     """Draw the way of a scenario: to the right in time, at the height of the room where it happens."""
     stations = [
         ("scenario", "1", "TOML becomes\na Scenario", "below"),
-        ("analysis", "2", "Setup: plant\nand design ", "left"),
+        ("setup", "2", "Setup: plant\nand design ", "left"),
         ("engine", "3", "Simulation: steps,\nrows", "above"),
         ("records", "4", "rows become\na Trace, a log", "below"),
         ("analysis", "5", "metrics,\nclaims", "right"),

@@ -248,7 +248,7 @@ def test_without_nominal_control_the_thrust_is_nearly_the_same(paper_run):
         ("gsta", {"controller.k_2": 0.0}, "k_2"),
     ],
 )
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 def test_where_no_closed_form_holds_none_is_given(law, overrides, reason):
     analytic = simulate(Scenario.load("push_wall", {**overrides, "simulation.duration": 0.01}, law)).analytic
     assert isinstance(analytic, NoClosedForm)

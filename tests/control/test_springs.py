@@ -3,10 +3,10 @@
 import numpy as np
 
 from uvms_mj import Scenario
-from uvms_mj.analysis.setup import set_up
 from uvms_mj.control.springs import Springs
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.physics.pairs import pair_force
+from uvms_mj.setup.base import set_up
 
 ROUND = [
     {"shape": "sphere", "radius": 0.3, "position": [1.0, 0.0, 0.0], "stiffness": 1e4},

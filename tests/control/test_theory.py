@@ -17,14 +17,14 @@ from click.testing import CliRunner
 
 from uvms_mj import Gsta, McapLog, Scenario, Trace, simulate
 from uvms_mj.analysis.metrics import final_force
-from uvms_mj.analysis.sampling import SamplingWarning, warnings_of
-from uvms_mj.analysis.setup import set_up
 from uvms_mj.analysis.summary import summary
 from uvms_mj.cli.certify import certify
 from uvms_mj.cli.run import run
 from uvms_mj.control import theory
 from uvms_mj.control.rest import NoClosedForm, SteadyState
 from uvms_mj.control.theory import TheoryWarning
+from uvms_mj.setup.base import set_up
+from uvms_mj.setup.checks import SamplingWarning, warnings_of
 from uvms_mj.views.figures import contact
 
 ROOT = Path(__file__).parents[2]

@@ -6,9 +6,9 @@ import pytest
 import sweep_rests
 from law_files import law_file, one_liner
 from uvms_mj import Scenario, simulate
-from uvms_mj.analysis.setup import set_up
 from uvms_mj.control.rest import NoClosedForm, SteadyState
 from uvms_mj.control.theory import steady_state
+from uvms_mj.setup.base import set_up
 
 QUICK = {"simulation.timestep": 1e-3}
 BALL = {"shape": "sphere", "radius": 0.15, "stiffness": 2e4, "position": [1.5, 0.002, 0.0]}

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from uvms_mj import InputError, Scenario, Simulation, simulate
 from uvms_mj.analysis.residual import impedance_error
-from uvms_mj.analysis.setup import set_up
+from uvms_mj.setup.base import set_up
 from uvms_mj.stages.signals import CLOCK, KNOWN, REFERENCE, record_dtype
 
 POSES = [

@@ -3,8 +3,8 @@
 import pytest
 
 from uvms_mj import Scenario
-from uvms_mj.analysis.sampling import warnings_of
-from uvms_mj.analysis.setup import set_up
+from uvms_mj.setup.base import set_up
+from uvms_mj.setup.checks import warnings_of
 
 HEADER = """
 import math

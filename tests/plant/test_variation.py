@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from uvms_mj import InputError, McapLog, Scenario, Simulation, Trace, simulate
-from uvms_mj.analysis.setup import set_up
 from uvms_mj.control.fosm import Fosm, boundary_layer_limit
 from uvms_mj.control.super_twisting import bouncing_growth
 from uvms_mj.plant.mjcf import Mjcf
 from uvms_mj.plant.settings import VehicleChoice
 from uvms_mj.plant.variation import varied
+from uvms_mj.setup.base import set_up
 from vehicles import random_parameters, vehicle_xml
 
 OFFSETS = [[0.02, 0.01, -0.01], [0.0, 0.02, 0.01], [-0.02, 0.0, 0.02], *[[0.0, 0.0, 0.0]] * 3]

@@ -11,13 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from uvms_mj import Gsta, InputError, Scenario, Simulation, simulate
 from uvms_mj.actuation import Actuation, PseudoInverse
-from uvms_mj.analysis.setup import set_up
 from uvms_mj.control import External, Ideal, ImpedanceTask
 from uvms_mj.control.task import tracking_errors
 from uvms_mj.guidance import FilteredSteps, Guidance, hold
 from uvms_mj.guidance.filtered_steps import MOST_WAYPOINTS
 from uvms_mj.navigation import Navigation, Perfect
 from uvms_mj.scenario import STAGES
+from uvms_mj.setup.base import set_up
 from uvms_mj.stages.base import is_shipped
 from uvms_mj.stages.loader import table_of
 from uvms_mj.stages.signals import (

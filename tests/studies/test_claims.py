@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from uvms_mj import Gsta, Scenario, Trace, simulate
-from uvms_mj.analysis.sampling import SamplingWarning
+from uvms_mj.setup.checks import SamplingWarning
 from uvms_mj.stages.signals import BAND
 from uvms_mj.studies.pages import number
 from uvms_mj.studies.paper import report

@@ -12,9 +12,9 @@ from command import no_constants
 from pages import complete_by_itself
 from synthetic_study import frame_of
 from uvms_mj import InputError
-from uvms_mj.analysis.setup import set_up
 from uvms_mj.cli.practicality import practicality
 from uvms_mj.files import shipped
+from uvms_mj.setup.base import set_up
 from uvms_mj.studies.practicality.axes import AXES, LAWS, MAPS, RETUNED, STEPS, step_label
 from uvms_mj.studies.practicality.claims import judge
 from uvms_mj.studies.practicality.plans import DEMANDED, METRICS, STEPS_NAME, plans

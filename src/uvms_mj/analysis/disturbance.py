@@ -12,7 +12,7 @@ from ..physics.frames import rotation_matrix, to_body
 from ..physics.model import accelerated_frame, coefficients, model_wrenches
 from ..records.header import Status
 from ..records.trace import Trace
-from .setup import Setup, set_up
+from ..setup.base import Setup, set_up
 
 ROWS_S = 1.5e-3
 """Rows further apart than this may miss the largest rate of a disturbance, unless the log has every step [s]."""

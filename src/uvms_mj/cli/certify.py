@@ -77,9 +77,9 @@ def _load(
 
 def _certificate(scenario: "Scenario", trace: "Trace | None") -> "Certificate":
     """The certificate of the law. Raises InputError if the law has none."""
-    from ..analysis.setup import set_up
     from ..control import theory
     from ..errors import InputError
+    from ..setup.base import set_up
     from ..stages.loader import Recorded
 
     law = scenario.controller

@@ -22,7 +22,7 @@ class ForceAge:
 
     @classmethod
     def of(cls, setup: Any) -> "ForceAge":
-        """The chain of a run, from its :class:`uvms_mj.analysis.setup.Setup`."""
+        """The chain of a run, from its :class:`uvms_mj.setup.base.Setup`."""
         scenario = setup.scenario
         h, control = scenario.simulation.timestep, scenario.control_period
         observed = scenario.observer.runs

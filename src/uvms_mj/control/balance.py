@@ -83,7 +83,7 @@ def static_balance(
     """The vehicle at rest under a law that is the nominal control minus M_hat (A + K) s near rest.
 
     Args:
-        setup: the run's :class:`uvms_mj.analysis.setup.Setup`.
+        setup: the run's :class:`uvms_mj.setup.base.Setup`.
         K: slope of the law over s [1/s]; infinite for a law that integrates, so that s is zero at rest. With a
             residual, only whether it is infinite counts: whether the law balances any constant wrench.
         residual: the six equations of another law, from the balance and a pose (6,), in place of the ones above:

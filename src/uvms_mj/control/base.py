@@ -77,7 +77,7 @@ class Controller(Stage):
         """Theory of the law: the vehicle at rest at the end of the run. A law may override it.
 
         It gives the pushing force on the wall [N], the whole state, or a text with the reason why there is no closed
-        form, from the run's :class:`uvms_mj.analysis.setup.Setup`: scenario, vehicle, design, task, gravity_W.
+        form, from the run's :class:`uvms_mj.setup.base.Setup`: scenario, vehicle, design, task, gravity_W.
         """
         return "no closed form is known for this law"
 

@@ -20,7 +20,7 @@ class Delivery:
     """The map from tau_cmd to tau at rest, within the thrusters' limits.
 
     Attributes:
-        setup: the run's :class:`uvms_mj.analysis.setup.Setup`, with its allocation and its thrusters.
+        setup: the run's :class:`uvms_mj.setup.base.Setup`, with its allocation and its thrusters.
         inverse: (n, 6) of the allocation.
         static: :class:`uvms_mj.actuation.thrusters.Static`.
         T: (6, 6), with gains of one if the static curve is not a gain.

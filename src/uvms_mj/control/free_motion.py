@@ -84,7 +84,7 @@ class FreeMotion:
     :class:`.approach.Motion` of q (n,).
 
     Args:
-        setup: the run's :class:`uvms_mj.analysis.setup.Setup`; its joint interface obeys torques.
+        setup: the run's :class:`uvms_mj.setup.base.Setup`; its joint interface obeys torques.
         delivery: what the thrusters make of a commanded wrench.
         track: of the frame of the task.
     """

@@ -1,6 +1,6 @@
 """Limits of a sampled loop: measurements and a command that are held against the wall, and zeta of eq. (15).
 
-The limits take the run's :class:`uvms_mj.analysis.setup.Setup`.
+The limits take the run's :class:`uvms_mj.setup.base.Setup`.
 """
 
 import functools
@@ -29,7 +29,7 @@ class Vibration:
     only M M_d^-1 K_f - I, which is inertia shaping, eq. (4).
 
     Attributes:
-        setup: the run's :class:`uvms_mj.analysis.setup.Setup`.
+        setup: the run's :class:`uvms_mj.setup.base.Setup`.
         front: the contact, one of ``setup.fronts``, or None without any.
         shaped: whether the law answers to the contact force through its own inertia, as impedance and ideal do.
         compliant: n^T v [1/kg]. Without a positive one there is no such vibration.

@@ -7,8 +7,6 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from ..analysis.sampling import refuse
-from ..analysis.setup import Setup
 from ..control.design import ATTITUDE_KEYS, Design, no_overflow
 from ..control.task import TASK_KEYS
 from ..errors import Fault, InputError
@@ -17,6 +15,8 @@ from ..plant.fit import check_fit
 from ..plant.inertia import task_inertias
 from ..plant.settings import VehicleChoice, overridden_in_vain
 from ..scenario import STAGES, Scenario
+from ..setup.base import Setup
+from ..setup.checks import refuse
 from ..stages.base import Stage, is_of_the_package, validator
 
 _TABLES = [field.name for field in dataclasses.fields(Scenario)]

@@ -6,8 +6,8 @@ MuJoCo's semi-implicit Euler, and its contact is as soft as MuJoCo's (:mod:`uvms
 
 import numpy as np
 
-from ..analysis.setup import Setup
 from ..plant.contacts import face_of
+from ..setup.base import Setup
 from .base import Engine
 from .native.callback import entry_point
 from .native.layouts import BODY, CONTEXT

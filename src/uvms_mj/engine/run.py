@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from ..analysis.sampling import SamplingWarning
 from ..control import Controller
 from ..control.theory import steady_state
 from ..errors import Fault, InputError, shortened
@@ -19,6 +18,7 @@ from ..records.header import Header, Outcome, Sink, Status, sources_of, versions
 from ..records.trace import Trace
 from ..records.writing import Writing
 from ..scenario import Scenario
+from ..setup.checks import SamplingWarning
 from ..stages.base import is_shipped
 from .native.layouts import STOP_THRUST
 from .native.plain_stage import StageFault

@@ -89,7 +89,7 @@ class Guidance(Stage):
         return found["p_d"], found["quat_d"]
 
     def notes(self, setup: Any) -> Iterable[str]:
-        """Theory of the reference: warnings for a run, from its :class:`uvms_mj.analysis.setup.Setup`. A stage may
+        """Theory of the reference: warnings for a run, from its :class:`uvms_mj.setup.base.Setup`. A stage may
         override it. By default a user's stage without states is tried out: its beginning, and p_d_dot."""
         return () if is_shipped(self) or self.states or self.memory else _trial_notes(self, setup)
 

@@ -189,12 +189,12 @@ class Stage:
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
         """The constants of a run that the function gets as its settings, by name, from the run's
-        :class:`uvms_mj.analysis.setup.Setup`. A user's settings do not depend on it."""
+        :class:`uvms_mj.setup.base.Setup`. A user's settings do not depend on it."""
         fields = type(self).__dataclass_fields__  # dataclasses.fields takes longer than the rest
         return {name: value for name, value in vars(self).items() if name in fields}
 
     def faults(self, setup: Any) -> Iterable[Fault]:
-        """Errors of a run with these settings, which need its :class:`uvms_mj.analysis.setup.Setup`."""
+        """Errors of a run with these settings, which need its :class:`uvms_mj.setup.base.Setup`."""
         return ()
 
     def record(self, setup: Any = None) -> np.ndarray:

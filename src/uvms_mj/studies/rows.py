@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..analysis.metrics import AROUND_THE_END_S
-from ..analysis.setup import set_up
 from ..analysis.summary import ending, numbers
 from ..engine.engines import refusals
 from ..engine.run import LawError, SinkError, simulate
@@ -28,6 +27,7 @@ from ..records.header import Sink, Status
 from ..records.mcap import McapLog
 from ..records.trace import Trace
 from ..scenario import Scenario
+from ..setup.base import set_up
 from .plan.metric import COMPONENTS, columns_of, users_numbers
 from .plan.success import succeeded
 

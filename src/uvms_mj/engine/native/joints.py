@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...analysis.setup import Setup
+from ...setup.base import Setup
 from ...stages.joint_signals import (
     encoder_given,
     encoder_signals,

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from ...analysis.setup import Setup
 from ...control.design import Estimates
 from ...physics.frames import BODY
 from ...plant.vehicle import Vehicle
+from ...setup.base import Setup
 from ...stages.signals import CLOCK, KNOWN, MANIPULABILITY, TOOL, Signal, record_dtype
 from .joints import Joints
 from .layouts import model_dtype

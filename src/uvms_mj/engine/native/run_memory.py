@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from ...analysis.setup import Setup
 from ...control.design import ATTITUDE_KEYS
 from ...plant.settings import contact_settings
 from ...scenario import STAGES
+from ...setup.base import Setup
 from ...stages.signals import FINAL_WINDOW_S, KNOWN, band_signals
 from .callback import entry_point
 from .contact_list import ContactList

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ...analysis.setup import Setup
 from ...control.natural import NaturalInertia
 from ...control.schedule import Schedule
 from ...errors import Fault, InputError
 from ...scenario import STAGES, Scenario
+from ...setup.base import Setup
 from ...stages.base import Stage, random_key
 from ...stages.joint_signals import encoder_signals
 from ...stages.signals import (

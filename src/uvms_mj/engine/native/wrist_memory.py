@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...analysis.setup import Setup
 from ...plant.arm import Link
 from ...plant.vehicle import Vehicle
+from ...setup.base import Setup
 from ...stages.joint_signals import WRIST_READING, WRIST_TRUE, wrist_given
 from ...stages.signals import CLOCK, KNOWN, Signal, record_dtype
 from .entry import part

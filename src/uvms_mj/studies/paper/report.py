@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ...analysis import metrics, residual, rest
+from ...analysis import metrics, residual
+from ...control.design import demanded_force
 from ...control.ideal import TOLD_THE_TRUTH
 from ...quantities import leaves
 from ...records.header import Status
@@ -92,7 +93,7 @@ def _percent(part: float | None) -> float | None:
 
 MEASURES: tuple[tuple[str, str, Callable[[Trace], Any]], ...] = (
     ("contact force at rest", "N", metrics.rest_force),
-    ("force that the desired impedance demands", "N", lambda trace: rest.demanded_force(trace.scenario)),
+    ("force that the desired impedance demands", "N", lambda trace: demanded_force(trace.scenario)),
     ("steady force error", "N", metrics.steady_force_error),
     ("first contact", "s", lambda trace: trace.first_contact[-1] if trace.touches[-1] else None),
     ("touches", "1", lambda trace: int(trace.touches[-1])),

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from pebble import ProcessExpired
 
-from ...analysis.sampling import SamplingWarning
 from ...control import Gsta
 from ...engine.run import SinkError, simulate
 from ...errors import InputError
@@ -20,6 +19,7 @@ from ...records.header import Status
 from ...records.mcap import McapLog
 from ...records.trace import Trace
 from ...scenario import Scenario
+from ...setup.checks import SamplingWarning
 from ..pool.calls import each_call
 from ..pool.workers import Workers
 from .claims import Runs

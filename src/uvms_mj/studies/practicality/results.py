@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from ...analysis.setup import set_up
 from ...control.sampled import Vibration
+from ...setup.base import set_up
 from ..plan import Plan
 from ..plan.success import COMPLETED, successes
 from .axes import AXES, LAWS, MAPS, STEPS, Axis, step_label

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from ...analysis.rest import demanded_force
+from ...control.design import demanded_force
 from ...control.rest import SteadyState
 from ...records.trace import Trace
 from .insets import Inset

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ....analysis import metrics
-from ..claims import measures, robustness
+from . import measures, robustness
 from .base import AS_EXPECTED, AS_FOR_EXPECTED, Claim
 
 GSTA: tuple[Claim, ...] = (

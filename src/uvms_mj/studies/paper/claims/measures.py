@@ -5,7 +5,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ....analysis import metrics, residual, rest
+from ....analysis import metrics, residual
+from ....control.design import demanded_force
 from ....control.rest import SteadyState
 from ....records.trace import Trace
 from ...pages import number
@@ -36,7 +37,7 @@ def force(run: str) -> Callable[[Runs], Measured]:
     def measure(runs: Runs) -> Measured:
         trace = runs.traces[run]
         force, settled = metrics.final_force(trace)
-        demanded = rest.demanded_force(trace.scenario)
+        demanded = demanded_force(trace.scenario)
         return Measured(force, f"{'settled' if settled else 'not settled'}; eq. (12) demands {demanded:.4f} N")
 
     return measure
@@ -89,8 +90,8 @@ def largest_s(runs: Runs) -> Measured:
 
 def demanded(runs: Runs) -> Measured:
     trace = runs.traces["gsta"]
-    rigid = rest.demanded_force(trace.scenario, math.inf)
-    return Measured(rest.demanded_force(trace.scenario), f"{number(rigid)} N for a rigid wall")
+    rigid = demanded_force(trace.scenario, math.inf)
+    return Measured(demanded_force(trace.scenario), f"{number(rigid)} N for a rigid wall")
 
 
 def reference_jump(runs: Runs) -> Measured:
@@ -133,7 +134,7 @@ def retuned(runs: Runs) -> Measured:
 
 
 def still_missing(runs: Runs) -> Measured:
-    asked = {name: rest.demanded_force(runs.sweep[name].scenario) for name in _RETUNED}
+    asked = {name: demanded_force(runs.sweep[name].scenario) for name in _RETUNED}
     forces = {name: metrics.final_force(runs.sweep[name])[0] or 0.0 for name in _RETUNED}
     detail = ", ".join(f"{forces[name]:.3f} of {asked[name]:.3f} N {what}" for name, what in _RETUNED.items())
     if not all(asked.values()):
@@ -161,7 +162,7 @@ def unexplained(runs: Runs) -> Measured:
     force, _ = metrics.final_force(trace)
     if force is None or not isinstance(trace.analytic, SteadyState):
         return Measured(None, "no closed form")
-    missing, balance = rest.demanded_force(trace.scenario) - force, trace.analytic.force
+    missing, balance = demanded_force(trace.scenario) - force, trace.analytic.force
     detail = f"{number(1e3 * missing)} mN missing; the balance gives {balance:.6f} N, the run {force:.6f} N"
     return Measured(over(100.0 * abs(balance - force), abs(missing)), detail)
 

@@ -5,7 +5,7 @@ words such as "almost", "similar" or "severe", this project chose the number and
 """
 
 from ....analysis import metrics
-from ..claims import measures
+from . import measures
 from .base import AS_EXPECTED, AS_FOR_EXPECTED, Claim, Measured, Row, Runs
 from .gsta import GSTA
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from ....analysis import metrics, rest
+from ....analysis import metrics
+from ....control.design import demanded_force
 from ....records.trace import Trace
 from ...pages import number
 from ..laws import LABELS
@@ -34,7 +35,7 @@ def model_errors(runs: Runs) -> Measured:
 def force_with_model_errors(runs: Runs) -> Measured:
     """Force at rest of two runs with wrong estimates: the one further from the force that eq. (12) demands [N]."""
     forces = {name: metrics.final_force(runs.sweep[name])[0] or 0.0 for name in MODEL_ERRORS}
-    demanded = rest.demanded_force(runs.traces["gsta"].scenario)
+    demanded = demanded_force(runs.traces["gsta"].scenario)
     detail = "; ".join(f"{forces[name]:.4f} N with {what}" for name, what in MODEL_ERRORS.items())
     return Measured(max(forces.values(), key=lambda force: abs(force - demanded)), detail)
 

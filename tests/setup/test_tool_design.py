@@ -5,9 +5,9 @@ import pytest
 
 from armed import armed_xml
 from uvms_mj import Scenario, Simulation
-from uvms_mj.analysis.setup import set_up
-from uvms_mj.analysis.task_frame import euler_deg
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
+from uvms_mj.setup.base import set_up
+from uvms_mj.setup.task_frame import euler_deg
 
 
 @pytest.mark.parametrize("attitude", [(10.0, -30.0, 170.0), (0.0, 90.0, 40.0), (25.0, -90.0, -60.0), (180.0, 5.0, 0.0)])

@@ -2,7 +2,9 @@
 
 import dataclasses
 import functools
+import json
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -17,8 +19,20 @@ from ..plant.mjcf import Mjcf
 from ..plant.settings import Initial, lightest_along_face, lightest_at
 from ..plant.vehicle import Vehicle
 from ..scenario import Scenario
-from .plain import not_plain
+from ..stages.base import Stage
 from .task_frame import task_start
+
+_FREE = ("name", "description", "simulation", "initial", "reference", "impedance", "task", "controller")
+"""Tables on which such a formula does not depend, or whose values are in it."""
+_FREE_KEYS = {
+    "vehicle": ("model", "added_mass", "linear_damping", "quadratic_damping", "coulomb_friction"),
+    "current": ("speed", "direction_deg", "vertical", "frequency_hz", "correlation_time", "shortest_gust", "shear"),
+    "disturbance": ("bias", "frequency_hz", "correlation_time"),
+    "wall": ("position", "stiffness", "damping", "tangential_stiffness", "tangential_damping"),
+    "estimates": ("inertia", "coriolis", "damping"),
+}
+"""The same for single keys of a table. Of a stage it is the period alone."""
+_ALIGNED = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +109,27 @@ class Setup:
 
     @property
     def not_plain(self) -> str:
-        """The first reason why a formula along x does not give the force at rest, because more acts than the probe at
-        ``[wall]``, a constant current and a constant disturbance; empty if nothing does (:mod:`.plain`)."""
-        return not_plain(self)
+        """The first reason why a simple formula along x does not give the force at rest; empty if one does.
+
+        It needs a rigid vehicle whose task is at B, and which touches ``[wall]`` with its probe alone and without
+        friction, true measurements, thrusters that produce each wrench as commanded within their limits, g_hat = g, a
+        constant current and disturbance, and a reference that comes to rest aligned with the wall. Every key has its
+        default but those on which the force at rest does not depend, or which a formula has in it.
+        """
+        if self.not_rigid:
+            return self.not_rigid
+        for field in dataclasses.fields(self.scenario):
+            if field.name not in _FREE:
+                reason = _changed(field.name, getattr(self.scenario, field.name), field.default)
+                if reason:
+                    return reason
+        if np.linalg.matrix_rank(self.nominal.B) < 6:
+            return "the thrusters can't produce every wrench"
+        if self.rest_pose[0] is None:
+            return "the reference does not come to rest"
+        if np.abs(self.design.normal - np.eye(6)[0]).max() > _ALIGNED:
+            return "the reference is not aligned with the wall"
+        return ""
 
     @functools.cached_property
     def fronts(self) -> tuple[Front, ...]:
@@ -140,3 +172,22 @@ def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
     InputError as it does, or if the desired impedance is not physical."""
     plant, contacts, inertias = build(scenario, mjcf)
     return Setup(scenario, plant, Design.of(scenario, *inertias), contacts)
+
+
+def _changed(name: str, table: Any, default: Any) -> str:
+    """A sentence with the first key of a table that has not its default and is not free; empty if there is none."""
+    if isinstance(default, Stage) and type(table) is not type(default):
+        return _needs(f"{name}.name", default.name)
+    if not dataclasses.is_dataclass(table):
+        return "" if table == default else _needs(name, default)
+    free = ("period",) if isinstance(default, Stage) else _FREE_KEYS.get(name, ())
+    for field in dataclasses.fields(table):
+        normal = getattr(default, field.name)
+        if field.name not in free and getattr(table, field.name) != normal:
+            return _needs(f"{name}.{field.name}", normal)
+    return ""
+
+
+def _needs(key: str, default: Any) -> str:
+    value = f"with {key}={json.dumps(default)}" if default not in (None, ()) else f"without {key}"
+    return f"the formula of this law holds {value} only"

@@ -1,6 +1,7 @@
 """Checks of a run before its first step: errors, and warnings of a sampled loop that chatters or limit-cycles."""
 
 import functools
+import itertools
 from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
@@ -10,15 +11,16 @@ from ..control.posture import posture_faults, posture_notes
 from ..control.sampled import delay_faults, zeta_limit
 from ..control.theory import stage_notes
 from ..errors import Fault, InputError
+from ..physics.varying import FINEST
 from ..plant.vehicle import AXES, notes_on_damping
+from ..plant.water import Current, Disturbance
 from ..quantities import radians_notes
 from ..scenario import STAGES
 from ..stages.base import Stage
+from .base import Setup
 from .free_motion import free_motion_notes
-from .setup import Setup
 from .task_frame import task_faults, task_notes
 from .wall import wall_faults, wall_notes
-from .water import water_faults
 
 _WALLS = ("wall", "walls", "bumper")
 _EVERYTHING = frozenset({"simulation.timestep", "posture"})
@@ -121,3 +123,35 @@ def _sampling_notes(setup: Setup) -> Iterator[str]:
             f"zeta, and with it s, grows without bound at a control period of {period:g} s: A = "
             f"{min(setup.task.A):g} 1/s in eq. (15) needs a period of at most {limit:.4g} s"
         )
+
+
+def water_faults(current: Current, disturbance: Disturbance, h: float) -> list[Fault]:
+    """Errors for a motion of the water that a time step h [s] does not resolve, or that has no effect."""
+    faults = []
+    for name, motion in (("current", current), ("disturbance", disturbance)):
+        for i, f in enumerate(motion.frequency_hz):
+            if f * h >= 0.5 * (1.0 - 1e-9):
+                wrong = (
+                    f"{f:.12g} Hz must be below half the step rate, {0.5 / h:.6g} Hz: sampled every {h:g} s it would "
+                    f"act as {abs(f - round(f * h) / h):.6g} Hz"
+                )
+                faults.append(Fault(f"{name}.frequency_hz[{i}]", wrong))
+        if any(motion.deviation) and motion.spacing < h * (1.0 - 1e-9):
+            wrong = f"{motion.correlation_time:g} s must be at least {FINEST * h:g} s, {FINEST:g} time steps"
+            faults.append(Fault(f"{name}.correlation_time", wrong))
+    gust, whole = current.shortest_gust, current.correlation_time
+    if gust is not None and not whole / FINEST * (1.0 - 1e-9) <= gust <= whole * (1.0 + 1e-9):
+        wrong = f"{gust:g} s must be from {whole / FINEST:g} to {whole:g} s at current.correlation_time {whole:g} s"
+        faults.append(Fault("current.shortest_gust", wrong))
+    for i, (amplitude, f) in enumerate(zip(current.amplitude, current.frequency_hz, strict=True)):
+        if amplitude != 0.0 and f == 0.0:
+            faults.append(Fault(f"current.amplitude[{i}]", f"{amplitude:g} m/s has no effect at the frequency 0 Hz"))
+    times = [row[0] for row in current.table or ()]
+    for i, (before, after) in enumerate(itertools.pairwise(times)):
+        if after - before < h * (1.0 - 1e-9):
+            wrong = (
+                f"{after:g} s is less than a time step, {h:g} s, after the row before it: the acceleration of the "
+                "water would act for a whole step or not at all"
+            )
+            faults.append(Fault(f"current.table[{i + 1}]", wrong))
+    return faults

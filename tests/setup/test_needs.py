@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 
 from uvms_mj import Scenario
-from uvms_mj.analysis.setup import set_up
 from uvms_mj.errors import InputError
 from uvms_mj.scenario import STAGES
+from uvms_mj.setup.base import set_up
 
 TIMING = {"simulation.timestep", "controller.delay", "controller.period"}
 FIXED = {"vehicle", "wall.present", "task.frame", "impedance.natural", "observer.runs"}

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from uvms_mj import Scenario, simulate
-from uvms_mj.analysis.noise import Deviations, deviations
-from uvms_mj.analysis.setup import set_up
 from uvms_mj.analysis.summary import summary
 from uvms_mj.navigation import Perfect
+from uvms_mj.setup.base import set_up
+from uvms_mj.setup.noise import Deviations, deviations
 
 PUSHING = {
     "navigation.name": "sensors",

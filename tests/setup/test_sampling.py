@@ -8,16 +8,16 @@ from scipy.optimize import brentq
 
 from uvms_mj import Scenario, simulate
 from uvms_mj.analysis.metrics import final_force
-from uvms_mj.analysis.sampling import SamplingWarning
-from uvms_mj.analysis.setup import set_up
 from uvms_mj.control.age import ForceAge
 from uvms_mj.control.fosm import _Layer
 from uvms_mj.control.late_command import swing
 from uvms_mj.control.rest import NoClosedForm, SteadyState
 from uvms_mj.control.sampled import Vibration
+from uvms_mj.setup.base import set_up
+from uvms_mj.setup.checks import SamplingWarning
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 def test_inertia_shaping_is_stable_up_to_the_step_that_is_said():
     """Under eq. (4) with M_d = M/3, a force held for 2 h acts as negative damping of (M/M_d - 1) k_c h/2."""
     M = np.array([7.31 + 5.5, 7.31 + 12.7, 7.31 + 14.57, 0.28, 0.28, 0.28])
@@ -46,7 +46,7 @@ def test_inertia_shaping_is_stable_up_to_the_step_that_is_said():
 INERTIA = [12.81, 20.01, 21.88, 0.28, 0.28, 0.28]
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 @pytest.mark.parametrize(
     ("overrides", "bounces"),
     [
@@ -72,7 +72,7 @@ def test_super_twisting_that_would_bounce_on_the_wall_is_warned_of(overrides, bo
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 @pytest.mark.parametrize(
     ("periods", "yaw_deg"),
     [
@@ -145,7 +145,7 @@ def test_a_force_that_is_sampled_slowly_needs_a_damped_wall(tmp_path, damping):
     assert swings[1] > 1.0
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 @pytest.mark.parametrize(("period", "rests"), [(0.001, True), (0.003, False)])
 def test_measurements_that_are_held_for_long_are_warned_of_and_have_no_closed_form(period, rests):
     trace = simulate(Scenario.load("push_wall", {"navigation.period": period}), log_rate=100, engine="free_body")
@@ -173,7 +173,7 @@ def test_the_mean_age_of_the_force_is_that_of_a_list_of_instants(navigation, con
     assert found == pytest.approx(np.mean(ages) * h)
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 def test_the_limits_of_the_sampled_loop_are_where_they_are_said_to_be():
     """The first-order law is quiet 2 % below its limit and chatters 2 % above it."""
     limit = 2.0 / (19.0 / 1e-3 + 100.0)
@@ -187,7 +187,7 @@ def test_the_limits_of_the_sampled_loop_are_where_they_are_said_to_be():
     assert variation[1] > 100.0 * variation[0]
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 @pytest.mark.parametrize(
     ("stiffness", "period", "rests"),
     [(1e5, 0.0328, True), (1e5, 0.034, False), (1e6, 0.0107, True), (1e6, 0.0112, False), (1e4, 0.11, False)],
@@ -207,7 +207,7 @@ def test_a_held_impedance_law_oscillates_where_the_sampled_vibration_grows(stiff
     assert any("oscillates against the wall" in note for note in trace.notes) != rests
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 def test_a_control_period_at_which_zeta_grows_is_noted_and_has_no_closed_form():
     """|1 + A T| > 1 in the explicit Euler steps of eq. (15)."""
     for period, grows in ((0.019, False), (0.021, True)):
@@ -236,7 +236,7 @@ def test_at_100_hz_a_retuned_gsta_holds_against_a_soft_wall(more):
     assert force == pytest.approx(1.5 / 1.075, rel=1e-4)
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 def test_at_100_hz_the_stiff_wall_is_explained_before_and_after_the_run():
     """The age is 4.5 ms for a time step of 1 ms, the limit D_d/k_c 0.877 ms, and 1e5 N/m 0.877/4.5 = 1.95e4 N/m."""
     scenario = Scenario.load(
@@ -252,7 +252,7 @@ def test_at_100_hz_the_stiff_wall_is_explained_before_and_after_the_run():
     assert trace.touches[-1] > 10.0
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 def test_a_run_that_diverges_repeats_its_warning():
     """With a command that is 1 s late, the vehicle is thrown back from the wall farther each time."""
     more = {"wall.stiffness": 2e3, "controller.delay": 1.0, "simulation.duration": 60.0, "current.speed": 0.0}
@@ -261,7 +261,7 @@ def test_a_run_that_diverges_repeats_its_warning():
     assert "It began with a warning: gsta oscillates against the wall without end: its command acts" in trace.message
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 @pytest.mark.parametrize("table", ["controller.delay", "actuation.period"])
 @pytest.mark.parametrize("factor", [0.85, 1.15])
 def test_a_late_command_is_age_of_the_force_for_inertia_shaping(factor, table):
@@ -278,7 +278,7 @@ def test_a_late_command_is_age_of_the_force_for_inertia_shaping(factor, table):
     assert any("limit-cycles" in note for note in trace.notes) == (factor > 1.0)
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 @pytest.mark.parametrize(
     ("table", "value", "law"),
     [
@@ -320,7 +320,7 @@ def test_the_mean_age_of_a_delayed_command_is_that_of_a_list_of_instants(steps, 
     assert ForceAge.of(set_up(scenario)).mean == pytest.approx(np.mean(ages) * h)
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 @pytest.mark.parametrize(("delay", "period"), [(0.005, 0.01), (0.02, 0.008)])
 def test_a_delayed_impedance_law_oscillates_where_the_sampled_vibration_grows(delay, period):
     """The wall at which the spectral radius is 1, with the last commands as states; 10 % softer and stiffer."""

@@ -9,12 +9,12 @@ import numpy as np
 
 from ..control.balance_terms import Pose
 from ..control.delivery import Delivery
+from ..control.design import demanded_force
 from ..control.free_motion import FreeMotion
 from ..control.task_motion import Track
 from ..guidance.base import samples
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..stages.base import is_shipped
-from .rest import demanded_force
 
 _FAR = 0.1
 """Motion of a joint that no level of the posture holds, from which it is worth a warning [rad or m]."""

@@ -7,10 +7,10 @@ import pytest
 
 from uvms_mj import Scenario, simulate
 from uvms_mj.analysis.metrics import final_force
-from uvms_mj.analysis.setup import set_up
 from uvms_mj.control.rest import NoClosedForm
 from uvms_mj.control.theory import steady_state
 from uvms_mj.files import shipped
+from uvms_mj.setup.base import set_up
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PD = f"{EXAMPLES / 'pd.py'}:Pd"

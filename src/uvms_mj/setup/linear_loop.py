@@ -12,7 +12,7 @@ from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, 
 from ..physics.frames import quat_turned, rotation_matrix, to_body
 from ..physics.model import coefficients, model_wrenches
 from ..stages.signals import record_dtype
-from .setup import Setup
+from .base import Setup
 
 SMALL = np.concatenate([np.full(12, 1e-6), np.full(6, 1e-4)])
 """Differences of the measurements (18,): position, attitude, velocity [SI]; force and moment [N, N m]."""

@@ -18,7 +18,7 @@ from ..physics.frames import BODY
 from ..plant.contacts import impossible
 from ..plant.settings import Wall, contact_settings, without_effect
 from ..plant.surfaces import Surface, in_series_fast
-from .setup import Setup
+from .base import Setup
 
 RESOLVED = 0.3
 """Largest h w for which the error of an impact stays below about 1 %."""

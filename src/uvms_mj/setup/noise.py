@@ -26,8 +26,8 @@ from ..control.rest import SteadyState
 from ..control.theory import steady_state
 from ..navigation.channel import Channel
 from ..physics.frames import rotation_matrix
+from .base import Setup
 from .linear_loop import LinearLaw, RestingLaw, RestingVehicle, jacobian
-from .setup import Setup
 
 MOST_STEPS, MOST_STATES = 20_000, 600
 """Limits of a closed form: steps of the common period, and numbers of the state."""
