@@ -21,7 +21,7 @@ import click
 import numpy as np
 
 from uvms_mj import InputError, Scenario, simulate
-from uvms_mj.control.rest import SteadyState
+from uvms_mj.control.base import SteadyState
 from uvms_mj.records.header import Status
 
 _POSE = ("vehicle", "task", "initial")

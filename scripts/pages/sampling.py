@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 
 from page_look import written
 from uvms_mj import Gsta, Scenario, Trace, simulate
-from uvms_mj.control.late_command import swing
-from uvms_mj.control.rest import SteadyState
-from uvms_mj.control.sampled import Vibration
+from uvms_mj.control.base import SteadyState
+from uvms_mj.control.theory.input_delay import swing
+from uvms_mj.control.theory.sampled import Vibration
 from uvms_mj.setup.base import set_up
 from uvms_mj.views.figures.style import BLACK, COLOURS, PAGE_IN, styled
 

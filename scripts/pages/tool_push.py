@@ -15,8 +15,8 @@ from matplotlib.patches import Circle, Polygon, Rectangle
 from page_look import written
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.analysis.metrics import final_force
+from uvms_mj.control.base import SteadyState
 from uvms_mj.control.design import demanded_force
-from uvms_mj.control.rest import SteadyState
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.physics.statics import Statics
 from uvms_mj.setup.base import set_up

@@ -6,7 +6,7 @@ import pytest
 from twin import TwinParameters
 from uvms_mj import Scenario, simulate
 from uvms_mj.analysis.metrics import final_force
-from uvms_mj.control.rest import NoClosedForm, SteadyState
+from uvms_mj.control.base import NoClosedForm, SteadyState
 from vehicles import vehicle_xml
 
 OTHER_WORLD = {

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from uvms_mj import Scenario, Simulation, simulate
-from uvms_mj.control.delivery import Delivery
-from uvms_mj.control.free_motion import FreeMotion
+from uvms_mj.control.theory.free_motion import FreeMotion
+from uvms_mj.control.theory.terms import Delivery
 from uvms_mj.setup.base import set_up
 from uvms_mj.setup.free_motion import _still, free_motion_notes
 

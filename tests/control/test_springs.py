@@ -3,7 +3,7 @@
 import numpy as np
 
 from uvms_mj import Scenario
-from uvms_mj.control.springs import Springs
+from uvms_mj.control.theory.contacts import Springs
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.physics.pairs import pair_force
 from uvms_mj.setup.base import set_up

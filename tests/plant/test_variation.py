@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from uvms_mj import InputError, McapLog, Scenario, Simulation, Trace, simulate
-from uvms_mj.control.fosm import Fosm, boundary_layer_limit
-from uvms_mj.control.super_twisting import bouncing_growth
+from uvms_mj.control.laws.fosm import Fosm
+from uvms_mj.control.theory.boundary_layer import boundary_layer_limit
+from uvms_mj.control.theory.super_twisting import bouncing_growth
 from uvms_mj.plant.mjcf import Mjcf
 from uvms_mj.plant.settings import VehicleChoice
 from uvms_mj.plant.variation import varied

@@ -8,11 +8,11 @@ from scipy.optimize import brentq
 
 from uvms_mj import Scenario, simulate
 from uvms_mj.analysis.metrics import final_force
-from uvms_mj.control.age import ForceAge
-from uvms_mj.control.fosm import _Layer
-from uvms_mj.control.late_command import swing
-from uvms_mj.control.rest import NoClosedForm, SteadyState
-from uvms_mj.control.sampled import Vibration
+from uvms_mj.control.base import NoClosedForm, SteadyState
+from uvms_mj.control.theory.boundary_layer import Layer
+from uvms_mj.control.theory.input_delay import swing
+from uvms_mj.control.theory.latency import ForceAge
+from uvms_mj.control.theory.sampled import Vibration
 from uvms_mj.setup.base import set_up
 from uvms_mj.setup.checks import SamplingWarning
 
@@ -345,7 +345,7 @@ def test_a_delayed_impedance_law_oscillates_where_the_sampled_vibration_grows(de
 @pytest.mark.parametrize("m", [0, 1, 2, 5, 20])
 def test_the_late_loop_of_first_order_sliding_mode_is_at_its_limit(m):
     """The roots of z^(m+1) - z^m + r T, r the largest rate, are within the unit circle and reach it."""
-    fastest = _Layer(0.0, 1e-3, m * 1e-3).fastest
+    fastest = Layer(0.0, 1e-3, m * 1e-3).fastest
     polynomial = np.zeros(m + 2)
     polynomial[:2] += (1.0, -1.0)
     polynomial[-1] += fastest * 1e-3

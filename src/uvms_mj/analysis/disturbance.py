@@ -6,10 +6,10 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from ..control.certificate import Certificate
-from ..control.theory import certificate
+from ..control.model import accelerated_frame, coefficients, model_wrenches
+from ..control.theory.certificate import Certificate
+from ..control.theory.predictions import certificate
 from ..physics.frames import rotation_matrix, to_body
-from ..physics.model import accelerated_frame, coefficients, model_wrenches
 from ..records.header import Status
 from ..records.trace import Trace
 from ..setup.base import Setup, set_up

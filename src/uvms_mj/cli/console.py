@@ -135,7 +135,7 @@ def _run_table(trace: Any, report: dict[str, Any]) -> None:
 
 
 def _contact_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    from ..control.ideal import TOLD_THE_TRUTH
+    from ..control.laws.ideal import TOLD_THE_TRUTH
 
     contact, status = report["contact"], report["status"]
     if trace.scenario.controller.uses_truth:

@@ -15,15 +15,16 @@ from __future__ import annotations  # so that help(Controller) shows short type 
 
 import dataclasses
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NoReturn
+
+import numpy as np
 
 from ..quantities import Number, Step, Vector6, refusing, repeated, within
 from ..stages.base import Room, Stage, setting, shared
 from ..stages.signals import GIVEN, TASK_GIVEN, TRUTH, WRENCH_COMMAND, Signal
 
 if TYPE_CHECKING:
-    from .certificate import Certificate
-    from .rest import SteadyState
+    from .theory.certificate import Certificate
 
 
 Diagonal = Annotated[Vector6, repeated(6)]
@@ -32,6 +33,39 @@ NonNegativeDiagonal = Annotated[Diagonal, refusing(lambda x: min(x) < 0.0, "must
 PositiveDiagonal = Annotated[Diagonal, refusing(lambda x: min(x) < 1e-12, "must not have a zero or negative entry")]
 
 gain = setting
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SteadyState:
+    """A vehicle at rest. A theory that predicts the force alone leaves out the rest.
+
+    Attributes:
+        force: pushing force on the wall [N], zero if the vehicle rests short of it.
+        position: (3,) position of B's origin in W [m].
+        quat: (4,) attitude.
+        s: (6,) sliding variable.
+        tau: (6,) wrench of the thrusters in B [N, N m].
+        reached: whether the motion from the start comes to this rest, and stays (:mod:`.theory.balance`).
+    """
+
+    force: float
+    position: np.ndarray | None = None
+    quat: np.ndarray | None = None
+    s: np.ndarray | None = None
+    tau: np.ndarray | None = None
+    reached: bool = dataclasses.field(default=False, kw_only=True)
+
+
+@dataclasses.dataclass(frozen=True)
+class NoClosedForm:
+    """The reason why a scenario has no steady state in closed form."""
+
+    reason: str
+
+    @property
+    def force(self) -> NoReturn:
+        """Raises AttributeError, which gives the reason."""
+        raise AttributeError(f"no closed form: {self.reason}")
 
 
 @dataclasses.dataclass(frozen=True)

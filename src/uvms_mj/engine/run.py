@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from ..control import Controller
-from ..control.theory import steady_state
+from ..control.theory.predictions import steady_state
 from ..errors import Fault, InputError, shortened
 from ..plant.mjcf import Mjcf
 from ..plant.mujoco_warnings import mujoco_warnings

@@ -8,8 +8,8 @@ import numpy as np
 
 from ..control.design import ATTITUDE_KEYS, no_overflow
 from ..control.posture import posture_faults, posture_notes
-from ..control.sampled import delay_faults, zeta_limit
-from ..control.theory import stage_notes
+from ..control.theory.predictions import stage_notes
+from ..control.theory.sampled import delay_faults, zeta_limit
 from ..errors import Fault, InputError
 from ..physics.varying import FINEST
 from ..plant.vehicle import AXES, notes_on_damping

@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ..control.balance_terms import Pose
-from ..control.delivery import Delivery
 from ..control.design import demanded_force
-from ..control.free_motion import FreeMotion
-from ..control.task_motion import Track
+from ..control.theory.free_motion import FreeMotion
+from ..control.theory.task_motion import Track
+from ..control.theory.terms import Delivery, Pose
 from ..guidance.base import samples
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..stages.base import is_shipped

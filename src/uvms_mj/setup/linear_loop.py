@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ..control.rest import SteadyState
+from ..control.base import SteadyState
+from ..control.model import coefficients, model_wrenches
 from ..control.task import tracking_errors
 from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from ..physics.frames import quat_turned, rotation_matrix, to_body
-from ..physics.model import coefficients, model_wrenches
 from ..stages.signals import record_dtype
 from .base import Setup
 

@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
 
-from ..control.rest import SteadyState
-from ..control.theory import steady_state
+from ..control.base import SteadyState
+from ..control.theory.predictions import steady_state
 from ..navigation.channel import Channel
 from ..physics.frames import rotation_matrix
 from .base import Setup

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..control.springs import Springs
+from ..control.theory.contacts import Springs
 from ..errors import Fault
 from ..physics.frames import BODY
 from ..plant.contacts import impossible

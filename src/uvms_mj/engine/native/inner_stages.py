@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from ...control.sampled import MOST_WAITING
+from ...control.model import coefficients, model_wrenches, reveal
 from ...control.task import tracking_errors
-from ...physics.model import coefficients, model_wrenches, reveal
+from ...control.theory.sampled import MOST_WAITING
 from ...stages.base import Room, Stage
 from ...stages.signals import CLOCK, ERRORS, ESTIMATES, KNOWN, REFERENCE, TRUE, TRUTH, WRENCH_COMMAND, Signal
 

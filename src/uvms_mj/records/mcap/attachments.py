@@ -16,7 +16,7 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 from pydantic_core import from_json, to_json
 
-from ...control.rest import NoClosedForm, SteadyState
+from ...control.base import NoClosedForm, SteadyState
 from ...errors import InputError, faults_of
 from ...files import parsed_toml
 from ...plant.geometry import Geometry

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from ...control.sampled import Vibration
+from ...control.theory.sampled import Vibration
 from ...setup.base import set_up
 from ..plan import Plan
 from ..plan.success import COMPLETED, successes

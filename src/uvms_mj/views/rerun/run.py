@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import rerun as rr
 
-from ...control.rest import SteadyState
+from ...control.base import SteadyState
 from ...physics.frames import quat_from_euler_deg
 from ...plant.geometry import Geometry
 from ...plant.shapes import Shape

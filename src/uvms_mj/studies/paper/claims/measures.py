@@ -6,8 +6,8 @@ from collections.abc import Callable
 import numpy as np
 
 from ....analysis import metrics, residual
+from ....control.base import SteadyState
 from ....control.design import demanded_force
-from ....control.rest import SteadyState
 from ....records.trace import Trace
 from ...pages import number
 from ..laws import LABELS

@@ -11,12 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from ..physics.frames import quat_error, quat_turned, rotation_matrix
+from ...physics.frames import quat_error, quat_turned, rotation_matrix
+from ..schedule import Schedule
 from .approach import LAST, decays
-from .balance_terms import Balance, Pose
-from .delivery import Delivery
-from .limited import Integral
-from .schedule import Schedule
+from .terms import Balance, Delivery, Integral, Pose
 
 _SMALL = 1e-6
 """Change of a coordinate for a derivative [m, rad]."""

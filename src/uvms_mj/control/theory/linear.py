@@ -26,8 +26,8 @@ from typing import Any
 
 import numpy as np
 
-from .age import ForceAge
-from .rest import SteadyState
+from ..base import SteadyState
+from .latency import ForceAge
 
 GROWS = 1e-3
 """A growth rate above this is more than rounding [1/s]."""

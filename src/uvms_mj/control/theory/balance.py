@@ -19,7 +19,7 @@ for a commanded one, and tau = g - d - tau_c holds the vehicle. Here d = tau_dis
 is the wrench of the current and the constant disturbance on the vehicle at rest, at its rest attitude; tau_dist has
 the drag of a tether in it.
 The frictionless wall gives tau_c = -k_c (x - x_c) along its normal for x > x_c; each contact of the list gives the
-force of its springs with its moment (:mod:`.springs`). For GSTA with the attitude reference
+force of its springs with its moment (:mod:`.contacts`). For GSTA with the attitude reference
 along W this is eq. (12) at rest against the spring of eq. (34), F = K_x (x_d - x_c) / (1 + K_x / k_c); the paper's
 1.5 N neglects the compliance of the wall.
 
@@ -50,15 +50,13 @@ from typing import Any
 
 import numpy as np
 
-from ..physics.frames import quat_from_euler_deg
-from ..stages.base import is_shipped
+from ...physics.frames import quat_from_euler_deg
+from ...stages.base import is_shipped
+from ..base import SteadyState
 from .approach import approach
-from .balance_terms import Balance, Pose
-from .delivery import Delivery
-from .limited import Integral
-from .rest import SteadyState
 from .sampled import not_constant
 from .task_motion import TaskMotion, way_of
+from .terms import Balance, Delivery, Integral, Pose
 from .tool_balance import tool_rest
 
 _BESIDE, _BESIDE_TOOL, _NEXT = 0.05, 0.02, 0.001

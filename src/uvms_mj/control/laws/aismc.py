@@ -4,21 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from ..quantities import NonNegative
-from .balance import static_balance, unknown_acceleration
-from .balance_terms import Balance
-from .base import Controller, NonNegativeDiagonal, PositiveDiagonal, gain
-from .limited import within
-from .linear import Linear
-from .residual import integral_residual
-from .rest import SteadyState
+from ...quantities import NonNegative
+from ..base import Controller, NonNegativeDiagonal, PositiveDiagonal, SteadyState, gain
+from .terms import integral_residual, within
 
 RESTS_AT = 0.5
 """Share of the boundary layer at which the gain is at rest: K is then twice the disturbance [1]."""
+
+if TYPE_CHECKING:
+    from ..theory.linear import Linear
 
 
 @dataclass(frozen=True)
@@ -30,7 +28,7 @@ class Aismc(Controller):
         \tau = \tau_{nom} - \hat M K \, sat(\sigma / \epsilon), \qquad
         \dot K_i = \gamma (|\sigma_i| - \tfrac12 \epsilon_i), \quad K_0 \le K_i \le K_{max,i}
 
-    with the integral sliding variable sigma of :mod:`uvms_mj.control.residual`. At rest K_i sat(sigma_i / epsilon_i) is
+    with the integral sliding variable sigma of :mod:`.terms`. At rest K_i sat(sigma_i / epsilon_i) is
     the unknown acceleration varphi_i, and sigma_i = epsilon_i / 2 with K_i = 2 |varphi_i|, or K_i = K_0 if this
     suffices. Either way sigma is constant, so that eq. (7) holds. The gain grows outside half of the boundary layer and
     decreases inside, as in the adaptation without overestimation of Plestan, Shtessel, Bregeault and Poznyak (2010, New
@@ -67,6 +65,9 @@ class Aismc(Controller):
 
     def at_rest(self, setup: Any) -> SteadyState | str:
         """The static balance with eq. (7), if the switching gain exceeds the disturbance."""
+        from ..theory.balance import static_balance, unknown_acceleration
+        from ..theory.terms import Balance
+
         state = static_balance(setup, np.inf, Balance.demanded)
         if isinstance(state, str):
             return state
@@ -83,5 +84,7 @@ class Aismc(Controller):
 
     def _steepest(self, setup: Any) -> Linear:
         """The law linear in the inner half of the boundary layer, with the greatest gain that it may reach."""
+        from ..theory.linear import Linear
+
         K = np.array(self.K_max) if self.rate else np.full(6, self.K_0)
         return Linear.of(setup, {"K": 0.999 * K, "nu_hat": -0.25 * np.array(self.epsilon)})

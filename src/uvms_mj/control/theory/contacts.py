@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..physics.surfaces import BOX, CYLINDER, PLANE
+from ...physics.surfaces import BOX, CYLINDER, PLANE
 
 _LEAST = 1e-300
 

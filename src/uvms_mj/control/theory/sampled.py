@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import Fault
-from ..physics.varying import rate_deviation
-from .age import ForceAge
-from .rest import SteadyState
+from ...errors import Fault
+from ...physics.varying import rate_deviation
+from ..base import SteadyState
+from .latency import ForceAge
 
 SLOWLY_DAMPED = 0.75
 """If more than this fraction of the damping against the wall is lost, a vibration lasts for many seconds."""
@@ -89,7 +89,7 @@ class Vibration:
 
         For a law that answers through its own inertia it is the age of the force in tau. A sliding mode law takes s to
         zero in its own loop, in which the force and the velocity are of the same instant: only the age of the
-        measurements counts, and :mod:`.late_command` has the limits of a late command. The contact force itself is held
+        measurements counts, and :mod:`.input_delay` has the limits of a late command. The contact force itself is held
         for a time step h. A law that runs at every step on measurements of every step feeds back the force that acts.
         """
         return self.chain.mean if self.shaped else self.chain.measured

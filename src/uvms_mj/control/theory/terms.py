@@ -1,16 +1,33 @@
-"""The equations of the static balance, whose terms :mod:`.balance` explains."""
+r"""The terms of the static balance, which :mod:`.balance` explains: the wrenches at rest, the thrust behind a commanded
+wrench, and integrals with a limit.
+
+The allocation gives the commands, :math:`u_{cmd} = \hat B^+ \tau_{cmd}`, the thrusters turn each into a thrust by their
+static curve, :math:`u = F(u_{cmd})`, and the true thrusters produce :math:`\tau = B u`. Lags, delays and the rate limit
+do not matter at rest. For thrusters with a gain each, :math:`u = G u_{cmd}`, the wrench is
+:math:`\tau = T \tau_{cmd}` with :math:`T = B G \hat B^+`.
+
+Beyond its limit an integral keeps the limit (clamping, the simplest protection against windup). At rest it therefore
+has a rate of zero, or it is at a limit and its rate points outwards. Both cases are one equation,
+
+    xi = min(limit, max(-limit, xi + rate)),
+
+which :func:`at_limit` gives as a residual.
+"""
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
-from ..physics.frames import quat_error, quat_turned, rotation_matrix
-from ..physics.tether import add_tether
-from .delivery import Delivery
-from .springs import Springs
+from ...physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
+from ...physics.frames import quat_error, quat_turned, rotation_matrix
+from ...physics.tether import add_tether
+from .contacts import Springs
+
+_ZERO = 1e-9
+"""A smaller thrust at rest is zero [N]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,6 +39,67 @@ class Pose:
     quat: np.ndarray
     R_WB: np.ndarray
     tau_c: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Delivery:
+    """The map from tau_cmd to tau at rest, within the thrusters' limits.
+
+    Attributes:
+        setup: the run's :class:`uvms_mj.setup.base.Setup`, with its allocation and its thrusters.
+        inverse: (n, 6) of the allocation.
+        static: :class:`uvms_mj.actuation.thrusters.Static`.
+        T: (6, 6), with gains of one if the static curve is not a gain.
+    """
+
+    setup: Any
+    inverse: np.ndarray
+    static: Any
+    T: np.ndarray
+
+    @classmethod
+    def of(cls, setup: Any) -> "Delivery | str":
+        """The map of a run, or the reason why it is not known."""
+        static = setup.scenario.thrusters.at_rest(setup)
+        if isinstance(static, str):
+            return static
+        inverse = setup.scenario.actuation.inverse(setup.nominal.B)
+        gain = np.ones(len(inverse)) if static.gain is None else static.gain
+        same = setup.vehicle.B is setup.nominal.B or np.array_equal(setup.vehicle.B, setup.nominal.B)
+        ideal = same and bool((gain == 1.0).all())
+        return cls(setup, inverse, static, np.eye(6) if ideal else (setup.vehicle.B * gain) @ inverse)
+
+    def thrusts(self, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The thrusts (n,) that give tau (6,), and the least and the greatest ones (n,) [N]. Thrusters with a curve
+        that the control system does not know are taken to share tau with the least thrust."""
+        gain, thrust = self.static.gain, self.static.thrust
+        low, high = self.setup.scenario.thrusters.command_limits(self.setup)
+        if gain is None:
+            return np.linalg.pinv(self.setup.vehicle.B) @ tau, thrust(low), thrust(high)
+        working = gain > 0.0
+        least, most = (np.where(working, np.where(working, gain, 1.0) * each, 0.0) for each in (low, high))
+        return gain * (self.inverse @ np.linalg.solve(self.T, tau)), least, most
+
+    def missing(self, tau: np.ndarray) -> np.ndarray:
+        """What the thrusters at their limits add to tau (6,), zero within them."""
+        u, least, most = self.thrusts(tau)
+        missing: np.ndarray = self.setup.vehicle.B @ (np.clip(u, least, most) - u)
+        return missing
+
+    def weak(self, tau: np.ndarray) -> str:
+        """The reason why the thrusters can't hold tau (6,), with their names; empty if they can."""
+        u, least, most = self.thrusts(tau)
+        weak, starting = [], []
+        for k, name in enumerate(self.setup.vehicle.thrusters):
+            needs = f"{name or f'thruster {k + 1}'} needs {u[k]:.4g} N at rest"
+            start = self.static.start[int(u[k] > 0.0)]
+            if not least[k] <= u[k] <= most[k]:
+                weak.append(f"{needs} and has {(most if u[k] > 0.0 else least)[k]:.4g} N")
+            elif _ZERO < abs(u[k]) < abs(start) - _ZERO:
+                starting.append(f"{needs} and starts at {start:.4g} N")
+        if weak:
+            return f"the thrusters are too weak: {'; '.join(weak)}"
+        return f"the dead band of the thrusters: {'; '.join(starting)}" if starting else ""
 
 
 class Balance:
@@ -57,8 +135,8 @@ class Balance:
         return self.pose(pose.position + pose.R_WB @ change[:3], quat_turned(pose.quat, change[3:]))
 
     def contacts(self, position: np.ndarray, R_WB: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """tau_c (..., 6) of all contacts, eq. (34) and :mod:`.springs`, and the normal force (..., 1 + n) of ``[wall]``
-        and of each contact of the list, at positions (..., 3) and attitudes (..., 3, 3)."""
+        """tau_c (..., 6) of all contacts, eq. (34) and :mod:`.contacts`, and the normal force (..., 1 + n) of
+        ``[wall]`` and of each contact of the list, at positions (..., 3) and attitudes (..., 3, 3)."""
         wall, tau_c = self.setup.scenario.wall, np.zeros((*position.shape[:-1], 6))
         push = np.zeros((*position.shape[:-1], 1 + len(self.springs)))
         if self.setup.contacts.paper:
@@ -191,3 +269,37 @@ class Balance:
         g_eta = np.empty(6)
         restoring(vehicle.mass, vehicle.displaced_mass, vehicle.r_g, vehicle.r_b, self.setup.gravity_W, R_WB, g_eta)
         return g_eta
+
+
+def at_limit(xi: Any, rate: Any, limit: Any) -> Any:
+    """Residual of a limited integral at rest, a number or an array: zero if it stays at xi. The rate may have any
+    positive factor."""
+    return xi - np.clip(xi + rate, -limit, limit)
+
+
+class Integral:
+    """A limited integral on the way to a rest, for a residual of :mod:`.balance`.
+
+    Attributes:
+        limit: a number or an array.
+        step: of implicit Euler on the way [s]; infinite at rest.
+        value: at the end of the latest step.
+    """
+
+    def __init__(self, limit: Any) -> None:
+        self.limit, self.step, self.value, self._next = limit, math.inf, 0.0 * limit, 0.0 * limit
+
+    def left(self, needed: Any, rate: Any) -> Any:
+        """What is left of the value that holds the vehicle at a pose, at rest :func:`at_limit`, for the rate there."""
+        if math.isinf(self.step):
+            return at_limit(needed, rate, self.limit)
+        self._next = np.clip(self.value + self.step * rate, -self.limit, self.limit)
+        return needed - self._next
+
+    def advance(self) -> None:
+        """Keep the value that the latest residual has found."""
+        self.value = self._next
+
+    def begin(self) -> None:
+        """Start at zero."""
+        self.value = 0.0 * self.limit

@@ -6,10 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from .balance import static_balance
-from .base import Controller
-from .rest import SteadyState
-from .sampled import Vibration
+from ..base import Controller, SteadyState
 
 TOLD_THE_TRUTH = "the truth, current and disturbance included: a yardstick, not a law for a real vehicle"
 """Text in all outputs that describes the signals given to the ideal law."""
@@ -32,10 +29,15 @@ class Ideal(Controller):
 
     def at_rest(self, setup: Any) -> SteadyState | str:
         """The static balance with s = 0."""
+        from ..theory.balance import static_balance
+        from ..theory.sampled import Vibration
+
         if not np.array_equal(setup.vehicle.B, setup.nominal.B):
             return "the ideal law does not know the offsets of the thrusters"
         return Vibration.of(setup, setup.design.M).checked(static_balance(setup, np.inf))
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law vibrates against the wall."""
+        from ..theory.sampled import Vibration
+
         return Vibration.of(setup, setup.design.M).notes(self.label())

@@ -8,13 +8,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from .balance import static_balance
-from .balance_terms import Balance
-from .base import Controller, NonNegativeDiagonal, gain
-from .linear import Linear
-from .residual import integral_residual
-from .rest import SteadyState
-from .sampled import not_constant
+from ..base import Controller, NonNegativeDiagonal, SteadyState, gain
+from .terms import integral_residual
 
 
 @dataclass(frozen=True)
@@ -28,7 +23,7 @@ class DobImpedance(Controller):
             + \hat d) \, dt\right)
 
     Under this law the integrand is dot nu_d - w, and hat d = M_hat Omega sigma with the sigma of
-    :mod:`uvms_mj.control.residual`: the observer is a linear sliding mode law with an integral sliding variable. With
+    :mod:`uvms_mj.control.laws.terms`: the observer is a linear sliding mode law with an integral sliding variable. With
     varphi = M_hat^-1 d, each axis has
 
     .. math:: \dot\sigma = \varphi - \Omega \sigma, \qquad \frac{d}{dt} \Omega \sigma = \Omega (\varphi - \Omega \sigma)
@@ -56,6 +51,11 @@ class DobImpedance(Controller):
 
     def at_rest(self, setup: Any) -> SteadyState | str:
         """The static balance with eq. (7)."""
+        from ..theory.balance import static_balance
+        from ..theory.linear import Linear
+        from ..theory.sampled import not_constant
+        from ..theory.terms import Balance
+
         if reason := not_constant(setup):
             return reason
         if 0.0 in self.bandwidth:
@@ -64,4 +64,6 @@ class DobImpedance(Controller):
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law oscillates."""
+        from ..theory.linear import Linear
+
         return Linear.of(setup).notes(self.label())

@@ -9,12 +9,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..quantities import NonNegative
-from .balance import static_balance
-from .base import Controller, gain
-from .limited import Integral, within
-from .linear import Linear
-from .rest import SteadyState
+from ...quantities import NonNegative
+from ..base import Controller, SteadyState, gain
+from .terms import within
 
 
 @dataclass(frozen=True)
@@ -56,6 +53,10 @@ class Parallel(Controller):
 
     def at_rest(self, setup: Any) -> SteadyState | str:
         """n^T tau_c = n^T F_d, unless the integral is at its limit; the static balance along the other directions."""
+        from ..theory.balance import static_balance
+        from ..theory.linear import Linear
+        from ..theory.terms import Integral
+
         F_d = np.array([*setup.scenario.impedance.at_end[1][:3], 0.0, 0.0, 0.0])
         size = float(np.linalg.norm(F_d))
         n = F_d / size if size else F_d
@@ -72,6 +73,8 @@ class Parallel(Controller):
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if no force is asked for along the wall's normal, or the sampled law oscillates."""
+        from ..theory.linear import Linear
+
         asked = -float(setup.design.normal[:3] @ setup.scenario.impedance.at_end[1][:3])
         if asked <= 0.0 and self.k_i > 0.0:
             yield (

@@ -4,10 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from .balance import static_balance
-from .base import Controller
-from .rest import SteadyState
-from .sampled import Vibration, not_constant
+from ..base import Controller, SteadyState
 
 
 @dataclass(frozen=True)
@@ -23,8 +20,13 @@ class Impedance(Controller):
 
     def at_rest(self, setup: Any) -> SteadyState | str:
         """The static balance of eq. (5)."""
+        from ..theory.balance import static_balance
+        from ..theory.sampled import Vibration, not_constant
+
         return not_constant(setup) or Vibration.of(setup, setup.design.M_hat).checked(static_balance(setup, 0.0))
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law vibrates against the wall."""
+        from ..theory.sampled import Vibration
+
         return Vibration.of(setup, setup.design.M_hat).notes(self.label())

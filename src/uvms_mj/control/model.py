@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from .fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
-from .frames import to_body
-from .hydrodynamics import relative_velocity
-from .kernels import kernel
+from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
+from ..physics.frames import to_body
+from ..physics.hydrodynamics import relative_velocity
+from ..physics.kernels import kernel
 
 
 def coefficients(vehicle: Any, gravity_W: Any, factors: Any = None) -> dict[str, Any]:

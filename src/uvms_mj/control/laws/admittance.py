@@ -8,12 +8,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..errors import Fault
-from ..quantities import NonNegative, Positive
-from .balance import static_balance
-from .base import Controller, gain
-from .linear import Linear
-from .rest import SteadyState
+from ...errors import Fault
+from ...quantities import NonNegative, Positive
+from ..base import Controller, SteadyState, gain
 
 
 @dataclass(frozen=True)
@@ -75,6 +72,9 @@ class Admittance(Controller):
     def at_rest(self, setup: Any) -> SteadyState | str:
         """With an integral, K_d eta_e = K_f (tau_c - F_d). Without, the stiffness M_hat k_p in series with K_d:
         K_d eta_e - K_f (tau_c - F_d) + K_d (M_hat k_p)^-1 (tau_cmd - g_hat) = 0."""
+        from ..theory.balance import static_balance
+        from ..theory.linear import Linear
+
         design = setup.design
 
         def residual(balance: Any, x: Any) -> np.ndarray:
@@ -88,4 +88,6 @@ class Admittance(Controller):
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law oscillates."""
+        from ..theory.linear import Linear
+
         return Linear.of(setup).notes(self.label())

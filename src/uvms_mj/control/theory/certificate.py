@@ -89,7 +89,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-from ..errors import InputError
+from ...errors import InputError
 
 MARGIN = 0.25
 """Default relative margin of :func:`gains_for`."""

@@ -12,12 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import InputError, shortened
-from ..stages.base import Stage, base_of, is_shipped
-from .balance_terms import Balance
-from .base import Controller
-from .delivery import Delivery
-from .rest import NoClosedForm, SteadyState
+from ...errors import InputError, shortened
+from ...stages.base import Stage, base_of, is_shipped
+from ..base import Controller, NoClosedForm, SteadyState
+from .terms import Balance, Delivery
 
 if TYPE_CHECKING:
     from .certificate import Certificate
@@ -27,7 +25,7 @@ _SIZES = {"position": 3, "quat": 4, "s": 6, "tau": 6}
 
 _NOT_FOLLOWED = (
     "with [[walls]], contact bodies or a bumper a rest counts if the motion from the start reaches it, "
-    "which control.balance.static_balance finds out"
+    "which control.theory.balance.static_balance finds out"
 )
 
 

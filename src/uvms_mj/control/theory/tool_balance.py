@@ -22,15 +22,13 @@ from typing import Any
 
 import numpy as np
 
-from ..physics.frames import attitude, quat_turned, rotation_matrix
-from ..physics.statics import Statics
+from ...physics.frames import attitude, quat_turned, rotation_matrix
+from ...physics.statics import Statics
+from ..base import SteadyState
 from .approach import approach, decays
-from .balance_terms import Balance, Pose
-from .delivery import Delivery
-from .free_motion import FreeMotion, beyond, surroundings
-from .posture_rest import PostureAtRest
-from .rest import SteadyState
+from .free_motion import FreeMotion, PostureAtRest, beyond, surroundings
 from .task_motion import Track
+from .terms import Balance, Delivery, Pose
 
 _LARGEST = 0.2
 """Largest change of a coordinate in one step of the slow motion [rad or m]."""

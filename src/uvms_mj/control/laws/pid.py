@@ -8,12 +8,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..quantities import NonNegative
-from .balance import static_balance
-from .base import Controller, NonNegativeDiagonal, gain
-from .limited import Integral, within
-from .linear import Linear
-from .rest import SteadyState
+from ...quantities import NonNegative
+from ..base import Controller, NonNegativeDiagonal, SteadyState, gain
+from .terms import within
 
 
 @dataclass(frozen=True)
@@ -51,6 +48,10 @@ class Pid(Controller):
     def at_rest(self, setup: Any) -> SteadyState | str:
         """On each axis the pose error is zero, or the integral is at its limit. Against a wall in front of the
         reference it is: F = (K_x (x_d - x_c) + limit_x - K_f F_d + d) / (1 + K_x / k_c)."""
+        from ..theory.balance import static_balance
+        from ..theory.linear import Linear
+        from ..theory.terms import Integral
+
         K_d, limit = setup.design.K_d, np.array(self.limit)
         integral = Integral(np.where(self.k_i * K_d.diagonal() > 0.0, limit, 0.0))  # elsewhere xi stays zero
 
@@ -64,4 +65,6 @@ class Pid(Controller):
 
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law oscillates."""
+        from ..theory.linear import Linear
+
         return Linear.of(setup).notes(self.label())
