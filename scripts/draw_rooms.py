@@ -36,7 +36,8 @@ SIDES = {
 }
 SUBJECTS = {
     "cli": "commands",
-    "studies": "many runs: the paper, practicality, tuning",
+    "reproduce": "experiments: the paper, practicality, a pool",
+    "studies": "many runs: plans, pages, tuning",
     "envs": "dm_env, Gymnasium",
     "engine": "runs it: Simulation, machine code",
     "views": "what is seen: figures, Rerun",

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from uvms_mj.control.theory.predictions import steady_state
 
 from uvms_mj import Scenario, simulate
 from uvms_mj.control.base import NoClosedForm, SteadyState
+from uvms_mj.control.theory.predictions import steady_state
 from uvms_mj.setup.base import set_up
 
 BASE = {

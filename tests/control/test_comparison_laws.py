@@ -6,13 +6,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from uvms_mj.control.theory.predictions import stage_notes, steady_state
 
 from uvms_mj import InputError, Scenario, Simulation, simulate
 from uvms_mj.analysis.metrics import final_force
 from uvms_mj.control import BUILT_IN
 from uvms_mj.control.base import SteadyState
 from uvms_mj.control.theory.linear import Linear
+from uvms_mj.control.theory.predictions import stage_notes, steady_state
 from uvms_mj.setup.base import set_up
 
 NEW = ("pid", "admittance", "parallel", "dob_impedance", "aismc")

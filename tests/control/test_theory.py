@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from uvms_mj.control.theory.predictions import TheoryWarning
 
 from uvms_mj import Gsta, McapLog, Scenario, Trace, simulate
 from uvms_mj.analysis.metrics import final_force
@@ -23,6 +22,7 @@ from uvms_mj.cli.certify import certify
 from uvms_mj.cli.run import run
 from uvms_mj.control.base import NoClosedForm, SteadyState
 from uvms_mj.control.theory import predictions
+from uvms_mj.control.theory.predictions import TheoryWarning
 from uvms_mj.setup.base import set_up
 from uvms_mj.setup.checks import SamplingWarning, warnings_of
 from uvms_mj.views.figures import contact

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from uvms_mj.control.theory.predictions import steady_state
 
 from at_the_tool import random_push
 from tool_arm import arm_file
 from uvms_mj import Scenario, Simulation, simulate
 from uvms_mj.control.base import NoClosedForm
 from uvms_mj.control.design import demanded_force
+from uvms_mj.control.theory.predictions import steady_state
 from uvms_mj.setup.base import set_up
 
 COARSE = {"simulation.timestep": 2e-4}

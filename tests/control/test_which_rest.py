@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from uvms_mj.control.theory.predictions import steady_state
 
 import sweep_rests
 from law_files import law_file, one_liner
 from uvms_mj import Scenario, simulate
 from uvms_mj.control.base import NoClosedForm, SteadyState
+from uvms_mj.control.theory.predictions import steady_state
 from uvms_mj.setup.base import set_up
 
 QUICK = {"simulation.timestep": 1e-3}

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from uvms_mj.control.theory.predictions import steady_state
 
 from uvms_mj import Scenario, simulate
 from uvms_mj.analysis.metrics import final_force
 from uvms_mj.control.base import NoClosedForm
+from uvms_mj.control.theory.predictions import steady_state
 from uvms_mj.files import shipped
 from uvms_mj.setup.base import set_up
 

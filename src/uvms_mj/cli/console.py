@@ -15,7 +15,7 @@ from .stop import Stop
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from ..studies.paper.claims.base import Row
+    from ..reproduce.paper.claims.base import Row
 
 ROUNDING = 1e-9
 """Numbers smaller than this, relative or in SI units, come from rounding and are shown as zero."""

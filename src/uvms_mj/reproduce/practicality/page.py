@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ..pages import Picture, Table, rendered
+from ...studies.pages import Picture, Table, rendered
 from ..paper.claims.base import Row, Verdict
 from . import figures
 from .axes import AXES, RETUNED, STEPS

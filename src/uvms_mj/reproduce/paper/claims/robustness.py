@@ -5,7 +5,7 @@ import numpy as np
 from ....analysis import metrics
 from ....control.design import demanded_force
 from ....records.trace import Trace
-from ...pages import number
+from ....studies.pages import number
 from ..laws import LABELS
 from .base import Measured, Runs
 from .measures import REST_S, at_rest, gain, norm, over

@@ -12,8 +12,8 @@ from ....records.trace import Trace
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """Traces of the study's runs by the names of :func:`uvms_mj.studies.paper.runs.plan`; ``fine`` has the beginning of
-    the same runs as ``traces`` at every step, ``sweep`` the variations."""
+    """Traces of the study's runs by the names of :func:`uvms_mj.reproduce.paper.runs.plan`; ``fine`` has the beginning
+    of the same runs as ``traces`` at every step, ``sweep`` the variations."""
 
     traces: Mapping[str, Trace]
     fine: Mapping[str, Trace]

@@ -4,7 +4,7 @@ import pytest
 
 from uvms_mj import InputError, Scenario, Trace, simulate
 from uvms_mj.records.mcap import McapLog
-from uvms_mj.studies.paper import runs as study
+from uvms_mj.reproduce.paper import runs as study
 
 
 def test_a_study_that_is_stopped_ends_its_logs(tmp_path):

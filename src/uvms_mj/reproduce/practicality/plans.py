@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..plan import Plan
+from ...studies.plan import Plan
 from .axes import AXES, BASE, LAWS, MAPS, Axis, laws_of_steps
 
 PART = 0.1

@@ -9,8 +9,8 @@ import numpy as np
 from pebble import ProcessExpired
 
 from ...errors import InputError
-from ..pool.calls import each_call
-from ..pool.workers import gave_up
+from ...studies.pool.calls import each_call
+from ...studies.pool.workers import gave_up
 from .alignment import Error, error, lag
 from .data import Attitude, Motion, Record
 from .fit import FITTED_ON, HEIGHTS, every_choice, fitted_height

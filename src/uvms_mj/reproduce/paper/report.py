@@ -14,8 +14,8 @@ from ...control.laws.ideal import TOLD_THE_TRUTH
 from ...quantities import leaves
 from ...records.header import Status
 from ...records.trace import Trace
-from .. import pages
-from ..pages import Table, rendered
+from ...studies import pages
+from ...studies.pages import Table, rendered
 from .claims import Row, Verdict
 from .claims.measures import REST_S, TRANSIENT_S, linear_sum
 

@@ -19,21 +19,13 @@ from uvms_mj import InputError
 from uvms_mj.cli import main
 from uvms_mj.engine.native.attachment import immerse
 from uvms_mj.physics.frames import quat_from_euler_deg
-from uvms_mj.studies.validate import alignment, fit
-from uvms_mj.studies.validate.data import AXES, Attitude, Motion, records
-from uvms_mj.studies.validate.floating import driven, floating
-from uvms_mj.studies.validate.page import CONSTANT, FITTED, numbers
-from uvms_mj.studies.validate.results import PITCH, compute
-from uvms_mj.studies.validate.swing import FASTEST, swing
-from uvms_mj.studies.validate.vehicle import (
-    STATIC,
-    VARIANTS,
-    Variant,
-    at_rest,
-    model,
-    righting,
-    vehicle,
-)
+from uvms_mj.reproduce.validate import alignment, fit
+from uvms_mj.reproduce.validate.data import AXES, Attitude, Motion, records
+from uvms_mj.reproduce.validate.floating import driven, floating
+from uvms_mj.reproduce.validate.page import CONSTANT, FITTED, numbers
+from uvms_mj.reproduce.validate.results import PITCH, compute
+from uvms_mj.reproduce.validate.swing import FASTEST, swing
+from uvms_mj.reproduce.validate.vehicle import STATIC, VARIANTS, Variant, at_rest, model, righting, vehicle
 
 STRETCHED = np.radians([30.0, 70.0, 150.0, 20.0])
 HEIGHT, LATE = 0.0231, 0.3
@@ -208,7 +200,7 @@ def test_the_swing_is_within_the_speed_of_the_arm_and_tells_the_models_apart(res
 
 
 def test_the_command_writes_a_page_with_every_trial_and_what_was_fitted(made, results, tmp_path, monkeypatch):
-    monkeypatch.setattr("uvms_mj.studies.validate.results.compute", lambda *given: results)
+    monkeypatch.setattr("uvms_mj.reproduce.validate.results.compute", lambda *given: results)
     done = CliRunner().invoke(main, ["validate", "pool", "--data", str(made), "--out", str(tmp_path)])
     assert done.exit_code == 0, done.output
     assert "height fitted on 000-0, 001-0, 002-0, and judged on the others" in done.output

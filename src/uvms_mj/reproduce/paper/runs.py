@@ -20,8 +20,8 @@ from ...records.mcap import McapLog
 from ...records.trace import Trace
 from ...scenario import Scenario
 from ...setup.checks import SamplingWarning
-from ..pool.calls import each_call
-from ..pool.workers import Workers
+from ...studies.pool.calls import each_call
+from ...studies.pool.workers import Workers
 from .claims import Runs
 from .laws import RUNS
 

@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 
 from pages import HOSTILE, Page, complete_by_itself
 from uvms_mj import Scenario, simulate
+from uvms_mj.reproduce.paper import report
+from uvms_mj.reproduce.paper.claims import CLAIMS, Measured, Row, Verdict
 from uvms_mj.studies.pages import number
-from uvms_mj.studies.paper import report
-from uvms_mj.studies.paper.claims import CLAIMS, Measured, Row, Verdict
 
 SHORT = ("simulation.duration=0.25", "wall.position=0.002", "reference.step_time=0")
 

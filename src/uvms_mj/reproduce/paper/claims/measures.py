@@ -9,7 +9,7 @@ from ....analysis import metrics, residual
 from ....control.base import SteadyState
 from ....control.design import demanded_force
 from ....records.trace import Trace
-from ...pages import number
+from ....studies.pages import number
 from ..laws import LABELS
 from .base import Measured, Runs
 

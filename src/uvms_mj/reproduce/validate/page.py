@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..pages import Picture, Table, rendered
+from ...studies.pages import Picture, Table, rendered
 from . import figures
 from .fit import FITTED_ON
 from .results import AGREE, BEFORE, PITCH, ROLL, YAW, Results

@@ -10,8 +10,8 @@ import pandas as pd
 
 from ...control.theory.sampled import Vibration
 from ...setup.base import set_up
-from ..plan import Plan
-from ..plan.success import COMPLETED, successes
+from ...studies.plan import Plan
+from ...studies.plan.success import COMPLETED, successes
 from .axes import AXES, LAWS, MAPS, STEPS, Axis, step_label
 from .plans import DEMANDED, PART, STEPS_NAME
 

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
+from ...studies.report.figures import decades
 from ...views import colours
 from ...views.figures.style import ABOVE, GREY, LINE, PAGE_IN, keys, panels, styled
-from ..report.figures import decades
 from .axes import MAPS, Axis
 from .plans import DEMANDED, PART
 from .results import LABELS, Results

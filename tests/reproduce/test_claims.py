@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from uvms_mj import Gsta, Scenario, Trace, simulate
+from uvms_mj.reproduce.paper import report
+from uvms_mj.reproduce.paper import runs as study
+from uvms_mj.reproduce.paper.claims import CLAIMS, Claim, Measured, Runs, Verdict, judge
 from uvms_mj.setup.checks import SamplingWarning
 from uvms_mj.stages.signals import BAND
 from uvms_mj.studies.pages import number
-from uvms_mj.studies.paper import report
-from uvms_mj.studies.paper import runs as study
-from uvms_mj.studies.paper.claims import CLAIMS, Claim, Measured, Runs, Verdict, judge
 
 pytestmark = pytest.mark.slow  # the runs of the whole study
 

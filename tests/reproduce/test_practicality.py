@@ -14,11 +14,11 @@ from synthetic_study import frame_of
 from uvms_mj import InputError
 from uvms_mj.cli.practicality import practicality
 from uvms_mj.files import shipped
+from uvms_mj.reproduce.practicality.axes import AXES, LAWS, MAPS, RETUNED, STEPS, step_label
+from uvms_mj.reproduce.practicality.claims import judge
+from uvms_mj.reproduce.practicality.plans import DEMANDED, METRICS, STEPS_NAME, plans
+from uvms_mj.reproduce.practicality.results import LABELS, Results, why
 from uvms_mj.setup.base import set_up
-from uvms_mj.studies.practicality.axes import AXES, LAWS, MAPS, RETUNED, STEPS, step_label
-from uvms_mj.studies.practicality.claims import judge
-from uvms_mj.studies.practicality.plans import DEMANDED, METRICS, STEPS_NAME, plans
-from uvms_mj.studies.practicality.results import LABELS, Results, why
 
 BY_NAME = {axis.name: axis for axis in AXES}
 VIBRATES = {"force_range_N": 20.0}

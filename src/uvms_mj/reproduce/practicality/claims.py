@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..pages import number
+from ...studies.pages import number
 from ..paper.claims.base import Claim, Measured, Row
 from .axes import AXES, MAPS, RETUNED, STEPS
 from .plans import DEMANDED
