@@ -13,7 +13,7 @@ from draw_rooms import BEFORE, BETWEEN, CHAIN, SUBJECTS, floors
 from uvms_mj.envs.push import ARGUMENTS, OBSERVED
 from uvms_mj.stages import signals
 from uvms_mj.studies.plan import Plan, study_file
-from uvms_mj.studies.plan.metric import MEANINGS, unit_of_column
+from uvms_mj.studies.plan.metrics import MEANINGS, unit_of_column
 from uvms_mj.studies.tune import Tuning
 from uvms_mj.studies.tune import tables as tune_tables
 

@@ -8,8 +8,7 @@ import tomli_w
 
 from uvms_mj import InputError, Study
 from uvms_mj.studies.plan import Plan
-from uvms_mj.studies.plan.metric import COMPONENTS, MEANINGS
-from uvms_mj.studies.plan.success import succeeded, successes
+from uvms_mj.studies.plan.metrics import COMPONENTS, MEANINGS, succeeded, successes
 from uvms_mj.studies.pool.parcel import Parcel
 from uvms_mj.studies.rows import one_row
 from uvms_mj.studies.tune import Tuning

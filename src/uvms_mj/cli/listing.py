@@ -288,7 +288,7 @@ def metrics(words: tuple[str, ...]) -> None:
     uvms-mj metrics contact
     """
     with bad_input():
-        from ..studies.plan.metric import MEANINGS, columns_of, unit_of_column
+        from ..studies.plan.metrics import MEANINGS, columns_of, unit_of_column
 
         wanted = _wanted(words, MEANINGS, "metric", str.__eq__, MEANINGS)
         table = table_of("Metrics of a run", "name", "unit", "meaning", fixed=("name",), min_width=80)

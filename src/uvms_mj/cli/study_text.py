@@ -131,7 +131,7 @@ def finite(value: Any) -> Any:
 
 def _table(study: "Study", rows: "pd.DataFrame") -> None:
     """Runs by law and status, and their successes."""
-    from ..studies.plan.success import in_words, successes
+    from ..studies.plan.metrics import in_words, successes
 
     success = successes(rows, study.plan.success)
     statuses = dict.fromkeys(["completed", *rows["status"]])

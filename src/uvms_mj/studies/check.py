@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError
-from .plan.metric import columns_of
+from .plan.metrics import columns_of
 from .rows import one_row
 
 if TYPE_CHECKING:

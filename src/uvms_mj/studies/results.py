@@ -21,7 +21,7 @@ import tomli_w
 from ..errors import InputError
 from ..files import parsed_toml, text_of
 from ..quantities import leaves
-from .plan.metric import COMPONENTS, FLAGS, TEXTS, columns_of
+from .plan.metrics import COMPONENTS, FLAGS, TEXTS, columns_of
 
 if TYPE_CHECKING:
     import pandas as pd

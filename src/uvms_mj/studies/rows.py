@@ -28,8 +28,7 @@ from ..records.mcap import McapLog
 from ..records.trace import Trace
 from ..scenario import Scenario
 from ..setup.base import set_up
-from .plan.metric import COMPONENTS, columns_of, users_numbers
-from .plan.success import succeeded
+from .plan.metrics import COMPONENTS, columns_of, succeeded, users_numbers
 
 if TYPE_CHECKING:
     from .plan import Plan

@@ -11,7 +11,7 @@ import pandas as pd
 from ...control.theory.sampled import Vibration
 from ...setup.base import set_up
 from ...studies.plan import Plan
-from ...studies.plan.success import COMPLETED, successes
+from ...studies.plan.metrics import COMPLETED, successes
 from .axes import AXES, LAWS, MAPS, STEPS, Axis, step_label
 from .plans import DEMANDED, PART, STEPS_NAME
 

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from ..pages import ROUNDING, Table, number
-from ..plan.success import COMPLETED
+from ..plan.metrics import COMPLETED
 from .data import Data, Metric
 from .paired import Paired
 from .statistics import Estimate
