@@ -13,7 +13,7 @@ from .console import print_verdicts
 from .folders import folder_for
 from .options import asked_for, command, json_option, path_option, set_option, workers_option
 from .stop import Stop
-from .study_text import kept
+from .study import kept
 
 if TYPE_CHECKING:
     from ..reproduce.paper.claims.base import Row
