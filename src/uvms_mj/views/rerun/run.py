@@ -20,8 +20,23 @@ from ...plant.geometry import Geometry
 from ...plant.shapes import Shape
 from ...plant.solids import Solid, solids
 from ...records.header import Header
-from ...records.palette import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, Colour
-from ...records.scene import FORCE_SCALE, FORCES, WALL_SIZE, Force, magnitudes, scene_of, span
+from ...records.scene import (
+    BLUE,
+    FORCE_SCALE,
+    FORCES,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILLION,
+    WALL_SIZE,
+    YELLOW,
+    Colour,
+    Force,
+    magnitudes,
+    scene_of,
+    span,
+)
 from ...stages.signals import BAND, BANDED, PUSH, Signal, band_signals
 from ..colours import legible, mixed
 from . import arm
