@@ -111,7 +111,7 @@ CASES = {
 def test_what_is_experienced_is_what_moves_s(case):
     """s_dot = -k_1 phi_1 + z + varphi of eq. (28), plus A s for GSTA alone, holds up to the inertia of the wall."""
     mjcf, overrides = CASES[case]
-    world = OTHER_WORLD | {"simulation.duration": 1.0, "simulation.timestep": 2e-5, "controller.F_1": 1.5}
+    world = OTHER_WORLD | {"simulation.duration": 1.0, "simulation.timestep": 2e-5, "task.F_1": 1.5}
     trace = simulate(Scenario.load("push_wall", world | overrides), log_rate="full", mjcf=mjcf)
     law, found = trace.scenario.controller, experienced(trace)
     assert (np.abs(trace.tau - trace.tau_cmd).max() > 1.0) == (case in ("weak thrusters", "another true vehicle"))

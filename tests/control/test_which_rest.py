@@ -85,7 +85,7 @@ def test_a_law_with_an_integral_of_its_own_rests_with_that_of_the_task(law):
     assert trace.analytic.force == pytest.approx(trace.push[-1], rel=1e-6)
 
 
-@pytest.mark.parametrize("over", [{"task.integral": True}, {"controller.A": 0.0}])
+@pytest.mark.parametrize("over", [{"task.integral": True}, {"task.A": 0.0}])
 def test_an_impedance_rests_though_its_task_integrates(over):
     """Eq. (23) has no zeta in it, which grows."""
     over |= {

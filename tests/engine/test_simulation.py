@@ -70,7 +70,6 @@ CHANGES = {
     "estimates": {"estimates.inertia": 1.2, "estimates.damping": 0.5},
     "task": {"task.F_1": 2.0, "task.A": -50.0},
     "integral": {"task.integral": True},
-    "an old key of the task": {"controller.F_1": 2.0},
     "controller": {"controller.k_1": 7.0, "controller.nominal": False, "controller.period": 1e-3},
     "simulation": {"simulation.timestep": 2e-4, "simulation.duration": 0.1, "simulation.seed": 3},
     "period": {"navigation.period": 1e-3, "actuation.period": 5e-4},
@@ -476,7 +475,7 @@ def test_a_stage_that_fails_stops_the_simulation_until_its_reset(tmp_path, reque
         (lambda sim: sim.reset(overrides="wall.position"), InputError, "overrides: 'wall.position' is not a mapping"),
         (lambda sim: sim.set(5), InputError, "overrides: 5 is not a mapping"),
         (lambda sim: sim.reset(seed=-1), InputError, "simulation.seed: -1 must be at least 0"),
-        (lambda sim: sim.reset(overrides={"controller.F_1": np.ones(5)}), InputError, "controller.F_1"),
+        (lambda sim: sim.reset(overrides={"task.F_1": np.ones(5)}), InputError, "task.F_1"),
         (lambda sim: sim.step(-1), InputError, "step: -1 is not a number of steps"),
         (lambda sim: sim.step(2.0), InputError, "step: 2.0 is not a number of steps"),
         (lambda sim: sim.signals[5], KeyError, "no signal 5; choose from"),
@@ -494,9 +493,9 @@ def test_a_wrong_call_has_one_message_and_changes_nothing(sim, use, error, said)
 
 
 def test_numbers_of_numpy_are_numbers():
-    """Scalars and arrays, also under the earlier keys of the task."""
+    """Scalars and arrays."""
     scenario = Scenario.load("push_wall", MOVING)
-    plain = {"wall.position": 0.5, "controller.F_1": [2.0] * 6, "initial.position": [0.0, 0.1, 0.0]}
+    plain = {"wall.position": 0.5, "task.F_1": [2.0] * 6, "initial.position": [0.0, 0.1, 0.0]}
     arrays = {key: np.float32(value) if key == "wall.position" else np.array(value) for key, value in plain.items()}
     assert scenario.updated(arrays) == scenario.updated(plain)
     with Simulation(scenario) as sim:

@@ -357,7 +357,7 @@ def test_the_late_loop_of_first_order_sliding_mode_is_at_its_limit(m):
     "late", [{"navigation.velocity_period": 0.01}, {"navigation.velocity_delay": 0.02}, {"controller.delay": 0.005}]
 )
 def test_first_order_sliding_mode_with_a_late_velocity_or_command_says_that_it_chatters(late):
-    held = {"controller.period": 5e-3, "controller.epsilon": 0.1, "controller.A": -20.0, "wall.stiffness": 2e3}
+    held = {"controller.period": 5e-3, "controller.epsilon": 0.1, "task.A": -20.0, "wall.stiffness": 2e3}
     held |= {"simulation.timestep": 1e-3, "navigation.name": "sensors", "simulation.duration": 8.0}
     calm, rough = (Scenario.load("push_wall", held | more, "fosm") for more in ({}, late))
     for scenario, chatters in ((calm, False), (rough, True)):

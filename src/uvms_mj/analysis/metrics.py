@@ -152,8 +152,7 @@ def force_settling_time(trace: Trace, band: float = 0.02) -> float | None:
     """Time from which the pushing force stays within the relative ``band`` about :func:`final_force` [s].
 
     None without contact, if the force has not settled according to :func:`final_force`, or if it :func:`drifts` at the
-    end of the run. The time is that of a row. A force that leaves the band between two rows has not settled, unless an
-    older log does not have its extremes.
+    end of the run. The time is that of a row. A force that leaves the band between two rows has not settled.
     """
     final, settled = final_force(trace)
     if not final or not settled:

@@ -91,7 +91,6 @@ class Controller(Stage):
         method="law",
         arguments=("gains", "state", "signals", "state_dot", "tau_cmd"),
         theory=("at_rest", "notes", "certificate"),
-        reserved=dict.fromkeys(("F_1", "F_2", "A", "integral"), "is a gain of the impedance task, in [task]"),
     )
     uses_task: ClassVar[bool] = True
     """Whether signals has :data:`uvms_mj.stages.signals.TASK`. If False, the impedance task does not run, and s, zeta

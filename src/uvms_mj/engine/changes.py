@@ -8,7 +8,6 @@ from typing import Any
 from pydantic import ValidationError
 
 from ..control.design import ATTITUDE_KEYS, Design, no_overflow
-from ..control.task import TASK_KEYS
 from ..errors import Fault, InputError
 from ..plant.contacts import Contacts, contacts_of
 from ..plant.fit import check_fit
@@ -65,8 +64,7 @@ def _tables(scenario: Scenario, overrides: Mapping[str, Any], place: str) -> tup
     given: dict[str, dict[str, Any]] = {}
     for key, value in overrides.items():
         table, _, word = key.partition(".")
-        earlier = table == "controller" and word in TASK_KEYS and f"task.{word}" not in overrides
-        given.setdefault("task" if earlier else table, {})[word] = value
+        given.setdefault(table, {})[word] = value
     try:
         if _OTHER_CODE.isdisjoint(overrides):
             tables = {name: _replaced(getattr(scenario, name), new) for name, new in given.items()}

@@ -59,7 +59,6 @@ class Room:
         out: the signals that it sets; one without a name's record is the array of the last argument.
         constants: names of constants that the function gets besides its settings.
         theory: methods beside the function that a stage may override.
-        reserved: names that a setting must not have, each with the reason.
         optional: names of the signals of ``out`` that stay zero if a user's stage does not set them.
         counts: whose number ``given`` and the sizes of states depend on: "thrusters" or "joints".
         words: further words for a stage of the room, which messages understand in place of the table's.
@@ -75,7 +74,6 @@ class Room:
     arguments: tuple[str, ...] = ("settings", "state", "given", "state_dot", "out")
     constants: tuple[str, ...] = ()
     theory: tuple[str, ...] = ()
-    reserved: Mapping[str, str] = dataclasses.field(default_factory=dict)
     optional: tuple[str, ...] = ()
     counts: str = "thrusters"
     words: tuple[str, ...] = ()

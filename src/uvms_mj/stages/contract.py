@@ -68,7 +68,6 @@ def _wrong(cls: type[Stage]) -> Iterator[str]:
     names = [f.name for f in dataclasses.fields(cls)]
     taken = [name for name in names if hasattr(base, name) and name not in shared]
     reasons = [(name, f"is an attribute of every {room.noun}") for name in taken]
-    reasons += [(name, room.reserved[name]) for name in names if name in room.reserved]
     reasons += [(name, "is an attribute of NumPy's records") for name in names if hasattr(np.record, name)]
     yield from (f"{name!r} {reason}; give the {room.setting} another name" for name, reason in reasons)
     own = [base for base in cls.__mro__ if not base.__module__.startswith("uvms_mj.") and base is not object]

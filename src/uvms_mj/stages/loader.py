@@ -97,13 +97,12 @@ class Choice(Generic[_Stage]):
         table: Mapping[str, Any],
         source: Any,
         overrides: Collection[str],
-        others: Collection[str],
         left_out: list[str],
         known: type[_Stage] | None = None,
         trusted: Container[str] | None = None,
     ) -> dict[str, Any]:
         """The table for the stage ``source``. It has the settings of a table that belongs to it: by its name, or by its
-        settings if it has no name; any table may have the keys ``others``. Otherwise it has those that every stage of
+        settings if it has no name. Otherwise it has those that every stage of
         the table has, which belong to the loop: the period, a law's delay. A sentence with the others that no override
         sets is then appended to ``left_out``. ``known`` is the class of the table, if it is loaded already; ``trusted``
         is that of :meth:`load`."""
@@ -112,7 +111,7 @@ class Choice(Generic[_Stage]):
         else:
             hidden = trusted is not None and isinstance(source, str) and ".py" in source and source not in trusted
             settings = None if hidden else self.settings(source)
-            belongs = settings is None or set(table) <= {*settings, *others}
+            belongs = settings is None or set(table) <= {*settings}
         if belongs:
             return {**table, "name": source}
         name, old = self.base.room.table, table.get("name", self.default.name)
@@ -280,7 +279,7 @@ def recorded_stage(
     file, _, label = source.rpartition(":")
     if not file or Path(file).name != file or not label.isidentifier() or not isinstance(table, Mapping):
         raise InputError(f"the {room.noun} is {source!r}: must be file.py:ClassName")
-    shared = {f.name for f in dataclasses.fields(base)} | {"name", *room.reserved}
+    shared = {f.name for f in dataclasses.fields(base)} | {"name"}
     fields = []
     for name, value in table.items():
         if name in shared:

@@ -25,7 +25,7 @@ SMOOTHER: Mapping[str, Any] = {
     "controller.k_1": 1.0,
     "controller.k_2": 1.0,
     "controller.beta": 2.0,
-    "controller.A": [-20.0] * 6,
+    "task.A": [-20.0] * 6,
 }
 """GSTA's gains for a control rate of 100 Hz."""
 RETUNED = "gsta retuned"
