@@ -141,7 +141,7 @@ def rooms() -> Figure:
 
 
 CHAIN = (
-    ("navigation", "[navigation]", STAGE, "KNOWN", "pose, velocity,\nforce"),
+    ("navigation", "[navigation]", STAGE, "MEASURED", "pose, velocity,\nforce"),
     ("guidance", "[reference]", STAGE, "REFERENCE", "pose and its\nderivatives"),
     ("tracking", "[estimates]", PLAIN, "ERRORS\nESTIMATES", "to the reference;\nM, C, D, g"),
     ("task", "[impedance][task]", PLAIN, "TASK", "s, zeta,\ntau_nom"),

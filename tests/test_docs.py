@@ -24,7 +24,7 @@ STUDIES = (ROOT / "docs" / "studies.md").read_text()
 ENVIRONMENTS = (ROOT / "docs" / "environments.md").read_text()
 GUIDES = EXTENDING + ENVIRONMENTS + (ROOT / "README.md").read_text()
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-GROUPS = ("CLOCK", "KNOWN", "TRUE", "REFERENCE", "ERRORS", "ESTIMATES", "APPLIED", "IMPEDANCE", "TASK")
+GROUPS = ("CLOCK", "MEASURED", "TRUE", "REFERENCE", "ERRORS", "ESTIMATES", "APPLIED", "IMPEDANCE", "TASK")
 
 
 @pytest.mark.parametrize("arguments", sorted(set(re.findall(r"^uvms-mj run (.*examples/.*)$", GUIDES, re.MULTILINE))))

@@ -22,7 +22,7 @@ from .joint_signals import JOINT_SIGNALS
 _MOST_STATES = 10_000
 _LONGEST_NAME = 100
 _RECORDED = (
-    *(*signals.RECORDED, *signals.MEASURED, *signals.DELAYED, *signals.TOOL, signals.MANIPULABILITY),
+    *(*signals.RECORDED, *signals.MEASURED_MOTION, *signals.DELAYED, *signals.TOOL, signals.MANIPULABILITY),
     *(*signals.contact_signals(1), *JOINT_SIGNALS, signals.thruster_signal(1), signals.pulse_signal(1)),
 )
 _SIGNALS = {signal.name for signal in (*signals.GIVEN, *_RECORDED)}

@@ -78,11 +78,14 @@ class Admittance(Controller):
         design = setup.design
 
         def residual(balance: Any, x: Any) -> np.ndarray:
-            nu = balance.known(x).nu
+            nu = balance.measurement(x).nu
             demanded = balance.demanded(x) - design.D_d @ nu  # nu_a = 0
             if self.k_i:
                 return demanded
-            return demanded + design.K_d @ (np.linalg.solve(design.M_hat, balance.effort(x)) + self.k_v * nu) / self.k_p
+            return (
+                demanded
+                + design.K_d @ (np.linalg.solve(design.M_hat, balance.control_wrench(x)) + self.k_v * nu) / self.k_p
+            )
 
         return Linear.of(setup).checked(static_balance(setup, np.inf if self.k_i else 0.0, residual))
 

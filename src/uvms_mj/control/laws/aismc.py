@@ -65,13 +65,13 @@ class Aismc(Controller):
 
     def at_rest(self, setup: Any) -> SteadyState | str:
         """The static balance with eq. (7), if the switching gain exceeds the disturbance."""
-        from ..theory.balance import static_balance, unknown_acceleration
+        from ..theory.balance import static_balance, unmodelled_acceleration
         from ..theory.terms import Balance
 
         state = static_balance(setup, np.inf, Balance.demanded)
         if isinstance(state, str):
             return state
-        phi, K = unknown_acceleration(setup, state), np.full(6, self.K_0)
+        phi, K = unmodelled_acceleration(setup, state), np.full(6, self.K_0)
         if self.rate:
             K = np.minimum(self.K_max, np.maximum(K, np.abs(phi) / RESTS_AT))
         if (np.abs(phi) >= K).any():

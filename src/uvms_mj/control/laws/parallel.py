@@ -65,9 +65,9 @@ class Parallel(Controller):
         integral = Integral(self.limit if self.k_i else 0.0)
 
         def residual(balance: Any, x: Any) -> np.ndarray:
-            missing = M_hat @ (balance.asked(x) - balance.unknown(x))  # tau_cmd - tau_nom
+            missing = M_hat @ (balance.desired_acceleration(x) - balance.unmodelled(x))  # tau_cmd - tau_nom
             xi = n @ missing
-            return missing - n * xi + n * integral.left(xi, self.k_i * (n @ (balance.known(x).tau_c - F_d)))
+            return missing - n * xi + n * integral.left(xi, self.k_i * (n @ (balance.measurement(x).tau_c - F_d)))
 
         return Linear.of(setup).checked(static_balance(setup, 0.0, residual, integral))
 

@@ -56,9 +56,9 @@ class Pid(Controller):
         integral = Integral(np.where(self.k_i * K_d.diagonal() > 0.0, limit, 0.0))  # elsewhere xi stays zero
 
         def residual(balance: Any, x: Any) -> np.ndarray:
-            nu, spring = balance.known(x).nu, K_d @ balance.error(x)
+            nu, spring = balance.measurement(x).nu, K_d @ balance.error(x)
             measured = balance.resistance(nu) + setup.design.D_d @ nu
-            xi = -(balance.effort(x) + measured + balance.K_f * balance.F_d + spring)
+            xi = -(balance.control_wrench(x) + measured + balance.K_f * balance.F_d + spring)
             return -integral.left(xi, self.k_i * spring)
 
         return Linear.of(setup).checked(static_balance(setup, 0.0, residual, integral))

@@ -113,7 +113,7 @@ def static_balance(
     if isinstance(pose, str):
         return pose
     for sensor in (scenario.navigation, scenario.observer):
-        if sensor.runs and (reason := sensor.out_of_range(balance.known(pose))):
+        if sensor.runs and (reason := sensor.out_of_range(balance.measurement(pose))):
             return reason
     tau, push = balance.thrust(pose), balance.contacts(pose.position, pose.R_WB)[1]
     if weak := delivery.weak(tau):
@@ -168,7 +168,7 @@ def _reached(motion: TaskMotion, K: float, kept: Callable[[np.ndarray, np.ndarra
         return rest
     if motion.delivery is not None and (weak := motion.delivery.weak(balance.thrust(rest))):
         return weak
-    if kept is not None and (reason := kept(*motion.unknown())):
+    if kept is not None and (reason := kept(*motion.unmodelled())):
         return reason
     motion.passed(motion.track.times[-1] + 1.0, rest)
     if not balance.springs.convex:
@@ -211,13 +211,13 @@ def _across(direction: np.ndarray) -> np.ndarray:
     return found
 
 
-def unknown_acceleration(setup: Any, state: SteadyState) -> np.ndarray:
+def unmodelled_acceleration(setup: Any, state: SteadyState) -> np.ndarray:
     """The acceleration (6,) of disturbances and model errors at rest, M_hat^-1 tau_dist of eq. (11), in a state of
     :func:`static_balance`."""
     delivery = Delivery.of(setup)
     assert not isinstance(delivery, str)  # the state was found with it
     balance = Balance(setup, np.inf, delivery)
-    return balance.unknown(balance.pose(np.asarray(state.position), np.asarray(state.quat)))
+    return balance.unmodelled(balance.pose(np.asarray(state.position), np.asarray(state.quat)))
 
 
 def _with_arm(setup: Any, K: float, delivery: Delivery) -> SteadyState | str:

@@ -138,10 +138,10 @@ class TaskMotion:
         found = (self._thrust(k) for k in range(2, len(self.track.times)))
         return self.delivery is not None and any(self.delivery.missing(tau).any() for tau in found)
 
-    def unknown(self) -> tuple[np.ndarray, np.ndarray]:
+    def unmodelled(self) -> tuple[np.ndarray, np.ndarray]:
         """Times (n,) [s] of the track, and the unknown acceleration (n, 6) of a rigid vehicle on it."""
         steps = range(1, len(self.track.times))
-        found = [self.balance.unknown_on_the_way(self.track.poses[k], self._velocity(k)) for k in steps]
+        found = [self.balance.unmodelled_on_the_way(self.track.poses[k], self._velocity(k)) for k in steps]
         return np.array(self.track.times[1:]), np.array(found)
 
     def _velocity(self, k: int) -> np.ndarray:

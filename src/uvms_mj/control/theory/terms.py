@@ -122,7 +122,7 @@ class Balance:
         self.undelivered = np.eye(6) - np.linalg.inv(delivery.T)
         self.K_f, self.F_d = (np.array(each) for each in scenario.impedance.at_end)
         self.factor_inverse = np.ones(6) if K == 0.0 else self.A / (self.A - K)
-        self.told, self.own = scenario.controller.uses_truth, own
+        self.uses_truth, self.own = scenario.controller.uses_truth, own
         self.errors = scenario.navigation.rest_errors(setup)
 
     def pose(self, position: np.ndarray, quat: np.ndarray) -> Pose:
@@ -154,36 +154,36 @@ class Balance:
 
     def error(self, x: Pose) -> np.ndarray:
         """eta_e (6,) as the law measures it."""
-        known, quat_e = self.known(x), np.empty(4)
-        quat_error(self.quat_d, known.quat, quat_e)
-        return np.concatenate([rotation_matrix(known.quat).T @ (known.position - self.p_d), quat_e[1:]])
+        measured, quat_e = self.measurement(x), np.empty(4)
+        quat_error(self.quat_d, measured.quat, quat_e)
+        return np.concatenate([rotation_matrix(measured.quat).T @ (measured.position - self.p_d), quat_e[1:]])
 
     def demanded(self, x: Pose) -> np.ndarray:
         """K_d eta_e + D_d nu_e - K_f (tau_c - F_d) as the law measures them, zero where the desired impedance, eq. (7),
         holds at rest."""
-        known, design = self.known(x), self.setup.design
-        forces = self.K_f * (known.tau_c - self.F_d)
-        return design.K_d @ self.error(x) + design.D_d @ known.nu - forces
+        measured, design = self.measurement(x), self.setup.design
+        forces = self.K_f * (measured.tau_c - self.F_d)
+        return design.K_d @ self.error(x) + design.D_d @ measured.nu - forces
 
-    def asked(self, x: Pose) -> np.ndarray:
+    def desired_acceleration(self, x: Pose) -> np.ndarray:
         """w = M_d^-1 times :meth:`demanded`."""
         return self.M_d_inv @ self.demanded(x)
 
-    def known(self, x: Pose) -> Any:
-        """The measurements, :class:`uvms_mj.navigation.base.Known`."""
-        known = self.errors(x.position, x.quat, x.tau_c)
+    def measurement(self, x: Pose) -> Any:
+        """The measurements, :class:`uvms_mj.navigation.base.Measurement`."""
+        measured = self.errors(x.position, x.quat, x.tau_c)
         if not self.setup.scenario.observer.runs:
-            return known
-        explained = dataclasses.replace(known, tau_c=x.tau_c)
-        return dataclasses.replace(known, tau_c=x.tau_c + self.setup.design.M_hat @ self.unknown(x, explained))
+            return measured
+        explained = dataclasses.replace(measured, tau_c=x.tau_c)
+        return dataclasses.replace(measured, tau_c=x.tau_c + self.setup.design.M_hat @ self.unmodelled(x, explained))
 
-    def moving(self, x: Pose) -> np.ndarray:
+    def drift(self, x: Pose) -> np.ndarray:
         """F_1 times the rate (6,) of the pose error that the law derives from a biased velocity, eq. (18)."""
-        known, quat_e = self.known(x), np.empty(4)
-        if not known.nu.any():
+        measured, quat_e = self.measurement(x), np.empty(4)
+        if not measured.nu.any():
             return np.zeros(6)
-        quat_error(self.quat_d, known.quat, quat_e)
-        v, omega = known.nu[:3], known.nu[3:]
+        quat_error(self.quat_d, measured.quat, quat_e)
+        v, omega = measured.nu[:3], measured.nu[3:]
         turning = 0.5 * (quat_e[0] * omega + np.cross(quat_e[1:], omega))
         return np.array(self.setup.task.F_1) * np.concatenate([v, turning])
 
@@ -192,9 +192,9 @@ class Balance:
         or there is no task."""
         if not self.setup.scenario.controller.uses_task:
             return None
-        if not (self.told or self.own) and (self.K > 0.0 or 0.0 not in self.A):
-            return (self.unknown(x) - self.moving(x)) / (self.K - self.A) + 0.0  # zero has no sign
-        left = self.moving(x) - self.asked(x)
+        if not (self.uses_truth or self.own) and (self.K > 0.0 or 0.0 not in self.A):
+            return (self.unmodelled(x) - self.drift(x)) / (self.K - self.A) + 0.0  # zero has no sign
+        left = self.drift(x) - self.desired_acceleration(x)
         if np.abs(left).max() < 1e-12:
             return np.zeros(6)
         return None if 0.0 in self.A else left / self.A
@@ -204,22 +204,22 @@ class Balance:
         d, g_eta = self.environment(x, nu)
         return g_eta - d - x.tau_c
 
-    def effort(self, x: Pose) -> np.ndarray:
+    def control_wrench(self, x: Pose) -> np.ndarray:
         """tau_cmd - C_hat nu - D_hat nu - g_hat (6,) that holds the vehicle at rest."""
-        return -self.known(x).tau_c - self.setup.design.M_hat @ self.unknown(x)
+        return -self.measurement(x).tau_c - self.setup.design.M_hat @ self.unmodelled(x)
 
-    def unknown(self, x: Pose, known: Any = None) -> np.ndarray:
+    def unmodelled(self, x: Pose, measured: Any = None) -> np.ndarray:
         """The acceleration (6,) that a law without an integral term must balance through s, with the measurements
-        ``known``; default: those at x."""
+        ``measured``; default: those at x."""
         d, g_eta = self.environment(x)
-        known = self.known(x) if known is None else known
+        measured = self.measurement(x) if measured is None else measured
         estimates = self.setup.scenario.estimates
         vehicle = self.setup.nominal
-        nominal = self.restoring(vehicle, rotation_matrix(known.quat))
-        unknown = (estimates.restoring - 1.0) * nominal + (nominal - g_eta) + (x.tau_c - known.tau_c)
-        return self.M_hat_inv @ (d + unknown + self.resistance(known.nu) + self.undelivered @ self.thrust(x))
+        nominal = self.restoring(vehicle, rotation_matrix(measured.quat))
+        unmodelled = (estimates.restoring - 1.0) * nominal + (nominal - g_eta) + (x.tau_c - measured.tau_c)
+        return self.M_hat_inv @ (d + unmodelled + self.resistance(measured.nu) + self.undelivered @ self.thrust(x))
 
-    def unknown_on_the_way(self, x: Pose, nu: np.ndarray) -> np.ndarray:
+    def unmodelled_on_the_way(self, x: Pose, nu: np.ndarray) -> np.ndarray:
         """The acceleration (6,) of eq. (11) that current, disturbance and wrong estimates give a rigid vehicle with a
         velocity nu (6,)."""
         vehicle, estimates, term = self.setup.vehicle, self.setup.scenario.estimates, np.empty(6)
@@ -241,13 +241,13 @@ class Balance:
         return total
 
     def __call__(self, x: Pose) -> np.ndarray:
-        if self.told:
-            unknown = x.tau_c - self.known(x).tau_c + self.undelivered @ self.thrust(x)
-            return self.demanded(x) - self.setup.design.M_d @ np.linalg.solve(self.setup.design.M, unknown)
-        unknown = (1.0 - self.factor_inverse) * self.moving(x)
+        if self.uses_truth:
+            unmodelled = x.tau_c - self.measurement(x).tau_c + self.undelivered @ self.thrust(x)
+            return self.demanded(x) - self.setup.design.M_d @ np.linalg.solve(self.setup.design.M, unmodelled)
+        unmodelled = (1.0 - self.factor_inverse) * self.drift(x)
         if np.isfinite(self.K):
-            unknown += self.factor_inverse * self.unknown(x)
-        return self.demanded(x) - self.setup.design.M_d @ unknown
+            unmodelled += self.factor_inverse * self.unmodelled(x)
+        return self.demanded(x) - self.setup.design.M_d @ unmodelled
 
     def environment(self, x: Pose, nu: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """d and g(eta), (6,) each, in B, of a vehicle at rest or with a velocity nu (6,)."""

@@ -154,9 +154,11 @@ class ToolBalance:
         tau, a = self.commanded(y, tree)
         tau[:6] = self.delivery.T @ tau[:6]
         tau += surroundings(setup, tree, y.p_WB, y.R_WB) + tree.jacobian(self.frame).T @ tool.tau_c
-        return np.concatenate([tau, setup.design.M_d @ (balance.asked(tool) - balance.factor_inverse * a)])
+        return np.concatenate(
+            [tau, setup.design.M_d @ (balance.desired_acceleration(tool) - balance.factor_inverse * a)]
+        )
 
     def sliding(self, y: TreePose) -> np.ndarray:
         """s (6,) at rest: a = w + K s, or A s = -w without K."""
-        w, K = self.at_task.asked(self.tool(y)), self.at_task.K
+        w, K = self.at_task.desired_acceleration(self.tool(y)), self.at_task.K
         return (self.commanded(y)[1] - w) / K if K > 0.0 else -w / self.at_task.A

@@ -11,13 +11,13 @@ from ...physics.posture import WORK
 from ...physics.surfaces import SURFACE
 from ...physics.tree import FRAME, LINK
 from ...physics.varying import varying
-from ...stages.signals import CLOCK, GIVEN, KNOWN, RECORDED, TRUE, record_dtype
+from ...stages.signals import CLOCK, GIVEN, MEASURED, RECORDED, TRUE, record_dtype
 
 CLOCKS = record_dtype(CLOCK)
 """The beginning of every record that a stage is given."""
 TRUTHS = record_dtype(CLOCK + TRUE)
 """Record given to navigation: the state and the contact force of the instant."""
-_OTHERS = {s.name for s in GIVEN + TRUE} - {s.name for s in KNOWN} | {s.name for s in TRUE[:4]}
+_OTHERS = {s.name for s in GIVEN + TRUE} - {s.name for s in MEASURED} | {s.name for s in TRUE[:4]}
 _OTHERS |= {"tau_cmd", "f_contact_m_W", *(CONTACT.names or ())}
 ROW = record_dtype(tuple(s for s in RECORDED if s.name in ("t", "f_contact_W") or s.name not in _OTHERS))
 """The recorded signals that the core computes; all others lie where a stage or the contact has set them."""

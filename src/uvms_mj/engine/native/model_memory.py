@@ -6,7 +6,7 @@ from ...control.design import Estimates
 from ...physics.frames import BODY
 from ...plant.vehicle import Vehicle
 from ...setup.base import Setup
-from ...stages.signals import CLOCK, KNOWN, MANIPULABILITY, TOOL, Signal, record_dtype
+from ...stages.signals import CLOCK, MANIPULABILITY, MEASURED, TOOL, Signal, record_dtype
 from .joints import Joints
 from .layouts import model_dtype
 from .links import estimate_links, find_diagonals, frame_records, link_records
@@ -66,7 +66,7 @@ class TaskFrame:
 
     def __init__(self, setup: Setup, signals: np.ndarray, joints: Joints, carriers: np.ndarray) -> None:
         self.at_tool = at_tool = setup.scenario.task.frame != BODY
-        self.base = np.zeros(1, record_dtype(CLOCK + KNOWN)) if at_tool else signals
+        self.base = np.zeros(1, record_dtype(CLOCK + MEASURED)) if at_tool else signals
         self.probe, self.quat = carriers[: int(at_tool)], np.zeros((1, 4))
         self.model = ModelMemory(setup, setup.nominal, joints) if at_tool or joints.n else None
         self.estimation = ModelAtTool() if at_tool else ModelAtBody()

@@ -19,7 +19,7 @@ from ...stages.signals import (
     DELAYED,
     IN_TASK_FRAME,
     MANIPULABILITY,
-    MEASURED,
+    MEASURED_MOTION,
     OWN_UNIT,
     PUSH,
     RECORDED,
@@ -65,7 +65,7 @@ def recorded(
         if "task" in stages.entries or signal.name not in _OF_THE_TASK
     ]
     if not isinstance(scenario.navigation, Perfect):
-        found += [(signal, stages.frame.base[signal.name.removesuffix("_m")]) for signal in MEASURED]
+        found += [(signal, stages.frame.base[signal.name.removesuffix("_m")]) for signal in MEASURED_MOTION]
     found += [(signal, stages.signals[signal.name]) for signal in SCHEDULED if "schedule" in stages.entries]
     found += [(signal, stages.delayed["tau_cmd"]) for signal in DELAYED if "delay" in stages.entries]
     if not scenario.current.constant:
@@ -94,7 +94,7 @@ def check_states(states: Sequence[tuple[Stage, str]], names: Set[str] = frozense
     """Refuse states that can't be recorded under their names, beside the signals ``names``. Raises InputError if two
     states have one name, or a state's name is taken or is not an identifier."""
     own = (*contact_signals(0), *JOINT_SIGNALS, thruster_signal(0))
-    recorded = (*RECORDED, *MEASURED, *UNSTEADY, *DELAYED, *SCHEDULED, *TOOL, MANIPULABILITY, *own)
+    recorded = (*RECORDED, *MEASURED_MOTION, *UNSTEADY, *DELAYED, *SCHEDULED, *TOOL, MANIPULABILITY, *own)
     taken = names | {signal.name for signal in recorded} | {*itertools.chain(*BAND.values())} | _ATTRIBUTES
     faults: dict[Stage, list[Fault]] = {}
     for stage, name in states:

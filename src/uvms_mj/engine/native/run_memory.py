@@ -10,7 +10,7 @@ from ...control.design import ATTITUDE_KEYS
 from ...plant.settings import contact_settings
 from ...scenario import STAGES
 from ...setup.base import Setup
-from ...stages.signals import FINAL_WINDOW_S, KNOWN, band_signals
+from ...stages.signals import FINAL_WINDOW_S, MEASURED, band_signals
 from .callback import entry_point
 from .contact_list import ContactList
 from .joints import Joints
@@ -176,7 +176,7 @@ class RunMemory:
         """Every signal by name as a read-only view: those that the law is given, and the recorded ones."""
         found = {signal.name: memory.reshape(signal.shape) for signal, memory in self.recorded}
         signals, base = self.stages.signals, self.stages.frame.base
-        given = {name: signals[name] for name in signals.dtype.names} | {s.name: base[s.name] for s in KNOWN}
+        given = {name: signals[name] for name in signals.dtype.names} | {s.name: base[s.name] for s in MEASURED}
         found = {name: each[0:1].reshape(each.shape[1:]) for name, each in given.items()} | found
         found["t"] = self.loop["t"].reshape(())  # of the instant in hand; the row in memory is that of the step before
         for view in found.values():

@@ -18,7 +18,7 @@ from ...stages.signals import (
     ERRORS,
     ESTIMATES,
     IMPEDANCE,
-    KNOWN,
+    MEASURED,
     OBSERVER_GIVEN,
     REFERENCE,
     SCHEDULED,
@@ -80,7 +80,7 @@ class StageTable:
         scenario, n = setup.scenario, len(setup.vehicle.thrusters)
         controller = scenario.controller
         self.signals = np.zeros(1, record_dtype(type(controller).given()))
-        self.sensed = np.zeros(1, record_dtype(CLOCK + KNOWN))
+        self.sensed = np.zeros(1, record_dtype(CLOCK + MEASURED))
         self.allocation = np.zeros(1, record_dtype(type(scenario.actuation).given(n)))
         thrusters = scenario.thrusters
         self.commands = np.zeros(1, record_dtype(type(thrusters).given(n)))
@@ -102,10 +102,10 @@ class StageTable:
         behind = np.zeros(1, record_dtype(Delay.given())) if frame.model else self.allocation
         self.command, self.delayed = np.zeros(1, record_dtype(Delay.given())) if late else behind, behind
         self._measure(add, scenario, true, joints)
-        add("reference", scenario.reference, part(self.signals, CLOCK + KNOWN), part(self.signals, REFERENCE))
-        known = part(self.signals, CLOCK + KNOWN + REFERENCE)
+        add("reference", scenario.reference, part(self.signals, CLOCK + MEASURED), part(self.signals, REFERENCE))
+        known = part(self.signals, CLOCK + MEASURED + REFERENCE)
         add("tracking", Errors() if frame.model else Tracking(), known, part(self.signals, ERRORS + ESTIMATES))
-        add("observer", scenario.observer, part(self.signals, OBSERVER_GIVEN), part(self.signals, KNOWN[4:]))
+        add("observer", scenario.observer, part(self.signals, OBSERVER_GIVEN), part(self.signals, MEASURED[4:]))
         if scenario.impedance.schedule:
             add("schedule", Schedule(), part(self.signals, CLOCK), part(self.signals, SCHEDULED))
         if scenario.impedance.natural:
@@ -150,19 +150,19 @@ class StageTable:
         frame, observed = self.frame, scenario.observer.runs
         if len(frame.probe):
             add("tool", ToolAttitude(), true, frame.quat[0], frame.probe)
-        add("navigation", scenario.navigation, true, part(self.sensed if observed else frame.base, KNOWN))
+        add("navigation", scenario.navigation, true, part(self.sensed if observed else frame.base, MEASURED))
         if observed:
-            add("sensed", Sensed(), self.sensed, part(self.signals, KNOWN[:4]))
+            add("sensed", Sensed(), self.sensed, part(self.signals, MEASURED[:4]))
         if joints.interface is not None:
             add("encoder", scenario.encoder, joints.true, part(joints.given, encoder_signals(joints.n)))
         if self.wrist is not None:
             self.wrist.add(add, true, frame.base)
         if frame.model is not None:
             out = part(self.signals, UP_TO_ESTIMATES)
-            add("model", frame.estimation, part(frame.base, CLOCK + KNOWN), out, frame.model.record)
+            add("model", frame.estimation, part(frame.base, CLOCK + MEASURED), out, frame.model.record)
             if joints.interface is not None and type(joints.interface).obeys:
                 torques = frame.model.arrays["tau_posture"]
-                add("below", frame.posture, part(frame.base, CLOCK + KNOWN), torques, frame.model.record)
+                add("below", frame.posture, part(frame.base, CLOCK + MEASURED), torques, frame.model.record)
 
     @property
     def tau_cmd(self) -> np.ndarray:

@@ -8,7 +8,7 @@ from ...plant.arm import Link
 from ...plant.vehicle import Vehicle
 from ...setup.base import Setup
 from ...stages.joint_signals import WRIST_READING, WRIST_TRUE, wrist_given
-from ...stages.signals import CLOCK, KNOWN, Signal, record_dtype
+from ...stages.signals import CLOCK, MEASURED, Signal, record_dtype
 from .entry import part
 from .joints import Joints
 from .layouts import WRIST
@@ -76,7 +76,7 @@ class WristMemory:
         """Add the stages of the sensor; ``base`` is the record with the measurements at B."""
         add("felt", Felt(), true, self.given["wrench_S"][0], self.record)
         add("wrist", self.wrist, self.given, self.reading)
-        add("derived", Derived(), part(base, CLOCK + KNOWN[:4]), part(base, KNOWN[4:]), self.record)
+        add("derived", Derived(), part(base, CLOCK + MEASURED[:4]), part(base, MEASURED[4:]), self.record)
 
     def recorded(self) -> list[tuple[Signal, np.ndarray]]:
         """The recorded signals, each with its memory."""
