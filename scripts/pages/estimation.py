@@ -113,7 +113,7 @@ def numbers() -> Iterator[tuple]:
     )
     yield "Its force is {} ms old", 1e3 * found.age
     yield "at {} ms all damping would be lost", 1e3 * found.limit
-    yield "its command is {} ms late", 1e3 * found.chain.command_age
+    yield "its command is {} ms late", 1e3 * found.chain.command_latency
 
 
 def main() -> None:

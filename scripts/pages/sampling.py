@@ -49,7 +49,7 @@ def late_commands(case: int) -> tuple[list[float], list[float], list[float]]:
     ages, found, predicted = [], [], []
     for delay in delays:
         force, vibration, law = measured(overrides | {"controller.delay": delay})
-        ages.append(vibration.chain.command_age)
+        ages.append(vibration.chain.command_latency)
         found.append(force)
         predicted.append(float(swing(vibration, law.slopes)[0]))
     return ages, found, predicted

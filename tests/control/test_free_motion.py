@@ -5,7 +5,7 @@ import pytest
 
 from uvms_mj import Scenario, Simulation, simulate
 from uvms_mj.control.theory.free_motion import FreeMotion
-from uvms_mj.control.theory.terms import Delivery
+from uvms_mj.control.theory.terms import ThrustMap
 from uvms_mj.setup.base import set_up
 from uvms_mj.setup.free_motion import _still, free_motion_notes
 
@@ -17,9 +17,9 @@ TETHERED = {"tether.length": 4.0, "tether.position": [-0.2, 0.0, 0.1], "posture.
 
 def free_motion(scenario: Scenario, push: float = 0.0) -> FreeMotion:
     setup = set_up(scenario)
-    delivery = Delivery.of(setup)
-    assert not isinstance(delivery, str)
-    return FreeMotion(setup, delivery, _still(*setup.rest_pose, -push * setup.design.normal))
+    thrust_map = ThrustMap.of(setup)
+    assert not isinstance(thrust_map, str)
+    return FreeMotion(setup, thrust_map, _still(*setup.rest_pose, -push * setup.design.normal))
 
 
 def notes(**overrides) -> list[str]:

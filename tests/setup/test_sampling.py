@@ -11,7 +11,7 @@ from uvms_mj.analysis.metrics import final_force
 from uvms_mj.control.base import NoClosedForm, SteadyState
 from uvms_mj.control.theory.boundary_layer import Layer
 from uvms_mj.control.theory.input_delay import swing
-from uvms_mj.control.theory.latency import ForceAge
+from uvms_mj.control.theory.latency import ForceLatency
 from uvms_mj.control.theory.sampled import Vibration
 from uvms_mj.setup.base import set_up
 from uvms_mj.setup.checks import SamplingWarning
@@ -168,7 +168,7 @@ def test_the_mean_age_of_the_force_is_that_of_a_list_of_instants(navigation, con
         ages.append(step - held)
     periods = {"navigation": navigation, "controller": control, "actuation": actuation}
     overrides = {f"{table}.period": steps * h for table, steps in periods.items()}
-    found = ForceAge.of(set_up(Scenario.load("push_wall", overrides))).mean
+    found = ForceLatency.of(set_up(Scenario.load("push_wall", overrides))).mean
     assert found == pytest.approx(age * h)
     assert found == pytest.approx(np.mean(ages) * h)
 
@@ -317,7 +317,7 @@ def test_the_mean_age_of_a_delayed_command_is_that_of_a_list_of_instants(steps, 
         ages.append(step - (at - at % control))
     periods = {"controller.period": control * h, "actuation.period": actuation * h, "controller.delay": steps * h}
     scenario = Scenario.load("push_wall", periods | {"simulation.timestep": h})
-    assert ForceAge.of(set_up(scenario)).mean == pytest.approx(np.mean(ages) * h)
+    assert ForceLatency.of(set_up(scenario)).mean == pytest.approx(np.mean(ages) * h)
 
 
 @pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")

@@ -14,7 +14,7 @@ from ..control.design import Design
 from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ..physics.statics import Statics
 from ..plant.build import Plant, build
-from ..plant.contacts import Contacts, Front, Pair
+from ..plant.contacts import ContactAtRest, Contacts, Pair
 from ..plant.mjcf import Mjcf
 from ..plant.settings import Initial, lightest_along_face, lightest_at
 from ..plant.vehicle import Vehicle
@@ -132,12 +132,14 @@ class Setup:
         return ""
 
     @functools.cached_property
-    def fronts(self) -> tuple[Front, ...]:
+    def contacts_at_rest(self) -> tuple[ContactAtRest, ...]:
         """All contacts, as the law meets them at the desired pose."""
         wall = self.scenario.wall
-        papers = (Front("wall", self.design.normal, wall.stiffness, wall.damping),) if self.contacts.paper else ()
+        papers = (
+            (ContactAtRest("wall", self.design.normal, wall.stiffness, wall.damping),) if self.contacts.paper else ()
+        )
         target = np.array(self.rest_pose[0] or self.initial.position)
-        return *papers, *self.contacts.fronts(target, rotation_matrix(self.design.quat_d))
+        return *papers, *self.contacts.at_rest(target, rotation_matrix(self.design.quat_d))
 
     @functools.cached_property
     def start(self) -> Statics:

@@ -10,7 +10,7 @@ import numpy as np
 from ..control.design import demanded_force
 from ..control.theory.free_motion import FreeMotion
 from ..control.theory.task_motion import Track
-from ..control.theory.terms import Delivery, Pose
+from ..control.theory.terms import Pose, ThrustMap
 from ..guidance.base import samples
 from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..stages.base import is_shipped
@@ -27,15 +27,15 @@ def free_motion_notes(setup: Any) -> Iterator[str]:
     """Warnings for a vehicle whose base and joints come to no rest while the law holds the frame of the task, or whose
     joints are too slow for it."""
     scenario, links = setup.scenario, setup.vehicle.arm.links
-    if not links or not type(setup.interface).obeys or isinstance(delivery := Delivery.of(setup), str):
+    if not links or not type(setup.interface).obeys or isinstance(thrust_map := ThrustMap.of(setup), str):
         return
     position, attitude_deg = setup.rest_pose
     push = demanded_force(scenario) if setup.contacts.paper else 0.0
     tau_c = -setup.design.normal * (push if math.isfinite(push) else 0.0)
-    motion = FreeMotion(setup, delivery, _still(position or setup.initial.position, attitude_deg, tau_c))
+    motion = FreeMotion(setup, thrust_map, _still(position or setup.initial.position, attitude_deg, tau_c))
     yield from _restless(setup, motion)
     if any(math.isfinite(link.speed_limit) for link in links):
-        yield from _slow_motors(setup, delivery)
+        yield from _slow_motors(setup, thrust_map)
 
 
 def _still(position: Any, attitude_deg: Any, tau_c: np.ndarray) -> Track:
@@ -54,7 +54,7 @@ def _restless(setup: Any, motion: FreeMotion) -> Iterator[str]:
         moves, weak = q, ""
     else:
         moves = _moves(setup, q) if pushed and "joints" not in order else ""
-        weak = motion.weak(motion.push(q).tau)
+        weak = motion.infeasible(motion.push(q).tau)
     if moves and "joints" not in order:
         yield (
             f"nothing holds the motion that posture.order = {json.dumps(order)} leaves free while the law holds "
@@ -80,10 +80,10 @@ def _moves(setup: Any, q: np.ndarray) -> str:
     return f"{link.joint} moves from {' to '.join(angles)}"
 
 
-def _slow_motors(setup: Any, delivery: Delivery) -> Iterator[str]:
+def _slow_motors(setup: Any, thrust_map: ThrustMap) -> Iterator[str]:
     """A warning for joints that come near their speed limits, where a motor gives no torque."""
     scenario, initial = setup.scenario, setup.initial
-    motion = FreeMotion(setup, delivery, _still(initial.position, initial.attitude_deg, np.zeros(6)))
+    motion = FreeMotion(setup, thrust_map, _still(initial.position, initial.attitude_deg, np.zeros(6)))
     every = max(1, round(_SAMPLED_S / scenario.control_period))
     reference = scenario.reference
     velocities = np.zeros((_SAMPLES, 3))

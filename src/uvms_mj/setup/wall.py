@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..control.theory.contacts import Springs
+from ..control.theory.contacts import ContactSprings
 from ..errors import Fault
 from ..physics.frames import BODY
 from ..plant.contacts import impossible
@@ -109,7 +109,7 @@ START_FORCE = 100.0
 
 def _starts_inside(setup: Setup) -> Iterator[str]:
     """Warnings for contacts of the list that start deep inside their wall."""
-    pairs, springs = setup.contacts.pairs, Springs(setup)
+    pairs, springs = setup.contacts.pairs, ContactSprings(setup)
     if not pairs:
         return
     poses = setup.initial_poses()

@@ -50,7 +50,7 @@ class Fosm(Controller):
     def notes(self, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law chatters, or vibrates against the wall."""
         from ..theory.boundary_layer import Layer, boundary_layer_limit
-        from ..theory.input_delay import late_notes
+        from ..theory.input_delay import input_delay_notes
         from ..theory.sampled import Vibration
 
         period, layer = setup.scenario.control_period, Layer.of(self, setup)
@@ -67,4 +67,4 @@ class Fosm(Controller):
             )
         vibration = Vibration.of(setup)
         yield from vibration.notes(self.label())
-        yield from late_notes(vibration, self.label(), lambda S: (self.K_s / max(S, self.epsilon), 0.0))
+        yield from input_delay_notes(vibration, self.label(), lambda S: (self.K_s / max(S, self.epsilon), 0.0))

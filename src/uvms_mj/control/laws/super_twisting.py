@@ -70,13 +70,13 @@ class Gsta(Controller):
 
     def notes(self: Any, setup: Any) -> Iterator[str]:
         """Warnings if the sampled law vibrates or bounces against the wall."""
-        from ..theory.input_delay import late_notes
+        from ..theory.input_delay import input_delay_notes
         from ..theory.sampled import Vibration
         from ..theory.super_twisting import bouncing_growth
 
         vibration = Vibration.of(setup)
         yield from vibration.notes(self.label())
-        yield from late_notes(vibration, self.label(), self.slopes)
+        yield from input_delay_notes(vibration, self.label(), self.slopes)
         if bouncing_growth(self, setup) > _GROWS:
             yield (
                 f"{self.label()} may bounce or oscillate against the wall without end: with these gains and "

@@ -56,7 +56,7 @@ from ..base import SteadyState
 from .approach import approach
 from .sampled import not_constant
 from .task_motion import TaskMotion, way_of
-from .terms import Balance, Delivery, Integral, Pose
+from .terms import Balance, Integral, Pose, ThrustMap
 from .tool_balance import tool_rest
 
 _BESIDE, _BESIDE_TOOL, _NEXT = 0.05, 0.02, 0.001
@@ -93,22 +93,22 @@ def static_balance(
     Returns:
         The state, or the reason why there is none.
     """
-    scenario, delivery = setup.scenario, Delivery.of(setup)
+    scenario, thrust_map = setup.scenario, ThrustMap.of(setup)
     if reason := _unknown(setup, K, residual is not None):
         return reason
-    if isinstance(delivery, str):
-        return delivery
-    if min(np.linalg.matrix_rank(setup.nominal.B), np.linalg.matrix_rank(delivery.T)) < 6:
+    if isinstance(thrust_map, str):
+        return thrust_map
+    if min(np.linalg.matrix_rank(setup.nominal.B), np.linalg.matrix_rank(thrust_map.T)) < 6:
         return "the thrusters can't produce every wrench"
     errors = scenario.navigation.rest_errors(setup)
     if isinstance(errors, str):
         return errors
-    if delivery.static.error and (np.isfinite(K) or scenario.controller.uses_truth):
-        return f"{delivery.static.error}, and the law does not integrate"
+    if thrust_map.static.error and (np.isfinite(K) or scenario.controller.uses_truth):
+        return f"{thrust_map.static.error}, and the law does not integrate"
     if setup.not_rigid:
-        return _with_arm(setup, K, delivery)
-    balance = Balance(setup, K, delivery, residual is not None)
-    motion = TaskMotion(balance, Balance.__call__ if residual is None else residual, integral, delivery)
+        return _with_arm(setup, K, thrust_map)
+    balance = Balance(setup, K, thrust_map, residual is not None)
+    motion = TaskMotion(balance, Balance.__call__ if residual is None else residual, integral, thrust_map)
     pose = _nearest(motion) if balance.springs.convex else _reached(motion, 0.0 if residual else K, kept)
     if isinstance(pose, str):
         return pose
@@ -116,7 +116,7 @@ def static_balance(
         if sensor.runs and (reason := sensor.out_of_range(balance.measurement(pose))):
             return reason
     tau, push = balance.thrust(pose), balance.contacts(pose.position, pose.R_WB)[1]
-    if weak := delivery.weak(tau):
+    if weak := thrust_map.infeasible(tau):
         return weak
     return _rubbed(balance, push) or SteadyState(
         float(push.sum()), pose.position, pose.quat, balance.sliding(pose), tau, reached=True
@@ -166,7 +166,7 @@ def _reached(motion: TaskMotion, K: float, kept: Callable[[np.ndarray, np.ndarra
     rest = _followed(motion, start)
     if isinstance(rest, str):
         return rest
-    if motion.delivery is not None and (weak := motion.delivery.weak(balance.thrust(rest))):
+    if motion.thrust_map is not None and (weak := motion.thrust_map.infeasible(balance.thrust(rest))):
         return weak
     if kept is not None and (reason := kept(*motion.unmodelled())):
         return reason
@@ -214,13 +214,13 @@ def _across(direction: np.ndarray) -> np.ndarray:
 def unmodelled_acceleration(setup: Any, state: SteadyState) -> np.ndarray:
     """The acceleration (6,) of disturbances and model errors at rest, M_hat^-1 tau_dist of eq. (11), in a state of
     :func:`static_balance`."""
-    delivery = Delivery.of(setup)
-    assert not isinstance(delivery, str)  # the state was found with it
-    balance = Balance(setup, np.inf, delivery)
+    thrust_map = ThrustMap.of(setup)
+    assert not isinstance(thrust_map, str)  # the state was found with it
+    balance = Balance(setup, np.inf, thrust_map)
     return balance.unmodelled(balance.pose(np.asarray(state.position), np.asarray(state.quat)))
 
 
-def _with_arm(setup: Any, K: float, delivery: Delivery) -> SteadyState | str:
+def _with_arm(setup: Any, K: float, thrust_map: ThrustMap) -> SteadyState | str:
     """The rest of :func:`static_balance` for a vehicle with an arm, or with its task at a tool
     (:mod:`.tool_balance`)."""
     if not setup.scenario.navigation.name == setup.scenario.encoder.name == "perfect":
@@ -229,8 +229,8 @@ def _with_arm(setup: Any, K: float, delivery: Delivery) -> SteadyState | str:
         return "with a wrist sensor, what its model lacks is taken for a contact force, which depends on the posture"
     if any(pair.carrier != 0 for pair in setup.contacts.pairs):
         return "with contact bodies away from the frame of the task, the rest depends on the posture"
-    motion = TaskMotion(Balance(setup, np.inf, delivery), Balance.demanded)
+    motion = TaskMotion(Balance(setup, np.inf, thrust_map), Balance.demanded)
     rest = _reached(motion, K)
     if isinstance(rest, str):
         return rest
-    return tool_rest(setup, K, delivery, motion.track)
+    return tool_rest(setup, K, thrust_map, motion.track)

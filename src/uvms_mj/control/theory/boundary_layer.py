@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .latency import ForceAge
+from .latency import ForceLatency
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Layer:
 
     @classmethod
     def of(cls, law: Any, setup: Any) -> Layer:
-        scenario, chain = setup.scenario, ForceAge.of(setup)
+        scenario, chain = setup.scenario, ForceLatency.of(setup)
         own, late = scenario.navigation.velocity_timing
         held = chain.holds["actuation period"] + chain.holds["thruster period"]
         period = max(scenario.control_period, own or scenario.navigation.period or 0.0)

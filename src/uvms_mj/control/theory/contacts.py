@@ -12,7 +12,7 @@ from ...physics.surfaces import BOX, CYLINDER, PLANE
 _LEAST = 1e-300
 
 
-class Springs:
+class ContactSprings:
     """The walls and bumpers of a run's :class:`uvms_mj.plant.contacts.Contacts` at rest, without dampers and friction.
 
     Attributes:

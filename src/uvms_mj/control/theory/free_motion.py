@@ -31,7 +31,7 @@ from ...physics.tether import add_tether
 from ..posture import posture_constants
 from .approach import approach, decays
 from .task_motion import Track, between
-from .terms import Delivery
+from .terms import ThrustMap
 
 _LARGEST = 0.3
 """Largest change of a joint in one step of the slow motion [rad or m]."""
@@ -87,12 +87,12 @@ class FreeMotion:
 
     Args:
         setup: the run's :class:`uvms_mj.setup.base.Setup`; its joint interface obeys torques.
-        delivery: what the thrusters make of a commanded wrench.
+        thrust_map: what the thrusters make of a commanded wrench.
         track: of the frame of the task.
     """
 
-    def __init__(self, setup: Any, delivery: Delivery, track: Track) -> None:
-        self.setup, self.delivery, self.track, self.held = setup, delivery, track, track.at(0.0)
+    def __init__(self, setup: Any, thrust_map: ThrustMap, track: Track) -> None:
+        self.setup, self.thrust_map, self.track, self.held = setup, thrust_map, track, track.at(0.0)
         self.frame, self.links = setup.plant.probe.carrier, setup.vehicle.arm.links
         n = len(self.links)
         self.inertia, self.damping = np.zeros((n, n)), _DAMPING * np.eye(n)
@@ -121,7 +121,7 @@ class FreeMotion:
         tau_posture = M_hat @ (self.posture(p_WB, R_WB, q, M_inv, P) + P @ g_hat)
         others = surroundings(setup, tree, p_WB, R_WB) + J.T @ self.held.tau_c
         delivered = np.eye(len(others))
-        delivered[:6, :6] = self.delivery.T
+        delivered[:6, :6] = self.thrust_map.T
         by = np.linalg.solve(tree.inertia(), np.column_stack([delivered @ J.T, delivered @ tau_posture + others]))
         F = -np.linalg.solve(J @ by[:, :6], J @ by[:, 6])
         return Push((by[:, :6] @ F + by[:, 6])[6:], J.T @ F + tau_posture, J_bar)
@@ -176,14 +176,14 @@ class FreeMotion:
         found: np.ndarray | str = approach(self, start, np.zeros(len(start)), _FIRST, _STEPS)
         return found
 
-    def weak(self, tau: np.ndarray) -> str:
+    def infeasible(self, tau: np.ndarray) -> str:
         """The reason why motors, with the friction of their gears, or thrusters can't hold a rest with the commanded
         tau (6 + n,); empty if they can."""
         for link, torque in zip(self.links, tau[6:], strict=True):
             if abs(torque) > link.effort + link.friction:
                 unit = "N" if link.slide else "N m"
                 return f"{link.joint} needs {torque:.4g} {unit} at rest and has {link.effort:.4g} {unit}"
-        return self.delivery.weak(self.delivery.T @ tau[:6])
+        return self.thrust_map.infeasible(self.thrust_map.T @ tau[:6])
 
 
 class PostureAtRest:

@@ -50,11 +50,11 @@ def vibration(found: Vibration, slopes: tuple[float, float]) -> tuple[float, flo
         slopes: a and b [1/s, 1/s^2].
     """
     setup, (a, b) = found.setup, slopes
-    design, k_c, normal = setup.design, found.front.stiffness, found.front.normal
+    design, k_c, normal = setup.design, found.contact.stiffness, found.contact.normal
     M = design.along_normal(design.M, normal)
     g = design.along_normal(design.M_hat, normal) / M
     A = float(normal[:3] ** 2 @ np.array(setup.task.A[:3]))
-    late, n = found.chain.command_age, _ORDER
+    late, n = found.chain.command_latency, _ORDER
     P, Q, R, direct = _DELAY
     w = np.array([found.stiffness + found.compliant * k_c, found.damping, 0.0, 0.0])
     tau = g * (np.array([0.0, 0.0, -(A + a), 1.0]) - w) + np.array([k_c / M, 0.0, 0.0, 0.0])
@@ -85,10 +85,10 @@ def swing(found: Vibration, slopes: Slopes) -> tuple[float, bool]:
     return float(2.0 * S * force), bool(rates[-1, 0] > 0.0)
 
 
-def late_notes(found: Vibration, label: str, slopes: Slopes) -> Sequence[str]:
+def input_delay_notes(found: Vibration, label: str, slopes: Slopes) -> Sequence[str]:
     """Warnings if the law vibrates against the wall because its command acts late."""
     force, grows = swing(found, slopes)
-    late = f"its command acts {1e3 * found.chain.command_age:.3g} ms late ({found.chain.command_parts()})"
+    late = f"its command acts {1e3 * found.chain.command_latency:.3g} ms late ({found.chain.command_parts()})"
     if not math.isfinite(force):
         return [f"{label} oscillates against the wall without end: {late}; it takes less of that, or smaller gains"]
     if grows:

@@ -1,4 +1,4 @@
-"""The age of the contact force in tau: what holds or delays it between the contact and the thrust."""
+"""Latency, the age of the contact force in tau: what holds or delays it between the contact and the thrust."""
 
 import itertools
 import math
@@ -7,7 +7,7 @@ from typing import Any
 
 
 @dataclass(frozen=True)
-class ForceAge:
+class ForceLatency:
     """The chain from the contact force to the thrust.
 
     Attributes:
@@ -21,7 +21,7 @@ class ForceAge:
     delays: dict[str, float]
 
     @classmethod
-    def of(cls, setup: Any) -> "ForceAge":
+    def of(cls, setup: Any) -> "ForceLatency":
         """The chain of a run, from its :class:`uvms_mj.setup.base.Setup`."""
         scenario = setup.scenario
         h, control = scenario.simulation.timestep, scenario.control_period
@@ -77,7 +77,7 @@ class ForceAge:
         return self._sum(_COMMAND)
 
     @property
-    def command_age(self) -> float:
+    def command_latency(self) -> float:
         """Mean age of the command that acts, the hold of the control period included [s]."""
         return self.late + self.holds["control period"]
 

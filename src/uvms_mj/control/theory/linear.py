@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from ..base import SteadyState
-from .latency import ForceAge
+from .latency import ForceLatency
 
 GROWS = 1e-3
 """A growth rate above this is more than rounding [1/s]."""
@@ -54,20 +54,20 @@ class Linear:
     def late(self) -> tuple[float, float]:
         """Delay of the command, and age of the contact force in tau besides the law's own period [s]."""
         scenario = self.setup.scenario
-        age = ForceAge.of(self.setup).mean - 0.5 * (scenario.control_period - scenario.simulation.timestep)
+        age = ForceLatency.of(self.setup).mean - 0.5 * (scenario.control_period - scenario.simulation.timestep)
         return scenario.thrusters.mean_delay() + (scenario.controller.delay or 0.0), age
 
-    def growth(self, period: float, front: Any = None) -> float:
-        """Growth rate of the fastest growing motion at a contact, one of ``setup.fronts``, or without one [1/s]."""
+    def growth(self, period: float, contact: Any = None) -> float:
+        """Growth rate of the fastest growing motion at one of ``setup.contacts_at_rest``, or without contact [1/s]."""
         h = self.setup.scenario.simulation.timestep
-        late = round(self.late[0 if front is None else 1] / h)
+        late = round(self.late[0 if contact is None else 1] / h)
         steps = max(1, round(period / h), -(-late // _MOST_COMMANDS))
         whole, rest = divmod(late, steps)
-        step, held, contact = self._step(front)
+        step, held, tau_c = self._step(contact)
         (free, old), (after, new) = _held(step, held, rest), _held(step, held, steps - rest)
         n = (len(self.law) - 6) // 2
         seen = np.zeros((18 + n, 12 + n))  # x, nu, tau_c and states, from x, nu and states
-        seen[:12, :12], seen[12:18, :12], seen[18:, 12:] = np.eye(12), contact, np.eye(n)
+        seen[:12, :12], seen[12:18, :12], seen[18:, 12:] = np.eye(12), tau_c, np.eye(n)
         given = self.law @ seen
         # x and nu, the states, and the commands u_(k-1), u_(k-2), ...; two commands act in a period
         size = 12 + n + 6 * (whole + 1)
@@ -82,18 +82,18 @@ class Linear:
         radius = float(np.abs(np.linalg.eigvals(change)).max())
         return math.log(radius) / (h * steps) if radius > 0.0 else -math.inf
 
-    def _step(self, front: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _step(self, contact: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """One time step of x and nu: by itself (12, 12), by tau (12, 6), and tau_c (6, 12) before it."""
         setup, h = self.setup, self.setup.scenario.simulation.timestep
-        one, M_inv, contact = np.eye(6), np.linalg.inv(setup.design.M), np.zeros((6, 12))
-        if front is not None:
-            n = front.normal
-            contact = -np.outer(n, n) @ np.hstack([front.stiffness * one, front.damping * one])
-        force = M_inv @ (contact - np.hstack([0.0 * one, setup.vehicle.D_linear]))
+        one, M_inv, tau_c = np.eye(6), np.linalg.inv(setup.design.M), np.zeros((6, 12))
+        if contact is not None:
+            n = contact.normal
+            tau_c = -np.outer(n, n) @ np.hstack([contact.stiffness * one, contact.damping * one])
+        force = M_inv @ (tau_c - np.hstack([0.0 * one, setup.vehicle.D_linear]))
         step, held = np.eye(12), np.vstack([h * h * M_inv, h * M_inv])
         step[:6] += h * (np.hstack([0.0 * one, one]) + h * force)
         step[6:] += h * force
-        return step, held, contact
+        return step, held, tau_c
 
     @functools.cached_property
     def growths(self) -> tuple[float, float]:
@@ -105,7 +105,7 @@ class Linear:
     @functools.cached_property
     def _worst(self) -> Any:
         period = self.setup.scenario.control_period
-        return max(self.setup.fronts, key=lambda front: self.growth(period, front), default=None)
+        return max(self.setup.contacts_at_rest, key=lambda contact: self.growth(period, contact), default=None)
 
     def checked(self, state: SteadyState | str) -> SteadyState | str:
         """The state at rest, or the reason why the sampled law does not come to rest there."""
@@ -120,13 +120,13 @@ class Linear:
     def notes(self, label: str) -> Iterator[str]:
         """A warning if a motion grows, without a wall or against it."""
         scenario, (free, pressed) = self.setup.scenario, self.growths
-        period, front = scenario.control_period, self._worst
+        period, contact = scenario.control_period, self._worst
         if max(free, pressed) <= GROWS:
             return
-        where = "without contact" if free > GROWS else f"against the wall, {front.stiffness:g} N/m"
-        front = None if free > GROWS else front
+        where = "without contact" if free > GROWS else f"against the wall, {contact.stiffness:g} N/m"
+        contact = None if free > GROWS else contact
         h, shorter = scenario.simulation.timestep, round(period / scenario.simulation.timestep) // 2
-        while shorter and self.growth(shorter * h, front) > GROWS:
+        while shorter and self.growth(shorter * h, contact) > GROWS:
             shorter //= 2
         cure = f"a period of {shorter * h:.4g} s suffices" if shorter else "these gains and estimates need a change"
         rate = free if free > GROWS else pressed

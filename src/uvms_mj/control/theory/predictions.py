@@ -15,7 +15,7 @@ import numpy as np
 from ...errors import InputError, shortened
 from ...stages.base import Stage, base_of, is_shipped
 from ..base import Controller, NoClosedForm, SteadyState
-from .terms import Balance, Delivery
+from .terms import Balance, ThrustMap
 
 if TYPE_CHECKING:
     from .certificate import Certificate
@@ -104,12 +104,12 @@ def _ask(stage: Stage, name: str, setup: Any) -> Any:
 def _weak(setup: Any, force: float) -> str:
     """The reason why the thrusters can't hold the force at rest that a user's law predicts for a plain scenario; empty
     if they can, or the scenario is another one."""
-    delivery = Delivery.of(setup) if not setup.not_plain else ""
-    if isinstance(delivery, str):
-        return delivery
-    balance = Balance(setup, 0.0, delivery)
+    thrust_map = ThrustMap.of(setup) if not setup.not_plain else ""
+    if isinstance(thrust_map, str):
+        return thrust_map
+    balance = Balance(setup, 0.0, thrust_map)
     d, g_eta = balance.environment(balance.pose(balance.p_d, balance.quat_d))
-    return delivery.weak(g_eta - d + force * setup.design.normal)
+    return thrust_map.infeasible(g_eta - d + force * setup.design.normal)
 
 
 def _checked(found: Any, controller: Controller) -> SteadyState | NoClosedForm:

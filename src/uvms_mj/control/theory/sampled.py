@@ -13,7 +13,7 @@ import numpy as np
 from ...errors import Fault
 from ...physics.varying import rate_deviation
 from ..base import SteadyState
-from .latency import ForceAge
+from .latency import ForceLatency
 
 SLOWLY_DAMPED = 0.75
 """If more than this fraction of the damping against the wall is lost, a vibration lasts for many seconds."""
@@ -30,7 +30,7 @@ class Vibration:
 
     Attributes:
         setup: the run's :class:`uvms_mj.setup.base.Setup`.
-        front: the contact, one of ``setup.fronts``, or None without any.
+        contact: one of ``setup.contacts_at_rest``, or None without any.
         shaped: whether the law answers to the contact force through its own inertia, as impedance and ideal do.
         compliant: n^T v [1/kg]. Without a positive one there is no such vibration.
         fed_back: part of it that the law feeds back [1/kg].
@@ -39,7 +39,7 @@ class Vibration:
     """
 
     setup: Any
-    front: Any = None
+    contact: Any = None
     shaped: bool = False
     compliant: float = 0.0
     fed_back: float = 0.0
@@ -50,21 +50,21 @@ class Vibration:
     def of(cls, setup: Any, M_hat: np.ndarray | None = None) -> "Vibration":
         """The vibration under a law that imposes M_d, or that answers through its own inertia with M_hat (6, 6): that
         of the contact that is damped worst."""
-        found = [cls._at(setup, front, M_hat) for front in setup.fronts]
+        found = [cls._at(setup, contact, M_hat) for contact in setup.contacts_at_rest]
         return max(found, key=lambda each: (each.growth > 1.0, -each.limit), default=cls(setup))
 
     @classmethod
-    def _at(cls, setup: Any, front: Any, M_hat: np.ndarray | None) -> "Vibration":
+    def _at(cls, setup: Any, contact: Any, M_hat: np.ndarray | None) -> "Vibration":
         design = setup.design
-        n, M_d_inv = front.normal, design.M_d_inv
+        n, M_d_inv = contact.normal, design.M_d_inv
         G = M_d_inv if M_hat is None else np.linalg.solve(design.M, M_hat @ M_d_inv)
         v = G @ (np.array(setup.scenario.impedance.at_end[0]) * n)
         compliant = float(n @ v)
         fed_back = compliant - (0.0 if M_hat is None else 1.0 / design.along_normal(design.M, n))
         if compliant <= 0.0:
-            return cls(setup, front, M_hat is not None, compliant, fed_back)
+            return cls(setup, contact, M_hat is not None, compliant, fed_back)
         damping, stiffness = float(n @ G @ design.D_d @ v) / compliant, float(n @ G @ design.K_d @ v) / compliant
-        return cls(setup, front, M_hat is not None, compliant, fed_back, damping, stiffness)
+        return cls(setup, contact, M_hat is not None, compliant, fed_back, damping, stiffness)
 
     @property
     def limit(self) -> float:
@@ -75,13 +75,13 @@ class Vibration:
         """
         if self.compliant <= 0.0 or self.fed_back <= 1e-9 * self.compliant:
             return np.inf
-        front = self.front
-        return (self.damping + self.compliant * front.damping) / (self.fed_back * front.stiffness)
+        contact = self.contact
+        return (self.damping + self.compliant * contact.damping) / (self.fed_back * contact.stiffness)
 
     @functools.cached_property
-    def chain(self) -> ForceAge:
+    def chain(self) -> ForceLatency:
         """What holds or delays the contact force on its way to tau."""
-        return ForceAge.of(self.setup)
+        return ForceLatency.of(self.setup)
 
     @property
     def age(self) -> float:
@@ -109,9 +109,9 @@ class Vibration:
         if not self.shaped or self.compliant <= 0.0:
             return 0.0
         scenario, design = self.setup.scenario, self.setup.design
-        h, k_c = scenario.simulation.timestep, self.front.stiffness
+        h, k_c = scenario.simulation.timestep, self.contact.stiffness
         gains = [self.stiffness + self.fed_back * k_c, self.damping]
-        stiff = h * k_c * (1.0 / design.along_normal(design.M, self.front.normal))  # h w^2
+        stiff = h * k_c * (1.0 / design.along_normal(design.M, self.contact.normal))  # h w^2
         step, force = np.array([[1.0 - h * stiff, h], [-stiff, 1.0]]), np.array([h * h, h])
         period = round(self.chain.periods[self.chain.longest] / h)
         whole, rest = divmod(round(self.chain.constant / h), period)
@@ -146,13 +146,13 @@ class Vibration:
 
     def notes(self, label: str) -> Iterator[str]:
         """Warnings if the sampled law damps the vibration slowly, or not at all."""
-        if self.front is None:
+        if self.contact is None:
             return
-        chain, limit, age, k_c = self.chain, self.limit, self.age, self.front.stiffness
-        key, period = self.front.key, chain.periods[chain.longest]
+        chain, limit, age, k_c = self.chain, self.limit, self.age, self.contact.stiffness
+        key, period = self.contact.key, chain.periods[chain.longest]
         here = f"at {'an' if chain.longest == 'actuation' else 'a'} {chain.longest} period of {period:g} s"
         if self.growth > 1.0:
-            w = np.sqrt(k_c / self.setup.design.along_normal(self.setup.design.M, self.front.normal))
+            w = np.sqrt(k_c / self.setup.design.along_normal(self.setup.design.M, self.contact.normal))
             yield (
                 f"{label} oscillates against the wall {here}: at {key}.stiffness {k_c:g} "
                 f"N/m the contact vibrates faster than a held command can damp; a period below {2.5 / w:.2g} s usually "

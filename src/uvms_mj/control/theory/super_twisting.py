@@ -54,8 +54,8 @@ def bouncing_growth(law: Any, setup: Any) -> float:
     A, zero, one = np.diag(setup.task.A[:3]), np.zeros((3, 3)), np.eye(3)
     growing = np.hstack([zero, zero, A, zero])  # A s
     growth = [-math.inf]
-    for front, S in itertools.product(setup.fronts, _AMPLITUDES):
-        K_c = front.stiffness * np.outer(front.normal[:3], front.normal[:3])
+    for contact, S in itertools.product(setup.contacts_at_rest, _AMPLITUDES):
+        K_c = contact.stiffness * np.outer(contact.normal[:3], contact.normal[:3])
         desired = np.hstack([-np.linalg.solve(M_d, np.hstack([K_f @ K_c + K_d, D_d])), zero, zero])
         free = np.hstack([-np.linalg.solve(M, np.hstack([K_c, setup.vehicle.D_linear[:3, :3]])), zero, zero])
         a, b = law.slopes(S)

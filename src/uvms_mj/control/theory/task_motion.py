@@ -14,7 +14,7 @@ import numpy as np
 from ...physics.frames import quat_error, quat_turned, rotation_matrix
 from ..schedule import Schedule
 from .approach import LAST, decays
-from .terms import Balance, Delivery, Integral, Pose
+from .terms import Balance, Integral, Pose, ThrustMap
 
 _SMALL = 1e-6
 """Change of a coordinate for a derivative [m, rad]."""
@@ -84,7 +84,7 @@ class TaskMotion:
         balance: the terms of the static balance.
         residual: of the law, from the balance and a pose (6,) [N, N m].
         integral: in the residual.
-        delivery: of a rigid vehicle, with the limits of its thrusters.
+        thrust_map: of a rigid vehicle, with the limits of its thrusters.
     """
 
     def __init__(
@@ -92,9 +92,9 @@ class TaskMotion:
         balance: Balance,
         residual: Callable[[Balance, Pose], np.ndarray],
         integral: Integral | None = None,
-        delivery: Delivery | None = None,
+        thrust_map: ThrustMap | None = None,
     ) -> None:
-        self.balance, self.residual, self.integral, self.delivery = balance, residual, integral, delivery
+        self.balance, self.residual, self.integral, self.thrust_map = balance, residual, integral, thrust_map
         design = balance.setup.design
         self.inertia, self.damping = design.M_d, design.D_d
         self.largest = _ANY if balance.springs.convex else min(_REACH, 0.25 * balance.springs.size)
@@ -125,18 +125,18 @@ class TaskMotion:
             self.integral.advance()
         self.track.times.append(t)
         self.track.poses.append(pose)
-        if self.limits and self.delivery is not None and len(self.track.times) > 2:
+        if self.limits and self.thrust_map is not None and len(self.track.times) > 2:
             design = self.balance.setup.design
             tau = self._thrust(-1) - design.M @ design.M_d_inv @ self._lacking
             self.limited_s += self._lacking.any() * (t - self.track.times[-2])
-            self._lacking = design.M_d @ np.linalg.solve(design.M, self.delivery.missing(tau))
+            self._lacking = design.M_d @ np.linalg.solve(design.M, self.thrust_map.missing(tau))
         return ""
 
     @property
     def saturates(self) -> bool:
         """Whether the thrusters would come to their limits on the track."""
         found = (self._thrust(k) for k in range(2, len(self.track.times)))
-        return self.delivery is not None and any(self.delivery.missing(tau).any() for tau in found)
+        return self.thrust_map is not None and any(self.thrust_map.missing(tau).any() for tau in found)
 
     def unmodelled(self) -> tuple[np.ndarray, np.ndarray]:
         """Times (n,) [s] of the track, and the unknown acceleration (n, 6) of a rigid vehicle on it."""

@@ -24,7 +24,7 @@ import numpy as np
 from ...physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from ...physics.frames import quat_error, quat_turned, rotation_matrix
 from ...physics.tether import add_tether
-from .contacts import Springs
+from .contacts import ContactSprings
 
 _ZERO = 1e-9
 """A smaller thrust at rest is zero [N]."""
@@ -42,13 +42,13 @@ class Pose:
 
 
 @dataclass(frozen=True, eq=False)
-class Delivery:
+class ThrustMap:
     """The map from tau_cmd to tau at rest, within the thrusters' limits.
 
     Attributes:
         setup: the run's :class:`uvms_mj.setup.base.Setup`, with its allocation and its thrusters.
         inverse: (n, 6) of the allocation.
-        static: :class:`uvms_mj.actuation.thrusters.Static`.
+        static: :class:`uvms_mj.actuation.thrusters.StaticThrust`.
         T: (6, 6), with gains of one if the static curve is not a gain.
     """
 
@@ -58,7 +58,7 @@ class Delivery:
     T: np.ndarray
 
     @classmethod
-    def of(cls, setup: Any) -> "Delivery | str":
+    def of(cls, setup: Any) -> "ThrustMap | str":
         """The map of a run, or the reason why it is not known."""
         static = setup.scenario.thrusters.at_rest(setup)
         if isinstance(static, str):
@@ -86,7 +86,7 @@ class Delivery:
         missing: np.ndarray = self.setup.vehicle.B @ (np.clip(u, least, most) - u)
         return missing
 
-    def weak(self, tau: np.ndarray) -> str:
+    def infeasible(self, tau: np.ndarray) -> str:
         """The reason why the thrusters can't hold tau (6,), with their names; empty if they can."""
         u, least, most = self.thrusts(tau)
         weak, starting = [], []
@@ -111,15 +111,15 @@ class Balance:
         K_f, F_d: (6,) of eq. (7), first those at the end of the run.
     """
 
-    def __init__(self, setup: Any, K: float, delivery: Delivery, own: bool = False) -> None:
+    def __init__(self, setup: Any, K: float, thrust_map: ThrustMap, own: bool = False) -> None:
         scenario, design = setup.scenario, setup.design
-        self.setup, self.K, self.springs = setup, K, Springs(setup)
+        self.setup, self.K, self.springs = setup, K, ContactSprings(setup)
         self.p_d, self.quat_d = np.array(setup.rest_pose[0]), design.quat_d
         self.tau_dist = scenario.disturbance.at_last
         self.A = np.array(setup.task.A)
         self.M_d_inv = design.M_d_inv
         self.M_hat_inv = np.linalg.inv(design.M_hat)
-        self.undelivered = np.eye(6) - np.linalg.inv(delivery.T)
+        self.undelivered = np.eye(6) - np.linalg.inv(thrust_map.T)
         self.K_f, self.F_d = (np.array(each) for each in scenario.impedance.at_end)
         self.factor_inverse = np.ones(6) if K == 0.0 else self.A / (self.A - K)
         self.uses_truth, self.own = scenario.controller.uses_truth, own

@@ -28,7 +28,7 @@ from ..base import SteadyState
 from .approach import approach, decays
 from .free_motion import FreeMotion, PostureAtRest, beyond, surroundings
 from .task_motion import Track
-from .terms import Balance, Delivery, Pose
+from .terms import Balance, Pose, ThrustMap
 
 _LARGEST = 0.2
 """Largest change of a coordinate in one step of the slow motion [rad or m]."""
@@ -50,7 +50,7 @@ class TreePose:
     F: np.ndarray
 
 
-def tool_rest(setup: Any, K: float, delivery: Delivery, track: Track) -> SteadyState | str:
+def tool_rest(setup: Any, K: float, thrust_map: ThrustMap, track: Track) -> SteadyState | str:
     """The rest of a vehicle with an arm under a law with the slope K over s, or the reason why it is not known.
 
     The arguments are those of :func:`.balance.static_balance`, and the motion of the frame of the task to its rest if w
@@ -61,7 +61,7 @@ def tool_rest(setup: Any, K: float, delivery: Delivery, track: Track) -> SteadyS
         return "with Coulomb friction in the joints, the rest posture depends on the path"
     if np.isfinite(K) and setup.scenario.impedance.natural:
         return "with impedance.M_d = 'natural' the desired inertia depends on the rest posture, which is not computed"
-    free, of = FreeMotion(setup, delivery, track), ToolBalance(setup, K, delivery)
+    free, of = FreeMotion(setup, thrust_map, track), ToolBalance(setup, K, thrust_map)
     q = free.rest()
     if isinstance(q, str):
         return f"behind the tool, {q}"
@@ -71,12 +71,12 @@ def tool_rest(setup: Any, K: float, delivery: Delivery, track: Track) -> SteadyS
         if isinstance(y, str):
             return f"behind the tool, {y}"
         tool, tau, s = of.tool(y), of.commanded(y)[0], of.sliding(y)
-    if weak := free.weak(tau):
+    if weak := free.infeasible(tau):
         return weak
     push = of.at_task.contacts(tool.position, tool.R_WB)[1]
     if of.at_task.rubs(push):
         return "with friction, the rest position depends on the path"
-    return SteadyState(float(push.sum()), s=s, tau=delivery.T @ tau[:6], reached=True)
+    return SteadyState(float(push.sum()), s=s, tau=thrust_map.T @ tau[:6], reached=True)
 
 
 class ToolBalance:
@@ -84,11 +84,11 @@ class ToolBalance:
 
     Its coordinates are the displacement (3,) and the rotation vector (3,) of the base in B, q (n,) and F (6,)."""
 
-    def __init__(self, setup: Any, K: float, delivery: Delivery) -> None:
+    def __init__(self, setup: Any, K: float, thrust_map: ThrustMap) -> None:
         scenario, links = setup.scenario, setup.nominal.arm.links
-        self.setup, self.delivery, self.n = setup, delivery, len(links)
+        self.setup, self.thrust_map, self.n = setup, thrust_map, len(links)
         self.frame = setup.plant.probe.carrier
-        self.at_task = Balance(setup, K, delivery)
+        self.at_task = Balance(setup, K, thrust_map)
         self.posture = PostureAtRest(setup)
         self.inertia, self.damping = np.zeros((12 + self.n, 12 + self.n)), np.zeros((12 + self.n, 12 + self.n))
         self.damping[: 6 + self.n, : 6 + self.n] = setup.start.inertia()
@@ -152,7 +152,7 @@ class ToolBalance:
         tree = Statics(setup.vehicle, y.q)
         tool = self.tool(y, tree)
         tau, a = self.commanded(y, tree)
-        tau[:6] = self.delivery.T @ tau[:6]
+        tau[:6] = self.thrust_map.T @ tau[:6]
         tau += surroundings(setup, tree, y.p_WB, y.R_WB) + tree.jacobian(self.frame).T @ tool.tau_c
         return np.concatenate(
             [tau, setup.design.M_d @ (balance.desired_acceleration(tool) - balance.factor_inverse * a)]
