@@ -240,7 +240,7 @@ def row_of(folder: str, row: int, overrides: dict[str, Any], controller: str | N
     """
     from ..errors import InputError
     from ..studies.plan import Plan
-    from ..studies.pool.parcel import Parcel, changed_files
+    from ..studies.pool.bundle import StudyBundle, changed_files
     from ..studies.results import STUDY, about_of, changes, version_of
     from ..studies.rows import chosen_engine
     from ..studies.study import Study
@@ -259,7 +259,7 @@ def row_of(folder: str, row: int, overrides: dict[str, Any], controller: str | N
     scenario = plan.scenario(row)
     if overrides or controller:
         scenario = scenario.updated(overrides, controller, place=f"row {row} of {folder}", note=warn)
-    now = about_of(plan, Parcel.of(replace(plan, tables=scenario.to_dict())))
+    now = about_of(plan, StudyBundle.of(replace(plan, tables=scenario.to_dict())))
     of_row = {name: digest for name, digest in then["files"].items() if name in now["files"]}
     code, files = changes(then | {"files": of_row}, now)
     if files and not named:  # e.g. a file beside the law's that an import finds first

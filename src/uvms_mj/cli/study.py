@@ -235,14 +235,14 @@ def head(study: "Study", executor: Any, folder: Path, dry_run: bool, as_json: bo
     folder has another study."""
     if not dry_run and (as_json or quiet):
         return None
+    from ..studies.pool.bundle import StudyBundle
     from ..studies.pool.estimate import estimate
-    from ..studies.pool.parcel import Parcel
     from ..studies.results import refuse_another, share_done
 
-    parcel = Parcel.of(study.plan)
+    bundle = StudyBundle.of(study.plan)
     if not dry_run:
-        refuse_another(folder, study.plan, parcel)
-    parcel.plan()  # as a worker will
+        refuse_another(folder, study.plan, bundle)
+    bundle.plan()  # as a worker will
     plan, size, done = study.plan, max(1, executor.size), share_done(folder, study.plan)
     expected = estimate(plan, size)
     if as_json:

@@ -24,7 +24,7 @@ from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..quantities import Coordinate, NonNegative, Positive, Time
 from ..stages.base import setting
 from .path import MOST_POSES, motion
-from .pieces import Followed
+from .segments import Followed
 
 _MOMENT = 1e-6
 """Dwell at a point at which the path only stops [s]."""

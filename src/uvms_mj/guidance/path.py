@@ -21,7 +21,7 @@ from pydantic.dataclasses import dataclass as table
 from ..errors import Fault, InputError
 from ..quantities import STRICT, Angles, Position, Positive, Time
 from ..stages.base import setting
-from .pieces import MOST_PIECES, Followed, hermite, packed, pose_numbers
+from .segments import MOST_PIECES, Followed, hermite, packed, pose_numbers
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly

@@ -14,7 +14,7 @@ from pydantic.dataclasses import dataclass as table
 
 from ..quantities import STRICT, Angles, Position, Time
 from ..stages.base import setting
-from .pieces import Followed, clamped, packed, pose_numbers
+from .segments import Followed, clamped, packed, pose_numbers
 
 MOST_POSES = 250
 

@@ -32,10 +32,10 @@ from .joints import set_constraints
 from .looks import PREFIX, add_surroundings
 from .mjcf import Mjcf
 from .payload import load
+from .perturbation import varied, vary
 from .probe import Probe
 from .settings import Initial, VehicleChoice, Wall
 from .surfaces import Surface
-from .variation import varied, vary
 from .vehicle import Vehicle, free_body_id, free_joint_addresses
 
 IMPEDANCE = 1e-4

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..physics.frames import BODY
 from ..physics.statics import Statics
-from .variation import varied
+from .perturbation import varied
 from .vehicle import Vehicle
 
 Inertias = tuple[np.ndarray, np.ndarray, np.ndarray]

@@ -135,11 +135,11 @@ class Setup:
     def contacts_at_rest(self) -> tuple[ContactAtRest, ...]:
         """All contacts, as the law meets them at the desired pose."""
         wall = self.scenario.wall
-        papers = (
-            (ContactAtRest("wall", self.design.normal, wall.stiffness, wall.damping),) if self.contacts.paper else ()
-        )
+        probe = ContactAtRest("wall", self.design.normal, wall.stiffness, wall.damping)
         target = np.array(self.rest_pose[0] or self.initial.position)
-        return *papers, *self.contacts.at_rest(target, rotation_matrix(self.design.quat_d))
+        return *((probe,) if self.contacts.paper else ()), *self.contacts.at_rest(
+            target, rotation_matrix(self.design.quat_d)
+        )
 
     @functools.cached_property
     def start(self) -> Statics:

@@ -91,7 +91,7 @@ class Metric:
 
 
 @dataclass(frozen=True, eq=False)
-class Data:
+class StudyRows:
     """The rows of a study. Series have the index of ``frame``; values of runs that did not complete are nan."""
 
     plan: Plan

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from ..plan import Plan
 
 _HERE = "<files>/"
-"""Beginning of a path in the tables of a parcel, in place of the worker's folder."""
+"""Beginning of a path in the tables of a bundle, in place of the worker's folder."""
 _PACKAGE = Path(__file__).parents[2]
 _NO_NUMBERS = (
     *("cli", "envs", "views"),
@@ -48,7 +48,7 @@ def code() -> dict[str, str]:
 
 
 @dataclass(frozen=True)
-class Parcel:
+class StudyBundle:
     """The tables of a study, with paths that begin with ``<files>/``; the contents of the files by name; and the
     code that the worker must have."""
 
@@ -57,7 +57,7 @@ class Parcel:
     code: Mapping[str, str]
 
     @classmethod
-    def of(cls, plan: "Plan") -> "Parcel":
+    def of(cls, plan: "Plan") -> "StudyBundle":
         """Pack a plan. Raises InputError if a file can't be read."""
         files: dict[str, bytes] = {}
         return cls(_changed(plan.tables, lambda text: _packed(text, files)), files, code())
@@ -112,7 +112,7 @@ class Parcel:
 
 
 _plans: dict[str, "Plan"] = {}
-"""The last plan by the digest of its parcel."""
+"""The last plan by the digest of its bundle."""
 
 
 _HINT = (
@@ -162,7 +162,7 @@ def _listed(module: ModuleType) -> list[Path]:
 
 
 def _code_name(path: Path) -> str:
-    """The folder of a parcel for a file of Python."""
+    """The folder of a bundle for a file of Python."""
     return f"code-{_short(str(path).encode())}"
 
 
