@@ -69,7 +69,7 @@ class Servo(Joints):
     )
     velocity_bandwidth: Positive = setting(200.0, "rad/s", "bandwidth omega_v of the velocity loop")
 
-    obeys: ClassVar = False
+    torque_controlled: ClassVar = False
     needs: ClassVar = ("initial.joints",)
     memory: ClassVar = {"carried": "joints"}
     _inner_keys: ClassVar = {"joints.motion": ("time", "joints")}
@@ -161,7 +161,7 @@ class Velocity(Servo):
     """Velocity interface: each joint follows a given velocity, zero by default."""
 
     name = "velocity"
-    follows: ClassVar = "q_dot"
+    tracked_signal: ClassVar = "q_dot"
 
     def at_start(self, setup: Any) -> np.ndarray:
         return np.zeros(len(setup.vehicle.arm.links))
@@ -213,8 +213,8 @@ class Auto(Joints):
     name = "auto"
     runs: ClassVar[bool] = False
 
-    def meant(self, setup: Any) -> Joints:
+    def resolved(self, setup: Any) -> Joints:
         return Position(period=self.period) if at_body(setup) else Torque(period=self.period)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
-        return self.meant(setup).constants(setup)
+        return self.resolved(setup).constants(setup)

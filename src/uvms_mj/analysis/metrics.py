@@ -350,7 +350,7 @@ def off_target(trace: Trace) -> dict[str, float]:
         setup = set_up(trace.scenario, trace.header.mjcf)
         targets = setup.interface.target_at(setup, float(trace.t[-1]))
         if targets is not None:
-            errors = trace[setup.interface.follows][-1] - targets
+            errors = trace[setup.interface.tracked_signal][-1] - targets
     return {link.joint: float(e) for link, e in zip(trace.header.geometry.links, errors, strict=False) if abs(e) > OFF}
 
 

@@ -193,7 +193,7 @@ def _motion_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]
 def _joint_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]]:
     header = trace.header
     for name, found, by, signal in (
-        ("joints off their target", report["joints_off_target"], "by ", trace.scenario.joints.follows),
+        ("joints off their target", report["joints_off_target"], "by ", trace.scenario.joints.tracked_signal),
         ("joints at their stops", report["joints_at_stops"], "", "q"),
     ):
         if found:

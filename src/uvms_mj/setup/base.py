@@ -85,7 +85,7 @@ class Setup:
     @functools.cached_property
     def interface(self) -> Joints:
         """The joint interface of the run."""
-        return self.scenario.joints.meant(self)
+        return self.scenario.joints.resolved(self)
 
     @functools.cached_property
     def rest_pose(self) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
@@ -108,7 +108,7 @@ class Setup:
         return "" if self.scenario.task.frame == BODY else f"task.frame is {self.scenario.task.frame!r}"
 
     @property
-    def not_plain(self) -> str:
+    def no_simple_form(self) -> str:
         """The first reason why a simple formula along x does not give the force at rest; empty if one does.
 
         It needs a rigid vehicle whose task is at B, and which touches ``[wall]`` with its probe alone and without

@@ -27,7 +27,7 @@ def free_motion_notes(setup: Any) -> Iterator[str]:
     """Warnings for a vehicle whose base and joints come to no rest while the law holds the frame of the task, or whose
     joints are too slow for it."""
     scenario, links = setup.scenario, setup.vehicle.arm.links
-    if not links or not type(setup.interface).obeys or isinstance(thrust_map := ThrustMap.of(setup), str):
+    if not links or not type(setup.interface).torque_controlled or isinstance(thrust_map := ThrustMap.of(setup), str):
         return
     position, attitude_deg = setup.rest_pose
     push = demanded_force(scenario) if setup.contacts.paper else 0.0

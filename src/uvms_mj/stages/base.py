@@ -258,7 +258,7 @@ def is_shipped(stage: Stage) -> bool:
     )
 
 
-def packs_itself(cls: type[Stage]) -> bool:
+def has_own_constants(cls: type[Stage]) -> bool:
     """Whether the class computes the constants of its function, so that its settings may be of any type."""
     base = base_of(cls)
     return cls.constants is not (Stage if base is cls else base).constants
@@ -269,7 +269,7 @@ def _numbers_of(cls: type[Stage]) -> tuple[str, ...]:
     """The names of the settings that the class's function gets as they are, besides those of its room's base class."""
     ours = {field.name for field in dataclasses.fields(base_of(cls))}
     names = (field.name for field in dataclasses.fields(cls) if field.name not in ours)
-    return () if packs_itself(cls) else tuple(names)
+    return () if has_own_constants(cls) else tuple(names)
 
 
 def random_key(seed: int, stage: Stage) -> int:

@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import Fault, InputError, shortened, suggestion
 from ..files import parsed
 from . import signals
-from .base import Stage, base_of, packs_itself
+from .base import Stage, base_of, has_own_constants
 from .joint_signals import JOINT_SIGNALS
 
 _MOST_STATES = 10_000
@@ -231,7 +231,11 @@ def _unknown_fields(cls: type[Stage]) -> Iterator[str]:
     given, out = ([signal.name for signal in each] for each in (cls.given(), cls.room.out))
     kept = [*cls.states, *cls.memory]
     roles = zip(cls.room.arguments, (settings, kept, given, list(cls.states), out), strict=True)
-    free = {"tau_cmd", "u", *(cls.room.arguments[:1] if packs_itself(cls) else ())}  # arrays, and settings of any type
+    free = {
+        "tau_cmd",
+        "u",
+        *(cls.room.arguments[:1] if has_own_constants(cls) else ()),
+    }  # arrays, and settings of any type
     names = (a.arg for a in (*tree.args.posonlyargs, *tree.args.args))
     arguments = {name: each for name, each in zip(names, roles, strict=False) if each[0] not in free}
     nodes = list(ast.walk(tree))

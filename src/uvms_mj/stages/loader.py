@@ -116,7 +116,9 @@ class Choice(Generic[_Stage]):
             return {**table, "name": source}
         name, old = self.base.room.table, table.get("name", self.default.name)
         new = self.shipped.get(str(source))
-        absent = new is not None and not (new.runs or "meant" in vars(new))  # none and ideal have no period, auto has
+        absent = new is not None and not (
+            new.runs or "resolved" in vars(new)
+        )  # none and ideal have no period, auto has
         of_all = {field.name for field in dataclasses.fields(self.base) if field.kw_only and not absent}
         given = self._beyond_defaults(table, known)
         keys = [key for word in given if word not in of_all and (key := f"{name}.{word}") not in overrides]

@@ -104,7 +104,7 @@ def _ask(stage: Stage, name: str, setup: Any) -> Any:
 def _weak(setup: Any, force: float) -> str:
     """The reason why the thrusters can't hold the force at rest that a user's law predicts for a plain scenario; empty
     if they can, or the scenario is another one."""
-    thrust_map = ThrustMap.of(setup) if not setup.not_plain else ""
+    thrust_map = ThrustMap.of(setup) if not setup.no_simple_form else ""
     if isinstance(thrust_map, str):
         return thrust_map
     balance = Balance(setup, 0.0, thrust_map)

@@ -55,7 +55,7 @@ def tool_rest(setup: Any, K: float, thrust_map: ThrustMap, track: Track) -> Stea
 
     The arguments are those of :func:`.balance.static_balance`, and the motion of the frame of the task to its rest if w
     is zero."""
-    if not type(setup.interface).obeys:
+    if not type(setup.interface).torque_controlled:
         return f"the joint interface {setup.interface.label()} holds the joints itself"
     if np.isfinite(K) and any(link.friction > 0.0 for link in setup.vehicle.arm.links):
         return "with Coulomb friction in the joints, the rest posture depends on the path"

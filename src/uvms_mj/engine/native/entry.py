@@ -9,7 +9,7 @@ import numpy as np
 
 from ...compiler.codes import CONVERSION, DIVISION, INDEX, RAISED, STOPPED, place
 from ...errors import InputError
-from ...stages.base import Stage, is_shipped, packs_itself
+from ...stages.base import Stage, has_own_constants, is_shipped
 from ...stages.signals import Signal, record_dtype
 from .compilation import NativeFunction, NotCompiled, native_function, plain_python
 from .own_memory import OwnMemory
@@ -27,7 +27,7 @@ class Entry:
         self.stage, self.settings, self.state = stage, settings, state
         self.given, self.out, self.states = given, out, states
         needs = type(stage).needs
-        self.needs = () if needs is None and not packs_itself(type(stage)) else needs
+        self.needs = () if needs is None and not has_own_constants(type(stage)) else needs
         self.shapes = {name: settings.dtype[name].shape for name in settings.dtype.names or () if name != "_"}
         self.state_dot = np.zeros_like(state)
         self.constants: dict[str, Any] = {}

@@ -76,6 +76,6 @@ class Joints:
         found.append((joint_saturation_signal(n), self.saturation))
         if self.encoded:
             found += zip(encoder_signals(n), (self.q_m, self.q_dot_m), strict=True)
-        if type(self.interface).obeys:
+        if type(self.interface).torque_controlled:
             found.append((joint_command_signal(n), self.tau_q_cmd))
         return found

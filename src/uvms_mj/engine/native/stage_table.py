@@ -160,7 +160,7 @@ class StageTable:
         if frame.model is not None:
             out = part(self.signals, UP_TO_ESTIMATES)
             add("model", frame.estimation, part(frame.base, CLOCK + MEASURED), out, frame.model.record)
-            if joints.interface is not None and type(joints.interface).obeys:
+            if joints.interface is not None and type(joints.interface).torque_controlled:
                 torques = frame.model.arrays["tau_posture"]
                 add("below", frame.posture, part(frame.base, CLOCK + MEASURED), torques, frame.model.record)
 
