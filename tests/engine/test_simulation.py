@@ -556,7 +556,7 @@ def test_an_interrupt_between_two_chunks_loses_no_step(monkeypatch):
 
 INTERRUPTED = """
 from dataclasses import dataclass
-from uvms_mj.guidance import Guidance, hold
+from uvms_mj.guidance import Guidance, station_keep
 
 interrupts = [10]
 
@@ -566,7 +566,7 @@ class Interrupted(Guidance):
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        hold(settings, given, out)
+        station_keep(settings, given, out)
         state_dot.phase[0] = 1.0
         out.p_d[0] = state.phase[0]
         if interrupts[:1] == [given.instant]:
@@ -618,7 +618,7 @@ def test_an_attitude_that_is_none_is_named(tmp_path, request, mistake, plain):
     wrong = USERS.read_text().replace("perfect(given, out)\n", f"perfect(given, out)\n        {line}\n")
     if table == "reference":
         wrong = USERS.read_text().replace(
-            "hold(settings, given, out)\n", f"hold(settings, given, out)\n        {line}\n"
+            "station_keep(settings, given, out)\n", f"station_keep(settings, given, out)\n        {line}\n"
         )
     (tmp_path / "wrong.py").write_text(wrong)
     name = "Noisy" if table == "navigation" else "Circle"

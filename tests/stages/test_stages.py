@@ -13,7 +13,7 @@ from uvms_mj import Gsta, InputError, Scenario, Simulation, simulate
 from uvms_mj.actuation import Actuation, PseudoInverse
 from uvms_mj.control import External, Ideal, ImpedanceTask
 from uvms_mj.control.task import tracking_errors
-from uvms_mj.guidance import FilteredSteps, Guidance, hold
+from uvms_mj.guidance import FilteredSteps, Guidance, station_keep
 from uvms_mj.guidance.filtered_steps import MOST_WAYPOINTS
 from uvms_mj.navigation import Navigation, Perfect
 from uvms_mj.scenario import STAGES
@@ -37,7 +37,7 @@ HEADER = """
 from dataclasses import dataclass
 import math
 import numpy as np
-from uvms_mj.guidance import Guidance, hold
+from uvms_mj.guidance import Guidance, station_keep
 from uvms_mj.navigation import Encoder, Navigation, Observer, Perfect, Wrist
 from uvms_mj.navigation import perfect
 from uvms_mj.actuation import Actuation
@@ -56,7 +56,7 @@ class Own(Guidance):
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        hold(settings, given, out)
+        station_keep(settings, given, out)
         c, s = math.cos(settings.omega * given.t), math.sin(settings.omega * given.t)
         out.p_d[0], out.p_d[1] = settings.radius * c, settings.radius * s
         out.p_d_dot[0], out.p_d_dot[1] = -settings.radius * settings.omega * s, settings.radius * settings.omega * c
@@ -395,7 +395,7 @@ def test_hold_keeps_the_first_position(setup):
     class Still(Guidance):
         @staticmethod
         def step(settings, state, given, state_dot, out):
-            hold(settings, given, out)
+            station_keep(settings, given, out)
 
     out, stage = record(REFERENCE, p_d_dot=1.0, p_d_ddot=1.0), Still(attitude_deg=(0.0, 0.0, 180.0))
     for instant, p_WB in enumerate(([1.0, 2.0, 3.0], [4.0, 5.0, 6.0])):

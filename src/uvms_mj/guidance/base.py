@@ -153,7 +153,7 @@ def samples(stage: Guidance, setup: Any, instants: Sequence[int]) -> np.ndarray:
 
 
 @kernel
-def hold(settings, given, out):
+def station_keep(settings, given, out):
     """Rest at the position of the first instant with the attitude attitude_deg. A stage that calls it first sets only
     the rest of its reference."""
     for i in range(3):

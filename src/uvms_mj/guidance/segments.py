@@ -1,4 +1,4 @@
-r"""Motion as polynomial pieces: position and attitude of a reference, each with its first two time derivatives.
+r"""Motion as polynomial segments: position and attitude of a reference, each with its first two time derivatives.
 
 A piece has seven polynomials of degree five in the time since its beginning: the position p in W [m], and four numbers
 Q along the attitude, q = Q / \|Q\|. With :math:`\dot Q \bar Q` as a product of quaternions, the angular velocity in W
@@ -26,8 +26,8 @@ from .base import Guidance, start_notes
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly  # imported where it is needed: most runs start without SciPy
 
-MOST_PIECES = 511
-"""Pieces that fit into the constants of a stage. The search below finds one of 512, the last of which is the end."""
+MOST_SEGMENTS = 511
+"""Segments that fit into the constants of a stage. The search below finds one of 512, the last of which is the end."""
 _SEARCH = 9  # steps of a binary search among 512
 LARGEST_TURN_DEG = 120.0
 """Largest rotation from a pose to the next. With a larger one Q would come near zero, and the rotation would be
@@ -35,7 +35,7 @@ uneven."""
 
 
 class Followed(Guidance):
-    """Base class of the stages whose reference is a motion of :func:`packed`, which their constants are."""
+    """Base class of the stages whose reference is a motion of :func:`pack`, which their constants are."""
 
     needs: ClassVar[tuple[str, ...] | None] = ("initial.position", "initial.attitude_deg", "initial.joints")
 
@@ -69,7 +69,7 @@ def pose_numbers(positions: Sequence[Any], attitudes_deg: Sequence[Any], keys: S
     return np.hstack([np.array(positions, float), Q])
 
 
-def clamped(times: np.ndarray, poses: np.ndarray) -> PPoly:
+def quintic_spline(times: np.ndarray, poses: np.ndarray) -> PPoly:
     """The quintic spline through poses (n, 7) that begins and ends at rest, without acceleration."""
     from scipy.interpolate import make_interp_spline
 
@@ -79,22 +79,22 @@ def clamped(times: np.ndarray, poses: np.ndarray) -> PPoly:
 
 
 def hermite(times: np.ndarray, value: np.ndarray, rate: np.ndarray, growth: np.ndarray) -> PPoly:
-    """The pieces with these values, first and second derivatives (n, 7) at the times (n,)."""
+    """The segments with these values, first and second derivatives (n, 7) at the times (n,)."""
     from scipy.interpolate import BPoly, PPoly
 
     return PPoly.from_bernstein_basis(BPoly.from_derivatives(times, np.stack([value, rate, growth], axis=1)))
 
 
-def packed(parts: Sequence[PPoly]) -> dict[str, np.ndarray]:
+def pack(parts: Sequence[PPoly]) -> dict[str, np.ndarray]:
     """The constants of :func:`follow` for parts of a motion in the order of time, with a rest wherever one ends before
     the next begins, and at the end. Read-only."""
-    breaks, pieces = [0.0], [_rest(parts[0](parts[0].x[0]))]
+    breaks, segments = [0.0], [_rest(parts[0](parts[0].x[0]))]
     for part in parts:
         breaks += part.x.tolist()
-        pieces += [*np.moveaxis(part.c, 1, 0), _rest(part(part.x[-1]))]
+        segments += [*np.moveaxis(part.c, 1, 0), _rest(part(part.x[-1]))]
     kept = [i for i in range(len(breaks)) if i + 1 == len(breaks) or breaks[i + 1] > breaks[i]]
-    begins, coefficients = np.full(MOST_PIECES + 1, np.inf), np.zeros((MOST_PIECES + 1, 6, 7))
-    begins[: len(kept)], coefficients[: len(kept)] = np.array(breaks)[kept], np.array(pieces)[kept]
+    begins, coefficients = np.full(MOST_SEGMENTS + 1, np.inf), np.zeros((MOST_SEGMENTS + 1, 6, 7))
+    begins[: len(kept)], coefficients[: len(kept)] = np.array(breaks)[kept], np.array(segments)[kept]
     for array in (begins, coefficients):
         array.setflags(write=False)
     return {"begins": begins, "coefficients": coefficients}
@@ -124,7 +124,7 @@ def polynomial(c, n, j, order, x) -> float:
 
 @kernel
 def follow(begins, coefficients, t, out):
-    """Set the reference ``out`` to the motion of :func:`packed` at the time t."""
+    """Set the reference ``out`` to the motion of :func:`pack` at the time t."""
     n, size = 0, begins.shape[0]
     for _ in range(_SEARCH):
         size = size >> 1

@@ -142,7 +142,7 @@ class Sensors(_Channels):
     def constants(self, setup: Any) -> Mapping[str, Any]:
         """The packed channels (SETTINGS,) by quantity, plain_wrench, and what concerns the force sensor."""
         step = self.period or setup.scenario.simulation.timestep
-        channels = {quantity: self.channel(quantity).packed(step) for quantity in QUANTITIES}
+        channels = {quantity: self.channel(quantity).pack(step) for quantity in QUANTITIES}
         kept = {name: getattr(self, name) for name in ("mass_behind", "mass_behind_at", "depth_drift")}
         return {**channels, **kept, "plain_wrench": self.plain_wrench}
 

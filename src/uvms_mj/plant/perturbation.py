@@ -22,7 +22,7 @@ _Body = TypeVar("_Body", bound=Body)
 
 
 @functools.lru_cache(maxsize=8)
-def varied(nominal: Vehicle, choice: VehicleChoice) -> Vehicle:
+def perturbed(nominal: Vehicle, choice: VehicleChoice) -> Vehicle:
     """The true vehicle, from the vehicle of a file.
 
     Raises:
@@ -40,14 +40,14 @@ def varied(nominal: Vehicle, choice: VehicleChoice) -> Vehicle:
         raise InputError(faults, "scenario")
     B.setflags(write=False)
     links = tuple(
-        dataclasses.replace(_varied(link, link.name, choice), friction=choice.coulomb_friction * link.friction)
+        dataclasses.replace(_perturbed(link, link.name, choice), friction=choice.coulomb_friction * link.friction)
         for link in nominal.arm.links
     )
-    base = _varied(nominal, nominal.body, choice)
+    base = _perturbed(nominal, nominal.body, choice)
     return dataclasses.replace(base, B=B, arm=dataclasses.replace(nominal.arm, links=links))
 
 
-def _varied(body: _Body, name: str, choice: VehicleChoice) -> _Body:
+def _perturbed(body: _Body, name: str, choice: VehicleChoice) -> _Body:
     """The base or a link with the factors and payloads of the vehicle."""
     true = dataclasses.replace(
         body,
@@ -77,7 +77,7 @@ def _refuse(nominal: Vehicle, offsets: tuple[tuple[float, ...], ...]) -> None:
         raise InputError(faults, "scenario")
 
 
-def vary(model: mujoco.MjModel, body_id: int, actuator_ids: tuple[int, ...], choice: VehicleChoice) -> None:
+def apply_to_model(model: mujoco.MjModel, body_id: int, actuator_ids: tuple[int, ...], choice: VehicleChoice) -> None:
     """Give a compiled model the masses, the gears and the thrusters of the true vehicle.
 
     A motor acts at its site with a force and a moment in the site's frame. An offset of the thruster is the moment of

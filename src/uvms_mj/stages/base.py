@@ -11,7 +11,7 @@ A stage is a frozen dataclass of settings that derives from the base class of it
 
         @staticmethod
         def step(settings, state, given, state_dot, out):
-            hold(settings, given, out)
+            station_keep(settings, given, out)
             out.p_d[0] = settings.radius * math.cos(settings.omega * given.t)
             ...
 

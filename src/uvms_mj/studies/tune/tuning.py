@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import tomli_w
 
 from ...errors import InputError
-from ...files import is_file, is_folder, locked, shortened, tables_of, whole
+from ...files import atomic_write, is_file, is_folder, locked, shortened, tables_of
 from ..plan import Plan
 from ..plan.places import unit_of
 from ..pool.bundle import StudyBundle
@@ -214,7 +214,7 @@ class Tuning:
             return
         scenario = with_gains(self.plan, best.gains).laws[0].scenario
         head = f"# Found by {self.name}: trial {best.number}, {self.objective.label} {best.outcome.objective!r}"
-        with whole(folder / FOUND) as part:
+        with atomic_write(folder / FOUND) as part:
             part.write_text(f"{head}\n{scenario.to_toml()}", encoding="utf-8")
         self.study_of(folder, best).run(executor=pool)
 
