@@ -80,13 +80,13 @@ def _certificate(scenario: "Scenario", trace: "Trace | None") -> "Certificate":
     from ..control.theory import predictions
     from ..errors import InputError
     from ..setup.base import set_up
-    from ..stages.loader import Recorded
+    from ..stages.loader import Placeholder
 
     law = scenario.controller
     certificate = predictions.certificate(set_up(scenario, None if trace is None else trace.header.mjcf))
     if certificate is None:
         hint = "" if trace is not None else "; choose a law that has one, as --controller gsta"
-        if isinstance(law, Recorded):
+        if isinstance(law, Placeholder):
             hint = ": code from a log is never executed; omit --from, give scenario and --controller FILE.py:LAW"
         raise InputError(f"{law.label()} defines no certificate{hint}")
     return certificate

@@ -81,7 +81,7 @@ class Choice(Generic[_Stage]):
     def _placeholder(self, source: str, settings: Mapping[str, Any]) -> type[_Stage]:
         """A placeholder for the stage of a user's file, which is not imported."""
         file, _, label = source.rpartition(":")
-        cls: Any = recorded_stage(self.base, f"{Path(file).name}:{label}", settings, {})
+        cls: Any = placeholder_stage(self.base, f"{Path(file).name}:{label}", settings, {})
         cls.source = classmethod(lambda _: source)
         return cls
 
@@ -133,7 +133,7 @@ class Choice(Generic[_Stage]):
         settings = [key for key in table if key != "name"]
         source = str(table.get("name", self.default.name))
         cls = self.shipped.get(source)
-        if known is not None and known.source() == source and not issubclass(known, Recorded):
+        if known is not None and known.source() == source and not issubclass(known, Placeholder):
             cls = known
         if cls is None:
             return settings
@@ -268,11 +268,11 @@ def table_of(stage: Stage) -> dict[str, Any]:
     return {"name": stage.source(), **{f.name: getattr(stage, f.name) for f in dataclasses.fields(stage)}}
 
 
-class Recorded:
+class Placeholder:
     """Base of the placeholders for a user's stage in a loaded log. They can be shown and compared, not run."""
 
 
-def recorded_stage(
+def placeholder_stage(
     base: type[_Stage], source: str, table: Mapping[str, Any], states: Mapping[str, Any]
 ) -> type[_Stage]:
     """Make a placeholder class with the settings of a table of a scenario, and the sizes of its states by name. Raises
@@ -294,14 +294,14 @@ def recorded_stage(
         fields.append((name, kind, setting(default, OWN_UNIT, f"{room.setting} of {label}")))
     namespace = {"states": dict(states), "source": classmethod(lambda cls: source), "__doc__": f"{source}, recorded."}
     try:
-        return dataclasses.make_dataclass(label, fields, bases=(Recorded, base), namespace=namespace, frozen=True)
+        return dataclasses.make_dataclass(label, fields, bases=(Placeholder, base), namespace=namespace, frozen=True)
     except (TypeError, SyntaxError) as error:
         raise InputError(f"the {room.setting}s of {source}: {error}") from None
 
 
 def check_stage(stage: Stage) -> None:
     """Check that a stage may run. Raises InputError if it is of a log, or its class violates the contract."""
-    if isinstance(stage, Recorded):
+    if isinstance(stage, Placeholder):
         key, file = f"{stage.room.table}.name", f"path/to/{stage.source()}"
         raise InputError(
             f"the {stage.room.noun} {stage.source()} is in the log as text, which is never run: name its file with "

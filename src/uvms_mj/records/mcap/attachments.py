@@ -22,7 +22,7 @@ from ...plant.geometry import Geometry
 from ...plant.mjcf import Mjcf
 from ...quantities import STRICT, NonNegative, Real
 from ...scenario import STAGES, Scenario
-from ...stages.loader import recorded_stage
+from ...stages.loader import placeholder_stage
 from ...stages.signals import BAND, IN_TASK_FRAME, OF_JOINTS, PUSH, RECORDED, Signal
 from ..header import Header, Outcome, StageSource, code_file
 
@@ -164,7 +164,7 @@ def header_of(files: Mapping[str, bytes]) -> Header:
         sources[name] = StageSource(entry.source, entry.sha256, code, entry.states)
         if entry.source not in choice.shipped:
             sources[name] = replace(sources[name], files=_listed(files, code_file(name, entry.source)))
-            known[name] = recorded_stage(choice.base, entry.source, table, entry.states)
+            known[name] = placeholder_stage(choice.base, entry.source, table, entry.states)
     scenario = Scenario.from_dict(tables, place="scenario.toml", known=known)
     if scenario.vehicle.model != PurePath(scenario.vehicle.model).name:
         raise InputError(f"scenario.toml: vehicle.model {scenario.vehicle.model!r} is not in the log")
