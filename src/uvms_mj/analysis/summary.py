@@ -164,10 +164,9 @@ NUMBERS: "Mapping[str, Callable[[Trace], Any]]" = {
 
 def _certified_rate(trace: "Trace") -> float | None:
     """The certified rate of change of the disturbance [m/s^3, rad/s^3]; None for a law without a certificate."""
-    from ..control.theory.predictions import certificate
     from ..setup.base import set_up
 
-    found = certificate(set_up(trace.scenario, trace.header.mjcf))
+    found = set_up(trace.scenario, trace.header.mjcf).certificate
     return None if found is None else found.rate
 
 

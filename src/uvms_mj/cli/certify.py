@@ -77,13 +77,12 @@ def _load(
 
 def _certificate(scenario: "Scenario", trace: "Trace | None") -> "Certificate":
     """The certificate of the law. Raises InputError if the law has none."""
-    from ..control.theory import predictions
     from ..errors import InputError
     from ..setup.base import set_up
     from ..stages.loader import Placeholder
 
     law = scenario.controller
-    certificate = predictions.certificate(set_up(scenario, None if trace is None else trace.header.mjcf))
+    certificate = set_up(scenario, None if trace is None else trace.header.mjcf).certificate
     if certificate is None:
         hint = "" if trace is not None else "; choose a law that has one, as --controller gsta"
         if isinstance(law, Placeholder):

@@ -51,7 +51,7 @@ def reveal(coefficients, water, signals, truth, work):
 
     It is for eq. (13): velocity in the water and wrenches, which a real vehicle can't measure. In water that
     accelerates, g(eta) has the weight in gravity minus v_c_dot and the buoyancy in gravity minus a_c, both in W: with
-    it, eq. (10) has the force of the water's acceleration on every vehicle (:mod:`.hydrodynamics`).
+    it, eq. (10) has the force of the water's acceleration on every vehicle (:mod:`uvms_mj.physics.hydrodynamics`).
     """
     nu, nu_r, nu_c_dot = signals.nu, truth.nu_r, truth.nu_c_dot
     relative_velocity(water, signals.R_WB, nu, nu_r)

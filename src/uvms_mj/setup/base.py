@@ -11,6 +11,7 @@ import numpy as np
 from ..actuation import Joints
 from ..control import ImpedanceTask
 from ..control.design import Design
+from ..control.theory import predictions
 from ..physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ..physics.statics import Statics
 from ..plant.build import Plant, build
@@ -23,7 +24,7 @@ from ..stages.base import Stage
 from .task_frame import task_start
 
 _FREE = ("name", "description", "simulation", "initial", "reference", "impedance", "task", "controller")
-"""Tables on which such a formula does not depend, or whose values are in it."""
+"""Tables on which a formula along x for the force at rest does not depend, or whose values are in it."""
 _FREE_KEYS = {
     "vehicle": ("model", "added_mass", "linear_damping", "quadratic_damping", "coulomb_friction"),
     "current": ("speed", "direction_deg", "vertical", "frequency_hz", "correlation_time", "shortest_gust", "shear"),
@@ -141,6 +142,12 @@ class Setup:
             target, rotation_matrix(self.design.quat_d)
         )
 
+    @property
+    def certificate(self) -> Any:
+        """The :class:`uvms_mj.control.theory.certificate.Certificate` of the law, or None if it has none. Raises
+        InputError if a gain is too large or too small to compute with, or the method of a user's law fails."""
+        return predictions.certificate(self)
+
     @functools.cached_property
     def start(self) -> Statics:
         """The true vehicle in its initial posture."""
@@ -170,8 +177,8 @@ class Setup:
 
 
 def set_up(scenario: Scenario, mjcf: Mjcf | None = None) -> Setup:
-    """Build the plant of a scenario and compute its design. The arguments are those of :func:`.build.build`. Raises
-    InputError as it does, or if the desired impedance is not physical."""
+    """Build the plant of a scenario and compute its design. The arguments are those of
+    :func:`uvms_mj.plant.build.build`. Raises InputError as it does, or if the desired impedance is not physical."""
     plant, contacts, inertias = build(scenario, mjcf)
     return Setup(scenario, plant, Design.of(scenario, *inertias), contacts)
 

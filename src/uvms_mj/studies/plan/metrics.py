@@ -184,7 +184,7 @@ def without_unit(column: str) -> str:
 def limits(given: Mapping[str, Any], metrics: Sequence[str], folder: Path, faults: list[Fault]) -> dict[str, Limit]:
     """The limits of the table ``[success]`` by column of the rows: true or false, or the least and the greatest value.
 
-    A name is that of :func:`.metric.kept_column`. Errors are appended to ``faults``.
+    A name is that of :func:`kept_column`. Errors are appended to ``faults``.
     """
     found: dict[str, Limit] = {}
     for name, value in leaves(given, lists=False):
