@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 
 from uvms_mj import Guidance, setting
-from uvms_mj.guidance import hold
+from uvms_mj.guidance import station_keep
 from uvms_mj.quantities import Positive
 
 
@@ -24,7 +24,7 @@ class Circle(Guidance):
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        hold(settings, given, out)
+        station_keep(settings, given, out)
         radius, omega = settings.radius, settings.omega
         if given.instant == 0:
             state.centre[:] = given.p_WB

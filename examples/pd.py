@@ -25,8 +25,8 @@ class Pd(Controller):
 
     def at_rest(self, setup):
         """The pushing force at rest [N]: k_p (x_d - x) + d = k_c (x - x_c), with the constant force d along x."""
-        if setup.not_plain:  # more acts than the probe at [wall], a current and a constant disturbance
-            return setup.not_plain
+        if setup.no_simple_form:  # more acts than the probe at [wall], a current and a constant disturbance
+            return setup.no_simple_form
         scenario, wall = setup.scenario, setup.scenario.wall
         if scenario.current.flows:
             return "the current pushes a PD law off the reference"

@@ -8,8 +8,8 @@ import tempfile
 from pathlib import Path
 
 from uvms_mj import Scenario
-from uvms_mj.analysis.setup import set_up
 from uvms_mj.files import shipped
+from uvms_mj.setup.base import set_up
 
 JAW = '<body name="jaw" pos="0 0 -.092">'
 FIFTH_JOINT = '<joint name="axis_a" axis="1 0 0" damping=".2"/>'

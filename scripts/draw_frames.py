@@ -17,8 +17,8 @@ from matplotlib.patches import Arc, Circle, Patch, Polygon, Rectangle
 from matplotlib.transforms import Affine2D
 
 from uvms_mj import Scenario
-from uvms_mj.analysis.setup import set_up
 from uvms_mj.guidance import FilteredSteps
+from uvms_mj.setup.base import set_up
 
 OUT = Path(__file__).parents[1] / "docs" / "frames.svg"
 INK, BODY, MOVE = "#1f2933", "#0b5cad", "#7b4fa3"

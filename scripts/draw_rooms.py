@@ -36,11 +36,13 @@ SIDES = {
 }
 SUBJECTS = {
     "cli": "commands",
-    "studies": "many runs: the paper, practicality, tuning",
+    "reproduce": "experiments: the paper, practicality, a pool",
+    "studies": "many runs: plans, pages, tuning",
     "envs": "dm_env, Gymnasium",
     "engine": "runs it: Simulation, machine code",
     "views": "what is seen: figures, Rerun",
-    "analysis": "numbers from scenarios and traces: Setup, metrics",
+    "analysis": "numbers from traces: metrics, summary",
+    "setup": "a run before its first step: Setup, checks",
     "records": "what is kept: Trace, logs, export",
     "scenario": "all inputs of a run",
     "guidance": "what is wanted",
@@ -99,7 +101,7 @@ def way(ax: Axes, heights: dict[str, float], left: float) -> None:
     """Draw the way of a scenario: to the right in time, at the height of the room where it happens."""
     stations = [
         ("scenario", "1", "TOML becomes\na Scenario", "below"),
-        ("analysis", "2", "Setup: plant\nand design ", "left"),
+        ("setup", "2", "Setup: plant\nand design ", "left"),
         ("engine", "3", "Simulation: steps,\nrows", "above"),
         ("records", "4", "rows become\na Trace, a log", "below"),
         ("analysis", "5", "metrics,\nclaims", "right"),
@@ -139,7 +141,7 @@ def rooms() -> Figure:
 
 
 CHAIN = (
-    ("navigation", "[navigation]", STAGE, "KNOWN", "pose, velocity,\nforce"),
+    ("navigation", "[navigation]", STAGE, "MEASURED", "pose, velocity,\nforce"),
     ("guidance", "[reference]", STAGE, "REFERENCE", "pose and its\nderivatives"),
     ("tracking", "[estimates]", PLAIN, "ERRORS\nESTIMATES", "to the reference;\nM, C, D, g"),
     ("task", "[impedance][task]", PLAIN, "TASK", "s, zeta,\ntau_nom"),

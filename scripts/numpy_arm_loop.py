@@ -6,11 +6,11 @@ import numpy as np
 
 from numpy_loop import NumpyLoop, cross, skew
 from uvms_mj import Scenario
-from uvms_mj.analysis.setup import set_up
 from uvms_mj.control import Gsta
 from uvms_mj.guidance import FilteredSteps
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
 from uvms_mj.physics.posture import FREEDOM
+from uvms_mj.setup.base import set_up
 
 
 class NumpyArmLoop(NumpyLoop):

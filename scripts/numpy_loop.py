@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 
 from uvms_mj import Gsta, Scenario
-from uvms_mj.analysis.setup import set_up
 from uvms_mj.guidance import FilteredSteps
+from uvms_mj.setup.base import set_up
 
 
 def skew(a):

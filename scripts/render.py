@@ -28,8 +28,7 @@ from PIL import Image
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.files import shipped
 from uvms_mj.plant.shapes import Shape
-from uvms_mj.records.palette import Colour
-from uvms_mj.records.scene import FORCES, scene_of
+from uvms_mj.records.scene import FORCES, Colour, scene_of
 
 OUT = Path(__file__).parents[1] / "docs" / "push_wall.png"
 DURATION_S = 8.0

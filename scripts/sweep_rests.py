@@ -21,7 +21,7 @@ import click
 import numpy as np
 
 from uvms_mj import InputError, Scenario, simulate
-from uvms_mj.control.rest import SteadyState
+from uvms_mj.control.base import SteadyState
 from uvms_mj.records.header import Status
 
 _POSE = ("vehicle", "task", "initial")
@@ -119,7 +119,7 @@ def tool_case(rng: np.random.Generator) -> dict[str, Any]:
 
 def tool_start(over: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
     """Position (3,) and attitude (3,) [deg] of the tool at the start of a case."""
-    from uvms_mj.analysis.setup import set_up
+    from uvms_mj.setup.base import set_up
 
     given: dict[str, Any] = {key: value for key, value in over.items() if key.split(".")[0] in _POSE}
     initial = set_up(Scenario.load("push_wall", given)).initial

@@ -13,7 +13,7 @@ from draw_rooms import BEFORE, BETWEEN, CHAIN, SUBJECTS, floors
 from uvms_mj.envs.push import ARGUMENTS, OBSERVED
 from uvms_mj.stages import signals
 from uvms_mj.studies.plan import Plan, study_file
-from uvms_mj.studies.plan.metric import MEANINGS, unit_of_column
+from uvms_mj.studies.plan.metrics import MEANINGS, unit_of_column
 from uvms_mj.studies.tune import Tuning
 from uvms_mj.studies.tune import tables as tune_tables
 
@@ -24,7 +24,7 @@ STUDIES = (ROOT / "docs" / "studies.md").read_text()
 ENVIRONMENTS = (ROOT / "docs" / "environments.md").read_text()
 GUIDES = EXTENDING + ENVIRONMENTS + (ROOT / "README.md").read_text()
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-GROUPS = ("CLOCK", "KNOWN", "TRUE", "REFERENCE", "ERRORS", "ESTIMATES", "APPLIED", "IMPEDANCE", "TASK")
+GROUPS = ("CLOCK", "MEASURED", "TRUE", "REFERENCE", "ERRORS", "ESTIMATES", "APPLIED", "IMPEDANCE", "TASK")
 
 
 @pytest.mark.parametrize("arguments", sorted(set(re.findall(r"^uvms-mj run (.*examples/.*)$", GUIDES, re.MULTILINE))))

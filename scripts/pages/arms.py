@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from page_look import DOCS, written
 from render import View, render
 from uvms_mj import Scenario, Trace, simulate
-from uvms_mj.control.rest import SteadyState
+from uvms_mj.control.base import SteadyState
 from uvms_mj.plant.mjcf import Mjcf
 from uvms_mj.views.figures.panels import LEVELS, level
 from uvms_mj.views.figures.style import COLOURS, LINE, PAGE_IN, line, styled, ticks

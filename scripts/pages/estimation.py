@@ -11,8 +11,8 @@ from scipy.stats import chi2
 
 from page_look import written
 from uvms_mj import Scenario, Simulation, Trace, simulate
-from uvms_mj.analysis.setup import set_up
-from uvms_mj.control.sampled import Vibration
+from uvms_mj.control.theory.sampled import Vibration
+from uvms_mj.setup.base import set_up
 from uvms_mj.views.figures.style import BLACK, COLOURS, PAGE_IN, line, styled
 
 BLUE, RED, PALE = COLOURS["x"], COLOURS["force"], "#dfe5ea"
@@ -113,7 +113,7 @@ def numbers() -> Iterator[tuple]:
     )
     yield "Its force is {} ms old", 1e3 * found.age
     yield "at {} ms all damping would be lost", 1e3 * found.limit
-    yield "its command is {} ms late", 1e3 * found.chain.command_age
+    yield "its command is {} ms late", 1e3 * found.chain.command_latency
 
 
 def main() -> None:

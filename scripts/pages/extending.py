@@ -7,8 +7,8 @@ import numpy as np
 
 from page_look import DOCS
 from uvms_mj import Scenario, Simulation, simulate
-from uvms_mj.analysis.setup import set_up
-from uvms_mj.control.sampled import Vibration
+from uvms_mj.control.theory.sampled import Vibration
+from uvms_mj.setup.base import set_up
 
 EXAMPLE = DOCS.parent / "examples" / "lagging_thrusters.py"
 

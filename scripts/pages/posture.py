@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 
 from page_look import written
 from uvms_mj import Scenario, Trace, simulate
-from uvms_mj.analysis.sampling import SamplingWarning
-from uvms_mj.analysis.setup import set_up
 from uvms_mj.physics.frames import rotation_matrix
+from uvms_mj.setup.base import set_up
+from uvms_mj.setup.checks import SamplingWarning
 from uvms_mj.views.figures.style import BLACK, COLOURS, PAGE_IN, line, styled
 
 PITCH_DEG, JOINTS, WANTED = 12.0, (0.6, 0.9), (0.2, 1.4)

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from page_look import written
-from uvms_mj.studies.practicality import figures
-from uvms_mj.studies.practicality.axes import AXES, MAPS, RETUNED
-from uvms_mj.studies.practicality.claims import judge
-from uvms_mj.studies.practicality.plans import plans
-from uvms_mj.studies.practicality.results import Results
+from uvms_mj.reproduce.practicality import figures
+from uvms_mj.reproduce.practicality.axes import AXES, MAPS, RETUNED
+from uvms_mj.reproduce.practicality.claims import judge
+from uvms_mj.reproduce.practicality.plans import plans
+from uvms_mj.reproduce.practicality.results import Results
 from uvms_mj.studies.results import frame
 
 _AXES = {axis.name: axis for axis in AXES}

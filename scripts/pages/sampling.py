@@ -11,10 +11,10 @@ from matplotlib.axes import Axes
 
 from page_look import written
 from uvms_mj import Gsta, Scenario, Trace, simulate
-from uvms_mj.analysis.setup import set_up
-from uvms_mj.control.late_command import swing
-from uvms_mj.control.rest import SteadyState
-from uvms_mj.control.sampled import Vibration
+from uvms_mj.control.base import SteadyState
+from uvms_mj.control.theory.input_delay import swing
+from uvms_mj.control.theory.sampled import Vibration
+from uvms_mj.setup.base import set_up
 from uvms_mj.views.figures.style import BLACK, COLOURS, PAGE_IN, styled
 
 QUIET_N = 0.05
@@ -49,7 +49,7 @@ def late_commands(case: int) -> tuple[list[float], list[float], list[float]]:
     ages, found, predicted = [], [], []
     for delay in delays:
         force, vibration, law = measured(overrides | {"controller.delay": delay})
-        ages.append(vibration.chain.command_age)
+        ages.append(vibration.chain.command_latency)
         found.append(force)
         predicted.append(float(swing(vibration, law.slopes)[0]))
     return ages, found, predicted

@@ -11,12 +11,12 @@ from scipy.signal import welch
 
 from page_look import written
 from uvms_mj import Scenario, Trace, simulate
-from uvms_mj.analysis.noise import Deviations, deviations
-from uvms_mj.analysis.setup import set_up
+from uvms_mj.setup.base import set_up
+from uvms_mj.setup.noise import Deviations, deviations
 from uvms_mj.views.figures.style import BLACK, COLOURS, PAGE_IN, styled
 
 INK, BLUE, RED = BLACK, COLOURS["x"], COLOURS["force"]
-PUSHING = {  # as in tests/analysis/test_noise.py
+PUSHING = {  # as in tests/setup/test_noise.py
     "navigation.name": "sensors",
     "simulation.timestep": 2e-3,
     "simulation.duration": 800.0,

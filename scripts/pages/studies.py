@@ -11,17 +11,17 @@ import pandas as pd
 from page_look import stacked
 from uvms_mj.studies.plan import Plan
 from uvms_mj.studies.report import figures, maps
-from uvms_mj.studies.report.data import Data
+from uvms_mj.studies.report.data import StudyRows
 from uvms_mj.studies.report.sensitivity import sensitivities
 from uvms_mj.studies.results import frame
 
 
 @functools.cache
-def study(folder: Path) -> Data:
-    return Data(Plan.load(folder / "study.toml"), frame(folder))
+def study(folder: Path) -> StudyRows:
+    return StudyRows(Plan.load(folder / "study.toml"), frame(folder))
 
 
-def rows(data: Data, law: str) -> pd.DataFrame:
+def rows(data: StudyRows, law: str) -> pd.DataFrame:
     """The rows of a law, with whether each succeeds."""
     table = data.frame.assign(succeeds=data.success)
     return table[table["law"] == law]

@@ -15,12 +15,12 @@ from matplotlib.patches import Circle, Polygon, Rectangle
 from page_look import written
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.analysis.metrics import final_force
-from uvms_mj.analysis.rest import demanded_force
-from uvms_mj.analysis.sampling import SamplingWarning
-from uvms_mj.analysis.setup import set_up
-from uvms_mj.control.rest import SteadyState
+from uvms_mj.control.base import SteadyState
+from uvms_mj.control.design import demanded_force
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.physics.statics import Statics
+from uvms_mj.setup.base import set_up
+from uvms_mj.setup.checks import SamplingWarning
 from uvms_mj.views.figures.style import COLOURS, GREY, PAGE_IN, line, styled
 
 LAWS = {"gsta": COLOURS["x"], "fosm": COLOURS["z"], "impedance": COLOURS["roll"]}

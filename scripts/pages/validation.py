@@ -13,15 +13,15 @@ from scipy.signal import detrend, find_peaks
 from page_look import written
 from uvms_mj.engine.native.attachment import immerse
 from uvms_mj.plant.body import skew
+from uvms_mj.reproduce.validate import figures
+from uvms_mj.reproduce.validate.data import records
+from uvms_mj.reproduce.validate.fit import FITTED_ON
+from uvms_mj.reproduce.validate.page import CONSTANT, FITTED
+from uvms_mj.reproduce.validate.page import numbers as found_in
+from uvms_mj.reproduce.validate.results import PITCH, YAW, Results, compute
+from uvms_mj.reproduce.validate.swing import AMPLITUDE, FASTEST, PERIOD
+from uvms_mj.reproduce.validate.vehicle import STATIC, Variant, model, righting, vehicle
 from uvms_mj.studies.study import executor_of
-from uvms_mj.studies.validate import figures
-from uvms_mj.studies.validate.data import records
-from uvms_mj.studies.validate.fit import FITTED_ON
-from uvms_mj.studies.validate.page import CONSTANT, FITTED
-from uvms_mj.studies.validate.page import numbers as found_in
-from uvms_mj.studies.validate.results import PITCH, YAW, Results, compute
-from uvms_mj.studies.validate.swing import AMPLITUDE, FASTEST, PERIOD
-from uvms_mj.studies.validate.vehicle import STATIC, Variant, model, righting, vehicle
 
 PUSHED = {"003-1": (5.0, 13.0), "005-1": (2.0, 8.0)}
 """Trials in which something pushes the vehicle, and the time in which it then swings freely [s]."""

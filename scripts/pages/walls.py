@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from page_look import written
 from render import View, render
 from uvms_mj import Scenario, Trace, simulate
-from uvms_mj.analysis.setup import set_up
-from uvms_mj.control.rest import SteadyState
+from uvms_mj.control.base import SteadyState
+from uvms_mj.setup.base import set_up
 from uvms_mj.views.figures.style import BLACK, COLOURS, PAGE_IN, line, styled
 
 K_C, AMPLITUDE, FREQUENCY = 2e3, 2e-3, 0.5

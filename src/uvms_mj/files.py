@@ -155,7 +155,7 @@ def parse_setting(text: str) -> tuple[str, Any]:
 
 
 @contextlib.contextmanager
-def whole(path: Path) -> Iterator[Path]:
+def atomic_write(path: Path) -> Iterator[Path]:
     """Yield a temporary path to write to, then move that file to ``path`` and replace an existing one.
 
     If writing fails, ``path`` is unchanged. The temporary file is in a new folder beside ``path``, so that it can't

@@ -6,7 +6,7 @@ Units are SI; angles are in degrees where a key ends in ``_deg``. The defaults a
 import dataclasses
 import os
 import warnings
-from collections.abc import Callable, Container, Iterable, Mapping, Set
+from collections.abc import Callable, Container, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,6 @@ from .actuation import Actuation, Auto, IdealThrusters, Joints, PseudoInverse, T
 from .control import Controller, Gsta, ImpedanceTask
 from .control.design import INNER_TABLES, Estimates, Impedance
 from .control.posture import Posture
-from .control.task import TASK_KEYS, move_task_keys
 from .errors import Fault, InputError, faults_of, shortened
 from .files import is_file, plain, tables_of, toml_path
 from .guidance import FilteredSteps, Guidance
@@ -29,7 +28,7 @@ from .plant.surfaces import OF_WALLS, Bumper, Surface, override_walls
 from .plant.water import Current, Disturbance, Tether
 from .quantities import STRICT, overrides_of, unit_of
 from .stages.base import Stage
-from .stages.loader import Choice, Recorded, stage_of, table_of
+from .stages.loader import Choice, Placeholder, stage_of, table_of
 from .stages.words import is_a_table, no_table, not_dotted, tables_by_word
 
 STAGES: dict[str, Choice] = {
@@ -160,13 +159,10 @@ class Scenario:
         for name, source in (chosen | {"controller": chosen["controller"] or controller}).items():
             if source is not None:
                 own = (known or {}).get(name)
-                tables[name] = STAGES[name].replaced(tables[name], source, overrides, TASK_KEYS, left_out, own, trusted)
-        old = move_task_keys(tables["controller"], tables["task"], faults)
-        replaced = move_task_keys(overrides, overrides, faults)
+                tables[name] = STAGES[name].replaced(tables[name], source, overrides, left_out, own, trusted)
         for key, value in overrides.items():
             faults += _override(tables, key, value)
-        old = {key for key in old if f"task.{key}" not in overrides} | replaced
-        _load_task(tables, old, faults)
+        _load_task(tables, faults)
         _load_stages(tables, known or {}, trusted, faults)
         try:
             scenario = _VALIDATOR.validate_python(tables)
@@ -197,7 +193,7 @@ class Scenario:
         known = {name: type(getattr(self, name)) for name in STAGES}
         for name, kind in list(known.items()):
             own = overrides.get(f"{name}.name", controller if name == "controller" else None)
-            if own is not None and issubclass(kind, Recorded):
+            if own is not None and issubclass(kind, Placeholder):
                 del known[name]
                 recorded: Any = kind
                 in_a_log = not Path(recorded.source()).is_absolute()
@@ -268,15 +264,13 @@ def _load_stages(
             faults += error.faults
 
 
-def _load_task(tables: dict[str, Any], old: Set[str], faults: list[Fault]) -> None:
-    """Replace the table ``task`` by its stage; ``old`` are keys of it that were given as those of [controller]."""
+def _load_task(tables: dict[str, Any], faults: list[Fault]) -> None:
+    """Replace the table ``task`` by its stage."""
     try:
         tables["task"] = stage_of(ImpedanceTask, tables["task"])
     except InputError as error:
         del tables["task"]
-        for fault in error.faults:
-            word = fault.key.removeprefix("task.").partition("[")[0]
-            faults.append(Fault(f"controller.{word}" if word in old else fault.key, fault.message))
+        faults += error.faults
 
 
 def _override(tables: dict[str, Any], key: str, value: Any) -> list[Fault]:

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from uvms_mj import InputError
 from uvms_mj.actuation import Position, Velocity
-from uvms_mj.actuation.motion import piece_at, pieces, rate_at, read_motion, value_at
+from uvms_mj.actuation.motion import rate_at, read_motion, segment_at, segments, value_at
 from uvms_mj.actuation.servo import velocity_loop
 from uvms_mj.physics.joints import deliverable
 from uvms_mj.stages.joint_signals import joints_given
@@ -41,17 +41,17 @@ VALUES = np.array([[0.0, 1.0], [0.4, -1.0], [0.3, 2.0], [0.0, 2.5], [0.1, 2.0]])
 
 def sampled(constants, t, function):
     begins, c = constants["begins"], constants["coefficients"]
-    return np.array([[function(begins, c, piece_at(begins, x), j, x) for j in range(c.shape[2])] for x in t])
+    return np.array([[function(begins, c, segment_at(begins, x), j, x) for j in range(c.shape[2])] for x in t])
 
 
 def test_linear_interpolation_is_numpys_and_holds_both_ends():
-    constants, t = pieces(TIMES, VALUES, "linear"), np.linspace(-1.0, 5.0, 601)
+    constants, t = segments(TIMES, VALUES, "linear"), np.linspace(-1.0, 5.0, 601)
     expected = np.stack([np.interp(t, TIMES, each) for each in VALUES.T], axis=1)
     assert np.abs(sampled(constants, t, value_at) - expected).max() < 1e-14
 
 
 def test_cubic_interpolation_is_the_clamped_spline_and_holds_both_ends():
-    constants, t = pieces(TIMES, VALUES, "cubic"), np.linspace(-1.0, 5.0, 601)
+    constants, t = segments(TIMES, VALUES, "cubic"), np.linspace(-1.0, 5.0, 601)
     spline, inside = CubicSpline(TIMES, VALUES, bc_type="clamped"), np.clip(t, TIMES[0], TIMES[-1])
     assert np.abs(sampled(constants, t, value_at) - spline(inside)).max() < 1e-13
     moves = (t > TIMES[0]) & (t < TIMES[-1])
@@ -62,7 +62,7 @@ def test_cubic_interpolation_of_a_smooth_motion_is_of_fourth_order():
     def error(m):
         times = np.linspace(0.0, 2.0 * np.pi, m)
         t = np.linspace(0.0, 2.0 * np.pi, 977)
-        return np.abs(sampled(pieces(times, np.cos(times)[:, None], "cubic"), t, value_at)[:, 0] - np.cos(t)).max()
+        return np.abs(sampled(segments(times, np.cos(times)[:, None], "cubic"), t, value_at)[:, 0] - np.cos(t)).max()
 
     assert math.log2(error(21) / error(41)) == pytest.approx(4.0, abs=0.3)
 
@@ -70,9 +70,9 @@ def test_cubic_interpolation_of_a_smooth_motion_is_of_fourth_order():
 @pytest.mark.parametrize("m", [1, 2, 3, 4, 7, 8, 9, 1000])
 def test_every_time_is_found_in_motions_of_every_length(m):
     times = np.sort(np.random.default_rng(m).uniform(0.0, 10.0, m))
-    begins = pieces(times, np.zeros((m, 1)), "linear")["begins"]
+    begins = segments(times, np.zeros((m, 1)), "linear")["begins"]
     for t in (-1.0, *times, *(0.5 * (times[1:] + times[:-1])), 11.0):
-        assert piece_at(begins, t) == np.searchsorted(times, t, side="right")
+        assert segment_at(begins, t) == np.searchsorted(times, t, side="right")
 
 
 def test_a_file_is_read_by_the_names_of_its_columns(tmp_path):

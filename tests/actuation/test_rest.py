@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from uvms_mj import Scenario, simulate
-from uvms_mj.analysis.setup import set_up
-from uvms_mj.control.rest import NoClosedForm, SteadyState
-from uvms_mj.control.sampled import Vibration
-from uvms_mj.control.theory import steady_state
+from uvms_mj.control.base import NoClosedForm, SteadyState
+from uvms_mj.control.theory.predictions import steady_state
+from uvms_mj.control.theory.sampled import Vibration
+from uvms_mj.setup.base import set_up
 
 SOFT = {
     "wall.stiffness": 2e3,
@@ -127,7 +127,7 @@ def test_a_failure_after_the_end_of_the_run_is_none():
     assert isinstance(steady_state(set_up(scenario_with("gsta", "general", SOFT, **late))), SteadyState)
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 @pytest.mark.parametrize(("stiffness", "rests"), [(2e3, True), (1e5, False)])
 def test_the_identified_lag_is_for_a_soft_wall_and_a_run_against_a_stiff_one_is_warned_of(stiffness, rests):
     overrides = SOFT | {"wall.stiffness": stiffness, "wall.damping": 0.0, "simulation.timestep": 2e-4}

@@ -158,7 +158,7 @@ def _around(voltage: float) -> tuple[float, float]:
 
 
 def _plain_setup():
-    from uvms_mj.analysis.setup import set_up
+    from uvms_mj.setup.base import set_up
 
     return set_up(Scenario())
 

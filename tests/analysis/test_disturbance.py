@@ -6,11 +6,11 @@ import pytest
 from certified import certificate_of
 from uvms_mj import Gsta, Scenario, simulate
 from uvms_mj.analysis.disturbance import Experienced, experienced, lumped_disturbance
-from uvms_mj.analysis.setup import set_up
-from uvms_mj.control.certificate import gains_for
+from uvms_mj.control.theory.certificate import gains_for
 from uvms_mj.physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.plant.mjcf import Mjcf
+from uvms_mj.setup.base import set_up
 from vehicles import random_parameters, vehicle_xml
 
 FREE = {"wall.position": 50.0, "reference.target": [0.0, 0.0, 0.0], "current.speed": 0.0}
@@ -111,7 +111,7 @@ CASES = {
 def test_what_is_experienced_is_what_moves_s(case):
     """s_dot = -k_1 phi_1 + z + varphi of eq. (28), plus A s for GSTA alone, holds up to the inertia of the wall."""
     mjcf, overrides = CASES[case]
-    world = OTHER_WORLD | {"simulation.duration": 1.0, "simulation.timestep": 2e-5, "controller.F_1": 1.5}
+    world = OTHER_WORLD | {"simulation.duration": 1.0, "simulation.timestep": 2e-5, "task.F_1": 1.5}
     trace = simulate(Scenario.load("push_wall", world | overrides), log_rate="full", mjcf=mjcf)
     law, found = trace.scenario.controller, experienced(trace)
     assert (np.abs(trace.tau - trace.tau_cmd).max() > 1.0) == (case in ("weak thrusters", "another true vehicle"))

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from uvms_mj import Gsta, Scenario, Trace, simulate
-from uvms_mj.analysis import metrics, residual, rest
+from uvms_mj.analysis import metrics, residual
 from uvms_mj.analysis.summary import summary
+from uvms_mj.control.design import demanded_force
 from uvms_mj.records.header import Outcome, Status
 
 H = 1e-3
@@ -290,7 +291,7 @@ def test_impedance_error_at_rest_is_that_of_eq_20(paper_run):
 
 def test_the_force_that_is_demanded_is_where_gsta_rests(paper_run):
     trace = paper_run("gsta")
-    assert rest.demanded_force(trace.scenario) == pytest.approx(trace.analytic.force, rel=1e-9)
+    assert demanded_force(trace.scenario) == pytest.approx(trace.analytic.force, rel=1e-9)
     assert abs(metrics.steady_force_error(trace)) < 1e-6
     fosm = paper_run("fosm")
     assert metrics.steady_force_error(fosm) == pytest.approx(1.486551 - 1.497753, abs=1e-6)
@@ -300,15 +301,15 @@ def test_the_force_that_is_demanded_is_where_gsta_rests(paper_run):
 def test_the_force_that_is_demanded_does_not_need_a_straight_attitude(attitude):
     settings = {"simulation.duration": 1e-3, "reference.attitude_deg": attitude}
     trace = simulate(Scenario.load("push_wall", settings), Gsta())
-    assert rest.demanded_force(trace.scenario) == pytest.approx(trace.analytic.force, rel=1e-6)
+    assert demanded_force(trace.scenario) == pytest.approx(trace.analytic.force, rel=1e-6)
 
 
 def test_generalised_impedance_is_what_is_demanded_and_judged():
     """Eq. (7) with a force reference against the force at rest of GSTA, which is computed independently."""
     settings = {"impedance.K_f": [0.5, 1.0, 1.0, 1.0, 1.0, 1.0], "impedance.F_d": [-2.0, 0.0, 0.0, 0.0, 0.0, 0.0]}
     trace = simulate(Scenario.load("push_wall", settings | {"simulation.duration": 10.0}), Gsta())
-    assert rest.demanded_force(trace.scenario) == pytest.approx(trace.analytic.force, rel=1e-9)
-    assert rest.demanded_force(trace.scenario) > 3.0
+    assert demanded_force(trace.scenario) == pytest.approx(trace.analytic.force, rel=1e-9)
+    assert demanded_force(trace.scenario) > 3.0
     assert abs(metrics.steady_force_error(trace)) < 1e-3  # it still settles
     assert residual.impedance_error(trace, 9.0).max() < 1e-4
 
@@ -318,14 +319,14 @@ def test_without_stiffness_the_force_reference_alone_is_demanded():
     settings = stiffness | {"impedance.F_d": [-2.0, 0.0, 0.0, 0.0, 0.0, 0.0], "wall.stiffness": 1e4}
     trace = simulate(Scenario.load("push_wall", settings | {"simulation.duration": 1e-3}), Gsta())
     assert trace.analytic.force == pytest.approx(2.0)
-    assert rest.demanded_force(trace.scenario) == pytest.approx(2.0)
+    assert demanded_force(trace.scenario) == pytest.approx(2.0)
 
 
 def test_no_force_is_demanded_of_a_reference_in_the_water_or_without_stiffness(synthetic):
     for settings in ({"reference.target": [0.9, 0.0, 0.0]}, {"impedance.K_d": [0.0, 1.0, 1.0, 1.0, 1.0, 1.0]}):
         trace = synthetic(0.01)
         header = dataclasses.replace(trace.header, scenario=trace.scenario.updated(settings))
-        assert rest.demanded_force(dataclasses.replace(trace, header=header).scenario) == 0.0
+        assert demanded_force(dataclasses.replace(trace, header=header).scenario) == 0.0
 
 
 def test_metrics_do_not_depend_on_the_log_rate():
@@ -389,7 +390,7 @@ def test_chattering_of_a_held_command_counts_control_periods(synthetic, period):
     assert metrics.reversals(trace, 3.1)[0] == 0
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 @pytest.mark.parametrize("period", [1e-3, 1e-2, 5e-2])
 def test_the_first_order_law_chatters_at_every_control_period_that_is_too_long(period):
     """s changes its sign at every control instant, and tau changes by all of K_s M: the variation cancels."""
@@ -400,7 +401,7 @@ def test_the_first_order_law_chatters_at_every_control_period_that_is_too_long(p
     assert (metrics.chattering(trace)[:3] > 0.9 * variation[:3]).all()
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 def test_chattering_of_less_than_ten_control_periods_is_not_a_number():
     settings = {"controller.period": 0.01, "simulation.duration": 0.3}
     trace = simulate(Scenario.load("push_wall", settings))

@@ -12,7 +12,7 @@ from certified import certificate_of
 from uvms_mj import Gsta, InputError, McapLog, Scenario, simulate
 from uvms_mj.analysis.disturbance import experienced
 from uvms_mj.cli.certify import certify
-from uvms_mj.control.certificate import gains_for, rate_bound
+from uvms_mj.control.theory.certificate import gains_for, rate_bound
 from vehicles import random_parameters, vehicle_xml
 
 gains = st.tuples(st.floats(0.1, 30.0), st.floats(0.1, 100.0))

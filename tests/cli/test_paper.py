@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from pages import complete_by_itself
 from uvms_mj.cli.paper import paper
-from uvms_mj.studies.paper.claims import CLAIMS
+from uvms_mj.reproduce.paper.claims import CLAIMS
 
 pytestmark = pytest.mark.slow  # the runs of the whole study
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from uvms_mj import Scenario, simulate
-from uvms_mj.analysis.setup import set_up
-from uvms_mj.control.rest import NoClosedForm, SteadyState
-from uvms_mj.control.theory import steady_state
+from uvms_mj.control.base import NoClosedForm, SteadyState
+from uvms_mj.control.theory.predictions import steady_state
+from uvms_mj.setup.base import set_up
 
 BASE = {
     "navigation.name": "sensors",

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from certified import certificate_of, lyapunov_matrix
 from uvms_mj import Gsta, InputError
-from uvms_mj.control.certificate import Certificate, gains_for, rate_bound
+from uvms_mj.control.theory.certificate import Certificate, gains_for, rate_bound
 
 PAPER = (5.0, 10.0)
 GAINS = [(5.0, 10.0), (2.0, 10.0), (0.7, 3.0), (12.0, 40.0), (1.5, 2.0)]

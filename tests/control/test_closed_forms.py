@@ -6,7 +6,7 @@ import pytest
 from twin import TwinParameters
 from uvms_mj import Scenario, simulate
 from uvms_mj.analysis.metrics import final_force
-from uvms_mj.control.rest import NoClosedForm, SteadyState
+from uvms_mj.control.base import NoClosedForm, SteadyState
 from vehicles import vehicle_xml
 
 OTHER_WORLD = {
@@ -40,7 +40,7 @@ CASES = {
     ),
     "fosm": ("fosm", {}),
     "fosm, other world": ("fosm", OTHER_WORLD),
-    "fosm, wrong": ("fosm", WRONG | {"controller.K_s": 10.0, "controller.A": -50.0}),
+    "fosm, wrong": ("fosm", WRONG | {"controller.K_s": 10.0, "task.A": -50.0}),
     "fosm, turned": (
         "fosm",
         {"reference.attitude_deg": [5.0, -10.0, 20.0], "controller.epsilon": 5e-2, "controller.K_s": 8.0},
@@ -53,8 +53,8 @@ CASES = {
     "ideal, other world": ("ideal", OTHER_WORLD),
     "ideal, wrong": ("ideal", WRONG | {"current.direction_deg": 200.0}),
     "ideal, turned": ("ideal", {"reference.attitude_deg": [5.0, -10.0, 20.0], "reference.target": [1.1, 0.0, 0.0]}),
-    "integral, fosm, other world": ("fosm", OTHER_WORLD | {"controller.integral": True}),
-    "integral, gsta, wrong": ("gsta", WRONG | {"controller.integral": True}),
+    "integral, fosm, other world": ("fosm", OTHER_WORLD | {"task.integral": True}),
+    "integral, gsta, wrong": ("gsta", WRONG | {"task.integral": True}),
     "force reference, other world": ("gsta", OTHER_WORLD | {"impedance.F_d": [-4.0, 1.0, 0.0, 0.0, 0.0, 0.1]}),
     "force reference, fosm": ("fosm", {"impedance.F_d": [-4.0] + [0.0] * 5, "impedance.K_f": [0.7] + [1.0] * 5}),
     "force reference, impedance": ("impedance", OTHER_WORLD | {"impedance.F_d": [-4.0] + [0.0] * 5}),
@@ -146,7 +146,7 @@ def test_the_integral_sliding_variable_leaves_no_force_error(law, overrides):
 
     Even the first-order law then reaches F = K_x (x_d - x_c)/(1 + K_x/k_c).
     """
-    trace = simulate(Scenario.load("push_wall", {**overrides, "controller.integral": True}, law))
+    trace = simulate(Scenario.load("push_wall", {**overrides, "task.integral": True}, law))
     k_c, target = trace.scenario.wall.stiffness, trace.scenario.reference.target[0]
     expected = 150.0 * (target - 1.0) / (1.0 + 150.0 / k_c)
     assert abs(final_force(trace)[0] - expected) < 1e-4 * expected
@@ -158,7 +158,7 @@ def test_the_integral_sliding_variable_is_the_integral_of_the_impedances_residua
     """s = M_d^-1 sigma of eq. (6) is summed here from recorded signals, under a law that leaves a residual."""
     D, M = 88.0, 7.31 + 5.5
     overrides = {
-        "controller.integral": True,
+        "task.integral": True,
         "simulation.duration": 3.0,
         "impedance.D_d": [D, 280.0, 280.0, 10.0, 8.0, 8.0],
     }
@@ -248,7 +248,7 @@ def test_without_nominal_control_the_thrust_is_nearly_the_same(paper_run):
         ("gsta", {"controller.k_2": 0.0}, "k_2"),
     ],
 )
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 def test_where_no_closed_form_holds_none_is_given(law, overrides, reason):
     analytic = simulate(Scenario.load("push_wall", {**overrides, "simulation.duration": 0.01}, law)).analytic
     assert isinstance(analytic, NoClosedForm)

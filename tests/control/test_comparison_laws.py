@@ -9,11 +9,11 @@ import pytest
 
 from uvms_mj import InputError, Scenario, Simulation, simulate
 from uvms_mj.analysis.metrics import final_force
-from uvms_mj.analysis.setup import set_up
 from uvms_mj.control import BUILT_IN
-from uvms_mj.control.linear import Linear
-from uvms_mj.control.rest import SteadyState
-from uvms_mj.control.theory import stage_notes, steady_state
+from uvms_mj.control.base import SteadyState
+from uvms_mj.control.theory.linear import Linear
+from uvms_mj.control.theory.predictions import stage_notes, steady_state
+from uvms_mj.setup.base import set_up
 
 NEW = ("pid", "admittance", "parallel", "dob_impedance", "aismc")
 X = 7.31 + 5.5

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from uvms_mj import Scenario, Simulation, simulate
-from uvms_mj.analysis.free_motion import _still, free_motion_notes
-from uvms_mj.analysis.setup import set_up
-from uvms_mj.control.delivery import Delivery
-from uvms_mj.control.free_motion import FreeMotion
+from uvms_mj.control.theory.free_motion import FreeMotion
+from uvms_mj.control.theory.terms import ThrustMap
+from uvms_mj.setup.base import set_up
+from uvms_mj.setup.free_motion import _still, free_motion_notes
 
 COARSE = {"simulation.timestep": 4e-4}
 ALPHA = {"vehicle.model": "bluerov2_alpha5", "vehicle.coulomb_friction": 0.0, "initial.joints": [0.0, 1.0, 1.961, 0.0]}
@@ -17,9 +17,9 @@ TETHERED = {"tether.length": 4.0, "tether.position": [-0.2, 0.0, 0.1], "posture.
 
 def free_motion(scenario: Scenario, push: float = 0.0) -> FreeMotion:
     setup = set_up(scenario)
-    delivery = Delivery.of(setup)
-    assert not isinstance(delivery, str)
-    return FreeMotion(setup, delivery, _still(*setup.rest_pose, -push * setup.design.normal))
+    thrust_map = ThrustMap.of(setup)
+    assert not isinstance(thrust_map, str)
+    return FreeMotion(setup, thrust_map, _still(*setup.rest_pose, -push * setup.design.normal))
 
 
 def notes(**overrides) -> list[str]:
@@ -36,7 +36,7 @@ def notes(**overrides) -> list[str]:
         {"current.direction_deg": 70.0} | ALPHA,
     ],
 )
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 def test_a_run_rests_where_the_slow_motion_ends(overrides):
     """Joints, thrust and torques, which come from the stages in the loop and from the balance of the tree."""
     trace = simulate(Scenario.load("tool_push", overrides | COARSE), log_rate=500)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from uvms_mj.control.posture_rest import PostureAtRest
+from uvms_mj.control.theory.free_motion import PostureAtRest
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.physics.posture import MOST_JOINTS, WORK, posture
 

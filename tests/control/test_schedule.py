@@ -6,7 +6,7 @@ import pytest
 from uvms_mj import InputError, McapLog, Scenario, Simulation, Trace, simulate
 from uvms_mj.analysis.metrics import final_force
 from uvms_mj.analysis.residual import impedance_error
-from uvms_mj.analysis.rest import demanded_force
+from uvms_mj.control.design import demanded_force
 from uvms_mj.guidance import AlongWall
 
 PUSHES = [

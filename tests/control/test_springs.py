@@ -3,10 +3,10 @@
 import numpy as np
 
 from uvms_mj import Scenario
-from uvms_mj.analysis.setup import set_up
-from uvms_mj.control.springs import Springs
+from uvms_mj.control.theory.contacts import ContactSprings
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.physics.pairs import pair_force
+from uvms_mj.setup.base import set_up
 
 ROUND = [
     {"shape": "sphere", "radius": 0.3, "position": [1.0, 0.0, 0.0], "stiffness": 1e4},
@@ -39,7 +39,7 @@ def test_forces_and_moments_of_all_shapes_are_those_of_the_kernel():
         p[0] = BOX["position"]  # its centre
         R = rotation_matrix(quats / np.linalg.norm(quats, axis=1, keepdims=True))
         shape = (60, n)
-        at_once = Springs(setup).wrenches(
+        at_once = ContactSprings(setup).wrenches(
             np.broadcast_to(p[:, None], (*shape, 3)), np.broadcast_to(R[:, None], (*shape, 3, 3))
         )
         expected = np.zeros((*shape, 6)), np.zeros(shape), np.zeros(shape)

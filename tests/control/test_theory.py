@@ -17,14 +17,14 @@ from click.testing import CliRunner
 
 from uvms_mj import Gsta, McapLog, Scenario, Trace, simulate
 from uvms_mj.analysis.metrics import final_force
-from uvms_mj.analysis.sampling import SamplingWarning, warnings_of
-from uvms_mj.analysis.setup import set_up
 from uvms_mj.analysis.summary import summary
 from uvms_mj.cli.certify import certify
 from uvms_mj.cli.run import run
-from uvms_mj.control import theory
-from uvms_mj.control.rest import NoClosedForm, SteadyState
-from uvms_mj.control.theory import TheoryWarning
+from uvms_mj.control.base import NoClosedForm, SteadyState
+from uvms_mj.control.theory import predictions
+from uvms_mj.control.theory.predictions import TheoryWarning
+from uvms_mj.setup.base import set_up
+from uvms_mj.setup.checks import SamplingWarning, warnings_of
 from uvms_mj.views.figures import contact
 
 ROOT = Path(__file__).parents[2]
@@ -35,8 +35,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from uvms_mj import Controller, Gsta, Impedance, gain
-from uvms_mj.control.balance import static_balance
-from uvms_mj.control.rest import SteadyState
+from uvms_mj.control.theory.balance import static_balance
+from uvms_mj.control.base import SteadyState
 
 """
 NOMINAL = """
@@ -129,7 +129,7 @@ def test_a_law_may_predict_its_whole_state(write):
 def test_a_wrong_theory_is_one_sentence(write, method, words):
     setup = set_up(Scenario.load("push_wall", SHORT, write(method)))
     with pytest.warns(TheoryWarning, match=rf"^Mine.at_rest {words}.*; the run has no closed form$") as given:
-        found = theory.steady_state(setup)
+        found = predictions.steady_state(setup)
     assert len(given) == 1
     assert isinstance(found, NoClosedForm)
     assert re.match(f"Mine.at_rest {words}", found.reason)
@@ -148,7 +148,7 @@ def test_thrusters_that_are_too_weak_for_a_users_force_are_named(pd):
     limit = 39.9 * 4.0 * np.cos(np.pi / 4.0)
     for force, fits in ((0.98 * limit, True), (1.02 * limit, False)):
         k_p = force / (0.05 - force / 1e5)
-        found = theory.steady_state(set_up(Scenario.load("push_wall", settings | {"controller.k_p": k_p}, pd)))
+        found = predictions.steady_state(set_up(Scenario.load("push_wall", settings | {"controller.k_p": k_p}, pd)))
         assert isinstance(found, SteadyState) == fits
         assert fits or "too weak" in found.reason
 
@@ -218,18 +218,18 @@ def test_a_theory_holds_for_the_law_beside_which_it_is_defined(write, law, metho
     late = {"wall.stiffness": 1e6, "controller.period": 1e-3}  # gsta limit-cycles
     scenario = Scenario.load("push_wall", SHORT, write(methods, law))
     setup = set_up(scenario)
-    assert isinstance(theory.steady_state(setup), SteadyState) == closed
+    assert isinstance(predictions.steady_state(setup), SteadyState) == closed
     own = "def law" in law or "states" in methods
     setup = set_up(scenario.updated(late))
-    assert bool(theory.stage_notes(setup.scenario.controller, setup)) != own
-    assert (theory.certificate(setup) is None) == own
+    assert bool(predictions.stage_notes(setup.scenario.controller, setup)) != own
+    assert (predictions.certificate(setup) is None) == own
 
 
 def test_a_users_law_may_have_a_certificate(write, tmp_path):
     body = inspect.getsource(Gsta.law)
     head = """
 import math
-from uvms_mj.control.certificate import Certificate
+from uvms_mj.control.theory.certificate import Certificate
 
 @dataclass(frozen=True)
 class Mine(Controller):
@@ -298,8 +298,8 @@ def test_reading_a_log_imports_no_theory(tmp_path):
         from uvms_mj.records.trace import Trace
         trace = Trace.load({str(tmp_path / "run.mcap")!r})
         assert trace.analytic.force > 1.4
-        print([m for m in sys.modules if m.startswith(("uvms_mj.analysis", "scipy", "uvms_mj.engine"))
-               or m in ("uvms_mj.control.certificate", "uvms_mj.control.theory")])
+        print([m for m in sys.modules if m.startswith(
+              ("uvms_mj.control.theory", "uvms_mj.setup", "uvms_mj.analysis", "uvms_mj.engine", "scipy"))])
     """
     done = subprocess.run([sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

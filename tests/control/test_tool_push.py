@@ -5,7 +5,7 @@ import pytest
 
 from uvms_mj import Scenario, Trace, simulate
 from uvms_mj.analysis.metrics import final_force
-from uvms_mj.analysis.rest import demanded_force
+from uvms_mj.control.design import demanded_force
 
 WRONG = [
     {"name": "upper_arm", "inertia": 0.6, "restoring": 1.3},
@@ -68,7 +68,7 @@ def test_it_stands_a_current_from_above_and_below(vertical):
     check_rest(in_current(np.array([0.0, 0.0, vertical])))
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 @pytest.mark.parametrize("azimuth", [60.0, 180.0])
 def test_the_alpha_5_holds_its_tool_where_its_gears_do_not_stick(azimuth):
     """The joints come near their speed limits, and the inertia of the rotors keeps the tool on the wall."""
@@ -80,7 +80,7 @@ def test_the_alpha_5_holds_its_tool_where_its_gears_do_not_stick(azimuth):
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 @pytest.mark.parametrize("seed", range(3))
 def test_a_run_that_does_not_rest_says_so_before_it_starts(seed):
     """Random currents up to 0.8 m/s, start postures and levels of the posture."""

@@ -8,10 +8,10 @@ import pytest
 from at_the_tool import random_push
 from tool_arm import arm_file
 from uvms_mj import Scenario, Simulation, simulate
-from uvms_mj.analysis.rest import demanded_force
-from uvms_mj.analysis.setup import set_up
-from uvms_mj.control.rest import NoClosedForm
-from uvms_mj.control.theory import steady_state
+from uvms_mj.control.base import NoClosedForm
+from uvms_mj.control.design import demanded_force
+from uvms_mj.control.theory.predictions import steady_state
+from uvms_mj.setup.base import set_up
 
 COARSE = {"simulation.timestep": 2e-4}
 
@@ -50,13 +50,13 @@ def check(found: list[tuple[float, float, float, float]]) -> None:
     np.testing.assert_allclose(measured, by_hand, rtol=1e-4)
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 def test_super_twisting_rests_at_the_force_that_the_impedance_demands_at_the_tool(model):
     check(pushes(model, 3, 3))
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 def test_fifty_random_postures_walls_and_gains(model):
     check(pushes(model, 4, 50))
 
@@ -108,7 +108,7 @@ def test_friction_of_the_gears_and_other_laws_have_no_closed_form(model, tmp_pat
         assert reason in state.reason
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 def test_a_wall_of_the_list_is_the_same_wall_at_the_tool(model):
     """With friction, in flight, impact and rest, but for the inerter of MuJoCo's pair."""
     overrides, _ = random_push(model, np.random.default_rng(5))

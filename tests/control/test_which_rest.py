@@ -6,9 +6,9 @@ import pytest
 import sweep_rests
 from law_files import law_file, one_liner
 from uvms_mj import Scenario, simulate
-from uvms_mj.analysis.setup import set_up
-from uvms_mj.control.rest import NoClosedForm, SteadyState
-from uvms_mj.control.theory import steady_state
+from uvms_mj.control.base import NoClosedForm, SteadyState
+from uvms_mj.control.theory.predictions import steady_state
+from uvms_mj.setup.base import set_up
 
 QUICK = {"simulation.timestep": 1e-3}
 BALL = {"shape": "sphere", "radius": 0.15, "stiffness": 2e4, "position": [1.5, 0.002, 0.0]}
@@ -85,7 +85,7 @@ def test_a_law_with_an_integral_of_its_own_rests_with_that_of_the_task(law):
     assert trace.analytic.force == pytest.approx(trace.push[-1], rel=1e-6)
 
 
-@pytest.mark.parametrize("over", [{"task.integral": True}, {"controller.A": 0.0}])
+@pytest.mark.parametrize("over", [{"task.integral": True}, {"task.A": 0.0}])
 def test_an_impedance_rests_though_its_task_integrates(over):
     """Eq. (23) has no zeta in it, which grows."""
     over |= {

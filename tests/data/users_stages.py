@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from uvms_mj import Controller, gain
 from uvms_mj.actuation import Actuation, pseudo_inverse
-from uvms_mj.guidance import Guidance, hold
+from uvms_mj.guidance import Guidance, station_keep
 from uvms_mj.navigation import Navigation, perfect
 from uvms_mj.physics.random import standard_normal
 from uvms_mj.stages.base import setting
@@ -33,7 +33,7 @@ class Circle(Guidance):
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        hold(settings, given, out)
+        station_keep(settings, given, out)
         state_dot.phase[0] = settings.omega
         out.p_d[0] = settings.radius * math.sin(state.phase[0])
         out.p_d[1] = settings.radius * (1.0 - math.cos(state.phase[0]))

@@ -11,7 +11,7 @@ from uvms_mj import McapLog, Simulation, Trace, simulate
 from uvms_mj.stages.signals import BAND
 
 DURATION = 0.3
-pytestmark = pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 
 
 def run_of(name, seed=1, **options):

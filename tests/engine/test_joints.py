@@ -9,8 +9,8 @@ import pytest
 
 from two_joints import STILL, two_joints
 from uvms_mj import InputError, Scenario, Simulation, Trace, simulate
-from uvms_mj.analysis.sampling import warnings_of
-from uvms_mj.analysis.setup import set_up
+from uvms_mj.setup.base import set_up
+from uvms_mj.setup.checks import warnings_of
 
 OWN = """
 from dataclasses import dataclass

@@ -7,7 +7,7 @@ import pytest
 from numpy_arm_loop import NumpyArmLoop
 from tool_arm import arm_file
 from uvms_mj import Scenario, simulate
-from uvms_mj.analysis.setup import set_up
+from uvms_mj.setup.base import set_up
 
 STEPS = 600
 TOLERANCES = {"p_WB": 1e-13, "quat_WB": 1e-13, "q": 1e-12, "nu": 1e-12, "q_dot": 2e-11, "zeta": 2e-11, "z": 1e-10}

@@ -5,10 +5,10 @@ import pytest
 
 from armed import armed_xml
 from uvms_mj import Scenario, Simulation, simulate
-from uvms_mj.analysis.setup import set_up
 from uvms_mj.errors import InputError
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.physics.statics import Statics
+from uvms_mj.setup.base import set_up
 
 STILL = {"wall.present": False, "current.speed": 0.0, "reference.step_time": 0.0, "simulation.timestep": 1e-3}
 START = {"initial.joints": [0.3, -0.8, 0.5, 0.4], "initial.attitude_deg": [4.0, -6.0, 30.0]}

@@ -70,7 +70,6 @@ CHANGES = {
     "estimates": {"estimates.inertia": 1.2, "estimates.damping": 0.5},
     "task": {"task.F_1": 2.0, "task.A": -50.0},
     "integral": {"task.integral": True},
-    "an old key of the task": {"controller.F_1": 2.0},
     "controller": {"controller.k_1": 7.0, "controller.nominal": False, "controller.period": 1e-3},
     "simulation": {"simulation.timestep": 2e-4, "simulation.duration": 0.1, "simulation.seed": 3},
     "period": {"navigation.period": 1e-3, "actuation.period": 5e-4},
@@ -476,7 +475,7 @@ def test_a_stage_that_fails_stops_the_simulation_until_its_reset(tmp_path, reque
         (lambda sim: sim.reset(overrides="wall.position"), InputError, "overrides: 'wall.position' is not a mapping"),
         (lambda sim: sim.set(5), InputError, "overrides: 5 is not a mapping"),
         (lambda sim: sim.reset(seed=-1), InputError, "simulation.seed: -1 must be at least 0"),
-        (lambda sim: sim.reset(overrides={"controller.F_1": np.ones(5)}), InputError, "controller.F_1"),
+        (lambda sim: sim.reset(overrides={"task.F_1": np.ones(5)}), InputError, "task.F_1"),
         (lambda sim: sim.step(-1), InputError, "step: -1 is not a number of steps"),
         (lambda sim: sim.step(2.0), InputError, "step: 2.0 is not a number of steps"),
         (lambda sim: sim.signals[5], KeyError, "no signal 5; choose from"),
@@ -494,9 +493,9 @@ def test_a_wrong_call_has_one_message_and_changes_nothing(sim, use, error, said)
 
 
 def test_numbers_of_numpy_are_numbers():
-    """Scalars and arrays, also under the earlier keys of the task."""
+    """Scalars and arrays."""
     scenario = Scenario.load("push_wall", MOVING)
-    plain = {"wall.position": 0.5, "controller.F_1": [2.0] * 6, "initial.position": [0.0, 0.1, 0.0]}
+    plain = {"wall.position": 0.5, "task.F_1": [2.0] * 6, "initial.position": [0.0, 0.1, 0.0]}
     arrays = {key: np.float32(value) if key == "wall.position" else np.array(value) for key, value in plain.items()}
     assert scenario.updated(arrays) == scenario.updated(plain)
     with Simulation(scenario) as sim:
@@ -557,7 +556,7 @@ def test_an_interrupt_between_two_chunks_loses_no_step(monkeypatch):
 
 INTERRUPTED = """
 from dataclasses import dataclass
-from uvms_mj.guidance import Guidance, hold
+from uvms_mj.guidance import Guidance, station_keep
 
 interrupts = [10]
 
@@ -567,7 +566,7 @@ class Interrupted(Guidance):
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        hold(settings, given, out)
+        station_keep(settings, given, out)
         state_dot.phase[0] = 1.0
         out.p_d[0] = state.phase[0]
         if interrupts[:1] == [given.instant]:
@@ -619,7 +618,7 @@ def test_an_attitude_that_is_none_is_named(tmp_path, request, mistake, plain):
     wrong = USERS.read_text().replace("perfect(given, out)\n", f"perfect(given, out)\n        {line}\n")
     if table == "reference":
         wrong = USERS.read_text().replace(
-            "hold(settings, given, out)\n", f"hold(settings, given, out)\n        {line}\n"
+            "station_keep(settings, given, out)\n", f"station_keep(settings, given, out)\n        {line}\n"
         )
     (tmp_path / "wrong.py").write_text(wrong)
     name = "Noisy" if table == "navigation" else "Circle"

@@ -8,11 +8,11 @@ import pytest
 
 from armed import armed_xml
 from uvms_mj import Scenario, Simulation, Status, simulate
-from uvms_mj.analysis.sampling import warnings_of
-from uvms_mj.analysis.setup import set_up
 from uvms_mj.errors import InputError
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.physics.statics import Statics
+from uvms_mj.setup.base import set_up
+from uvms_mj.setup.checks import warnings_of
 
 pytestmark = pytest.mark.filterwarnings("ignore:the law sees a jump")
 

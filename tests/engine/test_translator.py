@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from uvms_mj.analysis.setup import set_up
 from uvms_mj.control import BUILT_IN
 from uvms_mj.engine.native.compilation import native_function
 from uvms_mj.scenario import Scenario
+from uvms_mj.setup.base import set_up
 from uvms_mj.stages.signals import record_dtype
 
 PART = np.dtype([("flag", "?"), ("n", "i8"), ("x", "f8"), ("v", "f8", (4,))], align=True)

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from twin import C_A, C_RB, M_RB, D, TwinParameters, rotation
 from uvms_mj import Current, Disturbance, InputError, Scenario, Simulation, Tether, attach, simulate
-from uvms_mj.control.rest import SteadyState
+from uvms_mj.control.base import SteadyState
 from vehicles import load, place, random_parameters, state
 
 STILL = TwinParameters(v_c_W=(0.0, 0.0, 0.0))

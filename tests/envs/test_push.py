@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import kstest
 
 from uvms_mj import InputError, Scenario, simulate
-from uvms_mj.analysis.rest import demanded_force
+from uvms_mj.control.design import demanded_force
 from uvms_mj.envs.push import OBSERVED, Push
 from uvms_mj.files import shipped
 

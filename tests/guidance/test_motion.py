@@ -6,8 +6,8 @@ from scipy.spatial.transform import Rotation
 
 from uvms_mj import InputError, Scenario, Simulation, simulate
 from uvms_mj.analysis.residual import impedance_error
-from uvms_mj.analysis.setup import set_up
-from uvms_mj.stages.signals import CLOCK, KNOWN, REFERENCE, record_dtype
+from uvms_mj.setup.base import set_up
+from uvms_mj.stages.signals import CLOCK, MEASURED, REFERENCE, record_dtype
 
 POSES = [
     {"time": 2.0, "position": [0.4, 0.3, 0.1], "attitude_deg": [0.0, 10.0, 40.0]},
@@ -47,7 +47,7 @@ def reference(scenario, times):
     stage = scenario.reference
     settings = stage.record(set_up(scenario)).view(np.recarray)[0]
     out, rows = np.zeros(1, record_dtype(REFERENCE)).view(np.recarray), []
-    given = np.zeros(1, record_dtype(CLOCK + KNOWN)).view(np.recarray)[0]
+    given = np.zeros(1, record_dtype(CLOCK + MEASURED)).view(np.recarray)[0]
     for t in times:
         given.t = t
         type(stage).step(settings, None, given, None, out[0])

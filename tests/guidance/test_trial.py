@@ -3,14 +3,14 @@
 import pytest
 
 from uvms_mj import Scenario
-from uvms_mj.analysis.sampling import warnings_of
-from uvms_mj.analysis.setup import set_up
+from uvms_mj.setup.base import set_up
+from uvms_mj.setup.checks import warnings_of
 
 HEADER = """
 import math
 from dataclasses import dataclass
 from uvms_mj import Guidance, setting
-from uvms_mj.guidance import hold
+from uvms_mj.guidance import station_keep
 
 def angle(t):
     return 0.5 * t
@@ -23,7 +23,7 @@ class Wave(Guidance):
 STEP = """
     @staticmethod
     def step(settings, state, given, state_dot, out):
-        hold(settings, given, out)
+        station_keep(settings, given, out)
         print("called")
         out.p_d[1] = settings.shift + 0.1 * (1.0 - math.cos(angle(given.t)))
         out.p_d_dot[1] = settings.factor * 0.05 * math.sin(angle(given.t))
@@ -80,7 +80,7 @@ def test_a_reference_that_begins_far_from_the_vehicle_is_announced(notes):
         {"more": '    memory = {"x": 1}\n'},
         {"old": 'print("called")', "new": "raise ValueError"},
         {"old": 'print("called")', "new": "raise SystemExit"},
-        {"old": "hold(settings, given, out)", "new": "return"},
+        {"old": "station_keep(settings, given, out)", "new": "return"},
     ],
 )
 def test_a_reference_with_states_or_that_fails_has_no_warning(notes, change):

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 from scipy.optimize import brentq
 
-from uvms_mj.control.certificate import Certificate, rate_bound
 from uvms_mj.control.task import ImpedanceTask
+from uvms_mj.control.theory.certificate import Certificate, rate_bound
 
 
 def certificate_of(law) -> Certificate:

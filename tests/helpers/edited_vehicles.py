@@ -4,9 +4,9 @@ import re
 from pathlib import Path
 
 from uvms_mj import Scenario
-from uvms_mj.analysis.setup import set_up
 from uvms_mj.plant.build import Plant
 from uvms_mj.plant.mjcf import Mjcf
+from uvms_mj.setup.base import set_up
 
 SHIPPED = (Path(__file__).parents[2] / "models" / "bluerov1.xml").read_text()
 BLUEROV = re.sub("<!--.*?-->", "", SHIPPED, flags=re.DOTALL)

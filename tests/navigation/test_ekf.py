@@ -7,13 +7,13 @@ from scipy.stats import chi2
 
 import ekf_twin as twin
 from uvms_mj import InputError, Scenario, Simulation, simulate
-from uvms_mj.analysis.setup import set_up
 from uvms_mj.navigation import Ekf
 from uvms_mj.navigation.error_state import advance, normalised_square
 from uvms_mj.navigation.error_state import transition as blocks
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.physics.random import standard_normal
-from uvms_mj.stages.signals import CLOCK, KNOWN, TRUE, record_dtype
+from uvms_mj.setup.base import set_up
+from uvms_mj.stages.signals import CLOCK, MEASURED, TRUE, record_dtype
 
 MOVING = {
     "navigation.name": "ekf",
@@ -84,7 +84,7 @@ def test_the_twin_with_dense_matrices_agrees():
     stage = Ekf(dvl_period=0.02, depth_period=0.03, heading_period=0.05, position_period=0.04)
     setup = set_up(Scenario.load("push_wall", {"simulation.timestep": h, "wall.stiffness": 10.0}))
     settings, state = (each.view(np.recarray)[0] for each in (stage.record(setup), stage.state_record()))
-    given, out = record(CLOCK + TRUE), record(KNOWN)
+    given, out = record(CLOCK + TRUE), record(MEASURED)
     given.key, given.period = key, h
     deviations = (
         *(stage.initial_position, stage.initial_velocity, stage.initial_attitude),

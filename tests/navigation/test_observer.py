@@ -7,7 +7,7 @@ from scipy.signal import lfilter
 from twin import C_A, D, TwinParameters, rotation
 from uvms_mj import InputError, LawError, Scenario, Simulation, Trace, simulate
 from uvms_mj.navigation import MomentumObserver
-from uvms_mj.stages.signals import KNOWN, OBSERVER_GIVEN, record_dtype
+from uvms_mj.stages.signals import MEASURED, OBSERVER_GIVEN, record_dtype
 
 STILL = {"current.speed": 0.0, "wall.position": 5.0, "reference.target": [0.0, 0.0, 0.0]}
 SOFT = {
@@ -31,7 +31,7 @@ def test_the_residual_is_a_first_order_lag_of_the_unexplained_wrench():
     nu, tau, C, D_nu, g = rng.normal(size=(5, n, 6))
     stage = MomentumObserver(time_constant=T, threshold=0.0)
     settings, state = (each.view(np.recarray)[0] for each in (stage.record(), stage.state_record()))
-    given, out = record(OBSERVER_GIVEN), record(KNOWN[4:])
+    given, out = record(OBSERVER_GIVEN), record(MEASURED[4:])
     given.period, given.M_hat[:], given.R_WB[:] = h, M, [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
     found = []
     for k in range(n):
@@ -116,7 +116,7 @@ def test_the_threshold_has_a_hysteresis():
     """No contact below the threshold; a contact ends below half of it."""
     stage = MomentumObserver(time_constant=1e-6, threshold=2.0)
     settings, state = (each.view(np.recarray)[0] for each in (stage.record(), stage.state_record()))
-    given, out = record(OBSERVER_GIVEN), record(KNOWN[4:])
+    given, out = record(OBSERVER_GIVEN), record(MEASURED[4:])
     given.period, given.R_WB[:], given.instant = 1.0, np.eye(3), 1
     seen = []
     for force in (1.5, -2.5, 1.5, 0.9, 1.5, 3.0):

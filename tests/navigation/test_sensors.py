@@ -264,7 +264,7 @@ def test_plain_python_gives_the_same_measurements():
         memory, measured = np.zeros(MEMORY), np.zeros(3)
         key = int(sim._memory.stages.rows["key"][0])
         for k in range(60):
-            measure(channel.packed(H), memory, _truth(sim), 0, k, key, 0, measured)
+            measure(channel.pack(H), memory, _truth(sim), 0, k, key, 0, measured)
             assert np.array_equal(measured, sim.signals.p_WB_m)
             sim.step()
 

@@ -7,9 +7,9 @@ import pytest
 
 from tool_arm import arm_file
 from uvms_mj import Controller, InputError, Scenario, Trace, simulate
-from uvms_mj.analysis.setup import set_up
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.physics.statics import Statics
+from uvms_mj.setup.base import set_up
 
 BODIES = [
     {"position": [0.045, 0.0, 0.0], "radius": 0.02, "body": "hand"},

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from pressed import K_C, PUSH, M, pressed
 from twin import TwinParameters, matrix_acceleration, rotation
 from uvms_mj import Controller, InputError, Scenario, Trace, gain, simulate
-from uvms_mj.analysis.sampling import SamplingWarning
 from uvms_mj.physics.pairs import pair_force
+from uvms_mj.setup.checks import SamplingWarning
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ import pytest
 
 from armed import armed_xml
 from uvms_mj import Scenario, Simulation
-from uvms_mj.analysis.setup import set_up
 from uvms_mj.errors import InputError
 from uvms_mj.plant.vehicle import Vehicle
+from uvms_mj.setup.base import set_up
 
 PAYLOADS = [
     {"link": "rov", "mass": 1.5, "position": [0.1, -0.05, 0.2], "displaced_mass": 0.4},

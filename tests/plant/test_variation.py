@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from uvms_mj import InputError, McapLog, Scenario, Simulation, Trace, simulate
-from uvms_mj.analysis.setup import set_up
-from uvms_mj.control.fosm import Fosm, boundary_layer_limit
-from uvms_mj.control.super_twisting import bouncing_growth
+from uvms_mj.control.laws.fosm import Fosm
+from uvms_mj.control.theory.boundary_layer import boundary_layer_limit
+from uvms_mj.control.theory.super_twisting import bouncing_growth
 from uvms_mj.plant.mjcf import Mjcf
+from uvms_mj.plant.perturbation import perturbed
 from uvms_mj.plant.settings import VehicleChoice
-from uvms_mj.plant.variation import varied
+from uvms_mj.setup.base import set_up
 from vehicles import random_parameters, vehicle_xml
 
 OFFSETS = [[0.02, 0.01, -0.01], [0.0, 0.02, 0.01], [-0.02, 0.0, 0.02], *[[0.0, 0.0, 0.0]] * 3]
@@ -94,8 +95,8 @@ def test_each_factor_changes_the_motion_and_the_engines_agree(key):
 def test_factors_of_one_are_the_vehicle_of_the_file_bit_for_bit():
     zero = VehicleChoice(thruster_offset=[[0.0] * 3] * 6)
     nominal = NOMINAL.vehicle
-    assert varied(nominal, VehicleChoice("another name")) is nominal
-    for name, value in vars(varied(nominal, zero)).items():
+    assert perturbed(nominal, VehicleChoice("another name")) is nominal
+    for name, value in vars(perturbed(nominal, zero)).items():
         assert name == "arm" or np.array_equal(value, getattr(nominal, name))
     plain, zeros = (
         set_up(Scenario.load("push_wall", over)) for over in ({}, {"vehicle.thruster_offset": [[0] * 3] * 6})

@@ -85,7 +85,7 @@ def rebound(vehicle: Path, timestep: float, start: float) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 def test_a_wall_that_the_step_resolves_badly_is_noted(slippery):
     """The warning is given exactly if the rebound has an error of more than about 1 %."""
     w = np.sqrt(K_C / M[0])
@@ -98,7 +98,7 @@ def test_a_wall_that_the_step_resolves_badly_is_noted(slippery):
         assert any("an impact is badly resolved" in note for note in notes) == noted
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 def test_a_start_inside_the_wall_is_noted():
     start = {"initial.position": [1.2, 0.0, 0.0], "simulation.duration": 1e-3}
     (note,) = simulate(Scenario.load("push_wall", start)).notes

@@ -8,13 +8,13 @@ import pytest
 
 from pressed import PUSH, M
 from uvms_mj import Controller, InputError, McapLog, Scenario, Simulation, Trace, gain, simulate
-from uvms_mj.analysis.rest import demanded_force
-from uvms_mj.analysis.sampling import SamplingWarning, warnings_of
-from uvms_mj.analysis.setup import set_up
 from uvms_mj.analysis.summary import METRICS
-from uvms_mj.control.rest import NoClosedForm
+from uvms_mj.control.base import NoClosedForm
+from uvms_mj.control.design import demanded_force
 from uvms_mj.envs import push
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
+from uvms_mj.setup.base import set_up
+from uvms_mj.setup.checks import SamplingWarning, warnings_of
 from uvms_mj.views.figures.contact import expected_forces
 
 FREE = {"engine": "free_body"}

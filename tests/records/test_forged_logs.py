@@ -16,7 +16,7 @@ from command import run
 from recorded import rewritten
 from uvms_mj import Controller, InputError, Trace
 from uvms_mj.records.mcap.attachments import refuse_large
-from uvms_mj.stages.loader import recorded_stage
+from uvms_mj.stages.loader import placeholder_stage
 
 
 @pytest.mark.parametrize(
@@ -62,7 +62,7 @@ def test_a_forged_log_is_refused_and_writes_nothing(logged, tmp_path, change):
 def test_a_recorded_law_has_gains_with_names_that_python_can_tell_apart():
     for table in ({"ℯ": 1.0, "e": 1.0}, {"class": 1.0}, {"__init__": 1.0}, {"x": "text"}, {"1": 1.0}):
         with pytest.raises(InputError, match=r"a\.py:B"):
-            recorded_stage(Controller, "a.py:B", table, {})
+            placeholder_stage(Controller, "a.py:B", table, {})
 
 
 @pytest.mark.slow

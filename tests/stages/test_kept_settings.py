@@ -22,7 +22,7 @@ def test_what_every_stage_of_a_table_has_stays_when_another_one_takes_its_place(
     for before in choice.shipped.values():
         for name, cls in choice.shipped.items():
             left_out = []
-            found = choice.replaced({"name": before.name, **given}, name, (), (), left_out)
+            found = choice.replaced({"name": before.name, **given}, name, (), left_out)
             if cls.runs or before is cls or name == "auto":
                 assert (found, left_out) == ({"name": name, **given}, [])
             else:  # the absence of a stage has no period

@@ -11,7 +11,7 @@ FILE = """
 from dataclasses import dataclass
 from uvms_mj import Actuation, Controller, Guidance, Navigation, Observer
 from uvms_mj.actuation import Thrusters, pseudo_inverse
-from uvms_mj.guidance import hold
+from uvms_mj.guidance import station_keep
 from uvms_mj.navigation import perfect
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Own({base}):
 ROOMS = {
     "controller": ("Controller", "law(gains, state, signals, state_dot, tau_cmd)", "tau_cmd[:] = 0.0"),
     "navigation": ("Navigation", "step(settings, state, given, state_dot, out)", "perfect(given, out)"),
-    "reference": ("Guidance", "step(settings, state, given, state_dot, out)", "hold(settings, given, out)"),
+    "reference": ("Guidance", "step(settings, state, given, state_dot, out)", "station_keep(settings, given, out)"),
     "actuation": ("Actuation", "step(settings, state, given, state_dot, u)", "pseudo_inverse(given, u)"),
     "thrusters": ("Thrusters", "step(settings, state, given, state_dot, u)", "u[:] = given.u_cmd"),
 }

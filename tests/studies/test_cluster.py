@@ -120,10 +120,10 @@ def test_the_command_on_a_cluster(dask, study_file, tmp_path):
 
 
 def test_a_worker_with_other_code_is_refused_in_one_line(dask, study_file, tmp_path, monkeypatch):
-    from uvms_mj.studies.pool import parcel
+    from uvms_mj.studies.pool import bundle as bundle
 
-    ours = parcel.code() | {"sources": "000000000000"}
-    monkeypatch.setattr(parcel, "code", lambda: ours)
+    ours = bundle.code() | {"sources": "000000000000"}
+    monkeypatch.setattr(bundle, "code", lambda: ours)
     executor = Cluster(dask.address)
     with pytest.raises(InputError, match=r"a worker has other code than this machine: sources \w+ there, 0+ here"):
         Study.load(study_file(runs=2)).run(tmp_path / "out", executor=executor)

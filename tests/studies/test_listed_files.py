@@ -9,7 +9,7 @@ import tomli_w
 from uvms_mj import InputError, McapLog, Scenario, Study, Trace, simulate
 from uvms_mj.records.mcap import read_files
 from uvms_mj.studies.plan import Plan
-from uvms_mj.studies.pool.parcel import Parcel
+from uvms_mj.studies.pool.bundle import StudyBundle
 
 STAGES = """
 from dataclasses import dataclass
@@ -75,9 +75,9 @@ def test_files_travel_to_workers_and_are_in_the_digest_and_in_the_log(study, tmp
     names = json.loads((tmp_path / "out" / "version.json").read_text())["files"]
     ends = sorted(name.partition("/")[2] for name in names)
     assert ends == ["metric.py", "nets/one.txt", "nets/policy.npz", "own.py"]
-    before = Parcel.of(Plan.load(study())).digest
+    before = StudyBundle.of(Plan.load(study())).digest
     (tmp_path / "nets" / "one.txt").write_text("2.5")
-    assert Parcel.of(Plan.load(tmp_path / "s.toml")).digest != before
+    assert StudyBundle.of(Plan.load(tmp_path / "s.toml")).digest != before
     log = tmp_path / "out" / "logs" / "row-00000.mcap"
     assert {"law/own.py", "law/nets/policy.npz", "navigation/nets/policy.npz"} <= set(read_files(log)[1])
 

@@ -12,7 +12,7 @@ from pages import HOSTILE, complete_by_itself
 from synthetic_study import VARY, frame_of, plan_of, pushes
 from uvms_mj import InputError
 from uvms_mj.studies.report import page
-from uvms_mj.studies.report.data import Data, spans_decades
+from uvms_mj.studies.report.data import StudyRows, spans_decades
 from uvms_mj.studies.report.figures import cumulative, scale, success_rates
 from uvms_mj.studies.report.maps import _edges, maps, pairs, shown
 from uvms_mj.studies.report.paired import paired
@@ -137,7 +137,7 @@ def test_the_indices_of_ishigamis_function_are_its_closed_form():
         x1, x2, x3 = (math.pi * (2.0 * (given[key] - 0.1) / 0.9 - 1.0) for key in KEYS)
         return {"contact.peak_N": np.sin(x1) + a * np.sin(x2) ** 2 + b * x3**4 * np.sin(x1)}
 
-    data = Data(plan, frame_of(plan, row))
+    data = StudyRows(plan, frame_of(plan, row))
     found = sensitivities(data)
     assert found.sobol
     ((metric, laws),) = found.of.items()
@@ -163,7 +163,7 @@ def test_a_block_of_sobol_samples_with_a_failed_run_is_left_out_and_said():
         status = np.where(given["index"] == 7, "unstable", "completed")
         return {"contact.peak_N": given["current.speed"], "status": status}
 
-    data = Data(plan, frame_of(plan, row))
+    data = StudyRows(plan, frame_of(plan, row))
     found = sensitivities(data)
     assert found.notes == [
         "gsta: 1 of 64 blocks of samples have a run without a value; the indices are of the others (contact.peak)"
@@ -190,7 +190,7 @@ def test_runs_without_a_value_lower_the_distribution_instead_of_leaving_it():
         lost = (given["law"] == "fosm") & (given["draw"] % 4 == 0)
         return {"contact.peak_N": given["draw"] + 0.5, "status": np.where(lost, "unstable", "completed")}
 
-    data = Data(plan, frame_of(plan, row))
+    data = StudyRows(plan, frame_of(plan, row))
     from matplotlib.figure import Figure
 
     from uvms_mj.studies.report.figures import distribution
@@ -224,7 +224,7 @@ def test_differences_are_of_the_same_draws(plan, frame):
         twin.loc[at, "contact.peak_N"] = of_gsta["contact.peak_N"].to_numpy() + more
         twin.loc[at, ["status", "contact.settled"]] = of_gsta[["status", "contact.settled"]].to_numpy()
     assert twin["contact.peak_N"].std() > 5.0
-    found = {(pair.first, pair.second): pair for pair in paired(Data(plan, twin))}
+    found = {(pair.first, pair.second): pair for pair in paired(StudyRows(plan, twin))}
     assert list(found) == [("gsta", "fosm"), ("gsta", "impedance"), ("fosm", "impedance")]
     for (first, second), more in zip(found, (0.1, -0.2, -0.3), strict=True):
         peak, *_ = found[first, second].metrics
@@ -239,7 +239,7 @@ def test_differences_are_of_the_same_draws(plan, frame):
 
 
 def test_a_sign_of_success_counts_draws(plan, frame):
-    data = Data(plan, frame)
+    data = StudyRows(plan, frame)
     success = frame.assign(success=data.success).pivot(index="draw", columns="law", values="success")
     for pair in paired(data):
         first, second = success[pair.first], success[pair.second]
@@ -251,7 +251,7 @@ def test_a_sign_of_success_counts_draws(plan, frame):
 
 def test_the_rates_are_those_of_the_frame(plan, frame):
     met = (frame["status"] == "completed") & frame["contact.settled"]
-    for law, found in success_rates(Data(plan, frame)).items():
+    for law, found in success_rates(StudyRows(plan, frame)).items():
         assert found.value == pytest.approx(met[frame["law"] == law].mean())
 
 
@@ -264,8 +264,8 @@ def test_a_study_states_its_own_success(frame):
     expected = (
         (frame["status"] == "completed") & frame["contact.final_N"].between(1.45, 1.55) & frame["contact.settled"]
     )
-    assert np.array_equal(Data(plan, frame).success, expected)
-    assert "contact.final_N is from 1.45 to 1.55, and contact.settled is true" in Data(plan, frame).success_text
+    assert np.array_equal(StudyRows(plan, frame).success, expected)
+    assert "contact.final_N is from 1.45 to 1.55, and contact.settled is true" in StudyRows(plan, frame).success_text
 
 
 def test_faults_of_success_are_all_named():
@@ -279,7 +279,7 @@ def test_faults_of_success_are_all_named():
 
 
 def test_maps_are_over_the_keys_that_matter(plan, frame):
-    (first, *_) = pairs(sensitivities(Data(plan, frame)))
+    (first, *_) = pairs(sensitivities(StudyRows(plan, frame)))
     assert {factor.key for factor in first} == {"wall.stiffness", "current.speed"}
     assert [factor.logarithmic for factor in first] == [factor.key == "wall.stiffness" for factor in first]
 
@@ -290,7 +290,7 @@ def test_maps_are_over_the_keys_that_matter(plan, frame):
 )
 def test_an_axis_of_values_is_logarithmic_if_their_ratios_are_even(levels, logarithmic):
     plan = plan_of([{"key": "wall.stiffness", "values": [1e3 * x for x in levels] if levels[0] else [1e3, 2e3, 3e3]}])
-    data = Data(plan, frame_of(plan, lambda given: {"contact.peak_N": given["draw"]}))
+    data = StudyRows(plan, frame_of(plan, lambda given: {"contact.peak_N": given["draw"]}))
     assert data.factors[0].logarithmic == logarithmic
 
 
@@ -321,7 +321,7 @@ def test_the_region_of_failures_is_hatched(kind):
         status = np.where(lost, "unstable", "completed")
         return {"contact.peak_N": np.where(lost, np.nan, peak), "contact.settled": ~lost, "status": status}
 
-    data = Data(plan, frame_of(plan, row))
+    data = StudyRows(plan, frame_of(plan, row))
     found = sensitivities(data)
     (pair, *_) = pairs(found)
     metrics = shown(found, pair, first=True)
@@ -335,7 +335,7 @@ def test_the_region_of_failures_is_hatched(kind):
 @pytest.mark.parametrize("most", [3, 10])
 def test_cells_have_about_the_same_number_of_runs(rng, most):
     plan = plan_of([VARY[0]], laws=("gsta",), runs=500)
-    data = Data(plan, frame_of(plan, lambda given: {"contact.peak_N": given["draw"]}))
+    data = StudyRows(plan, frame_of(plan, lambda given: {"contact.peak_N": given["draw"]}))
     (factor,) = data.factors
     values = data.of(factor)
     edges, codes = _edges(values, most, factor)

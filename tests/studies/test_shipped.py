@@ -4,8 +4,8 @@ import pytest
 
 from uvms_mj import simulate
 from uvms_mj.analysis.metrics import chattering, final_force
-from uvms_mj.analysis.rest import demanded_force
-from uvms_mj.control.certificate import rate_bound
+from uvms_mj.control.design import demanded_force
+from uvms_mj.control.theory.certificate import rate_bound
 from uvms_mj.files import shipped
 from uvms_mj.studies.plan import Plan
 from uvms_mj.studies.rows import one_row
@@ -33,7 +33,7 @@ def test_a_shipped_study_runs(name):
         assert row["status"] == "completed", row["message"]
 
 
-@pytest.mark.filterwarnings("ignore::uvms_mj.analysis.sampling.SamplingWarning")
+@pytest.mark.filterwarnings("ignore::uvms_mj.setup.checks.SamplingWarning")
 def test_the_metrics_of_a_gain_map_are_those_of_the_run():
     """The certified rate by the bound of the gains; chattering and force error by the metrics of the whole trace."""
     metrics = ["certified_rate_m_per_s3", "chattering_N_per_s", "force_error_N"]

@@ -8,9 +8,8 @@ import tomli_w
 
 from uvms_mj import InputError, Study
 from uvms_mj.studies.plan import Plan
-from uvms_mj.studies.plan.metric import COMPONENTS, MEANINGS
-from uvms_mj.studies.plan.success import succeeded, successes
-from uvms_mj.studies.pool.parcel import Parcel
+from uvms_mj.studies.plan.metrics import COMPONENTS, MEANINGS, succeeded, successes
+from uvms_mj.studies.pool.bundle import StudyBundle
 from uvms_mj.studies.rows import one_row
 from uvms_mj.studies.tune import Tuning
 
@@ -42,7 +41,7 @@ def test_one_number_has_one_column_whatever_it_is_called(plan, tmp_path, name):
     column = "final.position_m.x" if name.startswith("final") else "far"
     assert made.success == {column: (0.4, 1.0)}
     assert Plan.from_dict(made.tables).success == made.success
-    there = Parcel.of(made).plan()
+    there = StudyBundle.of(made).plan()
     rows = [one_row(there, index) for index in range(2)]
     assert [row["success"] for row in rows] == [False, True]
     assert [row[column] == pytest.approx(x, abs=1e-3) for row, x in zip(rows, (0.1, 0.5), strict=True)] == [True, True]

@@ -26,9 +26,9 @@ class Joints(Stage):
     period: Step | None = shared(None, "s", "period, a multiple of the time step; default: every step")
 
     every_step: ClassVar[bool] = True
-    obeys: ClassVar[bool] = True
+    torque_controlled: ClassVar[bool] = True
     """Whether the torque follows the commanded one, which is then recorded."""
-    follows: ClassVar[str] = "q"
+    tracked_signal: ClassVar[str] = "q"
     """The signal of :meth:`target_at`: "q" or "q_dot"."""
     room: ClassVar[Room] = Room(
         name="actuation",
@@ -40,13 +40,13 @@ class Joints(Stage):
         counts="joints",
     )
 
-    def meant(self, setup: Any) -> Joints:
+    def resolved(self, setup: Any) -> Joints:
         """The interface that a run uses: itself."""
         return self
 
     def target_at(self, setup: Any, t: float) -> np.ndarray | None:
-        """The value (n,) that the interface makes the signal :attr:`follows` have at the time t [s]; None if it follows
-        nothing that is known before the run."""
+        """The value (n,) that the interface makes the signal :attr:`tracked_signal` have at the time t [s]; None if it
+        follows nothing that is known before the run."""
         return None
 
     def faults(self, setup: Any) -> Iterator[Fault]:

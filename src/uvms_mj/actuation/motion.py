@@ -1,7 +1,7 @@
 """Given motions of joints: a table over time, in a scenario or in a CSV file, and its interpolation.
 
-A motion is made of pieces, polynomials of third order that are held before the first and after the last time. Linear
-interpolation has straight pieces. Cubic interpolation is the cubic spline with zero velocity at both ends, so that
+A motion is made of segments, polynomials of third order that are held before the first and after the last time. Linear
+interpolation has straight segments. Cubic interpolation is the cubic spline with zero velocity at both ends, so that
 velocity and acceleration are continuous in between.
 """
 
@@ -24,7 +24,7 @@ from ..quantities import STRICT, Number, Time
 
 MOST_TIMES = 100_000
 _SEARCH = 20
-"""Halvings of a search among at most 2^20 pieces."""
+"""Halvings of a search among at most 2^20 segments."""
 
 Coordinates = Annotated[tuple[Number, ...], "a number for each joint"]
 
@@ -87,8 +87,8 @@ def read_motion(path: str, joints: Sequence[str]) -> tuple[np.ndarray, np.ndarra
     return found[:, 0], found[:, 1:]
 
 
-def pieces(times: np.ndarray, values: np.ndarray, interpolation: str) -> dict[str, np.ndarray]:
-    """The constants of :func:`piece_at` and :func:`value_at` for values (m, n) at times (m,), "linear" or "cubic".
+def segments(times: np.ndarray, values: np.ndarray, interpolation: str) -> dict[str, np.ndarray]:
+    """The constants of :func:`segment_at` and :func:`value_at` for values (m, n) at times (m,), "linear" or "cubic".
 
     Their number is a power of two, so that few lengths of a motion have machine code of their own.
     """
@@ -103,7 +103,7 @@ def pieces(times: np.ndarray, values: np.ndarray, interpolation: str) -> dict[st
         between = np.moveaxis(CubicSpline(times, values, bc_type="clamped").c, 1, 0)
     elif m > 1:
         between[:, 2], between[:, 3] = np.diff(values, axis=0) / np.diff(times)[:, None], values[:-1]
-    size = 1 << m.bit_length()  # m + 1 pieces at most
+    size = 1 << m.bit_length()  # m + 1 segments at most
     begins, coefficients = np.full(size, np.inf), np.zeros((size, 4, n))
     begins[0], begins[1 : m + 1] = -np.inf, times
     coefficients[: m + 1] = np.concatenate([first, between, last])
@@ -111,7 +111,7 @@ def pieces(times: np.ndarray, values: np.ndarray, interpolation: str) -> dict[st
 
 
 @kernel
-def piece_at(begins, t) -> int:
+def segment_at(begins, t) -> int:
     """Index of the piece of the time t."""
     n, size = 0, begins.shape[0]
     for _ in range(_SEARCH):

@@ -34,7 +34,7 @@ from ..quantities import Lowercase, NonNegative, Number, Positive, Time, within
 from ..stages.base import setting
 from .curve import Curve, interpolated, interval
 from .lag import discrete, mean_delay
-from .thrusters import Static, Thrusters
+from .thrusters import StaticThrust, Thrusters
 
 _Efficiency = Annotated[Number, within(1e-3, 10.0, "")]
 _Fraction = Annotated[Number, within(0.0, 1.0, "")]
@@ -178,7 +178,7 @@ class Propeller(Thrusters):
     def mean_delay(self) -> float:
         return 0.0 if self.lag == "none" else mean_delay(self.lag, self.time_constant)
 
-    def at_rest(self, setup: Any) -> Static | str:
+    def at_rest(self, setup: Any) -> StaticThrust | str:
         fails = self.failed > 0 and self.failed_at < setup.scenario.simulation.duration
         if fails and self.failed_stuck:
             return "a thruster is stuck"
@@ -204,7 +204,7 @@ class Propeller(Thrusters):
         error = "the command of the thrusters is quantised" if self.quantum > 0.0 else ""
         if not proportional:
             error = "the thrusters' curve is not the one that the control system assumes"
-        return Static(thrust, gain if proportional else None, (float(start[0]), float(start[1])), error)
+        return StaticThrust(thrust, gain if proportional else None, (float(start[0]), float(start[1])), error)
 
     @staticmethod
     def step(settings, state, given, state_dot, u):

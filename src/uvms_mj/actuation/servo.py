@@ -35,7 +35,7 @@ from ..physics.kernels import kernel
 from ..quantities import Lowercase, Number, Positive, Time, within
 from ..stages.base import setting
 from .joints import Joints, Torque
-from .motion import Coordinates, Waypoints, piece_at, pieces, rate_at, read_motion, value_at
+from .motion import Coordinates, Waypoints, rate_at, read_motion, segment_at, segments, value_at
 
 SLOW = 0.01
 """Speed v_s below which the Coulomb friction is fed forward in proportion to the commanded velocity [rad/s or m/s]."""
@@ -69,7 +69,7 @@ class Servo(Joints):
     )
     velocity_bandwidth: Positive = setting(200.0, "rad/s", "bandwidth omega_v of the velocity loop")
 
-    obeys: ClassVar = False
+    torque_controlled: ClassVar = False
     needs: ClassVar = ("initial.joints",)
     memory: ClassVar = {"carried": "joints"}
     _inner_keys: ClassVar = {"joints.motion": ("time", "joints")}
@@ -97,9 +97,9 @@ class Servo(Joints):
         return times + self.motion_start, values
 
     def target_at(self, setup: Any, t: float) -> np.ndarray:
-        motion = pieces(*self.given_motion(setup), self.interpolation)
+        motion = segments(*self.given_motion(setup), self.interpolation)
         begins, c = motion["begins"], motion["coefficients"]
-        n = piece_at(begins, t)
+        n = segment_at(begins, t)
         return np.array([value_at(begins, c, n, j, t) for j in range(c.shape[2])])
 
     def faults(self, setup: Any) -> Iterator[Fault]:
@@ -134,14 +134,14 @@ class Servo(Joints):
         return iter(())
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
-        """The gains K_v (n,), and the motion as :func:`.motion.pieces`."""
+        """The gains K_v (n,), and the motion as :func:`.motion.segments`."""
         links = setup.nominal.arm.links
         return {
             "K_v": self.velocity_bandwidth * setup.joint_inertia,
             "omega_i": 0.25 * self.velocity_bandwidth,
             "viscous": self.friction_compensation * np.array([link.damping for link in links]),
             "coulomb": self.friction_compensation * np.array([link.friction for link in links]),
-            **pieces(*self.given_motion(setup), self.interpolation),
+            **segments(*self.given_motion(setup), self.interpolation),
         }
 
 
@@ -161,7 +161,7 @@ class Velocity(Servo):
     """Velocity interface: each joint follows a given velocity, zero by default."""
 
     name = "velocity"
-    follows: ClassVar = "q_dot"
+    tracked_signal: ClassVar = "q_dot"
 
     def at_start(self, setup: Any) -> np.ndarray:
         return np.zeros(len(setup.vehicle.arm.links))
@@ -169,7 +169,7 @@ class Velocity(Servo):
     @staticmethod
     def step(settings, state, given, state_dot, tau_q):
         begins, coefficients = settings.begins, settings.coefficients
-        n = piece_at(begins, given.t)
+        n = segment_at(begins, given.t)
         for j in range(tau_q.shape[0]):
             v = value_at(begins, coefficients, n, j, given.t)
             tau_q[j] = velocity_loop(settings, state, given, j, v)
@@ -198,7 +198,7 @@ class Position(Servo):
     @staticmethod
     def step(settings, state, given, state_dot, tau_q):
         begins, coefficients = settings.begins, settings.coefficients
-        n = piece_at(begins, given.t)
+        n = segment_at(begins, given.t)
         for j in range(tau_q.shape[0]):
             v = rate_at(begins, coefficients, n, j, given.t)
             v += settings.omega_p * (value_at(begins, coefficients, n, j, given.t) - given.q_m[j])
@@ -213,8 +213,8 @@ class Auto(Joints):
     name = "auto"
     runs: ClassVar[bool] = False
 
-    def meant(self, setup: Any) -> Joints:
+    def resolved(self, setup: Any) -> Joints:
         return Position(period=self.period) if at_body(setup) else Torque(period=self.period)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
-        return self.meant(setup).constants(setup)
+        return self.resolved(setup).constants(setup)

@@ -15,7 +15,7 @@ from ..stages.signals import thruster_signal, thrusters_given
 
 
 @dataclasses.dataclass(frozen=True)
-class Static:
+class StaticThrust:
     """The thrust of thrusters under a constant command.
 
     Attributes:
@@ -57,7 +57,7 @@ class Thrusters(Stage):
         """Least and greatest thrust (n,) that the allocation may command [N]."""
         return setup.vehicle.u_min, setup.vehicle.u_max
 
-    def at_rest(self, setup: Any) -> Static | str:
+    def at_rest(self, setup: Any) -> StaticThrust | str:
         """The thrust for a constant command, or the reason why it is not known."""
         return "closed forms are known for the shipped thruster models only"
 
@@ -78,5 +78,5 @@ class IdealThrusters(Thrusters):
         if self.period is not None:
             raise InputError([Fault("thrusters.period", "ideal thrusters have no period; choose thrusters.name")])
 
-    def at_rest(self, setup: Any) -> Static:
-        return Static(lambda u_cmd: u_cmd, np.ones(len(setup.vehicle.thrusters)))
+    def at_rest(self, setup: Any) -> StaticThrust:
+        return StaticThrust(lambda u_cmd: u_cmd, np.ones(len(setup.vehicle.thrusters)))

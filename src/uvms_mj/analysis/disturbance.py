@@ -3,16 +3,15 @@
 import math
 from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
-from ..control.certificate import Certificate
-from ..control.theory import certificate
+from ..control.model import accelerated_frame, coefficients, model_wrenches
 from ..physics.frames import rotation_matrix, to_body
-from ..physics.model import accelerated_frame, coefficients, model_wrenches
 from ..records.header import Status
 from ..records.trace import Trace
-from .setup import Setup, set_up
+from ..setup.base import Setup, set_up
 
 ROWS_S = 1.5e-3
 """Rows further apart than this may miss the largest rate of a disturbance, unless the log has every step [s]."""
@@ -46,8 +45,9 @@ class Experienced:
         inside = (self.t[:-1] >= start) & (self.t[1:] <= end)
         return np.abs(self.rate[inside]).max(axis=0, initial=0.0)
 
-    def time_beyond(self, certificate: Certificate, s: np.ndarray) -> np.ndarray:
-        """Time (6,) for which the rate was not below the certified bound at s (n, 6), so that V may have grown [s]."""
+    def time_beyond(self, certificate: Any, s: np.ndarray) -> np.ndarray:
+        """Time (6,) for which the rate was not below the bound of a
+        :class:`uvms_mj.control.theory.certificate.Certificate` at s (n, 6), so that V may have grown [s]."""
         crossed = s[:-1] * s[1:] <= 0.0
         nearest = np.where(crossed, 0.0, np.minimum(np.abs(s[:-1]), np.abs(s[1:])))
         return np.diff(self.t) @ (np.abs(self.rate) * self.doubt >= certificate.allowed(nearest))
@@ -77,7 +77,7 @@ def experienced(trace: Trace) -> Experienced | str:
     if setup.not_rigid:
         return f"the lumped disturbance is computed for a rigid vehicle at B, and {setup.not_rigid}"
     wrench = lumped_disturbance(trace, setup) + trace.tau - trace.tau_cmd
-    bound = certificate(setup)
+    bound = setup.certificate
     if bound is not None and not bound.nominal:
         wrench -= trace.tau_nom
     M_hat_inv = np.linalg.inv(setup.design.M_hat)

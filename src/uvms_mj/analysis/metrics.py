@@ -1,16 +1,22 @@
 """Metrics of a trace. All are pure functions."""
 
+import contextlib
 import itertools
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from ..control.design import demanded_force
 from ..records.header import Status
 from ..records.trace import Trace
+from ..setup.base import set_up
 from ..stages.signals import FINAL_WINDOW_S
-from .rest import demanded_force
 
+OFF = 0.01
+"""Error of a position or a velocity from which a joint is off its target [rad or m, and per second]."""
+AT_STOP = 1e-4
+"""Distance from an end of its range up to which a joint is at its stop [rad or m]."""
 SETTLED = 1e-3
 """Relative change over the final window below which a force counts as settled [1]."""
 AT_REST = 1e-4
@@ -146,8 +152,7 @@ def force_settling_time(trace: Trace, band: float = 0.02) -> float | None:
     """Time from which the pushing force stays within the relative ``band`` about :func:`final_force` [s].
 
     None without contact, if the force has not settled according to :func:`final_force`, or if it :func:`drifts` at the
-    end of the run. The time is that of a row. A force that leaves the band between two rows has not settled, unless an
-    older log does not have its extremes.
+    end of the run. The time is that of a row. A force that leaves the band between two rows has not settled.
     """
     final, settled = final_force(trace)
     if not final or not settled:
@@ -216,7 +221,8 @@ def astray(trace: Trace) -> float | None:
 
 
 def steady_force_error(trace: Trace) -> float | None:
-    """:func:`rest_force` minus :func:`.rest.demanded_force` [N]; None if the force has not settled or has no demand."""
+    """:func:`rest_force` minus :func:`uvms_mj.control.design.demanded_force` [N]; None if the force has not settled or
+    nothing is demanded."""
     final = rest_force(trace)
     error = math.nan if final is None else final - demanded_force(trace.scenario)
     return None if math.isnan(error) else error
@@ -335,3 +341,25 @@ def cumulative(t: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Running integral (n, m) of y (n, m) over t by the trapezoidal rule."""
     steps = 0.5 * np.diff(t)[:, None] * (y[1:] + y[:-1])
     return np.concatenate([np.zeros((1, y.shape[1])), np.cumsum(steps, axis=0)])
+
+
+def off_target(trace: Trace) -> dict[str, float]:
+    """Errors of the joints that are off the target of a servo at the end, by joint [rad or m, of the velocity interface
+    per second]. Empty without a servo, or if a log lacks the file of its motion."""
+    errors = np.zeros(0)
+    with contextlib.suppress(ValueError):  # the file can't be read, or does not fit the vehicle
+        setup = set_up(trace.scenario, trace.header.mjcf)
+        targets = setup.interface.target_at(setup, float(trace.t[-1]))
+        if targets is not None:
+            errors = trace[setup.interface.tracked_signal][-1] - targets
+    return {link.joint: float(e) for link, e in zip(trace.header.geometry.links, errors, strict=False) if abs(e) > OFF}
+
+
+def at_stops(trace: Trace) -> dict[str, float]:
+    """Positions of the joints that are at a stop at the end, by joint [rad or m]."""
+    found = {}
+    for link, q in zip(trace.header.geometry.links, trace.q[-1].tolist(), strict=True):
+        low, high = link.range or (-np.inf, np.inf)
+        if not low + AT_STOP < q < high - AT_STOP:
+            found[link.joint] = q
+    return found

@@ -65,8 +65,8 @@ def _deviations(header: "Header") -> Any:
     """The closed form of the noise, the reason why there is none, or None without noise."""
     if not noisy(header.scenario):
         return None
-    from .noise import deviations
-    from .setup import set_up
+    from ..setup.base import set_up
+    from ..setup.noise import deviations
 
     return deviations(set_up(header.scenario, header.mjcf))
 
@@ -100,14 +100,14 @@ def _saturated_joints(trace: "Trace") -> dict[str, float] | None:
 
 
 def _joints(name: str) -> "Callable[[Trace], dict[str, float] | None]":
-    """A function of :mod:`.joints`; None where it names no joint, and without joints."""
+    """A function of joints in :mod:`.metrics`; None where it names no joint, and without joints."""
 
     def found(trace: "Trace") -> dict[str, float] | None:
         if not len(trace) or "q" not in trace.arrays:
             return None
-        from . import joints
+        from . import metrics
 
-        return getattr(joints, name)(trace) or None
+        return getattr(metrics, name)(trace) or None
 
     return found
 
@@ -164,10 +164,9 @@ NUMBERS: "Mapping[str, Callable[[Trace], Any]]" = {
 
 def _certified_rate(trace: "Trace") -> float | None:
     """The certified rate of change of the disturbance [m/s^3, rad/s^3]; None for a law without a certificate."""
-    from ..control.theory import certificate
-    from .setup import set_up
+    from ..setup.base import set_up
 
-    found = certificate(set_up(trace.scenario, trace.header.mjcf))
+    found = set_up(trace.scenario, trace.header.mjcf).certificate
     return None if found is None else found.rate
 
 
@@ -180,8 +179,8 @@ def _chattering(trace: "Trace") -> float | None:
 
 def _force_error(trace: "Trace") -> float | None:
     """Mean force over the last 0.5 s, settled or not, minus the demanded one [N]; None if nothing is demanded."""
+    from ..control.design import demanded_force
     from .metrics import final_force
-    from .rest import demanded_force
 
     force, demanded = final_force(trace)[0], demanded_force(trace.scenario)
     return None if force is None or not math.isfinite(demanded) else force - demanded

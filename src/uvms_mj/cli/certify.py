@@ -13,7 +13,7 @@ from .run import chosen
 from .stop import Stop, exit_interrupted
 
 if TYPE_CHECKING:
-    from ..control.certificate import Certificate
+    from ..control.theory.certificate import Certificate
     from ..records.trace import Trace
     from ..scenario import Scenario
 
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 def certify(rate: float | None, state: float | None, as_json: bool, quiet: bool, **asked: Any) -> None:
     """Print the rate of disturbance for which GSTA is certain to converge, and the rate in the scenario.
 
-    The bound on the rate comes from a Lyapunov function, given in uvms_mj.control.certificate, and depends only on the
-    gains. The rate in the scenario (default: the paper's) is measured in a run.
+    The bound on the rate comes from a Lyapunov function, given in uvms_mj.control.theory.certificate, and depends only
+    on the gains. The rate in the scenario (default: the paper's) is measured in a run.
 
     \b
     uvms-mj certify
@@ -77,23 +77,22 @@ def _load(
 
 def _certificate(scenario: "Scenario", trace: "Trace | None") -> "Certificate":
     """The certificate of the law. Raises InputError if the law has none."""
-    from ..analysis.setup import set_up
-    from ..control import theory
     from ..errors import InputError
-    from ..stages.loader import Recorded
+    from ..setup.base import set_up
+    from ..stages.loader import Placeholder
 
     law = scenario.controller
-    certificate = theory.certificate(set_up(scenario, None if trace is None else trace.header.mjcf))
+    certificate = set_up(scenario, None if trace is None else trace.header.mjcf).certificate
     if certificate is None:
         hint = "" if trace is not None else "; choose a law that has one, as --controller gsta"
-        if isinstance(law, Recorded):
+        if isinstance(law, Placeholder):
             hint = ": code from a log is never executed; omit --from, give scenario and --controller FILE.py:LAW"
         raise InputError(f"{law.label()} defines no certificate{hint}")
     return certificate
 
 
 def _report_gains(gains: "Certificate", rate: float, state: float, console: Console) -> None:
-    from ..control.certificate import MARGIN, gains_for, rate_bound
+    from ..control.theory.certificate import MARGIN, gains_for, rate_bound
     from ..errors import InputError
 
     if not gains.nominal:
@@ -159,7 +158,7 @@ def _report(certificate: "Certificate", trace: "Trace", console: Console) -> Non
 
 
 def _verdict(certificate: "Certificate", largest: Any, beyond: Any, saturated: float) -> str:
-    from ..control.certificate import MARGIN, gains_for
+    from ..control.theory.certificate import MARGIN, gains_for
 
     bound = certificate.rate
     if bound == 0.0:

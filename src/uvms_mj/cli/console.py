@@ -15,7 +15,7 @@ from .stop import Stop
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from ..studies.paper.claims.base import Row
+    from ..reproduce.paper.claims.base import Row
 
 ROUNDING = 1e-9
 """Numbers smaller than this, relative or in SI units, come from rounding and are shown as zero."""
@@ -135,7 +135,7 @@ def _run_table(trace: Any, report: dict[str, Any]) -> None:
 
 
 def _contact_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    from ..control.ideal import TOLD_THE_TRUTH
+    from ..control.laws.ideal import TOLD_THE_TRUTH
 
     contact, status = report["contact"], report["status"]
     if trace.scenario.controller.uses_truth:
@@ -193,7 +193,7 @@ def _motion_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]
 def _joint_rows(trace: Any, report: dict[str, Any]) -> Iterator[tuple[str, str]]:
     header = trace.header
     for name, found, by, signal in (
-        ("joints off their target", report["joints_off_target"], "by ", trace.scenario.joints.follows),
+        ("joints off their target", report["joints_off_target"], "by ", trace.scenario.joints.tracked_signal),
         ("joints at their stops", report["joints_at_stops"], "", "q"),
     ):
         if found:

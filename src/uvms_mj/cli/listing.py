@@ -254,7 +254,7 @@ def _recorded() -> "list[tuple[str, tuple[Signal, ...]]]":
     from ..stages.signals import (
         BAND,
         DELAYED,
-        MEASURED,
+        MEASURED_MOTION,
         PUSH,
         RECORDED,
         SCHEDULED,
@@ -267,7 +267,7 @@ def _recorded() -> "list[tuple[str, tuple[Signal, ...]]]":
     )
 
     of_thrusters = (thruster_signal(0), commanded_signal(0), pulse_signal(0), TAU_LOST)
-    own = (*RECORDED, *MEASURED, *SCHEDULED, *DELAYED, *contact_signals(0), *of_thrusters, *JOINT_SIGNALS)
+    own = (*RECORDED, *MEASURED_MOTION, *SCHEDULED, *DELAYED, *contact_signals(0), *of_thrusters, *JOINT_SIGNALS)
     bands = tuple(edge for signal in (*own, PUSH) if signal.name in BAND for edge in band_signals(signal))
     return [
         ("Recorded signals: trace.<name>; the states of the stages are recorded too", own),
@@ -288,7 +288,7 @@ def metrics(words: tuple[str, ...]) -> None:
     uvms-mj metrics contact
     """
     with bad_input():
-        from ..studies.plan.metric import MEANINGS, columns_of, unit_of_column
+        from ..studies.plan.metrics import MEANINGS, columns_of, unit_of_column
 
         wanted = _wanted(words, MEANINGS, "metric", str.__eq__, MEANINGS)
         table = table_of("Metrics of a run", "name", "unit", "meaning", fixed=("name",), min_width=80)

@@ -52,7 +52,7 @@ def new(kind: str, name: str, out: str | None, origin: str | None, thrusters: st
     """
     with bad_input():
         from ..errors import InputError
-        from ..files import whole
+        from ..files import atomic_write
 
         if kind == EXAMPLE and not (origin or thrusters):
             _examples(name, out, force)
@@ -75,7 +75,7 @@ def new(kind: str, name: str, out: str | None, origin: str | None, thrusters: st
         for each in copies:
             refuse_existing("NAME", path.with_name(each), force)
         for each, data in copies.items():
-            with whole(path.with_name(each)) as part:
+            with atomic_write(path.with_name(each)) as part:
                 part.write_bytes(data)
     click.echo(f"{path}: {use.format(file=path, cls=cls)}")
 
@@ -122,7 +122,7 @@ def _vehicle(name: str, origin: str | None, table: str | None, text: str) -> dic
 def _examples(name: str, out: str | None, force: bool) -> None:
     """Write an example, or all of them. Raises InputError if there is none of this name."""
     from ..errors import InputError, suggestion
-    from ..files import shipped, whole
+    from ..files import atomic_write, shipped
 
     known = shipped("examples")
     if name not in (*known, "all"):
@@ -134,7 +134,7 @@ def _examples(name: str, out: str | None, force: bool) -> None:
     if name == "all":
         folder.mkdir(exist_ok=True)
     for source in chosen:
-        with whole(folder / source.name) as part:
+        with atomic_write(folder / source.name) as part:
             part.write_bytes(source.read_bytes())
         click.echo(str(folder / source.name))
 

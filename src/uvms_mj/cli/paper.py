@@ -17,8 +17,8 @@ from .options import asked_for, command, json_option, path_option, scenario_argu
 from .stop import Stop, exit_interrupted
 
 if TYPE_CHECKING:
+    from ..reproduce.paper.claims import Row, Runs
     from ..scenario import Scenario
-    from ..studies.paper.claims import Row, Runs
 
 EXIT_CLAIM_FAILS = 1
 _RESULTS = ("logs", "claims.csv", "claims.json", "report.html")
@@ -53,7 +53,7 @@ def paper(
     try:
         with bad_input():
             jobs = _jobs(arguments, settings, out, source)
-            from ..studies.paper import runs as study
+            from ..reproduce.paper import runs as study
 
             logs = Path(source or out or "") / "logs"
             if source is not None:
@@ -88,8 +88,8 @@ def _jobs(
 ) -> "dict[str, Scenario]":
     """The runs of the study by name. Raises InputError if the arguments of the command are invalid."""
     from ..errors import InputError
+    from ..reproduce.paper.runs import plan
     from ..scenario import Scenario
-    from ..studies.paper.runs import plan
 
     if source is not None and (arguments or settings):
         raise InputError(f"--from only redraws existing runs; omit {' '.join((*arguments, *settings))}")
@@ -104,7 +104,7 @@ def _gains(overrides: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """Remove the gains of single laws, such as ``fosm.K_s``, from the settings and return them by law."""
     from ..control import BUILT_IN, ImpedanceTask
     from ..errors import Fault, InputError, suggestion
-    from ..studies.paper.laws import TUNED
+    from ..reproduce.paper.laws import TUNED
 
     gains: dict[str, dict[str, Any]] = {law: {} for law in TUNED}
     for key in list(overrides):
@@ -122,9 +122,9 @@ def _gains(overrides: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 def _write(folder: Path, runs: "Runs", progress: Callable[[int, int], None]) -> "list[Row]":
     """Write figures, claims and the page, from the logs only."""
+    from ..reproduce.paper import claims, report
+    from ..reproduce.paper.laws import LABELS
     from ..studies import pages
-    from ..studies.paper import claims, report
-    from ..studies.paper.laws import LABELS
     from ..views import figures
 
     rows = claims.judge(runs)

@@ -119,8 +119,8 @@ def compare(logs: tuple[str, ...], out: str, force: bool) -> None:
         if Path(out).suffix.lower() not in (".html", ".htm"):
             raise InputError(f"--out {out!r}: the name must end in .html")
         refuse_existing("--out", Path(out), force)
+        from ..reproduce.paper import report
         from ..studies import pages
-        from ..studies.paper import report
         from ..views import figures
 
         traces = loaded(logs)

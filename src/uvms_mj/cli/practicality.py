@@ -13,11 +13,11 @@ from .console import print_verdicts
 from .folders import folder_for
 from .options import asked_for, command, json_option, path_option, set_option, workers_option
 from .stop import Stop
-from .study_text import kept
+from .study import kept
 
 if TYPE_CHECKING:
-    from ..studies.paper.claims.base import Row
-    from ..studies.practicality.results import Results
+    from ..reproduce.paper.claims.base import Row
+    from ..reproduce.practicality.results import Results
 
 EXIT_CLAIM_FAILS = 1
 PAGE = "report.html"
@@ -49,9 +49,9 @@ def practicality(settings: tuple[str, ...], out: str | None, workers: int | None
     folder = Path(out or Path("runs", "practicality"))
     with filling(folder, functools.partial(kept, shown, "runs")):
         results, versions = _run(settings, folder, workers, as_json, stop, shown)
+        from ..reproduce.practicality.claims import judge
+        from ..reproduce.practicality.page import page
         from ..studies import pages
-        from ..studies.practicality.claims import judge
-        from ..studies.practicality.page import page
 
         rows = judge(results)
         pages.write(folder / PAGE, page(results, rows, versions))
@@ -71,8 +71,8 @@ def _run(
 ) -> "tuple[Results, dict[str, Any]]":
     """Run what the folder lacks of all studies. ``shown`` gets the number of runs."""
     from ..records.header import versions
-    from ..studies.practicality.plans import plans
-    from ..studies.practicality.results import Results
+    from ..reproduce.practicality.plans import plans
+    from ..reproduce.practicality.results import Results
     from ..studies.study import Study, executor_of
 
     planned = plans(asked_for((), settings)[1])

@@ -1,8 +1,9 @@
-"""``uvms-mj study``: many runs of one study file."""
+"""``uvms-mj study``: many runs of one study file, what they will take, what came out, and a page about them."""
 
 import contextlib
 import functools
 import json
+import os
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -10,15 +11,30 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import bad_input, filling, progress_bar
+from .common import EXIT_ENGINES_DIFFER, bad_input, draw_to_files, filling, printable, progress_bar, refuse_existing
+from .console import print_table, table_of
 from .folders import folder_for
-from .options import asked_for, command, json_option, output_options, path_option, workers_option
+from .options import (
+    asked_for,
+    command,
+    force_option,
+    json_option,
+    output_options,
+    path_argument,
+    path_option,
+    workers_option,
+)
 from .stop import Stop
-from .study_report import study_report
-from .study_text import head, kept, plan_report, print_result
 
 if TYPE_CHECKING:
+    import pandas as pd
+
+    from ..studies.pages import Table
+    from ..studies.pool.estimate import Estimate
     from ..studies.study import Study
+
+
+PAGE = "report.html"
 
 
 class _Commands(click.Group):
@@ -152,6 +168,196 @@ def list_studies(as_json: bool) -> None:
         return
     for name, plan in plans.items():
         click.echo(f"{name}: {plan.runs} runs of {', '.join(law.label for law in plan.laws)}. {plan.description}")
+
+
+@command("report")
+@path_argument("folder", metavar="DIR")
+@path_option("-o", "--out", metavar="FILE.html", help=f"File for the page [default: DIR/{PAGE}, replaced].")
+@force_option
+def study_report(folder: str, out: str | None, force: bool) -> None:
+    """Write one HTML page about the results of a study, also while it runs: success rates, distributions, maps over
+    the varied keys, sensitivity, differences between laws, and the runs to look at.
+
+    \b
+    uvms-mj study report runs/monte_carlo
+    uvms-mj study report results --out monday.html
+    """
+    draw_to_files()
+    with bad_input():
+        from ..errors import InputError
+
+        if out is not None:
+            if Path(out).suffix.lower() not in (".html", ".htm"):
+                raise InputError(f"--out {out!r}: the name must end in .html")
+            refuse_existing("--out", Path(out), force)
+        from ..studies import pages
+        from ..studies.report import page
+        from ..studies.study import Study
+
+        if not Path(folder).is_dir():
+            raise InputError(f"{folder}: is not a folder with the results of a study")
+        study = Study.load(folder)
+        path = Path(folder, PAGE) if out is None else Path(out)
+        pages.write(path, page(study.plan_of_results, study.frame, folder, _versions(Path(folder)), _checked(study)))
+        click.echo(path)
+
+
+def _versions(folder: Path) -> dict[str, str]:
+    """Versions of the code of a study by name; empty if they can't be read."""
+    from ..errors import InputError
+    from ..studies.results import version_of
+
+    try:
+        return dict(version_of(folder)["code"])
+    except InputError:
+        return {}
+
+
+def _checked(study: "Study") -> "list[Table]":
+    """The largest difference of each number between the engines."""
+    from ..studies.check import largest
+    from ..studies.pages import Table
+
+    found = study.check
+    if found is None:
+        return []
+    heads = ["free_body", "mujoco", "difference", "tolerance", "row", "within"]
+    rows = [
+        (each["number"], [*(each[head] for head in heads[:4]), each["index"], "yes" if each["within"] else "no"])
+        for each in largest(found).to_dict("records")
+    ]
+    runs = found["index"].nunique()
+    return [Table(f"free_body against mujoco in {runs} runs, largest differences", heads, rows)]
+
+
+def head(study: "Study", executor: Any, folder: Path, dry_run: bool, as_json: bool, quiet: bool) -> "Estimate | None":
+    """Print runs, steps, keys, time and size before the study starts. Returns the estimate. Raises InputError if the
+    folder has another study."""
+    if not dry_run and (as_json or quiet):
+        return None
+    from ..studies.pool.bundle import StudyBundle
+    from ..studies.pool.estimate import estimate
+    from ..studies.results import refuse_another, share_done
+
+    bundle = StudyBundle.of(study.plan)
+    if not dry_run:
+        refuse_another(folder, study.plan, bundle)
+    bundle.plan()  # as a worker will
+    plan, size, done = study.plan, max(1, executor.size), share_done(folder, study.plan)
+    expected = estimate(plan, size)
+    if as_json:
+        return expected
+    rest = f" for the last {1.0 - done:.0%}, the others are done" if done else ""
+    workers = f"{size} worker{'s' if size > 1 else ''}"
+    lines = [
+        plan.text(),
+        f"time: about {duration(expected.seconds * (1.0 - done))} on {workers}{rest}",
+        f"disk: {expected.rows_bytes / 1e6:.2g} MB of rows in {folder}{_logs_size(plan.logs, expected.log_bytes)}",
+    ]
+    click.echo(printable("\n".join(lines)), err=not dry_run)
+    return expected
+
+
+def _logs_size(logs: Any, each: int) -> str:
+    if logs.kind == "none":
+        return ""
+    number = {"failed": "", "worst": f"{logs.k} x ", "listed": f"{len(set(logs.indices))} x "}[logs.kind]
+    return f", and logs of {number}{each / 1e6:.2g} MB" + (" for each run that fails" if logs.kind == "failed" else "")
+
+
+def duration(seconds: float) -> str:
+    if seconds < 100.0:
+        return f"{seconds:.2g} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"
+
+
+def plan_report(study: "Study", expected: Any, workers: int) -> dict[str, Any]:
+    """The object that ``--dry-run --json`` prints."""
+    plan = study.plan
+    return {
+        "study": plan.name,
+        "runs": plan.runs,
+        "steps": plan.steps,
+        "laws": [law.label for law in plan.laws],
+        "varied": list(plan.varied),
+        "workers": workers,
+        "seconds": expected.seconds,
+        "rows_bytes": expected.rows_bytes,
+        "log_bytes": expected.log_bytes,
+        "notes": list(plan.notes),
+    }
+
+
+def print_result(study: "Study", as_json: bool, quiet: bool) -> int:
+    """Print what came out; return the exit status."""
+    from ..studies.check import largest
+
+    rows, found = study.frame, study.check
+    failed = [] if found is None else found[~found["within"]].to_dict("records")
+    assert study.folder is not None
+    if as_json:
+        differences = [] if found is None else largest(found).drop(columns="index").to_dict("records")
+        numbers = {
+            "study": study.plan.name,
+            "runs": len(rows),
+            "status": rows["status"].value_counts().to_dict(),
+            "engine": rows["engine"].value_counts().to_dict(),
+            "check": {"within": not failed, "largest": differences},
+            "folder": str(study.folder),
+        }
+        click.echo(json.dumps(finite(numbers), allow_nan=False))
+    elif not quiet:
+        _table(study, rows)
+        if found is not None:
+            click.echo(f"free_body against mujoco, {found['index'].nunique()} runs, largest differences:")
+            for each in largest(found).to_dict("records"):
+                click.echo(f"  {each['number']}: {each['difference']:.1e} (row {each['index']}, {each['law']})")
+        click.echo(f"{study.folder}{os.sep}rows")
+    for each in failed:
+        click.echo(f"note: row {each['index']}, {each['law']}: {engines_differ(each)}", err=True)
+    return EXIT_ENGINES_DIFFER if failed else 0
+
+
+def engines_differ(found: dict[str, Any]) -> str:
+    """A difference between the engines above the tolerance, in words."""
+    return (
+        f"{found['number']} differs by {found['difference']:.2g} between free_body and mujoco; run.tolerance is "
+        f"{found['tolerance']:g}"
+    )
+
+
+def kept(shown: dict[str, int], noun: str) -> str:
+    """How to go on after an interruption; ``shown`` has the number done and the total, if it had begun."""
+    if not shown:
+        return ""
+    return f"; {shown['done']} of {shown['total']} {noun} are done and kept: the same command goes on"
+
+
+def finite(value: Any) -> Any:
+    """The same value with None for numbers that JSON lacks."""
+    if isinstance(value, dict):
+        return {key: finite(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [finite(each) for each in value]
+    return None if value != value or value in (float("inf"), -float("inf")) else value
+
+
+def _table(study: "Study", rows: "pd.DataFrame") -> None:
+    """Runs by law and status, and their successes."""
+    from ..studies.plan.metrics import in_words, successes
+
+    success = successes(rows, study.plan.success)
+    statuses = dict.fromkeys(["completed", *rows["status"]])
+    columns = ("law", "runs", *statuses, "success")
+    table = table_of(study.plan.name, *columns, fixed=columns, min_width=60)
+    for column in table.columns[1:]:
+        column.justify = "right"
+    for law in study.plan.laws:
+        mine = rows["law"] == law.label
+        own = rows.loc[mine, "status"].tolist()
+        table.add_row(law.label, str(len(own)), *(str(own.count(each)) for each in statuses), str(success[mine].sum()))
+    print_table(table)
+    click.echo(f"{in_words(study.plan.success, 'contact.settled' in rows)}")
 
 
 study.add_command(study_report)

@@ -13,8 +13,7 @@ from .console import print_table, table_of
 from .folders import folder_for
 from .options import asked_for, command, output_options, path_option, workers_option
 from .stop import Stop
-from .study import pool_of
-from .study_text import duration, engines_differ, finite, kept
+from .study import duration, engines_differ, finite, kept, pool_of
 
 if TYPE_CHECKING:
     from ..studies.tune import Tuning

@@ -46,11 +46,11 @@ def pool(data: str, out: str | None, workers: int | None, as_json: bool) -> None
     folder, stop = Path(out or Path("runs", "validate-pool")), Stop()
     with filling(folder):
         from ..records.header import versions
+        from ..reproduce.validate.data import records
+        from ..reproduce.validate.page import numbers, page
+        from ..reproduce.validate.results import compute
         from ..studies import pages
         from ..studies.study import executor_of
-        from ..studies.validate.data import records
-        from ..studies.validate.page import numbers, page
-        from ..studies.validate.results import compute
 
         trials, resting = records(data)
         folder_for(str(folder))

@@ -1,16 +1,16 @@
 """Control: the wrench. :mod:`uvms_mj.control.base` has the contract of a law."""
 
-from .admittance import Admittance
-from .aismc import Aismc
 from .base import Controller, External
 from .base import gain as gain
-from .dob_impedance import DobImpedance
-from .fosm import Fosm
-from .ideal import Ideal
-from .impedance import Impedance
-from .parallel import Parallel
-from .pid import Pid
-from .super_twisting import Gsta, Sta
+from .laws.admittance import Admittance
+from .laws.aismc import Aismc
+from .laws.dob_impedance import DobImpedance
+from .laws.fosm import Fosm
+from .laws.ideal import Ideal
+from .laws.impedance import Impedance
+from .laws.parallel import Parallel
+from .laws.pid import Pid
+from .laws.super_twisting import Gsta, Sta
 from .task import ImpedanceTask as ImpedanceTask
 
 BUILT_IN: dict[str, type[Controller]] = {

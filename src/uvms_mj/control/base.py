@@ -15,15 +15,16 @@ from __future__ import annotations  # so that help(Controller) shows short type 
 
 import dataclasses
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NoReturn
+
+import numpy as np
 
 from ..quantities import Number, Step, Vector6, refusing, repeated, within
 from ..stages.base import Room, Stage, setting, shared
 from ..stages.signals import GIVEN, TASK_GIVEN, TRUTH, WRENCH_COMMAND, Signal
 
 if TYPE_CHECKING:
-    from .certificate import Certificate
-    from .rest import SteadyState
+    from .theory.certificate import Certificate
 
 
 Diagonal = Annotated[Vector6, repeated(6)]
@@ -32,6 +33,39 @@ NonNegativeDiagonal = Annotated[Diagonal, refusing(lambda x: min(x) < 0.0, "must
 PositiveDiagonal = Annotated[Diagonal, refusing(lambda x: min(x) < 1e-12, "must not have a zero or negative entry")]
 
 gain = setting
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SteadyState:
+    """A vehicle at rest. A theory that predicts the force alone leaves out the rest.
+
+    Attributes:
+        force: pushing force on the wall [N], zero if the vehicle rests short of it.
+        position: (3,) position of B's origin in W [m].
+        quat: (4,) attitude.
+        s: (6,) sliding variable.
+        tau: (6,) wrench of the thrusters in B [N, N m].
+        reached: whether the motion from the start comes to this rest, and stays (:mod:`.theory.balance`).
+    """
+
+    force: float
+    position: np.ndarray | None = None
+    quat: np.ndarray | None = None
+    s: np.ndarray | None = None
+    tau: np.ndarray | None = None
+    reached: bool = dataclasses.field(default=False, kw_only=True)
+
+
+@dataclasses.dataclass(frozen=True)
+class NoClosedForm:
+    """The reason why a scenario has no steady state in closed form."""
+
+    reason: str
+
+    @property
+    def force(self) -> NoReturn:
+        """Raises AttributeError, which gives the reason."""
+        raise AttributeError(f"no closed form: {self.reason}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,7 +91,6 @@ class Controller(Stage):
         method="law",
         arguments=("gains", "state", "signals", "state_dot", "tau_cmd"),
         theory=("at_rest", "notes", "certificate"),
-        reserved=dict.fromkeys(("F_1", "F_2", "A", "integral"), "is a gain of the impedance task, in [task]"),
     )
     uses_task: ClassVar[bool] = True
     """Whether signals has :data:`uvms_mj.stages.signals.TASK`. If False, the impedance task does not run, and s, zeta
@@ -77,7 +110,7 @@ class Controller(Stage):
         """Theory of the law: the vehicle at rest at the end of the run. A law may override it.
 
         It gives the pushing force on the wall [N], the whole state, or a text with the reason why there is no closed
-        form, from the run's :class:`uvms_mj.analysis.setup.Setup`: scenario, vehicle, design, task, gravity_W.
+        form, from the run's :class:`uvms_mj.setup.base.Setup`: scenario, vehicle, design, task, gravity_W.
         """
         return "no closed form is known for this law"
 

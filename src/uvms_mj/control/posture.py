@@ -87,7 +87,7 @@ def posture_faults(setup: Any) -> Iterator[Fault]:
             yield Fault("posture", f"the vehicle {model!r} has no joints, so the task leaves nothing to a posture")
         return
     interface = setup.interface
-    if not type(interface).obeys and given != Posture():
+    if not type(interface).torque_controlled and given != Posture():
         yield Fault(
             "posture", f"the joint interface {interface.label()} holds the joints itself; use joints.name=torque"
         )
@@ -105,7 +105,7 @@ def posture_faults(setup: Any) -> Iterator[Fault]:
 def posture_notes(setup: Any) -> Iterator[str]:
     """Notes on levels that have no freedom left in the initial posture."""
     given, arm = setup.scenario.posture, setup.nominal.arm
-    if not arm.links or not type(setup.interface).obeys:
+    if not arm.links or not type(setup.interface).torque_controlled:
         return
     statics = Statics(setup.nominal, setup.plant.initial_joints(setup.scenario.initial))
     frame, one = setup.scenario.task.frame, np.eye(6 + len(arm.links))

@@ -123,25 +123,6 @@ def solve_natural(M, force, L, w):
     backward(L, 6, w, 1)
 
 
-_OF_THE_FRAME = ("period", "inertia_period", "frame")
-TASK_KEYS = tuple(f.name for f in dataclasses.fields(ImpedanceTask) if f.name not in _OF_THE_FRAME)
-"""The gains of the task, whose earlier place was the table of the law."""
-
-
-def move_task_keys(law: dict[str, Any], task: dict[str, Any], faults: list[Fault]) -> set[str]:
-    """Move the gains of the task that have their earlier place, [controller], to [task]. Returns their names. Both
-    arguments are tables, or the same overrides by dotted keys."""
-    earlier, now = ("controller.", "task.") if law is task else ("", "")
-    moved = {key for key in TASK_KEYS if f"{earlier}{key}" in law}
-    for key in moved:
-        value = law.pop(f"{earlier}{key}")
-        given = task.setdefault(f"{now}{key}", value)
-        if given != value:
-            other = f"is {given!r}, but controller.{key}, the earlier name of this key, is {value!r}; give one of them"
-            faults.append(Fault(f"task.{key}", other))
-    return moved
-
-
 @kernel
 def tracking_errors(given, out):
     """Set quat_e, eta_e, nu_e and nu_d_dot of out from the measurements and the reference."""

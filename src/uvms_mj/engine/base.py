@@ -5,9 +5,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..analysis.setup import Setup
 from ..errors import InputError
 from ..plant.build import put_at
+from ..setup.base import Setup
 from .native.image import Image
 from .native.water import Water
 

@@ -7,16 +7,15 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from ..analysis.sampling import refuse
-from ..analysis.setup import Setup
 from ..control.design import ATTITUDE_KEYS, Design, no_overflow
-from ..control.task import TASK_KEYS
 from ..errors import Fault, InputError
 from ..plant.contacts import Contacts, contacts_of
 from ..plant.fit import check_fit
 from ..plant.inertia import task_inertias
 from ..plant.settings import VehicleChoice, overridden_in_vain
 from ..scenario import STAGES, Scenario
+from ..setup.base import Setup
+from ..setup.checks import refuse
 from ..stages.base import Stage, is_of_the_package, validator
 
 _TABLES = [field.name for field in dataclasses.fields(Scenario)]
@@ -65,8 +64,7 @@ def _tables(scenario: Scenario, overrides: Mapping[str, Any], place: str) -> tup
     given: dict[str, dict[str, Any]] = {}
     for key, value in overrides.items():
         table, _, word = key.partition(".")
-        earlier = table == "controller" and word in TASK_KEYS and f"task.{word}" not in overrides
-        given.setdefault("task" if earlier else table, {})[word] = value
+        given.setdefault(table, {})[word] = value
     try:
         if _OTHER_CODE.isdisjoint(overrides):
             tables = {name: _replaced(getattr(scenario, name), new) for name, new in given.items()}

@@ -3,10 +3,10 @@
 import dataclasses
 from collections.abc import Callable
 
-from ..analysis.setup import Setup
 from ..errors import Fault, InputError, suggestion
 from ..physics.frames import BODY
 from ..scenario import STAGES
+from ..setup.base import Setup
 from .base import Engine
 from .free_engine import FreeEngine
 from .mujoco_engine import MujocoEngine

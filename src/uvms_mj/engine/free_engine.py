@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.setup import Setup
+from ..setup.base import Setup
 from .base import Engine
 from .native.free_body import free_steps
 from .native.image import Image

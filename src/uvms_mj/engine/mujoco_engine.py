@@ -5,11 +5,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ..analysis.setup import Setup
 from ..plant.build import set_wall
 from ..plant.contacts import face_of, surfaces_of
 from ..plant.looks import aim, move_walls
 from ..plant.vehicle import free_joint_addresses
+from ..setup.base import Setup
 from .base import Engine
 from .native.attachment import Attachment, immerse
 from .native.callback import evaluate

@@ -9,9 +9,8 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from ..analysis.sampling import SamplingWarning
 from ..control import Controller
-from ..control.theory import steady_state
+from ..control.theory.predictions import steady_state
 from ..errors import Fault, InputError, shortened
 from ..plant.mjcf import Mjcf
 from ..plant.mujoco_warnings import mujoco_warnings
@@ -19,6 +18,7 @@ from ..records.header import Header, Outcome, Sink, Status, sources_of, versions
 from ..records.trace import Trace
 from ..records.writing import Writing
 from ..scenario import Scenario
+from ..setup.checks import SamplingWarning
 from ..stages.base import is_shipped
 from .native.plain_stage import StageFault
 from .native.record import STOP_THRUST

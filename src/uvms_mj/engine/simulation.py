@@ -9,11 +9,11 @@ from typing import Any, NoReturn
 import numpy as np
 
 from ..actuation.pwm import GREATEST_US, LEAST_US, NEUTRAL_US, Pwm
-from ..analysis.sampling import warnings_of
 from ..errors import Fault, InputError
 from ..plant.mjcf import Mjcf
 from ..quantities import overrides_of
 from ..scenario import Scenario
+from ..setup.checks import warnings_of
 from ..stages.signals import Signal
 from .changes import changed
 from .checks import checked

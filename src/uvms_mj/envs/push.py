@@ -32,7 +32,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from ..analysis.rest import demanded_force
+from ..control.design import demanded_force
 from ..engine.simulation import Simulation
 from ..errors import Fault, InputError, suggestion
 from ..quantities import overrides_of

@@ -2,7 +2,7 @@
 
 from .along_wall import AlongWall
 from .base import Guidance
-from .base import hold as hold
+from .base import station_keep as station_keep
 from .circle import Circle
 from .filtered_steps import FilteredSteps
 from .path import Path

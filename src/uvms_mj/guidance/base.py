@@ -16,7 +16,7 @@ from ..physics.frames import quat_from_euler_deg, rotation_matrix
 from ..physics.kernels import kernel, record_of
 from ..quantities import Angles
 from ..stages.base import Room, Stage, is_shipped, random_key, shared
-from ..stages.signals import CLOCK, KNOWN, REFERENCE, record_dtype
+from ..stages.signals import CLOCK, MEASURED, REFERENCE, record_dtype
 
 _REFERENCES = record_dtype(REFERENCE)
 _FAR, _TURNED = 0.01, 1.0
@@ -27,7 +27,7 @@ _TRIALS, _SLOW, _ROUGH = 7, 1e-4, 0.1
 
 @dataclasses.dataclass(frozen=True)
 class Guidance(Stage):
-    """Base class of all guidance. ``given`` has the signals CLOCK and KNOWN of :mod:`uvms_mj.stages.signals`, and
+    """Base class of all guidance. ``given`` has the signals CLOCK and MEASURED of :mod:`uvms_mj.stages.signals`, and
     ``out`` has REFERENCE. Besides its fields, ``settings`` has quat_d (4,), the quaternion of attitude_deg.
     """
 
@@ -36,7 +36,7 @@ class Guidance(Stage):
     room: ClassVar[Room] = Room(
         name="guidance",
         table="reference",
-        given=lambda thrusters: CLOCK + KNOWN,
+        given=lambda thrusters: CLOCK + MEASURED,
         out=REFERENCE,
         optional=("omega_d", "omega_d_dot"),
         noun="guidance stage",
@@ -91,7 +91,7 @@ class Guidance(Stage):
         return found["p_d"], found["quat_d"]
 
     def notes(self, setup: Any) -> Iterable[str]:
-        """Theory of the reference: warnings for a run, from its :class:`uvms_mj.analysis.setup.Setup`. A stage may
+        """Theory of the reference: warnings for a run, from its :class:`uvms_mj.setup.base.Setup`. A stage may
         override it. By default a user's stage without states is tried out: its beginning, and p_d_dot."""
         return () if is_shipped(self) or self.states or self.memory else _trial_notes(self, setup)
 
@@ -141,7 +141,7 @@ def samples(stage: Guidance, setup: Any, instants: Sequence[int]) -> np.ndarray:
     """The references (k,) that a stage without states sets at instants, as plain Python, while the vehicle stays at its
     initial pose. What the stage leaves unset is nan."""
     initial, period = setup.initial, stage.period or setup.scenario.control_period
-    settings, given = record_of(stage.record(setup)), np.zeros(1, record_dtype(CLOCK + KNOWN))
+    settings, given = record_of(stage.record(setup)), np.zeros(1, record_dtype(CLOCK + MEASURED))
     given["p_WB"], given["quat_WB"] = initial.position, quat_from_euler_deg(*initial.attitude_deg)
     given["R_WB"], given["period"] = rotation_matrix(given["quat_WB"][0]), period
     given["key"] = random_key(setup.scenario.simulation.seed, stage)
@@ -157,7 +157,7 @@ def samples(stage: Guidance, setup: Any, instants: Sequence[int]) -> np.ndarray:
 
 
 @kernel
-def hold(settings, given, out):
+def station_keep(settings, given, out):
     """Rest at the position of the first instant with the attitude attitude_deg. A stage that calls it first sets only
     the rest of its reference."""
     for i in range(3):

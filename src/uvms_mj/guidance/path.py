@@ -21,14 +21,14 @@ from pydantic.dataclasses import dataclass as table
 from ..errors import Fault, InputError
 from ..quantities import STRICT, Angles, Position, Positive, Time
 from ..stages.base import setting
-from .pieces import MOST_PIECES, Followed, hermite, packed, pose_numbers
+from .segments import MOST_SEGMENTS, Followed, hermite, pack, pose_numbers
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
 MOST_POSES = 100
 _RAMP = 6
-"""Pieces while the speed rises or falls; on a straight line one would be exact."""
+"""Segments while the speed rises or falls; on a straight line one would be exact."""
 _SAMPLES = 2001
 _SHORTEST = 1e-6
 """Poses that are nearer to each other than this have no direction between them [m]."""
@@ -55,8 +55,8 @@ def motion(
     timing: tuple[float, ...],
     keys: Any,
 ) -> dict[str, np.ndarray]:
-    """The constants of :func:`.pieces.follow` for a path through positions with attitudes [deg], the first of which is
-    the start; with the dwell at each [s]. ``timing`` has the time at which the start is left, the speed V and the
+    """The constants of :func:`.segments.follow` for a path through positions with attitudes [deg], the first of which
+    is the start; with the dwell at each [s]. ``timing`` has the time at which the start is left, the speed V and the
     acceleration a; ``keys`` are those of the poses after the start, for messages."""
     numbers = pose_numbers(positions, attitudes, keys)
     chords = np.linalg.norm(np.diff(numbers[:, :3], axis=0), axis=1)
@@ -71,16 +71,16 @@ def motion(
     if faults:
         raise InputError(faults, "scenario")
     stops = [0, *(i for i, dwell in enumerate(dwells) if i and (dwell > 0.0 or i + 1 == len(dwells)))]
-    cruise = max(1, MOST_PIECES // (len(stops) - 1) - 2 * _RAMP - 1)
+    cruise = max(1, MOST_SEGMENTS // (len(stops) - 1) - 2 * _RAMP - 1)
     parts, (t, V, a) = [], timing
     for first, last in itertools.pairwise(stops):
         parts.append(_leg(numbers[first : last + 1], chords[first:last], t, V, a, cruise))
         t = float(parts[-1].x[-1]) + dwells[last]
-    return packed(parts)
+    return pack(parts)
 
 
 def _leg(poses: np.ndarray, chords: np.ndarray, t: float, V: float, a: float, cruise: int) -> PPoly:
-    """One leg through poses (n, 7), from rest at the time t to rest: pieces with the exact position, velocity and
+    """One leg through poses (n, 7), from rest at the time t to rest: segments with the exact position, velocity and
     acceleration at their ends."""
     from scipy.integrate import cumulative_simpson
     from scipy.interpolate import CubicHermiteSpline, make_interp_spline
@@ -142,7 +142,7 @@ class Path(Followed):
     _inner_keys: ClassVar = {"reference.poses": ("position", "attitude_deg", "dwell")}
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
-        """The constants of :func:`.pieces.follow`."""
+        """The constants of :func:`.segments.follow`."""
         initial = setup.initial
         positions = (self.start or initial.position, *(pose.position for pose in self.poses))
         attitudes = (initial.attitude_deg, *(pose.attitude_deg or self.attitude_deg for pose in self.poses))

@@ -14,7 +14,7 @@ from pydantic.dataclasses import dataclass as table
 
 from ..quantities import STRICT, Angles, Position, Time
 from ..stages.base import setting
-from .pieces import Followed, clamped, packed, pose_numbers
+from .segments import Followed, pack, pose_numbers, quintic_spline
 
 MOST_POSES = 250
 
@@ -50,8 +50,8 @@ def _motion(poses: tuple[TimedPose, ...], start: Any, attitudes: tuple[Any, ...]
     parts = []
     for first, last in itertools.pairwise(stops):
         times = np.array([leaves[first], *arrives[first + 1 : last + 1]])
-        parts.append(clamped(times, numbers[first : last + 1]))
-    return packed(parts)
+        parts.append(quintic_spline(times, numbers[first : last + 1]))
+    return pack(parts)
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Spline(Followed):
     _inner_keys: ClassVar = {"reference.poses": ("time", "position", "attitude_deg", "dwell")}
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
-        """The constants of :func:`.pieces.follow`."""
+        """The constants of :func:`.segments.follow`."""
         initial = setup.initial
         attitudes = (initial.attitude_deg, *(pose.attitude_deg or self.attitude_deg for pose in self.poses))
         return _motion(self.poses, self.start or initial.position, attitudes)

@@ -10,12 +10,12 @@ import numpy as np
 
 from ..physics.kernels import kernel
 from ..stages.base import Room, Stage
-from ..stages.signals import CLOCK, KNOWN, TRUE
+from ..stages.signals import CLOCK, MEASURED, TRUE
 from .channel import Channel
 
 
 @dataclasses.dataclass(frozen=True)
-class Known:
+class Measurement:
     """Measurements of a vehicle at rest: position (3,) in W, attitude (4,), velocity (6,) and contact wrench (6,), both
     in B."""
 
@@ -25,25 +25,25 @@ class Known:
     tau_c: np.ndarray
 
 
-RestErrors = Callable[[np.ndarray, np.ndarray, np.ndarray], Known]
+RestErrors = Callable[[np.ndarray, np.ndarray, np.ndarray], Measurement]
 """Mean measurements of a vehicle at rest from its true position, attitude and contact wrench."""
 
 
-def no_errors(position: np.ndarray, quat: np.ndarray, tau_c: np.ndarray) -> Known:
+def no_errors(position: np.ndarray, quat: np.ndarray, tau_c: np.ndarray) -> Measurement:
     """The truth of a vehicle at rest."""
-    return Known(position, quat, np.zeros(6), tau_c)
+    return Measurement(position, quat, np.zeros(6), tau_c)
 
 
 @dataclasses.dataclass(frozen=True)
 class Navigation(Stage):
     """Base class of all navigation. ``given`` has the signals CLOCK and TRUE of :mod:`uvms_mj.stages.signals`, and
-    ``out`` has KNOWN."""
+    ``out`` has MEASURED."""
 
     room: ClassVar[Room] = Room(
         "navigation",
         "navigation",
         lambda thrusters: CLOCK + TRUE,
-        KNOWN,
+        MEASURED,
         noun="navigation stage",
         words=("sensor",),
     )
@@ -68,7 +68,7 @@ class Navigation(Stage):
         """Theory of navigation: the measurements of a vehicle at rest, or the reason why they are not known."""
         return "no closed form is known for this navigation"
 
-    def out_of_range(self, known: Known) -> str:
+    def out_of_range(self, measured: Measurement) -> str:
         """The reason why these measurements of a vehicle at rest are impossible; empty if they are not."""
         return ""
 
@@ -79,18 +79,18 @@ class Navigation(Stage):
 
 
 @kernel
-def perfect(true, known):
-    """Set the measurements ``known`` to the truth. A stage that calls it first changes only the rest."""
+def perfect(true, measured):
+    """Set the measurements ``measured`` to the truth. A stage that calls it first changes only the rest."""
     for i in range(3):
-        known.p_WB[i] = true.p_WB[i]
-        known.f_contact_m_W[i] = true.f_springs_W[i]
+        measured.p_WB[i] = true.p_WB[i]
+        measured.f_contact_m_W[i] = true.f_springs_W[i]
         for j in range(3):
-            known.R_WB[i, j] = true.R_WB[i, j]
+            measured.R_WB[i, j] = true.R_WB[i, j]
     for i in range(4):
-        known.quat_WB[i] = true.quat_WB[i]
+        measured.quat_WB[i] = true.quat_WB[i]
     for i in range(6):
-        known.nu[i] = true.nu[i]
-        known.tau_contact_m_B[i] = true.tau_springs_B[i]
+        measured.nu[i] = true.nu[i]
+        measured.tau_contact_m_B[i] = true.tau_springs_B[i]
 
 
 @dataclasses.dataclass(frozen=True)

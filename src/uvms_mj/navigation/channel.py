@@ -18,7 +18,7 @@ has arrived. The sample of the first instant arrives at once, so that there is a
 
 To use a channel in a stage::
 
-    constants:  channel.packed(step)            # (SETTINGS,), from the time from one instant of the stage to the next
+    constants:  channel.pack(step)            # (SETTINGS,), from the time from one instant of the stage to the next
     memory:     {"depth_channel": MEMORY}
     step:       measure(settings.depth, state.depth_channel, truth, 0, given.instant, given.key, 0, measured)
 
@@ -88,11 +88,11 @@ class Channel:
     def mean_attitude(self, quat: np.ndarray) -> np.ndarray:
         """Mean measurement (4,) of a constant attitude (4,), under the same conditions."""
         measured, memory = np.empty(4), np.zeros(MEMORY)
-        measure_attitude(self.settled.packed(1.0), memory, quat, 0, 0, 0, measured)
+        measure_attitude(self.settled.pack(1.0), memory, quat, 0, 0, 0, measured)
         return measured
 
     @functools.lru_cache(maxsize=64)  # noqa: B019  # of a few small channels
-    def packed(self, step: float) -> np.ndarray:
+    def pack(self, step: float) -> np.ndarray:
         """(SETTINGS,) for the kernels; ``step`` is the time from one instant of the stage to the next [s]."""
         settings = np.zeros(SETTINGS)
         if not self.perfect:
@@ -128,7 +128,7 @@ def measure(channel, memory, truth, first, instant, key, index, measured):
     """Measure three numbers.
 
     Args:
-        channel: (SETTINGS,) of :meth:`Channel.packed`.
+        channel: (SETTINGS,) of :meth:`Channel.pack`.
         memory: (MEMORY,) kept by the stage, zero at the start.
         truth: (n,) with the three true numbers from the place ``first`` on.
         instant: number of the stage's instant, ``given.instant``.

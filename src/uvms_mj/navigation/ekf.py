@@ -77,7 +77,7 @@ class Ekf(_ForceSensor):
         step, h = self.period or setup.scenario.simulation.timestep, self.imu_period
         rates = {f"{aid}_samples": float(round(getattr(self, f"{aid}_period") / h)) for aid in _AIDS}
         rates |= {"imu_instants": float(round(h / step)), "interval": h}
-        force = {quantity: channel_of(self, quantity).packed(step) for quantity in _FORCE}
+        force = {quantity: channel_of(self, quantity).pack(step) for quantity in _FORCE}
         return {**numbers, **rates, **force, "gravity_W": setup.gravity_W}
 
     def faults(self, setup: Any) -> Iterator[Fault]:

@@ -37,7 +37,7 @@ from ..physics.fossen import matvec
 from ..physics.frames import to_world
 from ..quantities import NonNegative, Positive, Time
 from ..stages.base import setting
-from .base import Known
+from .base import Measurement
 from .observer import Observer
 
 
@@ -67,10 +67,10 @@ class MomentumObserver(Observer):
     def force_timing(self) -> tuple[float | None, float]:
         return None, self.time_constant
 
-    def out_of_range(self, known: Known) -> str:
+    def out_of_range(self, measured: Measurement) -> str:
         if self.calibrate_until:
             return "the bias of the observer depends on the motion in the time of its average"
-        if np.linalg.norm(known.tau_c[:3]) < self.threshold:
+        if np.linalg.norm(measured.tau_c[:3]) < self.threshold:
             return "at rest, the observed force is below observer.threshold"
         return ""
 

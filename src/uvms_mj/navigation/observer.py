@@ -6,8 +6,8 @@ import dataclasses
 from typing import ClassVar
 
 from ..stages.base import Room, Stage
-from ..stages.signals import KNOWN, OBSERVER_GIVEN
-from .base import Known
+from ..stages.signals import MEASURED, OBSERVER_GIVEN
+from .base import Measurement
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Observer(Stage):
         name="navigation",
         table="observer",
         given=lambda thrusters: OBSERVER_GIVEN,
-        out=KNOWN[4:],
+        out=MEASURED[4:],
         noun="observer",
         theory=("force_timing", "out_of_range"),
     )
@@ -33,9 +33,9 @@ class Observer(Stage):
         """As that of :class:`.base.Navigation`: None for the stage's period, and the lag of the estimate [s]."""
         return None, 0.0
 
-    def out_of_range(self, known: Known) -> str:
+    def out_of_range(self, measured: Measurement) -> str:
         """Theory of an observer: the reason why it does not measure at rest what its model does not explain, the wrench
-        of ``known``; empty if it does."""
+        of ``measured``; empty if it does."""
         return "no closed form is known for this observer"
 
     @staticmethod

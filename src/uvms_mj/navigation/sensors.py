@@ -32,7 +32,7 @@ from ..physics.frames import rotation, to_world
 from ..physics.kernels import kernel
 from ..quantities import NonNegative, Number, Positive, Step, Vector3, refusing, repeated, within
 from ..stages.base import setting, shared
-from .base import Known, Navigation, RestErrors, no_errors
+from .base import Measurement, Navigation, RestErrors, no_errors
 from .channel import MEMORY, Channel, measure, measure_attitude
 
 Axes = Annotated[Vector3, repeated(3)]
@@ -142,7 +142,7 @@ class Sensors(_Channels):
     def constants(self, setup: Any) -> Mapping[str, Any]:
         """The packed channels (SETTINGS,) by quantity, plain_wrench, and what concerns the force sensor."""
         step = self.period or setup.scenario.simulation.timestep
-        channels = {quantity: self.channel(quantity).packed(step) for quantity in QUANTITIES}
+        channels = {quantity: self.channel(quantity).pack(step) for quantity in QUANTITIES}
         kept = {name: getattr(self, name) for name in ("mass_behind", "mass_behind_at", "depth_drift")}
         return {**channels, **kept, "plain_wrench": self.plain_wrench}
 
@@ -174,19 +174,19 @@ class Sensors(_Channels):
             return no_errors
         z_0, drift = setup.scenario.initial.position[2], np.array(self.depth_drift)
 
-        def known(position: np.ndarray, quat: np.ndarray, tau_c: np.ndarray) -> Known:
+        def measured(position: np.ndarray, quat: np.ndarray, tau_c: np.ndarray) -> Measurement:
             still = np.zeros(3)
             force = tau_c[:3] - drift * (position[2] - z_0)
             wrench = np.concatenate([channels["force"].mean(force), channels["moment"].mean(tau_c[3:])])
             nu = np.concatenate([channels["velocity"].mean(still), channels["angular_velocity"].mean(still)])
             quat_m = channels["attitude"].mean_attitude(quat)
-            return Known(channels["position"].mean(position), quat_m, nu, wrench)
+            return Measurement(channels["position"].mean(position), quat_m, nu, wrench)
 
-        return known
+        return measured
 
-    def out_of_range(self, known: Known) -> str:
-        values = {"position": known.position, "attitude": 2.0 * known.quat[1:], "velocity": known.nu[:3]}
-        values |= {"angular_velocity": known.nu[3:], "force": known.tau_c[:3], "moment": known.tau_c[3:]}
+    def out_of_range(self, measured: Measurement) -> str:
+        values = {"position": measured.position, "attitude": 2.0 * measured.quat[1:], "velocity": measured.nu[:3]}
+        values |= {"angular_velocity": measured.nu[3:], "force": measured.tau_c[:3], "moment": measured.tau_c[3:]}
         for quantity, value in values.items():
             limit = self.channel(quantity).limit
             if limit is not None and np.abs(value).max() > limit:

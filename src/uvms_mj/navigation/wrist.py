@@ -120,7 +120,7 @@ class WristSensor(_Channels):
     def constants(self, setup: Any) -> Mapping[str, Any]:
         """The packed channels by quantity."""
         step = self.period or setup.scenario.control_period
-        return {quantity: channel_of(self, quantity).packed(step) for quantity in QUANTITIES}
+        return {quantity: channel_of(self, quantity).pack(step) for quantity in QUANTITIES}
 
     def faults(self, setup: Any) -> Iterator[Fault]:
         yield from super().faults(setup)

@@ -21,7 +21,7 @@ paper's eq. (10) is
 the buoyancy of the displaced mass is that of gravity minus a_c (Newman, "Marine Hydrodynamics", 1977, sec. 4.17; Fossen
 2021, sec. 10.3, has constant currents only). It is included. Eq. (10), in which M = M_RB + M_A multiplies nu_r_dot,
 holds as it stands for a vehicle whose weight and buoyancy balance in size and place. For any other one g(eta) is to be
-taken in the accelerated frame of the water (:func:`uvms_mj.physics.model.reveal`). In uniform water that accelerates, a
+taken in the accelerated frame of the water (:func:`uvms_mj.control.model.reveal`). In uniform water that accelerates, a
 neutral vehicle therefore moves as in still water, seen from the water.
 
 MuJoCo itself computes rigid-body Coriolis forces, weight and thrust.

@@ -31,10 +31,10 @@ from .joints import set_constraints
 from .looks import PREFIX, add_surroundings
 from .mjcf import Mjcf
 from .payload import load
+from .perturbation import apply_to_model, perturbed
 from .probe import Probe
 from .settings import Initial, VehicleChoice, Wall
 from .surfaces import Surface
-from .variation import varied, vary
 from .vehicle import Vehicle, free_body_id, free_joint_addresses
 
 IMPEDANCE = 1e-4
@@ -80,7 +80,7 @@ class Plant:
             spec.compiler.discardvisual = False  # what is for drawing only has been removed
             add_surroundings(spec, self.vehicle.body, self.choice.contact_bodies, self.walls)
             model = self.mjcf.compiled(spec)
-        vary(model, free_body_id(model, self.vehicle.body), self.vehicle.actuator_ids, self.choice)
+        apply_to_model(model, free_body_id(model, self.vehicle.body), self.vehicle.actuator_ids, self.choice)
         set_constraints(model)
         set_wall(model, self.probe.body, self.wall, self.wall.position + self.probe.radius)
         return model
@@ -140,7 +140,7 @@ def build(scenario: Any, mjcf: Mjcf | None = None) -> tuple[Plant, Contacts, Ine
     mjcf = mjcf if mjcf is not None else Mjcf.find(scenario.vehicle.model)
     nominal, choice, stepping = mjcf.vehicle, scenario.vehicle, scenario.simulation
     check_fit(scenario, nominal)
-    true, probe = varied(nominal, choice), Probe.of(scenario.task.frame, mjcf)
+    true, probe = perturbed(nominal, choice), Probe.of(scenario.task.frame, mjcf)
     contacts = contacts_of(scenario, probe, nominal)
     walls = surfaces_of(scenario, probe.radius)
     plant = Plant(

@@ -48,7 +48,7 @@ class Pair:
 
 
 @dataclass(frozen=True, eq=False)
-class Front:
+class ContactAtRest:
     """A contact as a law meets it at the desired pose: the key of its wall, the normal (6,) out of the wall as a wrench
     in the frame of the task, and stiffness [N/m] and damping [N s/m] of wall and bumper together."""
 
@@ -101,11 +101,11 @@ class Contacts:
             row["bumper_stiffness"], row["bumper_damping"] = pair.bumper
         return surfaces, pairs
 
-    def fronts(self, position: np.ndarray, R_WC: np.ndarray) -> Iterator[Front]:
+    def at_rest(self, position: np.ndarray, R_WC: np.ndarray) -> Iterator[ContactAtRest]:
         """The walls of the list at a pose of the probe's frame C: the contacts in each wall together, or the nearest
         one. Contacts on other links are not in it."""
         surfaces, records = self.records(lambda _: 1.0)
-        found: dict[str, list[tuple[float, Front]]] = {}
+        found: dict[str, list[tuple[float, ContactAtRest]]] = {}
         for record, pair in zip(records.view(np.recarray), self.pairs, strict=True):
             if pair.carrier != 0:
                 continue
@@ -116,13 +116,13 @@ class Contacts:
             distance = signed_distance(surface, c, n) - pair.radius
             moment = np.cross(c - position - pair.radius * n, n)
             stiffness, damping = in_series(pair.wall.stiffness, pair.wall.damping, *pair.bumper)
-            front = Front(pair.wall_key, np.concatenate([R_WC.T @ n, R_WC.T @ moment]), stiffness, damping)
-            found.setdefault(pair.wall_key, []).append((distance, front))
+            contact = ContactAtRest(pair.wall_key, np.concatenate([R_WC.T @ n, R_WC.T @ moment]), stiffness, damping)
+            found.setdefault(pair.wall_key, []).append((distance, contact))
         for key, each in found.items():
-            inside = [front for distance, front in each if distance < 0.0] or [min(each, key=lambda at: at[0])[1]]
-            total = sum(front.stiffness for front in inside)
-            normal = sum(front.stiffness / total * front.normal for front in inside)
-            yield Front(key, np.asarray(normal), total, sum(front.damping for front in inside))
+            inside = [contact for distance, contact in each if distance < 0.0] or [min(each, key=lambda at: at[0])[1]]
+            total = sum(contact.stiffness for contact in inside)
+            normal = sum(contact.stiffness / total * contact.normal for contact in inside)
+            yield ContactAtRest(key, np.asarray(normal), total, sum(contact.damping for contact in inside))
 
 
 def contacts_of(scenario: Any, probe: Probe, vehicle: Any) -> Contacts:

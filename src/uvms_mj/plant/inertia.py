@@ -7,7 +7,7 @@ import numpy as np
 
 from ..physics.frames import BODY
 from ..physics.statics import Statics
-from .variation import varied
+from .perturbation import perturbed
 from .vehicle import Vehicle
 
 Inertias = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -16,7 +16,7 @@ Inertias = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 def task_inertias(scenario: Any, nominal: Vehicle) -> Inertias:
     """The inertias at the frame of the task in the initial posture. At a tool they are Lambda."""
-    true, estimates = varied(nominal, scenario.vehicle), scenario.estimates
+    true, estimates = perturbed(nominal, scenario.vehicle), scenario.estimates
     if scenario.task.frame == BODY and not nominal.arm.links:
         return true.M, nominal.M, estimates.inertia * nominal.M
     factors = (estimates.inertia, *(estimates.of(link.name).inertia for link in nominal.arm.links))

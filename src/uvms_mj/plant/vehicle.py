@@ -19,8 +19,7 @@ from ..errors import Fault, InputError, suggestion
 from ..physics.dissipation import damping_notes
 from .arm import Arm, read_arm, rigid_inertia
 from .body import Body
-from .coefficients import added_mass, damping_matrix, numeric
-from .numerics import wrong_numerics
+from .coefficients import added_mass, damping_matrix, numeric, wrong_numerics
 from .thrusters import read_thrusters, turning_thrusters
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")

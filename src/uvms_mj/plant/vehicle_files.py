@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 
 from ..errors import Fault, InputError, suggestion
+from .coefficients import wrong_numerics
 from .mjcf_elements import ELEMENTS, MOST_ELEMENTS, REASONS, finite, values_of
-from .numerics import wrong_numerics
 
 _CLOSE = 0.8
 """Least similarity at which an attribute counts as misspelt."""

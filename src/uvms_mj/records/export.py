@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..files import whole
+from ..files import atomic_write
 from ..stages.signals import BAND
 from .trace import Column, Trace
 
@@ -162,5 +162,5 @@ def export(trace: Trace, kind: str, path: Path, replace: bool = False, signals: 
     chosen = Choice.of(trace, signals)
     if os.path.lexists(path) and not replace:
         raise InputError(f"{path}: exists; choose another name, or --force")
-    with whole(path) as part:
+    with atomic_write(path) as part:
         WRITERS[kind](chosen, part)

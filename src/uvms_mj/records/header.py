@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from ..control.rest import NoClosedForm, SteadyState
+from ..control.base import NoClosedForm, SteadyState
 from ..errors import InputError, suggestion
 from ..physics.frames import BODY
 from ..plant.geometry import Geometry

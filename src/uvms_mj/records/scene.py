@@ -16,8 +16,12 @@ from ..plant.geometry import Geometry
 from ..plant.looks import WALL_SIZE, drawn_vehicle, drawn_wall
 from ..plant.shapes import Shape
 from .header import Header
-from .palette import ORANGE, SKY, VERMILLION, Colour
 
+Colour = tuple[int, int, int]
+"""Red, green and blue, 0 to 255."""
+ORANGE, SKY, GREEN = (230, 159, 0), (86, 180, 233), (0, 158, 115)
+YELLOW, BLUE, VERMILLION, PURPLE = (240, 228, 66), (0, 114, 178), (213, 94, 0), (204, 121, 167)
+"""The palette of Okabe and Ito, which colour-blind readers can distinguish."""
 FORCE_SCALE = 0.05
 """Default length of force arrows [m/N]."""
 CURRENT_SCALE = 0.5

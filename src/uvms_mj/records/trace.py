@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..control.rest import NoClosedForm, SteadyState
+from ..control.base import NoClosedForm, SteadyState
 from ..errors import InputError
 from ..scenario import Scenario
 from ..stages.signals import BAND, Signal

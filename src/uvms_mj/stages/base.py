@@ -11,7 +11,7 @@ A stage is a frozen dataclass of settings that derives from the base class of it
 
         @staticmethod
         def step(settings, state, given, state_dot, out):
-            hold(settings, given, out)
+            station_keep(settings, given, out)
             out.p_d[0] = settings.radius * math.cos(settings.omega * given.t)
             ...
 
@@ -59,7 +59,6 @@ class Room:
         out: the signals that it sets; one without a name's record is the array of the last argument.
         constants: names of constants that the function gets besides its settings.
         theory: methods beside the function that a stage may override.
-        reserved: names that a setting must not have, each with the reason.
         optional: names of the signals of ``out`` that stay zero if a user's stage does not set them.
         counts: whose number ``given`` and the sizes of states depend on: "thrusters" or "joints".
         words: further words for a stage of the room, which messages understand in place of the table's.
@@ -75,7 +74,6 @@ class Room:
     arguments: tuple[str, ...] = ("settings", "state", "given", "state_dot", "out")
     constants: tuple[str, ...] = ()
     theory: tuple[str, ...] = ()
-    reserved: Mapping[str, str] = dataclasses.field(default_factory=dict)
     optional: tuple[str, ...] = ()
     counts: str = "thrusters"
     words: tuple[str, ...] = ()
@@ -189,12 +187,12 @@ class Stage:
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
         """The constants of a run that the function gets as its settings, by name, from the run's
-        :class:`uvms_mj.analysis.setup.Setup`. A user's settings do not depend on it."""
+        :class:`uvms_mj.setup.base.Setup`. A user's settings do not depend on it."""
         fields = type(self).__dataclass_fields__  # dataclasses.fields takes longer than the rest
         return {name: value for name, value in vars(self).items() if name in fields}
 
     def faults(self, setup: Any) -> Iterable[Fault]:
-        """Errors of a run with these settings, which need its :class:`uvms_mj.analysis.setup.Setup`."""
+        """Errors of a run with these settings, which need its :class:`uvms_mj.setup.base.Setup`."""
         return ()
 
     def record(self, setup: Any = None) -> np.ndarray:
@@ -260,7 +258,7 @@ def is_shipped(stage: Stage) -> bool:
     )
 
 
-def packs_itself(cls: type[Stage]) -> bool:
+def has_own_constants(cls: type[Stage]) -> bool:
     """Whether the class computes the constants of its function, so that its settings may be of any type."""
     base = base_of(cls)
     return cls.constants is not (Stage if base is cls else base).constants
@@ -271,7 +269,7 @@ def _numbers_of(cls: type[Stage]) -> tuple[str, ...]:
     """The names of the settings that the class's function gets as they are, besides those of its room's base class."""
     ours = {field.name for field in dataclasses.fields(base_of(cls))}
     names = (field.name for field in dataclasses.fields(cls) if field.name not in ours)
-    return () if packs_itself(cls) else tuple(names)
+    return () if has_own_constants(cls) else tuple(names)
 
 
 def random_key(seed: int, stage: Stage) -> int:

@@ -16,13 +16,13 @@ import numpy as np
 from ..errors import Fault, InputError, shortened, suggestion
 from ..files import parsed
 from . import signals
-from .base import Stage, base_of, packs_itself
+from .base import Stage, base_of, has_own_constants
 from .joint_signals import JOINT_SIGNALS
 
 _MOST_STATES = 10_000
 _LONGEST_NAME = 100
 _RECORDED = (
-    *(*signals.RECORDED, *signals.MEASURED, *signals.DELAYED, *signals.TOOL, signals.MANIPULABILITY),
+    *(*signals.RECORDED, *signals.MEASURED_MOTION, *signals.DELAYED, *signals.TOOL, signals.MANIPULABILITY),
     *(*signals.contact_signals(1), *JOINT_SIGNALS, signals.thruster_signal(1), signals.pulse_signal(1)),
 )
 _SIGNALS = {signal.name for signal in (*signals.GIVEN, *_RECORDED)}
@@ -68,7 +68,6 @@ def _wrong(cls: type[Stage]) -> Iterator[str]:
     names = [f.name for f in dataclasses.fields(cls)]
     taken = [name for name in names if hasattr(base, name) and name not in shared]
     reasons = [(name, f"is an attribute of every {room.noun}") for name in taken]
-    reasons += [(name, room.reserved[name]) for name in names if name in room.reserved]
     yield from (f"{name!r} {reason}; give the {room.setting} another name" for name, reason in reasons)
     own = [base for base in cls.__mro__ if not base.__module__.startswith("uvms_mj.") and base is not object]
     ours = {name for each in {Stage, base} for name in vars(each) if name[0] != "_"}
@@ -231,7 +230,11 @@ def _unknown_fields(cls: type[Stage]) -> Iterator[str]:
     given, out = ([signal.name for signal in each] for each in (cls.given(), cls.room.out))
     kept = [*cls.states, *cls.memory]
     roles = zip(cls.room.arguments, (settings, kept, given, list(cls.states), out), strict=True)
-    free = {"tau_cmd", "u", *(cls.room.arguments[:1] if packs_itself(cls) else ())}  # arrays, and settings of any type
+    free = {
+        "tau_cmd",
+        "u",
+        *(cls.room.arguments[:1] if has_own_constants(cls) else ()),
+    }  # arrays, and settings of any type
     names = (a.arg for a in (*tree.args.posonlyargs, *tree.args.args))
     arguments = {name: each for name, each in zip(names, roles, strict=False) if each[0] not in free}
     nodes = list(ast.walk(tree))

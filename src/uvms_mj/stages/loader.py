@@ -81,7 +81,7 @@ class Choice(Generic[_Stage]):
     def _placeholder(self, source: str, settings: Mapping[str, Any]) -> type[_Stage]:
         """A placeholder for the stage of a user's file, which is not imported."""
         file, _, label = source.rpartition(":")
-        cls: Any = recorded_stage(self.base, f"{Path(file).name}:{label}", settings, {})
+        cls: Any = placeholder_stage(self.base, f"{Path(file).name}:{label}", settings, {})
         cls.source = classmethod(lambda _: source)
         return cls
 
@@ -97,13 +97,12 @@ class Choice(Generic[_Stage]):
         table: Mapping[str, Any],
         source: Any,
         overrides: Collection[str],
-        others: Collection[str],
         left_out: list[str],
         known: type[_Stage] | None = None,
         trusted: Container[str] | None = None,
     ) -> dict[str, Any]:
         """The table for the stage ``source``. It has the settings of a table that belongs to it: by its name, or by its
-        settings if it has no name; any table may have the keys ``others``. Otherwise it has those that every stage of
+        settings if it has no name. Otherwise it has those that every stage of
         the table has, which belong to the loop: the period, a law's delay. A sentence with the others that no override
         sets is then appended to ``left_out``. ``known`` is the class of the table, if it is loaded already; ``trusted``
         is that of :meth:`load`."""
@@ -112,12 +111,14 @@ class Choice(Generic[_Stage]):
         else:
             hidden = trusted is not None and isinstance(source, str) and ".py" in source and source not in trusted
             settings = None if hidden else self.settings(source)
-            belongs = settings is None or set(table) <= {*settings, *others}
+            belongs = settings is None or set(table) <= {*settings}
         if belongs:
             return {**table, "name": source}
         name, old = self.base.room.table, table.get("name", self.default.name)
         new = self.shipped.get(str(source))
-        absent = new is not None and not (new.runs or "meant" in vars(new))  # none and ideal have no period, auto has
+        absent = new is not None and not (
+            new.runs or "resolved" in vars(new)
+        )  # none and ideal have no period, auto has
         of_all = {field.name for field in dataclasses.fields(self.base) if field.kw_only and not absent}
         given = self._beyond_defaults(table, known)
         keys = [key for word in given if word not in of_all and (key := f"{name}.{word}") not in overrides]
@@ -132,7 +133,7 @@ class Choice(Generic[_Stage]):
         settings = [key for key in table if key != "name"]
         source = str(table.get("name", self.default.name))
         cls = self.shipped.get(source)
-        if known is not None and known.source() == source and not issubclass(known, Recorded):
+        if known is not None and known.source() == source and not issubclass(known, Placeholder):
             cls = known
         if cls is None:
             return settings
@@ -268,11 +269,11 @@ def table_of(stage: Stage) -> dict[str, Any]:
     return {"name": stage.source(), **{f.name: getattr(stage, f.name) for f in dataclasses.fields(stage)}}
 
 
-class Recorded:
+class Placeholder:
     """Base of the placeholders for a user's stage in a loaded log. They can be shown and compared, not run."""
 
 
-def recorded_stage(
+def placeholder_stage(
     base: type[_Stage], source: str, table: Mapping[str, Any], states: Mapping[str, Any]
 ) -> type[_Stage]:
     """Make a placeholder class with the settings of a table of a scenario, and the sizes of its states by name. Raises
@@ -281,7 +282,7 @@ def recorded_stage(
     file, _, label = source.rpartition(":")
     if not file or Path(file).name != file or not label.isidentifier() or not isinstance(table, Mapping):
         raise InputError(f"the {room.noun} is {source!r}: must be file.py:ClassName")
-    shared = {f.name for f in dataclasses.fields(base)} | {"name", *room.reserved}
+    shared = {f.name for f in dataclasses.fields(base)} | {"name"}
     fields = []
     for name, value in table.items():
         if name in shared:
@@ -294,14 +295,14 @@ def recorded_stage(
         fields.append((name, kind, setting(default, OWN_UNIT, f"{room.setting} of {label}")))
     namespace = {"states": dict(states), "source": classmethod(lambda cls: source), "__doc__": f"{source}, recorded."}
     try:
-        return dataclasses.make_dataclass(label, fields, bases=(Recorded, base), namespace=namespace, frozen=True)
+        return dataclasses.make_dataclass(label, fields, bases=(Placeholder, base), namespace=namespace, frozen=True)
     except (TypeError, SyntaxError) as error:
         raise InputError(f"the {room.setting}s of {source}: {error}") from None
 
 
 def check_stage(stage: Stage) -> None:
     """Check that a stage may run. Raises InputError if it is of a log, or its class violates the contract."""
-    if isinstance(stage, Recorded):
+    if isinstance(stage, Placeholder):
         key, file = f"{stage.room.table}.name", f"path/to/{stage.source()}"
         raise InputError(
             f"the {stage.room.noun} {stage.source()} is in the log as text, which is never run: name its file with "

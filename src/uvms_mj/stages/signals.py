@@ -65,7 +65,7 @@ CLOCK = (
 )
 """Given to every stage."""
 
-KNOWN = (
+MEASURED = (
     Signal("p_WB", (3,), "m", "W", "position of B's origin"),
     Signal("quat_WB", (4,), "1", "W", "attitude, unit quaternion w x y z"),
     Signal("R_WB", (3, 3), "1", "W", "attitude, rotation matrix: a_W = R_WB a_B"),
@@ -76,7 +76,7 @@ KNOWN = (
 """Set by navigation: the measurements."""
 
 TRUE = (
-    *KNOWN[:4],
+    *MEASURED[:4],
     Signal("f_springs_W", (3,), "N", "W", "force of the walls' springs at the instant: k_c depth + b_c v"),
     Signal("tau_springs_B", (6,), _WRENCH, "B", "f_springs_W as a wrench at B's origin"),
     Signal("v_c_W", (3,), "m/s", "W", "velocity of the current at the vehicle"),
@@ -152,7 +152,7 @@ TASK = (
 WRENCH_COMMAND = Signal("tau_cmd", (6,), _WRENCH, "B", "wrench commanded by the law")
 """Set by the law."""
 
-OBSERVER_GIVEN = CLOCK + KNOWN + REFERENCE + ERRORS + ESTIMATES + APPLIED
+OBSERVER_GIVEN = CLOCK + MEASURED + REFERENCE + ERRORS + ESTIMATES + APPLIED
 """Given to the observer of the contact force."""
 
 TASK_GIVEN = OBSERVER_GIVEN + IMPEDANCE
@@ -203,7 +203,7 @@ RUNNING = (
 )
 """Accumulated at every step, at any log rate, and recorded as running signals."""
 
-MEASURED = (
+MEASURED_MOTION = (
     Signal("p_WB_m", (3,), "m", "W", "measured position of B's origin"),
     Signal("quat_WB_m", (4,), "1", "W", "measured attitude, w x y z"),
     Signal("nu_m", (6,), _TWIST, "B", "measured velocity"),

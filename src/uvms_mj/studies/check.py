@@ -21,14 +21,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError
-from .plan.metric import columns_of
+from .plan.metrics import columns_of
 from .rows import one_row
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from .plan import Plan
-    from .pool.parcel import Parcel
+    from .pool.bundle import StudyBundle
 
 FILE = "check.parquet"
 """Name of the table of differences in the folder of a study."""
@@ -66,9 +66,9 @@ def sample(plan: "Plan", rows: "pd.DataFrame") -> list[int]:
     return sorted(chosen)
 
 
-def compared(parcel: "Parcel", index: int, engine: str) -> dict[str, Any]:
+def compared(bundle: "StudyBundle", index: int, engine: str) -> dict[str, Any]:
     """Run one run of a study in a worker and return its row with the metrics that are compared."""
-    return one_row(dataclasses.replace(parcel.plan(), metrics=METRICS, time_limit_s=None), index, engine)
+    return one_row(dataclasses.replace(bundle.plan(), metrics=METRICS, time_limit_s=None), index, engine)
 
 
 def differences(

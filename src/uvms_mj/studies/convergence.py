@@ -29,7 +29,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..analysis.metrics import AROUND_THE_END_S
-from ..analysis.sampling import SamplingWarning
 from ..analysis.summary import summary
 from ..control import Controller
 from ..engine.run import PlainPythonWarning, simulate
@@ -38,6 +37,7 @@ from ..plant.mjcf import Mjcf
 from ..quantities import leaves
 from ..records.header import Status
 from ..scenario import Scenario
+from ..setup.checks import SamplingWarning
 
 LEVELS = 3
 ORDERS = (0.5, 2.1)

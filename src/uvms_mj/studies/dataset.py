@@ -7,8 +7,7 @@ import numpy as np
 import pandas as pd
 
 from .plan import Plan
-from .plan.metric import unit_of_column
-from .plan.success import COMPLETED
+from .plan.metrics import COMPLETED, unit_of_column
 
 if TYPE_CHECKING:
     import xarray as xr

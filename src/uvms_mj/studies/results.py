@@ -21,13 +21,13 @@ import tomli_w
 from ..errors import InputError
 from ..files import parsed_toml, text_of
 from ..quantities import leaves
-from .plan.metric import COMPONENTS, FLAGS, TEXTS, columns_of
+from .plan.metrics import COMPONENTS, FLAGS, TEXTS, columns_of
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from .plan import Plan
-    from .pool.parcel import Parcel
+    from .pool.bundle import StudyBundle
 
 STUDY, VERSION = "study.toml", "version.json"
 _MOST_PARTS = 1000
@@ -77,12 +77,12 @@ class Results:
         damaged: names of the parts that were found damaged and are redone.
     """
 
-    def __init__(self, folder: Path, plan: "Plan", parcel: "Parcel") -> None:
+    def __init__(self, folder: Path, plan: "Plan", bundle: "StudyBundle") -> None:
         """Begin a study in a folder, or go on with it. Raises InputError if the folder has another study."""
-        self.folder, self._schema, self._digest = folder, schema_of(plan), parcel.digest
+        self.folder, self._schema, self._digest = folder, schema_of(plan), bundle.digest
         self.damaged: list[str] = []
         self.blocks = blocks(plan.runs)
-        about = refuse_another(folder, plan, parcel)
+        about = refuse_another(folder, plan, bundle)
         for place in (folder / "rows", folder / "logs"):
             place.mkdir(parents=True, exist_ok=True)
             for left in place.glob(".*.new"):  # by a process that was killed
@@ -129,9 +129,9 @@ class Results:
                 self.write(i, [{name: row.get(name) for name in names} for row in rows])
 
 
-def refuse_another(folder: Path, plan: "Plan", parcel: "Parcel") -> dict[str, Any]:
+def refuse_another(folder: Path, plan: "Plan", bundle: "StudyBundle") -> dict[str, Any]:
     """The contents of version.json. Raises InputError if a folder has another study."""
-    about = about_of(plan, parcel)
+    about = about_of(plan, bundle)
     if (folder / STUDY).exists() or (folder / "rows").exists():
         check_same(folder / STUDY, plan.tables, about)
     return about
@@ -143,13 +143,13 @@ def share_done(folder: Path, plan: "Plan") -> float:
     return min(1.0, parts / len(blocks(plan.runs)))
 
 
-def about_of(plan: "Plan", parcel: "Parcel") -> dict[str, Any]:
+def about_of(plan: "Plan", bundle: "StudyBundle") -> dict[str, Any]:
     """The contents of version.json: what a folder was begun with."""
-    files = {name: hashlib.sha256(data).hexdigest() for name, data in sorted(parcel.files.items())}
+    files = {name: hashlib.sha256(data).hexdigest() for name, data in sorted(bundle.files.items())}
     return {
-        "study": parcel.digest,
+        "study": bundle.digest,
         "engine": plan.engine,
-        "code": dict(parcel.code),
+        "code": dict(bundle.code),
         "files": files,
         "units": {key: unit for key, unit in plan.units.items() if unit},
     }

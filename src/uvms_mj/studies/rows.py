@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..analysis.metrics import AROUND_THE_END_S
-from ..analysis.setup import set_up
 from ..analysis.summary import ending, numbers
 from ..engine.engines import refusals
 from ..engine.run import LawError, SinkError, simulate
@@ -28,12 +27,12 @@ from ..records.header import Sink, Status
 from ..records.mcap import McapLog
 from ..records.trace import Trace
 from ..scenario import Scenario
-from .plan.metric import COMPONENTS, columns_of, users_numbers
-from .plan.success import succeeded
+from ..setup.base import set_up
+from .plan.metrics import COMPONENTS, columns_of, succeeded, users_numbers
 
 if TYPE_CHECKING:
     from .plan import Plan
-    from .pool.parcel import Parcel
+    from .pool.bundle import StudyBundle
 
 STATUSES = ("completed", "unstable", "failed", "refused", "timed_out", "lost")
 """How a run ended: to its end; a variable left its bound; a law or a metric raised; the scenario cannot run; longer
@@ -49,17 +48,17 @@ def lost_row(plan: "Plan", index: int) -> dict[str, Any]:
     return _blank(plan, index) | {"status": "lost", "message": f"three worker processes ended during this run, {why}"}
 
 
-def rows_of(parcel: "Parcel", indices: tuple[int, ...]) -> list[dict[str, Any]]:
+def rows_of(bundle: "StudyBundle", indices: tuple[int, ...]) -> list[dict[str, Any]]:
     """Run some runs of a study in a worker and return their rows."""
-    plan = parcel.plan()
+    plan = bundle.plan()
     return [one_row(plan, index) for index in indices]
 
 
-def log_of(parcel: "Parcel", index: int, engine: str) -> bytes:
+def log_of(bundle: "StudyBundle", index: int, engine: str) -> bytes:
     """Run one run again in a worker and return its log. Where the run fails, the log ends there."""
     with tempfile.TemporaryDirectory(prefix="uvms-mj-") as folder:
         path = Path(folder, "run.mcap")
-        one_row(parcel.plan(), index, engine, (McapLog(path),))
+        one_row(bundle.plan(), index, engine, (McapLog(path),))
         return path.read_bytes() if path.exists() else b""
 
 

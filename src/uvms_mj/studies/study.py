@@ -13,8 +13,8 @@ from ..errors import InputError
 from ..files import is_folder, locked
 from .check import load
 from .plan import Plan
+from .pool.bundle import StudyBundle
 from .pool.execution import Execution, Progress
-from .pool.parcel import Parcel
 from .pool.workers import Workers
 from .results import STUDY, Results, frame, units_of
 
@@ -104,11 +104,11 @@ class Study:
         assert folder is not None
         folder.mkdir(parents=True, exist_ok=True)
         with locked(folder):
-            parcel = Parcel.of(self.plan)
-            parcel.plan()  # as a worker will: what does not travel is missed before the first run
-            results = Results(folder, self.plan, parcel)
+            bundle = StudyBundle.of(self.plan)
+            bundle.plan()  # as a worker will: what does not travel is missed before the first run
+            results = Results(folder, self.plan, bundle)
             with executor_of(executor, workers) as pool:
-                Execution(self.plan, parcel, results, pool, progress or (lambda *_: None)).run()
+                Execution(self.plan, bundle, results, pool, progress or (lambda *_: None)).run()
         self.folder, self.damaged = folder, tuple(results.damaged)
         return self
 

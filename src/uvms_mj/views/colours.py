@@ -7,7 +7,7 @@ light.
 from collections import Counter
 from collections.abc import Sequence
 
-from ..records.palette import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, Colour
+from ..records.scene import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, Colour
 
 LAWS: dict[str, Colour] = {
     "impedance": PURPLE,

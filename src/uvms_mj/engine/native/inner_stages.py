@@ -8,11 +8,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from ...control.sampled import MOST_WAITING
+from ...control.model import coefficients, model_wrenches, reveal
 from ...control.task import tracking_errors
-from ...physics.model import coefficients, model_wrenches, reveal
+from ...control.theory.sampled import MOST_WAITING
 from ...stages.base import Room, Stage
-from ...stages.signals import CLOCK, ERRORS, ESTIMATES, KNOWN, REFERENCE, TRUE, TRUTH, WRENCH_COMMAND, Signal
+from ...stages.signals import CLOCK, ERRORS, ESTIMATES, MEASURED, REFERENCE, TRUE, TRUTH, WRENCH_COMMAND, Signal
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,9 @@ class Tracking(Stage):
 
     name = "tracking"
     needs: ClassVar = ("estimates",)
-    room: ClassVar[Room] = Room("control", "tracking", lambda thrusters: CLOCK + KNOWN + REFERENCE, ERRORS + ESTIMATES)
+    room: ClassVar[Room] = Room(
+        "control", "tracking", lambda thrusters: CLOCK + MEASURED + REFERENCE, ERRORS + ESTIMATES
+    )
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
         estimated = coefficients(setup.nominal, setup.gravity_W, setup.scenario.estimates)
@@ -41,7 +43,7 @@ class Sensed(Stage):
     """The measured pose and velocity, without the force, which an observer sets in place of a force sensor."""
 
     name = "sensed"
-    room: ClassVar[Room] = Room("navigation", "sensed", lambda thrusters: CLOCK + KNOWN, KNOWN[:4])
+    room: ClassVar[Room] = Room("navigation", "sensed", lambda thrusters: CLOCK + MEASURED, MEASURED[:4])
 
     @staticmethod
     def step(settings, state, given, state_dot, out):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...analysis.setup import Setup
+from ...setup.base import Setup
 from ...stages.joint_signals import (
     encoder_signals,
     joint_command_signal,
@@ -34,6 +34,6 @@ def recorded_joints(run: np.ndarray, setup: Setup) -> list[tuple[Signal, np.ndar
     found.append((joint_saturation_signal(n), run["saturation"]))
     if setup.scenario.encoder.runs:
         found += zip(encoder_signals(n), (given["q_m"], given["q_dot_m"]), strict=True)
-    if type(setup.interface).obeys:
+    if type(setup.interface).torque_controlled:
         found.append((joint_command_signal(n), given["tau_q_cmd"]))
     return found

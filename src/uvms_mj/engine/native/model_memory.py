@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from ...analysis.setup import Setup
 from ...control.design import Estimates
 from ...physics.frames import BODY
 from ...plant.vehicle import Vehicle
+from ...setup.base import Setup
 from ...stages.signals import MANIPULABILITY, TOOL, Signal
 from .links import estimate_links, find_diagonals, frame_records, link_records
 

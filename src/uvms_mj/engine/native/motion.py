@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ...analysis.water import water_faults
 from ...errors import Fault, InputError
 from ...plant.water import Current, Disturbance, Tether
+from ...setup.checks import water_faults
 from .water import Water
 
 

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from ...analysis.setup import Setup
 from ...control.base import Controller
 from ...control.natural import NaturalInertia
 from ...control.schedule import Schedule
 from ...errors import Fault, InputError
 from ...physics.frames import BODY
 from ...scenario import STAGES, Scenario
+from ...setup.base import Setup
 from ...stages.base import Stage, random_key
 from ...stages.joint_signals import encoder_signals
 from ...stages.signals import (
@@ -20,7 +20,7 @@ from ...stages.signals import (
     ERRORS,
     ESTIMATES,
     IMPEDANCE,
-    KNOWN,
+    MEASURED,
     OBSERVER_GIVEN,
     REFERENCE,
     SCHEDULED,
@@ -81,11 +81,13 @@ class Pipeline:
         self.behind = "delayed" if shape.model else "allocation"
         self.law = "command" if late else self.behind
         self._measure(scenario)
-        self._add("reference", scenario.reference, self.part("signals", CLOCK + KNOWN), self.part("signals", REFERENCE))
-        known = self.part("signals", CLOCK + KNOWN + REFERENCE)
+        self._add(
+            "reference", scenario.reference, self.part("signals", CLOCK + MEASURED), self.part("signals", REFERENCE)
+        )
+        known = self.part("signals", CLOCK + MEASURED + REFERENCE)
         self._add("tracking", Errors() if shape.model else Tracking(), known, self.part("signals", ERRORS + ESTIMATES))
         observed = self.part("signals", OBSERVER_GIVEN)
-        self._add("observer", scenario.observer, observed, self.part("signals", KNOWN[4:]))
+        self._add("observer", scenario.observer, observed, self.part("signals", MEASURED[4:]))
         if scenario.impedance.schedule:
             self._add("schedule", Schedule(), self.part("signals", CLOCK), self.part("signals", SCHEDULED))
         task_given = self.part("signals", TASK_GIVEN)
@@ -142,10 +144,10 @@ class Pipeline:
         shape, base, observed = self._shape, self.base, scenario.observer.runs
         if self.at_tool and not self._setup.contacts.carriers[0].is_B:
             self._add("tool", ToolAttitude(), self.field("true"), self.field("quat_WT"), whole=True)
-        measured = self.part("sensed" if observed else base, KNOWN)
+        measured = self.part("sensed" if observed else base, MEASURED)
         self._add("navigation", scenario.navigation, self.field("true"), measured)
         if observed:
-            self._add("sensed", Sensed(), self.field("sensed"), self.part("signals", KNOWN[:4]))
+            self._add("sensed", Sensed(), self.field("sensed"), self.part("signals", MEASURED[:4]))
         interface = self._setup.interface if shape.joints else None
         if interface is not None:
             encoded = self.part("joints", encoder_signals(shape.joints))
@@ -153,12 +155,12 @@ class Pipeline:
         if shape.wrist:
             self._add("felt", Felt(), self.field("true"), self.field("wrist", "given", "wrench_S"), whole=True)
             self._add("wrist", scenario.wrist, self.field("wrist", "given"), self.field("wrist", "reading"))
-            known, derived = self.part(base, CLOCK + KNOWN[:4]), self.part(base, KNOWN[4:])
+            known, derived = self.part(base, CLOCK + MEASURED[:4]), self.part(base, MEASURED[4:])
             self._add("derived", Derived(), known, derived, whole=True)
         if shape.model:
-            known, out = self.part(base, CLOCK + KNOWN), self.part("signals", UP_TO_ESTIMATES)
+            known, out = self.part(base, CLOCK + MEASURED), self.part("signals", UP_TO_ESTIMATES)
             self._add("model", ModelAtTool() if self.at_tool else ModelAtBody(), known, out, whole=True)
-            if interface is not None and type(interface).obeys:
+            if interface is not None and type(interface).torque_controlled:
                 below = PostureBelowTool() if self.at_tool else PostureBesideBase()
                 self._add("below", below, known, self.field("model", "tau_posture"), whole=True)
 

@@ -15,7 +15,7 @@ from ...physics.dense import cholesky, inverse, product
 from ...physics.kernels import fused, kernel
 from ...physics.posture import free_of_base, free_of_tool, posture
 from ...stages.base import Room, Stage
-from ...stages.signals import CLOCK, KNOWN, Signal
+from ...stages.signals import CLOCK, MEASURED, Signal
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class PostureBelowTool(Stage):
     room: ClassVar[Room] = Room(
         "control",
         "posture",
-        lambda thrusters: CLOCK + KNOWN,
+        lambda thrusters: CLOCK + MEASURED,
         (Signal("tau_posture", (0,), "N, N m", "B", "wrench on the base and torques of the joints"),),
     )
 

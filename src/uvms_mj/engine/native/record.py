@@ -25,7 +25,7 @@ from ...stages.joint_signals import encoder_given, joints_given, wrist_given
 from ...stages.signals import (
     CLOCK,
     GIVEN,
-    KNOWN,
+    MEASURED,
     RECORDED,
     TRUE,
     TRUTH,
@@ -41,7 +41,7 @@ MOST_STAGES, MOST_SPANS, MOST_BANDS = 32, 256, 8
 
 TRUTHS = record_dtype(CLOCK + TRUE)
 """Record given to navigation: the state and the contact force of the instant."""
-_OTHERS = {s.name for s in GIVEN + TRUE} - {s.name for s in KNOWN} | {s.name for s in TRUE[:4]}
+_OTHERS = {s.name for s in GIVEN + TRUE} - {s.name for s in MEASURED} | {s.name for s in TRUE[:4]}
 _OTHERS |= {"tau_cmd", "f_contact_m_W", *(CONTACT.names or ())}
 ROW = record_dtype(tuple(s for s in RECORDED if s.name in ("t", "f_contact_W") or s.name not in _OTHERS))
 """The recorded signals that the core computes; all others lie where a stage or the contact has set them."""
@@ -258,8 +258,8 @@ def run_dtype(shape: Shape) -> np.dtype:
         ("stages", STAGE, (MOST_STAGES,)),
         *_whole("stage_count", "actuation", "next"),  # index of the first one that is given tau_cmd, and of the next
         ("signals", record_dtype(GIVEN + TRUTH)),  # what the law is given
-        ("base", record_dtype(CLOCK + KNOWN)),  # the measurements at B, if the law is at a tool
-        ("sensed", record_dtype(CLOCK + KNOWN)),  # the measurements, if an observer replaces the force among them
+        ("base", record_dtype(CLOCK + MEASURED)),  # the measurements at B, if the law is at a tool
+        ("sensed", record_dtype(CLOCK + MEASURED)),  # the measurements, if an observer replaces the force among them
         ("command", record_dtype((*CLOCK, WRENCH_COMMAND))),  # of the law, where something is before the actuation
         ("delayed", record_dtype((*CLOCK, WRENCH_COMMAND))),
         ("allocation", record_dtype(actuation_given(m))),

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...analysis.setup import Setup
 from ...control.base import Controller
 from ...control.task import ImpedanceTask
 from ...errors import Fault, InputError
 from ...navigation import Perfect
+from ...setup.base import Setup
 from ...stages.base import Stage
 from ...stages.joint_signals import JOINT_SIGNALS
 from ...stages.signals import (
@@ -19,7 +19,7 @@ from ...stages.signals import (
     DELAYED,
     IN_TASK_FRAME,
     MANIPULABILITY,
-    MEASURED,
+    MEASURED_MOTION,
     OWN_UNIT,
     PUSH,
     RECORDED,
@@ -62,7 +62,7 @@ def recorded(run: np.ndarray, stages: Pipeline, setup: Setup) -> list[tuple[Sign
         if "task" in stages.stages or signal.name not in _OF_THE_TASK
     ]
     if not isinstance(scenario.navigation, Perfect):
-        found += [(signal, run[stages.base][signal.name.removesuffix("_m")]) for signal in MEASURED]
+        found += [(signal, run[stages.base][signal.name.removesuffix("_m")]) for signal in MEASURED_MOTION]
     found += [(signal, stages.signals[signal.name]) for signal in SCHEDULED if "schedule" in stages.stages]
     found += [(signal, run[stages.behind]["tau_cmd"]) for signal in DELAYED if "delay" in stages.stages]
     if not scenario.current.constant:
@@ -91,7 +91,7 @@ def check_states(states: Sequence[tuple[Stage, str]], names: Set[str] = frozense
     """Refuse states that can't be recorded under their names, beside the signals ``names``. Raises InputError if two
     states have one name, or a state's name is taken or is not an identifier."""
     own = (*contact_signals(0), *JOINT_SIGNALS, thruster_signal(0))
-    recorded = (*RECORDED, *MEASURED, *UNSTEADY, *DELAYED, *SCHEDULED, *TOOL, MANIPULABILITY, *own)
+    recorded = (*RECORDED, *MEASURED_MOTION, *UNSTEADY, *DELAYED, *SCHEDULED, *TOOL, MANIPULABILITY, *own)
     taken = names | {signal.name for signal in recorded} | {*itertools.chain(*BAND.values())} | _ATTRIBUTES
     faults: dict[Stage, list[Fault]] = {}
     for stage, name in states:

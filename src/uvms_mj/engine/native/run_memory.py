@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ...analysis.setup import Setup
 from ...control.design import ATTITUDE_KEYS
 from ...scenario import STAGES
-from ...stages.signals import FINAL_WINDOW_S, KNOWN, band_signals
+from ...setup.base import Setup
+from ...stages.signals import FINAL_WINDOW_S, MEASURED, band_signals
 from .callback import entry_points
 from .contact_list import place_carriers, wall_rooms, write_contacts
 from .image import Image, water_rooms
@@ -174,7 +174,7 @@ class RunMemory:
         found = {signal.name: memory.reshape(signal.shape) for signal, memory in self.recorded}
         signals, base = self.stages.signals, self.run[self.stages.base]
         names = [signal.name for signal in type(self.stages.controller).given()]
-        given = {name: signals[name] for name in names} | {s.name: base[s.name] for s in KNOWN}
+        given = {name: signals[name] for name in names} | {s.name: base[s.name] for s in MEASURED}
         found = {name: each[0:1].reshape(each.shape[1:]) for name, each in given.items()} | found
         found["t"] = self.run["t"].reshape(())  # of the instant in hand; the row in memory is that of the step before
         for view in found.values():

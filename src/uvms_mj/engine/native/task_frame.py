@@ -12,7 +12,7 @@ from ...physics.frames import attitude, compose_poses, wrench_at
 from ...physics.kernels import fused, kernel
 from ...physics.operational import resolve
 from ...stages.base import Room, Stage
-from ...stages.signals import CLOCK, ERRORS, ESTIMATES, KNOWN, REFERENCE, TOOL, TRUE, WRENCH_COMMAND
+from ...stages.signals import CLOCK, ERRORS, ESTIMATES, MEASURED, REFERENCE, TOOL, TRUE, WRENCH_COMMAND
 from .law_model import (
     estimate_at_body,
     estimate_at_tool,
@@ -24,8 +24,8 @@ from .law_model import (
     place_tool,
 )
 
-UP_TO_ESTIMATES = KNOWN + REFERENCE + ERRORS + ESTIMATES
-"""What the model's stage may set: at a tool KNOWN and ESTIMATES, otherwise ESTIMATES."""
+UP_TO_ESTIMATES = MEASURED + REFERENCE + ERRORS + ESTIMATES
+"""What the model's stage may set: at a tool MEASURED and ESTIMATES, otherwise ESTIMATES."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class ModelAtBody(Stage):
 
     name = "model_at_body"
     needs: ClassVar = ("task", "controller.period", "simulation.timestep")
-    room: ClassVar[Room] = Room("control", "model", lambda thrusters: CLOCK + KNOWN, UP_TO_ESTIMATES)
+    room: ClassVar[Room] = Room("control", "model", lambda thrusters: CLOCK + MEASURED, UP_TO_ESTIMATES)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
         """Number of control instants from one estimate of the inertia to the next."""
@@ -98,7 +98,9 @@ class Errors(Stage):
     """Tracking errors alone: the estimates are those of the model's stage."""
 
     name = "errors"
-    room: ClassVar[Room] = Room("control", "tracking", lambda thrusters: CLOCK + KNOWN + REFERENCE, ERRORS + ESTIMATES)
+    room: ClassVar[Room] = Room(
+        "control", "tracking", lambda thrusters: CLOCK + MEASURED + REFERENCE, ERRORS + ESTIMATES
+    )
 
     @staticmethod
     def step(settings, state, given, state_dot, out):

@@ -10,7 +10,7 @@ from ...physics.kernels import kernel
 from ...physics.tree import coriolis_wrench, damping_wrench, hand_down, move, move_frame, restoring_wrench
 from ...stages.base import Room, Stage
 from ...stages.joint_signals import WRIST_TRUE
-from ...stages.signals import CLOCK, KNOWN, TRUE
+from ...stages.signals import CLOCK, MEASURED, TRUE
 from .law_model import measured_frames
 
 
@@ -138,7 +138,7 @@ class Derived(Stage):
     """The contact force and wrench that are derived from the reading. ``state`` is the record of the run."""
 
     name = "derived"
-    room: ClassVar[Room] = Room("navigation", "derived", lambda thrusters: CLOCK + KNOWN[:4], KNOWN[4:])
+    room: ClassVar[Room] = Room("navigation", "derived", lambda thrusters: CLOCK + MEASURED[:4], MEASURED[4:])
 
     @staticmethod
     def step(settings, state, given, state_dot, out):

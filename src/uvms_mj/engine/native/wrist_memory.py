@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ...analysis.setup import Setup
 from ...plant.arm import Link
 from ...plant.vehicle import Vehicle
+from ...setup.base import Setup
 from ...stages.joint_signals import WRIST_READING, WRIST_TRUE
 from ...stages.signals import Signal
 from .links import estimate_links, frame_records, link_records, water_links

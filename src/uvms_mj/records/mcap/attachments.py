@@ -5,7 +5,7 @@ The contents of the attachments are never executed and never written to disk.
 
 import dataclasses
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import PurePath
 from typing import Annotated, Any
@@ -14,16 +14,15 @@ import numpy as np
 import tomli_w
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
-from pydantic_core import from_json, to_json
 
-from ...control.rest import NoClosedForm, SteadyState
+from ...control.base import NoClosedForm, SteadyState
 from ...errors import InputError, faults_of
 from ...files import parsed_toml
 from ...plant.geometry import Geometry
 from ...plant.mjcf import Mjcf
 from ...quantities import STRICT, NonNegative, Real
 from ...scenario import STAGES, Scenario
-from ...stages.loader import recorded_stage
+from ...stages.loader import placeholder_stage
 from ...stages.signals import BAND, IN_TASK_FRAME, OF_JOINTS, PUSH, RECORDED, Signal
 from ..header import Header, Outcome, StageSource, code_file
 
@@ -32,31 +31,8 @@ MOST_BYTES = 256_000_000
 _MOST_VALUES = 200_000
 """Largest number of values (numbers, texts, lists) in one JSON file. Reading takes some 100 bytes of memory for each. A
 mesh is one text."""
-FORMAT = 5
+FORMAT = 1
 """Version of the log format, for a change of run.json or of the topic of a signal. A new signal is not a change."""
-
-
-def _stages_of_law(run: dict[str, Any]) -> dict[str, Any]:
-    """Format 1 has the source of the law only."""
-    return {name: value for name, value in run.items() if name != "law"} | {"stages": {"controller": run.get("law")}}
-
-
-def _stages_since(run: dict[str, Any]) -> dict[str, Any]:
-    """Formats 3 and 4 lack the tables of stages that came later; these stages were those of today's defaults."""
-    stages = run.get("stages")
-    if not isinstance(stages, dict):
-        return run
-    defaults = {name: {"source": each.default.name, "sha256": None, "states": {}} for name, each in STAGES.items()}
-    return run | {"stages": defaults | stages}
-
-
-_UPGRADES: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {
-    1: _stages_of_law,
-    2: lambda run: run | {"engine": "mujoco"},  # there was one engine
-    3: _stages_since,
-    4: _stages_since,
-}
-"""By format: a function that makes run.json one of the next format. Logs of these formats and of FORMAT are read."""
 _NEEDED = frozenset(
     (
         *("t", "p_WB", "quat_WB", "nu", "p_d", "p_d_dot", "eta_e", "nu_e", "tau", "u", "f_contact_W"),
@@ -180,15 +156,15 @@ def header_of(files: Mapping[str, bytes]) -> Header:
         raise InputError(f"run.json: stages must have the entries {', '.join(STAGES)}")
     sources, known = {}, {}
     for name, choice in STAGES.items():
-        table = tables.get(name, {})  # of format 1: some tables are missing, or have no name
+        table = tables.get(name)
         entry, noun = run.stages.get(name), choice.base.room.noun
-        if entry is None or not isinstance(table, dict) or table.get("name", choice.default.name) != entry.source:
+        if entry is None or not isinstance(table, dict) or table.get("name") != entry.source:
             raise InputError(f"scenario.toml and run.json name different {noun}s")
         code = files.get(code_file(name, entry.source), b"").decode(errors="replace")
         sources[name] = StageSource(entry.source, entry.sha256, code, entry.states)
         if entry.source not in choice.shipped:
             sources[name] = replace(sources[name], files=_listed(files, code_file(name, entry.source)))
-            known[name] = recorded_stage(choice.base, entry.source, table, entry.states)
+            known[name] = placeholder_stage(choice.base, entry.source, table, entry.states)
     scenario = Scenario.from_dict(tables, place="scenario.toml", known=known)
     if scenario.vehicle.model != PurePath(scenario.vehicle.model).name:
         raise InputError(f"scenario.toml: vehicle.model {scenario.vehicle.model!r} is not in the log")
@@ -236,20 +212,15 @@ def _arrays(rest: SteadyState | _Rest) -> tuple[Any, ...]:
 
 
 def _run_of(data: bytes) -> _Run:
-    """The contents of run.json, of this format or of an older one. Raises InputError if they are invalid, or of a
-    format that is not read."""
+    """The contents of run.json. Raises InputError if they are invalid, or of another format."""
     try:
         version = _VERSION.validate_json(data)
-        oldest = min((*_UPGRADES, FORMAT))
-        if not oldest <= version.format <= FORMAT:
-            readable = f"formats {oldest} to {FORMAT}" if oldest < FORMAT else f"format {FORMAT}"
+        if version.format != FORMAT:
             writer = f"uvms-mj {version.versions.get('uvms-mj', 'of another version')}"
             later = " or later" if version.format > FORMAT else ""
             raise InputError(
-                f"has log format {version.format}, which {writer}{later} reads; this version reads {readable}"
+                f"has log format {version.format}, which {writer}{later} reads; this version reads format {FORMAT}"
             )
-        for format in range(version.format, FORMAT):
-            data = to_json(_UPGRADES[format](from_json(data)) | {"format": format + 1})
         return _RUN.validate_json(data)
     except ValidationError as error:
         raise InputError(faults_of(error), "run.json") from None

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...control.rest import SteadyState
+from ...control.base import SteadyState
 from ...physics.frames import BODY, quat_from_euler_deg, rotation_matrix
 from ...stages.joint_signals import joint_saturation_signal
 from ...stages.signals import RUNNING, Signal

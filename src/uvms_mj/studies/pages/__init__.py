@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...files import whole
+from ...files import atomic_write
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -70,7 +70,7 @@ def rendered(template: Path, **values: Any) -> str:
 
 def write(path: Path, text: str) -> None:
     """Write a file atomically: readers see either the old or the new file. Raises InputError if it can't be written."""
-    with whole(path) as part:
+    with atomic_write(path) as part:
         part.write_text(text, encoding="utf-8")
 
 

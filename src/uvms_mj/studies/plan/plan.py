@@ -12,11 +12,10 @@ from ...errors import InputError
 from ...files import shortened, tables_of, toml_path
 from ...scenario import Scenario
 from .draws import Variation
-from .entries import PATHS, Law
+from .metrics import Limit
 from .places import overrides_at
-from .reading import fields_of
-from .study_file import Logs
-from .success import Limit
+from .reading import Law, fields_of
+from .study_file import PATHS, Logs
 
 
 @dataclass(frozen=True)

@@ -1,25 +1,55 @@
-"""A study file is read: its tables become the fields of a plan, or errors."""
+"""Reading a study file: its tables become the fields of a plan, or errors.
+
+The base scenario and the laws are made of them, with absolute paths. Each law must have the keys that vary, and their
+extremes must be able to run.
+"""
 
 import contextlib
 import dataclasses
+import functools
+import warnings
 from collections.abc import Container, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ...errors import Fault, InputError
-from ...files import plain
-from ...scenario import Scenario
-from .draws import design_faults, points, variation
-from .entries import Law, absolute, base_of, laws_of, split_overrides, with_absolute_values
-from .key_checks import KeyChecks, combination_faults
-from .metric import COMPONENTS, column_is_taken, kept_column, metric_of
-from .places import unit_of
-from .study_file import Keep, Logs, StudyFile, read
-from .success import limits
+import numpy as np
 
+from ...engine.checks import checked
+from ...errors import Fault, InputError, suggestion
+from ...files import plain, shortened, tables_of, toml_path
+from ...quantities import overrides_of
+from ...scenario import Scenario
+from .draws import Variation, design_faults, points, variation
+from .metrics import COMPONENTS, column_is_taken, kept_column, limits, metric_of
+from .places import missing, overlap, overrides_at, unit_of
+from .study_file import PATHS, Keep, Logs, StudyFile, absolute, read, with_absolute_values
+
+_OF_STUDY = ("design", "keep", "run")
+_NOT_OF_BASE = ("laws", "vary", "design", "keep", "run", "success")
 MOST_RUNS = 10_000_000
 DEFAULT_WORST = 5
 """Number of logs of the worst runs."""
+MOST_CHECKED = 50
+"""A longer list of numbers is checked at its least and its greatest one."""
+MOST_DRAWS = 20
+"""A law is given up if none of so many draws can run."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Law:
+    """A law of a study. ``source`` is its name or ``path.py:Class``, ``overrides`` are dotted keys of this law alone,
+    ``scenario`` is the base scenario with both."""
+
+    label: str
+    source: str
+    overrides: Mapping[str, Any]
+    scenario: Scenario
+
+    @functools.cached_property
+    def tables(self) -> dict[str, Any]:
+        """The tables of its scenario."""
+        return self.scenario.to_dict()
 
 
 def fields_of(
@@ -150,3 +180,271 @@ def _tables(study: StudyFile, base: Scenario, laws: list[Law]) -> dict[str, Any]
         "laws": [{"name": law.source, "label": law.label, **plain(law.overrides)} for law in laws],
         **{table: plain(getattr(study, table)) for table in ("vary", "design", "keep", "run")},
     }
+
+
+def split_overrides(
+    tables: Mapping[str, Any], overrides: Mapping[str, Any] | None, faults: list[Fault]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The tables of a study file with the overrides of its own keys, and the overrides of the base scenario."""
+    changed, of_base = dict(tables), {}
+    for key, value in overrides_of(overrides).items():
+        table, dot, word = key.partition(".")
+        if table in _OF_STUDY and dot:
+            inner = changed.get(table, {})
+            if isinstance(inner, Mapping):  # otherwise the validator reports it
+                changed[table] = {**inner, word: value}
+        elif key in ("name", "description"):
+            changed[key] = value
+        elif key == "simulation.seed":
+            faults.append(Fault(key, "the study sets it for each run; set design.seed"))
+        elif table in {field.name for field in dataclasses.fields(StudyFile)}:
+            faults.append(Fault(key, "can't be set; change it in the study file"))
+        else:
+            of_base[key] = value
+    return changed, of_base
+
+
+def _flat(tables: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Dotted keys of nested tables, or of dotted keys."""
+    flat: dict[str, Any] = {}
+    for table, value in tables.items():
+        flat |= {f"{table}.{word}": each for word, each in value.items()} if isinstance(value, dict) else {table: value}
+    return {key: absolute(value, folder) if key in PATHS else value for key, value in flat.items()}
+
+
+def _prefixed(fault: Fault, place: str) -> Fault:
+    return Fault(f"{place}.{fault.key}" if fault.key else place, fault.message)
+
+
+def base_of(
+    table: Mapping[str, Any],
+    folder: Path,
+    overrides: Mapping[str, Any],
+    faults: list[Fault],
+    trusted: Container[str] | None = None,
+) -> Scenario | None:
+    """The base scenario. Errors are appended to ``faults``. It is then the scenario without the keys that have an
+    error, so that the laws and the keys that vary can be checked; None if there is none. ``trusted`` is that of
+    :meth:`.Scenario.from_dict`."""
+    if any(fault.key.partition(".")[0] == "base" for fault in faults):
+        return None
+    rest = dict(table)
+    for word in [word for word in rest if word in _NOT_OF_BASE]:
+        faults.append(Fault(f"base.{word}", "is of the study, not of its base scenario: write it above [base]"))
+        del rest[word]
+    named = absolute(rest.pop("scenario", None), folder)
+    own = {**_flat(rest, folder), **overrides}
+    for attempt in range(2):
+        try:
+            if named is None:
+                return Scenario.from_dict({}, own, trusted=trusted)
+            path = toml_path(named, "scenario", "scenarios")
+            tables, place = tables_of(path, "scenario"), str(named)
+            return Scenario.from_dict(tables, own, None, path.parent, place, note=warnings.warn, trusted=trusted)
+        except InputError as error:
+            wrong = error
+        if attempt == 0:
+            faults += [fault if fault.key in overrides else _prefixed(fault, "base") for fault in wrong.faults]
+            bad = {fault.key.partition("[")[0] for fault in wrong.faults}
+            own = {key: value for key, value in own.items() if key not in bad}
+    return None
+
+
+def laws_of(
+    given: list[Any] | None,
+    base: Scenario,
+    folder: Path,
+    faults: list[Fault],
+    notes: list[str],
+    trusted: Container[str] | None = None,
+) -> list[Law]:
+    """The laws of a study; default: the base scenario's. Errors are appended to ``faults``, and to ``notes`` sentences
+    with the settings of the base scenario that a law leaves out. ``trusted`` is that of :meth:`.Scenario.from_dict`."""
+    laws: list[Law] = []
+    if given == []:
+        faults.append(Fault("laws", "is empty; leave it out for the law of the base scenario"))
+    for i, entry in enumerate([{}] if given is None else given):
+        place = f"laws[{i}]"
+        if not isinstance(entry, str | Mapping):
+            faults.append(Fault(place, f'{shortened(entry)} is neither a law, "gsta", nor a table {{name = "gsta"}}'))
+            continue
+        table = {"name": entry} if isinstance(entry, str) else dict(entry)
+        source, label = absolute(table.pop("name", None), folder), table.pop("label", None)
+        left_out: list[str] = []
+        found = _law(source, label, _flat(table, folder), base, place, faults, left_out, trusted)
+        notes += [f"{place}: {said}" for said in left_out]
+        if found is not None and any(found.label == law.label for law in laws):
+            faults.append(Fault(f"{place}.label", f"{found.label!r} is used twice; give each law a label"))
+        elif found is not None:
+            laws.append(found)
+    return laws
+
+
+def _law(
+    source: Any,
+    label: Any,
+    overrides: dict[str, Any],
+    base: Scenario,
+    place: str,
+    faults: list[Fault],
+    left_out: list[str],
+    trusted: Container[str] | None,
+) -> Law | None:
+    """One law. Errors are appended to ``faults``; then it is None."""
+    wrong = [
+        Fault(f"{place}.{name}", f"{shortened(value)} is not a text")
+        for name, value in (("name", source), ("label", label))
+        if not (value is None or (isinstance(value, str) and value))
+    ]
+    if "controller.name" in overrides:
+        wrong.append(Fault(f"{place}.controller.name", "give the law as name"))
+    if "simulation.seed" in overrides:
+        wrong.append(Fault(f"{place}.simulation.seed", "the study sets it for each run, from design.seed"))
+    if wrong:
+        faults += wrong
+        return None
+    try:
+        scenario = base.updated(overrides, source, note=left_out.append, trusted=trusted)
+    except InputError as error:
+        prefixed = [_prefixed(fault, place) for fault in error.faults]
+        faults += [Fault(fault.key.replace(".controller.name", ".name"), fault.message) for fault in prefixed]
+        return None
+    for stage in (scenario.controller, scenario.actuation):
+        if stage.by_caller:
+            out = f"{stage.label()} leaves {stage.by_caller} to the caller of a Simulation"
+            faults.append(Fault(f"{place}.name", f"{out}; a study needs another {stage.room.noun}"))
+    law = scenario.controller
+    return Law(label or law.label(), law.source(), plain(overrides), scenario)
+
+
+def combination_faults(
+    variations: Sequence[Variation], laws: list[Law], overrides: Mapping[str, Any], all_laws: bool
+) -> Iterator[Fault]:
+    """Errors for keys that are given twice, and, if ``laws`` has all of them, for labels that are not of a law."""
+    seen: dict[str, str] = {}
+    known = [law.label for law in laws]
+    for each in variations:
+        for i, label in enumerate(each.laws):
+            if all_laws and label not in known:
+                yield Fault(f"{each.place}.laws[{i}]", f"no law {label!r}; {suggestion(label, known)}")
+        for place in each.keys:
+            twice = next((other for other in seen if overlap(place, other)), None)
+            if twice is not None:
+                yield Fault(each.place, f"{place} varies in {seen[twice]} already, as {twice}")
+            if place in overrides:
+                yield Fault(place, f"{each.place} varies this key: setting it has no effect")
+            for i, law in enumerate(laws):
+                if place in law.overrides and each.covers(law.label):
+                    yield Fault(f"laws[{i}].{place}", f"{each.place} varies this key: setting it has no effect")
+            seen[place] = each.place
+
+
+@dataclass(frozen=True, eq=False)
+class KeyChecks:
+    """Checks of a study's keys: that every law has them, and that their extremes can run.
+
+    An extreme that can't run with the other keys at their base values is tried as it is drawn, with the other keys of
+    that draw. A single draw that can't run is no error of the study: its row has the reason.
+    """
+
+    variations: Sequence[Variation]
+    laws: Sequence[Law]
+    points: Sequence[tuple[Any, ...]]
+
+    def faults(self) -> list[Fault]:
+        """Every error."""
+        found: dict[Fault, None] = {}  # in order, and without those that several laws share
+        first = 0
+        for each in self.variations:
+            columns = range(first, first := first + len(each.keys))
+            for law in self.laws:
+                if each.covers(law.label):
+                    found |= dict.fromkeys(self._of(each, law, columns))
+        return list(found) or [fault for law in self.laws for fault in self._none_runs(law)]
+
+    def _of(self, each: Variation, law: Law, columns: range) -> Iterator[Fault]:
+        absent = [Fault(each.place, f"{place}: {why}") for place in each.keys if (why := missing(place, law.tables))]
+        if absent:
+            yield from absent
+            return
+        found: dict[str, list[str]] = {}
+        for where, values in self._extremes(each, columns):
+            try:
+                scenario = law.scenario.updated(overrides_at(dict(zip(each.keys, values, strict=True)), law.tables))
+            except InputError as error:
+                ends = "; a truncated_normal has a least and a greatest value" if where == ".deviation" else ""
+                for fault in error.faults:
+                    found.setdefault(f"{fault}{self._hint(fault, law) or ends}", []).append(where)
+                continue
+            try:
+                checked(scenario)
+            except InputError as error:
+                if not self._runs_as_drawn(law, columns, values):
+                    for fault in error.faults:
+                        found.setdefault(str(fault), []).append(where)
+        for message, places in found.items():  # the same for several values: it is an error of the key
+            yield Fault(each.place + (places[0] if len(set(places)) == 1 else ""), message)
+
+    def _extremes(self, each: Variation, columns: range) -> Iterator[tuple[str, tuple[Any, ...]]]:
+        """Where the extreme values of an entry are in the study file, and the values of its keys."""
+        numbers = all(isinstance(value, float) for level in each.levels for value in level)
+        if each.grid:
+            yield ".low", each.levels[0]
+            yield ".high", each.levels[-1]
+        elif each.levels and numbers and len(each.levels) > MOST_CHECKED:
+            yield ".values", min(each.levels)
+            yield ".values", max(each.levels)
+        elif each.levels:
+            yield from ((f".values[{i}]", level) for i, level in enumerate(each.levels))
+        elif "low" in each.parameters[0]:
+            for end in ("low", "high"):
+                yield f".{end}", tuple(parameters[end] for parameters in each.parameters)
+        elif self.points:
+            drawn = self._drawn(columns)
+            yield ".deviation", min(drawn)
+            yield ".deviation", max(drawn)
+
+    def _drawn(self, columns: range) -> list[tuple[Any, ...]]:
+        return [point[columns.start : columns.stop] for point in self.points]
+
+    def _hint(self, fault: Fault, law: Law) -> str:
+        """Which laws have a gain that this law lacks."""
+        table, _, word = fault.key.partition(".")
+        if table != "controller" or word in law.tables["controller"]:
+            return ""
+        having = [f'"{other.label}"' for other in self.laws if word in other.tables["controller"]]
+        return f"; to vary it for the laws that have it, give laws = [{', '.join(having)}]" if having else ""
+
+    def _runs_as_drawn(self, law: Law, columns: range, values: tuple[Any, ...]) -> bool:
+        """Whether the draw with these values, or with the ones nearest to them, can run."""
+        drawn = self._drawn(columns)
+        if values in drawn:
+            nearest = drawn.index(values)
+        elif drawn and isinstance(values[0], float):
+            nearest = min(range(len(drawn)), key=lambda i: abs(drawn[i][0] - values[0]))
+        else:
+            return False
+        try:
+            return not self._faults_of_draw(law, nearest)
+        except LookupError:
+            return False
+
+    def _faults_of_draw(self, law: Law, draw: int) -> Sequence[Fault]:
+        """Errors of a draw that cannot run."""
+        keys = [(key, each.covers(law.label)) for each in self.variations for key in each.keys]
+        given = {key: x for (key, covered), x in zip(keys, self.points[draw], strict=True) if covered}
+        try:
+            checked(law.scenario.updated(overrides_at(given, law.tables)))
+        except InputError as error:
+            return error.faults
+        return ()
+
+    def _none_runs(self, law: Law) -> list[Fault]:
+        """Errors if none of several draws can run: those of the last one."""
+        some = np.unique(np.linspace(0, len(self.points) - 1, MOST_DRAWS).astype(int)) if self.points else ()
+        faults: Sequence[Fault] = ()
+        for draw in some:
+            faults = self._faults_of_draw(law, int(draw))
+            if not faults:
+                break
+        return [Fault("vary", f"no draw can run with {law.label}: {fault}") for fault in faults]

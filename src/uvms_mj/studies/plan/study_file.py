@@ -3,13 +3,16 @@
 import dataclasses
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from ...errors import Fault, faults_of
+from ...files import is_file
 from ...quantities import STRICT, Number, doc, refusing, within
+from ...scenario import STAGES
 
 DISTRIBUTIONS: Mapping[str, tuple[str, ...]] = {
     "uniform": ("low", "high"),
@@ -23,6 +26,9 @@ DEFAULT_METRICS = (
     *("contact.settled", "contact.analytic_N", "contact.relative_error"),
     *("effort_N2s", "saturated_s", "final.position_m"),
 )
+PATHS = ("vehicle.model", "joints.motion_file", *(f"{table}.name" for table in STAGES))
+"""The dotted keys whose value may be the path of a file."""
+_SUFFIXES = (".py", ".xml", ".toml", ".csv")
 
 
 def _number_or_one_a_key(value: Any) -> Any:
@@ -130,6 +136,22 @@ class StudyFile:
     keep: Keep = dataclasses.field(default_factory=Keep)
     run: Execution = Execution()
     success: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+
+def absolute(value: Any, folder: Path) -> Any:
+    """A value with an absolute path in the folder, if it names a file: ``model.xml`` or ``law.py:Class``. Text without
+    the ending of such a file is the path of one only if it is there."""
+    if not isinstance(value, str) or not value:
+        return value
+    file = Path(value.split(":")[0])
+    return str((folder / value).absolute()) if file.suffix in _SUFFIXES or is_file(folder / file) else value
+
+
+def with_absolute_values(vary: Vary, folder: Path) -> Vary:
+    """An entry of vary whose values are absolute paths, if its key names files."""
+    if vary.key not in PATHS or vary.values is None:
+        return vary
+    return dataclasses.replace(vary, values=[absolute(value, folder) for value in vary.values])
 
 
 _VALIDATOR = TypeAdapter(StudyFile)

@@ -10,8 +10,8 @@ from ...errors import InputError
 from .. import check
 from ..results import Results, frame, put
 from ..rows import log_of, lost_row, rows_of
+from .bundle import StudyBundle
 from .calls import each_call
-from .parcel import Parcel
 
 if TYPE_CHECKING:
     from ..plan import Plan
@@ -29,8 +29,10 @@ class Execution:
         failures: rows so far whose status is not "completed".
     """
 
-    def __init__(self, plan: "Plan", parcel: Parcel, results: Results, executor: Executor, progress: Progress) -> None:
-        self.plan, self.parcel, self.results, self.executor, self.progress = plan, parcel, results, executor, progress
+    def __init__(
+        self, plan: "Plan", bundle: StudyBundle, results: Results, executor: Executor, progress: Progress
+    ) -> None:
+        self.plan, self.bundle, self.results, self.executor, self.progress = plan, bundle, results, executor, progress
         self._rows: dict[int, dict[int, dict[str, Any]]] = {}
         self._attempts: dict[Any, int] = {}
         self.what, self.done, self.failures, self.total = "running", 0, 0, plan.runs
@@ -47,7 +49,7 @@ class Execution:
             statuses = self.results.statuses(i)  # of earlier sessions
             self.done += len(statuses)
             self.failures += sum(status != "completed" for status in statuses)
-            calls += [] if statuses else [(self.parcel, tuple(block))]
+            calls += [] if statuses else [(self.bundle, tuple(block))]
         each_call(self.executor, rows_of, calls, self._take, self._tick)
         self.results.finish()
         rows = frame(self.results.folder)
@@ -62,14 +64,14 @@ class Execution:
         indices = call[1]
         if isinstance(answer, ProcessExpired):
             if len(indices) > 1:
-                return [(self.parcel, (index,)) for index in indices]
+                return [(self.bundle, (index,)) for index in indices]
             if self._goes_on(indices):
                 return [call]
             answer = [lost_row(self.plan, indices[0])]
         i = indices[0] // len(self.results.blocks[0])
         block = self._rows.setdefault(i, {})
         for row in answer:
-            paths = self.plan.run(row["index"]).values if self.parcel.files else {}  # of this machine, not a worker's
+            paths = self.plan.run(row["index"]).values if self.bundle.files else {}  # of this machine, not a worker's
             block[row["index"]] = row | paths
             self.done += 1
             self.failures += row["status"] != "completed"
@@ -127,7 +129,7 @@ class Execution:
             self.done += 1
             return []
 
-        each_call(self.executor, task, ((self.parcel, *run) for run in runs), take, self._tick)
+        each_call(self.executor, task, ((self.bundle, *run) for run in runs), take, self._tick)
 
 
 def kept(plan: "Plan", rows: Any) -> list[int]:

@@ -10,9 +10,8 @@ import pandas as pd
 from ...views import colours
 from ..plan import Plan
 from ..plan.draws import Variation
-from ..plan.metric import OF_ROWS, unit_of_column, without_unit
+from ..plan.metrics import COMPLETED, OF_ROWS, SETTLED, in_words, successes, unit_of_column, without_unit
 from ..plan.study_file import DEFAULT_METRICS
-from ..plan.success import COMPLETED, SETTLED, in_words, successes
 
 PREFERRED = (
     "contact.peak_N",
@@ -92,7 +91,7 @@ class Metric:
 
 
 @dataclass(frozen=True, eq=False)
-class Data:
+class StudyRows:
     """The rows of a study. Series have the index of ``frame``; values of runs that did not complete are nan."""
 
     plan: Plan

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from ...views.figures.style import BLACK, GREY, LINE, PAGE_IN, SMALL, panels, stripe, styled
-from .data import Data, Factor, Metric, spans_decades
+from .data import Factor, Metric, StudyRows, spans_decades
 from .sensitivity import Sensitivities
 from .statistics import Estimate, rate
 
@@ -27,7 +27,7 @@ _BULK = (0.02, 0.98)
 """Quantiles between which values are shown if a few others would make them look flat."""
 
 
-def success_rates(data: Data) -> dict[str, Estimate]:
+def success_rates(data: StudyRows) -> dict[str, Estimate]:
     """Success rate of each law that has a run."""
     return {
         law: rate(int(data.success[rows].sum()), len(rows), len(np.unique(data.frame["draw"].to_numpy()[rows])))
@@ -36,7 +36,7 @@ def success_rates(data: Data) -> dict[str, Estimate]:
     }
 
 
-def overview(data: Data, rates: Mapping[str, Estimate]) -> Figure:
+def overview(data: StudyRows, rates: Mapping[str, Estimate]) -> Figure:
     """Success rates with intervals, beside the distributions of the first two metrics."""
     with styled():
         shown = data.varying[:2]
@@ -49,7 +49,7 @@ def overview(data: Data, rates: Mapping[str, Estimate]) -> Figure:
     return figure
 
 
-def _rates(ax: Axes, data: Data, rates: Mapping[str, Estimate]) -> None:
+def _rates(ax: Axes, data: StudyRows, rates: Mapping[str, Estimate]) -> None:
     lowest = min(each.low for each in rates.values())
     for i, (law, each) in enumerate(rates.items()):
         ax.plot([100.0 * each.low, 100.0 * each.high], [i, i], color=data.colours[law], linewidth=2.2 * LINE)
@@ -61,7 +61,7 @@ def _rates(ax: Axes, data: Data, rates: Mapping[str, Estimate]) -> None:
     ax.set_xlabel("runs that succeed [%], with 95 % interval")
 
 
-def distributions(data: Data) -> Figure | None:
+def distributions(data: StudyRows) -> Figure | None:
     """Cumulative distributions of all metrics that vary, at most :data:`MOST_PANELS`."""
     metrics = data.varying[:MOST_PANELS]
     if not metrics:
@@ -74,7 +74,7 @@ def distributions(data: Data) -> Figure | None:
     return figure
 
 
-def distribution(ax: Axes, data: Data, metric: Metric, first: bool) -> None:
+def distribution(ax: Axes, data: StudyRows, metric: Metric, first: bool) -> None:
     """Cumulative distribution of a metric for each law, as shares of all its runs. A curve that ends below 1, at an
     open circle, lacks the runs without a value."""
     values = data.values(metric)
@@ -146,7 +146,7 @@ def rounded(value: float) -> str:
     return f"$10^{{{int(exponent)}}}$" if mantissa == "1" else f"${mantissa}\\cdot10^{{{int(exponent)}}}$"
 
 
-def sensitivity(found: Sensitivities, data: Data) -> Figure:
+def sensitivity(found: Sensitivities, data: StudyRows) -> Figure:
     """One panel for each metric: a row for each factor, a dot with its interval for each law; open circles are Sobol
     indices of first order."""
     strongest = {f: max(found.strength(metric, f) for metric in found.of) for f in found.factors}
@@ -189,7 +189,7 @@ def _dots(ax: Axes, estimates: Sequence[Estimate | None], offset: float, colour:
             ax.plot(each.value, y + offset, "o", color=colour, markerfacecolor=face, markersize=3.2)
 
 
-def profile(data: Data, factor: Factor) -> Figure | None:
+def profile(data: StudyRows, factor: Factor) -> Figure | None:
     """Metrics over the only factor of a study: a dot for each run, and crosses above the panel for runs that do not
     succeed."""
     metrics = data.varying[: 2 * _COLUMNS]
@@ -226,7 +226,7 @@ def profile(data: Data, factor: Factor) -> Figure | None:
     return figure
 
 
-def _name_laws(figure: Figure, data: Data, more: Sequence[Line2D] = (), *, striped: bool = False) -> None:
+def _name_laws(figure: Figure, data: StudyRows, more: Sequence[Line2D] = (), *, striped: bool = False) -> None:
     """Add the legend of the laws, with the number of runs that completed, and ``striped`` with the curves' dashes."""
     handles = []
     for i, (law, rows) in enumerate(data.rows.items()):

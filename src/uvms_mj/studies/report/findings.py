@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from .data import Data
+from .data import StudyRows
 from .paired import Paired
 from .sensitivity import SUCCESS, Sensitivities
 from .tables import Failure, signed
@@ -12,7 +12,7 @@ WEAK = 0.3
 """A sensitivity below this is not named."""
 
 
-def findings(data: Data, pairs: Sequence[Paired], found: Sensitivities, failures: Sequence[Failure]) -> list[str]:
+def findings(data: StudyRows, pairs: Sequence[Paired], found: Sensitivities, failures: Sequence[Failure]) -> list[str]:
     """What the numbers show: differences between laws, the strongest influences, the most frequent failure."""
     return [*_differences(pairs), *_influences(data, found), *_failures(failures)]
 
@@ -36,7 +36,7 @@ def _differences(pairs: Sequence[Paired]) -> list[str]:
     return sentences
 
 
-def _influences(data: Data, found: Sensitivities) -> list[str]:
+def _influences(data: StudyRows, found: Sensitivities) -> list[str]:
     what = "Sobol index of first order" if found.sobol else "rank correlation"
     parts = []
     for metric in (SUCCESS, *data.varying[:MOST_METRICS]):

@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import Triangulation
 
 from ...views.figures.style import PAGE_IN, styled
-from .data import Data, Factor, Metric, spans_decades
+from .data import Factor, Metric, StudyRows, spans_decades
 from .figures import decades, rounded
 from .sensitivity import SUCCESS, Sensitivities
 
@@ -65,7 +65,7 @@ def shown(found: Sensitivities, pair: tuple[Factor, Factor], first: bool) -> lis
     return [metric for metric in metrics[:MOST_METRICS] if least(metric) >= _TELLING]
 
 
-def maps(data: Data, pair: tuple[Factor, Factor], metrics: Sequence[Metric]) -> Figure:
+def maps(data: StudyRows, pair: tuple[Factor, Factor], metrics: Sequence[Metric]) -> Figure:
     """Maps over a pair of factors: a row for each metric, a column for each law; of one law, two metrics a row."""
     laws = [law for law in data.laws if len(data.rows[law])][:MOST_LAWS]
     with styled(), mpl.rc_context({"figure.constrained_layout.wspace": 0.05, "hatch.linewidth": 0.4}):
@@ -91,7 +91,12 @@ def maps(data: Data, pair: tuple[Factor, Factor], metrics: Sequence[Metric]) -> 
 
 
 def _row(
-    figure: Figure, row: Sequence[Axes], data: Data, laws: Sequence[str], pair: tuple[Factor, Factor], metric: Metric
+    figure: Figure,
+    row: Sequence[Axes],
+    data: StudyRows,
+    laws: Sequence[str],
+    pair: tuple[Factor, Factor],
+    metric: Metric,
 ) -> None:
     """The maps of a metric, one for each law, with their colour bar."""
     values = 100.0 * data.success if metric is SUCCESS else data.values(metric)
@@ -163,7 +168,7 @@ def _round_levels(low: float, high: float) -> np.ndarray:
 
 def _draw(
     ax: Axes,
-    data: Data,
+    data: StudyRows,
     law: str,
     pair: tuple[Factor, Factor],
     metric: Metric,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from ..pages import Picture, Table, rendered
 from ..plan import Plan
 from . import figures, maps, tables
-from .data import Data
+from .data import StudyRows
 from .findings import findings
 from .paired import paired
 from .sensitivity import SUCCESS, Sensitivities, sensitivities
@@ -34,7 +34,7 @@ def page(
         versions: version by name of the code and of its packages.
         checked: differences between the engines.
     """
-    data = Data(plan, frame)
+    data = StudyRows(plan, frame)
     rates = figures.success_rates(data)
     found = sensitivities(data)
     pairs = paired(data)
@@ -67,7 +67,7 @@ def page(
     )
 
 
-def _line(data: Data) -> str:
+def _line(data: StudyRows) -> str:
     """The study in one line."""
     plan = data.plan
     keys = len(plan.variations)
@@ -79,7 +79,7 @@ def _line(data: Data) -> str:
     return f"{len(data.frame)} runs: {laws} × {draws}{repeats}" + (f"; engine {engines}" if engines else "")
 
 
-def _distributions(data: Data) -> Picture | None:
+def _distributions(data: StudyRows) -> Picture | None:
     figure = figures.distributions(data)
     left_out = [metric.label for metric in data.varying[figures.MOST_PANELS :]]
     constant = [metric.label for metric in data.metrics if metric not in data.varying]
@@ -94,7 +94,7 @@ def _distributions(data: Data) -> Picture | None:
     return None if figure is None else Picture("distributions-figure", caption, figure)
 
 
-def _maps(data: Data, found: Sensitivities) -> list[Picture]:
+def _maps(data: StudyRows, found: Sensitivities) -> list[Picture]:
     """Maps over the most telling pairs of factors, or the metrics over a single factor."""
     if len(data.factors) == 1:
         figure = figures.profile(data, data.factors[0])
@@ -111,7 +111,7 @@ def _maps(data: Data, found: Sensitivities) -> list[Picture]:
     return pictures
 
 
-def _sensitivity(data: Data, found: Sensitivities) -> Picture | None:
+def _sensitivity(data: StudyRows, found: Sensitivities) -> Picture | None:
     if not found.of or not found.factors:
         return None
     kind = "Sobol indices" if found.sobol else "Spearman's rank correlations"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..pages import ROUNDING
-from .data import Data, Metric
+from .data import Metric, StudyRows
 from .statistics import Estimate, difference_of_rates, median
 
 MOST_METRICS = 4
@@ -51,14 +51,14 @@ class Paired:
     metrics: tuple[Difference, ...]
 
 
-def paired(data: Data) -> list[Paired]:
+def paired(data: StudyRows) -> list[Paired]:
     """Compare laws in the draws that both have done."""
     laws = data.laws
     pairs = list(itertools.combinations(laws, 2)) if len(laws) <= MOST_LAWS else [(laws[0], law) for law in laws[1:]]
     return [found for first, second in pairs if (found := _compared(data, first, second)) is not None]
 
 
-def _compared(data: Data, first: str, second: str) -> Paired | None:
+def _compared(data: StudyRows, first: str, second: str) -> Paired | None:
     success = data.success.astype(float)
     differences = data.by_draw(second, success) - data.by_draw(first, success)
     differences = differences[np.isfinite(differences)]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .data import Data, Factor, Metric
+from .data import Factor, Metric, StudyRows
 from .statistics import Estimate, rank_correlation, sobol_indices
 
 MOST_METRICS = 5
@@ -58,7 +58,7 @@ class Sensitivities:
         return [f"{note} ({', '.join(metrics)})" for note, metrics in left_out.items()]
 
 
-def sensitivities(data: Data) -> Sensitivities:
+def sensitivities(data: StudyRows) -> Sensitivities:
     """Sensitivities of the first metrics that vary, and of success."""
     sobol = data.plan.design == "sobol_indices"
     factors = data.factors if sobol else tuple(each for each in data.factors if each.numeric)
@@ -70,7 +70,7 @@ def sensitivities(data: Data) -> Sensitivities:
     return Sensitivities(sobol, factors, {metric: laws for metric, laws in of.items() if laws})
 
 
-def _sensitivity(data: Data, law: str, values: np.ndarray, factors: tuple[Factor, ...]) -> Sensitivity | None:
+def _sensitivity(data: StudyRows, law: str, values: np.ndarray, factors: tuple[Factor, ...]) -> Sensitivity | None:
     y = data.by_draw(law, values)
     if data.plan.design == "sobol_indices":
         found = sobol_indices(y, len(factors), data.plan.seed)

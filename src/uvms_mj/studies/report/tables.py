@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 
 from ..pages import ROUNDING, Table, number
-from ..plan.success import COMPLETED
-from .data import Data, Metric
+from ..plan.metrics import COMPLETED
+from .data import Metric, StudyRows
 from .paired import Paired
 from .statistics import Estimate
 
@@ -61,7 +61,7 @@ class LawRow:
     metrics: Sequence[tuple[str, str]]
 
 
-def law_rows(data: Data, rates: Mapping[str, Estimate]) -> tuple[list[LawRow], list[Metric]]:
+def law_rows(data: StudyRows, rates: Mapping[str, Estimate]) -> tuple[list[LawRow], list[Metric]]:
     """The rows of the first table, and its metrics."""
     metrics = list(data.varying[:HEAD_METRICS])
     found = []
@@ -77,7 +77,7 @@ def law_rows(data: Data, rates: Mapping[str, Estimate]) -> tuple[list[LawRow], l
     return found, metrics
 
 
-def quantiles(data: Data) -> list[Table]:
+def quantiles(data: StudyRows) -> list[Table]:
     """One table for each metric: a row for each law."""
     heads = ["runs", "mean", *("min" if q == 0.0 else "max" if q == 1.0 else f"{q:.0%}" for q in QUANTILES)]
     found = []
@@ -134,7 +134,7 @@ class Failure:
     row: int
 
 
-def failures(data: Data) -> tuple[list[Failure], int]:
+def failures(data: StudyRows) -> tuple[list[Failure], int]:
     """The most frequent failures, and the number of further kinds."""
     lost = data.frame[~data.completed]
     alike = lost["message"].fillna("").map(lambda text: _NUMBER.sub("…", str(text)))
@@ -159,7 +159,7 @@ class Worst:
     command: str
 
 
-def worst(data: Data, folder: str) -> list[Worst]:
+def worst(data: StudyRows, folder: str) -> list[Worst]:
     """For each law: its first run that did not complete, its first that completed without success, and the runs with
     the largest values of a few metrics."""
     order = [data.plan.logs.metric, *COSTS]
@@ -184,7 +184,7 @@ def worst(data: Data, folder: str) -> list[Worst]:
     return found
 
 
-def _worst(data: Data, law: str, at: int, why: str, folder: str) -> Worst:
+def _worst(data: StudyRows, law: str, at: int, why: str, folder: str) -> Worst:
     row = data.frame.iloc[at]
     values = [
         f"{key} {text_of(row[key])}{f' {unit}' if (unit := data.plan.units.get(key, '')) else ''}"
@@ -205,7 +205,7 @@ def without_folders(text: str) -> str:
     return _FOLDERS.sub("", text)
 
 
-def studied(data: Data, versions: Mapping[str, str]) -> list[tuple[str, str]]:
+def studied(data: StudyRows, versions: Mapping[str, str]) -> list[tuple[str, str]]:
     """What was studied: base scenario, laws, keys with their values, design, runs, engine."""
     plan, frame = data.plan, data.frame
     rows = [("base scenario", plan.base.name)]

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 
 from ...views import colours
 from ...views.figures.style import BLACK, GREY, LINE, PAGE_IN, panels, styled
-from ..plan.metric import unit_of_column, without_unit
+from ..plan.metrics import unit_of_column, without_unit
 from ..report.figures import ABOVE_PANEL, decades
 from .tables import Measure
 

@@ -10,10 +10,10 @@ from ...errors import Fault, InputError, shortened, suggestion
 from ...files import plain
 from ...quantities import overrides_of
 from ..plan import Plan
-from ..plan.entries import Law, absolute, base_of, laws_of, split_overrides
-from ..plan.metric import COMPONENTS, TEXTS, columns_of, kept_column, metric_of
+from ..plan.metrics import COMPONENTS, TEXTS, columns_of, kept_column, metric_of
 from ..plan.places import missing, overlap, overrides_at, parsed, value_at
-from ..plan.study_file import DEFAULT_METRICS, read
+from ..plan.reading import Law, base_of, laws_of, split_overrides
+from ..plan.study_file import DEFAULT_METRICS, absolute, read
 from .tables import TABLES, Gain, valid
 
 _LISTS = ("gain", "constraint")

@@ -13,9 +13,9 @@ from pebble import ProcessExpired
 from ...errors import InputError
 from ..plan import Plan
 from ..plan.places import overrides_at
+from ..pool.bundle import StudyBundle
 from ..pool.calls import each_call
 from ..pool.execution import ATTEMPTS
-from ..pool.parcel import Parcel
 from ..rows import lost_row, one_row
 from .tables import Constraint, Measure, Objective
 
@@ -56,16 +56,16 @@ def with_gains(plan: Plan, values: Mapping[str, float]) -> Plan:
     return dataclasses.replace(plan, laws=(law,), tables={**plan.tables, "laws": [named]})
 
 
-def rows_of(parcel: Parcel, values: Mapping[str, float], indices: tuple[int, ...]) -> list[dict[str, Any]]:
+def rows_of(bundle: StudyBundle, values: Mapping[str, float], indices: tuple[int, ...]) -> list[dict[str, Any]]:
     """The rows of some runs of a trial, in a worker."""
-    plan = with_gains(parcel.plan(), values)
+    plan = with_gains(bundle.plan(), values)
     return [one_row(plan, index) for index in indices]
 
 
 def rows(
-    plan: Plan, parcel: Parcel, values: Mapping[str, float], executor: Executor, tick: Callable[[], None]
+    plan: Plan, bundle: StudyBundle, values: Mapping[str, float], executor: Executor, tick: Callable[[], None]
 ) -> list[dict[str, Any]]:
-    """The rows of all runs of a trial, in order. ``plan`` is the parcel's with these gains."""
+    """The rows of all runs of a trial, in order. ``plan`` is the bundle's with these gains."""
     found: dict[int, dict[str, Any]] = {}
     losses: dict[int, int] = {}
 
@@ -73,7 +73,7 @@ def rows(
         indices = call[2]
         if isinstance(answer, ProcessExpired):
             if len(indices) > 1:
-                return [(parcel, values, (index,)) for index in indices]
+                return [(bundle, values, (index,)) for index in indices]
             losses[indices[0]] = losses.get(indices[0], 0) + 1
             if losses[indices[0]] < ATTEMPTS:
                 return [call]
@@ -84,7 +84,7 @@ def rows(
     workers = max(1, int(getattr(executor, "size", 0) or 1))
     size = -(-plan.runs // (_PER_WORKER * workers))
     blocks = (tuple(range(i, min(i + size, plan.runs))) for i in range(0, plan.runs, size))
-    calls = ((parcel, values, indices) for indices in blocks)
+    calls = ((bundle, values, indices) for indices in blocks)
     each_call(executor, rows_of, calls, take, tick)
     return [found[index] for index in range(plan.runs)]
 

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import tomli_w
 
 from ...errors import InputError
-from ...files import is_file, is_folder, locked, shortened, tables_of, whole
+from ...files import atomic_write, is_file, is_folder, locked, shortened, tables_of
 from ..plan import Plan
 from ..plan.places import unit_of
-from ..pool.parcel import Parcel
+from ..pool.bundle import StudyBundle
 from ..results import VERSION, about_of, check_same, put
 from ..study import Study, executor_of
 from .reading import fields_of
@@ -126,14 +126,14 @@ class Tuning:
         folder = Path(out)
         folder.mkdir(parents=True, exist_ok=True)
         with locked(folder), executor_of(executor, workers) as pool:
-            parcel = Parcel.of(self.plan)
-            about = about_of(self.plan, parcel)
+            bundle = StudyBundle.of(self.plan)
+            about = about_of(self.plan, bundle)
             if any((folder / name).exists() for name in (TUNING, VERSION)):
                 check_same(folder / TUNING, self.tables, about, free=("tune.trials",))
             put(folder / VERSION, lambda file: file.write(json.dumps(about, indent=1).encode()))
             put(folder / TUNING, lambda file: file.write(tomli_w.dumps(self.tables).encode()))
             journal = self._journal(folder)
-            self._search(journal, parcel, pool, progress or (lambda *_: None))
+            self._search(journal, bundle, pool, progress or (lambda *_: None))
             self._write(folder, [_trial(each) for each in journal.trials], pool)
 
     def text(self) -> list[str]:
@@ -160,7 +160,7 @@ class Tuning:
     def _journal(self, folder: Path) -> Journal:
         return Journal(folder, self.plan.name, self.objective.direction)
 
-    def _search(self, journal: Journal, parcel: Parcel, pool: Executor, progress: Progress) -> None:
+    def _search(self, journal: Journal, bundle: StudyBundle, pool: Executor, progress: Progress) -> None:
         best = self._best([_trial(each) for each in journal.trials])
         shown: list[Any] = [len(journal.trials), None if best is None else best.outcome.objective]
 
@@ -172,7 +172,7 @@ class Tuning:
                 plan = with_gains(self.plan, values)
             except InputError as error:
                 return refused(self.constraints, error)
-            return outcome(self.objective, self.constraints, rows(plan, parcel, values, pool, tick))
+            return outcome(self.objective, self.constraints, rows(plan, bundle, values, pool, tick))
 
         def done(number: int, found: Outcome) -> None:
             shown[0] = number + 1
@@ -214,7 +214,7 @@ class Tuning:
             return
         scenario = with_gains(self.plan, best.gains).laws[0].scenario
         head = f"# Found by {self.name}: trial {best.number}, {self.objective.label} {best.outcome.objective!r}"
-        with whole(folder / FOUND) as part:
+        with atomic_write(folder / FOUND) as part:
             part.write_text(f"{head}\n{scenario.to_toml()}", encoding="utf-8")
         self.study_of(folder, best).run(executor=pool)
 

@@ -14,7 +14,7 @@ from ...errors import InputError
 from ...records.header import Status
 from ...records.trace import Trace
 from ...stages.signals import OF_JOINTS
-from ..figures import contact, joints, panels
+from . import contact, joints, panels
 from .insets import place
 from .overlay import Overlay
 from .panels import ANGULAR, LINEAR, Panel

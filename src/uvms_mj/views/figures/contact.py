@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from ...analysis.rest import demanded_force
-from ...control.rest import SteadyState
+from ...control.base import SteadyState
+from ...control.design import demanded_force
 from ...records.trace import Trace
 from .insets import Inset
 from .panels import LEVELS, Panel, level

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 
 from ...records.trace import Trace
 from ...stages.signals import AXES, OF_JOINTS, OF_THRUSTERS, Signal
-from ...views import colours
+from .. import colours
 from .insets import Inset
 from .panels import (
     ANGULAR,

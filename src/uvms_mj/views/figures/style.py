@@ -20,7 +20,7 @@ from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
 
 from ...errors import InputError
-from ...files import whole
+from ...files import atomic_write
 from ...stages.signals import AXES
 
 STYLE = Path(__file__).with_name("uvms_mj.mplstyle")
@@ -223,6 +223,6 @@ def save(figure: Figure, path: str | os.PathLike, formats: Sequence[str] = ("png
         drawn = io.BytesIO()  # on a full disk matplotlib's PDF writer fails a second time in closing the file
         with styled(), _in_latex(figure) if kind == "pgf" else contextlib.nullcontext():
             figure.savefig(drawn, format=kind, **_METADATA[kind])
-        with whole(file) as part:
+        with atomic_write(file) as part:
             part.write_bytes(drawn.getvalue())
     return files

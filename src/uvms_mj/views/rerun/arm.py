@@ -11,7 +11,7 @@ import rerun as rr
 from ...plant.geometry import Geometry
 from ...plant.solids import Solid, solids
 from ...records.header import Header
-from ...records.palette import BLUE, GREEN, VERMILLION, Colour
+from ...records.scene import BLUE, GREEN, VERMILLION, Colour
 from ..colours import mixed
 
 TRIAD_M = 0.12

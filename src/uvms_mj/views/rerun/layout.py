@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ...control.rest import SteadyState
+from ...control.base import SteadyState
 from ...physics.tree import MOST_JOINTS
 from ...records.scene import span, wall_face
 from .extents import readable

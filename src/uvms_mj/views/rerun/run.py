@@ -14,19 +14,33 @@ from dataclasses import dataclass
 import numpy as np
 import rerun as rr
 
-from ...control.rest import SteadyState
+from ...control.base import SteadyState
 from ...physics.frames import quat_from_euler_deg
 from ...plant.geometry import Geometry
 from ...plant.shapes import Shape
 from ...plant.solids import Solid, solids
 from ...records.header import Header
-from ...records.palette import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, YELLOW, Colour
-from ...records.scene import FORCE_SCALE, FORCES, WALL_SIZE, Force, magnitudes, scene_of, span
+from ...records.scene import (
+    BLUE,
+    FORCE_SCALE,
+    FORCES,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILLION,
+    WALL_SIZE,
+    YELLOW,
+    Colour,
+    Force,
+    magnitudes,
+    scene_of,
+    span,
+)
 from ...stages.signals import BAND, BANDED, PUSH, Signal, band_signals
 from ..colours import legible, mixed
 from . import arm
 from .extents import Extents
-from .solids import mesh_of, rgba8
 
 TIMELINE = "sim_time"
 """Simulated time [s]."""
@@ -320,3 +334,18 @@ def _series(names: list[str], colours: list[Colour], width: float | None = None)
     policy = rr.components.AggregationPolicy.MinMax
     widths = None if width is None else [width] * len(names)
     return rr.SeriesLines(names=names, colors=colours, widths=widths, aggregation_policy=policy)
+
+
+def mesh_of(solid: Solid, rgba: tuple[int, int, int, int]) -> rr.Mesh3D:
+    """The mesh of a solid. Rerun has no cut-away cylinders, and its solid primitives do not support opacity."""
+    return rr.Mesh3D(
+        vertex_positions=solid.vertices,
+        vertex_normals=solid.normals,
+        triangle_indices=solid.triangles,
+        albedo_factor=rgba,
+    )
+
+
+def rgba8(rgba: tuple[float, ...]) -> tuple[int, int, int, int]:
+    r, g, b, a = (min(255, round(255 * c)) for c in rgba)
+    return r, g, b, a

@@ -13,7 +13,7 @@ import numpy as np
 import rerun as rr
 
 from ...errors import InputError
-from ...files import whole
+from ...files import atomic_write
 from ...plant.solids import solids
 from ...records.header import Header, Outcome
 from ...records.scene import force_scale
@@ -100,7 +100,7 @@ def show(traces: Mapping[str, Trace]) -> None:
 def save(traces: Mapping[str, Trace], path: Path) -> None:
     """Write traces by label as a recording with its layout. The file is written atomically. Raises InputError if the
     file can't be written."""
-    with whole(path) as part:
+    with atomic_write(path) as part:
         recording = _Recording(_runs(traces))
         for _ in recording.blocks(traces):
             pass

@@ -1,0 +1,96 @@
+r"""Admittance control: the measured force moves the reference of a stiff pose controller."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ...errors import Fault
+from ...quantities import NonNegative, Positive
+from ..base import Controller, SteadyState, gain
+
+
+@dataclass(frozen=True)
+class Admittance(Controller):
+    r"""Admittance control, or position-based impedance control: the force moves the reference of a pose controller.
+
+    .. math::
+
+        M_d \dot\nu_a + D_d \nu_a + K_d \eta_a &= K_f (\tau_c - F_d), \qquad
+        \dot\eta_a = (v_a, \tfrac12 \omega_a)
+
+        \tau &= \hat M (\dot\nu_d + \dot\nu_a - k_v (\tilde\nu - \nu_a) - k_p (\tilde\eta - \eta_a) - \xi_a)
+            + \hat C \nu + \hat D \nu + \hat g, \qquad \dot\xi_a = k_i (\tilde\eta - \eta_a)
+
+    eta_a and nu_a are the offset that the force causes, in B. The inner loop does not use the force, so the wall acts
+    on both impedances, the desired one and that of the inner loop, in series. After Siciliano, Sciavicco, Villani and
+    Oriolo (2009, Robotics: Modelling, Planning and Control, ch. 9).
+    """
+
+    k_p: Positive = gain(300.0, "1/s^2", "stiffness of the inner loop over M_hat")
+    k_v: NonNegative = gain(30.0, "1/s", "damping of the inner loop over M_hat")
+    k_i: NonNegative = gain(1000.0, "1/s^3", "integral gain of the inner loop over M_hat; 0: PD")
+
+    name = "admittance"
+    needs: ClassVar = ("impedance.M_d", "initial.joints")
+    uses_task: ClassVar[bool] = False
+    states: ClassVar = {"eta_a": 6, "nu_a": 6, "xi_a": 6}
+    units: ClassVar = {"eta_a": "m, 1", "nu_a": "m/s, rad/s", "xi_a": "m/s^2, rad/s^2"}
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        return {**super().constants(setup), "M_d_inv": setup.design.M_d_inv}
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        eta_a, nu_a, nu_a_dot = state.eta_a, state.nu_a, state_dot.nu_a
+        for i in range(6):
+            nu_a_dot[i] = 0.0
+            tau_cmd[i] = signals.C_hat_nu[i] + signals.D_hat_nu[i] + signals.g_hat[i]
+        for j in range(6):
+            force = signals.K_f[j] * (signals.tau_contact_m_B[j] - signals.F_d[j]) - signals.K_d[j] * eta_a[j]
+            for k in range(6):
+                force -= signals.D_d[j, k] * nu_a[k]
+            for i in range(6):
+                nu_a_dot[i] += gains.M_d_inv[i, j] * force
+        for j in range(6):
+            error = signals.eta_e[j] - eta_a[j]
+            state_dot.eta_a[j] = nu_a[j] if j < 3 else 0.5 * nu_a[j]  # eq. (17) for small angles
+            state_dot.xi_a[j] = gains.k_i * error
+            a = signals.nu_d_dot[j] + nu_a_dot[j] - gains.k_v * (signals.nu_e[j] - nu_a[j]) - gains.k_p * error
+            for i in range(6):
+                tau_cmd[i] += signals.M_hat[i, j] * (a - state.xi_a[j])
+
+    def faults(self, setup: Any) -> Iterator[Fault]:
+        """Refuse an inertia that changes: the offset is a state of its own, with a constant M_d."""
+        if setup.scenario.impedance.natural:
+            why = "changes with the posture; the law admittance needs a constant inertia: six numbers or a 6x6 matrix"
+            yield Fault("impedance.M_d", f"{setup.scenario.impedance.M_d!r} {why}")
+
+    def at_rest(self, setup: Any) -> SteadyState | str:
+        """With an integral, K_d eta_e = K_f (tau_c - F_d). Without, the stiffness M_hat k_p in series with K_d:
+        K_d eta_e - K_f (tau_c - F_d) + K_d (M_hat k_p)^-1 (tau_cmd - g_hat) = 0."""
+        from ..theory.balance import static_balance
+        from ..theory.linear import Linear
+
+        design = setup.design
+
+        def residual(balance: Any, x: Any) -> np.ndarray:
+            nu = balance.measurement(x).nu
+            demanded = balance.demanded(x) - design.D_d @ nu  # nu_a = 0
+            if self.k_i:
+                return demanded
+            return (
+                demanded
+                + design.K_d @ (np.linalg.solve(design.M_hat, balance.control_wrench(x)) + self.k_v * nu) / self.k_p
+            )
+
+        return Linear.of(setup).checked(static_balance(setup, np.inf if self.k_i else 0.0, residual))
+
+    def notes(self, setup: Any) -> Iterator[str]:
+        """Warnings if the sampled law oscillates."""
+        from ..theory.linear import Linear
+
+        return Linear.of(setup).notes(self.label())

@@ -1,0 +1,90 @@
+r"""Adaptive integral sliding mode impedance control."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from ...quantities import NonNegative
+from ..base import Controller, NonNegativeDiagonal, PositiveDiagonal, SteadyState, gain
+from .terms import integral_residual, within
+
+RESTS_AT = 0.5
+"""Share of the boundary layer at which the gain is at rest: K is then twice the disturbance [1]."""
+
+if TYPE_CHECKING:
+    from ..theory.linear import Linear
+
+
+@dataclass(frozen=True)
+class Aismc(Controller):
+    r"""Adaptive integral sliding mode impedance control: the switching gain follows the size of the disturbance.
+
+    .. math::
+
+        \tau = \tau_{nom} - \hat M K \, sat(\sigma / \epsilon), \qquad
+        \dot K_i = \gamma (|\sigma_i| - \tfrac12 \epsilon_i), \quad K_0 \le K_i \le K_{max,i}
+
+    with the integral sliding variable sigma of :mod:`.terms`. At rest K_i sat(sigma_i / epsilon_i) is
+    the unknown acceleration varphi_i, and sigma_i = epsilon_i / 2 with K_i = 2 |varphi_i|, or K_i = K_0 if this
+    suffices. Either way sigma is constant, so that eq. (7) holds. The gain grows outside half of the boundary layer and
+    decreases inside, as in the adaptation without overestimation of Plestan, Shtessel, Bregeault and Poznyak (2010, New
+    methodologies for adaptive sliding mode control); their rate of K jumps at the threshold, this one does not. The
+    integral sliding variable is after Utkin and Shi (1996).
+    """
+
+    K_0: NonNegative = gain(0.2, "m/s^2, rad/s^2", "least switching gain, and the one at the start")
+    K_max: NonNegativeDiagonal = gain(
+        (3.0, 3.0, 3.0, 12.0, 12.0, 12.0), "m/s^2, rad/s^2", "greatest switching gain of each axis"
+    )
+    rate: NonNegative = gain(1000.0, "1/s^2", "gamma, rate of the adaptation")
+    epsilon: PositiveDiagonal = gain(
+        (0.02, 0.02, 0.02, 0.1, 0.1, 0.1), "m/s, rad/s", "width of the boundary layer of each axis"
+    )
+
+    name = "aismc"
+    states: ClassVar = {"nu_hat": 6, "K": 6, "sigma": 6}
+    units: ClassVar = {"nu_hat": "m/s, rad/s", "K": "m/s^2, rad/s^2", "sigma": "m/s, rad/s"}
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        sigma = state.sigma
+        integral_residual(signals, state.nu_hat, state_dot.nu_hat, sigma)
+        for i in range(6):
+            tau_cmd[i] = signals.tau_nom[i]
+        for j in range(6):
+            K = min(gains.K_max[j], max(gains.K_0, state.K[j]))
+            state.K[j] = K
+            state_dot.K[j] = gains.rate * (abs(sigma[j]) - RESTS_AT * gains.epsilon[j])
+            a = K * within(sigma[j] / gains.epsilon[j], 1.0)
+            for i in range(6):
+                tau_cmd[i] -= signals.M_hat[i, j] * a
+
+    def at_rest(self, setup: Any) -> SteadyState | str:
+        """The static balance with eq. (7), if the switching gain exceeds the disturbance."""
+        from ..theory.balance import static_balance, unmodelled_acceleration
+        from ..theory.terms import Balance
+
+        state = static_balance(setup, np.inf, Balance.demanded)
+        if isinstance(state, str):
+            return state
+        phi, K = unmodelled_acceleration(setup, state), np.full(6, self.K_0)
+        if self.rate:
+            K = np.minimum(self.K_max, np.maximum(K, np.abs(phi) / RESTS_AT))
+        if (np.abs(phi) >= K).any():
+            return "the disturbance is larger than the switching gain can balance"
+        return self._steepest(setup).checked(state)
+
+    def notes(self, setup: Any) -> Iterator[str]:
+        """Warnings if the sampled law chatters with its greatest gain. It then keeps this gain."""
+        return self._steepest(setup).notes(f"{self.label()}, if its switching gain grows to K_max,")
+
+    def _steepest(self, setup: Any) -> Linear:
+        """The law linear in the inner half of the boundary layer, with the greatest gain that it may reach."""
+        from ..theory.linear import Linear
+
+        K = np.array(self.K_max) if self.rate else np.full(6, self.K_0)
+        return Linear.of(setup, {"K": 0.999 * K, "nu_hat": -0.25 * np.array(self.epsilon)})

@@ -1,0 +1,43 @@
+"""The ideal law, a yardstick: it uses true current and disturbance, which a real vehicle can't measure."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..base import Controller, SteadyState
+
+TOLD_THE_TRUTH = "the truth, current and disturbance included: a yardstick, not a law for a real vehicle"
+"""Text in all outputs that describes the signals given to the ideal law."""
+
+
+@dataclass(frozen=True)
+class Ideal(Controller):
+    """Ideal impedance control (13), a yardstick: it uses the true model, current and disturbance."""
+
+    name = "ideal"
+    uses_truth: ClassVar[bool] = True
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        for i in range(6):
+            tau_cmd[i] = signals.C_nu_r[i] + signals.D_nu_r[i] + signals.g_eta[i] - signals.tau_dist[i]
+            tau_cmd[i] -= signals.tau_contact_m_B[i]
+            for j in range(6):  # w has the desired impedance and K_f (tau_c - F_d) in it
+                tau_cmd[i] += signals.M[i, j] * (signals.nu_d_dot[j] - signals.nu_c_dot[j] - signals.w[j])
+
+    def at_rest(self, setup: Any) -> SteadyState | str:
+        """The static balance with s = 0."""
+        from ..theory.balance import static_balance
+        from ..theory.sampled import Vibration
+
+        if not np.array_equal(setup.vehicle.B, setup.nominal.B):
+            return "the ideal law does not know the offsets of the thrusters"
+        return Vibration.of(setup, setup.design.M).checked(static_balance(setup, np.inf))
+
+    def notes(self, setup: Any) -> Iterator[str]:
+        """Warnings if the sampled law vibrates against the wall."""
+        from ..theory.sampled import Vibration
+
+        return Vibration.of(setup, setup.design.M).notes(self.label())

@@ -1,0 +1,84 @@
+r"""Parallel force/position control: the integral of the force error dominates the position error at rest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ...quantities import NonNegative
+from ..base import Controller, SteadyState, gain
+from .terms import within
+
+
+@dataclass(frozen=True)
+class Parallel(Controller):
+    r"""Parallel force/position control: PD control of the pose and PI control of the force along F_d.
+
+    .. math::
+
+        \tau = \tau_{nom} + n \xi, \qquad \dot\xi = k_i n^\top (\tau_c - F_d), \quad |\xi| \le limit, \qquad
+        n = F_d / |F_d|, \text{ forces only}
+
+    tau_nom is eq. (23) with the generalised impedance (7): its K_d and D_d are the PD part, its K_f is the proportional
+    part of the PI part. The integral makes the force dominate: at rest n^T tau_c = n^T F_d. Along the other axes, and
+    for F_d = 0, the law is impedance control. After Chiaverini and Sciavicco (1993, The parallel approach to
+    force/position control of robotic manipulators).
+    """
+
+    k_i: NonNegative = gain(1.0, "1/s", "rate of the integral of the force error")
+    limit: NonNegative = gain(4.0, "N", "limit of the integral term xi")
+
+    name = "parallel"
+    states: ClassVar = {"xi": 1}
+    units: ClassVar = {"xi": "N"}
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        F_d, tau_c = signals.F_d, signals.tau_contact_m_B
+        size = math.sqrt(F_d[0] * F_d[0] + F_d[1] * F_d[1] + F_d[2] * F_d[2])
+        xi = within(state.xi[0], gains.limit)
+        state.xi[0] = xi
+        state_dot.xi[0] = 0.0
+        for i in range(6):
+            tau_cmd[i] = signals.tau_nom[i]
+        if size > 0.0:
+            for i in range(3):
+                n = F_d[i] / size
+                state_dot.xi[0] += gains.k_i * n * (tau_c[i] - F_d[i])
+                tau_cmd[i] += n * xi
+
+    def at_rest(self, setup: Any) -> SteadyState | str:
+        """n^T tau_c = n^T F_d, unless the integral is at its limit; the static balance along the other directions."""
+        from ..theory.balance import static_balance
+        from ..theory.linear import Linear
+        from ..theory.terms import Integral
+
+        F_d = np.array([*setup.scenario.impedance.at_end[1][:3], 0.0, 0.0, 0.0])
+        size = float(np.linalg.norm(F_d))
+        n = F_d / size if size else F_d
+        M_hat = setup.design.M_hat
+
+        integral = Integral(self.limit if self.k_i else 0.0)
+
+        def residual(balance: Any, x: Any) -> np.ndarray:
+            missing = M_hat @ (balance.desired_acceleration(x) - balance.unmodelled(x))  # tau_cmd - tau_nom
+            xi = n @ missing
+            return missing - n * xi + n * integral.left(xi, self.k_i * (n @ (balance.measurement(x).tau_c - F_d)))
+
+        return Linear.of(setup).checked(static_balance(setup, 0.0, residual, integral))
+
+    def notes(self, setup: Any) -> Iterator[str]:
+        """Warnings if no force is asked for along the wall's normal, or the sampled law oscillates."""
+        from ..theory.linear import Linear
+
+        asked = -float(setup.design.normal[:3] @ setup.scenario.impedance.at_end[1][:3])
+        if asked <= 0.0 and self.k_i > 0.0:
+            yield (
+                f"{self.label()} asks for no push on the wall: impedance.F_d has {-asked:g} N along the wall's normal; "
+                "a push of 1.5 N on a wall in front is impedance.F_d = [-1.5, 0, 0, 0, 0, 0]"
+            )
+        yield from Linear.of(setup).notes(self.label())

@@ -1,0 +1,70 @@
+r"""PD+I control of the pose with feed-forward of a desired force. It measures no force."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ...quantities import NonNegative
+from ..base import Controller, NonNegativeDiagonal, SteadyState, gain
+from .terms import within
+
+
+@dataclass(frozen=True)
+class Pid(Controller):
+    r"""PD+I control of the pose with compensation of weight and buoyancy, and feed-forward of a desired force.
+
+    .. math::
+
+        \tau = \hat g(\eta) - K_f F_d - K_d \tilde\eta - D_d \tilde\nu - \xi, \qquad
+        \dot\xi = k_i K_d \tilde\eta, \quad |\xi_i| \le limit_i
+
+    K_d and D_d are those of [impedance]. Without the integral it is stiffness control after Salisbury (1980, Active
+    stiffness control of a manipulator in Cartesian coordinates); PD control with compensation of gravity is after
+    Takegaki and Arimoto (1981).
+    """
+
+    k_i: NonNegative = gain(2.0, "1/s", "rate of the integral: xi_dot = k_i K_d eta_e")
+    limit: NonNegativeDiagonal = gain((10.0, 10.0, 10.0, 3.0, 3.0, 3.0), "N, N m", "limit of the integral term xi")
+
+    name = "pid"
+    uses_task: ClassVar[bool] = False
+    states: ClassVar = {"xi": 6}
+    units: ClassVar = {"xi": "N, N m"}
+
+    @staticmethod
+    def law(gains, state, signals, state_dot, tau_cmd):
+        for i in range(6):
+            state.xi[i] = within(state.xi[i], gains.limit[i])
+            spring = signals.K_d[i] * signals.eta_e[i]
+            state_dot.xi[i] = gains.k_i * spring
+            tau_cmd[i] = signals.g_hat[i] - signals.K_f[i] * signals.F_d[i] - spring - state.xi[i]
+            for j in range(6):
+                tau_cmd[i] -= signals.D_d[i, j] * signals.nu_e[j]
+
+    def at_rest(self, setup: Any) -> SteadyState | str:
+        """On each axis the pose error is zero, or the integral is at its limit. Against a wall in front of the
+        reference it is: F = (K_x (x_d - x_c) + limit_x - K_f F_d + d) / (1 + K_x / k_c)."""
+        from ..theory.balance import static_balance
+        from ..theory.linear import Linear
+        from ..theory.terms import Integral
+
+        K_d, limit = setup.design.K_d, np.array(self.limit)
+        integral = Integral(np.where(self.k_i * K_d.diagonal() > 0.0, limit, 0.0))  # elsewhere xi stays zero
+
+        def residual(balance: Any, x: Any) -> np.ndarray:
+            nu, spring = balance.measurement(x).nu, K_d @ balance.error(x)
+            measured = balance.resistance(nu) + setup.design.D_d @ nu
+            xi = -(balance.control_wrench(x) + measured + balance.K_f * balance.F_d + spring)
+            return -integral.left(xi, self.k_i * spring)
+
+        return Linear.of(setup).checked(static_balance(setup, 0.0, residual, integral))
+
+    def notes(self, setup: Any) -> Iterator[str]:
+        """Warnings if the sampled law oscillates."""
+        from ..theory.linear import Linear
+
+        return Linear.of(setup).notes(self.label())

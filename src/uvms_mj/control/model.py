@@ -1,0 +1,84 @@
+"""The model of the vehicle: C, D and g as the law estimates them, and the truth for the ideal law.
+
+The estimates use the same equations as the plant, with the true coefficients times the scenario's factors (default 1).
+Their errors are terms of the lumped disturbance of the paper's eq. (11).
+"""
+
+from typing import Any
+
+import numpy as np
+
+from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
+from ..physics.frames import to_body
+from ..physics.hydrodynamics import relative_velocity
+from ..physics.kernels import kernel
+
+
+def coefficients(vehicle: Any, gravity_W: Any, factors: Any = None) -> dict[str, Any]:
+    """The fields of the record for :func:`model_wrenches`; ``factors`` of C, D and g are those of the estimates."""
+    coriolis, damping, restoring = (factors.coriolis, factors.damping, factors.restoring) if factors else (1.0,) * 3
+    return {
+        "M_RB": coriolis * vehicle.M_RB,
+        "M_A": coriolis * vehicle.M_A,
+        "D_linear": damping * vehicle.D_linear,
+        "D_quadratic": damping * vehicle.D_quadratic,
+        "mass": restoring * vehicle.mass,
+        "displaced_mass": restoring * vehicle.displaced_mass,
+        "r_g": vehicle.r_g,
+        "r_b": vehicle.r_b,
+        "gravity_W": np.array(gravity_W),
+    }
+
+
+@kernel
+def model_wrenches(coefficients, nu, R_WB, C_nu, D_nu, g_eta):
+    """Set C(nu) nu, D(nu) nu and g(eta), (6,) each [N, N m, B], from nu (6,) and R_WB (3, 3).
+
+    ``coefficients`` is a record with M_RB, M_A, D_linear, D_quadratic, mass, displaced_mass, r_g, r_b and gravity_W.
+    """
+    coriolis_rigid_body(coefficients.M_RB, nu, C_nu)
+    coriolis_added_mass(coefficients.M_A, nu, g_eta)  # scratch until restoring sets it
+    for i in range(6):
+        C_nu[i] += g_eta[i]
+    damping(coefficients.D_linear, coefficients.D_quadratic, nu, D_nu)
+    mass, displaced_mass = coefficients.mass, coefficients.displaced_mass
+    restoring(mass, displaced_mass, coefficients.r_g, coefficients.r_b, coefficients.gravity_W, R_WB, g_eta)
+
+
+@kernel
+def reveal(coefficients, water, signals, truth, work):
+    """Set a :data:`uvms_mj.stages.signals.TRUTH` record, except M, from the true coefficients; work is (6,) scratch.
+
+    It is for eq. (13): velocity in the water and wrenches, which a real vehicle can't measure. In water that
+    accelerates, g(eta) has the weight in gravity minus v_c_dot and the buoyancy in gravity minus a_c, both in W: with
+    it, eq. (10) has the force of the water's acceleration on every vehicle (:mod:`uvms_mj.physics.hydrodynamics`).
+    """
+    nu, nu_r, nu_c_dot = signals.nu, truth.nu_r, truth.nu_c_dot
+    relative_velocity(water, signals.R_WB, nu, nu_r)
+    to_body(signals.R_WB, water.v_c_W, work)
+    nu_c_dot[0] = nu[5] * work[1] - nu[4] * work[2]  # -omega x v_c
+    nu_c_dot[1] = nu[3] * work[2] - nu[5] * work[0]
+    nu_c_dot[2] = nu[4] * work[0] - nu[3] * work[1]
+    model_wrenches(coefficients, nu_r, signals.R_WB, truth.C_nu_r, truth.D_nu_r, truth.g_eta)
+    if water.unsteady != 0:
+        to_body(signals.R_WB, water.v_c_dot_W, work)
+        for i in range(3):
+            nu_c_dot[i] += work[i]
+        accelerated_frame(coefficients, water, signals.R_WB, work, truth.g_eta, truth.tau_dist)
+    for i in range(6):
+        truth.tau_dist[i] = water.tau_dist[i]
+
+
+@kernel
+def accelerated_frame(coefficients, water, R_WB, work, g_eta, g_buoyancy):
+    """Set g_eta (6,) to the restoring wrench in the frame of water that accelerates; work and g_buoyancy are (6,)
+    scratch."""
+    r_g, r_b = coefficients.r_g, coefficients.r_b
+    for i in range(3):
+        work[i] = coefficients.gravity_W[i] - water.a_c_W[i]
+    restoring(0.0, coefficients.displaced_mass, r_g, r_b, work, R_WB, g_buoyancy)
+    for i in range(3):
+        work[i] = coefficients.gravity_W[i] - water.v_c_dot_W[i]
+    restoring(coefficients.mass, 0.0, r_g, r_b, work, R_WB, g_eta)
+    for i in range(6):
+        g_eta[i] += g_buoyancy[i]

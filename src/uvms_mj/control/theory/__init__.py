@@ -1,0 +1,1 @@
+"""Theory: the rest of a law in closed form, what sampling and delays do to it, certificates."""

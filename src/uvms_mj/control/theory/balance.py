@@ -1,0 +1,236 @@
+r"""Static balance: pose and contact force of a vehicle at rest, from the scenario and one number of the law.
+
+Near rest each shipped law is the nominal control (23) minus :math:`\hat M K s`, up to a term that integrates. At rest
+(nu = 0) zeta is constant in eq. (15), so that A s = -w with w = M_d^-1 (K_d eta_e - K_f (tau_c - F_d)). The balance of
+eq. (10) is then
+
+.. math::
+
+    (I - A^{-1} K) M_d^{-1} (K_d \tilde\eta - K_f (\tau_c - F_d))
+    = \hat M^{-1} (d + \hat g(\eta) - g(\eta) + (I - T^{-1}) \tau), \qquad
+    K = \begin{cases} 0 & \text{impedance, eq. (23): the static balance of eq. (5)} \\
+                      K_s / \epsilon & \text{first-order law inside its boundary layer, eq. (31)} \\
+                      \infty & \text{super-twisting, whose } z \text{ balances disturbances slower than } k_2/2; \\
+                             & \text{the ideal law, eq. (13)}
+        \end{cases}
+
+For A = 0 and K > 0 the left factor is infinite, which is eq. (6). T = B B_hat^+ gives the wrench of the true thrusters
+for a commanded one, and tau = g - d - tau_c holds the vehicle. Here d = tau_dist - C_A(-nu_c)(-nu_c) - D(-nu_c)(-nu_c)
+is the wrench of the current and the constant disturbance on the vehicle at rest, at its rest attitude; tau_dist has
+the drag of a tether in it.
+The frictionless wall gives tau_c = -k_c (x - x_c) along its normal for x > x_c; each contact of the list gives the
+force of its springs with its moment (:mod:`.contacts`). For GSTA with the attitude reference
+along W this is eq. (12) at rest against the spring of eq. (34), F = K_x (x_d - x_c) / (1 + K_x / k_c); the paper's
+1.5 N neglects the compliance of the wall.
+
+The law sees measurements, with the constant errors that :meth:`uvms_mj.navigation.base.Navigation.rest_errors` gives.
+Then w is that of the measurements, a biased velocity nu_m adds D_d nu_m to it and makes the pose error seem to move, so
+that A s = F_1 eta_e_dot - w, and the estimates are those of the measurements:
+
+.. math::
+
+    w - \frac{K}{K - A} F_1 \dot{\tilde\eta} = \frac{A}{A - K} \hat M^{-1}
+        (d + \hat n_m - g(\eta) + \tau_c - \tau_{c,m} + (I - T^{-1}) \tau), \qquad
+    \hat n_m = \hat C \nu_m + \hat D \nu_m + \hat g(\eta_m).
+
+An observer measures all that the controller's model does not explain: tau_c,m is tau_c plus the rest of the bracket,
+which is then zero.
+The ideal law knows all wrenches but that of the contact and the thrust that is missing:
+w = M^-1 (tau_c - tau_c,m + (I - T^-1) tau).
+
+The six equations may have several roots. The vehicle rests at the one that its motion from the start reaches
+(:mod:`.approach`). In front of planes, and with the origin of the task's frame as the contact, any motion reaches the
+same root: it begins at the reference. Otherwise it begins where the vehicle does and follows the reference through its
+way, together with motions that begin beside it. If they do not all reach the same stable root, there is no closed form.
+"""
+
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ...physics.frames import quat_from_euler_deg
+from ...stages.base import is_shipped
+from ..base import SteadyState
+from .approach import approach
+from .sampled import not_constant
+from .task_motion import TaskMotion, way_of
+from .terms import Balance, Integral, Pose, ThrustMap
+from .tool_balance import tool_rest
+
+_BESIDE, _BESIDE_TOOL, _NEXT = 0.05, 0.02, 0.001
+"""How far from its way the reference of the motions beside that of the vehicle is, of a tool, whose way is short, and
+if the law keeps eq. (7) on the way and only one contact may be hit [m]."""
+_LIMITED_S, _LIMITED_OWN_S = 2.0, 1.0
+"""Time with thrusters at their limits after which the motion is not known, under a law that keeps eq. (7) and under
+another one [s]."""
+_AT_ONCE = 1e9
+"""A first step after which the motion is at rest [s]."""
+_SAME = 1e-6
+"""Two rests nearer to each other than this are one [m, rad]."""
+
+
+def static_balance(
+    setup: Any,
+    K: float,
+    residual: "Callable[[Balance, Pose], np.ndarray] | None" = None,
+    integral: Integral | None = None,
+    kept: Callable[[np.ndarray, np.ndarray], str] | None = None,
+) -> SteadyState | str:
+    """The vehicle at rest under a law that is the nominal control minus M_hat (A + K) s near rest.
+
+    Args:
+        setup: the run's :class:`uvms_mj.setup.base.Setup`.
+        K: slope of the law over s [1/s]; infinite for a law that integrates, so that s is zero at rest. With a
+            residual, only whether it is infinite counts: whether the law balances any constant wrench.
+        residual: the six equations of another law, from the balance and a pose (6,), in place of the ones above:
+            minus the wrench that moves the vehicle. They need a constant disturbance.
+        integral: in the residual, which is slow on the way to the rest.
+        kept: the reason why the law does not keep eq. (7) under unknown accelerations (n, 6) at times (n,) [s], empty
+            if it does. By default it does.
+
+    Returns:
+        The state, or the reason why there is none.
+    """
+    scenario, thrust_map = setup.scenario, ThrustMap.of(setup)
+    if reason := _unknown(setup, K, residual is not None):
+        return reason
+    if isinstance(thrust_map, str):
+        return thrust_map
+    if min(np.linalg.matrix_rank(setup.nominal.B), np.linalg.matrix_rank(thrust_map.T)) < 6:
+        return "the thrusters can't produce every wrench"
+    errors = scenario.navigation.rest_errors(setup)
+    if isinstance(errors, str):
+        return errors
+    if thrust_map.static.error and (np.isfinite(K) or scenario.controller.uses_truth):
+        return f"{thrust_map.static.error}, and the law does not integrate"
+    if setup.not_rigid:
+        return _with_arm(setup, K, thrust_map)
+    balance = Balance(setup, K, thrust_map, residual is not None)
+    motion = TaskMotion(balance, Balance.__call__ if residual is None else residual, integral, thrust_map)
+    pose = _nearest(motion) if balance.springs.convex else _reached(motion, 0.0 if residual else K, kept)
+    if isinstance(pose, str):
+        return pose
+    for sensor in (scenario.navigation, scenario.observer):
+        if sensor.runs and (reason := sensor.out_of_range(balance.measurement(pose))):
+            return reason
+    tau, push = balance.thrust(pose), balance.contacts(pose.position, pose.R_WB)[1]
+    if weak := thrust_map.infeasible(tau):
+        return weak
+    return _rubbed(balance, push) or SteadyState(
+        float(push.sum()), pose.position, pose.quat, balance.sliding(pose), tau, reached=True
+    )
+
+
+def _unknown(setup: Any, K: float, own: bool) -> str:
+    """The reason why a scenario has no static balance, for a law with a residual of its own or with the slope K; empty
+    if it may have one."""
+    scenario = setup.scenario
+    if own and (reason := not_constant(setup)):
+        return reason
+    if setup.not_rigid and own:
+        return f"the closed form of this law is known for a rigid vehicle at B, and {setup.not_rigid}"
+    if setup.rest_pose[0] is None:
+        return "the reference does not come to rest"
+    if not scenario.current.steady:
+        return "the current is not constant"
+    if not (is_shipped(scenario.navigation) and is_shipped(scenario.actuation)):
+        return "closed forms are known for the shipped navigation and actuation only"
+    if scenario.observer.runs and not is_shipped(scenario.observer):
+        return "closed forms are known for the shipped observers only"
+    return "a wall moves" if any(wall.moves for _, wall in setup.contacts.surfaces) else ""
+
+
+def _rubbed(balance: Balance, push: np.ndarray) -> str:
+    """The reason why a state is not the only one: friction acts in it; empty if none does."""
+    return "with friction, the rest position depends on the path" if balance.rubs(push) else ""
+
+
+def _nearest(motion: TaskMotion) -> Pose | str:
+    """The rest next to the reference, or the reason why there is none."""
+    balance = motion.balance
+    return approach(motion, balance.pose(balance.p_d, balance.quat_d), np.zeros(6), _AT_ONCE)
+
+
+def _reached(motion: TaskMotion, K: float, kept: Callable[[np.ndarray, np.ndarray], str] | None = None) -> Pose | str:
+    """The rest that the frame of the task reaches from its start under a law with the slope K, or the reason why it is
+    not known."""
+    balance, setup = motion.balance, motion.balance.setup
+    way = way_of(setup)
+    if isinstance(way, str):
+        return way
+    motion.follow(way)
+    initial = setup.initial
+    start = balance.pose(np.array(initial.position), quat_from_euler_deg(*initial.attitude_deg))
+    rest = _followed(motion, start)
+    if isinstance(rest, str):
+        return rest
+    if motion.thrust_map is not None and (weak := motion.thrust_map.infeasible(balance.thrust(rest))):
+        return weak
+    if kept is not None and (reason := kept(*motion.unmodelled())):
+        return reason
+    motion.passed(motion.track.times[-1] + 1.0, rest)
+    if not balance.springs.convex:
+        track, saturates = motion.track, motion.saturates
+        passed = [np.array(each) for each in zip(*((pose.position, pose.R_WB) for pose in track.poses), strict=True)]
+        if reason := _rubbed(balance, balance.contacts(*passed)[1]):
+            return reason
+        alone = len(balance.springs) + (setup.contacts.paper is not None) == 1
+        beside = _NEXT if np.isinf(K) and alone else _BESIDE_TOOL if setup.not_rigid else _BESIDE
+        others = [_followed(motion, start, beside * e) for e in _across(way[1][-1] - start.position)]
+        if K == 0.0:
+            others.append(_followed(motion, start, led=False))
+        if saturates:
+            others.append(_followed(motion, start, limits=True))
+            longest = _LIMITED_S if K > 0.0 else _LIMITED_OWN_S
+            if motion.limited_s > longest:
+                return f"the thrusters are at their limits for more than {longest:g} s on the way"
+            if any(a.tau_c.any() and not b.tau_c.any() for a, b in itertools.pairwise(track.poses)):
+                return "the thrusters come to their limits on a way on which the vehicle slides off a wall"
+        motion.track = track
+        if any(isinstance(each, str) or np.abs(each.position - rest.position).max() > _SAME for each in others):
+            return "motions close to each other come to different rests"
+    return rest
+
+
+def _followed(motion: TaskMotion, start: Pose, beside: np.ndarray | None = None, **how: bool) -> Pose | str:
+    """The rest of one motion that begins at a pose or beside it (3,) [m, W]."""
+    beside = np.zeros(3) if beside is None else beside
+    motion.begin(beside, **how)
+    moved = motion.balance.moved(start, np.concatenate([start.R_WB.T @ beside, np.zeros(3)]))
+    found: Pose | str = approach(motion, moved, motion.velocity())
+    return found
+
+
+def _across(direction: np.ndarray) -> np.ndarray:
+    """Three directions (3, 3) across a direction (3,), 120 deg from each other."""
+    across = np.linalg.svd(direction[None])[2][1:]
+    angles = 2.0 * np.pi / 3.0 * np.arange(3)
+    found: np.ndarray = np.cos(angles)[:, None] * across[0] + np.sin(angles)[:, None] * across[1]
+    return found
+
+
+def unmodelled_acceleration(setup: Any, state: SteadyState) -> np.ndarray:
+    """The acceleration (6,) of disturbances and model errors at rest, M_hat^-1 tau_dist of eq. (11), in a state of
+    :func:`static_balance`."""
+    thrust_map = ThrustMap.of(setup)
+    assert not isinstance(thrust_map, str)  # the state was found with it
+    balance = Balance(setup, np.inf, thrust_map)
+    return balance.unmodelled(balance.pose(np.asarray(state.position), np.asarray(state.quat)))
+
+
+def _with_arm(setup: Any, K: float, thrust_map: ThrustMap) -> SteadyState | str:
+    """The rest of :func:`static_balance` for a vehicle with an arm, or with its task at a tool
+    (:mod:`.tool_balance`)."""
+    if not setup.scenario.navigation.name == setup.scenario.encoder.name == "perfect":
+        return "with errors of navigation, the rest of the tool depends on the posture"
+    if setup.scenario.wrist.runs:
+        return "with a wrist sensor, what its model lacks is taken for a contact force, which depends on the posture"
+    if any(pair.carrier != 0 for pair in setup.contacts.pairs):
+        return "with contact bodies away from the frame of the task, the rest depends on the posture"
+    motion = TaskMotion(Balance(setup, np.inf, thrust_map), Balance.demanded)
+    rest = _reached(motion, K)
+    if isinstance(rest, str):
+        return rest
+    return tool_rest(setup, K, thrust_map, motion.track)

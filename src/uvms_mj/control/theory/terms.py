@@ -1,0 +1,305 @@
+r"""The terms of the static balance, which :mod:`.balance` explains: the wrenches at rest, the thrust behind a commanded
+wrench, and integrals with a limit.
+
+The allocation gives the commands, :math:`u_{cmd} = \hat B^+ \tau_{cmd}`, the thrusters turn each into a thrust by their
+static curve, :math:`u = F(u_{cmd})`, and the true thrusters produce :math:`\tau = B u`. Lags, delays and the rate limit
+do not matter at rest. For thrusters with a gain each, :math:`u = G u_{cmd}`, the wrench is
+:math:`\tau = T \tau_{cmd}` with :math:`T = B G \hat B^+`.
+
+Beyond its limit an integral keeps the limit (clamping, the simplest protection against windup). At rest it therefore
+has a rate of zero, or it is at a limit and its rate points outwards. Both cases are one equation,
+
+    xi = min(limit, max(-limit, xi + rate)),
+
+which :func:`at_limit` gives as a residual.
+"""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
+from ...physics.frames import quat_error, quat_turned, rotation_matrix
+from ...physics.tether import add_tether
+from .contacts import ContactSprings
+
+_ZERO = 1e-9
+"""A smaller thrust at rest is zero [N]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """The frame of the task at rest: position (3,) in W [m], attitude (4,) and (3, 3), and the contact wrench (6,) on
+    it in its own axes [N, N m]."""
+
+    position: np.ndarray
+    quat: np.ndarray
+    R_WB: np.ndarray
+    tau_c: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class ThrustMap:
+    """The map from tau_cmd to tau at rest, within the thrusters' limits.
+
+    Attributes:
+        setup: the run's :class:`uvms_mj.setup.base.Setup`, with its allocation and its thrusters.
+        inverse: (n, 6) of the allocation.
+        static: :class:`uvms_mj.actuation.thrusters.StaticThrust`.
+        T: (6, 6), with gains of one if the static curve is not a gain.
+    """
+
+    setup: Any
+    inverse: np.ndarray
+    static: Any
+    T: np.ndarray
+
+    @classmethod
+    def of(cls, setup: Any) -> "ThrustMap | str":
+        """The map of a run, or the reason why it is not known."""
+        static = setup.scenario.thrusters.at_rest(setup)
+        if isinstance(static, str):
+            return static
+        inverse = setup.scenario.actuation.inverse(setup.nominal.B)
+        gain = np.ones(len(inverse)) if static.gain is None else static.gain
+        same = setup.vehicle.B is setup.nominal.B or np.array_equal(setup.vehicle.B, setup.nominal.B)
+        ideal = same and bool((gain == 1.0).all())
+        return cls(setup, inverse, static, np.eye(6) if ideal else (setup.vehicle.B * gain) @ inverse)
+
+    def thrusts(self, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The thrusts (n,) that give tau (6,), and the least and the greatest ones (n,) [N]. Thrusters with a curve
+        that the control system does not know are taken to share tau with the least thrust."""
+        gain, thrust = self.static.gain, self.static.thrust
+        low, high = self.setup.scenario.thrusters.command_limits(self.setup)
+        if gain is None:
+            return np.linalg.pinv(self.setup.vehicle.B) @ tau, thrust(low), thrust(high)
+        working = gain > 0.0
+        least, most = (np.where(working, np.where(working, gain, 1.0) * each, 0.0) for each in (low, high))
+        return gain * (self.inverse @ np.linalg.solve(self.T, tau)), least, most
+
+    def missing(self, tau: np.ndarray) -> np.ndarray:
+        """What the thrusters at their limits add to tau (6,), zero within them."""
+        u, least, most = self.thrusts(tau)
+        missing: np.ndarray = self.setup.vehicle.B @ (np.clip(u, least, most) - u)
+        return missing
+
+    def infeasible(self, tau: np.ndarray) -> str:
+        """The reason why the thrusters can't hold tau (6,), with their names; empty if they can."""
+        u, least, most = self.thrusts(tau)
+        weak, starting = [], []
+        for k, name in enumerate(self.setup.vehicle.thrusters):
+            needs = f"{name or f'thruster {k + 1}'} needs {u[k]:.4g} N at rest"
+            start = self.static.start[int(u[k] > 0.0)]
+            if not least[k] <= u[k] <= most[k]:
+                weak.append(f"{needs} and has {(most if u[k] > 0.0 else least)[k]:.4g} N")
+            elif _ZERO < abs(u[k]) < abs(start) - _ZERO:
+                starting.append(f"{needs} and starts at {start:.4g} N")
+        if weak:
+            return f"the thrusters are too weak: {'; '.join(weak)}"
+        return f"the dead band of the thrusters: {'; '.join(starting)}" if starting else ""
+
+
+class Balance:
+    """Residual (6,) of the balance [N, N m] and its terms, functions of a :class:`Pose`. The residual is minus the
+    wrench that moves the vehicle.
+
+    Attributes:
+        p_d, quat_d: position (3,) and attitude (4,) of the reference, first those at the end of the run.
+        K_f, F_d: (6,) of eq. (7), first those at the end of the run.
+    """
+
+    def __init__(self, setup: Any, K: float, thrust_map: ThrustMap, own: bool = False) -> None:
+        scenario, design = setup.scenario, setup.design
+        self.setup, self.K, self.springs = setup, K, ContactSprings(setup)
+        self.p_d, self.quat_d = np.array(setup.rest_pose[0]), design.quat_d
+        self.tau_dist = scenario.disturbance.at_last
+        self.A = np.array(setup.task.A)
+        self.M_d_inv = design.M_d_inv
+        self.M_hat_inv = np.linalg.inv(design.M_hat)
+        self.undelivered = np.eye(6) - np.linalg.inv(thrust_map.T)
+        self.K_f, self.F_d = (np.array(each) for each in scenario.impedance.at_end)
+        self.factor_inverse = np.ones(6) if K == 0.0 else self.A / (self.A - K)
+        self.uses_truth, self.own = scenario.controller.uses_truth, own
+        self.errors = scenario.navigation.rest_errors(setup)
+
+    def pose(self, position: np.ndarray, quat: np.ndarray) -> Pose:
+        """A pose with its contacts."""
+        R_WB = rotation_matrix(quat)
+        return Pose(position, quat, R_WB, self.contacts(position, R_WB)[0])
+
+    def moved(self, pose: Pose, change: np.ndarray) -> Pose:
+        """The pose after a displacement (3,) and a rotation vector (3,) in its own axes."""
+        return self.pose(pose.position + pose.R_WB @ change[:3], quat_turned(pose.quat, change[3:]))
+
+    def contacts(self, position: np.ndarray, R_WB: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """tau_c (..., 6) of all contacts, eq. (34) and :mod:`.contacts`, and the normal force (..., 1 + n) of
+        ``[wall]`` and of each contact of the list, at positions (..., 3) and attitudes (..., 3, 3)."""
+        wall, tau_c = self.setup.scenario.wall, np.zeros((*position.shape[:-1], 6))
+        push = np.zeros((*position.shape[:-1], 1 + len(self.springs)))
+        if self.setup.contacts.paper:
+            push[..., 0] = wall.stiffness * np.maximum(0.0, position[..., 0] - wall.position)
+            tau_c[..., :3] = -push[..., :1] * R_WB[..., 0, :]
+        if len(self.springs):
+            wrench, push[..., 1:], _ = self.springs.wrenches(position[..., None, :], R_WB[..., None, :, :])
+            tau_c += wrench.sum(axis=-2)
+        return tau_c, push
+
+    def rubs(self, push: np.ndarray) -> bool:
+        """Whether friction acts in contacts with the normal forces (..., 1 + n)."""
+        friction = np.concatenate([[self.setup.scenario.wall.friction > 0.0], self.springs.friction])
+        return bool((friction & (push > 0.0)).any())
+
+    def error(self, x: Pose) -> np.ndarray:
+        """eta_e (6,) as the law measures it."""
+        measured, quat_e = self.measurement(x), np.empty(4)
+        quat_error(self.quat_d, measured.quat, quat_e)
+        return np.concatenate([rotation_matrix(measured.quat).T @ (measured.position - self.p_d), quat_e[1:]])
+
+    def demanded(self, x: Pose) -> np.ndarray:
+        """K_d eta_e + D_d nu_e - K_f (tau_c - F_d) as the law measures them, zero where the desired impedance, eq. (7),
+        holds at rest."""
+        measured, design = self.measurement(x), self.setup.design
+        forces = self.K_f * (measured.tau_c - self.F_d)
+        return design.K_d @ self.error(x) + design.D_d @ measured.nu - forces
+
+    def desired_acceleration(self, x: Pose) -> np.ndarray:
+        """w = M_d^-1 times :meth:`demanded`."""
+        return self.M_d_inv @ self.demanded(x)
+
+    def measurement(self, x: Pose) -> Any:
+        """The measurements, :class:`uvms_mj.navigation.base.Measurement`."""
+        measured = self.errors(x.position, x.quat, x.tau_c)
+        if not self.setup.scenario.observer.runs:
+            return measured
+        explained = dataclasses.replace(measured, tau_c=x.tau_c)
+        return dataclasses.replace(measured, tau_c=x.tau_c + self.setup.design.M_hat @ self.unmodelled(x, explained))
+
+    def drift(self, x: Pose) -> np.ndarray:
+        """F_1 times the rate (6,) of the pose error that the law derives from a biased velocity, eq. (18)."""
+        measured, quat_e = self.measurement(x), np.empty(4)
+        if not measured.nu.any():
+            return np.zeros(6)
+        quat_error(self.quat_d, measured.quat, quat_e)
+        v, omega = measured.nu[:3], measured.nu[3:]
+        turning = 0.5 * (quat_e[0] * omega + np.cross(quat_e[1:], omega))
+        return np.array(self.setup.task.F_1) * np.concatenate([v, turning])
+
+    def sliding(self, x: Pose) -> np.ndarray | None:
+        """s (6,) at rest: A s = F_1 eta_e_dot - w. None if s grows, as zeta integrates what the law does not answer to,
+        or there is no task."""
+        if not self.setup.scenario.controller.uses_task:
+            return None
+        if not (self.uses_truth or self.own) and (self.K > 0.0 or 0.0 not in self.A):
+            return (self.unmodelled(x) - self.drift(x)) / (self.K - self.A) + 0.0  # zero has no sign
+        left = self.drift(x) - self.desired_acceleration(x)
+        if np.abs(left).max() < 1e-12:
+            return np.zeros(6)
+        return None if 0.0 in self.A else left / self.A
+
+    def thrust(self, x: Pose, nu: np.ndarray | None = None) -> np.ndarray:
+        """tau (6,) that holds the vehicle at rest, eq. (10), or at a constant velocity nu (6,)."""
+        d, g_eta = self.environment(x, nu)
+        return g_eta - d - x.tau_c
+
+    def control_wrench(self, x: Pose) -> np.ndarray:
+        """tau_cmd - C_hat nu - D_hat nu - g_hat (6,) that holds the vehicle at rest."""
+        return -self.measurement(x).tau_c - self.setup.design.M_hat @ self.unmodelled(x)
+
+    def unmodelled(self, x: Pose, measured: Any = None) -> np.ndarray:
+        """The acceleration (6,) that a law without an integral term must balance through s, with the measurements
+        ``measured``; default: those at x."""
+        d, g_eta = self.environment(x)
+        measured = self.measurement(x) if measured is None else measured
+        estimates = self.setup.scenario.estimates
+        vehicle = self.setup.nominal
+        nominal = self.restoring(vehicle, rotation_matrix(measured.quat))
+        unmodelled = (estimates.restoring - 1.0) * nominal + (nominal - g_eta) + (x.tau_c - measured.tau_c)
+        return self.M_hat_inv @ (d + unmodelled + self.resistance(measured.nu) + self.undelivered @ self.thrust(x))
+
+    def unmodelled_on_the_way(self, x: Pose, nu: np.ndarray) -> np.ndarray:
+        """The acceleration (6,) of eq. (11) that current, disturbance and wrong estimates give a rigid vehicle with a
+        velocity nu (6,)."""
+        vehicle, estimates, term = self.setup.vehicle, self.setup.scenario.estimates, np.empty(6)
+        d, g_eta = self.environment(x, nu)
+        coriolis_rigid_body(vehicle.M_RB, nu, term)
+        known = self.resistance(nu) + estimates.restoring * self.restoring(self.setup.nominal, x.R_WB)
+        return self.M_hat_inv @ (d - g_eta - term + known)
+
+    def resistance(self, nu: np.ndarray) -> np.ndarray:
+        """C_hat nu + D_hat nu (6,) of a measured velocity."""
+        vehicle, estimates = self.setup.nominal, self.setup.scenario.estimates
+        total, term = np.zeros(6), np.empty(6)
+        if nu.any():
+            damping(vehicle.D_linear, vehicle.D_quadratic, nu, term)
+            total += estimates.damping * term
+            for coriolis, M in ((coriolis_added_mass, vehicle.M_A), (coriolis_rigid_body, vehicle.M_RB)):
+                coriolis(M, nu, term)
+                total += estimates.coriolis * term
+        return total
+
+    def __call__(self, x: Pose) -> np.ndarray:
+        if self.uses_truth:
+            unmodelled = x.tau_c - self.measurement(x).tau_c + self.undelivered @ self.thrust(x)
+            return self.demanded(x) - self.setup.design.M_d @ np.linalg.solve(self.setup.design.M, unmodelled)
+        unmodelled = (1.0 - self.factor_inverse) * self.drift(x)
+        if np.isfinite(self.K):
+            unmodelled += self.factor_inverse * self.unmodelled(x)
+        return self.demanded(x) - self.setup.design.M_d @ unmodelled
+
+    def environment(self, x: Pose, nu: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """d and g(eta), (6,) each, in B, of a vehicle at rest or with a velocity nu (6,)."""
+        vehicle, scenario = self.setup.vehicle, self.setup.scenario
+        position, R_WB = x.position, x.R_WB
+        nu_r, term = np.zeros(6) if nu is None else nu.copy(), np.empty(6)
+        nu_r[:3] -= R_WB.T @ scenario.current.steady_at(-position[2])
+        d = self.tau_dist.copy()
+        if scenario.tether.factor:
+            add_tether(scenario.tether.factor, scenario.tether.position, nu_r, d)
+        coriolis_added_mass(vehicle.M_A, nu_r, term)
+        d -= term
+        damping(vehicle.D_linear, vehicle.D_quadratic, nu_r, term)
+        d -= term
+        return d, self.restoring(vehicle, R_WB)
+
+    def restoring(self, vehicle: Any, R_WB: np.ndarray) -> np.ndarray:
+        """g(eta) (6,) of a vehicle, the true one or that of the file."""
+        g_eta = np.empty(6)
+        restoring(vehicle.mass, vehicle.displaced_mass, vehicle.r_g, vehicle.r_b, self.setup.gravity_W, R_WB, g_eta)
+        return g_eta
+
+
+def at_limit(xi: Any, rate: Any, limit: Any) -> Any:
+    """Residual of a limited integral at rest, a number or an array: zero if it stays at xi. The rate may have any
+    positive factor."""
+    return xi - np.clip(xi + rate, -limit, limit)
+
+
+class Integral:
+    """A limited integral on the way to a rest, for a residual of :mod:`.balance`.
+
+    Attributes:
+        limit: a number or an array.
+        step: of implicit Euler on the way [s]; infinite at rest.
+        value: at the end of the latest step.
+    """
+
+    def __init__(self, limit: Any) -> None:
+        self.limit, self.step, self.value, self._next = limit, math.inf, 0.0 * limit, 0.0 * limit
+
+    def left(self, needed: Any, rate: Any) -> Any:
+        """What is left of the value that holds the vehicle at a pose, at rest :func:`at_limit`, for the rate there."""
+        if math.isinf(self.step):
+            return at_limit(needed, rate, self.limit)
+        self._next = np.clip(self.value + self.step * rate, -self.limit, self.limit)
+        return needed - self._next
+
+    def advance(self) -> None:
+        """Keep the value that the latest residual has found."""
+        self.value = self._next
+
+    def begin(self) -> None:
+        """Start at zero."""
+        self.value = 0.0 * self.limit

@@ -1,0 +1,162 @@
+r"""Motion as polynomial segments: position and attitude of a reference, each with its first two time derivatives.
+
+A piece has seven polynomials of degree five in the time since its beginning: the position p in W [m], and four numbers
+Q along the attitude, q = Q / \|Q\|. With :math:`\dot Q \bar Q` as a product of quaternions, the angular velocity in W
+and its derivative follow exactly from the polynomials:
+
+.. math::
+
+    \omega = \frac{2}{|Q|^2} \mathrm{vec}(\dot Q \bar Q), \qquad
+    \dot\omega = \frac{2}{|Q|^2} (\mathrm{vec}(\ddot Q \bar Q) - (Q \cdot \dot Q) \omega).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from ..errors import Fault, InputError
+from ..physics.frames import quat_from_euler_deg
+from ..physics.kernels import kernel
+from .base import Guidance, start_notes
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly  # imported where it is needed: most runs start without SciPy
+
+MOST_SEGMENTS = 511
+"""Segments that fit into the constants of a stage. The search below finds one of 512, the last of which is the end."""
+_SEARCH = 9  # steps of a binary search among 512
+LARGEST_TURN_DEG = 120.0
+"""Largest rotation from a pose to the next. With a larger one Q would come near zero, and the rotation would be
+uneven."""
+
+
+class Followed(Guidance):
+    """Base class of the stages whose reference is a motion of :func:`pack`, which their constants are."""
+
+    needs: ClassVar[tuple[str, ...] | None] = ("initial.position", "initial.attitude_deg", "initial.joints")
+
+    def notes(self, setup: Any) -> Iterable[str]:
+        return start_notes(self, setup)
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        follow(settings.begins, settings.coefficients, given.t, out)
+
+
+def pose_numbers(positions: Sequence[Any], attitudes_deg: Sequence[Any], keys: Sequence[str]) -> np.ndarray:
+    """(n, 7) positions and quaternions of n poses. Successive quaternions have the sign of the shorter rotation. Raises
+    InputError if one of them is too large; ``keys`` are those of the poses after the first."""
+    quats = [quat_from_euler_deg(*attitude) for attitude in attitudes_deg]
+    for i in range(1, len(quats)):
+        quats[i] = -quats[i] if quats[i] @ quats[i - 1] < 0.0 else quats[i]
+    Q = np.array(quats)
+    turns = np.degrees(2.0 * np.arccos(np.minimum(1.0, np.sum(Q[1:] * Q[:-1], axis=1))))
+    faults = [
+        Fault(
+            keys[i],
+            f"the attitude {list(attitudes_deg[i + 1])} deg is {turn:.4g} deg from the attitude before it; "
+            f"at most {LARGEST_TURN_DEG:g} deg are allowed: give a pose between them",
+        )
+        for i, turn in enumerate(turns)
+        if turn > LARGEST_TURN_DEG + 1e-6
+    ]
+    if faults:
+        raise InputError(faults, "scenario")
+    return np.hstack([np.array(positions, float), Q])
+
+
+def quintic_spline(times: np.ndarray, poses: np.ndarray) -> PPoly:
+    """The quintic spline through poses (n, 7) that begins and ends at rest, without acceleration."""
+    from scipy.interpolate import make_interp_spline
+
+    rest = [(1, np.zeros(7)), (2, np.zeros(7))]
+    spline = make_interp_spline(times, poses, k=5, bc_type=(rest, rest))
+    return hermite(times, spline(times), spline(times, 1), spline(times, 2))
+
+
+def hermite(times: np.ndarray, value: np.ndarray, rate: np.ndarray, growth: np.ndarray) -> PPoly:
+    """The segments with these values, first and second derivatives (n, 7) at the times (n,)."""
+    from scipy.interpolate import BPoly, PPoly
+
+    return PPoly.from_bernstein_basis(BPoly.from_derivatives(times, np.stack([value, rate, growth], axis=1)))
+
+
+def pack(parts: Sequence[PPoly]) -> dict[str, np.ndarray]:
+    """The constants of :func:`follow` for parts of a motion in the order of time, with a rest wherever one ends before
+    the next begins, and at the end. Read-only."""
+    breaks, segments = [0.0], [_rest(parts[0](parts[0].x[0]))]
+    for part in parts:
+        breaks += part.x.tolist()
+        segments += [*np.moveaxis(part.c, 1, 0), _rest(part(part.x[-1]))]
+    kept = [i for i in range(len(breaks)) if i + 1 == len(breaks) or breaks[i + 1] > breaks[i]]
+    begins, coefficients = np.full(MOST_SEGMENTS + 1, np.inf), np.zeros((MOST_SEGMENTS + 1, 6, 7))
+    begins[: len(kept)], coefficients[: len(kept)] = np.array(breaks)[kept], np.array(segments)[kept]
+    for array in (begins, coefficients):
+        array.setflags(write=False)
+    return {"begins": begins, "coefficients": coefficients}
+
+
+def _rest(pose: np.ndarray) -> np.ndarray:
+    """(6, 7) coefficients of a piece at rest."""
+    piece = np.zeros((6, 7))
+    piece[5] = pose
+    return piece
+
+
+@kernel
+def polynomial(c, n, j, order, x) -> float:
+    """The derivative of an order 0 to 2 of the polynomial j of piece n."""
+    value, rate, half = 0.0, 0.0, 0.0
+    for k in range(6):
+        half = half * x + rate
+        rate = rate * x + value
+        value = value * x + c[n, k, j]
+    if order == 0:
+        return value
+    if order == 1:
+        return rate
+    return 2.0 * half
+
+
+@kernel
+def follow(begins, coefficients, t, out):
+    """Set the reference ``out`` to the motion of :func:`pack` at the time t."""
+    n, size = 0, begins.shape[0]
+    for _ in range(_SEARCH):
+        size = size >> 1
+        if begins[n + size] <= t:
+            n += size
+    x, c = t - begins[n], coefficients
+    for i in range(3):
+        out.p_d[i] = polynomial(c, n, i, 0, x)
+        out.p_d_dot[i] = polynomial(c, n, i, 1, x)
+        out.p_d_ddot[i] = polynomial(c, n, i, 2, x)
+    for i in range(4):
+        out.quat_d[i] = polynomial(c, n, 3 + i, 0, x)
+    Q = out.quat_d
+    square = Q[0] * Q[0] + Q[1] * Q[1] + Q[2] * Q[2] + Q[3] * Q[3]
+    turn(Q, c, n, 1, x, out.omega_d)
+    turn(Q, c, n, 2, x, out.omega_d_dot)
+    grown = 0.0  # Q Q_dot
+    for i in range(4):
+        grown += Q[i] * polynomial(c, n, 3 + i, 1, x)
+    for i in range(3):
+        out.omega_d[i] *= 2.0 / square
+        out.omega_d_dot[i] = 2.0 / square * (out.omega_d_dot[i] - grown * out.omega_d[i])
+    length = math.sqrt(square)
+    for i in range(4):
+        out.quat_d[i] /= length
+
+
+@kernel
+def turn(Q, c, n, order, x, out):
+    """Set out (3,) to the vector part of the product of a derivative of Q with the conjugate of Q."""
+    w, a = polynomial(c, n, 3, order, x), polynomial(c, n, 4, order, x)
+    b, d = polynomial(c, n, 5, order, x), polynomial(c, n, 6, order, x)
+    out[0] = Q[0] * a - w * Q[1] - (b * Q[3] - d * Q[2])
+    out[1] = Q[0] * b - w * Q[2] - (d * Q[1] - a * Q[3])
+    out[2] = Q[0] * d - w * Q[3] - (a * Q[2] - b * Q[1])

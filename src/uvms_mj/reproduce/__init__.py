@@ -1,0 +1,1 @@
+"""Experiments of others, repeated: the paper, the practicality of its law, measurements in a pool."""

@@ -1,0 +1,193 @@
+"""A report about runs: one self-contained HTML file, for screens of any width and for printing."""
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...analysis import metrics, residual
+from ...control.design import demanded_force
+from ...control.laws.ideal import TOLD_THE_TRUTH
+from ...quantities import leaves
+from ...records.header import Status
+from ...records.trace import Trace
+from ...studies import pages
+from ...studies.pages import Table, rendered
+from .claims import Row, Verdict
+from .claims.measures import REST_S, TRANSIENT_S, linear_sum
+
+_LEVELS = "Expected: K_x (x_d - x_c), for a rigid wall. Analytic: force at rest of this law at this wall."
+
+CAPTIONS: Mapping[str, str] = {
+    "overview": "All runs: position, sliding variable and thrust; below, GSTA's integral term and the contact forces.",
+    "fig01": "Position with impedance control alone. The current keeps the vehicle away from the wall.",
+    "fig02": "Sliding variable with impedance control alone, which does not keep it at zero.",
+    "fig03": "Thrust with impedance control alone.",
+    "fig04": "Position with the first-order law.",
+    "fig05": f"Contact force with the first-order law: impacts, then rest below the expected value. {_LEVELS}",
+    "fig06": "Sliding variable with the first-order law, inside the boundary layer but not zero.",
+    "fig07": "Thrust with the first-order law. The inset shows the initial switching at every step.",
+    "fig08": "Position with GSTA.",
+    "fig09": f"Contact force with GSTA: impacts, then rest at the expected value. {_LEVELS}",
+    "fig10": "Sliding variable with GSTA after the reaching phase. It alternates at every step; the shade is its range "
+    "between two rows. The inset shows the reaching phase.",
+    "fig11": "Thrust with GSTA, with and without the nominal control. The inset shows every step.",
+    "fig12": "Force part of GSTA's integral term, with and without the nominal control.",
+}
+"""Captions of the paper's figures, by name."""
+
+
+@dataclass(frozen=True)
+class Picture(pages.Picture):
+    """A figure of the report. A figure of the paper is named by its number, fig01."""
+
+    @property
+    def number(self) -> str:
+        """The number of the figure in the paper; empty for other figures."""
+        digits = self.name.removeprefix("fig")
+        return str(int(digits)) if digits.isdigit() else ""
+
+
+MOST_COLUMNS = 6
+"""Most columns of a table besides the names of its rows; more would be cut off on paper."""
+MOST_NAMES = 4
+"""Most runs that a heading names; for more runs it gives their number."""
+
+
+def tables(what: str, runs: Sequence[str], lines: Sequence[tuple[str, Sequence[Any]]]) -> list[Table]:
+    """Arrange values of runs in tables that fit on a page, for any number of runs.
+
+    A few runs have one column each. More runs have one row each, and the quantities are spread over several tables.
+    ``lines`` are names of quantities with the value in each run, under the heading ``what``.
+    """
+    if len(runs) <= MOST_COLUMNS:
+        return [Table(what, runs, lines)]
+    count = -(-len(lines) // MOST_COLUMNS)
+    pages = [lines[len(lines) * i // count : len(lines) * (i + 1) // count] for i in range(count)]
+    return [
+        Table(
+            "run", [name for name, _ in page], [(run, [values[i] for _, values in page]) for i, run in enumerate(runs)]
+        )
+        for page in pages
+    ]
+
+
+def named(traces: Mapping[str, Trace]) -> str:
+    """The names of a few runs; for many runs, their number and the names of their laws."""
+    if len(traces) <= MOST_NAMES:
+        return ", ".join(traces)
+    laws = Counter(trace.scenario.controller.label() for trace in traces.values())
+    return f"{len(traces)} runs ({', '.join(f'{n} {law}' for law, n in laws.items())})"
+
+
+def _rest(trace: Trace) -> float:
+    return float(trace.t[-1]) - REST_S
+
+
+def _percent(part: float | None) -> float | None:
+    return None if part is None else 100.0 * part
+
+
+MEASURES: tuple[tuple[str, str, Callable[[Trace], Any]], ...] = (
+    ("contact force at rest", "N", metrics.rest_force),
+    ("force that the desired impedance demands", "N", lambda trace: demanded_force(trace.scenario)),
+    ("steady force error", "N", metrics.steady_force_error),
+    ("first contact", "s", lambda trace: trace.first_contact[-1] if trace.touches[-1] else None),
+    ("touches", "1", lambda trace: int(trace.touches[-1])),
+    ("impact peak", "N", lambda trace: trace.force_peak[-1]),
+    ("impulse of the first touch", "N s", metrics.impact_impulse),
+    ("position settled to 2 %", "s", metrics.position_settling_time),
+    ("force settled to 2 %", "s", metrics.force_settling_time),
+    ("overshoot of position", "%", lambda trace: _percent(metrics.overshoot(trace))),
+    ("impedance error, rms, whole run", "N", lambda trace: np.linalg.norm(residual.impedance_error(trace)[:3])),
+    (
+        f"impedance error, rms, last {REST_S:g} s",
+        "N",
+        lambda trace: np.linalg.norm(residual.impedance_error(trace, _rest(trace))[:3]),
+    ),
+    ("control effort", "N² s", lambda trace: linear_sum(metrics.control_effort(trace))),
+    ("total variation of thrust", "N", lambda trace: linear_sum(metrics.total_variation(trace))),
+    (
+        f"chattering index until {TRANSIENT_S:g} s",
+        "N/s",
+        lambda trace: linear_sum(metrics.chattering(trace, 0.0, TRANSIENT_S)),
+    ),
+    (f"chattering index, last {REST_S:g} s", "N/s", lambda trace: linear_sum(metrics.chattering(trace, _rest(trace)))),
+    ("largest step-to-step change of thrust", "N", lambda trace: metrics.largest_change(trace)[:3].max()),
+    (
+        "time with |s_i| < epsilon, worst axis",
+        "%",
+        lambda trace: 100.0 * metrics.boundary_layer_share(trace).min() if "s" in trace.arrays else None,
+    ),
+    ("energy left in the wall at the end", "J", lambda trace: trace.wall_work[-1]),
+    ("energy drawn from the wall, at most", "J", metrics.energy_from_wall),
+)
+"""Compared quantities: name, unit and measure. Sums and norms are taken over the three force components."""
+
+
+def page(title: str, traces: Mapping[str, Trace], pictures: Sequence[Picture], rows: Sequence[Row] = ()) -> str:
+    """The report as HTML, with at least one run, by the names used in the tables, figures, and claims with verdicts."""
+    common, differing = _settings(traces)
+    versions = {name: trace.header.versions for name, trace in traces.items()}
+    first = next(iter(traces.values()))
+    return rendered(
+        Path(__file__).with_name("report.html"),
+        title=title,
+        scenario=first.scenario.name,
+        description=first.scenario.description,
+        runs=list(traces),
+        rows=rows,
+        counts={verdict: sum(row.verdict is verdict for row in rows) for verdict in Verdict},
+        pictures=pictures,
+        measures=tables(
+            "quantity",
+            list(traces),
+            [(name if unit == "1" else f"{name} [{unit}]", values) for name, unit, values in measured(traces)],
+        ),
+        common=common,
+        differing=tables("key", list(traces), differing) if differing else [],
+        notes=[(name, note) for name, trace in traces.items() for note in _notes(trace)],
+        versions=[(key, sorted({v[key] for v in versions.values() if key in v})) for key in first.header.versions],
+    )
+
+
+def measured(traces: Mapping[str, Trace]) -> list[tuple[str, str, list[float | None]]]:
+    """Name, unit and values of all :data:`MEASURES`, one value per run; None if it cannot be measured."""
+    return [
+        (name, unit, [_finite(measure(trace)) if len(trace) else None for trace in traces.values()])
+        for name, unit, measure in MEASURES
+    ]
+
+
+def _finite(value: Any) -> float | None:
+    return None if value is None or not np.isfinite(value) else value if isinstance(value, int) else float(value)
+
+
+def _settings(traces: Mapping[str, Trace]) -> tuple[list[tuple[str, str]], list[tuple[str, list[str]]]]:
+    """Keys of the scenarios: common keys with their value, and differing keys with one value for each run."""
+    scenarios = [leaves(trace.header.portable_scenario(), lists=False) for trace in traces.values()]
+    tables = [{key: _text(value) for key, value in each} for each in scenarios]
+    keys = list(dict.fromkeys(key for table in tables for key in table))
+    common, differing = [], []
+    for key in keys:
+        values = [table.get(key, "–") for table in tables]
+        if len(set(values)) == 1:
+            common.append((key, values[0]))
+        else:
+            differing.append((key, values))
+    return common, differing
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_text(each) for each in value)}]"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _notes(trace: Trace) -> list[str]:
+    ending = [] if trace.status is Status.completed else [f"{trace.status.name}: {trace.message}"]
+    told = [f"the law is given {TOLD_THE_TRUTH}"] if trace.scenario.controller.uses_truth else []
+    return [*told, *ending, *trace.notes]

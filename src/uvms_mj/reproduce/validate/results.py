@@ -1,0 +1,162 @@
+"""All runs against the records of a pool, and the numbers of each trial."""
+
+import functools
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+
+import numpy as np
+from pebble import ProcessExpired
+
+from ...errors import InputError
+from ...studies.pool.calls import each_call
+from ...studies.pool.workers import gave_up
+from .alignment import Error, error, lag
+from .data import Attitude, Motion, Record
+from .fit import FITTED_ON, HEIGHTS, every_choice, fitted_height
+from .floating import floating
+from .swing import swing
+from .vehicle import HEIGHT, STATIC, VARIANTS, Variant, at_rest, righting, vehicle
+
+ROLL, PITCH, YAW = 0, 1, 2
+AGREE = np.radians(2.0)
+"""Up to this rms difference in pitch the two instruments agree [rad]. In the published trials they differ by less than
+half of it, or by more than twice of it, where the motion capture has lost the vehicle."""
+BEFORE = 1.0
+"""Time before the arm's motion from which a trial counts as "in motion" [s]."""
+_SWING = -1
+"""Number of the swing among the motions."""
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """The records of a pool and the responses of the models: ``responses[k, variant]`` is that to trial k."""
+
+    trials: Sequence[Record]
+    resting: Sequence[Record]
+    responses: dict[tuple[int, Variant], Attitude] = field(default_factory=dict)
+
+    def pitch(self, k: int, variant: Variant, late: float = 0.0, since: float = -np.inf) -> Error:
+        """Error of the pitch of trial k against the motion capture [rad]; the arm's clock ``late`` by a time [s]."""
+        return self.angle(k, variant, PITCH, "mocap", late, since)
+
+    def angle(
+        self, k: int, variant: Variant, which: int, instrument: str, late: float = 0.0, since: float = -np.inf
+    ) -> Error:
+        """Error of an angle of trial k against an instrument [rad]. Yaw counts from the beginning of the trial."""
+        measured, found = getattr(self.trials[k], instrument), self.responses[k, variant]
+        values = measured.angles[:, which]
+        if which == YAW:
+            values = values - np.interp(found.t[0], measured.t, values)
+        return error(measured.t, values, found.t + late, found.angles[:, which], since)
+
+    def lag(self, k: int, variant: Variant) -> float:
+        """Time by which the measured pitch of trial k is later than the simulated one [s]."""
+        measured, found = self.trials[k].mocap, self.responses[k, variant]
+        return lag(measured.t, measured.angles[:, PITCH], found.t, found.angles[:, PITCH])
+
+    def instruments(self, k: int) -> tuple[float, float]:
+        """Time by which the motion capture is later than the inertial unit [s], and their rms difference in pitch
+        [rad]."""
+        one, other = self.trials[k].mocap, self.trials[k].imu
+        pair = one.t, one.angles[:, PITCH], other.t, other.angles[:, PITCH]
+        return lag(*pair), error(*pair).rms
+
+    @functools.cached_property
+    def agreeing(self) -> list[int]:
+        """The trials whose two instruments agree. The others are shown, and are in no mean and no fit."""
+        return [k for k in range(len(self.trials)) if self.instruments(k)[1] <= AGREE]
+
+    def constant(self, k: int) -> float:
+        """Rms error of the best constant pitch, the mean of the measured one [rad]: no constant has a smaller one."""
+        return self.spread(k, Variant())[0]
+
+    def spread(self, k: int, variant: Variant) -> tuple[float, float]:
+        """Standard deviation of the measured and of the simulated pitch of trial k [rad]."""
+        return float(self.trials[k].mocap.angles[:, PITCH].std()), float(
+            self.responses[k, variant].angles[:, PITCH].std()
+        )
+
+    def over_heights(self, links: str) -> np.ndarray:
+        """(agreeing trials, heights) rms error of the pitch [rad]."""
+        return np.array([[self.pitch(k, Variant(links, h)).rms for h in HEIGHTS] for k in self.agreeing])
+
+    @functools.cached_property
+    def fitted(self) -> Variant:
+        """The model whose height is fitted on the first trials."""
+        return self._fit("as is")
+
+    @functools.cached_property
+    def fitted_static(self) -> Variant:
+        """Hydrostatics alone, with the height fitted on the same trials."""
+        return self._fit(STATIC)
+
+    def _fit(self, links: str) -> Variant:
+        return Variant(links, fitted_height(self.over_heights(links), tuple(range(FITTED_ON))))
+
+    @property
+    def fitted_on(self) -> list[int]:
+        """The trials that the height is fitted on: the first ones whose instruments agree."""
+        return self.agreeing[:FITTED_ON]
+
+    @property
+    def left(self) -> list[int]:
+        """The trials whose instruments agree and that nothing was fitted on."""
+        return self.agreeing[FITTED_ON:]
+
+    @functools.cached_property
+    def choices(self) -> np.ndarray:
+        """Mean rms error of the trials that are left, for every choice of trials to fit on [rad]."""
+        return every_choice(self.over_heights("as is"))
+
+    def errors(self, variant: Variant, trials: Sequence[int] | None = None) -> np.ndarray:
+        """Rms errors of the pitch of trials (n,) [rad], by default of those whose instruments agree."""
+        return np.array([self.pitch(k, variant).rms for k in (self.agreeing if trials is None else trials)])
+
+    def swings(self) -> dict[str, Attitude]:
+        """The response of each model to the fast swing."""
+        return {name: self.responses[_SWING, Variant(name)] for name in VARIANTS}
+
+    def at_rest(self, record: Record, variant: Variant) -> tuple[float, float]:
+        """Predicted roll and pitch of a record at rest [rad]."""
+        q = record.q.mean(axis=0)
+        return at_rest(righting(vehicle(variant, q), q))
+
+
+def compute(
+    trials: Sequence[Record], resting: Sequence[Record], executor: Executor, progress: Callable[[int, int], None]
+) -> Results:
+    """Make all runs on an executor. ``progress`` is called with the number of runs done and in total.
+
+    Raises:
+        InputError: there are too few trials to fit and to judge, or the workers can't go on.
+    """
+    results = Results(trials, resting)
+    agreeing = [trials[k].name for k in results.agreeing]
+    if len(agreeing) <= FITTED_ON:
+        few = f"{len(agreeing)} trial{'s' if len(agreeing) != 1 else ''} ({', '.join(agreeing)})"
+        whose = f"has {few} whose instruments agree within {np.degrees(AGREE):g} deg"
+        raise InputError(f"--data: {whose}; at least {FITTED_ON + 1} are needed, since {FITTED_ON} are fitted on")
+    models = [Variant(name) for name in VARIANTS] + [Variant(height=h) for h in HEIGHTS if h != HEIGHT]
+    models += [Variant(STATIC, h) for h in HEIGHTS]
+    calls = [(k, model, trial.motion) for k, trial in enumerate(trials) for model in models]
+    calls += [(_SWING, Variant(name), swing()) for name in VARIANTS]
+    total = len(calls) + 2 * len(trials)
+
+    def take(call: tuple[int, Variant, Motion], answer: Attitude) -> list[tuple[int, Variant, Motion]]:
+        if isinstance(answer, ProcessExpired):
+            raise gave_up(answer)
+        results.responses[call[:2]] = answer
+        return []
+
+    def tick() -> None:
+        progress(len(results.responses), total)
+
+    each_call(executor, _run, calls, take, tick)
+    found = (results.fitted, results.fitted_static)
+    each_call(executor, _run, [(k, v, trial.motion) for k, trial in enumerate(trials) for v in found], take, tick)
+    return results
+
+
+def _run(_: int, variant: Variant, motion: Motion) -> Attitude:
+    return floating(motion, variant)

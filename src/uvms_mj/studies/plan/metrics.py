@@ -1,0 +1,256 @@
+"""The metrics of a study: numbers of a run's summary by their names, functions of the user's, and success by them.
+
+A run is a success if it completed and has settled, or is within the limits of the study's table ``[success]``.
+"""
+
+import functools
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...analysis.summary import METRICS
+from ...errors import Fault, InputError, shortened, suggestion
+from ...files import is_file
+from ...quantities import leaves
+from ...stages.loader import load_file
+from ...stages.signals import AXES
+from .study_file import absolute
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from ...records.trace import Trace
+
+COMPLETED = "completed"
+SETTLED = "contact.settled"
+
+Limit = bool | tuple[float, float]
+NOT_METRICS = {
+    **dict.fromkeys(("scenario", "controller", "warnings"), "is the same for many runs; see the scenario"),
+    **dict.fromkeys(("status", "message", "steps"), "is a column of every row; leave it out"),
+    **dict.fromkeys(("timestep_s", "duration_s"), "follows from steps and simulation.timestep; leave it out"),
+    **dict.fromkeys(
+        ("saturated_joints_s", "joints_off_target", "joints_at_stops"),
+        "has a number for each joint; take it from a function of the trace",
+    ),
+    **dict.fromkeys(("wall_time_s", "real_time_factor"), "differs from one execution to the next, and rows must not"),
+}
+"""Numbers of a summary that are not metrics of a study, with the reason."""
+
+
+def metric_of(name: str) -> "Callable[[Trace], Any]":
+    """The function of a trace that gives a metric, by its place in a summary or from ``path/to/file.py:function``.
+
+    Raises:
+        InputError: there is no such metric, or the file can't be loaded.
+    """
+    if name in NOT_METRICS:
+        raise InputError(f"{name!r} {NOT_METRICS[name]}")
+    if name in METRICS:
+        return METRICS[name]
+    file, colon, word = name.rpartition(":")
+    if not colon or not file.endswith(".py"):
+        hint = suggestion(name, set(METRICS) - set(NOT_METRICS))
+        raise InputError(f"no metric {name!r}; {hint}; for your own give path/to/file.py:function")
+    path = Path(file)
+    if not is_file(path):
+        raise InputError(f"no file {file!r}" + ("" if path.is_absolute() else f" (looked in {Path.cwd()})"))
+    try:
+        functions = {key: value for key, value in vars(load_file(path.absolute(), "")).items() if callable(value)}
+    except InputError as error:
+        raise InputError([Fault("", fault.message) for fault in error.faults]) from None
+    if word not in functions:
+        raise InputError(f"no function {word!r} in {file}; {suggestion(word, functions)}")
+    return functions[word]
+
+
+OF_ROWS = ("index", "draw", "law", "repeat", "seed", "status", "message", "steps", "warnings", "success", "engine")
+"""The columns of every row besides the keys that vary and the metrics."""
+COMPONENTS: Mapping[str, tuple[str, ...]] = {
+    **{name: () for name in METRICS if name not in NOT_METRICS},
+    **dict.fromkeys(("final.position_m", "analytic.position_m"), AXES[:3]),
+    **dict.fromkeys(("final.s", "final.z", "final.tau"), AXES),
+    "final.attitude_wxyz": ("w", *AXES[:3]),
+}
+"""The numbers that a study can keep, most of them of ``uvms-mj run --json``, with the names of their components."""
+
+
+FLAGS, TEXTS = ("contact.settled",), ("analytic.none_because", "noise.none_because")
+"""The metrics that are true or false, and those that are texts. All others are numbers."""
+
+
+MEANINGS: Mapping[str, str] = {
+    "contact.first_s": "time of the first touch; none without a touch",
+    "contact.touches": "number of times that the push begins",
+    "contact.peak_N": "largest push",
+    "contact.impulse_Ns": "integral of the push over time",
+    "contact.final_N": "mean push over the last 0.5 s",
+    "contact.settled": "true or false: whether the push has settled at the end",
+    "contact.trend_N_per_s": "rate of change of the push at the end, by its trend; none without one",
+    "contact.analytic_N": "push at rest in closed form; none without a closed form or without contact at rest",
+    "contact.relative_error": "of contact.final_N against contact.analytic_N [1]; none unless the push has settled",
+    "noise.push_N": "standard deviation of the push over the last half of the run, with white noise of a sensor",
+    "noise.analytic_N": "the same in closed form",
+    "noise.none_because": "text: why the noise has no closed form",
+    "effort_N2s": "integral of X^2 + Y^2 + Z^2 of the thrust over time",
+    "saturated_s": "time with a thruster at its limit",
+    "final.position_m": "p_WB at the end",
+    "final.attitude_wxyz": "quat_WB at the end",
+    "final.s": "sliding variable at the end [m/s, rad/s]",
+    "final.z": "state z of a super-twisting law at the end, which takes up the disturbance [m/s^2, rad/s^2]",
+    "final.tau": "wrench of the thrusters at the end [N, N m]",
+    "analytic.position_m": "p_WB at rest in closed form",
+    "analytic.none_because": "text: why the rest has no closed form",
+    "certified_rate_m_per_s3": "rate of disturbance for which the law is certified; none for other laws",
+    "chattering_N_per_s": "sum of the chattering indices of X, Y and Z over the last second",
+    "force_error_N": "contact.final_N, settled or not, minus the demanded force; none with several walls",
+    "force_range_N": "greatest minus least push over the last 0.5 s",
+    "thrust_peak_N": "largest of X, Y and Z that the thrusters gave at any step",
+}
+"""What each of :data:`COMPONENTS` is. Its unit is that of :func:`unit_of_column`, or in brackets."""
+
+
+def columns_of(place: str) -> list[str]:
+    """The columns of a metric of :data:`COMPONENTS`."""
+    return [f"{place}.{each}" for each in COMPONENTS[place]] or [place]
+
+
+def column_is_taken(name: str, others: Sequence[str], varied: Sequence[str]) -> bool:
+    """Whether the columns of a user's metric could be those of a row, of other metrics or of keys that vary."""
+    column = name.rpartition(":")[2]
+    tables = {place.partition(".")[0] for place in (*COMPONENTS, *varied)}
+    return column in OF_ROWS or column in tables or any(column == other.rpartition(":")[2] for other in others)
+
+
+def kept_column(name: str, metrics: Sequence[str], folder: Path) -> tuple[str, str]:
+    """The metric among those that are kept, and the column of the rows, that a name means: the metric's own, its
+    function's alone, or that of a component, ``final.position_m.x``. A path is relative to ``folder``. A vector has no
+    column of its own name. Raises InputError if nothing that is kept has this name."""
+    for metric in metrics:
+        function = metric.rpartition(":")[2]
+        for written, called in ((name, function), (absolute(name, folder), metric)):
+            if written == called or written.startswith(f"{called}."):
+                column = function + written.removeprefix(called)
+                if metric in COMPONENTS and column not in (metric, *columns_of(metric)):
+                    raise InputError(f"is not a component of {metric}: {', '.join(columns_of(metric))}")
+                return metric, column
+    raise InputError(f"is not one of keep.metrics; {suggestion(name, [each.rpartition(':')[2] for each in metrics])}")
+
+
+_function = functools.cache(metric_of)
+
+
+def users_numbers(place: str, trace: "Trace") -> dict[str, float | None]:
+    """The numbers of a user's metric by column: the function's name, or ``name.key`` for each key of a dictionary."""
+    name = place.rpartition(":")[2]
+    value = _function(place)(trace)
+    each = {f"{name}.{key}": v for key, v in value.items()} if isinstance(value, Mapping) else {name: value}
+    return {column: _number(column, v) for column, v in each.items()}
+
+
+def _number(column: str, value: Any) -> float | None:
+    """A number, also an infinite one, or None for a missing one or nan. Raises TypeError for anything else."""
+    if value is None:
+        return None
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise TypeError(
+            f"metric {column}: {shortened(value)} is not a number; return a number or a dict of numbers"
+        ) from None
+    return None if math.isnan(number) else number
+
+
+_UNITS = {
+    **{"N2s": "N² s", "Ns": "N s", "N": "N", "Nm": "N m", "s": "s", "m": "m", "J": "J", "rad": "rad", "deg": "deg"},
+    **{"N_per_s": "N/s", "m_per_s3": "m/s³"},
+}
+_SUFFIX = re.compile(rf"_({'|'.join(_UNITS)})(?=\.|$)")
+
+
+def unit_of_column(column: str) -> str:
+    """The unit in the name of a column of the rows, ``contact.peak_N``; empty without one."""
+    found = _SUFFIX.search(column)
+    return _UNITS[found[1]] if found else ""
+
+
+def without_unit(column: str) -> str:
+    """The name of a column without its unit: ``contact.peak``. Of a function of a file, the function's name."""
+    return _SUFFIX.sub("", column.rpartition(":")[2])
+
+
+def limits(given: Mapping[str, Any], metrics: Sequence[str], folder: Path, faults: list[Fault]) -> dict[str, Limit]:
+    """The limits of the table ``[success]`` by column of the rows: true or false, or the least and the greatest value.
+
+    A name is that of :func:`kept_column`. Errors are appended to ``faults``.
+    """
+    found: dict[str, Limit] = {}
+    for name, value in leaves(given, lists=False):
+        place = f"success.{name}"
+        try:
+            metric, column = kept_column(name, metrics, folder)
+            if metric in COMPONENTS and column not in columns_of(metric):
+                raise InputError(f"has components: give {' or '.join(columns_of(metric))}")
+            if column in found:
+                raise InputError("is given twice")
+            found[column] = _limit(value, metric)
+        except InputError as error:
+            faults += [Fault(place, fault.message) for fault in error.faults]
+    return found
+
+
+def _limit(value: Any, metric: str) -> Limit:
+    """A limit of a metric. Raises InputError if it is not one."""
+    wanted = "true or false" if metric in FLAGS else "a range [low, high]"
+    if metric in TEXTS:
+        raise InputError("is a text, which has no limits")
+    if metric in COMPONENTS and isinstance(value, bool) != (metric in FLAGS):
+        raise InputError(f"{shortened(value)} must be {wanted}")
+    if isinstance(value, bool):
+        return value
+    if not _is_range(value):
+        either = "" if metric in COMPONENTS else "true, false, or "
+        raise InputError(f"{shortened(value)} must be {either}{wanted}")
+    return float(value[0]), float(value[1])
+
+
+def _is_range(value: Any) -> bool:
+    numbers = isinstance(value, list | tuple) and len(value) == 2 and all(type(each) in (int, float) for each in value)
+    return numbers and not any(map(math.isnan, value)) and value[0] <= value[1]
+
+
+def succeeded(row: Mapping[str, Any], given: Mapping[str, Limit]) -> bool:
+    """Whether a run with the columns ``row`` is a success."""
+    if row["status"] != COMPLETED:
+        return False
+    if not given:
+        return bool(row.get(SETTLED, True) == True)  # noqa: E712  # None and nan are not
+    return all(_within(row.get(column), limit) for column, limit in given.items())
+
+
+def _within(value: Any, limit: Limit) -> bool:
+    if value is None:
+        return False
+    return bool(value == limit) if isinstance(limit, bool) else bool(limit[0] <= value <= limit[1])
+
+
+def successes(frame: "pd.DataFrame", given: Mapping[str, Limit]) -> np.ndarray:
+    """Whether each row (n,) is a success: the column ``success``, or what it would be in rows without it."""
+    if "success" in frame:
+        return frame["success"].to_numpy(dtype=bool)
+    return np.array([succeeded(row, given) for row in frame.to_dict("records")], dtype=bool)
+
+
+def in_words(given: Mapping[str, Limit], settled: bool) -> str:
+    """The definition of success. ``settled`` is whether the rows have :data:`SETTLED`."""
+    if not given:
+        return "a run succeeds if it completed" + (" and has settled" if settled else "")
+    parts = [
+        f"{name} is {str(limit).lower()}" if isinstance(limit, bool) else f"{name} is from {limit[0]:g} to {limit[1]:g}"
+        for name, limit in given.items()
+    ]
+    return f"a run succeeds if it completed, and {', and '.join(parts)}"

@@ -1,0 +1,215 @@
+"""A study as it travels to a worker: its tables, and the contents of the files that they name.
+
+A worker writes the files to a temporary folder. So a study has the same laws, metrics and vehicles on every machine,
+and until its end, whatever happens to the user's files meanwhile.
+"""
+
+import functools
+import hashlib
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+from ...engine.native.sources import source_files
+from ...errors import Fault, InputError
+from ...plant.mjcf import Mjcf
+from ...records.header import versions
+from ...stages.base import Stage
+from ...stages.contract import listed_files, wrong_files
+from ...stages.loader import load_file
+
+if TYPE_CHECKING:
+    from ..plan import Plan
+
+_HERE = "<files>/"
+"""Beginning of a path in the tables of a bundle, in place of the worker's folder."""
+_PACKAGE = Path(__file__).parents[2]
+_NO_NUMBERS = (
+    *("cli", "envs", "views"),
+    *(f"studies/{name}" for name in ("dataset.py", "pages", "paper", "report", "tune")),
+)
+"""Folders whose code does not affect a row."""
+
+
+@functools.cache
+def code() -> dict[str, str]:
+    """Versions of everything that affects a row, and a digest of this package's sources."""
+    digest = hashlib.sha256()
+    for path in sorted(_PACKAGE.rglob("*.py")):
+        if not path.relative_to(_PACKAGE).as_posix().startswith(_NO_NUMBERS):
+            digest.update(path.read_bytes())
+    return versions() | {"sources": digest.hexdigest()[:12]}
+
+
+@dataclass(frozen=True)
+class StudyBundle:
+    """The tables of a study, with paths that begin with ``<files>/``; the contents of the files by name; and the
+    code that the worker must have."""
+
+    tables: dict[str, Any]
+    files: Mapping[str, bytes] = field(repr=False)
+    code: Mapping[str, str]
+
+    @classmethod
+    def of(cls, plan: "Plan") -> "StudyBundle":
+        """Pack a plan. Raises InputError if a file can't be read."""
+        files: dict[str, bytes] = {}
+        return cls(_changed(plan.tables, lambda text: _packed(text, files)), files, code())
+
+    @functools.cached_property
+    def digest(self) -> str:
+        """Digest of tables and files: of two studies with equal digests, each run is the same."""
+        digest = hashlib.sha256(json.dumps(self.tables, sort_keys=True).encode())
+        for name, data in sorted(self.files.items()):
+            digest.update(f"{name} {hashlib.sha256(data).hexdigest()}".encode())
+        return digest.hexdigest()[:32]
+
+    def plan(self) -> "Plan":
+        """Unpack the plan on a worker, once a process. Raises InputError if this worker has other code."""
+        from ..plan import Plan
+
+        ours = code()
+        other = [f"{name} {ours.get(name)} there, {v} here" for name, v in self.code.items() if ours.get(name) != v]
+        if other:
+            raise InputError(f"a worker has other code than this machine: {'; '.join(other)}; install the same on both")
+        if self.digest not in _plans:
+            _plans.clear()
+            folder = self._folder()
+
+            def here(text: str) -> str:
+                return text.replace(_HERE, folder, 1) if text.startswith(_HERE) else text
+
+            try:
+                _plans[self.digest] = Plan.from_dict(_changed(self.tables, here))
+            except InputError as error:
+                said = str(error).replace(folder, "")
+                raise InputError(f"with the files alone that travel to a worker: {said}{_HINT}") from None
+        return _plans[self.digest]
+
+    def _folder(self) -> str:
+        """The folder with the files, written by the first worker on a machine that needs it."""
+        if not self.files:
+            return ""
+        above = Path(tempfile.gettempdir(), f"uvms-mj-{os.getuid()}")
+        above.mkdir(mode=0o700, exist_ok=True)
+        if above.stat().st_uid != os.getuid():
+            raise InputError(f"{above}: belongs to another user; set TMPDIR to a folder of yours")
+        folder = above / self.digest
+        for name, data in self.files.items():
+            path = folder / name
+            if not path.is_file() or path.read_bytes() != data:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                part = path.with_name(f".{path.name}-{os.getpid()}")
+                part.write_bytes(data)
+                os.replace(part, path)
+        return f"{folder}/"
+
+
+_plans: dict[str, "Plan"] = {}
+"""The last plan by the digest of its bundle."""
+
+
+_HINT = (
+    "; a class lists what its file reads beside it, files = ['policy.npz'], and a file of metrics does so at its top"
+)
+
+
+def _changed(value: Any, change: Callable[[str], str]) -> Any:
+    """A value of a table with each text in it changed."""
+    if isinstance(value, Mapping):
+        return {key: _changed(each, change) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_changed(each, change) for each in value]
+    return change(value) if isinstance(value, str) else value
+
+
+def _packed(value: str, files: dict[str, bytes]) -> str:
+    """A text of a table; the name of a file is packed."""
+    file, colon, name = value.rpartition(":") if ".py:" in value else (value, "", "")
+    path = Path(file)
+    pack = _PACKS.get(path.suffix)
+    if pack is None or not path.is_absolute() or not path.is_file():
+        return value
+    return f"{_HERE}{pack(path, files)}{colon}{name}"
+
+
+def _pack_code(path: Path, files: dict[str, bytes]) -> str:
+    """Pack a file of Python with the files that it imports, and those that it lists. Returns its name."""
+    path = path.resolve()
+    module = load_file(path, "study")
+    roots, name = _roots(path), _code_name(path)
+    for source in (*source_files(module), *_listed(module)):
+        root = next((root for root in roots if source.is_relative_to(root)), source.parent)
+        files[f"{name}/{source.relative_to(root)}"] = source.read_bytes()
+    return f"{name}/{path.name}"
+
+
+def _listed(module: ModuleType) -> list[Path]:
+    """The files that the classes of a module list, and those of its own list, for metrics. Raises InputError if the
+    latter is wrong."""
+    file = Path(str(module.__file__))
+    own = vars(module).get("files", ())
+    if wrong := list(wrong_files(own, file.parent)):
+        raise InputError([Fault("", f"{file.name}: {each}") for each in wrong])
+    kinds = [each for each in vars(module).values() if isinstance(each, type) and issubclass(each, Stage)]
+    return [path for kind in kinds for path in listed_files(kind).values()] + [file.parent / name for name in own]
+
+
+def _code_name(path: Path) -> str:
+    """The folder of a bundle for a file of Python."""
+    return f"code-{_short(str(path).encode())}"
+
+
+def _roots(path: Path) -> list[Path]:
+    """The folders from which a file of Python imports, its own first."""
+    return [path.parent, *sorted((Path(p).resolve() for p in sys.path if p), key=lambda p: -len(p.parts))]
+
+
+def changed_files(value: str, then: Mapping[str, str]) -> list[str]:
+    """Names of the files that a text of a study's table needs and that are not those of ``then``, the digests by name
+    of version.json. Nothing is imported."""
+    now: dict[str, bytes] = {}
+    if ".py:" in value and Path(file := value.rpartition(":")[0]).is_file():
+        path = Path(file).resolve()
+        folder = f"{_code_name(path)}/"
+        now = {f"{folder}{path.name}": path.read_bytes()}
+        for name in (name for name in then if name.startswith(folder)):
+            there = [root / name.removeprefix(folder) for root in _roots(path)]
+            now[name] = next((each.read_bytes() for each in there if each.is_file()), b"")
+    elif ".py:" not in value:
+        _packed(value, now)
+    return [Path(name).name for name, data in now.items() if hashlib.sha256(data).hexdigest() != then.get(name)]
+
+
+def _pack_vehicle(path: Path, files: dict[str, bytes]) -> str:
+    """Pack a vehicle's model with all its files. Returns its name."""
+    mjcf = Mjcf.find(str(path))
+    folder = f"vehicle-{_short(str(path).encode())}"
+    for name, data in mjcf.files.items():
+        files[f"{folder}/{name}"] = data
+    return f"{folder}/{mjcf.name}"
+
+
+def _pack_table(path: Path, files: dict[str, bytes]) -> str:
+    """Pack a file of numbers. Returns its name."""
+    name = f"file-{_short(str(path).encode())}/{path.name}"
+    files[name] = path.read_bytes()
+    return name
+
+
+_PACKS: Mapping[str, Callable[[Path, dict[str, bytes]], str]] = {
+    ".py": _pack_code,
+    ".xml": _pack_vehicle,
+    ".csv": _pack_table,
+}
+"""How a file of a table is packed, by its suffix."""
+
+
+def _short(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()[:8]
