@@ -40,7 +40,6 @@ class Constrained(Actuation):
 
     name = "constrained"
     records_loss: ClassVar[bool] = True
-    needs: ClassVar = ()
     memory: ClassVar[Mapping[str, Any]] = {"L": MOST_THRUSTERS**2, "solved": 1, "solved_tau": 6} | dict.fromkeys(
         ("wanted", "trial", "fixed", "solution"), MOST_THRUSTERS
     )

@@ -122,7 +122,6 @@ class Propeller(Thrusters):
     failed_fraction: _Fraction = setting(0.0, "1", "part of its thrust that a failed thruster keeps")
     failed_stuck: bool = setting(False, "-", "whether a failed thruster keeps its last command instead")
 
-    needs: ClassVar = ("simulation.timestep",)
     memory: ClassVar[Mapping[str, Any]] = dict.fromkeys(
         ("asked", "command", "near", "near_hat", "static", "direction", "waits", "held", "x_1", "x_2", "x_3"),
         "thrusters",

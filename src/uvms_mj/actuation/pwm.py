@@ -41,7 +41,6 @@ class Pwm(Actuation):
     memory: ClassVar[Mapping[str, Any]] = {"near": "thrusters"}
     start_values: ClassVar = {"pwm_cmd": NEUTRAL_US}
     units: ClassVar = {"pwm_cmd": "us"}
-    needs: ClassVar = ("thrusters",)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
         """The curve: that of the thrusters, so that their inverse gives the pulse width back."""

@@ -70,7 +70,6 @@ class Servo(Joints):
     velocity_bandwidth: Positive = setting(200.0, "rad/s", "bandwidth omega_v of the velocity loop")
 
     torque_controlled: ClassVar = False
-    needs: ClassVar = ("initial.joints",)
     memory: ClassVar = {"carried": "joints"}
     _inner_keys: ClassVar = {"joints.motion": ("time", "joints")}
 

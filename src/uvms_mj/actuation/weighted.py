@@ -45,7 +45,6 @@ class Weighted(Actuation):
 
     name = "weighted"
     records_loss: ClassVar[bool] = True
-    needs: ClassVar = ()
 
     def inverse(self, B: np.ndarray) -> np.ndarray:
         if self.weights and len(self.weights) != B.shape[1]:

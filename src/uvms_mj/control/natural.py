@@ -31,7 +31,6 @@ class NaturalInertia(Stage):
     """M_d = M_hat of every control instant, with D_d of Ott's design unless it is given."""
 
     name = "natural_inertia"
-    needs: ClassVar = ("impedance", "controller.period", "simulation.timestep")
     memory: ClassVar = {"L": 36, "Y": 36, "A": 36, "V": 36}
     room: ClassVar[Room] = Room("control", "natural", lambda thrusters: TASK_GIVEN, IMPEDANCE[:2])
 

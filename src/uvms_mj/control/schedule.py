@@ -52,7 +52,6 @@ class Schedule(Stage):
     """K_f and F_d over time."""
 
     name = "schedule"
-    needs: ClassVar = ("impedance",)
     room: ClassVar[Room] = Room("control", "impedance", lambda thrusters: CLOCK, SCHEDULED)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:

@@ -54,7 +54,6 @@ class ImpedanceTask(Stage):
     integral: bool = shared(False, "-", "true: s is M_d^-1 times the integral of eq. (6): A is 0, and s(0) is 0")
 
     name = "impedance_task"
-    needs: ClassVar = ("impedance.M_d", "initial.joints")
     states: ClassVar = {"zeta": 6}
     memory: ClassVar = {"L": 36}
     units: ClassVar = {"zeta": "m/s, rad/s"}

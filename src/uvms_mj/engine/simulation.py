@@ -13,10 +13,9 @@ from ..errors import Fault, InputError
 from ..plant.mjcf import Mjcf
 from ..quantities import overrides_of
 from ..scenario import Scenario
+from ..setup.checked import changed, checked
 from ..setup.checks import warnings_of
 from ..stages.signals import Signal
-from .changes import changed
-from .checks import checked
 from .engines import engine_of
 from .live import Signals
 from .native.run_memory import RunMemory
@@ -74,7 +73,7 @@ class Simulation:
         self.setup = checked(valid_scenario(scenario), mjcf)
         if looks:
             self.setup = dataclasses.replace(self.setup, plant=dataclasses.replace(self.setup.plant, looks=True))
-        self._base, self._touched = self.setup, frozenset[str]()  # the latter: what the last reset and set have touched
+        self._base = self.setup
         self._engine = engine_of(engine, self.setup)
         self._finalizer = weakref.finalize(self, self._engine.close)
         try:
@@ -177,9 +176,9 @@ class Simulation:
         if seed is not None:
             given["simulation.seed"] = seed
         with self._alone:
-            setup, touched = changed(self._base, given, "reset")
-            self._memory.restart(setup, self._touched | touched)
-            self.setup, self._touched = setup, touched
+            setup = changed(self._base, given, "reset") if given else self._base
+            self._memory.restart(setup)
+            self.setup = setup
             self._prepare()
 
     def set(self, overrides: Mapping[str, Any]) -> None:
@@ -192,13 +191,14 @@ class Simulation:
             InputError: a key or value is invalid, or can't change during a run. Nothing is changed then.
         """
         with self._alone:
-            setup, touched = changed(self.setup, overrides_of(overrides, "set: overrides"), "set")
+            given = overrides_of(overrides, "set: overrides")
+            setup = changed(self.setup, given, "set")
             delayed = ("controller.delay", "controller.period") if self.scenario.controller.delay is not None else ()
-            fixed = sorted(key for key in touched if key.startswith(("initial.", "simulation.", *delayed)))
+            fixed = sorted(key for key in given if key.startswith(("initial.", "simulation.", *delayed)))
             if fixed:
                 raise InputError([Fault(name, "can't change during a run; give it to reset") for name in fixed], "set")
-            self._memory.rewrite(setup, touched)
-            self.setup, self._touched = setup, self._touched | touched
+            self._memory.rewrite(setup)
+            self.setup = setup
             if self._ready:
                 self._prepare()  # the water at the instant in hand
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import AfterValidator
@@ -54,7 +54,6 @@ class AlongWall(Followed):
     start_time: Time = setting(1.0, "s", "time at which the approach begins")
 
     name = "along_wall"
-    needs: ClassVar = ("initial.position", "initial.attitude_deg", "initial.joints", "wall", "bumper", "impedance")
 
     def depth(self, scenario: Any) -> float:
         """x_d - x_c [m] that demands the push."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -40,7 +40,6 @@ class Circle(Guidance):
     )
 
     name = "circle"
-    needs: ClassVar = ("initial.position", "initial.attitude_deg", "initial.joints")
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
         """quat_d (4,) at the start; u and v (3,), radii of the plane along x and y [m]; centre and normal (3,); angle

@@ -79,7 +79,6 @@ class FilteredSteps(Guidance):
     )
 
     name = "filtered_steps"
-    needs: ClassVar = ("initial.position", "initial.attitude_deg", "initial.joints")
     _inner_keys: ClassVar = {"reference.waypoints": ("time", "position")}
 
     @property

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -36,8 +36,6 @@ uneven."""
 
 class Followed(Guidance):
     """Base class of the stages whose reference is a motion of :func:`pack`, which their constants are."""
-
-    needs: ClassVar[tuple[str, ...] | None] = ("initial.position", "initial.attitude_deg", "initial.joints")
 
     def notes(self, setup: Any) -> Iterable[str]:
         return start_notes(self, setup)

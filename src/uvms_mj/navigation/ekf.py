@@ -53,7 +53,6 @@ class Ekf(_ForceSensor):
 
     name = "ekf"
     every_step: ClassVar = True
-    needs: ClassVar = ("simulation.timestep",)
     states: ClassVar[Mapping[str, int]] = {
         **{"b_g": 3, "b_a": 3, "b_g_true": 3, "b_a_true": 3},
         **{"sigma_p": 3, "sigma_v": 3, "sigma_theta": 3, "sigma_b_g": 3, "sigma_b_a": 3},

@@ -72,7 +72,6 @@ class JointEncoder(Encoder):
     velocity_filter: Time = setting(0.0, "s", "time constant of a first-order filter of the velocity; 0: none")
 
     name = "encoder"
-    needs: ClassVar = ("simulation.timestep",)
     memory: ClassVar = {
         "queue": 2 * MOST_JOINTS * (MOST_LATE + 1),
         "sample": 2 * MOST_JOINTS,

@@ -122,7 +122,6 @@ class Sensors(_Channels):
 
     name = "sensors"
     every_step: ClassVar = True
-    needs: ClassVar = ("simulation.timestep",)
     memory: ClassVar = {**dict.fromkeys(QUANTITIES, MEMORY), "wrench": 6, "start": 1}
 
     def channel(self, quantity: str) -> Channel:

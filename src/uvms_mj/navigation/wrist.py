@@ -114,7 +114,6 @@ class WristSensor(_Channels):
     errors."""
 
     name = "sensor"
-    needs: ClassVar = ("simulation.timestep", "controller.period")
     memory: ClassVar = dict.fromkeys(QUANTITIES, MEMORY)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:

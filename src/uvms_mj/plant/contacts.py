@@ -70,6 +70,11 @@ class Contacts:
     paper: Surface | None
     radius: float
 
+    @property
+    def kinds(self) -> tuple[int, int, bool]:
+        """How many walls and pairs there are, and whether ``paper`` is."""
+        return len(self.surfaces), len(self.pairs), self.paper is not None
+
     def records(
         self, lightest: Callable[[Pair], float], along_face: Callable[[], float] | None = None
     ) -> tuple[np.ndarray, np.ndarray]:

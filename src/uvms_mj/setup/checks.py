@@ -1,12 +1,11 @@
 """Checks of a run before its first step: errors, and warnings of a sampled loop that chatters or limit-cycles."""
 
-import functools
 import itertools
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from ..control.design import ATTITUDE_KEYS, no_overflow
+from ..control.design import no_overflow
 from ..control.posture import posture_faults, posture_notes
 from ..control.theory.predictions import stage_notes
 from ..control.theory.sampled import delay_faults, zeta_limit
@@ -16,44 +15,28 @@ from ..plant.vehicle import AXES, notes_on_damping
 from ..plant.water import Current, Disturbance
 from ..quantities import radians_notes
 from ..scenario import STAGES
-from ..stages.base import Stage
 from .base import Setup
 from .free_motion import free_motion_notes
 from .task_frame import task_faults, task_notes
 from .wall import wall_faults, wall_notes
-
-_WALLS = ("wall", "walls", "bumper")
-_EVERYTHING = frozenset({"simulation.timestep", "posture"})
-_TIMING = ("simulation.timestep", "controller.delay", *(f"{table}.period" for table in STAGES))
-_CONTACT = (*_WALLS, *ATTITUDE_KEYS, "simulation.timestep")
-_WATER = ("current", "disturbance", "simulation.timestep")
 
 
 class SamplingWarning(UserWarning):
     """The controller chatters or limit-cycles at this time step or with these gains."""
 
 
-def refuse(setup: Setup, touched: frozenset[str] = _EVERYTHING) -> None:
-    """Raise for a scenario that cannot run. Only checks of the tables and dotted keys in ``touched`` are made.
+def refuse(setup: Setup) -> None:
+    """Raise for a scenario that cannot run.
 
     Raises:
         InputError: for example, the wall is too stiff for the time step, or a period is not a multiple of it.
     """
-    kinds = tuple([type(getattr(setup.scenario, table)) for table in STAGES])
-    faults = [fault for check in _checks(touched, kinds) for fault in check(setup)]
+    stages = [getattr(setup.scenario, table) for table in STAGES]
+    faults = [fault for stage in stages if stage.runs for fault in stage.faults(setup)]
+    for check in (_timing_faults, task_faults, wall_faults, _water_faults, posture_faults):
+        faults += check(setup)
     if faults:
         raise InputError(faults, "scenario")
-
-
-@functools.lru_cache(maxsize=64)
-def _checks(touched: frozenset[str], kinds: tuple[type[Stage], ...]) -> list[Callable[[Setup], Iterable[Fault]]]:
-    """The checks that depend on ``touched``, in a scenario with stages of these classes."""
-    of_stages = [
-        ((*_TIMING, table, *(touched if kind.needs is None else kind.needs)), _stage_faults(table))
-        for table, kind in zip(STAGES, kinds, strict=True)
-        if kind.faults is not Stage.faults and kind.runs
-    ]
-    return [check for keys, check in (*of_stages, *_CHECKS) if not touched.isdisjoint(keys)]
 
 
 def warnings_of(setup: Setup) -> list[str]:
@@ -96,23 +79,9 @@ def _timing_faults(setup: Setup) -> Iterator[Fault]:
     yield from delay_faults(scenario)
 
 
-def _stage_faults(table: str) -> Callable[[Setup], Iterable[Fault]]:
-    return lambda setup: getattr(setup.scenario, table).faults(setup)
-
-
 def _water_faults(setup: Setup) -> Iterable[Fault]:
     scenario = setup.scenario
     return water_faults(scenario.current, scenario.disturbance, scenario.simulation.timestep)
-
-
-_CHECKS: tuple[tuple[tuple[str, ...], Callable[[Setup], Iterable[Fault]]], ...] = (
-    (_TIMING, _timing_faults),
-    (("simulation.timestep", "task"), task_faults),
-    (_CONTACT, wall_faults),
-    (_WATER, _water_faults),
-    (("posture",), posture_faults),
-)
-"""Tables or dotted keys of a scenario, and the check that depends on them."""
 
 
 def _sampling_notes(setup: Setup) -> Iterator[str]:

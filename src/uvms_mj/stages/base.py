@@ -107,9 +107,6 @@ class Stage:
     room: ClassVar[Room]
     _inner_keys: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     """Keys of the tables within a setting, by the setting's key."""
-    needs: ClassVar[tuple[str, ...] | None] = None
-    """Tables or dotted keys of the scenario that :meth:`constants` and :meth:`faults` read besides the stage's own and
-    the periods; "design" stands for the design matrices. None: any, or none if the class overrides neither."""
     every_step: ClassVar[bool] = False
     """Whether the default of the period is the time step instead of the control period."""
     external: ClassVar[bool] = False
@@ -287,13 +284,13 @@ _NUMBERS = (bool, int, float)  # a union is made anew at each use
 
 
 @functools.cache
-def validator(cls: Any, names: tuple[str, ...] = ()) -> TypeAdapter:
-    """The validator of the fields of a dataclass, or of some of them, made once. Settings are checked at construction
-    and never in the loop."""
+def validator(cls: Any) -> TypeAdapter:
+    """The validator of the fields of a dataclass, made once. Settings are checked at construction and never in the
+    loop."""
     hints = get_type_hints(cls, include_extras=True)
     if issubclass(cls, Stage):  # a class may give what all stages of its room have another default, not another range
         hints |= get_type_hints(base_of(cls), include_extras=True)
     # Any: the fields of this type are known only at run time
     make: Any = TypedDict
-    shape = make("shape", {name: hints[name] for name in names or [f.name for f in dataclasses.fields(cls)]})
+    shape = make("shape", {field.name: hints[field.name] for field in dataclasses.fields(cls)})
     return TypeAdapter(with_config(ConfigDict(allow_inf_nan=False))(shape))

@@ -35,7 +35,6 @@ class Admittance(Controller):
     k_i: NonNegative = gain(1000.0, "1/s^3", "integral gain of the inner loop over M_hat; 0: PD")
 
     name = "admittance"
-    needs: ClassVar = ("impedance.M_d", "initial.joints")
     uses_task: ClassVar[bool] = False
     states: ClassVar = {"eta_a": 6, "nu_a": 6, "xi_a": 6}
     units: ClassVar = {"eta_a": "m, 1", "nu_a": "m/s, rad/s", "xi_a": "m/s^2, rad/s^2"}

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...compiler.codes import CONVERSION, DIVISION, INDEX, RAISED, STOPPED, place
 from ...errors import InputError
-from ...stages.base import Stage, has_own_constants, is_shipped
+from ...stages.base import Stage, is_shipped
 from .compilation import PLAIN, NativeFunction, NotCompiled, native_function, plain_python
 from .image import Field, Image
 from .memory import at_address
@@ -35,8 +35,6 @@ class CompiledStage:
     ) -> None:  # fmt: skip
         self.stage, self._given, self._out, self.states = stage, given, out, states
         self._start = {"settings": settings} | ({} if state is None else {"state": state})
-        needs = type(stage).needs
-        self.needs = () if needs is None and not has_own_constants(type(stage)) else needs
         self.shapes = {name: settings.dtype[name].shape for name in settings.dtype.names or () if name != "_"}
         self.users = not is_shipped(stage)
         self._fused = fused

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...plant.contacts import Contacts
 from ...stages.signals import Signal, contact_signals
-from .image import Image, table_room
+from .image import Image
 
 _OF_CONTACT = ("stiffness", "damping", "friction", "tangential_stiffness", "tangential_damping")
 _OF_PAIR = (
@@ -15,11 +15,6 @@ _OF_PAIR = (
     *("bumper_stiffness", "bumper_damping"),
 )
 """Settings; the other fields are states and forces, which go on if a setting changes during a run."""
-
-
-def wall_rooms(contacts: Contacts) -> dict[str, int]:
-    """The rooms for the tables of motion of the walls."""
-    return {f"{key}.motion": table_room(len(wall.motion), 4) for key, wall in contacts.surfaces}
 
 
 def place_carriers(run: np.ndarray, contacts: Contacts) -> None:

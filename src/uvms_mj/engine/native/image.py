@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import InputError
+from ...errors import Fault, InputError
 from ...physics.varying import ROWS
 from .record import NUMBERS
 
@@ -84,25 +84,22 @@ class Image:
         place, n = self._rooms[name]
         return place, self.numbers[place : place + n]
 
-    def put(self, name: str, rows: np.ndarray) -> tuple[int, int]:
-        """Put the rows (n, width) of a table into the room of its key. Returns its place and n. Raises InputError if
-        there are too many."""
+    def check_room(self, name: str, table: np.ndarray) -> None:
+        """Raise InputError if the rows (n, width) of a table are more than its room takes."""
+        _, room = self.room(name)
+        if table.size > room.size:
+            most = room.size // table.shape[1]
+            raise InputError([Fault(name, f"has {len(table)} rows; a reset takes {most}; make a new Simulation")])
+
+    def put(self, name: str, table: np.ndarray) -> tuple[int, int]:
+        """Put the rows (n, width) of a table into the room of its key. Returns its place and n."""
         place, room = self.room(name)
-        if rows.size > room.size:
-            most = room.size // rows.shape[1]
-            raise InputError(f"{name}: has {len(rows)} rows; a reset takes at most {most}; make a new Simulation")
-        room[: rows.size] = rows.reshape(-1)
-        return place, len(rows)
+        room[: table.size] = table.reshape(-1)
+        return place, len(table)
 
 
-def table_room(rows: int, width: int) -> int:
-    """Numbers of the room for a table that begins with so many rows."""
-    return max(rows, MOST_ROWS) * width
-
-
-def water_rooms(current: int = 0, disturbance: int = 0, shear: int = 0) -> dict[str, int]:
-    """The rooms for the tables of the water, whose numbers of rows at the start are given, and for the nodes of its
-    Gauss-Markov processes."""
-    rows = {"current.table": (current, 4), "disturbance.table": (disturbance, 7), "current.shear": (shear, 2)}
-    rooms = {name: table_room(n, width) for name, (n, width) in rows.items()}
-    return rooms | {"current.nodes": 3 * ROWS, "disturbance.nodes": 6 * ROWS}
+def water_rooms() -> dict[str, int]:
+    """The rooms for the tables of the water, and for the nodes of its Gauss-Markov processes."""
+    widths = {"current.table": 4, "disturbance.table": 7, "current.shear": 2}
+    nodes = {"current.nodes": 3 * ROWS, "disturbance.nodes": 6 * ROWS}
+    return {name: MOST_ROWS * width for name, width in widths.items()} | nodes

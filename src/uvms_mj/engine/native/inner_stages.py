@@ -20,7 +20,6 @@ class Tracking(Stage):
     """Tracking errors and estimates."""
 
     name = "tracking"
-    needs: ClassVar = ("estimates",)
     room: ClassVar[Room] = Room(
         "control", "tracking", lambda thrusters: CLOCK + MEASURED + REFERENCE, ERRORS + ESTIMATES
     )
@@ -63,7 +62,6 @@ class Delay(Stage):
     Before the first one it is zero."""
 
     name = "delay"
-    needs: ClassVar = ("controller.delay", "controller.period", "simulation.timestep")
     memory: ClassVar = {"queue": 6 * (MOST_WAITING + 1)}
     room: ClassVar[Room] = Room("control", "delay", lambda thrusters: (*CLOCK, WRENCH_COMMAND), (WRENCH_COMMAND,))
 
@@ -100,7 +98,6 @@ class Truth(Stage):
     """The truth for the ideal law. ``state`` is the record of the run."""
 
     name = "truth"
-    needs: ClassVar = ()
     room: ClassVar[Room] = Room("navigation", "truth", lambda thrusters: CLOCK + TRUE, TRUTH)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:
@@ -120,7 +117,6 @@ class Inflow(Stage):
     B_k = [a_k; r_k x a_k] of B. It is zero for a pair that produces a pure moment."""
 
     name = "inflow"
-    needs: ClassVar = ()
     room: ClassVar[Room] = Room(
         "actuation", "inflow", lambda thrusters: CLOCK + TRUE, (Signal("inflow", (0,), "m/s", "-", "speed of advance"),)
     )

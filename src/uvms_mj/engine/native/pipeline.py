@@ -1,6 +1,5 @@
 """The stages of a run in the order of an instant, as the loop calls them."""
 
-import functools
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -108,7 +107,6 @@ class Pipeline:
         self._actuate(scenario)
         self.running = tuple(self.stages.values())
         self.apart = [stage for stage in self.running if stage.apart]
-        self._concerned = functools.lru_cache(maxsize=64)(self._depending_on)
 
     def field(self, *names: str) -> Field:
         """A field of the record of the run."""
@@ -208,9 +206,9 @@ class Pipeline:
         """(6,) wrench that the law commands."""
         return self.command
 
-    def constants(self, setup: Setup, touched: frozenset[str]) -> dict[str, dict[str, Any]]:
-        """The new constants of the stages that depend on the tables and keys in ``touched``, by table. Raises
-        InputError if a stage has other constants than its memory has room for."""
+    def constants(self, setup: Setup) -> dict[str, dict[str, Any]]:
+        """The constants of all stages, by table, from another setup. Raises InputError if a stage has other constants
+        than its memory has room for."""
         found, faults, scenario = {}, [], setup.scenario
         if (scenario.controller.delay is not None) != ("delay" in self.stages):
             faults.append(Fault("controller.delay", "reset can't add or remove the delay; 0 is a delay too"))
@@ -220,7 +218,7 @@ class Pipeline:
             )
         if scenario.impedance.natural != ("natural" in self.stages):
             faults.append(Fault("impedance.M_d", "reset can't change between a natural and a constant inertia"))
-        for table, stage in self._concerned(touched):
+        for table, stage in self.stages.items():
             chosen = getattr(setup.scenario, table, stage.stage)
             constants = chosen.constants(setup).items()
             found[table] = new = {name: value for name, value in constants if value is not None and name != "period"}
@@ -229,14 +227,6 @@ class Pipeline:
         if faults:
             raise InputError(faults, "a new Simulation is needed")
         return found
-
-    def _depending_on(self, touched: frozenset[str]) -> list[tuple[str, CompiledStage]]:
-        """The stages, by table, whose constants depend on the tables and keys in ``touched``."""
-        return [
-            (table, stage)
-            for table, stage in self.stages.items()
-            if table in touched or stage.needs is None or not touched.isdisjoint(stage.needs)
-        ]
 
     def write(self, constants: Mapping[str, Mapping[str, Any]]) -> None:
         """Set the constants of stages, by table."""

@@ -24,7 +24,6 @@ class PostureBelowTool(Stage):
     record of the run. The levels know that the law gives -J_bar J_dot zeta, which keeps the tool's velocity."""
 
     name = "posture_below_tool"
-    needs: ClassVar = ("posture", "initial")
     room: ClassVar[Room] = Room(
         "control",
         "posture",

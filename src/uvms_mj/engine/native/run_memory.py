@@ -1,19 +1,16 @@
 """The memory of one run: its record, those of its stages, its tables and its rows, with the numbers of a scenario in
 them."""
 
-import functools
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from ...control.design import ATTITUDE_KEYS
-from ...scenario import STAGES
 from ...setup.base import Setup
 from ...stages.signals import FINAL_WINDOW_S, MEASURED, band_signals
 from .callback import entry_points
-from .contact_list import place_carriers, wall_rooms, write_contacts
-from .image import Image, water_rooms
+from .contact_list import place_carriers, write_contacts
+from .image import MOST_ROWS, Image, water_rooms
 from .joints import fill_joints
 from .memory import stopped
 from .model_memory import estimate, fill_model
@@ -45,6 +42,15 @@ def shape_of(setup: Setup) -> Shape:
     )
 
 
+def tables_of(setup: Setup) -> dict[str, np.ndarray]:
+    """The tables of a scenario that a run reads, (n, width) by their keys."""
+    scenario, walls = setup.scenario, dict(setup.contacts.surfaces)
+    tables: dict[str, Any] = {"current.table": scenario.current.table, "current.shear": scenario.current.shear}
+    tables |= {"disturbance.table": scenario.disturbance.table}
+    tables |= {f"{key}.motion": wall.motion for key, wall in walls.items()}
+    return {key: np.array(table, float) for key, table in tables.items() if table}
+
+
 class RunMemory:
     """The record of a run, its stages and its rows, and the :class:`uvms_mj.engine.base.Engine` that moves its body.
 
@@ -61,9 +67,9 @@ class RunMemory:
     def __init__(self, setup: Setup, engine: Any) -> None:
         self.engine, self.shape = engine, shape_of(setup)
         self.code, self.stages = entry_points(self.shape, engine.code), Pipeline(setup, self.shape)
-        scenario = setup.scenario
-        tables = scenario.current.table, scenario.disturbance.table, scenario.current.shear
-        rooms = water_rooms(*(len(table or ()) for table in tables)) | wall_rooms(setup.contacts)
+        self._setup = setup
+        rooms = water_rooms() | {f"{key}.motion": MOST_ROWS * 4 for key, _ in setup.contacts.surfaces}
+        rooms |= {key: max(rooms[key], table.size) for key, table in tables_of(setup).items()}
         rooms |= {"bands": BANDS_ROOM, "rows": ROWS_ROOM}
         self.image = Image({"run": run_dtype(self.shape), "stages": self.stages.layout}, rooms)
         self.run = self.image.record("run")
@@ -73,7 +79,9 @@ class RunMemory:
         engine.enter(self.image, self.run, setup, self.code)
         self.recorded = recorded(self.run, self.stages, setup)
         self._without_bands = len(self.recorded)
-        for _, write in WRITERS:
+        engine.write_time(setup)
+        engine.write_wall(setup)
+        for write in (write_time, write_initial, *WRITERS):
             write(self, setup)
         self._start = self.image.fixed.copy()
         self.chunk_steps = engine.chunk_steps
@@ -135,23 +143,38 @@ class RunMemory:
         """Discard the rows, to make room for the next chunk."""
         self.run["row_count"] = 0
 
-    def restart(self, setup: Setup, touched: frozenset[str]) -> None:
-        """Return to the start, with the numbers of the tables of a scenario that ``touched`` names from ``setup``.
+    def restart(self, setup: Setup) -> None:
+        """Return to the start, with the numbers of a setup.
 
         Raises:
-            InputError: a stage has other constants than its memory has room for. Nothing is changed then.
+            InputError: a stage has other constants than its memory has room for, or a table is too long. Nothing is
+                changed then.
         """
-        constants = self.stages.constants(setup, touched)
+        constants = {} if setup is self._setup else self._fitting(setup)
         self.engine.clear()
         self.image.fixed[:] = self._start
-        self._write(setup, touched, constants)
+        self.engine.write_time(setup)
+        self.engine.write_wall(setup)
+        if setup is not self._setup:
+            write_time(self, setup)
+            write_initial(self, setup)
+            self._write(setup, constants)
 
-    def rewrite(self, setup: Setup, touched: frozenset[str]) -> None:
-        """As :meth:`restart`, but the run goes on."""
-        self._write(setup, touched, self.stages.constants(setup, touched))
+    def rewrite(self, setup: Setup) -> None:
+        """Set the numbers of another setup with the same time and start, while the run goes on. Raises InputError as
+        :meth:`restart` does."""
+        constants = self._fitting(setup)
+        self.engine.write_wall(setup)
+        self._write(setup, constants)
 
-    def _write(self, setup: Setup, touched: frozenset[str], constants: Any) -> None:
-        for write in _writers(touched):
+    def _fitting(self, setup: Setup) -> dict[str, dict[str, Any]]:
+        """The constants of all stages. Raises InputError if they or a table do not fit into this memory."""
+        for key, table in tables_of(setup).items():
+            self.image.check_room(key, table)
+        return self.stages.constants(setup)
+
+    def _write(self, setup: Setup, constants: dict[str, dict[str, Any]]) -> None:
+        for write in WRITERS:
             write(self, setup)
         self.stages.write(constants)
 
@@ -183,7 +206,6 @@ class RunMemory:
 
 
 def write_time(memory: RunMemory, setup: Setup) -> None:
-    memory.engine.write_time(setup)
     scenario = setup.scenario
     h = scenario.simulation.timestep
     memory.run["timestep"], memory.run["steps"] = h, scenario.steps
@@ -232,28 +254,21 @@ def write_limits(memory: RunMemory, setup: Setup) -> None:
     )
 
 
-_RANDOM = ("simulation.seed", "current", "disturbance")
-_PERIODS = ("simulation.timestep", "controller.delay", "posture.period", *(f"{table}.period" for table in STAGES))
-WRITERS: tuple[tuple[tuple[str, ...], Callable[[RunMemory, Setup], None]], ...] = (
-    (("simulation.timestep", "simulation.duration"), write_time),
-    (("current",), lambda memory, setup: memory.engine.water.flow(setup.scenario.current)),
-    (("disturbance",), lambda memory, setup: memory.engine.water.push(setup.scenario.disturbance)),
-    (_RANDOM, lambda memory, setup: memory.engine.water.seed(setup.scenario.simulation.seed)),
-    (("tether",), lambda memory, setup: memory.engine.water.pull(setup.scenario.tether)),
-    (("wall", "walls", "bumper"), lambda memory, setup: memory.engine.write_wall(setup)),
-    (("wall", "walls", "bumper", "initial.joints", *ATTITUDE_KEYS), write_contact),
-    (("initial",), write_initial),
-    (("impedance", "initial.joints"), write_impedance),
-    (("estimates",), write_estimates),
-    (("estimates", "wrist"), write_sensor),
-    (("simulation.seed",), lambda memory, setup: memory.stages.write_keys(setup.scenario)),
-    (_PERIODS, lambda memory, setup: memory.stages.write_periods(setup.scenario)),
-    (("controller",), write_epsilon),
-    (("thrusters",), write_limits),
+def write_water(memory: RunMemory, setup: Setup) -> None:
+    water, scenario = memory.engine.water, setup.scenario
+    water.flow(scenario.current)
+    water.push(scenario.disturbance)
+    water.pull(scenario.tether)
+    water.seed(scenario.simulation.seed)
+
+
+def write_stages(memory: RunMemory, setup: Setup) -> None:
+    memory.stages.write_keys(setup.scenario)
+    memory.stages.write_periods(setup.scenario)
+
+
+WRITERS: tuple[Callable[[RunMemory, Setup], None], ...] = (
+    *(write_water, write_contact, write_impedance, write_estimates, write_sensor),
+    *(write_epsilon, write_limits, write_stages),
 )
-"""Tables or dotted keys of a scenario, and the function that writes the numbers that depend on them."""
-
-
-@functools.lru_cache(maxsize=64)
-def _writers(touched: frozenset[str]) -> list[Callable[[RunMemory, Setup], None]]:
-    return [write for keys, write in WRITERS if not touched.isdisjoint(keys)]
+"""What sets the numbers of a setup that may change during a run."""

@@ -45,7 +45,6 @@ class ModelAtBody(Stage):
     """The estimates at B of a vehicle with joints. ``state`` is the record of the run."""
 
     name = "model_at_body"
-    needs: ClassVar = ("task", "controller.period", "simulation.timestep")
     room: ClassVar[Room] = Room("control", "model", lambda thrusters: CLOCK + MEASURED, UP_TO_ESTIMATES)
 
     def constants(self, setup: Any) -> Mapping[str, Any]:

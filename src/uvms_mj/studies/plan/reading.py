@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from ...engine.checks import checked
 from ...errors import Fault, InputError, suggestion
 from ...files import plain, shortened, tables_of, toml_path
 from ...quantities import overrides_of
 from ...scenario import Scenario
+from ...setup.checked import checked
 from .draws import Variation, design_faults, points, variation
 from .metrics import COMPONENTS, column_is_taken, kept_column, limits, metric_of
 from .places import missing, overlap, overrides_at, unit_of
