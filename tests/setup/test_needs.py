@@ -60,7 +60,7 @@ def test_errors_and_constants_of_a_stage_depend_on_what_it_names_only(table, nam
         pytest.fail(f"give the settings that it needs: {error}")
     stage, read = getattr(setup.scenario, table), set[str]()
     if table == "joints":
-        stage = stage.meant(setup)
+        stage = stage.resolved(setup)
     spy: Any = Reader(setup, read)
     list(stage.faults(spy))
     stage.constants(spy)
