@@ -7,7 +7,8 @@ import pytest
 
 from uvms_mj.control.theory.free_motion import PostureAtRest
 from uvms_mj.physics.frames import rotation_matrix
-from uvms_mj.physics.posture import MOST_JOINTS, WORK, posture
+from uvms_mj.physics.posture import posture, work_dtype
+from uvms_mj.physics.tree import MOST_JOINTS
 
 N, JOINTS = 11, 5
 
@@ -32,8 +33,13 @@ def test_it_demands_what_the_kernel_demands(seed):
         "joints": np.concatenate([rng.normal(size=JOINTS), np.zeros(MOST_JOINTS - JOINTS)]),
         "free_damping": 0.7,
     }
-    p_WB, R_WB, q, memory = rng.normal(size=3), rotation_matrix(quat), rng.normal(size=JOINTS), np.zeros(1, WORK)[0]
-    work = SimpleNamespace(**{name: memory[name] for name in WORK.names or ()})
+    p_WB, R_WB, q, memory = (
+        rng.normal(size=3),
+        rotation_matrix(quat),
+        rng.normal(size=JOINTS),
+        np.zeros(1, work_dtype(JOINTS))[0],
+    )
+    work = SimpleNamespace(**{name: memory[name] for name in memory.dtype.names or ()})
     known = SimpleNamespace(p_WB=p_WB, quat_WB=quat, R_WB=R_WB)
     posture(SimpleNamespace(**settings), known, np.zeros(N), q, N, M.ravel(), M_inv.ravel(), P.flatten(), work)
     at_rest = PostureAtRest.__new__(PostureAtRest)

@@ -137,7 +137,7 @@ def test_the_fingerprint_covers_all_that_reaches_the_machine_code():
     """Every kernel's file is in the fingerprint, and every file of the package that such a file imports, directly or
     not. Errors and validated types of settings aside, which compute nothing in a kernel."""
     package = Path(objects.__file__).parents[2]
-    covered = {path for room in objects._ROOMS for path in (package / room).glob("*.py")}
+    covered = {path for room in objects._ROOMS for path in (package / room).rglob("*.py")}
     found: set[Path] = set()
     todo = [Path(function.__code__.co_filename) for function in kernels]
     todo += [Path(law.law.__code__.co_filename) for law in BUILT_IN.values()]

@@ -14,7 +14,7 @@ from .base import Engine
 from .native.attachment import Attachment, immerse
 from .native.callback import evaluate
 from .native.image import Image
-from .native.timers import timers_stopped
+from .native.timers import stopped_clock, timers_stopped
 
 CHUNK_STEPS = 1000
 """Largest number of steps from one reading of the clock to the next: a few milliseconds of wall time."""
@@ -45,6 +45,7 @@ class MujocoEngine(Engine):
         self.qpos, self.qvel = data.qpos[qpos : qpos + 7], data.qvel[dof : dof + 6]
         self._q = data.qpos[qpos + 7 : qpos + 7 + len(plant.vehicle.arm.links)]
         self._start = data.qpos.copy(), data.qvel.copy()
+        stopped_clock()  # now, since an interrupt of a run must not meet the loading of machine code
         run["plant"]["mujoco"]["solved_at"] = data.sensordata[plant.contact_sensor :].ctypes.data
 
     @property

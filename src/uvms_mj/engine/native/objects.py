@@ -126,7 +126,7 @@ def _environment() -> tuple[bytes, ...]:
 @functools.cache
 def _sources() -> tuple[bytes, ...]:
     """The package's sources."""
-    return tuple(path.read_bytes() for room in _ROOMS for path in sorted((_PACKAGE / room).glob("*.py")))
+    return tuple(path.read_bytes() for room in _ROOMS for path in sorted((_PACKAGE / room).rglob("*.py")))
 
 
 @functools.cache

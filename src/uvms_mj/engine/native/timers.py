@@ -20,9 +20,9 @@ def _stopped() -> float:
 
 
 @functools.cache
-def _stopped_clock() -> int:
-    """The address of a clock that shows when it was stopped. Without a clock, a thread within mj_step might call
-    none."""
+def stopped_clock() -> int:
+    """The address of a clock that shows when it was stopped, loaded at the first call. Without a clock, a thread within
+    mj_step might call none."""
     return native_function(_stopped, []).address
 
 
@@ -38,13 +38,13 @@ class _Timers:
             if self._inside == 0:
                 self._before = _clock.value
                 clock[0] = _show(self._before)() if self._before else 0.0
-                _clock.value = _stopped_clock()
+                _clock.value = stopped_clock()
             self._inside += 1
 
     def __exit__(self, *exception: object) -> None:
         with self._lock:
             self._inside -= 1
-            if self._inside == 0 and _clock.value == _stopped_clock():  # otherwise somebody has set another clock
+            if self._inside == 0 and _clock.value == stopped_clock():  # otherwise somebody has set another clock
                 _clock.value = self._before
 
 
