@@ -1,6 +1,6 @@
 """The contract of a joint interface, a stage that sets the torques of the joints' motors, and the torque interface.
 
-Whatever torque the stage sets, the motor gives at most what :func:`uvms_mj.physics.joints.deliverable` says.
+Whatever torque the stage sets, the motor gives at most what :func:`uvms_mj.physics.tree.deliverable` says.
 """
 
 from __future__ import annotations  # so that help(Joints) shows short type names

@@ -30,8 +30,8 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 
 from ..errors import Fault, InputError
-from ..physics.joints import deliverable
 from ..physics.kernels import kernel
+from ..physics.tree import deliverable
 from ..quantities import Lowercase, Number, Positive, Time, within
 from ..stages.base import setting
 from .joints import Joints, Torque

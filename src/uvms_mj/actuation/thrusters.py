@@ -3,7 +3,8 @@
 from __future__ import annotations  # so that help(Thrusters) shows short type names
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from ..errors import Fault, InputError
 from ..quantities import Step
 from ..stages.base import Room, Stage, shared
-from ..stages.signals import thruster_signal, thrusters_given
+from ..stages.signals import CLOCK, TRUE, Signal, thruster_signal, thrusters_given
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,3 +81,29 @@ class IdealThrusters(Thrusters):
 
     def at_rest(self, setup: Any) -> StaticThrust:
         return StaticThrust(lambda u_cmd: u_cmd, np.ones(len(setup.vehicle.thrusters)))
+
+
+@dataclass(frozen=True)
+class Inflow(Stage):
+    """The speed of advance of each thruster, a_k^T (v_r + omega x r_k) = B_k^T nu_r, for its axis a_k and its column
+    B_k = [a_k; r_k x a_k] of B. It is zero for a pair that produces a pure moment."""
+
+    name = "inflow"
+    room: ClassVar[Room] = Room(
+        "actuation", "inflow", lambda thrusters: CLOCK + TRUE, (Signal("inflow", (0,), "m/s", "-", "speed of advance"),)
+    )
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        B = setup.vehicle.B
+        return {"columns": (B * B[:3].any(axis=0)).T}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        R, nu, v_c, columns = given.R_WB, given.nu, given.v_c_W, settings.columns
+        u = nu[0] - (R[0, 0] * v_c[0] + R[1, 0] * v_c[1] + R[2, 0] * v_c[2])
+        v = nu[1] - (R[0, 1] * v_c[0] + R[1, 1] * v_c[1] + R[2, 1] * v_c[2])
+        w = nu[2] - (R[0, 2] * v_c[0] + R[1, 2] * v_c[1] + R[2, 2] * v_c[2])
+        p, q, r = nu[3], nu[4], nu[5]
+        for k in range(out.shape[0]):
+            linear = columns[k, 0] * u + columns[k, 1] * v + columns[k, 2] * w
+            out[k] = linear + (columns[k, 3] * p + columns[k, 4] * q + columns[k, 5] * r)

@@ -4,7 +4,11 @@ The estimates use the same equations as the plant, with the true coefficients ti
 Their errors are terms of the lumped disturbance of the paper's eq. (11).
 """
 
-from typing import Any
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,6 +16,9 @@ from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, 
 from ..physics.frames import to_body
 from ..physics.hydrodynamics import relative_velocity
 from ..physics.kernels import kernel
+from ..stages.base import Room, Stage
+from ..stages.signals import CLOCK, ERRORS, ESTIMATES, MEASURED, REFERENCE, TRUE, TRUTH
+from .task import tracking_errors
 
 
 def coefficients(vehicle: Any, gravity_W: Any, factors: Any = None) -> dict[str, Any]:
@@ -82,3 +89,43 @@ def accelerated_frame(coefficients, water, R_WB, work, g_eta, g_buoyancy):
     restoring(coefficients.mass, 0.0, r_g, r_b, work, R_WB, g_eta)
     for i in range(6):
         g_eta[i] += g_buoyancy[i]
+
+
+@dataclass(frozen=True)
+class Tracking(Stage):
+    """Tracking errors and estimates."""
+
+    name = "tracking"
+    room: ClassVar[Room] = Room(
+        "control", "tracking", lambda thrusters: CLOCK + MEASURED + REFERENCE, ERRORS + ESTIMATES
+    )
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        estimated = coefficients(setup.nominal, setup.gravity_W, setup.scenario.estimates)
+        return {**estimated, "M_hat": setup.design.M_hat}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        tracking_errors(given, out)
+        for i in range(6):
+            for j in range(6):
+                out.M_hat[i, j] = settings.M_hat[i, j]
+        model_wrenches(settings, given.nu, given.R_WB, out.C_hat_nu, out.D_hat_nu, out.g_hat)
+
+
+@dataclass(frozen=True)
+class Truth(Stage):
+    """The truth for the ideal law. ``state`` is the record of the run."""
+
+    name = "truth"
+    room: ClassVar[Room] = Room("navigation", "truth", lambda thrusters: CLOCK + TRUE, TRUTH)
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        return {**coefficients(setup.vehicle, setup.gravity_W), "M": setup.design.M}
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        for i in range(6):
+            for j in range(6):
+                out.M[i, j] = settings.M[i, j]
+        reveal(settings, state.plant.water, given, out, out.g_eta)

@@ -1,9 +1,12 @@
 """``Simulation``: a scenario that its caller steps. ``simulate`` is built on it."""
 
+from __future__ import annotations  # Signals is below
+
 import dataclasses
+import threading
 import time
 import weakref
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, NoReturn
 
 import numpy as np
@@ -16,11 +19,11 @@ from ..scenario import Scenario
 from ..setup.checked import changed, checked
 from ..setup.checks import warnings_of
 from ..stages.signals import Signal
+from ..stages.words import no_signal
+from .base import Engine
 from .engines import engine_of
-from .live import Signals
 from .native.run_memory import RunMemory
 from .native.stop_reason import Diverged, stop_reason
-from .one_thread import OneThread
 
 CHUNK_S = 0.25
 """Wall time after which a chunk ends early, for slow stages [s]."""
@@ -304,7 +307,7 @@ class Simulation:
         """Detach the hydrodynamics. Calling it again has no effect."""
         self._finalizer()
 
-    def __enter__(self) -> "Simulation":
+    def __enter__(self) -> Simulation:
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -322,3 +325,66 @@ def _view(array: np.ndarray, writable: bool) -> np.ndarray:
     view = array.view()
     view.flags.writeable = writable
     return view
+
+
+class Signals:
+    """The signals of a Simulation by name: ``signals.nu``, ``signals["nu"]``.
+
+    A scalar is a float. A vector is a live, read-only view: copy what you keep. Between steps the state, the
+    measurements, the reference, the errors and the task are those of the instant in hand; tau_cmd, u, tau, nu_dot,
+    f_contact_W and the running signals are those of the step before it.
+    """
+
+    def __init__(self, memories: Mapping[str, np.ndarray]) -> None:
+        self.__dict__["_views"] = memories
+
+    def __getitem__(self, name: str) -> Any:  # an array or a float
+        try:
+            return _value(self._views[name])
+        except KeyError:
+            raise KeyError(no_signal(name, self._views)) from None
+
+    def __getattr__(self, name: str) -> Any:
+        views = self.__dict__.get("_views", {})
+        if name not in views:
+            raise AttributeError(no_signal(name, views))
+        return _value(views[name])
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise AttributeError(f"signals.{name} can't be assigned: signals are read-only")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._views)
+
+    def __len__(self) -> int:
+        return len(self._views)
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self._views]
+
+    def __repr__(self) -> str:
+        return f"<Signals {', '.join(self._views)}>"
+
+
+def _value(view: np.ndarray) -> np.ndarray | float:
+    return view if view.ndim else float(view)
+
+
+class OneThread:
+    """A context in which the engine is open and no other thread uses the Simulation.
+
+    Raises:
+        RuntimeError: the engine is closed, or another thread is in this context.
+    """
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine, self._lock = engine, threading.RLock()
+
+    def __enter__(self) -> None:
+        if self._engine.closed:
+            raise RuntimeError("the Simulation is closed; make a new one")
+        if not self._lock.acquire(blocking=False):
+            raise RuntimeError("another thread uses this Simulation at this moment; give each thread its own")
+
+    def __exit__(self, *exception: object) -> None:
+        self._lock.release()

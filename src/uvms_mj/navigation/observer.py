@@ -3,10 +3,11 @@
 from __future__ import annotations  # so that help(Observer) shows short type names
 
 import dataclasses
+from dataclasses import dataclass
 from typing import ClassVar
 
 from ..stages.base import Room, Stage
-from ..stages.signals import MEASURED, OBSERVER_GIVEN
+from ..stages.signals import CLOCK, MEASURED, OBSERVER_GIVEN
 from .base import Measurement
 
 
@@ -50,3 +51,22 @@ class NoObserver(Observer):
 
     name = "none"
     runs: ClassVar[bool] = False
+
+
+@dataclass(frozen=True)
+class MotionOnly(Stage):
+    """The measured pose and velocity, without the force, which an observer sets in place of a force sensor."""
+
+    name = "sensed"
+    room: ClassVar[Room] = Room("navigation", "sensed", lambda thrusters: CLOCK + MEASURED, MEASURED[:4])
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        for i in range(3):
+            out.p_WB[i] = given.p_WB[i]
+            for j in range(3):
+                out.R_WB[i, j] = given.R_WB[i, j]
+        for i in range(4):
+            out.quat_WB[i] = given.quat_WB[i]
+        for i in range(6):
+            out.nu[i] = given.nu[i]

@@ -4,7 +4,7 @@ The wall is a spring and a damper in N/m and N s/m (paper eq. (34)). MuJoCo's co
 is this spring and damper, for any added mass, with a sphere as probe, a constant impedance d = 1e-4 in ``solimp``, and
 ``solref = (-k_c w (1 - d), -b_c w (1 - d))``, where w is the compiled ``body_invweight0`` of the vehicle's body. The
 remaining softness of MuJoCo acts as an inerter of d times the rigid mass. The contact pair is frictionless (condim 1),
-because MuJoCo's friction cone couples the slip into the normal force of a contact this soft. :mod:`.physics.contact`
+because MuJoCo's friction cone couples the slip into the normal force of a contact this soft. :mod:`.physics.pairs`
 computes friction from the distance and the nearest points, which two sensors measure in the position stage. Friction
 and the law therefore use the contact of the same instant.
 

@@ -166,7 +166,7 @@ def lightest_at(M: np.ndarray, centres_B: np.ndarray, radius: float) -> float:
 
 
 def contact_settings(wall: Wall | Surface, mass_along_face: Callable[[], float]) -> dict[str, float]:
-    """Settings of the wall for a :data:`uvms_mj.physics.contact.CONTACT` record, with the defaults of sticking
+    """Settings of the wall for a :data:`uvms_mj.physics.pairs.CONTACT` record, with the defaults of sticking
     friction.
 
     The default damping is critical for the lightest motion along the face, so that a contact that sticks comes to rest.

@@ -8,8 +8,7 @@ import numpy as np
 from pydantic import AfterValidator
 from pydantic.dataclasses import dataclass
 
-from ..physics.tether import drag_factor
-from ..physics.varying import FINEST
+from ..physics.flow import FINEST, drag_factor
 from ..quantities import STRICT, Angle, Frequencies, Number, Position, Time, Wrench, doc, within
 
 MOST_ROWS = 100_000

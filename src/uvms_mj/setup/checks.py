@@ -10,7 +10,7 @@ from ..control.posture import posture_faults, posture_notes
 from ..control.theory.predictions import stage_notes
 from ..control.theory.sampled import delay_faults, zeta_limit
 from ..errors import Fault, InputError
-from ..physics.varying import FINEST
+from ..physics.flow import FINEST
 from ..plant.vehicle import AXES, notes_on_damping
 from ..plant.water import Current, Disturbance
 from ..quantities import radians_notes

@@ -24,10 +24,10 @@ from typing import Any
 
 import numpy as np
 
+from ...physics.flow import add_tether
 from ...physics.frames import attitude, quat_error
 from ...physics.posture import ATTITUDE, FREEDOM, JOINTS, STATION
 from ...physics.statics import Statics
-from ...physics.tether import add_tether
 from ..posture import posture_constants
 from .approach import approach, decays
 from .task_motion import Track, between

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import Fault
-from ...physics.varying import rate_deviation
+from ...physics.flow import rate_deviation
 from ..base import SteadyState
 from .latency import ForceLatency
 

@@ -21,9 +21,9 @@ from typing import Any
 
 import numpy as np
 
+from ...physics.flow import add_tether
 from ...physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
 from ...physics.frames import quat_error, quat_turned, rotation_matrix
-from ...physics.tether import add_tether
 from .contacts import ContactSprings
 
 _ZERO = 1e-9

@@ -4,21 +4,22 @@ import ctypes
 import threading
 import warnings
 import weakref
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from ...errors import InputError
+from ...errors import Fault, InputError
 from ...physics.hydrodynamics import factor
 from ...plant.vehicle import Vehicle, free_body_id, free_joint_addresses, notes_on_damping
 from ...plant.water import Current, Disturbance, Tether
+from ...setup.checks import water_faults
 from .callback import evaluation, mjcb_control
 from .image import Image, water_rooms
 from .memory import CAPACITY, registry
-from .motion import Motion, finite_numbers
 from .record import alone_dtype
-from .soundness import refuse_unsound
 from .water import Water
 
 _lock = threading.RLock()
@@ -274,3 +275,123 @@ def _factors_alone(model: mujoco.MjModel, data: mujoco.MjData, body_id: int) -> 
     L, D_inverse = np.zeros(21), np.zeros(6)
     factor(scratch.M[block], L, D_inverse)
     return bool(np.allclose(L, scratch.qLD[block]) and np.allclose(D_inverse, scratch.qLDiagInv[dof : dof + 6]))
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Valid arguments of :func:`attach`. ``vectors`` has current_W, bias, amplitude and frequency_hz, which
+    act where ``current`` or ``disturbance`` is None."""
+
+    vectors: Mapping[str, np.ndarray]
+    current: Current | None
+    disturbance: Disturbance | None
+    tether: Tether | None
+    seed: int
+
+    @classmethod
+    def checked(
+        cls,
+        vectors: Mapping[str, Any],
+        current: Current | None,
+        disturbance: Disturbance | None,
+        tether: Tether | None,
+        seed: int,
+        h: float,
+    ) -> "Motion":
+        """Raises InputError if an argument is of another kind, if one of them is given in two ways, or if a time step h
+        [s] does not resolve the motion of the water."""
+        kinds = {"current": (current, Current), "disturbance": (disturbance, Disturbance), "tether": (tether, Tether)}
+        faults = [
+            Fault(name, f"{value!r} is not a uvms_mj.{kind.__name__}")
+            for name, (value, kind) in kinds.items()
+            if not isinstance(value, kind | None)
+        ]
+        if not isinstance(seed, int) or not 0 <= seed < 2**63:
+            faults.append(Fault("seed", f"{seed!r} is not an integer from 0 to 2^63 - 1"))
+        if faults:
+            raise InputError(faults, "attach")
+        numbers = finite_numbers(vectors, {name: 3 if name == "current_W" else 6 for name in vectors})
+        faults = water_faults(current or Current(), disturbance or Disturbance(), h)
+        for name, vector in numbers.items():
+            table, instead = ("current", current) if name == "current_W" else ("disturbance", disturbance)
+            if instead is not None and vector.any():
+                faults.append(Fault(name, f"is given by {table} already; leave one of them out"))
+        if faults:
+            raise InputError(faults, "attach")
+        return cls(numbers, current, disturbance, tether, seed)
+
+    def apply(self, water: Water) -> None:
+        """Set the motion of the water of a vehicle."""
+        water.flow(self.current or Current(speed=0.0))
+        water.push(self.disturbance or Disturbance())
+        water.pull(self.tether or Tether())
+        water.seed(self.seed)
+        if self.current is None:
+            water.mean_W = self.vectors["current_W"]
+        if self.disturbance is None:
+            water.disturb(*(self.vectors[name] for name in ("bias", "amplitude", "frequency_hz")))
+
+
+def finite_numbers(given: Mapping[str, Any], sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
+    """Vectors of finite numbers by name. An InputError lists all values that are not such a vector."""
+    numbers, faults = {}, []
+    for name, value in given.items():
+        try:
+            numbers[name] = np.asarray(value, dtype=float)
+        except (TypeError, ValueError):
+            numbers[name] = np.array(np.nan)
+        if numbers[name].shape != (sizes[name],) or not np.isfinite(numbers[name]).all():
+            faults.append(Fault(name, f"{value!r}: must be {sizes[name]} finite numbers"))
+    if faults:
+        raise InputError(faults, "attach")
+    return numbers
+
+
+_INTEGRATORS = {getattr(mujoco.mjtIntegrator, f"mjINT_{name}") for name in ("EULER", "RK4", "IMPLICIT", "IMPLICITFAST")}
+
+
+def refuse_unsound(model: mujoco.MjModel, body_id: int) -> None:
+    """Refuse settings that would use a stale or doubled inertia, or skip the hydrodynamics of a body on a free joint.
+
+    Raises:
+        InputError: with every setting that is not sound.
+    """
+    faults = [*_solver_faults(model.opt), *_vehicle_faults(model, body_id)]
+    if faults:
+        raise InputError(faults, f"body {model.body(body_id).name!r} can't be attached")
+
+
+def _solver_faults(option: mujoco.MjOption) -> Iterator[Fault]:
+    without = "the inertia without the added mass"
+    if option.solver == mujoco.mjtSolver.mjSOL_PGS:
+        yield Fault("solver PGS", f"solves constraints with {without}; use Newton or CG")
+    if option.noslip_iterations > 0:
+        yield Fault("noslip_iterations", f"is {option.noslip_iterations}, but noslip uses {without}; set it to 0")
+    if option.integrator not in _INTEGRATORS:
+        reason = f"{option.integrator} may use {without}; use Euler, implicitfast, implicit or RK4"
+        yield Fault("integrator", reason)
+    if option.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP:
+        reason = "a sleeping vehicle keeps its inertia, so the added mass would be added twice; disable it"
+        yield Fault("enable sleep", reason)
+    if option.enableflags & mujoco.mjtEnableBit.mjENBL_DIAGEXACT:
+        yield Fault("enable diagexact", f"computes contact softness from {without}; disable it")
+    if option.disableflags & mujoco.mjtDisableBit.mjDSBL_ACTUATION:
+        yield Fault("disable actuation", "skips mjcb_control, and with it the hydrodynamics; enable actuation")
+    if option.density > 0 or option.viscosity > 0:
+        are = f"are {option.density:g} and {option.viscosity:g}"
+        yield Fault("density, viscosity", f"{are}; MuJoCo's own fluid forces would act in addition; set both to 0")
+
+
+def _vehicle_faults(model: mujoco.MjModel, body_id: int) -> Iterator[Fault]:
+    dof = model.body_dofadr[body_id]
+    damping = model.dof_damping[dof : dof + 6]
+    if damping.any():
+        reason = "on the free joint and would act in addition to the hydrodynamic damping; set it to 0"
+        yield Fault("joint damping", f"is {damping.max():g} {reason}")
+    if model.dof_armature[dof : dof + 6].any():
+        yield Fault("joint armature", "on the free joint would add to the vehicle's inertia; set it to 0")
+    if model.body_gravcomp[model.body_rootid == body_id].any():
+        reason = "would act in addition to buoyancy, which is displaced_mass times gravity; leave it out of the vehicle"
+        yield Fault("gravcomp", reason)
+    if not (model.M_rownnz[dof : dof + 6] == np.arange(1, 7)).all():
+        yield Fault("body", 'has no off-diagonal entries in mjData.M for the added mass; write <body simple="false">')

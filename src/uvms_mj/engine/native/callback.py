@@ -9,14 +9,12 @@ mjData.
 import functools
 from typing import Any
 
-from ...physics.composite import compose_links, joint_column, whole
+from ...physics.flow import flow
 from ...physics.frames import body_velocity, to_world
 from ...physics.hydrodynamics import added_inertia, factor, water_wrench
-from ...physics.joints import deliverable
 from ...physics.kernels import fused, kernel
-from ...physics.tree import along_joint, place_links
+from ...physics.tree import along_joint, compose_links, deliverable, joint_column, place_links, whole
 from .compilation import native_function, native_functions
-from .flow import flow
 from .loop import begin_step, finish_step, flow_again, observe, run_stages
 from .memory import call_code, floats, mj_factorM, registered, triples
 from .record import STOP_NONE, Shape, alone_dtype, run_dtype, with_numbers

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import Fault, InputError
-from ...physics.varying import ROWS
+from ...physics.flow import ROWS
 from .record import NUMBERS
 
 LINE = 64

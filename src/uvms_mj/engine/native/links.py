@@ -1,11 +1,14 @@
-"""The records of a vehicle's links, base first: for the water that acts on them, and for the model of a law."""
+"""The links and joints of a vehicle in the record of a run: for the water that acts on them, for the model of a law and
+for a wrist sensor."""
 
 import numpy as np
 
 from ...control.design import Estimates
+from ...physics.frames import BODY
 from ...physics.tree import FRAME, LINK
 from ...plant.arm import Link
 from ...plant.vehicle import Vehicle
+from ...setup.base import Setup
 
 DAMPING = ("D_linear", "D_quadratic")
 
@@ -64,3 +67,61 @@ def estimate_links(links: np.ndarray, vehicle: Vehicle, estimates: Estimates) ->
         record["D_quadratic"] = factors.damping * body.D_quadratic
         record["mass"], record["r_g"] = factors.restoring * body.mass, body.r_g
         record["displaced_mass"], record["r_b"] = factors.restoring * body.displaced_mass, body.r_b
+
+
+def fill_joints(run: np.ndarray, setup: Setup) -> None:
+    """Set the motors and the limits of the joints in the record of a run (1,)."""
+    links, given = setup.vehicle.arm.links, run["joints"]
+    for name in ("effort", "speed_limit"):
+        given[name] = [getattr(link, name) for link in links]
+    for i, name in enumerate(("q_min", "q_max")):
+        given[name] = [link.range[i] for link in links]
+    run["motor_index"] = [link.actuator_id for link in links]
+    run["torque_of_ctrl"] = [link.torque_of_ctrl for link in links]
+    run["encoded"] = setup.scenario.encoder.runs
+
+
+def fill_model(model: np.ndarray, setup: Setup) -> None:
+    """Set the tool and the links of a law's model (1,) without their coefficients."""
+    arm, frame, tool = setup.nominal.arm, setup.scenario.task.frame, model["tool"]
+    if frame != BODY:
+        site = arm.sites[frame]
+        tool["link"], tool["p_LT"], tool["R_LT"] = site.link + 1, site.p, site.R
+    model["gravity_W"], model["links"] = setup.gravity_W, link_records(setup.nominal)
+    if model["frames"].size:
+        model["frames"] = frame_records(setup.nominal)
+
+
+def estimate(model: np.ndarray, vehicle: Vehicle, estimates: Estimates) -> None:
+    """Set the coefficients of a law's model (1,) to those of a vehicle's file with the factors of the estimates."""
+    links = model["links"][0]
+    estimate_links(links, vehicle, estimates)
+    find_diagonals(links)
+    for k, link in enumerate(vehicle.arm.links):
+        factors = estimates.of(link.name)
+        model["armature"][0, k] = factors.inertia * link.armature
+        model["gear"][0, k] = factors.damping * link.damping
+
+
+def fill_wrist(record: np.ndarray, setup: Setup) -> None:
+    """Set the true links of a wrist sensor (1,)."""
+    rigid = link_records(setup.vehicle)
+    bodies: tuple[Vehicle | Link, ...] = (setup.vehicle, *setup.vehicle.arm.links)
+    for link, body in zip(rigid, bodies, strict=True):
+        link["M"], link["mass"], link["r_g"] = body.M_RB, body.mass, body.r_g
+    record["rigid"], record["wet"], record["model"] = rigid, water_links(setup.vehicle), link_records(setup.nominal)
+    if record["frames"].size:
+        record["frames"] = frame_records(setup.nominal)
+    record["gravity_W"] = setup.gravity_W
+
+
+def write_wrist(record: np.ndarray, setup: Setup) -> None:
+    """Set the numbers of the scenario."""
+    wrist, sensor = setup.scenario.wrist, record["sensor"]
+    link, site = wrist.carried(setup)
+    sensor["link"], sensor["p_LT"], sensor["R_LT"] = link + 1, 0.0, np.eye(3)
+    if site is not None:
+        sensor["p_LT"], sensor["R_LT"] = site.p, site.R
+    estimate_links(record["model"][0], setup.nominal, setup.scenario.estimates)
+    record["model"]["coriolis"] = 1.0  # of the inertia's factor
+    record["weighs"], record["dynamic"] = wrist.compensation != "none", wrist.compensation == "dynamic"

@@ -10,9 +10,9 @@ import math
 import sys
 
 from ...physics.contacts import force_of_step, press_contacts
+from ...physics.flow import flow
 from ...physics.frames import body_acceleration, body_velocity, rotation
 from ...physics.kernels import kernel
-from .flow import flow
 from .memory import call_code
 from .record import JOINT_BOUND, STOP_COMMAND, STOP_JOINT, STOP_NONE, STOP_STAGE, STOP_STATE, STOP_THRUST, STOP_WAITING
 

@@ -5,10 +5,25 @@ from typing import Any
 
 import numpy as np
 
+from ...actuation.thrusters import Inflow
 from ...control.base import Controller
+from ...control.delay import Delay
+from ...control.model import Tracking, Truth
 from ...control.natural import NaturalInertia
+from ...control.posture import PostureBelowTool, PostureBesideBase
 from ...control.schedule import Schedule
+from ...control.task_frame import (
+    UP_TO_ESTIMATES,
+    Errors,
+    ModelAtBody,
+    ModelAtTool,
+    ResolveAtBody,
+    ResolveAtTool,
+    ToolAttitude,
+)
 from ...errors import Fault, InputError
+from ...navigation.observer import MotionOnly
+from ...navigation.wrist_load import WristCompensation, WristLoad
 from ...physics.frames import BODY
 from ...scenario import STAGES, Scenario
 from ...setup.base import Setup
@@ -34,19 +49,7 @@ from ...stages.signals import (
 )
 from .compiled_stage import CompiledStage
 from .image import Field, Image
-from .inner_stages import Delay, Inflow, Sensed, Tracking, Truth
-from .posture import PostureBelowTool, PostureBesideBase
 from .record import Shape, run_dtype, with_numbers
-from .task_frame import (
-    UP_TO_ESTIMATES,
-    Errors,
-    ModelAtBody,
-    ModelAtTool,
-    ResolveAtBody,
-    ResolveAtTool,
-    ToolAttitude,
-)
-from .wrist import Derived, Felt
 
 
 def _shape(value: Any) -> tuple[int, ...]:
@@ -145,16 +148,16 @@ class Pipeline:
         measured = self.part("sensed" if observed else base, MEASURED)
         self._add("navigation", scenario.navigation, self.field("true"), measured)
         if observed:
-            self._add("sensed", Sensed(), self.field("sensed"), self.part("signals", MEASURED[:4]))
+            self._add("sensed", MotionOnly(), self.field("sensed"), self.part("signals", MEASURED[:4]))
         interface = self._setup.interface if shape.joints else None
         if interface is not None:
             encoded = self.part("joints", encoder_signals(shape.joints))
             self._add("encoder", scenario.encoder, self.field("encoder"), encoded)
         if shape.wrist:
-            self._add("felt", Felt(), self.field("true"), self.field("wrist", "given", "wrench_S"), whole=True)
+            self._add("felt", WristLoad(), self.field("true"), self.field("wrist", "given", "wrench_S"), whole=True)
             self._add("wrist", scenario.wrist, self.field("wrist", "given"), self.field("wrist", "reading"))
             known, derived = self.part(base, CLOCK + MEASURED[:4]), self.part(base, MEASURED[4:])
-            self._add("derived", Derived(), known, derived, whole=True)
+            self._add("derived", WristCompensation(), known, derived, whole=True)
         if shape.model:
             known, out = self.part(base, CLOCK + MEASURED), self.part("signals", UP_TO_ESTIMATES)
             self._add("model", ModelAtTool() if self.at_tool else ModelAtBody(), known, out, whole=True)

@@ -12,15 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from ...physics.carriers import CARRIER
-from ...physics.contact import CONTACT
+from ...physics.contacts import CARRIER
+from ...physics.flow import varying
 from ...physics.hydrodynamics import WATER
 from ...physics.operational import TOOL
-from ...physics.pairs import PAIR
+from ...physics.pairs import CONTACT, PAIR
 from ...physics.posture import work_dtype
 from ...physics.surfaces import SURFACE
 from ...physics.tree import FRAME, LINK
-from ...physics.varying import varying
 from ...stages.joint_signals import encoder_given, joints_given, wrist_given
 from ...stages.signals import (
     CLOCK,
@@ -173,8 +172,8 @@ def plant_dtype(n: int) -> np.dtype:
 
 
 def model_dtype(n: int, encoded: bool) -> np.dtype:
-    """The law's model of a vehicle with n joints or a tool: its estimates at the measured state (:mod:`.law_model`).
-    Matrices are flat arrays, row by row; N = 6 + n."""
+    """The law's model of a vehicle with n joints or a tool: its estimates at the measured state
+    (:mod:`uvms_mj.control.task_frame`). Matrices are flat arrays, row by row; N = 6 + n."""
     N = 6 + n
     return np.dtype(
         [

@@ -12,7 +12,16 @@ from ...errors import Fault, InputError
 from ...navigation import Perfect
 from ...setup.base import Setup
 from ...stages.base import Stage
-from ...stages.joint_signals import JOINT_SIGNALS
+from ...stages.joint_signals import (
+    JOINT_SIGNALS,
+    WRIST_READING,
+    WRIST_TRUE,
+    encoder_signals,
+    joint_command_signal,
+    joint_saturation_signal,
+    joint_signals,
+    joint_torque_signal,
+)
 from ...stages.signals import (
     BAND,
     BANDED,
@@ -32,10 +41,7 @@ from ...stages.signals import (
 )
 from .contact_list import recorded_contacts
 from .image import Image
-from .joints import recorded_joints
-from .model_memory import recorded_tool
 from .pipeline import Pipeline
-from .wrist_memory import recorded_wrist
 
 _ATTRIBUTES = {
     *dir(np.recarray),
@@ -125,3 +131,33 @@ def spans(image: Image, memories: Sequence[np.ndarray]) -> Iterator[tuple[int, i
             yield place, size
         place, size = here, memory.size
     yield place, size
+
+
+def recorded_joints(run: np.ndarray, setup: Setup) -> list[tuple[Signal, np.ndarray]]:
+    """The recorded signals, each with its memory; none for a rigid vehicle."""
+    n, true, given = len(setup.vehicle.arm.links), run["encoder"], run["joints"]
+    if n == 0:
+        return []
+    found = [*zip(joint_signals(n), (true["q"], true["q_dot"]), strict=True), (joint_torque_signal(n), run["tau_q"])]
+    found.append((joint_saturation_signal(n), run["saturation"]))
+    if setup.scenario.encoder.runs:
+        found += zip(encoder_signals(n), (given["q_m"], given["q_dot_m"]), strict=True)
+    if type(setup.interface).torque_controlled:
+        found.append((joint_command_signal(n), given["tau_q_cmd"]))
+    return found
+
+
+def recorded_tool(run: np.ndarray, setup: Setup) -> list[tuple[Signal, np.ndarray]]:
+    """The recorded signals of a tool, each with its memory."""
+    if not setup.at_tool:
+        return []
+    true, probe = run["true"], run["carriers"][0][:1]
+    motion = [true["p_WB"], true["quat_WB"], true["nu"]]
+    if not setup.contacts.carriers[0].is_B:
+        motion = [probe["p_WC"], run["quat_WT"], probe["nu"]]
+    return [*zip(TOOL, motion, strict=True), (MANIPULABILITY, run["model"]["manipulability"])]
+
+
+def recorded_wrist(record: np.ndarray) -> list[tuple[Signal, np.ndarray]]:
+    """The recorded signals, each with its memory."""
+    return [(WRIST_TRUE, record["given"]["wrench_S"]), (WRIST_READING, record["reading"])]

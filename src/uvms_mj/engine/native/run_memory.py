@@ -11,14 +11,12 @@ from ...stages.signals import FINAL_WINDOW_S, MEASURED, band_signals
 from .callback import entry_points
 from .contact_list import place_carriers, write_contacts
 from .image import MOST_ROWS, Image, water_rooms
-from .joints import fill_joints
+from .links import estimate, fill_joints, fill_model, fill_wrist, write_wrist
 from .memory import stopped
-from .model_memory import estimate, fill_model
 from .pipeline import Pipeline
 from .record import STOP_STAGE, Shape, room_for, run_dtype
 from .rows import banded, recorded, spans
 from .stop_reason import POSITION_BOUND, SPEED_BOUND, TAU_BOUND
-from .wrist_memory import fill_wrist, write_wrist
 
 DEFAULT_EPSILON = 1e-3
 """Width of the boundary layer for controllers without a gain of that name: the paper's value."""

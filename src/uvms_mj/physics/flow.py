@@ -1,4 +1,7 @@
-r"""Vectors that vary with time: a mean, sines, a table and a Gauss-Markov process, each with its rate of change.
+r"""The motion of the water at a vehicle and the disturbance: vectors that vary with time, the shear of a current with
+depth, and the drag of a tether.
+
+A vector is the sum of a mean, sines, a table and a Gauss-Markov process, each with its rate of change.
 
 A Gauss-Markov process is Gaussian and stationary, with the standard deviation :math:`\sigma` and the autocorrelation
 :math:`\sigma^2 e^{-|\tau|/T}` (Gelb, "Applied Optimal Estimation", 1974, sec. 3.8). On a grid of the spacing
@@ -17,12 +20,24 @@ The nodes are drawn in blocks of 2048. The recursion of a block starts one block
 own. What it has forgotten by then is :math:`e^{-32}` or less, so that neighbouring blocks agree to 1e-14. A block
 depends on the key and its number alone: the process has no end, needs a fixed memory, and may be evaluated at times in
 any order.
+
+**Tether.** Its drag is a lumped quadratic one at the point of attachment. With the velocity :math:`w` of the water
+relative to the vehicle at the point :math:`r_t`, the force of a cable of the length L and the diameter d is
+
+.. math::
+
+    f = \tfrac12 \rho\, C_d\, d\, L\, |w|\, w, \qquad w = -(v_r + \omega \times r_t),
+
+the cross-flow drag of a cylinder (Fossen 2021, sec. 6.4.3, Morison's equation without inertia). The cable's own motion,
+weight, tension and inertia are neglected. L is the length whose drag the vehicle bears: half of a straight cable across
+the current that is held at its other end. Its power in the water is never positive.
 """
 
 import math
 
 import numpy as np
 
+from .hydrodynamics import relative_velocity
 from .kernels import kernel
 from .random import standard_normal
 
@@ -147,3 +162,78 @@ def draw_block(series, numbers, n):
                 x = series.kept * x + series.kick * standard_normal(series.key, first + j, i)
                 if j >= NODES:
                     numbers[series.nodes + (j - NODES) * n + i] = x
+
+
+RHO = 1000.0
+"""Density of the water for the drag of the tether [kg/m^3]. Sea water has 2.5 % more, which is far less than the drag
+coefficient is uncertain."""
+
+
+def drag_factor(length: float, diameter: float, drag_coefficient: float) -> float:
+    """f / (abs(w) w) of a cable [N s^2/m^2]."""
+    return 0.5 * RHO * drag_coefficient * diameter * length
+
+
+@kernel
+def add_tether(factor, r_t, nu_r, tau):
+    """Add the wrench of a tether at r_t (3,) [m, B] to tau (6,) [N, N m, B]; nu_r (6,) is the velocity relative to the
+    water [m/s, rad/s, B], ``factor`` that of :func:`drag_factor`."""
+    x = -(nu_r[0] + nu_r[4] * r_t[2] - nu_r[5] * r_t[1])
+    y = -(nu_r[1] + nu_r[5] * r_t[0] - nu_r[3] * r_t[2])
+    z = -(nu_r[2] + nu_r[3] * r_t[1] - nu_r[4] * r_t[0])
+    drag = factor * math.sqrt(x * x + y * y + z * z)
+    tau[0] += drag * x
+    tau[1] += drag * y
+    tau[2] += drag * z
+    tau[3] += drag * (r_t[1] * z - r_t[2] * y)
+    tau[4] += drag * (r_t[2] * x - r_t[0] * z)
+    tau[5] += drag * (r_t[0] * y - r_t[1] * x)
+
+
+@kernel
+def flow(plant, numbers, t, p_WB, R_WB, nu):
+    """Set v_c_W, v_c_dot_W, a_c_W and tau_dist of a plant's WATER record: at time t [s], for a vehicle at p_WB (3,)
+    [m] with the velocity nu (6,) in B. ``numbers`` has the tables."""
+    water = plant.water
+    if water.unsteady != 0:
+        current_at(plant, numbers, t, p_WB, R_WB, nu)
+    add_sines(plant.disturbance, t, water.tau_dist)
+    add_table_and_noise(plant.disturbance, numbers, t, water.tau_dist, plant.rate)
+    if water.tether > 0.0:
+        relative_velocity(water, R_WB, nu, plant.nu_r)
+        add_tether(water.tether, water.r_t, plant.nu_r, water.tau_dist)
+
+
+@kernel
+def add_table_and_noise(series, numbers, t, value, rate):
+    """Add the table and the Gauss-Markov process of a record of :func:`varying` to value (n,) and rate (n,)."""
+    if series.rows > 0:
+        add_interpolated(numbers, series.table, series.rows, t, value, rate)
+    if series.noisy != 0:
+        add_gauss_markov(series, numbers, t, value, rate)
+
+
+@kernel
+def current_at(plant, numbers, t, p_WB, R_WB, nu):
+    """Set v_c_W, v_c_dot_W and a_c_W of a current that is not constant.
+
+    With the factor f(depth) and the velocity (u, w) at f = 1, u horizontal, v_c is (f u, w). Along the vehicle's path
+    and along that of the water it changes by f u_dot - v_z df/d(depth) u, with the vertical velocity v_z of the vehicle
+    or of the water.
+    """
+    v_c, along_path, of_water = plant.water.v_c_W, plant.water.v_c_dot_W, plant.water.a_c_W
+    add_sines(plant.current, t, v_c)
+    sine_rates(plant.current, t, along_path)
+    add_table_and_noise(plant.current, numbers, t, v_c, along_path)
+    for i in range(3):
+        of_water[i] = along_path[i]
+    if plant.shear_rows > 0:
+        factor, slope = plant.factor, plant.slope
+        factor[0], slope[0] = 0.0, 0.0
+        add_interpolated(numbers, plant.shear, plant.shear_rows, -p_WB[2], factor, slope)
+        v_z = R_WB[2, 0] * nu[0] + R_WB[2, 1] * nu[1] + R_WB[2, 2] * nu[2]
+        for i in range(2):
+            upwards = -slope[0] * v_c[i]  # derivative by z
+            v_c[i] *= factor[0]
+            along_path[i] = factor[0] * along_path[i] + v_z * upwards
+            of_water[i] = factor[0] * of_water[i] + v_c[2] * upwards

@@ -5,13 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ...physics.frames import add_wrench_from, compose_poses, to_body, to_world, wrench_at
-from ...physics.kernels import kernel
-from ...physics.tree import coriolis_wrench, damping_wrench, hand_down, move, move_frame, restoring_wrench
-from ...stages.base import Room, Stage
-from ...stages.joint_signals import WRIST_TRUE
-from ...stages.signals import CLOCK, MEASURED, TRUE
-from .law_model import measured_frames
+from ..physics.frames import add_wrench_from, compose_poses, to_body, to_world, wrench_at
+from ..physics.kernels import kernel
+from ..physics.tree import (
+    coriolis_wrench,
+    damping_wrench,
+    hand_down,
+    measured_frames,
+    move,
+    move_frame,
+    restoring_wrench,
+)
+from ..stages.base import Room, Stage
+from ..stages.joint_signals import WRIST_TRUE
+from ..stages.signals import CLOCK, MEASURED, TRUE
 
 
 @kernel
@@ -122,7 +129,7 @@ def contact_behind(wrist, R_WB, out):
 
 
 @dataclass(frozen=True)
-class Felt(Stage):
+class WristLoad(Stage):
     """The wrench that the wrist sensor is exposed to. ``state`` is the record of the run."""
 
     name = "felt"
@@ -134,7 +141,7 @@ class Felt(Stage):
 
 
 @dataclass(frozen=True)
-class Derived(Stage):
+class WristCompensation(Stage):
     """The contact force and wrench that are derived from the reading. ``state`` is the record of the run."""
 
     name = "derived"

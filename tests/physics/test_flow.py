@@ -6,8 +6,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.stats import chi2, kstest
 
 from uvms_mj.engine.native.compilation import native_function
-from uvms_mj.physics.random import key_of
-from uvms_mj.physics.varying import (
+from uvms_mj.physics.flow import (
     FINEST,
     NODES,
     ROWS,
@@ -17,6 +16,7 @@ from uvms_mj.physics.varying import (
     rate_deviation,
     varying,
 )
+from uvms_mj.physics.random import key_of
 
 PHI = np.exp(-1.0 / FINEST)
 SIZE = 3 * ROWS

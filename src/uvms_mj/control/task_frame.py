@@ -1,0 +1,277 @@
+r"""The law of a vehicle with joints or at a tool: its model before the law, the equations of the plant with the
+estimated coefficients at the measured state, and behind it the resolution of its command into the wrench on the base
+and the torques of the joints.
+
+M, C, D and g of the tree are in :math:`\zeta = [\nu; \dot q]`. At a tool, Lambda and the task's bias take their place
+(:mod:`uvms_mj.physics.operational`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from ..physics.dense import product, transposed_product
+from ..physics.frames import attitude, compose_poses, motion_at, to_body, wrench_at
+from ..physics.kernels import fused, kernel
+from ..physics.operational import base_rows, resolve, task_inertia
+from ..physics.tree import (
+    add_to_base,
+    along_joint,
+    compose_links,
+    coriolis_wrench,
+    damping_wrench,
+    joint_column,
+    measured_frames,
+    move_links,
+    restoring_wrench,
+    whole,
+)
+from ..stages.base import Room, Stage
+from ..stages.signals import CLOCK, ERRORS, ESTIMATES, MEASURED, REFERENCE, TOOL, TRUE, WRENCH_COMMAND
+from .task import tracking_errors
+
+UP_TO_ESTIMATES = MEASURED + REFERENCE + ERRORS + ESTIMATES
+"""What the model's stage may set: at a tool MEASURED and ESTIMATES, otherwise ESTIMATES."""
+
+
+@dataclass(frozen=True)
+class ToolAttitude(Stage):
+    """The true attitude of the tool, for the record. ``state`` is the record of the run."""
+
+    name = "tool"
+    room: ClassVar[Room] = Room("navigation", "tool", lambda thrusters: CLOCK + TRUE, TOOL[1:2])
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        attitude(state.carriers[0].R_WC, out)
+
+
+@dataclass(frozen=True)
+class ModelAtBody(Stage):
+    """The estimates at B of a vehicle with joints. ``state`` is the record of the run."""
+
+    name = "model_at_body"
+    room: ClassVar[Room] = Room("control", "model", lambda thrusters: CLOCK + MEASURED, UP_TO_ESTIMATES)
+
+    def constants(self, setup: Any) -> Mapping[str, Any]:
+        """Number of control instants from one estimate of the inertia to the next."""
+        return {"every": max(1, round(setup.scenario.task.inertia_period / setup.scenario.control_period))}
+
+    @staticmethod
+    @fused
+    def step(settings, state, given, state_dot, out):
+        model, q_dot = state.model, state.joints.q_dot_m
+        frames = measured_frames(state, model.frames)
+        move_model(model, frames, given.R_WB, given.nu, q_dot)
+        if given.instant % int(settings.every) == 0:
+            estimate_inertia(model, frames)
+        estimate_wrenches(model, frames, q_dot)
+        estimate_at_body(model, out)
+
+
+@dataclass(frozen=True)
+class ModelAtTool(ModelAtBody):
+    """The measurements and the estimates at a tool. ``given`` has the measurements at B; ``state`` is the
+    record of the run."""
+
+    name = "model_at_tool"
+
+    @staticmethod
+    @fused
+    def step(settings, state, given, state_dot, out):
+        model, q_dot = state.model, state.joints.q_dot_m
+        frames = measured_frames(state, model.frames)
+        move_model(model, frames, given.R_WB, given.nu, q_dot)
+        place_tool(model, frames)
+        if given.instant % int(settings.every) == 0:
+            estimate_inertia(model, frames)
+            estimate_lambda(model)
+        estimate_wrenches(model, frames, q_dot)
+        estimate_at_tool(model, out)
+        tool = model.tool
+        compose_poses(given.R_WB, given.p_WB, tool.R_BT, tool.p_BT, out.R_WB, out.p_WB)
+        attitude(out.R_WB, out.quat_WB)
+        for i in range(3):
+            out.f_contact_m_W[i] = given.f_contact_m_W[i]
+        for i in range(6):
+            out.nu[i] = model.nu_T[i]
+        wrench_at(tool.R_BT, tool.p_BT, given.tau_contact_m_B, out.tau_contact_m_B)
+
+
+@dataclass(frozen=True)
+class Errors(Stage):
+    """Tracking errors alone: the estimates are those of the model's stage."""
+
+    name = "errors"
+    room: ClassVar[Room] = Room(
+        "control", "tracking", lambda thrusters: CLOCK + MEASURED + REFERENCE, ERRORS + ESTIMATES
+    )
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        tracking_errors(given, out)
+
+
+@dataclass(frozen=True)
+class ResolveAtBody(Stage):
+    """The command at B for a vehicle with joints: the wrench of the law on the base. ``state`` is the record of the
+    run."""
+
+    name = "resolve_at_body"
+    room: ClassVar[Room] = Room("control", "resolve", lambda thrusters: (*CLOCK, WRENCH_COMMAND), (WRENCH_COMMAND,))
+
+    @staticmethod
+    def step(settings, state, given, state_dot, out):
+        tau = state.model.tau
+        for i in range(6):
+            tau[i] = given.tau_cmd[i]
+        for i in range(6, tau.shape[0]):
+            tau[i] = 0.0
+        deliver(state.model, out, state.joints.tau_q_cmd)
+
+
+@dataclass(frozen=True)
+class ResolveAtTool(ResolveAtBody):
+    """tau = J^T F of the law's wrench F at the tool. ``state`` is the record of the run."""
+
+    name = "resolve_at_tool"
+
+    @staticmethod
+    @fused
+    def step(settings, state, given, state_dot, out):
+        model = state.model
+        resolve(model.J_T, model.tau.shape[0], given.tau_cmd, model.tau)
+        deliver(model, out, state.joints.tau_q_cmd)
+
+
+@kernel
+def deliver(model, tau_B, tau_q_cmd):
+    """Add the posture to tau (N,), and give it to the allocation, tau_B (6,), and to the joints."""
+    tau = model.tau
+    for i in range(tau.shape[0]):
+        tau[i] += model.tau_posture[i]
+    for i in range(6):
+        tau_B[i] = tau[i]
+    for k in range(tau_q_cmd.shape[0]):
+        tau_q_cmd[k] = tau[6 + k]
+
+
+@kernel
+def move_model(model, frames, R_WB, nu, q_dot):
+    """Set velocities and accelerations of all links from the measured state."""
+    base = model.links[0]
+    for i in range(6):
+        base.V[i] = nu[i]
+        base.A[i] = 0.0
+    to_body(R_WB, model.gravity_W, model.gravity_B)
+    move_links(model.links, frames, q_dot, 0)
+
+
+@kernel
+def estimate_wrenches(model, frames, q_dot):
+    """Set C zeta, D zeta and g (N,), whose wrenches on the links are summed towards the base."""
+    links, n, work, C, D, g = model.links, q_dot.shape[0], model.work, model.C, model.D, model.g
+    for k in range(links.shape[0]):
+        link, frame = links[k], frames[k]
+        for i in range(6):
+            link.F_C[i], link.F_D[i] = 0.0, 0.0
+        coriolis_wrench(link, work)
+        add_to_base(frame, work, link.F_C)
+        damping_wrench(link, work)
+        add_to_base(frame, work, link.F_D)
+        restoring_wrench(link, frame, model.gravity_B, link.F)
+    for k in range(n, 0, -1):
+        link, frame = links[k], frames[k]
+        parent = links[frame.parent]
+        C[5 + k] = along_joint(frame.S, link.F_C)
+        D[5 + k] = along_joint(frame.S, link.F_D) + model.gear[k - 1] * q_dot[k - 1]
+        g[5 + k] = along_joint(frame.S, link.F)
+        for i in range(6):
+            parent.F_C[i] += link.F_C[i]
+            parent.F_D[i] += link.F_D[i]
+            parent.F[i] += link.F[i]
+    base = links[0]
+    for i in range(6):
+        C[i], D[i], g[i] = base.F_C[i], base.F_D[i], base.F[i]
+
+
+@kernel
+def estimate_inertia(model, frames):
+    """Set M (N, N)."""
+    links, N, M = model.links, model.tau.shape[0], model.M
+    compose_links(links, frames)
+    whole(links[0].composite, model.M_BB)
+    for i in range(6):
+        for j in range(6):
+            M[N * i + j] = model.M_BB[i, j]
+    for k in range(1, links.shape[0]):
+        link, frame = links[k], frames[k]
+        row, above = 5 + k, k
+        for j in range(6, row):
+            M[N * row + j] = 0.0
+            M[N * j + row] = 0.0
+        joint_column(link, frame.S)
+        F = link.F
+        for _ in range(frame.depth):
+            joint = frames[above]
+            entry = along_joint(joint.S, F)
+            M[N * row + 5 + above] = entry
+            M[N * (5 + above) + row] = entry
+            above = joint.parent
+        M[N * row + row] += model.armature[k - 1]
+        for j in range(6):
+            M[N * row + j] = F[j]
+            M[N * j + row] = F[j]
+
+
+@kernel
+def place_tool(model, frames):
+    """Set the pose of the tool in B, and J^T (N, 6)."""
+    tool, J_T = model.tool, model.J_T
+    frame = frames[tool.link]
+    compose_poses(frame.R_BL, frame.p_BL, tool.R_LT, tool.p_LT, tool.R_BT, tool.p_BT)
+    base_rows(tool, J_T)
+    above = tool.link
+    for _ in range(frame.depth):  # the rows of all other joints are zero
+        joint = frames[above]
+        motion_at(tool.R_BT, tool.p_BT, joint.S, model.work)
+        for i in range(6):
+            J_T[6 * (5 + above) + i] = model.work[i]
+        above = joint.parent
+
+
+@kernel
+def estimate_at_body(model, out):
+    """Set the estimates at B: the rows of the base."""
+    N = model.tau.shape[0]
+    for i in range(6):
+        out.C_hat_nu[i], out.D_hat_nu[i], out.g_hat[i] = model.C[i], model.D[i], model.g[i]
+        for j in range(6):
+            out.M_hat[i, j] = model.M[N * i + j]
+
+
+@kernel
+def estimate_lambda(model):
+    """Set Lambda and M^-1 J^T from M and J."""
+    N, J_bar = model.tau.shape[0], model.J_bar
+    task_inertia(model.M, N, model.J_T, model.L, model.MJ_T, model.L_task, model.Lambda, J_bar, model.manipulability)
+
+
+@kernel
+def estimate_at_tool(model, out):
+    """Set the estimates at the tool: Lambda, and J_bar^T h - Lambda J_dot zeta, whose last term is that of C."""
+    N = model.tau.shape[0]
+    Lambda, work, J_bar = model.Lambda, model.work, model.J_bar
+    tool, link = model.tool, model.links[model.tool.link]
+    motion_at(tool.R_BT, tool.p_BT, link.V, model.nu_T)
+    motion_at(tool.R_BT, tool.p_BT, link.A, model.J_dot_zeta)
+    transposed_product(J_bar, N, 6, model.C, out.C_hat_nu)
+    transposed_product(J_bar, N, 6, model.D, out.D_hat_nu)
+    transposed_product(J_bar, N, 6, model.g, out.g_hat)
+    product(Lambda, 6, 6, model.J_dot_zeta, 1, work)
+    for i in range(6):
+        out.C_hat_nu[i] -= work[i]
+        for j in range(6):
+            out.M_hat[i, j] = Lambda[6 * i + j]
