@@ -106,8 +106,8 @@ def lumped_disturbance(trace: Trace, setup: Setup) -> np.ndarray:
         nu_c_dot += _in_body(trace, trace.v_c_dot_W)
     R_WB, out = np.moveaxis(rotation_matrix(trace.quat_WB), 0, 2), np.empty((2, 3, *nu.T.shape))
     known, real = (SimpleNamespace(**coefficients(each, setup.gravity_W)) for each in (nominal, true))
-    model_wrenches(known, nu.T, R_WB, *out[0])
-    model_wrenches(real, (nu - nu_c).T, R_WB, *out[1])
+    model_wrenches(known, known.gravity_W, R_WB, nu.T, *out[0])
+    model_wrenches(real, real.gravity_W, R_WB, (nu - nu_c).T, *out[1])
     if unsteady:
         water = SimpleNamespace(a_c_W=trace.a_c_W.T, v_c_dot_W=trace.v_c_dot_W.T)
         accelerated_frame(real, water, R_WB, np.empty((3, len(trace))), out[1, 2], np.empty(nu.T.shape))

@@ -12,13 +12,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring
+from ..physics.fossen import coriolis_added_mass, coriolis_rigid_body, damping, restoring, turn_momentum
 from ..physics.frames import to_body
 from ..physics.hydrodynamics import relative_velocity
 from ..physics.kernels import kernel
 from ..stages.base import Room, Stage
-from ..stages.signals import CLOCK, ERRORS, ESTIMATES, MEASURED, REFERENCE, TRUE, TRUTH
-from .task import tracking_errors
+from ..stages.signals import CLOCK, TRUE, TRUTH
 
 
 def coefficients(vehicle: Any, gravity_W: Any, factors: Any = None) -> dict[str, Any]:
@@ -34,22 +33,34 @@ def coefficients(vehicle: Any, gravity_W: Any, factors: Any = None) -> dict[str,
         "r_g": vehicle.r_g,
         "r_b": vehicle.r_b,
         "gravity_W": np.array(gravity_W),
+        "A_diagonal": 0.0,
+        "D_diagonal": 0.0,  # nobody looked
     }
 
 
 @kernel
-def model_wrenches(coefficients, nu, R_WB, C_nu, D_nu, g_eta):
-    """Set C(nu) nu, D(nu) nu and g(eta), (6,) each [N, N m, B], from nu (6,) and R_WB (3, 3).
+def model_wrenches(link, gravity, R, nu, C_nu, D_nu, g_eta):
+    """Set C(nu) nu, D(nu) nu and g(eta), (6,) each [N, N m], of a link at its origin in its axes, from nu (6,).
 
-    ``coefficients`` is a record with M_RB, M_A, D_linear, D_quadratic, mass, displaced_mass, r_g, r_b and gravity_W.
+    ``link`` is a record with M_RB, M_A, D_linear, D_quadratic, mass, displaced_mass, r_g and r_b, and whether M_A and
+    the damping are diagonal; ``gravity`` (3,) [m/s^2] is in the axes in which R (3, 3) is the attitude of the link.
     """
-    coriolis_rigid_body(coefficients.M_RB, nu, C_nu)
-    coriolis_added_mass(coefficients.M_A, nu, g_eta)  # scratch until restoring sets it
+    C_A_nu, M_A, D, Q = np.zeros_like(C_nu), link.M_A, link.D_linear, link.D_quadratic
+    coriolis_rigid_body(link.M_RB, nu, C_nu)
+    if link.A_diagonal != 0:
+        for i in range(6):
+            C_A_nu[i] = M_A[i, i] * nu[i]
+        turn_momentum(nu, C_A_nu)
+    else:
+        coriolis_added_mass(M_A, nu, C_A_nu)
     for i in range(6):
-        C_nu[i] += g_eta[i]
-    damping(coefficients.D_linear, coefficients.D_quadratic, nu, D_nu)
-    mass, displaced_mass = coefficients.mass, coefficients.displaced_mass
-    restoring(mass, displaced_mass, coefficients.r_g, coefficients.r_b, coefficients.gravity_W, R_WB, g_eta)
+        C_nu[i] += C_A_nu[i]
+    if link.D_diagonal != 0:
+        for i in range(6):
+            D_nu[i] = D[i, i] * nu[i] + Q[i, i] * (abs(nu[i]) * nu[i])
+    else:
+        damping(D, Q, nu, D_nu)
+    restoring(link.mass, link.displaced_mass, link.r_g, link.r_b, gravity, R, g_eta)
 
 
 @kernel
@@ -66,7 +77,8 @@ def reveal(coefficients, water, signals, truth, work):
     nu_c_dot[0] = nu[5] * work[1] - nu[4] * work[2]  # -omega x v_c
     nu_c_dot[1] = nu[3] * work[2] - nu[5] * work[0]
     nu_c_dot[2] = nu[4] * work[0] - nu[3] * work[1]
-    model_wrenches(coefficients, nu_r, signals.R_WB, truth.C_nu_r, truth.D_nu_r, truth.g_eta)
+    gravity_W, R_WB = coefficients.gravity_W, signals.R_WB
+    model_wrenches(coefficients, gravity_W, R_WB, nu_r, truth.C_nu_r, truth.D_nu_r, truth.g_eta)
     if water.unsteady != 0:
         to_body(signals.R_WB, water.v_c_dot_W, work)
         for i in range(3):
@@ -89,28 +101,6 @@ def accelerated_frame(coefficients, water, R_WB, work, g_eta, g_buoyancy):
     restoring(coefficients.mass, 0.0, r_g, r_b, work, R_WB, g_eta)
     for i in range(6):
         g_eta[i] += g_buoyancy[i]
-
-
-@dataclass(frozen=True)
-class Tracking(Stage):
-    """Tracking errors and estimates."""
-
-    name = "tracking"
-    room: ClassVar[Room] = Room(
-        "control", "tracking", lambda thrusters: CLOCK + MEASURED + REFERENCE, ERRORS + ESTIMATES
-    )
-
-    def constants(self, setup: Any) -> Mapping[str, Any]:
-        estimated = coefficients(setup.nominal, setup.gravity_W, setup.scenario.estimates)
-        return {**estimated, "M_hat": setup.design.M_hat}
-
-    @staticmethod
-    def step(settings, state, given, state_dot, out):
-        tracking_errors(given, out)
-        for i in range(6):
-            for j in range(6):
-                out.M_hat[i, j] = settings.M_hat[i, j]
-        model_wrenches(settings, given.nu, given.R_WB, out.C_hat_nu, out.D_hat_nu, out.g_hat)
 
 
 @dataclass(frozen=True)

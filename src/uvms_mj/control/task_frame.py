@@ -1,4 +1,4 @@
-r"""The law of a vehicle with joints or at a tool: its model before the law, the equations of the plant with the
+r"""What stands around a law: its model of the vehicle before it, the equations of the plant with the
 estimated coefficients at the measured state, and behind it the resolution of its command into the wrench on the base
 and the torques of the joints.
 
@@ -12,24 +12,24 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import numpy as np
+
 from ..physics.dense import product, transposed_product
-from ..physics.frames import attitude, compose_poses, motion_at, to_body, wrench_at
+from ..physics.fossen import matvec
+from ..physics.frames import add_wrench_from, attitude, compose_poses, motion_at, to_body, wrench_at
 from ..physics.kernels import fused, kernel
 from ..physics.operational import base_rows, resolve, task_inertia
 from ..physics.tree import (
-    add_to_base,
     along_joint,
     compose_links,
-    coriolis_wrench,
-    damping_wrench,
     joint_column,
     measured_frames,
     move_links,
-    restoring_wrench,
     whole,
 )
 from ..stages.base import Room, Stage
 from ..stages.signals import CLOCK, ERRORS, ESTIMATES, MEASURED, REFERENCE, TOOL, TRUE, WRENCH_COMMAND
+from .model import model_wrenches
 from .task import tracking_errors
 
 UP_TO_ESTIMATES = MEASURED + REFERENCE + ERRORS + ESTIMATES
@@ -50,7 +50,7 @@ class ToolAttitude(Stage):
 
 @dataclass(frozen=True)
 class ModelAtBody(Stage):
-    """The estimates at B of a vehicle with joints. ``state`` is the record of the run."""
+    """The estimates at B. ``state`` is the record of the run."""
 
     name = "model_at_body"
     room: ClassVar[Room] = Room("control", "model", lambda thrusters: CLOCK + MEASURED, UP_TO_ESTIMATES)
@@ -65,10 +65,16 @@ class ModelAtBody(Stage):
         model, q_dot = state.model, state.joints.q_dot_m
         frames = measured_frames(state, model.frames)
         move_model(model, frames, given.R_WB, given.nu, q_dot)
-        if given.instant % int(settings.every) == 0:
-            estimate_inertia(model, frames)
-        estimate_wrenches(model, frames, q_dot)
-        estimate_at_body(model, out)
+        estimate_wrenches(model, frames, given.R_WB, q_dot)
+        for i in range(6):
+            out.C_hat_nu[i], out.D_hat_nu[i], out.g_hat[i] = model.C[i], model.D[i], model.g[i]
+        if q_dot.shape[0] > 0:  # that of a rigid vehicle is constant
+            if given.instant % int(settings.every) == 0:
+                estimate_inertia(model, frames)
+            N = model.tau.shape[0]
+            for i in range(6):
+                for j in range(6):
+                    out.M_hat[i, j] = model.M[N * i + j]
 
 
 @dataclass(frozen=True)
@@ -88,7 +94,7 @@ class ModelAtTool(ModelAtBody):
         if given.instant % int(settings.every) == 0:
             estimate_inertia(model, frames)
             estimate_lambda(model)
-        estimate_wrenches(model, frames, q_dot)
+        estimate_wrenches(model, frames, given.R_WB, q_dot)
         estimate_at_tool(model, out)
         tool = model.tool
         compose_poses(given.R_WB, given.p_WB, tool.R_BT, tool.p_BT, out.R_WB, out.p_WB)
@@ -101,13 +107,11 @@ class ModelAtTool(ModelAtBody):
 
 
 @dataclass(frozen=True)
-class Errors(Stage):
-    """Tracking errors alone: the estimates are those of the model's stage."""
+class Tracking(Stage):
+    """Tracking errors: measurement minus reference."""
 
-    name = "errors"
-    room: ClassVar[Room] = Room(
-        "control", "tracking", lambda thrusters: CLOCK + MEASURED + REFERENCE, ERRORS + ESTIMATES
-    )
+    name = "tracking"
+    room: ClassVar[Room] = Room("control", "tracking", lambda thrusters: CLOCK + MEASURED + REFERENCE, ERRORS)
 
     @staticmethod
     def step(settings, state, given, state_dot, out):
@@ -170,19 +174,23 @@ def move_model(model, frames, R_WB, nu, q_dot):
 
 
 @kernel
-def estimate_wrenches(model, frames, q_dot):
+def estimate_wrenches(model, frames, R_WB, q_dot):
     """Set C zeta, D zeta and g (N,), whose wrenches on the links are summed towards the base."""
-    links, n, work, C, D, g = model.links, q_dot.shape[0], model.work, model.C, model.D, model.g
-    for k in range(links.shape[0]):
-        link, frame = links[k], frames[k]
+    links, C, D, g = model.links, model.C, model.D, model.g
+    base = links[0]
+    model_wrenches(base, model.gravity_W, R_WB, base.nu, base.F_C, base.F_D, base.F)
+    for k in range(1, links.shape[0]):
+        link, R, p = links[k], frames[k].R_BL, frames[k].p_BL
+        C_nu, D_nu, g_eta, M_a = np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6)
+        model_wrenches(link, model.gravity_B, R, link.nu, C_nu, D_nu, g_eta)
+        matvec(link.M, link.a, M_a)
         for i in range(6):
-            link.F_C[i], link.F_D[i] = 0.0, 0.0
-        coriolis_wrench(link, work)
-        add_to_base(frame, work, link.F_C)
-        damping_wrench(link, work)
-        add_to_base(frame, work, link.F_D)
-        restoring_wrench(link, frame, model.gravity_B, link.F)
-    for k in range(n, 0, -1):
+            C_nu[i] += link.coriolis * M_a[i]
+            link.F_C[i], link.F_D[i], link.F[i] = 0.0, 0.0, 0.0
+        add_wrench_from(R, p, C_nu, link.F_C)
+        add_wrench_from(R, p, D_nu, link.F_D)
+        add_wrench_from(R, p, g_eta, link.F)
+    for k in range(q_dot.shape[0], 0, -1):
         link, frame = links[k], frames[k]
         parent = links[frame.parent]
         C[5 + k] = along_joint(frame.S, link.F_C)
@@ -192,7 +200,6 @@ def estimate_wrenches(model, frames, q_dot):
             parent.F_C[i] += link.F_C[i]
             parent.F_D[i] += link.F_D[i]
             parent.F[i] += link.F[i]
-    base = links[0]
     for i in range(6):
         C[i], D[i], g[i] = base.F_C[i], base.F_D[i], base.F[i]
 
@@ -240,16 +247,6 @@ def place_tool(model, frames):
         for i in range(6):
             J_T[6 * (5 + above) + i] = model.work[i]
         above = joint.parent
-
-
-@kernel
-def estimate_at_body(model, out):
-    """Set the estimates at B: the rows of the base."""
-    N = model.tau.shape[0]
-    for i in range(6):
-        out.C_hat_nu[i], out.D_hat_nu[i], out.g_hat[i] = model.C[i], model.D[i], model.g[i]
-        for j in range(6):
-            out.M_hat[i, j] = model.M[N * i + j]
 
 
 @kernel

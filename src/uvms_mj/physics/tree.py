@@ -79,7 +79,10 @@ LINK = np.dtype(
         ("coriolis", "f8"),  # factor of the Coriolis and centripetal wrench of M
         ("D_linear", "f8", (6, 6)),
         ("D_quadratic", "f8", (6, 6)),
+        ("M_RB", "f8", (6, 6)),  # of a law's model, both parts of M with the factor of its Coriolis wrench
+        ("M_A", "f8", (6, 6)),
         ("M_diagonal", "i8"),  # whether M is a diagonal, which most links have; 0 if nobody looked
+        ("A_diagonal", "i8"),  # whether M_A is
         ("D_diagonal", "i8"),  # whether both damping matrices are
         ("mass", "f8"),  # whose weight counts, at r_g [kg, m]
         ("r_g", "f8", (3,)),

@@ -113,7 +113,8 @@ class RestingLaw:
         signals["tau_contact_m_B"] = known.tau_c + y[12:]
         signals["f_contact_m_W"] = signals.R_WB @ signals.tau_contact_m_B[:3]
         tracking_errors(signals, signals)
-        model_wrenches(self.model, signals.nu, signals.R_WB, signals.C_hat_nu, signals.D_hat_nu, signals.g_hat)
+        model, R_WB = self.model, signals.R_WB
+        model_wrenches(model, model.gravity_W, R_WB, signals.nu, signals.C_hat_nu, signals.D_hat_nu, signals.g_hat)
         rates, first = [], 0
         for stage, settings, size in zip(self.stages, self.settings, self.sizes, strict=True):
             state, state_dot = type(stage).state_record(), type(stage).state_record()

@@ -40,8 +40,8 @@ def link_records(vehicle: Vehicle) -> np.ndarray:
 def find_diagonals(links: np.ndarray) -> None:
     """Note which matrices of LINK records (n,) are diagonals: their products take a sixth of the time."""
     for record in links:
-        diagonal = [not (record[name] - np.diag(np.diag(record[name]))).any() for name in ("M", *DAMPING)]
-        record["M_diagonal"], record["D_diagonal"] = diagonal[0], all(diagonal[1:])
+        diagonal = [not (record[name] - np.diag(np.diag(record[name]))).any() for name in ("M", "M_A", *DAMPING)]
+        record["M_diagonal"], record["A_diagonal"], record["D_diagonal"] = *diagonal[:2], all(diagonal[2:])
 
 
 def water_links(vehicle: Vehicle) -> np.ndarray:
@@ -63,6 +63,7 @@ def estimate_links(links: np.ndarray, vehicle: Vehicle, estimates: Estimates) ->
     for record, (body, factors) in zip(links, bodies, strict=True):
         record["M"] = factors.inertia * (body.M_RB + body.M_A)
         record["coriolis"] = factors.coriolis / factors.inertia
+        record["M_RB"], record["M_A"] = factors.coriolis * body.M_RB, factors.coriolis * body.M_A
         record["D_linear"] = factors.damping * body.D_linear
         record["D_quadratic"] = factors.damping * body.D_quadratic
         record["mass"], record["r_g"] = factors.restoring * body.mass, body.r_g

@@ -8,18 +8,18 @@ import numpy as np
 from ...actuation.thrusters import Inflow
 from ...control.base import Controller
 from ...control.delay import Delay
-from ...control.model import Tracking, Truth
+from ...control.model import Truth
 from ...control.natural import NaturalInertia
 from ...control.posture import PostureBelowTool, PostureBesideBase
 from ...control.schedule import Schedule
 from ...control.task_frame import (
     UP_TO_ESTIMATES,
-    Errors,
     ModelAtBody,
     ModelAtTool,
     ResolveAtBody,
     ResolveAtTool,
     ToolAttitude,
+    Tracking,
 )
 from ...errors import Fault, InputError
 from ...navigation.observer import MotionOnly
@@ -32,7 +32,6 @@ from ...stages.joint_signals import encoder_signals
 from ...stages.signals import (
     CLOCK,
     ERRORS,
-    ESTIMATES,
     IMPEDANCE,
     MEASURED,
     OBSERVER_GIVEN,
@@ -80,14 +79,14 @@ class Pipeline:
         self.at_tool = scenario.task.frame != BODY
         self.base = "base" if self.at_tool else "signals"
         late = controller.delay is not None
-        self.behind = "delayed" if shape.model else "allocation"
+        self.behind = "delayed" if shape.resolves else "allocation"
         self.law = "command" if late else self.behind
         self._measure(scenario)
         self._add(
             "reference", scenario.reference, self.part("signals", CLOCK + MEASURED), self.part("signals", REFERENCE)
         )
         known = self.part("signals", CLOCK + MEASURED + REFERENCE)
-        self._add("tracking", Errors() if shape.model else Tracking(), known, self.part("signals", ERRORS + ESTIMATES))
+        self._add("tracking", Tracking(), known, self.part("signals", ERRORS))
         observed = self.part("signals", OBSERVER_GIVEN)
         self._add("observer", scenario.observer, observed, self.part("signals", MEASURED[4:]))
         if scenario.impedance.schedule:
@@ -104,7 +103,7 @@ class Pipeline:
         self.actuation = len(self.stages)
         if late:
             self._add("delay", Delay(), self.field("command"), self.field(self.behind, "tau_cmd"))
-        if shape.model:
+        if shape.resolves:
             resolution = ResolveAtTool() if self.at_tool else ResolveAtBody()
             self._add("resolve", resolution, self.field("delayed"), self.field("allocation", "tau_cmd"), whole=True)
         self._actuate(scenario)
@@ -158,12 +157,11 @@ class Pipeline:
             self._add("wrist", scenario.wrist, self.field("wrist", "given"), self.field("wrist", "reading"))
             known, derived = self.part(base, CLOCK + MEASURED[:4]), self.part(base, MEASURED[4:])
             self._add("derived", WristCompensation(), known, derived, whole=True)
-        if shape.model:
-            known, out = self.part(base, CLOCK + MEASURED), self.part("signals", UP_TO_ESTIMATES)
-            self._add("model", ModelAtTool() if self.at_tool else ModelAtBody(), known, out, whole=True)
-            if interface is not None and type(interface).torque_controlled:
-                below = PostureBelowTool() if self.at_tool else PostureBesideBase()
-                self._add("below", below, known, self.field("model", "tau_posture"), whole=True)
+        known, out = self.part(base, CLOCK + MEASURED), self.part("signals", UP_TO_ESTIMATES)
+        self._add("model", ModelAtTool() if self.at_tool else ModelAtBody(), known, out, whole=True)
+        if interface is not None and type(interface).torque_controlled:
+            below = PostureBelowTool() if self.at_tool else PostureBesideBase()
+            self._add("below", below, known, self.field("model", "tau_posture"), whole=True)
 
     def _actuate(self, scenario: Scenario) -> None:
         """Add the stages behind the command: allocation, joints and thrusters."""

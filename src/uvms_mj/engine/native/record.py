@@ -106,7 +106,7 @@ class Shape:
         carriers: frames that contact bodies are fixed to.
         carried: whether one of them is not B.
         surfaces, pairs: room for so many walls and contacts.
-        model: whether the run has the law's model of a vehicle with joints or a tool.
+        resolves: whether the law's command is resolved, at a tool or with joints.
         encoded: whether the positions of the joints are measured with errors.
         wrist: whether there is a wrist sensor.
     """
@@ -117,7 +117,7 @@ class Shape:
     carried: bool = False
     surfaces: int = 0
     pairs: int = 0
-    model: bool = False
+    resolves: bool = False
     encoded: bool = False
     wrist: bool = False
 
@@ -277,6 +277,7 @@ def run_dtype(shape: Shape) -> np.dtype:
         ("saturated", "i8"),  # whether a command is at its limit
         ("tau_before", "f8", (6,)),
         # joints
+        ("model", model_dtype(n, shape.encoded)),
         ("encoder", record_dtype(encoder_given(n))),  # positions and velocities at t_k
         ("joints", record_dtype(joints_given(n))),  # what their interface is given
         ("encoded", "i8"),  # whether the encoder is not perfect
@@ -309,8 +310,6 @@ def run_dtype(shape: Shape) -> np.dtype:
         *_whole("stop", "stop_index"),
         ("stop_value", "f8"),
     ]
-    if shape.model:
-        fields.append(("model", model_dtype(n, shape.encoded)))
     if shape.wrist:
         fields.append(("wrist", wrist_dtype(n, shape.encoded)))
     return np.dtype(fields, align=True)

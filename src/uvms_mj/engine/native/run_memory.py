@@ -34,7 +34,7 @@ def shape_of(setup: Setup) -> Shape:
         carried=not all(carrier.is_B for carrier in contacts.carriers),
         surfaces=room_for(len(contacts.surfaces) + (contacts.paper is not None)),
         pairs=room_for(len(contacts.pairs) + (contacts.paper is not None)),
-        model=setup.at_tool or n > 0,
+        resolves=setup.at_tool or n > 0,
         encoded=n > 0 and scenario.encoder.runs,
         wrist=scenario.wrist.runs,
     )
@@ -100,8 +100,7 @@ class RunMemory:
         place_carriers(run, setup.contacts)
         if self.shape.joints:
             fill_joints(run, setup)
-        if self.shape.model:
-            fill_model(run["model"], setup)
+        fill_model(run["model"], setup)
         if self.shape.wrist:
             fill_wrist(run["wrist"], setup)
 
@@ -233,8 +232,9 @@ def write_impedance(memory: RunMemory, setup: Setup) -> None:
 
 
 def write_estimates(memory: RunMemory, setup: Setup) -> None:
-    if memory.shape.model:
-        estimate(memory.run["model"], setup.nominal, setup.scenario.estimates)
+    estimate(memory.run["model"], setup.nominal, setup.scenario.estimates)
+    if not memory.shape.resolves:
+        memory.stages.signals["M_hat"] = setup.design.M_hat
 
 
 def write_sensor(memory: RunMemory, setup: Setup) -> None:
