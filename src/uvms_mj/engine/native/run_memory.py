@@ -149,7 +149,9 @@ class RunMemory:
         """
         constants = {} if setup is self._setup else self._fitting(setup)
         self.engine.clear()
+        drawn = self.engine.water.drawn()
         self.image.fixed[:] = self._start
+        self.engine.water.keep(drawn)
         self.engine.write_time(setup)
         self.engine.write_wall(setup)
         if setup is not self._setup:

@@ -54,6 +54,22 @@ class Water:
             if series["noisy"][0]:
                 series["key"], series["block"] = key_of(seed, name), -1
 
+    def drawn(self) -> list[tuple[str, tuple[int, float, bytes], int]]:
+        """The Gauss-Markov processes with what decides their nodes, and the block of nodes in memory."""
+        found = []
+        for name, series in self._series.items():
+            if series["noisy"][0]:
+                decided = int(series["key"][0]), float(series["kept"][0]), series["deviation"].tobytes()
+                found.append((name, decided, int(series["block"][0])))
+        return found
+
+    def keep(self, drawn: list[tuple[str, tuple[int, float, bytes], int]]) -> None:
+        """Keep the blocks of :meth:`drawn`, which the rooms still have, for the processes that are the same."""
+        now = {name: decided for name, decided, _ in self.drawn()}
+        for name, decided, block in drawn:
+            if now.get(name) == decided:
+                self._series[name]["block"] = block
+
     @property
     def mean_W(self) -> np.ndarray:
         """(3,) constant part of the current in W [m/s]. Setting it takes effect at the next step."""
