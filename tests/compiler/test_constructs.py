@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from compiled import Compiled, compare
-from uvms_mj.compiler.refusals import Lacking
+from compiled import compare
 
 PART = np.dtype([("m", "f8"), ("v", "f8", (3,)), ("on", "?")], align=True)
 GIVEN = np.dtype(
@@ -430,11 +429,3 @@ def branching(a):
         a.x += 1.0
     else:
         a.x = eval("a.x")  # beyond the language
-
-
-def test_code_for_other_numbers_than_a_known_field_is_left_out():
-    with pytest.raises(Lacking):
-        Compiled(branching, [NUMBERS])
-    code, memory = Compiled(branching, [NUMBERS], known={(NUMBERS, "n"): 0}), np.zeros(1, NUMBERS)
-    assert code(memory) == 0
-    assert memory["x"][0] == 1.0

@@ -29,7 +29,11 @@ KINDS = {
         "Navigation", "perfect(given, out)", "out.nu", "navigation stage", helper="uvms_mj.navigation import perfect"
     ),
     "reference": Kind(
-        "Guidance", "hold(settings, given, out)", "out.p_d", "guidance stage", helper="uvms_mj.guidance import hold"
+        "Guidance",
+        "station_keep(settings, given, out)",
+        "out.p_d",
+        "guidance stage",
+        helper="uvms_mj.guidance import station_keep",
     ),
     "observer": Kind(
         "Observer",

@@ -45,7 +45,7 @@ CARRIER = np.dtype(
 @kernel
 def press_contacts(run):
     """Move the walls to t_k, and set the forces of the springs of all contacts: in total, with their wrench in B, and
-    what of them acts without the engine's contact solver."""
+    what of them acts without the engine's contact solver. The frames are in their places."""
     true, plant = run.true, run.plant
     for i in range(3):
         true.f_springs_W[i] = 0.0
@@ -59,8 +59,6 @@ def press_contacts(run):
     for k in range(run.carriers.shape[0]):
         for i in range(6):
             run.carriers[k].tau[i] = 0.0
-    if run.carried.shape[0] != 0:
-        place_carriers(run)
     for k in range(run.pair_count):
         pair, contact = run.pairs[k], run.pairs[k].contact
         carrier = run.carriers[pair.carrier]

@@ -9,7 +9,7 @@ read.
 import math
 import sys
 
-from ...physics.contacts import force_of_step, press_contacts
+from ...physics.contacts import force_of_step, place_carriers, press_contacts
 from ...physics.flow import flow
 from ...physics.frames import body_acceleration, body_velocity, rotation
 from ...physics.kernels import kernel
@@ -52,6 +52,8 @@ def observe(run):
     plant.water.fresh = 1
     for i in range(3):
         true.v_c_W[i] = plant.water.v_c_W[i]
+    if run.carried.shape[0] != 0:
+        place_carriers(run)
     if run.pairs.shape[0] != 0:
         press_contacts(run)
     check_state(run)
