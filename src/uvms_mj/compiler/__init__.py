@@ -5,6 +5,7 @@ It knows nothing of vehicles, stages or the loop. docs/language.md is its langua
 - :mod:`.values`: kinds of values and the LLVM values that represent them
 - :mod:`.refusals`: what is refused, with file, line and the words of the source
 - :mod:`.codes`: the numbers by which a function says why and where it ended early
+- :mod:`.module`: settings, constants and files of a module
 - :mod:`.emission`: memory, loops and checks of one function
 - :mod:`.scalars`: arithmetic of numbers
 - :mod:`.arrays`: arithmetic of arrays, element by element, products and reductions
@@ -14,6 +15,6 @@ It knows nothing of vehicles, stages or the loop. docs/language.md is its langua
 - :mod:`.library`: functions written in the language itself, such as the solution of linear equations
 - :mod:`.lifetimes`: which memory an array has that a loop makes at each turn
 - :mod:`.function`: statements
-- :mod:`.unit`: one module of several functions
+- :mod:`.unit`: the translation of several functions to one module
 - :mod:`.targets`: its machine code, also for other processors
 """

@@ -11,25 +11,23 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
 
 from . import library
+from .indexing import Indexing
 from .values import BOOL, DOUBLE, FLOAT, INT, WORD, Kind, Value, contiguous, items_of, scalar, shown, whole
-
-if TYPE_CHECKING:
-    from .expressions import Expressions
 
 Nodes = Sequence[ast.expr]
 Keywords = Mapping[str, ast.expr]
-Writer = Callable[["Expressions", Nodes, Keywords], "Value | None"]
+Writer = Callable[["Indexing", Nodes, Keywords], "Value | None"]
 FUNCTIONS: dict[Any, Writer] = {}
 """What writes the code of a call, by the function that is called."""
 METHODS: dict[str, Any] = {}
 """NumPy's function for a method of an array, whose first argument is the array."""
-PROPERTIES: dict[str, Callable[[Expressions, Value], Value]] = {}
+PROPERTIES: dict[str, Callable[[Indexing, Value], Value]] = {}
 """What writes the code of an attribute of an array."""
 
 
@@ -45,7 +43,7 @@ def entry(*functions: Any, method: str = "") -> Callable[[Writer], Writer]:
     return mark
 
 
-def given(at: Expressions, nodes: Nodes, keywords: Keywords, *names: str) -> list[ast.expr | None]:
+def given(at: Indexing, nodes: Nodes, keywords: Keywords, *names: str) -> list[ast.expr | None]:
     """The arguments in the order of their names; None for one that is not given."""
     if len(nodes) > len(names):
         at.mistake(f"it takes at most {len(names)} arguments, not {len(nodes)}")
@@ -59,7 +57,7 @@ def given(at: Expressions, nodes: Nodes, keywords: Keywords, *names: str) -> lis
     return [found.get(name) for name in names]
 
 
-def needed(at: Expressions, nodes: Nodes, keywords: Keywords, *names: str) -> list[Value]:
+def needed(at: Indexing, nodes: Nodes, keywords: Keywords, *names: str) -> list[Value]:
     """The values of arguments that must all be given."""
     return [
         at.value(node) if node is not None else at.mistake("an argument is missing")
@@ -67,13 +65,13 @@ def needed(at: Expressions, nodes: Nodes, keywords: Keywords, *names: str) -> li
     ]
 
 
-def optional_integer(at: Expressions, node: ast.expr | None, what: str) -> int | None:
+def optional_integer(at: Indexing, node: ast.expr | None, what: str) -> int | None:
     if node is None or (isinstance(node, ast.Constant) and node.value is None):
         return None
     return at.constant_integer(node, what)
 
 
-def is_true(at: Expressions, node: ast.expr | None) -> bool:
+def is_true(at: Indexing, node: ast.expr | None) -> bool:
     return isinstance(node, ast.Constant) and bool(node.value)
 
 
@@ -105,22 +103,22 @@ def _compared(sign: str) -> Callable[..., Callable[..., Value]]:
     return lambda at: partial(at.comparison, sign)
 
 
-def _is_finite(at: Expressions, x: Value) -> Value:
+def _is_finite(at: Indexing, x: Value) -> Value:
     size = at.c_function("fabs", [x]).llvm[0]
     return scalar(at.at.fcmp_ordered("<", size, DOUBLE(math.inf)), BOOL)
 
 
-def _is_infinite(at: Expressions, x: Value) -> Value:
+def _is_infinite(at: Indexing, x: Value) -> Value:
     size = at.c_function("fabs", [x]).llvm[0]
     return scalar(at.at.fcmp_ordered("==", size, DOUBLE(math.inf)), BOOL)
 
 
-def _fmin(at: Expressions, sign: str, a: Value, b: Value) -> Value:
+def _fmin(at: Indexing, sign: str, a: Value, b: Value) -> Value:
     """The lesser (greater) number; the other one if one is NaN."""
     return at.chosen(at.is_nan(b), a, at.chosen(at.is_nan(a), b, at.extreme(sign, a, b)))
 
 
-def _logical(at: Expressions, name: str, a: Value, b: Value) -> Value:
+def _logical(at: Indexing, name: str, a: Value, b: Value) -> Value:
     return scalar(getattr(at.at, name)(at.truth(a), at.truth(b)), BOOL)
 
 
@@ -197,7 +195,7 @@ _ELEMENTWISE: dict[tuple[Any, ...], tuple[int, Callable[..., Callable[..., Value
 
 
 def _elementwise(count: int, make: Callable[..., Callable[..., Value]]) -> Writer:
-    def write(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+    def write(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
         names = ["x", "y"][:count]
         *nodes_, out = given(at, nodes, keywords, *names, "out")
         values = [at.value(node) if node is not None else at.mistake("an argument is missing") for node in nodes_]
@@ -211,7 +209,7 @@ for _functions, (_count, _make) in _ELEMENTWISE.items():
     entry(*_functions)(_elementwise(_count, _make))
 
 
-def stored(at: Expressions, out: ast.expr, result: Value) -> Value:
+def stored(at: Indexing, out: ast.expr, result: Value) -> Value:
     """A result in the array that the caller gives for it."""
     target = at.value(out)
     at.store_all(target, result, in_place=True)
@@ -222,7 +220,7 @@ def stored(at: Expressions, out: ast.expr, result: Value) -> Value:
 
 
 @entry(math.log)
-def _log(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _log(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     x, base = given(at, nodes, keywords, "x", "base")
     assert x is not None
     logarithm = at.c_function("log", [at.value(x)])
@@ -230,25 +228,25 @@ def _log(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
 
 
 @entry(float, np.float64)
-def _float(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _float(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     (x,) = needed(at, nodes, keywords, "x")
     return scalar(at.float_of(x), FLOAT)
 
 
 @entry(int, np.int64)
-def _int(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _int(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     (x,) = needed(at, nodes, keywords, "x")
     return at.as_integer(x)
 
 
 @entry(bool, np.bool_)
-def _bool(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _bool(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     (node,) = nodes
     return scalar(at.test(node), BOOL)
 
 
 @entry(round)
-def _round(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _round(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     x, digits = given(at, nodes, keywords, "number", "ndigits")
     assert x is not None
     if digits is not None:
@@ -258,7 +256,7 @@ def _round(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
 
 
 @entry(np.round, method="round")
-def _round_array(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _round_array(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     x, digits = given(at, nodes, keywords, "a", "decimals")
     assert x is not None
     n = optional_integer(at, digits, "the number of decimals") or 0
@@ -274,16 +272,16 @@ def _round_array(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
 
 
 @entry(min)
-def _min(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _min(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     return _best(at, "<", nodes, keywords)
 
 
 @entry(max)
-def _max(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _max(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     return _best(at, ">", nodes, keywords)
 
 
-def _best(at: Expressions, sign: str, nodes: Nodes, keywords: Keywords) -> Value:
+def _best(at: Indexing, sign: str, nodes: Nodes, keywords: Keywords) -> Value:
     """``min`` and ``max`` of Python: of several numbers, or of one array or tuple."""
     if keywords:
         at.lack("the language has no named arguments here")
@@ -302,7 +300,7 @@ def _best(at: Expressions, sign: str, nodes: Nodes, keywords: Keywords) -> Value
 
 
 @entry(len)
-def _len(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _len(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     (x,) = needed(at, nodes, keywords, "x")
     if x.kind.items is not None:
         return whole(len(x.kind.items))
@@ -314,7 +312,7 @@ def _len(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
 # arrays from nothing
 
 
-def _shape(at: Expressions, node: ast.expr | None) -> tuple[int, ...]:
+def _shape(at: Indexing, node: ast.expr | None) -> tuple[int, ...]:
     if node is None:
         at.mistake("a shape is missing")
     value = at.value(node)
@@ -329,7 +327,7 @@ def _shape(at: Expressions, node: ast.expr | None) -> tuple[int, ...]:
     return tuple(found)
 
 
-def _dtype(at: Expressions, node: ast.expr | None, default: np.dtype = FLOAT) -> np.dtype:
+def _dtype(at: Indexing, node: ast.expr | None, default: np.dtype = FLOAT) -> np.dtype:
     """The type of an array's numbers."""
     if node is None:
         return default
@@ -340,7 +338,7 @@ def _dtype(at: Expressions, node: ast.expr | None, default: np.dtype = FLOAT) ->
     return names[known]
 
 
-def filled(at: Expressions, shape: tuple[int, ...], base: np.dtype, number: Value) -> Value:
+def filled(at: Indexing, shape: tuple[int, ...], base: np.dtype, number: Value) -> Value:
     out = at.temporary(base, shape)
     at.fill(out, number)
     return out
@@ -349,11 +347,11 @@ def filled(at: Expressions, shape: tuple[int, ...], base: np.dtype, number: Valu
 def _constant_array(number: int) -> tuple[Writer, Writer]:
     """``np.zeros`` and ``np.zeros_like``, and so on."""
 
-    def new(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+    def new(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
         shape, dtype = given(at, nodes, keywords, "shape", "dtype")
         return filled(at, _shape(at, shape), _dtype(at, dtype), at.constant(number))
 
-    def like(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+    def like(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
         model, dtype = given(at, nodes, keywords, "a", "dtype")
         assert model is not None
         value = at.as_array(at.value(model))
@@ -362,7 +360,7 @@ def _constant_array(number: int) -> tuple[Writer, Writer]:
     return new, like
 
 
-def _filled(at: Expressions, shape: tuple[int, ...], base: np.dtype, number: Value) -> Value:
+def _filled(at: Indexing, shape: tuple[int, ...], base: np.dtype, number: Value) -> Value:
     if base != FLOAT and number.kind.base == FLOAT:
         number = at.as_integer(number)
     return filled(at, shape, base, scalar(at.converted(number, base), base))
@@ -374,7 +372,7 @@ FUNCTIONS[np.empty], FUNCTIONS[np.empty_like] = _constant_array(0)  # so that no
 
 
 @entry(np.full)
-def _full(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _full(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     shape, value, dtype = given(at, nodes, keywords, "shape", "fill_value", "dtype")
     assert value is not None
     number = at.value(value)
@@ -382,13 +380,13 @@ def _full(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
 
 
 @entry(np.full_like)
-def _full_like(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _full_like(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     model, number = needed(at, nodes, keywords, "a", "fill_value")
     return _filled(at, at.shape_of(at.as_array(model)), model.kind.base, number)
 
 
 @entry(np.eye, np.identity)
-def _eye(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _eye(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     node, columns = given(at, nodes, keywords, "N", "M")
     (n,), m = _shape(at, node), optional_integer(at, columns, "the shape of an array")
     out = filled(at, (n, m or n), FLOAT, at.constant(0.0))
@@ -397,7 +395,7 @@ def _eye(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
 
 
 @entry(np.arange)
-def _arange(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _arange(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     if keywords or not 1 <= len(nodes) <= 3:
         at.lack("np.arange takes up to three integers here")
     bounds = range(*(at.constant_integer(node, "the length of np.arange") for node in nodes))
@@ -411,14 +409,14 @@ def _arange(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
 
 
 @entry(np.array)
-def _array(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _array(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     node, dtype = given(at, nodes, keywords, "object", "dtype")
     assert node is not None
     return _as_type(at, at.as_array(at.value(node)), _dtype(at, dtype, NO_TYPE))
 
 
 @entry(np.asarray, np.ascontiguousarray)
-def _asarray(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _asarray(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     node, dtype = given(at, nodes, keywords, "a", "dtype")
     assert node is not None
     value, base = at.as_array(at.value(node)), _dtype(at, dtype, NO_TYPE)
@@ -428,7 +426,7 @@ def _asarray(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
 NO_TYPE = np.dtype("V1")
 
 
-def _as_type(at: Expressions, value: Value, base: np.dtype) -> Value:
+def _as_type(at: Indexing, value: Value, base: np.dtype) -> Value:
     """A new array with these numbers, of another type if one is given."""
     if base in (NO_TYPE, value.kind.base):
         return at.copied(value) if not value.fresh else value
@@ -440,50 +438,50 @@ def _as_type(at: Expressions, value: Value, base: np.dtype) -> Value:
 
 
 @entry(np.astype, method="astype")
-def _astype(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _astype(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     node, dtype = given(at, nodes, keywords, "x", "dtype")
     assert node is not None
     return _as_type(at, at.value(node), _dtype(at, dtype))
 
 
 @entry(np.copy, method="copy")
-def _copy(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _copy(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     (x,) = needed(at, nodes, keywords, "a")
     return at.copied(at.as_array(x))
 
 
 @entry(np.concatenate)
-def _concatenate(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _concatenate(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     parts, axis = given(at, nodes, keywords, "arrays", "axis")
     return at.joined(_parts(at, parts), optional_integer(at, axis, "an axis") or 0)
 
 
 @entry(np.hstack)
-def _hstack(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _hstack(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     (parts,) = given(at, nodes, keywords, "tup")
     values = [value if value.kind.is_array else at.stacked([value]) for value in _parts(at, parts)]
     return at.joined(values, 0 if len(at.shape_of(values[0])) == 1 else 1)
 
 
 @entry(np.stack)
-def _stack(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _stack(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     parts, axis = given(at, nodes, keywords, "arrays", "axis")
     return at.stacked(_parts(at, parts), optional_integer(at, axis, "an axis") or 0)
 
 
 @entry(np.vstack)
-def _vstack(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _vstack(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     (parts,) = given(at, nodes, keywords, "tup")
     return at.joined([at.stacked([v]) if len(at.shape_of(v)) == 1 else v for v in _parts(at, parts)])
 
 
 @entry(np.column_stack)
-def _column_stack(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _column_stack(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     (parts,) = given(at, nodes, keywords, "tup")
     return at.stacked(_parts(at, parts), 1)
 
 
-def _parts(at: Expressions, node: ast.expr | None) -> list[Value]:
+def _parts(at: Indexing, node: ast.expr | None) -> list[Value]:
     assert node is not None
     value = at.value(node)
     if value.kind.items is None:
@@ -494,8 +492,8 @@ def _parts(at: Expressions, node: ast.expr | None) -> list[Value]:
 # reductions
 
 
-def _reduction(reduce: Callable[[Expressions], Callable[..., Value]]) -> Writer:
-    def write(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _reduction(reduce: Callable[[Indexing], Callable[..., Value]]) -> Writer:
+    def write(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
         x, axis = given(at, nodes, keywords, "a", "axis")
         assert x is not None
         return at.reduced(at.value(x), optional_integer(at, axis, "an axis"), reduce(at))
@@ -503,7 +501,7 @@ def _reduction(reduce: Callable[[Expressions], Callable[..., Value]]) -> Writer:
     return write
 
 
-def _mean(at: Expressions) -> Callable[..., Value]:
+def _mean(at: Indexing) -> Callable[..., Value]:
     def reduce(n: int, term: Callable, in_order: bool) -> Value:
         if not n:
             return at.constant(math.nan)
@@ -512,12 +510,12 @@ def _mean(at: Expressions) -> Callable[..., Value]:
     return reduce
 
 
-def _turn(step: Callable[..., Callable[..., Value]]) -> Callable[[Expressions], Callable[..., Value]]:
+def _turn(step: Callable[..., Callable[..., Value]]) -> Callable[[Indexing], Callable[..., Value]]:
     return lambda at: lambda n, term, _: at.in_turn(n, term, step(at))
 
 
-def _any(name: str) -> Callable[[Expressions], Callable[..., Value]]:
-    def start(at: Expressions) -> Callable[..., Value]:
+def _any(name: str) -> Callable[[Indexing], Callable[..., Value]]:
+    def start(at: Indexing) -> Callable[..., Value]:
         def reduce(n: int, term: Callable, _: bool) -> Value:
             return at.in_turn(n, lambda i: scalar(at.truth(term(i)), BOOL), partial(_logical, at, name))
 
@@ -526,7 +524,7 @@ def _any(name: str) -> Callable[[Expressions], Callable[..., Value]]:
     return start
 
 
-_REDUCTIONS: dict[str, tuple[tuple[Any, ...], Callable[[Expressions], Callable[..., Value]]]] = {
+_REDUCTIONS: dict[str, tuple[tuple[Any, ...], Callable[[Indexing], Callable[..., Value]]]] = {
     "sum": ((np.sum,), lambda at: at.total),
     "mean": ((np.mean,), _mean),
     "prod": ((np.prod,), _turn(_operator("Mult"))),
@@ -542,7 +540,7 @@ for _name, (_functions, _reduce) in _REDUCTIONS.items():
 
 
 @entry(sum)
-def _sum(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _sum(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     """Python's own sum, one after the other."""
     (x,) = needed(at, nodes, keywords, "iterable")
     values = (
@@ -562,7 +560,7 @@ def _sum(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
 
 
 @entry(np.clip, method="clip")
-def _clip(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _clip(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     x, low, high, out = given(at, nodes, keywords, "a", "a_min", "a_max", "out")
     assert x is not None
     result = at.value(x)
@@ -575,13 +573,13 @@ def _clip(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
 
 
 @entry(np.where)
-def _where(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _where(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     test, yes, no = needed(at, nodes, keywords, "condition", "x", "y")
     return at.elementwise(lambda t, a, b: at.chosen(at.truth(t), a, b), test, yes, no)
 
 
 @entry(np.interp)
-def _interp(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _interp(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     x, xp, fp = needed(at, nodes, keywords, "x", "xp", "fp")
     table = [at.elementwise(lambda v: scalar(at.float_of(v), FLOAT), at.as_array(each)) for each in (xp, fp)]
     if at.shape_of(table[0]) != at.shape_of(table[1]) or len(at.shape_of(table[0])) != 1:
@@ -593,7 +591,7 @@ def _interp(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
 
 
 @entry(np.dot, np.matmul, np.inner, np.vdot, method="dot")
-def _dot(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _dot(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     a, b, out = given(at, nodes, keywords, "a", "b", "out")
     assert a is not None
     assert b is not None
@@ -603,21 +601,21 @@ def _dot(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
 
 
 @entry(np.outer)
-def _outer(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _outer(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     a, b = (at.flat(at.as_array(value)) for value in needed(at, nodes, keywords, "a", "b"))
     column = Kind(a.kind.base, (*a.kind.sizes, 1), (*a.kind.strides, 0))
     return at.elementwise(partial(at.operation, "Mult"), replace(a, kind=column), b)
 
 
 @entry(np.cross)
-def _cross(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _cross(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     a, b = (at.as_array(value) for value in needed(at, nodes, keywords, "a", "b"))
     if at.shape_of(a) != (3,) or at.shape_of(b) != (3,):
         at.mistake(f"a cross product is of two vectors (3,), not {shown(at.shape_of(a))} and {shown(at.shape_of(b))}")
     return at.written(library.cross, [a, b])
 
 
-def _square(at: Expressions, value: Value) -> Value:
+def _square(at: Indexing, value: Value) -> Value:
     value = at.as_array(value)
     shape = at.shape_of(value)
     if len(shape) != 2 or shape[0] != shape[1]:
@@ -628,13 +626,13 @@ def _square(at: Expressions, value: Value) -> Value:
 
 
 @entry(np.trace, method="trace")
-def _trace(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _trace(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     (value,) = needed(at, nodes, keywords, "a")
     diagonal = _diagonal(at, at.as_array(value))
     return at.total(diagonal.kind.size, lambda i: at.element(diagonal, [i]), False)
 
 
-def _diagonal(at: Expressions, value: Value) -> Value:
+def _diagonal(at: Indexing, value: Value) -> Value:
     if len(at.shape_of(value)) != 2:
         at.mistake(f"a matrix is needed here, not shape {shown(at.shape_of(value))}")
     kind = Kind(value.kind.base, (min(value.kind.sizes),), (sum(value.kind.strides),), readonly=value.kind.readonly)
@@ -642,7 +640,7 @@ def _diagonal(at: Expressions, value: Value) -> Value:
 
 
 @entry(np.diag, np.diagonal)
-def _diag(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _diag(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     (given_value,) = needed(at, nodes, keywords, "v")
     value = at.as_array(given_value)
     shape = at.shape_of(value)
@@ -656,14 +654,14 @@ def _diag(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
 
 
 @entry(np.linalg.norm)
-def _norm(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _norm(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     (value,) = needed(at, nodes, keywords, "x")
     flat = at.flat(at.as_array(value))
     return at.c_function("sqrt", [at.product(flat, flat)])
 
 
 @entry(np.linalg.solve)
-def _solve(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _solve(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     A, b = needed(at, nodes, keywords, "a", "b")
     A, b = _square(at, A), at.elementwise(lambda v: scalar(at.float_of(v), FLOAT), at.as_array(b))
     if at.shape_of(b)[:1] != at.shape_of(A)[:1] or len(at.shape_of(b)) > 2:
@@ -672,7 +670,7 @@ def _solve(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
 
 
 def _of_matrix(function: Callable) -> Writer:
-    def write(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+    def write(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
         (A,) = needed(at, nodes, keywords, "a")
         return at.written(function, [_square(at, A)])
 
@@ -690,25 +688,25 @@ FUNCTIONS |= {
 
 
 @entry(np.transpose, method="transpose")
-def _transpose(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _transpose(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     (value,) = needed(at, nodes, keywords, "a")
     return at.transposed(at.as_array(value))
 
 
 @entry(np.ravel, method="ravel")
-def _ravel(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _ravel(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     (value,) = needed(at, nodes, keywords, "a")
     return at.flat(at.as_array(value))
 
 
 @entry("flatten", method="flatten")
-def _flatten(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _flatten(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     (value,) = needed(at, nodes, keywords, "a")
     return at.flat(at.copied(value))
 
 
 @entry(np.reshape, method="reshape")
-def _reshape(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
+def _reshape(at: Indexing, nodes: Nodes, keywords: Keywords) -> Value:
     if keywords or not nodes:
         at.lack("reshape takes a shape without names here")
     value = at.as_array(at.value(nodes[0]))
@@ -725,13 +723,13 @@ def _reshape(at: Expressions, nodes: Nodes, keywords: Keywords) -> Value:
     return replace(flat, kind=contiguous(flat.kind.base, shape, flat.kind.readonly))
 
 
-def _tuple_nodes(at: Expressions, node: ast.expr) -> list[Any]:
+def _tuple_nodes(at: Indexing, node: ast.expr) -> list[Any]:
     if isinstance(node, ast.UnaryOp):
         return [node]
     return list(_shape_or_minus(at, node))
 
 
-def _shape_or_minus(at: Expressions, node: ast.expr) -> tuple[int, ...]:
+def _shape_or_minus(at: Indexing, node: ast.expr) -> tuple[int, ...]:
     value = at.value(node)
     sizes = items_of(value) if value.kind.items is not None else [value]
     if any(size.constant is None for size in sizes):
@@ -740,7 +738,7 @@ def _shape_or_minus(at: Expressions, node: ast.expr) -> tuple[int, ...]:
 
 
 @entry("fill", method="fill")
-def _fill(at: Expressions, nodes: Nodes, keywords: Keywords) -> None:
+def _fill(at: Indexing, nodes: Nodes, keywords: Keywords) -> None:
     target, number = needed(at, nodes, keywords, "a", "value")
     at.store_all(target, number)
 

@@ -2,17 +2,15 @@
 
 import types
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 import numpy as np
 from llvmlite import ir
 
 from .codes import STOPPED, code_of
+from .module import Module
 from .refusals import Lacking, Mistake
 from .values import BOOL, BYTE, FLAG, POINTER, SCALARS, WORD, Kind, Value, contiguous, scalar, whole
-
-if TYPE_CHECKING:
-    from .unit import Unit
 
 UNROLLED = 16
 """Up to so many elements are written out one by one; more are a loop."""
@@ -28,7 +26,7 @@ class Emission:
     at: ir.IRBuilder
     entry: ir.IRBuilder
 
-    def __init__(self, unit: "Unit", function: types.FunctionType, source: Sequence[str], fused: bool) -> None:
+    def __init__(self, unit: Module, function: types.FunctionType, source: Sequence[str], fused: bool) -> None:
         self.unit, self.function, self.source = unit, function, source
         self.rounding = ("contract",) if fused else ()  # of a sum of products: once, or at each operation
         self.line = 1

@@ -6,18 +6,16 @@ import types
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
 
 from .builtin import FUNCTIONS, METHODS, PROPERTIES
 from .indexing import Indexing
+from .module import Module
 from .scalars import COMPARISONS, operator_name
 from .values import BOOL, FLAG, INT, NONE, NOTHING, WORD, Kind, Value, bundle, contiguous, items_of, scalar
-
-if TYPE_CHECKING:
-    from .unit import Unit
 
 MISSING = object()
 """What a name stands for that is not known when compiling."""
@@ -39,7 +37,7 @@ class Variable:
 class Expressions(Indexing):
     """The expressions of one function."""
 
-    def __init__(self, unit: "Unit", function: types.FunctionType, source: Sequence[str], fused: bool) -> None:
+    def __init__(self, unit: Module, function: types.FunctionType, source: Sequence[str], fused: bool) -> None:
         super().__init__(unit, function, source, fused)
         self.variables: dict[str, Variable] = {}
         self.constants: dict[str, Value] = {}  # names that stand for one number

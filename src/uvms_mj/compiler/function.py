@@ -4,17 +4,14 @@ import ast
 import types
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from llvmlite import ir
 
 from .codes import RAISED
 from .lifetimes import Again, Lifetimes, Plan
+from .module import Module
 from .scalars import operator_name
 from .values import INT, NONE, WORD, Kind, Value, bundle, items_of, scalar, shown, unbundled, whole
-
-if TYPE_CHECKING:
-    from .unit import Unit
 
 MOST_TURNS = 256
 """A loop of up to so many turns may be written out, and is not looked at for an interrupt."""
@@ -47,7 +44,7 @@ class Function(Lifetimes):
 
     def __init__(
         self,
-        unit: "Unit",
+        unit: Module,
         function: types.FunctionType,
         tree: ast.FunctionDef,
         source: Sequence[str],

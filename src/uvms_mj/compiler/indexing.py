@@ -21,6 +21,9 @@ class Indexing(Arrays):
     def known(self, node: ast.expr) -> Any:
         raise NotImplementedError
 
+    def test(self, node: ast.expr) -> ir.Value:
+        raise NotImplementedError
+
     def store_all(self, place: Value, value: Value, in_place: bool = False) -> None:
         raise NotImplementedError  # statements have it
 

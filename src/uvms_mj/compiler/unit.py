@@ -4,9 +4,8 @@ import ast
 import inspect
 import textwrap
 import types
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from llvmlite import ir
@@ -17,13 +16,13 @@ from .emission import Emission
 from .expressions import A_COPY
 from .function import Function
 from .lifetimes import Again, Plan
+from .module import Module
 from .refusals import Lacking
 from .values import (
     DOUBLE,
     FLAG,
     INT,
     POINTER,
-    SCALARS,
     WORD,
     Kind,
     Value,
@@ -35,57 +34,14 @@ from .values import (
     view,
 )
 
-Intrinsic = Callable[[ir.IRBuilder, Sequence[ir.Value]], "Value | None"]
 
-
-@dataclass
-class Unit:
-    """A module. Each function is translated once for each combination of its arguments' kinds.
-
-    Attributes:
-        name: of the module.
-        checked: whether indices that are not constants, divisions of integers and conversions to integers are checked.
-            A function then returns 0, or a number that says why and where it ended early (:mod:`.codes`).
-        intrinsics: functions with code of their own, which get their arguments as integers.
-        fused: functions in which, and in all that they call, a product and a sum may be rounded once.
-        interrupted: writes code for a number that is not 0 if a user's loop shall end.
-        library: prefix of the target's names for the functions of the C library.
-        frame: bytes of local arrays so far.
-        files: the sources' files, by their number in the codes.
-    """
-
-    name: str
-    checked: bool = False
-    intrinsics: Mapping[Any, Intrinsic] = field(default_factory=dict)
-    fused: Collection[Any] = ()
-    interrupted: Callable[[ir.IRBuilder], ir.Value] | None = None
-    library: str = ""
+class Unit(Module):
+    """A module that translates functions. Each is translated once for each combination of its arguments' kinds."""
 
     def __post_init__(self) -> None:
-        self.module = ir.Module(self.name)
-        self.frame, self.files = 0, list[str]()
+        super().__post_init__()
         self._done: dict[tuple, _Done] = {}
         self._underway: list[types.FunctionType] = []
-        self._constants: dict[tuple, ir.Value] = {}
-
-    def file(self, name: str) -> int:
-        """The number of a file."""
-        if name not in self.files:
-            self.files.append(name)
-        return self.files.index(name)
-
-    def constant_array(self, array: np.ndarray) -> ir.Value:
-        """Memory with the numbers of an array, which only is read."""
-        key = (array.dtype, array.tobytes())
-        if key not in self._constants:
-            of = ir.IntType(8) if array.dtype == bool else SCALARS[array.dtype]
-            kind = ir.ArrayType(of, array.size)
-            memory = ir.GlobalVariable(self.module, kind, self.module.get_unique_name("constant"))
-            memory.linkage, memory.global_constant = "internal", True
-            memory.initializer = kind(array.ravel().tolist())
-            memory.type = POINTER
-            self._constants[key] = memory
-        return self._constants[key]
 
     def call(
         self, at: Emission, function: types.FunctionType, arguments: Sequence[Value], fused: bool = False

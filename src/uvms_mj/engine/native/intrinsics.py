@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 
-from ...compiler.unit import Intrinsic, Unit, translate
+from ...compiler.module import Intrinsic
+from ...compiler.unit import Unit, translate
 from ...compiler.values import FLOAT, INT, POINTER, WORD, Value, contiguous, scalar, view
 from ...physics.kernels import fused_kernels
 from . import memory
