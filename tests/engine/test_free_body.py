@@ -12,7 +12,7 @@ from compare_engines import differences, drawn
 from twin import TwinParameters, simulate_fixed_step, simulate_smooth
 from uvms_mj import Diverged, InputError, Scenario, Simulation, Trace, simulate
 from uvms_mj.control.base import SteadyState
-from uvms_mj.engine.engines import refusals
+from uvms_mj.engine.free_engine import refusals
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
 from uvms_mj.physics.free_body import free_acceleration, symplectic_step
 from uvms_mj.physics.pairs import pair_force

@@ -9,7 +9,7 @@ from tool_arm import JOINTS
 from uvms_mj import Scenario
 from uvms_mj.physics.frames import quat_from_euler_deg, rotation_matrix
 from uvms_mj.physics.statics import Statics
-from uvms_mj.plant.probe import Probe
+from uvms_mj.plant.contacts import Probe
 from uvms_mj.setup.base import set_up
 
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist", "hand")

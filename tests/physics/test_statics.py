@@ -7,8 +7,8 @@ import pytest
 from tool_arm import JOINTS, arm_file
 from uvms_mj.physics.frames import rotation_matrix
 from uvms_mj.physics.statics import Statics
+from uvms_mj.plant.contacts import Probe
 from uvms_mj.plant.mjcf import Mjcf
-from uvms_mj.plant.probe import Probe
 
 
 @pytest.fixture(scope="module")

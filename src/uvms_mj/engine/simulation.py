@@ -6,24 +6,29 @@ import dataclasses
 import threading
 import time
 import weakref
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NoReturn
 
 import numpy as np
 
 from ..actuation.pwm import GREATEST_US, LEAST_US, NEUTRAL_US, Pwm
-from ..errors import Fault, InputError
+from ..errors import Fault, InputError, suggestion
 from ..plant.mjcf import Mjcf
 from ..quantities import overrides_of
 from ..scenario import Scenario
+from ..setup.base import Setup
 from ..setup.checked import changed, checked
 from ..setup.checks import warnings_of
 from ..stages.signals import Signal
 from ..stages.words import no_signal
 from .base import Engine
-from .engines import engine_of
+from .free_engine import FreeEngine, refusals
+from .mujoco_engine import MujocoEngine
 from .native.run_memory import RunMemory
 from .native.stop_reason import Diverged, stop_reason
+
+ENGINES: dict[str, Callable[[Setup], Engine]] = {each.name: each for each in (MujocoEngine, FreeEngine)}
+"""The engines by name: ``mujoco`` runs every scenario, ``free_body`` where :func:`.free_engine.refusals` has none."""
 
 CHUNK_S = 0.25
 """Wall time after which a chunk ends early, for slow stages [s]."""
@@ -388,3 +393,13 @@ class OneThread:
 
     def __exit__(self, *exception: object) -> None:
         self._lock.release()
+
+
+def engine_of(name: str, setup: Setup) -> Engine:
+    """A new engine. Raises InputError if there is none of this name, or it can't run the scenario."""
+    if name not in ENGINES:
+        raise InputError(f"engine {name!r}: is not an engine; {suggestion(str(name), ENGINES)}")
+    reasons = refusals(setup) if name == FreeEngine.name else []
+    if reasons:
+        raise InputError([Fault("engine", reason) for reason in reasons], "scenario")
+    return ENGINES[name](setup)

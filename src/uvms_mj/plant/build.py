@@ -23,16 +23,13 @@ import numpy as np
 
 from ..errors import InputError
 from ..physics.frames import quat_from_euler_deg
-from .contacts import Contacts, contacts_of, surfaces_of
-from .fit import check_fit
+from .contacts import Contacts, Probe, contacts_of, surfaces_of
+from .fit import Inertias, check_fit, task_inertias
 from .geometry import Geometry
-from .inertia import Inertias, task_inertias
 from .joints import set_constraints
 from .looks import PREFIX, add_surroundings
 from .mjcf import Mjcf
-from .payload import load
-from .perturbation import apply_to_model, perturbed
-from .probe import Probe
+from .perturbation import apply_to_model, load, perturbed
 from .settings import Initial, VehicleChoice, Wall
 from .surfaces import Surface
 from .vehicle import Vehicle, free_body_id, free_joint_addresses

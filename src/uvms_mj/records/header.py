@@ -19,9 +19,9 @@ from pydantic.dataclasses import dataclass as checked
 from ..control.base import NoClosedForm, SteadyState
 from ..errors import InputError, suggestion
 from ..physics.frames import BODY
+from ..plant.contacts import Probe
 from ..plant.geometry import Geometry
 from ..plant.mjcf import Mjcf
-from ..plant.probe import Probe
 from ..quantities import STRICT, NonNegative
 from ..scenario import STAGES, Scenario
 from ..stages.base import Stage

@@ -6,8 +6,7 @@ from typing import Any
 from ..control.design import Design, no_overflow
 from ..errors import Fault, InputError
 from ..plant.contacts import contacts_of
-from ..plant.fit import check_fit
-from ..plant.inertia import task_inertias
+from ..plant.fit import check_fit, task_inertias
 from ..plant.mjcf import Mjcf
 from ..scenario import STAGES, Scenario
 from ..stages.loader import check_stage

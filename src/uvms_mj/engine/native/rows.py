@@ -39,7 +39,7 @@ from ...stages.signals import (
     contact_signals,
     thruster_signal,
 )
-from .contact_list import recorded_contacts
+from .bodies import recorded_contacts
 from .image import Image
 from .pipeline import Pipeline
 

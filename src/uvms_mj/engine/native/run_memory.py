@@ -8,10 +8,9 @@ import numpy as np
 
 from ...setup.base import Setup
 from ...stages.signals import FINAL_WINDOW_S, MEASURED, band_signals
+from .bodies import estimate, fill_joints, fill_model, fill_wrist, place_carriers, write_contacts, write_wrist
 from .callback import entry_points
-from .contact_list import place_carriers, write_contacts
 from .image import MOST_ROWS, Image, water_rooms
-from .links import estimate, fill_joints, fill_model, fill_wrist, write_wrist
 from .memory import stopped
 from .pipeline import Pipeline
 from .record import STOP_STAGE, Shape, room_for, run_dtype

@@ -7,8 +7,8 @@ import numpy as np
 from ...physics.random import key_of
 from ...plant.vehicle import Vehicle
 from ...plant.water import Current, Disturbance, Tether
+from .bodies import frame_records, water_links
 from .image import Image
-from .links import frame_records, water_links
 
 Numbers = Sequence[float] | np.ndarray
 

@@ -1,5 +1,8 @@
-"""The links and joints of a vehicle in the record of a run: for the water that acts on them, for the model of a law and
-for a wrist sensor."""
+"""The links, joints and contacts of a vehicle in the record of a run: for the water that acts on them, for the model of
+a law, for a wrist sensor and for the walls."""
+
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -7,8 +10,11 @@ from ...control.design import Estimates
 from ...physics.frames import BODY
 from ...physics.tree import FRAME, LINK
 from ...plant.arm import Link
+from ...plant.contacts import Contacts
 from ...plant.vehicle import Vehicle
 from ...setup.base import Setup
+from ...stages.signals import Signal, contact_signals
+from .image import Image
 
 DAMPING = ("D_linear", "D_quadratic")
 
@@ -126,3 +132,44 @@ def write_wrist(record: np.ndarray, setup: Setup) -> None:
     estimate_links(record["model"][0], setup.nominal, setup.scenario.estimates)
     record["model"]["coriolis"] = 1.0  # of the inertia's factor
     record["weighs"], record["dynamic"] = wrist.compensation != "none", wrist.compensation == "dynamic"
+
+
+_OF_CONTACT = ("stiffness", "damping", "friction", "tangential_stiffness", "tangential_damping")
+_OF_PAIR = (
+    *("surface", "capsule", "carrier", "solved", "ends_C", "radius", "layer_depth", "layer_stiffness"),
+    *("bumper_stiffness", "bumper_damping"),
+)
+"""Settings; the other fields are states and forces, which go on if a setting changes during a run."""
+
+
+def place_carriers(run: np.ndarray, contacts: Contacts) -> None:
+    """Set the places of the frames of contacts on their links."""
+    for record, carrier in zip(run["carriers"][0], contacts.carriers, strict=True):
+        record["link"], record["p_LC"], record["R_LC"] = carrier.link + 1, carrier.p, carrier.R
+        record["p_BC"], record["R_BC"] = carrier.p, carrier.R  # those on the base never change
+
+
+def write_contacts(image: Image, run: np.ndarray, setup: Any) -> None:
+    """Set the numbers of a scenario with as many walls and pairs."""
+    contacts = setup.contacts
+    surfaces, pairs = contacts.records(setup.lightest, setup.mass_along_face)
+    walls = ([("wall", contacts.paper)] if contacts.paper else []) + list(contacts.surfaces)
+    for record, (key, wall) in zip(surfaces, walls, strict=True):
+        if wall.motion:
+            record["table"], record["rows"] = image.put(f"{key}.motion", np.array(wall.motion, float))
+    run["surfaces"][0][: len(surfaces)] = surfaces
+    own = run["pairs"][0][: len(pairs)]
+    for name in _OF_PAIR:
+        own[name] = pairs[name]
+    for name in _OF_CONTACT:
+        own["contact"][name] = pairs["contact"][name]
+    run["surface_count"], run["pair_count"] = len(surfaces), len(pairs)
+
+
+def recorded_contacts(run: np.ndarray, contacts: Contacts) -> Iterator[tuple[Signal, np.ndarray]]:
+    """The signals of the contacts beside that of the probe and [wall], each with its memory; none without one."""
+    n, first = len(contacts.pairs), int(contacts.paper is not None)
+    if n:
+        forces, depths = (run[name][0][first : first + n] for name in ("f_pairs", "depths"))
+        memory = (run["push"], forces, depths, run["true"]["tau_springs_B"])
+        yield from zip(contact_signals(n), memory, strict=True)
