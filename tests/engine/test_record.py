@@ -1,0 +1,72 @@
+"""A run is one record in one image of memory."""
+
+import numpy as np
+import pytest
+
+from uvms_mj import InputError, Scenario, Simulation
+from uvms_mj.engine.native.image import MOST_ROWS, Field
+from uvms_mj.engine.native.record import Shape, room_for, run_dtype, with_numbers
+
+GUSTY = {"current.deviation": [0.1, 0.1, 0.0], "disturbance.deviation": [0.5] * 6, "wall.stiffness": 2e3}
+
+
+def test_a_run_goes_on_in_a_copy_of_its_image():
+    """Nothing in the image of a free_body run depends on where it lies but its own address."""
+    with Simulation(Scenario.load("push_wall", GUSTY), engine="free_body") as sim:
+        sim.step(2000)
+        memory = sim._memory
+        copy = np.zeros_like(memory.image.bytes)
+        copy[:] = memory.image.bytes
+        run = np.ndarray(1, memory.run.dtype, copy)
+        run["address"] = copy.ctypes.data
+        assert memory.code["free_steps"].ctypes(copy.ctypes.data, 60000, 1) == 60000
+        memory.code["free_steps"].ctypes(memory.address, 60000, 1)
+        assert sim.signals.touches > 0.0
+        memory.run["address"] = copy.ctypes.data
+        assert np.array_equal(copy, memory.image.bytes)
+        memory.run["address"] = memory.address
+
+
+def test_a_reset_copies_the_image_of_the_start():
+    with Simulation(Scenario.load("push_wall", GUSTY), engine="free_body") as sim:
+        memory = sim._memory
+        start = memory.image.fixed.copy()
+        sim.step(500)
+        assert not np.array_equal(memory.image.fixed, start)
+        memory.restart(sim.setup)
+        block = memory.run["plant"]["current"]["block"]
+        assert block[0] == 0  # whose nodes are still in memory
+        for name in ("current", "disturbance"):
+            memory.run["plant"][name]["block"] = -1
+        assert np.array_equal(memory.image.fixed, start)
+
+
+def test_a_table_that_is_too_long_for_a_reset_is_refused_and_nothing_changes():
+    rows = [[float(k), 0.1, 0.0, 0.0] for k in range(MOST_ROWS + 1)]
+    scenario, free = Scenario.load("push_wall"), {"engine": "free_body"}
+    with Simulation(scenario, **free) as sim, Simulation(scenario, **free) as same:
+        with pytest.raises(InputError, match=rf"current.table: has {len(rows)} rows; a reset takes {MOST_ROWS}"):
+            sim.reset({"current.table": rows})
+        sim.reset({"current.table": rows[:-1]})
+        sim.reset()
+        sim.step(100)
+        same.step(100)
+        assert np.array_equal(sim.signals.tau_cmd, same.signals.tau_cmd)
+    with Simulation(Scenario.load("push_wall", {"current.table": rows}), engine="free_body") as sim:
+        sim.reset({"current.table": rows})
+
+
+def test_all_numbers_of_the_image_are_fields_of_the_record_for_kernels():
+    dtype = run_dtype(Shape(joints=2, thrusters=6, carriers=2, carried=True, surfaces=8, pairs=8, resolves=True))
+    whole = with_numbers(dtype)
+    place = Field.of(dtype, "plant", "links").place
+    assert {name: dtype.fields[name][1] for name in dtype.names} == {
+        name: whole.fields[name][1] for name in dtype.names
+    }
+    assert whole.fields["numbers"][1] == whole.fields["integers"][1] == 0
+    assert all(at % 8 == 0 for _, at in (dtype.fields[name][:2] for name in dtype.names))
+    assert place > 0
+
+
+def test_vehicles_among_more_or_fewer_walls_share_their_code():
+    assert [room_for(n) for n in (0, 1, 8, 9, 17)] == [0, 8, 8, 16, 32]
