@@ -70,3 +70,64 @@ def test_all_numbers_of_the_image_are_fields_of_the_record_for_kernels():
 
 def test_vehicles_among_more_or_fewer_walls_share_their_code():
     assert [room_for(n) for n in (0, 1, 8, 9, 17)] == [0, 8, 8, 16, 32]
+
+
+CURRENT = [[0.0, -0.1, 0.0, 0.0], [1.0, 0.2, 0.1, 0.0]]
+OTHER = [[0.0, 0.3, 0.0, 0.0], [0.5, -0.2, 0.0, 0.0], [1.0, 0.2, 0.1, 0.0]]
+PLATE = {"shape": "plane", "position": [0.3, 0.0, 0.0], "attitude_deg": [0.0, 0.0, 0.0]}
+MOVED = PLATE | {"motion": [[0.0, 0.0, 0.0, 0.0], [1.0, -0.1, 0.0, 0.0]]}
+
+
+@pytest.mark.parametrize("way", ["reset", "set"])
+@pytest.mark.parametrize(
+    ("key", "start", "other"),
+    [
+        ("current.table", CURRENT, OTHER),
+        ("current.shear", [[0.0, 1.0], [5.0, 0.5]], [[0.0, 0.2], [5.0, 0.1]]),
+        ("disturbance.table", [[0.0, *range(6)], [1.0] * 7], [[0.0] * 7, [0.3, *range(6)], [1.0] * 7]),
+        ("walls", [MOVED], [MOVED | {"motion": [[0.0, 0.0, 0.0, 0.0], [1.0, -0.3, 0.0, 0.0]]}]),
+    ],
+)
+def test_a_reset_puts_the_tables_of_the_start_back(key, start, other, way):
+    scenario = Scenario.load("push_wall", {key: start, "initial.position": [0.0, 0.0, -1.0]})
+    with Simulation(scenario, engine="free_body") as sim, Simulation(scenario, engine="free_body") as fresh:
+        sim.step(10)
+        getattr(sim, way)({key: other})
+        sim.step(10)
+        sim.reset()
+        for each in (sim, fresh):
+            each.step(6000)
+        for name in ("p_WB", "nu", "f_contact_W", "v_c_W" if key.startswith("current") else "tau"):
+            assert np.array_equal(sim.signals[name], fresh.signals[name]), name
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "free_body"])
+def test_friction_that_is_switched_off_in_contact_is_gone_at_once(engine):
+    held = {"initial.position": [1.002, 0.0, 0.0], "initial.velocity": [0.0, 0.0, 0.2, 0.0, 0.0, 0.0]}
+    with Simulation(Scenario.load("push_wall", held | {"wall.friction": 0.5}), engine=engine) as sim:
+        sim.step(20)
+        assert abs(sim.signals.f_contact_W[2]) > 1.0
+        sim.set({"wall.friction": 0.0})
+        sim.step(1)
+        assert np.array_equal(sim.signals.f_contact_W[1:], np.zeros(2))
+
+
+def test_walls_may_take_each_others_place_in_a_reset():
+    """[wall] of the list goes and another wall with a motion comes."""
+    bumper = {"bumper.stiffness": 5e3}
+    with Simulation(Scenario.load("push_wall", bumper), engine="free_body") as sim:
+        sim.reset({"wall.present": False, "walls": [MOVED]})
+        with Simulation(sim.scenario, engine="free_body") as fresh:
+            for each in (sim, fresh):
+                each.step(9000)
+            assert np.array_equal(sim.signals.p_WB, fresh.signals.p_WB)
+
+
+def test_estimates_that_are_set_act_from_the_next_step_on():
+    with Simulation(Scenario.load("push_wall"), engine="free_body") as sim:
+        sim.step(5)
+        before = sim.signals.M_hat.copy()
+        sim.set({"estimates.inertia": 1.2})
+        assert np.array_equal(sim.signals.M_hat, before)
+        sim.step(1)
+        np.testing.assert_allclose(sim.signals.M_hat, 1.2 * before)

@@ -68,13 +68,13 @@ class ModelAtBody(Stage):
         estimate_wrenches(model, frames, given.R_WB, q_dot)
         for i in range(6):
             out.C_hat_nu[i], out.D_hat_nu[i], out.g_hat[i] = model.C[i], model.D[i], model.g[i]
-        if q_dot.shape[0] > 0:  # that of a rigid vehicle is constant
+        N = model.tau.shape[0]
+        if N > 6:  # noqa: SIM102  # known when compiling: the inertia of a rigid vehicle is constant
             if given.instant % int(settings.every) == 0:
                 estimate_inertia(model, frames)
-            N = model.tau.shape[0]
-            for i in range(6):
-                for j in range(6):
-                    out.M_hat[i, j] = model.M[N * i + j]
+        for i in range(6):
+            for j in range(6):
+                out.M_hat[i, j] = model.M[N * i + j]
 
 
 @dataclass(frozen=True)

@@ -215,6 +215,9 @@ def press(contact, f_n, v_n, R_WB, timestep):
         friction(contact, f_n, v, timestep)
         for i in range(3):
             contact.f_W[i] += contact.f_tangential_W[i]
+    else:  # also where it was switched off during the contact
+        for i in range(3):
+            contact.stretch_W[i], contact.f_tangential_W[i] = 0.0, 0.0
     contact.touching = 1
     wrench_at_origin(R_WB, contact.arm_W, contact.f_W, v, contact.tau_B)
 

@@ -121,6 +121,11 @@ class Contacts:
     radius: float
 
     @property
+    def walls(self) -> list[tuple[str, Surface]]:
+        """All walls with their keys; ``paper`` is the first."""
+        return [*([("wall", self.paper)] if self.paper else []), *self.surfaces]
+
+    @property
     def kinds(self) -> tuple[int, int, bool]:
         """How many walls and pairs there are, and whether ``paper`` is."""
         return len(self.surfaces), len(self.pairs), self.paper is not None

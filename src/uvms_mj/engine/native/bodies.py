@@ -149,14 +149,18 @@ def place_carriers(run: np.ndarray, contacts: Contacts) -> None:
         record["p_BC"], record["R_BC"] = carrier.p, carrier.R  # those on the base never change
 
 
+def motion_room(k: int) -> str:
+    """The room for the table of motion of a wall."""
+    return f"motion of wall {k}"
+
+
 def write_contacts(image: Image, run: np.ndarray, setup: Any) -> None:
     """Set the numbers of a scenario with as many walls and pairs."""
     contacts = setup.contacts
     surfaces, pairs = contacts.records(setup.lightest, setup.mass_along_face)
-    walls = ([("wall", contacts.paper)] if contacts.paper else []) + list(contacts.surfaces)
-    for record, (key, wall) in zip(surfaces, walls, strict=True):
+    for k, (record, (_, wall)) in enumerate(zip(surfaces, contacts.walls, strict=True)):
         if wall.motion:
-            record["table"], record["rows"] = image.put(f"{key}.motion", np.array(wall.motion, float))
+            record["table"], record["rows"] = image.put(motion_room(k), np.array(wall.motion, float))
     run["surfaces"][0][: len(surfaces)] = surfaces
     own = run["pairs"][0][: len(pairs)]
     for name in _OF_PAIR:

@@ -1,5 +1,6 @@
 """The memory of a run as one image: its records one after the other, and room for numbers behind them."""
 
+import mmap
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -10,8 +11,6 @@ from ...errors import Fault, InputError
 from ...physics.flow import ROWS
 from .record import NUMBERS
 
-LINE = 64
-"""Bytes of a cache line, at whose beginning the first record is."""
 MOST_ROWS = 4096
 """Rows of a table that a reset may give, if the table at the start is no longer."""
 
@@ -58,8 +57,7 @@ class Image:
             size += 8 * n
         if size > 8 * NUMBERS:
             raise InputError(f"a run has room for {NUMBERS} numbers; its tables and settings have more")
-        memory = np.zeros(size + LINE, np.uint8)  # pages that nobody touches take no memory
-        self.bytes = memory[-memory.ctypes.data % LINE :][:size]
+        self.bytes = np.frombuffer(mmap.mmap(-1, size), np.uint8)  # pages that nobody touches take no memory
         self.fixed, self.numbers = self.bytes[:at], self.bytes.view(np.float64)
         self.address = int(self.bytes.ctypes.data)
 
@@ -84,15 +82,15 @@ class Image:
         place, n = self._rooms[name]
         return place, self.numbers[place : place + n]
 
-    def check_room(self, name: str, table: np.ndarray) -> None:
-        """Raise InputError if the rows (n, width) of a table are more than its room takes."""
+    def check_room(self, name: str, key: str, table: np.ndarray) -> None:
+        """Raise InputError if the rows (n, width) of the table of a key are more than its room takes."""
         _, room = self.room(name)
         if table.size > room.size:
             most = room.size // table.shape[1]
-            raise InputError([Fault(name, f"has {len(table)} rows; a reset takes {most}; make a new Simulation")])
+            raise InputError([Fault(key, f"has {len(table)} rows; a reset takes {most}; make a new Simulation")])
 
     def put(self, name: str, table: np.ndarray) -> tuple[int, int]:
-        """Put the rows (n, width) of a table into the room of its key. Returns its place and n."""
+        """Put the rows (n, width) of a table into its room. Returns its place and n."""
         place, room = self.room(name)
         room[: table.size] = table.reshape(-1)
         return place, len(table)

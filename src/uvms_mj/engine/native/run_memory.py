@@ -8,7 +8,16 @@ import numpy as np
 
 from ...setup.base import Setup
 from ...stages.signals import FINAL_WINDOW_S, MEASURED, band_signals
-from .bodies import estimate, fill_joints, fill_model, fill_wrist, place_carriers, write_contacts, write_wrist
+from .bodies import (
+    estimate,
+    fill_joints,
+    fill_model,
+    fill_wrist,
+    motion_room,
+    place_carriers,
+    write_contacts,
+    write_wrist,
+)
 from .callback import entry_points
 from .image import MOST_ROWS, Image, water_rooms
 from .memory import stopped
@@ -39,13 +48,16 @@ def shape_of(setup: Setup) -> Shape:
     )
 
 
-def tables_of(setup: Setup) -> dict[str, np.ndarray]:
-    """The tables of a scenario that a run reads, (n, width) by their keys."""
-    scenario, walls = setup.scenario, dict(setup.contacts.surfaces)
-    tables: dict[str, Any] = {"current.table": scenario.current.table, "current.shear": scenario.current.shear}
-    tables |= {"disturbance.table": scenario.disturbance.table}
-    tables |= {f"{key}.motion": wall.motion for key, wall in walls.items()}
-    return {key: np.array(table, float) for key, table in tables.items() if table}
+def tables_of(setup: Setup) -> dict[str, tuple[str, np.ndarray]]:
+    """The tables of a scenario that a run reads, by their rooms: their keys, and their rows (n, width)."""
+    scenario = setup.scenario
+    tables: dict[str, tuple[str, Any]] = {
+        "current.table": ("current.table", scenario.current.table),
+        "current.shear": ("current.shear", scenario.current.shear),
+        "disturbance.table": ("disturbance.table", scenario.disturbance.table),
+    }
+    tables |= {motion_room(k): (f"{key}.motion", wall.motion) for k, (key, wall) in enumerate(setup.contacts.walls)}
+    return {room: (key, np.array(table, float)) for room, (key, table) in tables.items() if table}
 
 
 class RunMemory:
@@ -65,8 +77,9 @@ class RunMemory:
         self.engine, self.shape = engine, shape_of(setup)
         self.code, self.stages = entry_points(self.shape, engine.code), Pipeline(setup, self.shape)
         self._setup = setup
-        rooms = water_rooms() | {f"{key}.motion": MOST_ROWS * 4 for key, _ in setup.contacts.surfaces}
-        rooms |= {key: max(rooms[key], table.size) for key, table in tables_of(setup).items()}
+        self._tables, self._has_other_tables = tables_of(setup), False
+        rooms = water_rooms() | {motion_room(k): MOST_ROWS * 4 for k in range(len(setup.contacts.walls))}
+        rooms |= {room: max(rooms[room], table.size) for room, (_, table) in self._tables.items()}
         rooms |= {"bands": BANDS_ROOM, "rows": ROWS_ROOM}
         self.image = Image({"run": run_dtype(self.shape), "stages": self.stages.layout}, rooms)
         self.run = self.image.record("run")
@@ -157,6 +170,10 @@ class RunMemory:
             write_time(self, setup)
             write_initial(self, setup)
             self._write(setup, constants)
+        elif self._has_other_tables:
+            for room, (_, table) in self._tables.items():
+                self.image.put(room, table)
+            self._has_other_tables = False
 
     def rewrite(self, setup: Setup) -> None:
         """Set the numbers of another setup with the same time and start, while the run goes on. Raises InputError as
@@ -167,11 +184,12 @@ class RunMemory:
 
     def _fitting(self, setup: Setup) -> dict[str, dict[str, Any]]:
         """The constants of all stages. Raises InputError if they or a table do not fit into this memory."""
-        for key, table in tables_of(setup).items():
-            self.image.check_room(key, table)
+        for room, (key, table) in tables_of(setup).items():
+            self.image.check_room(room, key, table)
         return self.stages.constants(setup)
 
     def _write(self, setup: Setup, constants: dict[str, dict[str, Any]]) -> None:
+        self._has_other_tables = True
         for write in WRITERS:
             write(self, setup)
         self.stages.write(constants)
@@ -233,9 +251,10 @@ def write_impedance(memory: RunMemory, setup: Setup) -> None:
 
 
 def write_estimates(memory: RunMemory, setup: Setup) -> None:
-    estimate(memory.run["model"], setup.nominal, setup.scenario.estimates)
-    if not memory.shape.resolves:
-        memory.stages.signals["M_hat"] = setup.design.M_hat
+    model = memory.run["model"]
+    estimate(model, setup.nominal, setup.scenario.estimates)
+    if not memory.shape.resolves:  # the inertia of a rigid vehicle at B is constant
+        model["M"] = setup.design.M_hat.reshape(1, -1)
 
 
 def write_sensor(memory: RunMemory, setup: Setup) -> None:
