@@ -9,6 +9,8 @@ mjData.
 import functools
 from typing import Any
 
+import numpy as np
+
 from ...physics.flow import flow
 from ...physics.frames import body_velocity, to_world
 from ...physics.hydrodynamics import added_inertia, factor, water_wrench
@@ -26,13 +28,7 @@ def read_state(plant):
     mujoco, n = plant.mujoco, plant.links.shape[0] - 1
     R, qpos, qvel = triples(mujoco.R_at, 3), floats(mujoco.qpos_at, 7 + n), floats(mujoco.qvel_at, 6 + n)
     plant.time = floats(mujoco.time_at, 1)[0]
-    for i in range(3):
-        for j in range(3):
-            plant.R_WB[i, j] = R[i, j]
-    for i in range(7 + n):
-        plant.qpos[i] = qpos[i]
-    for i in range(6 + n):
-        plant.qvel[i] = qvel[i]
+    plant.R_WB[:], plant.qpos[:], plant.qvel[:] = R, qpos, qvel
     if n > 0:
         place_links(plant.frames, plant.qpos, 7)
 
@@ -40,12 +36,8 @@ def read_state(plant):
 @kernel
 def read_step(plant):
     """Copy the results of MuJoCo's last step to the record."""
-    mujoco, n = plant.mujoco, plant.links.shape[0] - 1
-    qacc, solved = floats(mujoco.qacc_at, 6 + n), floats(mujoco.solved_at, 4)
-    for i in range(6 + n):
-        plant.qacc[i] = qacc[i]
-    for i in range(4):
-        plant.solved[i] = solved[i]
+    mujoco = plant.mujoco
+    plant.qacc[:], plant.solved[:] = floats(mujoco.qacc_at, plant.qacc.shape[0]), floats(mujoco.solved_at, 4)
 
 
 @fused
@@ -58,18 +50,15 @@ def add_inertia(plant, model, data):
     mujoco, links, frames, R_WB, left = plant.mujoco, plant.links, plant.frames, plant.R_WB, plant.M_left
     n = links.shape[0] - 1
     M = floats(mujoco.M_at, plant.M_rows[n] + 21 + n)
-    same = True
-    for i in range(21):  # added mass of any link is added mass of the base
-        if M[i] != left[i]:
-            same = False
-    if same:
+    M_base = floats(mujoco.M_at, 21)
+    if (M_base == left).all():  # added mass of any link is added mass of the base
         return
     compose_links(links, frames)
-    whole(links[0].composite, plant.M_BB)
-    added_inertia(plant.M_BB, R_WB, plant.added)
-    for i in range(21):
-        M[i] += plant.added[i]
-        left[i] = M[i]
+    M_A, lower = np.zeros((6, 6)), np.zeros(21)
+    whole(links[0].composite, M_A)
+    added_inertia(M_A, R_WB, lower)
+    M_base += lower
+    left[:] = M_base
     for k in range(1, n + 1):
         link, frame, row = links[k], frames[k], plant.M_rows[k]
         joint_column(link, frame.S)
@@ -79,9 +68,10 @@ def add_inertia(plant, model, data):
             M[place_of] += along_joint(joint.S, F)
             above = joint.parent
             place_of -= 1
-        to_world(R_WB, F, plant.work)
+        force_W = np.zeros(3)
+        to_world(R_WB, F, force_W)
         for i in range(3):
-            M[row + i] += plant.work[i]
+            M[row + i] += force_W[i]
             M[row + 3 + i] += F[3 + i]
     if mujoco.qLD_at != 0:
         factor(M, floats(mujoco.qLD_at, 21), floats(mujoco.qLDiagInv_at, 6))
@@ -99,13 +89,10 @@ def passive_with_water(plant):
     before, left, N = plant.passive_before, plant.passive_left, plant.wrench.shape[0]
     keep_passive(plant, 0, 6)
     to_world(plant.R_WB, plant.wrench, left)  # a free joint's force is in W, its moment in B
-    for i in range(3):
-        left[i] += before[i]
-        left[i + 3] = before[i + 3] + plant.wrench[i + 3]
+    left[:3] += before[:3]
     if N > 6:
         keep_passive(plant, 6, N)
-        for i in range(6, N):
-            left[i] = before[i] + plant.wrench[i]
+    left[3:] = before[3:] + plant.wrench[3:]
 
 
 @kernel
@@ -124,17 +111,15 @@ def keep_passive(plant, first, end):
 def add_contacts(run):
     """Add the contact forces that MuJoCo's contact solver does not apply to ``passive_left``."""
     plant, left = run.plant, run.plant.passive_left
-    for i in range(3):
-        left[i] += plant.f_applied_W[i]
-        left[i + 3] += plant.tau_applied_B[i + 3]
+    left[:3] += plant.f_applied_W
+    left[3:6] += plant.tau_applied_B[3:]
 
 
 @kernel
 def write_passive(plant):
     """Write the vehicle's entries of mjData.qfrc_passive."""
     passive = floats(plant.mujoco.passive_at, plant.wrench.shape[0])
-    for i in range(plant.wrench.shape[0]):
-        passive[i] = plant.passive_left[i]
+    passive[:] = plant.passive_left
 
 
 @kernel
@@ -168,12 +153,7 @@ def freeze(run):
     mujoco, n = run.plant.mujoco, run.tau_q.shape[0]
     qpos, qvel = floats(mujoco.qpos_at, 7 + n), floats(mujoco.qvel_at, 6 + n)
     ctrl = floats(mujoco.ctrl_at, mujoco.controls)
-    for i in range(7):
-        qpos[i] = run.qpos_safe[i]
-    for k in range(n):
-        qpos[7 + k] = run.q_safe[k]
-    for i in range(6 + n):
-        qvel[i] = 0.0
+    qpos[:7], qpos[7:], qvel[:] = run.qpos_safe, run.q_safe, 0.0
     for k in range(mujoco.controls):
         ctrl[k] = 0.0
 
