@@ -31,7 +31,7 @@ import numpy as np
 
 from .frames import add_wrench_from, to_body
 from .kernels import fused, kernel
-from .tree import damping_wrench, gather_wrenches, inertial_wrenches, move_links
+from .tree import damping_wrench, gather_wrenches, momenta, move_links
 
 WATER = np.dtype(
     [
@@ -95,9 +95,10 @@ def factor(lower, L, D_inverse):
 @kernel
 def relative_velocity(water, R_WB, nu, nu_r):
     """Set nu_r (6,) to the velocity relative to the current, from nu (6,) [m/s, rad/s, B]."""
-    v_c = np.zeros(3)
-    to_body(R_WB, water.v_c_W, v_c)
-    nu_r[:3], nu_r[3:] = nu[:3] - v_c, nu[3:]
+    to_body(R_WB, water.v_c_W, nu_r)
+    for i in range(3):
+        nu_r[i] = nu[i] - nu_r[i]
+        nu_r[i + 3] = nu[i + 3]
 
 
 @fused
@@ -111,22 +112,29 @@ def water_wrench(plant, R_WB, nu, out):
         R_WB: (3, 3).
         nu: (6,) velocity of the base in B [m/s, rad/s].
     """
-    links, frames, water, base, nu_r = plant.links, plant.frames, plant.water, plant.links[0], plant.nu_r
+    links, frames, water, part = plant.links, plant.frames, plant.water, np.zeros(6)
+    base, nu_r, a = links[0], plant.nu_r, links[0].A
     relative_velocity(water, R_WB, nu, nu_r)
-    v_c_dot = np.zeros(3)
+    for i in range(6):
+        base.V[i] = nu_r[i]
+        base.F[i] = water.tau_dist[i]
+        a[i] = 0.0
     if water.unsteady != 0:
-        to_body(R_WB, water.v_c_dot_W, v_c_dot)
-    base.V[:], base.F[:] = nu_r, water.tau_dist
-    base.A[:3], base.A[3:] = -(np.cross(nu_r[3:], nu_r[:3]) + v_c_dot), 0.0
+        to_body(R_WB, water.v_c_dot_W, a)
+    a[0] = -(nu_r[4] * nu_r[2] - nu_r[5] * nu_r[1] + a[0])  # omega x v_r + R^T v_c_dot
+    a[1] = -(nu_r[5] * nu_r[0] - nu_r[3] * nu_r[2] + a[1])
+    a[2] = -(nu_r[3] * nu_r[1] - nu_r[4] * nu_r[0] + a[2])
     move_links(links, frames, plant.qvel, 6)
     subtract_water(base, base.F)
     add_buoyancy(base, plant, R_WB, base.r_b[0], base.r_b[1], base.r_b[2])
     for k in range(1, links.shape[0]):
         link, frame = links[k], frames[k]
-        R, p, r, own = frame.R_BL, frame.p_BL, link.r_b, np.zeros(6)
-        subtract_water(link, own)
-        link.F[:] = link.f_ext
-        add_wrench_from(R, p, own, link.F)
+        R, p, r = frame.R_BL, frame.p_BL, link.r_b
+        for i in range(6):
+            part[i] = 0.0
+            link.F[i] = link.f_ext[i]
+        subtract_water(link, part)
+        add_wrench_from(R, p, part, link.F)
         x = p[0] + (R[0, 0] * r[0] + R[0, 1] * r[1] + R[0, 2] * r[2])
         y = p[1] + (R[1, 0] * r[0] + R[1, 1] * r[1] + R[1, 2] * r[2])
         z = p[2] + (R[2, 0] * r[0] + R[2, 1] * r[1] + R[2, 2] * r[2])
@@ -137,20 +145,23 @@ def water_wrench(plant, R_WB, nu, out):
 @kernel
 def subtract_water(link, out):
     """Subtract C_A nu_r + D nu_r + M_A a of a link from out (6,), at its origin in its axes."""
-    C_nu, M_a, D_nu = np.zeros(6), np.zeros(6), np.zeros(6)
-    inertial_wrenches(link, M_a, C_nu)
+    C_nu, D_nu = np.zeros(6), np.zeros(6)
+    momenta(link, C_nu)
     damping_wrench(link, D_nu)
-    out[:] = out - C_nu - D_nu - M_a
+    for i in range(6):
+        out[i] = out[i] - C_nu[i] - D_nu[i] - link.work[i]
 
 
 @kernel
 def add_buoyancy(link, plant, R_WB, x, y, z):
     """Add the buoyancy of a link to its wrench F about B's origin, at its centre (x, y, z) in B: that of gravity minus
     the acceleration of the water."""
-    d, F = link.displaced_mass, link.F
-    f = -(d * plant.gravity_W) + d * plant.water.a_c_W
+    d, F, f, gravity_W, a_c_W = link.displaced_mass, link.F, np.zeros(3), plant.gravity_W, plant.water.a_c_W
+    for i in range(3):
+        f[i] = -(d * gravity_W[i]) + d * a_c_W[i]
     to_body(R_WB, f, f)
-    F[:3] += f
+    for i in range(3):
+        F[i] += f[i]
     F[3] += y * f[2] - z * f[1]
     F[4] += z * f[0] - x * f[2]
     F[5] += x * f[1] - y * f[0]

@@ -42,7 +42,7 @@ import math
 
 import numpy as np
 
-from .fossen import damping, matvec, turn_momentum
+from .fossen import damping, turn_momentum
 from .frames import add_wrench_from, compose_poses, motion_at, motion_from
 from .kernels import fused, kernel
 
@@ -91,6 +91,7 @@ LINK = np.dtype(
         ("A", "f8", (6,)),
         ("nu", "f8", (6,)),  # the same at the link's origin in its axes
         ("a", "f8", (6,)),
+        ("work", "f8", (6,)),
         ("F", "f8", (6,)),  # wrench of the link and all that it carries, about B's origin in B
         ("F_C", "f8", (6,)),  # of a law's model, those of C and D; F is then that of g
         ("F_D", "f8", (6,)),
@@ -136,7 +137,8 @@ def move(link, S, parent, q_dot):
 @kernel
 def move_base(base):
     """Set nu and a of the base from V and A."""
-    base.nu[:], base.a[:] = base.V, base.A
+    for i in range(6):
+        base.nu[i], base.a[i] = base.V[i], base.A[i]
 
 
 @kernel
@@ -147,23 +149,29 @@ def move_frame(link, frame):
 
 
 @kernel
-def inertial_wrenches(link, M_a, C_nu):
-    """Set M_a (6,) to M a and C_nu (6,) to C(nu) nu of a link at its origin."""
-    M, nu, a = link.M, link.nu, link.a
+def momenta(link, out):
+    """Set out (6,) to C(nu) nu, and ``link.work`` (6,) to M a, of a link at its origin."""
+    M, nu, a, work = link.M, link.nu, link.a, link.work
     if link.M_diagonal != 0:
-        M_a[:], C_nu[:] = np.diag(M) * a, np.diag(M) * nu
+        for i in range(6):
+            out[i] = M[i, i] * nu[i]
+            work[i] = M[i, i] * a[i]
     else:
-        matvec(M, a, M_a)
-        matvec(M, nu, C_nu)
-    turn_momentum(nu, C_nu)
+        x_0, x_1, x_2, x_3, x_4, x_5 = nu[0], nu[1], nu[2], nu[3], nu[4], nu[5]
+        y_0, y_1, y_2, y_3, y_4, y_5 = a[0], a[1], a[2], a[3], a[4], a[5]
+        for i in range(6):
+            b, c, d, e, f, g = M[i, 0], M[i, 1], M[i, 2], M[i, 3], M[i, 4], M[i, 5]
+            out[i] = (b * x_0 + c * x_1) + (d * x_2 + e * x_3) + (f * x_4 + g * x_5)
+            work[i] = (b * y_0 + c * y_1) + (d * y_2 + e * y_3) + (f * y_4 + g * y_5)
+    turn_momentum(nu, out)
 
 
 @kernel
 def coriolis_wrench(link, out):
     """Set out (6,) to M a + C(nu) nu of a link at its origin, without the links that it carries."""
-    M_a, C_nu = np.zeros(6), np.zeros(6)
-    inertial_wrenches(link, M_a, C_nu)
-    out[:] = link.coriolis * (C_nu + M_a)
+    momenta(link, out)
+    for i in range(6):
+        out[i] = link.coriolis * (out[i] + link.work[i])
 
 
 @kernel
@@ -171,7 +179,8 @@ def damping_wrench(link, out):
     """Set out (6,) to D(nu) nu of a link at its origin."""
     D, Q, nu = link.D_linear, link.D_quadratic, link.nu
     if link.D_diagonal != 0:
-        out[:] = np.diag(D) * nu + np.diag(Q) * (np.abs(nu) * nu)
+        for i in range(6):
+            out[i] = D[i, i] * nu[i] + Q[i, i] * (abs(nu[i]) * nu[i])
     else:
         damping(D, Q, nu, out)
 
@@ -180,7 +189,8 @@ def damping_wrench(link, out):
 def add_to_base(frame, wrench, out):
     """Add to out (6,), a wrench about B's origin in B, a wrench (6,) at the origin of a link in its axes."""
     if frame.depth == 0:
-        out += wrench
+        for i in range(6):
+            out[i] += wrench[i]
     else:
         add_wrench_from(frame.R_BL, frame.p_BL, wrench, out)
 
@@ -202,7 +212,8 @@ def restoring_wrench(link, frame, gravity_B, out):
 @kernel
 def hand_down(link, parent):
     """Add the wrench F of a link to that of its parent."""
-    parent.F += link.F
+    for i in range(6):
+        parent.F[i] += link.F[i]
 
 
 @kernel
@@ -236,14 +247,17 @@ def gather_wrenches(links, frames, out):
         link, frame = links[k], frames[k]
         out[5 + k] = along_joint(frame.S, link.F)
         hand_down(link, links[frame.parent])
-    out[:6] = links[0].F
+    for i in range(6):
+        out[i] = links[0].F[i]
 
 
 @kernel
 def base_inertia(base):
     """Set the composite inertia of the base to its own."""
     M, J = base.M, base.composite
-    J[:3], J[3:6], J[6:] = M[:3, :3], M[:3, 3:], M[3:, 3:]
+    for i in range(3):
+        for j in range(3):
+            J[i, j], J[3 + i, j], J[6 + i, j] = M[i, j], M[i, 3 + j], M[3 + i, 3 + j]
 
 
 @kernel
@@ -321,14 +335,19 @@ def turn_blocks(M, R, out):
 @kernel
 def add_composite(link, parent):
     """Add the composite inertia of a link to that of its parent."""
-    parent.composite += link.composite
+    own, out = link.composite, parent.composite
+    for i in range(9):
+        for j in range(3):
+            out[i, j] += own[i, j]
 
 
 @kernel
 def whole(blocks, M):
     """Set M (6, 6) to the inertia with the blocks (9, 3) of a composite inertia."""
-    M[:3, :3], M[:3, 3:] = blocks[:3], blocks[3:6]
-    M[3:, :3], M[3:, 3:] = blocks[3:6].T, blocks[6:]
+    for i in range(3):
+        for j in range(3):
+            M[i, j], M[3 + i, 3 + j] = blocks[i, j], blocks[6 + i, j]
+            M[i, 3 + j], M[3 + j, i] = blocks[3 + i, j], blocks[3 + i, j]
 
 
 @kernel

@@ -9,8 +9,6 @@ mjData.
 import functools
 from typing import Any
 
-import numpy as np
-
 from ...physics.flow import flow
 from ...physics.frames import body_velocity, to_world
 from ...physics.hydrodynamics import added_inertia, factor, water_wrench
@@ -50,15 +48,18 @@ def add_inertia(plant, model, data):
     mujoco, links, frames, R_WB, left = plant.mujoco, plant.links, plant.frames, plant.R_WB, plant.M_left
     n = links.shape[0] - 1
     M = floats(mujoco.M_at, plant.M_rows[n] + 21 + n)
-    M_base = floats(mujoco.M_at, 21)
-    if (M_base == left).all():  # added mass of any link is added mass of the base
+    same = True
+    for i in range(21):  # added mass of any link is added mass of the base
+        if M[i] != left[i]:
+            same = False
+    if same:
         return
     compose_links(links, frames)
-    M_A, lower = np.zeros((6, 6)), np.zeros(21)
-    whole(links[0].composite, M_A)
-    added_inertia(M_A, R_WB, lower)
-    M_base += lower
-    left[:] = M_base
+    whole(links[0].composite, plant.M_BB)
+    added_inertia(plant.M_BB, R_WB, plant.added)
+    for i in range(21):
+        M[i] += plant.added[i]
+        left[i] = M[i]
     for k in range(1, n + 1):
         link, frame, row = links[k], frames[k], plant.M_rows[k]
         joint_column(link, frame.S)
@@ -68,10 +69,9 @@ def add_inertia(plant, model, data):
             M[place_of] += along_joint(joint.S, F)
             above = joint.parent
             place_of -= 1
-        force_W = np.zeros(3)
-        to_world(R_WB, F, force_W)
+        to_world(R_WB, F, plant.work)
         for i in range(3):
-            M[row + i] += force_W[i]
+            M[row + i] += plant.work[i]
             M[row + 3 + i] += F[3 + i]
     if mujoco.qLD_at != 0:
         factor(M, floats(mujoco.qLD_at, 21), floats(mujoco.qLDiagInv_at, 6))

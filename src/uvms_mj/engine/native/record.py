@@ -147,7 +147,9 @@ def plant_dtype(n: int) -> np.dtype:
             *_whole("shear", "shear_rows"),  # rows of [depth, factor]
             ("nu", "f8", (6,)),
             ("nu_r", "f8", (6,)),
+            ("work", "f8", (6,)),
             ("wrench", "f8", (6 + n,)),  # generalised wrench of the water, in B
+            ("added", "f8", (21,)),
             ("M_left", "f8", (21,)),  # mjData.M after the callback
             ("passive_before", "f8", (6 + n,)),  # qfrc_passive before the callback
             ("passive_left", "f8", (6 + n,)),  # qfrc_passive after the callback
@@ -156,6 +158,7 @@ def plant_dtype(n: int) -> np.dtype:
             # the links, base first
             ("links", LINK, (1 + n,)),  # for the water
             ("frames", FRAME, (1 + n,)),
+            ("M_BB", "f8", (6, 6)),  # added mass of all links, about B's origin in B
             ("gravity_W", "f8", (3,)),
             ("gravity_B", "f8", (3,)),
         ],
